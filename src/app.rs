@@ -1,0 +1,313 @@
+//! The firmware's loops over a few board traits. A board's `main` initialises, binds, builds and spawns; what runs is here.
+//!
+//! [`scan`] belongs on an interrupt executor: its deadline is one frame time, and a miss is a frame that is skipped and
+//! counted. [`process`] and [`serve`] share the thread executor: processing has as many frame times as [`FRAME_QUEUE`] holds
+//! before frames are dropped and counted, the link has none.
+
+use crate::insole::Insole;
+use crate::link::Link;
+use crate::wire::{Decoder, Hello, Live, MAX_FRAME, MAX_MESSAGE, Status, Step, decode, frame};
+use core::cell::RefCell;
+use core::sync::atomic::{AtomicU32, Ordering};
+use embassy_futures::select::{Either3, select3};
+use embassy_futures::yield_now;
+use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, NoopRawMutex};
+use embassy_sync::signal::Signal;
+use embassy_sync::zerocopy_channel::{Receiver, Sender};
+use embassy_time::{Duration, Instant, Timer};
+use embedded_io_async::{Read, Write};
+
+/// Cells a device holds.
+pub const MAX_CELLS: usize = 256;
+/// Time after which the link looks up without a cause, so that its progress can be seen.
+const IDLE: Duration = Duration::from_millis(200);
+
+/// Frames between scanning and processing. At 400 Hz eight last 20 ms, more than a step's evaluation takes.
+pub const FRAME_QUEUE: usize = 8;
+
+/// The insole of a device.
+pub type DeviceInsole = Insole<f32, MAX_CELLS>;
+
+/// One scan of the matrix.
+pub struct Frame {
+    seq: u32,
+    codes: [u16; MAX_CELLS],
+}
+
+impl Frame {
+    /// All zero.
+    pub const EMPTY: Self = Self { seq: 0, codes: [0; MAX_CELLS] };
+}
+
+/// Tells when to scan.
+pub trait FrameClock {
+    /// True where time stands still until there is room for a frame: a simulator's clock.
+    fn is_patient(&self) -> bool {
+        false
+    }
+
+    /// Waits for the next frame's time and returns its number; numbers that passed meanwhile are left out.
+    async fn next(&mut self) -> u32;
+}
+
+/// Frame times from the system clock: frame `n` is due `n` periods after the first.
+pub struct Ticker {
+    start: Instant,
+    period_us: u64,
+    seq: Option<u32>,
+}
+
+impl Ticker {
+    /// Starts now.
+    pub fn new(period_us: u32) -> Self {
+        Self { start: Instant::now(), period_us: u64::from(period_us), seq: None }
+    }
+}
+
+impl FrameClock for Ticker {
+    async fn next(&mut self) -> u32 {
+        let passed = (self.start.elapsed().as_micros() / self.period_us) as u32;
+        let seq = self.seq.map_or(0, |last| last.wrapping_add(1).max(passed));
+        Timer::at(self.start + Duration::from_micros(u64::from(seq) * self.period_us)).await;
+        self.seq = Some(seq);
+        seq
+    }
+}
+
+/// The sensor matrix did not answer in time.
+pub struct MatrixTimeout;
+
+/// The sensor matrix.
+pub trait Matrix {
+    /// Rows of a scan.
+    fn rows(&self) -> usize;
+
+    /// Reads one row of scan number `seq` and writes the codes of its cells to their places in the frame.
+    async fn read_row(&mut self, seq: u32, row: usize, codes: &mut [u16; MAX_CELLS]) -> Result<(), MatrixTimeout>;
+}
+
+/// Counts processor cycles across one frame.
+pub trait Stopwatch {
+    /// A mark to measure from.
+    fn start(&self) -> u32;
+    /// Cycles since `start`, which lies less than a millisecond back.
+    fn cycles_since(&self, start: u32) -> u32;
+}
+
+/// The independent watchdog.
+pub trait Watchdog {
+    /// Starts its time anew.
+    fn feed(&mut self);
+}
+
+/// What scanning counts; shared with a lower priority, so atomic.
+#[derive(Default)]
+pub struct ScanCounters {
+    frames: AtomicU32,
+    missed: AtomicU32,
+    overrun: AtomicU32,
+}
+
+impl ScanCounters {
+    /// All zero.
+    pub const fn new() -> Self {
+        Self { frames: AtomicU32::new(0), missed: AtomicU32::new(0), overrun: AtomicU32::new(0) }
+    }
+}
+
+fn add(counter: &AtomicU32, count: u32) {
+    // One writer each: scanning.
+    counter.store(counter.load(Ordering::Relaxed).wrapping_add(count), Ordering::Relaxed);
+}
+
+/// Scans on the clock's ticks, for ever. Never waits for anyone: without a free frame the scan is skipped and counted.
+pub async fn scan(
+    mut clock: impl FrameClock,
+    mut matrix: impl Matrix,
+    mut frames: Sender<'_, CriticalSectionRawMutex, Frame>,
+    counters: &ScanCounters,
+) -> ! {
+    let mut last = None;
+    loop {
+        if clock.is_patient() {
+            frames.send().await;
+        }
+        let seq = clock.next().await;
+        let passed = seq.wrapping_sub(last.replace(seq).unwrap_or(seq.wrapping_sub(1)));
+        add(&counters.missed, passed.wrapping_sub(1));
+        let Some(frame) = frames.try_send() else {
+            add(&counters.overrun, 1);
+            continue;
+        };
+        match scan_frame(&mut matrix, seq, &mut frame.codes).await {
+            Ok(()) => {
+                frame.seq = seq;
+                frames.send_done();
+                add(&counters.frames, 1);
+            }
+            Err(MatrixTimeout) => add(&counters.missed, 1),
+        }
+    }
+}
+
+async fn scan_frame(matrix: &mut impl Matrix, seq: u32, codes: &mut [u16; MAX_CELLS]) -> Result<(), MatrixTimeout> {
+    for row in 0..matrix.rows() {
+        matrix.read_row(seq, row, codes).await?;
+    }
+    Ok(())
+}
+
+/// What processing and the link share; both run on the thread executor.
+pub struct Session {
+    link: RefCell<Link>,
+    changed: Signal<NoopRawMutex, ()>,
+    hello: Hello,
+    counters: RefCell<ProcessCounters>,
+    scan: &'static ScanCounters,
+    /// Deepest use of the stack so far, bytes.
+    stack_bytes: fn() -> u32,
+    heartbeats: (AtomicU32, AtomicU32),
+}
+
+struct ProcessCounters {
+    steps: u32,
+    rejected: crate::stance::Rejected,
+    bad_frames: u32,
+    frame_cycles: (u32, u32),
+}
+
+impl Session {
+    /// Nobody connected yet.
+    pub fn new(hello: Hello, scan: &'static ScanCounters, stack_bytes: fn() -> u32) -> Self {
+        Self {
+            link: RefCell::new(Link::new()),
+            changed: Signal::new(),
+            hello,
+            counters: RefCell::new(ProcessCounters {
+                steps: 0,
+                rejected: Default::default(),
+                bad_frames: 0,
+                frame_cycles: (u32::MAX, 0),
+            }),
+            scan,
+            stack_bytes,
+            heartbeats: (AtomicU32::new(0), AtomicU32::new(0)),
+        }
+    }
+
+    /// Counts that stand still when scanning, processing or the link does.
+    fn progress(&self) -> [u32; 3] {
+        let count = |counter: &AtomicU32| counter.load(Ordering::Relaxed);
+        let scan = self.scan;
+        let scanned = count(&scan.frames).wrapping_add(count(&scan.missed)).wrapping_add(count(&scan.overrun));
+        [scanned, count(&self.heartbeats.0), count(&self.heartbeats.1)]
+    }
+
+    fn status(&self) -> Status {
+        let counters = self.counters.borrow();
+        Status {
+            uptime_us: Instant::now().as_micros(),
+            frames: self.scan.frames.load(Ordering::Relaxed),
+            frames_missed: self.scan.missed.load(Ordering::Relaxed),
+            frames_overrun: self.scan.overrun.load(Ordering::Relaxed),
+            steps: counters.steps,
+            rejected: counters.rejected,
+            bad_frames: counters.bad_frames,
+            frame_cycles: counters.frame_cycles,
+            stack_bytes: (self.stack_bytes)(),
+            ..Status::default()
+        }
+    }
+}
+
+/// Turns frames into live messages and steps, for ever.
+pub async fn process(
+    insole: &mut DeviceInsole,
+    mut frames: Receiver<'_, CriticalSectionRawMutex, Frame>,
+    session: &Session,
+    stopwatch: impl Stopwatch,
+) -> ! {
+    let period_us = insole.setup().map_or(0, |setup| u64::from(setup.period_us));
+    loop {
+        let frame = frames.receive().await;
+        let start = stopwatch.start();
+        let seq = frame.seq;
+        let toe_off = insole.frame(seq, &frame.codes);
+        {
+            let mut link = session.link.borrow_mut();
+            if let Some(sequence) = link.next_live() {
+                link.push_live(Live::new(sequence, u64::from(seq) * period_us, insole.loads()));
+            }
+        }
+        let cycles = stopwatch.cycles_since(start);
+        frames.receive_done();
+        session.changed.signal(());
+        {
+            let mut counters = session.counters.borrow_mut();
+            let (least, most) = counters.frame_cycles;
+            counters.frame_cycles = (least.min(cycles), most.max(cycles));
+            counters.rejected = insole.rejected();
+        }
+        add(&session.heartbeats.0, 1);
+        if toe_off {
+            let mut regions = [Default::default(); 8];
+            for (region, step) in regions.iter_mut().enumerate() {
+                *step = insole.step_region(region);
+                yield_now().await;
+            }
+            if let Some(step) = insole.step(regions) {
+                session.link.borrow_mut().push_step(Step::new(&step));
+                session.counters.borrow_mut().steps += 1;
+                session.changed.signal(());
+            }
+        }
+    }
+}
+
+/// Speaks to a host over a byte carrier, for ever.
+pub async fn serve(mut rx: impl Read, mut tx: impl Write, session: &Session) -> ! {
+    let mut decoder = Decoder::new();
+    let mut received = [0; 64];
+    let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
+    loop {
+        let heard = select3(rx.read(&mut received), session.changed.wait(), Timer::after(IDLE)).await;
+        add(&session.heartbeats.1, 1);
+        if let Either3::First(heard) = heard {
+            // A framing or overrun error of the port shows as a bad CRC.
+            for &byte in heard.ok().and_then(|n| received.get(..n)).unwrap_or_default() {
+                let Some(bytes) = decoder.push(byte) else { continue };
+                match decode(bytes) {
+                    Some(message) => session.link.borrow_mut().receive(message),
+                    None => decoder.bad_frames = decoder.bad_frames.wrapping_add(1),
+                }
+            }
+            session.counters.borrow_mut().bad_frames = decoder.bad_frames;
+        }
+        loop {
+            let next = session
+                .link
+                .borrow_mut()
+                .next(&session.hello, || session.status(), &mut message)
+                .map(|m| frame(m, &mut framed));
+            let Some(len) = next else { break };
+            if tx.write_all(&framed[..len]).await.is_err() {
+                session.link.borrow_mut().close();
+                break;
+            }
+        }
+    }
+}
+
+/// Feeds the watchdog as long as scanning, processing and the link have each made progress since the last look. `every` is
+/// at most half of the watchdog's time and longer than a frame and the link's idle time.
+pub async fn supervise(mut watchdog: impl Watchdog, session: &Session, every: Duration) -> ! {
+    let mut before = session.progress();
+    loop {
+        Timer::after(every).await;
+        let now = session.progress();
+        if now.iter().zip(&before).all(|(now, before)| now != before) {
+            watchdog.feed();
+            before = now;
+        }
+    }
+}

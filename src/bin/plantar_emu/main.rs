@@ -1,0 +1,168 @@
+//! The emulated board: an STM32F405 in QEMU (`-M netduinoplus2`) with the link on USART1 and the sensor plant on USART3.
+//!
+//! The emulator has no reset and clock control, no ADC and no cycle counter, so this board brings its own small USART and
+//! takes time from SysTick; everything above the board traits is the code of the real board.
+#![no_std]
+#![no_main]
+
+mod plant;
+mod port;
+
+use cortex_m::peripheral::{NVIC, SYST};
+use cortex_m_rt::{ExceptionFrame, exception};
+use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
+use plant::{Clock, PlantMatrix, SETUP_BYTES};
+use plantar::app::{self, DeviceInsole, FRAME_QUEUE, Frame, ScanCounters, Session, Stopwatch, Ticker};
+use plantar::device;
+use plantar::insole::Insole;
+use plantar::wire::{Hello, MAJOR, MINOR, Reset};
+use port::{End, Port};
+use static_cell::{ConstStaticCell, StaticCell};
+use stm32_metapac::{Interrupt, USART1, USART3, interrupt};
+use systick_timer::SystickDriver;
+
+/// The emulator's core clock.
+const CORE_HZ: u64 = 168_000_000;
+/// SysTick counts down from here once a millisecond: the granularity of this board's timers.
+const RELOAD: u32 = (CORE_HZ / 1_000) as u32 - 1;
+
+embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<8> = SystickDriver::new(CORE_HZ, RELOAD));
+
+static LINK: Port = Port::new(USART1);
+static PLANT: Port = Port::new(USART3);
+static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
+static INSOLE: ConstStaticCell<DeviceInsole> = ConstStaticCell::new(Insole::new());
+static SETUP: ConstStaticCell<[u8; SETUP_BYTES]> = ConstStaticCell::new([0; SETUP_BYTES]);
+static FRAMES: ConstStaticCell<[Frame; FRAME_QUEUE]> = ConstStaticCell::new([Frame::EMPTY; FRAME_QUEUE]);
+
+type FrameSender = Sender<'static, CriticalSectionRawMutex, Frame>;
+type FrameReceiver = Receiver<'static, CriticalSectionRawMutex, Frame>;
+
+/// Measures with SysTick itself, so less than a millisecond.
+struct SysTick;
+
+impl Stopwatch for SysTick {
+    fn start(&self) -> u32 {
+        SYST::get_current()
+    }
+
+    fn cycles_since(&self, start: u32) -> u32 {
+        let now = SYST::get_current();
+        if now <= start { start - now } else { start + RELOAD + 1 - now }
+    }
+}
+
+#[embassy_executor::main]
+async fn main(spawner: Spawner) {
+    let panic = device::take_panic();
+    // SAFETY: `main` runs once and nothing else takes the core's peripherals.
+    let mut core = unsafe { cortex_m::Peripherals::steal() };
+    TIME.start(&mut core.SYST);
+    LINK.start();
+    PLANT.start();
+    // Scanning above everything but the timer and the ports that feed it.
+    for (interrupt, priority) in [(Interrupt::USART1, 0x40), (Interrupt::USART3, 0x40), (Interrupt::TIM2, 0x80)] {
+        // SAFETY: no critical section of this program works by priority.
+        unsafe { core.NVIC.set_priority(interrupt, priority) };
+    }
+    // SAFETY: what the handlers use is set up above.
+    unsafe {
+        NVIC::unmask(Interrupt::USART1);
+        NVIC::unmask(Interrupt::USART3);
+    }
+
+    let insole = INSOLE.take();
+    let Some((head, cells)) = plant::read_setup(SETUP.take()) else {
+        panic!("no whole setup.bin in the emulator's directory");
+    };
+    if let Err(error) = insole.set_up(head.setup, cells) {
+        panic!("set-up refused: {error}");
+    }
+    if let Err(error) = insole.set_tissue(&head.tissue) {
+        panic!("parameters refused: {error}");
+    }
+    let hello = Hello {
+        major: MAJOR,
+        minor: MINOR,
+        // Both fit: the version of this package and the board's name are shorter than 16 bytes.
+        firmware: env!("CARGO_PKG_VERSION").try_into().unwrap_or_default(),
+        board: "emulated".try_into().unwrap_or_default(),
+        side: head.setup.side,
+        layout_id: head.setup.layout_id,
+        cells: insole.cells() as u16,
+        period_us: head.setup.period_us,
+        tissue_id: insole.tissue_id(),
+        contact_rule: head.setup.contact,
+        reset: if panic.is_some() { Reset::Panic } else { Reset::Power },
+        last_panic: panic,
+    };
+    let Some(matrix) = PlantMatrix::open(&PLANT, insole.cells()) else {
+        panic!("no matrix.bin in the emulator's directory");
+    };
+    let clock = if head.paced {
+        Clock::Plant { port: &PLANT, seq: 0 }
+    } else {
+        Clock::Ticker(Ticker::new(head.setup.period_us))
+    };
+
+    static CHANNEL: StaticCell<Channel<'static, CriticalSectionRawMutex, Frame>> = StaticCell::new();
+    static SESSION: StaticCell<Session> = StaticCell::new();
+    let (sender, receiver) = CHANNEL.init(Channel::new(FRAMES.take())).split();
+    let session = SESSION.init(Session::new(hello, &SCAN_COUNTERS, device::stack_bytes));
+
+    // Each task has a place of its own and is spawned once, so spawning cannot fail.
+    SCAN_EXECUTOR.start(Interrupt::TIM2).spawn(scan(clock, matrix, sender).unwrap());
+    spawner.spawn(process(insole, receiver, session).unwrap());
+    spawner.spawn(serve(session).unwrap());
+}
+
+#[embassy_executor::task]
+async fn scan(clock: Clock, matrix: PlantMatrix, frames: FrameSender) {
+    app::scan(clock, matrix, frames, &SCAN_COUNTERS).await
+}
+
+#[embassy_executor::task]
+async fn process(insole: &'static mut DeviceInsole, frames: FrameReceiver, session: &'static Session) {
+    app::process(insole, frames, session, SysTick).await
+}
+
+#[embassy_executor::task]
+async fn serve(session: &'static Session) {
+    app::serve(End(&LINK), End(&LINK), session).await
+}
+
+#[interrupt]
+fn USART1() {
+    LINK.on_interrupt();
+}
+
+#[interrupt]
+fn USART3() {
+    PLANT.on_interrupt();
+}
+
+/// Nobody's timer here: its interrupt runs the scan executor.
+#[interrupt]
+unsafe fn TIM2() {
+    // SAFETY: the executor was started before this interrupt was unmasked.
+    unsafe { SCAN_EXECUTOR.on_interrupt() }
+}
+
+#[exception]
+fn SysTick() {
+    TIME.systick_interrupt();
+}
+
+#[exception]
+unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    panic!("hard fault at {:#010x}", frame.pc())
+}
+
+#[panic_handler]
+fn panic(info: &core::panic::PanicInfo) -> ! {
+    device::keep_panic(info);
+    cortex_m::peripheral::SCB::sys_reset()
+}

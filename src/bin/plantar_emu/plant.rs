@@ -1,0 +1,128 @@
+//! The sensor plant's side of the emulated board: the set-up, the matrix and, where the plant keeps the time, the clock.
+//!
+//! Codes lie in a file and only the handshake goes over USART3: the emulated USART takes in some 10 KB/s, a walk has 50.
+
+use crate::port::Port;
+use embassy_time::{Duration, with_timeout};
+use plantar::app::{FrameClock, MAX_CELLS, Matrix, MatrixTimeout, Ticker};
+use plantar::emulation::{COLUMNS, Head, MATRIX_FILE, SCAN, SETUP_FILE, TICK};
+use plantar::insole::SetupCell;
+use semihosting::fs::File;
+use semihosting::io::{Read, Seek, SeekFrom};
+
+/// A plant that stays silent for longer has stopped.
+const SILENCE: Duration = Duration::from_millis(100);
+
+/// Room for the set-up of [`MAX_CELLS`] cells.
+pub const SETUP_BYTES: usize = 6 * 1024;
+
+/// Reads the set-up file; `None` where it is absent or not whole.
+pub fn read_setup(buffer: &mut [u8; SETUP_BYTES]) -> Option<(Head, impl Iterator<Item = SetupCell> + Clone)> {
+    let mut file = File::open(SETUP_FILE).ok()?;
+    let mut len = 0;
+    while let Some(rest) = buffer.get_mut(len..).filter(|rest| !rest.is_empty()) {
+        match file.read(rest).ok()? {
+            0 => break,
+            n => len += n,
+        }
+    }
+    let (head, mut rest) = postcard::take_from_bytes::<Head>(&buffer[..len]).ok()?;
+    let cells = core::iter::from_fn(move || {
+        let (cell, after) = postcard::take_from_bytes::<SetupCell>(rest).ok()?;
+        rest = after;
+        Some(cell)
+    });
+    Some((head, cells))
+}
+
+async fn ask(port: &Port, kind: u8, seq: u32) {
+    let [a, b, c, d] = seq.to_le_bytes();
+    let request = [kind, a, b, c, d];
+    let mut sent = 0;
+    while sent < request.len() {
+        sent += port.write(&request[sent..]).await;
+    }
+}
+
+async fn answer(port: &Port) -> [u8; 2] {
+    let mut answer = [0; 2];
+    let mut have = 0;
+    while have < answer.len() {
+        have += port.read(&mut answer[have..]).await;
+    }
+    answer
+}
+
+/// The matrix that the plant plays.
+pub struct PlantMatrix {
+    port: &'static Port,
+    file: File,
+    cells: usize,
+    rows_ready: usize,
+}
+
+impl PlantMatrix {
+    /// `None` without the file of codes.
+    pub fn open(port: &'static Port, cells: usize) -> Option<Self> {
+        Some(Self { port, file: File::open(MATRIX_FILE).ok()?, cells, rows_ready: 0 })
+    }
+
+    async fn row_ready(&mut self, seq: u32, row: usize) {
+        while self.rows_ready <= row {
+            let [number, rows] = answer(self.port).await;
+            // A late answer to an earlier request is passed over.
+            if number == seq as u8 {
+                self.rows_ready = usize::from(rows);
+            }
+        }
+    }
+}
+
+impl Matrix for PlantMatrix {
+    fn rows(&self) -> usize {
+        self.cells.div_ceil(COLUMNS)
+    }
+
+    async fn read_row(&mut self, seq: u32, row: usize, codes: &mut [u16; MAX_CELLS]) -> Result<(), MatrixTimeout> {
+        if row == 0 {
+            self.rows_ready = 0;
+            ask(self.port, SCAN, seq).await;
+        }
+        with_timeout(SILENCE, self.row_ready(seq, row)).await.map_err(|_| MatrixTimeout)?;
+        let mut bytes = [0; 2 * COLUMNS];
+        let start = (row * COLUMNS).min(MAX_CELLS);
+        let end = (start + COLUMNS).min(self.cells).min(MAX_CELLS);
+        let bytes = &mut bytes[..2 * (end - start)];
+        self.file.seek(SeekFrom::Start(2 * start as u64)).map_err(|_| MatrixTimeout)?;
+        self.file.read_exact(bytes).map_err(|_| MatrixTimeout)?;
+        for (code, pair) in codes[start..end].iter_mut().zip(bytes.chunks_exact(2)) {
+            *code = u16::from_le_bytes([pair[0], pair[1]]);
+        }
+        Ok(())
+    }
+}
+
+/// The board's own ticker, or time as the plant gives it.
+pub enum Clock {
+    Ticker(Ticker),
+    Plant { port: &'static Port, seq: u32 },
+}
+
+impl FrameClock for Clock {
+    fn is_patient(&self) -> bool {
+        matches!(self, Self::Plant { .. })
+    }
+
+    async fn next(&mut self) -> u32 {
+        match self {
+            Self::Ticker(ticker) => ticker.next().await,
+            Self::Plant { port, seq } => {
+                let this = *seq;
+                *seq = this.wrapping_add(1);
+                ask(port, TICK, this).await;
+                while answer(port).await != [TICK, TICK] {}
+                this
+            }
+        }
+    }
+}

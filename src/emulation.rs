@@ -1,0 +1,32 @@
+//! What the emulated board and the sensor plant on the host agree on.
+//!
+//! The plant leaves two files in the emulator's working directory: [`SETUP_FILE`], a `postcard` [`Head`] followed by its
+//! cells as [`crate::insole::SetupCell`], and [`MATRIX_FILE`], the codes of the current scan, little endian, in the order of
+//! the cells. Over USART3 the board asks with five bytes, [`SCAN`] or [`TICK`] and a scan number (little endian), and the
+//! plant answers with two: to `SCAN` the low byte of the number and how many rows are in the file by now, once or more; to
+//! `TICK` twice [`TICK`].
+
+use crate::insole::{Setup, Tissue};
+use serde::{Deserialize, Serialize};
+
+/// Name of the set-up file.
+pub const SETUP_FILE: &core::ffi::CStr = c"setup.bin";
+/// Name of the file with the codes of the current scan.
+pub const MATRIX_FILE: &core::ffi::CStr = c"matrix.bin";
+/// Cells in a row of the emulated matrix; the last row may be shorter.
+pub const COLUMNS: usize = 16;
+/// Asks for a scan.
+pub const SCAN: u8 = b'S';
+/// Asks for the time of the next scan; only where the plant keeps the time.
+pub const TICK: u8 = b'T';
+
+/// Head of the set-up file.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Head {
+    /// The insole.
+    pub setup: Setup,
+    /// Its wearer.
+    pub tissue: Tissue,
+    /// The plant keeps the time: the board asks it before each scan and scans as fast as it is answered.
+    pub paced: bool,
+}

@@ -1,0 +1,397 @@
+//! The whole way of the data for one insole: parameters set once or swapped while running, state kept apart.
+
+use crate::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
+use crate::contact::{self, ContactCell, ContactRule};
+use crate::ellipse::Ellipse;
+use crate::live::{LiveModel, LiveTissue};
+use crate::model::Gauge;
+use crate::num::Real;
+use crate::region::{AreaMoments, Cell, CellMoments, ForceMoments, Region, RegionFrame, Side};
+use crate::stance::{Rejected, Stance, StanceLimits, StanceRule};
+use crate::step::{RegionStep, StepRecord};
+use core::fmt;
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+/// Shortest and longest time between frames, us: 500 Hz to 20 Hz. Devices run at 50 to 400 Hz, recordings beyond.
+pub const PERIOD_US: core::ops::RangeInclusive<u32> = 2_000..=50_000;
+
+/// Everything that is set about an insole except its cells and its wearer's tissue.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Setup {
+    pub side: Side,
+    /// Identifies the layout in every hello.
+    pub layout_id: u32,
+    /// Time between frames, us, within [`PERIOD_US`].
+    pub period_us: u32,
+    pub sensor: SensorLaw,
+    pub contact: ContactRule,
+    pub stance: StanceRule,
+}
+
+/// One cell as it is set up: where it lies and how it reads. Cells come in the order of their codes in a frame, grouped by
+/// region in the order of [`Region::ALL`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SetupCell {
+    pub cell: Cell,
+    pub calibration: CellCalibration,
+}
+
+/// The wearer's tissue.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tissue {
+    /// Identifies the parameter set in every hello; 0 for none.
+    pub id: u32,
+    /// Per region in the order of [`Region::ALL`].
+    pub gauges: [Gauge<f32>; 8],
+}
+
+/// Why a set-up was refused; the one before stays in force only if nothing of the new one was taken, so set up again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SetupError {
+    /// The frame period is outside of [`PERIOD_US`].
+    Period,
+    /// Sensor law out of range.
+    Sensor,
+    /// Contact rule out of range or order.
+    Contact,
+    /// Stance rule out of range or order.
+    Stance,
+    /// More cells than this device holds.
+    TooManyCells,
+    /// No cells at all.
+    NoCells,
+    /// This cell is not finite, has no area or a bad calibration.
+    Cell(u16),
+    /// This cell's region comes before the one of the cell before it.
+    RegionOrder(u16),
+    /// The parameters of this region are not usable.
+    Tissue(Region),
+}
+
+impl fmt::Display for SetupError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Period => write!(f, "frame period outside of {} to {} us", PERIOD_US.start(), PERIOD_US.end()),
+            Self::Sensor => f.write_str("sensor law out of range"),
+            Self::Contact => f.write_str("contact rule out of range: needs 0 < off_kpa <= on_kpa <= full_kpa"),
+            Self::Stance => {
+                f.write_str("stance rule out of range: needs 0 < release_n <= strike_n and rising durations")
+            }
+            Self::TooManyCells => f.write_str("more cells than this device holds"),
+            Self::NoCells => f.write_str("no cells"),
+            Self::Cell(i) => write!(f, "cell {i} is not finite, has no area or a bad calibration"),
+            Self::RegionOrder(i) => write!(f, "cell {i} is out of the order of regions"),
+            Self::Tissue(region) => write!(f, "parameters of {} out of range", region.name()),
+        }
+    }
+}
+
+impl core::error::Error for SetupError {}
+
+/// One region in one frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RegionLoad<R> {
+    pub frame: RegionFrame<R>,
+    pub tissue: LiveTissue<R>,
+}
+
+impl<R: Real> RegionLoad<R> {
+    /// Unloaded.
+    pub const NONE: Self = Self { frame: RegionFrame::NONE, tissue: LiveTissue::NONE };
+}
+
+/// An insole with at most `N` cells: parameters, state and the stages between raw codes and steps.
+#[derive(Debug)]
+pub struct Insole<R, const N: usize> {
+    setup: Option<Setup>,
+    curve: Curve,
+    offsets: Vec<u16, N>,
+    gains: Vec<R, N>,
+    moments: Vec<CellMoments<R>, N>,
+    /// Per region: end of its cells, and the reference point of its moments in foot coordinates, mm.
+    ends: [usize; 8],
+    origins_mm: [(f32, f32); 8],
+    per_full_kpa: Option<R>,
+    per_period_s: R,
+    limits: StanceLimits<R>,
+    tissue_id: u32,
+    gauges: [Gauge<R>; 8],
+
+    contact: Vec<ContactCell, N>,
+    live: [LiveModel<R>; 8],
+    stance: Stance<R>,
+    loads: [RegionLoad<R>; 8],
+    last_seq: Option<u32>,
+    steps: u32,
+}
+
+impl<R: Real, const N: usize> Insole<R, N> {
+    /// An insole without cells, all zeros, so that a static one takes no flash; see [`Insole::set_up`].
+    pub const fn new() -> Self {
+        const {
+            assert!(N <= 4096, "cells are numbered in u16 and a step is a summary, not an image");
+        }
+        Self {
+            setup: None,
+            curve: Curve::new(),
+            offsets: Vec::new(),
+            gains: Vec::new(),
+            moments: Vec::new(),
+            ends: [0; 8],
+            origins_mm: [(0.0, 0.0); 8],
+            per_full_kpa: None,
+            per_period_s: R::ZERO,
+            limits: StanceLimits::NONE,
+            tissue_id: 0,
+            gauges: [Gauge::NONE; 8],
+            contact: Vec::new(),
+            live: [LiveModel::NEW; 8],
+            stance: Stance::new(),
+            loads: [RegionLoad::NONE; 8],
+            last_seq: None,
+            steps: 0,
+        }
+    }
+
+    /// Replaces geometry, calibration and rules; state starts anew, tissue stays. The iterator is walked twice.
+    pub fn set_up<I>(&mut self, setup: Setup, cells: I) -> Result<(), SetupError>
+    where
+        I: Iterator<Item = SetupCell> + Clone,
+    {
+        let checks = [
+            (PERIOD_US.contains(&setup.period_us), SetupError::Period),
+            (setup.sensor.is_valid(), SetupError::Sensor),
+            (setup.contact.is_valid(), SetupError::Contact),
+            (setup.stance.is_valid(), SetupError::Stance),
+        ];
+        if let Some(&(_, error)) = checks.iter().find(|(holds, _)| !holds) {
+            return Err(error);
+        }
+        let (ends, origins_mm) = check_cells(cells.clone(), N)?;
+
+        self.setup = None;
+        (self.ends, self.origins_mm) = (ends, origins_mm);
+        self.curve.set(&setup.sensor);
+        self.offsets.clear();
+        self.gains.clear();
+        self.moments.clear();
+        self.contact.clear();
+        for SetupCell { cell, calibration } in cells {
+            let (x_mm, y_mm) = origins_mm[cell.region as usize];
+            // Room for all: `check_cells` counted them.
+            let _ = self.offsets.push(calibration.offset);
+            let _ = self.gains.push(R::of_f32(calibration.gain));
+            let _ = self.moments.push(CellMoments::new(&cell, x_mm, y_mm));
+            let _ = self.contact.push(ContactCell::new(&setup.contact, &self.curve, &calibration));
+        }
+        let full_kpa = setup.contact.full_kpa;
+        self.per_full_kpa = (full_kpa > 0.0).then(|| R::ONE / R::of_f32(full_kpa));
+        self.per_period_s = R::of(1e6 / f64::from(setup.period_us));
+        self.limits = StanceLimits::new(&setup.stance, setup.period_us);
+        self.live = [LiveModel::NEW; 8];
+        self.stance = Stance::new();
+        self.loads = [RegionLoad::NONE; 8];
+        self.last_seq = None;
+        self.setup = Some(setup);
+        Ok(())
+    }
+
+    /// Replaces the wearer's parameters from the next frame on; a running stance is evaluated with the new ones.
+    pub fn set_tissue(&mut self, tissue: &Tissue) -> Result<(), SetupError> {
+        if let Some(i) = tissue.gauges.iter().position(|gauge| !gauge.is_valid()) {
+            return Err(SetupError::Tissue(Region::ALL[i]));
+        }
+        self.tissue_id = tissue.id;
+        for (gauge, new) in self.gauges.iter_mut().zip(&tissue.gauges) {
+            *gauge = Gauge::of(new);
+        }
+        Ok(())
+    }
+
+    /// What was set up; `None` before.
+    pub fn setup(&self) -> Option<&Setup> {
+        self.setup.as_ref()
+    }
+
+    /// Number of cells.
+    pub fn cells(&self) -> usize {
+        self.moments.len()
+    }
+
+    /// Identifies the wearer's parameters; 0 without any.
+    pub fn tissue_id(&self) -> u32 {
+        self.tissue_id
+    }
+
+    /// Takes frame number `seq` of raw codes, one a cell; true when it confirms toe off: then [`Insole::step_region`] and
+    /// [`Insole::step`] give the step until the next frame. Without a set-up, or with fewer codes than cells, nothing
+    /// happens.
+    pub fn frame(&mut self, seq: u32, codes: &[u16]) -> bool {
+        if self.setup.is_none() || codes.len() < self.cells() {
+            return false;
+        }
+        let mut per_s = self.per_period_s;
+        if let Some(last) = self.last_seq.replace(seq) {
+            let elapsed = seq.wrapping_sub(last);
+            if elapsed > 1 {
+                per_s = per_s / R::of_u32(elapsed);
+            }
+        }
+        match self.per_full_kpa {
+            None => self.sum_cells(codes, |area, cell, _| area.add(cell)),
+            Some(per_full_kpa) => self.sum_cells(codes, move |area, cell, pressure_kpa| {
+                area.add_share(cell, contact::share(pressure_kpa, per_full_kpa));
+            }),
+        }
+        for ((load, live), gauge) in self.loads.iter_mut().zip(&mut self.live).zip(&self.gauges) {
+            load.tissue = live.update(gauge, load.frame.area.area_mm2, per_s);
+        }
+        self.stance.push(&self.limits, seq, self.loads.each_ref().map(|load| &load.frame))
+    }
+
+    /// The one pass over the cells: calibrate, decide contact, add to the region's sums.
+    #[inline(always)]
+    fn sum_cells(&mut self, codes: &[u16], add_area: impl Fn(&mut AreaMoments<R>, &CellMoments<R>, R)) {
+        let mut start = 0;
+        for (load, &end) in self.loads.iter_mut().zip(&self.ends) {
+            let mut area = AreaMoments::NONE;
+            let mut force = ForceMoments::NONE;
+            let mut carries = 0u32;
+            let calibrations = self.offsets[start..end].iter().zip(&self.gains[start..end]);
+            let cells = self.contact[start..end].iter_mut().zip(&self.moments[start..end]);
+            for ((&code, (&offset, &gain)), (contact, moments)) in codes[start..end].iter().zip(calibrations).zip(cells)
+            {
+                let in_contact = contact.update(code);
+                if code <= offset {
+                    continue;
+                }
+                let pressure_kpa = self.curve.pressure_kpa::<R>(code - offset) * gain;
+                force.add(moments, pressure_kpa);
+                if in_contact {
+                    add_area(&mut area, moments, pressure_kpa);
+                }
+                // Saturation without a branch: only a full code carries into bit 16.
+                carries |= u32::from(code) + (0x1_0000 - u32::from(FULL_CODE));
+            }
+            load.frame = RegionFrame { area, force: force.scaled(), saturated: carries >= 0x1_0000 };
+            start = end;
+        }
+    }
+
+    /// The regions in the last frame.
+    pub fn loads(&self) -> &[RegionLoad<R>; 8] {
+        &self.loads
+    }
+
+    /// Contact ellipse of region number `region` in the last frame, foot coordinates.
+    pub fn ellipse(&self, region: usize) -> Option<Ellipse<R>> {
+        Ellipse::from_moments(&self.loads[region].frame.area).map(|e| self.in_foot(region, e))
+    }
+
+    /// Centre of pressure of region number `region` in the last frame, foot coordinates, mm.
+    pub fn centre_of_pressure_mm(&self, region: usize) -> Option<(R, R)> {
+        let (x_mm, y_mm) = self.loads[region].frame.force.centre_of_pressure_mm()?;
+        let origin = self.origins_mm[region];
+        Some((x_mm + R::of_f32(origin.0), y_mm + R::of_f32(origin.1)))
+    }
+
+    fn in_foot(&self, region: usize, ellipse: Ellipse<R>) -> Ellipse<R> {
+        let (x_mm, y_mm) = self.origins_mm[region];
+        ellipse.moved(R::of_f32(x_mm), R::of_f32(y_mm))
+    }
+
+    /// True from heel strike until toe off is confirmed.
+    pub fn on_ground(&self) -> bool {
+        self.stance.on_ground()
+    }
+
+    /// Contacts so far that did not become steps.
+    pub fn rejected(&self) -> Rejected {
+        self.stance.rejected()
+    }
+
+    /// Evaluates region number `region` of the stance that just ended: up to 256 model evaluations, so a device lets other
+    /// work run between two regions.
+    pub fn step_region(&self, region: usize) -> RegionStep<R> {
+        let (area_mm2, force_n) = self.stance.curves(region);
+        let sample_s = R::of_u32(self.stance.stride()) / self.per_period_s;
+        let step =
+            RegionStep::new(&self.gauges[region], area_mm2, force_n, sample_s, self.stance.moments_at_peak(region));
+        RegionStep { ellipse_at_peak: step.ellipse_at_peak.map(|e| self.in_foot(region, e)), ..step }
+    }
+
+    /// The step of the stance that just ended, from its eight regions, and counts it. `None` before any set-up.
+    pub fn step(&mut self, regions: [RegionStep<R>; 8]) -> Option<StepRecord<R>> {
+        let setup = self.setup.as_ref()?;
+        let step = self.steps;
+        self.steps = self.steps.wrapping_add(1);
+        Some(StepRecord {
+            side: setup.side,
+            step,
+            start_us: u64::from(self.stance.start_seq()) * u64::from(setup.period_us),
+            duration_us: self.stance.frames() * setup.period_us,
+            sample_us: self.stance.stride() * setup.period_us,
+            bridged_frames: self.stance.bridged().min(u32::from(u16::MAX)) as u16,
+            saturated: self.stance.saturated(),
+            contact_rule: setup.contact,
+            regions,
+        })
+    }
+
+    /// The step of the stance that just ended, all at once.
+    pub fn whole_step(&mut self) -> Option<StepRecord<R>> {
+        let regions = core::array::from_fn(|region| self.step_region(region));
+        self.step(regions)
+    }
+}
+
+impl<R: Real, const N: usize> Default for Insole<R, N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Where each region's cells end and the centroid of each region, or what is wrong with the cells.
+fn check_cells(
+    cells: impl Iterator<Item = SetupCell>,
+    capacity: usize,
+) -> Result<([usize; 8], [(f32, f32); 8]), SetupError> {
+    let mut counts = [0usize; 8];
+    let mut sums = [(0.0f32, 0.0f32); 8];
+    let mut last = 0;
+    let mut count = 0;
+    for SetupCell { cell, calibration } in cells {
+        let number = count as u16;
+        count += 1;
+        if count > capacity {
+            return Err(SetupError::TooManyCells);
+        }
+        let within = |mm: f32| mm.abs() <= 1000.0;
+        let sound = within(cell.x_mm) && within(cell.y_mm) && cell.area_mm2 > 0.0 && cell.area_mm2 <= 10_000.0;
+        if !sound || !calibration.is_valid() {
+            return Err(SetupError::Cell(number));
+        }
+        let region = cell.region as usize;
+        if region < last {
+            return Err(SetupError::RegionOrder(number));
+        }
+        last = region;
+        counts[region] += 1;
+        sums[region].0 += cell.x_mm;
+        sums[region].1 += cell.y_mm;
+    }
+    if count == 0 {
+        return Err(SetupError::NoCells);
+    }
+    let mut ends = [0; 8];
+    let mut origins_mm = [(0.0, 0.0); 8];
+    let mut end = 0;
+    for region in 0..8 {
+        end += counts[region];
+        ends[region] = end;
+        let per_count = 1.0 / counts[region].max(1) as f32;
+        origins_mm[region] = (sums[region].0 * per_count, sums[region].1 * per_count);
+    }
+    Ok((ends, origins_mm))
+}

@@ -1,0 +1,139 @@
+//! One insole's side of a session, over any carrier: what to answer, what to send next, what to keep.
+//!
+//! Live frames are for now: a full queue drops the oldest. Steps are for good: each stays until it is acknowledged and is
+//! sent again in the next session.
+
+use crate::wire::{Hello, Live, MAJOR, MAX_LIVE, Status, Step, ToDevice, ToHost, encode};
+use heapless::{Deque, Vec};
+
+/// Live frames that wait for the carrier.
+const LIVE_QUEUE: usize = 8;
+/// Steps that wait for their acknowledgement.
+pub const STEP_QUEUE: usize = 16;
+
+/// The state of the session and what waits to be sent.
+#[derive(Debug, Default)]
+pub struct Link {
+    /// A host of this major version is connected.
+    open: bool,
+    hello_due: bool,
+    status_due: bool,
+    streaming: bool,
+    live: Deque<Vec<u8, MAX_LIVE>, LIVE_QUEUE>,
+    live_due: u32,
+    live_sent: u32,
+    steps: Deque<Step, STEP_QUEUE>,
+    /// How many of `steps`, from the front, were sent in this session.
+    steps_sent: usize,
+    steps_dropped: u32,
+}
+
+impl Link {
+    /// No session, nothing to send.
+    pub const fn new() -> Self {
+        Self {
+            open: false,
+            hello_due: false,
+            status_due: false,
+            streaming: false,
+            live: Deque::new(),
+            live_due: 0,
+            live_sent: 0,
+            steps: Deque::new(),
+            steps_sent: 0,
+            steps_dropped: 0,
+        }
+    }
+
+    /// Takes a message of the host.
+    pub fn receive(&mut self, message: ToDevice) {
+        match message {
+            ToDevice::Connect { major, .. } => {
+                self.close();
+                self.open = major == MAJOR;
+                self.hello_due = true;
+            }
+            _ if !self.open => {}
+            ToDevice::Stream { live } => {
+                self.streaming = live;
+                self.live.clear();
+            }
+            ToDevice::Acknowledge { step } => {
+                // Wrapping order; only what was sent can have arrived.
+                while self.steps_sent > 0
+                    && self.steps.front().is_some_and(|s| step.wrapping_sub(s.step) < u32::MAX / 2)
+                {
+                    self.steps.pop_front();
+                    self.steps_sent -= 1;
+                }
+            }
+            ToDevice::GetStatus => self.status_due = true,
+        }
+    }
+
+    /// The carrier lost its host: live frames end, steps stay.
+    pub fn close(&mut self) {
+        *self = Self { steps: core::mem::take(&mut self.steps), steps_dropped: self.steps_dropped, ..Self::new() };
+    }
+
+    /// The number that the next live frame carries; `None` where nobody listens.
+    pub fn next_live(&self) -> Option<u32> {
+        (self.open && self.streaming).then_some(self.live_due)
+    }
+
+    /// Queues the frame with the number [`Link::next_live`] gave, encoded; the oldest makes room.
+    pub fn push_live(&mut self, live: Live) {
+        self.live_due = self.live_due.wrapping_add(1);
+        if self.live.is_full() {
+            self.live.pop_front();
+        }
+        let mut message = Vec::new();
+        // A live frame has at most MAX_LIVE bytes by its field types.
+        let _ = message.resize_default(MAX_LIVE);
+        if let Ok(used) = encode(&ToHost::Live(live), &mut message).map(|used| used.len()) {
+            message.truncate(used);
+            let _ = self.live.push_back(message);
+        }
+    }
+
+    /// Keeps a step until it is acknowledged; where there is no room the oldest is dropped and counted.
+    pub fn push_step(&mut self, step: Step) {
+        if self.steps.is_full() {
+            self.steps.pop_front();
+            self.steps_sent = self.steps_sent.saturating_sub(1);
+            self.steps_dropped = self.steps_dropped.wrapping_add(1);
+        }
+        let _ = self.steps.push_back(step);
+    }
+
+    /// The next message to send, encoded into `buffer`; `None` when there is nothing. Hello first, then what was asked for,
+    /// then steps, then live frames.
+    pub fn next<'b>(
+        &mut self,
+        hello: &Hello,
+        status: impl FnOnce() -> Status,
+        buffer: &'b mut [u8],
+    ) -> Option<&'b [u8]> {
+        let message = if core::mem::take(&mut self.hello_due) {
+            ToHost::Hello(hello.clone())
+        } else if core::mem::take(&mut self.status_due) {
+            ToHost::Status(Status {
+                live_due: self.live_due,
+                live_sent: self.live_sent,
+                steps_dropped: self.steps_dropped,
+                ..status()
+            })
+        } else if let Some(step) = self.steps.iter().nth(self.steps_sent).filter(|_| self.open) {
+            self.steps_sent += 1;
+            ToHost::Step(*step)
+        } else {
+            let live = self.live.pop_front()?;
+            self.live_sent = self.live_sent.wrapping_add(1);
+            let out = buffer.get_mut(..live.len())?;
+            out.copy_from_slice(&live);
+            return Some(out);
+        };
+        // Every message fits MAX_MESSAGE, the least that callers bring.
+        encode(&message, buffer).ok().map(|used| &*used)
+    }
+}
