@@ -29,6 +29,18 @@ pub struct Setup {
     pub stance: StanceRule,
 }
 
+impl Setup {
+    /// All zero.
+    const NONE: Self = Self {
+        side: Side::Left,
+        layout_id: 0,
+        period_us: 0,
+        sensor: SensorLaw { full_kpa: 0.0, exponent: 0.0 },
+        contact: ContactRule { on_kpa: 0.0, off_kpa: 0.0, full_kpa: 0.0 },
+        stance: StanceRule { strike_n: 0.0, release_n: 0.0, min_stance_ms: 0, min_swing_ms: 0, max_stance_ms: 0 },
+    };
+}
+
 /// One cell as it is set up: where it lies and how it reads. Cells come in the order of their codes in a frame, grouped by
 /// region in the order of [`Region::ALL`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -104,7 +116,8 @@ impl<R: Real> RegionLoad<R> {
 /// An insole with at most `N` cells: parameters, state and the stages between raw codes and steps.
 #[derive(Debug)]
 pub struct Insole<R, const N: usize> {
-    setup: Option<Setup>,
+    /// Its period is 0 until all is set up.
+    setup: Setup,
     curve: Curve,
     offsets: Vec<u16, N>,
     gains: Vec<R, N>,
@@ -133,7 +146,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             assert!(N <= 4096, "cells are numbered in u16 and a step is a summary, not an image");
         }
         Self {
-            setup: None,
+            setup: Setup::NONE,
             curve: Curve::new(),
             offsets: Vec::new(),
             gains: Vec::new(),
@@ -170,7 +183,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
         let (ends, origins_mm) = check_cells(cells.clone(), N)?;
 
-        self.setup = None;
+        self.setup = Setup::NONE;
         (self.ends, self.origins_mm) = (ends, origins_mm);
         self.curve.set(&setup.sensor);
         self.offsets.clear();
@@ -193,7 +206,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.stance = Stance::new();
         self.loads = [RegionLoad::NONE; 8];
         self.last_seq = None;
-        self.setup = Some(setup);
+        self.setup = setup;
         Ok(())
     }
 
@@ -211,7 +224,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
 
     /// What was set up; `None` before.
     pub fn setup(&self) -> Option<&Setup> {
-        self.setup.as_ref()
+        (self.setup.period_us > 0).then_some(&self.setup)
     }
 
     /// Number of cells.
@@ -228,7 +241,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// [`Insole::step`] give the step until the next frame. Without a set-up, or with fewer codes than cells, nothing
     /// happens.
     pub fn frame(&mut self, seq: u32, codes: &[u16]) -> bool {
-        if self.setup.is_none() || codes.len() < self.cells() {
+        if self.setup().is_none() || codes.len() < self.cells() {
             return false;
         }
         let mut per_s = self.per_period_s;
@@ -323,7 +336,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
 
     /// The step of the stance that just ended, from its eight regions, and counts it. `None` before any set-up.
     pub fn step(&mut self, regions: [RegionStep<R>; 8]) -> Option<StepRecord<R>> {
-        let setup = self.setup.as_ref()?;
+        let setup = *self.setup()?;
         let step = self.steps;
         self.steps = self.steps.wrapping_add(1);
         Some(StepRecord {

@@ -141,7 +141,7 @@ impl<R: Real> AreaRatio<R> {
         if !(ratio > R::ZERO) {
             Self { ratio: R::ZERO, clamped: false }
         } else if ratio >= R::ONE {
-            Self { ratio: R::ONE, clamped: true }
+            Self { ratio: R::ONE, clamped: ab_m2 > R::ZERO }
         } else {
             Self { ratio, clamped: false }
         }
@@ -173,7 +173,7 @@ pub struct Gauge<R> {
 impl<R: Real> Gauge<R> {
     /// No tissue known: areas stay valid, deformation and model force are 0.
     pub const NONE: Self =
-        Self { ab_m2: R::ONE, c_m: R::ZERO, stiffness_pa: R::ZERO, damping_pa_s: R::ZERO, n: R::ZERO, m: R::ZERO };
+        Self { ab_m2: R::ZERO, c_m: R::ZERO, stiffness_pa: R::ZERO, damping_pa_s: R::ZERO, n: R::ZERO, m: R::ZERO };
 
     /// From single-precision parameters.
     pub fn of(g: &Gauge<f32>) -> Self {

@@ -117,7 +117,7 @@ impl<R: Real> Stance<R> {
             pushed: 0,
             loaded: 0,
             bridged: 0,
-            stride: 1,
+            stride: 0,
             len: 0,
             area_mm2: [[R::ZERO; STANCE_SAMPLES]; 8],
             force_n: [[R::ZERO; STANCE_SAMPLES]; 8],

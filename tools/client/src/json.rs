@@ -1,0 +1,68 @@
+//! A step as people and programs read it: names with units, values in the wire's resolution.
+
+use plantar::wire::Step;
+use plantar::{Region, Side};
+use serde_json::{Map, Value, json};
+
+/// One object per step; regions by name under `regions`. Values are what the wire carries, so a step that a device sent and
+/// the same step computed on a host give the same text.
+pub fn step_to_json(step: &Step) -> Value {
+    let set = |bits: u8, i: usize| bits >> i & 1 == 1;
+    let regions: Map<String, Value> = Region::ALL
+        .iter()
+        .zip(&step.regions)
+        .enumerate()
+        .map(|(i, (region, r))| {
+            let ellipse = (r.ellipse_r_a_cmm > 0).then(|| {
+                json!({
+                    "x_mm": scaled(r.ellipse_x_dmm, 10),
+                    "y_mm": scaled(r.ellipse_y_dmm, 10),
+                    "r_a_mm": scaled(r.ellipse_r_a_cmm, 100),
+                    "r_b_mm": scaled(r.ellipse_r_b_cmm, 100),
+                    "angle_deg": scaled(r.ellipse_angle_ddeg, 10),
+                })
+            });
+            let value = json!({
+                "measured_force_peak_n": scaled(r.measured_peak_dn, 10),
+                "model_force_peak_n": scaled(r.model_peak_dn, 10),
+                "measured_force_integral_n_s": scaled(r.measured_integral_cns, 100),
+                "model_force_integral_n_s": scaled(r.model_integral_cns, 100),
+                "area_peak_mm2": r.area_peak_mm2,
+                "deformation_peak_mm": scaled(r.deformation_peak_um, 1000),
+                "deformation_rate_peak_mm_s": scaled(r.deformation_rate_peak_dmm_s, 10),
+                "contact_time_s": scaled(r.contact_ms, 1000),
+                "time_to_peak_s": scaled(r.time_to_peak_ms, 1000),
+                "ellipse_at_peak": ellipse,
+                "model_error_nrmse_percent": scaled(r.model_error_bp, 100),
+                "saturated": set(step.saturated, i),
+                "clamped": set(step.clamped, i),
+            });
+            (region.name().into(), value)
+        })
+        .collect();
+    json!({
+        "side": match step.side { Side::Left => "left", Side::Right => "right" },
+        "step": step.step,
+        "start_s": step.start_us as f64 / 1e6,
+        "duration_s": f64::from(step.duration_us) / 1e6,
+        "sample_s": f64::from(step.sample_us) / 1e6,
+        "bridged_frames": step.bridged_frames,
+        "contact_rule": contact_rule_to_json(step),
+        "regions": regions,
+    })
+}
+
+fn contact_rule_to_json(step: &Step) -> Value {
+    let rule = &step.contact_rule;
+    json!({
+        "rule": if rule.full_kpa > 0.0 { "fractional" } else { "counted" },
+        "on_kpa": rule.on_kpa,
+        "off_kpa": rule.off_kpa,
+        "full_kpa": rule.full_kpa,
+    })
+}
+
+/// An integer count of `1/units` as a decimal number, exact to its last digit.
+fn scaled(value: impl Into<i32>, units: i32) -> f64 {
+    f64::from(value.into()) / f64::from(units)
+}

@@ -1,0 +1,177 @@
+//! The host's side of a session with an insole, over any byte carrier.
+
+mod json;
+
+pub use json::step_to_json;
+
+use plantar::wire::{self, Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, ToDevice, ToHost};
+use serde::Serialize;
+use std::collections::VecDeque;
+use std::io::{self, Read, Write};
+use std::time::{Duration, Instant};
+use thiserror::Error;
+
+/// Why there is no session, or no longer one.
+#[derive(Debug, Error)]
+pub enum Error {
+    /// Nothing that could be understood came back.
+    #[error("no insole answered within {0:?} ({1} damaged frames): check the port, the wiring (docs/hardware.md) and the bit rate")]
+    NoAnswer(Duration, u32),
+    /// The insole speaks another major version.
+    #[error("the insole (firmware {firmware}) speaks protocol {major}.{minor}, this program {MAJOR}.{MINOR}: update the older of the two")]
+    OtherVersion {
+        /// Its firmware.
+        firmware: String,
+        /// Its major.
+        major: u8,
+        /// Its minor.
+        minor: u8,
+    },
+    /// The carrier broke.
+    #[error("the link to the insole broke: {0}")]
+    Carrier(#[from] io::Error),
+}
+
+/// What became of the live frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LinkCounters {
+    /// Frames that the insole gave to the carrier, by its own count.
+    pub frames_sent: u32,
+    /// Frames that arrived whole.
+    pub frames_received: u32,
+    /// Frames missing between the ones that arrived.
+    pub frames_lost: u32,
+    /// Frames of any kind with a wrong CRC or no known message.
+    pub crc_errors: u32,
+}
+
+/// A session. The carrier must return from a read within a second or so, with [`io::ErrorKind::TimedOut`] or
+/// [`io::ErrorKind::WouldBlock`] when nothing came.
+pub struct Client<C> {
+    messages: Messages<C>,
+    hello: Hello,
+    frames_sent: u32,
+    frames_received: u32,
+    frames_lost: u32,
+    next_live: Option<u32>,
+    next_step: Option<u32>,
+}
+
+impl<C: Read + Write> Client<C> {
+    /// Says hello, and again twice a second until the insole answers or `patience` is over.
+    pub fn connect(carrier: C, patience: Duration) -> Result<Self, Error> {
+        let mut messages =
+            Messages { carrier, decoder: Decoder::new(), waiting: VecDeque::new(), unknown: 0, buffer: vec![0; 4096] };
+        let start = Instant::now();
+        while start.elapsed() < patience {
+            messages.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;
+            let asked = Instant::now();
+            while asked.elapsed() < Duration::from_millis(500) {
+                // What came before the hello belongs to an earlier session.
+                let Some(ToHost::Hello(hello)) = messages.next()? else { continue };
+                if hello.major != MAJOR {
+                    let firmware = hello.firmware.as_str().into();
+                    return Err(Error::OtherVersion { firmware, major: hello.major, minor: hello.minor });
+                }
+                return Ok(Self {
+                    messages,
+                    hello,
+                    frames_sent: 0,
+                    frames_received: 0,
+                    frames_lost: 0,
+                    next_live: None,
+                    next_step: None,
+                });
+            }
+        }
+        Err(Error::NoAnswer(patience, messages.damaged()))
+    }
+
+    /// Who answered.
+    pub fn hello(&self) -> &Hello {
+        &self.hello
+    }
+
+    /// Sends a message.
+    pub fn send(&mut self, message: ToDevice) -> Result<(), Error> {
+        self.messages.send(message)
+    }
+
+    /// The next message; `None` when none came within the carrier's time-out. A step comes once, however often it is
+    /// replayed; send [`ToDevice::Acknowledge`] once it is stored.
+    pub fn receive(&mut self) -> Result<Option<ToHost>, Error> {
+        let Some(message) = self.messages.next()? else { return Ok(None) };
+        match &message {
+            ToHost::Live(live) => {
+                self.frames_received += 1;
+                if let Some(expected) = self.next_live {
+                    self.frames_lost += live.sequence.wrapping_sub(expected);
+                }
+                self.next_live = Some(live.sequence.wrapping_add(1));
+            }
+            ToHost::Step(step) => {
+                let is_known = self.next_step.is_some_and(|next| next.wrapping_sub(step.step).wrapping_sub(1) < u32::MAX / 2);
+                if is_known {
+                    return Ok(None);
+                }
+                self.next_step = Some(step.step.wrapping_add(1));
+            }
+            ToHost::Status(status) => self.frames_sent = status.live_sent,
+            ToHost::Hello(_) => {}
+        }
+        Ok(Some(message))
+    }
+
+    /// What became of the live frames; ask for a status first to know how many were sent.
+    pub fn counters(&self) -> LinkCounters {
+        LinkCounters {
+            frames_sent: self.frames_sent,
+            frames_received: self.frames_received,
+            frames_lost: self.frames_lost,
+            crc_errors: self.messages.damaged(),
+        }
+    }
+}
+
+/// Messages over a byte carrier.
+struct Messages<C> {
+    carrier: C,
+    decoder: Decoder,
+    waiting: VecDeque<ToHost>,
+    /// Whole frames that held no message of this version.
+    unknown: u32,
+    buffer: Vec<u8>,
+}
+
+impl<C: Read + Write> Messages<C> {
+    fn send(&mut self, message: ToDevice) -> Result<(), Error> {
+        let (mut bytes, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
+        let message = wire::encode(&message, &mut bytes).map_err(io::Error::other)?;
+        let len = wire::frame(message, &mut framed);
+        Ok(self.carrier.write_all(&framed[..len])?)
+    }
+
+    fn next(&mut self) -> Result<Option<ToHost>, Error> {
+        if self.waiting.is_empty() {
+            let count = match self.carrier.read(&mut self.buffer) {
+                Ok(0) => return Err(io::Error::from(io::ErrorKind::UnexpectedEof).into()),
+                Ok(count) => count,
+                Err(e) if matches!(e.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock) => 0,
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => 0,
+                Err(e) => return Err(e.into()),
+            };
+            for &byte in &self.buffer[..count] {
+                let Some(bytes) = self.decoder.push(byte) else { continue };
+                match wire::decode(bytes) {
+                    Some(message) => self.waiting.push_back(message),
+                    None => self.unknown += 1,
+                }
+            }
+        }
+        Ok(self.waiting.pop_front())
+    }
+
+    fn damaged(&self) -> u32 {
+        self.decoder.bad_frames.wrapping_add(self.unknown)
+    }
+}

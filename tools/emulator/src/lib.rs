@@ -1,0 +1,178 @@
+//! Runs the emulated board in QEMU: starts it, plays scans into its matrix, hands out its link.
+//!
+//! What passes between board and plant is described in [`plantar::emulation`].
+
+mod plant;
+
+pub use plant::{Plant, Scan, Walk};
+
+use plantar::emulation::{Head, MATRIX_FILE, SETUP_FILE};
+use plantar::insole::SetupCell;
+use std::io::{self, Read};
+use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+use thiserror::Error;
+
+/// QEMU's name for a board with the STM32F405 and nothing else of use.
+const MACHINE: &str = "netduinoplus2";
+/// The emulator has this long to connect its ports.
+const START: Duration = Duration::from_secs(20);
+
+/// How time passes for the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Time {
+    /// As on the wall; the board scans by its own clock.
+    Real,
+    /// As fast as the plant can be asked; the plant keeps the time.
+    Max,
+    /// As [`Time::Max`], and one instruction takes one nanosecond, so that instructions can be counted.
+    Counted,
+}
+
+/// Why the emulated board did not run.
+#[derive(Debug, Error)]
+pub enum Error {
+    /// QEMU is not installed.
+    #[error("qemu-system-arm not found: install it (Debian and Ubuntu: apt-get install qemu-system-arm; Fedora: dnf install qemu-system-arm; macOS: brew install qemu)")]
+    NoQemu,
+    /// The firmware file is missing.
+    #[error("no firmware at {0}: build it with `cargo xtask build`")]
+    NoFirmware(PathBuf),
+    /// QEMU ended before it connected.
+    #[error("the emulator ended before the board was up: {0}")]
+    Ended(String),
+    /// QEMU did not connect in time.
+    #[error("the emulator did not connect within {} s", START.as_secs())]
+    Silent,
+    /// A file or socket of the emulation.
+    #[error("emulation: {0}")]
+    Io(#[from] io::Error),
+}
+
+/// A running board. It stops when this is dropped.
+pub struct Board {
+    qemu: Child,
+    plant: Plant,
+    link: TcpStream,
+    // Dropped last: QEMU and the plant use it.
+    _directory: TempDir,
+}
+
+impl Board {
+    /// Boots `firmware` with a set-up and lets it feel `walk`.
+    pub fn start(
+        firmware: &Path,
+        head: &Head,
+        cells: &[SetupCell],
+        time: Time,
+        walk: impl Walk,
+    ) -> Result<Self, Error> {
+        if !firmware.is_file() {
+            return Err(Error::NoFirmware(firmware.into()));
+        }
+        let directory = tempfile::tempdir()?;
+        let head = Head { paced: time != Time::Real, ..*head };
+        let mut setup = postcard::to_stdvec(&head).map_err(io::Error::other)?;
+        for cell in cells {
+            setup = postcard::to_extend(cell, setup).map_err(io::Error::other)?;
+        }
+        let file = |name: &std::ffi::CStr| directory.path().join(name.to_string_lossy().as_ref());
+        std::fs::write(file(SETUP_FILE), setup)?;
+        std::fs::write(file(MATRIX_FILE), vec![0; 2 * cells.len()])?;
+
+        let link = Port::listen()?;
+        let plant = Port::listen()?;
+        let mut command = Command::new("qemu-system-arm");
+        command
+            .args(["-M", MACHINE, "-display", "none", "-monitor", "none"])
+            .args(["-semihosting-config", "enable=on,target=native"])
+            .args(["-serial", &link.argument()?, "-serial", "null", "-serial", &plant.argument()?])
+            .arg("-kernel")
+            .arg(std::path::absolute(firmware)?)
+            .current_dir(directory.path())
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped());
+        if time == Time::Counted {
+            command.args(["-icount", "shift=0"]);
+        }
+        let mut qemu = command.spawn().map_err(|e| match e.kind() {
+            io::ErrorKind::NotFound => Error::NoQemu,
+            _ => Error::Io(e),
+        })?;
+        let connected = link.accept(&mut qemu).and_then(|link| Ok((link, plant.accept(&mut qemu)?)));
+        let (link, plant) = match connected {
+            Ok(connected) => connected,
+            Err(error) => {
+                // Nothing is lost: it never ran.
+                let _ = qemu.kill();
+                let _ = qemu.wait();
+                return Err(error);
+            }
+        };
+        let plant = Plant::start(plant, &file(MATRIX_FILE), walk)?;
+        Ok(Self { qemu, plant, link, _directory: directory })
+    }
+
+    /// The board's link, a byte stream in both directions.
+    pub fn link(&self) -> io::Result<TcpStream> {
+        self.link.try_clone()
+    }
+
+    /// The plant that plays the matrix.
+    pub fn plant(&self) -> &Plant {
+        &self.plant
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.qemu.kill();
+        let _ = self.qemu.wait();
+    }
+}
+
+/// A local port that QEMU will connect one of its serial ports to.
+struct Port(TcpListener);
+
+impl Port {
+    fn listen() -> io::Result<Self> {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
+        listener.set_nonblocking(true)?;
+        Ok(Self(listener))
+    }
+
+    fn argument(&self) -> io::Result<String> {
+        Ok(format!("tcp:{},nodelay=on", self.0.local_addr()?))
+    }
+
+    fn accept(&self, qemu: &mut Child) -> Result<TcpStream, Error> {
+        let deadline = Instant::now() + START;
+        loop {
+            match self.0.accept() {
+                Ok((stream, _)) => {
+                    stream.set_nonblocking(false)?;
+                    stream.set_nodelay(true)?;
+                    return Ok(stream);
+                }
+                Err(e) if e.kind() == io::ErrorKind::WouldBlock => {}
+                Err(e) => return Err(e.into()),
+            }
+            if qemu.try_wait()?.is_some() {
+                let mut said = String::new();
+                if let Some(mut stderr) = qemu.stderr.take() {
+                    stderr.read_to_string(&mut said)?;
+                }
+                return Err(Error::Ended(said.trim().into()));
+            }
+            if Instant::now() > deadline {
+                return Err(Error::Silent);
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+}

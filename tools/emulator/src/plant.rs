@@ -1,0 +1,83 @@
+//! The sensor plant: answers the board's requests for scans and time.
+
+use plantar::emulation::{COLUMNS, SCAN, TICK};
+use std::fs::OpenOptions;
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// What the matrix does when it is asked for a scan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scan {
+    /// All rows answer.
+    Whole,
+    /// Only the first rows answer; the rest stays silent.
+    Rows(u8),
+}
+
+/// What the matrix feels.
+pub trait Walk: Send + 'static {
+    /// Number of scans. Where the plant keeps the time, time stands still after them; else the foot stays lifted.
+    fn scans(&self) -> u32;
+
+    /// Writes the codes of scan number `seq`, below [`Walk::scans`], one a cell in the order of the set-up.
+    fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan;
+}
+
+/// The thread that plays the matrix. It ends with the board's port.
+pub struct Plant {
+    asked: Arc<AtomicU32>,
+}
+
+impl Plant {
+    pub(crate) fn start(
+        mut port: TcpStream,
+        matrix: &Path,
+        mut walk: impl Walk,
+    ) -> io::Result<Self> {
+        let mut file = OpenOptions::new().write(true).open(matrix)?;
+        let cells = file.metadata()?.len() as usize / 2;
+        let asked = Arc::new(AtomicU32::new(0));
+        let count = asked.clone();
+        std::thread::spawn(move || {
+            let mut codes = vec![0; cells];
+            let mut bytes = Vec::with_capacity(2 * cells);
+            let mut request = [0; 5];
+            // An end of the port is the end of the board.
+            while port.read_exact(&mut request).is_ok() {
+                let [kind, a, b, c, d] = request;
+                let seq = u32::from_le_bytes([a, b, c, d]);
+                let answered = match kind {
+                    TICK if seq < walk.scans() => port.write_all(&[TICK, TICK]),
+                    SCAN => {
+                        codes.fill(0);
+                        let outcome = if seq < walk.scans() { walk.scan(seq, &mut codes) } else { Scan::Whole };
+                        count.store(seq.wrapping_add(1), Ordering::Relaxed);
+                        bytes.clear();
+                        bytes.extend(codes.iter().flat_map(|code| code.to_le_bytes()));
+                        let rows = match outcome {
+                            Scan::Rows(rows) => rows,
+                            // At most 256 cells, so at most 16 rows.
+                            Scan::Whole => cells.div_ceil(COLUMNS) as u8,
+                        };
+                        file.seek(SeekFrom::Start(0))
+                            .and_then(|_| file.write_all(&bytes))
+                            .and_then(|()| port.write_all(&[a, rows]))
+                    }
+                    _ => Ok(()),
+                };
+                if answered.is_err() {
+                    break;
+                }
+            }
+        });
+        Ok(Self { asked })
+    }
+
+    /// Scans asked for so far.
+    pub fn scans(&self) -> u32 {
+        self.asked.load(Ordering::Relaxed)
+    }
+}
