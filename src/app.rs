@@ -4,7 +4,7 @@
 //! counted. [`process`] and [`serve`] share the thread executor: processing has as many frame times as [`FRAME_QUEUE`] holds
 //! before frames are dropped and counted, the link has none.
 
-use crate::insole::Insole;
+use crate::insole::{DEVICE_CELLS, Insole};
 use crate::link::Link;
 use crate::wire::{Decoder, Hello, Live, MAX_FRAME, MAX_MESSAGE, Status, Step, decode, frame};
 use core::cell::RefCell;
@@ -17,8 +17,6 @@ use embassy_sync::zerocopy_channel::{Receiver, Sender};
 use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{Read, Write};
 
-/// Cells a device holds.
-pub const MAX_CELLS: usize = 256;
 /// Time after which the link looks up without a cause, so that its progress can be seen.
 const IDLE: Duration = Duration::from_millis(200);
 
@@ -26,17 +24,17 @@ const IDLE: Duration = Duration::from_millis(200);
 pub const FRAME_QUEUE: usize = 8;
 
 /// The insole of a device.
-pub type DeviceInsole = Insole<f32, MAX_CELLS>;
+pub type DeviceInsole = Insole<f32, DEVICE_CELLS>;
 
 /// One scan of the matrix.
 pub struct Frame {
     seq: u32,
-    codes: [u16; MAX_CELLS],
+    codes: [u16; DEVICE_CELLS],
 }
 
 impl Frame {
     /// All zero.
-    pub const EMPTY: Self = Self { seq: 0, codes: [0; MAX_CELLS] };
+    pub const EMPTY: Self = Self { seq: 0, codes: [0; DEVICE_CELLS] };
 }
 
 /// Tells when to scan.
@@ -83,7 +81,7 @@ pub trait Matrix {
     fn rows(&self) -> usize;
 
     /// Reads one row of scan number `seq` and writes the codes of its cells to their places in the frame.
-    async fn read_row(&mut self, seq: u32, row: usize, codes: &mut [u16; MAX_CELLS]) -> Result<(), MatrixTimeout>;
+    async fn read_row(&mut self, seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout>;
 }
 
 /// Counts processor cycles across one frame.
@@ -103,7 +101,6 @@ pub trait Watchdog {
 /// What scanning counts; shared with a lower priority, so atomic.
 #[derive(Default)]
 pub struct ScanCounters {
-    frames: AtomicU32,
     missed: AtomicU32,
     overrun: AtomicU32,
 }
@@ -111,12 +108,12 @@ pub struct ScanCounters {
 impl ScanCounters {
     /// All zero.
     pub const fn new() -> Self {
-        Self { frames: AtomicU32::new(0), missed: AtomicU32::new(0), overrun: AtomicU32::new(0) }
+        Self { missed: AtomicU32::new(0), overrun: AtomicU32::new(0) }
     }
 }
 
 fn add(counter: &AtomicU32, count: u32) {
-    // One writer each: scanning.
+    // Every counter has one writer.
     counter.store(counter.load(Ordering::Relaxed).wrapping_add(count), Ordering::Relaxed);
 }
 
@@ -143,14 +140,13 @@ pub async fn scan(
             Ok(()) => {
                 frame.seq = seq;
                 frames.send_done();
-                add(&counters.frames, 1);
             }
             Err(MatrixTimeout) => add(&counters.missed, 1),
         }
     }
 }
 
-async fn scan_frame(matrix: &mut impl Matrix, seq: u32, codes: &mut [u16; MAX_CELLS]) -> Result<(), MatrixTimeout> {
+async fn scan_frame(matrix: &mut impl Matrix, seq: u32, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout> {
     for row in 0..matrix.rows() {
         matrix.read_row(seq, row, codes).await?;
     }
@@ -166,7 +162,9 @@ pub struct Session {
     scan: &'static ScanCounters,
     /// Deepest use of the stack so far, bytes.
     stack_bytes: fn() -> u32,
-    heartbeats: (AtomicU32, AtomicU32),
+    /// Frames processed, and turns of the link's loop.
+    frames: AtomicU32,
+    link_turns: AtomicU32,
 }
 
 struct ProcessCounters {
@@ -191,23 +189,25 @@ impl Session {
             }),
             scan,
             stack_bytes,
-            heartbeats: (AtomicU32::new(0), AtomicU32::new(0)),
+            frames: AtomicU32::new(0),
+            link_turns: AtomicU32::new(0),
         }
     }
 
     /// Counts that stand still when scanning, processing or the link does.
     fn progress(&self) -> [u32; 3] {
         let count = |counter: &AtomicU32| counter.load(Ordering::Relaxed);
-        let scan = self.scan;
-        let scanned = count(&scan.frames).wrapping_add(count(&scan.missed)).wrapping_add(count(&scan.overrun));
-        [scanned, count(&self.heartbeats.0), count(&self.heartbeats.1)]
+        // A scan that times out or finds no room is progress of scanning, though not of processing.
+        let scanned =
+            count(&self.frames).wrapping_add(count(&self.scan.missed)).wrapping_add(count(&self.scan.overrun));
+        [scanned, count(&self.frames), count(&self.link_turns)]
     }
 
     fn status(&self) -> Status {
         let counters = self.counters.borrow();
         Status {
             uptime_us: Instant::now().as_micros(),
-            frames: self.scan.frames.load(Ordering::Relaxed),
+            frames: self.frames.load(Ordering::Relaxed),
             frames_missed: self.scan.missed.load(Ordering::Relaxed),
             frames_overrun: self.scan.overrun.load(Ordering::Relaxed),
             steps: counters.steps,
@@ -241,14 +241,12 @@ pub async fn process(
         }
         let cycles = stopwatch.cycles_since(start);
         frames.receive_done();
-        session.changed.signal(());
         {
             let mut counters = session.counters.borrow_mut();
             let (least, most) = counters.frame_cycles;
             counters.frame_cycles = (least.min(cycles), most.max(cycles));
             counters.rejected = insole.rejected();
         }
-        add(&session.heartbeats.0, 1);
         if toe_off {
             let mut regions = [Default::default(); 8];
             for (region, step) in regions.iter_mut().enumerate() {
@@ -258,9 +256,12 @@ pub async fn process(
             if let Some(step) = insole.step(regions) {
                 session.link.borrow_mut().push_step(Step::new(&step));
                 session.counters.borrow_mut().steps += 1;
-                session.changed.signal(());
             }
         }
+        add(&session.frames, 1);
+        session.changed.signal(());
+        // The link's turn, also while frames are queued.
+        yield_now().await;
     }
 }
 
@@ -271,7 +272,7 @@ pub async fn serve(mut rx: impl Read, mut tx: impl Write, session: &Session) -> 
     let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
     loop {
         let heard = select3(rx.read(&mut received), session.changed.wait(), Timer::after(IDLE)).await;
-        add(&session.heartbeats.1, 1);
+        add(&session.link_turns, 1);
         if let Either3::First(heard) = heard {
             // A framing or overrun error of the port shows as a bad CRC.
             for &byte in heard.ok().and_then(|n| received.get(..n)).unwrap_or_default() {

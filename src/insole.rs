@@ -13,6 +13,9 @@ use core::fmt;
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
+/// Cells that a device holds; a host may hold more.
+pub const DEVICE_CELLS: usize = 256;
+
 /// Shortest and longest time between frames, us: 500 Hz to 20 Hz. Devices run at 50 to 400 Hz, recordings beyond.
 pub const PERIOD_US: core::ops::RangeInclusive<u32> = 2_000..=50_000;
 

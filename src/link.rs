@@ -106,8 +106,8 @@ impl Link {
         let _ = self.steps.push_back(step);
     }
 
-    /// The next message to send, encoded into `buffer`; `None` when there is nothing. Hello first, then what was asked for,
-    /// then steps, then live frames.
+    /// The next message to send, encoded into `buffer`; `None` when there is nothing. Hello first, then steps, then live
+    /// frames; a status comes when all before it is sent.
     pub fn next<'b>(
         &mut self,
         hello: &Hello,
@@ -116,6 +116,14 @@ impl Link {
     ) -> Option<&'b [u8]> {
         let message = if core::mem::take(&mut self.hello_due) {
             ToHost::Hello(hello.clone())
+        } else if let Some(step) = self.steps.iter().nth(self.steps_sent).filter(|_| self.open) {
+            self.steps_sent += 1;
+            ToHost::Step(*step)
+        } else if let Some(live) = self.live.pop_front() {
+            self.live_sent = self.live_sent.wrapping_add(1);
+            let out = buffer.get_mut(..live.len())?;
+            out.copy_from_slice(&live);
+            return Some(out);
         } else if core::mem::take(&mut self.status_due) {
             ToHost::Status(Status {
                 live_due: self.live_due,
@@ -123,15 +131,8 @@ impl Link {
                 steps_dropped: self.steps_dropped,
                 ..status()
             })
-        } else if let Some(step) = self.steps.iter().nth(self.steps_sent).filter(|_| self.open) {
-            self.steps_sent += 1;
-            ToHost::Step(*step)
         } else {
-            let live = self.live.pop_front()?;
-            self.live_sent = self.live_sent.wrapping_add(1);
-            let out = buffer.get_mut(..live.len())?;
-            out.copy_from_slice(&live);
-            return Some(out);
+            return None;
         };
         // Every message fits MAX_MESSAGE, the least that callers bring.
         encode(&message, buffer).ok().map(|used| &*used)

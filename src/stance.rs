@@ -79,6 +79,8 @@ impl<R: Real> StanceLimits<R> {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
+    /// Before the first frame.
+    Unknown,
     Swing,
     Stance,
     /// A contact that will not become a step, until it ends.
@@ -111,7 +113,7 @@ pub struct Stance<R> {
 impl<R: Real> Stance<R> {
     pub const fn new() -> Self {
         Self {
-            phase: Phase::Swing,
+            phase: Phase::Unknown,
             start_seq: 0,
             last_seq: 0,
             pushed: 0,
@@ -134,7 +136,12 @@ impl<R: Real> Stance<R> {
         let missing = seq.wrapping_sub(self.last_seq).wrapping_sub(1);
         self.last_seq = seq;
         match self.phase {
-            Phase::Swing | Phase::Ended => {
+            // A foot that is on the ground already has no heel strike to start from.
+            Phase::Unknown if total_n >= limits.release_n => {
+                self.ignore();
+                false
+            }
+            Phase::Unknown | Phase::Swing | Phase::Ended => {
                 self.phase = Phase::Swing;
                 if total_n >= limits.strike_n {
                     self.begin(seq);

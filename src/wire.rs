@@ -289,7 +289,7 @@ impl StepRegion {
 pub struct Status {
     /// Time since start, us.
     pub uptime_us: u64,
-    /// Frames scanned and processed.
+    /// Frames processed, with the steps that ended in them.
     pub frames: u32,
     /// Frame times that passed without a complete scan: late, or the matrix did not answer.
     pub frames_missed: u32,
@@ -331,6 +331,11 @@ pub fn decode<'b, T: Deserialize<'b>>(bytes: &'b [u8]) -> Option<T> {
 
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
+/// The CRC-32 of the frames, also for ids made from content.
+pub fn checksum(bytes: &[u8]) -> u32 {
+    CRC.checksum(bytes)
+}
+
 /// Frames an encoded message of at most [`MAX_MESSAGE`] bytes for a byte carrier; returns the bytes used.
 pub fn frame(message: &[u8], out: &mut [u8; MAX_FRAME]) -> usize {
     let mut encoder = cobs::CobsEncoder::new(out);
@@ -338,7 +343,7 @@ pub fn frame(message: &[u8], out: &mut [u8; MAX_FRAME]) -> usize {
     // receiver will see a bad CRC instead of this device a panic.
     let message = &message[..message.len().min(MAX_MESSAGE)];
     let _ = encoder.push(message);
-    let _ = encoder.push(&CRC.checksum(message).to_le_bytes());
+    let _ = encoder.push(&checksum(message).to_le_bytes());
     let end = encoder.finalize();
     out[end] = 0;
     end + 1
@@ -391,5 +396,5 @@ impl Default for Decoder {
 fn unframe(frame: &mut [u8]) -> Option<usize> {
     let len = cobs::decode_in_place(frame).ok()?;
     let (message, crc) = frame.get(..len)?.split_last_chunk::<4>()?;
-    (CRC.checksum(message) == u32::from_le_bytes(*crc)).then_some(message.len())
+    (checksum(message) == u32::from_le_bytes(*crc)).then_some(message.len())
 }

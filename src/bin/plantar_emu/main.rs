@@ -7,6 +7,7 @@
 
 mod plant;
 mod port;
+mod time;
 
 use cortex_m::peripheral::{NVIC, SYST};
 use cortex_m_rt::{ExceptionFrame, exception};
@@ -21,14 +22,9 @@ use plantar::wire::{Hello, MAJOR, MINOR, Reset};
 use port::{End, Port};
 use static_cell::{ConstStaticCell, StaticCell};
 use stm32_metapac::{Interrupt, USART1, USART3, interrupt};
-use systick_timer::SystickDriver;
+use time::{RELOAD, Time};
 
-/// The emulator's core clock.
-const CORE_HZ: u64 = 168_000_000;
-/// SysTick counts down from here once a millisecond: the granularity of this board's timers.
-const RELOAD: u32 = (CORE_HZ / 1_000) as u32 - 1;
-
-embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<8> = SystickDriver::new(CORE_HZ, RELOAD));
+embassy_time_driver::time_driver_impl!(static TIME: Time = Time::new());
 
 static LINK: Port = Port::new(USART1);
 static PLANT: Port = Port::new(USART3);
@@ -153,7 +149,7 @@ unsafe fn TIM2() {
 
 #[exception]
 fn SysTick() {
-    TIME.systick_interrupt();
+    TIME.on_interrupt();
 }
 
 #[exception]

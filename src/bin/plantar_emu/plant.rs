@@ -4,16 +4,16 @@
 
 use crate::port::Port;
 use embassy_time::{Duration, with_timeout};
-use plantar::app::{FrameClock, MAX_CELLS, Matrix, MatrixTimeout, Ticker};
+use plantar::app::{FrameClock, Matrix, MatrixTimeout, Ticker};
 use plantar::emulation::{COLUMNS, Head, MATRIX_FILE, SCAN, SETUP_FILE, TICK};
-use plantar::insole::SetupCell;
+use plantar::insole::{DEVICE_CELLS, SetupCell};
 use semihosting::fs::File;
 use semihosting::io::{Read, Seek, SeekFrom};
 
 /// A plant that stays silent for longer has stopped.
 const SILENCE: Duration = Duration::from_millis(100);
 
-/// Room for the set-up of [`MAX_CELLS`] cells.
+/// Room for the set-up of [`DEVICE_CELLS`] cells.
 pub const SETUP_BYTES: usize = 6 * 1024;
 
 /// Reads the set-up file; `None` where it is absent or not whole.
@@ -35,13 +35,9 @@ pub fn read_setup(buffer: &mut [u8; SETUP_BYTES]) -> Option<(Head, impl Iterator
     Some((head, cells))
 }
 
-async fn ask(port: &Port, kind: u8, seq: u32) {
+fn ask(port: &Port, kind: u8, seq: u32) {
     let [a, b, c, d] = seq.to_le_bytes();
-    let request = [kind, a, b, c, d];
-    let mut sent = 0;
-    while sent < request.len() {
-        sent += port.write(&request[sent..]).await;
-    }
+    port.write(&[kind, a, b, c, d]);
 }
 
 async fn answer(port: &Port) -> [u8; 2] {
@@ -83,15 +79,15 @@ impl Matrix for PlantMatrix {
         self.cells.div_ceil(COLUMNS)
     }
 
-    async fn read_row(&mut self, seq: u32, row: usize, codes: &mut [u16; MAX_CELLS]) -> Result<(), MatrixTimeout> {
+    async fn read_row(&mut self, seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout> {
         if row == 0 {
             self.rows_ready = 0;
-            ask(self.port, SCAN, seq).await;
+            ask(self.port, SCAN, seq);
         }
         with_timeout(SILENCE, self.row_ready(seq, row)).await.map_err(|_| MatrixTimeout)?;
         let mut bytes = [0; 2 * COLUMNS];
-        let start = (row * COLUMNS).min(MAX_CELLS);
-        let end = (start + COLUMNS).min(self.cells).min(MAX_CELLS);
+        let start = (row * COLUMNS).min(DEVICE_CELLS);
+        let end = (start + COLUMNS).min(self.cells).min(DEVICE_CELLS);
         let bytes = &mut bytes[..2 * (end - start)];
         self.file.seek(SeekFrom::Start(2 * start as u64)).map_err(|_| MatrixTimeout)?;
         self.file.read_exact(bytes).map_err(|_| MatrixTimeout)?;
@@ -119,7 +115,7 @@ impl FrameClock for Clock {
             Self::Plant { port, seq } => {
                 let this = *seq;
                 *seq = this.wrapping_add(1);
-                ask(port, TICK, this).await;
+                ask(port, TICK, this);
                 while answer(port).await != [TICK, TICK] {}
                 this
             }

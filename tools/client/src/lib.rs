@@ -15,10 +15,14 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum Error {
     /// Nothing that could be understood came back.
-    #[error("no insole answered within {0:?} ({1} damaged frames): check the port, the wiring (docs/hardware.md) and the bit rate")]
+    #[error(
+        "no insole answered within {0:?} ({1} damaged frames): check the port, the wiring (docs/hardware.md) and the bit rate"
+    )]
     NoAnswer(Duration, u32),
     /// The insole speaks another major version.
-    #[error("the insole (firmware {firmware}) speaks protocol {major}.{minor}, this program {MAJOR}.{MINOR}: update the older of the two")]
+    #[error(
+        "the insole (firmware {firmware}) speaks protocol {major}.{minor}, this program {MAJOR}.{MINOR}: update the older of the two"
+    )]
     OtherVersion {
         /// Its firmware.
         firmware: String,
@@ -62,29 +66,23 @@ impl<C: Read + Write> Client<C> {
     pub fn connect(carrier: C, patience: Duration) -> Result<Self, Error> {
         let mut messages =
             Messages { carrier, decoder: Decoder::new(), waiting: VecDeque::new(), unknown: 0, buffer: vec![0; 4096] };
-        let start = Instant::now();
-        while start.elapsed() < patience {
-            messages.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;
-            let asked = Instant::now();
-            while asked.elapsed() < Duration::from_millis(500) {
-                // What came before the hello belongs to an earlier session.
-                let Some(ToHost::Hello(hello)) = messages.next()? else { continue };
-                if hello.major != MAJOR {
-                    let firmware = hello.firmware.as_str().into();
-                    return Err(Error::OtherVersion { firmware, major: hello.major, minor: hello.minor });
-                }
-                return Ok(Self {
-                    messages,
-                    hello,
-                    frames_sent: 0,
-                    frames_received: 0,
-                    frames_lost: 0,
-                    next_live: None,
-                    next_step: None,
-                });
-            }
-        }
-        Err(Error::NoAnswer(patience, messages.damaged()))
+        let hello = messages.greet(patience)?;
+        Ok(Self {
+            messages,
+            hello,
+            frames_sent: 0,
+            frames_received: 0,
+            frames_lost: 0,
+            next_live: None,
+            next_step: None,
+        })
+    }
+
+    /// Opens the session anew, as after a silence, and returns what the insole says of itself now. The live stream is off.
+    pub fn reconnect(&mut self, patience: Duration) -> Result<&Hello, Error> {
+        self.hello = self.messages.greet(patience)?;
+        self.next_live = None;
+        Ok(&self.hello)
     }
 
     /// Who answered.
@@ -110,7 +108,8 @@ impl<C: Read + Write> Client<C> {
                 self.next_live = Some(live.sequence.wrapping_add(1));
             }
             ToHost::Step(step) => {
-                let is_known = self.next_step.is_some_and(|next| next.wrapping_sub(step.step).wrapping_sub(1) < u32::MAX / 2);
+                let is_known =
+                    self.next_step.is_some_and(|next| next.wrapping_sub(step.step).wrapping_sub(1) < u32::MAX / 2);
                 if is_known {
                     return Ok(None);
                 }
@@ -149,6 +148,25 @@ impl<C: Read + Write> Messages<C> {
         let message = wire::encode(&message, &mut bytes).map_err(io::Error::other)?;
         let len = wire::frame(message, &mut framed);
         Ok(self.carrier.write_all(&framed[..len])?)
+    }
+
+    /// Says hello, and again twice a second until the insole answers.
+    fn greet(&mut self, patience: Duration) -> Result<Hello, Error> {
+        let start = Instant::now();
+        while start.elapsed() < patience {
+            self.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;
+            let asked = Instant::now();
+            while asked.elapsed() < Duration::from_millis(500) {
+                // What came before the hello belongs to an earlier session.
+                let Some(ToHost::Hello(hello)) = self.next()? else { continue };
+                if hello.major != MAJOR {
+                    let firmware = hello.firmware.as_str().into();
+                    return Err(Error::OtherVersion { firmware, major: hello.major, minor: hello.minor });
+                }
+                return Ok(hello);
+            }
+        }
+        Err(Error::NoAnswer(patience, self.damaged()))
     }
 
     fn next(&mut self) -> Result<Option<ToHost>, Error> {

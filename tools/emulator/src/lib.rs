@@ -36,7 +36,9 @@ pub enum Time {
 #[derive(Debug, Error)]
 pub enum Error {
     /// QEMU is not installed.
-    #[error("qemu-system-arm not found: install it (Debian and Ubuntu: apt-get install qemu-system-arm; Fedora: dnf install qemu-system-arm; macOS: brew install qemu)")]
+    #[error(
+        "qemu-system-arm not found: install it (Debian and Ubuntu: apt-get install qemu-system-arm; Fedora: dnf install qemu-system-arm; macOS: brew install qemu)"
+    )]
     NoQemu,
     /// The firmware file is missing.
     #[error("no firmware at {0}: build it with `cargo xtask build`")]
@@ -120,6 +122,11 @@ impl Board {
     /// The board's link, a byte stream in both directions.
     pub fn link(&self) -> io::Result<TcpStream> {
         self.link.try_clone()
+    }
+
+    /// Lets the walk begin; in [`Time::Real`] it began with the board.
+    pub fn play(&self) {
+        self.plant.play();
     }
 
     /// The plant that plays the matrix.

@@ -7,6 +7,7 @@ use std::net::TcpStream;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::{Sender, channel};
 
 /// What the matrix does when it is asked for a scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,7 +20,7 @@ pub enum Scan {
 
 /// What the matrix feels.
 pub trait Walk: Send + 'static {
-    /// Number of scans. Where the plant keeps the time, time stands still after them; else the foot stays lifted.
+    /// Number of scans. Where the plant keeps the time, time stands still after them; else the last one stays.
     fn scans(&self) -> u32;
 
     /// Writes the codes of scan number `seq`, below [`Walk::scans`], one a cell in the order of the set-up.
@@ -29,18 +30,16 @@ pub trait Walk: Send + 'static {
 /// The thread that plays the matrix. It ends with the board's port.
 pub struct Plant {
     asked: Arc<AtomicU32>,
+    playing: Sender<()>,
 }
 
 impl Plant {
-    pub(crate) fn start(
-        mut port: TcpStream,
-        matrix: &Path,
-        mut walk: impl Walk,
-    ) -> io::Result<Self> {
+    pub(crate) fn start(mut port: TcpStream, matrix: &Path, mut walk: impl Walk) -> io::Result<Self> {
         let mut file = OpenOptions::new().write(true).open(matrix)?;
         let cells = file.metadata()?.len() as usize / 2;
         let asked = Arc::new(AtomicU32::new(0));
         let count = asked.clone();
+        let (playing, play) = channel();
         std::thread::spawn(move || {
             let mut codes = vec![0; cells];
             let mut bytes = Vec::with_capacity(2 * cells);
@@ -50,9 +49,10 @@ impl Plant {
                 let [kind, a, b, c, d] = request;
                 let seq = u32::from_le_bytes([a, b, c, d]);
                 let answered = match kind {
+                    // Time stands still until someone watches. An end of the sender is the end of the board.
+                    TICK if seq == 0 && play.recv().is_err() => break,
                     TICK if seq < walk.scans() => port.write_all(&[TICK, TICK]),
                     SCAN => {
-                        codes.fill(0);
                         let outcome = if seq < walk.scans() { walk.scan(seq, &mut codes) } else { Scan::Whole };
                         count.store(seq.wrapping_add(1), Ordering::Relaxed);
                         bytes.clear();
@@ -73,7 +73,13 @@ impl Plant {
                 }
             }
         });
-        Ok(Self { asked })
+        Ok(Self { asked, playing })
+    }
+
+    /// Lets time begin, where the plant keeps it.
+    pub fn play(&self) {
+        // A board that has ended has no use for time.
+        let _ = self.playing.send(());
     }
 
     /// Scans asked for so far.

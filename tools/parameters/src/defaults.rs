@@ -1,0 +1,74 @@
+//! Typical parameters by insole size. They are nobody's own: good for a first look at a stream, not for a statement about a
+//! person.
+
+use crate::Parameters;
+use plantar::model::Ellipsoid;
+use std::fmt;
+use std::str::FromStr;
+
+/// European shoe size, 35 to 46 as in the paper's Table 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InsoleSize(u8);
+
+impl FromStr for InsoleSize {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.parse() {
+            Ok(size @ 35..=46) => Ok(Self(size)),
+            _ => Err(format!("{text}: a European shoe size from 35 to 46 is needed")),
+        }
+    }
+}
+
+impl fmt::Display for InsoleSize {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl Default for InsoleSize {
+    fn default() -> Self {
+        Self(42)
+    }
+}
+
+/// Size 42, per region heel to toes: A, B, d0 in mm; K in kPa, G in kPa s, n, m of the gauge form.
+const SIZE_42: [[f64; 7]; 8] = [
+    [31.0, 37.0, 16.0, 600.0, 5.0, 0.8, 1.0],
+    [30.0, 25.0, 12.0, 300.0, 3.0, 0.8, 1.0],
+    [32.0, 24.0, 12.0, 300.0, 3.0, 0.8, 1.0],
+    [28.0, 28.0, 12.0, 700.0, 5.0, 0.8, 1.0],
+    [32.0, 28.0, 10.0, 600.0, 5.0, 0.8, 1.0],
+    [16.0, 22.0, 10.0, 700.0, 5.0, 0.8, 1.0],
+    [10.0, 12.0, 7.0, 600.0, 5.0, 0.8, 1.0],
+    [22.0, 14.0, 7.0, 500.0, 5.0, 0.8, 1.0],
+];
+
+/// Share of its thickness by which tissue is taken to be compressed at most (45.7 % under the metatarsal heads, Cavanagh
+/// 1999), and the share of C that this is where contact covers 90 % of pi A B (Eq. 14). Together they pin C.
+const LARGEST_STRAIN: f64 = 0.457;
+const LARGEST_GAUGE: f64 = 0.68;
+
+impl Parameters {
+    /// Typical values for a size: lengths in proportion to the size, material the same for all.
+    pub fn typical(size: InsoleSize) -> Self {
+        let scale = f64::from(size.0) / 42.0;
+        let regions = SIZE_42.map(|[a_mm, b_mm, d0_mm, stiffness_kpa, damping_kpa_s, n, m]| {
+            let d0_m = d0_mm * scale * 1e-3;
+            let c_m = LARGEST_STRAIN * d0_m / LARGEST_GAUGE;
+            Ellipsoid {
+                a_m: a_mm * scale * 1e-3,
+                b_m: b_mm * scale * 1e-3,
+                c_m,
+                d0_m,
+                // K = k C^(n+1) / d0^n and G = c C^(m+1) / d0^m, solved for k and c.
+                k: stiffness_kpa * 1e3 * d0_m.powf(n) / c_m.powf(n + 1.0),
+                n,
+                c: damping_kpa_s * 1e3 * d0_m.powf(m) / c_m.powf(m + 1.0),
+                m,
+            }
+        });
+        Self { subject: format!("typical, size {size}"), personal: false, regions }
+    }
+}

@@ -1,0 +1,169 @@
+//! `plantar emulate`: the real firmware feels a recording.
+
+use crate::monitor::{ANSWER, PATIENCE};
+use crate::setup::{Contact, Wearer};
+use crate::summary;
+use crate::view::View;
+use anyhow::{Context, Result, bail};
+use clap::{Args, ValueEnum};
+use client::{Client, step_to_json};
+use emulator::{Board, Scan, Time, Walk};
+use plantar::emulation::Head;
+use plantar::insole::DEVICE_CELLS;
+use plantar::wire::{Status, Step, ToDevice, ToHost};
+use recording::{Recording, VirtualInsole};
+use std::net::TcpStream;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// An insole that streams is never silent for this long.
+const SILENCE: Duration = Duration::from_secs(10);
+
+/// Boots the firmware in QEMU, plays a recording into its sensor matrix, and shows what comes over its link.
+#[derive(Args)]
+pub struct Emulate {
+    /// The recording; of at most 256 cells (`plantar import ... --cells 256`).
+    recording: PathBuf,
+    #[command(flatten)]
+    wearer: Wearer,
+    #[command(flatten)]
+    contact: Contact,
+    /// In real time, or as fast as the emulator can.
+    #[arg(long, value_enum, default_value_t = Speed::Real)]
+    speed: Speed,
+    /// End after this many steps.
+    #[arg(long, value_name = "N")]
+    steps: Option<usize>,
+    /// Write the steps and what became of the live frames to this file.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// The firmware of the emulated board.
+    #[arg(long, value_name = "FILE", default_value = "target/thumbv7em-none-eabihf/firmware/plantar_emu")]
+    firmware: PathBuf,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Speed {
+    Real,
+    Max,
+}
+
+/// A recording as the matrix of the emulated board.
+struct Played {
+    recording: Recording,
+    worn: VirtualInsole,
+}
+
+impl Walk for Played {
+    fn scans(&self) -> u32 {
+        self.worn.frames(&self.recording) as u32
+    }
+
+    fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
+        self.worn.codes_of(&self.recording, seq as usize, codes);
+        Scan::Whole
+    }
+}
+
+/// What a whole walk gave.
+struct Outcome {
+    steps: Vec<Step>,
+    status: Status,
+}
+
+impl Emulate {
+    pub fn run(&self) -> Result<()> {
+        let recording = Recording::read(&self.recording)?;
+        if recording.cells() > DEVICE_CELLS {
+            bail!(
+                "{} has {} cells and the insole holds {DEVICE_CELLS}: import it again with --cells {DEVICE_CELLS}",
+                self.recording.display(),
+                recording.cells()
+            );
+        }
+        println!("{}", recording.source);
+        let tissue = self.wearer.parameters()?.tissue();
+        let worn = self.contact.insole(&recording);
+        let head = Head { setup: worn.setup, tissue, paced: false };
+        let cells = worn.cells.clone();
+        let seconds = recording.frames() as f64 / recording.rate_hz;
+        let played = Played { recording, worn };
+        let scans = played.scans();
+        let time = match self.speed {
+            Speed::Real => Time::Real,
+            Speed::Max => Time::Max,
+        };
+        let board = Board::start(&self.firmware, &head, &cells, time, played)?;
+        let link = board.link()?;
+        link.set_read_timeout(Some(PATIENCE))?;
+        let mut client = Client::connect(link, ANSWER)?;
+        let mut view = View::open(client.hello())?;
+        let start = Instant::now();
+        let outcome = self.follow(&board, &mut client, &mut view, scans);
+        view.close();
+        let Outcome { steps, status } = outcome?;
+        let counters = client.counters();
+        summary::print(&steps);
+        println!(
+            "{} frames of {seconds:.1} s in {:.1} s; live frames: {} sent, {} received, {} lost, {} damaged; scans missed: {}, overrun: {}",
+            status.frames,
+            start.elapsed().as_secs_f64(),
+            counters.frames_sent,
+            counters.frames_received,
+            counters.frames_lost,
+            counters.crc_errors,
+            status.frames_missed,
+            status.frames_overrun
+        );
+        if let Some(path) = &self.json {
+            let steps: Vec<_> = steps.iter().map(step_to_json).collect();
+            let text = serde_json::to_string_pretty(&serde_json::json!({ "steps": steps, "link": counters }))? + "\n";
+            std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        }
+        Ok(())
+    }
+
+    /// Receives until the walk is over and everything of it has arrived, or the user or a limit ends it.
+    fn follow(&self, board: &Board, client: &mut Client<TcpStream>, view: &mut View, scans: u32) -> Result<Outcome> {
+        client.send(ToDevice::Stream { live: true })?;
+        board.play();
+        let mut steps = Vec::new();
+        let mut asked = false;
+        let mut heard = Instant::now();
+        loop {
+            match client.receive()? {
+                Some(ToHost::Live(live)) => view.live(&live, client.counters())?,
+                Some(ToHost::Step(step)) => {
+                    client.send(ToDevice::Acknowledge { step: step.step })?;
+                    if self.steps.is_none_or(|limit| steps.len() < limit) {
+                        view.step(&step)?;
+                        steps.push(step);
+                    }
+                }
+                // A status comes after all that was due before it.
+                Some(ToHost::Status(status)) => {
+                    let done = status.frames + status.frames_missed + status.frames_overrun;
+                    if done >= scans || self.has_enough(&steps) || view.wants_to_end()? {
+                        return Ok(Outcome { steps, status });
+                    }
+                    asked = false;
+                }
+                Some(ToHost::Hello(_)) => bail!("the insole restarted"),
+                None if heard.elapsed() > SILENCE => {
+                    let hello = client.reconnect(ANSWER).context("the insole has fallen silent")?;
+                    bail!("the insole restarted: {:?}, {}", hello.reset, hello.last_panic.as_deref().unwrap_or("no panic"))
+                }
+                None => continue,
+            }
+            heard = Instant::now();
+            if !asked && (board.plant().scans() >= scans || self.has_enough(&steps) || view.wants_to_end()?) {
+                asked = true;
+                client.send(ToDevice::GetStatus)?;
+            }
+        }
+    }
+
+    fn has_enough(&self, steps: &[Step]) -> bool {
+        self.steps.is_some_and(|limit| steps.len() >= limit)
+    }
+}

@@ -1,0 +1,144 @@
+//! Every frame's live values as a table: CSV or Parquet, one row a frame, empty where there is no value.
+
+use anyhow::{Context, Result, bail};
+use parquet::basic::{Compression, Repetition, Type as Physical};
+use parquet::data_type::DoubleType;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::Type;
+use plantar::insole::Insole;
+use plantar::{Real, Region};
+use std::fs::File;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Columns of one region; each is `<region>_<name>`.
+const REGION_COLUMNS: [&str; 11] = [
+    "area_mm2",
+    "measured_force_n",
+    "deformation_mm",
+    "model_force_n",
+    "cop_x_mm",
+    "cop_y_mm",
+    "ellipse_x_mm",
+    "ellipse_y_mm",
+    "ellipse_r_a_mm",
+    "ellipse_r_b_mm",
+    "ellipse_angle_deg",
+];
+
+/// Rows of one Parquet row group.
+const GROUP: usize = 16_384;
+
+/// Writes live values as they come.
+pub struct FrameWriter {
+    sink: Sink,
+    row: Vec<Option<f64>>,
+}
+
+enum Sink {
+    Csv(Box<csv::Writer<File>>),
+    Parquet { file: Box<SerializedFileWriter<File>>, columns: Vec<Vec<Option<f64>>> },
+}
+
+impl FrameWriter {
+    /// A file by its ending, .csv or .parquet.
+    pub fn create(path: &Path) -> Result<Self> {
+        let names = column_names();
+        let create = || File::create(path).with_context(|| format!("cannot write {}", path.display()));
+        let sink = match path.extension().and_then(|e| e.to_str()) {
+            Some("csv") => {
+                let mut file = csv::Writer::from_writer(create()?);
+                file.write_record(&names)?;
+                Sink::Csv(Box::new(file))
+            }
+            Some("parquet") => {
+                let field = |name: &String| {
+                    Type::primitive_type_builder(name, Physical::DOUBLE).with_repetition(Repetition::OPTIONAL).build()
+                };
+                let fields = names.iter().map(|name| field(name).map(Arc::new)).collect::<Result<_, _>>()?;
+                let schema = Arc::new(Type::group_type_builder("frame").with_fields(fields).build()?);
+                let properties = WriterProperties::builder().set_compression(Compression::SNAPPY).build();
+                let file = SerializedFileWriter::new(create()?, schema, Arc::new(properties))?;
+                Sink::Parquet { file: Box::new(file), columns: vec![Vec::new(); names.len()] }
+            }
+            _ => bail!("{}: give the file the ending .csv or .parquet", path.display()),
+        };
+        Ok(Self { sink, row: Vec::with_capacity(names.len()) })
+    }
+
+    /// The values of the insole's last frame at time `t_s`.
+    pub fn push<R: Real, const N: usize>(&mut self, t_s: f64, insole: &Insole<R, N>) -> Result<()> {
+        let loads = insole.loads();
+        let total_n: f64 = loads.iter().map(|load| load.frame.force.force_n.to_f64()).sum();
+        let row = &mut self.row;
+        row.clear();
+        row.extend([Some(t_s), Some(total_n)]);
+        for (i, load) in loads.iter().enumerate() {
+            let cop = insole.centre_of_pressure_mm(i);
+            let ellipse = insole.ellipse(i);
+            row.extend([
+                Some(load.frame.area.area_mm2.to_f64()),
+                Some(load.frame.force.force_n.to_f64()),
+                Some(load.tissue.deformation_m.to_f64() * 1e3),
+                Some(load.tissue.model_n.to_f64()),
+                cop.map(|(x, _)| x.to_f64()),
+                cop.map(|(_, y)| y.to_f64()),
+                ellipse.map(|e| e.x_mm.to_f64()),
+                ellipse.map(|e| e.y_mm.to_f64()),
+                ellipse.map(|e| e.r_a_mm.to_f64()),
+                ellipse.map(|e| e.r_b_mm.to_f64()),
+                ellipse.map(|e| f64::from(e.angle_deg())),
+            ]);
+        }
+        match &mut self.sink {
+            Sink::Csv(file) => {
+                let fields = row.iter().map(|value| value.map(|v| v.to_string()).unwrap_or_default());
+                file.write_record(fields)?;
+            }
+            Sink::Parquet { file, columns } => {
+                for (column, &value) in columns.iter_mut().zip(row.iter()) {
+                    column.push(value);
+                }
+                if columns.first().is_some_and(|column| column.len() >= GROUP) {
+                    write_group(file, columns)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes what is left and closes the file.
+    pub fn finish(self) -> Result<()> {
+        match self.sink {
+            Sink::Csv(mut file) => file.flush()?,
+            Sink::Parquet { mut file, mut columns } => {
+                write_group(&mut file, &mut columns)?;
+                file.close()?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn column_names() -> Vec<String> {
+    let regions =
+        Region::ALL.iter().flat_map(|r| REGION_COLUMNS.iter().map(move |column| format!("{}_{column}", r.name())));
+    ["t_s".into(), "total_force_n".into()].into_iter().chain(regions).collect()
+}
+
+/// Writes the columns as one row group and empties them.
+fn write_group(file: &mut SerializedFileWriter<File>, columns: &mut [Vec<Option<f64>>]) -> Result<()> {
+    let mut group = file.next_row_group()?;
+    for column in columns {
+        // As many columns as the schema has.
+        let Some(mut writer) = group.next_column()? else { break };
+        let values: Vec<f64> = column.iter().flatten().copied().collect();
+        let defined: Vec<i16> = column.iter().map(|value| i16::from(value.is_some())).collect();
+        writer.typed::<DoubleType>().write_batch(&values, Some(&defined), None)?;
+        writer.close()?;
+        column.clear();
+    }
+    group.close()?;
+    Ok(())
+}

@@ -1,0 +1,143 @@
+//! `plantar import`.
+
+use crate::replay::progress;
+use anyhow::{Result, bail};
+use clap::{Args, Subcommand, ValueEnum};
+use plantar::Side;
+use recording::{Recording, csv, jiku, pedar};
+use std::path::{Path, PathBuf};
+
+#[derive(Subcommand)]
+pub enum Import {
+    /// Two CSV files: where the cells lie, and what they read.
+    ///
+    /// layout.csv has the columns cell,x_mm,y_mm,area_mm2 and optionally region, one line a cell, numbered from 0; x to the
+    /// lateral side, y from heel to toes. Without regions a template assigns them. frames.csv has the columns
+    /// t_s,c0,c1,... with pressures in kPa.
+    Csv {
+        /// The cells.
+        #[arg(long, value_name = "FILE")]
+        layout: PathBuf,
+        /// The pressures.
+        #[arg(long, value_name = "FILE")]
+        frames: PathBuf,
+        /// The foot.
+        #[arg(long, value_enum)]
+        side: Foot,
+        #[command(flatten)]
+        out: Out,
+    },
+    /// A pedar .asc export of in-shoe pressure, and the insole's geometry.
+    ///
+    /// The geometry is a CSV file with the columns side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm: the corners of each
+    /// sensor. Without --side both feet are written, as NAME.left.parquet and NAME.right.parquet.
+    Pedar {
+        /// The export.
+        file: PathBuf,
+        /// The geometry.
+        #[arg(long, value_name = "FILE")]
+        geometry: PathBuf,
+        /// Only this foot.
+        #[arg(long, value_enum)]
+        side: Option<Foot>,
+        #[command(flatten)]
+        out: Out,
+    },
+    /// Barefoot steps on a plate from the Python package jiku-data (data set SpeedPP2DS, GPLv3, 10 walkers).
+    ///
+    /// Each trial of that set is one footprint; they are strung together with unloaded swing between.
+    Jiku {
+        /// The folder SpeedPP2DS of the installed package.
+        #[arg(long, value_name = "FOLDER")]
+        data: PathBuf,
+        /// The walker, 0 to 9.
+        #[arg(long, default_value_t = 0)]
+        walker: usize,
+        /// How many of the 60 trials, from the first.
+        #[arg(long, value_name = "N", default_value_t = 60)]
+        trials: usize,
+        #[command(flatten)]
+        out: Out,
+    },
+}
+
+#[derive(Args)]
+pub struct Out {
+    /// The recording to write.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Merge cells into a virtual insole of at most this many; a device holds 256.
+    #[arg(long, value_name = "N")]
+    cells: Option<usize>,
+    /// Resample to this many frames a second; a device scans 50 to 400 times.
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+pub enum Foot {
+    Left,
+    Right,
+}
+
+impl From<Foot> for Side {
+    fn from(foot: Foot) -> Self {
+        match foot {
+            Foot::Left => Side::Left,
+            Foot::Right => Side::Right,
+        }
+    }
+}
+
+impl Import {
+    pub fn run(&self) -> Result<()> {
+        let bar = progress(0, "bytes");
+        let mut report = |done, total| {
+            bar.set_length(total);
+            bar.set_position(done);
+        };
+        match self {
+            Self::Csv { layout, frames, side, out } => {
+                let recording = csv::import(layout, frames, (*side).into(), &mut report)?;
+                bar.finish_and_clear();
+                out.write(recording, &out.out)
+            }
+            Self::Pedar { file, geometry, side: Some(side), out } => {
+                let recording = pedar::import(file, geometry, (*side).into(), &mut report)?;
+                bar.finish_and_clear();
+                out.write(recording, &out.out)
+            }
+            Self::Pedar { file, geometry, side: None, out } => {
+                for (foot, name) in [(Side::Left, "left"), (Side::Right, "right")] {
+                    let recording = pedar::import(file, geometry, foot, &mut report)?;
+                    bar.finish_and_clear();
+                    out.write(recording, &out.out.with_extension(format!("{name}.parquet")))?;
+                }
+                Ok(())
+            }
+            Self::Jiku { data, walker, trials, out } => {
+                if *trials == 0 || *trials > jiku::TRIALS {
+                    bail!("--trials {trials}: 1 to {} are there", jiku::TRIALS);
+                }
+                let recording = jiku::import(data, *walker, 0..*trials, &mut report)?;
+                bar.finish_and_clear();
+                out.write(recording, &out.out)
+            }
+        }
+    }
+}
+
+impl Out {
+    fn write(&self, mut recording: Recording, path: &Path) -> Result<()> {
+        if let Some(rate_hz) = self.rate {
+            recording = recording.at_rate(rate_hz)?;
+        }
+        if let Some(cells) = self.cells {
+            recording = recording.binned(cells)?;
+        }
+        recording.write(path)?;
+        println!("wrote {}", path.display());
+        crate::info::print(&recording);
+        Ok(())
+    }
+}

@@ -1,0 +1,42 @@
+//! `plantar info`.
+
+use anyhow::Result;
+use clap::Args;
+use plantar::{Region, Side};
+use recording::Recording;
+use std::path::PathBuf;
+
+/// Prints what is in a recording: foot, rate, length, cells by region, forces, where it comes from.
+#[derive(Args)]
+pub struct Info {
+    /// The recording.
+    recording: PathBuf,
+}
+
+impl Info {
+    pub fn run(&self) -> Result<()> {
+        print(&Recording::read(&self.recording)?);
+        Ok(())
+    }
+}
+
+/// Prints a recording's summary.
+pub fn print(recording: &Recording) {
+    let side = match recording.side {
+        Side::Left => "left",
+        Side::Right => "right",
+    };
+    let seconds = recording.frames() as f64 / recording.rate_hz;
+    let largest_n = (0..recording.frames()).map(|i| recording.force_n(i)).fold(0.0, f64::max);
+    let largest_kpa = recording.pressure_kpa.iter().copied().fold(0.0, f32::max);
+    println!("source    {}", recording.source);
+    println!("foot      {side}");
+    println!("frames    {} at {:.2} Hz, {seconds:.1} s", recording.frames(), recording.rate_hz);
+    println!("largest   {largest_n:.0} N in all, {largest_kpa:.0} kPa on a cell");
+    println!("layout    {}, {} cells", recording.layout.name, recording.cells());
+    for region in Region::ALL {
+        let areas: Vec<f64> =
+            recording.layout.cells.iter().filter(|c| c.region == region).map(|c| c.area_mm2).collect();
+        println!("          {:<18} {:>4} cells {:>6.0} mm2", region.name(), areas.len(), areas.iter().sum::<f64>());
+    }
+}

@@ -1,0 +1,69 @@
+//! The command line of Plantar.
+
+mod emulate;
+mod frames;
+mod import;
+mod info;
+mod monitor;
+mod params;
+mod picture;
+mod replay;
+mod setup;
+mod summary;
+mod view;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Regional loads, contact ellipses and tissue deformation from instrumented insoles.
+///
+/// A recording is one Parquet file for one foot. Import one, look at it, replay it on this computer, or let the emulated
+/// insole feel it; the steps are the same:
+///
+///   plantar import csv --layout layout.csv --frames frames.csv --side left --out walk.parquet
+///   plantar info walk.parquet
+///   plantar replay walk.parquet --json steps.json
+///   plantar emulate walk.parquet
+///   plantar monitor --serial /dev/ttyACM0
+#[derive(Parser)]
+#[command(version, verbatim_doc_comment)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Make a recording from what another system exported.
+    #[command(subcommand)]
+    Import(import::Import),
+    /// Say what is in a recording.
+    Info(info::Info),
+    /// Compute a recording's steps on this computer, as the insole would.
+    Replay(replay::Replay),
+    /// Let the emulated insole feel a recording, and watch what it sends.
+    Emulate(emulate::Emulate),
+    /// Watch an insole over its link.
+    Monitor(monitor::Monitor),
+    /// Tissue parameters.
+    #[command(subcommand)]
+    Params(params::Params),
+}
+
+fn main() -> ExitCode {
+    let done = match Arguments::parse().command {
+        Command::Import(import) => import.run(),
+        Command::Info(info) => info.run(),
+        Command::Replay(replay) => replay.run(),
+        Command::Emulate(emulate) => emulate.run(),
+        Command::Monitor(monitor) => monitor.run(),
+        Command::Params(params) => params.run(),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

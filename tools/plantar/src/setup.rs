@@ -1,0 +1,56 @@
+//! Options that several commands share: the wearer's parameters and the contact rule.
+
+use anyhow::Result;
+use clap::Args;
+use parameters::{InsoleSize, Parameters};
+use plantar::contact::ContactRule;
+use recording::{Recording, VirtualInsole};
+use std::path::PathBuf;
+
+#[derive(Args)]
+pub struct Wearer {
+    /// The wearer's tissue parameters, a TOML file (`plantar params typical` writes one to start from).
+    #[arg(long, value_name = "FILE")]
+    params: Option<PathBuf>,
+    /// Without --params: typical, not personal, parameters for this European shoe size, 35 to 46.
+    #[arg(long, default_value_t, conflicts_with = "params")]
+    size: InsoleSize,
+}
+
+impl Wearer {
+    /// The parameters, with a word on stderr where they are not personal.
+    pub fn parameters(&self) -> Result<Parameters> {
+        let parameters = match &self.params {
+            Some(path) => Parameters::read(path)?,
+            None => Parameters::typical(self.size),
+        };
+        if !parameters.personal {
+            eprintln!(
+                "note: parameters \"{}\" are not personal: model force and deformation are a rough guide",
+                parameters.subject
+            );
+        }
+        Ok(parameters)
+    }
+}
+
+#[derive(Args)]
+pub struct Contact {
+    /// A cell comes into contact at this pressure, kPa.
+    #[arg(long, value_name = "KPA", default_value_t = ContactRule::COUNTED.on_kpa)]
+    contact_on: f32,
+    /// and leaves it below this one, kPa.
+    #[arg(long, value_name = "KPA", default_value_t = ContactRule::COUNTED.off_kpa)]
+    contact_off: f32,
+    /// Count a cell in contact by the share p / KPA, at most whole; without it every cell in contact counts whole.
+    #[arg(long, value_name = "KPA", default_value_t = ContactRule::COUNTED.full_kpa, hide_default_value = true)]
+    contact_full: f32,
+}
+
+impl Contact {
+    /// The insole that feels `recording` under this rule.
+    pub fn insole(&self, recording: &Recording) -> VirtualInsole {
+        let rule = ContactRule { on_kpa: self.contact_on, off_kpa: self.contact_off, full_kpa: self.contact_full };
+        VirtualInsole::new(recording, rule, plantar::stance::StanceRule::WALKING)
+    }
+}

@@ -1,0 +1,87 @@
+//! Steps as a table for the terminal.
+
+use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
+use plantar::Region;
+use plantar::wire::Step;
+
+/// Short names for narrow columns, in the order of [`Region::ALL`].
+pub const SHORT: [&str; 8] = ["Heel", "P.midfoot", "A.midfoot", "Met 1-2", "Met 3-5", "Hallux", "Toe 2", "Toes 3-5"];
+
+/// Prints one row a step and the mean of every region.
+pub fn print(steps: &[Step]) {
+    let Some(first) = steps.first() else {
+        println!("no steps");
+        return;
+    };
+    let mut table = table();
+    let mut header = vec!["step".to_string(), "start s".into(), "stance s".into()];
+    header.extend(SHORT.iter().map(|name| format!("{name} N")));
+    table.set_header(header);
+    for step in steps {
+        let mut row = vec![
+            step.step.to_string(),
+            format!("{:.2}", step.start_us as f64 / 1e6),
+            format!("{:.2}", f64::from(step.duration_us) / 1e6),
+        ];
+        row.extend(step.regions.iter().enumerate().map(|(i, r)| {
+            let saturated = if step.saturated >> i & 1 == 1 { ">" } else { "" };
+            format!("{saturated}{:.0} / {:.0}", f64::from(r.measured_peak_dn) / 10.0, f64::from(r.model_peak_dn) / 10.0)
+        }));
+        table.add_row(row);
+    }
+    align(&mut table);
+    println!("Peak force a step, measured / model:\n{table}");
+
+    let mut table = self::table();
+    table.set_header([
+        "region",
+        "force N",
+        "model N",
+        "area mm2",
+        "ellipse mm",
+        "deformation mm",
+        "contact s",
+        "model error %",
+    ]);
+    for (i, region) in Region::ALL.iter().enumerate() {
+        let loaded: Vec<_> = steps.iter().map(|s| &s.regions[i]).filter(|r| r.contact_ms > 0).collect();
+        let mean = |value: fn(&plantar::wire::StepRegion) -> f64| {
+            loaded.iter().map(|r| value(r)).sum::<f64>() / loaded.len() as f64
+        };
+        if loaded.is_empty() {
+            table.add_row([region.name(), "-", "-", "-", "-", "-", "-", "-"]);
+            continue;
+        }
+        table.add_row([
+            region.name().to_string(),
+            format!("{:.1}", mean(|r| f64::from(r.measured_peak_dn) / 10.0)),
+            format!("{:.1}", mean(|r| f64::from(r.model_peak_dn) / 10.0)),
+            format!("{:.0}", mean(|r| f64::from(r.area_peak_mm2))),
+            format!(
+                "{:.1} x {:.1}",
+                mean(|r| f64::from(r.ellipse_r_a_cmm) / 100.0),
+                mean(|r| f64::from(r.ellipse_r_b_cmm) / 100.0)
+            ),
+            format!("{:.2}", mean(|r| f64::from(r.deformation_peak_um) / 1000.0)),
+            format!("{:.2}", mean(|r| f64::from(r.contact_ms) / 1000.0)),
+            format!("{:.1}", mean(|r| f64::from(r.model_error_bp) / 100.0)),
+        ]);
+    }
+    align(&mut table);
+    println!("Mean of {} steps, peaks:\n{table}", steps.len());
+    let rule = first.contact_rule;
+    let counted = if rule.full_kpa > 0.0 { format!("by the share of {} kPa", rule.full_kpa) } else { "whole".into() };
+    println!("Contact: on at {} kPa, off below {} kPa, cells counted {counted}.", rule.on_kpa, rule.off_kpa);
+}
+
+fn table() -> Table {
+    let mut table = Table::new();
+    table.load_preset(presets::UTF8_HORIZONTAL_ONLY).set_content_arrangement(ContentArrangement::Disabled);
+    table
+}
+
+fn align(table: &mut Table) {
+    for column in table.column_iter_mut() {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+}

@@ -1,0 +1,174 @@
+//! Eight regional loads moving in the terminal; without a terminal, a line a step.
+
+use crate::summary::SHORT;
+use anyhow::Result;
+use client::LinkCounters;
+use plantar::Side;
+use plantar::wire::{Hello, Live, Step};
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyModifiers};
+use ratatui::layout::{Constraint, Layout};
+use ratatui::style::{Color, Style, Stylize};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Paragraph};
+use ratatui::{DefaultTerminal, Frame};
+use std::io::IsTerminal;
+use std::time::{Duration, Instant};
+
+/// Pictures a second are enough for an eye.
+const PICTURE: Duration = Duration::from_millis(33);
+/// Steps that are listed while running.
+const LISTED: usize = 6;
+
+/// What is on the screen.
+pub struct View {
+    title: String,
+    terminal: Option<DefaultTerminal>,
+    drawn: Option<Instant>,
+    live: Live,
+    counters: LinkCounters,
+    /// Largest force seen, the end of the scale, 0.1 N.
+    scale_dn: u16,
+    steps: Vec<Step>,
+    ended: bool,
+}
+
+impl View {
+    /// Opens the screen where there is one.
+    pub fn open(hello: &Hello) -> Result<Self> {
+        let side = match hello.side {
+            Side::Left => "left",
+            Side::Right => "right",
+        };
+        let rate_hz = 1e6 / f64::from(hello.period_us);
+        let title = format!(
+            " {} insole, {} cells at {rate_hz:.0} Hz, {} board, firmware {} ",
+            side, hello.cells, hello.board, hello.firmware
+        );
+        if let Some(panic) = &hello.last_panic {
+            eprintln!("note: the insole restarted after a fault: {panic}");
+        }
+        let terminal = if std::io::stdout().is_terminal() {
+            Some(ratatui::try_init()?)
+        } else {
+            println!("{}", title.trim());
+            None
+        };
+        Ok(Self {
+            title,
+            terminal,
+            drawn: None,
+            live: Live::default(),
+            counters: LinkCounters::default(),
+            scale_dn: 1000,
+            steps: Vec::new(),
+            ended: false,
+        })
+    }
+
+    /// Shows a frame.
+    pub fn live(&mut self, live: &Live, counters: LinkCounters) -> Result<()> {
+        self.live = *live;
+        self.counters = counters;
+        for region in &live.regions {
+            self.scale_dn = self.scale_dn.max(region.measured_dn).max(region.model_dn);
+        }
+        let due = self.drawn.is_none_or(|drawn| drawn.elapsed() >= PICTURE);
+        if let Some(mut terminal) = self.terminal.take_if(|_| due) {
+            self.drawn = Some(Instant::now());
+            terminal.draw(|frame| self.draw(frame))?;
+            self.terminal = Some(terminal);
+        }
+        Ok(())
+    }
+
+    /// Lists a step.
+    pub fn step(&mut self, step: &Step) -> Result<()> {
+        self.steps.push(*step);
+        if self.terminal.is_none() {
+            println!("{}", step_line(step));
+        }
+        Ok(())
+    }
+
+    /// True once q, Esc or Ctrl-C was pressed.
+    pub fn wants_to_end(&mut self) -> Result<bool> {
+        while self.terminal.is_some() && event::poll(Duration::ZERO)? {
+            let Event::Key(key) = event::read()? else { continue };
+            let control_c = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
+            self.ended |= control_c || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc);
+        }
+        Ok(self.ended)
+    }
+
+    /// Gives the terminal back.
+    pub fn close(&mut self) {
+        if self.terminal.take().is_some() {
+            ratatui::restore();
+        }
+    }
+
+    fn draw(&self, frame: &mut Frame) {
+        let areas =
+            Layout::vertical([Constraint::Length(11), Constraint::Length(LISTED as u16 + 2), Constraint::Length(1)]);
+        let [loads, steps, footer] = areas.areas(frame.area());
+        let width = usize::from(loads.width).saturating_sub(62).max(10);
+        let mut lines = vec![
+            Line::from(format!("{:<10} {:>8} {:>8} {:>9} {:>8}  ", "", "force N", "model N", "area mm2", "deform mm"))
+                .dim(),
+        ];
+        for (i, (name, r)) in SHORT.iter().zip(&self.live.regions).enumerate() {
+            let cells = |dn: u16| usize::from(dn) * width / usize::from(self.scale_dn);
+            let (measured, model) = (cells(r.measured_dn), cells(r.model_dn));
+            let bar = (0..width).map(|x| match (x < measured, x + 1 == model) {
+                (_, true) => Span::styled("|", Style::new().fg(Color::Yellow)),
+                (true, _) => Span::styled("█", Style::new().fg(Color::Cyan)),
+                _ => Span::raw(" "),
+            });
+            let flag = if self.live.saturated >> i & 1 == 1 { "saturated" } else { "" };
+            let numbers = format!(
+                "{name:<10} {:>8.1} {:>8.1} {:>9} {:>8.2}  ",
+                f64::from(r.measured_dn) / 10.0,
+                f64::from(r.model_dn) / 10.0,
+                r.area_mm2,
+                f64::from(r.deformation_um) / 1000.0
+            );
+            let spans =
+                std::iter::once(Span::raw(numbers)).chain(bar).chain([Span::styled(flag, Style::new().fg(Color::Red))]);
+            lines.push(Line::from(spans.collect::<Vec<_>>()));
+        }
+        frame.render_widget(Paragraph::new(lines).block(Block::bordered().title(self.title.as_str())), loads);
+        let listed = self.steps.iter().rev().take(LISTED).map(|step| Line::from(step_line(step))).collect::<Vec<_>>();
+        let title = format!(" {} steps, newest first: peak force N, measured ", self.steps.len());
+        frame.render_widget(Paragraph::new(listed).block(Block::bordered().title(title)), steps);
+        let c = &self.counters;
+        let text = format!(
+            " {:.2} s   bar: measured, |: model   frames {} received, {} lost, {} damaged   q ends",
+            self.live.t_us as f64 / 1e6,
+            c.frames_received,
+            c.frames_lost,
+            c.crc_errors
+        );
+        frame.render_widget(Paragraph::new(text).dim(), footer);
+    }
+}
+
+impl Drop for View {
+    fn drop(&mut self) {
+        self.close();
+    }
+}
+
+fn step_line(step: &Step) -> String {
+    let peaks: Vec<_> = SHORT
+        .iter()
+        .zip(&step.regions)
+        .map(|(name, r)| format!("{name} {:.0}", f64::from(r.measured_peak_dn) / 10.0))
+        .collect();
+    format!(
+        "step {} at {:.2} s, {:.2} s: {}",
+        step.step,
+        step.start_us as f64 / 1e6,
+        f64::from(step.duration_us) / 1e6,
+        peaks.join("  ")
+    )
+}

@@ -1,0 +1,99 @@
+//! Virtual insoles: the same load on fewer cells.
+
+use crate::{Cell, Error, Layout, Recording, Result};
+use plantar::Region;
+use std::collections::BTreeMap;
+
+/// The pitch is searched in steps of this many mm.
+const PITCH_STEP_MM: f64 = 0.1;
+
+pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
+    if recording.cells() <= max_cells {
+        return Ok(recording.clone());
+    }
+    let loaded = loaded_cells(recording);
+    let cells = &recording.layout.cells;
+    if loaded.len() <= max_cells {
+        let groups: Vec<_> = loaded.iter().map(|&i| vec![i]).collect();
+        let done = format!("Reduced to the {} cells ever loaded.", groups.len());
+        return Ok(merged(recording, &groups, &done));
+    }
+    let regions = Region::ALL.into_iter().filter(|&region| loaded.iter().any(|&i| cells[i].region == region)).count();
+    if max_cells < regions {
+        return Err(Error::content(
+            "binning",
+            format!("{regions} loaded regions do not fit into {max_cells} cells"),
+            format!("allow at least {regions} cells"),
+        ));
+    }
+    let (pitch_mm, groups) = (1u32..)
+        .map(|k| f64::from(k) * PITCH_STEP_MM)
+        .map(|pitch_mm| (pitch_mm, squares(cells, &loaded, pitch_mm)))
+        .find(|(_, groups)| groups.len() <= max_cells)
+        .expect("one square in the end holds the whole foot, and its regions fit");
+    let done = format!(
+        "Merged {} loaded cells into {} on a {pitch_mm:.1} mm grid within each region.",
+        loaded.len(),
+        groups.len()
+    );
+    Ok(merged(recording, &groups, &done))
+}
+
+/// The cells that carry load in some frame; all of them if none does.
+fn loaded_cells(recording: &Recording) -> Vec<usize> {
+    let cells = recording.cells();
+    let mut ever = vec![false; cells];
+    for frame in recording.pressure_kpa.chunks_exact(cells) {
+        for (ever, &kpa) in ever.iter_mut().zip(frame) {
+            *ever |= kpa > 0.0;
+        }
+    }
+    if !ever.contains(&true) {
+        return (0..cells).collect();
+    }
+    (0..cells).filter(|&i| ever[i]).collect()
+}
+
+/// The cells by region and square of a grid that starts at the least coordinates, in heel-to-toe order.
+fn squares(cells: &[Cell], chosen: &[usize], pitch_mm: f64) -> Vec<Vec<usize>> {
+    let least = |along: fn(&Cell) -> f64| chosen.iter().map(|&i| along(&cells[i])).fold(f64::INFINITY, f64::min);
+    let (x0_mm, y0_mm) = (least(|c| c.x_mm), least(|c| c.y_mm));
+    let mut groups = BTreeMap::<_, Vec<usize>>::new();
+    for &i in chosen {
+        let cell = &cells[i];
+        let row = ((cell.y_mm - y0_mm) / pitch_mm) as u64;
+        let column = ((cell.x_mm - x0_mm) / pitch_mm) as u64;
+        groups.entry((row, column, cell.region)).or_default().push(i);
+    }
+    groups.into_values().collect()
+}
+
+/// The recording with each group of cells as one cell.
+fn merged(recording: &Recording, groups: &[Vec<usize>], done: &str) -> Recording {
+    let cells = &recording.layout.cells;
+    let merged_cells: Vec<Cell> = groups
+        .iter()
+        .map(|group| {
+            let area_mm2: f64 = group.iter().map(|&i| cells[i].area_mm2).sum();
+            let mean = |along: fn(&Cell) -> f64| {
+                group.iter().map(|&i| along(&cells[i]) * cells[i].area_mm2).sum::<f64>() / area_mm2
+            };
+            Cell { x_mm: mean(|c| c.x_mm), y_mm: mean(|c| c.y_mm), area_mm2, region: cells[group[0]].region }
+        })
+        .collect();
+    let mut pressure_kpa = Vec::with_capacity(recording.frames() * groups.len());
+    for frame in recording.pressure_kpa.chunks_exact(cells.len()) {
+        for (group, cell) in groups.iter().zip(&merged_cells) {
+            let load: f64 = group.iter().map(|&i| f64::from(frame[i]) * cells[i].area_mm2).sum();
+            pressure_kpa.push((load / cell.area_mm2) as f32);
+        }
+    }
+    Recording {
+        side: recording.side,
+        layout: Layout { name: format!("{}, {} cells", recording.layout.name, groups.len()), cells: merged_cells },
+        rate_hz: recording.rate_hz,
+        source: format!("{} {done}", recording.source),
+        t_s: recording.t_s.clone(),
+        pressure_kpa,
+    }
+}

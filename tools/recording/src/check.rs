@@ -1,0 +1,133 @@
+//! The rules every recording keeps, whether it was read, imported or is about to be written.
+
+use crate::{Error, Layout, MAX_CELLS, Recording, Result};
+
+/// What a message points at; the caller turns it into a file with a line, row or column.
+#[derive(Clone, Copy)]
+pub enum At {
+    Whole,
+    Frame(usize),
+    Value { frame: usize, cell: usize },
+}
+
+/// Checks everything about a recording.
+pub fn recording(recording: &Recording, place: &dyn Fn(At) -> String) -> Result<()> {
+    layout(&recording.layout, &place(At::Whole))?;
+    let (frames, cells) = (recording.frames(), recording.cells());
+    if recording.pressure_kpa.len() != frames * cells {
+        return Err(Error::content(
+            place(At::Whole),
+            format!("{} pressures for {frames} frames of {cells} cells", recording.pressure_kpa.len()),
+            "give one pressure per frame and cell",
+        ));
+    }
+    clock(&recording.t_s, recording.rate_hz, place)?;
+    pressures(&recording.pressure_kpa, cells, place)
+}
+
+/// Checks the number of cells and their geometry.
+fn layout(layout: &Layout, place: &str) -> Result<()> {
+    cell_count(layout.cells.len(), place)?;
+    for (i, cell) in layout.cells.iter().enumerate() {
+        if !(cell.x_mm.is_finite() && cell.y_mm.is_finite()) {
+            return Err(Error::content(
+                place,
+                format!("cell {i} lies at ({}, {}) mm", cell.x_mm, cell.y_mm),
+                "give every cell finite coordinates",
+            ));
+        }
+        if !(cell.area_mm2.is_finite() && cell.area_mm2 > 0.0) {
+            return Err(Error::content(
+                place,
+                format!("cell {i} has an area of {} mm²", cell.area_mm2),
+                "give every cell a positive area",
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Checks that there are cells and not too many.
+pub fn cell_count(cells: usize, place: &str) -> Result<()> {
+    if cells == 0 {
+        return Err(Error::content(place, "no cells", "describe at least one cell"));
+    }
+    if cells > MAX_CELLS {
+        return Err(Error::content(
+            place,
+            format!("{cells} cells, at most {MAX_CELLS} are supported"),
+            "merge neighbouring cells first",
+        ));
+    }
+    Ok(())
+}
+
+/// Checks that time increases in steps of `1 / rate_hz`, give or take half a frame.
+fn clock(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> {
+    if t_s.is_empty() {
+        return Err(Error::content(place(At::Whole), "no frames", "record at least one frame"));
+    }
+    if !(rate_hz.is_finite() && rate_hz > 0.0) {
+        return Err(Error::content(place(At::Whole), format!("a rate of {rate_hz} Hz"), "give a positive rate"));
+    }
+    if let Some(i) = t_s.iter().position(|t| !t.is_finite()) {
+        return Err(Error::content(
+            place(At::Frame(i)),
+            format!("time {} is not a finite number", t_s[i]),
+            "give every frame its time in seconds",
+        ));
+    }
+    steps(t_s, rate_hz, place)?;
+    // Steps that are each within their half frame may still add up to another rate.
+    let steps = (t_s.len() - 1) as f64;
+    let span_s = t_s[t_s.len() - 1] - t_s[0];
+    if (span_s * rate_hz - steps).abs() > (0.01 * steps).max(0.5) {
+        return Err(Error::content(
+            place(At::Whole),
+            format!("the frames come at {:.3} Hz, the stated rate is {rate_hz:.3} Hz", steps / span_s),
+            "state the rate of the frames",
+        ));
+    }
+    Ok(())
+}
+
+/// Checks that every frame follows the one before after `1 / rate_hz`, give or take half of it.
+pub fn steps(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> {
+    for (i, pair) in t_s.windows(2).enumerate() {
+        let step_s = pair[1] - pair[0];
+        let problem = if step_s == 0.0 {
+            format!("time {} s is repeated", pair[1])
+        } else if step_s < 0.0 {
+            format!("time runs backwards from {} s to {} s", pair[0], pair[1])
+        } else if (step_s * rate_hz - 1.0).abs() > 0.5 {
+            format!("{step_s:.6} s after the frame before, where {rate_hz:.6} Hz asks for {:.6} s", 1.0 / rate_hz)
+        } else {
+            continue;
+        };
+        return Err(Error::content(
+            place(At::Frame(i + 1)),
+            problem,
+            "split the recording there, or resample it to uniform time",
+        ));
+    }
+    Ok(())
+}
+
+/// Checks that all pressures are finite and not negative.
+fn pressures(pressure_kpa: &[f32], cells: usize, place: &dyn Fn(At) -> String) -> Result<()> {
+    let valid = |kpa: f32| (0.0..=f32::MAX).contains(&kpa);
+    for (frame, row) in pressure_kpa.chunks_exact(cells).enumerate() {
+        // Without an early exit this runs over whole vectors; a bad row is searched again.
+        if row.iter().fold(true, |all, &kpa| all & valid(kpa)) {
+            continue;
+        }
+        if let Some(cell) = row.iter().position(|&kpa| !valid(kpa)) {
+            return Err(Error::content(
+                place(At::Value { frame, cell }),
+                format!("pressure {} kPa", row[cell]),
+                "pressures are finite numbers of at least 0; repair or remove the frame",
+            ));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,249 @@
+//! Import from two CSV files: the cells and the frames.
+//!
+//! The layout has the header `cell,x_mm,y_mm,area_mm2` and optionally `region`; cells are numbered from 0
+//! without holes, in foot coordinates ([`Cell`]). Without regions the [`template`] assigns them.
+//! The frames have the header `t_s,c0,c1,...`: time in seconds and every cell's pressure in kPa.
+
+use crate::check::{self, At};
+use crate::table::{self, at_line, check_later, check_width, file_name, number, unreadable};
+use crate::{Cell, Error, Layout, Recording, Result, names, rate, template};
+use ::csv::{ByteRecord, StringRecord};
+use plantar::{Region, Side};
+use std::fs::File;
+use std::path::Path;
+
+/// Two cells may share this much of the smaller one: sensors are drawn with some tolerance.
+const MAX_OVERLAP: f64 = 0.25;
+/// Rows between two calls of the progress callback.
+const ROWS_PER_REPORT: usize = 1000;
+
+/// Imports one foot. `progress` is told the bytes done and in total while the frames are read.
+///
+/// # Errors
+/// When a file cannot be read or a line breaks the format; the message names file, line and remedy.
+pub fn import(
+    layout_path: impl AsRef<Path>,
+    frames_path: impl AsRef<Path>,
+    side: Side,
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<Recording> {
+    let (layout_path, frames_path) = (layout_path.as_ref(), frames_path.as_ref());
+    let layout = read_layout(layout_path)?;
+    let frames = read_frames(frames_path, layout_path, layout.cells.len(), progress)?;
+    let rate_hz = rate::of(&frames.t_s, &|at| match at {
+        At::Whole => frames_path.display().to_string(),
+        At::Frame(frame) | At::Value { frame, .. } => at_line(frames_path, frames.lines[frame]),
+    })?;
+    Ok(Recording {
+        side,
+        rate_hz,
+        source: format!("CSV import of {} with the layout {}.", file_name(frames_path), file_name(layout_path)),
+        layout,
+        t_s: frames.t_s,
+        pressure_kpa: frames.pressure_kpa,
+    })
+}
+
+fn read_layout(path: &Path) -> Result<Layout> {
+    let mut reader = table::open(File::open(path).map_err(Error::io(path))?);
+    let header = reader.headers().map_err(|e| unreadable(path, e))?.clone();
+    let columns = layout_columns(&header, path)?;
+    // (cell number, line, cell), sorted by number below.
+    let mut rows: Vec<(usize, u64, Cell)> = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(|e| unreadable(path, e))?;
+        let line = record.position().map_or(0, |p| p.line());
+        let place = || at_line(path, line);
+        check_width(record.len(), header.len(), &place)?;
+        let value = |column: usize| number(&record[column], &header[column], &place);
+        let Ok(id) = record[columns.cell].parse::<usize>() else {
+            return Err(Error::content(
+                place(),
+                format!("`{}` is no cell number", &record[columns.cell]),
+                "number the cells 0, 1, 2, ...",
+            ));
+        };
+        let area_mm2 = value(columns.area_mm2)?;
+        if area_mm2 <= 0.0 {
+            return Err(Error::content(
+                place(),
+                format!("cell {id} has an area of {area_mm2} mm²"),
+                "give every cell a positive area",
+            ));
+        }
+        let region = match columns.region {
+            // Replaced by the template once all cells are known.
+            None => Region::Heel,
+            Some(column) => Region::from_name(&record[column]).ok_or_else(|| {
+                Error::content(
+                    place(),
+                    format!("unknown region `{}`", &record[column]),
+                    format!("use one of {}", names::all_regions()),
+                )
+            })?,
+        };
+        let cell = Cell { x_mm: value(columns.x_mm)?, y_mm: value(columns.y_mm)?, area_mm2, region };
+        rows.push((id, line, cell));
+    }
+    check::cell_count(rows.len(), &path.display().to_string())?;
+    rows.sort_by_key(|&(id, line, _)| (id, line));
+    check_numbering(&rows, path)?;
+    check_overlap(&rows, path)?;
+    let mut cells: Vec<Cell> = rows.into_iter().map(|(_, _, cell)| cell).collect();
+    if columns.region.is_none() {
+        template::assign(&mut cells);
+    }
+    Ok(Layout { name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(), cells })
+}
+
+struct LayoutColumns {
+    cell: usize,
+    x_mm: usize,
+    y_mm: usize,
+    area_mm2: usize,
+    region: Option<usize>,
+}
+
+fn layout_columns(header: &StringRecord, path: &Path) -> Result<LayoutColumns> {
+    const KNOWN: [&str; 5] = ["cell", "x_mm", "y_mm", "area_mm2", "region"];
+    let remedy = "the header is cell,x_mm,y_mm,area_mm2 and optionally region";
+    for (i, name) in header.iter().enumerate() {
+        let problem = if !KNOWN.contains(&name) {
+            format!("unknown column `{name}`")
+        } else if header.iter().take(i).any(|earlier| earlier == name) {
+            format!("column `{name}` appears twice")
+        } else {
+            continue;
+        };
+        return Err(Error::content(at_line(path, 1), problem, remedy));
+    }
+    let find = |name: &str| header.iter().position(|column| column == name);
+    let need =
+        |name: &str| find(name).ok_or_else(|| Error::content(at_line(path, 1), format!("no column `{name}`"), remedy));
+    Ok(LayoutColumns {
+        cell: need("cell")?,
+        x_mm: need("x_mm")?,
+        y_mm: need("y_mm")?,
+        area_mm2: need("area_mm2")?,
+        region: find("region"),
+    })
+}
+
+/// Rows come sorted by cell number and must be 0, 1, 2, ...
+fn check_numbering(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
+    for (expected, &(id, line, _)) in rows.iter().enumerate() {
+        if id < expected {
+            let (_, earlier, _) = rows[expected - 1];
+            return Err(Error::content(
+                at_line(path, line),
+                format!("cell {id} is already on line {earlier}"),
+                "number every cell once",
+            ));
+        }
+        if id > expected {
+            return Err(Error::content(
+                at_line(path, line),
+                format!("cell {id} is here, but cell {expected} is nowhere"),
+                "number the cells 0, 1, 2, ... without holes",
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Cells are compared as upright squares of their area.
+fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
+    let mut by_x: Vec<_> = rows.iter().collect();
+    by_x.sort_by(|(_, _, a), (_, _, b)| a.x_mm.total_cmp(&b.x_mm));
+    let widest_mm = rows.iter().map(|(_, _, cell)| cell.half_side_mm()).fold(0.0, f64::max);
+    for (i, &&(id, line, cell)) in by_x.iter().enumerate() {
+        let half_mm = cell.half_side_mm();
+        for &&(other_id, other_line, other) in &by_x[i + 1..] {
+            if other.x_mm - cell.x_mm > half_mm + widest_mm {
+                break;
+            }
+            let other_half_mm = other.half_side_mm();
+            let shared = |along: fn(&Cell) -> f64| {
+                let (a, b) = (along(&cell), along(&other));
+                ((a + half_mm).min(b + other_half_mm) - (a - half_mm).max(b - other_half_mm)).max(0.0)
+            };
+            let shared_mm2 = shared(|c| c.x_mm) * shared(|c| c.y_mm);
+            let part = shared_mm2 / cell.area_mm2.min(other.area_mm2);
+            if part > MAX_OVERLAP {
+                return Err(Error::content(
+                    at_line(path, line.max(other_line)),
+                    format!(
+                        "cell {id} (line {line}) and cell {other_id} (line {other_line}) overlap \
+                         by {:.0} % of the smaller",
+                        100.0 * part
+                    ),
+                    "correct their positions or areas",
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Frames as read: every value checked, uniform time not yet.
+struct Frames {
+    t_s: Vec<f64>,
+    lines: Vec<u64>,
+    pressure_kpa: Vec<f32>,
+}
+
+fn read_frames(path: &Path, layout_path: &Path, cells: usize, progress: &mut dyn FnMut(u64, u64)) -> Result<Frames> {
+    let file = File::open(path).map_err(Error::io(path))?;
+    let total_bytes = file.metadata().map_err(Error::io(path))?.len();
+    let mut reader = table::open(file);
+    let header = reader.headers().map_err(|e| unreadable(path, e))?.clone();
+    check_frames_header(&header, path, layout_path, cells)?;
+    let mut frames = Frames { t_s: Vec::new(), lines: Vec::new(), pressure_kpa: Vec::new() };
+    let mut record = ByteRecord::new();
+    while reader.read_byte_record(&mut record).map_err(|e| unreadable(path, e))? {
+        let (line, done_bytes) = record.position().map_or((0, 0), |p| (p.line(), p.byte()));
+        let place = || at_line(path, line);
+        check_width(record.len(), header.len(), &place)?;
+        let field = |column: usize| std::str::from_utf8(&record[column]).unwrap_or("?");
+        let now_s = number(field(0), &header[0], &place)?;
+        check_later(now_s, frames.t_s.last().copied(), &place)?;
+        frames.t_s.push(now_s);
+        frames.lines.push(line);
+        for column in 1..record.len() {
+            let kpa = table::pressure_kpa(field(column), &header[column], &place)?;
+            frames.pressure_kpa.push(kpa);
+        }
+        if frames.lines.len().is_multiple_of(ROWS_PER_REPORT) {
+            progress(done_bytes, total_bytes);
+        }
+    }
+    progress(total_bytes, total_bytes);
+    Ok(frames)
+}
+
+fn check_frames_header(header: &StringRecord, path: &Path, layout_path: &Path, cells: usize) -> Result<()> {
+    let problem = |problem: String, remedy: &str| Err(Error::content(at_line(path, 1), problem, remedy));
+    for (i, name) in header.iter().enumerate() {
+        let expected = match i {
+            0 => "t_s".to_owned(),
+            _ => format!("c{}", i - 1),
+        };
+        if name != expected {
+            return problem(
+                format!("column {} is `{name}`, expected `{expected}`", i + 1),
+                "the header is t_s,c0,c1,... with one column per cell",
+            );
+        }
+    }
+    if header.len() != cells + 1 {
+        return problem(
+            format!(
+                "{} cell columns, but {} describes {cells} cells",
+                header.len().saturating_sub(1),
+                layout_path.display()
+            ),
+            "give the layout and the frames the same cells",
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,278 @@
+//! The Parquet file of one foot: a column per cell, the rest as JSON in the file's metadata.
+
+use crate::check::{self, At};
+use crate::{Error, Layout, Recording, Result, names};
+use bytes::Bytes;
+use parquet::basic::{Compression, Repetition, Type as PhysicalType};
+use parquet::column::reader::{ColumnReader, ColumnReaderImpl, get_typed_column_reader};
+use parquet::data_type::{DataType, DoubleType, FloatType};
+use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::{EnabledStatistics, WriterProperties};
+use parquet::file::reader::{FileReader, RowGroupReader};
+use parquet::file::serialized_reader::SerializedFileReader;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::{SchemaDescriptor, Type};
+use plantar::Side;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+use std::fs::{self, File};
+use std::path::Path;
+use std::sync::Arc;
+
+/// The key of our JSON in the file's metadata.
+const KEY: &str = "plantar";
+/// The version of that JSON and of the columns.
+const VERSION: u32 = 1;
+/// Row groups are this long, so that a reader needs one group's memory at a time.
+const FRAMES_PER_GROUP: usize = 16_384;
+/// Columns are turned into rows this many at a time: one cache line of f32.
+const COLUMNS_PER_BLOCK: usize = 16;
+
+#[derive(Serialize, Deserialize)]
+struct Metadata<'a> {
+    version: u32,
+    #[serde(with = "names::side")]
+    side: Side,
+    rate_hz: f64,
+    source: Cow<'a, str>,
+    layout: Cow<'a, Layout>,
+}
+
+/// What every version of [`Metadata`] has.
+#[derive(Deserialize)]
+struct Version {
+    version: u32,
+}
+
+pub fn write(recording: &Recording, path: &Path) -> Result<()> {
+    check::recording(recording, &|at| match at {
+        At::Whole => path.display().to_string(),
+        At::Frame(frame) => format!("{}: frame {frame}", path.display()),
+        At::Value { frame, cell } => format!("{}: frame {frame}, cell {cell}", path.display()),
+    })?;
+    let metadata = Metadata {
+        version: VERSION,
+        side: recording.side,
+        rate_hz: recording.rate_hz,
+        source: Cow::Borrowed(&recording.source),
+        layout: Cow::Borrowed(&recording.layout),
+    };
+    let json = serde_json::to_string(&metadata).expect("numbers and strings have a JSON form");
+    let file = File::create(path).map_err(Error::io(path))?;
+    write_columns(recording, json, file).map_err(|e| Error::io(path)(std::io::Error::other(e)))
+}
+
+fn write_columns(recording: &Recording, json: String, file: File) -> std::result::Result<(), ParquetError> {
+    let properties = WriterProperties::builder()
+        .set_compression(Compression::SNAPPY)
+        .set_statistics_enabled(EnabledStatistics::None)
+        .set_offset_index_disabled(true)
+        .set_key_value_metadata(Some(vec![KeyValue::new(KEY.to_owned(), json)]))
+        .build();
+    let schema = Arc::new(schema(recording.cells())?);
+    let mut writer = SerializedFileWriter::new(file, schema, Arc::new(properties))?;
+    let cells = recording.cells();
+    let mut column_kpa = Vec::new();
+    for (times, rows) in
+        recording.t_s.chunks(FRAMES_PER_GROUP).zip(recording.pressure_kpa.chunks(FRAMES_PER_GROUP * cells))
+    {
+        let mut group = writer.next_row_group()?;
+        let mut index = 0;
+        while let Some(mut column) = group.next_column()? {
+            if index == 0 {
+                column.typed::<DoubleType>().write_batch(times, None, None)?;
+            } else {
+                column_kpa.clear();
+                column_kpa.extend(rows.iter().skip(index - 1).step_by(cells));
+                column.typed::<FloatType>().write_batch(&column_kpa, None, None)?;
+            }
+            column.close()?;
+            index += 1;
+        }
+        group.close()?;
+    }
+    writer.close()?;
+    Ok(())
+}
+
+fn schema(cells: usize) -> std::result::Result<Type, ParquetError> {
+    let fields = (0..=cells)
+        .map(|index| {
+            let physical = if index == 0 { PhysicalType::DOUBLE } else { PhysicalType::FLOAT };
+            Type::primitive_type_builder(&column_name(index), physical)
+                .with_repetition(Repetition::REQUIRED)
+                .build()
+                .map(Arc::new)
+        })
+        .collect::<std::result::Result<Vec<_>, _>>()?;
+    Type::group_type_builder("recording").with_fields(fields).build()
+}
+
+/// The name of a file column: time first, then the cells.
+fn column_name(index: usize) -> String {
+    match index {
+        0 => "t_s".to_owned(),
+        _ => format!("c{}_kpa", index - 1),
+    }
+}
+
+pub fn read(path: &Path) -> Result<Recording> {
+    let bytes = Bytes::from(fs::read(path).map_err(Error::io(path))?);
+    let file = path.display().to_string();
+    let reader = SerializedFileReader::new(bytes).map_err(|error| {
+        Error::content(&file, format!("not a Parquet file ({error})"), "make one with `plantar import csv`")
+    })?;
+    let metadata = metadata(&reader, &file)?;
+    let cells = metadata.layout.cells.len();
+    check::cell_count(cells, &file)?;
+    check_columns(reader.metadata().file_metadata().schema_descr(), cells, &file)?;
+    let (t_s, pressure_kpa) = read_columns(&reader, cells, &file)?;
+    let recording = Recording {
+        side: metadata.side,
+        layout: metadata.layout.into_owned(),
+        rate_hz: metadata.rate_hz,
+        source: metadata.source.into_owned(),
+        t_s,
+        pressure_kpa,
+    };
+    check::recording(&recording, &|at| match at {
+        At::Whole => file.clone(),
+        At::Frame(frame) => format!("{file}: row {}, column t_s", frame + 1),
+        At::Value { frame, cell } => {
+            format!("{file}: row {}, column {}", frame + 1, column_name(cell + 1))
+        }
+    })?;
+    Ok(recording)
+}
+
+fn metadata(reader: &SerializedFileReader<Bytes>, file: &str) -> Result<Metadata<'static>> {
+    let json = reader
+        .metadata()
+        .file_metadata()
+        .key_value_metadata()
+        .into_iter()
+        .flatten()
+        .find(|entry| entry.key == KEY)
+        .and_then(|entry| entry.value.as_deref())
+        .ok_or_else(|| {
+            Error::content(
+                file,
+                format!("Parquet, but without the metadata `{KEY}` that describes the cells"),
+                "make a recording of it with `plantar import csv`",
+            )
+        })?;
+    let broken = |error: serde_json::Error| {
+        Error::content(
+            file,
+            format!("the metadata `{KEY}` cannot be understood ({error})"),
+            "import the measurement again",
+        )
+    };
+    let Version { version } = serde_json::from_str(json).map_err(broken)?;
+    if version > VERSION {
+        return Err(Error::content(
+            file,
+            format!("version {version} of the format, this program knows up to {VERSION}"),
+            "update plantar",
+        ));
+    }
+    serde_json::from_str(json).map_err(broken)
+}
+
+fn check_columns(schema: &SchemaDescriptor, cells: usize, file: &str) -> Result<()> {
+    let reimport = "import the measurement again";
+    if schema.num_columns() != cells + 1 {
+        return Err(Error::content(
+            file,
+            format!("{} columns, the layout of {cells} cells asks for {}", schema.num_columns(), cells + 1),
+            reimport,
+        ));
+    }
+    for (index, column) in schema.columns().iter().enumerate() {
+        let physical = match index {
+            0 => PhysicalType::DOUBLE,
+            _ => PhysicalType::FLOAT,
+        };
+        let name = column_name(index);
+        if column.path().string() != name || column.physical_type() != physical || column.max_rep_level() != 0 {
+            return Err(Error::content(
+                format!("{file}: column {}", index + 1),
+                format!("`{}` of type {}, expected `{name}` of type {physical}", column.path(), column.physical_type()),
+                reimport,
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// The times and the pressures, row-major.
+fn read_columns(reader: &SerializedFileReader<Bytes>, cells: usize, file: &str) -> Result<(Vec<f64>, Vec<f32>)> {
+    let damaged = |error: ParquetError| {
+        Error::content(file, format!("damaged Parquet data ({error})"), "copy or import the file again")
+    };
+    let mut t_s = Vec::new();
+    let mut pressure_kpa = Vec::new();
+    for index in 0..reader.num_row_groups() {
+        let group = reader.get_row_group(index).map_err(damaged)?;
+        let first_row = t_s.len();
+        let frames = column::<DoubleType>(&*group, 0, &mut t_s, file, first_row)?;
+        pressure_kpa.resize((first_row + frames) * cells, 0.0);
+        let rows = &mut pressure_kpa[first_row * cells..];
+        let mut columns_kpa = vec![Vec::new(); COLUMNS_PER_BLOCK.min(cells)];
+        for start in (0..cells).step_by(COLUMNS_PER_BLOCK) {
+            let block = &mut columns_kpa[..COLUMNS_PER_BLOCK.min(cells - start)];
+            for (offset, values) in block.iter_mut().enumerate() {
+                values.clear();
+                column::<FloatType>(&*group, 1 + start + offset, values, file, first_row)?;
+            }
+            for (frame, row) in rows.chunks_exact_mut(cells).enumerate() {
+                for (values, kpa) in block.iter().zip(&mut row[start..]) {
+                    *kpa = values[frame];
+                }
+            }
+        }
+    }
+    Ok((t_s, pressure_kpa))
+}
+
+/// Appends one column of a row group to `values` and returns its length.
+fn column<T: DataType>(
+    group: &dyn RowGroupReader,
+    index: usize,
+    values: &mut Vec<T::T>,
+    file: &str,
+    first_row: usize,
+) -> Result<usize> {
+    let place = || format!("{file}: column {}", column_name(index));
+    let damaged = |error: ParquetError| {
+        Error::content(place(), format!("damaged Parquet data ({error})"), "copy or import the file again")
+    };
+    let rows = group.metadata().num_rows().max(0) as usize;
+    let reader: ColumnReader = group.get_column_reader(index).map_err(damaged)?;
+    let mut reader: ColumnReaderImpl<T> = get_typed_column_reader(reader);
+    let before = values.len();
+    let mut levels = Vec::new();
+    while values.len() - before < rows {
+        let missing = rows - (values.len() - before);
+        levels.clear();
+        let (records, read, _) = reader.read_records(missing, Some(&mut levels), None, values).map_err(damaged)?;
+        if read < records {
+            let row = first_row + values.len() - before - read;
+            let null = levels.iter().position(|&level| level == 0).unwrap_or(0);
+            return Err(Error::content(
+                format!("{}, row {}", place(), row + null + 1),
+                "no value",
+                "give every cell a pressure in every frame",
+            ));
+        }
+        if records == 0 {
+            return Err(Error::content(
+                place(),
+                format!("{} values for {rows} rows", values.len() - before),
+                "copy or import the file again",
+            ));
+        }
+    }
+    Ok(rows)
+}

@@ -1,0 +1,193 @@
+//! Import of the open data set SpeedPP2DS (Pataky and Crompton) from the package `jiku-data`: barefoot
+//! steps of ten walkers on a pressure plate at 500 Hz, one HDF5 file per walker.
+//!
+//! Every trial is one step, stored with resampled rows; the import undoes that. The plate says nothing
+//! about force units; 0.1 N per native cell gives plausible body masses. The stored images have the
+//! big toe at small columns, as a right foot has from above, so all steps are taken as right.
+
+mod native;
+mod registration;
+
+use crate::table::file_name;
+use crate::{Cell, Error, Layout, Recording, Result, check, template};
+use hdf5_reader::Hdf5File;
+use native::Step;
+use plantar::{Region, Side};
+use registration::Shift;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Walkers in the data set.
+pub const WALKERS: usize = 10;
+/// Trials of each walker.
+pub const TRIALS: usize = 60;
+/// The plate's rate, Hz.
+pub const RATE_HZ: f64 = 500.0;
+/// Unloaded time put before and after every step, s.
+pub const SWING_S: f64 = 0.4;
+
+/// A native cell reaches this far along the foot, mm.
+const CELL_LENGTH_MM: f64 = 7.62;
+/// A native cell reaches this far across the foot, mm.
+const CELL_WIDTH_MM: f64 = 5.08;
+/// The force of one stored unit, N.
+const UNIT_N: f64 = 0.1;
+
+/// Strings one walker's trials together into one recording of a walk that never was: every trial is a
+/// separate step over the plate, and between steps come [`SWING_S`] without load.
+///
+/// Each step is shifted by whole native cells to where it overlaps the steps before it best, so no
+/// reading is interpolated; it is not rotated. The layout has every cell that is loaded in some frame.
+/// Trials that are empty, or still loaded in their last frame, are left out; `source` names them.
+///
+/// `dir` is the data set's folder or its `data_y`; trials count from 0, in the order wanted.
+/// `progress` is told the bytes of the file done and in total.
+///
+/// # Errors
+/// When the walker or a trial does not exist, a file cannot be read, the rows of a trial were not
+/// resampled as expected, or no trial is usable.
+pub fn import(
+    dir: impl AsRef<Path>,
+    walker: usize,
+    trials: impl IntoIterator<Item = usize>,
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<Recording> {
+    let path = walker_file(dir.as_ref(), walker)?;
+    let total_bytes = std::fs::metadata(&path).map_err(Error::io(&path))?.len();
+    let file = Hdf5File::open(&path).map_err(|error| {
+        Error::content(
+            path.display().to_string(),
+            format!("not a readable HDF5 file ({error})"),
+            "install jiku-data again",
+        )
+    })?;
+    let trials: Vec<usize> = trials.into_iter().collect();
+    let mut taken = Vec::new();
+    let mut left_out = Vec::new();
+    let mut steps = Vec::new();
+    for (done, &trial) in trials.iter().enumerate() {
+        progress(total_bytes * done as u64 / trials.len() as u64, total_bytes);
+        let step = native::read(&file, &path, trial)?;
+        if step.is_empty() {
+            left_out.push(format!("{trial} (empty)"));
+        } else if step.is_cut_off() {
+            left_out.push(format!("{trial} (cut off)"));
+        } else {
+            taken.push(trial.to_string());
+            steps.push(step);
+        }
+    }
+    progress(total_bytes, total_bytes);
+    if steps.is_empty() {
+        return Err(Error::content(
+            path.display().to_string(),
+            format!("no usable step in {} trials", trials.len()),
+            format!("choose other trials, 0 to {}", TRIALS - 1),
+        ));
+    }
+    let shifts = registration::shifts(&steps);
+    let grid = Grid::of(&steps, &shifts);
+    check::cell_count(grid.columns.len(), &path.display().to_string())?;
+    let mut source = format!(
+        "SpeedPP2DS (Pataky and Crompton, jiku-data), {}: {} separate barefoot steps on a pressure \
+         plate (trials {}), strung together with {SWING_S} s without load before and after each; \
+         native rows recovered, {UNIT_N} N per unit assumed, steps shifted by whole cells onto each \
+         other, taken as right feet, regions by template.",
+        file_name(&path),
+        steps.len(),
+        taken.join(", ")
+    );
+    if !left_out.is_empty() {
+        source += &format!(" Trials left out: {}.", left_out.join(", "));
+    }
+    let pressure_kpa = string_together(&steps, &shifts, &grid);
+    let frames = pressure_kpa.len() / grid.columns.len();
+    Ok(Recording {
+        side: Side::Right,
+        layout: Layout { name: format!("pressure plate, walker {walker}"), cells: grid.cells() },
+        rate_hz: RATE_HZ,
+        source,
+        t_s: (0..frames).map(|frame| frame as f64 / RATE_HZ).collect(),
+        pressure_kpa,
+    })
+}
+
+fn walker_file(dir: &Path, walker: usize) -> Result<PathBuf> {
+    if walker >= WALKERS {
+        return Err(Error::content(
+            dir.display().to_string(),
+            format!("no walker {walker}"),
+            format!("choose a walker from 0 to {}", WALKERS - 1),
+        ));
+    }
+    let name = format!("subj{walker:03}.h5");
+    [dir.join(&name), dir.join("data_y").join(&name)].into_iter().find(|path| path.is_file()).ok_or_else(|| {
+        Error::content(
+            dir.display().to_string(),
+            format!("no file {name}"),
+            "name the folder SpeedPP2DS of an installed jiku-data",
+        )
+    })
+}
+
+/// The plate's cells that any step loads, in the frame common to all steps.
+struct Grid {
+    /// The column in a frame of the cell at (row, column) of the plate, heel to toe.
+    columns: BTreeMap<(isize, isize), usize>,
+}
+
+impl Grid {
+    fn of(steps: &[Step], shifts: &[Shift]) -> Self {
+        let mut columns = BTreeMap::new();
+        for (step, shift) in steps.iter().zip(shifts) {
+            for cell in step.loaded_cells() {
+                columns.insert(shift.apply(cell), 0);
+            }
+        }
+        for (i, column) in columns.values_mut().enumerate() {
+            *column = i;
+        }
+        Self { columns }
+    }
+
+    fn cells(&self) -> Vec<Cell> {
+        let least = |axis: fn(&(isize, isize)) -> isize| self.columns.keys().map(axis).min();
+        let (Some(back), Some(medial)) = (least(|k| k.0), least(|k| k.1)) else {
+            return Vec::new();
+        };
+        let mut cells: Vec<Cell> = self
+            .columns
+            .keys()
+            .map(|(row, column)| Cell {
+                x_mm: ((column - medial) as f64 + 0.5) * CELL_WIDTH_MM,
+                y_mm: ((row - back) as f64 + 0.5) * CELL_LENGTH_MM,
+                area_mm2: CELL_LENGTH_MM * CELL_WIDTH_MM,
+                // Replaced by the template below.
+                region: Region::Heel,
+            })
+            .collect();
+        template::assign(&mut cells);
+        cells
+    }
+}
+
+/// All frames, row-major, kPa: swing, step, swing, step, ..., swing.
+fn string_together(steps: &[Step], shifts: &[Shift], grid: &Grid) -> Vec<f32> {
+    let kpa_per_unit = (UNIT_N / (CELL_LENGTH_MM * CELL_WIDTH_MM) * 1e3) as f32;
+    let cells = grid.columns.len();
+    let swing = (SWING_S * RATE_HZ).round() as usize * cells;
+    let mut pressure_kpa = vec![0.0; swing];
+    for (step, shift) in steps.iter().zip(shifts) {
+        let start = pressure_kpa.len();
+        pressure_kpa.resize(start + step.frames() * cells, 0.0);
+        let frames = &mut pressure_kpa[start..];
+        for cell in step.loaded_cells() {
+            let column = grid.columns[&shift.apply(cell)];
+            for (frame, &units) in frames.chunks_exact_mut(cells).zip(step.series(cell)) {
+                frame[column] = f32::from(units) * kpa_per_unit;
+            }
+        }
+        pressure_kpa.resize(pressure_kpa.len() + swing, 0.0);
+    }
+    pressure_kpa
+}

@@ -1,0 +1,273 @@
+//! One trial on the plate's own grid.
+//!
+//! The stored rows are 5.08 mm apart, interpolated linearly from native rows 7.62 mm apart, so every
+//! three stored rows r0, r1, r2 (and the next r0') come from two native ones, n0 and n1:
+//!
+//! ```text
+//! r0 = n0    r1 = n0/3 + n1 2/3    r2 = n1 2/3 + n0'/3    r0' = n0'
+//! ```
+//!
+//! Hence n0 = r0, and n1 twice over: (3 r1 - r0)/2 and (3 r2 - r0')/2. How many rows precede the first
+//! full three differs between trials; it is where both estimates agree to within the rounding.
+
+use super::TRIALS;
+use crate::{Error, Result};
+use hdf5_reader::Hdf5File;
+use std::ops::Range;
+use std::path::Path;
+
+/// How far the doubled estimates may lie apart: the stored integers are rounded to half a unit, which
+/// each estimate triples.
+const TOLERANCE: i32 = 3;
+
+/// A (row, column) of one step's native grid.
+pub type Place = (usize, usize);
+
+/// One step over the plate, from its first to its last loaded frame.
+pub struct Step {
+    columns: usize,
+    stored_frames: usize,
+    loaded: Range<usize>,
+    /// Stored units, rows x columns x stored frames.
+    units: Vec<u16>,
+}
+
+impl Step {
+    /// From rows x columns x stored frames.
+    pub fn new(columns: usize, stored_frames: usize, units: Vec<u16>) -> Self {
+        let mut loaded = stored_frames..0;
+        for series in units.chunks_exact(stored_frames) {
+            if let Some(first) = series.iter().position(|&u| u > 0) {
+                let last = series.iter().rposition(|&u| u > 0).unwrap_or(first);
+                loaded = loaded.start.min(first)..loaded.end.max(last + 1);
+            }
+        }
+        Self { columns, stored_frames, loaded, units }
+    }
+
+    /// Whether nothing was ever loaded.
+    pub fn is_empty(&self) -> bool {
+        self.loaded.is_empty()
+    }
+
+    /// Whether the foot was still on the plate when the trial ended.
+    pub fn is_cut_off(&self) -> bool {
+        self.loaded.end == self.stored_frames
+    }
+
+    /// Frames from the first to the last loaded one.
+    pub fn frames(&self) -> usize {
+        self.loaded.len()
+    }
+
+    /// The cells that are loaded in some frame.
+    pub fn loaded_cells(&self) -> impl Iterator<Item = Place> {
+        self.units
+            .chunks_exact(self.stored_frames)
+            .enumerate()
+            .filter(|(_, series)| series.iter().any(|&u| u > 0))
+            .map(|(i, _)| (i / self.columns, i % self.columns))
+    }
+
+    /// What one cell read over the loaded frames, stored units.
+    pub fn series(&self, (row, column): Place) -> &[u16] {
+        let start = (row * self.columns + column) * self.stored_frames;
+        &self.units[start..][self.loaded.clone()]
+    }
+}
+
+/// Reads one trial.
+pub fn read(file: &Hdf5File, path: &Path, trial: usize) -> Result<Step> {
+    let node = format!("/img{trial:03}");
+    let place = || format!("{}: {node}", path.display());
+    if trial >= TRIALS {
+        return Err(Error::content(
+            place(),
+            format!("no trial {trial}"),
+            format!("choose trials from 0 to {}", TRIALS - 1),
+        ));
+    }
+    let stored = file.dataset(&node).and_then(|dataset| dataset.read_array::<u16>()).map_err(|error| {
+        Error::content(place(), format!("trial {trial} cannot be read ({error})"), "install jiku-data again")
+    })?;
+    let &[rows, columns, frames] = stored.shape() else {
+        return Err(Error::content(
+            place(),
+            format!("{} dimensions, expected rows, columns and frames", stored.ndim()),
+            "install jiku-data again",
+        ));
+    };
+    if stored.is_empty() {
+        return Ok(Step::new(columns, frames.max(1), Vec::new()));
+    }
+    let row_length = columns * frames;
+    let values: Vec<u16> = stored.iter().copied().collect();
+    match native_rows(&values, rows, row_length) {
+        Ok(units) => Ok(Step::new(columns, frames, units)),
+        Err(apart_units) => Err(Error::content(
+            place(),
+            format!(
+                "trial {trial} was not resampled from 7.62 mm rows: the estimates of a native row \
+                 differ by {apart_units:.1} units"
+            ),
+            "leave this trial out",
+        )),
+    }
+}
+
+/// The native rows, or how many units the estimates differ by at best.
+fn native_rows(values: &[u16], rows: usize, row_length: usize) -> std::result::Result<Vec<u16>, f64> {
+    let aligned = [0, 1, 2].map(|phase| Aligned::new(values, rows, row_length, phase));
+    let mut best = (i32::MAX, &aligned[0]);
+    for candidate in &aligned {
+        let apart = candidate.disagreement();
+        if apart < best.0 {
+            best = (apart, candidate);
+        }
+    }
+    match best {
+        (apart, aligned) if apart <= TOLERANCE => Ok(aligned.native_rows()),
+        (apart, _) => Err(f64::from(apart) / 2.0),
+    }
+}
+
+/// The stored rows in threes, with unloaded rows before and after to fill up.
+struct Aligned {
+    row_length: usize,
+    /// As many rows of padding and values as make whole threes, and one more row.
+    values: Vec<u16>,
+}
+
+impl Aligned {
+    /// `phase` rows precede the first full three.
+    fn new(values: &[u16], rows: usize, row_length: usize, phase: usize) -> Self {
+        let before = (3 - phase) % 3;
+        let threes = (before + rows).div_ceil(3);
+        let mut padded = vec![0; before * row_length];
+        padded.extend_from_slice(values);
+        padded.resize((3 * threes + 1) * row_length, 0);
+        Self { row_length, values: padded }
+    }
+
+    /// The rows r0, r1, r2 and r0' of every three.
+    fn threes(&self) -> impl Iterator<Item = [&[u16]; 4]> {
+        let row = |i: usize| &self.values[i * self.row_length..(i + 1) * self.row_length];
+        let threes = self.values.len() / self.row_length / 3;
+        (0..threes).map(move |i| std::array::from_fn(|k| row(3 * i + k)))
+    }
+
+    /// The furthest that the two doubled estimates of a native row lie apart.
+    fn disagreement(&self) -> i32 {
+        self.threes()
+            .filter(is_within_foot)
+            .flat_map(|rows| estimates(rows).map(|(a, b)| (a - b).abs()))
+            .max()
+            .unwrap_or(0)
+    }
+
+    /// Rows x columns x frames on the native grid.
+    fn native_rows(&self) -> Vec<u16> {
+        let mut native = Vec::with_capacity(self.values.len() / 3 * 2);
+        for rows in self.threes() {
+            native.extend_from_slice(rows[0]);
+            if is_within_foot(&rows) {
+                // Both are doubled: their mean is a quarter of the sum, rounded.
+                let mean = |(a, b): (i32, i32)| ((a + b + 2) / 4).clamp(0, i32::from(u16::MAX)) as u16;
+                native.extend(estimates(rows).map(mean));
+            } else {
+                native.resize(native.len() + self.row_length, 0);
+            }
+        }
+        native
+    }
+}
+
+/// The images were trimmed to the foot and padded after the resampling, so the row before the foot may
+/// lack its share of r0': three unloaded rows say nothing.
+fn is_within_foot(rows: &[&[u16]; 4]) -> bool {
+    rows[..3].iter().any(|row| row.iter().any(|&u| u > 0))
+}
+
+/// Twice n1, estimated from r1 and from r2.
+fn estimates([r0, r1, r2, next_r0]: [&[u16]; 4]) -> impl Iterator<Item = (i32, i32)> {
+    let doubled = |third: u16, end: u16| 3 * i32::from(third) - i32::from(end);
+    (0..r0.len()).map(move |i| (doubled(r1[i], r0[i]), doubled(r2[i], next_r0[i])))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Native rows of four values, large and small, with unloaded rows around them.
+    fn native() -> Vec<[u16; 4]> {
+        let value = |row: u16, column: u16| (row * 977 + column * 331) % 1500;
+        let mut rows = vec![[0; 4]; 2];
+        rows.extend((0..20).map(|row| std::array::from_fn(|column| value(row, column as u16))));
+        rows.extend([[0; 4]; 3]);
+        rows
+    }
+
+    /// As stored: linear interpolation at 2/3 of the native spacing, rounded.
+    fn stored(native: &[[u16; 4]]) -> Vec<[u16; 4]> {
+        (0..(native.len() - 1) * 3 / 2)
+            .map(|i| {
+                let (before, thirds) = (i * 2 / 3, (i * 2 % 3) as f64);
+                std::array::from_fn(|column| {
+                    let [a, b] = [before, before + 1].map(|row| f64::from(native[row][column]));
+                    (a + (b - a) * thirds / 3.0).round() as u16
+                })
+            })
+            .collect()
+    }
+
+    fn loaded(rows: &[u16]) -> Vec<&[u16]> {
+        rows.chunks_exact(4).skip_while(|row| row.iter().all(|&u| u == 0)).take(20).collect()
+    }
+
+    fn assert_recovered(stored: &[[u16; 4]], native: &[[u16; 4]]) {
+        let recovered = native_rows(stored.as_flattened(), stored.len(), 4).unwrap();
+        let (recovered, truth) = (loaded(&recovered), loaded(native.as_flattened()));
+        for (recovered, truth) in recovered.iter().zip(truth) {
+            for (a, b) in recovered.iter().zip(truth) {
+                assert!(a.abs_diff(*b) <= 1, "{recovered:?} {truth:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn native_rows_come_back_from_every_phase() {
+        let native = native();
+        for padding in 0..3 {
+            let mut rows = vec![[0; 4]; padding];
+            rows.extend(stored(&native));
+            assert_recovered(&rows, &native);
+        }
+    }
+
+    #[test]
+    fn native_rows_come_back_from_an_image_trimmed_before_resampling() {
+        let native = native();
+        for padding in 3..6 {
+            let mut rows = vec![[0; 4]; padding];
+            rows.extend(stored(&native[2..]));
+            assert_recovered(&rows, &native);
+        }
+    }
+
+    #[test]
+    fn rows_that_were_not_resampled_are_noticed() {
+        let native = native();
+        let apart = native_rows(native.as_flattened(), native.len(), 4).unwrap_err();
+        assert!(apart > 100.0, "{apart}");
+    }
+
+    #[test]
+    fn empty_and_cut_off_steps_are_known() {
+        assert!(Step::new(1, 4, vec![0; 8]).is_empty());
+        let step = Step::new(1, 4, vec![0, 0, 7, 0, 0, 5, 0, 0]);
+        assert!(!step.is_empty() && !step.is_cut_off());
+        assert_eq!(step.frames(), 2);
+        assert_eq!(step.series((0, 0)), [0, 7]);
+        assert!(Step::new(1, 4, vec![0, 0, 7, 1]).is_cut_off());
+    }
+}

@@ -1,0 +1,87 @@
+//! Where one step lies on another: the shift by whole cells with the best overlap of the footprints.
+
+use super::native::{Place, Step};
+use std::collections::BTreeMap;
+
+/// The images are roughly centred, so no step is further off than this many cells.
+const REACH: isize = 6;
+
+/// A translation of a step's cells.
+#[derive(Clone, Copy)]
+pub struct Shift {
+    rows: isize,
+    columns: isize,
+}
+
+impl Shift {
+    pub fn apply(self, (row, column): Place) -> (isize, isize) {
+        (row as isize + self.rows, column as isize + self.columns)
+    }
+}
+
+/// The shift of every step; the first stays where it is.
+pub fn shifts(steps: &[Step]) -> Vec<Shift> {
+    let mut common = BTreeMap::<(isize, isize), f64>::new();
+    let mut shifts = Vec::with_capacity(steps.len());
+    for step in steps {
+        let print = footprint(step);
+        let shift = best_shift(&print, &common);
+        for &(place, weight) in &print {
+            *common.entry(shift.apply(place)).or_default() += weight;
+        }
+        shifts.push(shift);
+    }
+    shifts
+}
+
+/// The root of every cell's peak, so that the outline counts and not the highest peaks alone.
+fn footprint(step: &Step) -> Vec<(Place, f64)> {
+    step.loaded_cells()
+        .map(|place| {
+            let peak = step.series(place).iter().copied().max().unwrap_or(0);
+            (place, f64::from(peak).sqrt())
+        })
+        .collect()
+}
+
+fn best_shift(print: &[(Place, f64)], common: &BTreeMap<(isize, isize), f64>) -> Shift {
+    let overlap = |shift: Shift| -> f64 {
+        print.iter().filter_map(|&(place, weight)| Some(weight * common.get(&shift.apply(place))?)).sum()
+    };
+    let mut best = Shift { rows: 0, columns: 0 };
+    let mut most = overlap(best);
+    for rows in -REACH..=REACH {
+        for columns in -REACH..=REACH {
+            let shift = Shift { rows, columns };
+            let here = overlap(shift);
+            if here > most {
+                (best, most) = (shift, here);
+            }
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shifted_step_comes_back_onto_the_first() {
+        let at = |row: usize, column: usize| {
+            let mut units = vec![0; 20 * 20];
+            for (r, c, peak) in [(0, 0, 90), (1, 0, 400), (1, 1, 250), (4, 2, 30)] {
+                units[(row + r) * 20 + column + c] = peak;
+            }
+            Step::new(20, 1, units)
+        };
+        let steps = [at(8, 8), at(11, 4), at(8, 8)];
+        let places = shifts(&steps)
+            .into_iter()
+            .zip(&steps)
+            .map(|(shift, step)| step.loaded_cells().map(|p| shift.apply(p)).collect())
+            .collect::<Vec<Vec<_>>>();
+        assert_eq!(places[0][0], (8, 8));
+        assert!(places[1] == places[0] && places[2] == places[0]);
+    }
+}

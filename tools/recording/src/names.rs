@@ -1,0 +1,49 @@
+//! Regions and sides in files: by their lower-case names, not by their Rust identifiers.
+
+/// `#[serde(with = "names::region")]`: [`plantar::Region::name`].
+pub mod region {
+    use plantar::Region;
+    use serde::{Deserialize, Deserializer, Serializer, de::Error};
+
+    pub fn serialize<S: Serializer>(region: &Region, to: S) -> Result<S::Ok, S::Error> {
+        to.serialize_str(region.name())
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Region, D::Error> {
+        let name = String::deserialize(from)?;
+        Region::from_name(&name).ok_or_else(|| D::Error::custom(super::unknown_region(&name)))
+    }
+}
+
+/// `#[serde(with = "names::side")]`: `left` or `right`.
+pub mod side {
+    use plantar::Side;
+    use serde::{Deserialize, Deserializer, Serializer, de::Error};
+
+    pub fn serialize<S: Serializer>(side: &Side, to: S) -> Result<S::Ok, S::Error> {
+        to.serialize_str(super::of_side(*side))
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Side, D::Error> {
+        match String::deserialize(from)?.as_str() {
+            "left" => Ok(Side::Left),
+            "right" => Ok(Side::Right),
+            other => Err(D::Error::custom(format!("unknown side `{other}`, one of left, right"))),
+        }
+    }
+}
+
+pub fn of_side(side: plantar::Side) -> &'static str {
+    match side {
+        plantar::Side::Left => "left",
+        plantar::Side::Right => "right",
+    }
+}
+
+pub fn unknown_region(name: &str) -> String {
+    format!("unknown region `{name}`, one of {}", all_regions())
+}
+
+pub fn all_regions() -> String {
+    plantar::Region::ALL.map(plantar::Region::name).join(", ")
+}

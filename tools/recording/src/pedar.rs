@@ -1,0 +1,229 @@
+//! Import of pedar in-shoe measurements: the ASCII export (`.asc`) and the insole's geometry.
+//!
+//! The export holds both feet: time, the left sensors, the right sensors, in kPa. The geometry is a CSV
+//! with the header `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm`: the corners of every sensor, both
+//! insoles seen from above side by side, heels at small y, the right insole at larger x.
+
+use crate::check::{self, At};
+use crate::table::{self, at_line, check_later, check_width, file_name, number, pressure_kpa, unreadable};
+use crate::{Cell, Error, Layout, Recording, Result, names, rate, template};
+use plantar::{Region, Side};
+use std::fs;
+use std::path::Path;
+
+/// How far a polygon's area may be from the stated one; sensors are drawn with straight edges.
+const AREA_TOLERANCE: f64 = 0.25;
+/// Lines between two calls of the progress callback.
+const LINES_PER_REPORT: usize = 1000;
+/// The first word of the line that names the columns.
+const TIME_COLUMN: &str = "time[secs]";
+
+const GEOMETRY_HEADER: [&str; 11] =
+    ["side", "sensor", "area_mm2", "x1_mm", "y1_mm", "x2_mm", "y2_mm", "x3_mm", "y3_mm", "x4_mm", "y4_mm"];
+
+/// Imports one foot of a measurement. `progress` is told the bytes done and in total.
+///
+/// # Errors
+/// When a file cannot be read or a line breaks the format; the message names file, line and remedy.
+pub fn import(
+    asc_path: impl AsRef<Path>,
+    geometry_path: impl AsRef<Path>,
+    side: Side,
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<Recording> {
+    let (asc_path, geometry_path) = (asc_path.as_ref(), geometry_path.as_ref());
+    let cells = read_geometry(geometry_path, side)?;
+    let frames = read_frames(asc_path, geometry_path, cells.len(), side, progress)?;
+    let rate_hz = rate::of(&frames.t_s, &|at| match at {
+        At::Whole => asc_path.display().to_string(),
+        At::Frame(frame) | At::Value { frame, .. } => at_line(asc_path, frames.lines[frame]),
+    })?;
+    Ok(Recording {
+        side,
+        layout: Layout { name: format!("pedar insole, {} sensors", cells.len()), cells },
+        rate_hz,
+        source: format!(
+            "pedar measurement {}, {} insole, geometry {}, regions by template.",
+            file_name(asc_path),
+            names::of_side(side),
+            file_name(geometry_path)
+        ),
+        t_s: frames.t_s,
+        pressure_kpa: frames.pressure_kpa,
+    })
+}
+
+/// The cells of one insole in foot coordinates, by sensor number.
+fn read_geometry(path: &Path, side: Side) -> Result<Vec<Cell>> {
+    let text = fs::read(path).map_err(Error::io(path))?;
+    let mut reader = table::open(text.as_slice());
+    let header = reader.headers().map_err(|e| unreadable(path, e))?.clone();
+    if !header.iter().eq(GEOMETRY_HEADER) {
+        return Err(Error::content(
+            at_line(path, 1),
+            "not the header of an insole geometry",
+            format!("the header is {}", GEOMETRY_HEADER.join(",")),
+        ));
+    }
+    let mut cells = Vec::new();
+    let mut corners = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(|e| unreadable(path, e))?;
+        let line = record.position().map_or(0, |p| p.line());
+        let place = || at_line(path, line);
+        check_width(record.len(), header.len(), &place)?;
+        if !["left", "right"].contains(&&record[0]) {
+            return Err(Error::content(place(), format!("unknown side `{}`", &record[0]), "use left or right"));
+        }
+        if &record[0] != names::of_side(side) {
+            continue;
+        }
+        if record[1].parse() != Ok(cells.len() + 1) {
+            return Err(Error::content(
+                place(),
+                format!("sensor `{}`, expected {}", &record[1], cells.len() + 1),
+                "list each side's sensors as 1, 2, 3, ... without holes",
+            ));
+        }
+        let mut values = [0.0; 9];
+        for (i, value) in values.iter_mut().enumerate() {
+            *value = number(&record[i + 2], &header[i + 2], &place)?;
+        }
+        let [area_mm2, coordinates @ ..] = values;
+        // Seen from above, the medial side of a right foot is at small x, of a left foot at large x.
+        let lateral = match side {
+            Side::Left => -1.0,
+            Side::Right => 1.0,
+        };
+        let polygon: [[f64; 2]; 4] = std::array::from_fn(|i| [lateral * coordinates[2 * i], coordinates[2 * i + 1]]);
+        let (centroid, polygon_mm2) = centroid_and_area(&polygon);
+        let similar = 1.0 - AREA_TOLERANCE..=1.0 + AREA_TOLERANCE;
+        if !similar.contains(&(polygon_mm2 / area_mm2)) {
+            return Err(Error::content(
+                place(),
+                format!("area {area_mm2} mm², but the corners enclose {polygon_mm2:.0} mm²"),
+                "correct the area or the corners, in order around the sensor",
+            ));
+        }
+        corners.extend(polygon);
+        cells.push(Cell {
+            x_mm: centroid[0],
+            y_mm: centroid[1],
+            area_mm2,
+            // Replaced by the template below.
+            region: Region::Heel,
+        });
+    }
+    check::cell_count(cells.len(), &path.display().to_string())?;
+    let least = |axis: usize| corners.iter().map(|c| c[axis]).fold(f64::INFINITY, f64::min);
+    let (medial_mm, back_mm) = (least(0), least(1));
+    for cell in &mut cells {
+        cell.x_mm -= medial_mm;
+        cell.y_mm -= back_mm;
+    }
+    template::assign(&mut cells);
+    Ok(cells)
+}
+
+/// The shoelace formula; the corners may run either way round.
+fn centroid_and_area(polygon: &[[f64; 2]; 4]) -> ([f64; 2], f64) {
+    let (mut doubled_mm2, mut x, mut y) = (0.0, 0.0, 0.0);
+    for (i, &[x1, y1]) in polygon.iter().enumerate() {
+        let [x2, y2] = polygon[(i + 1) % polygon.len()];
+        let cross = x1 * y2 - x2 * y1;
+        doubled_mm2 += cross;
+        x += (x1 + x2) * cross;
+        y += (y1 + y2) * cross;
+    }
+    ([x / (3.0 * doubled_mm2), y / (3.0 * doubled_mm2)], doubled_mm2.abs() / 2.0)
+}
+
+/// Frames as read: every value checked, uniform time not yet.
+struct Frames {
+    t_s: Vec<f64>,
+    lines: Vec<u64>,
+    pressure_kpa: Vec<f32>,
+}
+
+fn read_frames(
+    path: &Path,
+    geometry_path: &Path,
+    sensors: usize,
+    side: Side,
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<Frames> {
+    // Its header may hold names in any encoding; the numbers are ASCII.
+    let bytes = fs::read(path).map_err(Error::io(path))?;
+    let text = String::from_utf8_lossy(&bytes);
+    let mut lines = (1..).zip(text.lines());
+    check_header(&mut lines, path, geometry_path, sensors)?;
+
+    let first = match side {
+        Side::Left => 1,
+        Side::Right => 1 + sensors,
+    };
+    let total_bytes = text.len() as u64;
+    let mut frames = Frames { t_s: Vec::new(), lines: Vec::new(), pressure_kpa: Vec::new() };
+    for (line, row) in lines {
+        let fields: Vec<&str> = row.split_whitespace().collect();
+        if fields.is_empty() {
+            continue;
+        }
+        let place = || at_line(path, line);
+        check_width(fields.len(), 1 + 2 * sensors, &place)?;
+        let now_s = number(fields[0], TIME_COLUMN, &place)?;
+        check_later(now_s, frames.t_s.last().copied(), &place)?;
+        frames.t_s.push(now_s);
+        frames.lines.push(line);
+        for (i, field) in fields[first..first + sensors].iter().enumerate() {
+            let column = format!("{} {}", names::of_side(side), i + 1);
+            frames.pressure_kpa.push(pressure_kpa(field, &column, &place)?);
+        }
+        if frames.lines.len().is_multiple_of(LINES_PER_REPORT) {
+            let done_bytes = row.as_ptr() as usize - text.as_ptr() as usize;
+            progress(done_bytes as u64, total_bytes);
+        }
+    }
+    progress(total_bytes, total_bytes);
+    Ok(frames)
+}
+
+/// Consumes the lines up to the one that names the columns; checks the unit and the sensors.
+fn check_header<'a>(
+    lines: &mut impl Iterator<Item = (u64, &'a str)>,
+    path: &Path,
+    geometry_path: &Path,
+    sensors: usize,
+) -> Result<()> {
+    for (line, row) in lines {
+        if let Some(unit) = row.strip_prefix("pressure values in")
+            && unit.trim() != "kPa"
+        {
+            return Err(Error::content(
+                at_line(path, line),
+                format!("pressures in `{}`", unit.trim()),
+                "export the measurement in kPa",
+            ));
+        }
+        if let Some(labels) = row.strip_prefix(TIME_COLUMN) {
+            let expected = (1..=sensors).chain(1..=sensors).map(Ok);
+            if !labels.split_whitespace().map(str::parse).eq(expected) {
+                return Err(Error::content(
+                    at_line(path, line),
+                    format!(
+                        "the columns are not the sensors 1 to {sensors} of the left and of the \
+                         right foot, as in {}",
+                        geometry_path.display()
+                    ),
+                    "export both feet with all sensors, and use this insole size's geometry",
+                ));
+            }
+            return Ok(());
+        }
+    }
+    Err(Error::content(
+        path.display().to_string(),
+        format!("no line begins with {TIME_COLUMN}"),
+        "export the measurement as ASCII (.asc)",
+    ))
+}

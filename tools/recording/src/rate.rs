@@ -1,0 +1,64 @@
+//! The rate of frames, and changing it.
+
+use crate::check::{self, At};
+use crate::{Error, Recording, Result};
+
+/// The mean rate of increasing times, Hz, after checking that none is far from the median interval.
+pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
+    let mut steps_s: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    if steps_s.is_empty() {
+        let problem = match t_s.len() {
+            0 => "no frames",
+            _ => "a single frame has no rate",
+        };
+        return Err(Error::content(place(At::Whole), problem, "record at least two frames"));
+    }
+    let middle = (steps_s.len() - 1) / 2;
+    let (_, median_s, _) = steps_s.select_nth_unstable_by(middle, f64::total_cmp);
+    check::steps(t_s, 1.0 / *median_s, place)?;
+    // The mean is exact where times are rounded, say to whole milliseconds.
+    Ok(steps_s.len() as f64 / (t_s[t_s.len() - 1] - t_s[0]))
+}
+
+pub fn at_rate(recording: &Recording, rate_hz: f64) -> Result<Recording> {
+    let t_s = &recording.t_s;
+    let span_s = match (t_s.first(), t_s.last()) {
+        (Some(first_s), Some(last_s)) => last_s - first_s,
+        _ => {
+            return Err(Error::content("resampling", "no frames", "record at least one frame"));
+        }
+    };
+    // A frame that rounding puts a hair after the end still counts.
+    let steps = (span_s * rate_hz + 1e-6).floor();
+    if !(rate_hz > 0.0 && steps < f64::from(u32::MAX)) {
+        return Err(Error::content(
+            "resampling",
+            format!("cannot resample to {rate_hz} Hz"),
+            "give a positive rate that leaves a usable number of frames",
+        ));
+    }
+    let frames = steps as usize + 1;
+    let mut at_s = Vec::with_capacity(frames);
+    let mut pressure_kpa = Vec::with_capacity(frames * recording.cells());
+    let mut before = 0;
+    for k in 0..frames {
+        let now_s = t_s[0] + k as f64 / rate_hz;
+        while before + 2 < t_s.len() && t_s[before + 1] <= now_s {
+            before += 1;
+        }
+        let after = (before + 1).min(t_s.len() - 1);
+        let gap_s = t_s[after] - t_s[before];
+        let share = if gap_s > 0.0 { ((now_s - t_s[before]) / gap_s).min(1.0) as f32 } else { 0.0 };
+        at_s.push(now_s);
+        pressure_kpa
+            .extend(recording.frame(before).iter().zip(recording.frame(after)).map(|(a, b)| a + (b - a) * share));
+    }
+    Ok(Recording {
+        rate_hz,
+        source: format!("{} Resampled linearly from {:.6} Hz to {rate_hz:.6} Hz.", recording.source, recording.rate_hz),
+        t_s: at_s,
+        pressure_kpa,
+        side: recording.side,
+        layout: recording.layout.clone(),
+    })
+}

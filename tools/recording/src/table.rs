@@ -1,0 +1,79 @@
+//! Tables in text files, with errors that name file and line.
+
+use crate::{Error, Result};
+use csv::{Reader, ReaderBuilder, Trim};
+use std::io::Read;
+use std::path::Path;
+
+/// A CSV reader that leaves the number of fields to [`check_width`].
+pub fn open<R: Read>(from: R) -> Reader<R> {
+    ReaderBuilder::new().trim(Trim::All).flexible(true).from_reader(from)
+}
+
+/// `file:line`, as compilers and editors write it.
+pub fn at_line(file: &Path, line: u64) -> String {
+    format!("{}:{line}", file.display())
+}
+
+/// The file's own name, for provenance.
+pub fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// What the CSV reader itself stumbles over: I/O, or text that is no UTF-8.
+pub fn unreadable(file: &Path, error: csv::Error) -> Error {
+    let place = match error.position() {
+        Some(position) => at_line(file, position.line()),
+        None => file.display().to_string(),
+    };
+    Error::content(place, error.to_string(), "save the file as plain CSV in UTF-8")
+}
+
+/// The finite number in a field.
+pub fn number(field: &str, column: &str, place: &dyn Fn() -> String) -> Result<f64> {
+    match field.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err(Error::content(
+            place(),
+            format!("`{field}` in column {column} is not a finite number"),
+            "write a number with a decimal point",
+        )),
+    }
+}
+
+/// The pressure in a field, kPa: finite and not negative.
+pub fn pressure_kpa(field: &str, column: &str, place: &dyn Fn() -> String) -> Result<f32> {
+    let kpa = number(field, column, place)? as f32;
+    if (0.0..=f32::MAX).contains(&kpa) {
+        return Ok(kpa);
+    }
+    Err(Error::content(
+        place(),
+        format!("pressure {field} kPa in column {column}"),
+        "pressures are finite numbers of at least 0; repair or remove the frame",
+    ))
+}
+
+/// Checks that a line's time follows the one before.
+pub fn check_later(now_s: f64, before_s: Option<f64>, place: &dyn Fn() -> String) -> Result<()> {
+    let problem = match before_s {
+        Some(before_s) if now_s == before_s => format!("time {now_s} s is repeated"),
+        Some(before_s) if now_s < before_s => {
+            format!("time runs backwards from {before_s} s to {now_s} s")
+        }
+        _ => return Ok(()),
+    };
+    Err(Error::content(place(), problem, "sort the frames by time and keep each once"))
+}
+
+/// Checks that a line has as many fields as the header.
+pub fn check_width(found: usize, expected: usize, place: &dyn Fn() -> String) -> Result<()> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(Error::content(
+        place(),
+        format!("{found} columns, the header has {expected}"),
+        "give every line as many fields as the header",
+    ))
+}

@@ -1,0 +1,174 @@
+//! The CSV import: good files arrive whole, bad ones are named with file, line and remedy.
+
+use plantar::{Region, Side};
+use recording::{Recording, Result, csv};
+use std::fmt::Write;
+use tempfile::TempDir;
+
+const LAYOUT: &str = "cell,x_mm,y_mm,area_mm2,region\n\
+                      0,5,5,100,heel\n\
+                      1,15,5,100,toe_2\n";
+const FRAMES: &str = "t_s,c0,c1\n0.00,1,2\n0.01,3,4\n0.02,5,6\n";
+
+fn import(layout: &str, frames: &str) -> Result<Recording> {
+    let folder = TempDir::new().unwrap();
+    let (layout_path, frames_path) = (folder.path().join("layout.csv"), folder.path().join("frames.csv"));
+    std::fs::write(&layout_path, layout).unwrap();
+    std::fs::write(&frames_path, frames).unwrap();
+    csv::import(layout_path, frames_path, Side::Left, &mut |_, _| {})
+}
+
+#[track_caller]
+fn assert_refused(layout: &str, frames: &str, expected: &[&str]) {
+    let error = import(layout, frames).unwrap_err().to_string();
+    for part in expected {
+        assert!(error.contains(part), "`{part}` not in: {error}");
+    }
+}
+
+#[test]
+fn good_files_are_imported() {
+    let recording = import(LAYOUT, FRAMES).unwrap();
+    assert_eq!(recording.side, Side::Left);
+    assert_eq!(recording.pressure_kpa, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+    assert!((recording.rate_hz - 100.0).abs() < 1e-9);
+    assert_eq!(recording.layout.cells[1].region, Region::Toe2);
+    assert_eq!(recording.layout.cells[1].x_mm, 15.0);
+}
+
+#[test]
+fn order_spaces_and_a_byte_order_mark_do_not_matter() {
+    let layout = "\u{feff}region, cell, area_mm2, y_mm, x_mm\ntoe_2, 1, 100, 5, 15\nheel,0,100,5,5\n";
+    let frames = FRAMES.replace(',', " , ").replace('\n', "\r\n");
+    let plain = import(LAYOUT, FRAMES).unwrap();
+    assert_eq!(import(layout, &frames).unwrap().layout, plain.layout);
+}
+
+#[test]
+fn without_regions_the_template_assigns_them() {
+    let layout = "cell,x_mm,y_mm,area_mm2\n0,30,10,100\n1,10,260,100\n";
+    let recording = import(layout, FRAMES).unwrap();
+    assert_eq!(recording.layout.cells[0].region, Region::Heel);
+    assert!(recording.layout.cells[1].region > Region::Metatarsals35);
+}
+
+#[test]
+fn times_rounded_to_milliseconds_give_the_true_rate() {
+    let mut frames = String::from("t_s,c0,c1\n");
+    for k in 0..300 {
+        writeln!(frames, "{:.3},0,0", f64::from(k) / 300.0).unwrap();
+    }
+    let recording = import(LAYOUT, &frames).unwrap();
+    assert!((recording.rate_hz - 300.0).abs() < 0.5);
+}
+
+#[test]
+fn progress_ends_at_the_whole_file() {
+    let folder = TempDir::new().unwrap();
+    let paths = ["layout.csv", "frames.csv"].map(|name| folder.path().join(name));
+    std::fs::write(&paths[0], LAYOUT).unwrap();
+    let mut frames = String::from("t_s,c0,c1\n");
+    for k in 0..5000 {
+        writeln!(frames, "{:.2},0,0", f64::from(k) / 100.0).unwrap();
+    }
+    std::fs::write(&paths[1], &frames).unwrap();
+    let mut reports = Vec::new();
+    csv::import(&paths[0], &paths[1], Side::Left, &mut |done, total| {
+        reports.push((done, total));
+    })
+    .unwrap();
+    assert!(reports.len() > 3 && reports.is_sorted());
+    assert_eq!(reports.last(), Some(&(frames.len() as u64, frames.len() as u64)));
+}
+
+#[test]
+fn layout_columns_must_be_known_and_complete() {
+    let refused = |from: &str, to: &str, expected: &[&str]| {
+        assert_refused(&LAYOUT.replace(from, to), FRAMES, expected);
+    };
+    let header = "the header is cell,x_mm,y_mm,area_mm2";
+    refused("area_mm2", "area_cm2", &["layout.csv:1", "`area_cm2`", header]);
+    refused("region", "cell", &["layout.csv:1", "appears twice"]);
+    assert_refused("cell,x_mm,y_mm\n0,1,1\n", FRAMES, &["layout.csv:1", "no column `area_mm2`", header]);
+    assert_refused("", FRAMES, &["layout.csv:1", "no column `cell`"]);
+}
+
+#[test]
+fn layout_rows_must_be_sound() {
+    let refused = |from: &str, to: &str, expected: &[&str]| {
+        assert_refused(&LAYOUT.replace(from, to), FRAMES, expected);
+    };
+    refused("1,15,5,100,toe_2", "1,15,5,100", &["layout.csv:3", "4 columns"]);
+    refused("1,15", "1,NaN", &["layout.csv:3", "`NaN` in column x_mm"]);
+    refused("1,15", "1,inf", &["layout.csv:3", "`inf` in column x_mm"]);
+    refused("15,5,100", "15,5,0", &["layout.csv:3", "positive area"]);
+    refused("15,5,100", "15,5,-4", &["layout.csv:3", "positive area"]);
+    refused("toe_2", "thumb", &["layout.csv:3", "`thumb`", "use one of heel, posterior_midfoot", "toes_35"]);
+    refused("1,15", "0,15", &["layout.csv:3", "cell 0 is already on line 2"]);
+    refused("1,15", "2,15", &["layout.csv:3", "cell 1 is nowhere"]);
+    refused("1,15", "one,15", &["layout.csv:3", "`one` is no cell number"]);
+    assert_refused("cell,x_mm,y_mm,area_mm2\n", FRAMES, &["layout.csv", "at least one cell"]);
+}
+
+#[test]
+fn overlapping_cells_are_both_named() {
+    let overlapping = LAYOUT.replace("1,15", "1,12");
+    assert_refused(&overlapping, FRAMES, &["layout.csv:3", "cell 0 (line 2)", "cell 1 (line 3)", "30 %"]);
+    let touching = LAYOUT.replace("1,15", "1,13");
+    assert!(import(&touching, FRAMES).is_ok());
+}
+
+#[test]
+fn too_many_cells_are_refused() {
+    let mut layout = String::from("cell,x_mm,y_mm,area_mm2\n");
+    for cell in 0..4097 {
+        writeln!(layout, "{cell},{},{},1", cell % 64, cell / 64).unwrap();
+    }
+    assert_refused(&layout, FRAMES, &["layout.csv", "4097 cells", "4096"]);
+}
+
+#[test]
+fn frame_columns_must_be_the_cells() {
+    let refused = |from: &str, to: &str, expected: &[&str]| {
+        assert_refused(LAYOUT, &FRAMES.replace(from, to), expected);
+    };
+    refused("t_s", "time", &["frames.csv:1", "`time`, expected `t_s`"]);
+    refused("c0,c1", "c1,c0", &["frames.csv:1", "`c1`, expected `c0`"]);
+    assert_refused(LAYOUT, "t_s,c0\n0,1\n", &["frames.csv:1", "1 cell columns", "layout.csv", "2 cells"]);
+}
+
+#[test]
+fn frame_rows_must_be_sound() {
+    let refused = |from: &str, to: &str, expected: &[&str]| {
+        assert_refused(LAYOUT, &FRAMES.replace(from, to), expected);
+    };
+    refused("0.01,3,4", "0.01,3", &["frames.csv:3", "2 columns, the header has 3"]);
+    refused("0.01,3,4", "0.01,3,4,5", &["frames.csv:3", "4 columns"]);
+    for bad in ["NaN", "inf", "-inf", "three", "", "1e999"] {
+        refused("0.01,3,", &format!("0.01,{bad},"), &["frames.csv:3", "column c0", "finite number"]);
+    }
+    refused("0.01,3,", "0.01,-3,", &["frames.csv:3", "pressure -3", "c0", "at least 0"]);
+    refused("0.01,3,", "0.01,1e300,", &["frames.csv:3", "c0"]);
+    refused("0.02,", "0.00,", &["frames.csv:4", "backwards"]);
+    refused("0.02,", "0.01,", &["frames.csv:4", "repeated"]);
+    refused("0.02,", "soon,", &["frames.csv:4", "`soon` in column t_s"]);
+}
+
+#[test]
+fn a_gap_in_time_is_named_by_its_line() {
+    // A blank line counts as a line, though not as a frame.
+    let frames = FRAMES.replace("0.01,3,4\n", "0.01,3,4\n\n") + "0.06,1,1\n0.07,1,1\n";
+    assert_refused(LAYOUT, &frames, &["frames.csv:6", "0.040000 s after", "split the recording"]);
+}
+
+#[test]
+fn frames_are_needed() {
+    assert_refused(LAYOUT, "t_s,c0,c1\n", &["frames.csv", "no frames", "at least two"]);
+    assert_refused(LAYOUT, "t_s,c0,c1\n0,1,1\n", &["frames.csv", "single frame"]);
+}
+
+#[test]
+fn a_missing_file_is_named() {
+    let error = csv::import("nowhere.csv", "nothing.csv", Side::Left, &mut |_, _| {}).unwrap_err().to_string();
+    assert!(error.starts_with("nowhere.csv: "), "{error}");
+}

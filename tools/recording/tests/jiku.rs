@@ -1,0 +1,113 @@
+//! The SpeedPP2DS import, where the data set is installed: `PLANTAR_JIKU` names its folder.
+
+use plantar::Region;
+use recording::{Recording, jiku};
+use std::path::PathBuf;
+
+fn folder() -> Option<PathBuf> {
+    let folder = std::env::var_os("PLANTAR_JIKU").map(PathBuf::from);
+    if folder.is_none() {
+        println!("skipped: PLANTAR_JIKU names no SpeedPP2DS folder");
+    }
+    folder
+}
+
+fn import(folder: &PathBuf, walker: usize, trials: impl IntoIterator<Item = usize>) -> Recording {
+    jiku::import(folder, walker, trials, &mut |_, _| {}).unwrap()
+}
+
+/// The peak force of every step, N; steps are apart when nothing is loaded for a tenth of a second.
+fn step_peaks_n(recording: &Recording) -> Vec<f64> {
+    let mut peaks_n = Vec::new();
+    let mut unloaded = usize::MAX;
+    for i in 0..recording.frames() {
+        let force_n = recording.force_n(i);
+        if force_n == 0.0 {
+            unloaded = unloaded.saturating_add(1);
+            continue;
+        }
+        match peaks_n.last_mut() {
+            Some(peak_n) if unloaded < 50 => *peak_n = f64::max(*peak_n, force_n),
+            _ => peaks_n.push(force_n),
+        }
+        unloaded = 0;
+    }
+    peaks_n
+}
+
+#[test]
+fn steps_weigh_what_walkers_weigh() {
+    let Some(folder) = folder() else {
+        return;
+    };
+    for walker in [0, 2, 9] {
+        let walk = import(&folder, walker, [0, 20, 40]);
+        let peaks_n = step_peaks_n(&walk);
+        assert_eq!(peaks_n.len(), 3, "walker {walker}");
+        for peak_n in peaks_n {
+            assert!((600.0..1100.0).contains(&peak_n), "walker {walker}: {peak_n} N");
+        }
+    }
+}
+
+#[test]
+fn a_walk_is_laid_out_and_told_as_promised() {
+    let Some(folder) = folder() else {
+        return;
+    };
+    let walk = import(&folder, 0, [3, 1]);
+    assert_eq!(walk.rate_hz, 500.0);
+    for part in ["subj000.h5", "2 separate barefoot steps", "trials 3, 1", "0.4 s"] {
+        assert!(walk.source.contains(part), "{}", walk.source);
+    }
+    let swing = 200;
+    let (first, last) = (walk.force_n(swing), walk.force_n(walk.frames() - swing - 1));
+    assert!(first > 0.0 && last > 0.0);
+    assert!((0..swing).all(|i| walk.force_n(i) == 0.0));
+    for cell in &walk.layout.cells {
+        assert!((cell.area_mm2 - 7.62 * 5.08).abs() < 1e-9);
+        assert!((0.0..140.0).contains(&cell.x_mm) && (0.0..310.0).contains(&cell.y_mm));
+    }
+    // The heel lands first, the hallux leaves last.
+    let region_of_peak = |i: usize| {
+        let frame = walk.frame(i);
+        let peak = (0..walk.cells()).max_by(|&a, &b| frame[a].total_cmp(&frame[b]));
+        walk.layout.cells[peak.unwrap()].region
+    };
+    assert_eq!(region_of_peak(swing + 5), Region::Heel);
+    assert!(region_of_peak(walk.frames() - swing - 10) >= Region::Hallux);
+}
+
+#[test]
+fn steps_lie_on_each_other() {
+    let Some(folder) = folder() else {
+        return;
+    };
+    // Without registration the union of ten steps is far larger than one of them.
+    let alone = import(&folder, 1, [0]).cells();
+    let together = import(&folder, 1, 0..10).cells();
+    assert!(together < alone * 3 / 2, "{alone} {together}");
+}
+
+#[test]
+fn what_does_not_exist_is_named() {
+    let nowhere = PathBuf::from("no-such-folder");
+    let refused = |folder: &PathBuf, walker, trials: Vec<usize>| {
+        jiku::import(folder, walker, trials, &mut |_, _| {}).unwrap_err().to_string()
+    };
+    assert!(refused(&nowhere, 10, vec![0]).contains("a walker from 0 to 9"));
+    let error = refused(&nowhere, 3, vec![0]);
+    assert!(error.contains("no-such-folder") && error.contains("no file subj003.h5"));
+    if let Some(folder) = folder() {
+        assert!(refused(&folder, 0, vec![60]).contains("trials from 0 to 59"));
+        assert!(refused(&folder, 0, vec![]).contains("no usable step"));
+    }
+}
+
+#[test]
+fn a_file_that_is_no_hdf5_is_refused() {
+    let folder = tempfile::TempDir::new().unwrap();
+    std::fs::write(folder.path().join("subj000.h5"), "no data").unwrap();
+    let error = jiku::import(folder.path(), 0, [0], &mut |_, _| {}).unwrap_err().to_string();
+    assert!(error.contains("subj000.h5: not a readable HDF5 file"), "{error}");
+}

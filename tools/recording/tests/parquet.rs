@@ -1,0 +1,202 @@
+//! The file format: what is written comes back, and what is wrong is named.
+
+use parquet::data_type::{DoubleType, FloatType};
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::parser::parse_message_type;
+use plantar::Side;
+use recording::synthetic::{self, SyntheticWalk};
+use recording::{MAX_CELLS, Recording};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use tempfile::TempDir;
+
+const TWO_CELLS: &str = r#"{"version":1,"side":"right","rate_hz":100,"source":"Test.","layout":{"name":"two",
+    "cells":[{"x_mm":5,"y_mm":5,"area_mm2":100,"region":"heel"},
+             {"x_mm":15,"y_mm":5,"area_mm2":100,"region":"toe_2"}]}}"#;
+
+/// A file as another program might write it: a row group of required columns.
+fn write(path: &Path, metadata: Option<&str>, names: [&str; 3], t_s: &[f64], columns_kpa: [&[f32]; 2]) {
+    let [time, first, second] = names;
+    let schema = parse_message_type(&format!(
+        "message test {{ required double {time}; required float {first}; required float {second}; }}"
+    ))
+    .unwrap();
+    let metadata = metadata.map(|json| vec![KeyValue::new("plantar".to_owned(), json.to_owned())]);
+    let properties = WriterProperties::builder().set_key_value_metadata(metadata).build();
+    let file = File::create(path).unwrap();
+    let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).unwrap();
+    let mut group = writer.next_row_group().unwrap();
+    let mut times = group.next_column().unwrap().unwrap();
+    times.typed::<DoubleType>().write_batch(t_s, None, None).unwrap();
+    times.close().unwrap();
+    for values in columns_kpa {
+        let mut column = group.next_column().unwrap().unwrap();
+        column.typed::<FloatType>().write_batch(values, None, None).unwrap();
+        column.close().unwrap();
+    }
+    group.close().unwrap();
+    writer.close().unwrap();
+}
+
+fn in_folder() -> (TempDir, PathBuf) {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("foot.parquet");
+    (folder, path)
+}
+
+#[track_caller]
+fn assert_refused(path: &Path, expected: &[&str]) {
+    let error = Recording::read(path).unwrap_err().to_string();
+    assert!(error.contains(path.to_str().unwrap()), "{error}");
+    for part in expected {
+        assert!(error.contains(part), "`{part}` not in: {error}");
+    }
+}
+
+/// Frames of two cells at 100 Hz unless the times say otherwise.
+#[track_caller]
+fn assert_frames_refused(t_s: &[f64], first_kpa: &[f32], second_kpa: &[f32], expected: &[&str]) {
+    let (_folder, path) = in_folder();
+    let names = ["t_s", "c0_kpa", "c1_kpa"];
+    write(&path, Some(TWO_CELLS), names, t_s, [first_kpa, second_kpa]);
+    assert_refused(&path, expected);
+}
+
+#[test]
+fn a_written_recording_reads_back_equal() {
+    let (_folder, path) = in_folder();
+    // Longer than one row group, and a number of cells that no block size divides.
+    let mut written = synthetic::walk(&SyntheticWalk {
+        side: Side::Left,
+        cells: 37,
+        steps: 34,
+        rate_hz: 500.0,
+        ..SyntheticWalk::default()
+    })
+    .recording;
+    assert!(written.frames() > 16_384);
+    written.layout.name = "a \"quoted\" näme".into();
+    written.write(&path).unwrap();
+    assert!(written == Recording::read(&path).unwrap());
+}
+
+#[test]
+fn a_plain_file_with_the_metadata_is_read() {
+    let (_folder, path) = in_folder();
+    write(
+        &path,
+        Some(TWO_CELLS),
+        ["t_s", "c0_kpa", "c1_kpa"],
+        &[0.0, 0.01, 0.02],
+        [&[1.0, 2.0, 3.0], &[4.0, 5.0, 6.0]],
+    );
+    let recording = Recording::read(&path).unwrap();
+    assert_eq!(recording.pressure_kpa, [1.0, 4.0, 2.0, 5.0, 3.0, 6.0]);
+    assert_eq!(recording.t_s, [0.0, 0.01, 0.02]);
+    assert!((recording.force_n(1) - 0.7).abs() < 1e-12);
+}
+
+#[test]
+fn a_file_that_is_missing_or_no_parquet_is_refused() {
+    let (_folder, path) = in_folder();
+    assert_refused(&path, &["check the path"]);
+    std::fs::write(&path, "t_s,c0\n0,1\n").unwrap();
+    assert_refused(&path, &["not a Parquet file", "plantar import csv"]);
+}
+
+#[test]
+fn truncated_files_are_refused() {
+    let (_folder, path) = in_folder();
+    let walk = synthetic::walk(&SyntheticWalk { steps: 1, ..SyntheticWalk::default() });
+    walk.recording.write(&path).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    for part in 0..10 {
+        std::fs::write(&path, &bytes[..bytes.len() * part / 10]).unwrap();
+        assert_refused(&path, &["not a Parquet file"]);
+    }
+}
+
+#[test]
+fn metadata_must_be_there_and_known() {
+    let refused = |metadata: Option<&str>, expected: &[&str]| {
+        let (_folder, path) = in_folder();
+        let names = ["t_s", "c0_kpa", "c1_kpa"];
+        write(&path, metadata, names, &[0.0], [&[0.0], &[0.0]]);
+        assert_refused(&path, expected);
+    };
+    refused(None, &["without the metadata", "plantar import csv"]);
+    refused(Some(r#"{"version":2,"feet":[]}"#), &["version 2", "update plantar"]);
+    refused(Some("{}"), &["cannot be understood", "version"]);
+    refused(Some(&TWO_CELLS.replace("toe_2", "thumb")), &["unknown region `thumb`", "metatarsals_12"]);
+    refused(Some(&TWO_CELLS.replace("\"right\"", "\"both\"")), &["unknown side `both`"]);
+    refused(Some(&TWO_CELLS.replace("\"area_mm2\":100", "\"area_mm2\":0")), &["cell 0", "positive area"]);
+    refused(Some(&TWO_CELLS.replace("\"rate_hz\":100", "\"rate_hz\":0")), &["positive rate"]);
+}
+
+#[test]
+fn columns_must_match_the_cells() {
+    let three =
+        TWO_CELLS.replace("\"cells\":[", "\"cells\":[{\"x_mm\":50,\"y_mm\":5,\"area_mm2\":9,\"region\":\"heel\"},");
+    let refused = |metadata: &str, names: [&str; 3], expected: &[&str]| {
+        let (_folder, path) = in_folder();
+        write(&path, Some(metadata), names, &[0.0], [&[0.0], &[0.0]]);
+        assert_refused(&path, expected);
+    };
+    refused(&three, ["t_s", "c0_kpa", "c1_kpa"], &["3 columns", "asks for 4"]);
+    refused(TWO_CELLS, ["t_s", "c1_kpa", "c0_kpa"], &["column 2", "expected `c0_kpa`"]);
+}
+
+#[test]
+fn impossible_pressures_are_refused() {
+    let t_s = [0.0, 0.01];
+    for bad in [f32::NAN, f32::INFINITY, -1.0] {
+        assert_frames_refused(
+            &t_s,
+            &[0.0, 0.0],
+            &[1.0, bad],
+            &["row 2", "column c1_kpa", &format!("pressure {bad} kPa")],
+        );
+    }
+}
+
+#[test]
+fn time_must_run_evenly_forward() {
+    let zeros = [0.0; 4];
+    let refused = |t_s: [f64; 4], expected: &[&str]| {
+        assert_frames_refused(&t_s, &zeros, &zeros, expected);
+    };
+    refused([0.0, 0.01, 0.005, 0.03], &["row 3", "backwards"]);
+    refused([0.0, 0.01, 0.01, 0.02], &["row 3", "repeated"]);
+    refused([0.0, 0.01, 0.04, 0.05], &["row 3", "0.030000 s after", "0.010000 s"]);
+    refused([0.0, f64::NAN, 0.02, 0.03], &["row 2", "finite"]);
+    refused([0.0, 0.012, 0.024, 0.039], &["stated rate is 100.000 Hz"]);
+    assert_frames_refused(&[], &[], &[], &["no frames"]);
+}
+
+#[test]
+fn jitter_within_half_a_frame_is_read() {
+    let (_folder, path) = in_folder();
+    let zeros = [0.0; 4];
+    write(&path, Some(TWO_CELLS), ["t_s", "c0_kpa", "c1_kpa"], &[0.0, 0.014, 0.019, 0.03], [&zeros, &zeros]);
+    assert_eq!(Recording::read(&path).unwrap().frames(), 4);
+}
+
+#[test]
+fn too_many_cells_are_not_written() {
+    let (_folder, path) = in_folder();
+    let layout = synthetic::insole(MAX_CELLS + 1);
+    let recording = Recording {
+        side: Side::Left,
+        rate_hz: 100.0,
+        source: "Test.".into(),
+        t_s: vec![0.0],
+        pressure_kpa: synthetic::loaded_frame(&layout),
+        layout,
+    };
+    let error = recording.write(&path).unwrap_err().to_string();
+    assert!(error.contains("4097 cells, at most 4096"), "{error}");
+    assert!(!path.exists());
+}

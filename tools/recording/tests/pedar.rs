@@ -1,0 +1,184 @@
+//! The pedar import, on a real measurement where it is present and on small files of its kind.
+
+use plantar::{Region, Side};
+use recording::{Recording, Result, pedar};
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+fn shared(name: &str) -> Option<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/pedar");
+    if !folder.is_dir() {
+        println!("skipped: no ../shared/data");
+        return None;
+    }
+    Some(folder.join(name))
+}
+
+fn both_feet() -> Option<[Recording; 2]> {
+    let (asc, geometry) = (shared("pedar_example.asc")?, shared("geometry.csv")?);
+    let import = |side| pedar::import(&asc, &geometry, side, &mut |_, _| {}).unwrap();
+    Some([import(Side::Left), import(Side::Right)])
+}
+
+/// The mean force per region over some frames, N.
+fn region_forces_n(recording: &Recording, frames: std::ops::Range<usize>) -> [f64; 8] {
+    let mut forces_n = [0.0; 8];
+    for i in frames.clone() {
+        for (cell, &kpa) in recording.layout.cells.iter().zip(recording.frame(i)) {
+            forces_n[cell.region as usize] += f64::from(kpa) * cell.area_mm2 * 1e-3 / frames.len() as f64;
+        }
+    }
+    forces_n
+}
+
+#[test]
+fn a_standing_walker_weighs_what_people_weigh() {
+    let Some([left, right]) = both_feet() else {
+        return;
+    };
+    assert_eq!((left.frames(), left.cells()), (1505, 99));
+    assert!((left.rate_hz - 100.0).abs() < 1e-6);
+    for i in (0..300).step_by(20) {
+        let force_n = left.force_n(i) + right.force_n(i);
+        assert!((700.0..1100.0).contains(&force_n), "{force_n} N");
+    }
+}
+
+#[test]
+fn both_insoles_share_one_frame() {
+    let Some([left, right]) = both_feet() else {
+        return;
+    };
+    for foot in [&left, &right] {
+        let cells = &foot.layout.cells;
+        // Sensor 1 is at the heel, at the medial edge of its row; the last is at the toes.
+        assert!(cells[0].y_mm < 30.0 && cells[0].x_mm < cells[4].x_mm);
+        assert_eq!(cells[0].region, Region::Heel);
+        assert!(cells[98].y_mm > 250.0 && cells[98].region >= Region::Hallux);
+        let least = |along: fn(&recording::Cell) -> f64| cells.iter().map(along).fold(f64::INFINITY, f64::min);
+        assert!((0.0..15.0).contains(&least(|c| c.x_mm)));
+        assert!((0.0..15.0).contains(&least(|c| c.y_mm)));
+        for region in Region::ALL {
+            assert!(cells.iter().any(|c| c.region == region), "no {region:?}");
+        }
+    }
+    // The insoles mirror each other.
+    for (a, b) in left.layout.cells.iter().zip(&right.layout.cells) {
+        assert!((a.x_mm - b.x_mm).abs() < 3.0 && (a.y_mm - b.y_mm).abs() < 3.0);
+    }
+}
+
+#[test]
+fn the_arch_is_spared_on_the_medial_side_and_the_heel_bears_the_stander() {
+    let Some(feet) = both_feet() else {
+        return;
+    };
+    for foot in &feet {
+        let standing_n = region_forces_n(foot, 0..100);
+        let most = standing_n.iter().copied().fold(0.0, f64::max);
+        assert_eq!(standing_n[Region::Heel as usize], most);
+        let midfoot = |medial: bool| -> f64 {
+            foot.layout
+                .cells
+                .iter()
+                .zip(foot.frame(50))
+                .filter(|(c, _)| (90.0..170.0).contains(&c.y_mm) && (c.x_mm < 50.0) == medial)
+                .map(|(c, &kpa)| f64::from(kpa) * c.area_mm2)
+                .sum()
+        };
+        assert!(midfoot(false) > midfoot(true));
+    }
+}
+
+#[test]
+fn a_walking_foot_rolls_from_heel_to_toes() {
+    let Some([left, right]) = both_feet() else {
+        return;
+    };
+    for foot in [&left, &right] {
+        // A shoe presses on the foot during swing too, so a step is what lies above that.
+        let loaded = |i: usize| foot.force_n(i) > 200.0;
+        let mut lands_on_heel = Vec::new();
+        let mut leaves_from_front = Vec::new();
+        for i in 1..foot.frames() {
+            let front_share = |i: usize| {
+                let forces_n = region_forces_n(foot, i..i + 1);
+                forces_n[3..].iter().sum::<f64>() / foot.force_n(i)
+            };
+            match (loaded(i - 1), loaded(i)) {
+                (false, true) => lands_on_heel.push(front_share(i) < 0.3),
+                (true, false) => leaves_from_front.push(front_share(i - 1) > 0.6),
+                _ => {}
+            }
+        }
+        let most = |steps: &[bool]| steps.iter().filter(|&&ok| ok).count() * 4 >= steps.len() * 3;
+        assert!(lands_on_heel.len() >= 3, "{lands_on_heel:?}");
+        assert!(most(&lands_on_heel), "{lands_on_heel:?}");
+        assert!(most(&leaves_from_front), "{leaves_from_front:?}");
+    }
+}
+
+const GEOMETRY: &str = "side,sensor,area_mm2,x1_mm,y1_mm,x2_mm,y2_mm,x3_mm,y3_mm,x4_mm,y4_mm\n\
+    right,1,100,100,10,110,10,110,20,100,20\n\
+    right,2,100,110,10,120,10,120,20,110,20\n\
+    left,1,100,50,10,40,10,40,20,50,20\n\
+    left,2,100,40,10,30,10,30,20,40,20\n";
+const ASC: &str = "file name:\ttest\npressure values in  kPa\n\n\
+    time[secs]\t1\t2\t1\t2\n0.01\t1\t2\t3\t4\n0.02\t5\t6\t7\t8\n0.03\t9\t10\t11\t12\n";
+
+fn import(asc: &str, geometry: &str, side: Side) -> Result<Recording> {
+    let folder = TempDir::new().unwrap();
+    let paths = ["walk.asc", "geometry.csv"].map(|name| folder.path().join(name));
+    std::fs::write(&paths[0], asc).unwrap();
+    std::fs::write(&paths[1], geometry).unwrap();
+    pedar::import(&paths[0], &paths[1], side, &mut |_, _| {})
+}
+
+#[test]
+fn each_foot_gets_its_columns_mirrored_to_lateral() {
+    let left = import(ASC, GEOMETRY, Side::Left).unwrap();
+    let right = import(ASC, GEOMETRY, Side::Right).unwrap();
+    assert_eq!(left.pressure_kpa, [1.0, 2.0, 5.0, 6.0, 9.0, 10.0]);
+    assert_eq!(right.pressure_kpa, [3.0, 4.0, 7.0, 8.0, 11.0, 12.0]);
+    for foot in [left, right] {
+        let centres: Vec<_> = foot.layout.cells.iter().map(|c| (c.x_mm, c.y_mm)).collect();
+        assert_eq!(centres, [(5.0, 5.0), (15.0, 5.0)]);
+    }
+}
+
+#[track_caller]
+fn assert_refused(asc: &str, geometry: &str, expected: &[&str]) {
+    let error = import(asc, geometry, Side::Right).unwrap_err().to_string();
+    for part in expected {
+        assert!(error.contains(part), "`{part}` not in: {error}");
+    }
+}
+
+#[test]
+fn bad_measurements_are_named_by_line() {
+    let refused = |from: &str, to: &str, expected: &[&str]| {
+        assert_refused(&ASC.replace(from, to), GEOMETRY, expected);
+    };
+    refused("kPa", "N", &["walk.asc:2", "`N`", "export the measurement in kPa"]);
+    refused("1\t2\t1\t2", "1\t2\t3\t1\t2\t3", &["walk.asc:4", "geometry.csv"]);
+    refused("time", "dime", &["walk.asc", "time[secs]", "ASCII"]);
+    refused("\t7\t8", "\t7", &["walk.asc:6", "4 columns"]);
+    refused("\t7\t8", "\t7\t-8", &["walk.asc:6", "right 2", "at least 0"]);
+    refused("\t7\t8", "\t7\tNaN", &["walk.asc:6", "right 2", "finite"]);
+    refused("0.02", "0.01", &["walk.asc:6", "repeated"]);
+    refused("0.03", "0.005", &["walk.asc:7", "backwards"]);
+    refused("0.03\t9", "0.07\t9", &["walk.asc:7", "after the frame before"]);
+}
+
+#[test]
+fn bad_geometries_are_named_by_line() {
+    let refused = |from: &str, to: &str, expected: &[&str]| {
+        assert_refused(ASC, &GEOMETRY.replace(from, to), expected);
+    };
+    refused("area_mm2", "area", &["geometry.csv:1", "the header is side,sensor"]);
+    refused("right,1,100", "right,1,150", &["geometry.csv:2", "enclose 100"]);
+    refused("right,1,100", "right,1,0", &["geometry.csv:2", "area 0"]);
+    refused("right,2", "right,3", &["geometry.csv:3", "expected 2"]);
+    refused("right,2", "both,2", &["geometry.csv:3", "left or right"]);
+    refused("right,1,100,100", "right,1,100,x", &["geometry.csv:2", "x1_mm"]);
+}
