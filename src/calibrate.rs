@@ -91,11 +91,12 @@ impl Curve {
         }
     }
 
-    /// Pressure at `code` (offset already subtracted), kPa.
+    /// Pressure at `code` (offset already subtracted, below 2^16), kPa.
     #[inline(always)]
-    pub fn pressure_kpa<R: Real>(&self, code: u16) -> R {
-        let (base, slope) = self.segments[usize::from(code >> SEGMENT_SHIFT)];
-        R::of_f32(base) + R::of_f32(slope) * R::of_u32(u32::from(code))
+    pub fn pressure_kpa<R: Real>(&self, code: u32) -> R {
+        // The remainder changes nothing below 2^16 and spares the check of bounds.
+        let (base, slope) = self.segments[(code >> SEGMENT_SHIFT) as usize % SEGMENTS];
+        R::of_f32(base) + R::of_f32(slope) * R::of_u32(code)
     }
 
     /// The smallest code that reads at least `pressure_kpa`; [`u16::MAX`] where none does.
@@ -103,7 +104,7 @@ impl Curve {
         let (mut below, mut at) = (0u16, u16::MAX);
         while below < at {
             let middle = below + (at - below) / 2;
-            if self.pressure_kpa::<f32>(middle) >= pressure_kpa { at = middle } else { below = middle + 1 }
+            if self.pressure_kpa::<f32>(u32::from(middle)) >= pressure_kpa { at = middle } else { below = middle + 1 }
         }
         at
     }

@@ -38,25 +38,28 @@ impl ContactRule {
 pub struct ContactCell {
     on: u16,
     off: u16,
-    loaded: bool,
+    /// `off` while in contact, else `on`.
+    threshold: u16,
 }
 
 impl ContactCell {
-    /// Thresholds of a cell.
+    /// Thresholds of a cell; all above its offset.
     pub fn new(rule: &ContactRule, curve: &Curve, cell: &CellCalibration) -> Self {
-        // Half a code below the threshold, so that a pressure which was quantised at exactly the threshold is in contact.
+        // One code below the threshold, so that a pressure which was quantised at exactly the threshold is in contact.
         let code_at = |kpa: f32| {
             let code = curve.first_code_at(kpa / cell.gain).saturating_sub(1).max(1);
             code.saturating_add(cell.offset).min(FULL_CODE)
         };
-        Self { on: code_at(rule.on_kpa), off: code_at(rule.off_kpa), loaded: false }
+        let on = code_at(rule.on_kpa);
+        Self { on, off: code_at(rule.off_kpa), threshold: on }
     }
 
     /// Takes this frame's raw code and tells whether the cell is in contact.
     #[inline(always)]
     pub fn update(&mut self, code: u16) -> bool {
-        self.loaded = code >= if self.loaded { self.off } else { self.on };
-        self.loaded
+        let loaded = code >= self.threshold;
+        self.threshold = if loaded { self.off } else { self.on };
+        loaded
     }
 }
 

@@ -28,8 +28,9 @@ impl<R: Real> Ellipse<R> {
         }
         let per_area = R::ONE / m.area_mm2;
         let (x_mm, y_mm) = (m.x_mm3 * per_area, m.y_mm3 * per_area);
-        let variance_x = m.xx_mm4 * per_area - x_mm * x_mm;
-        let variance_y = m.yy_mm4 * per_area - y_mm * y_mm;
+        let own_variance = m.own_mm4 * per_area / R::of(12.0);
+        let variance_x = m.xx_mm4 * per_area - x_mm * x_mm + own_variance;
+        let variance_y = m.yy_mm4 * per_area - y_mm * y_mm + own_variance;
         let covariance = m.xy_mm4 * per_area - x_mm * y_mm;
         // Eigenvalues of the covariance: mean plus and minus spread.
         let half = R::of(0.5);
@@ -39,9 +40,10 @@ impl<R: Real> Ellipse<R> {
         // det / (mean + spread): the difference of near equals would lose half of the digits for a slim ellipse.
         let determinant = (variance_x * variance_y - covariance * covariance).max(R::ZERO);
         let short = R::of(2.0) * (determinant / (mean + spread)).sqrt();
-        // r_a belongs to the axis within 45 degrees of x.
+        // r_a belongs to the axis within 45 degrees of x. Cells on a grid often give exactly 45, or a circle: rounding must not
+        // decide there.
         let (r_a_mm, r_b_mm, sign) =
-            if half_difference >= R::ZERO { (long, short, R::ONE) } else { (short, long, -R::ONE) };
+            if half_difference >= -R::of(1e-4) * mean { (long, short, R::ONE) } else { (short, long, -R::ONE) };
         let double_angle = if spread > R::ZERO {
             (sign * half_difference / spread, sign * covariance / spread)
         } else {

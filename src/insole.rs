@@ -6,7 +6,7 @@ use crate::ellipse::Ellipse;
 use crate::live::{LiveModel, LiveTissue};
 use crate::model::Gauge;
 use crate::num::Real;
-use crate::region::{AreaMoments, Cell, CellMoments, ForceMoments, Region, RegionFrame, Side};
+use crate::region::{AreaMoments, Cell, ForceMoments, Region, RegionCell, RegionFrame, Side};
 use crate::stance::{Rejected, Stance, StanceLimits, StanceRule};
 use crate::step::{RegionStep, StepRecord};
 use core::fmt;
@@ -116,15 +116,22 @@ impl<R: Real> RegionLoad<R> {
     pub const NONE: Self = Self { frame: RegionFrame::NONE, tissue: LiveTissue::NONE };
 }
 
+/// One cell through the stages: calibrate, contact, region.
+#[derive(Clone, Copy, Debug)]
+struct InsoleCell<R> {
+    offset: u16,
+    contact: ContactCell,
+    gain: R,
+    region: RegionCell<R>,
+}
+
 /// An insole with at most `N` cells: parameters, state and the stages between raw codes and steps.
 #[derive(Debug)]
 pub struct Insole<R, const N: usize> {
     /// Its period is 0 until all is set up.
     setup: Setup,
     curve: Curve,
-    offsets: Vec<u16, N>,
-    gains: Vec<R, N>,
-    moments: Vec<CellMoments<R>, N>,
+    cells: Vec<InsoleCell<R>, N>,
     /// Per region: end of its cells, and the reference point of its moments in foot coordinates, mm.
     ends: [usize; 8],
     origins_mm: [(f32, f32); 8],
@@ -134,7 +141,6 @@ pub struct Insole<R, const N: usize> {
     tissue_id: u32,
     gauges: [Gauge<R>; 8],
 
-    contact: Vec<ContactCell, N>,
     live: [LiveModel<R>; 8],
     stance: Stance<R>,
     loads: [RegionLoad<R>; 8],
@@ -151,9 +157,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         Self {
             setup: Setup::NONE,
             curve: Curve::new(),
-            offsets: Vec::new(),
-            gains: Vec::new(),
-            moments: Vec::new(),
+            cells: Vec::new(),
             ends: [0; 8],
             origins_mm: [(0.0, 0.0); 8],
             per_full_kpa: None,
@@ -161,7 +165,6 @@ impl<R: Real, const N: usize> Insole<R, N> {
             limits: StanceLimits::NONE,
             tissue_id: 0,
             gauges: [Gauge::NONE; 8],
-            contact: Vec::new(),
             live: [LiveModel::NEW; 8],
             stance: Stance::new(),
             loads: [RegionLoad::NONE; 8],
@@ -189,17 +192,16 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.setup = Setup::NONE;
         (self.ends, self.origins_mm) = (ends, origins_mm);
         self.curve.set(&setup.sensor);
-        self.offsets.clear();
-        self.gains.clear();
-        self.moments.clear();
-        self.contact.clear();
+        self.cells.clear();
         for SetupCell { cell, calibration } in cells {
             let (x_mm, y_mm) = origins_mm[cell.region as usize];
             // Room for all: `check_cells` counted them.
-            let _ = self.offsets.push(calibration.offset);
-            let _ = self.gains.push(R::of_f32(calibration.gain));
-            let _ = self.moments.push(CellMoments::new(&cell, x_mm, y_mm));
-            let _ = self.contact.push(ContactCell::new(&setup.contact, &self.curve, &calibration));
+            let _ = self.cells.push(InsoleCell {
+                offset: calibration.offset,
+                contact: ContactCell::new(&setup.contact, &self.curve, &calibration),
+                gain: R::of_f32(calibration.gain),
+                region: RegionCell::new(&cell, calibration.gain, x_mm, y_mm),
+            });
         }
         let full_kpa = setup.contact.full_kpa;
         self.per_full_kpa = (full_kpa > 0.0).then(|| R::ONE / R::of_f32(full_kpa));
@@ -232,7 +234,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
 
     /// Number of cells.
     pub fn cells(&self) -> usize {
-        self.moments.len()
+        self.cells.len()
     }
 
     /// Identifies the wearer's parameters; 0 without any.
@@ -243,6 +245,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// Takes frame number `seq` of raw codes, one a cell; true when it confirms toe off: then [`Insole::step_region`] and
     /// [`Insole::step`] give the step until the next frame. Without a set-up, or with fewer codes than cells, nothing
     /// happens.
+    #[inline(never)]
     pub fn frame(&mut self, seq: u32, codes: &[u16]) -> bool {
         if self.setup().is_none() || codes.len() < self.cells() {
             return false;
@@ -255,10 +258,10 @@ impl<R: Real, const N: usize> Insole<R, N> {
             }
         }
         match self.per_full_kpa {
-            None => self.sum_cells(codes, |area, cell, _| area.add(cell)),
-            Some(per_full_kpa) => self.sum_cells(codes, move |area, cell, pressure_kpa| {
-                area.add_share(cell, contact::share(pressure_kpa, per_full_kpa));
-            }),
+            None => self.sum_cells(codes, |_, _| R::ONE),
+            Some(per_full_kpa) => {
+                self.sum_cells(codes, |cell, curve_kpa| contact::share(curve_kpa * cell.gain, per_full_kpa));
+            }
         }
         for ((load, live), gauge) in self.loads.iter_mut().zip(&mut self.live).zip(&self.gauges) {
             load.tissue = live.update(gauge, load.frame.area.area_mm2, per_s);
@@ -266,32 +269,35 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.stance.push(&self.limits, seq, self.loads.each_ref().map(|load| &load.frame))
     }
 
-    /// The one pass over the cells: calibrate, decide contact, add to the region's sums.
+    /// The one pass over the cells: calibrate, decide contact, add to the region's sums. `share` is the part of a cell in
+    /// contact that counts.
     #[inline(always)]
-    fn sum_cells(&mut self, codes: &[u16], add_area: impl Fn(&mut AreaMoments<R>, &CellMoments<R>, R)) {
+    fn sum_cells(&mut self, codes: &[u16], share: impl Fn(&InsoleCell<R>, R) -> R) {
+        let (mut cells, mut codes) = (self.cells.as_mut_slice(), codes);
         let mut start = 0;
         for (load, &end) in self.loads.iter_mut().zip(&self.ends) {
-            let mut area = AreaMoments::NONE;
-            let mut force = ForceMoments::NONE;
-            let mut carries = 0u32;
-            let calibrations = self.offsets[start..end].iter().zip(&self.gains[start..end]);
-            let cells = self.contact[start..end].iter_mut().zip(&self.moments[start..end]);
-            for ((&code, (&offset, &gain)), (contact, moments)) in codes[start..end].iter().zip(calibrations).zip(cells)
-            {
-                let in_contact = contact.update(code);
-                if code <= offset {
-                    continue;
-                }
-                let pressure_kpa = self.curve.pressure_kpa::<R>(code - offset) * gain;
-                force.add(moments, pressure_kpa);
-                if in_contact {
-                    add_area(&mut area, moments, pressure_kpa);
-                }
+            // Ends rise and the last one is the number of cells, of which there are codes.
+            let (region_cells, other_cells) = cells.split_at_mut(end - start);
+            let (region_codes, other_codes) = codes.split_at(end - start);
+            (cells, codes, start) = (other_cells, other_codes, end);
+
+            let (mut area, mut force) = (AreaMoments::NONE, ForceMoments::NONE);
+            let mut carries = 0;
+            for (cell, &code) in region_cells.iter_mut().zip(region_codes) {
+                let in_contact = cell.contact.update(code);
+                let code = u32::from(code);
                 // Saturation without a branch: only a full code carries into bit 16.
-                carries |= u32::from(code) + (0x1_0000 - u32::from(FULL_CODE));
+                carries |= code + (0x1_0000 - u32::from(FULL_CODE));
+                if in_contact {
+                    // Thresholds lie above the offset.
+                    let curve_kpa = self.curve.pressure_kpa(code - u32::from(cell.offset));
+                    force.add(&cell.region, curve_kpa);
+                    area.add(&cell.region, cell.region.area_mm2() * share(cell, curve_kpa));
+                } else if code > u32::from(cell.offset) {
+                    force.add(&cell.region, self.curve.pressure_kpa(code - u32::from(cell.offset)));
+                }
             }
-            load.frame = RegionFrame { area, force: force.scaled(), saturated: carries >= 0x1_0000 };
-            start = end;
+            load.frame = RegionFrame { area, force, saturated: carries >= 0x1_0000 };
         }
     }
 

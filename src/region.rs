@@ -68,36 +68,35 @@ pub struct Cell {
     pub area_mm2: f32,
 }
 
-/// A cell's part in the sums of its region: area times 1, x, y, x^2, xy, y^2 of the cell's own extent, with coordinates from
-/// the region's reference point so that single precision suffices.
+/// A cell as the sums of its region need it, with coordinates from the region's reference point so that single precision
+/// suffices.
 #[derive(Clone, Copy, Debug)]
-pub struct CellMoments<R> {
-    area: R,
-    x: R,
-    y: R,
-    xx: R,
-    xy: R,
-    yy: R,
-    centre_x: R,
-    centre_y: R,
+pub struct RegionCell<R> {
+    /// Centroid from the reference point, mm.
+    x_mm: R,
+    y_mm: R,
+    area_mm2: R,
+    /// Force at the pressure of 1 kPa on the common curve, N.
+    n_per_kpa: R,
 }
 
-impl<R: Real> CellMoments<R> {
-    /// Moments of `cell` about `(x_mm, y_mm)`. The cell is taken as a square of its area, variance area / 12 an axis.
-    pub fn new(cell: &Cell, x_mm: f32, y_mm: f32) -> Self {
-        let area = R::of_f32(cell.area_mm2);
-        let (dx, dy) = (R::of_f32(cell.x_mm) - R::of_f32(x_mm), R::of_f32(cell.y_mm) - R::of_f32(y_mm));
-        let own_variance = area / R::of(12.0);
+impl<R: Real> RegionCell<R> {
+    /// `cell` seen from `(x_mm, y_mm)`, reading `gain` times the common curve.
+    pub fn new(cell: &Cell, gain: f32, x_mm: f32, y_mm: f32) -> Self {
+        let area_mm2 = R::of_f32(cell.area_mm2);
         Self {
-            area,
-            x: area * dx,
-            y: area * dy,
-            xx: area * (dx * dx + own_variance),
-            xy: area * dx * dy,
-            yy: area * (dy * dy + own_variance),
-            centre_x: dx,
-            centre_y: dy,
+            x_mm: R::of_f32(cell.x_mm) - R::of_f32(x_mm),
+            y_mm: R::of_f32(cell.y_mm) - R::of_f32(y_mm),
+            area_mm2,
+            // 1 kPa on 1 mm2 is 1e-3 N.
+            n_per_kpa: area_mm2 * R::of_f32(gain) * R::of(1e-3),
         }
+    }
+
+    /// The cell's area, mm2.
+    #[inline(always)]
+    pub fn area_mm2(&self) -> R {
+        self.area_mm2
     }
 }
 
@@ -110,38 +109,38 @@ pub struct AreaMoments<R> {
     pub xx_mm4: R,
     pub xy_mm4: R,
     pub yy_mm4: R,
+    /// Sum of the cells' areas times their own areas: twelve times what their extents add to `xx_mm4` and `yy_mm4`.
+    pub own_mm4: R,
 }
 
 impl<R: Real> AreaMoments<R> {
     /// Nothing in contact.
-    pub const NONE: Self =
-        Self { area_mm2: R::ZERO, x_mm3: R::ZERO, y_mm3: R::ZERO, xx_mm4: R::ZERO, xy_mm4: R::ZERO, yy_mm4: R::ZERO };
+    pub const NONE: Self = Self {
+        area_mm2: R::ZERO,
+        x_mm3: R::ZERO,
+        y_mm3: R::ZERO,
+        xx_mm4: R::ZERO,
+        xy_mm4: R::ZERO,
+        yy_mm4: R::ZERO,
+        own_mm4: R::ZERO,
+    };
 
-    /// Adds a cell that is wholly in contact.
+    /// Adds `area_mm2` of a cell's area. The part in contact keeps the cell's centre and extent: a square of the cell's
+    /// whole area, variance area / 12 an axis.
     #[inline(always)]
-    pub fn add(&mut self, cell: &CellMoments<R>) {
-        self.area_mm2 += cell.area;
-        self.x_mm3 += cell.x;
-        self.y_mm3 += cell.y;
-        self.xx_mm4 += cell.xx;
-        self.xy_mm4 += cell.xy;
-        self.yy_mm4 += cell.yy;
-    }
-
-    /// Adds a cell of which `share` (0 to 1) is in contact. The part in contact keeps the cell's centre and extent.
-    #[inline(always)]
-    pub fn add_share(&mut self, cell: &CellMoments<R>, share: R) {
-        self.area_mm2 += cell.area * share;
-        self.x_mm3 += cell.x * share;
-        self.y_mm3 += cell.y * share;
-        self.xx_mm4 += cell.xx * share;
-        self.xy_mm4 += cell.xy * share;
-        self.yy_mm4 += cell.yy * share;
+    pub fn add(&mut self, cell: &RegionCell<R>, area_mm2: R) {
+        let (x_mm3, y_mm3) = (area_mm2 * cell.x_mm, area_mm2 * cell.y_mm);
+        self.area_mm2 += area_mm2;
+        self.x_mm3 += x_mm3;
+        self.y_mm3 += y_mm3;
+        self.xx_mm4 += x_mm3 * cell.x_mm;
+        self.xy_mm4 += x_mm3 * cell.y_mm;
+        self.yy_mm4 += y_mm3 * cell.y_mm;
+        self.own_mm4 += area_mm2 * cell.area_mm2;
     }
 }
 
-/// Measured force of a region and its first moments: N and N mm about the reference point. Every cell counts, in contact or
-/// not.
+/// Measured force of a region and its first moments about the reference point. Every cell counts, in contact or not.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ForceMoments<R> {
     pub force_n: R,
@@ -153,19 +152,13 @@ impl<R: Real> ForceMoments<R> {
     /// No force.
     pub const NONE: Self = Self { force_n: R::ZERO, x_n_mm: R::ZERO, y_n_mm: R::ZERO };
 
-    /// Adds a cell's pressure, kPa (1 kPa mm2 = 1e-3 N).
+    /// Adds a cell that reads `curve_kpa` on the common curve.
     #[inline(always)]
-    pub fn add(&mut self, cell: &CellMoments<R>, pressure_kpa: R) {
-        let force_mn = pressure_kpa * cell.area;
-        self.force_n += force_mn;
-        self.x_n_mm += force_mn * cell.centre_x;
-        self.y_n_mm += force_mn * cell.centre_y;
-    }
-
-    /// From the mN of [`ForceMoments::add`] to N, once a region instead of once a cell.
-    pub(crate) fn scaled(self) -> Self {
-        let n_per_mn = R::of(1e-3);
-        Self { force_n: self.force_n * n_per_mn, x_n_mm: self.x_n_mm * n_per_mn, y_n_mm: self.y_n_mm * n_per_mn }
+    pub fn add(&mut self, cell: &RegionCell<R>, curve_kpa: R) {
+        let force_n = curve_kpa * cell.n_per_kpa;
+        self.force_n += force_n;
+        self.x_n_mm += force_n * cell.x_mm;
+        self.y_n_mm += force_n * cell.y_mm;
     }
 
     /// Centre of pressure from the reference point, mm; `None` without force.

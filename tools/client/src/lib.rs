@@ -11,6 +11,9 @@ use std::io::{self, Read, Write};
 use std::time::{Duration, Instant};
 use thiserror::Error;
 
+/// A connected insole answers within this time.
+const ANSWER: Duration = Duration::from_secs(2);
+
 /// Why there is no session, or no longer one.
 #[derive(Debug, Error)]
 pub enum Error {
@@ -88,6 +91,27 @@ impl<C: Read + Write> Client<C> {
     /// Who answered.
     pub fn hello(&self) -> &Hello {
         &self.hello
+    }
+
+    /// Turns the live stream on and waits until it is; what arrives meanwhile is received as usual.
+    pub fn stream(&mut self) -> Result<(), Error> {
+        self.send(ToDevice::Stream { live: true })?;
+        self.send(ToDevice::GetStatus)?;
+        let asked = Instant::now();
+        let mut meanwhile = Vec::new();
+        while asked.elapsed() < ANSWER {
+            match self.messages.next()? {
+                Some(ToHost::Status(_)) => {
+                    for message in meanwhile.into_iter().rev() {
+                        self.messages.waiting.push_front(message);
+                    }
+                    return Ok(());
+                }
+                Some(message) => meanwhile.push(message),
+                None => {}
+            }
+        }
+        Err(Error::NoAnswer(ANSWER, self.messages.damaged()))
     }
 
     /// Sends a message.

@@ -125,7 +125,7 @@ impl Emulate {
 
     /// Receives until the walk is over and everything of it has arrived, or the user or a limit ends it.
     fn follow(&self, board: &Board, client: &mut Client<TcpStream>, view: &mut View, scans: u32) -> Result<Outcome> {
-        client.send(ToDevice::Stream { live: true })?;
+        client.stream()?;
         board.play();
         let mut steps = Vec::new();
         let mut asked = false;
@@ -151,7 +151,11 @@ impl Emulate {
                 Some(ToHost::Hello(_)) => bail!("the insole restarted"),
                 None if heard.elapsed() > SILENCE => {
                     let hello = client.reconnect(ANSWER).context("the insole has fallen silent")?;
-                    bail!("the insole restarted: {:?}, {}", hello.reset, hello.last_panic.as_deref().unwrap_or("no panic"))
+                    bail!(
+                        "the insole restarted: {:?}, {}",
+                        hello.reset,
+                        hello.last_panic.as_deref().unwrap_or("no panic")
+                    )
                 }
                 None => continue,
             }

@@ -57,7 +57,7 @@ impl Monitor {
     fn watch(&self, carrier: impl Read + Write) -> Result<()> {
         let mut client = Client::connect(carrier, ANSWER)?;
         let mut view = View::open(client.hello())?;
-        client.send(ToDevice::Stream { live: true })?;
+        client.stream()?;
         let mut steps: Vec<Step> = Vec::new();
         let mut outcome = Ok(());
         while !view.wants_to_end()? && self.steps.is_none_or(|limit| steps.len() < limit) {

@@ -1,0 +1,84 @@
+"""The stages of a replay as one would write them with NumPy: calibrate, contact with hysteresis, areas, forces, centres of
+pressure, second moments, live model, and per step the paper's smoothing and model. Prints seconds, steps and the peak live
+model force of every region.
+"""
+
+import sys
+import time
+
+import numpy as np
+
+folder, full_kpa, exponent, rate_hz = sys.argv[1], *map(float, sys.argv[2:5])
+FULL_CODE = 16 * 4095
+ON_KPA, OFF_KPA = 10.0, 7.5
+STRIKE_N, RELEASE_N, MIN_SWING_S = 30.0, 20.0, 0.04
+
+cells = np.fromfile(f"{folder}/cells.f32", np.float32).reshape(-1, 5)
+codes = np.fromfile(f"{folder}/codes.u16", np.uint16).reshape(-1, len(cells))
+gauges = np.fromfile(f"{folder}/gauges.f32", np.float32).reshape(8, 6).astype(np.float64)
+x, y, area, region, gain = cells.T
+membership = (region[:, None] == np.arange(8)).astype(np.float32)
+
+
+def force(gauge, g, rate):
+    ab, _, stiffness, damping, n, m = gauge.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        f = np.pi * ab * (
+            stiffness * g ** (n + 2) * (1 - g / 3)
+            + damping * g ** (m + 1) * rate * (6 - 4 * g + g * g) / (3 * (2 - g))
+        )
+    return np.where(g > 0, np.maximum(f, 0), 0)
+
+
+start = time.perf_counter()
+
+pressure = full_kpa * (codes.astype(np.float32) / FULL_CODE) ** (1 / exponent) * gain
+on, off = pressure >= ON_KPA, pressure >= OFF_KPA
+loaded = np.empty_like(on)
+state = np.zeros(len(cells), bool)
+for i in range(len(codes)):
+    state = on[i] | (state & off[i])
+    loaded[i] = state
+
+in_contact = loaded * area
+moments = [in_contact @ (membership * q[:, None]) for q in (np.ones_like(x), x, y, x * x, x * y, y * y)]
+forces_n = pressure * (area * np.float32(1e-3))
+force_n, force_x, force_y = (forces_n @ (membership * q[:, None]) for q in (np.ones_like(x), x, y))
+with np.errstate(divide="ignore", invalid="ignore"):
+    centre_of_pressure = force_x / force_n, force_y / force_n
+
+area_mm2 = moments[0].astype(np.float64)
+padded = np.vstack([np.zeros((2, 8)), area_mm2])
+smoothed_m2 = (padded[2:] + padded[1:-1] + padded[:-2]) / 3e6
+ratio = np.clip(smoothed_m2 / (np.pi * gauges[:, 0]), 0, 1)
+g = ratio / (1 + np.sqrt(1 - ratio))
+model_n = force(gauges, g, np.diff(g, axis=0, prepend=0) * rate_hz)
+
+total = force_n.sum(axis=1)
+steps, first, last = [], None, None
+for i, n in enumerate(total):
+    if first is None:
+        first = last = i if n >= STRIKE_N else None
+    elif n >= RELEASE_N:
+        last = i
+    elif i - last >= MIN_SWING_S * rate_hz:
+        steps.append((first, last + 1))
+        first = None
+records = []
+for begin, end in steps:
+    for r in range(8):
+        contact = np.flatnonzero(area_mm2[begin:end, r])
+        if len(contact) == 0:
+            continue
+        a = area_mm2[begin + contact[0] : begin + contact[-1] + 1, r]
+        measured = force_n[begin + contact[0] : begin + contact[-1] + 1, r]
+        mean = np.convolve(np.pad(a, 1, "edge"), np.ones(3) / 3, "valid")
+        t = np.linspace(-1, 1, len(a))
+        smooth = np.polynomial.Polynomial.fit(t, mean, min(5, len(a) // 2 - 1))(t) if len(a) >= 4 else mean
+        ratio = np.clip(smooth * 1e-6 / (np.pi * gauges[r, 0]), 0, 1)
+        g = ratio / (1 + np.sqrt(1 - ratio))
+        rate = np.append(np.diff(g), g[-1] - g[-2] if len(g) > 1 else 0) * rate_hz
+        model = force(gauges[r], g, rate)
+        records.append((measured.max(), model.max(), model.sum() / rate_hz, np.sqrt(np.mean((model - measured) ** 2))))
+
+print(time.perf_counter() - start, len(steps), *model_n.max(axis=0))

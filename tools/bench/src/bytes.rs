@@ -1,0 +1,39 @@
+//! Longest messages, by the longest values that their fields hold.
+
+use crate::Figures;
+use anyhow::Result;
+use plantar::Side;
+use plantar::contact::ContactRule;
+use plantar::wire::{Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Step, StepRegion, ToHost, encode, frame};
+
+/// Time after a hundred years of walking, us: longer than any insole runs.
+const CENTURY_US: u64 = 100 * 366 * 24 * 3600 * 1_000_000;
+
+pub fn measure(figures: &mut Figures) -> Result<()> {
+    let region = LiveRegion { area_mm2: u16::MAX, deformation_um: u16::MAX, model_dn: u16::MAX, measured_dn: u16::MAX };
+    let live =
+        Live { sequence: u32::MAX, t_us: CENTURY_US, saturated: u8::MAX, clamped: u8::MAX, regions: [region; 8] };
+    let step = Step {
+        step: u32::MAX,
+        side: Side::Right,
+        start_us: CENTURY_US,
+        duration_us: u32::MAX,
+        sample_us: u32::MAX,
+        bridged_frames: u16::MAX,
+        saturated: u8::MAX,
+        clamped: u8::MAX,
+        contact_rule: ContactRule::COUNTED,
+        regions: [StepRegion::default(); 8],
+    };
+    for (key, message, meaning) in [
+        ("live_frame_bytes", ToHost::Live(live), "longest live frame"),
+        ("step_record_bytes", ToHost::Step(step), "longest step record"),
+    ] {
+        let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
+        let message = encode(&message, &mut buffer)?;
+        figures.add(key, message.len(), meaning);
+        let on_uart = frame(message, &mut framed);
+        figures.add(&format!("{key}.uart"), on_uart, "the same with CRC, COBS and its end");
+    }
+    Ok(())
+}

@@ -1,0 +1,89 @@
+//! Instructions of one frame on the emulated Cortex-M4F, raw codes to encoded live message.
+
+use crate::Figures;
+use anyhow::{Result, bail};
+use client::Client;
+use emulator::{Board, Scan, Time, Walk};
+use parameters::{InsoleSize, Parameters};
+use plantar::contact::ContactRule;
+use plantar::emulation::Head;
+use plantar::stance::StanceRule;
+use plantar::wire::{ToDevice, ToHost};
+use plantar::{Region, Side};
+use recording::{Recording, VirtualInsole, synthetic};
+use std::path::Path;
+use std::time::Duration;
+
+const CELLS: usize = 240;
+const SCANS: u32 = 200;
+/// One instruction takes a nanosecond of the emulator's time, a SysTick cycle 1/168 MHz.
+const NS_PER_CYCLE: f64 = 1000.0 / 168.0;
+
+/// The same frame over and over, every cell of every region loaded.
+struct Loaded(Vec<u16>);
+
+impl Walk for Loaded {
+    fn scans(&self) -> u32 {
+        SCANS
+    }
+
+    fn scan(&mut self, _: u32, codes: &mut [u16]) -> Scan {
+        codes.copy_from_slice(&self.0);
+        Scan::Whole
+    }
+}
+
+pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
+    let layout = synthetic::insole(CELLS);
+    let pressure_kpa = synthetic::loaded_frame(&layout);
+    let recording = Recording {
+        side: Side::Right,
+        layout,
+        rate_hz: 100.0,
+        source: "every cell loaded".into(),
+        t_s: vec![0.0],
+        pressure_kpa,
+    };
+    for (key, contact, meaning) in [
+        ("frame_instructions", ContactRule::COUNTED, "240 loaded cells, 8 regions, codes to encoded live message"),
+        (
+            "frame_instructions_fractional",
+            ContactRule { full_kpa: 100.0, ..ContactRule::COUNTED },
+            "the same with fractional contact",
+        ),
+    ] {
+        let worn = VirtualInsole::new(&recording, contact, StanceRule::WALKING);
+        let mut codes = vec![0; CELLS];
+        worn.codes(recording.frame(0), &mut codes);
+        for region in Region::ALL {
+            if !worn.cells.iter().zip(&codes).any(|(cell, &code)| cell.cell.region == region && code > 0) {
+                bail!("{} is not loaded", region.name());
+            }
+        }
+        let head = Head { setup: worn.setup, tissue: Parameters::typical(InsoleSize::default()).tissue(), paced: true };
+        let board = Board::start(firmware, &head, &worn.cells, Time::Counted, Loaded(codes))?;
+        let link = board.link()?;
+        link.set_read_timeout(Some(Duration::from_millis(50)))?;
+        let mut client = Client::connect(link, Duration::from_secs(20))?;
+        client.stream()?;
+        board.play();
+        let status = loop {
+            client.send(ToDevice::GetStatus)?;
+            let status = loop {
+                if let Some(ToHost::Status(status)) = client.receive()? {
+                    break status;
+                }
+            };
+            if status.frames >= SCANS {
+                break status;
+            }
+        };
+        // The least: others were interrupted by scanning.
+        let (least, _) = status.frame_cycles;
+        figures.add(key, (f64::from(least) * NS_PER_CYCLE).round(), meaning);
+        if contact == ContactRule::COUNTED {
+            figures.add("stack_bytes.emu", status.stack_bytes, "deepest use of the main stack in this run");
+        }
+    }
+    Ok(())
+}

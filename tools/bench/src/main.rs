@@ -1,0 +1,52 @@
+//! Figures of the data path, each measured in this run.
+
+mod accuracy;
+mod bytes;
+mod instructions;
+mod replay;
+
+use anyhow::{Context, Result};
+use clap::Parser;
+use serde_json::{Map, Value};
+use std::path::PathBuf;
+
+/// Measures and prints: instructions a frame in the emulator, f32 against f64, bytes of the messages, replay beside NumPy.
+#[derive(Parser)]
+struct Arguments {
+    /// The firmware of the emulated board.
+    #[arg(long)]
+    firmware: PathBuf,
+    /// A Python with NumPy.
+    #[arg(long)]
+    python: PathBuf,
+    /// Also write the figures to this file, one flat object.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// What was measured, in the order of printing.
+#[derive(Default)]
+pub struct Figures(Map<String, Value>);
+
+impl Figures {
+    /// Prints and keeps a figure.
+    pub fn add(&mut self, key: &str, value: impl Into<Value>, meaning: &str) {
+        let value = value.into();
+        println!("{key:<28} {:>14}  {meaning}", value.to_string());
+        self.0.insert(key.into(), value);
+    }
+}
+
+fn main() -> Result<()> {
+    let arguments = Arguments::parse();
+    let mut figures = Figures::default();
+    instructions::measure(&arguments.firmware, &mut figures)?;
+    accuracy::measure(&mut figures)?;
+    bytes::measure(&mut figures)?;
+    replay::measure(&arguments.python, &mut figures)?;
+    if let Some(path) = &arguments.json {
+        let text = serde_json::to_string_pretty(&figures.0)? + "\n";
+        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
+}

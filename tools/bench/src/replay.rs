@@ -1,0 +1,96 @@
+//! Frames a second on one core, codes to live values and steps, beside a straightforward NumPy version of the same stages.
+
+use crate::Figures;
+use anyhow::{Context, Result, bail};
+use parameters::{InsoleSize, Parameters};
+use plantar::contact::ContactRule;
+use plantar::insole::{DEVICE_CELLS, Insole};
+use plantar::model::Gauge;
+use plantar::stance::StanceRule;
+use recording::{VirtualInsole, synthetic};
+use std::hint::black_box;
+use std::path::Path;
+use std::process::Command;
+use std::time::Instant;
+
+const STEPS: usize = 300;
+/// The best of so many runs: others shared the core.
+const RUNS: usize = 5;
+
+pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
+    let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: STEPS, ..Default::default() }).recording;
+    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let tissue = Parameters::typical(InsoleSize::default()).tissue();
+    let cells = worn.cells.len();
+    let frames = walk.frames();
+    let mut codes = vec![0u16; frames * cells];
+    for (i, codes) in codes.chunks_exact_mut(cells).enumerate() {
+        worn.codes(walk.frame(i), codes);
+    }
+
+    let mut best_s = f64::INFINITY;
+    let (mut steps, mut peak_n) = (0, [0.0f32; 8]);
+    for _ in 0..RUNS {
+        let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+        insole.set_up(worn.setup, worn.cells.iter().copied())?;
+        insole.set_tissue(&tissue)?;
+        steps = 0;
+        let start = Instant::now();
+        for (i, codes) in codes.chunks_exact(cells).enumerate() {
+            if insole.frame(i as u32, codes) {
+                black_box(insole.whole_step());
+                steps += 1;
+            }
+            for (peak, load) in peak_n.iter_mut().zip(insole.loads()) {
+                *peak = peak.max(load.tissue.model_n);
+            }
+        }
+        best_s = best_s.min(start.elapsed().as_secs_f64());
+    }
+    let per_s = (frames as f64 / best_s).round();
+    figures.add(
+        "replay_frames_per_s",
+        per_s,
+        &format!("{frames} frames of {cells} cells with {steps} steps, f32, one core"),
+    );
+
+    let directory = tempfile::tempdir()?;
+    let write = |name: &str, bytes: Vec<u8>| std::fs::write(directory.path().join(name), bytes);
+    write("codes.u16", codes.iter().flat_map(|c| c.to_le_bytes()).collect())?;
+    let geometry = worn
+        .cells
+        .iter()
+        .flat_map(|c| [c.cell.x_mm, c.cell.y_mm, c.cell.area_mm2, c.cell.region as u8 as f32, c.calibration.gain]);
+    write("cells.f32", geometry.flat_map(f32::to_le_bytes).collect())?;
+    let gauges = tissue.gauges.iter().flat_map(|&Gauge { ab_m2, c_m, stiffness_pa, damping_pa_s, n, m }| {
+        [ab_m2, c_m, stiffness_pa, damping_pa_s, n, m]
+    });
+    write("gauges.f32", gauges.flat_map(f32::to_le_bytes).collect())?;
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("replay_numpy.py");
+    let sensor = worn.setup.sensor;
+    let ran = Command::new(python)
+        .arg(script)
+        .arg(directory.path())
+        .args([sensor.full_kpa, sensor.exponent, walk.rate_hz as f32].map(|v| v.to_string()))
+        .output()
+        .with_context(|| format!("cannot run {}: `cargo xtask setup` makes it", python.display()))?;
+    if !ran.status.success() {
+        bail!("the NumPy version failed: {}", String::from_utf8_lossy(&ran.stderr));
+    }
+    let said = String::from_utf8(ran.stdout)?;
+    let numbers: Vec<f64> = said.split_whitespace().map(str::parse).collect::<Result<_, _>>()?;
+    let [seconds, numpy_steps, numpy_peaks @ ..] = numbers.as_slice() else { bail!("the NumPy version said: {said}") };
+    // Both did the same work, or the comparison is worth nothing.
+    if *numpy_steps as usize != steps {
+        bail!("NumPy found {numpy_steps} steps, the core {steps}");
+    }
+    for (region, (numpy, ours)) in numpy_peaks.iter().zip(peak_n).enumerate() {
+        if (numpy - f64::from(ours)).abs() > 0.01 * numpy.abs() {
+            bail!("region {region}: NumPy's peak model force is {numpy} N, the core's {ours} N");
+        }
+    }
+    let numpy_per_s = frames as f64 / seconds;
+    figures.add("numpy_frames_per_s", numpy_per_s.round(), "NumPy, the same codes, vectorised over all frames at once");
+    figures.add("replay_over_numpy", (per_s / numpy_per_s * 100.0).round() / 100.0, "how many times as fast");
+    Ok(())
+}
