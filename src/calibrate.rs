@@ -52,8 +52,8 @@ pub fn zero_offset(unloaded_codes: impl IntoIterator<Item = u16>) -> Option<u16>
 }
 
 /// True when the converter is at its end: the pressure is at least the one reported.
-pub fn is_saturated(code: u16) -> bool {
-    code >= FULL_CODE
+pub fn is_saturated(code: u32) -> bool {
+    code >= u32::from(FULL_CODE)
 }
 
 const SEGMENTS: usize = 256;

@@ -33,17 +33,26 @@ impl ContactRule {
     }
 }
 
-/// One cell's thresholds as raw codes, and whether it is in contact now.
+/// The share of a cell that is wholly in contact; shares are counted in these units.
+pub const WHOLE: u16 = 256;
+
+/// One cell: its thresholds as raw codes, and what share of it is in contact now.
 #[derive(Clone, Copy, Debug)]
 pub struct ContactCell {
     on: u16,
     off: u16,
-    /// `off` while in contact, else `on`.
-    threshold: u16,
+    /// From this code on the cell counts whole.
+    full: u16,
+    /// Shares of [`WHOLE`] per kPa on the common curve; unused where `full` is below `off`.
+    shares_per_kpa: f32,
+    share: u16,
+    /// The codes that leave the share as it is: `low` and how many.
+    low: u16,
+    span: u16,
 }
 
 impl ContactCell {
-    /// Thresholds of a cell; all above its offset.
+    /// An unloaded cell; its thresholds lie above its offset.
     pub fn new(rule: &ContactRule, curve: &Curve, cell: &CellCalibration) -> Self {
         // One code below the threshold, so that a pressure which was quantised at exactly the threshold is in contact.
         let code_at = |kpa: f32| {
@@ -51,20 +60,34 @@ impl ContactCell {
             code.saturating_add(cell.offset).min(FULL_CODE)
         };
         let on = code_at(rule.on_kpa);
-        Self { on, off: code_at(rule.off_kpa), threshold: on }
+        let (full, shares_per_kpa) = match rule.full_kpa {
+            0.0 => (0, 0.0),
+            full_kpa => (code_at(full_kpa), f32::from(WHOLE) * cell.gain / full_kpa),
+        };
+        Self { on, off: code_at(rule.off_kpa), full, shares_per_kpa, share: 0, low: 0, span: on }
     }
 
-    /// Takes this frame's raw code and tells whether the cell is in contact.
+    /// True where this code neither changes the share nor is saturated: nothing more to do.
     #[inline(always)]
-    pub fn update(&mut self, code: u16) -> bool {
-        let loaded = code >= self.threshold;
-        self.threshold = if loaded { self.off } else { self.on };
-        loaded
+    pub fn is_settled(&self, code: u32) -> bool {
+        // A code below `low` wraps to a number above any span.
+        code.wrapping_sub(u32::from(self.low)) < u32::from(self.span)
     }
-}
 
-/// The share of a cell in contact at `pressure_kpa`, 0 to 1, from the reciprocal of [`ContactRule::full_kpa`].
-#[inline(always)]
-pub fn share<R: Real>(pressure_kpa: R, per_full_kpa: R) -> R {
-    (pressure_kpa * per_full_kpa).min(R::ONE)
+    /// Takes a code, which reads `curve_kpa` on the common curve, and returns the change of the share.
+    ///
+    /// Single precision and whole shares on every machine: the area is the same number wherever it is computed.
+    pub fn settle(&mut self, code: u32, curve_kpa: f32) -> i32 {
+        let before = self.share;
+        let threshold = if before > 0 { self.off } else { self.on };
+        let whole_from = self.full.max(self.off);
+        (self.share, self.low, self.span) = if code < u32::from(threshold) {
+            (0, 0, self.on)
+        } else if code >= u32::from(self.full) {
+            (WHOLE, whole_from, FULL_CODE.saturating_sub(whole_from))
+        } else {
+            (((curve_kpa * self.shares_per_kpa) as u16).clamp(1, WHOLE), 0, 0)
+        };
+        i32::from(self.share) - i32::from(before)
+    }
 }

@@ -22,16 +22,8 @@ pub struct Ellipse<R> {
 
 impl<R: Real> Ellipse<R> {
     /// From area moments; `None` where nothing is in contact.
-    pub fn from_moments(m: &AreaMoments<R>) -> Option<Self> {
-        if m.area_mm2 <= R::ZERO {
-            return None;
-        }
-        let per_area = R::ONE / m.area_mm2;
-        let (x_mm, y_mm) = (m.x_mm3 * per_area, m.y_mm3 * per_area);
-        let own_variance = m.own_mm4 * per_area / R::of(12.0);
-        let variance_x = m.xx_mm4 * per_area - x_mm * x_mm + own_variance;
-        let variance_y = m.yy_mm4 * per_area - y_mm * y_mm + own_variance;
-        let covariance = m.xy_mm4 * per_area - x_mm * y_mm;
+    pub fn from_moments(moments: &AreaMoments) -> Option<Self> {
+        let ((x_mm, y_mm), (variance_x, variance_y, covariance)) = moments.mean_and_variance::<R>()?;
         // Eigenvalues of the covariance: mean plus and minus spread.
         let half = R::of(0.5);
         let (mean, half_difference) = ((variance_x + variance_y) * half, (variance_x - variance_y) * half);

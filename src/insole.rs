@@ -1,12 +1,14 @@
 //! The whole way of the data for one insole: parameters set once or swapped while running, state kept apart.
 
-use crate::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
-use crate::contact::{self, ContactCell, ContactRule};
+use crate::calibrate::{CellCalibration, Curve, SensorLaw, is_saturated};
+use crate::contact::{ContactCell, ContactRule};
 use crate::ellipse::Ellipse;
 use crate::live::{LiveModel, LiveTissue};
 use crate::model::Gauge;
 use crate::num::Real;
-use crate::region::{AreaMoments, Cell, ForceMoments, Region, RegionCell, RegionFrame, Side};
+use crate::region::{
+    AreaMoments, Cell, ForceMoments, MAX_CELL_MM2, MAX_REACH_MM, MAX_REGION_MM2, Region, RegionCell, RegionFrame, Side,
+};
 use crate::stance::{Rejected, Stance, StanceLimits, StanceRule};
 use crate::step::{RegionStep, StepRecord};
 use core::fmt;
@@ -76,7 +78,7 @@ pub enum SetupError {
     TooManyCells,
     /// No cells at all.
     NoCells,
-    /// This cell is not finite, has no area or a bad calibration.
+    /// This cell is not finite, has no or too much area, lies too far from its region, or has a bad calibration.
     Cell(u16),
     /// This cell's region comes before the one of the cell before it.
     RegionOrder(u16),
@@ -95,7 +97,10 @@ impl fmt::Display for SetupError {
             }
             Self::TooManyCells => f.write_str("more cells than this device holds"),
             Self::NoCells => f.write_str("no cells"),
-            Self::Cell(i) => write!(f, "cell {i} is not finite, has no area or a bad calibration"),
+            Self::Cell(i) => write!(
+                f,
+                "cell {i} is not finite, has no or too much area, lies too far from its region, or has a bad calibration"
+            ),
             Self::RegionOrder(i) => write!(f, "cell {i} is out of the order of regions"),
             Self::Tissue(region) => write!(f, "parameters of {} out of range", region.name()),
         }
@@ -121,8 +126,37 @@ impl<R: Real> RegionLoad<R> {
 struct InsoleCell<R> {
     offset: u16,
     contact: ContactCell,
-    gain: R,
     region: RegionCell<R>,
+}
+
+impl<R: Real> InsoleCell<R> {
+    /// Brings the area up to date with a code that is not settled; true where it is saturated. Out of the way: few cells
+    /// change in a frame.
+    #[cold]
+    #[inline(never)]
+    fn settle(&mut self, code: u32, curve: &Curve, area: &mut AreaMoments) -> bool {
+        let curve_kpa = curve.pressure_kpa(code.saturating_sub(u32::from(self.offset)));
+        area.change(&self.region, self.contact.settle(code, curve_kpa));
+        is_saturated(code)
+    }
+}
+
+/// Calibrates a region's cells, adds up their force and, where a cell's contact changed, brings the area up to date. The
+/// hottest loop of the device, alone in a function so that it has all registers.
+#[inline(never)]
+fn sum_region<R: Real>(curve: &Curve, cells: &mut [InsoleCell<R>], codes: &[u16], frame: &mut RegionFrame<R>) {
+    let mut force = ForceMoments::NONE;
+    let mut saturated = false;
+    for (cell, &code) in cells.iter_mut().zip(codes) {
+        let (code, offset) = (u32::from(code), u32::from(cell.offset));
+        if !cell.contact.is_settled(code) {
+            saturated |= cell.settle(code, curve, &mut frame.area);
+        }
+        if code > offset {
+            force.add(&cell.region, curve.pressure_kpa(code - offset));
+        }
+    }
+    (frame.force, frame.saturated) = (force, saturated);
 }
 
 /// An insole with at most `N` cells: parameters, state and the stages between raw codes and steps.
@@ -135,7 +169,6 @@ pub struct Insole<R, const N: usize> {
     /// Per region: end of its cells, and the reference point of its moments in foot coordinates, mm.
     ends: [usize; 8],
     origins_mm: [(f32, f32); 8],
-    per_full_kpa: Option<R>,
     per_period_s: R,
     limits: StanceLimits<R>,
     tissue_id: u32,
@@ -160,7 +193,6 @@ impl<R: Real, const N: usize> Insole<R, N> {
             cells: Vec::new(),
             ends: [0; 8],
             origins_mm: [(0.0, 0.0); 8],
-            per_full_kpa: None,
             per_period_s: R::ZERO,
             limits: StanceLimits::NONE,
             tissue_id: 0,
@@ -199,12 +231,9 @@ impl<R: Real, const N: usize> Insole<R, N> {
             let _ = self.cells.push(InsoleCell {
                 offset: calibration.offset,
                 contact: ContactCell::new(&setup.contact, &self.curve, &calibration),
-                gain: R::of_f32(calibration.gain),
                 region: RegionCell::new(&cell, calibration.gain, x_mm, y_mm),
             });
         }
-        let full_kpa = setup.contact.full_kpa;
-        self.per_full_kpa = (full_kpa > 0.0).then(|| R::ONE / R::of_f32(full_kpa));
         self.per_period_s = R::of(1e6 / f64::from(setup.period_us));
         self.limits = StanceLimits::new(&setup.stance, setup.period_us);
         self.live = [LiveModel::NEW; 8];
@@ -257,47 +286,23 @@ impl<R: Real, const N: usize> Insole<R, N> {
                 per_s = per_s / R::of_u32(elapsed);
             }
         }
-        match self.per_full_kpa {
-            None => self.sum_cells(codes, |_, _| R::ONE),
-            Some(per_full_kpa) => {
-                self.sum_cells(codes, |cell, curve_kpa| contact::share(curve_kpa * cell.gain, per_full_kpa));
-            }
-        }
+        self.sum_cells(codes);
         for ((load, live), gauge) in self.loads.iter_mut().zip(&mut self.live).zip(&self.gauges) {
-            load.tissue = live.update(gauge, load.frame.area.area_mm2, per_s);
+            load.tissue = live.update(gauge, load.frame.area.area_mm2(), per_s);
         }
         self.stance.push(&self.limits, seq, self.loads.each_ref().map(|load| &load.frame))
     }
 
-    /// The one pass over the cells: calibrate, decide contact, add to the region's sums. `share` is the part of a cell in
-    /// contact that counts.
-    #[inline(always)]
-    fn sum_cells(&mut self, codes: &[u16], share: impl Fn(&InsoleCell<R>, R) -> R) {
+    /// The one pass over the cells, region by region.
+    fn sum_cells(&mut self, codes: &[u16]) {
         let (mut cells, mut codes) = (self.cells.as_mut_slice(), codes);
         let mut start = 0;
         for (load, &end) in self.loads.iter_mut().zip(&self.ends) {
             // Ends rise and the last one is the number of cells, of which there are codes.
             let (region_cells, other_cells) = cells.split_at_mut(end - start);
             let (region_codes, other_codes) = codes.split_at(end - start);
+            sum_region(&self.curve, region_cells, region_codes, &mut load.frame);
             (cells, codes, start) = (other_cells, other_codes, end);
-
-            let (mut area, mut force) = (AreaMoments::NONE, ForceMoments::NONE);
-            let mut carries = 0;
-            for (cell, &code) in region_cells.iter_mut().zip(region_codes) {
-                let in_contact = cell.contact.update(code);
-                let code = u32::from(code);
-                // Saturation without a branch: only a full code carries into bit 16.
-                carries |= code + (0x1_0000 - u32::from(FULL_CODE));
-                if in_contact {
-                    // Thresholds lie above the offset.
-                    let curve_kpa = self.curve.pressure_kpa(code - u32::from(cell.offset));
-                    force.add(&cell.region, curve_kpa);
-                    area.add(&cell.region, cell.region.area_mm2() * share(cell, curve_kpa));
-                } else if code > u32::from(cell.offset) {
-                    force.add(&cell.region, self.curve.pressure_kpa(code - u32::from(cell.offset)));
-                }
-            }
-            load.frame = RegionFrame { area, force, saturated: carries >= 0x1_0000 };
         }
     }
 
@@ -374,13 +379,14 @@ impl<R: Real, const N: usize> Default for Insole<R, N> {
     }
 }
 
-/// Where each region's cells end and the centroid of each region, or what is wrong with the cells.
+/// Where each region's cells end and the middle of each region, or what is wrong with the cells.
 fn check_cells(
-    cells: impl Iterator<Item = SetupCell>,
+    cells: impl Iterator<Item = SetupCell> + Clone,
     capacity: usize,
 ) -> Result<([usize; 8], [(f32, f32); 8]), SetupError> {
     let mut counts = [0usize; 8];
-    let mut sums = [(0.0f32, 0.0f32); 8];
+    let mut areas_mm2 = [0.0f32; 8];
+    let mut corners = [((f32::MAX, f32::MAX), (f32::MIN, f32::MIN)); 8];
     let mut last = 0;
     let mut count = 0;
     for SetupCell { cell, calibration } in cells {
@@ -389,9 +395,8 @@ fn check_cells(
         if count > capacity {
             return Err(SetupError::TooManyCells);
         }
-        let within = |mm: f32| mm.abs() <= 1000.0;
-        let sound = within(cell.x_mm) && within(cell.y_mm) && cell.area_mm2 > 0.0 && cell.area_mm2 <= 10_000.0;
-        if !sound || !calibration.is_valid() {
+        let sound = cell.x_mm.is_finite() && cell.y_mm.is_finite();
+        if !sound || !(cell.area_mm2 > 0.0 && cell.area_mm2 <= MAX_CELL_MM2) || !calibration.is_valid() {
             return Err(SetupError::Cell(number));
         }
         let region = cell.region as usize;
@@ -400,8 +405,14 @@ fn check_cells(
         }
         last = region;
         counts[region] += 1;
-        sums[region].0 += cell.x_mm;
-        sums[region].1 += cell.y_mm;
+        areas_mm2[region] += cell.area_mm2;
+        let (low, high) = &mut corners[region];
+        *low = (low.0.min(cell.x_mm), low.1.min(cell.y_mm));
+        *high = (high.0.max(cell.x_mm), high.1.max(cell.y_mm));
+        let extent_mm = (high.0 - low.0).max(high.1 - low.1);
+        if extent_mm > 2.0 * MAX_REACH_MM || areas_mm2[region] > MAX_REGION_MM2 {
+            return Err(SetupError::Cell(number));
+        }
     }
     if count == 0 {
         return Err(SetupError::NoCells);
@@ -412,8 +423,10 @@ fn check_cells(
     for region in 0..8 {
         end += counts[region];
         ends[region] = end;
-        let per_count = 1.0 / counts[region].max(1) as f32;
-        origins_mm[region] = (sums[region].0 * per_count, sums[region].1 * per_count);
+        if counts[region] > 0 {
+            let (low, high) = corners[region];
+            origins_mm[region] = ((low.0 + high.0) * 0.5, (low.1 + high.1) * 0.5);
+        }
     }
     Ok((ends, origins_mm))
 }

@@ -33,6 +33,10 @@ pub trait Real:
     fn of_f32(value: f32) -> Self;
     /// From a count or a code; exact below 2^24.
     fn of_u32(value: u32) -> Self;
+    /// From a whole number; rounds to nearest.
+    fn of_i32(value: i32) -> Self;
+    /// From a whole number; rounds to nearest.
+    fn of_i64(value: i64) -> Self;
     fn to_f64(self) -> f64;
     fn to_f32(self) -> f32;
     /// Nearest integer within 0..=65535, NaN to 0: for the scaled integers of the wire.
@@ -62,6 +66,12 @@ impl Real for f64 {
         value as f64
     }
     fn of_u32(value: u32) -> Self {
+        value as f64
+    }
+    fn of_i32(value: i32) -> Self {
+        value as f64
+    }
+    fn of_i64(value: i64) -> Self {
         value as f64
     }
     fn to_f64(self) -> f64 {
@@ -98,6 +108,12 @@ impl Real for f32 {
         value
     }
     fn of_u32(value: u32) -> Self {
+        value as f32
+    }
+    fn of_i32(value: i32) -> Self {
+        value as f32
+    }
+    fn of_i64(value: i64) -> Self {
         value as f32
     }
     fn to_f64(self) -> f64 {

@@ -1,5 +1,6 @@
 //! Cells to regions: area, measured force, centre of pressure and second moments in one pass over the cells.
 
+use crate::contact::WHOLE;
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
@@ -68,6 +69,20 @@ pub struct Cell {
     pub area_mm2: f32,
 }
 
+/// Units of a cell's area and coordinates in a mm2 and a mm: fine enough that rounding them is below the accuracy of any
+/// layout, coarse enough that all sums stay whole numbers in 64 bits.
+const PER_MM2: f32 = 16.0;
+const PER_MM: f32 = 64.0;
+/// Units of area moments in a mm2 wholly in contact.
+const SHARES_PER_MM2: f32 = PER_MM2 * WHOLE as f32;
+
+/// Largest area of a cell, mm2.
+pub const MAX_CELL_MM2: f32 = 4_000.0;
+/// Largest area of a region, mm2: many times a foot.
+pub const MAX_REGION_MM2: f32 = 500_000.0;
+/// Largest distance of a cell from its region's reference point along an axis, mm.
+pub const MAX_REACH_MM: f32 = 500.0;
+
 /// A cell as the sums of its region need it, with coordinates from the region's reference point so that single precision
 /// suffices.
 #[derive(Clone, Copy, Debug)]
@@ -75,68 +90,79 @@ pub struct RegionCell<R> {
     /// Centroid from the reference point, mm.
     x_mm: R,
     y_mm: R,
-    area_mm2: R,
-    /// Force at the pressure of 1 kPa on the common curve, N.
+    /// Force at a pressure of 1 kPa on the common curve, N.
     n_per_kpa: R,
+    x: i16,
+    y: i16,
+    area: u16,
 }
 
 impl<R: Real> RegionCell<R> {
-    /// `cell` seen from `(x_mm, y_mm)`, reading `gain` times the common curve.
+    /// `cell` seen from `(x_mm, y_mm)`, within [`MAX_REACH_MM`] of it and of at most [`MAX_CELL_MM2`], reading `gain` times
+    /// the common curve.
     pub fn new(cell: &Cell, gain: f32, x_mm: f32, y_mm: f32) -> Self {
-        let area_mm2 = R::of_f32(cell.area_mm2);
+        let (dx_mm, dy_mm) = (cell.x_mm - x_mm, cell.y_mm - y_mm);
         Self {
-            x_mm: R::of_f32(cell.x_mm) - R::of_f32(x_mm),
-            y_mm: R::of_f32(cell.y_mm) - R::of_f32(y_mm),
-            area_mm2,
+            x_mm: R::of_f32(dx_mm),
+            y_mm: R::of_f32(dy_mm),
             // 1 kPa on 1 mm2 is 1e-3 N.
-            n_per_kpa: area_mm2 * R::of_f32(gain) * R::of(1e-3),
+            n_per_kpa: R::of_f32(cell.area_mm2) * R::of_f32(gain) * R::of(1e-3),
+            x: (dx_mm * PER_MM).round_i16(),
+            y: (dy_mm * PER_MM).round_i16(),
+            area: (cell.area_mm2 * PER_MM2).round_u16(),
         }
     }
-
-    /// The cell's area, mm2.
-    #[inline(always)]
-    pub fn area_mm2(&self) -> R {
-        self.area_mm2
-    }
 }
 
-/// Zeroth to second moments of a region's contact area about its reference point: mm2, mm3, mm4.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct AreaMoments<R> {
-    pub area_mm2: R,
-    pub x_mm3: R,
-    pub y_mm3: R,
-    pub xx_mm4: R,
-    pub xy_mm4: R,
-    pub yy_mm4: R,
-    /// Sum of the cells' areas times their own areas: twelve times what their extents add to `xx_mm4` and `yy_mm4`.
-    pub own_mm4: R,
+/// Zeroth to second moments of a region's contact area about its reference point.
+///
+/// Whole numbers, so that adding and taking away cells never drifts and every machine has the same area.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AreaMoments {
+    area: i32,
+    x: i64,
+    y: i64,
+    xx: i64,
+    xy: i64,
+    yy: i64,
 }
 
-impl<R: Real> AreaMoments<R> {
+impl AreaMoments {
     /// Nothing in contact.
-    pub const NONE: Self = Self {
-        area_mm2: R::ZERO,
-        x_mm3: R::ZERO,
-        y_mm3: R::ZERO,
-        xx_mm4: R::ZERO,
-        xy_mm4: R::ZERO,
-        yy_mm4: R::ZERO,
-        own_mm4: R::ZERO,
-    };
+    pub const NONE: Self = Self { area: 0, x: 0, y: 0, xx: 0, xy: 0, yy: 0 };
 
-    /// Adds `area_mm2` of a cell's area. The part in contact keeps the cell's centre and extent: a square of the cell's
-    /// whole area, variance area / 12 an axis.
+    /// Takes a change of a cell's share in contact, in units of [`WHOLE`]. The part in contact keeps the cell's centre and
+    /// extent: a square of the cell's area, variance area / 12 an axis.
+    pub fn change<R>(&mut self, cell: &RegionCell<R>, share: i32) {
+        let area = share * i32::from(cell.area);
+        let (x, y) = (i32::from(cell.x), i32::from(cell.y));
+        let own_variance = i32::from(cell.area) * (PER_MM * PER_MM / PER_MM2) as i32 / 12;
+        let weighted = |moment: i32| i64::from(area) * i64::from(moment);
+        self.area += area;
+        self.x += weighted(x);
+        self.y += weighted(y);
+        self.xx += weighted(x * x + own_variance);
+        self.xy += weighted(x * y);
+        self.yy += weighted(y * y + own_variance);
+    }
+
+    /// Contact area, mm2.
     #[inline(always)]
-    pub fn add(&mut self, cell: &RegionCell<R>, area_mm2: R) {
-        let (x_mm3, y_mm3) = (area_mm2 * cell.x_mm, area_mm2 * cell.y_mm);
-        self.area_mm2 += area_mm2;
-        self.x_mm3 += x_mm3;
-        self.y_mm3 += y_mm3;
-        self.xx_mm4 += x_mm3 * cell.x_mm;
-        self.xy_mm4 += x_mm3 * cell.y_mm;
-        self.yy_mm4 += y_mm3 * cell.y_mm;
-        self.own_mm4 += area_mm2 * cell.area_mm2;
+    pub fn area_mm2<R: Real>(&self) -> R {
+        R::of_i32(self.area) * R::of(f64::from(1.0 / SHARES_PER_MM2))
+    }
+
+    /// Mean position from the reference point, mm, and variances of x, of y and covariance, mm2; `None` without contact.
+    pub fn mean_and_variance<R: Real>(&self) -> Option<((R, R), (R, R, R))> {
+        if self.area <= 0 {
+            return None;
+        }
+        let per_area = R::ONE / R::of_i32(self.area);
+        let mean = |sum: i64, unit: f32| R::of_i64(sum) * per_area * R::of(f64::from(1.0 / unit));
+        let (x_mm, y_mm) = (mean(self.x, PER_MM), mean(self.y, PER_MM));
+        let square = |sum: i64| mean(sum, PER_MM * PER_MM);
+        let variance = (square(self.xx) - x_mm * x_mm, square(self.yy) - y_mm * y_mm, square(self.xy) - x_mm * y_mm);
+        Some(((x_mm, y_mm), variance))
     }
 }
 
@@ -170,7 +196,9 @@ impl<R: Real> ForceMoments<R> {
 /// What the cells say of one region in one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RegionFrame<R> {
-    pub area: AreaMoments<R>,
+    /// Moments of the contact area.
+    pub area: AreaMoments,
+    /// Measured force.
     pub force: ForceMoments<R>,
     /// A cell was at the end of its scale: area stands, force is a lower bound.
     pub saturated: bool,

@@ -105,7 +105,7 @@ pub struct Stance<R> {
     area_mm2: [[R; STANCE_SAMPLES]; 8],
     force_n: [[R; STANCE_SAMPLES]; 8],
     last: [(R, R); 8],
-    at_peak: [(R, AreaMoments<R>); 8],
+    at_peak: [(R, AreaMoments); 8],
     saturated: u8,
     rejected: Rejected,
 }
@@ -212,14 +212,14 @@ impl<R: Real> Stance<R> {
             self.keep(|region| {
                 let (area, force) = from[region];
                 let to = regions[region];
-                (area + (to.area.area_mm2 - area) * part, force + (to.force.force_n - force) * part)
+                (area + (to.area.area_mm2::<R>() - area) * part, force + (to.force.force_n - force) * part)
             });
             self.bridged += 1;
         }
     }
 
     fn store(&mut self, regions: &[&RegionFrame<R>; 8]) {
-        self.keep(|region| (regions[region].area.area_mm2, regions[region].force.force_n));
+        self.keep(|region| (regions[region].area.area_mm2(), regions[region].force.force_n));
         for (i, (region, peak)) in regions.iter().zip(&mut self.at_peak).enumerate() {
             if region.force.force_n > peak.0 {
                 *peak = (region.force.force_n, region.area);
@@ -264,7 +264,7 @@ impl<R: Real> Stance<R> {
     }
 
     /// Area moments of region number `region` in the frame of its largest measured force.
-    pub fn moments_at_peak(&self, region: usize) -> &AreaMoments<R> {
+    pub fn moments_at_peak(&self, region: usize) -> &AreaMoments {
         &self.at_peak[region].1
     }
 

@@ -64,7 +64,7 @@ impl<R: Real> RegionStep<R> {
     ///
     /// Area: three-point mean, polynomial of 5th order over the contact phase, cut at 0; deformation by Eq. 14, its rate by
     /// Eq. 16, force by Eq. 13 cut at 0.
-    pub fn new(gauge: &Gauge<R>, area_mm2: &[R], force_n: &[R], sample_s: R, at_peak: &AreaMoments<R>) -> Self {
+    pub fn new(gauge: &Gauge<R>, area_mm2: &[R], force_n: &[R], sample_s: R, at_peak: &AreaMoments) -> Self {
         let in_contact = |&area: &R| area > R::ZERO;
         let (Some(first), Some(last)) = (area_mm2.iter().position(in_contact), area_mm2.iter().rposition(in_contact))
         else {

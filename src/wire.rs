@@ -153,7 +153,7 @@ impl Live {
             live.saturated |= u8::from(load.frame.saturated) << i;
             live.clamped |= u8::from(load.tissue.clamped) << i;
             *region = LiveRegion {
-                area_mm2: load.frame.area.area_mm2.round_u16(),
+                area_mm2: load.frame.area.area_mm2::<R>().round_u16(),
                 deformation_um: (load.tissue.deformation_m * R::of(1e6)).round_u16(),
                 model_dn: (load.tissue.model_n * R::of(10.0)).round_u16(),
                 measured_dn: (load.frame.force.force_n * R::of(10.0)).round_u16(),

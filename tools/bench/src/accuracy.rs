@@ -59,7 +59,7 @@ fn compare(walk: &Recording, contact: ContactRule, worst: &mut Worst) -> Result<
                 differences[region][k] = differences[region][k].max((s - d).abs());
                 peaks[region][k] = peaks[region][k].max(d);
             }
-            worst.area = worst.area.max(relative(f64::from(s.frame.area.area_mm2), d.frame.area.area_mm2));
+            worst.area = worst.area.max(relative(f64::from(s.frame.area.area_mm2::<f32>()), d.frame.area.area_mm2()));
             if let (Some(s), Some(d)) = (single.ellipse(region), double.ellipse(region)) {
                 worst.area =
                     worst.area.max(relative(s.r_a_mm.to_f64(), d.r_a_mm)).max(relative(s.r_b_mm.to_f64(), d.r_b_mm));

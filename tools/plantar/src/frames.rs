@@ -78,7 +78,7 @@ impl FrameWriter {
             let cop = insole.centre_of_pressure_mm(i);
             let ellipse = insole.ellipse(i);
             row.extend([
-                Some(load.frame.area.area_mm2.to_f64()),
+                Some(load.frame.area.area_mm2::<f64>()),
                 Some(load.frame.force.force_n.to_f64()),
                 Some(load.tissue.deformation_m.to_f64() * 1e3),
                 Some(load.tissue.model_n.to_f64()),
