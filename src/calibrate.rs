@@ -91,12 +91,12 @@ impl Curve {
         }
     }
 
-    /// Pressure at `code` (offset already subtracted, below 2^16), kPa.
+    /// Pressure at `code` (offset already subtracted, 0 to 65,535), kPa.
     #[inline(always)]
-    pub fn pressure_kpa<R: Real>(&self, code: u32) -> R {
-        // The remainder changes nothing below 2^16 and spares the check of bounds.
+    pub fn pressure_kpa<R: Real>(&self, code: i32) -> R {
+        // The remainder changes nothing in range and spares the check of bounds.
         let (base, slope) = self.segments[(code >> SEGMENT_SHIFT) as usize % SEGMENTS];
-        R::of_f32(base) + R::of_f32(slope) * R::of_u32(code)
+        R::of_f32(base) + R::of_f32(slope) * R::of_i32(code)
     }
 
     /// The smallest code that reads at least `pressure_kpa`; [`u16::MAX`] where none does.
@@ -104,7 +104,7 @@ impl Curve {
         let (mut below, mut at) = (0u16, u16::MAX);
         while below < at {
             let middle = below + (at - below) / 2;
-            if self.pressure_kpa::<f32>(u32::from(middle)) >= pressure_kpa { at = middle } else { below = middle + 1 }
+            if self.pressure_kpa::<f32>(i32::from(middle)) >= pressure_kpa { at = middle } else { below = middle + 1 }
         }
         at
     }

@@ -135,7 +135,7 @@ impl<R: Real> InsoleCell<R> {
     #[cold]
     #[inline(never)]
     fn settle(&mut self, code: u32, curve: &Curve, area: &mut AreaMoments) -> bool {
-        let curve_kpa = curve.pressure_kpa(code.saturating_sub(u32::from(self.offset)));
+        let curve_kpa = curve.pressure_kpa((code as i32 - i32::from(self.offset)).max(0));
         area.change(&self.region, self.contact.settle(code, curve_kpa));
         is_saturated(code)
     }
@@ -152,8 +152,9 @@ fn sum_region<R: Real>(curve: &Curve, cells: &mut [InsoleCell<R>], codes: &[u16]
         if !cell.contact.is_settled(code) {
             saturated |= cell.settle(code, curve, &mut frame.area);
         }
-        if code > offset {
-            force.add(&cell.region, curve.pressure_kpa(code - offset));
+        let above_offset = code as i32 - offset as i32;
+        if above_offset > 0 {
+            force.add(&cell.region, curve.pressure_kpa(above_offset));
         }
     }
     (frame.force, frame.saturated) = (force, saturated);
