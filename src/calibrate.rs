@@ -35,6 +35,7 @@ pub struct CellCalibration {
 }
 
 impl CellCalibration {
+    /// No departure.
     pub const IDEAL: Self = Self { offset: 0, gain: 1.0 };
 
     /// True when the gain is finite and in range and the offset leaves half of the scale.

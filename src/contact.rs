@@ -4,7 +4,6 @@
 //! that a device in `f32` and a host in `f64` never disagree about a cell.
 
 use crate::calibrate::{CellCalibration, Curve, FULL_CODE};
-use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
 /// The rule that turns pressures into contact area. Area depends on where this line is drawn: state it with every result.

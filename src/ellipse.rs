@@ -11,6 +11,7 @@ use crate::region::AreaMoments;
 pub struct Ellipse<R> {
     /// Centre, mm, in the coordinates of the moments it came from.
     pub x_mm: R,
+    /// See `x_mm`.
     pub y_mm: R,
     /// Radius along the paper's X (nearer to the medial-lateral axis), mm.
     pub r_a_mm: R,

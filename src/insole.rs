@@ -24,13 +24,17 @@ pub const PERIOD_US: core::ops::RangeInclusive<u32> = 2_000..=50_000;
 /// Everything that is set about an insole except its cells and its wearer's tissue.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Setup {
+    /// The foot.
     pub side: Side,
     /// Identifies the layout in every hello.
     pub layout_id: u32,
     /// Time between frames, us, within [`PERIOD_US`].
     pub period_us: u32,
+    /// The cells' common law.
     pub sensor: SensorLaw,
+    /// What counts as contact.
     pub contact: ContactRule,
+    /// What counts as a step.
     pub stance: StanceRule,
 }
 
@@ -50,7 +54,9 @@ impl Setup {
 /// region in the order of [`Region::ALL`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SetupCell {
+    /// Where it lies.
     pub cell: Cell,
+    /// How it reads.
     pub calibration: CellCalibration,
 }
 
@@ -112,7 +118,9 @@ impl core::error::Error for SetupError {}
 /// One region in one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RegionLoad<R> {
+    /// What the cells say.
     pub frame: RegionFrame<R>,
+    /// What the model says.
     pub tissue: LiveTissue<R>,
 }
 

@@ -30,6 +30,8 @@ pub mod stance;
 #[forbid(unsafe_code)]
 pub mod step;
 #[forbid(unsafe_code)]
+pub mod template;
+#[forbid(unsafe_code)]
 pub mod wire;
 
 #[forbid(unsafe_code)]

@@ -128,6 +128,7 @@ fn power<R: Real>(base: R, exponent: R) -> R {
 /// `Ae / (pi A B)` within 0..=1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AreaRatio<R> {
+    /// The ratio.
     pub ratio: R,
     /// The area exceeded pi A B: the ratio was cut to 1, the ellipsoid is too small for this contact.
     pub clamped: bool,
@@ -166,7 +167,9 @@ pub struct Gauge<R> {
     pub stiffness_pa: R,
     /// G, Pa s.
     pub damping_pa_s: R,
+    /// Stiffness exponent.
     pub n: R,
+    /// Damping exponent.
     pub m: R,
 }
 

@@ -24,7 +24,9 @@ pub trait Real:
     + Sum
     + 'static
 {
+    /// 0.
     const ZERO: Self;
+    /// 1.
     const ONE: Self;
 
     /// From a constant or a parameter; rounds to nearest.
@@ -37,19 +39,26 @@ pub trait Real:
     fn of_i32(value: i32) -> Self;
     /// From a whole number; rounds to nearest.
     fn of_i64(value: i64) -> Self;
+    /// For output.
     fn to_f64(self) -> f64;
+    /// For output.
     fn to_f32(self) -> f32;
     /// Nearest integer within 0..=65535, NaN to 0: for the scaled integers of the wire.
     fn round_u16(self) -> u16;
     /// Nearest integer within -32768..=32767, NaN to 0.
     fn round_i16(self) -> i16;
+    /// Square root, correctly rounded; NaN below 0.
     fn sqrt(self) -> Self;
+    /// Natural logarithm.
     fn ln(self) -> Self;
+    /// Exponential.
     fn exp(self) -> Self;
 
+    /// The larger; the other one where this is NaN.
     fn max(self, other: Self) -> Self {
         if self > other { self } else { other }
     }
+    /// The smaller; the other one where this is NaN.
     fn min(self, other: Self) -> Self {
         if self < other { self } else { other }
     }

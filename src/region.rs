@@ -7,13 +7,21 @@ use serde::{Deserialize, Serialize};
 /// The eight plantar regions of the paper (Fig. 1), in wire order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Region {
+    /// Heel.
     Heel,
+    /// Heel-side half of the midfoot.
     PosteriorMidfoot,
+    /// Toe-side half of the midfoot.
     AnteriorMidfoot,
+    /// Heads of metatarsals 1 and 2.
     Metatarsals12,
+    /// Heads of metatarsals 3 to 5.
     Metatarsals35,
+    /// Big toe.
     Hallux,
+    /// Second toe.
     Toe2,
+    /// Third to fifth toe.
     Toes35,
 }
 
@@ -53,7 +61,9 @@ impl Region {
 /// Which foot an insole is worn on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Side {
+    /// The left.
     Left,
+    /// The right.
     Right,
 }
 
@@ -61,9 +71,11 @@ pub enum Side {
 /// the medial edge.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cell {
+    /// Its region.
     pub region: Region,
     /// Centroid, mm.
     pub x_mm: f32,
+    /// See `x_mm`.
     pub y_mm: f32,
     /// Sensitive area, mm2, positive.
     pub area_mm2: f32,
@@ -169,8 +181,11 @@ impl AreaMoments {
 /// Measured force of a region and its first moments about the reference point. Every cell counts, in contact or not.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ForceMoments<R> {
+    /// Force, N.
     pub force_n: R,
+    /// Moment along x, N mm.
     pub x_n_mm: R,
+    /// Moment along y, N mm.
     pub y_n_mm: R,
 }
 

@@ -26,6 +26,7 @@ pub struct StanceRule {
 }
 
 impl StanceRule {
+    /// Barefoot or in a shoe, from slow to fast walking.
     pub const WALKING: Self =
         Self { strike_n: 30.0, release_n: 20.0, min_stance_ms: 150, min_swing_ms: 40, max_stance_ms: 2500 };
 
@@ -111,6 +112,7 @@ pub struct Stance<R> {
 }
 
 impl<R: Real> Stance<R> {
+    /// Before the first frame.
     pub const fn new() -> Self {
         Self {
             phase: Phase::Unknown,

@@ -41,6 +41,7 @@ pub struct RegionStep<R> {
 /// A step with the rule that its areas were counted by.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepRecord<R> {
+    /// The foot.
     pub side: Side,
     /// Counts steps from 0 since start.
     pub step: u32,
@@ -54,7 +55,9 @@ pub struct StepRecord<R> {
     pub bridged_frames: u16,
     /// Bit i: a cell of region i was saturated: its forces are lower bounds.
     pub saturated: u8,
+    /// The rule that areas were counted by.
     pub contact_rule: ContactRule,
+    /// The regions, in the order of [`crate::Region::ALL`].
     pub regions: [RegionStep<R>; 8],
 }
 

@@ -8,7 +8,7 @@ use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;
 use plantar::stance::StanceRule;
-use plantar::wire::{ToDevice, ToHost};
+use plantar::wire::{Status, ToDevice, ToHost};
 use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, synthetic};
 use std::path::Path;
@@ -60,30 +60,33 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
                 bail!("{} is not loaded", region.name());
             }
         }
-        let head = Head { setup: worn.setup, tissue: Parameters::typical(InsoleSize::default()).tissue(), paced: true };
-        let board = Board::start(firmware, &head, &worn.cells, Time::Counted, Loaded(codes))?;
-        let link = board.link()?;
-        link.set_read_timeout(Some(Duration::from_millis(50)))?;
-        let mut client = Client::connect(link, Duration::from_secs(20))?;
-        client.stream()?;
-        board.play();
-        let status = loop {
-            client.send(ToDevice::GetStatus)?;
-            let status = loop {
-                if let Some(ToHost::Status(status)) = client.receive()? {
-                    break status;
-                }
-            };
-            if status.frames >= SCANS {
-                break status;
-            }
-        };
+        let status = walk_through(firmware, &worn, Time::Counted, Loaded(codes))?;
         // The least: others were interrupted by scanning.
         let (least, _) = status.frame_cycles;
         figures.add(key, (f64::from(least) * NS_PER_CYCLE).round(), meaning);
-        if contact == ContactRule::COUNTED {
-            figures.add("stack_bytes.emu", status.stack_bytes, "deepest use of the main stack in this run");
-        }
     }
     Ok(())
+}
+
+/// Lets the emulated board feel a whole walk, with a live stream, and returns its counters.
+pub fn walk_through(firmware: &Path, worn: &VirtualInsole, time: Time, walk: impl Walk) -> Result<Status> {
+    let scans = walk.scans();
+    let head = Head { setup: worn.setup, tissue: Parameters::typical(InsoleSize::default()).tissue(), paced: true };
+    let board = Board::start(firmware, &head, &worn.cells, time, walk)?;
+    let link = board.link()?;
+    link.set_read_timeout(Some(Duration::from_millis(50)))?;
+    let mut client = Client::connect(link, Duration::from_secs(20))?;
+    client.stream()?;
+    board.play();
+    loop {
+        client.send(ToDevice::GetStatus)?;
+        let status = loop {
+            if let Some(ToHost::Status(status)) = client.receive()? {
+                break status;
+            }
+        };
+        if status.frames >= scans {
+            return Ok(status);
+        }
+    }
 }

@@ -4,6 +4,7 @@ mod accuracy;
 mod bytes;
 mod instructions;
 mod replay;
+mod stack;
 
 use anyhow::{Context, Result};
 use clap::Parser;
@@ -17,11 +18,14 @@ struct Arguments {
     #[arg(long)]
     firmware: PathBuf,
     /// A Python with NumPy.
-    #[arg(long)]
-    python: PathBuf,
+    #[arg(long, required_unless_present = "stack_json")]
+    python: Option<PathBuf>,
     /// Also write the figures to this file, one flat object.
     #[arg(long)]
     json: Option<PathBuf>,
+    /// Measure only the deepest stack of the emulated board in a walk, and write it to this file.
+    #[arg(long, conflicts_with_all = ["python", "json"])]
+    stack_json: Option<PathBuf>,
 }
 
 /// What was measured, in the order of printing.
@@ -40,11 +44,15 @@ impl Figures {
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
     let mut figures = Figures::default();
-    instructions::measure(&arguments.firmware, &mut figures)?;
-    accuracy::measure(&mut figures)?;
-    bytes::measure(&mut figures)?;
-    replay::measure(&arguments.python, &mut figures)?;
-    if let Some(path) = &arguments.json {
+    if let Some(python) = &arguments.python {
+        instructions::measure(&arguments.firmware, &mut figures)?;
+        accuracy::measure(&mut figures)?;
+        bytes::measure(&mut figures)?;
+        replay::measure(python, &mut figures)?;
+    } else {
+        stack::measure(&arguments.firmware, &mut figures)?;
+    }
+    for path in [&arguments.json, &arguments.stack_json].into_iter().flatten() {
         let text = serde_json::to_string_pretty(&figures.0)? + "\n";
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }

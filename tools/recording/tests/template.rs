@@ -1,7 +1,8 @@
 //! The template puts known places of a foot into their regions.
 
 use plantar::Region;
-use recording::template::{assign, region_of};
+use plantar::template::region_at;
+use recording::template::assign;
 use recording::{Cell, synthetic};
 
 #[test]
@@ -25,7 +26,7 @@ fn landmarks_lie_in_their_regions() {
         (-0.2, 1.1, Region::Hallux),
         (1.2, -0.1, Region::Heel),
     ] {
-        assert_eq!(region_of(x, y), region, "at {x}, {y}");
+        assert_eq!(region_at(x as f32, y as f32), region, "at {x}, {y}");
     }
 }
 

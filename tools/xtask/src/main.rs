@@ -1,1 +1,276 @@
-fn main() {}
+//! Set-up, demonstration, tests, benchmarks and sizes, each one command.
+
+mod setup;
+mod size;
+
+use anyhow::{Context, Result, bail};
+use clap::{Args, Parser, Subcommand};
+use serde_json::{Map, Value};
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+
+/// What one does with this repository.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Install what is missing: Rust targets, QEMU, a private Python with NumPy and the sample walk.
+    Setup,
+    /// Build the firmware of both boards and the command line.
+    Build,
+    /// Play one walker's steps through the firmware in QEMU, live in the terminal, then a table of the steps.
+    Demo(Demo),
+    /// Run everything that continuous integration runs.
+    Test,
+    /// Measure instructions a frame, accuracy, bytes, replay speed and sizes.
+    Bench(Json),
+    /// Measure flash and RAM of both firmware binaries.
+    Size(Json),
+    /// Write the firmware to an STM32WB55 on a debug probe and show its log (needs probe-rs).
+    Flash,
+}
+
+#[derive(Args)]
+struct Demo {
+    /// Play this recording instead of the sample walk.
+    #[arg(long, value_name = "FILE")]
+    recording: Option<PathBuf>,
+    /// real, or max: as fast as the emulator can.
+    #[arg(long, default_value = "real", value_parser = ["real", "max"])]
+    speed: String,
+    /// End after this many steps.
+    #[arg(long, value_name = "N")]
+    steps: Option<usize>,
+    /// Write the steps and what became of the live frames to this file.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct Json {
+    /// Also write the figures to this file, one flat object.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// The device's target.
+pub const TARGET: &str = "thumbv7em-none-eabihf";
+/// The boards: feature and binary `plantar_<board>`.
+pub const BOARDS: [&str; 2] = ["emu", "wb55"];
+
+fn main() -> ExitCode {
+    let done = match Arguments::parse().task {
+        Task::Setup => setup::all().map(drop),
+        Task::Build => build(),
+        Task::Demo(demo) => demo.run(),
+        Task::Test => test(),
+        Task::Bench(to) => bench().and_then(|figures| to.write(figures)),
+        Task::Size(to) => sizes().and_then(|figures| to.write(figures)),
+        Task::Flash => flash(),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The repository.
+pub fn root() -> PathBuf {
+    // This file is two folders below.
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// Runs a command in the repository and fails with it.
+pub fn run(program: &str, arguments: &[&str]) -> Result<()> {
+    run_command(Command::new(program).args(arguments))
+}
+
+fn run_command(command: &mut Command) -> Result<()> {
+    let words: Vec<_> = std::iter::once(command.get_program()).chain(command.get_args()).collect();
+    let line = words.iter().map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");
+    eprintln!("> {line}");
+    let status = command.current_dir(root()).status().with_context(|| format!("cannot run {line}"))?;
+    if !status.success() {
+        bail!("{line} failed");
+    }
+    Ok(())
+}
+
+fn built(path: &str) -> PathBuf {
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from);
+    target.join(path)
+}
+
+fn firmware(board: &str) -> PathBuf {
+    built(&format!("{TARGET}/firmware/plantar_{board}"))
+}
+
+fn build_firmware(board: &str) -> Result<()> {
+    let binary = format!("plantar_{board}");
+    run(
+        "cargo",
+        &["build", "--locked", "--profile", "firmware", "--target", TARGET, "--features", board, "--bin", &binary],
+    )
+}
+
+fn build_host(package: &str) -> Result<()> {
+    run("cargo", &["build", "--locked", "--release", "--package", package])
+}
+
+fn build() -> Result<()> {
+    setup::rust()?;
+    for board in BOARDS {
+        build_firmware(board)?;
+    }
+    build_host("plantar-cli")
+}
+
+impl Demo {
+    fn run(&self) -> Result<()> {
+        setup::rust()?;
+        setup::qemu()?;
+        build_firmware("emu")?;
+        build_host("plantar-cli")?;
+        let plantar = built("release/plantar");
+        let recording = match &self.recording {
+            Some(recording) => std::path::absolute(recording)?,
+            None => sample_walk(&plantar)?,
+        };
+        let mut command = Command::new(plantar);
+        command.arg("emulate").arg(recording).args(["--speed", &self.speed]).arg("--firmware").arg(firmware("emu"));
+        if let Some(steps) = self.steps {
+            command.args(["--steps", &steps.to_string()]);
+        }
+        if let Some(json) = &self.json {
+            command.arg("--json").arg(std::path::absolute(json)?);
+        }
+        run_command(&mut command)
+    }
+}
+
+/// Trials of the sample walk, some fifteen seconds.
+const SAMPLE_TRIALS: &str = "12";
+
+/// One walker's steps as a recording for the device, made once.
+fn sample_walk(plantar: &Path) -> Result<PathBuf> {
+    let data = setup::python()?.jiku;
+    let walk = setup::cache().join("walk.parquet");
+    if !walk.is_file() {
+        let mut command = Command::new(plantar);
+        command.args(["import", "jiku", "--walker", "0", "--trials", SAMPLE_TRIALS, "--rate", "100", "--cells", "240"]);
+        run_command(command.arg("--data").arg(data).arg("--out").arg(&walk))?;
+    }
+    Ok(walk)
+}
+
+fn test() -> Result<()> {
+    let python = setup::all()?;
+    run("cargo", &["fmt", "--all", "--check"])?;
+    for board in BOARDS {
+        build_firmware(board)?;
+    }
+    let deny = ["--", "--deny", "warnings"];
+    run("cargo", &[&["clippy", "--locked", "--release", "--workspace", "--all-targets"], &deny[..]].concat())?;
+    for board in BOARDS {
+        let binary = format!("plantar_{board}");
+        let board =
+            ["clippy", "--locked", "--profile", "firmware", "--target", TARGET, "--features", board, "--bin", &binary];
+        run("cargo", &[&board, &deny[..]].concat())?;
+    }
+    for target in [TARGET, "wasm32-unknown-unknown"] {
+        run("cargo", &["check", "--locked", "--release", "--package", "plantar", "--lib", "--target", target])?;
+    }
+    run_command(
+        Command::new("cargo")
+            .args(["test", "--locked", "--release", "--workspace", "--no-fail-fast"])
+            .env("PLANTAR_FIRMWARE", firmware("emu"))
+            .env("PLANTAR_JIKU", &python.jiku),
+    )?;
+    bench().map(drop)
+}
+
+fn bench() -> Result<Map<String, Value>> {
+    setup::rust()?;
+    setup::qemu()?;
+    let python = setup::python()?;
+    let mut figures = sizes()?;
+    let json = built("bench.json");
+    run_bench(&[("--python", &python.interpreter), ("--json", &json)])?;
+    let measured: Map<String, Value> = serde_json::from_str(&std::fs::read_to_string(json)?)?;
+    figures.extend(measured);
+    Ok(figures)
+}
+
+fn run_bench(options: &[(&str, &Path)]) -> Result<()> {
+    build_host("bench")?;
+    let mut command = Command::new(built("release/bench"));
+    command.arg("--firmware").arg(firmware("emu"));
+    for (name, path) in options {
+        command.arg(name).arg(path);
+    }
+    run_command(&mut command)
+}
+
+/// Flash and RAM of both boards. RAM is what is reserved plus the deepest stack that the emulated board used in a walk; the
+/// real board runs the same code above its drivers, so the same stack is taken for it.
+fn sizes() -> Result<Map<String, Value>> {
+    setup::rust()?;
+    setup::qemu()?;
+    for board in BOARDS {
+        build_firmware(board)?;
+    }
+    let json = built("stack.json");
+    run_bench(&[("--stack-json", &json)])?;
+    let stack: Map<String, Value> = serde_json::from_str(&std::fs::read_to_string(json)?)?;
+    let stack_bytes = stack.get("stack_bytes").and_then(Value::as_u64).context("the stack was not measured")?;
+    let mut figures = Map::new();
+    let mut add = |key: String, bytes: u64, meaning: &str| {
+        println!("{key:<28} {bytes:>14}  {meaning}");
+        figures.insert(key, bytes.into());
+    };
+    for board in BOARDS {
+        let size = size::of(&firmware(board))?;
+        add(format!("flash_bytes.{board}"), size.flash_bytes, "of 204,800: code, constants and initial values");
+        add(format!("ram_bytes.{board}"), size.ram_bytes + stack_bytes, "of 65,536: static and deepest stack");
+    }
+    add("stack_bytes".into(), stack_bytes, "deepest stack of the emulated board in a walk");
+    Ok(figures)
+}
+
+impl Json {
+    fn write(&self, figures: Map<String, Value>) -> Result<()> {
+        let Some(path) = &self.json else { return Ok(()) };
+        let text = serde_json::to_string_pretty(&figures)? + "\n";
+        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+    }
+}
+
+fn flash() -> Result<()> {
+    setup::rust()?;
+    if !setup::has("probe-rs") {
+        bail!("probe-rs is not installed: `cargo install probe-rs-tools --locked`, see docs/hardware.md");
+    }
+    run(
+        "cargo",
+        &[
+            "run",
+            "--locked",
+            "--profile",
+            "firmware",
+            "--target",
+            TARGET,
+            "--features",
+            "wb55",
+            "--bin",
+            "plantar_wb55",
+        ],
+    )
+}

@@ -1,0 +1,142 @@
+//! Installs what is missing, or says exactly what to install.
+
+use crate::{TARGET, root, run};
+use anyhow::{Context, Result, bail};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// The sample walk and NumPy. The package that brings the walk is GPLv3 and stays in this machine's cache; what it depends on
+/// is not needed to read its files.
+const SAMPLE_PACKAGE: &str = "jiku-data==0.1.16";
+const NUMPY: &str = "numpy>=1.26,<3";
+
+/// A private Python.
+pub struct Python {
+    /// Its interpreter, with NumPy.
+    pub interpreter: PathBuf,
+    /// The data set of the sample walk.
+    pub jiku: PathBuf,
+}
+
+/// Everything.
+pub fn all() -> Result<Python> {
+    rust()?;
+    qemu()?;
+    python()
+}
+
+/// Where downloads and what is made of them are kept.
+pub fn cache() -> PathBuf {
+    root().join(".cache")
+}
+
+/// True when the program can be started.
+pub fn has(program: &str) -> bool {
+    Command::new(program).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok()
+}
+
+/// The targets of the pinned toolchain. rustup installs them by itself unless that is turned off.
+pub fn rust() -> Result<()> {
+    let sysroot = Command::new("rustc").args(["--print", "sysroot"]).current_dir(root()).output()?;
+    let libraries = PathBuf::from(String::from_utf8(sysroot.stdout)?.trim()).join("lib/rustlib");
+    let missing = [TARGET, "wasm32-unknown-unknown"].into_iter().any(|target| !libraries.join(target).is_dir());
+    if missing {
+        run("rustup", &["toolchain", "install"])
+            .context("install the toolchain that rust-toolchain.toml names, with its targets and components")?;
+    }
+    Ok(())
+}
+
+/// QEMU for Arm.
+pub fn qemu() -> Result<()> {
+    if has("qemu-system-arm") {
+        return Ok(());
+    }
+    install(&Package {
+        what: "QEMU for Arm (qemu-system-arm)",
+        apt: "qemu-system-arm",
+        dnf: "qemu-system-arm",
+        pacman: "qemu-system-arm",
+        brew: "qemu",
+    })
+}
+
+/// The private Python, made once and again when what it should hold changes.
+pub fn python() -> Result<Python> {
+    let environment = cache().join("python");
+    let stamp = environment.join("holds.txt");
+    let holds = format!("{SAMPLE_PACKAGE} {NUMPY}");
+    let bin = if cfg!(windows) { "Scripts" } else { "bin" };
+    let interpreter = environment.join(bin).join("python");
+    if std::fs::read_to_string(&stamp).ok().as_deref() != Some(&holds) {
+        std::fs::create_dir_all(cache())?;
+        make_environment(&environment)?;
+        let pip = [&interpreter.to_string_lossy(), "-m", "pip", "--disable-pip-version-check", "install", "--quiet"];
+        run(pip[0], &[&pip[1..], &["--no-deps", SAMPLE_PACKAGE, NUMPY]].concat())
+            .context("the sample walk and NumPy come from the Python package index: is the network there?")?;
+        std::fs::write(&stamp, holds)?;
+    }
+    let jiku = find(&environment, Path::new("jikudata/datasets/SpeedPP2DS")).with_context(|| {
+        format!("{SAMPLE_PACKAGE} lacks its data set: remove {} and try again", environment.display())
+    })?;
+    Ok(Python { interpreter, jiku })
+}
+
+fn make_environment(environment: &Path) -> Result<()> {
+    let path = environment.to_string_lossy();
+    let make = ["-m", "venv", "--clear", &path];
+    if run("python3", &make).is_ok() {
+        return Ok(());
+    }
+    // Debian ships Python without the part that makes environments.
+    install(&Package {
+        what: "Python 3 with venv",
+        apt: "python3-venv",
+        dnf: "python3",
+        pacman: "python",
+        brew: "python",
+    })?;
+    run("python3", &make)
+}
+
+/// The folder of this name below the environment's packages.
+fn find(environment: &Path, below: &Path) -> Option<PathBuf> {
+    let versions = std::fs::read_dir(environment.join("lib")).ok()?.flatten().map(|folder| folder.path());
+    // Windows has no folder for the version.
+    let mut libraries = versions.chain([environment.join("Lib")]);
+    libraries.find_map(|library| Some(library.join("site-packages").join(below)).filter(|path| path.is_dir()))
+}
+
+struct Package {
+    what: &'static str,
+    apt: &'static str,
+    dnf: &'static str,
+    pacman: &'static str,
+    brew: &'static str,
+}
+
+/// Installs with the system's package manager, as root or through sudo.
+fn install(package: &Package) -> Result<()> {
+    let managers: [(&str, &[&str], &str); 4] = [
+        ("apt-get", &["install", "--yes"], package.apt),
+        ("dnf", &["install", "--assumeyes"], package.dnf),
+        ("pacman", &["--sync", "--noconfirm"], package.pacman),
+        ("brew", &["install"], package.brew),
+    ];
+    let Some((manager, arguments, name)) = managers.into_iter().find(|(manager, ..)| has(manager)) else {
+        bail!("{} is missing and no package manager is known here: install it by hand", package.what);
+    };
+    eprintln!("{} is missing: installing {name}", package.what);
+    let by_hand = format!("install it by hand: {manager} {} {name}", arguments.join(" "));
+    let is_root = Command::new("id").arg("-u").output().is_ok_and(|id| id.stdout.trim_ascii() == b"0");
+    let words = |arguments: &[&'static str]| {
+        let sudo = (manager != "brew" && !is_root).then_some("sudo");
+        sudo.into_iter().chain([manager]).chain(arguments.iter().copied()).collect::<Vec<_>>()
+    };
+    if manager == "apt-get" {
+        let update = words(&["update"]);
+        run(update[0], &update[1..]).with_context(|| by_hand.clone())?;
+    }
+    let install = words(&[arguments, &[name]].concat());
+    run(install[0], &install[1..]).with_context(|| by_hand)
+}
