@@ -1,0 +1,314 @@
+//! The real firmware in QEMU: what it sends of a walk is what a host computes of the same walk, whatever happens on the way.
+//!
+//! The firmware is the file that `PLANTAR_FIRMWARE` names; without it these tests say so and pass.
+
+use client::Client;
+use emulator::{Board, Scan, Time, Walk};
+use parameters::{InsoleSize, Parameters};
+use plantar::contact::ContactRule;
+use plantar::emulation::Head;
+use plantar::insole::{DEVICE_CELLS, Insole};
+use plantar::stance::StanceRule;
+use plantar::wire::{Live, Status, Step, ToDevice, ToHost};
+use plantar::{Region, Side};
+use recording::{Recording, VirtualInsole, jiku, pedar, synthetic};
+use std::io::Write;
+use std::net::TcpStream;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// The firmware, or a word about where it comes from.
+fn firmware() -> Option<PathBuf> {
+    let path = std::env::var_os("PLANTAR_FIRMWARE").map(PathBuf::from);
+    if path.is_none() {
+        println!("skipped: set PLANTAR_FIRMWARE to the emulated board's firmware (`cargo xtask test` does)");
+    }
+    path
+}
+
+/// A recording as a matrix; `fault` may change what a scan answers.
+struct Played {
+    recording: Recording,
+    worn: VirtualInsole,
+    fault: fn(u32) -> Option<Scan>,
+}
+
+impl Walk for Played {
+    fn scans(&self) -> u32 {
+        self.worn.frames(&self.recording) as u32
+    }
+
+    fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
+        self.worn.codes_of(&self.recording, seq as usize, codes);
+        (self.fault)(seq).unwrap_or(Scan::Whole)
+    }
+}
+
+/// A session with the board that feels `recording`; time stands still until [`Board::play`].
+struct Session {
+    board: Board,
+    client: Client<TcpStream>,
+    scans: u32,
+}
+
+impl Session {
+    fn start(recording: &Recording, contact: ContactRule, fault: fn(u32) -> Option<Scan>) -> Option<Self> {
+        let firmware = firmware()?;
+        let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+        let head = Head { setup: worn.setup, tissue: tissue(), paced: true };
+        let cells = worn.cells.clone();
+        let played = Played { recording: recording.clone(), worn, fault };
+        let scans = played.scans();
+        let board = Board::start(&firmware, &head, &cells, Time::Max, played).expect("the board boots");
+        let link = board.link().expect("the link is there");
+        link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
+        let client = Client::connect(link, Duration::from_secs(20)).expect("the insole answers");
+        Some(Self { board, client, scans })
+    }
+
+    /// All that is sent until every scan is accounted for.
+    fn finish(&mut self) -> Received {
+        let mut received = Received::default();
+        loop {
+            self.client.send(ToDevice::GetStatus).expect("the link holds");
+            let status = loop {
+                match self.client.receive().expect("the link holds") {
+                    Some(ToHost::Status(status)) => break status,
+                    Some(ToHost::Live(live)) => received.live.push(live),
+                    Some(ToHost::Step(step)) => {
+                        self.client.send(ToDevice::Acknowledge { step: step.step }).expect("the link holds");
+                        received.steps.push(step);
+                    }
+                    Some(ToHost::Hello(hello)) => panic!("the insole restarted: {:?}", hello.last_panic),
+                    None => {}
+                }
+            };
+            if status.frames + status.frames_missed + status.frames_overrun >= self.scans {
+                received.status = status;
+                return received;
+            }
+        }
+    }
+}
+
+#[derive(Default)]
+struct Received {
+    live: Vec<Live>,
+    steps: Vec<Step>,
+    status: Status,
+}
+
+fn tissue() -> plantar::insole::Tissue {
+    Parameters::typical(InsoleSize::default()).tissue()
+}
+
+/// What a host computes of the same codes.
+fn replay(recording: &Recording, contact: ContactRule, is_missing: fn(u32) -> bool) -> (Vec<Live>, Vec<Step>) {
+    let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is sound");
+    insole.set_tissue(&tissue()).expect("typical parameters are sound");
+    let mut codes = vec![0; worn.cells.len()];
+    let (mut live, mut steps) = (Vec::new(), Vec::new());
+    for i in 0..worn.frames(recording) as u32 {
+        if is_missing(i) {
+            continue;
+        }
+        worn.codes_of(recording, i as usize, &mut codes);
+        let toe_off = insole.frame(i, &codes);
+        let t_us = u64::from(i) * u64::from(worn.setup.period_us);
+        live.push(Live::new(live.len() as u32, t_us, insole.loads()));
+        if toe_off {
+            steps.push(Step::new(&insole.whole_step().expect("the insole is set up")));
+        }
+    }
+    (live, steps)
+}
+
+/// Plays a recording and compares everything that the board sends with a replay.
+fn assert_device_equals_host(recording: &Recording, contact: ContactRule, least_steps: usize) {
+    let Some(mut session) = Session::start(recording, contact, |_| None) else { return };
+    session.client.stream().expect("the stream starts");
+    session.board.play();
+    let received = session.finish();
+    let (live, steps) = replay(recording, contact, |_| false);
+    assert!(steps.len() >= least_steps, "{} steps in {}", steps.len(), recording.source);
+    assert_eq!(received.steps, steps);
+    assert_eq!(received.live.len(), live.len());
+    for (received, computed) in received.live.iter().zip(&live) {
+        assert_eq!(received, computed);
+    }
+    let counters = session.client.counters();
+    assert_eq!(
+        (counters.frames_sent, counters.frames_received, counters.frames_lost, counters.crc_errors),
+        (session.scans, session.scans, 0, 0)
+    );
+    assert_eq!((received.status.frames_missed, received.status.frames_overrun), (0, 0));
+}
+
+fn synthetic_walk(steps: usize, rate_hz: f64) -> Recording {
+    synthetic::walk(&synthetic::SyntheticWalk { steps, rate_hz, side: Side::Left, ..Default::default() }).recording
+}
+
+const FRACTIONAL: ContactRule = ContactRule { full_kpa: 100.0, ..ContactRule::COUNTED };
+
+#[test]
+fn a_synthetic_walk_is_the_same_on_the_device_and_on_a_host() {
+    assert_device_equals_host(&synthetic_walk(4, 100.0), ContactRule::COUNTED, 4);
+}
+
+#[test]
+fn fractional_contact_is_the_same_on_the_device_and_on_a_host() {
+    assert_device_equals_host(&synthetic_walk(3, 100.0), FRACTIONAL, 3);
+}
+
+#[test]
+fn the_slowest_and_the_fastest_rate_work() {
+    for rate_hz in [50.0, 400.0] {
+        assert_device_equals_host(&synthetic_walk(2, rate_hz), ContactRule::COUNTED, 2);
+    }
+}
+
+#[test]
+fn barefoot_steps_on_a_plate_are_the_same_on_the_device_and_on_a_host() {
+    let Some(data) = std::env::var_os("PLANTAR_JIKU") else {
+        println!("skipped: PLANTAR_JIKU does not name the data set SpeedPP2DS");
+        return;
+    };
+    let walk = jiku::import(data, 2, 0..6, &mut |_, _| ()).expect("the data set is there");
+    let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(DEVICE_CELLS)).expect("a walk can be binned");
+    assert_device_equals_host(&walk, ContactRule::COUNTED, 6);
+}
+
+#[test]
+fn in_shoe_steps_are_the_same_on_the_device_and_on_a_host() {
+    let data = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/pedar");
+    if !data.is_dir() {
+        println!("skipped: no ../shared/data");
+        return;
+    }
+    for side in [Side::Left, Side::Right] {
+        let walk = pedar::import(data.join("pedar_example.asc"), data.join("geometry.csv"), side, &mut |_, _| ())
+            .expect("the recording is there");
+        assert_device_equals_host(&walk, ContactRule::COUNTED, 8);
+    }
+}
+
+/// The plant answers seven of its rows and then nothing, in three frames within a stance.
+#[test]
+fn a_plant_that_stops_mid_frame_is_a_counted_gap_and_the_walk_goes_on() {
+    let is_missing = |seq: u32| (60..63).contains(&seq);
+    let walk = synthetic_walk(3, 100.0);
+    let fault = |seq: u32| (60..63).contains(&seq).then_some(Scan::Rows(7));
+    let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, fault) else { return };
+    session.client.stream().expect("the stream starts");
+    session.board.play();
+    let received = session.finish();
+    let (live, steps) = replay(&walk, ContactRule::COUNTED, is_missing);
+    assert_eq!(received.status.frames_missed, 3);
+    assert_eq!(received.steps, steps);
+    assert_eq!(received.steps.iter().map(|step| step.bridged_frames).collect::<Vec<_>>(), [3, 0, 0]);
+    assert_eq!(received.live, live, "the missing frames show as a gap in time");
+}
+
+/// Longer than can be bridged: that step is given up and counted, the others come.
+#[test]
+fn a_plant_that_stops_for_long_costs_one_step() {
+    let walk = synthetic_walk(3, 100.0);
+    let fault = |seq: u32| (60..70).contains(&seq).then_some(Scan::Rows(0));
+    let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, fault) else { return };
+    session.board.play();
+    let received = session.finish();
+    assert_eq!(received.status.frames_missed, 10);
+    assert_eq!(received.status.rejected.broken, 1);
+    assert_eq!(received.steps.len(), 2);
+}
+
+#[test]
+fn garbage_and_foreign_bytes_on_the_link_are_counted_and_the_session_goes_on() {
+    let walk = synthetic_walk(2, 100.0);
+    let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, |_| None) else { return };
+    let mut link = session.board.link().expect("the link is there");
+    // Text of another program, a frame cut in two, zeros, and more than any frame holds.
+    let long = [0x55; 2000];
+    for noise in [&b"AT+NAME?\r\n\0"[..], &[3, 1, 0], &[0, 0, 0], &long, &[0]] {
+        link.write_all(noise).expect("the link holds");
+    }
+    session.client.stream().expect("the insole still listens");
+    session.board.play();
+    let received = session.finish();
+    assert_eq!(received.steps.len(), 2);
+    assert_eq!(received.status.bad_frames, 3, "the text, the half frame and the endless one");
+}
+
+/// Nobody acknowledges: a second session gets the same steps again.
+#[test]
+fn steps_are_kept_until_they_are_acknowledged() {
+    let walk = synthetic_walk(3, 100.0);
+    let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, |_| None) else { return };
+    session.board.play();
+    let mut sent = Vec::new();
+    while sent.len() < 3 {
+        if let Some(ToHost::Step(step)) = session.client.receive().expect("the link holds") {
+            sent.push(step);
+        }
+    }
+    let link = session.board.link().expect("the link is there");
+    let mut again = Client::connect(link, Duration::from_secs(20)).expect("the insole answers");
+    for step in &sent {
+        let replayed = loop {
+            if let Some(ToHost::Step(step)) = again.receive().expect("the link holds") {
+                break step;
+            }
+        };
+        assert_eq!(&replayed, step);
+    }
+}
+
+#[test]
+fn a_host_of_another_major_version_is_told_so_and_gets_nothing_else() {
+    let walk = synthetic_walk(2, 100.0);
+    let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, |_| None) else { return };
+    session.client.send(ToDevice::Connect { major: plantar::wire::MAJOR + 1, minor: 0 }).expect("the link holds");
+    session.client.send(ToDevice::Stream { live: true }).expect("the link holds");
+    session.board.play();
+    let mut heard = Vec::new();
+    // Until the walk is over and the link has been silent for a while.
+    let mut silent = 0;
+    while silent < 10 || session.board.plant().scans() < session.scans {
+        match session.client.receive().expect("the link holds") {
+            Some(message) => (heard, silent) = ([heard, vec![message]].concat(), 0),
+            None => silent += 1,
+        }
+    }
+    assert!(matches!(heard.as_slice(), [ToHost::Hello(hello)] if hello.major == plantar::wire::MAJOR), "{heard:?}");
+}
+
+#[test]
+fn the_hello_says_who_speaks() {
+    let walk = synthetic_walk(1, 100.0);
+    let Some(session) = Session::start(&walk, FRACTIONAL, |_| None) else { return };
+    let hello = session.client.hello();
+    assert_eq!((hello.side, hello.cells, hello.period_us), (Side::Left, 240, 10_000));
+    assert_eq!((hello.tissue_id, hello.contact_rule), (tissue().id, FRACTIONAL));
+    assert_eq!((hello.board.as_str(), hello.last_panic.as_deref()), ("emulated", None));
+}
+
+/// A set-up that the board refuses is a panic with a reason, which the next hello carries.
+#[test]
+fn a_refused_set_up_is_reported_in_the_hello() {
+    let Some(firmware) = firmware() else { return };
+    let walk = synthetic_walk(1, 100.0);
+    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let mut cells = worn.cells.clone();
+    cells.reverse();
+    assert_ne!(cells.first().map(|c| c.cell.region), Some(Region::Heel));
+    let head = Head { setup: worn.setup, tissue: tissue(), paced: true };
+    let played = Played { recording: walk.clone(), worn, fault: |_| None };
+    let board = Board::start(&firmware, &head, &cells, Time::Max, played).expect("the board boots");
+    let link = board.link().expect("the link is there");
+    link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
+    let client = Client::connect(link, Duration::from_secs(20)).expect("the insole answers");
+    let told = client.hello().last_panic.as_deref().unwrap_or_default().to_owned();
+    assert!(told.contains("out of the order of regions"), "{told}");
+}
