@@ -4,6 +4,8 @@
 //! counted. [`process`] and [`serve`] share the thread executor: processing has as many frame times as [`FRAME_QUEUE`] holds
 //! before frames are dropped and counted, the link has none.
 
+#![allow(async_fn_in_trait, reason = "boards implement these traits for executors that do not move tasks")]
+
 use crate::insole::{DEVICE_CELLS, Insole};
 use crate::link::Link;
 use crate::wire::{Decoder, Hello, Live, MAX_FRAME, MAX_MESSAGE, Status, Step, decode, frame};

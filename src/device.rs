@@ -1,6 +1,6 @@
 //! What every Cortex-M board needs below the safe code: the stack's high-water mark and the evidence of a panic.
 
-use core::fmt::Write;
+use core::fmt::{Display, Write};
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use core::ptr::{addr_of, addr_of_mut};
@@ -24,30 +24,34 @@ static mut KEPT: MaybeUninit<Evidence> = MaybeUninit::uninit();
 
 /// Keeps the panic's place and message across the reset that must follow.
 pub fn keep_panic(info: &PanicInfo) {
-    let mut text = String::<EVIDENCE>::new();
-    // The path is long and its end tells most; a text that does not fit is cut.
-    if let Some(place) = info.location() {
-        let file = place.file().rsplit('/').next().unwrap_or_default();
-        let _ = write!(text, "{file}:{} ", place.line());
-    }
-    let mut rest = Cut(&mut text);
-    let _ = write!(rest, "{}", info.message());
+    // The path is long and its end tells most.
+    let text = match info.location() {
+        Some(place) => {
+            let file = place.file().rsplit('/').next().unwrap_or_default();
+            cut(format_args!("{file}:{} {}", place.line(), info.message()))
+        }
+        None => cut(format_args!("{}", info.message())),
+    };
     let mut evidence = Evidence { magic: MAGIC, len: text.len() as u32, text: [0; EVIDENCE] };
     evidence.text[..text.len()].copy_from_slice(text.as_bytes());
     // SAFETY: runs in the panic handler, which never returns; nobody else holds a reference to KEPT.
     unsafe { addr_of_mut!(KEPT).cast::<Evidence>().write_volatile(evidence) };
 }
 
-/// Writes what fits and drops the rest.
-struct Cut<'a>(&'a mut String<EVIDENCE>);
+/// A text for the hello; what does not fit is cut.
+pub fn cut(text: impl Display) -> String<EVIDENCE> {
+    struct Cut(String<EVIDENCE>);
 
-impl Write for Cut<'_> {
-    fn write_str(&mut self, s: &str) -> core::fmt::Result {
-        for c in s.chars() {
-            self.0.push(c).map_err(|_| core::fmt::Error)?;
+    impl Write for Cut {
+        fn write_str(&mut self, s: &str) -> core::fmt::Result {
+            s.chars().try_for_each(|c| self.0.push(c)).map_err(|_| core::fmt::Error)
         }
-        Ok(())
     }
+
+    let mut cut = Cut(String::new());
+    // An error here is the cut.
+    let _ = write!(cut, "{text}");
+    cut.0
 }
 
 /// The text of the panic before this start, once; `None` after any other reset. Call it before interrupts run.

@@ -4,7 +4,7 @@
 //! closed form. A cell brings its own extent with it, so even one cell has a finite ellipse.
 
 use crate::num::Real;
-use crate::region::AreaMoments;
+use crate::region::{AreaMoments, Spread};
 
 /// An ellipse in the ground plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,21 +24,22 @@ pub struct Ellipse<R> {
 impl<R: Real> Ellipse<R> {
     /// From area moments; `None` where nothing is in contact.
     pub fn from_moments(moments: &AreaMoments) -> Option<Self> {
-        let ((x_mm, y_mm), (variance_x, variance_y, covariance)) = moments.mean_and_variance::<R>()?;
+        let Spread { x_mm, y_mm, variance_x_mm2, variance_y_mm2, covariance_mm2 } = moments.spread::<R>()?;
         // Eigenvalues of the covariance: mean plus and minus spread.
         let half = R::of(0.5);
-        let (mean, half_difference) = ((variance_x + variance_y) * half, (variance_x - variance_y) * half);
-        let spread = (half_difference * half_difference + covariance * covariance).sqrt();
+        let (mean, half_difference) =
+            ((variance_x_mm2 + variance_y_mm2) * half, (variance_x_mm2 - variance_y_mm2) * half);
+        let spread = (half_difference * half_difference + covariance_mm2 * covariance_mm2).sqrt();
         let long = R::of(2.0) * (mean + spread).sqrt();
         // det / (mean + spread): the difference of near equals would lose half of the digits for a slim ellipse.
-        let determinant = (variance_x * variance_y - covariance * covariance).max(R::ZERO);
+        let determinant = (variance_x_mm2 * variance_y_mm2 - covariance_mm2 * covariance_mm2).max(R::ZERO);
         let short = R::of(2.0) * (determinant / (mean + spread)).sqrt();
         // r_a belongs to the axis within 45 degrees of x. Cells on a grid often give exactly 45, or a circle: rounding must not
         // decide there.
         let (r_a_mm, r_b_mm, sign) =
             if half_difference >= -R::of(1e-4) * mean { (long, short, R::ONE) } else { (short, long, -R::ONE) };
         let double_angle = if spread > R::ZERO {
-            (sign * half_difference / spread, sign * covariance / spread)
+            (sign * half_difference / spread, sign * covariance_mm2 / spread)
         } else {
             (R::ONE, R::ZERO)
         };

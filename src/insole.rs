@@ -175,9 +175,7 @@ pub struct Insole<R, const N: usize> {
     setup: Setup,
     curve: Curve,
     cells: Vec<InsoleCell<R>, N>,
-    /// Per region: end of its cells, and the reference point of its moments in foot coordinates, mm.
-    ends: [usize; 8],
-    origins_mm: [(f32, f32); 8],
+    division: Division,
     per_period_s: R,
     limits: StanceLimits<R>,
     tissue_id: u32,
@@ -200,8 +198,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             setup: Setup::NONE,
             curve: Curve::new(),
             cells: Vec::new(),
-            ends: [0; 8],
-            origins_mm: [(0.0, 0.0); 8],
+            division: Division::NONE,
             per_period_s: R::ZERO,
             limits: StanceLimits::NONE,
             tissue_id: 0,
@@ -228,14 +225,14 @@ impl<R: Real, const N: usize> Insole<R, N> {
         if let Some(&(_, error)) = checks.iter().find(|(holds, _)| !holds) {
             return Err(error);
         }
-        let (ends, origins_mm) = check_cells(cells.clone(), N)?;
+        let division = check_cells(cells.clone(), N)?;
 
         self.setup = Setup::NONE;
-        (self.ends, self.origins_mm) = (ends, origins_mm);
+        self.division = division;
         self.curve.set(&setup.sensor);
         self.cells.clear();
         for SetupCell { cell, calibration } in cells {
-            let (x_mm, y_mm) = origins_mm[cell.region as usize];
+            let (x_mm, y_mm) = division.origins_mm[cell.region as usize];
             // Room for all: `check_cells` counted them.
             let _ = self.cells.push(InsoleCell {
                 offset: calibration.offset,
@@ -306,7 +303,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     fn sum_cells(&mut self, codes: &[u16]) {
         let (mut cells, mut codes) = (self.cells.as_mut_slice(), codes);
         let mut start = 0;
-        for (load, &end) in self.loads.iter_mut().zip(&self.ends) {
+        for (load, &end) in self.loads.iter_mut().zip(&self.division.ends) {
             // Ends rise and the last one is the number of cells, of which there are codes.
             let (region_cells, other_cells) = cells.split_at_mut(end - start);
             let (region_codes, other_codes) = codes.split_at(end - start);
@@ -328,12 +325,12 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// Centre of pressure of region number `region` in the last frame, foot coordinates, mm.
     pub fn centre_of_pressure_mm(&self, region: usize) -> Option<(R, R)> {
         let (x_mm, y_mm) = self.loads[region].frame.force.centre_of_pressure_mm()?;
-        let origin = self.origins_mm[region];
+        let origin = self.division.origins_mm[region];
         Some((x_mm + R::of_f32(origin.0), y_mm + R::of_f32(origin.1)))
     }
 
     fn in_foot(&self, region: usize, ellipse: Ellipse<R>) -> Ellipse<R> {
-        let (x_mm, y_mm) = self.origins_mm[region];
+        let (x_mm, y_mm) = self.division.origins_mm[region];
         ellipse.moved(R::of_f32(x_mm), R::of_f32(y_mm))
     }
 
@@ -388,11 +385,21 @@ impl<R: Real, const N: usize> Default for Insole<R, N> {
     }
 }
 
-/// Where each region's cells end and the middle of each region, or what is wrong with the cells.
-fn check_cells(
-    cells: impl Iterator<Item = SetupCell> + Clone,
-    capacity: usize,
-) -> Result<([usize; 8], [(f32, f32); 8]), SetupError> {
+/// How the cells divide into regions.
+#[derive(Clone, Copy, Debug)]
+struct Division {
+    /// Where each region's cells end.
+    ends: [usize; 8],
+    /// The middle of each region in foot coordinates, mm: the reference point of its moments.
+    origins_mm: [(f32, f32); 8],
+}
+
+impl Division {
+    const NONE: Self = Self { ends: [0; 8], origins_mm: [(0.0, 0.0); 8] };
+}
+
+/// The division of these cells, or what is wrong with them.
+fn check_cells(cells: impl Iterator<Item = SetupCell> + Clone, capacity: usize) -> Result<Division, SetupError> {
     let mut counts = [0usize; 8];
     let mut areas_mm2 = [0.0f32; 8];
     let mut corners = [((f32::MAX, f32::MAX), (f32::MIN, f32::MIN)); 8];
@@ -404,8 +411,8 @@ fn check_cells(
         if count > capacity {
             return Err(SetupError::TooManyCells);
         }
-        let sound = cell.x_mm.is_finite() && cell.y_mm.is_finite();
-        if !sound || !(cell.area_mm2 > 0.0 && cell.area_mm2 <= MAX_CELL_MM2) || !calibration.is_valid() {
+        let has_area = cell.area_mm2 > 0.0 && cell.area_mm2 <= MAX_CELL_MM2;
+        if !cell.x_mm.is_finite() || !cell.y_mm.is_finite() || !has_area || !calibration.is_valid() {
             return Err(SetupError::Cell(number));
         }
         let region = cell.region as usize;
@@ -426,16 +433,15 @@ fn check_cells(
     if count == 0 {
         return Err(SetupError::NoCells);
     }
-    let mut ends = [0; 8];
-    let mut origins_mm = [(0.0, 0.0); 8];
+    let mut division = Division::NONE;
     let mut end = 0;
     for region in 0..8 {
         end += counts[region];
-        ends[region] = end;
+        division.ends[region] = end;
         if counts[region] > 0 {
             let (low, high) = corners[region];
-            origins_mm[region] = ((low.0 + high.0) * 0.5, (low.1 + high.1) * 0.5);
+            division.origins_mm[region] = ((low.0 + high.0) * 0.5, (low.1 + high.1) * 0.5);
         }
     }
-    Ok((ends, origins_mm))
+    Ok(division)
 }

@@ -138,13 +138,13 @@ impl<R: Real> AreaRatio<R> {
     #[inline(always)]
     fn new(area_m2: R, ab_m2: R) -> Self {
         let ratio = area_m2 / (R::of(core::f64::consts::PI) * ab_m2);
-        // `!(> 0)` also sends a NaN to no contact.
-        if !(ratio > R::ZERO) {
-            Self { ratio: R::ZERO, clamped: false }
-        } else if ratio >= R::ONE {
+        if ratio >= R::ONE {
             Self { ratio: R::ONE, clamped: ab_m2 > R::ZERO }
-        } else {
+        } else if ratio > R::ZERO {
             Self { ratio, clamped: false }
+        } else {
+            // Also a NaN is no contact.
+            Self { ratio: R::ZERO, clamped: false }
         }
     }
 

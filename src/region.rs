@@ -164,8 +164,8 @@ impl AreaMoments {
         R::of_i32(self.area) * R::of(f64::from(1.0 / SHARES_PER_MM2))
     }
 
-    /// Mean position from the reference point, mm, and variances of x, of y and covariance, mm2; `None` without contact.
-    pub fn mean_and_variance<R: Real>(&self) -> Option<((R, R), (R, R, R))> {
+    /// Where the contact lies and how far it spreads; `None` without contact.
+    pub fn spread<R: Real>(&self) -> Option<Spread<R>> {
         if self.area <= 0 {
             return None;
         }
@@ -173,9 +173,29 @@ impl AreaMoments {
         let mean = |sum: i64, unit: f32| R::of_i64(sum) * per_area * R::of(f64::from(1.0 / unit));
         let (x_mm, y_mm) = (mean(self.x, PER_MM), mean(self.y, PER_MM));
         let square = |sum: i64| mean(sum, PER_MM * PER_MM);
-        let variance = (square(self.xx) - x_mm * x_mm, square(self.yy) - y_mm * y_mm, square(self.xy) - x_mm * y_mm);
-        Some(((x_mm, y_mm), variance))
+        Some(Spread {
+            x_mm,
+            y_mm,
+            variance_x_mm2: square(self.xx) - x_mm * x_mm,
+            variance_y_mm2: square(self.yy) - y_mm * y_mm,
+            covariance_mm2: square(self.xy) - x_mm * y_mm,
+        })
     }
+}
+
+/// Mean and covariance of a contact area.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread<R> {
+    /// Mean position from the reference point, mm.
+    pub x_mm: R,
+    /// See `x_mm`.
+    pub y_mm: R,
+    /// Variance along x, mm2.
+    pub variance_x_mm2: R,
+    /// Variance along y, mm2.
+    pub variance_y_mm2: R,
+    /// Covariance, mm2.
+    pub covariance_mm2: R,
 }
 
 /// Measured force of a region and its first moments about the reference point. Every cell counts, in contact or not.

@@ -39,22 +39,25 @@ const METATARSALS_SPLIT: f32 = 0.45;
 const TOES_SPLIT: [f32; 2] = [0.40, 0.58];
 
 /// The region at a fraction of the width (0 medial, 1 lateral) and of the length (0 heel, 1 toes).
-pub fn region_at(x_frac: f32, y_frac: f32) -> Region {
-    let between = |[medial, lateral]: [f32; 2], x: f32| medial + (lateral - medial) * x.clamp(0.0, 1.0);
-    let slant = (x_frac - TOES_LEVEL_UNTIL) / (1.0 - TOES_LEVEL_UNTIL);
-    if y_frac < HEEL_END {
+pub const fn region_at(x_fraction: f32, y_fraction: f32) -> Region {
+    let slant = (x_fraction - TOES_LEVEL_UNTIL) / (1.0 - TOES_LEVEL_UNTIL);
+    if y_fraction < HEEL_END {
         Region::Heel
-    } else if y_frac < MIDFOOT_MIDDLE {
+    } else if y_fraction < MIDFOOT_MIDDLE {
         Region::PosteriorMidfoot
-    } else if y_frac < between(METATARSALS_START, x_frac) {
+    } else if y_fraction < between(METATARSALS_START, x_fraction) {
         Region::AnteriorMidfoot
-    } else if y_frac < between(TOES_START, slant) {
-        if x_frac < METATARSALS_SPLIT { Region::Metatarsals12 } else { Region::Metatarsals35 }
-    } else if x_frac < TOES_SPLIT[0] {
+    } else if y_fraction < between(TOES_START, slant) {
+        if x_fraction < METATARSALS_SPLIT { Region::Metatarsals12 } else { Region::Metatarsals35 }
+    } else if x_fraction < TOES_SPLIT[0] {
         Region::Hallux
-    } else if x_frac < TOES_SPLIT[1] {
+    } else if x_fraction < TOES_SPLIT[1] {
         Region::Toe2
     } else {
         Region::Toes35
     }
+}
+
+const fn between([medial, lateral]: [f32; 2], x_fraction: f32) -> f32 {
+    medial + (lateral - medial) * x_fraction.clamp(0.0, 1.0)
 }

@@ -92,7 +92,7 @@ pub struct Hello {
     pub contact_rule: ContactRule,
     /// Why the insole last started.
     pub reset: Reset,
-    /// What the last panic said, if one caused the reset.
+    /// What the last panic said, if one caused the reset; or why the set-up of this start was refused.
     pub last_panic: Option<String<96>>,
 }
 

@@ -74,12 +74,8 @@ async fn main(spawner: Spawner) {
     let Some((head, cells)) = plant::read_setup(SETUP.take()) else {
         panic!("no whole setup.bin in the emulator's directory");
     };
-    if let Err(error) = insole.set_up(head.setup, cells) {
-        panic!("set-up refused: {error}");
-    }
-    if let Err(error) = insole.set_tissue(&head.tissue) {
-        panic!("parameters refused: {error}");
-    }
+    // A refusal leaves an insole without cells, so that a host hears why.
+    let refused = insole.set_up(head.setup, cells).and_then(|()| insole.set_tissue(&head.tissue)).err();
     let hello = Hello {
         major: MAJOR,
         minor: MINOR,
@@ -93,7 +89,7 @@ async fn main(spawner: Spawner) {
         tissue_id: insole.tissue_id(),
         contact_rule: head.setup.contact,
         reset: if panic.is_some() { Reset::Panic } else { Reset::Power },
-        last_panic: panic,
+        last_panic: panic.or(refused.map(device::cut)),
     };
     let Some(matrix) = PlantMatrix::open(&PLANT, insole.cells()) else {
         panic!("no matrix.bin in the emulator's directory");

@@ -1,1 +1,246 @@
-fn main() {}
+//! The insole's board: an STM32WB55RG with the matrix on ADC1 and the link on USART1; `docs/hardware.md` has the wiring.
+#![no_std]
+#![no_main]
+
+mod layout;
+mod matrix;
+
+use cortex_m::peripheral::DWT;
+use cortex_m_rt::{ExceptionFrame, exception};
+use defmt_rtt as _;
+use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_stm32::adc::AdcChannel;
+use embassy_stm32::gpio::{AnyPin, Input, Level, Output, Pull, Speed};
+use embassy_stm32::interrupt::{InterruptExt, Priority};
+use embassy_stm32::pac;
+use embassy_stm32::peripherals::{IWDG, USART1};
+use embassy_stm32::rcc::{self, mux};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::usart::{self, BufferedUart};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{Peri, bind_interrupts, interrupt};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
+use embassy_time::{Duration, Instant};
+use matrix::ResistiveMatrix;
+use plantar::Side;
+use plantar::app::{self, DeviceInsole, FRAME_QUEUE, Frame, ScanCounters, Session, Stopwatch, Ticker, Watchdog};
+use plantar::device;
+use plantar::insole::Insole;
+use plantar::wire::{Hello, MAJOR, MINOR, Reset};
+use static_cell::{ConstStaticCell, StaticCell};
+
+/// Bit rate of the link. A live frame is at most 90 bytes framed: 9 kB/s at 100 Hz and 36 kB/s at 400 Hz of the 46 kB/s that
+/// this carries. PCLK2 / 139 is 0.08 % off.
+const LINK_BIT_HZ: u32 = 460_800;
+
+/// Without a sign of life for this long the board resets.
+const WATCHDOG_US: u32 = 2_000_000;
+/// The watchdog is fed this often; two looks in a row may fail.
+const SUPERVISION: Duration = Duration::from_millis(500);
+
+bind_interrupts!(struct Irqs {
+    USART1 => usart::BufferedInterruptHandler<USART1>;
+});
+
+defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
+
+static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
+static INSOLE: ConstStaticCell<DeviceInsole> = ConstStaticCell::new(Insole::new());
+static FRAMES: ConstStaticCell<[Frame; FRAME_QUEUE]> = ConstStaticCell::new([Frame::EMPTY; FRAME_QUEUE]);
+/// The longest frame of the link fits.
+static TO_SEND: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
+static RECEIVED: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
+
+type FrameSender = Sender<'static, CriticalSectionRawMutex, Frame>;
+type FrameReceiver = Receiver<'static, CriticalSectionRawMutex, Frame>;
+
+/// Counts the core's cycles, those of interrupts in between included.
+struct CycleCounter;
+
+impl Stopwatch for CycleCounter {
+    fn start(&self) -> u32 {
+        DWT::cycle_count()
+    }
+
+    fn cycles_since(&self, start: u32) -> u32 {
+        DWT::cycle_count().wrapping_sub(start)
+    }
+}
+
+struct Dog(IndependentWatchdog<'static, IWDG>);
+
+impl Watchdog for Dog {
+    fn feed(&mut self) {
+        self.0.pet();
+    }
+}
+
+/// 64 MHz, the most this core does, from the 32 MHz crystal: the radio needs it in any case, and frame times are as good as
+/// it is. The converter runs from the same 64 MHz, its most too.
+fn clocks() -> rcc::Config {
+    let mut clocks = rcc::Config::new();
+    clocks.hse =
+        Some(rcc::Hse { freq: Hertz(32_000_000), mode: rcc::HseMode::Oscillator, prescaler: rcc::HsePrescaler::DIV1 });
+    clocks.pll = Some(rcc::Pll {
+        source: rcc::PllSource::HSE,
+        prediv: rcc::PllPreDiv::DIV2,
+        mul: rcc::PllMul::MUL12,
+        divp: None,
+        divq: None,
+        divr: Some(rcc::PllRDiv::DIV3), // 32 MHz / 2 * 12 / 3
+    });
+    clocks.sys = rcc::Sysclk::PLL1_R;
+    // The radio's core does at most 32 MHz.
+    clocks.core2_ahb_pre = rcc::AHBPrescaler::DIV2;
+    clocks.msi = None;
+    clocks.hsi48 = None;
+    clocks.ls = rcc::LsConfig::off();
+    clocks.mux.adcsel = mux::Adcsel::SYS;
+    clocks
+}
+
+/// Why the board started; clears the flags. Every reset pulls the pin too, so the pin comes last.
+fn take_reset_reason() -> Reset {
+    let flags = pac::RCC.csr().read();
+    pac::RCC.csr().modify(|w| w.set_rmvf(true));
+    // Left set, it would clear the next reset's flags as well.
+    pac::RCC.csr().modify(|w| w.set_rmvf(false));
+    if flags.iwdgrstf() || flags.wwdgrstf() {
+        Reset::Watchdog
+    } else if flags.sftrstf() {
+        Reset::Software
+    } else if flags.borrstf() {
+        Reset::Power
+    } else if flags.oblrstf() || flags.lpwrrstf() || !flags.pinrstf() {
+        Reset::Unknown
+    } else {
+        Reset::Pin
+    }
+}
+
+#[embassy_executor::main]
+async fn main(spawner: Spawner) {
+    let panic = device::take_panic();
+    let reset = take_reset_reason();
+    let reset = if panic.is_some() { Reset::Panic } else { reset };
+    let mut config = embassy_stm32::Config::default();
+    config.rcc = clocks();
+    let p = embassy_stm32::init(config);
+    // SAFETY: `main` runs once and nothing else takes the core's peripherals.
+    let mut core = unsafe { cortex_m::Peripherals::steal() };
+    core.DCB.enable_trace();
+    core.DWT.enable_cycle_counter();
+    // Scanning above the thread, below the timer, DMA and the port, which are as they start: highest.
+    interrupt::SPI2.set_priority(Priority::P6);
+    defmt::info!("plantar {} started, reset: {}", env!("CARGO_PKG_VERSION"), defmt::Debug2Format(&reset));
+    if let Some(panic) = &panic {
+        defmt::error!("last panic: {}", panic.as_str());
+    }
+
+    // A strap to ground makes a right insole.
+    let strap = Input::new(p.PA10, Pull::Up);
+    let line = |pin: Peri<'static, AnyPin>| Output::new(pin, Level::Low, Speed::Low);
+    let columns = [
+        p.PC0.degrade_adc(),
+        p.PC1.degrade_adc(),
+        p.PC2.degrade_adc(),
+        p.PC3.degrade_adc(),
+        p.PA0.degrade_adc(),
+        p.PA1.degrade_adc(),
+        p.PA2.degrade_adc(),
+        p.PA3.degrade_adc(),
+        p.PA4.degrade_adc(),
+        p.PA5.degrade_adc(),
+        p.PA6.degrade_adc(),
+        p.PA7.degrade_adc(),
+        p.PC4.degrade_adc(),
+        p.PC5.degrade_adc(),
+        p.PA8.degrade_adc(),
+        p.PA9.degrade_adc(),
+    ];
+    let address = [line(p.PC6.into()), line(p.PC10.into()), line(p.PC12.into()), line(p.PB8.into())];
+    let matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, line(p.PB9.into()));
+    let side = if strap.is_low() { Side::Right } else { Side::Left };
+
+    let insole = INSOLE.take();
+    let setup = layout::setup(side);
+    // A refusal leaves an insole without cells, so that a host hears why.
+    let refused = insole.set_up(setup, layout::cells()).err();
+    if let Some(refused) = &refused {
+        defmt::error!("set-up refused: {}", defmt::Display2Format(refused));
+    }
+    let hello = Hello {
+        major: MAJOR,
+        minor: MINOR,
+        // Both fit: the version of this package and the board's name are shorter than 16 bytes.
+        firmware: env!("CARGO_PKG_VERSION").try_into().unwrap_or_default(),
+        board: "stm32wb55".try_into().unwrap_or_default(),
+        side,
+        layout_id: setup.layout_id,
+        cells: insole.cells() as u16,
+        period_us: setup.period_us,
+        tissue_id: insole.tissue_id(),
+        contact_rule: setup.contact,
+        reset,
+        last_panic: panic.or(refused.map(device::cut)),
+    };
+    let mut link = usart::Config::default();
+    link.baudrate = LINK_BIT_HZ;
+    // The pins are this port's and the bit rate is within its divider, so it cannot be refused.
+    let link = BufferedUart::new(p.USART1, p.PB7, p.PB6, TO_SEND.take(), RECEIVED.take(), Irqs, link).unwrap();
+
+    static CHANNEL: StaticCell<Channel<'static, CriticalSectionRawMutex, Frame>> = StaticCell::new();
+    static SESSION: StaticCell<Session> = StaticCell::new();
+    let (sender, receiver) = CHANNEL.init(Channel::new(FRAMES.take())).split();
+    let session = SESSION.init(Session::new(hello, &SCAN_COUNTERS, device::stack_bytes));
+    let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
+    watchdog.unleash();
+
+    // Each task has a place of its own and is spawned once, so spawning cannot fail.
+    let clock = Ticker::new(setup.period_us);
+    SCAN_EXECUTOR.start(interrupt::SPI2).spawn(scan(clock, matrix, sender).unwrap());
+    spawner.spawn(process(insole, receiver, session).unwrap());
+    spawner.spawn(serve(link, session).unwrap());
+    spawner.spawn(supervise(Dog(watchdog), session).unwrap());
+}
+
+#[embassy_executor::task]
+async fn scan(clock: Ticker, matrix: ResistiveMatrix, frames: FrameSender) {
+    app::scan(clock, matrix, frames, &SCAN_COUNTERS).await
+}
+
+#[embassy_executor::task]
+async fn process(insole: &'static mut DeviceInsole, frames: FrameReceiver, session: &'static Session) {
+    app::process(insole, frames, session, CycleCounter).await
+}
+
+#[embassy_executor::task]
+async fn serve(link: BufferedUart<'static>, session: &'static Session) {
+    let (tx, rx) = link.split();
+    app::serve(rx, tx, session).await
+}
+
+#[embassy_executor::task]
+async fn supervise(watchdog: Dog, session: &'static Session) {
+    app::supervise(watchdog, session, SUPERVISION).await
+}
+
+/// Nobody's port here: its interrupt runs the scan executor.
+#[interrupt]
+unsafe fn SPI2() {
+    // SAFETY: the executor was started before this interrupt was unmasked.
+    unsafe { SCAN_EXECUTOR.on_interrupt() }
+}
+
+#[exception]
+unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    panic!("hard fault at {:#010x}", frame.pc())
+}
+
+#[panic_handler]
+fn panic(info: &core::panic::PanicInfo) -> ! {
+    device::keep_panic(info);
+    cortex_m::peripheral::SCB::sys_reset()
+}
