@@ -243,7 +243,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.per_period_s = R::of(1e6 / f64::from(setup.period_us));
         self.limits = StanceLimits::new(&setup.stance, setup.period_us);
         self.live = [LiveModel::NEW; 8];
-        self.stance = Stance::new();
+        self.stance.reset();
         self.loads = [RegionLoad::NONE; 8];
         self.last_seq = None;
         self.setup = setup;

@@ -132,6 +132,13 @@ impl<R: Real> Stance<R> {
         }
     }
 
+    /// As new, in place: the curves are large and need no clearing.
+    pub fn reset(&mut self) {
+        self.phase = Phase::Unknown;
+        self.len = 0;
+        self.rejected = Rejected::default();
+    }
+
     /// Takes frame number `seq`; true when it confirms toe off. The curves then stay until the next frame is pushed.
     pub fn push(&mut self, limits: &StanceLimits<R>, seq: u32, regions: [&RegionFrame<R>; 8]) -> bool {
         let total_n: R = regions.iter().map(|r| r.force.force_n).sum();

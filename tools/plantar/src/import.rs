@@ -4,6 +4,7 @@ use crate::replay::progress;
 use anyhow::{Result, bail};
 use clap::{Args, Subcommand, ValueEnum};
 use plantar::Side;
+use recording::synthetic::{self, SyntheticWalk};
 use recording::{Recording, csv, jiku, pedar};
 use std::path::{Path, PathBuf};
 
@@ -56,6 +57,17 @@ pub enum Import {
         /// How many of the 60 trials, from the first.
         #[arg(long, value_name = "N", default_value_t = 60)]
         trials: usize,
+        #[command(flatten)]
+        out: Out,
+    },
+    /// A computed walk on an insole of 240 cells, for trying things out: nobody walked it.
+    Synthetic {
+        /// The foot.
+        #[arg(long, value_enum, default_value_t = Foot::Right)]
+        side: Foot,
+        /// How many steps.
+        #[arg(long, value_name = "N", default_value_t = 10)]
+        steps: usize,
         #[command(flatten)]
         out: Out,
     },
@@ -122,6 +134,10 @@ impl Import {
                 let recording = jiku::import(data, *walker, 0..*trials, &mut report)?;
                 bar.finish_and_clear();
                 out.write(recording, &out.out)
+            }
+            Self::Synthetic { side, steps, out } => {
+                let walk = SyntheticWalk { side: (*side).into(), steps: *steps, ..SyntheticWalk::default() };
+                out.write(synthetic::walk(&walk).recording, &out.out)
             }
         }
     }

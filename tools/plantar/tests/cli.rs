@@ -1,0 +1,182 @@
+//! The command line as a person uses it: what it writes, and what it says of bad input.
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+fn plantar(folder: &Path, arguments: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_plantar"))
+        .args(arguments.split_whitespace())
+        .current_dir(folder)
+        .output()
+        .expect("the program starts")
+}
+
+fn succeed(folder: &Path, arguments: &str) -> String {
+    let output = plantar(folder, arguments);
+    assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).expect("text")
+}
+
+/// Fails with a message that holds all of `words`, and without a panic.
+fn fail(folder: &Path, arguments: &str, words: &[&str]) {
+    let output = plantar(folder, arguments);
+    let said = String::from_utf8(output.stderr).expect("text");
+    assert_eq!(output.status.code(), Some(1), "{arguments}: {said}");
+    for word in words {
+        assert!(said.contains(word), "{arguments}: no \"{word}\" in: {said}");
+    }
+}
+
+/// Four cells of 100 mm2, a heel and a hallux, and half a second of load on the heel: 50 kPa on two cells.
+fn folder() -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().to_path_buf();
+    let layout = "cell,x_mm,y_mm,area_mm2,region\n\
+                  0,30,20,100,heel\n1,40,20,100,heel\n2,20,240,100,hallux\n3,30,240,100,hallux\n";
+    std::fs::write(path.join("layout.csv"), layout).expect("written");
+    let frames: String = (0..100)
+        .map(|i| {
+            let kpa = if (20..70).contains(&i) { 5000 } else { 0 };
+            format!("{:.2},{kpa},{kpa},0,0\n", f64::from(i) * 0.01)
+        })
+        .collect();
+    std::fs::write(path.join("frames.csv"), format!("t_s,c0,c1,c2,c3\n{frames}")).expect("written");
+    (folder, path)
+}
+
+const IMPORT: &str = "import csv --layout layout.csv --frames frames.csv --side left --out walk.parquet";
+
+fn json(path: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(path).expect("a file")).expect("JSON")
+}
+
+/// 5,000 kPa on 200 mm2 are 1,000 N for 0.5 s.
+#[test]
+fn a_csv_recording_becomes_a_step_with_its_force_area_and_ellipse() {
+    let (_keep, path) = folder();
+    succeed(&path, IMPORT);
+    assert!(succeed(&path, "info walk.parquet").contains("100 at 100.00 Hz"));
+    succeed(&path, "replay walk.parquet --json steps.json --frames frames.parquet --picture step.svg");
+    let steps = json(&path.join("steps.json"));
+    assert_eq!(steps.as_array().map(Vec::len), Some(1));
+    let step = &steps[0];
+    assert_eq!((step["side"].as_str(), step["step"].as_u64()), (Some("left"), Some(0)));
+    assert_eq!((step["start_s"].as_f64(), step["duration_s"].as_f64()), (Some(0.2), Some(0.5)));
+    let heel = &step["regions"]["heel"];
+    let close = |key: &str, expected: f64, tolerance: f64| {
+        let value = heel[key].as_f64().expect(key);
+        assert!((value - expected).abs() <= tolerance, "{key}: {value}, not {expected}");
+    };
+    close("measured_force_peak_n", 1000.0, 1.0);
+    close("measured_force_integral_n_s", 500.0, 0.5);
+    close("area_peak_mm2", 200.0, 0.0);
+    close("contact_time_s", 0.5, 0.0);
+    // Two squares of 10 mm side by side: variances 400/12 along x and 100/12 along y; radius 2 sqrt(variance).
+    let ellipse = &heel["ellipse_at_peak"];
+    assert_eq!((ellipse["x_mm"].as_f64(), ellipse["y_mm"].as_f64()), (Some(35.0), Some(20.0)));
+    assert_eq!((ellipse["r_a_mm"].as_f64(), ellipse["r_b_mm"].as_f64()), (Some(11.55), Some(5.77)));
+    assert_eq!(step["regions"]["hallux"]["area_peak_mm2"].as_f64(), Some(0.0));
+    assert_eq!(step["contact_rule"]["rule"].as_str(), Some("counted"));
+    assert!(std::fs::read_to_string(path.join("step.svg")).expect("a picture").contains("</svg>"));
+}
+
+#[test]
+fn single_and_double_precision_give_the_same_steps() {
+    let (_keep, path) = folder();
+    succeed(&path, "import synthetic --steps 3 --out walk.parquet");
+    succeed(&path, "replay walk.parquet --json single.json");
+    succeed(&path, "replay walk.parquet --precision f64 --json double.json");
+    let (single, double) = (json(&path.join("single.json")), json(&path.join("double.json")));
+    let peaks = |steps: &Value| -> Vec<f64> {
+        let steps = steps.as_array().expect("steps").iter();
+        steps.map(|s| s["regions"]["heel"]["model_force_peak_n"].as_f64().expect("a force")).collect()
+    };
+    assert_eq!(peaks(&single).len(), 3);
+    for (single, double) in peaks(&single).into_iter().zip(peaks(&double)) {
+        assert!((single - double).abs() <= 0.1, "{single} {double}");
+    }
+}
+
+#[test]
+fn live_values_come_as_csv_with_a_column_a_quantity() {
+    let (_keep, path) = folder();
+    succeed(&path, IMPORT);
+    succeed(&path, "replay walk.parquet --frames live.csv");
+    let mut live = csv::Reader::from_path(path.join("live.csv")).expect("a table");
+    let header = live.headers().expect("a header").clone();
+    let column = |name: &str| header.iter().position(|h| h == name).expect(name);
+    let rows: Vec<_> = live.records().map(|r| r.expect("a row")).collect();
+    assert_eq!(rows.len(), 100);
+    let loaded = &rows[40];
+    let number = |name: &str| loaded[column(name)].parse::<f64>().expect(name);
+    assert!((number("total_force_n") - 1000.0).abs() < 1.0);
+    assert!((number("heel_cop_x_mm") - 35.0).abs() < 0.01);
+    assert!((number("heel_ellipse_r_a_mm") - 11.547).abs() < 0.01);
+    assert_eq!(&rows[5][column("heel_cop_x_mm")], "", "no centre of pressure without force");
+}
+
+#[test]
+fn bad_recordings_name_the_file_the_line_and_the_remedy() {
+    let (_keep, path) = folder();
+    let good = std::fs::read_to_string(path.join("frames.csv")).expect("frames");
+    for (from, to, words) in [
+        ("0.05,0,0,0,0", "0.05,0,0,0", ["frames.csv:7", "4 columns"]),
+        ("0.05,0,0,0,0", "0.05,0,NaN,0,0", ["frames.csv:7", "NaN"]),
+        ("0.05,0,0,0,0", "0.03,0,0,0,0", ["frames.csv:7", "backwards"]),
+    ] {
+        std::fs::write(path.join("frames.csv"), good.replacen(from, to, 1)).expect("written");
+        fail(&path, IMPORT, &words);
+    }
+    std::fs::write(path.join("frames.csv"), good).expect("written");
+    let good = std::fs::read_to_string(path.join("layout.csv")).expect("layout");
+    for (from, to, words) in [
+        ("0,30,20,100,heel", "0,30,20,100,knee", ["layout.csv:2", "knee"]),
+        ("1,40,20,100,heel", "1,31,20,100,heel", ["layout.csv:3", "overlap"]),
+        ("1,40,20,100,heel\n", "", ["layout.csv", "1"]),
+    ] {
+        std::fs::write(path.join("layout.csv"), good.replacen(from, to, 1)).expect("written");
+        fail(&path, IMPORT, &words);
+    }
+    fail(&path, "info nowhere.parquet", &["nowhere.parquet"]);
+    fail(&path, "replay layout.csv", &["layout.csv"]);
+}
+
+#[test]
+fn bad_parameters_name_the_file_the_region_and_the_remedy() {
+    let (_keep, path) = folder();
+    succeed(&path, IMPORT);
+    succeed(&path, "params typical --size 40 --out params.toml");
+    succeed(&path, "replay walk.parquet --params params.toml");
+    let good = std::fs::read_to_string(path.join("params.toml")).expect("parameters");
+    let a_of_heel = good.lines().find(|line| line.starts_with("a_mm")).expect("a radius").to_owned();
+    let (before_hallux, hallux) = good.split_once("[regions.hallux]").expect("a hallux");
+    let after_hallux = hallux.split_once("[regions.").map(|(_, rest)| format!("[regions.{rest}")).expect("toes");
+    for (text, words) in [
+        (good.replacen(&a_of_heel, "a_mm = -30.0", 1), ["regions.heel", "pi A B"]),
+        (format!("{before_hallux}{after_hallux}"), ["hallux", "missing"]),
+        (good.replacen("[regions.hallux]", "[regions.thumb]", 1), ["thumb", "hallux"]),
+        (good.replacen(&a_of_heel, "a_mm = wide", 1), ["params.toml", "a_mm"]),
+        (good.replacen("version = 1", "version = 9", 1), ["version 9", "update"]),
+    ] {
+        std::fs::write(path.join("params.toml"), text).expect("written");
+        fail(&path, "replay walk.parquet --params params.toml", &words);
+    }
+}
+
+#[test]
+fn too_many_cells_for_the_device_and_missing_programs_say_what_to_do() {
+    let (_keep, path) = folder();
+    let cells: String = (0..400).map(|i| format!("{i},{},{},9\n", i % 20 * 4, i / 20 * 12)).collect();
+    std::fs::write(path.join("layout.csv"), format!("cell,x_mm,y_mm,area_mm2\n{cells}")).expect("written");
+    let header: String = (0..400).map(|i| format!(",c{i}")).collect();
+    let frames: String = (0..30).map(|i| format!("{:.2}{}\n", f64::from(i) * 0.01, ",20".repeat(400))).collect();
+    std::fs::write(path.join("frames.csv"), format!("t_s{header}\n{frames}")).expect("written");
+    succeed(&path, IMPORT);
+    fail(&path, "emulate walk.parquet", &["400 cells", "--cells 256"]);
+    succeed(&path, &format!("{IMPORT} --cells 256"));
+    fail(&path, "emulate walk.parquet --firmware nowhere", &["nowhere", "cargo xtask build"]);
+    fail(&path, "monitor --tcp 127.0.0.1:1", &["127.0.0.1:1"]);
+    fail(&path, "monitor --serial /dev/nowhere", &["/dev/nowhere"]);
+}
