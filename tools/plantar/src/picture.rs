@@ -72,7 +72,7 @@ impl Drawing {
             .caption(Region::ALL[region].name().replace('_', " "), ("sans-serif", 15))
             .margin(6)
             .x_label_area_size(24)
-            .y_label_area_size(38)
+            .y_label_area_size(46)
             .build_cartesian_2d(0.0..seconds, 0.0..top_n)
             .map_err(drawing_error)?;
         chart
@@ -81,7 +81,7 @@ impl Drawing {
             .x_labels(4)
             .y_labels(4)
             .x_desc("s")
-            .y_desc("N")
+            .y_label_formatter(&|n| format!("{n:.0} N"))
             .label_style(("sans-serif", 11))
             .draw()
             .map_err(drawing_error)?;
