@@ -23,6 +23,43 @@ pub struct VirtualInsole {
     pub cells: Vec<SetupCell>,
     /// Per cell of the insole its number in the recording.
     order: Vec<usize>,
+    law: LawTable,
+}
+
+/// The sensor's law as a table over the leading bits of a pressure, within a hundredth of a code: a long recording would
+/// spend most of its time in `powf`.
+#[derive(Clone, Debug)]
+struct LawTable {
+    /// Per step of the leading bits: code at pressure 0, and slope per kPa.
+    steps: Vec<(f32, f32)>,
+    /// Leading bits of the table's first step.
+    first: u32,
+}
+
+/// Bits of a pressure that the table leaves to interpolation: 2^9 steps an octave.
+const INTERPOLATED_BITS: u32 = f32::MANTISSA_DIGITS - 1 - 9;
+/// Below this pressure, kPa, a code is less than a half.
+const LEAST_KPA: f32 = 1e-4;
+
+impl LawTable {
+    fn new(law: &SensorLaw) -> Self {
+        let code = |kpa: f64| f64::from(FULL_CODE) * (kpa / f64::from(law.full_kpa)).powf(f64::from(law.exponent));
+        let first = LEAST_KPA.to_bits() >> INTERPOLATED_BITS;
+        let last = law.full_kpa.to_bits() >> INTERPOLATED_BITS;
+        let kpa_at = |step: u32| f64::from(f32::from_bits(step << INTERPOLATED_BITS));
+        let steps = (first..=last).map(|step| {
+            let (from, to) = (kpa_at(step), kpa_at(step + 1));
+            let slope = (code(to) - code(from)) / (to - from);
+            ((code(from) - slope * from) as f32, slope as f32)
+        });
+        Self { steps: steps.collect(), first }
+    }
+
+    fn code(&self, kpa: f32) -> u16 {
+        let step = (kpa.to_bits() >> INTERPOLATED_BITS).wrapping_sub(self.first) as usize;
+        // A pressure beyond the table is below half a code, as the full scale holds the largest one.
+        self.steps.get(step).map_or(0, |(base, slope)| (base + slope * kpa + 0.5) as u16)
+    }
 }
 
 impl VirtualInsole {
@@ -64,7 +101,7 @@ impl VirtualInsole {
             contact,
             stance,
         };
-        Self { setup, cells, order }
+        Self { law: LawTable::new(&setup.sensor), setup, cells, order }
     }
 
     /// Frames that this insole feels: those of the recording, whose last one is then held long enough to confirm a toe off.
@@ -78,13 +115,31 @@ impl VirtualInsole {
         self.codes(recording.frame(i.min(recording.frames() - 1)), codes);
     }
 
-    /// The codes of one frame of the recording, one a cell of the insole, by the sensor's own law.
+    /// The codes of one frame of the recording, one a cell of the insole, by the sensor's own law. Most cells are unloaded
+    /// most of the time.
     pub fn codes(&self, pressure_kpa: &[f32], codes: &mut [u16]) {
-        let SensorLaw { full_kpa, exponent } = self.setup.sensor;
         for (code, &i) in codes.iter_mut().zip(&self.order) {
             let p = pressure_kpa[i];
-            // Most cells are unloaded most of the time.
-            *code = if p > 0.0 { (f32::from(FULL_CODE) * (p / full_kpa).powf(exponent)).round() as u16 } else { 0 };
+            *code = if p > 0.0 { self.law.code(p) } else { 0 };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_is_the_law_to_the_code() {
+        for exponent in [0.5, 0.8, 1.3] {
+            let law = SensorLaw { full_kpa: 1000.0, exponent };
+            let table = LawTable::new(&law);
+            for i in 0..100_000 {
+                let kpa = 0.01 * i as f32;
+                let exact = f64::from(FULL_CODE) * (f64::from(kpa) / 1000.0).powf(f64::from(exponent));
+                let code = f64::from(table.code(kpa));
+                assert!((code - exact).abs() < 0.52, "{kpa} kPa, exponent {exponent}: {code}, not {exact}");
+            }
         }
     }
 }
