@@ -3,7 +3,7 @@
 //! The firmware is the file that `PLANTAR_FIRMWARE` names; without it these tests say so and pass.
 
 use client::Client;
-use emulator::{Board, Scan, Time, Walk};
+use emulator::{Board, Recorded, Scan, Time, Walk};
 use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;
@@ -26,21 +26,20 @@ fn firmware() -> Option<PathBuf> {
     path
 }
 
-/// A recording as a matrix; `fault` may change what a scan answers.
+/// A recording whose scans may answer less than all.
 struct Played {
-    recording: Recording,
-    worn: VirtualInsole,
+    walk: Recorded,
     fault: fn(u32) -> Option<Scan>,
 }
 
 impl Walk for Played {
     fn scans(&self) -> u32 {
-        self.worn.frames(&self.recording) as u32
+        self.walk.scans()
     }
 
     fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
-        self.worn.codes_of(&self.recording, seq as usize, codes);
-        (self.fault)(seq).unwrap_or(Scan::Whole)
+        let scan = self.walk.scan(seq, codes);
+        (self.fault)(seq).unwrap_or(scan)
     }
 }
 
@@ -57,7 +56,7 @@ impl Session {
         let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
         let head = Head { setup: worn.setup, tissue: tissue(), paced: true };
         let cells = worn.cells.clone();
-        let played = Played { recording: recording.clone(), worn, fault };
+        let played = Played { walk: Recorded::new(recording.clone(), worn), fault };
         let scans = played.scans();
         let board = Board::start(&firmware, &head, &cells, Time::Max, played).expect("the board boots");
         let link = board.link().expect("the link is there");
@@ -304,8 +303,7 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     cells.reverse();
     assert_ne!(cells.first().map(|c| c.cell.region), Some(Region::Heel));
     let head = Head { setup: worn.setup, tissue: tissue(), paced: true };
-    let played = Played { recording: walk.clone(), worn, fault: |_| None };
-    let board = Board::start(&firmware, &head, &cells, Time::Max, played).expect("the board boots");
+    let board = Board::start(&firmware, &head, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");
     let link = board.link().expect("the link is there");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
     let client = Client::connect(link, Duration::from_secs(20)).expect("the insole answers");

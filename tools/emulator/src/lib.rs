@@ -3,8 +3,10 @@
 //! What passes between board and plant is described in [`plantar::emulation`].
 
 mod plant;
+mod recorded;
 
 pub use plant::{Plant, Scan, Walk};
+pub use recorded::Recorded;
 
 use plantar::emulation::{Head, MATRIX_FILE, SETUP_FILE};
 use plantar::insole::SetupCell;

@@ -7,11 +7,11 @@ use crate::view::View;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use client::{Client, step_to_json};
-use emulator::{Board, Scan, Time, Walk};
+use emulator::{Board, Recorded, Time};
 use plantar::emulation::Head;
-use plantar::insole::DEVICE_CELLS;
+use plantar::insole::{DEVICE_CELLS, Insole};
 use plantar::wire::{Status, Step, ToDevice, ToHost};
-use recording::{Recording, VirtualInsole};
+use recording::Recording;
 use std::net::TcpStream;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -48,23 +48,6 @@ enum Speed {
     Max,
 }
 
-/// A recording as the matrix of the emulated board.
-struct Played {
-    recording: Recording,
-    worn: VirtualInsole,
-}
-
-impl Walk for Played {
-    fn scans(&self) -> u32 {
-        self.worn.frames(&self.recording) as u32
-    }
-
-    fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
-        self.worn.codes_of(&self.recording, seq as usize, codes);
-        Scan::Whole
-    }
-}
-
 /// What a whole walk gave.
 struct Outcome {
     steps: Vec<Step>,
@@ -83,17 +66,19 @@ impl Emulate {
         }
         println!("{}", recording.source);
         let tissue = self.wearer.parameters()?.tissue();
-        let worn = self.contact.insole(&recording);
+        let worn = self.contact.insole(&recording)?;
+        // What the board would refuse is refused here, where there is room to say it.
+        Insole::<f32, DEVICE_CELLS>::new().set_up(worn.setup, worn.cells.iter().copied())?;
         let head = Head { setup: worn.setup, tissue, paced: false };
         let cells = worn.cells.clone();
         let seconds = recording.frames() as f64 / recording.rate_hz;
-        let played = Played { recording, worn };
-        let scans = played.scans();
+        let scans = worn.frames(&recording) as u32;
+        let walk = Recorded::new(recording, worn);
         let time = match self.speed {
             Speed::Real => Time::Real,
             Speed::Max => Time::Max,
         };
-        let board = Board::start(&self.firmware, &head, &cells, time, played)?;
+        let board = Board::start(&self.firmware, &head, &cells, time, walk)?;
         let link = board.link()?;
         link.set_read_timeout(Some(PATIENCE))?;
         let mut client = Client::connect(link, ANSWER)?;

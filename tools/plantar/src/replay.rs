@@ -50,7 +50,7 @@ impl Replay {
     pub fn run(&self) -> Result<()> {
         let recording = Recording::read(&self.recording)?;
         let tissue = self.wearer.parameters()?.tissue();
-        let worn = self.contact.insole(&recording);
+        let worn = self.contact.insole(&recording)?;
         let start = Instant::now();
         let steps = match self.precision {
             Precision::F32 => self.replay::<f32>(&recording, &worn, &tissue)?,

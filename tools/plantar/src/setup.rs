@@ -1,9 +1,10 @@
 //! Options that several commands share: the wearer's parameters and the contact rule.
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::Args;
 use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
+use plantar::insole::PERIOD_US;
 use recording::{Recording, VirtualInsole};
 use std::path::PathBuf;
 
@@ -49,8 +50,15 @@ pub struct Contact {
 
 impl Contact {
     /// The insole that feels `recording` under this rule.
-    pub fn insole(&self, recording: &Recording) -> VirtualInsole {
+    pub fn insole(&self, recording: &Recording) -> Result<VirtualInsole> {
         let rule = ContactRule { on_kpa: self.contact_on, off_kpa: self.contact_off, full_kpa: self.contact_full };
-        VirtualInsole::new(recording, rule, plantar::stance::StanceRule::WALKING)
+        let worn = VirtualInsole::new(recording, rule, plantar::stance::StanceRule::WALKING);
+        if !PERIOD_US.contains(&worn.setup.period_us) {
+            bail!(
+                "{:.2} frames a second: 20 to 500 are understood; import the recording again with --rate 100",
+                recording.rate_hz
+            );
+        }
+        Ok(worn)
     }
 }

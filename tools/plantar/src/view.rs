@@ -45,7 +45,7 @@ impl View {
             side, hello.cells, hello.board, hello.firmware
         );
         if let Some(panic) = &hello.last_panic {
-            eprintln!("note: the insole restarted after a fault: {panic}");
+            eprintln!("note: the insole reports a fault: {panic}");
         }
         let terminal = if std::io::stdout().is_terminal() {
             Some(ratatui::try_init()?)

@@ -2,28 +2,15 @@
 //!
 //! The firmware is the file that `PLANTAR_FIRMWARE` names; without it this test says so and passes.
 
-use emulator::{Board, Scan, Time, Walk};
+use emulator::{Board, Recorded, Time};
 use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;
 use plantar::stance::StanceRule;
-use recording::{Recording, VirtualInsole, synthetic};
+use recording::{VirtualInsole, synthetic};
 use std::io::copy;
 use std::net::{TcpListener, TcpStream};
 use std::process::Command;
-
-struct Played(Recording, VirtualInsole);
-
-impl Walk for Played {
-    fn scans(&self) -> u32 {
-        self.1.frames(&self.0) as u32
-    }
-
-    fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
-        self.1.codes_of(&self.0, seq as usize, codes);
-        Scan::Whole
-    }
-}
 
 fn pump(mut from: TcpStream, mut to: TcpStream) {
     // Either end may close first; that ends the pump.
@@ -40,7 +27,8 @@ fn monitor_shows_and_stores_the_steps_of_an_insole_on_the_network() {
     let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
     let head = Head { setup: worn.setup, tissue: Parameters::typical(InsoleSize::default()).tissue(), paced: true };
     let cells = worn.cells.clone();
-    let board = Board::start(firmware.as_ref(), &head, &cells, Time::Max, Played(walk, worn)).expect("the board boots");
+    let board =
+        Board::start(firmware.as_ref(), &head, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");
 
     let bridge = TcpListener::bind("127.0.0.1:0").expect("a port");
     let folder = tempfile::tempdir().expect("a folder");

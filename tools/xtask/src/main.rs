@@ -84,8 +84,8 @@ fn main() -> ExitCode {
 
 /// The repository.
 pub fn root() -> PathBuf {
-    // This file is two folders below.
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+    // This package is two folders below.
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap_or(Path::new(".")).into()
 }
 
 /// Runs a command in the repository and fails with it.

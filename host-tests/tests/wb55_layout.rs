@@ -1,6 +1,6 @@
 //! The real board's layout, checked where it needs no board.
 
-#[path = "../src/bin/plantar_wb55/layout.rs"]
+#[path = "../../src/bin/plantar_wb55/layout.rs"]
 mod layout;
 
 use layout::{CELLS, COLUMNS, ROWS, WIRING};
