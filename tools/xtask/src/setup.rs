@@ -39,10 +39,11 @@ pub fn has(program: &str) -> bool {
 pub fn rust() -> Result<()> {
     let sysroot = Command::new("rustc").args(["--print", "sysroot"]).current_dir(root()).output()?;
     let libraries = PathBuf::from(String::from_utf8(sysroot.stdout)?.trim()).join("lib/rustlib");
-    let missing = [TARGET, "wasm32-unknown-unknown"].into_iter().any(|target| !libraries.join(target).is_dir());
-    if missing {
-        run("rustup", &["toolchain", "install"])
-            .context("install the toolchain that rust-toolchain.toml names, with its targets and components")?;
+    let targets = [TARGET, "wasm32-unknown-unknown"];
+    if targets.into_iter().any(|target| !libraries.join(target).is_dir()) {
+        run("rustup", &[&["target", "add"], &targets[..]].concat())
+            .and_then(|()| run("rustup", &["component", "add", "clippy", "rustfmt"]))
+            .context("the toolchain that rust-toolchain.toml names needs its targets and components")?;
     }
     Ok(())
 }
