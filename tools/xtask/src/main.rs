@@ -159,15 +159,13 @@ impl Demo {
 /// Trials of the sample walk, some fifteen seconds.
 const SAMPLE_TRIALS: &str = "12";
 
-/// One walker's steps as a recording for the device, made once.
+/// One walker's steps as a recording for the device.
 fn sample_walk(plantar: &Path) -> Result<PathBuf> {
     let data = setup::python()?.jiku;
     let walk = setup::cache().join("walk.parquet");
-    if !walk.is_file() {
-        let mut command = Command::new(plantar);
-        command.args(["import", "jiku", "--walker", "0", "--trials", SAMPLE_TRIALS, "--rate", "100", "--cells", "240"]);
-        run_command(command.arg("--data").arg(data).arg("--out").arg(&walk))?;
-    }
+    let mut command = Command::new(plantar);
+    command.args(["import", "jiku", "--walker", "0", "--trials", SAMPLE_TRIALS, "--rate", "100", "--cells", "240"]);
+    run_command(command.arg("--data").arg(data).arg("--out").arg(&walk))?;
     Ok(walk)
 }
 
