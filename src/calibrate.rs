@@ -60,7 +60,8 @@ pub fn is_saturated(code: u32) -> bool {
 const SEGMENTS: usize = 256;
 const SEGMENT_SHIFT: u32 = 16 - SEGMENTS.ilog2();
 
-/// The inverse of a [`SensorLaw`] as straight segments; within 0.1 % of the law above 1 % of full scale at exponent 0.8.
+/// The inverse of a [`SensorLaw`] as straight segments; within 0.1 % of the law above 1 % of full scale at exponent 0.8. At
+/// exponents above 1 the first segment, 1/256 of full scale, reads low.
 ///
 /// Single precision on every machine: the table is a parameter, and all evaluate the same one.
 #[derive(Clone, Copy, Debug)]

@@ -38,8 +38,8 @@ impl<R: Real> Ellipse<R> {
         // decide there.
         let (r_a_mm, r_b_mm, sign) =
             if half_difference >= -R::of(1e-4) * mean { (long, short, R::ONE) } else { (short, long, -R::ONE) };
-        let double_angle = if spread > R::ZERO {
-            (sign * half_difference / spread, sign * covariance_mm2 / spread)
+        let double_angle = if spread > R::of(1e-4) * mean {
+            ((sign * half_difference).max(R::ZERO) / spread, sign * covariance_mm2 / spread)
         } else {
             (R::ONE, R::ZERO)
         };

@@ -7,7 +7,8 @@ use crate::live::{LiveModel, LiveTissue};
 use crate::model::Gauge;
 use crate::num::Real;
 use crate::region::{
-    AreaMoments, Cell, ForceMoments, MAX_CELL_MM2, MAX_REACH_MM, MAX_REGION_MM2, Region, RegionCell, RegionFrame, Side,
+    AreaMoments, Cell, ForceMoments, MAX_CELL_MM2, MAX_REACH_MM, MAX_REGION_MM2, MIN_CELL_MM2, Region, RegionCell,
+    RegionFrame, Side,
 };
 use crate::stance::{Rejected, Stance, StanceLimits, StanceRule};
 use crate::step::{RegionStep, StepRecord};
@@ -20,6 +21,9 @@ pub const DEVICE_CELLS: usize = 256;
 
 /// Shortest and longest time between frames, us: 500 Hz to 20 Hz. Devices run at 50 to 400 Hz, recordings beyond.
 pub const PERIOD_US: core::ops::RangeInclusive<u32> = 2_000..=50_000;
+
+/// Cells lie within this distance of the origin along an axis, mm: any sheet, in any unit that was meant.
+const FARTHEST_MM: f32 = 10_000.0;
 
 /// Everything that is set about an insole except its cells and its wearer's tissue.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -84,7 +88,7 @@ pub enum SetupError {
     TooManyCells,
     /// No cells at all.
     NoCells,
-    /// This cell is not finite, has no or too much area, lies too far from its region, or has a bad calibration.
+    /// This cell is not finite or metres away, has no or too much area, lies too far from its region, or has a bad calibration.
     Cell(u16),
     /// This cell's region comes before the one of the cell before it.
     RegionOrder(u16),
@@ -256,8 +260,9 @@ impl<R: Real, const N: usize> Insole<R, N> {
             return Err(SetupError::Tissue(Region::ALL[i]));
         }
         self.tissue_id = tissue.id;
-        for (gauge, new) in self.gauges.iter_mut().zip(&tissue.gauges) {
+        for ((gauge, live), new) in self.gauges.iter_mut().zip(&mut self.live).zip(&tissue.gauges) {
             *gauge = Gauge::of(new);
+            live.rebase(gauge);
         }
         Ok(())
     }
@@ -411,8 +416,9 @@ fn check_cells(cells: impl Iterator<Item = SetupCell> + Clone, capacity: usize) 
         if count > capacity {
             return Err(SetupError::TooManyCells);
         }
-        let has_area = cell.area_mm2 > 0.0 && cell.area_mm2 <= MAX_CELL_MM2;
-        if !cell.x_mm.is_finite() || !cell.y_mm.is_finite() || !has_area || !calibration.is_valid() {
+        let has_area = (MIN_CELL_MM2..=MAX_CELL_MM2).contains(&cell.area_mm2);
+        let is_near = cell.x_mm.abs() <= FARTHEST_MM && cell.y_mm.abs() <= FARTHEST_MM;
+        if !is_near || !has_area || !calibration.is_valid() {
             return Err(SetupError::Cell(number));
         }
         let region = cell.region as usize;

@@ -10,6 +10,7 @@ use crate::num::Real;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LiveModel<R> {
     previous_area_mm2: [R; 2],
+    previous_smoothed_m2: R,
     previous_g: R,
 }
 
@@ -31,7 +32,12 @@ impl<R: Real> LiveTissue<R> {
 
 impl<R: Real> LiveModel<R> {
     /// Before the first frame.
-    pub const NEW: Self = Self { previous_area_mm2: [R::ZERO; 2], previous_g: R::ZERO };
+    pub const NEW: Self = Self { previous_area_mm2: [R::ZERO; 2], previous_smoothed_m2: R::ZERO, previous_g: R::ZERO };
+
+    /// Changes to other parameters, without a jump in the deformation rate.
+    pub fn rebase(&mut self, gauge: &Gauge<R>) {
+        self.previous_g = gauge.area_ratio(self.previous_smoothed_m2).gauge();
+    }
 
     /// Takes this frame's contact area; `per_s` is one over the time since the last frame.
     #[inline(always)]
@@ -40,6 +46,7 @@ impl<R: Real> LiveModel<R> {
         self.previous_area_mm2 = [last, area_mm2];
         // A third for the mean and mm2 to m2 in one factor.
         let smoothed_m2 = (before + last + area_mm2) * R::of(1e-6 / 3.0);
+        self.previous_smoothed_m2 = smoothed_m2;
         let ratio = gauge.area_ratio(smoothed_m2);
         let g = ratio.gauge();
         let g_rate_per_s = (g - self.previous_g) * per_s;

@@ -88,6 +88,8 @@ const PER_MM: f32 = 64.0;
 /// Units of area moments in a mm2 wholly in contact.
 const SHARES_PER_MM2: f32 = PER_MM2 * WHOLE as f32;
 
+/// Smallest area of a cell, mm2: one unit.
+pub const MIN_CELL_MM2: f32 = 1.0 / PER_MM2;
 /// Largest area of a cell, mm2.
 pub const MAX_CELL_MM2: f32 = 4_000.0;
 /// Largest area of a region, mm2: many times a foot.
@@ -169,16 +171,24 @@ impl AreaMoments {
         if self.area <= 0 {
             return None;
         }
+        // About the whole unit next to the mean, in whole numbers: single precision would lose a far contact's variance in the
+        // difference of large squares.
+        let area = i64::from(self.area);
+        let (centre_x, centre_y) = (self.x / area, self.y / area);
+        let (x, y) = (self.x - centre_x * area, self.y - centre_y * area);
+        let xx = self.xx - centre_x * (self.x + x);
+        let yy = self.yy - centre_y * (self.y + y);
+        let xy = self.xy - centre_x * self.y - centre_y * x;
         let per_area = R::ONE / R::of_i32(self.area);
-        let mean = |sum: i64, unit: f32| R::of_i64(sum) * per_area * R::of(f64::from(1.0 / unit));
-        let (x_mm, y_mm) = (mean(self.x, PER_MM), mean(self.y, PER_MM));
-        let square = |sum: i64| mean(sum, PER_MM * PER_MM);
+        let mean = |sum: i64| R::of_i64(sum) * per_area;
+        let (dx, dy) = (mean(x), mean(y));
+        let (mm, mm2) = (R::of(f64::from(1.0 / PER_MM)), R::of(f64::from(1.0 / (PER_MM * PER_MM))));
         Some(Spread {
-            x_mm,
-            y_mm,
-            variance_x_mm2: square(self.xx) - x_mm * x_mm,
-            variance_y_mm2: square(self.yy) - y_mm * y_mm,
-            covariance_mm2: square(self.xy) - x_mm * y_mm,
+            x_mm: (R::of_i64(centre_x) + dx) * mm,
+            y_mm: (R::of_i64(centre_y) + dy) * mm,
+            variance_x_mm2: (mean(xx) - dx * dx) * mm2,
+            variance_y_mm2: (mean(yy) - dy * dy) * mm2,
+            covariance_mm2: (mean(xy) - dx * dy) * mm2,
         })
     }
 }

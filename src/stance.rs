@@ -99,6 +99,8 @@ pub struct Stance<R> {
     /// Frames stored since heel strike, and the one after the last loaded frame.
     pushed: u32,
     loaded: u32,
+    /// Frames bridged since heel strike, and up to the last loaded frame.
+    bridged_so_far: u32,
     bridged: u32,
     /// Every how many frames one is kept, and how many were.
     stride: u32,
@@ -120,6 +122,7 @@ impl<R: Real> Stance<R> {
             last_seq: 0,
             pushed: 0,
             loaded: 0,
+            bridged_so_far: 0,
             bridged: 0,
             stride: 0,
             len: 0,
@@ -150,6 +153,12 @@ impl<R: Real> Stance<R> {
                 self.ignore();
                 false
             }
+            // Nor has one whose heel strike is among many missing frames.
+            Phase::Swing | Phase::Ended if missing > BRIDGED_FRAMES && total_n >= limits.release_n => {
+                self.rejected.broken += 1;
+                self.ignore();
+                false
+            }
             Phase::Unknown | Phase::Swing | Phase::Ended => {
                 self.phase = Phase::Swing;
                 if total_n >= limits.strike_n {
@@ -177,7 +186,7 @@ impl<R: Real> Stance<R> {
                 self.bridge(missing, &regions);
                 self.store(&regions);
                 if total_n >= limits.release_n {
-                    self.loaded = self.pushed;
+                    (self.loaded, self.bridged) = (self.pushed, self.bridged_so_far);
                 }
                 if self.loaded > limits.max_stance_frames {
                     self.rejected.long += 1;
@@ -202,7 +211,7 @@ impl<R: Real> Stance<R> {
     fn begin(&mut self, seq: u32) {
         self.phase = Phase::Stance;
         self.start_seq = seq;
-        (self.pushed, self.loaded, self.bridged) = (0, 0, 0);
+        (self.pushed, self.loaded, self.bridged_so_far, self.bridged) = (0, 0, 0, 0);
         (self.stride, self.len) = (1, 0);
         self.at_peak = [(R::ZERO, AreaMoments::NONE); 8];
         self.saturated = 0;
@@ -223,22 +232,22 @@ impl<R: Real> Stance<R> {
                 let to = regions[region];
                 (area + (to.area.area_mm2::<R>() - area) * part, force + (to.force.force_n - force) * part)
             });
-            self.bridged += 1;
+            self.bridged_so_far += 1;
         }
     }
 
     fn store(&mut self, regions: &[&RegionFrame<R>; 8]) {
-        self.keep(|region| (regions[region].area.area_mm2(), regions[region].force.force_n));
+        let kept = self.keep(|region| (regions[region].area.area_mm2(), regions[region].force.force_n));
         for (i, (region, peak)) in regions.iter().zip(&mut self.at_peak).enumerate() {
-            if region.force.force_n > peak.0 {
+            if kept && region.force.force_n > peak.0 {
                 *peak = (region.force.force_n, region.area);
             }
             self.saturated |= u8::from(region.saturated) << i;
         }
     }
 
-    /// Keeps one frame of area and force, or passes over it by the stride.
-    fn keep(&mut self, sample: impl Fn(usize) -> (R, R)) {
+    /// Keeps one frame of area and force, or passes over it by the stride; true where it is kept.
+    fn keep(&mut self, sample: impl Fn(usize) -> (R, R)) -> bool {
         if self.len == STANCE_SAMPLES {
             for curve in self.area_mm2.iter_mut().chain(&mut self.force_n) {
                 for i in 0..STANCE_SAMPLES / 2 {
@@ -259,6 +268,7 @@ impl<R: Real> Stance<R> {
         }
         self.len += usize::from(kept);
         self.pushed += 1;
+        kept
     }
 
     /// True from heel strike until toe off is confirmed, also in a contact that will not become a step.

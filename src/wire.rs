@@ -26,7 +26,7 @@ pub const MAX_MESSAGE: usize = 320;
 /// Longest frame on a byte carrier: message, CRC, COBS overhead and the zero, bytes.
 pub const MAX_FRAME: usize = MAX_MESSAGE + 4 + (MAX_MESSAGE + 4) / 254 + 1 + 1;
 /// Longest live frame as a message, bytes.
-pub const MAX_LIVE: usize = 83;
+pub const MAX_LIVE: usize = 82;
 
 /// From the insole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

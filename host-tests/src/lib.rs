@@ -1,1 +1,166 @@
-//! Only tests; see `tests/`.
+//! What the tests in `tests/` share.
+
+use plantar::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
+use plantar::contact::{ContactRule, WHOLE};
+use plantar::insole::{Setup, SetupCell, Tissue};
+use plantar::model::Gauge;
+use plantar::region::{AreaMoments, Cell, RegionCell};
+use plantar::stance::{Rejected, StanceRule};
+use plantar::wire::{self, Decoder, Hello, Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step, StepRegion};
+use plantar::{Region, Side};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// A resistive sensor as the examples use it.
+pub const LAW: SensorLaw = SensorLaw { full_kpa: 1000.0, exponent: 0.8 };
+
+/// A left insole of 100 frames a second with counted cells.
+pub const SETUP: Setup = Setup {
+    side: Side::Left,
+    layout_id: 7,
+    period_us: 10_000,
+    sensor: LAW,
+    contact: ContactRule::COUNTED,
+    stance: StanceRule::WALKING,
+};
+
+/// A soft tissue that no contact of a foot exceeds.
+pub const TISSUE: Tissue = Tissue {
+    id: 1,
+    gauges: [Gauge { ab_m2: 2e-3, c_m: 0.012, stiffness_pa: 5e5, damping_pa_s: 5e3, n: 1.2, m: 0.8 }; 8],
+};
+
+/// A cell with the common law.
+pub fn cell(region: Region, x_mm: f32, y_mm: f32, area_mm2: f32) -> SetupCell {
+    SetupCell { cell: Cell { region, x_mm, y_mm, area_mm2 }, calibration: CellCalibration::IDEAL }
+}
+
+/// A tabulated law.
+pub fn curve(law: &SensorLaw) -> Curve {
+    let mut curve = Curve::new();
+    curve.set(law);
+    curve
+}
+
+/// The code of a pressure by the law itself, in f64.
+pub fn code_of(law: &SensorLaw, pressure_kpa: f64) -> u16 {
+    (f64::from(FULL_CODE) * (pressure_kpa / f64::from(law.full_kpa)).powf(f64::from(law.exponent))).round() as u16
+}
+
+/// The pressure of a code by the law itself, in f64.
+pub fn pressure_of(law: &SensorLaw, code: u16) -> f64 {
+    f64::from(law.full_kpa) * (f64::from(code) / f64::from(FULL_CODE)).powf(1.0 / f64::from(law.exponent))
+}
+
+/// Moments of cells with the shares of them that are in contact, about `(x_mm, y_mm)`.
+pub fn moments(cells: &[(Cell, u16)], x_mm: f32, y_mm: f32) -> AreaMoments {
+    let mut moments = AreaMoments::NONE;
+    for (cell, share) in cells {
+        moments.change(&RegionCell::<f32>::new(cell, 1.0, x_mm, y_mm), i32::from(*share));
+    }
+    moments
+}
+
+/// Moments of one cell of this area, wholly in contact.
+pub fn area_moments(area_mm2: f32) -> AreaMoments {
+    moments(&[(cell(Region::Heel, 0.0, 0.0, area_mm2).cell, WHOLE)], 0.0, 0.0)
+}
+
+/// A hello with every field set.
+pub fn hello() -> Hello {
+    Hello {
+        major: wire::MAJOR,
+        minor: wire::MINOR,
+        firmware: text("0.1.0"),
+        board: text("test"),
+        side: Side::Right,
+        layout_id: 0x1234_5678,
+        cells: 200,
+        period_us: 10_000,
+        tissue_id: 77,
+        contact_rule: ContactRule::COUNTED,
+        reset: Reset::Panic,
+        last_panic: Some(text("at a line")),
+    }
+}
+
+/// A step with this number and different values everywhere.
+pub fn step(step: u32) -> Step {
+    let region = |i: u16| StepRegion {
+        measured_peak_dn: 1000 + i,
+        model_peak_dn: 1100 + i,
+        measured_integral_cns: 1200 + i,
+        model_integral_cns: 1300 + i,
+        area_peak_mm2: 1400 + i,
+        deformation_peak_um: 1500 + i,
+        deformation_rate_peak_dmm_s: 1600 + i,
+        contact_ms: 700 + i,
+        time_to_peak_ms: 200 + i,
+        ellipse_x_dmm: 300 + i as i16,
+        ellipse_y_dmm: -400 - i as i16,
+        ellipse_r_a_cmm: 2100 + i,
+        ellipse_r_b_cmm: 2200 + i,
+        ellipse_angle_ddeg: -450 + i as i16,
+        model_error_bp: 1900 + i,
+    };
+    Step {
+        step,
+        side: Side::Left,
+        start_us: 5_000_000_000,
+        duration_us: 680_000,
+        sample_us: 10_000,
+        bridged_frames: 2,
+        saturated: 0b1000_0001,
+        clamped: 0b0000_0100,
+        contact_rule: ContactRule { on_kpa: 10.0, off_kpa: 7.5, full_kpa: 50.0 },
+        regions: core::array::from_fn(|i| region(i as u16)),
+    }
+}
+
+/// A live frame with this number and different values everywhere.
+pub fn live(sequence: u32) -> Live {
+    let region =
+        |i: u16| LiveRegion { area_mm2: 1000 + i, deformation_um: 2000 + i, model_dn: 3000 + i, measured_dn: 4000 + i };
+    Live {
+        sequence,
+        t_us: 5_000_010_000,
+        saturated: 0b0100_0000,
+        clamped: 0b0000_0010,
+        regions: core::array::from_fn(|i| region(i as u16)),
+    }
+}
+
+/// A status with different values everywhere.
+pub fn status() -> Status {
+    Status {
+        uptime_us: 6_000_000_000,
+        frames: 600,
+        frames_missed: 1,
+        frames_overrun: 2,
+        live_due: 300,
+        live_sent: 299,
+        steps: 12,
+        steps_dropped: 3,
+        rejected: Rejected { short: 4, long: 5, broken: 6 },
+        bad_frames: 7,
+        frame_cycles: (40_000, 90_000),
+        stack_bytes: 2048,
+    }
+}
+
+/// A message on a byte carrier.
+pub fn framed<T: Serialize>(message: &T) -> Vec<u8> {
+    let (mut bytes, mut out) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
+    let len = wire::frame(wire::encode(message, &mut bytes).expect("it fits"), &mut out);
+    out[..len].to_vec()
+}
+
+/// Every message that a decoder finds in a stream.
+pub fn messages<T: DeserializeOwned>(decoder: &mut Decoder, stream: &[u8]) -> Vec<T> {
+    stream.iter().filter_map(|&byte| decoder.push(byte).and_then(wire::decode)).collect()
+}
+
+/// A short text of the wire.
+pub fn text<const N: usize>(text: &str) -> heapless::String<N> {
+    text.try_into().expect("it fits")
+}

@@ -4,7 +4,8 @@ mod json;
 
 pub use json::step_to_json;
 
-use plantar::wire::{self, Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, ToDevice, ToHost};
+use plantar::link::STEP_QUEUE;
+use plantar::wire::{self, Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Step, ToDevice, ToHost};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
@@ -61,7 +62,8 @@ pub struct Client<C> {
     frames_received: u32,
     frames_lost: u32,
     next_live: Option<u32>,
-    next_step: Option<u32>,
+    /// As many as an insole can replay.
+    delivered: VecDeque<Step>,
 }
 
 impl<C: Read + Write> Client<C> {
@@ -77,7 +79,7 @@ impl<C: Read + Write> Client<C> {
             frames_received: 0,
             frames_lost: 0,
             next_live: None,
-            next_step: None,
+            delivered: VecDeque::new(),
         })
     }
 
@@ -127,20 +129,25 @@ impl<C: Read + Write> Client<C> {
             ToHost::Live(live) => {
                 self.frames_received += 1;
                 if let Some(expected) = self.next_live {
-                    self.frames_lost += live.sequence.wrapping_sub(expected);
+                    let gap = live.sequence.wrapping_sub(expected);
+                    // A step back is another stream.
+                    self.frames_lost += if gap < u32::MAX / 2 { gap } else { 0 };
                 }
                 self.next_live = Some(live.sequence.wrapping_add(1));
             }
             ToHost::Step(step) => {
-                let is_known =
-                    self.next_step.is_some_and(|next| next.wrapping_sub(step.step).wrapping_sub(1) < u32::MAX / 2);
-                if is_known {
+                // By content: an insole that restarted counts from 0 again.
+                if self.delivered.contains(step) {
                     return Ok(None);
                 }
-                self.next_step = Some(step.step.wrapping_add(1));
+                if self.delivered.len() == STEP_QUEUE {
+                    self.delivered.pop_front();
+                }
+                self.delivered.push_back(*step);
             }
             ToHost::Status(status) => self.frames_sent = status.live_sent,
-            ToHost::Hello(_) => {}
+            // What follows is another session.
+            ToHost::Hello(_) => self.next_live = None,
         }
         Ok(Some(message))
     }
@@ -180,7 +187,7 @@ impl<C: Read + Write> Messages<C> {
         while start.elapsed() < patience {
             self.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;
             let asked = Instant::now();
-            while asked.elapsed() < Duration::from_millis(500) {
+            while asked.elapsed() < Duration::from_millis(500) && start.elapsed() < patience {
                 // What came before the hello belongs to an earlier session.
                 let Some(ToHost::Hello(hello)) = self.next()? else { continue };
                 if hello.major != MAJOR {

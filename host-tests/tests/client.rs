@@ -1,0 +1,319 @@
+//! The host's side of a session, against an insole in memory.
+
+use client::{Client, Error, LinkCounters};
+use host_tests::{framed, hello, live, messages, status, step};
+use plantar::link::Link;
+use plantar::wire::{Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Status, ToDevice, ToHost, frame};
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::io::{self, Read, Write};
+use std::rc::Rc;
+use std::time::Duration;
+
+/// An insole and the cable to it.
+struct Insole {
+    link: Link,
+    hello: Hello,
+    from_host: Decoder,
+    to_host: VecDeque<u8>,
+    /// Pulls the plug.
+    unplugged: bool,
+    /// Frames to drop and to damage on their way to the host.
+    drop_next: usize,
+    damage_next: usize,
+}
+
+impl Insole {
+    fn answer(&mut self, bytes: &[u8]) {
+        for message in messages::<ToDevice>(&mut self.from_host, bytes) {
+            self.link.receive(message);
+        }
+    }
+
+    /// What the insole has to say, frame by frame onto the cable.
+    fn speak(&mut self) {
+        let mut buffer = [0; MAX_MESSAGE];
+        while let Some(message) = self.link.next(&self.hello, status, &mut buffer) {
+            let mut out = [0; MAX_FRAME];
+            let len = frame(message, &mut out);
+            if self.drop_next > 0 {
+                self.drop_next -= 1;
+                continue;
+            }
+            if self.damage_next > 0 {
+                self.damage_next -= 1;
+                // Stays other than zero: the frame's end is where it was.
+                out[len / 2] = if out[len / 2] == 1 { 2 } else { 1 };
+            }
+            self.to_host.extend(&out[..len]);
+        }
+    }
+}
+
+#[derive(Clone)]
+struct Cable(Rc<RefCell<Insole>>);
+
+impl Cable {
+    fn new(hello: Hello) -> Self {
+        let (from_host, to_host) = (Decoder::new(), VecDeque::new());
+        let insole =
+            Insole { link: Link::new(), hello, from_host, to_host, unplugged: false, drop_next: 0, damage_next: 0 };
+        Self(Rc::new(RefCell::new(insole)))
+    }
+
+    fn insole(&self) -> std::cell::RefMut<'_, Insole> {
+        self.0.borrow_mut()
+    }
+
+    fn live_frames(&self, count: usize) {
+        for _ in 0..count {
+            let mut insole = self.insole();
+            let number = insole.link.next_live().expect("streaming");
+            insole.link.push_live(live(number));
+            insole.speak();
+        }
+    }
+}
+
+impl Read for Cable {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        let mut insole = self.insole();
+        if insole.unplugged {
+            return Ok(0);
+        }
+        insole.speak();
+        if insole.to_host.is_empty() {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        // In pieces that never fit a frame.
+        let len = out.len().min(37).min(insole.to_host.len());
+        for (slot, byte) in out.iter_mut().zip(insole.to_host.drain(..len)) {
+            *slot = byte;
+        }
+        Ok(len)
+    }
+}
+
+impl Write for Cable {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.insole().answer(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+const PATIENCE: Duration = Duration::from_secs(5);
+
+fn connected() -> (Cable, Client<Cable>) {
+    let cable = Cable::new(hello());
+    let client = Client::connect(cable.clone(), PATIENCE).expect("an answer");
+    (cable, client)
+}
+
+/// Everything that arrives before the cable is silent for long: neither a piece of a frame nor a replayed step is a message.
+fn receive_all(client: &mut Client<Cable>) -> Vec<ToHost> {
+    let mut got = Vec::new();
+    let mut silent = 0;
+    while silent < 500 {
+        let message = client.receive().expect("the cable holds");
+        silent = if message.is_some() { 0 } else { silent + 1 };
+        got.extend(message);
+    }
+    got
+}
+
+fn step_numbers(messages: &[ToHost]) -> Vec<u32> {
+    messages.iter().filter_map(|m| if let ToHost::Step(step) = m { Some(step.step) } else { None }).collect()
+}
+
+fn push_steps(cable: &Cable, numbers: impl IntoIterator<Item = u32>) {
+    numbers.into_iter().for_each(|number| cable.insole().link.push_step(step(number)));
+}
+
+#[test]
+fn a_session_begins_with_who_answered() {
+    let (_, client) = connected();
+    assert_eq!(*client.hello(), hello());
+    assert_eq!(client.counters(), LinkCounters::default());
+}
+
+#[test]
+fn what_was_on_the_cable_before_is_passed_over() {
+    let cable = Cable::new(hello());
+    let before =
+        [b"boot loader\r\n".as_slice(), &[0], &framed(&ToHost::Live(live(3))), &framed(&ToHost::Step(step(8)))];
+    cable.insole().to_host.extend(before.concat());
+    let mut client = Client::connect(cable.clone(), PATIENCE).expect("an answer");
+    assert_eq!(client.counters().crc_errors, 1);
+    push_steps(&cable, [9]);
+    assert_eq!(receive_all(&mut client), [ToHost::Step(step(9))]);
+}
+
+#[test]
+fn a_replayed_step_is_delivered_once() {
+    let (cable, mut client) = connected();
+    push_steps(&cable, 0..3);
+    assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2]);
+    client.send(ToDevice::Acknowledge { step: 0 }).expect("sent");
+    push_steps(&cable, [3]);
+    client.reconnect(PATIENCE).expect("an answer");
+    assert_eq!(step_numbers(&receive_all(&mut client)), [3], "1 and 2 came before");
+    client.send(ToDevice::Acknowledge { step: 3 }).expect("sent");
+    push_steps(&cable, [4]);
+    client.reconnect(PATIENCE).expect("an answer");
+    assert_eq!(step_numbers(&receive_all(&mut client)), [4]);
+}
+
+#[test]
+fn a_step_that_was_lost_on_the_way_comes_with_the_next_session() {
+    let (cable, mut client) = connected();
+    push_steps(&cable, [0]);
+    cable.insole().drop_next = 1;
+    assert!(step_numbers(&receive_all(&mut client)).is_empty());
+    client.reconnect(PATIENCE).expect("an answer");
+    assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
+}
+
+#[test]
+fn step_numbers_wrap() {
+    let (cable, mut client) = connected();
+    push_steps(&cable, [u32::MAX - 1, u32::MAX, 0, 1]);
+    assert_eq!(step_numbers(&receive_all(&mut client)), [u32::MAX - 1, u32::MAX, 0, 1]);
+    client.reconnect(PATIENCE).expect("an answer");
+    assert!(step_numbers(&receive_all(&mut client)).is_empty());
+}
+
+/// It counts its steps from 0 again: they are new, not replayed.
+#[test]
+fn steps_of_an_insole_that_restarted_are_delivered() {
+    let (cable, mut client) = connected();
+    push_steps(&cable, 0..5);
+    assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2, 3, 4]);
+    client.send(ToDevice::Acknowledge { step: 4 }).expect("sent");
+    cable.insole().link = Link::new();
+    client.reconnect(PATIENCE).expect("an answer");
+    // Another walk: other times.
+    let after = |number: u32| plantar::wire::Step { start_us: 1_000_000 * u64::from(number), ..step(number) };
+    (0..3).for_each(|number| cable.insole().link.push_step(after(number)));
+    assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2]);
+}
+
+#[test]
+fn lost_and_damaged_frames_are_counted() {
+    let (cable, mut client) = connected();
+    client.stream().expect("streaming");
+    cable.live_frames(10);
+    cable.insole().drop_next = 3;
+    cable.live_frames(10);
+    cable.insole().damage_next = 2;
+    cable.live_frames(10);
+    client.send(ToDevice::GetStatus).expect("sent");
+    let got = receive_all(&mut client);
+    let numbers: Vec<_> =
+        got.iter().filter_map(|m| if let ToHost::Live(live) = m { Some(live.sequence) } else { None }).collect();
+    let expected: Vec<u32> = (0..10).chain(13..20).chain(22..30).collect();
+    assert_eq!(numbers, expected);
+    let counters = LinkCounters { frames_sent: 30, frames_received: 25, frames_lost: 5, crc_errors: 2 };
+    assert_eq!(client.counters(), counters);
+}
+
+#[test]
+fn frames_that_hold_no_message_are_counted_as_damaged() {
+    let (cable, mut client) = connected();
+    let mut out = [0; MAX_FRAME];
+    let len = frame(&[200, 1, 2, 3], &mut out);
+    cable.insole().to_host.extend(&out[..len]);
+    assert_eq!(receive_all(&mut client), []);
+    assert_eq!(client.counters().crc_errors, 1);
+}
+
+#[test]
+fn a_new_session_does_not_count_the_old_stream_as_lost() {
+    let (cable, mut client) = connected();
+    for _ in 0..2 {
+        client.stream().expect("streaming");
+        cable.live_frames(5);
+        receive_all(&mut client);
+        client.reconnect(PATIENCE).expect("an answer");
+    }
+    let counters = client.counters();
+    assert_eq!((counters.frames_received, counters.frames_lost), (10, 0));
+}
+
+/// A program that died left its hello and its stream in a buffer on the way.
+#[test]
+fn leftovers_of_another_session_are_not_counted_as_lost() {
+    let cable = Cable::new(hello());
+    let leftovers =
+        [framed(&ToHost::Hello(hello())), framed(&ToHost::Live(live(100))), framed(&ToHost::Live(live(101)))];
+    cable.insole().to_host.extend(leftovers.concat());
+    let mut client = Client::connect(cable.clone(), PATIENCE).expect("an answer");
+    client.stream().expect("streaming");
+    cable.live_frames(3);
+    receive_all(&mut client);
+    assert_eq!(client.counters().frames_lost, 0);
+}
+
+#[test]
+fn what_arrives_while_the_stream_is_turned_on_is_kept_in_order() {
+    let (cable, mut client) = connected();
+    push_steps(&cable, 0..3);
+    client.stream().expect("streaming");
+    cable.live_frames(1);
+    let expected = [0, 1, 2].map(|number| ToHost::Step(step(number))).into_iter().chain([ToHost::Live(live(0))]);
+    assert_eq!(receive_all(&mut client), expected.collect::<Vec<_>>());
+}
+
+#[test]
+fn a_status_tells_what_was_sent() {
+    let (_, mut client) = connected();
+    client.send(ToDevice::GetStatus).expect("sent");
+    let expected = Status { live_due: 0, live_sent: 0, steps_dropped: 0, ..status() };
+    assert_eq!(receive_all(&mut client), [ToHost::Status(expected)]);
+}
+
+#[test]
+fn another_version_is_refused_with_both_in_the_message() {
+    let other = Hello { major: MAJOR + 6, minor: 42, ..hello() };
+    let error = Client::connect(Cable::new(other.clone()), PATIENCE).err().expect("refused");
+    let (theirs, ours) = (format!("{}.42", MAJOR + 6), format!("{MAJOR}.{MINOR}"));
+    let message = error.to_string();
+    assert!(message.contains(&theirs) && message.contains(&ours), "{message}");
+    assert!(message.contains(other.firmware.as_str()), "{message}");
+    assert!(matches!(error, Error::OtherVersion { major, minor: 42, .. } if major == MAJOR + 6), "{message}");
+}
+
+#[test]
+fn a_newer_minor_is_welcome() {
+    let newer = Hello { minor: MINOR + 1, ..hello() };
+    let client = Client::connect(Cable::new(newer.clone()), PATIENCE).expect("an answer");
+    assert_eq!(*client.hello(), newer);
+}
+
+#[test]
+fn silence_is_an_error_that_says_how_long() {
+    let cable = Cable::new(hello());
+    cable.insole().drop_next = usize::MAX;
+    let patience = Duration::from_millis(20);
+    let error = Client::connect(cable, patience).err().expect("no answer");
+    assert!(matches!(error, Error::NoAnswer(time, 0) if time == patience), "{error}");
+    assert!(error.to_string().contains("20ms"), "{error}");
+}
+
+#[test]
+fn noise_is_no_answer_and_is_counted() {
+    let cable = Cable::new(hello());
+    cable.insole().damage_next = usize::MAX;
+    let error = Client::connect(cable, Duration::from_millis(20)).err().expect("no answer");
+    assert!(matches!(error, Error::NoAnswer(_, damaged) if damaged > 0), "{error}");
+}
+
+#[test]
+fn an_unplugged_cable_is_an_error() {
+    let (cable, mut client) = connected();
+    cable.insole().unplugged = true;
+    assert!(matches!(client.receive(), Err(Error::Carrier(_))));
+}

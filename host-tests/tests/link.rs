@@ -1,0 +1,280 @@
+//! An insole's side of a session, message by message.
+
+use host_tests::{hello, live, status, step};
+use plantar::link::{Link, STEP_QUEUE};
+use plantar::wire::{MAJOR, MAX_MESSAGE, MINOR, Status, ToDevice, ToHost, decode};
+
+/// What the host gets, in short.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Sent {
+    Hello,
+    Live(u32),
+    Step(u32),
+    Status(Status),
+}
+
+fn next(link: &mut Link) -> Option<Sent> {
+    let mut buffer = [0; MAX_MESSAGE];
+    let bytes = link.next(&hello(), status, &mut buffer)?;
+    Some(match decode(bytes).expect("one whole message") {
+        ToHost::Hello(got) => {
+            assert_eq!(got, hello());
+            Sent::Hello
+        }
+        ToHost::Live(got) => {
+            assert_eq!(got, live(got.sequence));
+            Sent::Live(got.sequence)
+        }
+        ToHost::Step(got) => {
+            assert_eq!(got, step(got.step));
+            Sent::Step(got.step)
+        }
+        ToHost::Status(got) => Sent::Status(got),
+    })
+}
+
+fn all(link: &mut Link) -> Vec<Sent> {
+    std::iter::from_fn(|| next(link)).collect()
+}
+
+fn steps(link: &mut Link) -> Vec<u32> {
+    all(link).into_iter().filter_map(|sent| if let Sent::Step(number) = sent { Some(number) } else { None }).collect()
+}
+
+fn connect(link: &mut Link) {
+    link.receive(ToDevice::Connect { major: MAJOR, minor: MINOR });
+}
+
+fn acknowledge(link: &mut Link, step: u32) {
+    link.receive(ToDevice::Acknowledge { step });
+}
+
+/// A frame as the insole makes it: only where somebody listens.
+fn frame(link: &mut Link) {
+    if let Some(number) = link.next_live() {
+        link.push_live(live(number));
+    }
+}
+
+fn streaming() -> Link {
+    let mut link = Link::new();
+    connect(&mut link);
+    link.receive(ToDevice::Stream { live: true });
+    assert_eq!(all(&mut link), [Sent::Hello]);
+    link
+}
+
+fn with_steps(numbers: impl IntoIterator<Item = u32>) -> Link {
+    let mut link = Link::new();
+    numbers.into_iter().for_each(|number| link.push_step(step(number)));
+    link
+}
+
+#[test]
+fn nothing_is_sent_before_a_host_connects() {
+    let mut link = with_steps(0..3);
+    link.receive(ToDevice::Stream { live: true });
+    link.receive(ToDevice::GetStatus);
+    acknowledge(&mut link, 2);
+    assert_eq!(link.next_live(), None);
+    assert_eq!(all(&mut link), []);
+    connect(&mut link);
+    assert_eq!(all(&mut link), [Sent::Hello, Sent::Step(0), Sent::Step(1), Sent::Step(2)], "nor was anything taken");
+}
+
+#[test]
+fn a_host_of_another_major_gets_a_hello_and_nothing_else() {
+    for major in [0, MAJOR - 1, MAJOR + 1, u8::MAX] {
+        let mut link = with_steps(0..3);
+        for message in [
+            ToDevice::Connect { major, minor: MINOR },
+            ToDevice::Stream { live: true },
+            ToDevice::GetStatus,
+            ToDevice::Acknowledge { step: 2 },
+        ] {
+            link.receive(message);
+        }
+        assert_eq!(link.next_live(), None);
+        assert_eq!(all(&mut link), [Sent::Hello], "major {major}");
+        connect(&mut link);
+        assert_eq!(steps(&mut link), [0, 1, 2], "major {major}");
+    }
+}
+
+#[test]
+fn another_minor_is_welcome() {
+    let mut link = with_steps(0..1);
+    link.receive(ToDevice::Connect { major: MAJOR, minor: MINOR + 1 });
+    assert_eq!(all(&mut link), [Sent::Hello, Sent::Step(0)]);
+}
+
+#[test]
+fn a_connect_by_another_major_ends_the_session() {
+    let mut link = streaming();
+    frame(&mut link);
+    link.receive(ToDevice::Connect { major: MAJOR + 1, minor: 0 });
+    assert_eq!(link.next_live(), None);
+    assert_eq!(all(&mut link), [Sent::Hello]);
+}
+
+#[test]
+fn steps_come_once_a_session_until_they_are_acknowledged() {
+    let mut link = with_steps(0..3);
+    connect(&mut link);
+    assert_eq!(steps(&mut link), [0, 1, 2]);
+    assert_eq!(steps(&mut link), [], "not again in the same session");
+    acknowledge(&mut link, 1);
+    link.push_step(step(3));
+    assert_eq!(steps(&mut link), [3]);
+
+    connect(&mut link);
+    assert_eq!(steps(&mut link), [2, 3], "again in the next one");
+    acknowledge(&mut link, 3);
+    connect(&mut link);
+    assert_eq!(steps(&mut link), []);
+}
+
+#[test]
+fn only_what_was_sent_is_acknowledged() {
+    let mut link = with_steps(0..3);
+    connect(&mut link);
+    assert_eq!([next(&mut link), next(&mut link)], [Some(Sent::Hello), Some(Sent::Step(0))]);
+    acknowledge(&mut link, 2);
+    assert_eq!(steps(&mut link), [1, 2]);
+    // Sent in an earlier session, not yet in this one.
+    connect(&mut link);
+    acknowledge(&mut link, 2);
+    assert_eq!(steps(&mut link), [1, 2]);
+    acknowledge(&mut link, 2);
+    connect(&mut link);
+    assert_eq!(steps(&mut link), []);
+}
+
+#[test]
+fn an_old_acknowledgement_takes_nothing() {
+    let mut link = with_steps(10..13);
+    connect(&mut link);
+    assert_eq!(steps(&mut link), [10, 11, 12]);
+    for old in [0, 9, u32::MAX] {
+        acknowledge(&mut link, old);
+    }
+    connect(&mut link);
+    assert_eq!(steps(&mut link), [10, 11, 12]);
+}
+
+#[test]
+fn step_numbers_wrap() {
+    let mut link = with_steps([u32::MAX - 1, u32::MAX, 0, 1]);
+    connect(&mut link);
+    assert_eq!(steps(&mut link), [u32::MAX - 1, u32::MAX, 0, 1]);
+    acknowledge(&mut link, 0);
+    connect(&mut link);
+    assert_eq!(steps(&mut link), [1]);
+}
+
+#[test]
+fn the_oldest_step_makes_room_and_is_counted() {
+    let count = STEP_QUEUE as u32;
+    let mut link = with_steps(0..count + 5);
+    connect(&mut link);
+    link.receive(ToDevice::GetStatus);
+    let sent = all(&mut link);
+    let expected: Vec<_> = (5..count + 5).map(Sent::Step).collect();
+    assert_eq!(sent[1..=STEP_QUEUE], expected);
+    assert!(matches!(sent.last(), Some(Sent::Status(s)) if s.steps_dropped == 5), "{sent:?}");
+}
+
+#[test]
+fn a_full_queue_of_sent_steps_takes_new_ones() {
+    let count = STEP_QUEUE as u32;
+    let mut link = with_steps(0..count);
+    connect(&mut link);
+    assert_eq!(steps(&mut link).len(), STEP_QUEUE);
+    link.push_step(step(count));
+    link.push_step(step(count + 1));
+    assert_eq!(steps(&mut link), [count, count + 1], "none twice, none left out");
+    acknowledge(&mut link, count);
+    connect(&mut link);
+    assert_eq!(steps(&mut link), [count + 1]);
+}
+
+#[test]
+fn live_frames_are_numbered_from_the_start_of_a_session() {
+    let mut link = streaming();
+    for number in 0..3 {
+        frame(&mut link);
+        assert_eq!(all(&mut link), [Sent::Live(number)]);
+    }
+    connect(&mut link);
+    assert_eq!(link.next_live(), None, "a new session does not stream by itself");
+    link.receive(ToDevice::Stream { live: true });
+    frame(&mut link);
+    assert_eq!(all(&mut link), [Sent::Hello, Sent::Live(0)]);
+}
+
+#[test]
+fn frames_that_a_slow_carrier_drops_leave_a_gap() {
+    let mut link = streaming();
+    (0..100).for_each(|_| frame(&mut link));
+    link.receive(ToDevice::GetStatus);
+    let sent = all(&mut link);
+    let (last, live) = sent.split_last().expect("a status at least");
+    let newest: Vec<_> = (100 - live.len() as u32..100).map(Sent::Live).collect();
+    assert_eq!(live, newest, "the newest, in order");
+    assert!((1..100).contains(&live.len()));
+    assert!(matches!(last, Sent::Status(s) if s.live_due == 100 && s.live_sent as usize == live.len()), "{last:?}");
+    frame(&mut link);
+    assert_eq!(all(&mut link), [Sent::Live(100)]);
+}
+
+#[test]
+fn a_stream_that_is_turned_off_stops_at_once() {
+    let mut link = streaming();
+    frame(&mut link);
+    link.receive(ToDevice::Stream { live: false });
+    assert_eq!(link.next_live(), None);
+    assert_eq!(all(&mut link), []);
+    link.receive(ToDevice::Stream { live: true });
+    frame(&mut link);
+    assert_eq!(all(&mut link), [Sent::Live(1)], "the frame that was thrown away leaves a gap");
+}
+
+#[test]
+fn hello_comes_first_steps_before_live_frames_and_status_last() {
+    let mut link = streaming();
+    frame(&mut link);
+    link.receive(ToDevice::GetStatus);
+    link.push_step(step(0));
+    frame(&mut link);
+    let sent = all(&mut link);
+    assert_eq!(sent[..3], [Sent::Step(0), Sent::Live(0), Sent::Live(1)]);
+    let expected = Status { live_due: 2, live_sent: 2, steps_dropped: 0, ..status() };
+    assert_eq!(sent[3..], [Sent::Status(expected)]);
+    assert_eq!(all(&mut link), [], "one status a request");
+}
+
+#[test]
+fn close_ends_the_session_and_keeps_the_steps() {
+    let mut link = streaming();
+    link.push_step(step(0));
+    assert_eq!(steps(&mut link), [0]);
+    link.push_step(step(1));
+    frame(&mut link);
+    link.receive(ToDevice::GetStatus);
+    link.close();
+    assert_eq!(link.next_live(), None);
+    assert_eq!(all(&mut link), []);
+    link.push_step(step(2));
+    assert_eq!(all(&mut link), [], "steps wait for a host");
+    connect(&mut link);
+    assert_eq!(all(&mut link), [Sent::Hello, Sent::Step(0), Sent::Step(1), Sent::Step(2)]);
+}
+
+#[test]
+fn dropped_steps_are_counted_across_sessions() {
+    let mut link = with_steps(0..STEP_QUEUE as u32 + 2);
+    link.close();
+    connect(&mut link);
+    link.receive(ToDevice::GetStatus);
+    assert!(matches!(all(&mut link).last(), Some(Sent::Status(s)) if s.steps_dropped == 2));
+}

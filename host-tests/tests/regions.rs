@@ -1,0 +1,401 @@
+//! A whole insole's frame against a reference that starts every frame from nothing, in f64.
+
+use host_tests::{LAW, SETUP, TISSUE, cell, curve};
+use plantar::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
+use plantar::contact::{ContactRule, WHOLE};
+use plantar::insole::{Insole, RegionLoad, Setup, SetupCell, SetupError};
+use plantar::region::{MAX_CELL_MM2, MAX_REACH_MM};
+use plantar::stance::StanceRule;
+use plantar::{Real, Region};
+use proptest::prelude::*;
+
+fn config() -> ProptestConfig {
+    ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }
+}
+
+/// What a region should read.
+#[derive(Clone, Copy, Debug, Default)]
+struct Truth {
+    area_mm2: f64,
+    x_mm: f64,
+    y_mm: f64,
+    variance_x: f64,
+    variance_y: f64,
+    force_n: f64,
+    pressure_x_mm: f64,
+    pressure_y_mm: f64,
+    saturated: bool,
+}
+
+/// The whole way done the slow way; only which cells are in contact is kept between frames.
+struct Reference {
+    setup: Setup,
+    curve: Curve,
+    cells: Vec<SetupCell>,
+    /// Codes from which each cell comes into contact, leaves it and counts whole.
+    thresholds: Vec<(u16, u16, u16)>,
+    in_contact: Vec<bool>,
+}
+
+impl Reference {
+    fn new(setup: Setup, cells: &[SetupCell]) -> Self {
+        let curve = curve(&setup.sensor);
+        // The code below the first one that reads the threshold: a code stands for a step of pressures.
+        let code_at = |kpa: f32, c: &CellCalibration| {
+            let reads = |code: &u16| curve.pressure_kpa::<f32>(i32::from(*code) + 1) >= kpa / c.gain;
+            (1..FULL_CODE).find(reads).unwrap_or(FULL_CODE).saturating_add(c.offset).min(FULL_CODE)
+        };
+        let rule = &setup.contact;
+        let thresholds = cells
+            .iter()
+            .map(|SetupCell { calibration: c, .. }| {
+                let full = if rule.full_kpa > 0.0 { code_at(rule.full_kpa, c) } else { 0 };
+                (code_at(rule.on_kpa, c), code_at(rule.off_kpa, c), full)
+            })
+            .collect();
+        Self { setup, curve, cells: cells.to_vec(), thresholds, in_contact: vec![false; cells.len()] }
+    }
+
+    fn pressure_kpa(&self, i: usize, code: u16) -> f64 {
+        let CellCalibration { offset, gain } = self.cells[i].calibration;
+        self.curve.pressure_kpa::<f64>(i32::from(code.saturating_sub(offset))) * f64::from(gain)
+    }
+
+    /// Share of a cell in contact, in parts of 256.
+    fn share(&self, i: usize, code: u16) -> f64 {
+        if !self.in_contact[i] {
+            0.0
+        } else if code >= self.thresholds[i].2 {
+            f64::from(WHOLE)
+        } else {
+            let part = self.pressure_kpa(i, code) / f64::from(self.setup.contact.full_kpa);
+            (part * f64::from(WHOLE)).floor().clamp(1.0, f64::from(WHOLE))
+        }
+    }
+
+    fn frame(&mut self, codes: &[u16]) -> [Truth; 8] {
+        for (i, &code) in codes.iter().enumerate().take(self.cells.len()) {
+            let (on, off, _) = self.thresholds[i];
+            self.in_contact[i] = code >= if self.in_contact[i] { off } else { on };
+        }
+        Region::ALL.map(|region| self.region(region, codes))
+    }
+
+    fn region(&self, region: Region, codes: &[u16]) -> Truth {
+        let mut truth = Truth::default();
+        let members: Vec<_> = (0..self.cells.len()).filter(|&i| self.cells[i].cell.region == region).collect();
+        let (mut x, mut y, mut force_x, mut force_y) = (0.0, 0.0, 0.0, 0.0);
+        let covered_mm2 = |i: usize| f64::from(self.cells[i].cell.area_mm2) * self.share(i, codes[i]) / 256.0;
+        for &i in &members {
+            let c = &self.cells[i].cell;
+            let (area_mm2, x_mm, y_mm) = (f64::from(c.area_mm2), f64::from(c.x_mm), f64::from(c.y_mm));
+            let force_n = self.pressure_kpa(i, codes[i]) * area_mm2 * 1e-3;
+            truth.area_mm2 += covered_mm2(i);
+            x += covered_mm2(i) * x_mm;
+            y += covered_mm2(i) * y_mm;
+            truth.force_n += force_n;
+            force_x += force_n * x_mm;
+            force_y += force_n * y_mm;
+            truth.saturated |= codes[i] >= FULL_CODE;
+        }
+        (truth.x_mm, truth.y_mm) = (x / truth.area_mm2, y / truth.area_mm2);
+        (truth.pressure_x_mm, truth.pressure_y_mm) = (force_x / truth.force_n, force_y / truth.force_n);
+        for &i in &members {
+            let c = &self.cells[i].cell;
+            let own = f64::from(c.area_mm2) / 12.0;
+            let weight = covered_mm2(i) / truth.area_mm2;
+            truth.variance_x += weight * ((f64::from(c.x_mm) - truth.x_mm).powi(2) + own);
+            truth.variance_y += weight * ((f64::from(c.y_mm) - truth.y_mm).powi(2) + own);
+        }
+        truth
+    }
+}
+
+/// Cells in order of their regions, some of which are empty; positions and areas that the fixed point holds exactly.
+fn layout() -> impl Strategy<Value = Vec<SetupCell>> {
+    let place = (0usize..8, -1600i16..1600, -1600i16..1600, 16u16..1600);
+    let one = (place, 0u16..4000, 0.2..5.0f32);
+    let some_regions = prop::sample::subsequence((0..8).collect::<Vec<usize>>(), 1..=8);
+    (some_regions, prop::collection::vec(one, 1..=256)).prop_map(|(regions, cells)| {
+        let build = |((region, x, y, area), offset, gain): ((usize, i16, i16, u16), u16, f32)| SetupCell {
+            calibration: CellCalibration { offset, gain },
+            ..cell(
+                Region::ALL[regions[region % regions.len()]],
+                f32::from(x) / 32.0,
+                f32::from(y) / 32.0,
+                f32::from(area) / 16.0,
+            )
+        };
+        let mut cells: Vec<_> = cells.into_iter().map(build).collect();
+        cells.sort_by_key(|c| c.cell.region);
+        cells
+    })
+}
+
+fn setup() -> impl Strategy<Value = Setup> {
+    let contact = (5.0..50.0f32, 0.3..=1.0f32, prop_oneof![Just(0.0f32), 1.0..10.0f32]);
+    let law = (200.0..2000.0f32, 0.3..1.5f32);
+    (contact, law).prop_map(|((on_kpa, off, full), (full_kpa, exponent))| Setup {
+        contact: ContactRule { on_kpa, off_kpa: on_kpa * off, full_kpa: on_kpa * full },
+        sensor: SensorLaw { full_kpa, exponent },
+        ..SETUP
+    })
+}
+
+/// Codes of all sizes, many of them small, where thresholds are.
+fn code() -> impl Strategy<Value = u16> {
+    prop_oneof![Just(0), 0u16..6000, any::<u16>(), Just(FULL_CODE)]
+}
+
+fn frames() -> impl Strategy<Value = Vec<Vec<u16>>> {
+    prop::collection::vec(prop::collection::vec(code(), 256), 1..12)
+}
+
+fn new_insole<R: Real>(setup: Setup, cells: &[SetupCell]) -> Box<Insole<R, 256>> {
+    let mut insole = Box::new(Insole::new());
+    insole.set_up(setup, cells.iter().copied()).expect("set-up");
+    insole
+}
+
+/// Area of a region's cells, mm2.
+fn region_area_mm2(cells: &[SetupCell], region: usize) -> f64 {
+    cells.iter().filter(|c| c.cell.region as usize == region).map(|c| f64::from(c.cell.area_mm2)).sum()
+}
+
+proptest! {
+    #![proptest_config(config())]
+
+    #[test]
+    fn frames_agree_with_the_slow_way(setup in setup(), cells in layout(), frames in frames()) {
+        let mut reference = Reference::new(setup, &cells);
+        let (mut wide, mut narrow) = (new_insole::<f64>(setup, &cells), new_insole::<f32>(setup, &cells));
+        for (seq, codes) in frames.iter().enumerate() {
+            wide.frame(seq as u32, codes);
+            narrow.frame(seq as u32, codes);
+            for (region, truth) in reference.frame(codes).iter().enumerate() {
+                let (load, narrow_load) = (&wide.loads()[region].frame, &narrow.loads()[region].frame);
+                // Counted cells are exact. A share is cut to a whole number in single precision: it may miss by one.
+                let area_mm2 = load.area.area_mm2::<f64>();
+                let off_mm2 = if setup.contact.full_kpa > 0.0 { region_area_mm2(&cells, region) / 256.0 } else { 0.0 };
+                prop_assert!((area_mm2 - truth.area_mm2).abs() <= off_mm2, "{} is not {:?}", area_mm2, truth);
+                prop_assert_eq!(load.area, narrow_load.area);
+                prop_assert_eq!(load.saturated, truth.saturated);
+                prop_assert_eq!(narrow_load.saturated, truth.saturated);
+
+                let near = |got: f64, want: f64, tolerance: f64| (got - want).abs() <= tolerance * want.abs();
+                prop_assert!(near(load.force.force_n, truth.force_n, 1e-12), "{:?} {:?}", load, truth);
+                prop_assert!(near(narrow_load.force.force_n.into(), truth.force_n, 1e-5), "{:?} {:?}", narrow_load, truth);
+
+                match (wide.centre_of_pressure_mm(region), narrow.centre_of_pressure_mm(region)) {
+                    (Some((x, y)), Some((narrow_x, narrow_y))) => {
+                        prop_assert!((x - truth.pressure_x_mm).abs() < 1e-9 && (y - truth.pressure_y_mm).abs() < 1e-9);
+                        prop_assert!((f64::from(narrow_x) - truth.pressure_x_mm).abs() < 1e-3);
+                        prop_assert!((f64::from(narrow_y) - truth.pressure_y_mm).abs() < 1e-3);
+                    }
+                    (None, None) => prop_assert_eq!(truth.force_n, 0.0),
+                    other => prop_assert!(false, "{:?}", other),
+                }
+
+                let ellipse = wide.ellipse(region);
+                prop_assert_eq!(ellipse.is_some(), truth.area_mm2 > 0.0);
+                if let Some(ellipse) = ellipse.filter(|_| off_mm2 == 0.0) {
+                    prop_assert!((ellipse.x_mm - truth.x_mm).abs() < 1e-9 && (ellipse.y_mm - truth.y_mm).abs() < 1e-9);
+                    // r2 / 4 are the eigenvalues of the covariance: their sum is its trace.
+                    let trace = (ellipse.r_a_mm.powi(2) + ellipse.r_b_mm.powi(2)) / 4.0;
+                    prop_assert!((trace - truth.variance_x - truth.variance_y).abs() < 1e-3, "{:?} {:?}", ellipse, truth);
+                }
+            }
+        }
+    }
+
+    /// Positions and areas as they come: rounded to 1/64 mm and 1/16 mm2.
+    #[test]
+    fn rounding_of_a_layout_is_below_a_thirty_second_of_a_cell(
+        cells in prop::collection::vec((-100.0..100.0f32, -100.0..100.0f32, 0.5..200.0f32), 1..256),
+    ) {
+        let cells: Vec<_> = cells.iter().map(|&(x, y, area)| cell(Region::Toe2, x, y, area)).collect();
+        let mut insole = new_insole::<f64>(SETUP, &cells);
+        let codes = vec![FULL_CODE - 1; cells.len()];
+        insole.frame(0, &codes);
+        let truth = Reference::new(SETUP, &cells).frame(&codes)[Region::Toe2 as usize];
+        let area_mm2 = insole.loads()[Region::Toe2 as usize].frame.area.area_mm2::<f64>();
+        prop_assert!((area_mm2 - truth.area_mm2).abs() <= cells.len() as f64 / 32.0);
+        let ellipse = insole.ellipse(Region::Toe2 as usize).expect("contact");
+        // Rounded weights move the middle by at most their share of the reach.
+        let off_mm = 1.0 / 128.0 + 200.0 * cells.len() as f64 / 32.0 / truth.area_mm2;
+        prop_assert!((ellipse.x_mm - truth.x_mm).abs() <= off_mm, "{:?} {:?}", ellipse, truth);
+        prop_assert!((ellipse.y_mm - truth.y_mm).abs() <= off_mm, "{:?} {:?}", ellipse, truth);
+    }
+}
+
+/// Numbers that look random and are the same in every run.
+fn noise(seed: u32) -> impl FnMut() -> u16 {
+    let mut state = seed.wrapping_mul(2_654_435_761).max(1);
+    move || {
+        state ^= state << 13;
+        state ^= state >> 17;
+        state ^= state << 5;
+        (state >> 16) as u16
+    }
+}
+
+fn mixed_layout(count: usize) -> Vec<SetupCell> {
+    let mut next = noise(7);
+    let mut random = || f32::from(next()) / 65536.0;
+    (0..count)
+        .map(|i| SetupCell {
+            calibration: CellCalibration { offset: (random() * 500.0) as u16, gain: 0.5 + random() },
+            ..cell(Region::ALL[i * 8 / count], random() * 90.0, random() * 260.0, 5.0 + 60.0 * random())
+        })
+        .collect()
+}
+
+#[test]
+fn areas_and_forces_do_not_drift() {
+    let cells = mixed_layout(64);
+    let contact = ContactRule { full_kpa: 50.0, ..ContactRule::COUNTED };
+    let setup = Setup { contact, ..SETUP };
+    let (mut worn, mut fresh) = (new_insole::<f32>(setup, &cells), new_insole::<f32>(setup, &cells));
+    let mut next = noise(1);
+    for seq in 0..100_000 {
+        worn.frame(seq, &core::array::from_fn::<u16, 64, _>(|_| next() / (1 + next() % 64)));
+    }
+    let last = core::array::from_fn::<u16, 64, _>(|_| next());
+    for (seq, codes) in [[0; 64], last].iter().enumerate() {
+        worn.frame(100_000 + seq as u32, codes);
+        fresh.frame(seq as u32, codes);
+        for (a, b) in worn.loads().iter().zip(fresh.loads()) {
+            assert_eq!(a.frame, b.frame);
+        }
+    }
+    worn.frame(100_002, &[0; 64]);
+    assert!(worn.loads().iter().all(|load| load.frame == RegionLoad::NONE.frame));
+}
+
+#[test]
+fn a_new_set_up_starts_anew_and_keeps_the_tissue() {
+    let cells = mixed_layout(64);
+    let mut insole = new_insole::<f32>(SETUP, &cells);
+    insole.set_tissue(&TISSUE).expect("tissue");
+    insole.frame(0, &[30_000; 64]);
+    insole.set_up(Setup { layout_id: 8, ..SETUP }, cells[..8].iter().copied()).expect("set-up");
+    assert_eq!(insole.loads(), &[RegionLoad::NONE; 8]);
+    assert_eq!((insole.cells(), insole.tissue_id(), insole.setup().map(|s| s.layout_id)), (8, TISSUE.id, Some(8)));
+    assert!(!insole.on_ground());
+    insole.frame(0, &[30_000; 8]);
+    let heel = &insole.loads()[0];
+    assert!(heel.tissue.model_n > 0.0, "the tissue is still known");
+    assert!(insole.loads()[1..].iter().all(|load| load.frame.area.area_mm2::<f32>() == 0.0));
+}
+
+#[test]
+fn nothing_happens_before_a_set_up_or_with_too_few_codes() {
+    let mut insole = Insole::<f32, 64>::new();
+    assert!(!insole.frame(0, &[FULL_CODE; 64]));
+    assert!(insole.setup().is_none() && insole.whole_step().is_none());
+    assert_eq!(insole.loads(), &[RegionLoad::NONE; 8]);
+    insole.set_up(SETUP, mixed_layout(64).into_iter()).expect("set-up");
+    assert!(!insole.frame(0, &[FULL_CODE; 63]));
+    assert_eq!(insole.loads(), &[RegionLoad::NONE; 8]);
+}
+
+fn try_set_up(setup: Setup, cells: &[SetupCell]) -> Result<(), SetupError> {
+    Insole::<f32, 4>::new().set_up(setup, cells.iter().copied())
+}
+
+#[test]
+fn bad_rules_are_refused_by_name() {
+    let one = [cell(Region::Heel, 0.0, 0.0, 25.0)];
+    assert_eq!(try_set_up(SETUP, &one), Ok(()));
+    for period_us in [0, 1_999, 50_001, u32::MAX] {
+        assert_eq!(try_set_up(Setup { period_us, ..SETUP }, &one), Err(SetupError::Period));
+    }
+    for period_us in [2_000, 50_000] {
+        assert_eq!(try_set_up(Setup { period_us, ..SETUP }, &one), Ok(()));
+    }
+    let sensor = SensorLaw { exponent: 0.0, ..LAW };
+    assert_eq!(try_set_up(Setup { sensor, ..SETUP }, &one), Err(SetupError::Sensor));
+    let contact = ContactRule { off_kpa: 11.0, ..ContactRule::COUNTED };
+    assert_eq!(try_set_up(Setup { contact, ..SETUP }, &one), Err(SetupError::Contact));
+    let walking = StanceRule::WALKING;
+    for stance in [
+        StanceRule { release_n: 31.0, ..walking },
+        StanceRule { release_n: 0.0, ..walking },
+        StanceRule { strike_n: f32::NAN, ..walking },
+        StanceRule { strike_n: 1001.0, ..walking },
+        StanceRule { min_swing_ms: 0, ..walking },
+        StanceRule { min_stance_ms: 2500, ..walking },
+    ] {
+        assert_eq!(try_set_up(Setup { stance, ..SETUP }, &one), Err(SetupError::Stance), "{stance:?}");
+    }
+}
+
+#[test]
+fn bad_cells_are_refused_by_number() {
+    let good = cell(Region::Toe2, 30.0, 200.0, 25.0);
+    let heel = cell(Region::Heel, 0.0, 0.0, 25.0);
+    assert_eq!(try_set_up(SETUP, &[]), Err(SetupError::NoCells));
+    assert_eq!(try_set_up(SETUP, &[good; 4]), Ok(()));
+    assert_eq!(try_set_up(SETUP, &[good; 5]), Err(SetupError::TooManyCells));
+    assert_eq!(try_set_up(SETUP, &[heel, good, heel]), Err(SetupError::RegionOrder(2)));
+    let far = |x_mm, y_mm| cell(Region::Toe2, x_mm, y_mm, 25.0);
+    let with = |calibration| SetupCell { calibration, ..good };
+    let bad_cells = [
+        far(f32::NAN, 0.0),
+        far(0.0, f32::INFINITY),
+        far(30.0 + 2.1 * MAX_REACH_MM, 200.0),
+        far(30.0, 200.0 - 2.1 * MAX_REACH_MM),
+        cell(Region::Toe2, 30.0, 200.0, 0.0),
+        cell(Region::Toe2, 30.0, 200.0, -1.0),
+        cell(Region::Toe2, 30.0, 200.0, f32::NAN),
+        cell(Region::Toe2, 30.0, 200.0, MAX_CELL_MM2 * 1.01),
+        with(CellCalibration { offset: FULL_CODE / 2, gain: 1.0 }),
+        with(CellCalibration { offset: 0, gain: 0.0 }),
+        with(CellCalibration { offset: 0, gain: f32::NAN }),
+    ];
+    for bad in bad_cells {
+        assert_eq!(try_set_up(SETUP, &[heel, good, bad]), Err(SetupError::Cell(2)), "{bad:?}");
+    }
+    // Every cell is fine, all of them are more than a region holds.
+    let large = vec![cell(Region::Heel, 0.0, 0.0, MAX_CELL_MM2); 126];
+    let mut insole = Box::new(Insole::<f32, 256>::new());
+    assert_eq!(insole.set_up(SETUP, large.iter().copied()), Err(SetupError::Cell(125)));
+}
+
+#[test]
+fn bad_tissue_is_refused_by_region_and_changes_nothing() {
+    let mut insole = Insole::<f32, 4>::new();
+    insole.set_tissue(&TISSUE).expect("tissue");
+    let mut bad = TISSUE;
+    bad.id = 99;
+    bad.gauges[Region::Hallux as usize].ab_m2 = 0.0;
+    assert_eq!(insole.set_tissue(&bad), Err(SetupError::Tissue(Region::Hallux)));
+    assert_eq!(insole.tissue_id(), TISSUE.id);
+}
+
+#[test]
+fn errors_read_as_sentences() {
+    assert_eq!(SetupError::Cell(3).to_string().split(' ').take(2).collect::<Vec<_>>(), ["cell", "3"]);
+    assert!(SetupError::RegionOrder(9).to_string().contains("cell 9"));
+    assert!(SetupError::Tissue(Region::Toes35).to_string().contains(Region::Toes35.name()));
+}
+
+/// The largest layout that is accepted, all in contact: no sum overflows.
+#[test]
+fn the_largest_region_stays_within_its_sums() {
+    let corner = |i: usize| {
+        (
+            if i.is_multiple_of(2) { -MAX_REACH_MM } else { MAX_REACH_MM },
+            if i % 4 < 2 { -MAX_REACH_MM } else { MAX_REACH_MM },
+        )
+    };
+    let cells: Vec<_> = (0..125).map(|i| cell(Region::Heel, corner(i).0, corner(i).1, MAX_CELL_MM2)).collect();
+    let mut insole = new_insole::<f64>(SETUP, &cells);
+    insole.frame(0, &[FULL_CODE - 1; 125]);
+    assert_eq!(insole.loads()[0].frame.area.area_mm2::<f64>(), 500_000.0);
+    let ellipse = insole.ellipse(0).expect("contact");
+    let truth = Reference::new(SETUP, &cells).frame(&[FULL_CODE - 1; 125])[0];
+    assert!((ellipse.x_mm - truth.x_mm).abs() < 1e-6 && (ellipse.y_mm - truth.y_mm).abs() < 1e-6);
+    let trace = (ellipse.r_a_mm.powi(2) + ellipse.r_b_mm.powi(2)) / 4.0;
+    assert!((trace / (truth.variance_x + truth.variance_y) - 1.0).abs() < 1e-9, "{ellipse:?} {truth:?}");
+}

@@ -1,0 +1,499 @@
+//! Stances as stories of total force, and their numbers against a direct transcription of the paper's pipeline in f64.
+
+use host_tests::{TISSUE, area_moments};
+use plantar::Real;
+use plantar::model::Gauge;
+use plantar::region::{AreaMoments, ForceMoments, RegionFrame};
+use plantar::smooth;
+use plantar::stance::{BRIDGED_FRAMES, Rejected, STANCE_SAMPLES, Stance, StanceLimits, StanceRule};
+use plantar::step::RegionStep;
+use proptest::prelude::*;
+use std::f64::consts::PI;
+
+fn config() -> ProptestConfig {
+    ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }
+}
+
+const PERIOD_US: u32 = 10_000;
+
+fn frame<R: Real>(area_mm2: f32, force_n: f64) -> RegionFrame<R> {
+    let force = ForceMoments { force_n: R::of(force_n), ..ForceMoments::NONE };
+    RegionFrame { area: area_moments(area_mm2), force, saturated: false }
+}
+
+/// Pushes a frame in which only the heel is loaded.
+fn push<R: Real>(stance: &mut Stance<R>, limits: &StanceLimits<R>, seq: u32, heel: &RegionFrame<R>) -> bool {
+    let none = RegionFrame::NONE;
+    stance.push(limits, seq, [heel, &none, &none, &none, &none, &none, &none, &none])
+}
+
+/// Frames of one total force.
+#[derive(Clone, Copy)]
+enum Part {
+    Frames(u32, f64),
+    Missing(u32),
+}
+use Part::{Frames, Missing};
+
+const OFF: Part = Frames(10, 0.0);
+
+/// First frame, frames from heel strike to toe off, bridged frames.
+type Found = (u32, u32, u32);
+
+/// Steps that a story gives from this frame number on.
+fn steps_of(story: &[Part], first_seq: u32) -> (Vec<Found>, Stance<f64>) {
+    let limits = StanceLimits::new(&StanceRule::WALKING, PERIOD_US);
+    let mut stance = Stance::new();
+    let mut steps = Vec::new();
+    let mut seq = first_seq;
+    for part in story {
+        match *part {
+            Missing(count) => seq = seq.wrapping_add(count),
+            Frames(count, force_n) => {
+                for _ in 0..count {
+                    if push(&mut stance, &limits, seq, &frame(100.0, force_n)) {
+                        steps.push((stance.start_seq().wrapping_sub(first_seq), stance.frames(), stance.bridged()));
+                    }
+                    seq = seq.wrapping_add(1);
+                }
+            }
+        }
+    }
+    (steps, stance)
+}
+
+#[test]
+fn stories_become_steps_or_not() {
+    let none = Rejected::default();
+    let short = Rejected { short: 1, ..none };
+    let long = Rejected { long: 1, ..none };
+    let broken = Rejected { broken: 1, ..none };
+    let stories: &[(&str, &[Part], &[Found], Rejected)] = &[
+        ("clean step", &[OFF, Frames(60, 500.0), OFF], &[(10, 60, 0)], none),
+        ("two steps", &[OFF, Frames(60, 500.0), OFF, Frames(50, 400.0), OFF], &[(10, 60, 0), (80, 50, 0)], none),
+        ("below heel strike", &[OFF, Frames(60, 29.9), OFF], &[], none),
+        ("exactly heel strike", &[OFF, Frames(60, 30.0), OFF], &[(10, 60, 0)], none),
+        ("fading to just above toe off", &[OFF, Frames(20, 30.0), Frames(20, 20.0), OFF], &[(10, 40, 0)], none),
+        ("fading to just below toe off", &[OFF, Frames(20, 30.0), Frames(20, 19.9), OFF], &[(10, 20, 0)], none),
+        ("blip", &[OFF, Frames(14, 500.0), OFF], &[], short),
+        ("shortest step", &[OFF, Frames(15, 500.0), OFF], &[(10, 15, 0)], none),
+        ("longest step", &[OFF, Frames(250, 500.0), OFF], &[(10, 250, 0)], none),
+        ("standing", &[OFF, Frames(251, 500.0), OFF], &[], long),
+        ("standing, then a step", &[OFF, Frames(600, 500.0), OFF, Frames(60, 500.0), OFF], &[(620, 60, 0)], long),
+        ("lift of 30 ms", &[OFF, Frames(30, 500.0), Frames(3, 0.0), Frames(30, 500.0), OFF], &[(10, 63, 0)], none),
+        (
+            "lift of 40 ms",
+            &[OFF, Frames(30, 500.0), Frames(4, 0.0), Frames(30, 500.0), OFF],
+            &[(10, 30, 0), (44, 30, 0)],
+            none,
+        ),
+        (
+            "a gap that is bridged",
+            &[OFF, Frames(30, 500.0), Missing(BRIDGED_FRAMES), Frames(30, 500.0), OFF],
+            &[(10, 65, 5)],
+            none,
+        ),
+        (
+            "two gaps",
+            &[OFF, Frames(30, 500.0), Missing(2), Frames(1, 500.0), Missing(3), Frames(30, 500.0), OFF],
+            &[(10, 66, 5)],
+            none,
+        ),
+        (
+            "a gap that is not",
+            &[OFF, Frames(30, 500.0), Missing(BRIDGED_FRAMES + 1), Frames(30, 500.0), OFF, Frames(60, 500.0), OFF],
+            &[(86, 60, 0)],
+            broken,
+        ),
+        ("a gap across toe off", &[OFF, Frames(30, 500.0), Missing(4), OFF], &[(10, 30, 0)], none),
+        (
+            "a gap after toe off is none of the step's",
+            &[OFF, Frames(30, 500.0), Frames(1, 0.0), Missing(2), OFF],
+            &[(10, 30, 0)],
+            none,
+        ),
+        ("a gap in swing", &[OFF, Missing(100), OFF, Frames(60, 500.0), OFF], &[(120, 60, 0)], none),
+        ("start while loaded", &[Frames(60, 500.0), OFF, Frames(60, 500.0), OFF], &[(70, 60, 0)], none),
+        ("start at rest, barely loaded", &[Frames(30, 25.0), Frames(30, 500.0), OFF], &[], none),
+        ("end of the recording", &[OFF, Frames(60, 500.0)], &[], none),
+        ("end of the recording before toe off is sure", &[OFF, Frames(60, 500.0), Frames(3, 0.0)], &[], none),
+        ("end of the recording when it is", &[OFF, Frames(60, 500.0), Frames(4, 0.0)], &[(10, 60, 0)], none),
+    ];
+    for (name, story, expected, rejected) in stories {
+        // Frame numbers wrap.
+        for first_seq in [0, u32::MAX - 30] {
+            let (steps, stance) = steps_of(story, first_seq);
+            assert_eq!(steps, *expected, "{name}, from {first_seq}");
+            assert_eq!(stance.rejected(), *rejected, "{name}, from {first_seq}");
+        }
+    }
+}
+
+/// The heel strike was among the missing frames: nobody knows when.
+#[test]
+fn a_heel_strike_in_a_long_gap_starts_no_step() {
+    let (steps, _) = steps_of(&[OFF, Missing(40), Frames(30, 500.0), OFF, Frames(60, 500.0), OFF], 0);
+    assert_eq!(steps, [(90, 60, 0)]);
+}
+
+#[test]
+fn foot_is_on_the_ground_from_strike_to_confirmed_toe_off() {
+    let on_ground = |story: &[Part]| steps_of(story, 0).1.on_ground();
+    assert!(!on_ground(&[OFF]));
+    assert!(on_ground(&[OFF, Frames(1, 500.0)]));
+    assert!(on_ground(&[OFF, Frames(60, 500.0), Frames(3, 0.0)]));
+    assert!(!on_ground(&[OFF, Frames(60, 500.0), Frames(4, 0.0)]));
+    assert!(on_ground(&[OFF, Frames(600, 500.0)]));
+    assert!(on_ground(&[Frames(5, 500.0)]));
+}
+
+#[test]
+fn missing_frames_are_straight_lines() {
+    let limits = StanceLimits::new(&StanceRule::WALKING, PERIOD_US);
+    let mut stance = Stance::<f64>::new();
+    push(&mut stance, &limits, 0, &frame(0.0, 0.0));
+    for seq in (1..=10).chain([15]).chain(16..=40) {
+        let loaded = if seq <= 10 { frame(100.0, 200.0) } else { frame(200.0, 450.0) };
+        push(&mut stance, &limits, seq, &loaded);
+    }
+    let ended = (41..45).any(|seq| push(&mut stance, &limits, seq, &frame(0.0, 0.0)));
+    assert!(ended);
+    let (area_mm2, force_n) = stance.curves(0);
+    assert_eq!((area_mm2.len(), force_n.len(), stance.bridged()), (40, 40, 4));
+    for (i, (got_mm2, got_n)) in area_mm2.iter().zip(force_n).enumerate() {
+        let part = ((i as f64 - 9.0) / 5.0).clamp(0.0, 1.0);
+        assert!((got_mm2 - (100.0 + 100.0 * part)).abs() < 1e-9, "sample {i}: {got_mm2}");
+        assert!((got_n - (200.0 + 250.0 * part)).abs() < 1e-9, "sample {i}: {got_n}");
+    }
+}
+
+#[test]
+fn peak_and_saturation_belong_to_their_stance_and_region() {
+    let limits = StanceLimits::new(&StanceRule::WALKING, PERIOD_US);
+    let mut stance = Stance::<f64>::new();
+    for walk in 0..2 {
+        let start = walk * 100;
+        for i in 0..70 {
+            let loaded = (10..50).contains(&i);
+            let toe = frame(10.0 + i as f32, if loaded { 300.0 - f64::from(i - 30).abs() } else { 0.0 });
+            let hot = RegionFrame { saturated: walk == 0 && i == 20, ..toe };
+            let none = RegionFrame::NONE;
+            let regions = [&none, &none, &none, &none, &none, &hot, &none, &none];
+            if stance.push(&limits, (start + i) as u32, regions) {
+                assert_eq!(stance.saturated(), if walk == 0 { 1 << 5 } else { 0 });
+                assert_eq!(stance.moments_at_peak(5).area_mm2::<f64>(), 40.0, "the area of frame 30");
+                assert_eq!(*stance.moments_at_peak(0), AreaMoments::NONE);
+            }
+        }
+    }
+    assert_eq!((stance.start_seq(), stance.frames()), (110, 40));
+}
+
+#[test]
+fn a_long_stance_keeps_every_second_fourth_or_eighth_frame() {
+    let rule = StanceRule { max_stance_ms: u16::MAX, ..StanceRule::WALKING };
+    let limits = StanceLimits::new(&rule, 2_500);
+    for (frames, stride) in [(255, 1), (256, 1), (257, 2), (511, 2), (512, 2), (513, 4), (1024, 4), (1025, 8)] {
+        let mut stance = Stance::<f64>::new();
+        push(&mut stance, &limits, 0, &frame(0.0, 0.0));
+        let force_n = |i: u32| 100.0 + f64::from(i);
+        for i in 0..frames {
+            assert!(!push(&mut stance, &limits, 1 + i, &frame(50.0, force_n(i))));
+        }
+        let ended = (0..16).position(|i| push(&mut stance, &limits, 1 + frames + i, &frame(0.0, 0.0)));
+        assert_eq!(ended, Some(15), "40 ms at 400 Hz");
+        let (area_mm2, kept_n) = stance.curves(0);
+        assert_eq!(stance.frames(), frames);
+        assert!(kept_n.len() <= STANCE_SAMPLES && area_mm2.len() == kept_n.len());
+        // The tail until toe off is sure may have doubled it once more.
+        assert!(stance.stride() == stride || stance.stride() == 2 * stride, "{frames}: {}", stance.stride());
+        let expected: Vec<_> = (0..frames).step_by(stance.stride() as usize).map(force_n).collect();
+        assert_eq!(kept_n, expected, "{frames} frames");
+    }
+}
+
+/// Coefficient-free least squares: the projection onto polynomials of `terms` coefficients, by Gram and Schmidt done twice.
+fn projection(samples: &[f64], terms: usize) -> Vec<f64> {
+    let count = samples.len();
+    let mut basis: Vec<Vec<f64>> = Vec::new();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    for power in 0..terms {
+        let at = |i: usize| 2.0 * i as f64 / (count - 1) as f64 - 1.0;
+        let mut column: Vec<f64> = (0..count).map(|i| at(i).powi(power as i32)).collect();
+        for _ in 0..2 {
+            for other in &basis {
+                let part = dot(&column, other);
+                column.iter_mut().zip(other).for_each(|(c, o)| *c -= part * o);
+            }
+        }
+        let norm = dot(&column, &column).sqrt();
+        column.iter_mut().for_each(|c| *c /= norm);
+        basis.push(column);
+    }
+    let mut smooth = vec![0.0; count];
+    for column in &basis {
+        let part = dot(samples, column);
+        smooth.iter_mut().zip(column).for_each(|(s, c)| *s += part * c);
+    }
+    smooth
+}
+
+fn naive_moving_average(samples: &[f64]) -> Vec<f64> {
+    let mean = |window: &[f64]| window.iter().sum::<f64>() / window.len() as f64;
+    (0..samples.len()).map(|i| mean(&samples[i.saturating_sub(1)..(i + 2).min(samples.len())])).collect()
+}
+
+/// The same samples in f32 and f64.
+fn both(samples: &[f32]) -> (Vec<f32>, Vec<f64>) {
+    (samples.to_vec(), samples.iter().map(|&v| f64::from(v)).collect())
+}
+
+fn close(got: f64, want: f64, tolerance: f64) -> Result<(), TestCaseError> {
+    prop_assert!((got - want).abs() <= tolerance, "{got} is not {want} within {tolerance}");
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(config())]
+
+    #[test]
+    fn moving_average_is_the_mean_of_neighbours(samples in prop::collection::vec(-1e3..1e3f32, 0..64)) {
+        let (mut narrow, mut wide) = both(&samples);
+        let expected = naive_moving_average(&wide);
+        smooth::moving_average(&mut narrow);
+        smooth::moving_average(&mut wide);
+        for ((narrow, wide), expected) in narrow.into_iter().zip(wide).zip(expected) {
+            close(wide, expected, 1e-10)?;
+            close(narrow.into(), expected, 1e-3)?;
+        }
+    }
+
+    #[test]
+    fn polynomial_is_the_least_squares_one(samples in prop::collection::vec(0.0..1e3f32, 1..=STANCE_SAMPLES)) {
+        let (mut narrow, mut wide) = both(&samples);
+        // Short curves: at most half as many coefficients as samples, and none below 4 samples.
+        let expected = if wide.len() < 4 { wide.clone() } else { projection(&wide, (wide.len() / 2).min(6)) };
+        smooth::polynomial(&mut narrow);
+        smooth::polynomial(&mut wide);
+        for ((narrow, wide), expected) in narrow.into_iter().zip(wide).zip(expected) {
+            close(wide, expected, 1e-9)?;
+            close(narrow.into(), expected, 1e-2)?;
+        }
+    }
+
+    #[test]
+    fn a_quintic_stays_as_it_is(coefficients in prop::array::uniform6(-1.0..1.0f64), count in 12usize..=STANCE_SAMPLES) {
+        let quintic = |i: usize| {
+            let x = 2.0 * i as f64 / (count - 1) as f64 - 1.0;
+            coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
+        };
+        let exact: Vec<_> = (0..count).map(quintic).collect();
+        let (mut wide, mut narrow) = (exact.clone(), exact.iter().map(|&v| v as f32).collect::<Vec<_>>());
+        smooth::polynomial(&mut wide);
+        smooth::polynomial(&mut narrow);
+        for ((wide, narrow), exact) in wide.into_iter().zip(narrow).zip(exact) {
+            close(wide, exact, 1e-12)?;
+            // Of values up to 6.
+            close(narrow.into(), exact, 3e-5)?;
+        }
+    }
+
+    #[test]
+    fn a_step_is_the_paper_s_pipeline(
+        count in 1usize..=STANCE_SAMPLES,
+        (before, after) in (0usize..20, 0usize..20),
+        peak_mm2 in 200.0..5000.0f64,
+        skew in 0.3..2.0f64,
+        peak_n in 50.0..900.0f64,
+        ln_stiffness in 11.0..15.0f64,
+        rate_hz in 50.0..400.0f64,
+    ) {
+        let gauge = Gauge { stiffness_pa: f64::from(ln_stiffness.exp() as f32), ..Gauge::<f64>::of(&TISSUE.gauges[0]) };
+        let bell = |i: usize, skew: f64| (PI * ((i as f64 + 0.5) / count as f64).powf(skew)).sin();
+        let count_before = before.min(STANCE_SAMPLES - count);
+        let count_after = after.min(STANCE_SAMPLES - count - count_before);
+        let mut area_mm2 = vec![0.0; count_before];
+        area_mm2.extend((0..count).map(|i| f64::from((peak_mm2 * bell(i, skew)) as f32)));
+        area_mm2.resize(area_mm2.len() + count_after, 0.0);
+        // Force starts before the contact and ends after it, and is not in step with it.
+        let force_n: Vec<_> = (0..area_mm2.len())
+            .map(|i| f64::from((peak_n * (PI * (i as f64 + 0.5) / area_mm2.len() as f64).sin()) as f32))
+            .collect();
+        let sample_s = f64::from((1.0 / rate_hz) as f32);
+
+        let truth = transcription(&gauge, &area_mm2, &force_n, sample_s);
+        let wide = RegionStep::new(&gauge, &area_mm2, &force_n, sample_s, &area_moments(100.0));
+        compare(&wide, &truth, 1e-8)?;
+        prop_assert!(wide.ellipse_at_peak.is_some());
+
+        let narrow_of = |samples: &[f64]| samples.iter().map(|&v| v as f32).collect::<Vec<f32>>();
+        let narrow_gauge = Gauge::<f32> { stiffness_pa: gauge.stiffness_pa as f32, ..TISSUE.gauges[0] };
+        let narrow = RegionStep::new(
+            &narrow_gauge, &narrow_of(&area_mm2), &narrow_of(&force_n), sample_s as f32, &area_moments(100.0),
+        );
+        compare(&narrow, &truth, 2e-3)?;
+    }
+}
+
+/// What [`RegionStep`] should hold, in its own units.
+#[derive(Debug, Default)]
+struct Truth {
+    measured_peak_n: f64,
+    model_peak_n: f64,
+    measured_integral_n_s: f64,
+    model_integral_n_s: f64,
+    area_peak_mm2: f64,
+    deformation_peak_m: f64,
+    deformation_rate_peak_m_s: f64,
+    contact_s: f64,
+    time_to_peak_s: f64,
+    model_error: f64,
+    clamped: bool,
+}
+
+/// Section 2.3 and Eq. 13 to 20 as they are written, with the force law in its five numbers.
+fn transcription(gauge: &Gauge<f64>, area_mm2: &[f64], force_n: &[f64], sample_s: f64) -> Truth {
+    let contact: Vec<usize> = (0..area_mm2.len()).filter(|&i| area_mm2[i] > 0.0).collect();
+    let (first, last) = (contact[0], contact[contact.len() - 1]);
+    let (raw_mm2, measured_n) = (&area_mm2[first..=last], &force_n[first..=last]);
+    let count = raw_mm2.len();
+    let averaged = naive_moving_average(raw_mm2);
+    let smooth_mm2 = if count < 4 { averaged } else { projection(&averaged, (count / 2).min(6)) };
+
+    let ratio: Vec<f64> = smooth_mm2.iter().map(|a| a * 1e-6 / (PI * gauge.ab_m2)).collect();
+    let g: Vec<f64> = ratio.iter().map(|a| 1.0 - (1.0 - a.clamp(0.0, 1.0)).sqrt()).collect();
+    let rate_per_s = |i: usize| {
+        // Eq. 16 looks forward; there is nothing after the last sample.
+        let i = i.min(count.saturating_sub(2));
+        if count > 1 { (g[i + 1] - g[i]) / sample_s } else { 0.0 }
+    };
+    let model_n = |i: usize| {
+        let g = g[i];
+        if g <= 0.0 {
+            return 0.0;
+        }
+        let elastic = gauge.stiffness_pa * g.powf(gauge.n + 2.0) * (1.0 - g / 3.0);
+        let shape = (6.0 - 4.0 * g + g * g) / (3.0 * (2.0 - g));
+        let viscous = gauge.damping_pa_s * g.powf(gauge.m + 1.0) * rate_per_s(i) * shape;
+        (PI * gauge.ab_m2 * (elastic + viscous)).max(0.0)
+    };
+    let model_n: Vec<f64> = (0..count).map(model_n).collect();
+    let peak = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
+    let measured_peak_n = peak(measured_n);
+    let peak_at = measured_n.iter().position(|&f| f == measured_peak_n).unwrap_or(0);
+    let squares: f64 = model_n.iter().zip(measured_n).map(|(a, b)| (a - b).powi(2)).sum();
+    Truth {
+        measured_peak_n,
+        model_peak_n: peak(&model_n),
+        measured_integral_n_s: measured_n.iter().sum::<f64>() * sample_s,
+        model_integral_n_s: model_n.iter().sum::<f64>() * sample_s,
+        area_peak_mm2: peak(raw_mm2),
+        deformation_peak_m: gauge.c_m * peak(&g),
+        deformation_rate_peak_m_s: gauge.c_m * (0..count).map(rate_per_s).fold(0.0, f64::max),
+        contact_s: count as f64 * sample_s,
+        time_to_peak_s: peak_at as f64 * sample_s,
+        model_error: (squares / count as f64).sqrt() / measured_peak_n,
+        clamped: ratio.iter().any(|&a| a >= 1.0),
+    }
+}
+
+/// `tolerance` is relative; forces and rates may miss by that share of their peaks.
+fn compare<R: Real>(got: &RegionStep<R>, want: &Truth, tolerance: f64) -> Result<(), TestCaseError> {
+    for (name, got, want) in [
+        ("measured peak", got.measured_peak_n, want.measured_peak_n),
+        ("model peak", got.model_peak_n, want.model_peak_n),
+        ("measured integral", got.measured_integral_n_s, want.measured_integral_n_s),
+        ("model integral", got.model_integral_n_s, want.model_integral_n_s),
+        ("area peak", got.area_peak_mm2, want.area_peak_mm2),
+        ("deformation peak", got.deformation_peak_m, want.deformation_peak_m),
+        ("contact time", got.contact_s, want.contact_s),
+        ("time to peak", got.time_to_peak_s, want.time_to_peak_s),
+        ("model error", got.model_error, want.model_error),
+    ] {
+        let got = got.to_f64();
+        prop_assert!((got - want).abs() <= tolerance * want.abs().max(1e-9), "{name}: {got} is not {want}");
+    }
+    let (got_m_s, want_m_s) = (got.deformation_rate_peak_m_s.to_f64(), want.deformation_rate_peak_m_s);
+    // A difference of neighbours: as exact as the deformation over a sample.
+    let per_sample = want.contact_s.recip() * STANCE_SAMPLES as f64;
+    let off_m_s = tolerance * (want_m_s + 1e-2 * want.deformation_peak_m * per_sample);
+    prop_assert!((got_m_s - want_m_s).abs() <= off_m_s, "rate peak: {got_m_s} is not {want_m_s}");
+    prop_assert_eq!(got.clamped, want.clamped);
+    Ok(())
+}
+
+#[test]
+fn a_step_by_hand() {
+    // Four frames of contact, a line in the area: smoothing keeps a line but for the ends of the average.
+    let gauge = Gauge { ab_m2: 1e-3, c_m: 0.01, stiffness_pa: 0.0, damping_pa_s: 0.0, n: 1.0, m: 1.0 };
+    let area_mm2 = [0.0, 100.0, 200.0, 200.0, 100.0, 0.0];
+    let force_n = [5.0, 10.0, 40.0, 20.0, 10.0, 5.0];
+    let step = RegionStep::<f64>::new(&gauge, &area_mm2, &force_n, 0.02, &AreaMoments::NONE);
+    let near = |got: f64, want: f64| (got - want).abs() < 1e-12;
+    assert!(near(step.measured_peak_n, 40.0) && near(step.area_peak_mm2, 200.0), "{step:?}");
+    assert!(near(step.contact_s, 0.08) && near(step.time_to_peak_s, 0.02), "{step:?}");
+    assert!(near(step.measured_integral_n_s, 80.0 * 0.02), "{step:?}");
+    // No stiffness, no force: the error is the root mean square of the measured force over its peak.
+    assert!(near(step.model_peak_n, 0.0) && near(step.model_integral_n_s, 0.0), "{step:?}");
+    assert!(near(step.model_error, (2200.0f64 / 4.0).sqrt() / 40.0), "{step:?}");
+    assert_eq!(step.ellipse_at_peak, None);
+}
+
+#[test]
+fn a_region_without_contact_has_no_step() {
+    let gauge = TISSUE.gauges[0];
+    let none = RegionStep::<f32>::default();
+    assert_eq!(RegionStep::new(&gauge, &[0.0; 30], &[9.0; 30], 0.01, &area_moments(10.0)), none);
+    assert_eq!(RegionStep::new(&gauge, &[], &[], 0.01, &area_moments(10.0)), none);
+}
+
+/// One walker at four frame rates: contact area and force of one region.
+#[test]
+fn frame_rate_does_not_change_the_step() {
+    let stance_s = 0.68;
+    let area_mm2 = |t: f64| 1800.0 * (PI * t / stance_s).sin().powf(0.7);
+    let force_n = |t: f64| 600.0 * (PI * t / stance_s).sin() * (1.0 + 0.3 * (3.0 * PI * t / stance_s).sin());
+    let gauge = Gauge::<f32> { stiffness_pa: 1.5e6, ..TISSUE.gauges[0] };
+    let step_at = |rate_hz: u32| {
+        let period_us = 1_000_000 / rate_hz;
+        let limits = StanceLimits::<f32>::new(&StanceRule::WALKING, period_us);
+        let mut stance = Stance::new();
+        let mut ended = false;
+        for seq in 0..rate_hz {
+            let t = (f64::from(seq) - 0.1 * f64::from(rate_hz)) / f64::from(rate_hz);
+            let loaded = t > 0.0 && t < stance_s;
+            let heel = if loaded { frame(area_mm2(t) as f32, force_n(t)) } else { RegionFrame::NONE };
+            if push(&mut stance, &limits, seq, &heel) {
+                ended = true;
+                break;
+            }
+        }
+        assert!(ended, "{rate_hz} Hz");
+        let (area_mm2, force_n) = stance.curves(0);
+        let sample_s = stance.stride() as f32 * period_us as f32 * 1e-6;
+        RegionStep::new(&gauge, area_mm2, force_n, sample_s, stance.moments_at_peak(0))
+    };
+    let reference = step_at(400);
+    // The truth of what was measured: the force itself.
+    let samples: Vec<f64> = (0..6800).map(|i| force_n((f64::from(i) + 0.5) * 1e-4)).collect();
+    let integral_n_s = samples.iter().sum::<f64>() * 1e-4;
+    let peak_n = samples.iter().copied().fold(0.0, f64::max);
+    for rate_hz in [50, 100, 200, 400] {
+        let step = step_at(rate_hz);
+        let sample_s = 1.0 / rate_hz as f32;
+        let near = |name: &str, got: f32, want: f64, tolerance: f64| {
+            let off = (f64::from(got) / want - 1.0).abs();
+            assert!(off <= tolerance, "{rate_hz} Hz, {name}: {got}, not {want}");
+        };
+        near("measured peak", step.measured_peak_n, peak_n, 0.01);
+        near("measured integral", step.measured_integral_n_s, integral_n_s, 0.01);
+        near("area peak", step.area_peak_mm2, 1800.0, 0.01);
+        near("model peak", step.model_peak_n, reference.model_peak_n.into(), 0.03);
+        near("model integral", step.model_integral_n_s, reference.model_integral_n_s.into(), 0.03);
+        near("deformation peak", step.deformation_peak_m, reference.deformation_peak_m.into(), 0.02);
+        // The force of the first and last 30 N is outside; then a sample at each end.
+        assert!((step.contact_s - 0.68).abs() < 0.03 + 2.0 * sample_s, "{rate_hz} Hz: {}", step.contact_s);
+        assert!((step.time_to_peak_s - reference.time_to_peak_s).abs() <= 2.0 * sample_s + 0.01, "{rate_hz} Hz");
+        assert!((step.model_error - reference.model_error).abs() < 0.02, "{rate_hz} Hz: {}", step.model_error);
+    }
+}

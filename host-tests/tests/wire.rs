@@ -1,0 +1,467 @@
+//! Messages and frames: what goes in comes out, and nothing else does.
+
+use host_tests::{cell, framed, hello, live, messages, status, step, text};
+use plantar::contact::ContactRule;
+use plantar::insole::{Insole, Setup};
+use plantar::region::{AreaMoments, ForceMoments, RegionFrame};
+use plantar::stance::Rejected;
+use plantar::wire::{
+    Decoder, Hello, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE, MAX_MESSAGE, MINOR, Reset, Status, Step, StepRegion,
+    ToDevice, ToHost, checksum, decode, encode, frame,
+};
+use plantar::{Region, Side};
+use proptest::prelude::*;
+use std::slice::from_ref;
+
+fn config() -> ProptestConfig {
+    ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }
+}
+
+fn encoded<T: serde::Serialize>(message: &T) -> Vec<u8> {
+    encode(message, &mut [0; MAX_MESSAGE]).expect("it fits").to_vec()
+}
+
+fn side() -> impl Strategy<Value = Side> {
+    prop_oneof![Just(Side::Left), Just(Side::Right)]
+}
+
+fn contact_rule() -> impl Strategy<Value = ContactRule> {
+    let number = || any::<f32>().prop_filter("a number equals itself", |v| !v.is_nan());
+    (number(), number(), number()).prop_map(|(on_kpa, off_kpa, full_kpa)| ContactRule { on_kpa, off_kpa, full_kpa })
+}
+
+fn any_hello() -> impl Strategy<Value = Hello> {
+    let resets = [Reset::Power, Reset::Pin, Reset::Software, Reset::Watchdog, Reset::Panic, Reset::Unknown];
+    let reset = prop::sample::select(resets.to_vec());
+    let numbers = (any::<(u8, u8, u32, u16, u32, u32)>(), side(), contact_rule(), reset);
+    let texts = ("[ -~]{0,16}", "[ -~]{0,16}", prop::option::of("[ -~]{0,96}"));
+    (numbers, texts).prop_map(
+        |(
+            ((major, minor, layout_id, cells, period_us, tissue_id), side, contact_rule, reset),
+            (firmware, board, panic),
+        )| {
+            Hello {
+                major,
+                minor,
+                firmware: text(&firmware),
+                board: text(&board),
+                side,
+                layout_id,
+                cells,
+                period_us,
+                tissue_id,
+                contact_rule,
+                reset,
+                last_panic: panic.map(|p| text(&p)),
+            }
+        },
+    )
+}
+
+fn any_live() -> impl Strategy<Value = Live> {
+    (any::<(u32, u64, u8, u8)>(), prop::array::uniform8(any::<[u16; 4]>())).prop_map(
+        |((sequence, t_us, saturated, clamped), regions)| {
+            let region = |[area_mm2, deformation_um, model_dn, measured_dn]: [u16; 4]| LiveRegion {
+                area_mm2,
+                deformation_um,
+                model_dn,
+                measured_dn,
+            };
+            Live { sequence, t_us, saturated, clamped, regions: regions.map(region) }
+        },
+    )
+}
+
+fn step_region(v: [u16; 15]) -> StepRegion {
+    StepRegion {
+        measured_peak_dn: v[0],
+        model_peak_dn: v[1],
+        measured_integral_cns: v[2],
+        model_integral_cns: v[3],
+        area_peak_mm2: v[4],
+        deformation_peak_um: v[5],
+        deformation_rate_peak_dmm_s: v[6],
+        contact_ms: v[7],
+        time_to_peak_ms: v[8],
+        ellipse_x_dmm: v[9] as i16,
+        ellipse_y_dmm: v[10] as i16,
+        ellipse_r_a_cmm: v[11],
+        ellipse_r_b_cmm: v[12],
+        ellipse_angle_ddeg: v[13] as i16,
+        model_error_bp: v[14],
+    }
+}
+
+fn any_step() -> impl Strategy<Value = Step> {
+    let regions = prop::array::uniform8(any::<[u16; 15]>().prop_map(step_region));
+    (any::<(u32, u64, u32, u32, u16, u8, u8)>(), side(), contact_rule(), regions).prop_map(
+        |(
+            (step, start_us, duration_us, sample_us, bridged_frames, saturated, clamped),
+            side,
+            contact_rule,
+            regions,
+        )| {
+            Step {
+                step,
+                side,
+                start_us,
+                duration_us,
+                sample_us,
+                bridged_frames,
+                saturated,
+                clamped,
+                contact_rule,
+                regions,
+            }
+        },
+    )
+}
+
+fn any_status() -> impl Strategy<Value = Status> {
+    any::<(u64, [u32; 14])>().prop_map(|(uptime_us, v)| Status {
+        uptime_us,
+        frames: v[0],
+        frames_missed: v[1],
+        frames_overrun: v[2],
+        live_due: v[3],
+        live_sent: v[4],
+        steps: v[5],
+        steps_dropped: v[6],
+        rejected: Rejected { short: v[7], long: v[8], broken: v[9] },
+        bad_frames: v[10],
+        frame_cycles: (v[11], v[12]),
+        stack_bytes: v[13],
+    })
+}
+
+fn to_host() -> impl Strategy<Value = ToHost> {
+    prop_oneof![
+        any_hello().prop_map(ToHost::Hello),
+        any_live().prop_map(ToHost::Live),
+        any_step().prop_map(ToHost::Step),
+        any_status().prop_map(ToHost::Status),
+    ]
+}
+
+fn to_device() -> impl Strategy<Value = ToDevice> {
+    prop_oneof![
+        any::<(u8, u8)>().prop_map(|(major, minor)| ToDevice::Connect { major, minor }),
+        any::<bool>().prop_map(|live| ToDevice::Stream { live }),
+        any::<u32>().prop_map(|step| ToDevice::Acknowledge { step }),
+        Just(ToDevice::GetStatus),
+    ]
+}
+
+/// One of each kind.
+fn samples() -> Vec<ToHost> {
+    vec![ToHost::Hello(hello()), ToHost::Live(live(7)), ToHost::Step(step(9)), ToHost::Status(status())]
+}
+
+proptest! {
+    #![proptest_config(config())]
+
+    #[test]
+    fn messages_arrive_as_they_were(message in to_host(), command in to_device()) {
+        let mut decoder = Decoder::new();
+        prop_assert_eq!(messages::<ToHost>(&mut decoder, &framed(&message)), [message.clone()]);
+        prop_assert_eq!(messages::<ToDevice>(&mut decoder, &framed(&command)), [command]);
+        prop_assert_eq!(decoder.bad_frames, 0);
+        // On a packet carrier.
+        prop_assert_eq!(decode::<ToHost>(&encoded(&message)), Some(message));
+        prop_assert_eq!(decode::<ToDevice>(&encoded(&command)), Some(command));
+    }
+
+    #[test]
+    fn a_frame_holds_one_zero_and_fits(message in to_host()) {
+        let bytes = framed(&message);
+        prop_assert_eq!(bytes.iter().position(|&b| b == 0), Some(bytes.len() - 1));
+        prop_assert!(bytes.len() <= MAX_FRAME);
+    }
+
+    /// One packet is exactly one message.
+    #[test]
+    fn packets_with_too_few_or_too_many_bytes_are_none(message in to_host(), extra in any::<u8>(), cut in any::<prop::sample::Index>()) {
+        let bytes = encoded(&message);
+        prop_assert_eq!(decode::<ToHost>(&bytes[..cut.index(bytes.len())]), None);
+        let longer = [bytes.as_slice(), &[extra]].concat();
+        prop_assert_eq!(decode::<ToHost>(&longer), None);
+    }
+
+    #[test]
+    fn any_bytes_survive_framing(message in prop::collection::vec(prop_oneof![Just(0u8), any::<u8>()], 0..=MAX_MESSAGE)) {
+        let mut out = [0; MAX_FRAME];
+        let len = frame(&message, &mut out);
+        let mut decoder = Decoder::new();
+        let (end, body) = out[..len].split_last().expect("a frame has an end");
+        prop_assert!(body.iter().all(|&byte| decoder.push(byte).is_none()));
+        prop_assert_eq!(decoder.push(*end), Some(message.as_slice()));
+    }
+
+    #[test]
+    fn foreign_streams_are_survived_and_end_at_a_zero(
+        streams in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..2000), 1..4),
+        message in to_host(),
+    ) {
+        let mut decoder = Decoder::new();
+        for stream in streams {
+            // A CRC of 32 bits is not met by chance.
+            prop_assert_eq!(messages::<ToHost>(&mut decoder, &stream), []);
+            decoder.push(0);
+            let bad = decoder.bad_frames;
+            prop_assert_eq!(messages::<ToHost>(&mut decoder, &framed(&message)), [message.clone()]);
+            prop_assert_eq!(decoder.bad_frames, bad);
+        }
+    }
+
+    #[test]
+    fn garbage_spoils_only_the_frame_it_touches(
+        all in prop::collection::vec(to_host(), 1..6),
+        garbage in prop::collection::vec(prop::collection::vec(1u8.., 1..600), 6),
+    ) {
+        let mut stream = Vec::new();
+        for (message, garbage) in all.iter().zip(&garbage) {
+            stream.extend(garbage);
+            stream.push(0);
+            stream.extend(framed(message));
+        }
+        let mut decoder = Decoder::new();
+        prop_assert_eq!(messages::<ToHost>(&mut decoder, &stream), all.clone());
+        prop_assert_eq!(decoder.bad_frames as usize, all.len());
+    }
+
+    #[test]
+    fn random_damage_is_never_another_message(message in to_host(), hits in prop::collection::vec((any::<prop::sample::Index>(), 1u8..), 1..8)) {
+        let mut bytes = framed(&message);
+        for (at, flip) in hits {
+            let at = at.index(bytes.len());
+            bytes[at] ^= flip;
+        }
+        bytes.push(0);
+        let got = messages::<ToHost>(&mut Decoder::new(), &bytes);
+        prop_assert!(got.iter().all(|m| *m == message), "{:?}", got);
+    }
+}
+
+#[test]
+fn a_stream_may_be_split_at_any_byte() {
+    let all = samples();
+    let stream: Vec<u8> = all.iter().flat_map(framed).collect();
+    for split in 0..=stream.len() {
+        let mut decoder = Decoder::new();
+        let mut got = messages::<ToHost>(&mut decoder, &stream[..split]);
+        got.extend(messages::<ToHost>(&mut decoder, &stream[split..]));
+        assert_eq!(got, all, "split at {split}");
+    }
+}
+
+#[test]
+fn joining_in_the_middle_loses_one_frame_at_most() {
+    let all = samples();
+    let first_len = framed(&all[0]).len();
+    let stream: Vec<u8> = all.iter().flat_map(framed).collect();
+    for start in 1..first_len {
+        let mut decoder = Decoder::new();
+        assert_eq!(messages::<ToHost>(&mut decoder, &stream[start..]), all[1..], "from byte {start}");
+        // From its last byte on, the zero, there is nothing to be wrong.
+        assert_eq!(decoder.bad_frames, u32::from(start < first_len - 1), "from byte {start}");
+    }
+}
+
+#[test]
+fn a_truncated_frame_is_counted_and_the_next_one_received() {
+    for message in samples() {
+        let bytes = framed(&message);
+        for len in 1..bytes.len() - 1 {
+            let mut decoder = Decoder::new();
+            let stream = [&bytes[..len], &[0], bytes.as_slice()].concat();
+            assert_eq!(messages::<ToHost>(&mut decoder, &stream), from_ref(&message), "{len} bytes");
+            assert_eq!(decoder.bad_frames, 1, "{len} bytes");
+
+            // Without an end of its own it takes the next frame with it, and no more.
+            let mut decoder = Decoder::new();
+            let stream = [&bytes[..len], bytes.as_slice(), bytes.as_slice()].concat();
+            assert_eq!(messages::<ToHost>(&mut decoder, &stream), from_ref(&message), "{len} bytes");
+            assert_eq!(decoder.bad_frames, 1, "{len} bytes");
+        }
+    }
+}
+
+#[test]
+fn an_over_long_frame_is_counted_once() {
+    let good = framed(&ToDevice::GetStatus);
+    for len in [MAX_FRAME - 1, MAX_FRAME, MAX_FRAME + 1, MAX_FRAME + 2, 100_000] {
+        let mut decoder = Decoder::new();
+        let stream = [vec![0xAA; len].as_slice(), &[0], good.as_slice()].concat();
+        assert_eq!(messages::<ToDevice>(&mut decoder, &stream), [ToDevice::GetStatus], "{len} bytes");
+        assert_eq!(decoder.bad_frames, 1, "{len} bytes");
+    }
+}
+
+#[test]
+fn zeros_between_frames_are_no_errors() {
+    let good = framed(&ToDevice::GetStatus);
+    let mut decoder = Decoder::new();
+    let stream = [&[0; 50], good.as_slice(), &[0; 50], good.as_slice()].concat();
+    assert_eq!(messages::<ToDevice>(&mut decoder, &stream), [ToDevice::GetStatus; 2]);
+    assert_eq!(decoder.bad_frames, 0);
+}
+
+#[test]
+fn a_message_too_long_to_frame_is_seen_as_bad() {
+    let mut out = [0; MAX_FRAME];
+    let len = frame(&[0x55; MAX_MESSAGE + 1], &mut out);
+    assert!(len <= MAX_FRAME);
+    assert_eq!(messages::<ToHost>(&mut Decoder::new(), &out[..len]), []);
+}
+
+#[test]
+fn no_single_bit_error_gives_another_message() {
+    for message in samples() {
+        let bytes = framed(&message);
+        for bit in 0..bytes.len() * 8 {
+            let mut damaged = [bytes.as_slice(), bytes.as_slice(), bytes.as_slice()].concat();
+            damaged[bytes.len() + bit / 8] ^= 1 << (bit % 8);
+            let mut decoder = Decoder::new();
+            let got = messages::<ToHost>(&mut decoder, &damaged);
+            assert!(got.iter().all(|m| *m == message), "bit {bit}: {got:?}");
+            // A spoilt end takes the third frame along.
+            let is_end = bit / 8 == bytes.len() - 1;
+            assert_eq!(got.len(), if is_end { 1 } else { 2 }, "bit {bit}");
+            assert!((1..=2).contains(&decoder.bad_frames), "bit {bit}: {}", decoder.bad_frames);
+        }
+    }
+}
+
+#[test]
+fn longest_messages_fit_their_limits() {
+    let max_text = "x".repeat(96);
+    let longest_hello = Hello {
+        major: u8::MAX,
+        minor: u8::MAX,
+        firmware: text(&max_text[..16]),
+        board: text(&max_text[..16]),
+        layout_id: u32::MAX,
+        cells: u16::MAX,
+        period_us: u32::MAX,
+        tissue_id: u32::MAX,
+        last_panic: Some(text(&max_text)),
+        ..hello()
+    };
+    let region = LiveRegion { area_mm2: u16::MAX, deformation_um: u16::MAX, model_dn: u16::MAX, measured_dn: u16::MAX };
+    let longest_live = ToHost::Live(Live {
+        sequence: u32::MAX,
+        t_us: u64::MAX,
+        saturated: u8::MAX,
+        clamped: u8::MAX,
+        regions: [region; 8],
+    });
+    let longest_step = ToHost::Step(Step {
+        step: u32::MAX,
+        start_us: u64::MAX,
+        duration_us: u32::MAX,
+        sample_us: u32::MAX,
+        bridged_frames: u16::MAX,
+        saturated: u8::MAX,
+        clamped: u8::MAX,
+        regions: [step_region([u16::MAX; 15]); 8],
+        ..step(0)
+    });
+    let longest_status = ToHost::Status(Status {
+        uptime_us: u64::MAX,
+        frames: u32::MAX,
+        frames_missed: u32::MAX,
+        frames_overrun: u32::MAX,
+        live_due: u32::MAX,
+        live_sent: u32::MAX,
+        steps: u32::MAX,
+        steps_dropped: u32::MAX,
+        rejected: Rejected { short: u32::MAX, long: u32::MAX, broken: u32::MAX },
+        bad_frames: u32::MAX,
+        frame_cycles: (u32::MAX, u32::MAX),
+        stack_bytes: u32::MAX,
+    });
+    assert!(encoded(&longest_live).len() <= MAX_LIVE);
+    assert!(framed(&longest_live).len() <= 90, "{}", framed(&longest_live).len());
+    assert!(framed(&longest_step).len() <= 320, "{}", framed(&longest_step).len());
+    for message in [longest_live, longest_step, longest_status, ToHost::Hello(longest_hello)] {
+        assert!(encoded(&message).len() <= MAX_MESSAGE, "{}", encoded(&message).len());
+        assert_eq!(messages::<ToHost>(&mut Decoder::new(), &framed(&message)), [message]);
+    }
+    let mut out = [0; MAX_FRAME];
+    assert!(frame(&[0xAA; MAX_MESSAGE], &mut out) <= MAX_FRAME);
+}
+
+#[test]
+fn checksum_is_the_common_crc_32() {
+    // The check value of CRC-32/ISO-HDLC.
+    assert_eq!(checksum(b"123456789"), 0xCBF4_3926);
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// The bytes of version 1.0 on a byte carrier. A change of Hello or Connect is forbidden; a change of another line raises
+/// `wire::MAJOR`, a new message `wire::MINOR`. Other hosts and insoles have these bytes built in.
+#[test]
+fn bytes_of_this_version() {
+    assert_eq!((MAJOR, MINOR), (1, 0), "new version: add its bytes here");
+    let golden = [
+        ("hello", framed(&ToHost::Hello(Hello { major: 1, minor: 0, ..hello() })), HELLO),
+        ("live", framed(&ToHost::Live(live(300))), LIVE),
+        ("step", framed(&ToHost::Step(step(41))), STEP),
+        ("status", framed(&ToHost::Status(status())), STATUS),
+        ("connect", framed(&ToDevice::Connect { major: 1, minor: 0 }), CONNECT),
+        ("stream", framed(&ToDevice::Stream { live: true }), STREAM),
+        ("acknowledge", framed(&ToDevice::Acknowledge { step: 41 }), ACKNOWLEDGE),
+        ("get status", framed(&ToDevice::GetStatus), GET_STATUS),
+    ];
+    for (name, bytes, expected) in golden {
+        assert_eq!(hex(&bytes), expected, "{name}");
+    }
+}
+
+const HELLO: &str =
+    "0102011705302e312e30047465737401f8acd19101c801904e4d010320410103f0400101011104010961742061206c696e65f2c164b700";
+const LIVE: &str = "4f01ac0290b298d0124002e803d007b80ba00fe903d107b90ba10fea03d207ba0ba20feb03d307bb0ba30fec03d407bc0ba40fed03d507bd0ba50fee03d607be0ba60fef03d707bf0ba70facceb9b700";
+const STEP: &str = "0302290e80e497d012c0c029904e028104010320410103f04001144842e8034c04b00414057805dc054006bc02c81e2c0170fe340898083efe6c07e9034d04b10415057905dd054106bd02c91e2d016ffe350899083ffe6d07ea034e04b20416057a05de054206be02ca1e2e016efe36089a0840fe6e07eb034f04b30417057b05df054306bf02cb1e2f016dfe37089b0841fe6f07ec035004b40418057c05e0054406c002cc1e30016cfe38089c0842fe7007ed035104b50419057d05e1054506c102cd1e31016bfe39089d0843fe7107ee035204b6041a057e05e2054606c202ce1e32016afe3a089e0844fe7207ef035304b7041b057f05e3054706c302cf11330169fe3b089f0845fe7307ab8b9e7200";
+const STATUS: &str = "210380f882ad16d8040102ac02ab020c0304050607c0b80290bf058010d549dbaa00";
+const CONNECT: &str = "0102010553e85ae600";
+const STREAM: &str = "0701012813c52f00";
+const ACKNOWLEDGE: &str = "07022911e85d3100";
+const GET_STATUS: &str = "060337be0b4b00";
+
+/// Values beyond the wire's units are cut to them, whatever their size.
+#[test]
+fn live_values_are_rounded_and_cut() {
+    let mut insole = Insole::<f64, 1>::new();
+    insole.set_up(Setup { ..host_tests::SETUP }, [cell(Region::Heel, 0.0, 0.0, 25.0)].into_iter()).expect("set-up");
+    let mut loads = *insole.loads();
+    // Newton and its tenth on the wire.
+    let cases = [
+        (0.0, 0),
+        (0.04, 0),
+        (0.06, 1),
+        (123.44, 1234),
+        (123.46, 1235),
+        (6553.5, 65535),
+        (1e9, 65535),
+        (-5.0, 0),
+        (f64::NAN, 0),
+    ];
+    for (force_n, wire_dn) in cases {
+        loads[3].tissue.model_n = force_n;
+        loads[3].tissue.deformation_m = force_n * 1e-7;
+        loads[3].frame = RegionFrame {
+            area: AreaMoments::NONE,
+            force: ForceMoments { force_n, ..ForceMoments::NONE },
+            saturated: true,
+        };
+        loads[5].tissue.clamped = true;
+        let live = Live::new(9, 10, &loads);
+        let region = LiveRegion { area_mm2: 0, deformation_um: wire_dn, model_dn: wire_dn, measured_dn: wire_dn };
+        let deformation_um = (force_n * 0.1).max(0.0).round().min(65535.0) as u16;
+        assert_eq!(live.regions[3], LiveRegion { deformation_um, ..region }, "{force_n} N");
+        assert_eq!((live.sequence, live.t_us, live.saturated, live.clamped), (9, 10, 1 << 3, 1 << 5));
+    }
+}
