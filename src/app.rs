@@ -199,10 +199,10 @@ impl Session {
     /// Counts that stand still when scanning, processing or the link does.
     fn progress(&self) -> [u32; 3] {
         let count = |counter: &AtomicU32| counter.load(Ordering::Relaxed);
-        // A scan that times out or finds no room is progress of scanning, though not of processing.
-        let scanned =
-            count(&self.frames).wrapping_add(count(&self.scan.missed)).wrapping_add(count(&self.scan.overrun));
-        [scanned, count(&self.frames), count(&self.link_turns)]
+        // A matrix that does not answer is counted and reported, not reset: processing has nothing to do then.
+        let processed = count(&self.frames).wrapping_add(count(&self.scan.missed));
+        let scanned = processed.wrapping_add(count(&self.scan.overrun));
+        [scanned, processed, count(&self.link_turns)]
     }
 
     fn status(&self) -> Status {
@@ -245,8 +245,10 @@ pub async fn process(
         frames.receive_done();
         {
             let mut counters = session.counters.borrow_mut();
-            let (least, most) = counters.frame_cycles;
-            counters.frame_cycles = (least.min(cycles), most.max(cycles));
+            if insole.on_ground() {
+                let (least, most) = counters.frame_cycles;
+                counters.frame_cycles = (least.min(cycles), most.max(cycles));
+            }
             counters.rejected = insole.rejected();
         }
         if toe_off {

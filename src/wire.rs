@@ -67,7 +67,7 @@ pub enum ToDevice {
     GetStatus,
 }
 
-/// Who speaks. This message never changes.
+/// Who speaks. This message never changes, nor do [`ContactRule`] and [`Reset`] within it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hello {
     /// Protocol version of the insole.
@@ -307,7 +307,7 @@ pub struct Status {
     pub rejected: Rejected,
     /// Frames received with a wrong CRC or no known message.
     pub bad_frames: u32,
-    /// Processor cycles of a frame, codes to encoded live message: least and most so far.
+    /// Processor cycles of a frame with the foot on the ground, codes to encoded live message: least and most so far.
     pub frame_cycles: (u32, u32),
     /// Deepest use of the main stack so far, bytes.
     pub stack_bytes: u32,

@@ -19,7 +19,7 @@ const SCANS: u32 = 200;
 /// One instruction takes a nanosecond of the emulator's time, a SysTick cycle 1/168 MHz.
 const NS_PER_CYCLE: f64 = 1000.0 / 168.0;
 
-/// The same frame over and over, every cell of every region loaded.
+/// A foot that comes down in the second frame and stays: the same frame over and over, every cell of every region loaded.
 struct Loaded(Vec<u16>);
 
 impl Walk for Loaded {
@@ -27,8 +27,10 @@ impl Walk for Loaded {
         SCANS
     }
 
-    fn scan(&mut self, _: u32, codes: &mut [u16]) -> Scan {
-        codes.copy_from_slice(&self.0);
+    fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
+        if seq > 0 {
+            codes.copy_from_slice(&self.0);
+        }
         Scan::Whole
     }
 }
