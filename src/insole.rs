@@ -73,7 +73,7 @@ pub struct Tissue {
     pub gauges: [Gauge<f32>; 8],
 }
 
-/// Why a set-up was refused; the one before stays in force only if nothing of the new one was taken, so set up again.
+/// Why a set-up was refused; the one before stays in force.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SetupError {
     /// The frame period is outside of [`PERIOD_US`].

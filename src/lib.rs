@@ -5,35 +5,34 @@
 #![no_std]
 #![warn(missing_docs)]
 
-pub mod num; // the only file with unsafe code: one square root instruction
+pub mod num; // one square root instruction: the only unsafe code of the data path
 
 #[forbid(unsafe_code)]
 pub mod calibrate;
 #[forbid(unsafe_code)]
 pub mod contact;
 #[forbid(unsafe_code)]
-pub mod ellipse;
-#[forbid(unsafe_code)]
-pub mod insole;
-#[forbid(unsafe_code)]
-pub mod link;
-#[forbid(unsafe_code)]
-pub mod live;
-#[forbid(unsafe_code)]
-pub mod model;
-#[forbid(unsafe_code)]
 pub mod region;
-#[forbid(unsafe_code)]
-pub mod smooth;
-#[forbid(unsafe_code)]
-pub mod stance;
-#[forbid(unsafe_code)]
-pub mod step;
 #[forbid(unsafe_code)]
 pub mod template;
 #[forbid(unsafe_code)]
+pub mod ellipse;
+#[forbid(unsafe_code)]
+pub mod model;
+#[forbid(unsafe_code)]
+pub mod live;
+#[forbid(unsafe_code)]
+pub mod stance;
+#[forbid(unsafe_code)]
+pub mod smooth;
+#[forbid(unsafe_code)]
+pub mod step;
+#[forbid(unsafe_code)]
+pub mod insole;
+#[forbid(unsafe_code)]
 pub mod wire;
-
+#[forbid(unsafe_code)]
+pub mod link;
 #[forbid(unsafe_code)]
 pub mod emulation;
 
@@ -41,7 +40,7 @@ pub mod emulation;
 #[forbid(unsafe_code)]
 pub mod app;
 #[cfg(feature = "device")]
-pub mod device;
+pub mod device; // below the data path: stack and panic memory of the boards
 
 pub use num::Real;
 pub use region::{Region, Side};

@@ -11,7 +11,8 @@ use crate::stance::STANCE_SAMPLES;
 /// One region's part in a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RegionStep<R> {
-    /// Largest force that the cells measured, N.
+    /// Largest force that the cells measured in a sample of the curve (every frame up to 256 of them, see
+    /// [`StepRecord::sample_us`]), N.
     pub measured_peak_n: R,
     /// Largest model force, N.
     pub model_peak_n: R,
@@ -19,7 +20,7 @@ pub struct RegionStep<R> {
     pub measured_integral_n_s: R,
     /// Force-time integral of the model force, N s.
     pub model_integral_n_s: R,
-    /// Largest contact area, unsmoothed, mm2.
+    /// Largest contact area in a sample of the curve, unsmoothed, mm2.
     pub area_peak_mm2: R,
     /// Largest tissue deformation of the model, m.
     pub deformation_peak_m: R,

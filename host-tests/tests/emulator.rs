@@ -43,6 +43,9 @@ impl Walk for Played {
     }
 }
 
+/// Reads of 50 ms without a message after which the board has stopped.
+const SILENT_READS: usize = 400;
+
 /// A session with the board that feels `recording`; time stands still until [`Board::play`].
 struct Session {
     board: Board,
@@ -65,21 +68,30 @@ impl Session {
         Some(Self { board, client, scans })
     }
 
+    /// The next message; a board that stays silent for long has stopped.
+    fn next(&mut self) -> ToHost {
+        for _ in 0..SILENT_READS {
+            if let Some(message) = self.client.receive().expect("the link holds") {
+                return message;
+            }
+        }
+        panic!("the board has fallen silent");
+    }
+
     /// All that is sent until every scan is accounted for.
     fn finish(&mut self) -> Received {
         let mut received = Received::default();
         loop {
             self.client.send(ToDevice::GetStatus).expect("the link holds");
             let status = loop {
-                match self.client.receive().expect("the link holds") {
-                    Some(ToHost::Status(status)) => break status,
-                    Some(ToHost::Live(live)) => received.live.push(live),
-                    Some(ToHost::Step(step)) => {
+                match self.next() {
+                    ToHost::Status(status) => break status,
+                    ToHost::Live(live) => received.live.push(live),
+                    ToHost::Step(step) => {
                         self.client.send(ToDevice::Acknowledge { step: step.step }).expect("the link holds");
                         received.steps.push(step);
                     }
-                    Some(ToHost::Hello(hello)) => panic!("the insole restarted: {:?}", hello.last_panic),
-                    None => {}
+                    ToHost::Hello(hello) => panic!("the insole restarted: {:?}", hello.last_panic),
                 }
             };
             if status.frames + status.frames_missed + status.frames_overrun >= self.scans {
@@ -248,7 +260,7 @@ fn steps_are_kept_until_they_are_acknowledged() {
     session.board.play();
     let mut sent = Vec::new();
     while sent.len() < 3 {
-        if let Some(ToHost::Step(step)) = session.client.receive().expect("the link holds") {
+        if let ToHost::Step(step) = session.next() {
             sent.push(step);
         }
     }
@@ -293,7 +305,7 @@ fn the_hello_says_who_speaks() {
     assert_eq!((hello.board.as_str(), hello.last_panic.as_deref()), ("emulated", None));
 }
 
-/// A set-up that the board refuses is a panic with a reason, which the next hello carries.
+/// A board that refuses its set-up still talks, and says why.
 #[test]
 fn a_refused_set_up_is_reported_in_the_hello() {
     let Some(firmware) = firmware() else { return };

@@ -1,4 +1,4 @@
-"""The stages of a replay as one would write them with NumPy: calibrate, contact with hysteresis, areas, forces, centres of
+"""The stages of a replay as one would write them with NumPy: codes of the virtual sensor, calibrate, contact with hysteresis, areas, forces, centres of
 pressure, second moments, live model, and per step the paper's smoothing and model. Prints seconds, steps and the peak live
 model force of every region.
 """
@@ -14,7 +14,7 @@ ON_KPA, OFF_KPA = 10.0, 7.5
 STRIKE_N, RELEASE_N, MIN_SWING_S = 30.0, 20.0, 0.04
 
 cells = np.fromfile(f"{folder}/cells.f32", np.float32).reshape(-1, 5)
-codes = np.fromfile(f"{folder}/codes.u16", np.uint16).reshape(-1, len(cells))
+recorded_kpa = np.fromfile(f"{folder}/pressure.f32", np.float32).reshape(-1, len(cells))
 gauges = np.fromfile(f"{folder}/gauges.f32", np.float32).reshape(8, 6).astype(np.float64)
 x, y, area, region, gain = cells.T
 membership = (region[:, None] == np.arange(8)).astype(np.float32)
@@ -32,7 +32,8 @@ def force(gauge, g, rate):
 
 start = time.perf_counter()
 
-pressure = full_kpa * (codes.astype(np.float32) / FULL_CODE) ** (1 / exponent) * gain
+codes = np.rint(FULL_CODE * (recorded_kpa / np.float32(full_kpa)) ** np.float32(exponent)).astype(np.uint16)
+pressure = full_kpa * (codes.astype(np.float32) / FULL_CODE) ** np.float32(1 / exponent) * gain
 on, off = pressure >= ON_KPA, pressure >= OFF_KPA
 loaded = np.empty_like(on)
 state = np.zeros(len(cells), bool)

@@ -16,6 +16,8 @@ use std::time::Duration;
 
 const CELLS: usize = 240;
 const SCANS: u32 = 200;
+/// Reads of 50 ms without a message after which the board has stopped.
+const SILENT_READS: u32 = 400;
 /// One instruction takes a nanosecond of the emulator's time, a SysTick cycle 1/168 MHz.
 const NS_PER_CYCLE: f64 = 1000.0 / 168.0;
 
@@ -82,9 +84,14 @@ pub fn walk_through(firmware: &Path, worn: &VirtualInsole, time: Time, walk: imp
     board.play();
     loop {
         client.send(ToDevice::GetStatus)?;
+        let mut silent = 0;
         let status = loop {
-            if let Some(ToHost::Status(status)) = client.receive()? {
-                break status;
+            match client.receive()? {
+                Some(ToHost::Status(status)) => break status,
+                Some(ToHost::Hello(hello)) => bail!("the board restarted: {:?}", hello.last_panic),
+                Some(_) => silent = 0,
+                None if silent > SILENT_READS => bail!("the board has fallen silent"),
+                None => silent += 1,
             }
         };
         if status.frames >= scans {

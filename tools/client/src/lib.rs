@@ -109,8 +109,9 @@ impl<C: Read + Write> Client<C> {
                     }
                     return Ok(());
                 }
+                // The answer to a hello that was said twice.
+                Some(ToHost::Hello(_)) | None => {}
                 Some(message) => meanwhile.push(message),
-                None => {}
             }
         }
         Err(Error::NoAnswer(ANSWER, self.messages.damaged()))
@@ -145,7 +146,11 @@ impl<C: Read + Write> Client<C> {
                 }
                 self.delivered.push_back(*step);
             }
-            ToHost::Status(status) => self.frames_sent = status.live_sent,
+            ToHost::Status(status) => {
+                self.frames_sent = status.live_sent;
+                // A status comes after all that was due: this also finds what was lost before the first frame or after the last.
+                self.frames_lost = self.frames_lost.max(status.live_due.saturating_sub(self.frames_received));
+            }
             // What follows is another session.
             ToHost::Hello(_) => self.next_live = None,
         }

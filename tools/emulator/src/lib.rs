@@ -43,7 +43,7 @@ pub enum Error {
     )]
     NoQemu,
     /// The firmware file is missing.
-    #[error("no firmware at {0}: build it with `cargo xtask build`")]
+    #[error("no firmware at {0}: build it with `cargo xtask build`, or name it with --firmware")]
     NoFirmware(PathBuf),
     /// QEMU ended before it connected.
     #[error("the emulator ended before the board was up: {0}")]
@@ -58,7 +58,7 @@ pub enum Error {
 
 /// A running board. It stops when this is dropped.
 pub struct Board {
-    qemu: Child,
+    _qemu: Qemu,
     plant: Plant,
     link: TcpStream,
     // Dropped last: QEMU and the plant use it.
@@ -103,22 +103,14 @@ impl Board {
         if time == Time::Counted {
             command.args(["-icount", "shift=0"]);
         }
-        let mut qemu = command.spawn().map_err(|e| match e.kind() {
+        let mut qemu = Qemu(command.spawn().map_err(|e| match e.kind() {
             io::ErrorKind::NotFound => Error::NoQemu,
             _ => Error::Io(e),
-        })?;
-        let connected = link.accept(&mut qemu).and_then(|link| Ok((link, plant.accept(&mut qemu)?)));
-        let (link, plant) = match connected {
-            Ok(connected) => connected,
-            Err(error) => {
-                // Nothing is lost: it never ran.
-                let _ = qemu.kill();
-                let _ = qemu.wait();
-                return Err(error);
-            }
-        };
+        })?);
+        let link = link.accept(&mut qemu.0)?;
+        let plant = plant.accept(&mut qemu.0)?;
         let plant = Plant::start(plant, &file(MATRIX_FILE), walk)?;
-        Ok(Self { qemu, plant, link, _directory: directory })
+        Ok(Self { _qemu: qemu, plant, link, _directory: directory })
     }
 
     /// The board's link, a byte stream in both directions.
@@ -137,11 +129,14 @@ impl Board {
     }
 }
 
-impl Drop for Board {
+/// The emulator's process; it ends with this.
+struct Qemu(Child);
+
+impl Drop for Qemu {
     fn drop(&mut self) {
         // It may have ended by itself.
-        let _ = self.qemu.kill();
-        let _ = self.qemu.wait();
+        let _ = self.0.kill();
+        let _ = self.0.wait();
     }
 }
 

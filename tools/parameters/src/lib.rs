@@ -111,7 +111,12 @@ impl Parameters {
         }
         // Every slot was filled or the function left.
         let regions = regions.map(|region| region.expect("filled above"));
-        Ok(Self { subject: file.subject, personal: file.personal, regions })
+        let parameters = Self { subject: file.subject, personal: file.personal, regions };
+        if let Some(i) = parameters.tissue().gauges.iter().position(|gauge| !gauge.is_valid()) {
+            let problem = "has values that single precision does not hold: check k_n_m3, c_n_s_m3 and the exponents";
+            return Err(wrong(Region::ALL[i].name(), problem.into()));
+        }
+        Ok(parameters)
     }
 
     /// Writes a commented file.
@@ -181,9 +186,9 @@ impl FileRegion {
     fn check(&self) -> Result<Ellipsoid<f64>, String> {
         let lengths = [("a_mm", self.a_mm), ("b_mm", self.b_mm), ("c_mm", self.c_mm), ("d0_mm", self.d0_mm)];
         for (name, value) in lengths {
-            if !(value > 0.0 && value <= 200.0) {
+            if !(0.1..=200.0).contains(&value) {
                 return Err(format!(
-                    "{name} = {value}: a length above 0 and up to 200 mm is needed, so that pi A B is positive"
+                    "{name} = {value}: a length from 0.1 to 200 mm is needed, so that pi A B is positive"
                 ));
             }
         }

@@ -10,7 +10,7 @@ use client::{Client, step_to_json};
 use emulator::{Board, Recorded, Time};
 use plantar::emulation::Head;
 use plantar::insole::{DEVICE_CELLS, Insole};
-use plantar::wire::{Status, Step, ToDevice, ToHost};
+use plantar::wire::{Hello, Status, Step, ToDevice, ToHost};
 use recording::Recording;
 use std::net::TcpStream;
 use std::path::PathBuf;
@@ -68,7 +68,9 @@ impl Emulate {
         let tissue = self.wearer.parameters()?.tissue();
         let worn = self.contact.insole(&recording)?;
         // What the board would refuse is refused here, where there is room to say it.
-        Insole::<f32, DEVICE_CELLS>::new().set_up(worn.setup, worn.cells.iter().copied())?;
+        let mut insole = Insole::<f32, DEVICE_CELLS>::new();
+        let accepted = insole.set_up(worn.setup, worn.cells.iter().copied()).and_then(|()| insole.set_tissue(&tissue));
+        accepted.with_context(|| format!("{} cannot be worn", self.recording.display()))?;
         let head = Head { setup: worn.setup, tissue, paced: false };
         let cells = worn.cells.clone();
         let seconds = recording.frames() as f64 / recording.rate_hz;
@@ -116,6 +118,7 @@ impl Emulate {
         let mut asked = false;
         let mut heard = Instant::now();
         loop {
+            let mut is_silent = false;
             match client.receive()? {
                 Some(ToHost::Live(live)) => view.live(&live, client.counters())?,
                 Some(ToHost::Step(step)) => {
@@ -133,18 +136,15 @@ impl Emulate {
                     }
                     asked = false;
                 }
-                Some(ToHost::Hello(_)) => bail!("the insole restarted"),
+                Some(ToHost::Hello(hello)) => bail!(restarted(&hello)),
                 None if heard.elapsed() > SILENCE => {
-                    let hello = client.reconnect(ANSWER).context("the insole has fallen silent")?;
-                    bail!(
-                        "the insole restarted: {:?}, {}",
-                        hello.reset,
-                        hello.last_panic.as_deref().unwrap_or("no panic")
-                    )
+                    bail!(restarted(client.reconnect(ANSWER).context("the insole has fallen silent")?))
                 }
-                None => continue,
+                None => is_silent = true,
             }
-            heard = Instant::now();
+            if !is_silent {
+                heard = Instant::now();
+            }
             if !asked && (board.plant().scans() >= scans || self.has_enough(&steps) || view.wants_to_end()?) {
                 asked = true;
                 client.send(ToDevice::GetStatus)?;
@@ -155,4 +155,9 @@ impl Emulate {
     fn has_enough(&self, steps: &[Step]) -> bool {
         self.steps.is_some_and(|limit| steps.len() >= limit)
     }
+}
+
+fn restarted(hello: &Hello) -> String {
+    let why = hello.last_panic.as_deref().unwrap_or("no fault reported");
+    format!("the insole restarted ({:?}, {why}): its steps so far are lost", hello.reset)
 }

@@ -6,14 +6,15 @@ use parquet::data_type::DoubleType;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
+use plantar::contact::ContactRule;
 use plantar::insole::Insole;
 use plantar::{Real, Region};
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Columns of one region; each is `<region>_<name>`.
-const REGION_COLUMNS: [&str; 11] = [
+const REGION_COLUMNS: [&str; 13] = [
     "area_mm2",
     "measured_force_n",
     "deformation_mm",
@@ -25,13 +26,20 @@ const REGION_COLUMNS: [&str; 11] = [
     "ellipse_r_a_mm",
     "ellipse_r_b_mm",
     "ellipse_angle_deg",
+    "saturated",
+    "clamped",
 ];
+
+/// The rule that areas were counted by, the same in every row.
+const RULE_COLUMNS: [&str; 3] = ["contact_on_kpa", "contact_off_kpa", "contact_full_kpa"];
 
 /// Rows of one Parquet row group.
 const GROUP: usize = 16_384;
 
 /// Writes live values as they come.
 pub struct FrameWriter {
+    path: PathBuf,
+    rule: ContactRule,
     sink: Sink,
     row: Vec<Option<f64>>,
 }
@@ -43,7 +51,7 @@ enum Sink {
 
 impl FrameWriter {
     /// A file by its ending, .csv or .parquet.
-    pub fn create(path: &Path) -> Result<Self> {
+    pub fn create(path: &Path, rule: ContactRule) -> Result<Self> {
         let names = column_names();
         let create = || File::create(path).with_context(|| format!("cannot write {}", path.display()));
         let sink = match path.extension().and_then(|e| e.to_str()) {
@@ -64,7 +72,7 @@ impl FrameWriter {
             }
             _ => bail!("{}: give the file the ending .csv or .parquet", path.display()),
         };
-        Ok(Self { sink, row: Vec::with_capacity(names.len()) })
+        Ok(Self { path: path.into(), rule, sink, row: Vec::with_capacity(names.len()) })
     }
 
     /// The values of the insole's last frame at time `t_s`.
@@ -89,8 +97,17 @@ impl FrameWriter {
                 ellipse.map(|e| e.r_a_mm.to_f64()),
                 ellipse.map(|e| e.r_b_mm.to_f64()),
                 ellipse.map(|e| f64::from(e.angle_deg())),
+                Some(f64::from(u8::from(load.frame.saturated))),
+                Some(f64::from(u8::from(load.tissue.clamped))),
             ]);
         }
+        let ContactRule { on_kpa, off_kpa, full_kpa } = self.rule;
+        row.extend([on_kpa, off_kpa, full_kpa].map(|kpa| Some(f64::from(kpa))));
+        self.write_row().with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    fn write_row(&mut self) -> Result<()> {
+        let row = &self.row;
         match &mut self.sink {
             Sink::Csv(file) => {
                 let fields = row.iter().map(|value| value.map(|v| v.to_string()).unwrap_or_default());
@@ -110,21 +127,21 @@ impl FrameWriter {
 
     /// Writes what is left and closes the file.
     pub fn finish(self) -> Result<()> {
-        match self.sink {
-            Sink::Csv(mut file) => file.flush()?,
+        let closed = match self.sink {
+            Sink::Csv(mut file) => file.flush().map_err(Into::into),
             Sink::Parquet { mut file, mut columns } => {
-                write_group(&mut file, &mut columns)?;
-                file.close()?;
+                write_group(&mut file, &mut columns).and_then(|()| file.close().map(drop).map_err(Into::into))
             }
-        }
-        Ok(())
+        };
+        closed.with_context(|| format!("cannot write {}", self.path.display()))
     }
 }
 
 fn column_names() -> Vec<String> {
     let regions =
         Region::ALL.iter().flat_map(|r| REGION_COLUMNS.iter().map(move |column| format!("{}_{column}", r.name())));
-    ["t_s".into(), "total_force_n".into()].into_iter().chain(regions).collect()
+    let rule = RULE_COLUMNS.iter().map(|column| (*column).into());
+    ["t_s".into(), "total_force_n".into()].into_iter().chain(regions).chain(rule).collect()
 }
 
 /// Writes the columns as one row group and empties them.

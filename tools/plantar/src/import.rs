@@ -146,6 +146,9 @@ impl Import {
 impl Out {
     fn write(&self, mut recording: Recording, path: &Path) -> Result<()> {
         if let Some(rate_hz) = self.rate {
+            if !(20.0..=500.0).contains(&rate_hz) {
+                bail!("--rate {rate_hz}: 20 to 500 frames a second are understood");
+            }
             recording = recording.at_rate(rate_hz)?;
         }
         if let Some(cells) = self.cells {

@@ -10,11 +10,12 @@ use plantar::wire::{Step, ToDevice, ToHost};
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::PathBuf;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Shows the eight regional loads as they come, and a table of the steps at the end.
 ///
-/// Press q or Ctrl-C to end. Steps stay on the insole until they have arrived here.
+/// In a terminal press q or Ctrl-C to end. Steps stay on the insole until they have arrived here and, with --json, are
+/// written.
 #[derive(Args)]
 pub struct Monitor {
     /// Network address of an insole, HOST:PORT.
@@ -29,13 +30,15 @@ pub struct Monitor {
     /// End after this many steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
-    /// Write one object a step to this file at the end.
+    /// Write one object a step to this file, as the steps come.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
 /// Longest silence of a carrier before control comes back to look at the keyboard.
 pub const PATIENCE: Duration = Duration::from_millis(50);
+/// A stream that is silent for longer has ended.
+const SILENCE: Duration = Duration::from_secs(2);
 /// An insole answers a hello within this time.
 pub const ANSWER: Duration = Duration::from_secs(5);
 
@@ -57,30 +60,40 @@ impl Monitor {
     fn watch(&self, carrier: impl Read + Write) -> Result<()> {
         let mut client = Client::connect(carrier, ANSWER)?;
         let mut view = View::open(client.hello())?;
-        client.stream()?;
-        let mut steps: Vec<Step> = Vec::new();
-        let mut outcome = Ok(());
-        while !view.wants_to_end()? && self.steps.is_none_or(|limit| steps.len() < limit) {
-            match client.receive() {
-                Ok(Some(ToHost::Live(live))) => view.live(&live, client.counters())?,
-                Ok(Some(ToHost::Step(step))) => {
-                    client.send(ToDevice::Acknowledge { step: step.step })?;
-                    view.step(&step)?;
-                    steps.push(step);
-                }
-                Ok(_) => {}
-                Err(error) => {
-                    outcome = Err(error.into());
-                    break;
-                }
-            }
-        }
+        let mut steps = Vec::new();
+        let outcome = self.follow(&mut client, &mut view, &mut steps);
         view.close();
         summary::print(&steps);
-        if let Some(path) = &self.json {
-            write_json(path, &steps)?;
-        }
         outcome
+    }
+
+    fn follow<C: Read + Write>(&self, client: &mut Client<C>, view: &mut View, steps: &mut Vec<Step>) -> Result<()> {
+        client.stream()?;
+        let mut heard = Instant::now();
+        while !view.wants_to_end()? && self.steps.is_none_or(|limit| steps.len() < limit) {
+            match client.receive()? {
+                Some(ToHost::Live(live)) => view.live(&live, client.counters())?,
+                Some(ToHost::Step(step)) => {
+                    steps.push(step);
+                    // Stored first: once it is acknowledged the insole forgets it.
+                    if let Some(path) = &self.json {
+                        write_json(path, steps)?;
+                    }
+                    client.send(ToDevice::Acknowledge { step: step.step })?;
+                    view.step(&step)?;
+                }
+                Some(_) => {}
+                None if heard.elapsed() > SILENCE => {
+                    // It may have restarted, and then waits for a hello.
+                    let hello = client.reconnect(ANSWER).context("the insole has fallen silent")?;
+                    view.restarted(hello);
+                    client.stream()?;
+                }
+                None => continue,
+            }
+            heard = Instant::now();
+        }
+        Ok(())
     }
 }
 

@@ -26,7 +26,7 @@ pub struct Replay {
     wearer: Wearer,
     #[command(flatten)]
     contact: Contact,
-    /// Arithmetic: f32 as on the device, or f64.
+    /// Arithmetic: f32 as on the device, or f64. Steps are written in the wire's units either way; --frames has all digits.
     #[arg(long, value_enum, default_value_t = Precision::F32)]
     precision: Precision,
     /// Write one object a step to this file: side, number, start, duration and, per region, every quantity with its unit.
@@ -68,9 +68,10 @@ impl Replay {
 
     fn replay<R: Real>(&self, recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> Result<Vec<Step>> {
         let mut insole = Box::new(Insole::<R, MAX_CELLS>::new());
-        insole.set_up(worn.setup, worn.cells.iter().copied())?;
-        insole.set_tissue(tissue)?;
-        let mut frames = self.frames.as_deref().map(FrameWriter::create).transpose()?;
+        let accepted = insole.set_up(worn.setup, worn.cells.iter().copied()).and_then(|()| insole.set_tissue(tissue));
+        accepted.with_context(|| format!("{} cannot be worn", self.recording.display()))?;
+        let mut frames =
+            self.frames.as_deref().map(|path| FrameWriter::create(path, worn.setup.contact)).transpose()?;
         let mut drawing = self.picture.is_some().then(picture::Drawing::default);
         let count = worn.frames(recording);
         let bar = progress(count as u64, "frames");
@@ -80,7 +81,7 @@ impl Replay {
             worn.codes_of(recording, i, &mut codes);
             let toe_off = insole.frame(i as u32, &codes);
             if let Some(frames) = frames.as_mut().filter(|_| i < recording.frames()) {
-                frames.push(f64::from(worn.setup.period_us) * 1e-6 * i as f64, &insole)?;
+                frames.push(recording.t_s[i], &insole)?;
             }
             if let Some(drawing) = &mut drawing {
                 drawing.push(&insole);

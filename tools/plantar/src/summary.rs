@@ -24,13 +24,25 @@ pub fn print(steps: &[Step]) {
             format!("{:.2}", f64::from(step.duration_us) / 1e6),
         ];
         row.extend(step.regions.iter().enumerate().map(|(i, r)| {
-            let saturated = if step.saturated >> i & 1 == 1 { ">" } else { "" };
-            format!("{saturated}{:.0} / {:.0}", f64::from(r.measured_peak_dn) / 10.0, f64::from(r.model_peak_dn) / 10.0)
+            let mark = |bits: u8, mark| if bits >> i & 1 == 1 { mark } else { "" };
+            format!(
+                "{}{:.0} / {}{:.0}",
+                mark(step.saturated, ">"),
+                f64::from(r.measured_peak_dn) / 10.0,
+                mark(step.clamped, "*"),
+                f64::from(r.model_peak_dn) / 10.0
+            )
         }));
         table.add_row(row);
     }
     align(&mut table);
     println!("Peak force a step, measured / model:\n{table}");
+    if steps.iter().any(|step| step.saturated != 0) {
+        println!("> a cell was at the end of its scale: the force is at least this");
+    }
+    if steps.iter().any(|step| step.clamped != 0) {
+        println!("* the contact was larger than the ellipsoid: the model is cut there");
+    }
 
     let mut table = self::table();
     table.set_header([

@@ -65,6 +65,15 @@ impl View {
         })
     }
 
+    /// Says that the insole started anew, and why.
+    pub fn restarted(&mut self, hello: &Hello) {
+        let why = hello.last_panic.as_deref().unwrap_or("no fault reported");
+        self.title = format!(" restarted ({:?}, {why}) ", hello.reset);
+        if self.terminal.is_none() {
+            println!("the insole{}", self.title.trim_end());
+        }
+    }
+
     /// Shows a frame.
     pub fn live(&mut self, live: &Live, counters: LinkCounters) -> Result<()> {
         self.live = *live;
@@ -124,7 +133,11 @@ impl View {
                 (true, _) => Span::styled("█", Style::new().fg(Color::Cyan)),
                 _ => Span::raw(" "),
             });
-            let flag = if self.live.saturated >> i & 1 == 1 { "saturated" } else { "" };
+            let flag = match (self.live.saturated >> i & 1, self.live.clamped >> i & 1) {
+                (1, _) => "saturated",
+                (_, 1) => "beyond the ellipsoid",
+                _ => "",
+            };
             let numbers = format!(
                 "{name:<10} {:>8.1} {:>8.1} {:>9} {:>8.2}  ",
                 f64::from(r.measured_dn) / 10.0,

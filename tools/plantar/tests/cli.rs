@@ -115,6 +115,7 @@ fn live_values_come_as_csv_with_a_column_a_quantity() {
     assert!((number("heel_cop_x_mm") - 35.0).abs() < 0.01);
     assert!((number("heel_ellipse_r_a_mm") - 11.547).abs() < 0.01);
     assert_eq!(&rows[5][column("heel_cop_x_mm")], "", "no centre of pressure without force");
+    assert_eq!((number("contact_on_kpa"), number("heel_clamped"), number("t_s")), (10.0, 0.0, 0.4));
 }
 
 #[test]
@@ -135,6 +136,8 @@ fn bad_recordings_name_the_file_the_line_and_the_remedy() {
         ("0,30,20,100,heel", "0,30,20,100,knee", ["layout.csv:2", "knee"]),
         ("1,40,20,100,heel", "1,31,20,100,heel", ["layout.csv:3", "overlap"]),
         ("1,40,20,100,heel\n", "", ["layout.csv", "1"]),
+        ("1,40,20,100,heel", "1,40,20,0.01,heel", ["layout.csv: cell 1", "0.0625"]),
+        ("1,40,20,100,heel", "1,40000,20,100,heel", ["layout.csv: cell 1", "within 10 m"]),
     ] {
         std::fs::write(path.join("layout.csv"), good.replacen(from, to, 1)).expect("written");
         fail(&path, IMPORT, &words);
@@ -159,6 +162,7 @@ fn bad_parameters_name_the_file_the_region_and_the_remedy() {
         (good.replacen("[regions.hallux]", "[regions.thumb]", 1), ["thumb", "hallux"]),
         (good.replacen(&a_of_heel, "a_mm = wide", 1), ["params.toml", "a_mm"]),
         (good.replacen("version = 1", "version = 9", 1), ["version 9", "update"]),
+        (good.replacen("k_n_m3 = ", "k_n_m3 = 1e300 # ", 1), ["heel", "single precision"]),
     ] {
         std::fs::write(path.join("params.toml"), text).expect("written");
         fail(&path, "replay walk.parquet --params params.toml", &words);

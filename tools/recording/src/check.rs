@@ -1,6 +1,7 @@
 //! The rules every recording keeps, whether it was read, imported or is about to be written.
 
 use crate::{Error, Layout, MAX_CELLS, Recording, Result};
+use plantar::region::{MAX_CELL_MM2, MIN_CELL_MM2};
 
 /// What a message points at; the caller turns it into a file with a line, row or column.
 #[derive(Clone, Copy)]
@@ -25,22 +26,28 @@ pub fn recording(recording: &Recording, place: &dyn Fn(At) -> String) -> Result<
     pressures(&recording.pressure_kpa, cells, place)
 }
 
+/// Cells lie within this distance of the origin along an axis, mm; further is another unit.
+const FARTHEST_MM: f64 = 10_000.0;
+/// Pressures beyond this, kPa, are another unit: ten times what a hard edge under a heel gives.
+const LARGEST_KPA: f32 = 50_000.0;
+
 /// Checks the number of cells and their geometry.
-fn layout(layout: &Layout, place: &str) -> Result<()> {
+pub fn layout(layout: &Layout, place: &str) -> Result<()> {
     cell_count(layout.cells.len(), place)?;
     for (i, cell) in layout.cells.iter().enumerate() {
-        if !(cell.x_mm.is_finite() && cell.y_mm.is_finite()) {
+        if !(cell.x_mm.abs() <= FARTHEST_MM && cell.y_mm.abs() <= FARTHEST_MM) {
             return Err(Error::content(
                 place,
                 format!("cell {i} lies at ({}, {}) mm", cell.x_mm, cell.y_mm),
-                "give every cell finite coordinates",
+                "give every cell coordinates in mm, within 10 m",
             ));
         }
-        if !(cell.area_mm2.is_finite() && cell.area_mm2 > 0.0) {
+        let (least_mm2, most_mm2) = (f64::from(MIN_CELL_MM2), f64::from(MAX_CELL_MM2));
+        if !(least_mm2..=most_mm2).contains(&cell.area_mm2) {
             return Err(Error::content(
                 place,
                 format!("cell {i} has an area of {} mm²", cell.area_mm2),
-                "give every cell a positive area",
+                format!("give every cell its area in mm2, {least_mm2} to {most_mm2}"),
             ));
         }
     }
@@ -115,7 +122,7 @@ pub fn steps(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<
 
 /// Checks that all pressures are finite and not negative.
 fn pressures(pressure_kpa: &[f32], cells: usize, place: &dyn Fn(At) -> String) -> Result<()> {
-    let valid = |kpa: f32| (0.0..=f32::MAX).contains(&kpa);
+    let valid = |kpa: f32| (0.0..=LARGEST_KPA).contains(&kpa);
     for (frame, row) in pressure_kpa.chunks_exact(cells).enumerate() {
         // Without an early exit this runs over whole vectors; a bad row is searched again.
         if row.iter().fold(true, |all, &kpa| all & valid(kpa)) {
@@ -125,7 +132,7 @@ fn pressures(pressure_kpa: &[f32], cells: usize, place: &dyn Fn(At) -> String) -
             return Err(Error::content(
                 place(At::Value { frame, cell }),
                 format!("pressure {} kPa", row[cell]),
-                "pressures are finite numbers of at least 0; repair or remove the frame",
+                format!("pressures are finite numbers in kPa, 0 to {LARGEST_KPA}; repair or remove the frame"),
             ));
         }
     }

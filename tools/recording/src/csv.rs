@@ -29,6 +29,7 @@ pub fn import(
 ) -> Result<Recording> {
     let (layout_path, frames_path) = (layout_path.as_ref(), frames_path.as_ref());
     let layout = read_layout(layout_path)?;
+    check::layout(&layout, &layout_path.display().to_string())?;
     let frames = read_frames(frames_path, layout_path, layout.cells.len(), progress)?;
     let rate_hz = rate::of(&frames.t_s, &|at| match at {
         At::Whole => frames_path.display().to_string(),

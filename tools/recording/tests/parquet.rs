@@ -132,7 +132,7 @@ fn metadata_must_be_there_and_known() {
     refused(Some("{}"), &["cannot be understood", "version"]);
     refused(Some(&TWO_CELLS.replace("toe_2", "thumb")), &["unknown region `thumb`", "metatarsals_12"]);
     refused(Some(&TWO_CELLS.replace("\"right\"", "\"both\"")), &["unknown side `both`"]);
-    refused(Some(&TWO_CELLS.replace("\"area_mm2\":100", "\"area_mm2\":0")), &["cell 0", "positive area"]);
+    refused(Some(&TWO_CELLS.replace("\"area_mm2\":100", "\"area_mm2\":0")), &["cell 0", "0.0625 to 4000"]);
     refused(Some(&TWO_CELLS.replace("\"rate_hz\":100", "\"rate_hz\":0")), &["positive rate"]);
 }
 

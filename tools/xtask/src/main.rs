@@ -188,11 +188,35 @@ fn test() -> Result<()> {
     }
     run_command(
         Command::new("cargo")
-            .args(["test", "--locked", "--release", "--workspace", "--no-fail-fast"])
+            // What a test says of itself, such as that it was skipped, is shown.
+            .args(["test", "--locked", "--release", "--workspace", "--no-fail-fast", "--", "--show-output"])
             .env("PLANTAR_FIRMWARE", firmware("emu"))
             .env("PLANTAR_JIKU", &python.jiku),
     )?;
-    bench().map(drop)
+    check_limits(&bench()?)
+}
+
+/// Figures that are the same on every machine, and what each may be at most.
+const LIMITS: [(&str, f64); 9] = [
+    ("frame_instructions", 10_000.0),
+    ("device_vs_host_force_rel", 1e-4),
+    ("device_vs_host_area_rel", 1e-4),
+    ("live_frame_bytes", 90.0),
+    ("step_record_bytes", 320.0),
+    ("flash_bytes.emu", 204_800.0),
+    ("flash_bytes.wb55", 204_800.0),
+    ("ram_bytes.emu", 65_536.0),
+    ("ram_bytes.wb55", 65_536.0),
+];
+
+fn check_limits(figures: &Map<String, Value>) -> Result<()> {
+    for (key, most) in LIMITS {
+        let value = figures.get(key).and_then(Value::as_f64).with_context(|| format!("{key} was not measured"))?;
+        if value > most {
+            bail!("{key} is {value}, at most {most} is allowed");
+        }
+    }
+    Ok(())
 }
 
 fn bench() -> Result<Map<String, Value>> {
