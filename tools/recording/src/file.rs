@@ -119,6 +119,14 @@ fn column_name(index: usize) -> String {
 
 pub fn read(path: &Path) -> Result<Recording> {
     let bytes = Bytes::from(fs::read(path).map_err(Error::io(path))?);
+    // The Parquet library gives up on some damaged files by a panic.
+    std::panic::catch_unwind(|| decode(bytes, path)).unwrap_or_else(|_| {
+        let file = path.display().to_string();
+        Err(Error::content(file, "the file is damaged", "take a copy of it, or import the measurement again"))
+    })
+}
+
+fn decode(bytes: Bytes, path: &Path) -> Result<Recording> {
     let file = path.display().to_string();
     let reader = SerializedFileReader::new(bytes).map_err(|error| {
         Error::content(&file, format!("not a Parquet file ({error})"), "make one with `plantar import csv`")

@@ -119,6 +119,23 @@ fn truncated_files_are_refused() {
     }
 }
 
+/// A damaged bit may pass unseen or be refused; it never brings the program down.
+#[test]
+fn damaged_files_are_read_or_refused() {
+    let (_folder, path) = in_folder();
+    let walk = synthetic::walk(&SyntheticWalk { steps: 1, cells: 8, ..SyntheticWalk::default() });
+    walk.recording.write(&path).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    for at in (0..bytes.len()).step_by(3) {
+        let mut damaged = bytes.clone();
+        damaged[at] ^= 1 << (at % 8);
+        std::fs::write(&path, damaged).unwrap();
+        if let Ok(recording) = Recording::read(&path) {
+            assert_eq!(recording.pressure_kpa.len(), recording.frames() * recording.cells(), "byte {at}");
+        }
+    }
+}
+
 #[test]
 fn metadata_must_be_there_and_known() {
     let refused = |metadata: Option<&str>, expected: &[&str]| {
