@@ -6,9 +6,10 @@
 
 #![allow(async_fn_in_trait, reason = "boards implement these traits for executors that do not move tasks")]
 
-use crate::insole::{DEVICE_CELLS, Insole};
+use crate::device::EVIDENCE;
+use crate::insole::{DEVICE_CELLS, Insole, Setup};
 use crate::link::Link;
-use crate::wire::{Decoder, Hello, Live, MAX_FRAME, MAX_MESSAGE, Status, Step, decode, frame};
+use crate::wire::{Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Reset, Status, Step, decode, frame};
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_futures::select::{Either3, select3};
@@ -18,6 +19,7 @@ use embassy_sync::signal::Signal;
 use embassy_sync::zerocopy_channel::{Receiver, Sender};
 use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{Read, Write};
+use heapless::String;
 
 /// Time after which the link looks up without a cause, so that its progress can be seen.
 const IDLE: Duration = Duration::from_millis(200);
@@ -153,6 +155,31 @@ async fn scan_frame(matrix: &mut impl Matrix, seq: u32, codes: &mut [u16; DEVICE
         matrix.read_row(seq, row, codes).await?;
     }
     Ok(())
+}
+
+/// What a board says of itself. `fault` is what went wrong before or during this start.
+pub fn hello(
+    board: &str,
+    setup: &Setup,
+    insole: &DeviceInsole,
+    reset: Reset,
+    fault: Option<String<EVIDENCE>>,
+) -> Hello {
+    Hello {
+        major: MAJOR,
+        minor: MINOR,
+        // The version of this package and the boards' names are shorter than 16 bytes.
+        firmware: env!("CARGO_PKG_VERSION").try_into().unwrap_or_default(),
+        board: board.try_into().unwrap_or_default(),
+        side: setup.side,
+        layout_id: setup.layout_id,
+        cells: insole.cells() as u16,
+        period_us: setup.period_us,
+        tissue_id: insole.tissue_id(),
+        contact_rule: setup.contact,
+        reset,
+        last_panic: fault,
+    }
 }
 
 /// What processing and the link share; both run on the thread executor.

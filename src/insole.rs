@@ -231,7 +231,6 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
         let division = check_cells(cells.clone(), N)?;
 
-        self.setup = Setup::NONE;
         self.division = division;
         self.curve.set(&setup.sensor);
         self.cells.clear();
@@ -404,7 +403,7 @@ impl Division {
 }
 
 /// The division of these cells, or what is wrong with them.
-fn check_cells(cells: impl Iterator<Item = SetupCell> + Clone, capacity: usize) -> Result<Division, SetupError> {
+fn check_cells(cells: impl Iterator<Item = SetupCell>, capacity: usize) -> Result<Division, SetupError> {
     let mut counts = [0usize; 8];
     let mut areas_mm2 = [0.0f32; 8];
     let mut corners = [((f32::MAX, f32::MAX), (f32::MIN, f32::MIN)); 8];

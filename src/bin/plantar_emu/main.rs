@@ -18,7 +18,7 @@ use plant::{Clock, PlantMatrix, SETUP_BYTES};
 use plantar::app::{self, DeviceInsole, FRAME_QUEUE, Frame, ScanCounters, Session, Stopwatch, Ticker};
 use plantar::device;
 use plantar::insole::Insole;
-use plantar::wire::{Hello, MAJOR, MINOR, Reset};
+use plantar::wire::Reset;
 use port::{End, Port};
 use static_cell::{ConstStaticCell, StaticCell};
 use stm32_metapac::{Interrupt, USART1, USART3, interrupt};
@@ -76,21 +76,8 @@ async fn main(spawner: Spawner) {
     };
     // A refusal leaves an insole without cells, so that a host hears why.
     let refused = insole.set_up(head.setup, cells).and_then(|()| insole.set_tissue(&head.tissue)).err();
-    let hello = Hello {
-        major: MAJOR,
-        minor: MINOR,
-        // Both fit: the version of this package and the board's name are shorter than 16 bytes.
-        firmware: env!("CARGO_PKG_VERSION").try_into().unwrap_or_default(),
-        board: "emulated".try_into().unwrap_or_default(),
-        side: head.setup.side,
-        layout_id: head.setup.layout_id,
-        cells: insole.cells() as u16,
-        period_us: head.setup.period_us,
-        tissue_id: insole.tissue_id(),
-        contact_rule: head.setup.contact,
-        reset: if panic.is_some() { Reset::Panic } else { Reset::Power },
-        last_panic: panic.or(refused.map(device::cut)),
-    };
+    let reset = if panic.is_some() { Reset::Panic } else { Reset::Power };
+    let hello = app::hello("emulated", &head.setup, insole, reset, panic.or(refused.map(device::cut)));
     let Some(matrix) = PlantMatrix::open(&PLANT, insole.cells()) else {
         panic!("no matrix.bin in the emulator's directory");
     };

@@ -27,7 +27,7 @@ use plantar::Side;
 use plantar::app::{self, DeviceInsole, FRAME_QUEUE, Frame, ScanCounters, Session, Stopwatch, Ticker, Watchdog};
 use plantar::device;
 use plantar::insole::Insole;
-use plantar::wire::{Hello, MAJOR, MINOR, Reset};
+use plantar::wire::Reset;
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// Bit rate of the link. A live frame is at most 90 bytes framed: 9 kB/s at 100 Hz and 36 kB/s at 400 Hz of the 46 kB/s that
@@ -171,21 +171,7 @@ async fn main(spawner: Spawner) {
     if let Some(refused) = &refused {
         defmt::error!("set-up refused: {}", defmt::Display2Format(refused));
     }
-    let hello = Hello {
-        major: MAJOR,
-        minor: MINOR,
-        // Both fit: the version of this package and the board's name are shorter than 16 bytes.
-        firmware: env!("CARGO_PKG_VERSION").try_into().unwrap_or_default(),
-        board: "stm32wb55".try_into().unwrap_or_default(),
-        side,
-        layout_id: setup.layout_id,
-        cells: insole.cells() as u16,
-        period_us: setup.period_us,
-        tissue_id: insole.tissue_id(),
-        contact_rule: setup.contact,
-        reset,
-        last_panic: panic.or(refused.map(device::cut)),
-    };
+    let hello = app::hello("stm32wb55", &setup, insole, reset, panic.or(refused.map(device::cut)));
     let mut link = usart::Config::default();
     link.baudrate = LINK_BIT_HZ;
     // The pins are this port's and the bit rate is within its divider, so it cannot be refused.

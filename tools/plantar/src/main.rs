@@ -17,10 +17,12 @@ use std::process::ExitCode;
 
 /// Regional loads, contact ellipses and tissue deformation from instrumented insoles.
 ///
-/// A recording is one Parquet file for one foot. Import one, look at it, replay it on this computer, or let the emulated
-/// insole feel it; the steps are the same:
+/// A recording is one Parquet file for one foot. Import one, look at it,
+/// replay it on this computer, or let the emulated insole feel it; the steps
+/// are the same:
 ///
-///   plantar import csv --layout layout.csv --frames frames.csv --side left --out walk.parquet
+///   plantar import csv --layout layout.csv --frames frames.csv \
+///       --side left --out walk.parquet
 ///   plantar info walk.parquet
 ///   plantar replay walk.parquet --json steps.json
 ///   plantar emulate walk.parquet
@@ -37,13 +39,9 @@ enum Command {
     /// Make a recording from what another system exported.
     #[command(subcommand)]
     Import(import::Import),
-    /// Say what is in a recording.
     Info(info::Info),
-    /// Compute a recording's steps on this computer, as the insole would.
     Replay(replay::Replay),
-    /// Let the emulated insole feel a recording, and watch what it sends.
     Emulate(emulate::Emulate),
-    /// Watch an insole over its link.
     Monitor(monitor::Monitor),
     /// Tissue parameters.
     #[command(subcommand)]
