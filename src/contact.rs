@@ -4,6 +4,7 @@
 //! that a device in `f32` and a host in `f64` never disagree about a cell.
 
 use crate::calibrate::{CellCalibration, Curve, FULL_CODE};
+use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
 /// The rule that turns pressures into contact area. Area depends on where this line is drawn: state it with every result.
@@ -13,15 +14,18 @@ pub struct ContactRule {
     pub on_kpa: f32,
     /// and leaves it below this one, kPa; at most `on_kpa`.
     pub off_kpa: f32,
-    /// 0: a cell in contact counts whole (the paper's way). Otherwise a cell counts by the share `p / full_kpa`, at most 1:
-    /// the weak readings around a contact are those of partly covered cells. The larger this is, the more the area follows
-    /// pressure.
+    /// 0: a cell in contact counts whole (the paper's way). Otherwise a cell counts by the share `sqrt(p / full_kpa)`, at
+    /// most 1: the weak readings around a contact are those of partly covered cells. Deformation rises from 0 at the rim in
+    /// proportion to the distance from it (Eq. 3), so a cell of which the share s is covered reads s^2 of what a just covered
+    /// one does. The larger `full_kpa` is, the more the area follows pressure.
     pub full_kpa: f32,
 }
 
 impl ContactRule {
     /// Counted cells, 10 kPa on and 7.5 kPa off.
     pub const COUNTED: Self = Self { on_kpa: 10.0, off_kpa: 7.5, full_kpa: 0.0 };
+    /// The same thresholds, edge cells by their share, whole from 150 kPa: see docs/identification.md for how it was chosen.
+    pub const COVERED: Self = Self { full_kpa: 150.0, ..Self::COUNTED };
 
     /// True when the pressures are finite, positive and in order.
     pub fn is_valid(&self) -> bool {
@@ -42,8 +46,8 @@ pub struct ContactCell {
     off: u16,
     /// From this code on the cell counts whole.
     full: u16,
-    /// Shares of [`WHOLE`] per kPa on the common curve; unused where `full` is below `off`.
-    shares_per_kpa: f32,
+    /// Squared shares of [`WHOLE`] per kPa on the common curve; unused where `full` is below `off`.
+    squared_shares_per_kpa: f32,
     share: u16,
     /// The codes that leave the share as it is: `low` and how many.
     low: u16,
@@ -59,11 +63,11 @@ impl ContactCell {
             code.saturating_add(cell.offset).min(FULL_CODE)
         };
         let on = code_at(rule.on_kpa);
-        let (full, shares_per_kpa) = match rule.full_kpa {
+        let (full, squared_shares_per_kpa) = match rule.full_kpa {
             0.0 => (0, 0.0),
-            full_kpa => (code_at(full_kpa), f32::from(WHOLE) * cell.gain / full_kpa),
+            full_kpa => (code_at(full_kpa), f32::from(WHOLE) * f32::from(WHOLE) * cell.gain / full_kpa),
         };
-        Self { on, off: code_at(rule.off_kpa), full, shares_per_kpa, share: 0, low: 0, span: on }
+        Self { on, off: code_at(rule.off_kpa), full, squared_shares_per_kpa, share: 0, low: 0, span: on }
     }
 
     /// True where this code neither changes the share nor is saturated: nothing more to do.
@@ -85,7 +89,7 @@ impl ContactCell {
         } else if code >= u32::from(self.full) {
             (WHOLE, whole_from, FULL_CODE.saturating_sub(whole_from))
         } else {
-            (((curve_kpa * self.shares_per_kpa) as u16).clamp(1, WHOLE), 0, 0)
+            ((Real::sqrt(curve_kpa * self.squared_shares_per_kpa) as u16).clamp(1, WHOLE), 0, 0)
         };
         i32::from(self.share) - i32::from(before)
     }

@@ -348,11 +348,17 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.stance.rejected()
     }
 
+    /// Curves of region number `region` in the stance that just ended: contact area (mm2), measured force (N), and the time
+    /// between samples (s).
+    pub fn curves(&self, region: usize) -> (&[R], &[R], R) {
+        let (area_mm2, force_n) = self.stance.curves(region);
+        (area_mm2, force_n, R::of_u32(self.stance.stride()) / self.per_period_s)
+    }
+
     /// Evaluates region number `region` of the stance that just ended: up to 256 model evaluations, so a device lets other
     /// work run between two regions.
     pub fn step_region(&self, region: usize) -> RegionStep<R> {
-        let (area_mm2, force_n) = self.stance.curves(region);
-        let sample_s = R::of_u32(self.stance.stride()) / self.per_period_s;
+        let (area_mm2, force_n, sample_s) = self.curves(region);
         let step =
             RegionStep::new(&self.gauges[region], area_mm2, force_n, sample_s, self.stance.moments_at_peak(region));
         RegionStep { ellipse_at_peak: step.ellipse_at_peak.map(|e| self.in_foot(region, e)), ..step }

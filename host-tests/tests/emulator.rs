@@ -161,8 +161,6 @@ fn synthetic_walk(steps: usize, rate_hz: f64) -> Recording {
     synthetic::walk(&synthetic::SyntheticWalk { steps, rate_hz, side: Side::Left, ..Default::default() }).recording
 }
 
-const FRACTIONAL: ContactRule = ContactRule { full_kpa: 100.0, ..ContactRule::COUNTED };
-
 #[test]
 fn a_synthetic_walk_is_the_same_on_the_device_and_on_a_host() {
     assert_device_equals_host(&synthetic_walk(4, 100.0), ContactRule::COUNTED, 4);
@@ -170,7 +168,7 @@ fn a_synthetic_walk_is_the_same_on_the_device_and_on_a_host() {
 
 #[test]
 fn fractional_contact_is_the_same_on_the_device_and_on_a_host() {
-    assert_device_equals_host(&synthetic_walk(3, 100.0), FRACTIONAL, 3);
+    assert_device_equals_host(&synthetic_walk(3, 100.0), ContactRule::COVERED, 3);
 }
 
 #[test]
@@ -298,10 +296,10 @@ fn a_host_of_another_major_version_is_told_so_and_gets_nothing_else() {
 #[test]
 fn the_hello_says_who_speaks() {
     let walk = synthetic_walk(1, 100.0);
-    let Some(session) = Session::start(&walk, FRACTIONAL, |_| None) else { return };
+    let Some(session) = Session::start(&walk, ContactRule::COVERED, |_| None) else { return };
     let hello = session.client.hello();
     assert_eq!((hello.side, hello.cells, hello.period_us), (Side::Left, 240, 10_000));
-    assert_eq!((hello.tissue_id, hello.contact_rule), (tissue().id, FRACTIONAL));
+    assert_eq!((hello.tissue_id, hello.contact_rule), (tissue().id, ContactRule::COVERED));
     assert_eq!((hello.board.as_str(), hello.last_panic.as_deref()), ("emulated", None));
 }
 

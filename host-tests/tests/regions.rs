@@ -69,7 +69,7 @@ impl Reference {
             f64::from(WHOLE)
         } else {
             let part = self.pressure_kpa(i, code) / f64::from(self.setup.contact.full_kpa);
-            (part * f64::from(WHOLE)).floor().clamp(1.0, f64::from(WHOLE))
+            (part.sqrt() * f64::from(WHOLE)).floor().clamp(1.0, f64::from(WHOLE))
         }
     }
 

@@ -142,7 +142,8 @@ fn draw_foot(
         area.draw(&PathElement::new(rim.collect::<Vec<_>>(), BLACK.stroke_width(2))).map_err(drawing_error)?;
     }
     let rule = &step.contact_rule;
-    let counted = if rule.full_kpa > 0.0 { format!("share of {} kPa", rule.full_kpa) } else { "whole cells".into() };
+    let counted =
+        if rule.full_kpa > 0.0 { format!("share sqrt(p / {} kPa)", rule.full_kpa) } else { "whole cells".into() };
     let legend = format!("black: measured, colour: model; contact from {} kPa, {counted}", rule.on_kpa);
     area.draw(&Text::new(legend, (12, 30), ("sans-serif", 13))).map_err(drawing_error)?;
     Ok(())

@@ -43,7 +43,8 @@ pub struct Contact {
     /// and leaves it below this one, kPa.
     #[arg(long, value_name = "KPA", default_value_t = ContactRule::COUNTED.off_kpa)]
     contact_off: f32,
-    /// Count a cell in contact by the share p / KPA, at most whole; without it every cell in contact counts whole.
+    /// Count a cell in contact by the share sqrt(p / KPA), at most whole (150 is a good value); without it every cell in
+    /// contact counts whole.
     #[arg(long, value_name = "KPA", default_value_t = ContactRule::COUNTED.full_kpa, hide_default_value = true)]
     contact_full: f32,
 }

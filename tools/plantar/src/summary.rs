@@ -82,7 +82,8 @@ pub fn print(steps: &[Step]) {
     align(&mut table);
     println!("Mean of {} steps, peaks:\n{table}", steps.len());
     let rule = first.contact_rule;
-    let counted = if rule.full_kpa > 0.0 { format!("by the share of {} kPa", rule.full_kpa) } else { "whole".into() };
+    let counted =
+        if rule.full_kpa > 0.0 { format!("by the share sqrt(p / {} kPa)", rule.full_kpa) } else { "whole".into() };
     println!("Contact: on at {} kPa, off below {} kPa, cells counted {counted}.", rule.on_kpa, rule.off_kpa);
 }
 

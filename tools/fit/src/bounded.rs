@@ -1,0 +1,120 @@
+//! Least squares within bounds: Levenberg-Marquardt over the parameters that are free, the others held at their bound.
+
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+use nalgebra::{DMatrix, DVector, Dyn, Owned};
+
+/// Residuals and their derivatives at one point.
+pub(crate) trait Residuals {
+    /// Computes both at `x`, which lies within the bounds.
+    fn set(&mut self, x: &[f64]);
+    /// One a sample.
+    fn residuals(&self) -> DVector<f64>;
+    /// Derivative by parameter `i`, one a sample.
+    fn derivative(&self, i: usize) -> DVector<f64>;
+}
+
+/// Where a search ended.
+#[derive(Clone, Debug)]
+pub(crate) struct Minimum {
+    pub x: Vec<f64>,
+    pub squares: f64,
+    pub evaluations: usize,
+}
+
+/// Rounds of holding and releasing; each ends at the minimum for its free parameters, and two or three suffice.
+const ROUNDS: usize = 8;
+
+/// Searches from `x` until a step changes parameters or squares by less than `tolerance`; `least` and `most` bound every
+/// parameter. Deterministic.
+pub(crate) fn minimise(
+    problem: &mut impl Residuals,
+    x: &[f64],
+    least: &[f64],
+    most: &[f64],
+    tolerance: f64,
+) -> Minimum {
+    let mut x: Vec<f64> = (0..x.len()).map(|i| x[i].clamp(least[i], most[i])).collect();
+    let mut free = vec![true; x.len()];
+    let mut evaluations = 0;
+    let search = LevenbergMarquardt::new().with_tol(tolerance).with_gtol(tolerance).with_patience(20);
+    let mut squares = f64::INFINITY;
+    for _ in 0..ROUNDS {
+        problem.set(&x);
+        let round = Round { problem, x: x.clone(), unclamped: x.clone(), free: free.clone(), least, most };
+        let (round, report) = search.minimize(round);
+        evaluations += report.number_of_evaluations;
+        let ended = round.x;
+        problem.set(&ended);
+        evaluations += 2;
+        let residuals = problem.residuals();
+        let before = std::mem::replace(&mut squares, residuals.norm_squared());
+        x = ended;
+        let mut changed = false;
+        for i in 0..x.len() {
+            let is_free = if x[i] > least[i] && x[i] < most[i] {
+                true
+            } else {
+                // At a bound: free where the squares fall inwards.
+                let slope = problem.derivative(i).dot(&residuals);
+                if x[i] <= least[i] { slope < 0.0 } else { slope > 0.0 }
+            };
+            changed |= is_free != free[i];
+            free[i] = is_free;
+        }
+        if !changed || (before - squares).abs() <= tolerance * squares {
+            break;
+        }
+    }
+    Minimum { x, squares, evaluations }
+}
+
+/// The search sees the free parameters only. A step past a bound is evaluated at it.
+struct Round<'p, P> {
+    problem: &'p mut P,
+    x: Vec<f64>,
+    unclamped: Vec<f64>,
+    free: Vec<bool>,
+    least: &'p [f64],
+    most: &'p [f64],
+}
+
+impl<P> Round<'_, P> {
+    fn free(&self) -> impl Iterator<Item = usize> {
+        (0..self.free.len()).filter(|&i| self.free[i])
+    }
+}
+
+impl<P: Residuals> LeastSquaresProblem<f64, Dyn, Dyn> for Round<'_, P> {
+    type ResidualStorage = Owned<f64, Dyn>;
+    type JacobianStorage = Owned<f64, Dyn, Dyn>;
+    type ParameterStorage = Owned<f64, Dyn>;
+
+    fn set_params(&mut self, free: &DVector<f64>) {
+        let indices: Vec<usize> = self.free().collect();
+        for (&i, &value) in indices.iter().zip(free.iter()) {
+            self.unclamped[i] = value;
+            self.x[i] = value.clamp(self.least[i], self.most[i]);
+        }
+        self.problem.set(&self.x);
+    }
+
+    fn params(&self) -> DVector<f64> {
+        DVector::from_iterator(self.free().count(), self.free().map(|i| self.unclamped[i]))
+    }
+
+    fn residuals(&self) -> Option<DVector<f64>> {
+        Some(self.problem.residuals())
+    }
+
+    fn jacobian(&self) -> Option<DMatrix<f64>> {
+        let columns: Vec<_> = self
+            .free()
+            .map(|i| {
+                let column = self.problem.derivative(i);
+                // Beyond the bound nothing changes any more.
+                if self.unclamped[i] == self.x[i] { column } else { column * 0.0 }
+            })
+            .collect();
+        Some(DMatrix::from_columns(&columns))
+    }
+}

@@ -1,0 +1,96 @@
+//! The paper's own identification, for comparison: eight variables within bounds, the sum of Eq. 18 with the term of Eq. 19,
+//! a general solver from several starts.
+//!
+//! Its bounds (Appendix A) and P are not published: those here are ours. k and c are searched in logarithms, without which
+//! the solver rarely arrives. pi A B >= max Ae is not stated in the paper and not enforced here; where it does not hold the
+//! device flags the step as clamped.
+
+use crate::Samples;
+use crate::pins::Pins;
+use plantar::model::{Ellipsoid, Gauge};
+use std::cell::Cell;
+
+/// From this many starts the best minimum is taken.
+pub const STARTS: u64 = 10;
+
+/// A, B, C, d0 in m, ln k, n, ln c, m.
+const BOUNDS: [(f64, f64); 8] = [
+    (0.002, 0.08),
+    (0.002, 0.08),
+    (0.002, 0.03),
+    (0.004, 0.025),
+    (11.5, 25.3), // 1e5 to 1e11 N/m3
+    (0.0, 5.0),
+    (6.9, 23.0), // 1e3 to 1e10 N s/m3
+    (0.0, 5.0),
+];
+/// P of Eq. 19, 1/N.
+const PENALTY_PER_N: f64 = 1.0;
+const ITERATIONS: usize = 200;
+
+/// The best ellipsoid found, and how often the model was evaluated.
+pub fn identify(samples: &Samples) -> (Ellipsoid<f64>, usize) {
+    let evaluations = Cell::new(0);
+    let objective = |x: &[f64]| {
+        evaluations.set(evaluations.get() + 1);
+        squares(samples, &ellipsoid(x))
+    };
+    let with_gradient = |x: &[f64], gradient: Option<&mut [f64]>, _: &mut ()| {
+        let here = objective(x);
+        if let Some(gradient) = gradient {
+            for i in 0..x.len() {
+                let mut beside = x.to_vec();
+                let step = 1e-7 * (BOUNDS[i].1 - BOUNDS[i].0);
+                beside[i] += if x[i] + step > BOUNDS[i].1 { -step } else { step };
+                gradient[i] = (objective(&beside) - here) / (beside[i] - x[i]);
+            }
+        }
+        here
+    };
+    let mut best = (f64::INFINITY, BOUNDS.map(|(least, most)| (least + most) / 2.0).to_vec());
+    for seed in 0..STARTS {
+        let mut chance = fastrand::Rng::with_seed(seed);
+        let start = BOUNDS.map(|(least, most)| least + chance.f64() * (most - least));
+        let tolerances = slsqp::StopTols { ftol_rel: 1e-9, ..Default::default() };
+        let no_constraints: &[fn(&[f64], Option<&mut [f64]>, &mut ()) -> f64] = &[];
+        let ended = slsqp::minimize(with_gradient, &start, &BOUNDS, no_constraints, (), ITERATIONS, Some(tolerances));
+        // A search that fails still ends somewhere.
+        let (x, value) = match ended {
+            Ok((_, x, value)) => (x, value),
+            Err((_, x, value)) => (x, value),
+        };
+        if value < best.0 {
+            best = (value, x);
+        }
+    }
+    (ellipsoid(&best.1), evaluations.get())
+}
+
+fn ellipsoid(x: &[f64]) -> Ellipsoid<f64> {
+    Ellipsoid { a_m: x[0], b_m: x[1], c_m: x[2], d0_m: x[3], k: x[4].exp(), n: x[5], c: x[6].exp(), m: x[7] }
+}
+
+/// Eq. 18 with Eq. 19 as printed, over the squared peak force.
+fn squares(samples: &Samples, ellipsoid: &Ellipsoid<f64>) -> f64 {
+    let gauge = ellipsoid.gauge();
+    let g: Vec<f64> = samples.share.iter().map(|s| gauge.area_ratio(s * samples.area_max_m2).gauge()).collect();
+    let mut sum = 0.0;
+    for i in 0..samples.len() {
+        let (later, earlier) = samples.difference[i];
+        let rate_per_s = (g[later as usize] - g[earlier as usize]) * samples.per_s[i];
+        let force_n = ellipsoid.force_n(ellipsoid.c_m * g[i], ellipsoid.c_m * rate_per_s);
+        let force_n = if force_n < 0.0 { force_n + PENALTY_PER_N * force_n * force_n } else { force_n };
+        let residual = (force_n - samples.force_n[i]) * samples.weight[i];
+        sum += residual * residual;
+    }
+    sum
+}
+
+/// What pins the eight: they were searched directly.
+pub(crate) fn pins(ellipsoid: &Ellipsoid<f64>, gauge: &Gauge<f64>, g_max: f64) -> Pins {
+    Pins {
+        aspect: ellipsoid.a_m / ellipsoid.b_m,
+        thickness_m: ellipsoid.d0_m,
+        compression: gauge.c_m * g_max / ellipsoid.d0_m,
+    }
+}

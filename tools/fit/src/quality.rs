@@ -1,0 +1,132 @@
+//! How well a set of parameters does, by the device's own evaluation of them.
+
+use crate::{Filter, RegionCurves, Samples};
+use plantar::model::Gauge;
+use plantar::smooth;
+use std::ops::Range;
+
+/// One region of one step, evaluated. All curves run over the region's contact phase.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evaluated {
+    /// Time between samples, s.
+    pub sample_s: f64,
+    /// Contact area as measured, mm2.
+    pub area_mm2: Vec<f64>,
+    /// Contact area through the filter, mm2.
+    pub filtered_mm2: Vec<f64>,
+    /// Measured force, N.
+    pub measured_n: Vec<f64>,
+    /// Measured force through the paper's quintic, N.
+    pub smoothed_n: Vec<f64>,
+    /// Model force, N.
+    pub model_n: Vec<f64>,
+}
+
+impl Evaluated {
+    /// Evaluates one step; `None` without contact.
+    pub fn new(curves: &RegionCurves, filter: Filter, gauge: &Gauge<f64>) -> Option<Self> {
+        let samples = Samples::new([curves], filter);
+        let range = samples.steps.first()?.clone();
+        let mut smoothed_n = samples.force_n.clone();
+        smooth::polynomial(&mut smoothed_n);
+        Some(Self {
+            sample_s: 1.0 / samples.per_s.first()?,
+            area_mm2: samples.raw_area_m2.iter().map(|area| area * 1e6).collect(),
+            filtered_mm2: samples.share[range.clone()].iter().map(|s| s * samples.area_max_m2 * 1e6).collect(),
+            model_n: model_n(&samples, gauge, range),
+            smoothed_n,
+            measured_n: samples.force_n,
+        })
+    }
+
+    /// Root mean square of model minus measured force over the largest measured force (Eq. 20).
+    pub fn nrmse(&self) -> f64 {
+        nrmse(&self.model_n, &self.measured_n)
+    }
+
+    /// The same against the smoothed force.
+    pub fn nrmse_smoothed(&self) -> f64 {
+        nrmse(&self.model_n, &self.smoothed_n)
+    }
+
+    /// The same for the best rising function of the filtered area: no elastic law of this area does better.
+    pub fn floor(&self) -> f64 {
+        nrmse(&best_rising(&self.filtered_mm2, &self.measured_n), &self.measured_n)
+    }
+
+    /// Largest model force over largest measured force, less 1.
+    pub fn peak_bias(&self) -> f64 {
+        largest(&self.model_n) / largest(&self.measured_n) - 1.0
+    }
+}
+
+/// Model force of some samples by the law that the device evaluates.
+fn model_n(samples: &Samples, gauge: &Gauge<f64>, range: Range<usize>) -> Vec<f64> {
+    let g: Vec<f64> = samples.share.iter().map(|share| gauge.area_ratio(share * samples.area_max_m2).gauge()).collect();
+    let force = |i: usize| {
+        let (later, earlier) = samples.difference[i];
+        gauge.force_n(g[i], (g[later as usize] - g[earlier as usize]) * samples.per_s[i])
+    };
+    range.map(force).collect()
+}
+
+/// Root mean square difference over the largest of `measured`.
+fn nrmse(model: &[f64], measured: &[f64]) -> f64 {
+    let squares: f64 = model.iter().zip(measured).map(|(a, b)| (a - b) * (a - b)).sum();
+    (squares / measured.len() as f64).sqrt() / largest(measured)
+}
+
+pub(crate) fn largest(values: &[f64]) -> f64 {
+    values.iter().copied().fold(0.0, f64::max)
+}
+
+/// The rising function of `x` with the least squares to `y`, at each x: pools neighbours that fall.
+fn best_rising(x: &[f64], y: &[f64]) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..x.len()).collect();
+    order.sort_by(|&a, &b| x[a].total_cmp(&x[b]));
+    // Mean of y, and which samples it is the mean of.
+    let mut pools: Vec<(f64, Vec<usize>)> = Vec::new();
+    let mut last_x = f64::NAN;
+    for i in order {
+        // A function has one value at one x.
+        match pools.last_mut().filter(|_| x[i] == last_x) {
+            Some((mean, members)) => {
+                members.push(i);
+                *mean += (y[i] - *mean) / members.len() as f64;
+            }
+            None => pools.push((y[i], vec![i])),
+        }
+        last_x = x[i];
+        while let [.., (before, _), (after, _)] = &pools[..] {
+            if before <= after {
+                break;
+            }
+            // Two were matched.
+            let Some((mean, members)) = pools.pop() else { break };
+            let Some((below, all)) = pools.last_mut() else { break };
+            let (count, more) = (all.len() as f64, members.len() as f64);
+            *below = (*below * count + mean * more) / (count + more);
+            all.extend(members);
+        }
+    }
+    let mut best = vec![0.0; x.len()];
+    for (mean, members) in pools {
+        for i in members {
+            best[i] = mean;
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_floor_is_the_best_of_all_rising_functions() {
+        // By hand: 3 and 1 fall and are pooled to 2; equal areas have one value.
+        assert_eq!(best_rising(&[1.0, 2.0, 3.0, 4.0], &[0.0, 3.0, 1.0, 5.0]), [0.0, 2.0, 2.0, 5.0]);
+        assert_eq!(best_rising(&[2.0, 1.0, 2.0], &[4.0, 1.0, 6.0]), [5.0, 1.0, 5.0]);
+        assert_eq!(best_rising(&[1.0, 2.0, 3.0], &[6.0, 3.0, 0.0]), [3.0, 3.0, 3.0]);
+    }
+}

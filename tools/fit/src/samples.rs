@@ -1,0 +1,109 @@
+//! One region's steps as the fit sees them: area through the device's filter, force as measured.
+
+use crate::{Filter, RegionCurves};
+use plantar::smooth;
+use std::ops::Range;
+
+/// One region over the contact phases of some steps.
+#[derive(Clone, Debug)]
+pub struct Samples {
+    /// The largest area, filtered or not, m2: pi A B is at least this.
+    pub area_max_m2: f64,
+    /// Filtered area over [`Samples::area_max_m2`]; one sample more than there are forces, an unloaded one.
+    pub(crate) share: Vec<f64>,
+    /// Whose difference over time is the deformation rate: later and earlier sample.
+    pub(crate) difference: Vec<(u32, u32)>,
+    pub(crate) per_s: Vec<f64>,
+    /// Measured force, N.
+    pub force_n: Vec<f64>,
+    /// What a sample's residual is multiplied by: one over the step's peak force and the root of its samples, so that every
+    /// step counts alike and the sum of squares is that of the steps' NRMSE (Eq. 20). For one step it is Eq. 18.
+    pub(crate) weight: Vec<f64>,
+    /// Measured force times weight.
+    pub(crate) target: Vec<f64>,
+    /// Unfiltered area, m2.
+    pub raw_area_m2: Vec<f64>,
+    /// The samples of each step.
+    pub steps: Vec<Range<usize>>,
+}
+
+impl Samples {
+    /// Filters the curves of one region; steps without contact give none.
+    pub fn new<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, filter: Filter) -> Self {
+        let mut samples = Self {
+            area_max_m2: 0.0,
+            share: Vec::new(),
+            difference: Vec::new(),
+            per_s: Vec::new(),
+            force_n: Vec::new(),
+            weight: Vec::new(),
+            target: Vec::new(),
+            raw_area_m2: Vec::new(),
+            steps: Vec::new(),
+        };
+        for curve in curves {
+            samples.push(curve, filter);
+        }
+        let areas = samples.share.iter().chain(&samples.raw_area_m2);
+        samples.area_max_m2 = areas.fold(0.0, |most, &area| area.max(most));
+        if samples.area_max_m2 > 0.0 {
+            for share in &mut samples.share {
+                *share /= samples.area_max_m2;
+            }
+        }
+        samples.share.push(0.0);
+        let unloaded = samples.force_n.len() as u32;
+        for (_, earlier) in &mut samples.difference {
+            *earlier = (*earlier).min(unloaded);
+        }
+        samples
+    }
+
+    fn push(&mut self, curve: &RegionCurves, filter: Filter) {
+        let loaded = |&area: &f64| area > 0.0;
+        let (area_mm2, force_n, sample_s) = curve.of(filter);
+        let (Some(first), Some(last)) = (area_mm2.iter().position(loaded), area_mm2.iter().rposition(loaded)) else {
+            return;
+        };
+        let start = self.force_n.len();
+        let end = start + last + 1 - first;
+        let mut filtered = area_mm2[first..=last].to_vec();
+        match filter {
+            Filter::Step => {
+                smooth::moving_average(&mut filtered);
+                smooth::polynomial(&mut filtered);
+                // Eq. 16 looks forward; the last sample keeps the rate before it.
+                let forward = (start..end).map(|i| if i + 1 < end { (i + 1, i) } else { (i, i.max(start + 1) - 1) });
+                self.difference.extend(forward.map(|(later, earlier)| (later as u32, earlier as u32)));
+            }
+            Filter::Live => {
+                for (i, area) in filtered.iter_mut().enumerate() {
+                    let at = |back: usize| (first + i).checked_sub(back).map_or(0.0, |i| area_mm2[i]);
+                    *area = (at(2) + at(1) + at(0)) / 3.0;
+                }
+                // Before contact it was unloaded: the sample that `new` puts behind the last.
+                let backward = (start..end).map(|i| (i, if i > start { i - 1 } else { usize::MAX }));
+                self.difference.extend(backward.map(|(l, e)| (l as u32, u32::try_from(e).unwrap_or(u32::MAX))));
+            }
+        }
+        self.share.extend(filtered.iter().map(|area| area.max(0.0) * 1e-6));
+        self.raw_area_m2.extend(area_mm2[first..=last].iter().map(|area| area * 1e-6));
+        self.force_n.extend(&force_n[first..=last]);
+        self.per_s.extend(std::iter::repeat_n(1.0 / sample_s, end - start));
+        let peak_n = force_n[first..=last].iter().copied().fold(0.0, f64::max);
+        let weight = if peak_n > 0.0 { 1.0 / (peak_n * ((end - start) as f64).sqrt()) } else { 0.0 };
+        self.target.extend(force_n[first..=last].iter().map(|force| force * weight));
+        self.weight.extend(std::iter::repeat_n(weight, end - start));
+        self.steps.push(start..end);
+    }
+
+    /// Samples of force.
+    pub fn len(&self) -> usize {
+        self.force_n.len()
+    }
+
+    /// True without any sample.
+    pub fn is_empty(&self) -> bool {
+        self.force_n.is_empty()
+    }
+}

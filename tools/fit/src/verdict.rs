@@ -1,0 +1,88 @@
+//! Figures in plain words.
+
+use crate::RegionFit;
+use crate::interval::FIVE;
+use crate::quality::{Evaluated, largest};
+
+/// An area this close to the step's largest is at it.
+const AT_LARGEST: f64 = 0.97;
+/// A force that is this far below its peak has changed.
+const CHANGED: f64 = 0.35;
+
+/// Share of the contact in which area is at its largest while force is not at its peak.
+pub(crate) fn saturated(steps: &[&Evaluated]) -> f64 {
+    let (mut at_largest, mut all) = (0usize, 0usize);
+    for step in steps {
+        let (area, force) = (largest(&step.filtered_mm2), largest(&step.measured_n));
+        let flat = step.filtered_mm2.iter().zip(&step.measured_n);
+        at_largest += flat.filter(|(a, f)| **a >= AT_LARGEST * area && **f < (1.0 - CHANGED) * force).count();
+        all += step.measured_n.len();
+    }
+    at_largest as f64 / (all as f64).max(1.0)
+}
+
+/// What to do with a fit.
+pub(crate) fn verdict(fit: &RegionFit) -> String {
+    let q = &fit.quality;
+    let predicted = q.predicted.unwrap_or(q.own);
+    let percent = predicted * 100.0;
+    let errs = if q.predicted.is_some() { "steps it has not seen err" } else { "its own step errs" };
+    if q.saturated > 0.2 {
+        return format!(
+            "area saturates: the model cannot follow push-off here ({errs} by {percent:.0} %); take forces from the cells"
+        );
+    }
+    if predicted < 0.1 {
+        return format!("follows the force: {errs} by {percent:.0} %");
+    }
+    if q.floor > 0.6 * predicted {
+        return format!(
+            "as good as this area allows ({errs} by {percent:.0} %, any elastic law by {:.0} %): smaller cells or a finer \
+             contact rule would help, other parameters would not",
+            q.floor * 100.0
+        );
+    }
+    if predicted > 1.8 * q.own {
+        return format!(
+            "steps differ: {errs} by {percent:.0} %, each alone by {:.0} %; compare means over steps, not single ones",
+            q.own * 100.0
+        );
+    }
+    format!(
+        "a rough guide: {errs} by {percent:.0} %, where a rising function of area could err by {:.0} %",
+        q.floor * 100.0
+    )
+}
+
+/// What else to know.
+pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let Some(uncertainty) = &fit.uncertainty else { return warnings };
+    let at_bound: Vec<_> = uncertainty.intervals.iter().zip(FIVE).filter(|(i, _)| i.at_bound).map(|(_, n)| n).collect();
+    if !at_bound.is_empty() {
+        warnings.push(format!("{} at a bound: the data would go on beyond it", at_bound.join(", ")));
+    }
+    for i in 0..FIVE.len() {
+        for j in 0..i {
+            let r = uncertainty.correlation[i][j];
+            if r.abs() > 0.95 {
+                warnings.push(format!(
+                    "{} and {} cannot be told apart (correlation {r:.2}): one makes up for the other, so read neither alone",
+                    FIVE[j], FIVE[i]
+                ));
+            }
+        }
+    }
+    let wider = uncertainty.intervals.iter().zip(FIVE).filter(|(interval, _)| {
+        let width = |[low, high]: [f64; 2]| high - low;
+        interval.bootstrap.is_some_and(|bootstrap| width(bootstrap) > 2.0 * width(interval.jacobian))
+    });
+    let wider: Vec<_> = wider.map(|(_, name)| name).collect();
+    if !wider.is_empty() {
+        warnings.push(format!(
+            "{}: steps differ by more than their scatter tells; trust the interval from resampled steps",
+            wider.join(", ")
+        ));
+    }
+    warnings
+}

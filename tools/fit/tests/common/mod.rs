@@ -1,0 +1,130 @@
+//! Steps whose truth is known: areas of a plausible shape, forces by the core's own law through the device's filters.
+#![allow(dead_code, reason = "each test uses a part")]
+
+use fit::{Filter, RegionCurves, Step};
+use plantar::model::Gauge;
+use plantar::{Side, smooth};
+use std::f64::consts::PI;
+
+/// Per region: A B (mm2), K (kPa), G (kPa s), n, m; and share of stance in contact, largest area over pi A B.
+pub const TRUTH: [([f64; 5], [f64; 3]); 8] = [
+    ([1150.0, 480.0, 20.0, 1.2, 0.8], [0.0, 0.6, 0.75]),
+    ([600.0, 200.0, 8.0, 0.8, 1.0], [0.05, 0.7, 0.6]),
+    ([560.0, 220.0, 6.0, 1.0, 0.6], [0.08, 0.75, 0.65]),
+    ([850.0, 560.0, 18.0, 1.6, 1.1], [0.15, 0.95, 0.8]),
+    ([1100.0, 380.0, 15.0, 1.4, 0.9], [0.12, 0.95, 0.7]),
+    ([540.0, 550.0, 12.0, 1.1, 0.7], [0.3, 1.0, 0.8]),
+    ([170.0, 640.0, 14.0, 0.9, 1.2], [0.35, 1.0, 0.7]),
+    ([230.0, 860.0, 30.0, 1.3, 1.0], [0.35, 0.98, 0.65]),
+];
+
+pub fn gauge(region: usize) -> Gauge<f64> {
+    let [ab_mm2, k, g, n, m] = TRUTH[region].0;
+    Gauge { ab_m2: ab_mm2 * 1e-6, c_m: 0.01, stiffness_pa: k * 1e3, damping_pa_s: g * 1e3, n, m }
+}
+
+/// Normal deviates, the same every time.
+pub struct Noise(fastrand::Rng);
+
+impl Noise {
+    pub fn new(seed: u64) -> Self {
+        Self(fastrand::Rng::with_seed(seed))
+    }
+
+    pub fn normal(&mut self) -> f64 {
+        // Irwin and Hall: the sum of twelve uniform deviates has variance 1.
+        (0..12).map(|_| self.0.f64()).sum::<f64>() - 6.0
+    }
+}
+
+/// One region's step: area rises faster than it falls; `size` scales the largest area, `noise` is the force's standard deviation
+/// over its peak.
+pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64, chance: &mut Noise) -> RegionCurves {
+    let ([ab_mm2, ..], [start, end, share]) = TRUTH[region];
+    let stance_s = 0.7;
+    let area = |t_s: f64| {
+        let phase = (t_s / stance_s - start) / (end - start);
+        if phase <= 0.0 || phase >= 1.0 {
+            return 0.0;
+        }
+        let warped = phase.powf(0.7);
+        PI * ab_mm2 * share * size * (PI * warped).sin().powf(0.8)
+    };
+    let frames = (stance_s * rate_hz).round() as usize;
+    let every_frame: Vec<f64> = (0..frames).map(|i| area(i as f64 / rate_hz)).collect();
+    let stride = if frames > 256 { 2 } else { 1 };
+    let of_stride: Vec<f64> = every_frame.iter().copied().step_by(stride).collect();
+    let mut curves = RegionCurves {
+        frame_force_n: vec![0.0; every_frame.len()],
+        force_n: vec![0.0; of_stride.len()],
+        frame_area_mm2: every_frame,
+        area_mm2: of_stride,
+        frame_s: 1.0 / rate_hz,
+        sample_s: stride as f64 / rate_hz,
+        ..RegionCurves::default()
+    };
+    let mut force = forces(&curves, filter, &gauge(region));
+    let peak_n = force.iter().copied().fold(0.0, f64::max);
+    for (force, area) in force.iter_mut().zip(curves.of(filter).0) {
+        if *area > 0.0 {
+            *force += noise * peak_n * chance.normal();
+        }
+    }
+    match filter {
+        Filter::Step => curves.force_n = force,
+        Filter::Live => curves.frame_force_n = force,
+    }
+    curves
+}
+
+/// The filter and the law written once more, plainly.
+pub fn forces(curves: &RegionCurves, filter: Filter, gauge: &Gauge<f64>) -> Vec<f64> {
+    let (area_mm2, _, sample_s) = curves.of(filter);
+    let mut force_n = vec![0.0; area_mm2.len()];
+    let Some(first) = area_mm2.iter().position(|a| *a > 0.0) else { return force_n };
+    let last = area_mm2.iter().rposition(|a| *a > 0.0).unwrap_or(first);
+    let g_of = |mm2: f64| gauge.area_ratio(mm2.max(0.0) * 1e-6).gauge();
+    match filter {
+        Filter::Step => {
+            let mut area = area_mm2[first..=last].to_vec();
+            smooth::moving_average(&mut area);
+            smooth::polynomial(&mut area);
+            let g: Vec<f64> = area.iter().map(|a| g_of(*a)).collect();
+            let mut rate = 0.0;
+            for i in 0..g.len() {
+                if i + 1 < g.len() {
+                    rate = (g[i + 1] - g[i]) / sample_s;
+                }
+                force_n[first + i] = gauge.force_n(g[i], rate);
+            }
+        }
+        Filter::Live => {
+            let at = |i: isize| if i < 0 { 0.0 } else { area_mm2[i as usize] };
+            let mean = |i: isize| (at(i - 2) + at(i - 1) + at(i)) / 3.0;
+            for i in first..=last {
+                let (g, before) = (g_of(mean(i as isize)), g_of(mean(i as isize - 1)));
+                force_n[i] = gauge.force_n(g, (g - before) / sample_s);
+            }
+        }
+    }
+    force_n
+}
+
+/// Whole steps of slightly different size.
+pub fn walk(steps: usize, rate_hz: f64, filter: Filter, noise: f64, seed: u64) -> Vec<Step> {
+    let mut chance = Noise::new(seed);
+    (0..steps)
+        .map(|number| {
+            let size = 1.0 + 0.02 * (number as f64 % 5.0 - 2.0);
+            Step {
+                recording: 0,
+                number: number as u32,
+                side: Side::Right,
+                start_s: number as f64,
+                duration_s: 0.7,
+                peak_n: 800.0,
+                regions: std::array::from_fn(|region| curves(region, rate_hz, filter, size, noise, &mut chance)),
+            }
+        })
+        .collect()
+}
