@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod bytes;
+mod identify;
 mod instructions;
 mod replay;
 mod stack;
@@ -17,7 +18,7 @@ struct Arguments {
     /// The firmware of the emulated board.
     #[arg(long)]
     firmware: PathBuf,
-    /// A Python with NumPy.
+    /// A Python with NumPy and SciPy.
     #[arg(long, required_unless_present = "stack_json")]
     python: Option<PathBuf>,
     /// Also write the figures to this file, one flat object.
@@ -49,6 +50,7 @@ fn main() -> Result<()> {
         accuracy::measure(&mut figures)?;
         bytes::measure(&mut figures)?;
         replay::measure(python, &mut figures)?;
+        identify::measure(python, &mut figures)?;
     } else {
         stack::measure(&arguments.firmware, &mut figures)?;
     }

@@ -115,6 +115,19 @@ pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {
     Identified::from(&minimum, evaluations + 1)
 }
 
+/// The search over all five alone, from one point within the bounds: `start` are shares of them, 0 to 1, in the order g_max,
+/// n, m, K, G; K in logarithms. It may end in a lesser minimum: for comparison.
+pub fn identify_from(samples: &Samples, bounds: &Bounds, start: [f64; 5]) -> Identified {
+    let [least, most] = limits(bounds);
+    let at = |i: usize| match i {
+        3 => least[i] * (most[i] / least[i]).powf(start[i]),
+        _ => least[i] + start[i] * (most[i] - least[i]),
+    };
+    let x: [f64; 5] = std::array::from_fn(at);
+    let minimum = bounded::minimise(&mut Cut::new(samples), &x, &least, &most, EXACT);
+    Identified::from(&minimum, 0)
+}
+
 /// Goes on from parameters that are near already.
 pub(crate) fn refine(samples: &Samples, bounds: &Bounds, near: &Identified) -> Identified {
     let [least, most] = limits(bounds);

@@ -2,7 +2,7 @@
 
 use crate::bounded::Residuals;
 use crate::identify::{Bounds, Cut, Identified, refine};
-use crate::{RegionCurves, Samples};
+use crate::{Options, RegionCurves, Samples};
 use nalgebra::{Matrix5, Vector5};
 use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -34,8 +34,8 @@ pub struct Uncertainty {
 
 /// Steps that it takes to resample them.
 pub const RESAMPLED_STEPS: usize = 5;
-/// How often steps are resampled.
-const RESAMPLES: u64 = 200;
+/// Enough resamples for the ends of 95 %.
+pub const RESAMPLES: u64 = 200;
 
 /// The five from a fit to samples of this largest area.
 pub fn five(identified: &Identified, area_max_m2: f64) -> [f64; 5] {
@@ -106,22 +106,21 @@ fn limits(bounds: &Bounds, area_max_m2: f64) -> [[f64; 2]; 5] {
 pub fn add_bootstrap(
     uncertainty: &mut Uncertainty,
     curves: &[&RegionCurves],
-    filter: crate::Filter,
-    bounds: &Bounds,
+    options: &Options,
     identified: &Identified,
     area_max_m2: f64,
 ) {
-    if curves.len() < RESAMPLED_STEPS {
+    if curves.len() < RESAMPLED_STEPS || options.resamples == 0 {
         return;
     }
-    let fits: Vec<[f64; 5]> = (0..RESAMPLES)
+    let fits: Vec<[f64; 5]> = (0..options.resamples)
         .into_par_iter()
         .map(|seed| {
             let mut chance = fastrand::Rng::with_seed(seed);
             let drawn = (0..curves.len()).map(|_| curves[chance.usize(..curves.len())]);
-            let samples = Samples::new(drawn, filter);
-            let near = identified.rebased(area_max_m2, samples.area_max_m2, bounds);
-            five(&refine(&samples, bounds, &near), samples.area_max_m2)
+            let samples = Samples::new(drawn, options.filter);
+            let near = identified.rebased(area_max_m2, samples.area_max_m2, &options.bounds);
+            five(&refine(&samples, &options.bounds, &near), samples.area_max_m2)
         })
         .collect();
     for (i, interval) in uncertainty.intervals.iter_mut().enumerate() {

@@ -12,6 +12,7 @@ pub mod pins;
 pub mod quality;
 pub mod steps;
 pub mod study;
+pub mod synthetic;
 
 mod bounded;
 mod samples;
@@ -53,6 +54,8 @@ pub struct Options {
     pub thickness_m: [f64; 8],
     /// Largest deformation over thickness.
     pub compression: f64,
+    /// How often steps are resampled for the second kind of interval; 0 for not at all, [`interval::RESAMPLES`] for good.
+    pub resamples: u64,
 }
 
 /// Fewer samples in contact than this do not carry five parameters.
@@ -212,7 +215,7 @@ fn fit_region(steps: &[Step], region: usize, options: &Options) -> Result<Region
     let uncertainty = best.identified.map(|identified| {
         let mut uncertainty = interval::from_jacobian(&best.samples, &options.bounds, &identified);
         let area_max_m2 = best.samples.area_max_m2;
-        interval::add_bootstrap(&mut uncertainty, &curves, options.filter, &options.bounds, &identified, area_max_m2);
+        interval::add_bootstrap(&mut uncertainty, &curves, options, &identified, area_max_m2);
         uncertainty
     });
     let evaluate = |curves: &RegionCurves, gauge: &Gauge<f64>| Evaluated::new(curves, options.filter, gauge);

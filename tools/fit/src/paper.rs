@@ -28,6 +28,9 @@ const BOUNDS: [(f64, f64); 8] = [
 const PENALTY_PER_N: f64 = 1.0;
 const ITERATIONS: usize = 200;
 
+type Constraint = fn(&[f64], Option<&mut [f64]>, &mut ()) -> f64;
+const UNCONSTRAINED: &[Constraint] = &[];
+
 /// The best ellipsoid found, and how often the model was evaluated.
 pub fn identify(samples: &Samples) -> (Ellipsoid<f64>, usize) {
     let evaluations = Cell::new(0);
@@ -52,8 +55,7 @@ pub fn identify(samples: &Samples) -> (Ellipsoid<f64>, usize) {
         let mut chance = fastrand::Rng::with_seed(seed);
         let start = BOUNDS.map(|(least, most)| least + chance.f64() * (most - least));
         let tolerances = slsqp::StopTols { ftol_rel: 1e-9, ..Default::default() };
-        let no_constraints: &[fn(&[f64], Option<&mut [f64]>, &mut ()) -> f64] = &[];
-        let ended = slsqp::minimize(with_gradient, &start, &BOUNDS, no_constraints, (), ITERATIONS, Some(tolerances));
+        let ended = slsqp::minimize(with_gradient, &start, &BOUNDS, UNCONSTRAINED, (), ITERATIONS, Some(tolerances));
         // A search that fails still ends somewhere.
         let (x, value) = match ended {
             Ok((_, x, value)) => (x, value),

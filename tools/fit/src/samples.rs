@@ -106,4 +106,14 @@ impl Samples {
     pub fn is_empty(&self) -> bool {
         self.force_n.is_empty()
     }
+
+    /// Sample by sample: filtered area (m2), later and earlier sample of the rate, one over the time between them (1/s),
+    /// measured force (N). A sample number beyond the last stands for the unloaded tissue before contact.
+    pub fn table(&self) -> impl Iterator<Item = [f64; 5]> {
+        (0..self.len()).map(|i| {
+            let (later, earlier) = self.difference[i];
+            let area_m2 = self.share[i] * self.area_max_m2;
+            [area_m2, f64::from(later), f64::from(earlier), self.per_s[i], self.force_n[i]]
+        })
+    }
 }

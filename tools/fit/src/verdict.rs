@@ -9,6 +9,9 @@ const AT_LARGEST: f64 = 0.97;
 /// A force that is this far below its peak has changed.
 const CHANGED: f64 = 0.35;
 
+/// Estimates with a stronger correlation make up for each other.
+const INSEPARABLE: f64 = 0.95;
+
 /// Share of the contact in which area is at its largest while force is not at its peak.
 pub(crate) fn saturated(steps: &[&Evaluated]) -> f64 {
     let (mut at_largest, mut all) = (0usize, 0usize);
@@ -62,16 +65,16 @@ pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
     if !at_bound.is_empty() {
         warnings.push(format!("{} at a bound: the data would go on beyond it", at_bound.join(", ")));
     }
-    for i in 0..FIVE.len() {
-        for j in 0..i {
-            let r = uncertainty.correlation[i][j];
-            if r.abs() > 0.95 {
-                warnings.push(format!(
-                    "{} and {} cannot be told apart (correlation {r:.2}): one makes up for the other, so read neither alone",
-                    FIVE[j], FIVE[i]
-                ));
-            }
-        }
+    let mut pairs = Vec::new();
+    for (i, (row, name)) in uncertainty.correlation.iter().zip(FIVE).enumerate() {
+        let others = row.iter().zip(FIVE).take(i).filter(|(r, _)| r.abs() > INSEPARABLE);
+        pairs.extend(others.map(|(r, other)| format!("{other} and {name} ({r:.2})")));
+    }
+    if !pairs.is_empty() {
+        warnings.push(format!(
+            "cannot be told apart: {}; one makes up for the other, so read neither alone",
+            pairs.join(", ")
+        ));
     }
     let wider = uncertainty.intervals.iter().zip(FIVE).filter(|(interval, _)| {
         let width = |[low, high]: [f64; 2]| high - low;

@@ -1,19 +1,11 @@
 //! Identification against parameters that are known.
 
-mod common;
-
-use common::{Noise, curves, gauge, walk};
-use fit::identify::{Bounds, identify};
+use fit::identify::{Bounds, identify, identify_from};
 use fit::interval::{five, from_jacobian};
-use fit::{Filter, Method, Options, Samples, fit, quality::Evaluated};
-
-const OPTIONS: Options = Options {
-    filter: Filter::Step,
-    method: Method::Projection,
-    bounds: Bounds::USUAL,
-    thickness_m: [0.012; 8],
-    compression: 0.457,
-};
+use fit::quality::Evaluated;
+use fit::synthetic::{Noise, curves, gauge};
+use fit::{Filter, Samples};
+use plantar::Region;
 
 #[test]
 fn exact_steps_give_their_parameters_back() {
@@ -42,32 +34,44 @@ fn exact_steps_give_their_parameters_back() {
     assert!(most_evaluations <= 600, "{most_evaluations}");
 }
 
+/// With 200 repeats the count of a true 95 % scatters by 3; the Jacobian's straight line around a bent law costs a little more.
 #[test]
 fn intervals_hold_the_truth() {
     const REPEATS: u64 = 200;
-    let mut held = [[0; 5]; 8];
-    for region in 0..8 {
+    for (region, name) in Region::ALL.iter().enumerate() {
         let truth = gauge(region);
         let expected = [truth.ab_m2, truth.stiffness_pa, truth.damping_pa_s, truth.n, truth.m];
+        let mut held = [0; 5];
         for seed in 0..REPEATS {
             let curves = curves(region, 100.0, Filter::Step, 1.0, 0.01, &mut Noise::new(seed));
             let samples = Samples::new([&curves], Filter::Step);
             let found = identify(&samples, &Bounds::USUAL);
             let uncertainty = from_jacobian(&samples, &Bounds::USUAL, &found);
-            for (i, interval) in uncertainty.intervals.iter().enumerate() {
+            for ((interval, expected), held) in uncertainty.intervals.iter().zip(expected).zip(&mut held) {
                 let [low, high] = interval.jacobian;
-                held[region][i] += u32::from(low <= expected[i] && expected[i] <= high);
+                *held += u32::from(low <= expected && expected <= high);
             }
         }
+        println!("{}: {held:?} of {REPEATS}", name.name());
+        assert!(held.iter().all(|held| (180..=198).contains(held)), "{}: {held:?}", name.name());
     }
-    println!("{held:?}");
 }
 
+/// 60 random starts of the same search over all five, the best of them: no worse than it by a tenth of a percentage point.
 #[test]
-fn noisy_steps_are_fitted_as_well_as_by_any_start() {
-    let steps = walk(6, 100.0, Filter::Step, 0.01, 5);
-    let fits = fit(&steps, &OPTIONS, &|_| ());
-    for fit in &fits {
-        println!("{:?}", fit.as_ref().map(|f| (f.quality, &f.verdict, &f.warnings, f.evaluations)));
+fn noisy_steps_are_fitted_as_well_as_from_the_best_of_sixty_starts() {
+    for filter in [Filter::Step, Filter::Live] {
+        for region in 0..8 {
+            let curves = curves(region, 100.0, filter, 1.0, 0.01, &mut Noise::new(9));
+            let samples = Samples::new([&curves], filter);
+            let found = identify(&samples, &Bounds::USUAL);
+            let mut chance = fastrand::Rng::with_seed(region as u64);
+            let best =
+                (0..60).map(|_| identify_from(&samples, &Bounds::USUAL, std::array::from_fn(|_| chance.f64())).squares);
+            let best = best.fold(f64::INFINITY, f64::min);
+            // For one step the squares are NRMSE squared.
+            let worse = 100.0 * (found.squares.sqrt() - best.sqrt());
+            assert!(worse <= 0.1, "{filter:?}, region {region}: {worse} percentage points");
+        }
     }
 }

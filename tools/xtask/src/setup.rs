@@ -5,14 +5,15 @@ use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// The sample walk and NumPy. The package that brings the walk is GPLv3 and stays in this machine's cache; what it depends on
+/// The sample walk, NumPy and SciPy. The package that brings the walk is GPLv3 and stays in this machine's cache; what it depends on
 /// is not needed to read its files.
 const SAMPLE_PACKAGE: &str = "jiku-data==0.1.16";
 const NUMPY: &str = "numpy>=1.26,<3";
+const SCIPY: &str = "scipy>=1.13,<2";
 
 /// A private Python.
 pub struct Python {
-    /// Its interpreter, with NumPy.
+    /// Its interpreter, with NumPy and SciPy.
     pub interpreter: PathBuf,
     /// The data set of the sample walk.
     pub jiku: PathBuf,
@@ -66,15 +67,15 @@ pub fn qemu() -> Result<()> {
 pub fn python() -> Result<Python> {
     let environment = cache().join("python");
     let stamp = environment.join("holds.txt");
-    let holds = format!("{SAMPLE_PACKAGE} {NUMPY}");
+    let holds = format!("{SAMPLE_PACKAGE} {NUMPY} {SCIPY}");
     let bin = if cfg!(windows) { "Scripts" } else { "bin" };
     let interpreter = environment.join(bin).join("python");
     if std::fs::read_to_string(&stamp).ok().as_deref() != Some(&holds) {
         std::fs::create_dir_all(cache())?;
         make_environment(&environment)?;
         let pip = [&interpreter.to_string_lossy(), "-m", "pip", "--disable-pip-version-check", "install", "--quiet"];
-        run(pip[0], &[&pip[1..], &["--no-deps", SAMPLE_PACKAGE, NUMPY]].concat())
-            .context("the sample walk and NumPy come from the Python package index: is the network there?")?;
+        run(pip[0], &[&pip[1..], &["--no-deps", SAMPLE_PACKAGE, NUMPY, SCIPY]].concat())
+            .context("the sample walk, NumPy and SciPy come from the Python package index: is the network there?")?;
         std::fs::write(&stamp, holds)?;
     }
     let jiku = find(&environment, Path::new("jikudata/datasets/SpeedPP2DS")).with_context(|| {

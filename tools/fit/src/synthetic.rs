@@ -1,7 +1,7 @@
-//! Steps whose truth is known: areas of a plausible shape, forces by the core's own law through the device's filters.
-#![allow(dead_code, reason = "each test uses a part")]
+//! Steps whose truth is known, for tests and benchmarks: areas of a plausible shape, forces by the core's own law through the
+//! device's filters, written here a second time and plainly.
 
-use fit::{Filter, RegionCurves, Step};
+use crate::{Filter, RegionCurves, Step};
 use plantar::model::Gauge;
 use plantar::{Side, smooth};
 use std::f64::consts::PI;
@@ -18,21 +18,24 @@ pub const TRUTH: [([f64; 5], [f64; 3]); 8] = [
     ([230.0, 860.0, 30.0, 1.3, 1.0], [0.35, 0.98, 0.65]),
 ];
 
+/// What [`TRUTH`] says of a region.
 pub fn gauge(region: usize) -> Gauge<f64> {
     let [ab_mm2, k, g, n, m] = TRUTH[region].0;
     Gauge { ab_m2: ab_mm2 * 1e-6, c_m: 0.01, stiffness_pa: k * 1e3, damping_pa_s: g * 1e3, n, m }
 }
 
-/// Normal deviates, the same every time.
+/// Normal deviates.
 pub struct Noise(fastrand::Rng);
 
 impl Noise {
+    /// Equal seeds give equal noise.
     pub fn new(seed: u64) -> Self {
         Self(fastrand::Rng::with_seed(seed))
     }
 
+    /// The next deviate, of variance 1.
     pub fn normal(&mut self) -> f64 {
-        // Irwin and Hall: the sum of twelve uniform deviates has variance 1.
+        // Irwin and Hall: the sum of twelve uniform deviates.
         (0..12).map(|_| self.0.f64()).sum::<f64>() - 6.0
     }
 }
@@ -77,7 +80,7 @@ pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64
     curves
 }
 
-/// The filter and the law written once more, plainly.
+/// Model force at every sample of the filter's curves, N.
 pub fn forces(curves: &RegionCurves, filter: Filter, gauge: &Gauge<f64>) -> Vec<f64> {
     let (area_mm2, _, sample_s) = curves.of(filter);
     let mut force_n = vec![0.0; area_mm2.len()];
@@ -101,9 +104,9 @@ pub fn forces(curves: &RegionCurves, filter: Filter, gauge: &Gauge<f64>) -> Vec<
         Filter::Live => {
             let at = |i: isize| if i < 0 { 0.0 } else { area_mm2[i as usize] };
             let mean = |i: isize| (at(i - 2) + at(i - 1) + at(i)) / 3.0;
-            for i in first..=last {
+            for (i, force_n) in force_n.iter_mut().enumerate().take(last + 1).skip(first) {
                 let (g, before) = (g_of(mean(i as isize)), g_of(mean(i as isize - 1)));
-                force_n[i] = gauge.force_n(g, (g - before) / sample_s);
+                *force_n = gauge.force_n(g, (g - before) / sample_s);
             }
         }
     }

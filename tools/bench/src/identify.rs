@@ -1,0 +1,167 @@
+//! Identification: exactness, evaluations and time on steps whose truth is known, beside the paper's search.
+
+use crate::Figures;
+use anyhow::{Context, Result, bail};
+use fit::identify::{Bounds, identify};
+use fit::interval::{five, from_jacobian};
+use fit::quality::Evaluated;
+use fit::synthetic::{Noise, curves, gauge};
+use fit::{Filter, Samples, paper};
+use std::path::Path;
+use std::process::Command;
+use std::time::Instant;
+
+const RATE_HZ: f64 = 100.0;
+/// Standard deviation of the noisy steps' force over its peak.
+const NOISE: f64 = 0.01;
+/// The best of so many runs: others shared the core.
+const RUNS: usize = 20;
+const COVERAGE_REPEATS: u64 = 200;
+/// A search succeeds that ends this close to the best NRMSE known.
+const SUCCESS: f64 = 0.001;
+
+pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
+    exact(figures);
+    coverage(figures);
+    let noisy: Vec<_> =
+        (0..8).map(|r| curves(r, RATE_HZ, Filter::Step, 1.0, NOISE, &mut Noise::new(r as u64))).collect();
+    let samples: Vec<_> = noisy.iter().map(|c| Samples::new([c], Filter::Step)).collect();
+    let mut found = Vec::new();
+    let mut best_s = [f64::INFINITY; 8];
+    for _ in 0..RUNS {
+        found.clear();
+        for (samples, best_s) in samples.iter().zip(&mut best_s) {
+            let start = Instant::now();
+            found.push(identify(samples, &Bounds::USUAL));
+            *best_s = best_s.min(start.elapsed().as_secs_f64());
+        }
+    }
+    let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+    let evaluations = most(&mut found.iter().map(|f| f.evaluations as f64));
+    figures.add("fit_evaluations", evaluations, "of 600: model evaluations of one region and step, the most of eight");
+    let fit_ms = most(&mut best_s.iter().map(|s| s * 1e3));
+    figures.add("fit_ms", round(fit_ms, 3), "of 2: the same in ms on one core, the slowest of eight");
+
+    // For one step the squares are NRMSE squared.
+    let ours: Vec<f64> = found.iter().map(|f| f.squares.sqrt()).collect();
+    let own_s: f64 = best_s.iter().sum::<f64>() / 8.0;
+    let scipy = scipy(python, &samples)?;
+    figures.add(
+        "paper_evaluations",
+        scipy.evaluations,
+        "the paper's search, ten starts through SciPy's SLSQP: mean of eight regions",
+    );
+    let succeeded = scipy.nrmse.iter().zip(&ours).filter(|(theirs, ours)| **theirs < *ours + SUCCESS).count();
+    figures.add("paper_success", succeeded, "of 8: its regions within 0.1 percentage points of the best known");
+    let ratio = scipy.seconds / (succeeded as f64) / own_s;
+    figures.add("fit_over_paper", round(ratio, 1), "at least 100: its time a successful region over this one's");
+
+    let start = Instant::now();
+    let compiled = samples.iter().map(|s| {
+        let (ellipsoid, _) = paper::identify(s);
+        ellipsoid.gauge()
+    });
+    let compiled: Vec<_> = compiled.collect();
+    let seconds = start.elapsed().as_secs_f64();
+    let nrmse = noisy
+        .iter()
+        .zip(&compiled)
+        .map(|(c, g)| Evaluated::new(c, Filter::Step, g).map_or(f64::INFINITY, |e| e.nrmse()));
+    let succeeded = nrmse.zip(&ours).filter(|(theirs, ours)| *theirs < **ours + SUCCESS).count();
+    figures.add(
+        "fit_over_paper_compiled",
+        round(seconds / succeeded as f64 / own_s, 1),
+        &format!("the same with `--method paper`, compiled: {succeeded} of 8 regions succeed"),
+    );
+    Ok(())
+}
+
+/// Steps without noise give their parameters back.
+fn exact(figures: &mut Figures) {
+    let (mut nrmse, mut parameters) = (0.0f64, 0.0f64);
+    for region in 0..8 {
+        let curves = curves(region, RATE_HZ, Filter::Step, 1.0, 0.0, &mut Noise::new(1));
+        let samples = Samples::new([&curves], Filter::Step);
+        let found = identify(&samples, &Bounds::USUAL);
+        nrmse = nrmse.max(found.squares.sqrt());
+        let t = gauge(region);
+        let truth = [t.ab_m2, t.stiffness_pa, t.damping_pa_s, t.n, t.m];
+        let errors =
+            five(&found, samples.area_max_m2).into_iter().zip(truth).map(|(got, truth)| (got / truth - 1.0).abs());
+        parameters = errors.fold(parameters, f64::max);
+    }
+    figures.add("fit_exact_nrmse", nrmse * 100.0, "below 0.01: NRMSE in % on exact steps, the worst of eight regions");
+    figures.add("fit_exact_parameters", parameters, "below 1e-4: relative error of the five there, the worst of forty");
+}
+
+/// Share of repeats in which a true value lies in its 95 % interval: the parameter with the least.
+fn coverage(figures: &mut Figures) {
+    let mut least = 1.0f64;
+    let mut all = 0.0;
+    for region in 0..8 {
+        let t = gauge(region);
+        let truth = [t.ab_m2, t.stiffness_pa, t.damping_pa_s, t.n, t.m];
+        let mut held = [0.0; 5];
+        for seed in 0..COVERAGE_REPEATS {
+            let curves = curves(region, RATE_HZ, Filter::Step, 1.0, NOISE, &mut Noise::new(seed));
+            let samples = Samples::new([&curves], Filter::Step);
+            let found = identify(&samples, &Bounds::USUAL);
+            let uncertainty = from_jacobian(&samples, &Bounds::USUAL, &found);
+            for ((interval, truth), held) in uncertainty.intervals.iter().zip(truth).zip(&mut held) {
+                let [low, high] = interval.jacobian;
+                *held += f64::from(u8::from((low..=high).contains(&truth))) / COVERAGE_REPEATS as f64;
+            }
+        }
+        least = held.into_iter().fold(least, f64::min);
+        all += held.iter().sum::<f64>() / 40.0;
+    }
+    figures.add(
+        "fit_coverage",
+        round(all, 4),
+        "0.90 to 0.99: true values inside their 95 % interval, noisy steps, all regions",
+    );
+    figures.add("fit_coverage_least", round(least, 4), "the same of the one parameter of one region with the least");
+}
+
+struct Scipy {
+    seconds: f64,
+    evaluations: f64,
+    nrmse: Vec<f64>,
+}
+
+fn scipy(python: &Path, samples: &[Samples]) -> Result<Scipy> {
+    let directory = tempfile::tempdir()?;
+    for (region, samples) in samples.iter().enumerate() {
+        let mut data = vec![samples.len() as f64];
+        data.extend(samples.table().flatten());
+        data.push(0.0);
+        let bytes: Vec<u8> = data.into_iter().flat_map(f64::to_le_bytes).collect();
+        std::fs::write(directory.path().join(format!("{region}.f64")), bytes)?;
+    }
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("identify_scipy.py");
+    let ran = Command::new(python)
+        .arg(script)
+        .arg(directory.path())
+        // Its linear algebra on one core, as ours.
+        .env("OPENBLAS_NUM_THREADS", "1")
+        .output()
+        .with_context(|| format!("cannot run {}: `cargo xtask setup` makes it", python.display()))?;
+    if !ran.status.success() {
+        bail!("the SciPy version failed: {}", String::from_utf8_lossy(&ran.stderr));
+    }
+    let said = String::from_utf8(ran.stdout)?;
+    let mut scipy = Scipy { seconds: 0.0, evaluations: 0.0, nrmse: Vec::new() };
+    for line in said.lines() {
+        let numbers: Vec<f64> = line.split_whitespace().map(str::parse).collect::<Result<_, _>>()?;
+        let [seconds, evaluations, nrmse] = numbers[..] else { bail!("the SciPy version said: {line}") };
+        scipy.seconds += seconds;
+        scipy.evaluations += evaluations / samples.len() as f64;
+        scipy.nrmse.push(nrmse);
+    }
+    Ok(scipy)
+}
+
+fn round(value: f64, digits: i32) -> f64 {
+    let scale = 10f64.powi(digits);
+    (value * scale).round() / scale
+}
