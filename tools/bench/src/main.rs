@@ -6,6 +6,7 @@ mod identify;
 mod instructions;
 mod replay;
 mod stack;
+mod walkers;
 
 use anyhow::{Context, Result};
 use clap::Parser;
@@ -21,6 +22,9 @@ struct Arguments {
     /// A Python with NumPy and SciPy.
     #[arg(long, required_unless_present = "stack_json")]
     python: Option<PathBuf>,
+    /// The folder SpeedPP2DS of the package jiku-data.
+    #[arg(long)]
+    jiku: Option<PathBuf>,
     /// Also write the figures to this file, one flat object.
     #[arg(long)]
     json: Option<PathBuf>,
@@ -51,6 +55,9 @@ fn main() -> Result<()> {
         bytes::measure(&mut figures)?;
         replay::measure(python, &mut figures)?;
         identify::measure(python, &mut figures)?;
+        if let Some(jiku) = &arguments.jiku {
+            walkers::measure(jiku, &mut figures)?;
+        }
     } else {
         stack::measure(&arguments.firmware, &mut figures)?;
     }

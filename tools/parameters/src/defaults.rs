@@ -21,6 +21,14 @@ impl FromStr for InsoleSize {
     }
 }
 
+impl InsoleSize {
+    /// Typical thickness of the unloaded tissue, m, per region in the order of [`plantar::Region::ALL`]: within the ranges that
+    /// were measured at heel and metatarsal heads (docs/identification.md), in proportion to the size.
+    pub fn thickness_m(self) -> [f64; 8] {
+        SIZE_42.map(|[_, _, d0_mm, ..]| d0_mm * f64::from(self.0) / 42.0 * 1e-3)
+    }
+}
+
 impl fmt::Display for InsoleSize {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.fmt(f)

@@ -1,0 +1,82 @@
+//! Identification on ten barefoot walkers of a plate (SpeedPP2DS): every step predicted from the walker's others.
+
+use crate::Figures;
+use anyhow::Result;
+use fit::{Bounds, Filter, Method, Options, Quality, Study};
+use parameters::InsoleSize;
+use plantar::Region;
+use plantar::contact::ContactRule;
+use plantar::stance::StanceRule;
+use recording::{Recording, VirtualInsole, jiku};
+use std::path::Path;
+
+/// NRMSE in % of the best of the earlier analyses of such steps, predicted: what each region is held against.
+const REFERENCE: [f64; 8] = [13.6, 23.5, 23.5, 26.5, 27.2, 18.4, 21.0, 19.5];
+
+pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
+    let mut counted = Vec::new();
+    let mut covered = Vec::new();
+    let mut steps = 0;
+    for walker in 0..jiku::WALKERS {
+        let walk = jiku::import(data, walker, 0..jiku::TRIALS, &mut |_, _| ())?;
+        let (qualities, count) = qualities(&walk, ContactRule::COUNTED)?;
+        steps += count;
+        counted.push(qualities);
+        covered.push(self::qualities(&walk, ContactRule::COVERED)?.0);
+    }
+    let mut totals = [0.0; 2];
+    for (i, region) in Region::ALL.iter().enumerate() {
+        let mean = |all: &[[Option<Quality>; 8]], of: fn(&Quality) -> Option<f64>| {
+            let values: Vec<f64> = all.iter().filter_map(|walker| of(walker[i].as_ref()?)).collect();
+            (values.iter().sum::<f64>() / values.len() as f64 * 1e4).round() / 100.0
+        };
+        let walkers = counted.iter().filter(|walker| walker[i].is_some()).count();
+        let name = region.name();
+        let predicted = mean(&counted, |q| q.predicted);
+        figures.add(
+            &format!("nrmse.{name}.own"),
+            mean(&counted, |q| Some(q.own)),
+            "%, each step fitted alone, counted cells",
+        );
+        figures.add(
+            &format!("nrmse.{name}.predicted"),
+            predicted,
+            &format!("of {}: each step from the walker's others, {walkers} walkers", REFERENCE[i]),
+        );
+        figures.add(
+            &format!("nrmse.{name}.floor"),
+            mean(&counted, |q| Some(q.floor)),
+            "best rising function of its area",
+        );
+        let finer = mean(&covered, |q| q.predicted);
+        figures.add(&format!("nrmse.{name}.covered"), finer, "predicted, edge cells by their share (150 kPa)");
+        totals[0] += predicted / 8.0;
+        totals[1] += finer / 8.0;
+    }
+    let [counted, covered] = totals;
+    figures.add(
+        "nrmse.mean.predicted",
+        (counted * 100.0).round() / 100.0,
+        &format!("mean of the regions, {steps} steps"),
+    );
+    figures.add("nrmse.mean.covered", (covered * 100.0).round() / 100.0, "the same, edge cells by their share");
+    let less = (1.0 - covered / counted) * 100.0;
+    figures.add("nrmse.mean.less", (less * 10.0).round() / 10.0, "at least 15: by how many % that is lower");
+    Ok(())
+}
+
+fn qualities(walk: &Recording, contact: ContactRule) -> Result<([Option<Quality>; 8], usize)> {
+    let options = Options {
+        filter: Filter::Step,
+        method: Method::Projection,
+        bounds: Bounds::USUAL,
+        thickness_m: InsoleSize::default().thickness_m(),
+        compression: fit::pins::COMPRESSION,
+        resamples: 0,
+    };
+    let mut study = Study::new(String::new(), contact, options);
+    study.add(String::new(), walk, &VirtualInsole::new(walk, contact, StanceRule::WALKING), &mut |_| ())?;
+    study.fit(&|_| ());
+    let quality = |i: usize| study.fits[i].as_ref().ok().map(|fit| fit.quality);
+    Ok((std::array::from_fn(quality), study.steps.len()))
+}
