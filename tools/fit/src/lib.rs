@@ -30,6 +30,7 @@ use plantar::Region;
 use plantar::model::{Ellipsoid, Gauge};
 use quality::Evaluated;
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 use std::fmt;
 
 /// How to search.
@@ -64,6 +65,11 @@ pub const LEAST_SAMPLES: usize = 12;
 pub const LEAST_FORCE_N: f64 = 20.0;
 /// An area that stays at its largest for this share of the contact tells nothing of how force grows with it.
 const SATURATED_SHARE: f64 = 0.8;
+/// Recordings that predict each other this much worse than themselves in [`MIXED_REGIONS`] regions are of two people: so it
+/// is for eight of ten pairs of the walkers of SpeedPP2DS, and for none of ten walkers' own halves.
+const MIXED_RATIO: f64 = 1.8;
+/// See [`MIXED_RATIO`].
+const MIXED_REGIONS: usize = 2;
 /// An area this close to the largest is at it.
 const SATURATED_AREA: f64 = 0.98;
 
@@ -161,6 +167,9 @@ pub struct RegionFit {
     pub uncertainty: Option<Uncertainty>,
     /// How good.
     pub quality: Quality,
+    /// Median error of one recording's steps predicted from the other recordings, over that from itself: the worst of them.
+    /// `None` without three steps in each of two recordings.
+    pub recordings_ratio: Option<f64>,
     /// How often the model was evaluated over all samples in the fit to all steps.
     pub evaluations: usize,
     /// What to do with it, in a sentence.
@@ -179,6 +188,14 @@ pub fn fit(steps: &[Step], options: &Options, progress: &(dyn Fn(Region) + Sync)
             fit
         })
         .collect();
+    let differs = |fit: &RegionFit| fit.recordings_ratio.filter(|ratio| *ratio > MIXED_RATIO);
+    if fits.iter().flatten().filter_map(differs).count() >= MIXED_REGIONS {
+        for fit in &mut fits {
+            if let Some(ratio) = fit.as_ref().ok().and_then(differs) {
+                *fit = Err(Unfit::MixedPeople(ratio));
+            }
+        }
+    }
     std::array::from_fn(|_| fits.remove(0))
 }
 
@@ -201,7 +218,7 @@ pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(Region
         saturated: verdict::saturated(&[&evaluated]),
     };
     let uncertainty = best.identified.map(|i| interval::from_jacobian(&best.samples, &options.bounds, &i));
-    Ok((best.into_fit(used, pins, uncertainty, quality), evaluated))
+    Ok((best.into_fit(used, pins, uncertainty, quality, None), evaluated))
 }
 
 fn fit_region(steps: &[Step], region: usize, options: &Options) -> Result<RegionFit, Unfit> {
@@ -209,7 +226,7 @@ fn fit_region(steps: &[Step], region: usize, options: &Options) -> Result<Region
     let curves: Vec<&RegionCurves> = used.iter().map(|&i| &steps[i].regions[region]).collect();
     let recordings: Vec<usize> = used.iter().map(|&i| steps[i].recording).collect();
     let best = search(curves.iter().copied(), options);
-    check_one_person(&curves, &recordings, options, &best)?;
+    let recordings_ratio = recordings_ratio(&curves, &recordings, &best, options);
     let pins = best.pins(pins_of(&curves, region, options));
 
     let uncertainty = best.identified.map(|identified| {
@@ -240,7 +257,7 @@ fn fit_region(steps: &[Step], region: usize, options: &Options) -> Result<Region
         peak_bias: mean(&Evaluated::peak_bias, &fitted),
         saturated: verdict::saturated(&fitted.iter().collect::<Vec<_>>()),
     };
-    Ok(best.into_fit(used, pins, uncertainty, quality))
+    Ok(best.into_fit(used, pins, uncertainty, quality, recordings_ratio))
 }
 
 /// The steps in which a region carries enough to be fitted, or why none does.
@@ -345,7 +362,14 @@ impl Found {
         self.ellipsoid.map_or(pinned, |ellipsoid| paper::pins(&ellipsoid, &self.gauge, self.g_max()))
     }
 
-    fn into_fit(self, steps: Vec<usize>, pins: Pins, uncertainty: Option<Uncertainty>, quality: Quality) -> RegionFit {
+    fn into_fit(
+        self,
+        steps: Vec<usize>,
+        pins: Pins,
+        uncertainty: Option<Uncertainty>,
+        quality: Quality,
+        recordings_ratio: Option<f64>,
+    ) -> RegionFit {
         let gauge = Gauge { c_m: pins.c_m(self.g_max()), ..self.gauge };
         let mut fit = RegionFit {
             steps,
@@ -355,6 +379,7 @@ impl Found {
             pins,
             uncertainty,
             quality,
+            recordings_ratio,
             evaluations: self.evaluations,
             verdict: String::new(),
             warnings: Vec::new(),
@@ -379,35 +404,26 @@ fn pins_of(curves: &[&RegionCurves], region: usize, options: &Options) -> Pins {
 
 /// Steps of each recording that it takes to compare recordings.
 const COMPARED_STEPS: usize = 3;
-/// Recordings of one person predict each other at most this much worse than themselves.
-const MIXED_RATIO: f64 = 1.8;
 
-fn check_one_person(
-    curves: &[&RegionCurves],
-    recordings: &[usize],
-    options: &Options,
-    near: &Found,
-) -> Result<(), Unfit> {
-    let mut groups: Vec<usize> = recordings.to_vec();
-    groups.sort_unstable();
-    groups.dedup();
-    let mut worst: f64 = 1.0;
-    for &group in &groups {
+/// How much worse a recording's steps are predicted from the other recordings than from themselves, the worst of them;
+/// `None` where there is nothing to compare.
+fn recordings_ratio(curves: &[&RegionCurves], recordings: &[usize], near: &Found, options: &Options) -> Option<f64> {
+    let groups: BTreeSet<usize> = recordings.iter().copied().collect();
+    let ratios = groups.into_iter().filter_map(|group| {
         let of = |wanted: bool| {
             let pairs = curves.iter().zip(recordings).filter(move |(_, r)| (**r == group) == wanted);
             pairs.map(|(c, _)| *c).collect::<Vec<&RegionCurves>>()
         };
         let (own, others) = (of(true), of(false));
         if own.len() < COMPARED_STEPS || others.len() < COMPARED_STEPS {
-            continue;
+            return None;
         }
         let error = |gauge: &Gauge<f64>| {
             let errors = own.iter().filter_map(|c| Some(Evaluated::new(c, options.filter, gauge)?.nrmse()));
             steps::median(errors)
         };
-        let from_others = error(&again(others.iter().copied(), near, options));
         let from_own = error(&again(own.iter().copied(), near, options));
-        worst = worst.max(from_others / from_own);
-    }
-    if worst > MIXED_RATIO { Err(Unfit::MixedPeople(worst)) } else { Ok(()) }
+        Some(error(&again(others, near, options)) / from_own)
+    });
+    ratios.max_by(f64::total_cmp)
 }
