@@ -1,7 +1,7 @@
 //! `plantar emulate`: the real firmware feels a recording.
 
 use crate::monitor::{ANSWER, PATIENCE};
-use crate::setup::{Contact, Wearer};
+use crate::setup::{Contact, Wearer, Zeroed};
 use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, bail};
@@ -28,6 +28,8 @@ pub struct Emulate {
     wearer: Wearer,
     #[command(flatten)]
     contact: Contact,
+    #[command(flatten)]
+    zero: Zeroed,
     /// In real time, or as fast as the emulator can.
     #[arg(long, value_enum, default_value_t = Speed::Real)]
     speed: Speed,
@@ -66,7 +68,8 @@ impl Emulate {
         }
         println!("{}", recording.source);
         let tissue = self.wearer.parameters()?.tissue();
-        let worn = self.contact.insole(&recording)?;
+        let mut worn = self.contact.insole(&recording)?;
+        self.zero.wear(&mut worn)?;
         // What the board would refuse is refused here, where there is room to say it.
         let mut insole = Insole::<f32, DEVICE_CELLS>::new();
         let accepted = insole.set_up(worn.setup, worn.cells.iter().copied()).and_then(|()| insole.set_tissue(&tissue));

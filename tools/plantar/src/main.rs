@@ -11,6 +11,7 @@ mod replay;
 mod setup;
 mod summary;
 mod view;
+mod zero;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -24,6 +25,7 @@ use std::process::ExitCode;
 ///   plantar import csv --layout layout.csv --frames frames.csv \
 ///       --side left --out walk.parquet
 ///   plantar info walk.parquet
+///   plantar zero standing.parquet --out zero.toml
 ///   plantar replay walk.parquet --json steps.json
 ///   plantar emulate walk.parquet
 ///   plantar monitor --serial /dev/ttyACM0
@@ -40,6 +42,7 @@ enum Command {
     #[command(subcommand)]
     Import(import::Import),
     Info(info::Info),
+    Zero(zero::Zero),
     Replay(replay::Replay),
     Emulate(emulate::Emulate),
     Monitor(monitor::Monitor),
@@ -52,6 +55,7 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Import(import) => import.run(),
         Command::Info(info) => info.run(),
+        Command::Zero(zero) => zero.run(),
         Command::Replay(replay) => replay.run(),
         Command::Emulate(emulate) => emulate.run(),
         Command::Monitor(monitor) => monitor.run(),

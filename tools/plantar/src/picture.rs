@@ -6,7 +6,7 @@ use plantar::wire::Step;
 use plantar::{Real, Region, Side};
 use plotters::coord::Shift;
 use plotters::prelude::*;
-use recording::Recording;
+use recording::{Recording, VirtualInsole};
 use std::path::Path;
 
 /// Colours of the regions, heel to toes, as the paper's Fig. 1 names them.
@@ -39,14 +39,14 @@ impl Drawing {
     }
 
     /// Draws one step of the recording to an SVG file.
-    pub fn draw(&self, path: &Path, recording: &Recording, step: Option<&Step>) -> Result<()> {
+    pub fn draw(&self, path: &Path, recording: &Recording, worn: &VirtualInsole, step: Option<&Step>) -> Result<()> {
         let step = step.context("no step to draw: the recording holds none")?;
         let frame = |us: u64| ((us as f64 * 1e-6 * recording.rate_hz).round() as usize).min(recording.frames());
         let frames = frame(step.start_us)..frame(step.start_us + u64::from(step.duration_us));
         let area = SVGBackend::new(path, SIZE).into_drawing_area();
         let drawn = area.fill(&WHITE).map_err(drawing_error).and_then(|()| {
             let (foot, curves) = area.split_horizontally(FOOT_WIDTH);
-            draw_foot(&foot, recording, step, frames.clone())?;
+            draw_foot(&foot, recording, worn, step, frames.clone())?;
             for (i, panel) in curves.split_evenly((3, 3)).iter().take(8).enumerate() {
                 self.draw_region(panel, i, recording.rate_hz, frames.clone())?;
             }
@@ -95,13 +95,14 @@ impl Drawing {
 fn draw_foot(
     area: &DrawingArea<SVGBackend, Shift>,
     recording: &Recording,
+    worn: &VirtualInsole,
     step: &Step,
     frames: std::ops::Range<usize>,
 ) -> Result<()> {
     let cells = &recording.layout.cells;
     let mut peak_kpa = vec![0.0f32; cells.len()];
     for i in frames {
-        for (peak, &kpa) in peak_kpa.iter_mut().zip(recording.frame(i)) {
+        for (peak, kpa) in peak_kpa.iter_mut().zip(worn.measured_kpa(recording.frame(i))) {
             *peak = peak.max(kpa);
         }
     }

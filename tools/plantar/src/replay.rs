@@ -1,7 +1,7 @@
 //! `plantar replay`: the insole's own code on this computer.
 
 use crate::frames::FrameWriter;
-use crate::setup::{Contact, Wearer};
+use crate::setup::{Contact, Wearer, Zeroed};
 use crate::{picture, summary};
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
@@ -26,6 +26,8 @@ pub struct Replay {
     wearer: Wearer,
     #[command(flatten)]
     contact: Contact,
+    #[command(flatten)]
+    zero: Zeroed,
     /// Arithmetic: f32 as on the device, or f64. Steps are written in the wire's units either way; --frames has all digits.
     #[arg(long, value_enum, default_value_t = Precision::F32)]
     precision: Precision,
@@ -50,7 +52,8 @@ impl Replay {
     pub fn run(&self) -> Result<()> {
         let recording = Recording::read(&self.recording)?;
         let tissue = self.wearer.parameters()?.tissue();
-        let worn = self.contact.insole(&recording)?;
+        let mut worn = self.contact.insole(&recording)?;
+        self.zero.wear(&mut worn)?;
         let start = Instant::now();
         let steps = match self.precision {
             Precision::F32 => self.replay::<f32>(&recording, &worn, &tissue)?,
@@ -98,7 +101,7 @@ impl Replay {
             frames.finish()?;
         }
         if let (Some(drawing), Some(path)) = (drawing, &self.picture) {
-            drawing.draw(path, recording, steps.first())?;
+            drawing.draw(path, recording, worn, steps.first())?;
         }
         Ok(steps)
     }

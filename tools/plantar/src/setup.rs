@@ -1,11 +1,11 @@
-//! Options that several commands share: the wearer's parameters and the contact rule.
+//! Options that several commands share: the wearer's parameters, the contact rule and the cells' zero.
 
 use anyhow::{Result, bail};
 use clap::Args;
 use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
 use plantar::insole::PERIOD_US;
-use recording::{Recording, VirtualInsole};
+use recording::{Recording, VirtualInsole, Zero};
 use std::path::PathBuf;
 
 #[derive(Args)]
@@ -61,5 +61,22 @@ impl Contact {
             );
         }
         Ok(worn)
+    }
+}
+
+#[derive(Args)]
+pub struct Zeroed {
+    /// What the unloaded cells read, a TOML file that `plantar zero` wrote: the insole subtracts it.
+    #[arg(long, value_name = "FILE")]
+    zero: Option<PathBuf>,
+}
+
+impl Zeroed {
+    /// Gives the cells of `worn` their offsets.
+    pub fn wear(&self, worn: &mut VirtualInsole) -> Result<()> {
+        if let Some(path) = &self.zero {
+            Zero::read(path)?.wear(worn, &path.display().to_string())?;
+        }
+        Ok(())
     }
 }

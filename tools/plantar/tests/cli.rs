@@ -1,5 +1,7 @@
 //! The command line as a person uses it: what it writes, and what it says of bad input.
 
+use recording::Recording;
+use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -183,4 +185,97 @@ fn too_many_cells_for_the_device_and_missing_programs_say_what_to_do() {
     fail(&path, "emulate walk.parquet --firmware nowhere", &["nowhere", "cargo xtask build"]);
     fail(&path, "monitor --tcp 127.0.0.1:1", &["127.0.0.1:1"]);
     fail(&path, "monitor --serial /dev/nowhere", &["/dev/nowhere"]);
+}
+
+/// Offsets of 240 cells, kPa.
+fn offsets() -> Vec<f32> {
+    (0..240).map(|i| 20.0 * ((i * 37) % 240) as f32 / 240.0).collect()
+}
+
+/// Writes a standing trial of a foot that carries so much.
+fn write_trial(path: &Path, side: plantar::Side, standing_n: f64) -> Recording {
+    let mut trial = synthetic::standing(&SyntheticStanding { side, standing_n, ..Default::default() });
+    synthetic::read_with(&mut trial, &offsets(), 8.0, 7);
+    trial.write(path).expect("written");
+    trial
+}
+
+/// 70 kg weigh 686.5 N: 420 N and 266.5 N are 61.2 and 38.8 %.
+#[test]
+fn a_standing_trial_gives_a_zero_and_checks_the_weight() {
+    use plantar::Side::{Left, Right};
+    let (_keep, path) = folder();
+    write_trial(&path.join("left.parquet"), Left, 420.0);
+    write_trial(&path.join("right.parquet"), Right, 266.5);
+    let said = succeed(&path, "zero left.parquet right.parquet --out zero.toml --mass 70");
+    let number = |before: &str, after: &str| -> Vec<f64> {
+        let parts = said.match_indices(after).map(|(end, _)| &said[..end]);
+        parts.map(|s| s.rsplit_once(before).expect(before).1.parse().expect("a number")).collect()
+    };
+    let shares = number(", ", " % of body weight");
+    for (share, truth) in shares.iter().zip([61.2, 38.8, 100.0]) {
+        assert!((share - truth).abs() < 1.0, "{said}");
+    }
+    assert!(shares.len() == 3 && said.contains("weight: good"), "{said}");
+    assert!(said.contains("left foot, left.parquet") && said.contains("drift of +0.0 N, +0.0 % of standing"), "{said}");
+    let zero = std::fs::read_to_string(path.join("zero.toml")).expect("a zero");
+    assert!(zero.contains("[left]") && zero.contains("[right]"));
+
+    let said = succeed(&path, "zero left.parquet right.parquet --out zero.toml --mass 90");
+    assert!(said.contains("NOT good") && said.contains("10 % off") && said.contains("calibrate"), "{said}");
+    let said = succeed(&path, "zero right.parquet --out right.toml --mass 70");
+    assert!(said.contains("% of body weight") && !said.contains("good") && !said.contains("both"), "{said}");
+    let said = succeed(&path, "zero left.parquet right.parquet --out zero.toml");
+    assert!(said.contains("--mass") && !said.contains("% of body"), "{said}");
+
+    fail(&path, "zero left.parquet left.parquet --out twice.toml", &["left.parquet", "left foot", "twice"]);
+    fail(&path, "zero left.parquet --out zero.toml --mass 0", &["--mass 0", "kg"]);
+    succeed(&path, "import synthetic --out walk.parquet");
+    fail(&path, "zero walk.parquet --out walk.toml", &["walk.parquet", "standing still", "sit and lift both feet"]);
+    assert!(!path.join("twice.toml").exists() && !path.join("walk.toml").exists());
+}
+
+#[test]
+fn a_replay_with_the_zero_gives_the_steps_of_cells_without_offsets() {
+    let (_keep, path) = folder();
+    write_trial(&path.join("standing.parquet"), plantar::Side::Right, 350.0);
+    let mut walk = synthetic::walk(&SyntheticWalk { steps: 3, ..Default::default() }).recording;
+    walk.write(path.join("ideal.parquet")).expect("written");
+    synthetic::read_with(&mut walk, &offsets(), 0.0, 1);
+    walk.write(path.join("walk.parquet")).expect("written");
+    succeed(&path, "zero standing.parquet --out zero.toml");
+    succeed(&path, "replay ideal.parquet --json ideal.json");
+    succeed(&path, "replay walk.parquet --zero zero.toml --json zeroed.json --picture step.svg");
+    let (ideal, zeroed) = (json(&path.join("ideal.json")), json(&path.join("zeroed.json")));
+    let steps = |of: &Value| of.as_array().expect("steps").clone();
+    assert_eq!((steps(&ideal).len(), steps(&zeroed).len()), (3, 3));
+    for (ideal, zeroed) in steps(&ideal).iter().zip(steps(&zeroed)) {
+        for key in ["start_s", "duration_s"] {
+            assert_eq!(ideal[key], zeroed[key]);
+        }
+        for (region, ideal) in ideal["regions"].as_object().expect("regions") {
+            let zeroed = &zeroed["regions"][region];
+            // The wire counts tenths of a newton and whole mm2.
+            for (key, tolerance) in [("measured_force_peak_n", 0.1), ("area_peak_mm2", 1.0)] {
+                let [ideal, zeroed] = [ideal, zeroed].map(|of| of[key].as_f64().expect(key));
+                assert!((ideal - zeroed).abs() <= 1.001 * tolerance, "{region} {key}: {zeroed}, not {ideal}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_zero_that_does_not_fit_is_refused() {
+    let (_keep, path) = folder();
+    write_trial(&path.join("standing.parquet"), plantar::Side::Left, 350.0);
+    succeed(&path, "zero standing.parquet --out zero.toml");
+    succeed(&path, "import synthetic --side right --out walk.parquet");
+    for command in ["replay", "emulate"] {
+        fail(&path, &format!("{command} walk.parquet --zero zero.toml"), &["zero.toml", "no zero of the right foot"]);
+    }
+    succeed(&path, IMPORT);
+    fail(&path, "replay walk.parquet --zero zero.toml", &["zero.toml", "240 offsets", "4 of this recording"]);
+    fail(&path, "replay walk.parquet --zero nowhere.toml", &["nowhere.toml"]);
+    std::fs::write(path.join("zero.toml"), "version = 1\n[left]\nlayout_id = x\n").expect("written");
+    fail(&path, "replay walk.parquet --zero zero.toml", &["zero.toml:3", "plantar zero"]);
 }

@@ -1,7 +1,7 @@
 //! A recording worn as an insole: its cells in the device's order, its pressures as the codes of a sensor.
 
 use crate::Recording;
-use plantar::calibrate::{CellCalibration, FULL_CODE, SensorLaw};
+use plantar::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
 use plantar::contact::ContactRule;
 use plantar::insole::{Setup, SetupCell};
 use plantar::region::Cell;
@@ -10,9 +10,9 @@ use plantar::wire::checksum;
 
 /// Exponent of the virtual sensor's power law: conductance of a resistive cell rises a little less than in proportion to
 /// pressure. Our choice.
-const EXPONENT: f32 = 0.8;
+pub(crate) const EXPONENT: f32 = 0.8;
 /// Full scale of the virtual sensor, kPa; doubled until it holds the recording.
-const FULL_KPA: f32 = 1000.0;
+pub(crate) const FULL_KPA: f32 = 1000.0;
 
 /// A virtual insole that feels what was recorded.
 #[derive(Clone, Debug)]
@@ -24,6 +24,7 @@ pub struct VirtualInsole {
     /// Per cell of the recording its place in the insole.
     places: Vec<usize>,
     law: LawTable,
+    curve: Curve,
 }
 
 /// The sensor's law as a table over the leading bits of a pressure, within a hundredth of a code: a long recording would
@@ -64,7 +65,7 @@ impl LawTable {
 
 impl VirtualInsole {
     /// The insole of a recording. Its calibration is ideal, so what differs from the recorded pressures is the sensor's
-    /// resolution: below 0.1 % above 1 % of full scale.
+    /// resolution: below 0.1 % above 1 % of full scale. [`crate::Zero::wear`] gives the cells offsets.
     pub fn new(recording: &Recording, contact: ContactRule, stance: StanceRule) -> Self {
         let largest_kpa = recording.pressure_kpa.iter().fold(0.0f32, |a, &b| a.max(b));
         let mut sensor = SensorLaw { full_kpa: FULL_KPA, exponent: EXPONENT };
@@ -105,7 +106,9 @@ impl VirtualInsole {
         for (place, &i) in order.iter().enumerate() {
             places[i] = place;
         }
-        Self { law: LawTable::new(&setup.sensor), setup, cells, places }
+        let mut curve = Curve::new();
+        curve.set(&setup.sensor);
+        Self { law: LawTable::new(&setup.sensor), setup, cells, places, curve }
     }
 
     /// Frames that this insole feels: those of the recording, whose last one is then held long enough to confirm a toe off.
@@ -136,6 +139,28 @@ impl VirtualInsole {
             }
         }
         kpa_left.iter().zip(places_left).for_each(|(&kpa, &place)| load(kpa, place));
+    }
+
+    /// What the device measures in one frame of the recording, kPa, in the recording's order: offsets are subtracted.
+    pub fn measured_kpa(&self, pressure_kpa: &[f32]) -> Vec<f32> {
+        let mut codes = vec![0; self.cells.len()];
+        self.codes(pressure_kpa, &mut codes);
+        let measured = |&place: &usize| {
+            let CellCalibration { offset, gain } = self.cells[place].calibration;
+            gain * self.curve.pressure_kpa::<f32>((i32::from(codes[place]) - i32::from(offset)).max(0))
+        };
+        self.places.iter().map(measured).collect()
+    }
+
+    /// The code of an ideal cell at a pressure.
+    pub(crate) fn code(&self, kpa: f32) -> u16 {
+        self.law.code(kpa)
+    }
+
+    /// The pressure whose [`VirtualInsole::code`] this is, by the law itself: a [`Curve`] is too coarse near zero.
+    pub(crate) fn pressure_kpa(&self, code: u16) -> f32 {
+        let SensorLaw { full_kpa, exponent } = self.setup.sensor;
+        (f64::from(full_kpa) * (f64::from(code) / f64::from(FULL_CODE)).powf(1.0 / f64::from(exponent))) as f32
     }
 }
 

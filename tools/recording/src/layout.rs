@@ -35,3 +35,11 @@ pub struct Layout {
     /// The cells, at most [`MAX_CELLS`].
     pub cells: Vec<Cell>,
 }
+
+impl Layout {
+    /// The force of these pressures, kPa, one a cell, on all cells, N: the sum of pressure times area.
+    pub fn force_n(&self, pressure_kpa: &[f32]) -> f64 {
+        // 1 kPa on 1 mm² is 1 mN.
+        pressure_kpa.iter().zip(&self.cells).map(|(&kpa, cell)| f64::from(kpa) * cell.area_mm2).sum::<f64>() * 1e-3
+    }
+}

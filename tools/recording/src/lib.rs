@@ -3,7 +3,7 @@
 //! A [`Recording`] is what one foot's sensors read over time. It is kept in a Parquet file
 //! ([`Recording::read`], [`Recording::write`]) and comes from one of the importers
 //! ([`csv`], [`pedar`], [`jiku`]) or from a computed walk whose truth is known ([`synthetic`]).
-//! [`template`] finds the region of cells whose source names none.
+//! [`template`] finds the region of cells whose source names none. A [`StandingTrial`] gives an insole its [`Zero`].
 
 pub mod csv;
 pub mod jiku;
@@ -20,9 +20,13 @@ mod layout;
 mod names;
 mod rate;
 mod recording;
+mod standing;
 mod table;
+mod zero;
 
 pub use error::{Error, Result};
 pub use insole::VirtualInsole;
 pub use layout::{Cell, Layout, MAX_CELLS};
 pub use recording::Recording;
+pub use standing::StandingTrial;
+pub use zero::{FootZero, Zero};

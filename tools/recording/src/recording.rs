@@ -44,9 +44,7 @@ impl Recording {
     /// # Panics
     /// When there is no frame `i`.
     pub fn force_n(&self, i: usize) -> f64 {
-        // 1 kPa on 1 mm² is 1 mN.
-        let pressures = self.frame(i).iter().zip(&self.layout.cells);
-        pressures.map(|(&kpa, cell)| f64::from(kpa) * cell.area_mm2).sum::<f64>() * 1e-3
+        self.layout.force_n(self.frame(i))
     }
 
     /// Reads a recording from Parquet.

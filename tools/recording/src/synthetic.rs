@@ -1,10 +1,13 @@
-//! A computed walk whose contact areas and forces are known exactly, for tests and benchmarks.
+//! A computed walk whose contact areas and forces are known exactly, for tests and benchmarks; a standing trial, and the
+//! offsets of real cells, likewise.
 //!
 //! Every region is loaded by an ellipse that grows and shrinks while the load passes over it, the heel
 //! first, the toes last. A cell reads its covered share times a smooth dome of pressure. The whole foot
 //! carries the two humps of walking.
 
+use crate::insole::{EXPONENT, FULL_KPA};
 use crate::{Cell, Layout, Recording, template};
+use plantar::calibrate::FULL_CODE;
 use plantar::{Region, Side};
 use std::f64::consts::PI;
 
@@ -133,6 +136,95 @@ pub fn walk(walk: &SyntheticWalk) -> Walk {
         },
         contact_mm2: frame.contact_mm2,
         force_n: frame.force_n,
+    }
+}
+
+/// A standing trial: the foot is lifted, stands, and is lifted again.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SyntheticStanding {
+    /// The foot.
+    pub side: Side,
+    /// Cells of the [`insole`].
+    pub cells: usize,
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// Time with the foot lifted, before and after, s.
+    pub lifted_s: [f64; 2],
+    /// Time of standing, s.
+    pub stand_s: f64,
+    /// Time to get up and to sit down again, each, s; not part of the others.
+    pub transition_s: f64,
+    /// The mean force on this foot while standing, N.
+    pub standing_n: f64,
+    /// The force sways by this fraction to either side, every three seconds.
+    pub sway: f64,
+}
+
+impl Default for SyntheticStanding {
+    fn default() -> Self {
+        Self {
+            side: Side::Right,
+            cells: 240,
+            rate_hz: 100.0,
+            lifted_s: [5.0; 2],
+            stand_s: 10.0,
+            transition_s: 1.0,
+            standing_n: 350.0,
+            sway: 0.03,
+        }
+    }
+}
+
+/// Stands.
+///
+/// # Panics
+/// When there are no cells.
+pub fn standing(trial: &SyntheticStanding) -> Recording {
+    const SWAY_PERIOD_S: f64 = 3.0;
+    let layout = insole(trial.cells);
+    let kpa_of_frame = loaded_frame(&layout);
+    let frame_n = layout.force_n(&kpa_of_frame);
+    let load = |t_s: f64| {
+        let stands_s = t_s - trial.lifted_s[0] - trial.transition_s;
+        // How far from standing, s: before or after it.
+        let off_s = (-stands_s).max(stands_s - trial.stand_s).max(0.0);
+        let up = 0.5 + 0.5 * (PI * (off_s / trial.transition_s).min(1.0)).cos();
+        up * (1.0 + trial.sway * (2.0 * PI * stands_s / SWAY_PERIOD_S).sin())
+    };
+    let seconds = trial.lifted_s[0] + trial.lifted_s[1] + trial.stand_s + 2.0 * trial.transition_s;
+    let t_s: Vec<f64> = (0..(seconds * trial.rate_hz).round() as usize).map(|k| k as f64 / trial.rate_hz).collect();
+    let frame = |&t_s: &f64| {
+        let share = load(t_s) * trial.standing_n / frame_n;
+        kpa_of_frame.iter().map(move |&kpa| (f64::from(kpa) * share) as f32)
+    };
+    Recording {
+        side: trial.side,
+        rate_hz: trial.rate_hz,
+        source: "Synthetic standing trial: computed, not measured.".into(),
+        pressure_kpa: t_s.iter().flat_map(frame).collect(),
+        t_s,
+        layout,
+    }
+}
+
+/// Lets cells read their offsets, kPa, and noise of up to so many codes of a sensor that ends at 1000 kPa.
+///
+/// As in a real sensor both are added to the code. For a power law that is not a sum of pressures: where 5 kPa rest, 100 kPa
+/// read 112 kPa.
+///
+/// # Panics
+/// When there are not as many offsets as cells.
+pub fn read_with(recording: &mut Recording, offset_kpa: &[f32], noise_codes: f64, seed: u64) {
+    assert_eq!(offset_kpa.len(), recording.cells(), "one offset a cell");
+    let (full_kpa, full_code, exponent) = (f64::from(FULL_KPA), f64::from(FULL_CODE), f64::from(EXPONENT));
+    let code = |kpa: f32| full_code * (f64::from(kpa) / full_kpa).powf(exponent);
+    let offsets: Vec<f64> = offset_kpa.iter().map(|&kpa| code(kpa)).collect();
+    let mut chance = Chance(seed);
+    for frame in recording.pressure_kpa.chunks_exact_mut(offsets.len()) {
+        for (kpa, offset) in frame.iter_mut().zip(&offsets) {
+            let noise = noise_codes * (chance.around_one(1.0) - 1.0);
+            *kpa = (full_kpa * ((code(*kpa) + offset + noise).max(0.0) / full_code).powf(1.0 / exponent)) as f32;
+        }
     }
 }
 

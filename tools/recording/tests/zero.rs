@@ -1,0 +1,285 @@
+//! A standing trial gives every cell its zero, and an insole with that zero reads as one without offsets.
+
+use plantar::calibrate::{FULL_CODE, zero_offset};
+use plantar::contact::ContactRule;
+use plantar::insole::Insole;
+use plantar::stance::StanceRule;
+use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
+use recording::{FootZero, MAX_CELLS, Recording, StandingTrial, VirtualInsole, Zero};
+use std::path::Path;
+
+/// The virtual sensor's law at its usual full scale, as its documentation states it.
+fn code(kpa: f32) -> f64 {
+    f64::from(FULL_CODE) * (f64::from(kpa) / 1000.0).powf(0.8)
+}
+
+/// Offsets up to 20 kPa, none of them alike.
+fn offsets(cells: usize) -> Vec<f32> {
+    (0..cells).map(|i| 20.0 * ((i * 37) % cells) as f32 / cells as f32).collect()
+}
+
+/// A trial as cells with offsets and some noise read it.
+fn trial(of: &SyntheticStanding) -> Recording {
+    let mut recording = synthetic::standing(of);
+    let offset_kpa = offsets(of.cells);
+    synthetic::read_with(&mut recording, &offset_kpa, 8.0, 7);
+    recording
+}
+
+fn worn(recording: &Recording) -> VirtualInsole {
+    VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING)
+}
+
+fn measured(recording: &Recording) -> (StandingTrial, FootZero) {
+    let found = StandingTrial::find(recording, "trial").expect("a standing trial");
+    let zero = FootZero::measure(recording, &found, "trial").expect("a zero");
+    (found, zero)
+}
+
+/// The frames between two times.
+fn cut(recording: &Recording, s: std::ops::Range<f64>) -> Recording {
+    let frames = (s.start * recording.rate_hz) as usize..((s.end * recording.rate_hz) as usize).min(recording.frames());
+    let cells = recording.cells();
+    Recording {
+        t_s: recording.t_s[frames.clone()].to_vec(),
+        pressure_kpa: recording.pressure_kpa[frames.start * cells..frames.end * cells].to_vec(),
+        ..recording.clone()
+    }
+}
+
+#[test]
+fn intervals_are_found_whenever_people_do_what_they_should() {
+    for rate_hz in [50.0, 100.0, 400.0] {
+        for (lifted_s, stand_s) in [([5.0, 5.0], 10.0), ([8.0, 8.0], 14.0), ([2.5, 12.0], 6.5)] {
+            // Much sway at the ends of standing looks like getting up; the guard time covers it.
+            for (sway, tolerance_s) in [(0.0, 0.2), (0.05, 0.2), (0.1, 0.5)] {
+                let of = SyntheticStanding { cells: 60, rate_hz, lifted_s, stand_s, sway, ..Default::default() };
+                let recording = trial(&of);
+                let (found, _) = measured(&recording);
+                let stands = lifted_s[0] + of.transition_s..lifted_s[0] + of.transition_s + stand_s;
+                let sits = stands.end + of.transition_s..stands.end + of.transition_s + lifted_s[1];
+                // Half a second of guard at both ends.
+                let [before, after] = &found.lifted;
+                for (frames, truth_s) in [(before, 0.0..lifted_s[0]), (&found.standing, stands), (after, sits)] {
+                    let start_s = frames.start as f64 / rate_hz - 0.5;
+                    let end_s = frames.end as f64 / rate_hz + 0.5;
+                    let is_close =
+                        (start_s - truth_s.start).abs() <= tolerance_s && (end_s - truth_s.end).abs() <= tolerance_s;
+                    assert!(is_close, "{rate_hz} Hz, sway {sway}: {start_s} to {end_s} s, not {truth_s:?}");
+                }
+            }
+        }
+    }
+}
+
+/// The mean is rounded up, so it lies up to one code above the truth; noise adds its standard error.
+#[test]
+fn offsets_come_back_to_the_code_in_spite_of_noise() {
+    let of = SyntheticStanding::default();
+    for noise_codes in [0.0, 2.0, 8.0] {
+        let mut recording = synthetic::standing(&of);
+        synthetic::read_with(&mut recording, &offsets(of.cells), noise_codes, 7);
+        let (found, zero) = measured(&recording);
+        let mut insole = worn(&recording);
+        zero.wear(&mut insole, "zero").expect("this insole's zero");
+        let frames = found.lifted[0].len() + found.lifted[1].len();
+        let error = 4.0 * noise_codes / (3.0 * frames as f64).sqrt();
+        // In the order of the insole: by region, otherwise as recorded.
+        let mut truth: Vec<_> = recording.layout.cells.iter().map(|c| c.region).zip(offsets(of.cells)).collect();
+        truth.sort_by_key(|&(region, _)| region);
+        for (cell, (region, kpa)) in insole.cells.iter().zip(truth) {
+            assert_eq!(cell.cell.region, region);
+            let above = f64::from(cell.calibration.offset) - code(kpa);
+            // Codes end at 0: noise about a zero of nothing lifts its mean.
+            let most = if kpa > 0.0 { 1.0 + error } else { 1.0 + 0.5 * noise_codes };
+            assert!(
+                (-0.52 - error..=most + 0.02).contains(&above),
+                "{kpa} kPa, noise {noise_codes}: {above} codes above"
+            );
+        }
+    }
+}
+
+/// Without noise the file gives back, on any scale that holds the zero, the very code that an unloaded cell has there.
+#[test]
+fn a_zero_is_exact_on_its_own_scale_and_on_others() {
+    let of = SyntheticStanding { sway: 0.0, ..Default::default() };
+    let mut recording = synthetic::standing(&of);
+    synthetic::read_with(&mut recording, &offsets(of.cells), 0.0, 1);
+    let (_, zero) = measured(&recording);
+    let text = Zero { right: Some(zero), left: None }.to_toml();
+    let zero = Zero::parse(&text, Path::new("zero.toml")).expect("its own file");
+    assert_eq!(zero.to_toml(), text);
+    for largest_kpa in [0.0, 1000.0, 7000.0] {
+        let mut walk = cut(&recording, 0.0..0.1);
+        walk.pressure_kpa[of.cells] = largest_kpa;
+        let mut insole = worn(&walk);
+        zero.wear(&mut insole, "zero.toml").expect("this insole's zero");
+        let mut unloaded = vec![0; insole.cells.len()];
+        insole.codes(walk.frame(0), &mut unloaded);
+        for (cell, &code) in insole.cells.iter().zip(&unloaded) {
+            // The zero was measured in whole codes of 1000 kPa; 1/4 of them on 8000 kPa.
+            assert!(cell.calibration.offset.abs_diff(code) <= u16::from(largest_kpa > 0.0));
+            assert_eq!(zero_offset([code]), Some(code));
+        }
+    }
+}
+
+#[test]
+fn the_standing_force_is_the_weight_that_stands() {
+    let of = SyntheticStanding { standing_n: 412.0, ..Default::default() };
+    let recording = trial(&of);
+    let (found, zero) = measured(&recording);
+    let mut insole = worn(&recording);
+    zero.wear(&mut insole, "zero").expect("this insole's zero");
+    let frames = found.standing.len() as f64;
+    let measured_n = |i| recording.layout.force_n(&insole.measured_kpa(recording.frame(i)));
+    let mean_n = found.standing.clone().map(measured_n).sum::<f64>() / frames;
+    // Sway of 3 % over three whole periods and some cancels to 0.3 %.
+    assert!((mean_n - 412.0).abs() < 0.01 * 412.0, "{mean_n} N");
+    for i in found.lifted.iter().cloned().flatten() {
+        assert!(measured_n(i) < 1.0, "{} N of nothing", measured_n(i));
+    }
+}
+
+/// Per frame and region: area, mm2, and force, N; and the number of steps.
+fn replay(recording: &Recording, insole: &VirtualInsole) -> (Vec<[(f64, f64); 8]>, usize) {
+    let mut device = Box::new(Insole::<f64, MAX_CELLS>::new());
+    device.set_up(insole.setup, insole.cells.iter().copied()).expect("a set-up");
+    let mut codes = vec![0; insole.cells.len()];
+    let mut steps = 0;
+    let frames = (0..insole.frames(recording)).map(|i| {
+        insole.codes_of(recording, i, &mut codes);
+        steps += usize::from(device.frame(i as u32, &codes));
+        device.loads().each_ref().map(|load| (load.frame.area.area_mm2(), load.frame.force.force_n))
+    });
+    (frames.collect(), steps)
+}
+
+#[test]
+fn a_walk_of_cells_with_offsets_gives_with_its_zero_what_cells_without_give() {
+    let ideal = synthetic::walk(&SyntheticWalk::default()).recording;
+    let mut recorded = ideal.clone();
+    synthetic::read_with(&mut recorded, &offsets(240), 0.0, 1);
+    let (_, zero) = measured(&trial(&SyntheticStanding::default()));
+    let mut insole = worn(&recorded);
+    let before = insole.clone();
+    Zero { right: Some(zero), left: None }.wear(&mut insole, "zero").expect("this insole's zero");
+    let (expected, steps) = replay(&ideal, &worn(&ideal));
+    let (found, found_steps) = replay(&recorded, &insole);
+    assert_eq!((steps, found_steps), (10, 10));
+    let cell_mm2 = ideal.layout.cells[0].area_mm2;
+    let mut other_areas = 0;
+    for (expected, found) in expected.iter().flatten().zip(found.iter().flatten()) {
+        // Zeros are right to a code or two; a code is 0.01 kPa at 10 to 200 kPa, 1 mN on a cell.
+        assert!((expected.1 - found.1).abs() <= 0.05, "{} N, not {}", found.1, expected.1);
+        // A pressure within these codes of the contact rule may fall on its other side; the walk is symmetric, so in pairs.
+        assert!((expected.0 - found.0).abs() <= 2.001 * cell_mm2, "{} mm2, not {}", found.0, expected.0);
+        other_areas += usize::from((expected.0 - found.0).abs() > 1.0);
+    }
+    assert!(other_areas * 1000 < expected.len() * 8, "{other_areas} areas differ");
+    // The zero is what does it.
+    let (raw, _) = replay(&recorded, &before);
+    assert!(raw[0].iter().map(|r| r.1).sum::<f64>() > 150.0);
+}
+
+#[test]
+fn what_is_no_standing_trial_is_refused_with_the_reason() {
+    let of = |lifted_s, stand_s| trial(&SyntheticStanding { cells: 60, lifted_s, stand_s, ..Default::default() });
+    let good = of([5.0, 5.0], 10.0);
+    let (stand, sit) = (cut(&good, 6.0..16.0), cut(&good, 0.0..5.0));
+    let joined = |parts: &[&Recording]| {
+        let pressure_kpa: Vec<f32> = parts.iter().flat_map(|part| part.pressure_kpa.iter().copied()).collect();
+        let t_s = (0..pressure_kpa.len() / 60).map(|i| i as f64 * 0.01).collect();
+        Recording { t_s, pressure_kpa, ..good.clone() }
+    };
+    assert!(StandingTrial::find(&joined(&[&sit, &stand, &sit]), "trial").is_ok());
+    let mut walk = synthetic::walk(&SyntheticWalk { cells: 60, steps: 20, ..Default::default() }).recording;
+    synthetic::read_with(&mut walk, &offsets(60), 8.0, 7);
+    for (recording, reason) in [
+        (stand.clone(), "no difference"),
+        (joined(&[&sit, &sit]), "no difference"),
+        (walk.clone(), "standing still has 0."),
+        (joined(&[&sit, &walk, &sit]), "standing still has 0."),
+        (of([5.0, 5.0], 4.0), "standing still has 3."),
+        (joined(&[&sit, &stand]), "no lifted foot after standing, which lasts from 5.0 s to 15.0 s"),
+        (joined(&[&stand, &sit]), "no lifted foot before standing"),
+        (joined(&[&stand, &sit, &stand]), "no lifted foot before standing"),
+        (of([2.3, 2.3], 10.0), "lifted for 2."),
+        (of([1.0, 6.0], 10.0), "no lifted foot before"),
+        (cut(&good, 0.0..3.0), "3.0 s are too short"),
+    ] {
+        let error = StandingTrial::find(&recording, "trial.parquet").expect_err(reason).to_string();
+        assert!(error.starts_with("trial.parquet: ") && error.contains(reason), "{reason}: {error}");
+        assert!(error.contains("sit and lift both feet"), "{error}");
+    }
+}
+
+/// People rest their feet on the floor before they lift them, and again before they stand up.
+#[test]
+fn feet_that_rest_on_the_floor_are_not_lifted() {
+    let mut recording = synthetic::standing(&SyntheticStanding { lifted_s: [12.0, 12.0], ..Default::default() });
+    let standing = recording.frame(1800).to_vec();
+    for i in (0..300).chain(800..1200).chain(2400..2700) {
+        let frame = &mut recording.pressure_kpa[i * 240..(i + 1) * 240];
+        frame.iter_mut().zip(&standing).for_each(|(kpa, standing)| *kpa = kpa.max(0.2 * standing));
+    }
+    synthetic::read_with(&mut recording, &offsets(240), 8.0, 7);
+    let (found, _) = measured(&recording);
+    let seconds = |part: &std::ops::Range<usize>| (part.start as f64 * 0.01, part.end as f64 * 0.01);
+    let is_close =
+        |found: (f64, f64), truth: (f64, f64)| (found.0 - truth.0).abs() < 0.2 && (found.1 - truth.1).abs() < 0.2;
+    assert!(is_close(seconds(&found.lifted[0]), (3.5, 7.5)), "{found:?}");
+    assert!(is_close(seconds(&found.lifted[1]), (27.5, 35.5)), "{found:?}");
+}
+
+#[test]
+fn a_zero_of_other_cells_or_beyond_half_a_scale_is_refused() {
+    let recording = synthetic::standing(&SyntheticStanding::default());
+    let (_, zero) = measured(&recording);
+    let refused = |zero: &FootZero, words: &[&str]| {
+        let error = zero.wear(&mut worn(&recording), "zero.toml").expect_err("refused").to_string();
+        assert!(words.iter().all(|word| error.contains(word)), "{words:?}: {error}");
+    };
+    refused(&FootZero { layout_id: 1, ..zero.clone() }, &["zero.toml", "other cells", "--cells"]);
+    refused(&FootZero { offset_kpa: vec![1.0; 239], ..zero.clone() }, &["239 offsets", "240"]);
+    for kpa in [421.0, 999.0, 1e9] {
+        let mut high = zero.clone();
+        high.offset_kpa[17] = kpa;
+        refused(&high, &["x ", "half of its scale"]);
+    }
+    let only_left = Zero { left: Some(zero), right: None };
+    let error = only_left.wear(&mut worn(&recording), "zero.toml").expect_err("refused").to_string();
+    assert!(error.contains("no zero of the right foot, only of the left"), "{error}");
+
+    let mut broken = recording.clone();
+    let mut offset_kpa = offsets(240);
+    offset_kpa[100] = 500.0;
+    synthetic::read_with(&mut broken, &offset_kpa, 0.0, 1);
+    let found = StandingTrial::find(&broken, "trial").expect("a standing trial");
+    let error = FootZero::measure(&broken, &found, "trial").expect_err("refused").to_string();
+    assert!(error.contains("500 kPa unloaded"), "{error}");
+}
+
+#[test]
+fn a_malformed_file_is_refused_with_the_line() {
+    let zero = FootZero { layout_id: 7, offset_kpa: vec![0.25; 20] };
+    let good = Zero { left: Some(zero), right: None }.to_toml();
+    let line = |text: &str| good.lines().position(|line| line.contains(text)).expect(text) + 1;
+    let id = "layout_id = 7";
+    for (from, to, at, words) in [
+        ("version = 1", "version = 2", None, "version 2"),
+        (id, "layout_id = seven", Some(line(id)), ""),
+        (id, "layout = 7", Some(line(id)), "layout"),
+        ("[left]", "[both]", Some(line("[left]")), "both"),
+        ("    0.25, ", "    -0.25, ", Some(line("    0.25")), "-0.25 kPa"),
+        ("    0.25, ", "    nan, ", Some(line("    0.25")), "NaN kPa"),
+        ("    0.25, ", "    0,25 ", Some(line("    0.25")), ""),
+    ] {
+        let error = Zero::parse(&good.replacen(from, to, 1), Path::new("zero.toml")).expect_err(to).to_string();
+        let place = at.map_or("zero.toml: ".into(), |line| format!("zero.toml:{line}: "));
+        assert!(error.starts_with(&place) && error.contains(words), "{to}: {error}");
+    }
+    let error = Zero::parse("version = 1", Path::new("zero.toml")).expect_err("empty").to_string();
+    assert!(error.contains("neither [left] nor [right]"), "{error}");
+}
