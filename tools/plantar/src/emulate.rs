@@ -1,6 +1,6 @@
 //! `plantar emulate`: the real firmware feels a recording.
 
-use crate::monitor::{ANSWER, PATIENCE};
+use crate::carrier::{ANSWER, PATIENCE};
 use crate::setup::{Contact, Wearer};
 use crate::summary;
 use crate::view::View;

@@ -1,5 +1,6 @@
 //! The command line of Plantar.
 
+mod carrier;
 mod emulate;
 mod frames;
 mod import;
