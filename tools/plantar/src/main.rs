@@ -27,6 +27,7 @@ use std::process::ExitCode;
 ///   plantar info walk.parquet
 ///   plantar replay walk.parquet --json steps.json
 ///   plantar emulate walk.parquet
+///   plantar params push params.toml --serial /dev/ttyACM0
 ///   plantar monitor --serial /dev/ttyACM0
 #[derive(Parser)]
 #[command(version, verbatim_doc_comment)]
