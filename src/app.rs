@@ -175,7 +175,8 @@ pub fn hello(
         layout_id: setup.layout_id,
         cells: insole.cells() as u16,
         period_us: setup.period_us,
-        tissue_id: insole.tissue_id(),
+        // The link names the set in force.
+        tissue_id: 0,
         contact_rule: setup.contact,
         reset,
         last_panic: fault,
@@ -259,6 +260,13 @@ pub async fn process(
     let period_us = insole.setup().map_or(0, |setup| u64::from(setup.period_us));
     loop {
         let frame = frames.receive().await;
+        {
+            let link = session.link.borrow();
+            if link.tissue().id != insole.tissue_id() {
+                // The link took none that is refused here.
+                let _ = insole.set_tissue(link.tissue());
+            }
+        }
         let start = stopwatch.start();
         let seq = frame.seq;
         let toe_off = insole.frame(seq, &frame.codes);
@@ -308,9 +316,13 @@ pub async fn serve(mut rx: impl Read, mut tx: impl Write, session: &Session) -> 
             // A framing or overrun error of the port shows as a bad CRC.
             for &byte in heard.ok().and_then(|n| received.get(..n)).unwrap_or_default() {
                 let Some(bytes) = decoder.push(byte) else { continue };
+                let mut link = session.link.borrow_mut();
                 match decode(bytes) {
-                    Some(message) => session.link.borrow_mut().receive(message),
-                    None => decoder.bad_frames = decoder.bad_frames.wrapping_add(1),
+                    Some(message) => link.receive(message),
+                    None => {
+                        link.receive_unknown();
+                        decoder.bad_frames = decoder.bad_frames.wrapping_add(1);
+                    }
                 }
             }
             session.counters.borrow_mut().bad_frames = decoder.bad_frames;

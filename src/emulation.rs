@@ -6,7 +6,7 @@
 //! plant answers with two: to `SCAN` the low byte of the number and how many rows are in the file by now, once or more; to
 //! `TICK` twice [`TICK`].
 
-use crate::insole::{Setup, Tissue};
+use crate::insole::Setup;
 use serde::{Deserialize, Serialize};
 
 /// Name of the set-up file.
@@ -25,8 +25,6 @@ pub const TICK: u8 = b'T';
 pub struct Head {
     /// The insole.
     pub setup: Setup,
-    /// Its wearer.
-    pub tissue: Tissue,
     /// The plant keeps the time: the board asks it before each scan and scans as fast as it is answered.
     pub paced: bool,
 }

@@ -12,6 +12,7 @@ use crate::region::{
 };
 use crate::stance::{Rejected, Stance, StanceLimits, StanceRule};
 use crate::step::{RegionStep, StepRecord};
+use crate::wire::{Refusal, checksum, encode};
 use core::fmt;
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -65,12 +66,35 @@ pub struct SetupCell {
 }
 
 /// The wearer's tissue.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Tissue {
-    /// Identifies the parameter set in every hello; 0 for none.
+    /// Identifies the parameter set in every hello: the checksum of the gauges; 0 for none.
     pub id: u32,
     /// Per region in the order of [`Region::ALL`].
     pub gauges: [Gauge<f32>; 8],
+}
+
+impl Tissue {
+    /// No parameters: areas and measured forces are valid, deformation and model force 0.
+    pub const NONE: Self = Self { id: 0, gauges: [Gauge::NONE; 8] };
+
+    /// A set with its id.
+    pub fn new(gauges: [Gauge<f32>; 8]) -> Self {
+        // On the wire every number takes its own four bytes, so all fit.
+        let mut bytes = [0; size_of::<[Gauge<f32>; 8]>()];
+        let id = encode(&gauges, &mut bytes).map_or(0, |bytes| checksum(bytes));
+        // 0 stands for no parameters.
+        Self { id: id.max(1), gauges }
+    }
+
+    /// Finds a damaged or mixed set, and values out of bounds; [`Tissue::NONE`] is no set either.
+    pub fn check(&self) -> Result<(), Refusal> {
+        if self.id != Self::new(self.gauges).id {
+            return Err(Refusal::TissueId);
+        }
+        let bad = Region::ALL.into_iter().zip(&self.gauges).find(|(_, gauge)| !gauge.is_valid());
+        bad.map_or(Ok(()), |(region, _)| Err(Refusal::Tissue(region)))
+    }
 }
 
 /// Why a set-up was refused; the one before stays in force.
@@ -92,8 +116,6 @@ pub enum SetupError {
     Cell(u16),
     /// This cell's region comes before the one of the cell before it.
     RegionOrder(u16),
-    /// The parameters of this region are not usable.
-    Tissue(Region),
 }
 
 impl fmt::Display for SetupError {
@@ -112,7 +134,6 @@ impl fmt::Display for SetupError {
                 "cell {i} is not finite, has no or too much area, lies too far from its region, or has a bad calibration"
             ),
             Self::RegionOrder(i) => write!(f, "cell {i} is out of the order of regions"),
-            Self::Tissue(region) => write!(f, "parameters of {} out of range", region.name()),
         }
     }
 }
@@ -254,10 +275,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
     }
 
     /// Replaces the wearer's parameters from the next frame on; a running stance is evaluated with the new ones.
-    pub fn set_tissue(&mut self, tissue: &Tissue) -> Result<(), SetupError> {
-        if let Some(i) = tissue.gauges.iter().position(|gauge| !gauge.is_valid()) {
-            return Err(SetupError::Tissue(Region::ALL[i]));
-        }
+    pub fn set_tissue(&mut self, tissue: &Tissue) -> Result<(), Refusal> {
+        tissue.check()?;
         self.tissue_id = tissue.id;
         for ((gauge, live), new) in self.gauges.iter_mut().zip(&mut self.live).zip(&tissue.gauges) {
             *gauge = Gauge::of(new);

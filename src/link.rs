@@ -1,15 +1,26 @@
 //! One insole's side of a session, over any carrier: what to answer, what to send next, what to keep.
 //!
 //! Live frames are for now: a full queue drops the oldest. Steps are for good: each stays until it is acknowledged and is
-//! sent again in the next session.
+//! sent again in the next session. The wearer's parameters outlive the session that brought them.
 
-use crate::wire::{Hello, Live, MAJOR, MAX_LIVE, Status, Step, ToDevice, ToHost, encode};
+use crate::insole::Tissue;
+use crate::wire::{Hello, Live, MAJOR, MAX_LIVE, Refusal, Status, Step, ToDevice, ToHost, encode};
 use heapless::{Deque, Vec};
 
 /// Live frames that wait for the carrier.
 const LIVE_QUEUE: usize = 8;
 /// Steps that wait for their acknowledgement.
 pub const STEP_QUEUE: usize = 16;
+/// Answers that wait for the carrier: more than one read of it asks for. Requests beyond are not answered.
+const ANSWER_QUEUE: usize = 16;
+
+/// What a host asked for.
+#[derive(Debug)]
+enum Answer {
+    Status,
+    Tissue,
+    Refused(Refusal),
+}
 
 /// The state of the session and what waits to be sent.
 #[derive(Debug, Default)]
@@ -17,7 +28,7 @@ pub struct Link {
     /// A host of this major version is connected.
     open: bool,
     hello_due: bool,
-    status_due: bool,
+    answers: Deque<Answer, ANSWER_QUEUE>,
     streaming: bool,
     live: Deque<Vec<u8, MAX_LIVE>, LIVE_QUEUE>,
     live_due: u32,
@@ -26,6 +37,7 @@ pub struct Link {
     /// How many of `steps`, from the front, were sent in this session.
     steps_sent: usize,
     steps_dropped: u32,
+    tissue: Tissue,
 }
 
 impl Link {
@@ -34,7 +46,7 @@ impl Link {
         Self {
             open: false,
             hello_due: false,
-            status_due: false,
+            answers: Deque::new(),
             streaming: false,
             live: Deque::new(),
             live_due: 0,
@@ -42,6 +54,7 @@ impl Link {
             steps: Deque::new(),
             steps_sent: 0,
             steps_dropped: 0,
+            tissue: Tissue::NONE,
         }
     }
 
@@ -67,13 +80,42 @@ impl Link {
                     self.steps_sent -= 1;
                 }
             }
-            ToDevice::GetStatus => self.status_due = true,
+            ToDevice::GetStatus => self.answer(Answer::Status),
+            ToDevice::SetTissue(tissue) => match tissue.check() {
+                Ok(()) => {
+                    self.tissue = tissue;
+                    self.answer(Answer::Tissue);
+                }
+                Err(refusal) => self.answer(Answer::Refused(refusal)),
+            },
+            ToDevice::GetTissue => self.answer(Answer::Tissue),
         }
     }
 
-    /// The carrier lost its host: live frames end, steps stay.
+    /// Takes a frame that arrived whole and holds no known message.
+    pub fn receive_unknown(&mut self) {
+        if self.open {
+            self.answer(Answer::Refused(Refusal::NotUnderstood));
+        }
+    }
+
+    fn answer(&mut self, answer: Answer) {
+        let _ = self.answers.push_back(answer);
+    }
+
+    /// The wearer's parameters: the last that were accepted.
+    pub fn tissue(&self) -> &Tissue {
+        &self.tissue
+    }
+
+    /// The carrier lost its host: live frames end, steps and parameters stay.
     pub fn close(&mut self) {
-        *self = Self { steps: core::mem::take(&mut self.steps), steps_dropped: self.steps_dropped, ..Self::new() };
+        *self = Self {
+            steps: core::mem::take(&mut self.steps),
+            steps_dropped: self.steps_dropped,
+            tissue: self.tissue,
+            ..Self::new()
+        };
     }
 
     /// The number that the next live frame carries; `None` where nobody listens.
@@ -107,7 +149,7 @@ impl Link {
     }
 
     /// The next message to send, encoded into `buffer`; `None` when there is nothing. Hello first, then steps, then live
-    /// frames; a status comes when all before it is sent.
+    /// frames; answers come in the order of the requests when all before them is sent.
     pub fn next<'b>(
         &mut self,
         hello: &Hello,
@@ -115,7 +157,7 @@ impl Link {
         buffer: &'b mut [u8],
     ) -> Option<&'b [u8]> {
         let message = if core::mem::take(&mut self.hello_due) {
-            ToHost::Hello(hello.clone())
+            ToHost::Hello(Hello { tissue_id: self.tissue.id, ..hello.clone() })
         } else if let Some(step) = self.steps.iter().nth(self.steps_sent).filter(|_| self.open) {
             self.steps_sent += 1;
             ToHost::Step(*step)
@@ -124,15 +166,17 @@ impl Link {
             let out = buffer.get_mut(..live.len())?;
             out.copy_from_slice(&live);
             return Some(out);
-        } else if core::mem::take(&mut self.status_due) {
-            ToHost::Status(Status {
-                live_due: self.live_due,
-                live_sent: self.live_sent,
-                steps_dropped: self.steps_dropped,
-                ..status()
-            })
         } else {
-            return None;
+            match self.answers.pop_front()? {
+                Answer::Status => ToHost::Status(Status {
+                    live_due: self.live_due,
+                    live_sent: self.live_sent,
+                    steps_dropped: self.steps_dropped,
+                    ..status()
+                }),
+                Answer::Tissue => ToHost::Tissue(self.tissue),
+                Answer::Refused(refusal) => ToHost::Refused(refusal),
+            }
         };
         // Every message fits MAX_MESSAGE, the least that callers bring.
         encode(&message, buffer).ok().map(|used| &*used)

@@ -4,7 +4,23 @@
 //! (2019) 137-145; equation numbers are that paper's. SI units: m, m2, N, s, k in N/m3, c in N s/m3.
 
 use crate::num::Real;
+use core::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
+
+/// Shortest and longest radius or thickness, m: any foot, and no slip of a unit.
+pub const LENGTH_M: RangeInclusive<f64> = 1e-4..=0.2;
+/// A B of two such radii, m2.
+pub const AB_M2: RangeInclusive<f64> = 1e-8..=0.04;
+/// K, Pa, and G, Pa s: up to a thousand times a sole's and no negative ones. With all at their limits a force stays below
+/// 1e11 N, whose square single precision holds.
+pub const COEFFICIENT: RangeInclusive<f64> = 0.0..=1e9;
+/// n and m lie above -1, so that pressure vanishes with deformation, and go up to here: a steeper law is a step.
+pub const MAX_EXPONENT: f64 = 10.0;
+
+/// True within these limits in single precision, in which parameters are sent; a limit itself is within.
+pub fn is_within(value: f64, limits: &RangeInclusive<f64>) -> bool {
+    (*limits.start() as f32..=*limits.end() as f32).contains(&(value as f32))
+}
 
 /// The paper's eight parameters of one region (Eq. 17).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -209,15 +225,11 @@ impl<R: Real> Gauge<R> {
         (R::of(core::f64::consts::PI) * self.ab_m2 * (elastic + viscous)).max(R::ZERO)
     }
 
-    /// True when every number is finite, AB and C are positive and K, G not negative.
+    /// True when every number is within its limits: [`AB_M2`], [`LENGTH_M`] for C, [`COEFFICIENT`], [`MAX_EXPONENT`].
     pub fn is_valid(&self) -> bool {
-        let all = [self.ab_m2, self.c_m, self.stiffness_pa, self.damping_pa_s, self.n, self.m];
-        all.iter().all(|v| v.to_f64().is_finite())
-            && self.ab_m2 > R::ZERO
-            && self.c_m > R::ZERO
-            && self.stiffness_pa >= R::ZERO
-            && self.damping_pa_s >= R::ZERO
-            && self.n > -R::ONE
-            && self.m > -R::ONE
+        is_within(self.ab_m2.to_f64(), &AB_M2)
+            && is_within(self.c_m.to_f64(), &LENGTH_M)
+            && [self.stiffness_pa, self.damping_pa_s].iter().all(|v| is_within(v.to_f64(), &COEFFICIENT))
+            && [self.n, self.m].iter().all(|&v| v > -R::ONE && v <= R::of(MAX_EXPONENT))
     }
 }

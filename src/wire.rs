@@ -7,19 +7,21 @@
 //! [`MAJOR`]; a message added at the end of an enum raises [`MINOR`]. Peers of different majors exchange hellos only.
 
 use crate::contact::ContactRule;
-use crate::insole::RegionLoad;
+use crate::insole::{RegionLoad, Tissue};
+use crate::model::{AB_M2, COEFFICIENT, LENGTH_M, MAX_EXPONENT};
 use crate::num::Real;
-use crate::region::Side;
+use crate::region::{Region, Side};
 use crate::stance::Rejected;
 use crate::step::{RegionStep, StepRecord};
+use core::fmt;
 use crc::{CRC_32_ISO_HDLC, Crc};
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
 /// Protocol version of this build.
 pub const MAJOR: u8 = 1;
-/// See [`MAJOR`].
-pub const MINOR: u8 = 0;
+/// See [`MAJOR`]. 1 brought the wearer's parameters.
+pub const MINOR: u8 = 1;
 
 /// Longest message, bytes.
 pub const MAX_MESSAGE: usize = 320;
@@ -40,10 +42,15 @@ pub enum ToHost {
     Step(Step),
     /// Counters, on request.
     Status(Status),
+    /// The wearer's parameters in force, on request and once new ones are accepted: live frames after this use them.
+    Tissue(Tissue),
+    /// The answer to what cannot be done.
+    Refused(Refusal),
 }
 
 /// To the insole.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "messages live one at a time, in place")]
 pub enum ToDevice {
     /// Opens a session: the insole says hello and, to a host of its own major version, replays steps that were never
     /// acknowledged.
@@ -65,7 +72,44 @@ pub enum ToDevice {
     },
     /// Asks for [`Status`].
     GetStatus,
+    /// Replaces the wearer's parameters until the insole restarts; answered by [`ToHost::Tissue`] or [`ToHost::Refused`].
+    SetTissue(Tissue),
+    /// Asks for [`ToHost::Tissue`].
+    GetTissue,
 }
+
+/// Why an insole did not do what it was told; all stays as it was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Refusal {
+    /// A frame arrived whole and holds no message that this firmware knows.
+    NotUnderstood,
+    /// The id of the parameters is not the checksum of their values.
+    TissueId,
+    /// This region's parameters are out of bounds; see [`crate::model::Gauge::is_valid`].
+    Tissue(Region),
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotUnderstood => f.write_str("a message was not understood: update the insole's firmware"),
+            Self::TissueId => f.write_str("the parameters do not match their id, some were damaged: send them again"),
+            Self::Tissue(region) => write!(
+                f,
+                "parameters of {} out of bounds: needs A B from {:e} to {:e} m2, C from {:e} to {:e} m, K and G from {} to {:e} Pa and Pa s, n and m above -1 and up to {MAX_EXPONENT}",
+                region.name(),
+                AB_M2.start(),
+                AB_M2.end(),
+                LENGTH_M.start(),
+                LENGTH_M.end(),
+                COEFFICIENT.start(),
+                COEFFICIENT.end(),
+            ),
+        }
+    }
+}
+
+impl core::error::Error for Refusal {}
 
 /// Who speaks. This message never changes, nor do [`ContactRule`] and [`Reset`] within it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

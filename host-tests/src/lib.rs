@@ -10,6 +10,7 @@ use plantar::wire::{self, Decoder, Hello, Live, LiveRegion, MAX_FRAME, MAX_MESSA
 use plantar::{Region, Side};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::sync::LazyLock;
 
 /// A resistive sensor as the examples use it.
 pub const LAW: SensorLaw = SensorLaw { full_kpa: 1000.0, exponent: 0.8 };
@@ -25,10 +26,9 @@ pub const SETUP: Setup = Setup {
 };
 
 /// A soft tissue that no contact of a foot exceeds.
-pub const TISSUE: Tissue = Tissue {
-    id: 1,
-    gauges: [Gauge { ab_m2: 2e-3, c_m: 0.012, stiffness_pa: 5e5, damping_pa_s: 5e3, n: 1.2, m: 0.8 }; 8],
-};
+pub static TISSUE: LazyLock<Tissue> = LazyLock::new(|| {
+    Tissue::new([Gauge { ab_m2: 2e-3, c_m: 0.012, stiffness_pa: 5e5, damping_pa_s: 5e3, n: 1.2, m: 0.8 }; 8])
+});
 
 /// A cell with the common law.
 pub fn cell(region: Region, x_mm: f32, y_mm: f32, area_mm2: f32) -> SetupCell {

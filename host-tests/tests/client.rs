@@ -1,9 +1,11 @@
 //! The host's side of a session, against an insole in memory.
 
 use client::{Client, Error, LinkCounters};
-use host_tests::{framed, hello, live, messages, status, step};
+use host_tests::{TISSUE, framed, live, messages, status, step};
+use plantar::Region;
+use plantar::insole::Tissue;
 use plantar::link::Link;
-use plantar::wire::{Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Status, ToDevice, ToHost, frame};
+use plantar::wire::{Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Status, ToDevice, ToHost, frame};
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
@@ -106,6 +108,11 @@ impl Write for Cable {
 }
 
 const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Without parameters, as an insole starts.
+fn hello() -> Hello {
+    Hello { tissue_id: 0, ..host_tests::hello() }
+}
 
 fn connected() -> (Cable, Client<Cable>) {
     let cable = Cable::new(hello());
@@ -316,4 +323,71 @@ fn an_unplugged_cable_is_an_error() {
     let (cable, mut client) = connected();
     cable.insole().unplugged = true;
     assert!(matches!(client.receive(), Err(Error::Carrier(_))));
+}
+
+#[test]
+fn parameters_arrive_and_come_back_as_they_were() {
+    let (cable, mut client) = connected();
+    assert_eq!(client.tissue().expect("an answer"), Tissue::NONE);
+    client.set_tissue(&TISSUE).expect("accepted");
+    assert_eq!(*cable.insole().link.tissue(), *TISSUE);
+    assert_eq!(client.tissue().expect("an answer"), *TISSUE);
+    assert_eq!(client.hello().tissue_id, TISSUE.id);
+    assert_eq!(client.reconnect(PATIENCE).expect("an answer").tissue_id, TISSUE.id);
+    assert_eq!(receive_all(&mut client), [], "the answers were taken");
+}
+
+#[test]
+fn what_arrives_while_parameters_are_set_is_kept_in_order() {
+    let (cable, mut client) = connected();
+    client.stream().expect("streaming");
+    push_steps(&cable, 0..2);
+    cable.live_frames(3);
+    client.set_tissue(&TISSUE).expect("accepted");
+    push_steps(&cable, 2..3);
+    client.tissue().expect("an answer");
+    let got = receive_all(&mut client);
+    assert_eq!(step_numbers(&got), [0, 1, 2]);
+    assert_eq!(got.len(), 6, "and three live frames: {got:?}");
+    assert_eq!(client.counters().frames_lost, 0);
+}
+
+#[test]
+fn refused_parameters_are_an_error_with_the_reason() {
+    let (cable, mut client) = connected();
+    client.set_tissue(&TISSUE).expect("accepted");
+    let mut gauges = TISSUE.gauges;
+    gauges[Region::Toe2 as usize].stiffness_pa = -1.0;
+    for (bad, reason) in [
+        (Tissue::new(gauges), Refusal::Tissue(Region::Toe2)),
+        (Tissue { gauges, ..*TISSUE }, Refusal::TissueId),
+        (Tissue::NONE, Refusal::TissueId),
+    ] {
+        let error = client.set_tissue(&bad).expect_err("refused");
+        assert!(matches!(error, Error::Refused(said) if said == reason), "{error}");
+        assert!(error.to_string().contains(&reason.to_string()), "{error}");
+    }
+    assert_eq!(*cable.insole().link.tissue(), *TISSUE);
+    assert_eq!(client.tissue().expect("an answer"), *TISSUE);
+}
+
+#[test]
+fn an_insole_without_parameters_in_its_protocol_is_named_as_too_old() {
+    let mut client = Client::connect(Cable::new(Hello { minor: 0, ..hello() }), PATIENCE).expect("an answer");
+    for error in [client.set_tissue(&TISSUE).expect_err("too old"), client.tissue().expect_err("too old")] {
+        assert!(matches!(error, Error::OlderMinor { minor: 0, .. }), "{error}");
+        assert!(error.to_string().contains("update its firmware"), "{error}");
+    }
+    client.stream().expect("all else works");
+}
+
+#[test]
+fn parameters_that_get_lost_are_an_error_and_what_came_meanwhile_stays() {
+    let (cable, mut client) = connected();
+    push_steps(&cable, [7]);
+    cable.insole().speak();
+    cable.insole().drop_next = 1;
+    let error = client.set_tissue(&TISSUE).expect_err("no answer");
+    assert!(matches!(error, Error::NoAnswer(..)), "{error}");
+    assert_eq!(step_numbers(&receive_all(&mut client)), [7]);
 }

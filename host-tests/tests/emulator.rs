@@ -7,9 +7,9 @@ use emulator::{Board, Recorded, Scan, Time, Walk};
 use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;
-use plantar::insole::{DEVICE_CELLS, Insole};
+use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
 use plantar::stance::StanceRule;
-use plantar::wire::{Live, Status, Step, ToDevice, ToHost};
+use plantar::wire::{Live, MAX_FRAME, MAX_MESSAGE, Refusal, Status, Step, ToDevice, ToHost, encode, frame};
 use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, jiku, pedar, synthetic};
 use std::io::Write;
@@ -54,10 +54,21 @@ struct Session {
 }
 
 impl Session {
+    /// With the wearer's parameters.
     fn start(recording: &Recording, contact: ContactRule, fault: fn(u32) -> Option<Scan>) -> Option<Self> {
+        let mut session = Self::start_without_tissue(recording, contact, fault)?;
+        session.client.set_tissue(&tissue()).expect("typical parameters are sound");
+        Some(session)
+    }
+
+    fn start_without_tissue(
+        recording: &Recording,
+        contact: ContactRule,
+        fault: fn(u32) -> Option<Scan>,
+    ) -> Option<Self> {
         let firmware = firmware()?;
         let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
-        let head = Head { setup: worn.setup, tissue: tissue(), paced: true };
+        let head = Head { setup: worn.setup, paced: true };
         let cells = worn.cells.clone();
         let played = Played { walk: Recorded::new(recording.clone(), worn), fault };
         let scans = played.scans();
@@ -78,27 +89,44 @@ impl Session {
         panic!("the board has fallen silent");
     }
 
+    /// Receives one message; true for an answer.
+    fn receive(&mut self, received: &mut Received) -> bool {
+        let message = self.next();
+        let is_answer = !matches!(message, ToHost::Live(_) | ToHost::Step(_));
+        match message {
+            ToHost::Live(live) => received.live.push(live),
+            ToHost::Step(step) => {
+                self.client.send(ToDevice::Acknowledge { step: step.step }).expect("the link holds");
+                received.steps.push(step);
+            }
+            ToHost::Status(status) => received.status = status,
+            ToHost::Tissue(tissue) => received.tissues.push((received.live.len(), tissue)),
+            ToHost::Refused(refusal) => received.refusals.push(refusal),
+            ToHost::Hello(hello) => panic!("the insole restarted: {:?}", hello.last_panic),
+        }
+        is_answer
+    }
+
     /// All that is sent until every scan is accounted for.
     fn finish(&mut self) -> Received {
         let mut received = Received::default();
+        self.finish_into(&mut received);
+        received
+    }
+
+    fn finish_into(&mut self, received: &mut Received) {
         loop {
-            self.client.send(ToDevice::GetStatus).expect("the link holds");
-            let status = loop {
-                match self.next() {
-                    ToHost::Status(status) => break status,
-                    ToHost::Live(live) => received.live.push(live),
-                    ToHost::Step(step) => {
-                        self.client.send(ToDevice::Acknowledge { step: step.step }).expect("the link holds");
-                        received.steps.push(step);
-                    }
-                    ToHost::Hello(hello) => panic!("the insole restarted: {:?}", hello.last_panic),
-                }
-            };
+            self.ask(ToDevice::GetStatus, received);
+            let status = &received.status;
             if status.frames + status.frames_missed + status.frames_overrun >= self.scans {
-                received.status = status;
-                return received;
+                return;
             }
         }
+    }
+
+    fn ask(&mut self, request: ToDevice, received: &mut Received) {
+        self.client.send(request).expect("the link holds");
+        while !self.receive(received) {}
     }
 }
 
@@ -106,24 +134,46 @@ impl Session {
 struct Received {
     live: Vec<Live>,
     steps: Vec<Step>,
+    /// With the number of live frames before each.
+    tissues: Vec<(usize, Tissue)>,
+    refusals: Vec<Refusal>,
     status: Status,
 }
 
-fn tissue() -> plantar::insole::Tissue {
+fn tissue() -> Tissue {
     Parameters::typical(InsoleSize::default()).tissue()
+}
+
+/// Another wearer, stiffer everywhere.
+fn other_tissue() -> Tissue {
+    let mut gauges = tissue().gauges;
+    gauges.iter_mut().for_each(|gauge| gauge.stiffness_pa *= 1.5);
+    Tissue::new(gauges)
 }
 
 /// What a host computes of the same codes.
 fn replay(recording: &Recording, contact: ContactRule, is_missing: fn(u32) -> bool) -> (Vec<Live>, Vec<Step>) {
+    replay_with(recording, contact, is_missing, &[(0, tissue())])
+}
+
+/// The same with parameters that change, each before the live frame of its number.
+fn replay_with(
+    recording: &Recording,
+    contact: ContactRule,
+    is_missing: fn(u32) -> bool,
+    tissues: &[(usize, Tissue)],
+) -> (Vec<Live>, Vec<Step>) {
     let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is sound");
-    insole.set_tissue(&tissue()).expect("typical parameters are sound");
     let mut codes = vec![0; worn.cells.len()];
     let (mut live, mut steps) = (Vec::new(), Vec::new());
     for i in 0..worn.frames(recording) as u32 {
         if is_missing(i) {
             continue;
+        }
+        for (_, tissue) in tissues.iter().filter(|(before, _)| *before == live.len()) {
+            insole.set_tissue(tissue).expect("the parameters are sound");
         }
         worn.codes_of(recording, i as usize, &mut codes);
         let toe_off = insole.frame(i, &codes);
@@ -312,11 +362,89 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     let mut cells = worn.cells.clone();
     cells.reverse();
     assert_ne!(cells.first().map(|c| c.cell.region), Some(Region::Heel));
-    let head = Head { setup: worn.setup, tissue: tissue(), paced: true };
+    let head = Head { setup: worn.setup, paced: true };
     let board = Board::start(&firmware, &head, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");
     let link = board.link().expect("the link is there");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
     let client = Client::connect(link, Duration::from_secs(20)).expect("the insole answers");
     let told = client.hello().last_panic.as_deref().unwrap_or_default().to_owned();
     assert!(told.contains("out of the order of regions"), "{told}");
+}
+
+#[test]
+fn without_parameters_areas_and_measured_forces_are_valid_and_the_model_is_silent() {
+    let walk = synthetic_walk(2, 100.0);
+    let Some(mut session) = Session::start_without_tissue(&walk, ContactRule::COUNTED, |_| None) else { return };
+    assert_eq!(session.client.hello().tissue_id, 0);
+    assert_eq!(session.client.tissue().expect("an answer"), Tissue::NONE);
+    session.client.stream().expect("the stream starts");
+    session.board.play();
+    let received = session.finish();
+    let (live, steps) = replay_with(&walk, ContactRule::COUNTED, |_| false, &[]);
+    assert_eq!((&received.live, &received.steps), (&live, &steps));
+    let regions = || received.live.iter().flat_map(|live| &live.regions);
+    assert!(regions().any(|region| region.area_mm2 > 0 && region.measured_dn > 0));
+    assert!(regions().all(|region| region.model_dn == 0 && region.deformation_um == 0));
+    assert_eq!(received.steps.len(), 2);
+}
+
+/// From a frame on the live model force is the new wearer's, and so is every step that ends after it.
+#[test]
+fn parameters_change_while_walking_and_no_frame_is_disturbed() {
+    let walk = synthetic_walk(4, 100.0);
+    let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, |_| None) else { return };
+    session.client.stream().expect("the stream starts");
+    session.board.play();
+    // Into the second stance.
+    let mut received = Received::default();
+    while received.live.len() < 150 {
+        session.receive(&mut received);
+    }
+    session.ask(ToDevice::SetTissue(other_tissue()), &mut received);
+    session.finish_into(&mut received);
+    let [(changed, answer)] = received.tissues[..] else { panic!("{:?}", received.tissues) };
+    assert_eq!(answer, other_tissue());
+    assert!(changed < session.scans as usize, "the walk was over before");
+    let walked = (received.live, received.steps);
+    let tissues = [(0, tissue()), (changed, other_tissue())];
+    assert_eq!(walked, replay_with(&walk, ContactRule::COUNTED, |_| false, &tissues));
+    assert_ne!(walked, replay(&walk, ContactRule::COUNTED, |_| false), "the change is seen");
+    let counters = session.client.counters();
+    assert_eq!((counters.frames_received, counters.frames_lost), (session.scans, 0));
+    assert_eq!((received.status.frames_missed, received.status.frames_overrun), (0, 0));
+
+    assert_eq!(session.client.tissue().expect("an answer"), other_tissue(), "bit for bit");
+    let hello = session.client.reconnect(Duration::from_secs(20)).expect("the insole answers");
+    assert_eq!(hello.tissue_id, other_tissue().id);
+}
+
+#[test]
+fn damaged_and_impossible_parameters_are_refused_and_the_old_ones_go_on() {
+    let walk = synthetic_walk(3, 100.0);
+    let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, |_| None) else { return };
+    session.client.stream().expect("the stream starts");
+    session.board.play();
+    let mut impossible = other_tissue().gauges;
+    impossible[Region::Hallux as usize].ab_m2 = f32::NAN;
+    let mixed = Tissue { id: other_tissue().id, ..tissue() };
+    let mut received = Received::default();
+    for bad in [Tissue::new(impossible), mixed, Tissue::NONE] {
+        session.ask(ToDevice::SetTissue(bad), &mut received);
+    }
+    // A frame that is not whole, and one that is and holds the first half of a message: only the second is answered.
+    let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
+    let message = encode(&ToDevice::SetTissue(other_tissue()), &mut message).expect("it fits");
+    let mut link = session.board.link().expect("the link is there");
+    let len = frame(message, &mut framed);
+    framed[len / 2] ^= 0x80;
+    link.write_all(&framed[..len]).expect("the link holds");
+    let len = frame(&message[..message.len() / 2], &mut framed);
+    link.write_all(&framed[..len]).expect("the link holds");
+    while !session.receive(&mut received) {}
+    session.finish_into(&mut received);
+    let reasons = [Refusal::Tissue(Region::Hallux), Refusal::TissueId, Refusal::TissueId, Refusal::NotUnderstood];
+    assert_eq!(received.refusals, reasons);
+    assert_eq!(received.status.bad_frames, 2);
+    assert_eq!((received.live, received.steps), replay(&walk, ContactRule::COUNTED, |_| false));
+    assert_eq!(session.client.tissue().expect("an answer"), tissue());
 }

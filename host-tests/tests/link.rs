@@ -1,8 +1,10 @@
 //! An insole's side of a session, message by message.
 
-use host_tests::{hello, live, status, step};
+use host_tests::{TISSUE, hello, live, status, step};
+use plantar::Region;
+use plantar::insole::Tissue;
 use plantar::link::{Link, STEP_QUEUE};
-use plantar::wire::{MAJOR, MAX_MESSAGE, MINOR, Status, ToDevice, ToHost, decode};
+use plantar::wire::{Hello, MAJOR, MAX_MESSAGE, MINOR, Refusal, Status, ToDevice, ToHost, decode};
 
 /// What the host gets, in short.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -11,6 +13,8 @@ enum Sent {
     Live(u32),
     Step(u32),
     Status(Status),
+    Tissue(u32),
+    Refused(Refusal),
 }
 
 fn next(link: &mut Link) -> Option<Sent> {
@@ -18,7 +22,7 @@ fn next(link: &mut Link) -> Option<Sent> {
     let bytes = link.next(&hello(), status, &mut buffer)?;
     Some(match decode(bytes).expect("one whole message") {
         ToHost::Hello(got) => {
-            assert_eq!(got, hello());
+            assert_eq!(got, Hello { tissue_id: link.tissue().id, ..hello() });
             Sent::Hello
         }
         ToHost::Live(got) => {
@@ -30,6 +34,11 @@ fn next(link: &mut Link) -> Option<Sent> {
             Sent::Step(got.step)
         }
         ToHost::Status(got) => Sent::Status(got),
+        ToHost::Tissue(got) => {
+            assert_eq!(got, *link.tissue());
+            Sent::Tissue(got.id)
+        }
+        ToHost::Refused(got) => Sent::Refused(got),
     })
 }
 
@@ -277,4 +286,104 @@ fn dropped_steps_are_counted_across_sessions() {
     connect(&mut link);
     link.receive(ToDevice::GetStatus);
     assert!(matches!(all(&mut link).last(), Some(Sent::Status(s)) if s.steps_dropped == 2));
+}
+
+/// Another sound set.
+fn other_tissue() -> Tissue {
+    let mut gauges = TISSUE.gauges;
+    gauges[0].stiffness_pa *= 2.0;
+    Tissue::new(gauges)
+}
+
+/// Sets that are refused, with the reason.
+fn bad_tissues() -> [(Tissue, Refusal); 4] {
+    let mut gauges = TISSUE.gauges;
+    gauges[Region::Toe2 as usize].c_m = 1.0;
+    [
+        (Tissue::new(gauges), Refusal::Tissue(Region::Toe2)),
+        (Tissue { gauges, ..*TISSUE }, Refusal::TissueId),
+        (Tissue { gauges: other_tissue().gauges, ..*TISSUE }, Refusal::TissueId),
+        (Tissue::NONE, Refusal::TissueId),
+    ]
+}
+
+#[test]
+fn accepted_parameters_are_answered_and_named_from_then_on() {
+    let mut link = streaming();
+    link.receive(ToDevice::GetTissue);
+    assert_eq!(all(&mut link), [Sent::Tissue(0)], "none yet");
+    for tissue in [*TISSUE, other_tissue(), *TISSUE, *TISSUE] {
+        link.receive(ToDevice::SetTissue(tissue));
+        assert_eq!(*link.tissue(), tissue);
+        assert_eq!(all(&mut link), [Sent::Tissue(tissue.id)]);
+    }
+    assert!(link.next_live().is_some(), "the stream goes on");
+    link.close();
+    link.receive(ToDevice::GetTissue);
+    assert_eq!(all(&mut link), []);
+    connect(&mut link);
+    link.receive(ToDevice::GetTissue);
+    assert_eq!(all(&mut link), [Sent::Hello, Sent::Tissue(TISSUE.id)], "and the hello names them, see `next`");
+}
+
+#[test]
+fn refused_parameters_are_answered_with_the_reason_and_the_old_stay() {
+    let mut link = streaming();
+    for before in [Tissue::NONE, *TISSUE] {
+        for (bad, reason) in bad_tissues() {
+            link.receive(ToDevice::SetTissue(bad));
+            assert_eq!(*link.tissue(), before);
+            assert_eq!(all(&mut link), [Sent::Refused(reason)]);
+        }
+        link.receive_unknown();
+        assert_eq!(all(&mut link), [Sent::Refused(Refusal::NotUnderstood)]);
+        link.receive(ToDevice::SetTissue(*TISSUE));
+        all(&mut link);
+    }
+}
+
+#[test]
+fn answers_come_in_the_order_of_the_requests_and_after_what_was_before() {
+    let mut link = streaming();
+    let (bad, reason) = bad_tissues()[0];
+    frame(&mut link);
+    link.push_step(step(0));
+    for request in [
+        ToDevice::SetTissue(bad),
+        ToDevice::SetTissue(*TISSUE),
+        ToDevice::GetStatus,
+        ToDevice::SetTissue(bad),
+        ToDevice::GetTissue,
+    ] {
+        link.receive(request);
+    }
+    link.receive_unknown();
+    let sent = all(&mut link);
+    assert_eq!(sent[..4], [Sent::Step(0), Sent::Live(0), Sent::Refused(reason), Sent::Tissue(TISSUE.id)]);
+    assert!(matches!(sent[4], Sent::Status(_)));
+    assert_eq!(sent[5..], [Sent::Refused(reason), Sent::Tissue(TISSUE.id), Sent::Refused(Refusal::NotUnderstood)]);
+}
+
+#[test]
+fn parameters_are_not_taken_outside_of_a_session() {
+    for connect in [None, Some(ToDevice::Connect { major: MAJOR + 1, minor: MINOR })] {
+        let mut link = Link::new();
+        connect.into_iter().for_each(|connect| link.receive(connect));
+        link.receive(ToDevice::SetTissue(*TISSUE));
+        link.receive(ToDevice::SetTissue(bad_tissues()[0].0));
+        link.receive(ToDevice::GetTissue);
+        link.receive_unknown();
+        assert_eq!(*link.tissue(), Tissue::NONE);
+        assert!(all(&mut link).iter().all(|sent| *sent == Sent::Hello));
+    }
+}
+
+#[test]
+fn a_flood_of_requests_is_answered_in_part() {
+    let mut link = streaming();
+    (0..1000).for_each(|_| link.receive(ToDevice::GetTissue));
+    let sent = all(&mut link);
+    assert!((11..1000).contains(&sent.len()), "{} answers", sent.len());
+    link.receive(ToDevice::GetStatus);
+    assert!(matches!(all(&mut link)[..], [Sent::Status(_)]));
 }

@@ -1,7 +1,10 @@
 //! The ellipsoid against geometry, quadrature and finite differences, all in f64.
 
+use host_tests::area_moments;
 use plantar::Real;
-use plantar::model::{Ellipsoid, Gauge};
+use plantar::live::LiveModel;
+use plantar::model::{AB_M2, COEFFICIENT, Ellipsoid, Gauge, LENGTH_M, MAX_EXPONENT};
+use plantar::step::RegionStep;
 use proptest::prelude::*;
 use std::f64::consts::PI;
 
@@ -296,7 +299,7 @@ fn unusable_parameters_are_refused() {
         spoil(&mut e);
         assert!(!e.is_valid(), "ellipsoid {i}: {e:?}");
     }
-    let bad_gauges: [fn(&mut Gauge<f64>); 10] = [
+    let bad_gauges: [fn(&mut Gauge<f64>); 17] = [
         |g| g.ab_m2 = 0.0,
         |g| g.ab_m2 = f64::NAN,
         |g| g.c_m = -0.01,
@@ -307,6 +310,13 @@ fn unusable_parameters_are_refused() {
         |g| g.damping_pa_s = f64::NAN,
         |g| g.n = -1.0,
         |g| g.m = f64::NEG_INFINITY,
+        |g| g.ab_m2 = 0.99e-8,
+        |g| g.ab_m2 = 0.0401,
+        |g| g.c_m = 0.99e-4,
+        |g| g.c_m = 0.201,
+        |g| g.stiffness_pa = 1.01e9,
+        |g| g.damping_pa_s = 1.01e9,
+        |g| g.n = 10.01,
     ];
     for (i, spoil) in bad_gauges.iter().enumerate() {
         let mut g = HEEL.gauge();
@@ -314,6 +324,61 @@ fn unusable_parameters_are_refused() {
         assert!(!g.is_valid(), "gauge {i}: {g:?}");
     }
     assert!(!Gauge::<f32>::NONE.is_valid());
+}
+
+/// Every number at either limit; an exponent above -1 is as near to it as single precision comes.
+fn gauges_at_their_limits() -> impl Iterator<Item = Gauge<f32>> {
+    let ends = |limit: &std::ops::RangeInclusive<f64>| [*limit.start() as f32, *limit.end() as f32];
+    let exponents = [(-1.0f32).next_up(), MAX_EXPONENT as f32];
+    let choices = [ends(&AB_M2), ends(&LENGTH_M), ends(&COEFFICIENT), ends(&COEFFICIENT), exponents, exponents];
+    (0..1 << 6).map(move |bits: usize| {
+        let [ab_m2, c_m, stiffness_pa, damping_pa_s, n, m] = core::array::from_fn(|i| choices[i][bits >> i & 1]);
+        Gauge { ab_m2, c_m, stiffness_pa, damping_pa_s, n, m }
+    })
+}
+
+#[test]
+fn limits_are_within_and_the_next_numbers_are_not() {
+    for gauge in gauges_at_their_limits() {
+        assert!(gauge.is_valid(), "{gauge:?}");
+        let mut beyond = [gauge; 6];
+        let outwards = |value: f32, limit: f64| if value == limit as f32 { value.next_up() } else { value.next_down() };
+        beyond[0].ab_m2 = outwards(gauge.ab_m2, *AB_M2.end());
+        beyond[1].c_m = outwards(gauge.c_m, *LENGTH_M.end());
+        beyond[2].stiffness_pa = outwards(gauge.stiffness_pa, *COEFFICIENT.end());
+        beyond[3].damping_pa_s = outwards(gauge.damping_pa_s, *COEFFICIENT.end());
+        beyond[4].n = outwards(gauge.n, MAX_EXPONENT);
+        beyond[5].m = outwards(gauge.m, MAX_EXPONENT);
+        for beyond in beyond {
+            assert!(!beyond.is_valid(), "{beyond:?}");
+        }
+    }
+}
+
+/// Contact that comes and goes as fast as frames do, from a trace of it to far beyond the ellipsoid.
+#[test]
+fn forces_at_the_limits_of_the_parameters_are_finite_in_single_precision() {
+    let areas_mm2: Vec<f32> = (0..256).map(|i| [0.0, 1e5, 1e-3, 600.0, 0.01][i % 5]).collect();
+    for gauge in gauges_at_their_limits() {
+        for per_s in [20.0f32, 500.0] {
+            let mut live = LiveModel::NEW;
+            for &area_mm2 in &areas_mm2 {
+                let tissue = live.update(&gauge, area_mm2, per_s);
+                assert!((0.0..1e11).contains(&tissue.model_n), "{} N of {gauge:?}", tissue.model_n);
+                assert!((0.0..=0.2).contains(&tissue.deformation_m), "{} m of {gauge:?}", tissue.deformation_m);
+            }
+            let forces_n = vec![100.0; areas_mm2.len()];
+            let step = RegionStep::new(&gauge, &areas_mm2, &forces_n, 1.0 / per_s, &area_moments(600.0));
+            let numbers = [
+                step.model_peak_n,
+                step.model_integral_n_s,
+                step.model_error,
+                step.deformation_peak_m,
+                step.deformation_rate_peak_m_s,
+            ];
+            assert!(numbers.iter().all(|v| v.is_finite() && *v >= 0.0), "{numbers:?} of {gauge:?}");
+        }
+    }
 }
 
 #[test]

@@ -3,11 +3,13 @@
 use host_tests::{LAW, SETUP, TISSUE, cell, curve};
 use plantar::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
 use plantar::contact::{ContactRule, WHOLE};
-use plantar::insole::{Insole, RegionLoad, Setup, SetupCell, SetupError};
+use plantar::insole::{Insole, RegionLoad, Setup, SetupCell, SetupError, Tissue};
 use plantar::region::{MAX_CELL_MM2, MAX_REACH_MM};
 use plantar::stance::StanceRule;
+use plantar::wire::Refusal;
 use plantar::{Real, Region};
 use proptest::prelude::*;
+use std::collections::HashSet;
 
 fn config() -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }
@@ -363,21 +365,52 @@ fn bad_cells_are_refused_by_number() {
 }
 
 #[test]
-fn bad_tissue_is_refused_by_region_and_changes_nothing() {
+fn bad_tissue_is_refused_with_its_reason_and_changes_nothing() {
     let mut insole = Insole::<f32, 4>::new();
     insole.set_tissue(&TISSUE).expect("tissue");
-    let mut bad = TISSUE;
-    bad.id = 99;
-    bad.gauges[Region::Hallux as usize].ab_m2 = 0.0;
-    assert_eq!(insole.set_tissue(&bad), Err(SetupError::Tissue(Region::Hallux)));
+    let mut gauges = TISSUE.gauges;
+    gauges[Region::Hallux as usize].ab_m2 = 0.0;
+    for (bad, reason) in [
+        (Tissue::new(gauges), Refusal::Tissue(Region::Hallux)),
+        (Tissue { gauges, ..*TISSUE }, Refusal::TissueId),
+        (Tissue { id: TISSUE.id + 1, ..*TISSUE }, Refusal::TissueId),
+        (Tissue::NONE, Refusal::TissueId),
+        (Tissue::new(Tissue::NONE.gauges), Refusal::Tissue(Region::Heel)),
+    ] {
+        assert_eq!(bad.check(), Err(reason));
+        assert_eq!(insole.set_tissue(&bad), Err(reason));
+    }
     assert_eq!(insole.tissue_id(), TISSUE.id);
+}
+
+/// Every bit of a set takes part in its id.
+#[test]
+fn any_changed_bit_is_another_id() {
+    let ids: HashSet<u32> = (0..8 * 6 * 32)
+        .map(|bit| {
+            let mut gauges = TISSUE.gauges;
+            let g = &mut gauges[bit / 192];
+            let values = [&mut g.ab_m2, &mut g.c_m, &mut g.stiffness_pa, &mut g.damping_pa_s, &mut g.n, &mut g.m];
+            let value = values.into_iter().nth(bit / 32 % 6).expect("six numbers");
+            *value = f32::from_bits(value.to_bits() ^ 1 << (bit % 32));
+            Tissue::new(gauges).id
+        })
+        .collect();
+    assert_eq!(ids.len(), 8 * 6 * 32);
+    assert!(!ids.contains(&TISSUE.id) && !ids.contains(&0));
 }
 
 #[test]
 fn errors_read_as_sentences() {
     assert_eq!(SetupError::Cell(3).to_string().split(' ').take(2).collect::<Vec<_>>(), ["cell", "3"]);
     assert!(SetupError::RegionOrder(9).to_string().contains("cell 9"));
-    assert!(SetupError::Tissue(Region::Toes35).to_string().contains(Region::Toes35.name()));
+    let out_of_bounds = Refusal::Tissue(Region::Toes35).to_string();
+    assert!(
+        out_of_bounds.contains(Region::Toes35.name()) && out_of_bounds.contains("1e-8 to 4e-2 m2"),
+        "{out_of_bounds}"
+    );
+    assert!(Refusal::TissueId.to_string().contains("again"));
+    assert!(Refusal::NotUnderstood.to_string().contains("update"));
 }
 
 /// The largest layout that is accepted, all in contact: no sum overflows.

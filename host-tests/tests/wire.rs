@@ -1,13 +1,14 @@
 //! Messages and frames: what goes in comes out, and nothing else does.
 
-use host_tests::{cell, framed, hello, live, messages, status, step, text};
+use host_tests::{TISSUE, cell, framed, hello, live, messages, status, step, text};
 use plantar::contact::ContactRule;
-use plantar::insole::{Insole, Setup};
+use plantar::insole::{Insole, Setup, Tissue};
+use plantar::model::Gauge;
 use plantar::region::{AreaMoments, ForceMoments, RegionFrame};
 use plantar::stance::Rejected;
 use plantar::wire::{
-    Decoder, Hello, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE, MAX_MESSAGE, MINOR, Reset, Status, Step, StepRegion,
-    ToDevice, ToHost, checksum, decode, encode, frame,
+    Decoder, Hello, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step,
+    StepRegion, ToDevice, ToHost, checksum, decode, encode, frame,
 };
 use plantar::{Region, Side};
 use proptest::prelude::*;
@@ -134,12 +135,32 @@ fn any_status() -> impl Strategy<Value = Status> {
     })
 }
 
+fn any_tissue() -> impl Strategy<Value = Tissue> {
+    let number = any::<f32>().prop_filter("a number equals itself", |v| !v.is_nan());
+    let gauge = prop::array::uniform6(number).prop_map(|[ab_m2, c_m, stiffness_pa, damping_pa_s, n, m]| Gauge {
+        ab_m2,
+        c_m,
+        stiffness_pa,
+        damping_pa_s,
+        n,
+        m,
+    });
+    (any::<u32>(), prop::array::uniform8(gauge)).prop_map(|(id, gauges)| Tissue { id, gauges })
+}
+
+fn any_refusal() -> impl Strategy<Value = Refusal> {
+    let regions = Region::ALL.map(Refusal::Tissue);
+    prop::sample::select([&[Refusal::NotUnderstood, Refusal::TissueId], &regions[..]].concat())
+}
+
 fn to_host() -> impl Strategy<Value = ToHost> {
     prop_oneof![
         any_hello().prop_map(ToHost::Hello),
         any_live().prop_map(ToHost::Live),
         any_step().prop_map(ToHost::Step),
         any_status().prop_map(ToHost::Status),
+        any_tissue().prop_map(ToHost::Tissue),
+        any_refusal().prop_map(ToHost::Refused),
     ]
 }
 
@@ -149,12 +170,21 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
         any::<bool>().prop_map(|live| ToDevice::Stream { live }),
         any::<u32>().prop_map(|step| ToDevice::Acknowledge { step }),
         Just(ToDevice::GetStatus),
+        any_tissue().prop_map(ToDevice::SetTissue),
+        Just(ToDevice::GetTissue),
     ]
 }
 
 /// One of each kind.
 fn samples() -> Vec<ToHost> {
-    vec![ToHost::Hello(hello()), ToHost::Live(live(7)), ToHost::Step(step(9)), ToHost::Status(status())]
+    vec![
+        ToHost::Hello(hello()),
+        ToHost::Live(live(7)),
+        ToHost::Step(step(9)),
+        ToHost::Status(status()),
+        ToHost::Tissue(*TISSUE),
+        ToHost::Refused(Refusal::Tissue(Region::Hallux)),
+    ]
 }
 
 proptest! {
@@ -383,7 +413,11 @@ fn longest_messages_fit_their_limits() {
     assert!(encoded(&longest_live).len() <= MAX_LIVE);
     assert!(framed(&longest_live).len() <= 90, "{}", framed(&longest_live).len());
     assert!(framed(&longest_step).len() <= 320, "{}", framed(&longest_step).len());
-    for message in [longest_live, longest_step, longest_status, ToHost::Hello(longest_hello)] {
+    let longest_tissue = Tissue { id: u32::MAX, ..*TISSUE };
+    let to_device = framed(&ToDevice::SetTissue(longest_tissue));
+    assert!(to_device.len() < 256, "{} bytes do not fit the boards' receive buffers", to_device.len());
+    let longest_tissue = ToHost::Tissue(longest_tissue);
+    for message in [longest_live, longest_step, longest_status, longest_tissue, ToHost::Hello(longest_hello)] {
         assert!(encoded(&message).len() <= MAX_MESSAGE, "{}", encoded(&message).len());
         assert_eq!(messages::<ToHost>(&mut Decoder::new(), &framed(&message)), [message]);
     }
@@ -401,11 +435,11 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// The bytes of version 1.0 on a byte carrier. A change of Hello or Connect is forbidden; a change of another line raises
+/// The bytes of version 1.1 on a byte carrier. A change of Hello or Connect is forbidden; a change of another line raises
 /// `wire::MAJOR`, a new message `wire::MINOR`. Other hosts and insoles have these bytes built in.
 #[test]
 fn bytes_of_this_version() {
-    assert_eq!((MAJOR, MINOR), (1, 0), "new version: add its bytes here");
+    assert_eq!((MAJOR, MINOR), (1, 1), "new version: add its bytes here");
     let golden = [
         ("hello", framed(&ToHost::Hello(Hello { major: 1, minor: 0, ..hello() })), HELLO),
         ("live", framed(&ToHost::Live(live(300))), LIVE),
@@ -415,6 +449,12 @@ fn bytes_of_this_version() {
         ("stream", framed(&ToDevice::Stream { live: true }), STREAM),
         ("acknowledge", framed(&ToDevice::Acknowledge { step: 41 }), ACKNOWLEDGE),
         ("get status", framed(&ToDevice::GetStatus), GET_STATUS),
+        ("tissue", framed(&ToHost::Tissue(*TISSUE)), TISSUE_IN_FORCE),
+        ("refused: not understood", framed(&ToHost::Refused(Refusal::NotUnderstood)), NOT_UNDERSTOOD),
+        ("refused: id", framed(&ToHost::Refused(Refusal::TissueId)), TISSUE_ID),
+        ("refused: values", framed(&ToHost::Refused(Refusal::Tissue(Region::Hallux))), TISSUE_VALUES),
+        ("set tissue", framed(&ToDevice::SetTissue(*TISSUE)), SET_TISSUE),
+        ("get tissue", framed(&ToDevice::GetTissue), GET_TISSUE),
     ];
     for (name, bytes, expected) in golden {
         assert_eq!(hex(&bytes), expected, "{name}");
@@ -430,6 +470,12 @@ const CONNECT: &str = "0102010553e85ae600";
 const STREAM: &str = "0701012813c52f00";
 const ACKNOWLEDGE: &str = "07022911e85d3100";
 const GET_STATUS: &str = "060337be0b4b00";
+const TISSUE_IN_FORCE: &str = "0f04c395a3cf0a6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44810409c459a99993fcdcc4c3f3c517a1800";
+const NOT_UNDERSTOOD: &str = "020505bae6ae3c00";
+const TISSUE_ID: &str = "0705012cd6a94b00";
+const TISSUE_VALUES: &str = "08050205f48dd6bb00";
+const SET_TISSUE: &str = "0f04c395a3cf0a6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44810409c459a99993fcdcc4c3f3c517a1800";
+const GET_TISSUE: &str = "0605021b68a200";
 
 /// Values beyond the wire's units are cut to them, whatever their size.
 #[test]

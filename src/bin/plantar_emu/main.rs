@@ -75,7 +75,7 @@ async fn main(spawner: Spawner) {
         panic!("no whole setup.bin in the emulator's directory");
     };
     // A refusal leaves an insole without cells, so that a host hears why.
-    let refused = insole.set_up(head.setup, cells).and_then(|()| insole.set_tissue(&head.tissue)).err();
+    let refused = insole.set_up(head.setup, cells).err();
     let reset = if panic.is_some() { Reset::Panic } else { Reset::Power };
     let hello = app::hello("emulated", &head.setup, insole, reset, panic.or(refused.map(device::cut)));
     let Some(matrix) = PlantMatrix::open(&PLANT, insole.cells()) else {

@@ -113,10 +113,10 @@ fn tight_tissue(walk: &Recording, typical: &Tissue) -> Result<Tissue> {
             *largest = largest.max(load.frame.area.area_mm2());
         }
     }
-    let mut tissue = *typical;
-    for (gauge, largest) in tissue.gauges.iter_mut().zip(largest_mm2) {
+    let mut gauges = typical.gauges;
+    for (gauge, largest) in gauges.iter_mut().zip(largest_mm2) {
         gauge.ab_m2 = (1.01e-6 * largest / std::f64::consts::PI) as f32;
         (gauge.n, gauge.m, gauge.damping_pa_s) = (1.5, 1.0, 20e3);
     }
-    Ok(tissue)
+    Ok(Tissue::new(gauges))
 }

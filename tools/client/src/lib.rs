@@ -4,8 +4,9 @@ mod json;
 
 pub use json::step_to_json;
 
+use plantar::insole::Tissue;
 use plantar::link::STEP_QUEUE;
-use plantar::wire::{self, Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Step, ToDevice, ToHost};
+use plantar::wire::{self, Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Step, ToDevice, ToHost};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
@@ -14,6 +15,8 @@ use thiserror::Error;
 
 /// A connected insole answers within this time.
 const ANSWER: Duration = Duration::from_secs(2);
+/// Minor version that brought the wearer's parameters.
+const TISSUE_MINOR: u8 = 1;
 
 /// Why there is no session, or no longer one.
 #[derive(Debug, Error)]
@@ -35,6 +38,19 @@ pub enum Error {
         /// Its minor.
         minor: u8,
     },
+    /// The insole is too old for what it is asked.
+    #[error(
+        "the insole (firmware {firmware}) speaks protocol {MAJOR}.{minor} and takes no parameters, that came with {MAJOR}.{TISSUE_MINOR}: update its firmware"
+    )]
+    OlderMinor {
+        /// Its firmware.
+        firmware: String,
+        /// Its minor.
+        minor: u8,
+    },
+    /// The insole did not do what it was told.
+    #[error("the insole refused: {0}")]
+    Refused(Refusal),
     /// The carrier broke.
     #[error("the link to the insole broke: {0}")]
     Carrier(#[from] io::Error),
@@ -98,23 +114,54 @@ impl<C: Read + Write> Client<C> {
     /// Turns the live stream on and waits until it is; what arrives meanwhile is received as usual.
     pub fn stream(&mut self) -> Result<(), Error> {
         self.send(ToDevice::Stream { live: true })?;
-        self.send(ToDevice::GetStatus)?;
+        self.ask(ToDevice::GetStatus, |message| matches!(message, ToHost::Status(_)).then_some(()))
+    }
+
+    /// Gives the insole its wearer's parameters and waits until they are in force; they are until it restarts.
+    pub fn set_tissue(&mut self, tissue: &Tissue) -> Result<(), Error> {
+        self.ask_tissue(ToDevice::SetTissue(*tissue), |in_force| in_force.id == tissue.id).map(drop)
+    }
+
+    /// The parameters that the insole uses; [`Tissue::NONE`] without any.
+    pub fn tissue(&mut self) -> Result<Tissue, Error> {
+        self.ask_tissue(ToDevice::GetTissue, |_| true)
+    }
+
+    fn ask_tissue(&mut self, request: ToDevice, is_answer: impl Fn(&Tissue) -> bool) -> Result<Tissue, Error> {
+        if self.hello.minor < TISSUE_MINOR {
+            return Err(Error::OlderMinor { firmware: self.hello.firmware.as_str().into(), minor: self.hello.minor });
+        }
+        let tissue = self.ask(request, |message| match message {
+            ToHost::Tissue(tissue) if is_answer(tissue) => Some(*tissue),
+            _ => None,
+        })?;
+        self.hello.tissue_id = tissue.id;
+        Ok(tissue)
+    }
+
+    /// Sends a request and waits for its answer; what arrives meanwhile is received as usual.
+    fn ask<T>(&mut self, request: ToDevice, answer: impl Fn(&ToHost) -> Option<T>) -> Result<T, Error> {
+        self.send(request)?;
         let asked = Instant::now();
         let mut meanwhile = Vec::new();
-        while asked.elapsed() < ANSWER {
+        let answered = loop {
+            if asked.elapsed() >= ANSWER {
+                break Err(Error::NoAnswer(ANSWER, self.messages.damaged()));
+            }
             match self.messages.next()? {
-                Some(ToHost::Status(_)) => {
-                    for message in meanwhile.into_iter().rev() {
-                        self.messages.waiting.push_front(message);
-                    }
-                    return Ok(());
-                }
+                Some(ToHost::Refused(refusal)) => break Err(Error::Refused(refusal)),
                 // The answer to a hello that was said twice.
                 Some(ToHost::Hello(_)) | None => {}
-                Some(message) => meanwhile.push(message),
+                Some(message) => match answer(&message) {
+                    Some(answer) => break Ok(answer),
+                    None => meanwhile.push(message),
+                },
             }
+        };
+        for message in meanwhile.into_iter().rev() {
+            self.messages.waiting.push_front(message);
         }
-        Err(Error::NoAnswer(ANSWER, self.messages.damaged()))
+        answered
     }
 
     /// Sends a message.
@@ -153,6 +200,7 @@ impl<C: Read + Write> Client<C> {
             }
             // What follows is another session.
             ToHost::Hello(_) => self.next_live = None,
+            ToHost::Tissue(_) | ToHost::Refused(_) => {}
         }
         Ok(Some(message))
     }

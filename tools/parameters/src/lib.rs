@@ -6,7 +6,7 @@ pub use defaults::InsoleSize;
 
 use plantar::Region;
 use plantar::insole::Tissue;
-use plantar::model::{Ellipsoid, Gauge};
+use plantar::model::{COEFFICIENT, Ellipsoid, Gauge, LENGTH_M, MAX_EXPONENT, is_within};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -111,12 +111,28 @@ impl Parameters {
         }
         // Every slot was filled or the function left.
         let regions = regions.map(|region| region.expect("filled above"));
-        let parameters = Self { subject: file.subject, personal: file.personal, regions };
-        if let Some(i) = parameters.tissue().gauges.iter().position(|gauge| !gauge.is_valid()) {
-            let problem = "has values that single precision does not hold: check k_n_m3, c_n_s_m3 and the exponents";
-            return Err(wrong(Region::ALL[i].name(), problem.into()));
-        }
-        Ok(parameters)
+        Ok(Self { subject: file.subject, personal: file.personal, regions })
+    }
+
+    /// What an insole holds, in the paper's numbers: A = B, d0 = C. The force is the same, and so is
+    /// [`Parameters::tissue`] to the bit, also through a file: double precision errs far less than half of a last bit of
+    /// single precision.
+    pub fn from_tissue(tissue: &Tissue) -> Self {
+        let regions = tissue.gauges.map(|gauge| {
+            let g = Gauge::<f64>::of(&gauge);
+            let radius_m = g.ab_m2.sqrt();
+            Ellipsoid {
+                a_m: radius_m,
+                b_m: radius_m,
+                c_m: g.c_m,
+                d0_m: g.c_m,
+                k: g.stiffness_pa / g.c_m,
+                n: g.n,
+                c: g.damping_pa_s / g.c_m,
+                m: g.m,
+            }
+        });
+        Self { subject: format!("pulled from an insole, parameters {:08x}", tissue.id), personal: false, regions }
     }
 
     /// Writes a commented file.
@@ -138,7 +154,7 @@ impl Parameters {
         let _ = writeln!(text, "version = {VERSION}");
         let _ = writeln!(text, "subject = {:?}", self.subject);
         let note =
-            if self.personal { "identified from this person's steps" } else { "NOT personal: typical values only" };
+            if self.personal { "identified from this person's steps" } else { "NOT known to be this person's own" };
         let _ = writeln!(text, "personal = {} # {note}", self.personal);
         for (region, e) in Region::ALL.iter().zip(&self.regions) {
             let _ = write!(
@@ -158,37 +174,32 @@ impl Parameters {
         text
     }
 
-    /// What a device evaluates, with an id made from the values.
+    /// What a device evaluates.
     pub fn tissue(&self) -> Tissue {
-        let gauges = self.regions.each_ref().map(|ellipsoid| {
-            let g = ellipsoid.gauge();
-            Gauge {
-                ab_m2: g.ab_m2 as f32,
-                c_m: g.c_m as f32,
-                stiffness_pa: g.stiffness_pa as f32,
-                damping_pa_s: g.damping_pa_s as f32,
-                n: g.n as f32,
-                m: g.m as f32,
-            }
-        });
-        let mut bytes = Vec::new();
-        for g in &gauges {
-            for value in [g.ab_m2, g.c_m, g.stiffness_pa, g.damping_pa_s, g.n, g.m] {
-                bytes.extend(value.to_le_bytes());
-            }
-        }
-        // 0 stands for no parameters.
-        Tissue { id: plantar::wire::checksum(&bytes).max(1), gauges }
+        Tissue::new(self.regions.each_ref().map(|ellipsoid| single(&ellipsoid.gauge())))
+    }
+}
+
+fn single(g: &Gauge<f64>) -> Gauge<f32> {
+    Gauge {
+        ab_m2: g.ab_m2 as f32,
+        c_m: g.c_m as f32,
+        stiffness_pa: g.stiffness_pa as f32,
+        damping_pa_s: g.damping_pa_s as f32,
+        n: g.n as f32,
+        m: g.m as f32,
     }
 }
 
 impl FileRegion {
     fn check(&self) -> Result<Ellipsoid<f64>, String> {
         let lengths = [("a_mm", self.a_mm), ("b_mm", self.b_mm), ("c_mm", self.c_mm), ("d0_mm", self.d0_mm)];
+        let mm = 1e-3;
         for (name, value) in lengths {
-            if !(0.1..=200.0).contains(&value) {
+            if !is_within(value * mm, &LENGTH_M) {
+                let (least, most) = (LENGTH_M.start() / mm, LENGTH_M.end() / mm);
                 return Err(format!(
-                    "{name} = {value}: a length from 0.1 to 200 mm is needed, so that pi A B is positive"
+                    "{name} = {value}: a length from {least} to {most} mm is needed, so that pi A B is positive"
                 ));
             }
         }
@@ -198,12 +209,11 @@ impl FileRegion {
             }
         }
         for (name, value) in [("n", self.n), ("m", self.m)] {
-            if !(value > -1.0 && value <= 10.0) {
-                return Err(format!("{name} = {value}: an exponent above -1 and up to 10 is needed"));
+            if !(value > -1.0 && value <= MAX_EXPONENT) {
+                return Err(format!("{name} = {value}: an exponent above -1 and up to {MAX_EXPONENT} is needed"));
             }
         }
-        let mm = 1e-3;
-        Ok(Ellipsoid {
+        let ellipsoid = Ellipsoid {
             a_m: self.a_mm * mm,
             b_m: self.b_mm * mm,
             c_m: self.c_mm * mm,
@@ -212,6 +222,16 @@ impl FileRegion {
             n: self.n,
             c: self.c_n_s_m3,
             m: self.m,
-        })
+        };
+        let gauge = ellipsoid.gauge();
+        if !single(&gauge).is_valid() {
+            return Err(format!(
+                "makes K = k C^(n+1) / d0^n = {:e} Pa and G = c C^(m+1) / d0^m = {:e} Pa s, more than {:e}: check k_n_m3, c_n_s_m3, n and m",
+                gauge.stiffness_pa,
+                gauge.damping_pa_s,
+                COEFFICIENT.end()
+            ));
+        }
+        Ok(ellipsoid)
     }
 }

@@ -1,6 +1,6 @@
 //! `plantar emulate`: the real firmware feels a recording.
 
-use crate::monitor::{ANSWER, PATIENCE};
+use crate::carrier::{ANSWER, PATIENCE};
 use crate::setup::{Contact, Wearer, Zeroed};
 use crate::summary;
 use crate::view::View;
@@ -71,10 +71,9 @@ impl Emulate {
         let mut worn = self.contact.insole(&recording)?;
         self.zero.wear(&mut worn)?;
         // What the board would refuse is refused here, where there is room to say it.
-        let mut insole = Insole::<f32, DEVICE_CELLS>::new();
-        let accepted = insole.set_up(worn.setup, worn.cells.iter().copied()).and_then(|()| insole.set_tissue(&tissue));
+        let accepted = Insole::<f32, DEVICE_CELLS>::new().set_up(worn.setup, worn.cells.iter().copied());
         accepted.with_context(|| format!("{} cannot be worn", self.recording.display()))?;
-        let head = Head { setup: worn.setup, tissue, paced: false };
+        let head = Head { setup: worn.setup, paced: false };
         let cells = worn.cells.clone();
         let seconds = recording.frames() as f64 / recording.rate_hz;
         let scans = worn.frames(&recording) as u32;
@@ -87,6 +86,7 @@ impl Emulate {
         let link = board.link()?;
         link.set_read_timeout(Some(PATIENCE))?;
         let mut client = Client::connect(link, ANSWER)?;
+        client.set_tissue(&tissue)?;
         let mut view = View::open(client.hello())?;
         let start = Instant::now();
         let outcome = self.follow(&board, &mut client, &mut view, scans);
@@ -140,6 +140,7 @@ impl Emulate {
                     asked = false;
                 }
                 Some(ToHost::Hello(hello)) => bail!(restarted(&hello)),
+                Some(ToHost::Tissue(_) | ToHost::Refused(_)) => {}
                 None if heard.elapsed() > SILENCE => {
                     bail!(restarted(client.reconnect(ANSWER).context("the insole has fallen silent")?))
                 }

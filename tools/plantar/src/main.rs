@@ -1,5 +1,6 @@
 //! The command line of Plantar.
 
+mod carrier;
 mod emulate;
 mod frames;
 mod import;
@@ -28,6 +29,7 @@ use std::process::ExitCode;
 ///   plantar zero standing.parquet --out zero.toml
 ///   plantar replay walk.parquet --json steps.json
 ///   plantar emulate walk.parquet
+///   plantar params push params.toml --serial /dev/ttyACM0
 ///   plantar monitor --serial /dev/ttyACM0
 #[derive(Parser)]
 #[command(version, verbatim_doc_comment)]

@@ -1,9 +1,14 @@
 //! `plantar params`.
 
-use anyhow::Result;
+use crate::carrier::Carrier;
+use crate::setup::note_unless_personal;
+use crate::summary;
+use anyhow::{Context, Result, bail};
 use clap::Subcommand;
 use parameters::{InsoleSize, Parameters};
-use std::path::PathBuf;
+use plantar::Region;
+use plantar::insole::Tissue;
+use std::path::{Path, PathBuf};
 
 #[derive(Subcommand)]
 pub enum Params {
@@ -16,6 +21,29 @@ pub enum Params {
         #[arg(long, value_name = "FILE", default_value = "params.toml")]
         out: PathBuf,
     },
+    /// Show the parameters in a file or on an insole.
+    Show {
+        /// The parameter file.
+        #[arg(group = "insole")]
+        file: Option<PathBuf>,
+        #[command(flatten)]
+        carrier: Carrier,
+    },
+    /// Give an insole the parameters in a file. It uses them from its next frame on and until it restarts.
+    Push {
+        /// The parameter file.
+        file: PathBuf,
+        #[command(flatten)]
+        carrier: Carrier,
+    },
+    /// Write the parameters on an insole to a commented file. It holds what force can tell: A B, C, K, n, G and m.
+    Pull {
+        /// The file to write.
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+        #[command(flatten)]
+        carrier: Carrier,
+    },
 }
 
 impl Params {
@@ -26,6 +54,88 @@ impl Params {
                 println!("wrote {}: typical values for size {size}, not personal", out.display());
                 Ok(())
             }
+            Self::Show { file: Some(file), .. } => {
+                show_file(&Parameters::read(file)?);
+                Ok(())
+            }
+            Self::Show { file: None, carrier } => {
+                show(&pulled(carrier)?);
+                Ok(())
+            }
+            Self::Push { file, carrier } => push(file, carrier),
+            Self::Pull { out, carrier } => pull(out, carrier),
         }
     }
+}
+
+fn push(file: &Path, carrier: &Carrier) -> Result<()> {
+    let parameters = Parameters::read(file)?;
+    note_unless_personal(&parameters);
+    let tissue = parameters.tissue();
+    let mut client = carrier.connect()?;
+    let before = client.hello().tissue_id;
+    client.set_tissue(&tissue)?;
+    println!("parameters on the insole: {} before, now {}; they hold until it restarts", name(before), name(tissue.id));
+    Ok(())
+}
+
+fn pull(out: &Path, carrier: &Carrier) -> Result<()> {
+    let tissue = pulled(carrier)?;
+    let text = format!(
+        "# Pulled from an insole, which holds A B, C, K, n, G and m only. Here a = b = sqrt(A B), d0 = C, k = K / C, c = G / C:\n\
+         # the same force. Whether they are personal the insole does not know.\n\n{}",
+        Parameters::from_tissue(&tissue).to_toml()
+    );
+    std::fs::write(out, text).with_context(|| format!("cannot write {}", out.display()))?;
+    println!("wrote {}: parameters {}", out.display(), name(tissue.id));
+    Ok(())
+}
+
+fn pulled(carrier: &Carrier) -> Result<Tissue> {
+    let tissue = carrier.connect()?.tissue()?;
+    if tissue == Tissue::NONE {
+        bail!("the insole has no parameters: give it some with `plantar params push`");
+    }
+    Ok(tissue)
+}
+
+/// A set as people compare it.
+fn name(id: u32) -> String {
+    if id == 0 { "none".into() } else { format!("{id:08x}") }
+}
+
+fn show_file(parameters: &Parameters) {
+    let kind = if parameters.personal { "personal" } else { "not personal" };
+    println!("{}, {kind}", parameters.subject);
+    let regions = Region::ALL.iter().zip(&parameters.regions).map(|(region, e)| {
+        let mut row = vec![region.name().to_string()];
+        row.extend([e.a_m, e.b_m, e.c_m, e.d0_m].map(|m| format!("{:.2}", m * 1e3)));
+        row.extend([format!("{:.4e}", e.k), format!("{:.2}", e.n), format!("{:.4e}", e.c), format!("{:.2}", e.m)]);
+        row
+    });
+    print(["region", "a mm", "b mm", "c mm", "d0 mm", "k N/m3", "n", "c N s/m3", "m"], regions);
+    show(&parameters.tissue());
+}
+
+fn show(tissue: &Tissue) {
+    println!("Parameters {} as an insole computes with them:", name(tissue.id));
+    let regions = Region::ALL.iter().zip(&tissue.gauges).map(|(region, g)| {
+        vec![
+            region.name().to_string(),
+            format!("{:.1}", g.stiffness_pa * 1e-3),
+            format!("{:.2}", g.n),
+            format!("{:.3}", g.damping_pa_s * 1e-3),
+            format!("{:.2}", g.m),
+            format!("{:.1}", g.ab_m2 * 1e6),
+            format!("{:.2}", g.c_m * 1e3),
+        ]
+    });
+    print(["region", "K kPa", "n", "G kPa s", "m", "AB mm2", "C mm"], regions);
+}
+
+fn print<const N: usize>(header: [&str; N], rows: impl Iterator<Item = Vec<String>>) {
+    let mut table = summary::table();
+    table.set_header(header).add_rows(rows);
+    summary::align(&mut table);
+    println!("{table}");
 }

@@ -71,8 +71,9 @@ impl Replay {
 
     fn replay<R: Real>(&self, recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> Result<Vec<Step>> {
         let mut insole = Box::new(Insole::<R, MAX_CELLS>::new());
-        let accepted = insole.set_up(worn.setup, worn.cells.iter().copied()).and_then(|()| insole.set_tissue(tissue));
+        let accepted = insole.set_up(worn.setup, worn.cells.iter().copied());
         accepted.with_context(|| format!("{} cannot be worn", self.recording.display()))?;
+        insole.set_tissue(tissue)?;
         let mut frames =
             self.frames.as_deref().map(|path| FrameWriter::create(path, worn.setup.contact)).transpose()?;
         let mut drawing = self.picture.is_some().then(picture::Drawing::default);

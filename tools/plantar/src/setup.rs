@@ -25,13 +25,18 @@ impl Wearer {
             Some(path) => Parameters::read(path)?,
             None => Parameters::typical(self.size),
         };
-        if !parameters.personal {
-            eprintln!(
-                "note: parameters \"{}\" are not personal: model force and deformation are a rough guide",
-                parameters.subject
-            );
-        }
+        note_unless_personal(&parameters);
         Ok(parameters)
+    }
+}
+
+/// A word on stderr where parameters are not the wearer's own.
+pub fn note_unless_personal(parameters: &Parameters) {
+    if !parameters.personal {
+        eprintln!(
+            "note: parameters \"{}\" are not personal: model force and deformation are a rough guide",
+            parameters.subject
+        );
     }
 }
 

@@ -87,13 +87,15 @@ pub fn print(steps: &[Step]) {
     println!("Contact: on at {} kPa, off below {} kPa, cells counted {counted}.", rule.on_kpa, rule.off_kpa);
 }
 
-fn table() -> Table {
+/// An empty table in the program's style.
+pub fn table() -> Table {
     let mut table = Table::new();
     table.load_preset(presets::UTF8_FULL_CONDENSED).set_content_arrangement(ContentArrangement::Disabled);
     table
 }
 
-fn align(table: &mut Table) {
+/// Aligns numbers, once all rows are in.
+pub fn align(table: &mut Table) {
     for column in table.column_iter_mut() {
         column.set_cell_alignment(CellAlignment::Right);
     }

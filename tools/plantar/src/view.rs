@@ -47,6 +47,11 @@ impl View {
         if let Some(panic) = &hello.last_panic {
             eprintln!("note: the insole reports a fault: {panic}");
         }
+        if hello.tissue_id == 0 {
+            eprintln!(
+                "note: the insole has no tissue parameters (`plantar params push`): no model force, no deformation"
+            );
+        }
         let terminal = if std::io::stdout().is_terminal() {
             Some(ratatui::try_init()?)
         } else {

@@ -3,7 +3,6 @@
 //! The firmware is the file that `PLANTAR_FIRMWARE` names; without it this test says so and passes.
 
 use emulator::{Board, Recorded, Time};
-use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;
 use plantar::stance::StanceRule;
@@ -25,7 +24,7 @@ fn monitor_shows_and_stores_the_steps_of_an_insole_on_the_network() {
     };
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 3, ..Default::default() }).recording;
     let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let head = Head { setup: worn.setup, tissue: Parameters::typical(InsoleSize::default()).tissue(), paced: true };
+    let head = Head { setup: worn.setup, paced: true };
     let cells = worn.cells.clone();
     let board =
         Board::start(firmware.as_ref(), &head, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");

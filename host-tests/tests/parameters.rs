@@ -1,0 +1,76 @@
+//! Parameter files and the set on an insole: either way through, the same bits.
+
+use parameters::{InsoleSize, Parameters};
+use plantar::insole::Tissue;
+use plantar::model::{AB_M2, COEFFICIENT, Gauge, LENGTH_M, MAX_EXPONENT};
+use proptest::prelude::*;
+use std::ops::RangeInclusive;
+use std::path::Path;
+
+/// Evenly over the bits, so over all magnitudes, and often a limit itself.
+fn within(limit: &RangeInclusive<f64>) -> impl Strategy<Value = f32> + use<> {
+    let (least, most) = (*limit.start() as f32, *limit.end() as f32);
+    let inside = (least.to_bits()..=most.to_bits()).prop_map(f32::from_bits);
+    prop_oneof![8 => inside, 1 => Just(least), 1 => Just(most)]
+}
+
+fn exponent() -> impl Strategy<Value = f32> {
+    let negative = within(&(0.0..=f64::from(1.0f32.next_down()))).prop_map(|v| -v);
+    prop_oneof![within(&(0.0..=MAX_EXPONENT)), negative]
+}
+
+fn tissue() -> impl Strategy<Value = Tissue> {
+    let numbers =
+        (within(&AB_M2), within(&LENGTH_M), within(&COEFFICIENT), within(&COEFFICIENT), exponent(), exponent());
+    let gauge = numbers.prop_map(|(ab_m2, c_m, stiffness_pa, damping_pa_s, n, m)| Gauge {
+        ab_m2,
+        c_m,
+        stiffness_pa,
+        damping_pa_s,
+        n,
+        m,
+    });
+    prop::array::uniform8(gauge).prop_map(Tissue::new)
+}
+
+fn through_a_file(parameters: &Parameters) -> Parameters {
+    Parameters::parse(&parameters.to_toml(), Path::new("pulled.toml")).expect("the file is sound")
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 5000, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_set_that_an_insole_takes_comes_back_from_a_file_bit_for_bit(tissue in tissue()) {
+        prop_assert_eq!(tissue.check(), Ok(()));
+        // Equal ids also tell 0 from -0.
+        prop_assert_eq!(through_a_file(&Parameters::from_tissue(&tissue)).tissue(), tissue);
+    }
+}
+
+#[test]
+fn typical_parameters_come_back_from_a_file_and_from_an_insole() {
+    for size in 35..=46 {
+        let typical = Parameters::typical(size.to_string().parse::<InsoleSize>().expect("a size"));
+        assert_eq!(typical.tissue().check(), Ok(()), "size {size}");
+        assert_eq!(through_a_file(&typical).tissue(), typical.tissue(), "size {size}");
+        let pulled = Parameters::from_tissue(&typical.tissue());
+        assert_eq!(through_a_file(&pulled).tissue(), typical.tissue(), "size {size}");
+    }
+}
+
+#[test]
+fn lengths_at_their_limits_are_read() {
+    let typical = Parameters::typical(InsoleSize::default()).to_toml();
+    let c_of_heel = typical.lines().find(|line| line.starts_with("c_mm")).expect("a radius");
+    for (c_mm, is_read) in [("0.1", true), ("200", true), ("200.0", true), ("0.0999", false), ("200.1", false)] {
+        // So stiff in so thick a tissue that K would be too much.
+        let text = typical.replacen(c_of_heel, &format!("c_mm = {c_mm}"), 1).replace("k_n_m3 = ", "k_n_m3 = 1.0 # ");
+        let read = Parameters::parse(&text, Path::new("params.toml"));
+        assert_eq!(read.is_ok(), is_read, "{c_mm}: {read:?}");
+        if let Err(error) = read {
+            let said = error.to_string();
+            assert!(said.contains("line 12") && said.contains("from 0.1 to 200 mm"), "{said}");
+        }
+    }
+}

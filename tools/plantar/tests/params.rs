@@ -1,0 +1,152 @@
+//! `plantar params` with files and with an insole on the network: the insole's own side of a session, without the rest.
+
+use plantar::insole::Tissue;
+use plantar::link::Link;
+use plantar::region::Side;
+use plantar::wire::{self, Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Reset, Status, ToDevice};
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpListener};
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::{Arc, Mutex};
+
+/// Answers one host after the other for as long as the test runs.
+fn insole() -> (SocketAddr, Arc<Mutex<Link>>) {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("an address");
+    let link = Arc::new(Mutex::new(Link::new()));
+    let insole = link.clone();
+    std::thread::spawn(move || {
+        for mut host in listener.incoming().map(|host| host.expect("a host")) {
+            let mut decoder = Decoder::new();
+            let mut received = [0; 64];
+            while let Ok(count @ 1..) = host.read(&mut received) {
+                let mut link = insole.lock().expect("no panic");
+                for &byte in &received[..count] {
+                    if let Some(message) = decoder.push(byte).and_then(wire::decode::<ToDevice>) {
+                        link.receive(message);
+                    }
+                }
+                let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
+                while let Some(message) = link.next(&hello(), Status::default, &mut message) {
+                    let len = wire::frame(message, &mut framed);
+                    host.write_all(&framed[..len]).expect("the host listens");
+                }
+            }
+        }
+    });
+    (address, link)
+}
+
+fn hello() -> Hello {
+    Hello {
+        major: wire::MAJOR,
+        minor: wire::MINOR,
+        firmware: "test".try_into().expect("it fits"),
+        board: "test".try_into().expect("it fits"),
+        side: Side::Left,
+        layout_id: 1,
+        cells: 240,
+        period_us: 10_000,
+        tissue_id: 0,
+        contact_rule: plantar::contact::ContactRule::COUNTED,
+        reset: Reset::Power,
+        last_panic: None,
+    }
+}
+
+fn params(folder: &Path, arguments: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_plantar"))
+        .arg("params")
+        .args(arguments.split_whitespace())
+        .current_dir(folder)
+        .output()
+        .expect("the program starts")
+}
+
+fn succeed(folder: &Path, arguments: &str) -> String {
+    let output = params(folder, arguments);
+    assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).expect("text")
+}
+
+/// Fails with a message that holds all of `words`, and without a panic.
+fn fail(folder: &Path, arguments: &str, code: i32, words: &[&str]) {
+    let output = params(folder, arguments);
+    let said = String::from_utf8(output.stderr).expect("text");
+    assert_eq!(output.status.code(), Some(code), "{arguments}: {said}");
+    for word in words {
+        assert!(said.contains(word), "{arguments}: no \"{word}\" in: {said}");
+    }
+}
+
+#[test]
+fn parameters_are_pushed_shown_and_pulled() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let (address, link) = insole();
+    let id = || format!("{:08x}", link.lock().expect("no panic").tissue().id);
+    for command in ["show", "pull --out pulled.toml"] {
+        fail(path, &format!("{command} --tcp {address}"), 1, &["no parameters", "params push"]);
+    }
+
+    succeed(path, "typical --size 40 --out params.toml");
+    let said = succeed(path, &format!("push params.toml --tcp {address}"));
+    let first = id();
+    assert!(said.contains(&format!("none before, now {first}")) && said.contains("until it restarts"), "{said}");
+    succeed(path, "typical --size 41 --out other.toml");
+    let said = succeed(path, &format!("push other.toml --tcp {address}"));
+    assert!(said.contains(&format!("{first} before, now {}", id())), "{said}");
+
+    let said = succeed(path, &format!("pull --out pulled.toml --tcp {address}"));
+    assert!(said.contains("pulled.toml") && said.contains(&id()), "{said}");
+    let text = std::fs::read_to_string(path.join("pulled.toml")).expect("a file");
+    assert!(text.contains("a = b = sqrt(A B), d0 = C"), "{text}");
+    let pulled = parameters::Parameters::read(&path.join("pulled.toml")).expect("a sound file");
+    assert_eq!(pulled.tissue(), *link.lock().expect("no panic").tissue());
+
+    // The same numbers from the insole, the file that was pushed and the one that was pulled; files show the eight as well.
+    let on_insole = succeed(path, &format!("show --tcp {address}"));
+    assert!(on_insole.contains(&id()) && on_insole.contains("K kPa") && !on_insole.contains("d0 mm"), "{on_insole}");
+    for file in ["other.toml", "pulled.toml"] {
+        let shown = succeed(path, &format!("show {file}"));
+        assert!(shown.ends_with(&on_insole) && shown.contains("d0 mm"), "{shown}");
+    }
+    assert!(succeed(path, "show other.toml").starts_with("typical, size 41, not personal"));
+}
+
+#[test]
+fn bad_parameters_are_refused_before_anything_is_sent() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let (address, link) = insole();
+    succeed(path, "typical --out params.toml");
+    let good = std::fs::read_to_string(path.join("params.toml")).expect("parameters");
+    for (text, words) in [
+        (good.replacen("k_n_m3 = ", "k_n_m3 = 1e13 # ", 1), ["regions.heel", "line 12", "more than 1e9"]),
+        (good.replacen("m = 0.5", "m = 11", 1), ["regions.heel", "line 12", "up to 10"]),
+        (good.replacen("subject = ", "subject ", 1), ["bad.toml", "line 9", "subject"]),
+    ] {
+        std::fs::write(path.join("bad.toml"), text).expect("written");
+        fail(path, &format!("push bad.toml --tcp {address}"), 1, &words);
+        fail(path, "show bad.toml", 1, &words);
+    }
+    assert_eq!(*link.lock().expect("no panic").tissue(), Tissue::NONE);
+}
+
+#[test]
+fn without_a_file_or_an_insole_the_remedy_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    succeed(path, "typical --out params.toml");
+    for command in ["push params.toml", "pull --out pulled.toml", "show"] {
+        fail(path, &format!("{command} --tcp 127.0.0.1:1"), 1, &["127.0.0.1:1", "is the insole"]);
+        fail(path, &format!("{command} --serial /dev/nowhere"), 1, &["/dev/nowhere"]);
+        fail(path, command, 2, &["--tcp", "--serial"]);
+    }
+    for command in ["push nowhere.toml --tcp 127.0.0.1:1", "show nowhere.toml"] {
+        fail(path, command, 1, &["nowhere.toml"]);
+    }
+    fail(path, "show params.toml --tcp 127.0.0.1:1", 2, &["cannot be used with"]);
+    assert!(!path.join("pulled.toml").exists());
+}
