@@ -26,9 +26,12 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// The usual ones. pi A B is at least the largest area (g_max 1) and at most 25 times that.
+    /// The least stiffness exponent at all: below -1 force would not vanish with contact.
+    pub const LEAST_N: f64 = -0.95;
+    /// The usual ones. pi A B is at least the largest area (g_max 1) and at most 8.6 times that: towards a flatter ellipsoid force
+    /// becomes a power of area, in which A B and K cannot be told apart any more.
     pub const USUAL: Self =
-        Self { g_max: [0.02, 1.0], stiffness_pa: [1e4, 1e7], damping_pa_s: [0.0, 1e6], n: [0.0, 5.0], m: [0.0, 5.0] };
+        Self { g_max: [0.06, 1.0], stiffness_pa: [1e4, 1e7], damping_pa_s: [0.0, 1e6], n: [0.0, 5.0], m: [0.0, 5.0] };
 }
 
 /// What was identified.

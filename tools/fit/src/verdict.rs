@@ -65,15 +65,12 @@ pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
     if !at_bound.is_empty() {
         warnings.push(format!("{} at a bound: the data would go on beyond it", at_bound.join(", ")));
     }
-    let mut pairs = Vec::new();
-    for (i, (row, name)) in uncertainty.correlation.iter().zip(FIVE).enumerate() {
-        let others = row.iter().zip(FIVE).take(i).filter(|(r, _)| r.abs() > INSEPARABLE);
-        pairs.extend(others.map(|(r, other)| format!("{other} and {name} ({r:.2})")));
-    }
-    if !pairs.is_empty() {
+    let tied = |i: usize| (0..FIVE.len()).any(|j| j != i && uncertainty.correlation[i][j].abs() > INSEPARABLE);
+    let tied: Vec<_> = (0..FIVE.len()).filter(|&i| tied(i)).map(|i| FIVE[i]).collect();
+    if !tied.is_empty() {
         warnings.push(format!(
-            "cannot be told apart: {}; one makes up for the other, so read neither alone",
-            pairs.join(", ")
+            "{} make up for each other (correlation above {INSEPARABLE}): compare the force they give, not each alone",
+            tied.join(", ")
         ));
     }
     let wider = uncertainty.intervals.iter().zip(FIVE).filter(|(interval, _)| {

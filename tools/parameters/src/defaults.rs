@@ -81,6 +81,6 @@ impl Parameters {
                 m,
             }
         });
-        Self { subject: format!("typical, size {size}"), personal: false, regions }
+        Self { subject: format!("typical, size {size}"), personal: false, identified: None, regions }
     }
 }

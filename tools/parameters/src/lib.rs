@@ -1,10 +1,13 @@
 //! A wearer's tissue parameters: the paper's eight numbers for each of the eight regions, as a commented TOML file.
 
 mod defaults;
+mod thickness;
 
 pub use defaults::InsoleSize;
+pub use thickness::Thickness;
 
 use plantar::Region;
+use plantar::contact::ContactRule;
 use plantar::insole::Tissue;
 use plantar::model::{COEFFICIENT, Ellipsoid, Gauge, LENGTH_M, MAX_EXPONENT, is_within};
 use serde::Deserialize;
@@ -49,8 +52,19 @@ pub struct Parameters {
     pub subject: String,
     /// Identified from the wearer's own steps.
     pub personal: bool,
+    /// How they were identified, where that is known.
+    pub identified: Option<Identified>,
     /// In the order of [`Region::ALL`], SI units.
     pub regions: [Ellipsoid<f64>; 8],
+}
+
+/// What parameters were identified through: they hold for areas that are counted and filtered in this way.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Identified {
+    /// `step` or `live`: the filter of area.
+    pub filter: String,
+    /// The rule that areas were counted by.
+    pub contact: ContactRule,
 }
 
 #[derive(Deserialize)]
@@ -59,7 +73,17 @@ struct File {
     version: u32,
     subject: String,
     personal: bool,
+    identified: Option<FileIdentified>,
     regions: BTreeMap<String, toml::Spanned<FileRegion>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FileIdentified {
+    filter: String,
+    contact_on_kpa: f32,
+    contact_off_kpa: f32,
+    contact_full_kpa: f32,
 }
 
 /// One region as it stands in a file: lengths in mm.
@@ -111,7 +135,16 @@ impl Parameters {
         }
         // Every slot was filled or the function left.
         let regions = regions.map(|region| region.expect("filled above"));
-        Ok(Self { subject: file.subject, personal: file.personal, regions })
+        let identified = file.identified.map(|i| Identified {
+            filter: i.filter,
+            contact: ContactRule { on_kpa: i.contact_on_kpa, off_kpa: i.contact_off_kpa, full_kpa: i.contact_full_kpa },
+        });
+        if identified.as_ref().is_some_and(|i| !i.contact.is_valid()) {
+            return Err(form(
+                "[identified] the contact rule is out of range: needs 0 < off <= on <= full, or full 0".into(),
+            ));
+        }
+        Ok(Self { subject: file.subject, personal: file.personal, identified, regions })
     }
 
     /// What an insole holds, in the paper's numbers: A = B, d0 = C. The force is the same, and so is
@@ -132,7 +165,12 @@ impl Parameters {
                 m: g.m,
             }
         });
-        Self { subject: format!("pulled from an insole, parameters {:08x}", tissue.id), personal: false, regions }
+        Self {
+            subject: format!("pulled from an insole, parameters {:08x}", tissue.id),
+            personal: false,
+            identified: None,
+            regions,
+        }
     }
 
     /// Writes a commented file.
@@ -142,6 +180,11 @@ impl Parameters {
 
     /// The commented file.
     pub fn to_toml(&self) -> String {
+        self.to_toml_with(&|_, _| None)
+    }
+
+    /// The commented file; `note` may say something of a region's value, by the value's name in the file.
+    pub fn to_toml_with(&self, note: &dyn Fn(Region, &str) -> Option<String>) -> String {
         let mut text = String::from(
             "# Plantar tissue parameters: one viscoelastic ellipsoid for each region of one foot.\n\
              # a_mm, b_mm, c_mm  radii: medial-lateral, heel-toe, vertical\n\
@@ -153,23 +196,31 @@ impl Parameters {
         // Writing to a String does not fail.
         let _ = writeln!(text, "version = {VERSION}");
         let _ = writeln!(text, "subject = {:?}", self.subject);
-        let note =
+        let kind =
             if self.personal { "identified from this person's steps" } else { "NOT known to be this person's own" };
-        let _ = writeln!(text, "personal = {} # {note}", self.personal);
+        let _ = writeln!(text, "personal = {} # {kind}", self.personal);
+        if let Some(Identified { filter, contact }) = &self.identified {
+            let _ = writeln!(text, "\n# They hold for areas through this filter, counted by this rule.");
+            let _ = writeln!(text, "[identified]\nfilter = {filter:?}");
+            let _ = writeln!(text, "contact_on_kpa = {:?}\ncontact_off_kpa = {:?}", contact.on_kpa, contact.off_kpa);
+            let _ = writeln!(text, "contact_full_kpa = {:?}", contact.full_kpa);
+        }
         for (region, e) in Region::ALL.iter().zip(&self.regions) {
-            let _ = write!(
-                text,
-                "\n[regions.{}]\na_mm = {:?}\nb_mm = {:?}\nc_mm = {:?}\nd0_mm = {:?}\nk_n_m3 = {:?}\nn = {:?}\nc_n_s_m3 = {:?}\nm = {:?}\n",
-                region.name(),
-                e.a_m * 1e3,
-                e.b_m * 1e3,
-                e.c_m * 1e3,
-                e.d0_m * 1e3,
-                e.k,
-                e.n,
-                e.c,
-                e.m
-            );
+            let _ = writeln!(text, "\n[regions.{}]", region.name());
+            let values = [
+                ("a_mm", e.a_m * 1e3),
+                ("b_mm", e.b_m * 1e3),
+                ("c_mm", e.c_m * 1e3),
+                ("d0_mm", e.d0_m * 1e3),
+                ("k_n_m3", e.k),
+                ("n", e.n),
+                ("c_n_s_m3", e.c),
+                ("m", e.m),
+            ];
+            for (name, value) in values {
+                let comment = note(*region, name).map_or(String::new(), |note| format!(" # {note}"));
+                let _ = writeln!(text, "{name} = {value:?}{comment}");
+            }
         }
         text
     }

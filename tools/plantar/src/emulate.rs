@@ -1,7 +1,7 @@
 //! `plantar emulate`: the real firmware feels a recording.
 
 use crate::carrier::{ANSWER, PATIENCE};
-use crate::setup::{Contact, Wearer, Zeroed};
+use crate::setup::{self, Contact, Wearer, Zeroed};
 use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, bail};
@@ -67,8 +67,9 @@ impl Emulate {
             );
         }
         println!("{}", recording.source);
-        let tissue = self.wearer.parameters()?.tissue();
-        let mut worn = self.contact.insole(&recording)?;
+        let parameters = self.wearer.parameters()?;
+        let tissue = parameters.tissue();
+        let mut worn = setup::insole(&recording, self.contact.rule(parameters.identified.as_ref()))?;
         self.zero.wear(&mut worn)?;
         // What the board would refuse is refused here, where there is room to say it.
         let accepted = Insole::<f32, DEVICE_CELLS>::new().set_up(worn.setup, worn.cells.iter().copied());

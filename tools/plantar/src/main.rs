@@ -2,6 +2,7 @@
 
 mod carrier;
 mod emulate;
+mod fit;
 mod frames;
 mod import;
 mod info;
@@ -46,6 +47,7 @@ enum Command {
     Info(info::Info),
     Zero(zero::Zero),
     Replay(replay::Replay),
+    Fit(fit::Fit),
     Emulate(emulate::Emulate),
     Monitor(monitor::Monitor),
     /// Tissue parameters.
@@ -53,12 +55,19 @@ enum Command {
     Params(params::Params),
 }
 
+/// Exit status of work that was done in part.
+const PARTIAL: u8 = 3;
+
 fn main() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Import(import) => import.run(),
         Command::Info(info) => info.run(),
         Command::Zero(zero) => zero.run(),
         Command::Replay(replay) => replay.run(),
+        Command::Fit(fit) => match fit.run() {
+            Ok(false) => return ExitCode::from(PARTIAL),
+            done => done.map(drop),
+        },
         Command::Emulate(emulate) => emulate.run(),
         Command::Monitor(monitor) => monitor.run(),
         Command::Params(params) => params.run(),

@@ -1,7 +1,7 @@
 //! `plantar params`.
 
 use crate::carrier::Carrier;
-use crate::setup::note_unless_personal;
+use crate::setup::{note_unless_personal, note_unless_same_rule};
 use crate::summary;
 use anyhow::{Context, Result, bail};
 use clap::Subcommand;
@@ -73,6 +73,9 @@ fn push(file: &Path, carrier: &Carrier) -> Result<()> {
     note_unless_personal(&parameters);
     let tissue = parameters.tissue();
     let mut client = carrier.connect()?;
+    if let Some(identified) = &parameters.identified {
+        note_unless_same_rule(&identified.contact, &client.hello().contact_rule);
+    }
     let before = client.hello().tissue_id;
     client.set_tissue(&tissue)?;
     println!("parameters on the insole: {} before, now {}; they hold until it restarts", name(before), name(tissue.id));

@@ -1,5 +1,6 @@
 //! A step as a picture: peak pressure with the contact ellipses on the foot, force of every region over time.
 
+use crate::setup::rule_in_words;
 use anyhow::{Context, Result, anyhow};
 use plantar::insole::Insole;
 use plantar::wire::Step;
@@ -142,10 +143,7 @@ fn draw_foot(
         });
         area.draw(&PathElement::new(rim.collect::<Vec<_>>(), BLACK.stroke_width(2))).map_err(drawing_error)?;
     }
-    let rule = &step.contact_rule;
-    let counted =
-        if rule.full_kpa > 0.0 { format!("share sqrt(p / {} kPa)", rule.full_kpa) } else { "whole cells".into() };
-    let legend = format!("black: measured, colour: model; contact from {} kPa, {counted}", rule.on_kpa);
+    let legend = format!("black: measured, colour: model; contact: {}", rule_in_words(&step.contact_rule));
     area.draw(&Text::new(legend, (12, 30), ("sans-serif", 13))).map_err(drawing_error)?;
     Ok(())
 }

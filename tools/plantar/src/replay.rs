@@ -1,7 +1,7 @@
 //! `plantar replay`: the insole's own code on this computer.
 
 use crate::frames::FrameWriter;
-use crate::setup::{Contact, Wearer, Zeroed};
+use crate::setup::{self, Contact, Wearer, Zeroed};
 use crate::{picture, summary};
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
@@ -51,8 +51,9 @@ enum Precision {
 impl Replay {
     pub fn run(&self) -> Result<()> {
         let recording = Recording::read(&self.recording)?;
-        let tissue = self.wearer.parameters()?.tissue();
-        let mut worn = self.contact.insole(&recording)?;
+        let parameters = self.wearer.parameters()?;
+        let tissue = parameters.tissue();
+        let mut worn = setup::insole(&recording, self.contact.rule(parameters.identified.as_ref()))?;
         self.zero.wear(&mut worn)?;
         let start = Instant::now();
         let steps = match self.precision {

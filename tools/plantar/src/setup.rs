@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail};
 use clap::Args;
-use parameters::{InsoleSize, Parameters};
+use parameters::{Identified, InsoleSize, Parameters};
 use plantar::contact::ContactRule;
 use plantar::insole::PERIOD_US;
 use recording::{Recording, VirtualInsole, Zero};
@@ -42,31 +42,63 @@ pub fn note_unless_personal(parameters: &Parameters) {
 
 #[derive(Args)]
 pub struct Contact {
-    /// A cell comes into contact at this pressure, kPa.
-    #[arg(long, value_name = "KPA", default_value_t = ContactRule::COUNTED.on_kpa)]
-    contact_on: f32,
-    /// and leaves it below this one, kPa.
-    #[arg(long, value_name = "KPA", default_value_t = ContactRule::COUNTED.off_kpa)]
-    contact_off: f32,
-    /// Count a cell in contact by the share sqrt(p / KPA), at most whole (150 is a good value); without it every cell in
-    /// contact counts whole.
-    #[arg(long, value_name = "KPA", default_value_t = ContactRule::COUNTED.full_kpa, hide_default_value = true)]
-    contact_full: f32,
+    /// A cell comes into contact at this pressure, kPa [default: what --params were identified with, or 10].
+    #[arg(long, value_name = "KPA")]
+    contact_on: Option<f32>,
+    /// and leaves it below this one, kPa [default: the same, or 7.5].
+    #[arg(long, value_name = "KPA")]
+    contact_off: Option<f32>,
+    /// Count a cell in contact by the share sqrt(p / KPA), at most whole; 150 is a good value, 0 counts every cell in contact
+    /// whole [default: the same, or 0].
+    #[arg(long, value_name = "KPA")]
+    contact_full: Option<f32>,
 }
 
 impl Contact {
-    /// The insole that feels `recording` under this rule.
-    pub fn insole(&self, recording: &Recording) -> Result<VirtualInsole> {
-        let rule = ContactRule { on_kpa: self.contact_on, off_kpa: self.contact_off, full_kpa: self.contact_full };
-        let worn = VirtualInsole::new(recording, rule, plantar::stance::StanceRule::WALKING);
-        if !PERIOD_US.contains(&worn.setup.period_us) {
-            bail!(
-                "{:.2} frames a second: 20 to 500 are understood; import the recording again with --rate 100",
-                recording.rate_hz
-            );
+    /// The rule, by default the one that `identified` holds for; a word on stderr where it is another.
+    pub fn rule(&self, identified: Option<&Identified>) -> ContactRule {
+        let usual = identified.map_or(ContactRule::COUNTED, |i| i.contact);
+        let rule = ContactRule {
+            on_kpa: self.contact_on.unwrap_or(usual.on_kpa),
+            off_kpa: self.contact_off.unwrap_or(usual.off_kpa),
+            full_kpa: self.contact_full.unwrap_or(usual.full_kpa),
+        };
+        if identified.is_some() {
+            note_unless_same_rule(&usual, &rule);
         }
-        Ok(worn)
+        rule
     }
+}
+
+/// A word on stderr where areas are counted in another way than the parameters were identified with.
+pub fn note_unless_same_rule(identified: &ContactRule, counted: &ContactRule) {
+    if identified != counted {
+        eprintln!(
+            "note: the parameters were identified with areas counted by {}, here they are counted by {}: model force and \
+             deformation do not hold",
+            rule_in_words(identified),
+            rule_in_words(counted)
+        );
+    }
+}
+
+/// A contact rule for people.
+pub fn rule_in_words(rule: &ContactRule) -> String {
+    let counted =
+        if rule.full_kpa > 0.0 { format!("share sqrt(p / {} kPa)", rule.full_kpa) } else { "whole cells".into() };
+    format!("{counted}, on at {} kPa, off below {} kPa", rule.on_kpa, rule.off_kpa)
+}
+
+/// The insole that feels `recording` under a rule.
+pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole> {
+    let worn = VirtualInsole::new(recording, rule, plantar::stance::StanceRule::WALKING);
+    if !PERIOD_US.contains(&worn.setup.period_us) {
+        bail!(
+            "{:.2} frames a second: 20 to 500 are understood; import the recording again with --rate 100",
+            recording.rate_hz
+        );
+    }
+    Ok(worn)
 }
 
 #[derive(Args)]

@@ -1,5 +1,6 @@
 //! Steps as a table for the terminal.
 
+use crate::setup::rule_in_words;
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use plantar::Region;
 use plantar::wire::Step;
@@ -81,10 +82,16 @@ pub fn print(steps: &[Step]) {
     }
     align(&mut table);
     println!("Mean of {} steps, peaks:\n{table}", steps.len());
-    let rule = first.contact_rule;
-    let counted =
-        if rule.full_kpa > 0.0 { format!("by the share sqrt(p / {} kPa)", rule.full_kpa) } else { "whole".into() };
-    println!("Contact: on at {} kPa, off below {} kPa, cells counted {counted}.", rule.on_kpa, rule.off_kpa);
+    println!("Contact: {}.", rule_in_words(&first.contact_rule));
+}
+
+/// Three significant digits.
+pub fn significant(value: f64) -> String {
+    if value.abs() < 5e-4 {
+        return "0".into();
+    }
+    let digits = 2 - value.abs().log10().floor() as i32;
+    format!("{value:.*}", digits.clamp(0, 3) as usize)
 }
 
 /// An empty table in the program's style.
