@@ -21,6 +21,8 @@ pub struct Interval {
     pub bootstrap: Option<[f64; 2]>,
     /// The estimate lies at a bound.
     pub at_bound: bool,
+    /// Force says something of it; of m it does not where G is 0.
+    pub told: bool,
 }
 
 /// The intervals and how the estimates hang together.
@@ -84,6 +86,7 @@ pub fn from_jacobian(samples: &Samples, bounds: &Bounds, identified: &Identified
             value,
             jacobian: [raw[0].clamp(least, most), raw[1].clamp(least, most)],
             bootstrap: None,
+            told: told(i),
             at_bound: x[order[i]] <= ends[0][order[i]] || x[order[i]] >= ends[1][order[i]],
         }
     };

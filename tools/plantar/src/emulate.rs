@@ -8,6 +8,7 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use client::{Client, step_to_json};
 use emulator::{Board, Recorded, Time};
+use plantar::Region;
 use plantar::emulation::Head;
 use plantar::insole::{DEVICE_CELLS, Insole};
 use plantar::wire::{Hello, Status, Step, ToDevice, ToHost};
@@ -107,8 +108,14 @@ impl Emulate {
             status.frames_overrun
         );
         if let Some(path) = &self.json {
+            let errors: serde_json::Map<_, _> = Region::ALL
+                .iter()
+                .enumerate()
+                .map(|(i, region)| (region.name().into(), summary::model_error_percent(&steps, i).into()))
+                .collect();
             let steps: Vec<_> = steps.iter().map(step_to_json).collect();
-            let text = serde_json::to_string_pretty(&serde_json::json!({ "steps": steps, "link": counters }))? + "\n";
+            let outcome = serde_json::json!({ "steps": steps, "link": counters, "model_error_percent": errors });
+            let text = serde_json::to_string_pretty(&outcome)? + "\n";
             std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
         }
         Ok(())

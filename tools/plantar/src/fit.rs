@@ -253,6 +253,9 @@ fn five_in_words(fit: &RegionFit) -> Vec<String> {
             .iter()
             .zip(units)
             .map(|(interval, unit)| {
+                if !interval.told {
+                    return "-".into();
+                }
                 let [low, high] = widest(interval).map(|end| summary::significant(end * unit));
                 let mark = if interval.at_bound { "!" } else { "" };
                 format!("{}{mark} ({low}..{high})", summary::significant(interval.value * unit))
@@ -345,7 +348,7 @@ fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
     let (g, e, q) = (&fit.gauge, &fit.ellipsoid, &fit.quality);
     let intervals = fit.uncertainty.as_ref().map(|uncertainty| {
         let names = ["ab_m2", "stiffness_pa", "damping_pa_s", "n", "m"];
-        let of = |i: &Interval| json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound });
+        let of = |i: &Interval| json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.told });
         let all: Map<String, Value> =
             names.iter().zip(&uncertainty.intervals).map(|(name, i)| ((*name).into(), of(i))).collect();
         json!({ "order": FIVE, "intervals_95": all, "correlation": uncertainty.correlation })

@@ -77,12 +77,19 @@ pub fn print(steps: &[Step]) {
             ),
             format!("{:.2}", mean(|r| f64::from(r.deformation_peak_um) / 1000.0)),
             format!("{:.2}", mean(|r| f64::from(r.contact_ms) / 1000.0)),
-            format!("{:.1}", mean(|r| f64::from(r.model_error_bp) / 100.0)),
+            model_error_percent(steps, i).map_or("-".into(), |percent| format!("{percent:.1}")),
         ]);
     }
     align(&mut table);
     println!("Mean of {} steps, peaks:\n{table}", steps.len());
     println!("Contact: {}.", rule_in_words(&first.contact_rule));
+}
+
+/// Model against measured force of region number `region` (Eq. 20), %, mean of the steps in which it was loaded.
+pub fn model_error_percent(steps: &[Step], region: usize) -> Option<f64> {
+    let loaded: Vec<_> = steps.iter().map(|s| &s.regions[region]).filter(|r| r.contact_ms > 0).collect();
+    let sum: f64 = loaded.iter().map(|r| f64::from(r.model_error_bp) / 100.0).sum();
+    (!loaded.is_empty()).then(|| sum / loaded.len() as f64)
 }
 
 /// Three significant digits.

@@ -140,24 +140,42 @@ impl Demo {
         build_firmware("emu")?;
         build_host("plantar-cli")?;
         let plantar = built("release/plantar");
-        let recording = match &self.recording {
-            Some(recording) => std::path::absolute(recording)?,
-            None => sample_walk(&plantar)?,
-        };
-        let mut command = Command::new(plantar);
-        command.arg("emulate").arg(recording).args(["--speed", &self.speed]).arg("--firmware").arg(firmware("emu"));
-        if let Some(steps) = self.steps {
+        let mut command = Command::new(&plantar);
+        command.arg("emulate").args(["--speed", &self.speed]).arg("--firmware").arg(firmware("emu"));
+        let mut steps = self.steps;
+        match &self.recording {
+            Some(recording) => {
+                command.arg(std::path::absolute(recording)?);
+            }
+            None => {
+                let walk = sample_walk(&plantar)?;
+                let parameters = fit_walk(&plantar, &walk)?;
+                command.arg(walk).arg("--params").arg(parameters);
+                steps = Some(steps.unwrap_or(PLAYED_STEPS).min(PLAYED_STEPS));
+            }
+        }
+        if let Some(steps) = steps {
             command.args(["--steps", &steps.to_string()]);
         }
         if let Some(json) = &self.json {
             command.arg("--json").arg(std::path::absolute(json)?);
         }
-        run_command(&mut command)
+        run_command(&mut command)?;
+        if self.recording.is_none() {
+            println!(
+                "The insole's parameters were fitted to steps {FITTED_STEPS} of this walker; the errors above are of steps that the \
+                 fit has not seen.\nThe fit's report: {}",
+                report().display()
+            );
+        }
+        Ok(())
     }
 }
 
-/// Trials of the sample walk, some fifteen seconds.
-const SAMPLE_TRIALS: &str = "12";
+/// Trials of the sample walk: the first are played, some fifteen seconds, and parameters are fitted to the others.
+const SAMPLE_TRIALS: &str = "36";
+const PLAYED_STEPS: usize = 12;
+const FITTED_STEPS: &str = "12-35";
 
 /// One walker's steps as a recording for the device.
 fn sample_walk(plantar: &Path) -> Result<PathBuf> {
@@ -167,6 +185,19 @@ fn sample_walk(plantar: &Path) -> Result<PathBuf> {
     command.args(["import", "jiku", "--walker", "0", "--trials", SAMPLE_TRIALS, "--rate", "100", "--cells", "240"]);
     run_command(command.arg("--data").arg(data).arg("--out").arg(&walk))?;
     Ok(walk)
+}
+
+/// The walker's own parameters, and a report of how they were found.
+fn fit_walk(plantar: &Path, walk: &Path) -> Result<PathBuf> {
+    let parameters = setup::cache().join("params.toml");
+    let mut command = Command::new(plantar);
+    command.arg("fit").arg(walk).args(["--steps", FITTED_STEPS, "--contact-full", "150", "--participant", "walker 0"]);
+    run_command(command.arg("--out").arg(&parameters).arg("--report").arg(report()))?;
+    Ok(parameters)
+}
+
+fn report() -> PathBuf {
+    setup::cache().join("report.html")
 }
 
 fn test() -> Result<()> {
