@@ -23,6 +23,7 @@ pub struct Python {
 pub fn all() -> Result<Python> {
     rust()?;
     qemu()?;
+    chromium()?;
     python()
 }
 
@@ -61,6 +62,14 @@ pub fn qemu() -> Result<()> {
         pacman: "qemu-system-arm",
         brew: "qemu",
     })
+}
+
+/// A browser that shows the reports to the tests.
+pub fn chromium() -> Result<()> {
+    if ["chromium", "chromium-browser", "google-chrome"].into_iter().any(has) {
+        return Ok(());
+    }
+    install(&Package { what: "Chromium", apt: "chromium", dnf: "chromium", pacman: "chromium", brew: "chromium" })
 }
 
 /// The private Python, made once and again when what it should hold changes.

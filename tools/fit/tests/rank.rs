@@ -1,0 +1,111 @@
+//! What a force trace can tell of the paper's eight parameters: five numbers, and which three it cannot.
+
+use fit::pins::Pins;
+use fit::synthetic::gauge;
+use nalgebra::DMatrix;
+use plantar::Region;
+use plantar::model::Ellipsoid;
+
+const PINS: Pins = Pins { aspect: 0.8, thickness_m: 0.012, compression: 0.457 };
+const SAMPLES: usize = 60;
+const SAMPLE_S: f64 = 0.01;
+
+/// Force over a stance by the paper's own Eq. 13, 14 and 16, N.
+fn force_n(e: &Ellipsoid<f64>, largest_m2: f64) -> Vec<f64> {
+    let area_m2 = |i: usize| largest_m2 * (std::f64::consts::PI * (i as f64 + 0.5) / SAMPLES as f64).sin().powf(0.8);
+    (0..SAMPLES - 1)
+        .map(|i| {
+            let rate = e.deformation_rate_between_m_s(area_m2(i), area_m2(i + 1), SAMPLE_S);
+            e.force_n(e.deformation_m(area_m2(i)), rate)
+        })
+        .collect()
+}
+
+fn ellipsoid(region: usize) -> (Ellipsoid<f64>, f64) {
+    let gauge = gauge(region);
+    (PINS.ellipsoid(&gauge), 0.75 * std::f64::consts::PI * gauge.ab_m2)
+}
+
+/// In the order of Eq. 17.
+fn with(e: &Ellipsoid<f64>, parameter: usize, factor: f64) -> Ellipsoid<f64> {
+    let mut scaled = *e;
+    let values = [
+        &mut scaled.a_m,
+        &mut scaled.b_m,
+        &mut scaled.c_m,
+        &mut scaled.d0_m,
+        &mut scaled.k,
+        &mut scaled.n,
+        &mut scaled.c,
+        &mut scaled.m,
+    ];
+    *values.into_iter().nth(parameter).expect("eight") *= factor;
+    scaled
+}
+
+#[test]
+fn the_jacobian_by_the_eight_has_rank_five_in_every_region() {
+    for (region, name) in Region::ALL.iter().enumerate() {
+        let (e, largest_m2) = ellipsoid(region);
+        let step = 1e-5;
+        let columns: Vec<_> = (0..8)
+            .map(|p| {
+                let (above, below) = (with(&e, p, 1.0 + step), with(&e, p, 1.0 - step));
+                let difference = force_n(&above, largest_m2).into_iter().zip(force_n(&below, largest_m2));
+                nalgebra::DVector::from_iterator(SAMPLES - 1, difference.map(|(a, b)| (a - b) / (2.0 * step)))
+            })
+            .collect();
+        let mut values: Vec<f64> = DMatrix::from_columns(&columns).singular_values().iter().copied().collect();
+        values.sort_by(|a, b| b.total_cmp(a));
+        // The fifth stands far above the error of the differences, the sixth is that error.
+        assert!(values[4] > 1e-6 * values[0], "{}: {values:?}", name.name());
+        assert!(values[5] < 1e-8 * values[0], "{}: {values:?}", name.name());
+    }
+}
+
+/// The three directions by name: A/B, C with k and c, d0 with k and c.
+#[test]
+fn aspect_c_and_d0_leave_the_force_unchanged() {
+    for region in 0..8 {
+        let (e, largest_m2) = ellipsoid(region);
+        let expected = force_n(&e, largest_m2);
+        let peak = expected.iter().copied().fold(0.0, f64::max);
+        for other in [
+            Pins { aspect: 1.7, ..PINS },
+            Pins { thickness_m: 0.02, ..PINS },
+            Pins { compression: 0.2, ..PINS },
+            Pins { aspect: 0.5, thickness_m: 0.006, compression: 0.6 },
+        ] {
+            let mut gauge = e.gauge();
+            gauge.c_m = other.c_m(0.5);
+            let same = other.ellipsoid(&gauge);
+            assert!(same.gauge().c_m != e.c_m || other.aspect != PINS.aspect);
+            for (got, expected) in force_n(&same, largest_m2).iter().zip(&expected) {
+                assert!((got - expected).abs() < 1e-10 * peak, "region {region}, {other:?}: {got} for {expected}");
+            }
+        }
+    }
+}
+
+#[test]
+fn pins_are_found_again_in_the_eight() {
+    for region in 0..8 {
+        let truth = gauge(region);
+        let g_max = 0.6;
+        let gauge = plantar::model::Gauge { c_m: PINS.c_m(g_max), ..truth };
+        let e = PINS.ellipsoid(&gauge);
+        assert!((e.a_m / e.b_m / PINS.aspect - 1.0).abs() < 1e-12);
+        assert!((e.c_m * g_max / e.d0_m / PINS.compression - 1.0).abs() < 1e-12);
+        assert_eq!(e.d0_m, PINS.thickness_m);
+        let back = e.gauge();
+        for (got, expected) in [
+            (back.ab_m2, truth.ab_m2),
+            (back.stiffness_pa, truth.stiffness_pa),
+            (back.damping_pa_s, truth.damping_pa_s),
+            (back.n, truth.n),
+            (back.m, truth.m),
+        ] {
+            assert!((got / expected - 1.0).abs() < 1e-12, "{got} for {expected}");
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! What cannot be fitted is named, and the other regions are fitted all the same.
+
+use fit::interval::RESAMPLES;
+use fit::synthetic::{Noise, curves, walk};
+use fit::{Bounds, Filter, Method, Options, RegionCurves, Step, Unfit, fit};
+
+const OPTIONS: Options = Options {
+    filter: Filter::Step,
+    method: Method::Projection,
+    bounds: Bounds::USUAL,
+    thickness_m: [0.012; 8],
+    compression: 0.457,
+    resamples: 0,
+};
+
+/// Six steps whose heel is replaced.
+fn with_heel(heel: impl Fn(RegionCurves) -> RegionCurves) -> Vec<Step> {
+    let mut steps = walk(6, 100.0, Filter::Step, 0.01, 1);
+    for step in &mut steps {
+        step.regions[0] = heel(std::mem::take(&mut step.regions[0]));
+    }
+    steps
+}
+
+fn reason(steps: &[Step]) -> Unfit {
+    let fits = fit(steps, &OPTIONS, &|_| ());
+    assert!(fits[1..].iter().all(Result::is_ok), "the other regions are fitted");
+    fits[0].clone().expect_err("the heel is not")
+}
+
+fn all(area_mm2: &mut [f64], value: f64) {
+    area_mm2.iter_mut().filter(|a| **a > 0.0).for_each(|a| *a = value);
+}
+
+#[test]
+fn every_reason_is_named() {
+    let never = with_heel(|c| RegionCurves { area_mm2: vec![0.0; c.area_mm2.len()], ..c });
+    assert_eq!(reason(&never), Unfit::NeverLoaded);
+    let zero = with_heel(|c| RegionCurves { force_n: vec![0.0; c.force_n.len()], ..c });
+    assert_eq!(reason(&zero), Unfit::ZeroForce);
+    let weak = with_heel(|c| RegionCurves { force_n: c.force_n.iter().map(|f| f * 0.01).collect(), ..c });
+    assert!(matches!(reason(&weak), Unfit::HardlyLoaded(peak_n) if (1.0..20.0).contains(&peak_n)));
+    let few = with_heel(|c| {
+        let short = |v: &[f64]| v.iter().copied().skip(10).take(8).collect::<Vec<_>>();
+        RegionCurves { area_mm2: short(&c.area_mm2), force_n: short(&c.force_n), ..c }
+    });
+    assert_eq!(reason(&few), Unfit::TooFewFrames(8));
+    let clipped = with_heel(|c| RegionCurves { saturated: true, ..c });
+    assert_eq!(reason(&clipped), Unfit::Clipped);
+    let constant = with_heel(|mut c| {
+        all(&mut c.area_mm2, 2000.0);
+        c
+    });
+    assert_eq!(reason(&constant), Unfit::ConstantArea);
+    let saturated = with_heel(|mut c| {
+        c.area_mm2.iter_mut().for_each(|a| *a = (*a * 5.0).min(2000.0));
+        c
+    });
+    assert!(matches!(reason(&saturated), Unfit::SaturatedArea(share) if share > 0.8));
+    assert!(fit(&[], &OPTIONS, &|_| ()).iter().all(|f| f == &Err(Unfit::NoSteps)));
+}
+
+/// A step that is of no use does not spoil the others.
+#[test]
+fn unusable_steps_are_left_out_of_a_region() {
+    let mut steps = walk(6, 100.0, Filter::Step, 0.01, 1);
+    steps[2].regions[0].saturated = true;
+    steps[4].regions[0].force_n.iter_mut().for_each(|f| *f *= 0.01);
+    let fits = fit(&steps, &OPTIONS, &|_| ());
+    assert_eq!(fits[0].as_ref().expect("fitted").steps, [0, 1, 3, 5]);
+    assert_eq!(fits[1].as_ref().expect("fitted").steps.len(), 6);
+}
+
+/// Another tissue in the second recording shows, another noise does not.
+#[test]
+fn recordings_of_two_people_are_told_apart() {
+    let one = walk(5, 100.0, Filter::Step, 0.02, 1);
+    let mut other = walk(5, 100.0, Filter::Step, 0.02, 2);
+    other.iter_mut().for_each(|step| step.recording = 1);
+    let same = [one.clone(), other.clone()].concat();
+    let fits = fit(&same, &OPTIONS, &|_| ());
+    assert!(fits.iter().all(|f| f.as_ref().is_ok_and(|f| f.recordings_ratio.is_some_and(|r| r < 1.3))));
+
+    let mut chance = Noise::new(3);
+    for step in &mut other {
+        for region in 0..3 {
+            let mut stiffer = curves(region, 100.0, Filter::Step, 1.0, 0.02, &mut chance);
+            stiffer.force_n.iter_mut().for_each(|f| *f *= 1.6);
+            step.regions[region] = stiffer;
+        }
+    }
+    let fits = fit(&[one, other].concat(), &OPTIONS, &|_| ());
+    for (region, fit) in fits.iter().enumerate() {
+        assert_eq!(matches!(fit, Err(Unfit::MixedPeople(_))), region < 3, "region {region}");
+    }
+}
+
+/// The same steps give the same numbers, resampled ones included, on however many threads.
+#[test]
+fn a_fit_is_repeatable_and_its_bootstrap_agrees_with_the_jacobian() {
+    let steps = walk(8, 100.0, Filter::Step, 0.01, 4);
+    let options = Options { resamples: RESAMPLES, ..OPTIONS };
+    let once = fit(&steps, &options, &|_| ());
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    assert_eq!(once, pool.install(|| fit(&steps, &options, &|_| ())));
+    // White noise is all that steps differ by here, so both kinds of interval measure the same.
+    for (region, fit) in once.iter().enumerate() {
+        let uncertainty = fit.as_ref().expect("fitted").uncertainty.as_ref().expect("intervals");
+        for interval in &uncertainty.intervals {
+            let width = |[low, high]: [f64; 2]| high - low;
+            let ratio = width(interval.bootstrap.expect("eight steps")) / width(interval.jacobian);
+            assert!((0.3..3.0).contains(&ratio), "region {region}: {interval:?}");
+        }
+    }
+}
+
+#[test]
+fn a_fit_has_no_trouble_with_the_papers_method() {
+    let steps = walk(1, 100.0, Filter::Step, 0.01, 4);
+    let fits = fit(&steps, &Options { method: Method::Paper, ..OPTIONS }, &|_| ());
+    for fit in &fits {
+        let fit = fit.as_ref().expect("fitted");
+        assert!(fit.ellipsoid.is_valid() && fit.uncertainty.is_none());
+        // Whatever it found is what it reports.
+        let gauge = fit.ellipsoid.gauge();
+        let evaluated = fit::quality::Evaluated::new(&steps[0].regions[0], Filter::Step, &gauge);
+        assert!(evaluated.is_some() && fit.quality.fitted < 0.5, "{:?}", fit.quality);
+    }
+}
