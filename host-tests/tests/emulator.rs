@@ -4,6 +4,8 @@
 
 use client::Client;
 use emulator::{Board, Recorded, Scan, Time, Walk};
+use fit::quality::Evaluated;
+use fit::{Bounds, Filter, Method, Options, Study};
 use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;
@@ -447,4 +449,64 @@ fn damaged_and_impossible_parameters_are_refused_and_the_old_ones_go_on() {
     assert_eq!(received.status.bad_frames, 2);
     assert_eq!((received.live, received.steps), replay(&walk, ContactRule::COUNTED, |_| false));
     assert_eq!(session.client.tissue().expect("an answer"), tissue());
+}
+
+/// Identified on one half of a walker's steps and pushed, the insole's force in the other half is the fit's own evaluation.
+#[test]
+fn the_insole_gives_the_force_that_the_fit_evaluated() {
+    const FITTED: std::ops::Range<u32> = 6..14;
+    let Some(data) = std::env::var_os("PLANTAR_JIKU") else {
+        println!("skipped: PLANTAR_JIKU does not name the folder SpeedPP2DS of jiku-data");
+        return;
+    };
+    let walk = jiku::import(data, 2, 0..FITTED.end as usize, &mut |_, _| ()).expect("jiku-data");
+    let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(240)).expect("a virtual insole");
+    for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
+        let options = Options {
+            filter: Filter::Step,
+            method: Method::Projection,
+            bounds: Bounds::USUAL,
+            thickness_m: InsoleSize::default().thickness_m(),
+            compression: fit::pins::COMPRESSION,
+            resamples: 0,
+        };
+        let mut study = Study::new("walker 2".into(), contact, options);
+        let worn = VirtualInsole::new(&walk, contact, StanceRule::WALKING);
+        study.add("walk".into(), &walk, &worn, &mut |_| ()).expect("wearable");
+        let steps = study.steps.clone();
+        study.steps.retain(|step| FITTED.contains(&step.number));
+        study.fit(&|_| ());
+
+        let mut parameters = Parameters::typical(InsoleSize::default());
+        for (region, fit) in parameters.regions.iter_mut().zip(&study.fits) {
+            if let Ok(fit) = fit {
+                *region = fit.ellipsoid;
+            }
+        }
+        let Some(mut session) = Session::start_without_tissue(&walk, contact, |_| None) else { return };
+        session.client.set_tissue(&parameters.tissue()).expect("identified parameters are sound");
+        session.client.stream().expect("the insole answers");
+        session.board.play();
+        let received = session.finish();
+        assert_eq!(received.steps.len(), steps.len());
+        let mut compared = 0;
+        for (device, step) in received.steps.iter().zip(&steps) {
+            assert_eq!(device.step, step.number);
+            for (region, fit) in study.fits.iter().enumerate() {
+                let Ok(fit) = fit else { continue };
+                let Some(ours) = Evaluated::new(&step.regions[region], Filter::Step, &fit.gauge) else { continue };
+                let device = &device.regions[region];
+                let peak_n = ours.model_n.iter().copied().fold(0.0, f64::max);
+                let integral_n_s = ours.model_n.iter().sum::<f64>() * ours.sample_s;
+                // Rounded on both sides: the last unit of the wire.
+                let is_equal = |wire: u16, value: f64| (f64::from(wire) - value).abs() <= 1.0;
+                assert!(is_equal(device.model_peak_dn, peak_n * 10.0), "{device:?}, {peak_n} N");
+                assert!(is_equal(device.model_integral_cns, integral_n_s * 100.0), "{device:?}, {integral_n_s} N s");
+                let error_bp = (ours.nrmse() * 1e4).min(f64::from(u16::MAX));
+                assert!(is_equal(device.model_error_bp, error_bp), "{device:?}, {error_bp}");
+                compared += 1;
+            }
+        }
+        assert!(compared > 80, "{compared}");
+    }
 }

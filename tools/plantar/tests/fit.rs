@@ -1,0 +1,186 @@
+//! `plantar fit` as a person uses it: what it writes, what it says of steps and regions it cannot use, and its exit status.
+
+use parameters::Parameters;
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+fn plantar(folder: &Path, arguments: &str) -> Output {
+    let program = env!("CARGO_BIN_EXE_plantar");
+    Command::new(program).args(arguments.split_whitespace()).current_dir(folder).output().expect("the program starts")
+}
+
+/// Exit status, stdout and stderr.
+fn run(folder: &Path, arguments: &str) -> (i32, String, String) {
+    let output = plantar(folder, arguments);
+    let text = |bytes| String::from_utf8(bytes).expect("text");
+    (output.status.code().expect("an exit"), text(output.stdout), text(output.stderr))
+}
+
+fn succeed(folder: &Path, arguments: &str) -> String {
+    let (status, out, err) = run(folder, arguments);
+    assert_eq!(status, 0, "{arguments}: {err}");
+    out
+}
+
+fn fail(folder: &Path, arguments: &str, words: &[&str]) {
+    let (status, _, err) = run(folder, arguments);
+    assert_eq!(status, 1, "{arguments}: {err}");
+    for word in words {
+        assert!(err.contains(word), "{arguments}: no \"{word}\" in: {err}");
+    }
+    assert!(!err.contains("panicked"), "{err}");
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(path).expect("a file")).expect("JSON")
+}
+
+/// A folder with a computed walk of six steps.
+fn walk() -> TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    succeed(folder.path(), "import synthetic --steps 6 --out walk.parquet");
+    folder
+}
+
+#[test]
+fn a_walk_becomes_parameters_that_replay_and_score_as_the_fit_said() {
+    let folder = walk();
+    let path = folder.path();
+    let said = succeed(path, "fit walk.parquet --out p.toml --json p.json --participant someone --contact-full 150");
+    assert!(said.contains("someone: 6 steps of 1 recordings") && said.contains("8 of 8 regions"), "{said}");
+    let fitted = json(&path.join("p.json"));
+    assert_eq!(fitted["contact_rule"]["full_kpa"], 150.0);
+    assert_eq!((fitted["filter"].as_str(), fitted["method"].as_str()), (Some("step"), Some("projection")));
+
+    let parameters = Parameters::read(&path.join("p.toml")).expect("readable");
+    assert!(parameters.personal && parameters.subject == "someone");
+    let text = std::fs::read_to_string(path.join("p.toml")).expect("a file");
+    for mark in ["measured", "pinned", "identified", "(95 %)"] {
+        assert!(text.contains(mark), "no {mark} in {text}");
+    }
+    // Replay counts areas as the parameters want it, and its errors are those of the fit.
+    let (_, out, err) = run(path, "replay walk.parquet --params p.toml --json steps.json --precision f64");
+    assert!(out.contains("150 kPa") && !err.contains("note"), "{out}{err}");
+    let steps = json(&path.join("steps.json"));
+    for (region, fit) in fitted["regions"].as_object().expect("regions") {
+        let errors =
+            steps.as_array().expect("steps").iter().map(|s| s["regions"][region]["model_error_nrmse_percent"].as_f64());
+        let mean = errors.map(|e| e.expect("a number")).sum::<f64>() / 6.0;
+        let said = fit["nrmse_percent"]["fitted"].as_f64().expect("a number");
+        assert!((mean - said).abs() < 0.02, "{region}: {mean} % replayed, {said} % fitted");
+        let eight = &fit["ellipsoid"];
+        let ours = &parameters.regions[plantar::Region::from_name(region).expect("a region") as usize];
+        assert!((eight["a_mm"].as_f64().expect("a number") - ours.a_m * 1e3).abs() < 1e-9);
+    }
+    let (_, _, err) = run(path, "replay walk.parquet --params p.toml --contact-full 0");
+    assert!(err.contains("do not hold"), "{err}");
+}
+
+#[test]
+fn steps_are_chosen_and_options_are_recorded() {
+    let folder = walk();
+    let path = folder.path();
+    succeed(path, "fit walk.parquet --steps 2-4 --filter live --out p.toml --json p.json --negative-n");
+    let fitted = json(&path.join("p.json"));
+    let numbers: Vec<_> = fitted["steps"].as_array().expect("steps").iter().map(|s| s["number"].as_u64()).collect();
+    assert_eq!(numbers, [Some(2), Some(3), Some(4)]);
+    assert_eq!(fitted["filter"], "live");
+    let identified = Parameters::read(&path.join("p.toml")).expect("readable").identified.expect("known");
+    assert_eq!(identified.filter, "live");
+
+    std::fs::write(path.join("thick.toml"), "heel = 20.5\n").expect("written");
+    succeed(path, "fit walk.parquet --thickness thick.toml --compression 0.3 --size 40 --out p.toml --json p.json");
+    let regions = &json(&path.join("p.json"))["regions"];
+    assert_eq!(regions["heel"]["pinned"]["d0_mm"], 20.5);
+    let hallux = regions["hallux"]["pinned"]["d0_mm"].as_f64().expect("a number");
+    assert!((hallux - 10.0 * 40.0 / 42.0).abs() < 1e-9, "{hallux}");
+    assert_eq!(regions["hallux"]["pinned"]["compression"], 0.3);
+}
+
+/// Four cells, two regions; the heel alone is loaded, three times.
+#[test]
+fn what_cannot_be_fitted_is_named_and_the_exit_status_tells() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let layout =
+        "cell,x_mm,y_mm,area_mm2,region\n0,20,20,400,heel\n1,40,20,400,heel\n2,30,41,400,heel\n3,30,240,100,hallux\n";
+    std::fs::write(path.join("layout.csv"), layout).expect("written");
+    let write = |kpa: &dyn Fn(usize, f64) -> f64| {
+        let frames: String = (0..400)
+            .map(|i| {
+                let phase = (f64::from(i % 120) - 30.0) / 60.0;
+                let load = if (0.0..1.0).contains(&phase) { (std::f64::consts::PI * phase).sin() } else { 0.0 };
+                format!("{:.2},{},{},{},0\n", f64::from(i) * 0.01, kpa(0, load), kpa(1, load), kpa(2, load))
+            })
+            .collect();
+        std::fs::write(path.join("frames.csv"), format!("t_s,c0,c1,c2,c3\n{frames}")).expect("written");
+        succeed(path, "import csv --layout layout.csv --frames frames.csv --side left --out walk.parquet");
+    };
+    write(&|cell, load| (load - 0.25 * cell as f64).max(0.0) * 400.0);
+    let (status, out, _) = run(path, "fit walk.parquet --out p.toml --json p.json");
+    assert_eq!(status, 3, "{out}");
+    assert!(out.contains("hallux: NOT FITTED, never loaded") && out.contains("1 of 8 regions identified"), "{out}");
+    let regions = &json(&path.join("p.json"))["regions"];
+    assert_eq!((&regions["heel"]["fitted"], &regions["hallux"]["fitted"]), (&true.into(), &false.into()));
+    let text = std::fs::read_to_string(path.join("p.toml")).expect("a file");
+    assert!(text.contains("typical, NOT identified: never loaded"), "{text}");
+
+    // All cells at once: the area never changes, and nothing is left to write.
+    write(&|_, load| if load > 0.0 { 50.0 + 300.0 * load } else { 0.0 });
+    std::fs::remove_file(path.join("p.toml")).expect("was written");
+    let (status, out, err) = run(path, "fit walk.parquet --out p.toml");
+    assert_eq!(status, 1, "{out}{err}");
+    assert!(out.contains("heel: NOT FITTED, constant area") && err.contains("no region could be fitted"), "{out}{err}");
+    assert!(!path.join("p.toml").exists());
+}
+
+#[test]
+fn contacts_that_are_no_steps_are_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    std::fs::write(path.join("layout.csv"), "cell,x_mm,y_mm,area_mm2,region\n0,30,20,900,heel\n").expect("written");
+    // On the ground at the start, a whole step, a brush of 50 ms, a weak step, a step that the end cuts off.
+    let contacts =
+        [(0, 30, 300.0), (80, 140, 300.0), (200, 205, 300.0), (260, 320, 60.0), (380, 440, 310.0), (480, 500, 300.0)];
+    let frames: String = (0..500)
+        .map(|i| {
+            let kpa = contacts.iter().find(|(from, to, _)| (*from..*to).contains(&i)).map_or(0.0, |(_, _, kpa)| *kpa);
+            format!("{:.2},{kpa}\n", f64::from(i) * 0.01)
+        })
+        .collect();
+    std::fs::write(path.join("frames.csv"), format!("t_s,c0\n{frames}")).expect("written");
+    succeed(path, "import csv --layout layout.csv --frames frames.csv --side left --out walk.parquet");
+    let (_, out, _) = run(path, "fit walk.parquet");
+    for words in [
+        "0.00 s, on the ground from the first frame",
+        "2.00 s, shorter",
+        "2.60 s, partial: its peak force is 20 %",
+        "4.80 s, on the ground until the last frame",
+    ] {
+        assert!(out.contains(words), "no \"{words}\" in {out}");
+    }
+    assert!(out.contains("2 steps of 1 recordings"), "{out}");
+}
+
+#[test]
+fn bad_input_names_the_place_and_the_remedy() {
+    let folder = walk();
+    let path = folder.path();
+    fail(path, "fit nothing.parquet", &["nothing.parquet"]);
+    fail(path, "fit walk.parquet --compression 2", &["--compression 2", "0.05 to 0.95"]);
+    fail(path, "fit walk.parquet --steps 90-99", &["no region could be fitted"]);
+    fail(path, "fit walk.parquet --thickness none.toml", &["none.toml"]);
+    for (text, words) in [
+        ("heal = 12\n", ["heal is no region", "the regions are heel"]),
+        ("heel = 0\n", ["heel = 0", "thickness in mm"]),
+        ("heel = \"thick\"\n", ["bad.toml", "line 1"]),
+        ("heel = 12\nhallux\n", ["bad.toml", "line 2"]),
+    ] {
+        std::fs::write(path.join("bad.toml"), text).expect("written");
+        fail(path, "fit walk.parquet --thickness bad.toml", &words);
+    }
+    let (status, _, err) = run(path, "fit walk.parquet --steps 4-2");
+    assert!(status == 2 && err.contains("N or N-M"), "{err}");
+}
