@@ -1,0 +1,198 @@
+//! Area and force of one typical step per region (the paper's Figs. 5 and 6), and the sum over the regions (Fig. 6i).
+
+use crate::drawing::{self, Curves, Drawing, Scale, unfitted};
+use crate::format::percent;
+use crate::region::{TITLES, colour, fit_of, fitted};
+use fit::Study;
+use fit::quality::Evaluated;
+use maud::html;
+
+pub const WIDTH: f64 = 260.0;
+pub const AREA_HEIGHT: f64 = 128.0;
+pub const FORCE_HEIGHT: f64 = 162.0;
+const LEFT: f64 = 38.0;
+const TOP: f64 = 22.0;
+const BOTTOM: f64 = 32.0;
+
+/// The step of a region whose error is the median of its steps'.
+pub struct Typical {
+    /// Its place in [`Study::steps`].
+    pub step: usize,
+    /// Start of the contact after heel strike, s.
+    start_s: f64,
+    curves: Evaluated,
+}
+
+impl Typical {
+    /// Picks the step; in its place why there is none.
+    pub fn of(study: &Study, region: usize) -> Result<Self, String> {
+        let fit = fit_of(study, region)?;
+        let steps = fit.steps.iter().filter_map(|&step| {
+            let (start_s, curves) = evaluate(study, step, region)?;
+            Some(Self { step, start_s, curves })
+        });
+        middle(steps.collect(), Self::nrmse).ok_or_else(|| "no step to show".into())
+    }
+
+    /// Error of the force, as a share.
+    pub fn nrmse(&self) -> f64 {
+        self.curves.nrmse()
+    }
+}
+
+/// A region's curves in a step with the parameters of all steps, and when they start after heel strike, s.
+fn evaluate(study: &Study, step: usize, region: usize) -> Option<(f64, Evaluated)> {
+    let fit = fit_of(study, region).ok()?;
+    let curves = &study.steps.get(step)?.regions[region];
+    let (area_mm2, _, sample_s) = curves.of(study.options.filter);
+    let first = area_mm2.iter().position(|area| *area > 0.0)?;
+    Some((first as f64 * sample_s, Evaluated::new(curves, study.options.filter, &fit.gauge)?))
+}
+
+fn middle<T>(mut all: Vec<T>, error: impl Fn(&T) -> f64) -> Option<T> {
+    all.sort_by(|a, b| error(a).total_cmp(&error(b)));
+    (!all.is_empty()).then(|| all.swap_remove((all.len() - 1) / 2))
+}
+
+/// The forces of the fitted regions added, in the step whose error is the median.
+pub struct Sum {
+    /// Its place in [`Study::steps`].
+    pub step: usize,
+    sample_s: f64,
+    /// Of the whole foot, N.
+    whole_n: Vec<f64>,
+    /// Of the fitted regions, N.
+    measured_n: Vec<f64>,
+    model_n: Vec<f64>,
+}
+
+impl Sum {
+    /// `None` where nothing was fitted.
+    pub fn of(study: &Study) -> Option<Self> {
+        fitted(study).next()?;
+        let sums = (0..study.steps.len()).filter_map(|step| Self::of_step(study, step));
+        middle(sums.collect(), Self::nrmse)
+    }
+
+    fn of_step(study: &Study, step: usize) -> Option<Self> {
+        let regions = &study.steps[step].regions;
+        let curves = |region: usize| regions[region].of(study.options.filter);
+        let (area_mm2, _, sample_s) = curves(0);
+        let none = vec![0.0; area_mm2.len()];
+        let mut sum = Self { step, sample_s, whole_n: none.clone(), measured_n: none.clone(), model_n: none };
+        (0..8).for_each(|region| add(&mut sum.whole_n, 0, curves(region).1));
+        for (region, _) in fitted(study) {
+            add(&mut sum.measured_n, 0, curves(region).1);
+            if let Some((start_s, evaluated)) = evaluate(study, step, region) {
+                add(&mut sum.model_n, (start_s / sample_s).round() as usize, &evaluated.model_n);
+            }
+        }
+        sum.nrmse().is_finite().then_some(sum)
+    }
+
+    /// Error of the sum over the whole stance, as a share.
+    pub fn nrmse(&self) -> f64 {
+        let squares: f64 = self.model_n.iter().zip(&self.measured_n).map(|(a, b)| (a - b) * (a - b)).sum();
+        (squares / self.measured_n.len() as f64).sqrt() / largest([&self.measured_n])
+    }
+
+    /// The largest force of the fitted regions over that of the whole foot.
+    pub fn share(&self) -> f64 {
+        largest([&self.measured_n]) / largest([&self.whole_n])
+    }
+}
+
+fn add(sum: &mut [f64], start: usize, values: &[f64]) {
+    sum.iter_mut().skip(start).zip(values).for_each(|(sum, value)| *sum += value);
+}
+
+fn largest<'v>(curves: impl IntoIterator<Item = &'v Vec<f64>>) -> f64 {
+    curves.into_iter().flatten().copied().fold(0.0, f64::max)
+}
+
+/// What all charts share: the time from heel strike to the longest toe off, s.
+pub fn duration_s(study: &Study) -> f64 {
+    study.steps.iter().map(|step| step.duration_s).fold(0.1, f64::max)
+}
+
+fn chart(study: &Study, height: f64, largest: f64) -> Curves {
+    Curves {
+        x: Scale::linear([0.0, duration_s(study)], [LEFT, WIDTH - 6.0]),
+        y: Scale::linear([0.0, (1.05 * largest).max(1e-3)], [height - BOTTOM, TOP]),
+    }
+}
+
+/// Contact area as measured and through the filter.
+pub fn area(study: &Study, region: usize, typical: &Result<Typical, String>) -> Option<Drawing> {
+    let Typical { start_s, curves, .. } = typical.as_ref().ok()?;
+    let chart = chart(study, AREA_HEIGHT, largest([&curves.area_mm2, &curves.filtered_mm2]));
+    let squares: f64 = curves.filtered_mm2.iter().zip(&curves.area_mm2).map(|(a, b)| (a - b) * (a - b)).sum();
+    let nrmse = (squares / curves.area_mm2.len() as f64).sqrt() / largest([&curves.area_mm2]);
+    Some(Drawing {
+        width: WIDTH,
+        height: AREA_HEIGHT,
+        label: format!("{}: contact area over time, NRMSE {} %", TITLES[region], percent(nrmse)),
+        body: html! {
+            (chart.axes("", "area, mm²"))
+            text.end x=(WIDTH - 6.0) y=(TOP - 8.0) { "NRMSE " (percent(nrmse)) " %" }
+            path.points d=(chart.points(*start_s, curves.sample_s, &curves.area_mm2)) {}
+            path.model.(colour(region)) d=(chart.line(*start_s, curves.sample_s, &curves.filtered_mm2)) {}
+        },
+    })
+}
+
+/// Force as measured, through the paper's quintic, and of the model; the reason where there is none.
+pub fn force(study: &Study, region: usize, typical: &Result<Typical, String>) -> Drawing {
+    let Typical { start_s, curves, .. } = match typical {
+        Ok(typical) => typical,
+        Err(reason) => return unfitted(WIDTH, FORCE_HEIGHT, TITLES[region], reason),
+    };
+    let chart = chart(study, FORCE_HEIGHT, largest([&curves.measured_n, &curves.smoothed_n, &curves.model_n]));
+    let nrmse = percent(curves.nrmse());
+    Drawing {
+        width: WIDTH,
+        height: FORCE_HEIGHT,
+        label: format!("{}: measured and model force over time, NRMSE {nrmse} %", TITLES[region]),
+        body: html! {
+            (chart.axes("s after heel strike", "force, N"))
+            text.end x=(WIDTH - 6.0) y=(TOP - 8.0) { "NRMSE " (nrmse) " %" }
+            path.points d=(chart.points(*start_s, curves.sample_s, &curves.measured_n)) {}
+            path.line d=(chart.line(*start_s, curves.sample_s, &curves.smoothed_n)) {}
+            path.model.(colour(region)) d=(chart.line(*start_s, curves.sample_s, &curves.model_n)) {}
+        },
+    }
+}
+
+/// The sum over the fitted regions, measured and of the model.
+pub fn sum(study: &Study, sum: Option<&Sum>) -> Drawing {
+    let Some(sum) = sum else { return unfitted(WIDTH, FORCE_HEIGHT, "Sum of the regions", "no region was fitted") };
+    let chart = chart(study, FORCE_HEIGHT, largest([&sum.whole_n, &sum.model_n]));
+    let nrmse = percent(sum.nrmse());
+    Drawing {
+        width: WIDTH,
+        height: FORCE_HEIGHT,
+        label: format!("Sum of the fitted regions: measured and model force over time, NRMSE {nrmse} %"),
+        body: html! {
+            (chart.axes("s after heel strike", "force, N"))
+            text.end x=(WIDTH - 6.0) y=(TOP - 8.0) { "NRMSE " (nrmse) " %" }
+            @if sum.share() < 1.0 {
+                path.line.dashed d=(chart.line(0.0, sum.sample_s, &sum.whole_n)) {}
+            }
+            path.points d=(chart.points(0.0, sum.sample_s, &sum.measured_n)) {}
+            path.model d=(chart.line(0.0, sum.sample_s, &sum.model_n)) {}
+        },
+    }
+}
+
+/// What the marks mean.
+pub fn key() -> Vec<Drawing> {
+    drawing::key([
+        (html! { path.points d="M3 9h0M9 9h0M15 9h0M21 9h0" {} }, "measured"),
+        (html! { path.line d="M0 9h24" {} }, "force, smoothed"),
+        (
+            html! { @for region in 0..4 { path.model.(colour(region)) d={ "M" (6 * region) " 9h6" } {} } },
+            "area, smoothed; force, model",
+        ),
+        (html! { path.line.dashed d="M0 9h24" {} }, "whole foot where some regions are not fitted"),
+    ])
+}

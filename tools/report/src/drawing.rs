@@ -1,0 +1,212 @@
+//! SVG drawings, and the scales and axes of those that are charts. Units are those of the view box, about a pixel on a screen.
+
+use crate::format::{lines, number};
+use maud::{Markup, html};
+use std::fmt::Write;
+
+/// What the page and the picture have in common: the colours of the classes.
+pub const STYLE: &str = include_str!("drawing.css");
+
+/// A drawing that can stand alone or in a larger one.
+pub struct Drawing {
+    pub width: f64,
+    pub height: f64,
+    /// What it shows, for those who do not see it.
+    pub label: String,
+    pub body: Markup,
+}
+
+impl Drawing {
+    /// Alone, as wide as there is room.
+    pub fn svg(&self) -> Markup {
+        html! {
+            svg.drawing viewBox={ "0 0 " (self.width) " " (self.height) } role="img" aria-label=(self.label) { (self.body) }
+        }
+    }
+
+    /// With its upper left corner at this place of a larger one.
+    pub fn at(&self, x: f64, y: f64) -> Markup {
+        html! { g transform={ "translate(" (x) " " (y) ")" } { (self.body) } }
+    }
+}
+
+/// What marks mean, one drawing each: a mark, drawn in 26 by 18 units, and its meaning.
+pub fn key(marks: impl IntoIterator<Item = (Markup, &'static str)>) -> Vec<Drawing> {
+    let item = |(mark, meaning): (Markup, &'static str)| Drawing {
+        width: 42.0 + 6.6 * meaning.len() as f64,
+        height: 18.0,
+        label: format!("Mark: {meaning}"),
+        body: html! { (mark) text x="31" y="13" { (meaning) } },
+    };
+    marks.into_iter().map(item).collect()
+}
+
+/// A key in one row.
+pub fn key_row(key: &[Drawing], mut x: f64, y: f64) -> Markup {
+    html! {
+        @for item in key {
+            (item.at(x, y))
+            @let () = x += item.width;
+        }
+    }
+}
+
+/// Text of several lines, the first at `y`.
+pub fn paragraph(text: &str, x: f64, y: f64, characters: usize, class: &str) -> Markup {
+    html! {
+        text class=(class) y=(y) {
+            @for (i, line) in lines(text, characters).iter().enumerate() {
+                tspan x=(x) dy=(if i == 0 { "0" } else { "1.25em" }) { (line) }
+            }
+        }
+    }
+}
+
+/// What is drawn where a region was not fitted.
+pub fn unfitted(width: f64, height: f64, what: &str, reason: &str) -> Drawing {
+    Drawing {
+        width,
+        height,
+        label: format!("{what}: not fitted, {reason}"),
+        body: html! {
+            rect.empty x="1" y="1" width=(width - 2.0) height=(height - 2.0) rx="4" {}
+            text.strong x="14" y="28" { "Not fitted" }
+            (paragraph(reason, 14.0, 46.0, (width / 6.2) as usize, ""))
+        },
+    }
+}
+
+/// From values to places.
+pub struct Scale {
+    values: [f64; 2],
+    places: [f64; 2],
+    kind: Kind,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Linear,
+    Logarithmic,
+    /// And 0 has a place of its own, [`ZERO`] before the least value.
+    LogarithmicAndZero,
+}
+
+const ZERO: f64 = 16.0;
+
+impl Scale {
+    pub fn linear(values: [f64; 2], places: [f64; 2]) -> Self {
+        Self { values, places, kind: Kind::Linear }
+    }
+
+    /// Both values are positive. With `zero` the first of the places is that of 0.
+    pub fn logarithmic(values: [f64; 2], [first, last]: [f64; 2], zero: bool) -> Self {
+        match zero {
+            true => Self { values, places: [first + ZERO, last], kind: Kind::LogarithmicAndZero },
+            false => Self { values, places: [first, last], kind: Kind::Logarithmic },
+        }
+    }
+
+    /// The place of a value; of one beyond the scale, its end.
+    pub fn at(&self, value: f64) -> f64 {
+        if self.is_zero(value) {
+            return self.places[0] - ZERO;
+        }
+        let [low, high] = self.values;
+        let value = value.clamp(low, high);
+        let share = match self.kind {
+            Kind::Linear => (value - low) / (high - low),
+            _ => (value / low).ln() / (high / low).ln(),
+        };
+        self.places[0] + share * (self.places[1] - self.places[0])
+    }
+
+    fn is_zero(&self, value: f64) -> bool {
+        self.kind == Kind::LogarithmicAndZero && value <= 0.0
+    }
+
+    /// True for a value that is not on the scale.
+    pub fn is_beyond(&self, value: f64) -> bool {
+        !(self.values[0]..=self.values[1]).contains(&value) && !self.is_zero(value)
+    }
+
+    /// Round values, about `wanted` of them.
+    pub fn ticks(&self, wanted: usize) -> Vec<f64> {
+        let [low, high] = self.values;
+        let round = |digits: &[f64]| -> Vec<f64> {
+            let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
+            let all = decades.flat_map(|e| digits.iter().map(move |digit| digit * 10f64.powi(e)));
+            all.filter(|tick| (low * 0.999..=high * 1.001).contains(tick)).collect()
+        };
+        if self.kind != Kind::Linear {
+            let fine = round(&[1.0, 2.0, 5.0]);
+            let decades = round(&[1.0]);
+            let every = decades.len().div_ceil(wanted + 1).max(1);
+            return if fine.len() <= wanted + 1 { fine } else { decades.into_iter().step_by(every).collect() };
+        }
+        let rough = (high - low) / wanted as f64;
+        let decade = 10f64.powf(rough.log10().floor());
+        let step = [1.0, 2.0, 5.0, 10.0].map(|s| s * decade).into_iter().find(|s| *s >= 0.999 * rough);
+        let step = step.unwrap_or(rough);
+        let first = (low / step - 1e-6).ceil() as i64;
+        let last = (high / step + 1e-6).floor() as i64;
+        (first..=last).map(|i| i as f64 * step).collect()
+    }
+}
+
+/// A tick as short as it can be told.
+pub fn tick(value: f64) -> String {
+    let text = number(value);
+    if text.contains('.') && !text.contains('×') {
+        text.trim_end_matches('0').trim_end_matches('.').into()
+    } else {
+        text
+    }
+}
+
+/// A chart of curves over time.
+pub struct Curves {
+    pub x: Scale,
+    pub y: Scale,
+}
+
+impl Curves {
+    /// Grid, ticks, and what the axes are.
+    pub fn axes(&self, x_title: &str, y_title: &str) -> Markup {
+        let ([left, right], [bottom, top]) = (self.x.places, self.y.places);
+        html! {
+            @for value in self.y.ticks(3) {
+                @let y = self.y.at(value);
+                path.grid d={ "M" (left) " " (y) "H" (right) } {}
+                text.end x=(left - 5.0) y=(y + 3.5) { (tick(value)) }
+            }
+            @for value in self.x.ticks(4) {
+                @let x = self.x.at(value);
+                path.axis d={ "M" (x) " " (bottom) "v3" } {}
+                text.middle x=(x) y=(bottom + 14.0) { (tick(value)) }
+            }
+            path.axis d={ "M" (left) " " (bottom) "H" (right) } {}
+            text.soft x="2" y=(top - 8.0) { (y_title) }
+            text.soft.end x=(right) y=(bottom + 27.0) { (x_title) }
+        }
+    }
+
+    /// A curve whose samples begin at `start` and are `every` apart.
+    pub fn line(&self, start: f64, every: f64, values: &[f64]) -> String {
+        self.path(start, every, values, |i| if i == 0 { "M" } else { "L" }, "")
+    }
+
+    /// The same as points.
+    pub fn points(&self, start: f64, every: f64, values: &[f64]) -> String {
+        self.path(start, every, values, |_| "M", "h0")
+    }
+
+    fn path(&self, start: f64, every: f64, values: &[f64], before: fn(usize) -> &'static str, after: &str) -> String {
+        let mut path = String::new();
+        for (i, value) in values.iter().enumerate() {
+            let (x, y) = (self.x.at(start + i as f64 * every), self.y.at(*value));
+            // Writing to a string never fails.
+            let _ = write!(path, "{}{x:.1} {y:.1}{after}", before(i));
+        }
+        path
+    }
+}

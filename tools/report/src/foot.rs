@@ -1,0 +1,204 @@
+//! The soles from above: cells by region, the contact ellipses and the ellipsoids that were fitted.
+
+use crate::drawing::{self, Drawing, paragraph};
+use crate::region::{TITLES, colour, fit_of};
+use fit::Study;
+use fit::steps::MeanEllipse;
+use fit::study::Source;
+use maud::{Markup, html};
+use plantar::Side;
+use recording::Cell;
+use std::fmt::Write;
+
+/// Units of the drawing per mm.
+const SCALE: f64 = 1.5;
+/// Around the cells, mm.
+const MARGIN_MM: f64 = 10.0;
+/// The length of the scale bar, mm.
+const BAR_MM: f64 = 50.0;
+/// Above the feet and below them.
+const HEAD: f64 = 20.0;
+const FOOTER: f64 = 34.0;
+const LEGEND_WIDTH: f64 = 212.0;
+const LEGEND_ROW: f64 = 52.0;
+/// A cell is drawn at this share of its length and width: neighbours stay apart.
+const CELL_SHARE: f64 = 0.85;
+
+/// The first recording of a side that has cells.
+pub fn source(study: &Study, side: Side) -> Option<&Source> {
+    study.sources.iter().find(|source| source.side == side && !source.layout.cells.is_empty())
+}
+
+/// Both feet in one frame, or the one that was recorded; nothing without a recording.
+pub fn foot(study: &Study) -> Option<Drawing> {
+    let feet: Vec<&Source> = [Side::Left, Side::Right].into_iter().filter_map(|side| source(study, side)).collect();
+    let cells = || feet.iter().flat_map(|foot| &foot.layout.cells);
+    cells().next()?;
+    let extent = |of: fn(&Cell) -> f64| {
+        let ends = cells().map(of).fold([f64::MAX, f64::MIN], |[low, high], v| [low.min(v), high.max(v)]);
+        [ends[0] - MARGIN_MM, ends[1] + MARGIN_MM]
+    };
+    let frame = Frame { x_mm: extent(|cell| cell.x_mm), y_mm: extent(|cell| cell.y_mm) };
+    let (width, height) = (SCALE * frame.width_mm(), SCALE * frame.height_mm());
+    let below = HEAD + height + FOOTER;
+    // Beside one foot there is room for the legend.
+    let (columns, x, y) = if feet.len() == 1 { (1, width + 16.0, HEAD + 12.0) } else { (2, 4.0, below + 14.0) };
+    let legend_height = LEGEND_ROW * (8 / columns) as f64 - 14.0;
+    let names: Vec<&str> = feet.iter().map(|foot| side_name(foot.side)).collect();
+    Some(Drawing {
+        width: (width * feet.len() as f64).max(x + LEGEND_WIDTH * columns as f64),
+        height: below.max(y + legend_height),
+        label: format!(
+            "Cells of the {} foot by region with contact ellipses and fitted ellipsoids",
+            names.join(" and ")
+        ),
+        body: html! {
+            @for (i, foot) in feet.iter().enumerate() {
+                (frame.draw(study, foot, i as f64 * width))
+            }
+            (scale_bar(8.0, below - 16.0))
+            @for region in 0..8 {
+                @let row = region % (8 / columns);
+                @let column = region / (8 / columns);
+                (legend(study, region, x + LEGEND_WIDTH * column as f64, y + LEGEND_ROW * row as f64))
+            }
+        },
+    })
+}
+
+/// What the lines mean.
+pub fn key() -> Vec<Drawing> {
+    drawing::key([
+        (html! { ellipse.contact cx="12" cy="9" rx="11" ry="6" {} }, "contact ellipse, mean over steps"),
+        (html! { ellipse.ellipsoid.c0 cx="12" cy="9" rx="11" ry="6" {} }, "fitted ellipsoid, A × B"),
+    ])
+}
+
+/// The name of a side.
+pub fn side_name(side: Side) -> &'static str {
+    match side {
+        Side::Left => "left",
+        Side::Right => "right",
+    }
+}
+
+/// What part of the common coordinates is shown.
+struct Frame {
+    x_mm: [f64; 2],
+    y_mm: [f64; 2],
+}
+
+impl Frame {
+    fn width_mm(&self) -> f64 {
+        self.x_mm[1] - self.x_mm[0]
+    }
+
+    fn height_mm(&self) -> f64 {
+        self.y_mm[1] - self.y_mm[0]
+    }
+
+    /// One foot in mm, toes up; the left one's lateral side is on the left. What reaches beyond the frame is cut.
+    fn draw(&self, study: &Study, foot: &Source, x: f64) -> Markup {
+        let mirror = if foot.side == Side::Left { -1.0 } else { 1.0 };
+        let (width_mm, height_mm) = (self.width_mm(), self.height_mm());
+        let pitch_mm = pitch_mm(&foot.layout.cells);
+        let left_mm = if foot.side == Side::Left { -self.x_mm[1] } else { self.x_mm[0] };
+        html! {
+            text.title.middle x=(x + SCALE * width_mm / 2.0) y="14" { (side_name(foot.side)) " foot" }
+            svg x=(x) y=(HEAD) width=(SCALE * width_mm) height=(SCALE * height_mm)
+                viewBox={ (left_mm) " " (-self.y_mm[1]) " " (width_mm) " " (height_mm) } {
+                g transform={ "scale(" (mirror) " -1)" } {
+                    @for region in 0..8 {
+                        path.cells.(colour(region)) d=(cells(foot, region, pitch_mm)) {}
+                    }
+                    @for region in 0..8 {
+                        @if let Some(ellipse) = mean_ellipse(study, foot.side, region) {
+                            @if let Ok(fit) = fit_of(study, region) {
+                                @let (a_mm, b_mm) = (fit.ellipsoid.a_m * 1e3, fit.ellipsoid.b_m * 1e3);
+                                (outline(&ellipse, a_mm, b_mm, &format!("ellipsoid {}", colour(region))))
+                            }
+                            (outline(&ellipse, ellipse.r_a_mm, ellipse.r_b_mm, "contact"))
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The cells of one region.
+fn cells(foot: &Source, region: usize, pitch_mm: Option<[f64; 2]>) -> String {
+    let mut path = String::new();
+    for cell in foot.layout.cells.iter().filter(|cell| cell.region as usize == region) {
+        let side_mm = cell.area_mm2.sqrt();
+        // On a grid that the cell fills it has the grid's shape; of others only the area is known.
+        let fills = |[x_mm, y_mm]: &[f64; 2]| (x_mm * y_mm / cell.area_mm2 - 1.0).abs() < 0.05;
+        let [x_mm, y_mm] = pitch_mm.filter(fills).unwrap_or([side_mm, side_mm]).map(|mm| CELL_SHARE * mm);
+        let (left, low) = (cell.x_mm - x_mm / 2.0, cell.y_mm - y_mm / 2.0);
+        // Writing to a string never fails.
+        let _ = write!(path, "M{left:.2} {low:.2}h{x_mm:.2}v{y_mm:.2}h-{x_mm:.2}z");
+    }
+    path
+}
+
+/// The least distances of cells along both axes.
+fn pitch_mm(cells: &[Cell]) -> Option<[f64; 2]> {
+    let least = |along: fn(&Cell) -> f64| {
+        let mut places: Vec<f64> = cells.iter().map(along).collect();
+        places.sort_by(f64::total_cmp);
+        let gaps = places.windows(2).map(|pair| pair[1] - pair[0]).filter(|gap_mm| *gap_mm > 0.1);
+        gaps.min_by(f64::total_cmp)
+    };
+    Some([least(|cell| cell.x_mm)?, least(|cell| cell.y_mm)?])
+}
+
+/// The mean over the steps of one side, weighted by peak force: radii in logarithms, as the pinned aspect ratio is.
+fn mean_ellipse(study: &Study, side: Side, region: usize) -> Option<MeanEllipse> {
+    let steps = study.steps.iter().filter(|step| step.side == side).map(|step| &step.regions[region]);
+    let mut sum = MeanEllipse::default();
+    let mut weight = 0.0;
+    for (curves, ellipse) in steps.filter_map(|curves| Some((curves, curves.ellipse?))) {
+        let force_n = curves.force_n.iter().copied().fold(0.0, f64::max);
+        sum.x_mm += force_n * ellipse.x_mm;
+        sum.y_mm += force_n * ellipse.y_mm;
+        sum.r_a_mm += force_n * ellipse.r_a_mm.ln();
+        sum.r_b_mm += force_n * ellipse.r_b_mm.ln();
+        sum.angle_deg += force_n * ellipse.angle_deg;
+        weight += force_n;
+    }
+    (weight > 0.0).then(|| MeanEllipse {
+        x_mm: sum.x_mm / weight,
+        y_mm: sum.y_mm / weight,
+        r_a_mm: (sum.r_a_mm / weight).exp(),
+        r_b_mm: (sum.r_b_mm / weight).exp(),
+        angle_deg: sum.angle_deg / weight,
+    })
+}
+
+/// An ellipse at the place of `at`, turned as it is.
+fn outline(at: &MeanEllipse, a_mm: f64, b_mm: f64, class: &str) -> Markup {
+    let place = format!("translate({:.2} {:.2}) rotate({:.1})", at.x_mm, at.y_mm, at.angle_deg);
+    html! { ellipse class=(class) rx=(format!("{a_mm:.2}")) ry=(format!("{b_mm:.2}")) transform=(place) {} }
+}
+
+fn scale_bar(x: f64, y: f64) -> Markup {
+    let length = BAR_MM * SCALE;
+    html! {
+        path.line d={ "M" (x) " " (y - 3.0) "v6m0 -3h" (length) "m0 -3v6" } {}
+        text.middle x=(x + length / 2.0) y=(y + 14.0) { (BAR_MM) " mm" }
+    }
+}
+
+fn legend(study: &Study, region: usize, x: f64, y: f64) -> Markup {
+    html! {
+        rect.fill.(colour(region)) x=(x) y=(y - 9.0) width="11" height="11" rx="2" {}
+        text.strong x=(x + 17.0) y=(y) { (TITLES[region]) }
+        @match fit_of(study, region) {
+            Ok(fit) => {
+                @let (a_mm, b_mm) = (fit.ellipsoid.a_m * 1e3, fit.ellipsoid.b_m * 1e3);
+                text.soft x=(x + 17.0) y=(y + 14.0) { (format!("A {a_mm:.1} mm, B {b_mm:.1} mm")) }
+            }
+            Err(reason) => (paragraph(&format!("not fitted: {reason}"), x + 17.0, y + 12.0, 38, "small soft")),
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! Numbers as people read them.
+
+/// What stands for a number that there is not.
+pub const NONE: &str = "–";
+
+/// Three significant digits; very large and very small ones with a power of ten.
+pub fn number(value: f64) -> String {
+    if !value.is_finite() {
+        return NONE.into();
+    }
+    if value == 0.0 {
+        return "0".into();
+    }
+    let rounded = format!("{value:.2e}");
+    let (digits, exponent) = rounded.split_once('e').unwrap_or((&rounded, "0"));
+    let text = match exponent.parse::<i32>().unwrap_or(0) {
+        // 2 - exponent is 0 to 5 here.
+        exponent @ -3..=2 => format!("{value:.*}", (2 - exponent) as usize),
+        3..=5 => format!("{:.0}", rounded.parse().unwrap_or(value)),
+        _ => format!("{digits}\u{a0}×\u{a0}10{}", superscript(exponent)),
+    };
+    text.replace('-', "−")
+}
+
+fn superscript(exponent: &str) -> String {
+    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    exponent.chars().map(|c| c.to_digit(10).map_or('⁻', |digit| DIGITS[digit as usize])).collect()
+}
+
+/// A share in percent, one decimal, without the sign %.
+pub fn percent(share: f64) -> String {
+    if share.is_finite() { format!("{:.1}", share * 100.0) } else { NONE.into() }
+}
+
+/// The same with its sign.
+pub fn signed_percent(share: f64) -> String {
+    if share.is_finite() { format!("{:+.1}", share * 100.0).replace('-', "−") } else { NONE.into() }
+}
+
+/// `1 step`, `2 steps`.
+pub fn count(count: usize, of: &str) -> String {
+    format!("{count} {of}{}", if count == 1 { "" } else { "s" })
+}
+
+/// Breaks text between words into lines of at most `most` characters where words allow.
+pub fn lines(text: &str, most: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.is_empty() => line.push_str(word),
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= most => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.into()),
+        }
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn three_digits_at_any_size() {
+        let cases = [
+            (0.0, "0"),
+            (0.001234, "0.00123"),
+            (0.9996, "1.00"),
+            (-12.34, "−12.3"),
+            (999.6, "1000"),
+            (123_456.0, "123000"),
+            (5.314e7, "5.31\u{a0}×\u{a0}10⁷"),
+            (2e-5, "2.00\u{a0}×\u{a0}10⁻⁵"),
+            (f64::NAN, NONE),
+        ];
+        for (value, text) in cases {
+            assert_eq!(number(value), text);
+        }
+    }
+
+    #[test]
+    fn lines_break_between_words() {
+        assert_eq!(lines("never loaded: no cell", 12), ["never", "loaded: no", "cell"].map(String::from));
+        assert_eq!(lines("", 5), [""]);
+    }
+}

@@ -1,0 +1,143 @@
+//! Who walked, what was recorded, what was left out, and by which rules.
+
+use crate::drawing::tick;
+use crate::foot::side_name;
+use crate::format::{count, number};
+use crate::region::TITLES;
+use fit::{Filter, Method, Study};
+use maud::{Markup, html};
+
+/// The whole section but its heading.
+pub fn protocol(study: &Study) -> Markup {
+    html! {
+        dl.facts {
+            dt { "Participant" } dd { (study.participant) }
+            dt { "Steps used" }
+            dd { (count(study.steps.len(), "step")) " of " (count(study.steps.len() + study.left_out.len(), "contact")) }
+            dt { "Contact rule" } dd { (contact(study)) }
+            dt { "Filter" } dd { (filter(study.options.filter)) }
+            dt { "Method" } dd { (method(study.options.method)) }
+            @if study.options.method == Method::Projection {
+                dt { "Bounds" } dd { (bounds(study)) }
+                dt { "Peak compression" }
+                dd { (number(study.options.compression * 100.0)) " % of the thickness, pinned: it sets C" }
+            }
+            dt { "Software" } dd { "Plantar " (env!("CARGO_PKG_VERSION")) }
+        }
+        (sources(study))
+        (left_out(study))
+        (thickness(study))
+    }
+}
+
+fn contact(study: &Study) -> String {
+    let rule = &study.contact;
+    let whole = match rule.full_kpa {
+        0.0 => "counts whole".into(),
+        full_kpa => format!("counts by the share √(p / {full_kpa} kPa), at most whole"),
+    };
+    format!(
+        "a cell comes into contact at {} kPa, leaves it below {} kPa and {whole}; the parameters hold for this rule",
+        rule.on_kpa, rule.off_kpa
+    )
+}
+
+fn filter(filter: Filter) -> &'static str {
+    match filter {
+        Filter::Step => {
+            "the step record's: area through a three-point mean and a fifth-order polynomial over the contact, its rate by \
+             Eq. 16; force as measured"
+        }
+        Filter::Live => {
+            "the live stream's: area through the mean of three frames, its rate by the backward difference; force as measured"
+        }
+    }
+}
+
+fn method(method: Method) -> &'static str {
+    match method {
+        Method::Projection => "five parameters by variable projection from a grid of starts, nothing random",
+        Method::Paper => "the paper's: eight variables by a general solver from ten starts",
+    }
+}
+
+fn bounds(study: &Study) -> String {
+    let bounds = &study.options.bounds;
+    // pi A B over the largest area.
+    let [most, least] = bounds.g_max.map(|g| 1.0 / (g * (2.0 - g)));
+    let range = |[low, high]: [f64; 2], factor: f64| format!("{} to {}", tick(low * factor), tick(high * factor));
+    format!(
+        "π A B {} times the largest area, K {} kPa, G {} kPa s, n {}, m {}; ours, the paper's are not published",
+        range([least, most], 1.0),
+        range(bounds.stiffness_pa, 1e-3),
+        range(bounds.damping_pa_s, 1e-3),
+        range(bounds.n, 1.0),
+        range(bounds.m, 1.0)
+    )
+}
+
+fn sources(study: &Study) -> Markup {
+    html! {
+        @if study.sources.is_empty() { p { "No recording." } } @else {
+            div.wide tabindex="0" role="region" aria-label="Recordings" { table.words {
+                caption { "Recordings" }
+                thead {
+                    tr {
+                        th scope="col" { "Name" }
+                        th scope="col" { "Foot" }
+                        th.figure scope="col" { "Rate, Hz" }
+                        th.figure scope="col" { "Cells" }
+                        th.figure scope="col" { "Steps" }
+                        th scope="col" { "Origin" }
+                    }
+                }
+                tbody {
+                    @for (i, source) in study.sources.iter().enumerate() {
+                        tr {
+                            th scope="row" { (source.name) }
+                            td { (side_name(source.side)) }
+                            td.figure { (number(source.rate_hz)) }
+                            td.figure { (source.layout.cells.len()) }
+                            td.figure { (study.steps.iter().filter(|step| step.recording == i).count()) }
+                            td.prose { (source.origin) }
+                        }
+                    }
+                }
+            } }
+        }
+    }
+}
+
+fn left_out(study: &Study) -> Markup {
+    html! {
+        @if study.left_out.is_empty() { p { "No contact was left out." } } @else {
+            table.words {
+                caption { "Contacts left out" }
+                thead { tr { th scope="col" { "Recording" } th.figure scope="col" { "At, s" } th scope="col" { "Reason" } } }
+                tbody {
+                    @for contact in &study.left_out {
+                        tr {
+                            th scope="row" { (study.sources.get(contact.recording).map_or("", |source| &source.name)) }
+                            td.figure { (format!("{:.2}", contact.at_s)) }
+                            td.prose { (contact.why) }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn thickness(study: &Study) -> Markup {
+    html! {
+        @if study.options.method == Method::Projection {
+            div.wide tabindex="0" role="region" aria-label="Pinned thickness" {
+                table.across {
+                    caption { "Thickness of the unloaded tissue d₀, mm, pinned: not measured on this person unless entered so" }
+                    thead { tr { @for title in TITLES { th scope="col" { (title) } } } }
+                    tbody { tr { @for m in study.options.thickness_m { td { (tick(m * 1e3)) } } } }
+                }
+            }
+        }
+    }
+}
