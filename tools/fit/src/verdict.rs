@@ -12,6 +12,9 @@ const CHANGED: f64 = 0.35;
 /// Estimates with a stronger correlation make up for each other.
 const INSEPARABLE: f64 = 0.95;
 
+/// C over d0 from which an ellipsoid is no image of a fat pad any more.
+const FLAT: f64 = 2.0;
+
 /// Share of the contact in which area is at its largest while force is not at its peak.
 pub(crate) fn saturated(steps: &[&Evaluated]) -> f64 {
     let (mut at_largest, mut all) = (0usize, 0usize);
@@ -64,6 +67,13 @@ pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
     let at_bound: Vec<_> = uncertainty.intervals.iter().zip(FIVE).filter(|(i, _)| i.at_bound).map(|(_, n)| n).collect();
     if !at_bound.is_empty() {
         warnings.push(format!("{} at a bound: the data would go on beyond it", at_bound.join(", ")));
+    }
+    let flatness = fit.gauge.c_m / fit.pins.thickness_m;
+    if flatness > FLAT {
+        warnings.push(format!(
+            "C is {flatness:.1} times the tissue's thickness: force follows area as under a nearly flat body; A, B and C are the \
+             model's numbers here, not anatomy"
+        ));
     }
     let tied = |i: usize| (0..FIVE.len()).any(|j| j != i && uncertainty.correlation[i][j].abs() > INSEPARABLE);
     let tied: Vec<_> = (0..FIVE.len()).filter(|&i| tied(i)).map(|i| FIVE[i]).collect();

@@ -161,10 +161,10 @@ impl Fit {
             write(path, text.as_bytes())?;
         }
         if let Some(path) = &self.report {
-            // REPORT write(path, report::html(&study).as_bytes())?;
+            write(path, report::html(&study).as_bytes())?;
         }
         if let Some(path) = &self.png {
-            // REPORT write(path, &report::png(&study)?)?;
+            write(path, &report::png(&study)?)?;
         }
         let fitted = study.fits.iter().flatten().count();
         if fitted == 0 {

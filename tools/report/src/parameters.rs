@@ -75,7 +75,7 @@ fn chart(study: &Study, parameter: usize) -> Drawing {
         label: format!("{title}, by region with 95 % intervals"),
         body: html! {
             text.strong x="2" y="13" { (title) }
-            @for value in scale.ticks(4) {
+            @for value in scale.ticks(3) {
                 path.grid d={ "M" (format!("{:.1}", scale.at(value))) " " (TOP) "V" (bottom) } {}
                 text.middle x=(format!("{:.1}", scale.at(value))) y=(bottom + 14.0) { (tick(value)) }
             }
