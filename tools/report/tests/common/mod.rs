@@ -45,6 +45,7 @@ pub fn empty() -> Study {
         bounds: Bounds::USUAL,
         thickness_m,
         compression: 0.457,
+        resamples: 50,
     };
     Study::new(PARTICIPANT.into(), ContactRule::COUNTED, options)
 }
