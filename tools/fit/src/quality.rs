@@ -5,6 +5,62 @@ use plantar::model::Gauge;
 use plantar::smooth;
 use std::ops::Range;
 
+/// An area this close to the step's largest is at it.
+const AT_LARGEST: f64 = 0.97;
+/// A force that is this far below its peak has changed.
+const CHANGED: f64 = 0.35;
+
+/// How well the parameters do; NRMSE (Eq. 20) as a share, mean over the steps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quality {
+    /// All steps with the parameters that were fitted to all, against the raw force.
+    pub fitted: f64,
+    /// The same against the force through the paper's quintic.
+    pub fitted_smoothed: f64,
+    /// Every step with parameters fitted to it alone, against the raw force.
+    pub own: f64,
+    /// The same against the smoothed force.
+    pub own_smoothed: f64,
+    /// Every step with parameters fitted to the others, against the raw force; needs two steps.
+    pub predicted: Option<f64>,
+    /// Best rising function of area, each step alone: no elastic law of this area does better.
+    pub floor: f64,
+    /// Largest model over largest measured force, less 1.
+    pub peak_bias: f64,
+    /// Share of the contact in which area is at its largest while force still changes.
+    pub saturated: f64,
+}
+
+impl Quality {
+    /// From all steps with the parameters fitted to all, and with those fitted to each alone; and the errors of the steps with
+    /// those fitted to the others.
+    pub(crate) fn new(fitted: &[Evaluated], own: &[Evaluated], predicted: &[f64]) -> Self {
+        let mean = |of: fn(&Evaluated) -> f64, all: &[Evaluated]| all.iter().map(of).sum::<f64>() / all.len() as f64;
+        Self {
+            fitted: mean(Evaluated::nrmse, fitted),
+            fitted_smoothed: mean(Evaluated::nrmse_smoothed, fitted),
+            own: mean(Evaluated::nrmse, own),
+            own_smoothed: mean(Evaluated::nrmse_smoothed, own),
+            predicted: (!predicted.is_empty()).then(|| predicted.iter().sum::<f64>() / predicted.len() as f64),
+            floor: mean(Evaluated::floor, fitted),
+            peak_bias: mean(Evaluated::peak_bias, fitted),
+            saturated: saturated(fitted),
+        }
+    }
+}
+
+/// Share of the contact in which area is at its largest while force is not at its peak.
+fn saturated(steps: &[Evaluated]) -> f64 {
+    let (mut at_largest, mut all) = (0usize, 0usize);
+    for step in steps {
+        let (area, force) = (largest(&step.filtered_mm2), largest(&step.measured_n));
+        let flat = step.filtered_mm2.iter().zip(&step.measured_n);
+        at_largest += flat.filter(|(a, f)| **a >= AT_LARGEST * area && **f < (1.0 - CHANGED) * force).count();
+        all += step.measured_n.len();
+    }
+    at_largest as f64 / (all as f64).max(1.0)
+}
+
 /// One region of one step, evaluated. All curves run over the region's contact phase.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluated {

@@ -2,30 +2,12 @@
 
 use crate::RegionFit;
 use crate::interval::FIVE;
-use crate::quality::{Evaluated, largest};
-
-/// An area this close to the step's largest is at it.
-const AT_LARGEST: f64 = 0.97;
-/// A force that is this far below its peak has changed.
-const CHANGED: f64 = 0.35;
 
 /// Estimates with a stronger correlation make up for each other.
 const INSEPARABLE: f64 = 0.95;
 
 /// C over d0 from which an ellipsoid is no image of a fat pad any more.
 const FLAT: f64 = 2.0;
-
-/// Share of the contact in which area is at its largest while force is not at its peak.
-pub(crate) fn saturated(steps: &[&Evaluated]) -> f64 {
-    let (mut at_largest, mut all) = (0usize, 0usize);
-    for step in steps {
-        let (area, force) = (largest(&step.filtered_mm2), largest(&step.measured_n));
-        let flat = step.filtered_mm2.iter().zip(&step.measured_n);
-        at_largest += flat.filter(|(a, f)| **a >= AT_LARGEST * area && **f < (1.0 - CHANGED) * force).count();
-        all += step.measured_n.len();
-    }
-    at_largest as f64 / (all as f64).max(1.0)
-}
 
 /// What to do with a fit.
 pub(crate) fn verdict(fit: &RegionFit) -> String {

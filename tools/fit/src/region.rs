@@ -1,0 +1,195 @@
+//! One region: search, pins, intervals, quality.
+
+use crate::identify::{Identified, identify as project, refine};
+use crate::interval::{self, Uncertainty};
+use crate::pins::Pins;
+use crate::quality::{self, Evaluated, Quality};
+use crate::screen::{Unfit, usable};
+use crate::{Method, Options, RegionCurves, Samples, Step, paper, steps, verdict};
+use plantar::model::{Ellipsoid, Gauge};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// One region's result.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RegionFit {
+    /// Which of the steps were used, by their place.
+    pub steps: Vec<usize>,
+    /// The largest area of them, filtered or not, m2.
+    pub area_max_m2: f64,
+    /// What a device evaluates.
+    pub gauge: Gauge<f64>,
+    /// The paper's eight.
+    pub ellipsoid: Ellipsoid<f64>,
+    /// What pinned three of them.
+    pub pins: Pins,
+    /// Intervals of the five; none for [`Method::Paper`].
+    pub uncertainty: Option<Uncertainty>,
+    /// How good.
+    pub quality: Quality,
+    /// Median error of one recording's steps predicted from the other recordings, over that from itself: the worst of them.
+    /// `None` without three steps in each of two recordings.
+    pub recordings_ratio: Option<f64>,
+    /// How often the model was evaluated over all samples in the fit to all steps.
+    pub evaluations: usize,
+    /// What to do with it, in a sentence.
+    pub verdict: String,
+    /// What else to know, in sentences.
+    pub warnings: Vec<String>,
+}
+
+/// The parameters of one region in one step alone: the paper's way, to be averaged.
+pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(RegionFit, Evaluated), Unfit> {
+    let steps = std::slice::from_ref(step);
+    let used = usable(steps, region, options.filter)?;
+    let curves = &steps[used[0]].regions[region];
+    let best = search([curves], options);
+    let pins = best.pins(pins_of(&[curves], region, options));
+    let evaluated = Evaluated::new(curves, options.filter, &best.gauge).ok_or(Unfit::NeverLoaded)?;
+    let one = std::slice::from_ref(&evaluated);
+    let quality = Quality::new(one, one, &[]);
+    let uncertainty = best.identified.map(|i| interval::from_jacobian(&best.samples, &options.bounds, &i));
+    Ok((best.into_fit(used, pins, uncertainty, quality, None), evaluated))
+}
+
+/// The parameters of one region in all steps that carry enough.
+pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Result<RegionFit, Unfit> {
+    let used = usable(steps, region, options.filter)?;
+    let curves: Vec<&RegionCurves> = used.iter().map(|&i| &steps[i].regions[region]).collect();
+    let recordings: Vec<usize> = used.iter().map(|&i| steps[i].recording).collect();
+    let best = search(curves.iter().copied(), options);
+    let recordings_ratio = recordings_ratio(&curves, &recordings, &best, options);
+    let pins = best.pins(pins_of(&curves, region, options));
+
+    let uncertainty = best.identified.map(|identified| {
+        let mut uncertainty = interval::from_jacobian(&best.samples, &options.bounds, &identified);
+        let area_max_m2 = best.samples.area_max_m2;
+        interval::add_bootstrap(&mut uncertainty, &curves, options, &identified, area_max_m2);
+        uncertainty
+    });
+    let evaluate = |curves: &RegionCurves, gauge: &Gauge<f64>| Evaluated::new(curves, options.filter, gauge);
+    let fitted: Vec<_> = curves.iter().filter_map(|c| evaluate(c, &best.gauge)).collect();
+    let own: Vec<_> = curves.par_iter().filter_map(|c| evaluate(c, &search([*c], options).gauge)).collect();
+    let predicted: Vec<f64> = (0..curves.len())
+        .into_par_iter()
+        .filter(|_| curves.len() > 1)
+        .filter_map(|left_out| {
+            let others = curves.iter().enumerate().filter(|(i, _)| *i != left_out).map(|(_, c)| *c);
+            Some(evaluate(curves[left_out], &again(others, &best, options))?.nrmse())
+        })
+        .collect();
+    let quality = Quality::new(&fitted, &own, &predicted);
+    Ok(best.into_fit(used, pins, uncertainty, quality, recordings_ratio))
+}
+
+/// What a search found.
+struct Found {
+    samples: Samples,
+    gauge: Gauge<f64>,
+    identified: Option<Identified>,
+    /// The paper's search finds all eight.
+    ellipsoid: Option<Ellipsoid<f64>>,
+    evaluations: usize,
+}
+
+/// C is pinned later: the force does not depend on it.
+const ANY_C_M: f64 = 0.01;
+
+fn search<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, options: &Options) -> Found {
+    let samples = Samples::new(curves, options.filter);
+    match options.method {
+        Method::Projection => {
+            let identified = project(&samples, &options.bounds);
+            let gauge = identified.gauge(samples.area_max_m2, ANY_C_M);
+            let evaluations = identified.evaluations;
+            Found { samples, gauge, identified: Some(identified), ellipsoid: None, evaluations }
+        }
+        Method::Paper => {
+            let (ellipsoid, evaluations) = paper::identify(&samples);
+            Found { samples, gauge: ellipsoid.gauge(), identified: None, ellipsoid: Some(ellipsoid), evaluations }
+        }
+    }
+}
+
+/// A fit to nearly the same steps.
+fn again<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, near: &Found, options: &Options) -> Gauge<f64> {
+    let Some(identified) = &near.identified else { return search(curves, options).gauge };
+    let samples = Samples::new(curves, options.filter);
+    let start = identified.rebased(near.samples.area_max_m2, samples.area_max_m2, &options.bounds);
+    refine(&samples, &options.bounds, &start).gauge(samples.area_max_m2, ANY_C_M)
+}
+
+impl Found {
+    fn g_max(&self) -> f64 {
+        self.gauge.area_ratio(self.samples.area_max_m2).gauge()
+    }
+
+    fn pins(&self, pinned: Pins) -> Pins {
+        self.ellipsoid.map_or(pinned, |ellipsoid| paper::pins(&ellipsoid, &self.gauge, self.g_max()))
+    }
+
+    fn into_fit(
+        self,
+        steps: Vec<usize>,
+        pins: Pins,
+        uncertainty: Option<Uncertainty>,
+        quality: Quality,
+        recordings_ratio: Option<f64>,
+    ) -> RegionFit {
+        let gauge = Gauge { c_m: pins.c_m(self.g_max()), ..self.gauge };
+        let mut fit = RegionFit {
+            steps,
+            area_max_m2: self.samples.area_max_m2,
+            gauge,
+            ellipsoid: self.ellipsoid.unwrap_or_else(|| pins.ellipsoid(&gauge)),
+            pins,
+            uncertainty,
+            quality,
+            recordings_ratio,
+            evaluations: self.evaluations,
+            verdict: String::new(),
+            warnings: Vec::new(),
+        };
+        fit.verdict = verdict::verdict(&fit);
+        fit.warnings = verdict::warnings(&fit);
+        fit
+    }
+}
+
+fn pins_of(curves: &[&RegionCurves], region: usize, options: &Options) -> Pins {
+    let (mut ln_aspect, mut weight) = (0.0, 0.0);
+    for curve in curves {
+        let Some(ellipse) = &curve.ellipse else { continue };
+        let force = quality::largest(&curve.force_n);
+        ln_aspect += force * (ellipse.r_a_mm / ellipse.r_b_mm).ln();
+        weight += force;
+    }
+    let aspect = if weight > 0.0 { (ln_aspect / weight).exp() } else { 1.0 };
+    Pins { aspect, thickness_m: options.thickness_m[region], compression: options.compression }
+}
+
+/// Steps of each recording that it takes to compare recordings.
+const COMPARED_STEPS: usize = 3;
+
+/// How much worse a recording's steps are predicted from the other recordings than from themselves, the worst of them;
+/// `None` where there is nothing to compare.
+fn recordings_ratio(curves: &[&RegionCurves], recordings: &[usize], near: &Found, options: &Options) -> Option<f64> {
+    let groups: BTreeSet<usize> = recordings.iter().copied().collect();
+    let ratios = groups.into_iter().filter_map(|group| {
+        let of = |wanted: bool| {
+            let pairs = curves.iter().zip(recordings).filter(move |(_, r)| (**r == group) == wanted);
+            pairs.map(|(c, _)| *c).collect::<Vec<&RegionCurves>>()
+        };
+        let (own, others) = (of(true), of(false));
+        if own.len() < COMPARED_STEPS || others.len() < COMPARED_STEPS {
+            return None;
+        }
+        let error = |gauge: &Gauge<f64>| {
+            let errors = own.iter().filter_map(|c| Some(Evaluated::new(c, options.filter, gauge)?.nrmse()));
+            steps::median(errors)
+        };
+        let from_own = error(&again(own.iter().copied(), near, options));
+        Some(error(&again(others, near, options)) / from_own)
+    });
+    ratios.max_by(f64::total_cmp)
+}
