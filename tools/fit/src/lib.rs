@@ -58,10 +58,11 @@ pub struct Options {
 }
 
 /// Recordings that predict each other this much worse than themselves in [`MIXED_REGIONS`] regions are of two people: so it
-/// is for eight of ten pairs of the walkers of SpeedPP2DS, and for none of ten walkers' own halves.
+/// is for two thirds of all pairs of the ten walkers of SpeedPP2DS, and for none of their own halves.
 const MIXED_RATIO: f64 = 1.8;
 /// See [`MIXED_RATIO`].
 const MIXED_REGIONS: usize = 2;
+
 /// Fits every region, in the order of [`Region::ALL`]. `progress` is told the regions that are done, in any order.
 pub fn fit(steps: &[Step], options: &Options, progress: &(dyn Fn(Region) + Sync)) -> [Result<RegionFit, Unfit>; 8] {
     let mut fits: Vec<_> = (0..8)
