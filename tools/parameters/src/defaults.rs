@@ -3,11 +3,13 @@
 
 use crate::Parameters;
 use plantar::model::Ellipsoid;
+use serde::Deserialize;
 use std::fmt;
 use std::str::FromStr;
 
 /// European shoe size, 35 to 46 as in the paper's Table 1.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "i64")]
 pub struct InsoleSize(u8);
 
 impl FromStr for InsoleSize {
@@ -21,7 +23,20 @@ impl FromStr for InsoleSize {
     }
 }
 
+impl TryFrom<i64> for InsoleSize {
+    type Error = String;
+
+    fn try_from(size: i64) -> Result<Self, String> {
+        size.to_string().parse()
+    }
+}
+
 impl InsoleSize {
+    /// The number.
+    pub fn eur(self) -> u8 {
+        self.0
+    }
+
     /// Typical thickness of the unloaded tissue, m, per region in the order of [`plantar::Region::ALL`]: within the ranges that
     /// were measured at heel and metatarsal heads (docs/identification.md), in proportion to the size.
     pub fn thickness_m(self) -> [f64; 8] {

@@ -1,9 +1,11 @@
 //! A wearer's tissue parameters: the paper's eight numbers for each of the eight regions, as a commented TOML file.
 
 mod defaults;
+mod participant;
 mod thickness;
 
 pub use defaults::InsoleSize;
+pub use participant::Participant;
 pub use thickness::Thickness;
 
 use plantar::Region;
