@@ -40,6 +40,16 @@ pub enum Method {
     Paper,
 }
 
+impl Method {
+    /// In a word, for files and messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Projection => "projection",
+            Self::Paper => "paper",
+        }
+    }
+}
+
 /// What to fit through and within.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {

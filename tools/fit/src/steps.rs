@@ -15,6 +15,16 @@ pub enum Filter {
     Live,
 }
 
+impl Filter {
+    /// In a word, for files and messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Step => "step",
+            Self::Live => "live",
+        }
+    }
+}
+
 /// One region's curves in one step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RegionCurves {

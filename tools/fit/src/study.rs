@@ -1,7 +1,7 @@
 //! All of one person's recordings and what was identified from them.
 
 use crate::steps::{self, LeftOut};
-use crate::{Filter, Options, RegionFit, Step, Unfit};
+use crate::{Options, RegionFit, Step, Unfit};
 use plantar::contact::ContactRule;
 use plantar::insole::SetupError;
 use plantar::{Region, Side};
@@ -83,9 +83,6 @@ impl Study {
 
     /// The filter in a word, for files and messages.
     pub fn filter_name(&self) -> &'static str {
-        match self.options.filter {
-            Filter::Step => "step",
-            Filter::Live => "live",
-        }
+        self.options.filter.name()
     }
 }

@@ -54,7 +54,7 @@ pub struct Fit {
 }
 
 /// What to fit through and within.
-#[derive(Args)]
+#[derive(Clone, Args)]
 pub struct Search {
     /// Through which of the insole's filters: the step record's, or the live stream's.
     #[arg(long, value_enum, default_value_t = FilterName::Step)]
@@ -67,10 +67,10 @@ pub struct Search {
     negative_n: bool,
     /// Tissue thickness in mm, a TOML file with lines such as `heel = 17.5`; regions it does not name are of the table.
     #[arg(long, value_name = "FILE")]
-    thickness: Option<PathBuf>,
+    pub(crate) thickness: Option<PathBuf>,
     /// European shoe size, 35 to 46: which thickness the table has.
     #[arg(long, default_value_t)]
-    size: InsoleSize,
+    pub(crate) size: InsoleSize,
     /// Largest compression of the tissue as a share of its thickness: it pins C.
     #[arg(long, value_name = "SHARE", default_value_t = COMPRESSION)]
     compression: f64,
@@ -328,7 +328,7 @@ fn to_json(study: &Study) -> Value {
             "on_kpa": study.contact.on_kpa, "off_kpa": study.contact.off_kpa, "full_kpa": study.contact.full_kpa,
         },
         "filter": study.filter_name(),
-        "method": match study.options.method { Method::Projection => "projection", Method::Paper => "paper" },
+        "method": study.options.method.name(),
         "steps": study.steps.iter().map(|s| json!({
             "recording": s.recording, "number": s.number, "start_s": s.start_s, "duration_s": s.duration_s,
             "peak_force_n": s.peak_n,
