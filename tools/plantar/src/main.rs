@@ -1,6 +1,7 @@
 //! The command line of Plantar.
 
 mod carrier;
+mod cohort;
 mod emulate;
 mod fit;
 mod frames;
@@ -48,6 +49,7 @@ enum Command {
     Zero(zero::Zero),
     Replay(replay::Replay),
     Fit(fit::Fit),
+    Cohort(cohort::Cohort),
     Emulate(emulate::Emulate),
     Monitor(monitor::Monitor),
     /// Tissue parameters.
@@ -64,16 +66,20 @@ fn main() -> ExitCode {
         Command::Info(info) => info.run(),
         Command::Zero(zero) => zero.run(),
         Command::Replay(replay) => replay.run(),
-        Command::Fit(fit) => match fit.run() {
-            Ok(false) => return ExitCode::from(PARTIAL),
-            done => done.map(drop),
-        },
+        Command::Fit(fit) => return status(fit.run()),
+        Command::Cohort(cohort) => return status(cohort.run()),
         Command::Emulate(emulate) => emulate.run(),
         Command::Monitor(monitor) => monitor.run(),
         Command::Params(params) => params.run(),
     };
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
+    status(done.map(|()| true))
+}
+
+/// What to tell the shell of work that was done in whole, in part, or not at all.
+fn status(whole: anyhow::Result<bool>) -> ExitCode {
+    match whole {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(PARTIAL),
         Err(error) => {
             eprintln!("error: {error:#}");
             ExitCode::FAILURE

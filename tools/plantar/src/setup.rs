@@ -105,7 +105,7 @@ pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole>
 pub struct Zeroed {
     /// What the unloaded cells read, a TOML file that `plantar zero` wrote: the insole subtracts it.
     #[arg(long, value_name = "FILE")]
-    zero: Option<PathBuf>,
+    pub(crate) zero: Option<PathBuf>,
 }
 
 impl Zeroed {

@@ -1,0 +1,263 @@
+//! `plantar cohort`: many participants, every step fitted alone.
+
+mod summary;
+mod table;
+
+use crate::fit::Search;
+use crate::replay::progress;
+use crate::setup::{self, Contact, Zeroed, rule_in_words};
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use fit::steps::isolate;
+use fit::{Options, Step, Unfit, fit_step};
+use parameters::{InsoleSize, Participant};
+use plantar::Region;
+use plantar::contact::ContactRule;
+use plantar::insole::SetupError;
+use rayon::prelude::*;
+use recording::Recording;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use summary::Means;
+use table::{Origin, Row};
+
+/// Fits every step of many participants alone, as the paper does, and takes means by insole size.
+///
+/// The folder holds one folder a participant with that person's recordings
+/// (*.parquet): any number of trials, both feet. Beside them participant.toml
+/// may say more; every line is optional, files are relative to it:
+///
+///   size = 41                    # European shoe size, instead of --size
+///   mass_kg = 70.5               # goes into the table
+///   zero = "zero.toml"           # made by `plantar zero`
+///   thickness = "thickness.toml" # instead of --thickness
+///
+/// The table is a folder with TABLE/participant=NAME/steps.parquet, one row a
+/// region of a step; DuckDB, Spark and Dask read it as it lies. Run the same
+/// again after a break or a change: only participants are done whose files,
+/// options or program are new, or of whom something had to be left out.
+///
+/// Exit status: 0 when nothing had to be left out, 3 when something had to,
+/// 1 when there is no step of any participant.
+#[derive(Args)]
+#[command(verbatim_doc_comment)]
+pub struct Cohort {
+    /// The participants' folders.
+    #[arg(value_name = "FOLDER")]
+    participants: PathBuf,
+    /// The table to write, a folder.
+    #[arg(long, value_name = "TABLE")]
+    out: PathBuf,
+    /// Write means and standard deviations over the participants of each size to this file: .csv.
+    #[arg(long, value_name = "FILE")]
+    summary: Option<PathBuf>,
+    #[command(flatten)]
+    search: Search,
+    #[command(flatten)]
+    contact: Contact,
+}
+
+/// A participant who is done.
+struct Done {
+    means: Means,
+    /// The table had them already.
+    kept: bool,
+    /// Their size is known.
+    sized: bool,
+}
+
+impl Cohort {
+    /// True when nothing had to be left out.
+    pub fn run(&self) -> Result<bool> {
+        let start = Instant::now();
+        // What is wrong with the options would be wrong with every participant.
+        self.search.options(0)?;
+        if !self.contact.rule(None).is_valid() {
+            bail!(SetupError::Contact);
+        }
+        let names = self.names()?;
+        fs::create_dir_all(&self.out).with_context(|| format!("cannot write {}", self.out.display()))?;
+        let bar = progress(names.len() as u64, "participants");
+        let results = names.par_iter().with_max_len(1).map(|name| {
+            let mut left_out = Vec::new();
+            let path = table::path(&self.out, name);
+            let done = self.participant(name, &path, &mut left_out).map_err(|error| {
+                left_out.push(format!("{error:#}"));
+                // The table holds what the summary is of.
+                let _ = fs::remove_file(path);
+            });
+            bar.inc(1);
+            (done.ok(), left_out)
+        });
+        let (done, left_out): (Vec<_>, Vec<_>) = results.collect();
+        bar.finish_and_clear();
+
+        self.note_others(&names)?;
+        let left_out = left_out.concat();
+        left_out.iter().for_each(|reason| eprintln!("left out: {reason}"));
+        let done: Vec<Done> = done.into_iter().flatten().collect();
+        if done.is_empty() {
+            bail!("{}: no step of any participant", self.participants.display());
+        }
+        self.report(done, start)?;
+        Ok(left_out.is_empty())
+    }
+
+    /// The participants, by their folders.
+    fn names(&self) -> Result<Vec<String>> {
+        let folder = &self.participants;
+        let cannot = || format!("cannot read {}: a folder with one folder a participant is needed", folder.display());
+        let table = self.out.canonicalize().ok();
+        let mut names = Vec::new();
+        for entry in fs::read_dir(folder).with_context(cannot)? {
+            let path = entry.with_context(cannot)?.path();
+            let name = path.file_name().unwrap_or_default().to_str();
+            let name = name.with_context(|| format!("{}: a participant's name must be UTF-8", path.display()))?;
+            if path.is_dir() && !name.starts_with('.') && path.canonicalize().ok() != table {
+                names.push(name.to_string());
+            }
+        }
+        if names.is_empty() {
+            bail!("{}: no participant: one folder a participant is needed, with recordings in it", folder.display());
+        }
+        names.sort();
+        Ok(names)
+    }
+
+    /// A word on stderr where the table has participants that this run knows nothing of.
+    fn note_others(&self, names: &[String]) -> Result<()> {
+        let known: Vec<_> = names.iter().map(|name| table::path(&self.out, name)).collect();
+        for entry in fs::read_dir(&self.out)? {
+            let path = entry?.path().join("steps.parquet");
+            if path.exists() && !known.contains(&path) {
+                eprintln!("note: {} is of no participant here: remove it unless you want it", path.display());
+            }
+        }
+        Ok(())
+    }
+
+    /// Puts a participant into the table unless they are there; recordings that cannot be used go to `left_out`.
+    fn participant(&self, name: &str, path: &Path, left_out: &mut Vec<String>) -> Result<Done> {
+        let person = self.person(&self.participants.join(name))?;
+        let done = |rows: &[_], kept| Done { means: Means::of(rows), kept, sized: person.known.size.is_some() };
+        let made_from = person.made_from()?;
+        // A part that cannot be read is made again.
+        if let Ok((before, rows)) = table::read(path)
+            && before == made_from
+        {
+            return Ok(done(&rows, true));
+        }
+        let mut rows = Vec::new();
+        for recording in &person.recordings {
+            match person.rows(recording) {
+                Ok(more) => rows.extend(more),
+                Err(error) => left_out.push(format!("{error:#}")),
+            }
+        }
+        if rows.is_empty() {
+            let count = person.recordings.len();
+            bail!("{}: {count} recordings (*.parquet), {}", person.folder.display(), Unfit::NoSteps);
+        }
+        // What was left out is tried again the next time.
+        let made_from = if left_out.is_empty() { made_from } else { String::new() };
+        table::write(path, &made_from, &rows)?;
+        Ok(done(&table::read(path)?.1, false))
+    }
+
+    fn person(&self, folder: &Path) -> Result<Person> {
+        let file = folder.join("participant.toml");
+        let known = if file.exists() { Participant::read(&file)? } else { Participant::default() };
+        let mut search = self.search.clone();
+        search.size = known.size.unwrap_or(search.size);
+        search.thickness = known.thickness.clone().or(search.thickness);
+        let mut recordings = Vec::new();
+        for entry in fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))? {
+            recordings.push(entry?.path());
+        }
+        recordings.retain(|path| path.extension().is_some_and(|ending| ending == "parquet"));
+        recordings.sort();
+        Ok(Person {
+            folder: folder.into(),
+            recordings,
+            size: search.size,
+            options: search.options(0)?,
+            contact: self.contact.rule(None),
+            known,
+        })
+    }
+
+    fn report(&self, done: Vec<Done>, start: Instant) -> Result<()> {
+        let count = |is: fn(&Done) -> bool| done.iter().filter(|done| is(done)).count();
+        let (kept, unknown) = (count(|done| done.kept), count(|done| !done.sized));
+        let steps: usize = done.iter().filter(|done| !done.kept).map(|done| done.means.steps).sum();
+        let means: Vec<Means> = done.into_iter().map(|done| done.means).collect();
+        summary::print(&means);
+        println!("Contact: {}.", rule_in_words(&self.contact.rule(None)));
+        if unknown > 0 {
+            println!("{unknown} participants without a size in participant.toml count as {}.", self.search.size);
+        }
+        if let Some(path) = &self.summary {
+            summary::write(path, &means)?;
+            println!("wrote {}", path.display());
+        }
+        println!(
+            "wrote {}: {steps} steps of {} participants in {:.1} s; {kept} participants were there already",
+            self.out.display(),
+            means.len() - kept,
+            start.elapsed().as_secs_f64()
+        );
+        Ok(())
+    }
+}
+
+/// A participant to be done.
+struct Person {
+    folder: PathBuf,
+    recordings: Vec<PathBuf>,
+    known: Participant,
+    /// Known or the default.
+    size: InsoleSize,
+    options: Options,
+    contact: ContactRule,
+}
+
+impl Person {
+    /// Whatever the rows depend on.
+    fn made_from(&self) -> Result<String> {
+        let Self { known, size, options, contact, .. } = self;
+        let mut text = format!("{} {size} {known:?} {options:?} {contact:?}", env!("CARGO_PKG_VERSION"));
+        for path in self.recordings.iter().chain(&known.zero) {
+            let file = path.metadata().with_context(|| format!("cannot read {}", path.display()))?;
+            let name = path.file_name().unwrap_or_default();
+            text += &format!("\n{name:?} {} {:?}", file.len(), file.modified()?);
+        }
+        Ok(text)
+    }
+
+    /// The rows of a recording: every region of every step, fitted alone.
+    fn rows(&self, path: &Path) -> Result<Vec<Row>> {
+        let recording = Recording::read(path)?;
+        let steps = self.steps(&recording).with_context(|| format!("{} cannot be worn", path.display()))?;
+        let origin = Origin {
+            size: self.size,
+            mass_kg: self.known.mass_kg,
+            recording: &path.file_name().unwrap_or_default().to_string_lossy(),
+            contact: self.contact,
+            options: self.options,
+        };
+        let regions = steps.iter().flat_map(|step| Region::ALL.map(|region| (step, region)));
+        let row = |(step, region): (&Step, Region)| {
+            let fit = fit_step(step, region as usize, &self.options).map(|(fit, _)| fit);
+            table::row(&origin, step, region, fit)
+        };
+        Ok(regions.map(row).collect())
+    }
+
+    fn steps(&self, recording: &Recording) -> Result<Vec<Step>> {
+        let mut worn = setup::insole(recording, self.contact)?;
+        Zeroed { zero: self.known.zero.clone() }.wear(&mut worn)?;
+        let (steps, _) = isolate(recording, &worn, 0, &mut |_| ())?;
+        Ok(steps)
+    }
+}

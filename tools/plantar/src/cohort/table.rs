@@ -1,0 +1,205 @@
+//! One participant's part of the table: a Parquet file, one row a region of a step.
+
+use anyhow::{Context, Result, bail};
+use fit::{Options, RegionFit, Step, Unfit};
+use parameters::InsoleSize;
+use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
+use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, Int32Type};
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
+use parquet::record::Field;
+use parquet::schema::types::Type;
+use plantar::Region;
+use plantar::contact::ContactRule;
+use std::collections::HashMap;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// The key of what a file was made from in its metadata.
+const KEY: &str = "plantar.made_from";
+
+/// What is the same in all rows of a recording.
+pub struct Origin<'a> {
+    pub size: InsoleSize,
+    pub mass_kg: Option<f64>,
+    pub recording: &'a str,
+    pub contact: ContactRule,
+    pub options: Options,
+}
+
+/// Columns and their values.
+pub type Row = Vec<(&'static str, Value)>;
+
+/// A value of a column's type, `None` for null.
+pub enum Value {
+    Text(Option<String>),
+    Whole(Option<i32>),
+    Real(Option<f64>),
+    Flag(Option<bool>),
+}
+
+impl Value {
+    fn text(&self) -> Option<ByteArray> {
+        if let Self::Text(Some(value)) = self { Some(value.as_str().into()) } else { None }
+    }
+
+    fn whole(&self) -> Option<i32> {
+        if let Self::Whole(value) = self { *value } else { None }
+    }
+
+    fn real(&self) -> Option<f64> {
+        if let Self::Real(value) = self { *value } else { None }
+    }
+
+    fn flag(&self) -> Option<bool> {
+        if let Self::Flag(value) = self { *value } else { None }
+    }
+}
+
+/// The five that are identified: value, ends of the 95 % interval, whether it is at a bound.
+const FIVE_COLUMNS: [[&str; 4]; 5] = [
+    ["ab_mm2", "ab_mm2_low", "ab_mm2_high", "ab_at_bound"],
+    ["stiffness_pa", "stiffness_pa_low", "stiffness_pa_high", "stiffness_at_bound"],
+    ["damping_pa_s", "damping_pa_s_low", "damping_pa_s_high", "damping_at_bound"],
+    ["n", "n_low", "n_high", "n_at_bound"],
+    ["m", "m_low", "m_high", "m_at_bound"],
+];
+
+/// The row of one region of a step.
+pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, Unfit>) -> Row {
+    let text = |text: &str| Value::Text(Some(text.into()));
+    let whole = |value: Option<usize>| Value::Whole(value.and_then(|v| i32::try_from(v).ok()));
+    let real = |value: Option<f64>| Value::Real(value.filter(|v| v.is_finite()));
+    let kpa = |value: f32| real(Some(value.into()));
+    let Origin { contact, options, .. } = origin;
+    let (_, force_n, _) = step.regions[region as usize].of(options.filter);
+    let mut row = vec![
+        ("insole_size", whole(Some(origin.size.eur().into()))),
+        ("mass_kg", real(origin.mass_kg)),
+        ("side", text(crate::info::foot_name(step.side))),
+        ("recording", text(origin.recording)),
+        ("step", whole(Some(step.number as usize))),
+        ("start_s", real(Some(step.start_s))),
+        ("duration_s", real(Some(step.duration_s))),
+        ("region", text(region.name())),
+        ("fitted", Value::Flag(Some(fit.is_ok()))),
+        ("reason", Value::Text(fit.as_ref().err().map(Unfit::to_string))),
+        ("contact_on_kpa", kpa(contact.on_kpa)),
+        ("contact_off_kpa", kpa(contact.off_kpa)),
+        ("contact_full_kpa", kpa(contact.full_kpa)),
+        ("filter", text(options.filter.name())),
+        ("method", text(options.method.name())),
+        ("measured_peak_n", real(Some(force_n.iter().copied().fold(0.0, f64::max)))),
+    ];
+    let fit = fit.ok();
+    let fit = fit.as_ref();
+    let five = fit.map(|fit| {
+        let g = &fit.gauge;
+        [g.ab_m2, g.stiffness_pa, g.damping_pa_s, g.n, g.m]
+    });
+    for (i, [value, low, high, at_bound]) in FIVE_COLUMNS.into_iter().enumerate() {
+        let unit = if i == 0 { 1e6 } else { 1.0 };
+        let interval = fit.and_then(|fit| fit.uncertainty.as_ref()).map(|u| &u.intervals[i]);
+        row.push((value, real(five.map(|five| five[i] * unit))));
+        row.push((low, real(interval.map(|i| i.jacobian[0] * unit))));
+        row.push((high, real(interval.map(|i| i.jacobian[1] * unit))));
+        row.push((at_bound, Value::Flag(interval.map(|i| i.at_bound))));
+    }
+    let ellipsoid = fit.map(|fit| &fit.ellipsoid);
+    let quality = fit.map(|fit| &fit.quality);
+    row.extend([
+        ("a_mm", real(ellipsoid.map(|e| e.a_m * 1e3))),
+        ("b_mm", real(ellipsoid.map(|e| e.b_m * 1e3))),
+        ("c_mm", real(ellipsoid.map(|e| e.c_m * 1e3))),
+        ("d0_mm", real(ellipsoid.map(|e| e.d0_m * 1e3))),
+        ("k_n_m3", real(ellipsoid.map(|e| e.k))),
+        ("c_n_s_m3", real(ellipsoid.map(|e| e.c))),
+        ("nrmse_percent", real(quality.map(|q| q.fitted * 100.0))),
+        ("nrmse_smoothed_percent", real(quality.map(|q| q.fitted_smoothed * 100.0))),
+        ("floor_percent", real(quality.map(|q| q.floor * 100.0))),
+        ("peak_bias_percent", real(quality.map(|q| q.peak_bias * 100.0))),
+        ("evaluations", whole(fit.map(|fit| fit.evaluations))),
+    ]);
+    row
+}
+
+/// The file of a participant in the table's folder. Hive's readers take the folder's name apart, so what could disturb them
+/// is encoded as Hive does.
+pub fn path(table: &Path, participant: &str) -> PathBuf {
+    let encode = |c: char| match c.is_ascii_control() || "\"#%'*/:=?\\{[]^".contains(c) {
+        true => format!("%{:02X}", c as u32),
+        false => c.into(),
+    };
+    let name: String = participant.chars().map(encode).collect();
+    table.join(format!("participant={name}")).join("steps.parquet")
+}
+
+/// Writes at least one row; the file is there in whole or not at all.
+pub fn write(path: &Path, made_from: &str, rows: &[Row]) -> Result<()> {
+    let written = || -> Result<()> {
+        fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
+        // No reader takes this name for a part of the table.
+        let part = path.with_file_name(".steps.part");
+        let field = |(name, value): &(&str, Value)| {
+            let (physical, logical) = match value {
+                Value::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+                Value::Whole(_) => (Physical::INT32, None),
+                Value::Real(_) => (Physical::DOUBLE, None),
+                Value::Flag(_) => (Physical::BOOLEAN, None),
+            };
+            Type::primitive_type_builder(name, physical)
+                .with_repetition(Repetition::OPTIONAL)
+                .with_logical_type(logical)
+                .build()
+                .map(Arc::new)
+        };
+        let fields = rows[0].iter().map(field).collect::<Result<_, _>>()?;
+        let schema = Arc::new(Type::group_type_builder("step").with_fields(fields).build()?);
+        let properties = WriterProperties::builder()
+            .set_compression(Compression::SNAPPY)
+            .set_key_value_metadata(Some(vec![KeyValue::new(KEY.to_owned(), made_from.to_owned())]))
+            .build();
+        let mut file = SerializedFileWriter::new(File::create(&part)?, schema, Arc::new(properties))?;
+        let mut group = file.next_row_group()?;
+        let mut index = 0;
+        while let Some(mut column) = group.next_column()? {
+            let values = rows.iter().map(|row| &row[index].1);
+            match &rows[0][index].1 {
+                Value::Text(_) => put::<ByteArrayType>(&mut column, values.map(Value::text)),
+                Value::Whole(_) => put::<Int32Type>(&mut column, values.map(Value::whole)),
+                Value::Real(_) => put::<DoubleType>(&mut column, values.map(Value::real)),
+                Value::Flag(_) => put::<BoolType>(&mut column, values.map(Value::flag)),
+            }?;
+            column.close()?;
+            index += 1;
+        }
+        group.close()?;
+        file.into_inner()?.sync_all()?;
+        Ok(fs::rename(part, path)?)
+    };
+    written().with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn put<T: DataType>(column: &mut SerializedColumnWriter, values: impl Iterator<Item = Option<T::T>>) -> Result<()> {
+    let values: Vec<_> = values.collect();
+    let defined: Vec<i16> = values.iter().map(|value| i16::from(value.is_some())).collect();
+    let values: Vec<_> = values.into_iter().flatten().collect();
+    column.typed::<T>().write_batch(&values, Some(&defined), None)?;
+    Ok(())
+}
+
+/// What a file was made from, and its rows.
+pub fn read(path: &Path) -> Result<(String, Vec<HashMap<String, Field>>)> {
+    let read = || {
+        let file = SerializedFileReader::new(File::open(path)?)?;
+        let mut entries = file.metadata().file_metadata().key_value_metadata().into_iter().flatten();
+        let made_from = entries.find(|entry| entry.key == KEY).and_then(|entry| entry.value.clone());
+        let rows = file.get_row_iter(None)?.map(|row| Ok(row?.into_columns().into_iter().collect()));
+        Ok((made_from.unwrap_or_default(), rows.collect::<Result<_>>()?))
+    };
+    // The Parquet library gives up on some damaged files by a panic.
+    std::panic::catch_unwind(read).unwrap_or_else(|_| bail!("{} is damaged", path.display()))
+}

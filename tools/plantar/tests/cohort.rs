@@ -1,0 +1,293 @@
+//! `plantar cohort`: the table, the means, and what becomes of participants that are there already or cannot be used.
+
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::record::Field;
+use plantar::{Region, Side};
+use recording::synthetic::{self, SyntheticWalk};
+use std::collections::{BTreeMap, HashMap};
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+type Row = HashMap<String, Field>;
+
+fn cohort(folder: &Path, options: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_plantar"))
+        .args("cohort people --out table --summary summary.csv".split(' '))
+        .args(options.split_whitespace())
+        .current_dir(folder)
+        .output()
+        .expect("the program starts")
+}
+
+/// The exit status and what was said on both streams.
+fn said(output: &Output) -> (Option<i32>, String) {
+    let text = [&output.stdout, &output.stderr].map(|stream| String::from_utf8_lossy(stream));
+    (output.status.code(), text.concat())
+}
+
+fn walk(path: &Path, side: Side, seed: u64) {
+    let peak_n = 700.0 + 20.0 * seed as f64;
+    let walk = SyntheticWalk { side, steps: 1 + seed as usize % 3, seed, peak_n, ..Default::default() };
+    synthetic::walk(&walk).recording.write(path).expect("written");
+}
+
+/// Ann, size 36, with three trials, and bob b., size 43, with both feet.
+fn people() -> (TempDir, PathBuf) {
+    let keep = tempfile::tempdir().expect("a folder");
+    let path = keep.path().to_path_buf();
+    for (name, size, recordings) in [
+        ("ann", 36, [("a.parquet", Side::Left, 1), ("b.parquet", Side::Left, 2), ("c.parquet", Side::Right, 3)]),
+        ("bob=b.", 43, [("l.parquet", Side::Left, 4), ("r.parquet", Side::Right, 5), ("s.parquet", Side::Right, 6)]),
+    ] {
+        let folder = path.join("people").join(name);
+        fs::create_dir_all(&folder).expect("made");
+        fs::write(folder.join("participant.toml"), format!("size = {size}\nmass_kg = 60.5\n")).expect("written");
+        for (recording, side, seed) in recordings {
+            walk(&folder.join(recording), side, seed);
+        }
+    }
+    (keep, path)
+}
+
+fn rows(path: &Path, participant: &str) -> Vec<Row> {
+    let file = File::open(path.join(format!("table/participant={participant}/steps.parquet"))).expect("a part");
+    let reader = SerializedFileReader::new(file).expect("Parquet");
+    let rows = reader.get_row_iter(None).expect("rows");
+    rows.map(|row| row.expect("a row").into_columns().into_iter().collect()).collect()
+}
+
+fn number(row: &Row, column: &str) -> f64 {
+    match row[column] {
+        Field::Double(value) => value,
+        Field::Int(value) => f64::from(value),
+        ref other => panic!("{column}: {other}"),
+    }
+}
+
+fn text<'r>(row: &'r Row, column: &str) -> &'r str {
+    if let Field::Str(text) = &row[column] { text } else { panic!("{column}") }
+}
+
+fn summary(path: &Path) -> String {
+    fs::read_to_string(path.join("summary.csv")).expect("a summary")
+}
+
+#[test]
+fn every_region_of_every_step_is_a_row_with_its_own_fit() {
+    let (_keep, path) = people();
+    let (status, said) = said(&cohort(&path, "--contact-full 150 --filter live"));
+    assert_eq!(status, Some(0), "{said}");
+    assert!(said.contains("12 steps of 2 participants"), "{said}");
+    let ann = rows(&path, "ann");
+    // Two, three and one steps.
+    assert_eq!((ann.len(), rows(&path, "bob%3Db.").len()), (6 * 8, 6 * 8));
+    let of = |recording: &str| ann.iter().filter(|row| text(row, "recording") == recording).count();
+    assert_eq!(["a.parquet", "b.parquet", "c.parquet"].map(of), [16, 24, 8]);
+    for (row, region) in ann.iter().zip(Region::ALL.iter().cycle()) {
+        assert_eq!((text(row, "region"), row.len(), row.contains_key("participant")), (region.name(), 47, false));
+        assert_eq!((number(row, "insole_size"), number(row, "mass_kg")), (36.0, 60.5));
+        assert_eq!((text(row, "filter"), text(row, "method")), ("live", "projection"));
+        let rule = ["contact_on_kpa", "contact_off_kpa", "contact_full_kpa"].map(|column| number(row, column));
+        assert_eq!(rule, [10.0, 7.5, 150.0]);
+        assert!(text(row, "side") == if text(row, "recording") == "c.parquet" { "right" } else { "left" });
+        if row["fitted"] == Field::Bool(false) {
+            assert!(!text(row, "reason").is_empty() && row["n"] == Field::Null && row["n_at_bound"] == Field::Null);
+            assert!(row["k_n_m3"] == Field::Null && row["evaluations"] == Field::Null);
+            continue;
+        }
+        assert_eq!((&row["fitted"], &row["reason"]), (&Field::Bool(true), &Field::Null));
+        for column in ["ab_mm2", "stiffness_pa", "damping_pa_s", "n", "m"] {
+            let [low, high] = ["low", "high"].map(|end| number(row, &format!("{column}_{end}")));
+            assert!(low <= number(row, column) && number(row, column) <= high, "{region:?} {column}");
+        }
+        assert!(matches!(row["ab_at_bound"], Field::Bool(_)));
+        // The five and the eight are the same force: K = k C^(n+1) / d0^n.
+        let value = |column| number(row, column);
+        let (c_m, d0_m) = (value("c_mm") * 1e-3, value("d0_mm") * 1e-3);
+        let stiffness_pa = value("k_n_m3") * c_m.powf(value("n") + 1.0) / d0_m.powf(value("n"));
+        assert!((stiffness_pa / value("stiffness_pa") - 1.0).abs() < 1e-9);
+        assert!((value("a_mm") * value("b_mm") / value("ab_mm2") - 1.0).abs() < 1e-9);
+        assert!((0.0..100.0).contains(&value("nrmse_percent")) && value("evaluations") > 0.0);
+    }
+    assert!(ann.iter().filter(|row| row["fitted"] == Field::Bool(true)).count() > 30);
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// A participant's mean of a column: over the steps of each recording, then over these.
+fn mean_of(rows: &[Row], region: &str, column: &str) -> Option<f64> {
+    let mut trials = BTreeMap::<_, Vec<f64>>::new();
+    for row in rows.iter().filter(|row| text(row, "region") == region && row[column] != Field::Null) {
+        trials.entry(text(row, "recording")).or_default().push(number(row, column));
+    }
+    let means: Vec<f64> = trials.values().map(|steps| mean(steps)).collect();
+    (!means.is_empty()).then(|| mean(&means))
+}
+
+#[test]
+fn the_summary_is_of_steps_then_trials_then_participants_of_a_size() {
+    let (_keep, path) = people();
+    // A second participant of bob's pair of sizes.
+    let cid = path.join("people/cid");
+    fs::create_dir(&cid).expect("made");
+    fs::write(cid.join("participant.toml"), "size = 44").expect("written");
+    walk(&cid.join("w.parquet"), Side::Left, 8);
+    assert_eq!(said(&cohort(&path, "")).0, Some(0));
+    let [ann, bob, cid] = ["ann", "bob%3Db.", "cid"].map(|name| rows(&path, name));
+
+    let mut file = csv::Reader::from_path(path.join("summary.csv")).expect("a summary");
+    let lines: Vec<HashMap<String, String>> = file.deserialize().map(|line| line.expect("a line")).collect();
+    assert_eq!(lines.len(), 2 * 8);
+    let close = |found: &str, expected: f64| {
+        let found: f64 = found.parse().expect("a number");
+        assert!((found - expected).abs() <= 1e-9 * expected.abs(), "{found}, not {expected}");
+    };
+    let columns = "a_mm b_mm c_mm d0_mm k_n_m3 n c_n_s_m3 m ab_mm2 stiffness_pa damping_pa_s nrmse_percent \
+                   nrmse_smoothed_percent";
+    for line in &lines {
+        let participants: &[&Vec<Row>] = if line["insole_size"] == "35-36" { &[&ann] } else { &[&bob, &cid] };
+        for column in columns.split_whitespace() {
+            let means: Vec<f64> =
+                participants.iter().filter_map(|rows| mean_of(rows, &line["region"], column)).collect();
+            assert_eq!(line["participants"], means.len().to_string());
+            let [found, sd] = ["mean", "sd"].map(|kind| &line[&format!("{column}_{kind}")]);
+            match means[..] {
+                [] => assert!(found.is_empty() && sd.is_empty()),
+                [one] => {
+                    close(found, one);
+                    assert!(sd.is_empty());
+                }
+                _ => {
+                    close(found, mean(&means));
+                    close(sd, (means[0] - means[1]).abs() / 2f64.sqrt());
+                }
+            }
+        }
+    }
+    assert_eq!(lines[8]["insole_size"], "43-44");
+    assert_eq!(lines[8]["participants"], "2");
+}
+
+#[test]
+fn a_second_run_does_only_what_is_new() {
+    let (_keep, path) = people();
+    assert_eq!(said(&cohort(&path, "")).0, Some(0));
+    let whole = summary(&path);
+    let again = |options: &str, words: &[&str]| {
+        let (status, said) = said(&cohort(&path, options));
+        assert_eq!(status, Some(0), "{said}");
+        assert!(words.iter().all(|word| said.contains(word)), "{said}");
+    };
+    again("", &["0 steps of 0 participants", "2 participants were there already"]);
+    let ann = path.join("table/participant=ann/steps.parquet");
+    let bob = path.join("table/participant=bob%3Db./steps.parquet");
+    let written = |path: &Path| path.metadata().and_then(|file| file.modified()).expect("a time");
+    let bob_written = written(&bob);
+    // Broken off while ann was written.
+    fs::remove_file(&ann).expect("removed");
+    fs::write(ann.with_file_name(".steps.part"), "PAR1").expect("written");
+    again("", &["6 steps of 1 participants", "1 participants were there already"]);
+    assert_eq!((summary(&path), written(&bob)), (whole.clone(), bob_written));
+    // A part that is damaged, another recording, another size, other options.
+    fs::write(&ann, "PAR1").expect("written");
+    again("", &["6 steps of 1 participants"]);
+    assert_eq!(summary(&path), whole);
+    walk(&path.join("people/ann/d.parquet"), Side::Right, 7);
+    again("", &["8 steps of 1 participants"]);
+    fs::write(path.join("people/ann/participant.toml"), "size = 37").expect("written");
+    again("", &["8 steps of 1 participants", "37-38 (1)"]);
+    again("--negative-n", &["14 steps of 2 participants"]);
+    // A slip in the options costs nothing.
+    let (status, said_of_slip) = said(&cohort(&path, "--contact-on 5"));
+    assert_eq!((status, said_of_slip.contains("contact rule")), (Some(1), true), "{said_of_slip}");
+    // Who left the study does not count any more, and is named.
+    fs::rename(path.join("people/ann"), path.join("ann")).expect("moved");
+    again("--negative-n", &["1 participants were there already", "participant=ann", "remove it"]);
+    assert!(!summary(&path).contains("37-38"));
+}
+
+#[test]
+fn what_cannot_be_used_is_left_out_and_named_and_tried_again() {
+    let (_keep, path) = people();
+    let damaged = path.join("people/ann/b.parquet");
+    let good = fs::read(&damaged).expect("a recording");
+    fs::write(&damaged, &good[..good.len() / 2]).expect("written");
+    fs::create_dir(path.join("people/nobody")).expect("made");
+    for kept in ["0 participants were there", "1 participants were there"] {
+        let (status, said) = said(&cohort(&path, ""));
+        assert_eq!(status, Some(3), "{said}");
+        for words in ["left out: people/ann/b.parquet", "nobody: 0 recordings", "no whole step", kept] {
+            assert!(said.contains(words), "{words}: {said}");
+        }
+        assert_eq!((rows(&path, "ann").len(), rows(&path, "bob%3Db.").len()), (3 * 8, 6 * 8));
+    }
+    fs::write(&damaged, good).expect("written");
+    fs::remove_dir(path.join("people/nobody")).expect("removed");
+    let (status, said_of_all) = said(&cohort(&path, ""));
+    assert_eq!((status, rows(&path, "ann").len()), (Some(0), 6 * 8), "{said_of_all}");
+
+    // The part of somebody who cannot be used any more goes.
+    for (text, words) in [
+        ("size = 36\nsise = 36", ["people/ann/participant.toml", "line 2", "sise"]),
+        ("\nsize = 47", ["people/ann/participant.toml", "line 2", "47: a European shoe size from 35 to 46"]),
+        ("mass_kg = 7", ["people/ann/participant.toml", "line 1", "10 to 300"]),
+        ("zero = 'nowhere.toml'", ["left out", "people/ann", "nowhere.toml"]),
+        ("thickness = 'nowhere.toml'", ["left out", "people/ann", "nowhere.toml"]),
+    ] {
+        fs::write(path.join("people/ann/participant.toml"), text).expect("written");
+        let (status, said) = said(&cohort(&path, ""));
+        assert_eq!(status, Some(3), "{said}");
+        assert!(words.iter().all(|word| said.contains(word)), "{words:?}: {said}");
+        assert!(!path.join("table/participant=ann/steps.parquet").exists());
+        assert!(!summary(&path).contains("35-36"));
+    }
+}
+
+#[test]
+fn thickness_and_zero_are_of_the_participant() {
+    let (_keep, path) = people();
+    let ann = path.join("people/ann");
+    fs::write(ann.join("participant.toml"), "thickness = 'measured/mm.toml'").expect("written");
+    fs::create_dir(ann.join("measured")).expect("made");
+    fs::write(ann.join("measured/mm.toml"), "heel = 18.5").expect("written");
+    let (status, said_of_all) = said(&cohort(&path, "--size 39"));
+    assert_eq!(status, Some(0), "{said_of_all}");
+    assert!(said_of_all.contains("1 participants without a size in participant.toml count as 39"), "{said_of_all}");
+    let rows = rows(&path, "ann");
+    assert_eq!((number(&rows[0], "d0_mm"), number(&rows[0], "insole_size")), (18.5, 39.0));
+    assert_eq!(rows[0]["mass_kg"], Field::Null);
+    assert!((number(&rows[3], "d0_mm") - 12.0 * 39.0 / 42.0).abs() < 1e-9);
+
+    fs::write(ann.join("participant.toml"), "zero = 'zero.toml'").expect("written");
+    fs::write(ann.join("zero.toml"), "version = 1\n[left]\nlayout_id = x\n").expect("written");
+    let (status, said) = said(&cohort(&path, ""));
+    assert_eq!(status, Some(3), "{said}");
+    assert!(said.contains("ann/zero.toml:3"), "{said}");
+}
+
+#[test]
+fn without_participants_it_says_what_is_needed() {
+    let keep = tempfile::tempdir().expect("a folder");
+    let path = keep.path();
+    let fail = |words: &[&str]| {
+        let (status, said) = said(&cohort(path, ""));
+        assert_eq!(status, Some(1), "{said}");
+        assert!(words.iter().all(|word| said.contains(word)), "{words:?}: {said}");
+    };
+    fail(&["people", "one folder a participant"]);
+    fs::write(path.join("people"), "").expect("written");
+    fail(&["people", "one folder a participant"]);
+    fs::remove_file(path.join("people")).expect("removed");
+    fs::create_dir(path.join("people")).expect("made");
+    fail(&["people: no participant"]);
+    fs::write(path.join("people/walk.parquet"), "").expect("written");
+    fail(&["people: no participant"]);
+    assert!(!path.join("table").exists());
+    fs::create_dir(path.join("people/ann")).expect("made");
+    fail(&["left out: people/ann", "people: no step of any participant"]);
+    assert!(!path.join("summary.csv").exists());
+}
