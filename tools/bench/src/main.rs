@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod bytes;
+mod cohort;
 mod identify;
 mod instructions;
 mod replay;
@@ -22,9 +23,12 @@ struct Arguments {
     /// A Python with NumPy and SciPy.
     #[arg(long, required_unless_present = "stack_json")]
     python: Option<PathBuf>,
-    /// The folder SpeedPP2DS of the package jiku-data.
-    #[arg(long)]
+    /// The folder SpeedPP2DS of the package jiku-data: also measure identification on its walkers.
+    #[arg(long, requires = "plantar")]
     jiku: Option<PathBuf>,
+    /// The command line `plantar`, for the time that a cohort takes.
+    #[arg(long)]
+    plantar: Option<PathBuf>,
     /// Also write the figures to this file, one flat object.
     #[arg(long)]
     json: Option<PathBuf>,
@@ -55,8 +59,9 @@ fn main() -> Result<()> {
         bytes::measure(&mut figures)?;
         replay::measure(python, &mut figures)?;
         identify::measure(python, &mut figures)?;
-        if let Some(jiku) = &arguments.jiku {
+        if let (Some(jiku), Some(plantar)) = (&arguments.jiku, &arguments.plantar) {
             walkers::measure(jiku, &mut figures)?;
+            cohort::measure(plantar, jiku, &mut figures)?;
         }
     } else {
         stack::measure(&arguments.firmware, &mut figures)?;

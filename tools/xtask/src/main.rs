@@ -269,7 +269,14 @@ fn bench() -> Result<Map<String, Value>> {
     let python = setup::python()?;
     let mut figures = sizes()?;
     let json = built("bench.json");
-    run_bench(&[("--python", &python.interpreter), ("--jiku", &python.jiku), ("--json", &json)])?;
+    build_host("plantar-cli")?;
+    let plantar = built("release/plantar");
+    run_bench(&[
+        ("--python", &python.interpreter),
+        ("--jiku", &python.jiku),
+        ("--plantar", &plantar),
+        ("--json", &json),
+    ])?;
     let measured: Map<String, Value> = serde_json::from_str(&std::fs::read_to_string(json)?)?;
     figures.extend(measured);
     Ok(figures)
