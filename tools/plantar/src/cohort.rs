@@ -6,6 +6,7 @@ mod table;
 use crate::fit::Search;
 use crate::replay::progress;
 use crate::setup::{self, Contact, Zeroed, rule_in_words};
+use crate::table::Row;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use fit::steps::isolate;
@@ -20,7 +21,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use summary::Means;
-use table::{Origin, Row};
+use table::Origin;
 
 /// Fits every step of many participants alone, as the paper does, and takes means by insole size.
 ///
@@ -161,7 +162,7 @@ impl Cohort {
         }
         // What was left out is tried again the next time.
         let made_from = if left_out.is_empty() { made_from } else { String::new() };
-        table::write(path, &made_from, &rows)?;
+        crate::table::write(path, Some((table::KEY, &made_from)), &rows)?;
         Ok(done(&table::read(path)?.1, false))
     }
 

@@ -10,9 +10,11 @@ mod info;
 mod monitor;
 mod params;
 mod picture;
+mod record;
 mod replay;
 mod setup;
 mod summary;
+mod table;
 mod view;
 mod zero;
 
@@ -52,6 +54,7 @@ enum Command {
     Cohort(cohort::Cohort),
     Emulate(emulate::Emulate),
     Monitor(monitor::Monitor),
+    Record(record::Record),
     /// Tissue parameters.
     #[command(subcommand)]
     Params(params::Params),
@@ -70,6 +73,7 @@ fn main() -> ExitCode {
         Command::Cohort(cohort) => return status(cohort.run()),
         Command::Emulate(emulate) => emulate.run(),
         Command::Monitor(monitor) => monitor.run(),
+        Command::Record(record) => record.run(),
         Command::Params(params) => params.run(),
     };
     status(done.map(|()| true))

@@ -6,7 +6,7 @@ use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result};
 use clap::Args;
-use plantar::wire::{Step, ToDevice, ToHost};
+use plantar::wire::{Live, Step, ToDevice, ToHost};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -29,43 +29,99 @@ pub struct Monitor {
 /// A stream that is silent for longer has ended.
 const SILENCE: Duration = Duration::from_secs(2);
 
+/// What becomes of what an insole sends.
+pub trait Sink {
+    /// Takes a live frame.
+    fn live(&mut self, live: &Live) -> Result<()>;
+
+    /// Takes a step.
+    fn step(&mut self, step: &Step) -> Result<()>;
+
+    /// The number up to which steps are stored since this was last asked: the insole may forget them.
+    fn take_stored(&mut self) -> Option<u32>;
+
+    /// The insole was silent and may have started anew: its step numbers and its clock, too.
+    fn reconnected(&mut self) -> Result<()>;
+
+    /// Enough was received.
+    fn is_full(&self) -> bool;
+}
+
+/// Shows and passes on what comes until the user or the sink ends it.
+pub fn follow(client: &mut Session, view: &mut View, sink: &mut dyn Sink) -> Result<()> {
+    client.stream()?;
+    let mut heard = Instant::now();
+    while !view.wants_to_end()? && !sink.is_full() {
+        match client.receive()? {
+            Some(ToHost::Live(live)) => {
+                sink.live(&live)?;
+                view.live(&live, client.counters())?;
+            }
+            Some(ToHost::Step(step)) => {
+                sink.step(&step)?;
+                view.step(&step)?;
+            }
+            Some(_) => {}
+            None if heard.elapsed() > SILENCE => {
+                // It may have restarted, and then waits for a hello.
+                let hello = client.reconnect(ANSWER).context("the insole has fallen silent")?;
+                sink.reconnected()?;
+                view.restarted(hello);
+                client.stream()?;
+            }
+            None => continue,
+        }
+        if let Some(step) = sink.take_stored() {
+            client.send(ToDevice::Acknowledge { step })?;
+        }
+        heard = Instant::now();
+    }
+    Ok(())
+}
+
+/// Keeps the steps, for the table at the end, and writes them.
+struct Steps<'m> {
+    monitor: &'m Monitor,
+    all: Vec<Step>,
+    stored: Option<u32>,
+}
+
+impl Sink for Steps<'_> {
+    fn live(&mut self, _: &Live) -> Result<()> {
+        Ok(())
+    }
+
+    fn step(&mut self, step: &Step) -> Result<()> {
+        self.all.push(*step);
+        // Stored first: once it is acknowledged the insole forgets it.
+        if let Some(path) = &self.monitor.json {
+            write_json(path, &self.all)?;
+        }
+        self.stored = Some(step.step);
+        Ok(())
+    }
+
+    fn take_stored(&mut self) -> Option<u32> {
+        self.stored.take()
+    }
+
+    fn reconnected(&mut self) -> Result<()> {
+        Ok(())
+    }
+
+    fn is_full(&self) -> bool {
+        self.monitor.steps.is_some_and(|limit| self.all.len() >= limit)
+    }
+}
+
 impl Monitor {
     pub fn run(&self) -> Result<()> {
         let mut client = self.carrier.connect()?;
         let mut view = View::open(client.hello())?;
-        let mut steps = Vec::new();
-        let outcome = self.follow(&mut client, &mut view, &mut steps);
+        let mut steps = Steps { monitor: self, all: Vec::new(), stored: None };
+        let outcome = follow(&mut client, &mut view, &mut steps);
         view.close();
-        summary::print(&steps);
+        summary::print(&steps.all);
         outcome
-    }
-
-    fn follow(&self, client: &mut Session, view: &mut View, steps: &mut Vec<Step>) -> Result<()> {
-        client.stream()?;
-        let mut heard = Instant::now();
-        while !view.wants_to_end()? && self.steps.is_none_or(|limit| steps.len() < limit) {
-            match client.receive()? {
-                Some(ToHost::Live(live)) => view.live(&live, client.counters())?,
-                Some(ToHost::Step(step)) => {
-                    steps.push(step);
-                    // Stored first: once it is acknowledged the insole forgets it.
-                    if let Some(path) = &self.json {
-                        write_json(path, steps)?;
-                    }
-                    client.send(ToDevice::Acknowledge { step: step.step })?;
-                    view.step(&step)?;
-                }
-                Some(_) => {}
-                None if heard.elapsed() > SILENCE => {
-                    // It may have restarted, and then waits for a hello.
-                    let hello = client.reconnect(ANSWER).context("the insole has fallen silent")?;
-                    view.restarted(hello);
-                    client.stream()?;
-                }
-                None => continue,
-            }
-            heard = Instant::now();
-        }
-        Ok(())
     }
 }

@@ -1,54 +1,137 @@
-//! `plantar monitor` on the real firmware in the emulator, through a network bridge.
+//! `plantar monitor` and `plantar record` on the real firmware in the emulator, through a network bridge.
 //!
-//! The firmware is the file that `PLANTAR_FIRMWARE` names; without it this test says so and passes.
+//! The firmware is the file that `PLANTAR_FIRMWARE` names; without it these tests say so and pass.
 
 use emulator::{Board, Recorded, Time};
+use parquet::file::reader::SerializedFileReader;
+use parquet::record::{Field, Row};
+use plantar::Region;
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;
+use plantar::insole::{DEVICE_CELLS, Insole};
 use plantar::stance::StanceRule;
-use recording::{VirtualInsole, synthetic};
+use plantar::wire::{Live, Step};
+use recording::{Recording, VirtualInsole, synthetic};
+use std::fs::File;
 use std::io::copy;
 use std::net::{TcpListener, TcpStream};
-use std::process::Command;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
 
 fn pump(mut from: TcpStream, mut to: TcpStream) {
     // Either end may close first; that ends the pump.
     std::thread::spawn(move || copy(&mut from, &mut to));
 }
 
-#[test]
-fn monitor_shows_and_stores_the_steps_of_an_insole_on_the_network() {
+/// Runs the program against the real firmware that feels a walk of three steps, reached over the network.
+fn with_insole(arguments: &[&str]) -> Option<Output> {
     let Some(firmware) = std::env::var_os("PLANTAR_FIRMWARE") else {
         println!("skipped: set PLANTAR_FIRMWARE to the emulated board's firmware (`cargo xtask test` does)");
-        return;
+        return None;
     };
-    let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 3, ..Default::default() }).recording;
+    let walk = walk();
     let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
     let head = Head { setup: worn.setup, paced: true };
     let cells = worn.cells.clone();
     let board =
         Board::start(firmware.as_ref(), &head, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");
-
     let bridge = TcpListener::bind("127.0.0.1:0").expect("a port");
-    let folder = tempfile::tempdir().expect("a folder");
-    let json = folder.path().join("steps.json");
-    let monitor = Command::new(env!("CARGO_BIN_EXE_plantar"))
-        .args(["monitor", "--steps", "3", "--tcp"])
+    let program = Command::new(env!("CARGO_BIN_EXE_plantar"))
+        .args(arguments)
+        .arg("--tcp")
         .arg(bridge.local_addr().expect("an address").to_string())
-        .arg("--json")
-        .arg(&json)
-        .stdout(std::process::Stdio::piped())
+        .stdout(Stdio::piped())
         .spawn()
         .expect("the program starts");
-    let (host, _) = bridge.accept().expect("the monitor connects");
+    let (host, _) = bridge.accept().expect("the program connects");
     pump(host.try_clone().expect("a socket"), board.link().expect("the link"));
     pump(board.link().expect("the link"), host);
     board.play();
-    let output = monitor.wait_with_output().expect("the monitor ends");
+    Some(program.wait_with_output().expect("the program ends"))
+}
+
+fn walk() -> Recording {
+    synthetic::walk(&synthetic::SyntheticWalk { steps: 3, ..Default::default() }).recording
+}
+
+#[test]
+fn monitor_shows_and_stores_the_steps_of_an_insole_on_the_network() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let json = folder.path().join("steps.json");
+    let arguments = ["monitor", "--steps", "3", "--json", json.to_str().expect("text")];
+    let Some(output) = with_insole(&arguments) else { return };
     let said = String::from_utf8(output.stdout).expect("text");
     assert!(output.status.success(), "{said}");
     assert!(said.contains("right insole, 240 cells at 100 Hz, emulated board"), "{said}");
     let steps: serde_json::Value = serde_json::from_slice(&std::fs::read(json).expect("a file")).expect("JSON");
     let numbers: Vec<_> = steps.as_array().expect("steps").iter().map(|s| s["step"].as_u64()).collect();
     assert_eq!(numbers, [Some(0), Some(1), Some(2)]);
+}
+
+/// All rows of a table's parts.
+fn rows(folder: &Path) -> Vec<Row> {
+    let parts = std::fs::read_dir(folder).expect("a table").map(|entry| entry.expect("a part").path());
+    let mut parts: Vec<_> = parts.collect();
+    parts.sort();
+    let rows = parts.iter().flat_map(|part| {
+        let file = SerializedFileReader::new(File::open(part).expect("a part")).expect("Parquet");
+        file.into_iter().map(|row| row.expect("a row")).collect::<Vec<_>>()
+    });
+    rows.collect()
+}
+
+fn value<'r>(row: &'r Row, name: &str) -> &'r Field {
+    let column = row.get_column_iter().find(|(column, _)| *column == name);
+    column.unwrap_or_else(|| panic!("no column {name}")).1
+}
+
+/// What is recorded of the insole is what a host computes of the same walk.
+#[test]
+fn record_stores_the_session_as_tables() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("session");
+    let Some(output) = with_insole(&["record", "--steps", "3", "--out", out.to_str().expect("text")]) else { return };
+    let said = String::from_utf8(output.stdout).expect("text");
+    assert!(output.status.success() && said.contains("3 steps"), "{said}");
+
+    let recording = walk();
+    let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("wearable");
+    let mut codes = vec![0; worn.cells.len()];
+    let (mut live, mut steps) = (Vec::new(), Vec::new());
+    for i in 0..worn.frames(&recording) {
+        worn.codes_of(&recording, i, &mut codes);
+        let toe_off = insole.frame(i as u32, &codes);
+        live.push(Live::new(i as u32, 0, insole.loads()));
+        if toe_off {
+            steps.push(Step::new(&insole.whole_step().expect("a step")));
+        }
+    }
+    let stored = rows(&out.join("steps"));
+    assert_eq!(stored.len(), 3 * 8);
+    for (i, row) in stored.iter().enumerate() {
+        let ours = &steps[i / 8].regions[i % 8];
+        assert_eq!(value(row, "region"), &Field::Str(Region::ALL[i % 8].name().into()));
+        assert_eq!(value(row, "measured_force_peak_n"), &Field::Double(f64::from(ours.measured_peak_dn) / 10.0));
+        assert_eq!(value(row, "contact_time_s"), &Field::Double(f64::from(ours.contact_ms) / 1e3));
+    }
+    let stored = rows(&out.join("live"));
+    assert!(stored.len().is_multiple_of(8) && stored.len() > 8 * 100, "{} rows", stored.len());
+    for (i, row) in stored.iter().enumerate() {
+        // The walk may have begun before the stream: frames are told by their time, 10 ms each.
+        let Field::Double(t_s) = value(row, "t_s") else { panic!("{row:?}") };
+        let ours = &live[(t_s * 100.0).round() as usize].regions[i % 8];
+        assert_eq!(value(row, "measured_force_n"), &Field::Double(f64::from(ours.measured_dn) / 10.0));
+        assert_eq!(value(row, "area_mm2"), &Field::Double(f64::from(ours.area_mm2)));
+    }
+
+    // A folder that holds something is not written over.
+    let again = Command::new(env!("CARGO_BIN_EXE_plantar"))
+        .args(["record", "--tcp", "127.0.0.1:9", "--out"])
+        .arg(&out)
+        .output()
+        .expect("the program starts");
+    let said = String::from_utf8(again.stderr).expect("text");
+    assert!(!again.status.success() && said.contains("holds something already"), "{said}");
 }

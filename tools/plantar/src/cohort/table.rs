@@ -1,25 +1,19 @@
 //! One participant's part of the table: a Parquet file, one row a region of a step.
 
-use anyhow::{Context, Result, bail};
+use crate::table::{Row, Value};
+use anyhow::{Result, bail};
 use fit::{Options, RegionFit, Step, Unfit};
 use parameters::InsoleSize;
-use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
-use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, Int32Type};
-use parquet::file::metadata::KeyValue;
-use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{FileReader, SerializedFileReader};
-use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
 use parquet::record::Field;
-use parquet::schema::types::Type;
 use plantar::Region;
 use plantar::contact::ContactRule;
 use std::collections::HashMap;
-use std::fs::{self, File};
+use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// The key of what a file was made from in its metadata.
-const KEY: &str = "plantar.made_from";
+pub const KEY: &str = "plantar.made_from";
 
 /// What is the same in all rows of a recording.
 pub struct Origin<'a> {
@@ -28,35 +22,6 @@ pub struct Origin<'a> {
     pub recording: &'a str,
     pub contact: ContactRule,
     pub options: Options,
-}
-
-/// Columns and their values.
-pub type Row = Vec<(&'static str, Value)>;
-
-/// A value of a column's type, `None` for null.
-pub enum Value {
-    Text(Option<String>),
-    Whole(Option<i32>),
-    Real(Option<f64>),
-    Flag(Option<bool>),
-}
-
-impl Value {
-    fn text(&self) -> Option<ByteArray> {
-        if let Self::Text(Some(value)) = self { Some(value.as_str().into()) } else { None }
-    }
-
-    fn whole(&self) -> Option<i32> {
-        if let Self::Whole(value) = self { *value } else { None }
-    }
-
-    fn real(&self) -> Option<f64> {
-        if let Self::Real(value) = self { *value } else { None }
-    }
-
-    fn flag(&self) -> Option<bool> {
-        if let Self::Flag(value) = self { *value } else { None }
-    }
 }
 
 /// The five that are identified: value, ends of the 95 % interval, whether it is at a bound.
@@ -135,60 +100,6 @@ pub fn path(table: &Path, participant: &str) -> PathBuf {
     };
     let name: String = participant.chars().map(encode).collect();
     table.join(format!("participant={name}")).join("steps.parquet")
-}
-
-/// Writes at least one row; the file is there in whole or not at all.
-pub fn write(path: &Path, made_from: &str, rows: &[Row]) -> Result<()> {
-    let written = || -> Result<()> {
-        fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
-        // No reader takes this name for a part of the table.
-        let part = path.with_file_name(".steps.part");
-        let field = |(name, value): &(&str, Value)| {
-            let (physical, logical) = match value {
-                Value::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
-                Value::Whole(_) => (Physical::INT32, None),
-                Value::Real(_) => (Physical::DOUBLE, None),
-                Value::Flag(_) => (Physical::BOOLEAN, None),
-            };
-            Type::primitive_type_builder(name, physical)
-                .with_repetition(Repetition::OPTIONAL)
-                .with_logical_type(logical)
-                .build()
-                .map(Arc::new)
-        };
-        let fields = rows[0].iter().map(field).collect::<Result<_, _>>()?;
-        let schema = Arc::new(Type::group_type_builder("step").with_fields(fields).build()?);
-        let properties = WriterProperties::builder()
-            .set_compression(Compression::SNAPPY)
-            .set_key_value_metadata(Some(vec![KeyValue::new(KEY.to_owned(), made_from.to_owned())]))
-            .build();
-        let mut file = SerializedFileWriter::new(File::create(&part)?, schema, Arc::new(properties))?;
-        let mut group = file.next_row_group()?;
-        let mut index = 0;
-        while let Some(mut column) = group.next_column()? {
-            let values = rows.iter().map(|row| &row[index].1);
-            match &rows[0][index].1 {
-                Value::Text(_) => put::<ByteArrayType>(&mut column, values.map(Value::text)),
-                Value::Whole(_) => put::<Int32Type>(&mut column, values.map(Value::whole)),
-                Value::Real(_) => put::<DoubleType>(&mut column, values.map(Value::real)),
-                Value::Flag(_) => put::<BoolType>(&mut column, values.map(Value::flag)),
-            }?;
-            column.close()?;
-            index += 1;
-        }
-        group.close()?;
-        file.into_inner()?.sync_all()?;
-        Ok(fs::rename(part, path)?)
-    };
-    written().with_context(|| format!("cannot write {}", path.display()))
-}
-
-fn put<T: DataType>(column: &mut SerializedColumnWriter, values: impl Iterator<Item = Option<T::T>>) -> Result<()> {
-    let values: Vec<_> = values.collect();
-    let defined: Vec<i16> = values.iter().map(|value| i16::from(value.is_some())).collect();
-    let values: Vec<_> = values.into_iter().flatten().collect();
-    column.typed::<T>().write_batch(&values, Some(&defined), None)?;
-    Ok(())
 }
 
 /// What a file was made from, and its rows.

@@ -1,0 +1,201 @@
+//! `plantar record`: an insole's session as Parquet.
+
+use crate::carrier::Carrier;
+use crate::info::foot_name;
+use crate::monitor::{Sink, follow};
+use crate::summary;
+use crate::table::{self, Row, Value};
+use crate::view::View;
+use anyhow::{Result, bail};
+use clap::Args;
+use plantar::wire::{Live, Step, ToDevice};
+use plantar::{Region, Side};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// Stores what an insole sends, live frames and steps, in a folder of Parquet files.
+///
+/// FOLDER/live/*.parquet has one row a region of a frame, FOLDER/steps/*.parquet one a region of a step; pandas, Polars,
+/// DuckDB and Spark read each as one table. A part is closed every half minute, so a crash costs no more than that of the
+/// live frames; steps stay on the insole until their part is closed. In a terminal press q or Ctrl-C to end.
+#[derive(Args)]
+pub struct Record {
+    /// The folder to write; it must be new or empty.
+    #[arg(long, value_name = "FOLDER")]
+    out: PathBuf,
+    #[command(flatten)]
+    carrier: Carrier,
+    /// End after this many steps.
+    #[arg(long, value_name = "N")]
+    steps: Option<usize>,
+    /// End after this many seconds.
+    #[arg(long, value_name = "S")]
+    seconds: Option<u64>,
+}
+
+/// A part is closed after this time, or when this many steps wait: an insole keeps twice as many.
+const PART: Duration = Duration::from_secs(30);
+const PART_STEPS: usize = plantar::link::STEP_QUEUE / 2;
+
+impl Record {
+    pub fn run(&self) -> Result<()> {
+        if std::fs::read_dir(&self.out).is_ok_and(|mut entries| entries.next().is_some()) {
+            bail!("{} holds something already: name a new folder", self.out.display());
+        }
+        let mut client = self.carrier.connect()?;
+        let mut view = View::open(client.hello())?;
+        let mut parts = Parts::new(self, client.hello().side);
+        let followed = follow(&mut client, &mut view, &mut parts);
+        view.close();
+        // What came is stored, however it ended.
+        let closed = parts.close();
+        if let Some(step) = parts.take_stored() {
+            // The insole may be gone; then it keeps its steps.
+            let _ = client.send(ToDevice::Acknowledge { step });
+        }
+        summary::print(&parts.all_steps);
+        println!("wrote {}: {} frames, {} steps", self.out.display(), parts.frames, parts.all_steps.len());
+        followed.and(closed)
+    }
+}
+
+/// The parts so far and the rows of the next.
+struct Parts<'r> {
+    record: &'r Record,
+    side: Side,
+    /// Counts how often the insole was connected: numbers and times start anew when it restarts.
+    session: i32,
+    number: usize,
+    start: Instant,
+    opened: Instant,
+    live: Vec<Row>,
+    steps: Vec<Row>,
+    /// Steps since the last part.
+    waiting: Vec<u32>,
+    stored: Option<u32>,
+    all_steps: Vec<Step>,
+    frames: usize,
+}
+
+impl<'r> Parts<'r> {
+    fn new(record: &'r Record, side: Side) -> Self {
+        let now = Instant::now();
+        Self {
+            record,
+            side,
+            session: 0,
+            number: 0,
+            start: now,
+            opened: now,
+            live: Vec::new(),
+            steps: Vec::new(),
+            waiting: Vec::new(),
+            stored: None,
+            all_steps: Vec::new(),
+            frames: 0,
+        }
+    }
+
+    /// Writes the rows.
+    fn close(&mut self) -> Result<()> {
+        let path = |table: &str| self.record.out.join(table).join(format!("part-{:05}.parquet", self.number));
+        for (table, rows) in [("live", &mut self.live), ("steps", &mut self.steps)] {
+            if !rows.is_empty() {
+                table::write(&path(table), None, rows)?;
+                rows.clear();
+            }
+        }
+        self.number += 1;
+        self.opened = Instant::now();
+        self.stored = self.waiting.drain(..).next_back().or(self.stored);
+        Ok(())
+    }
+
+    fn close_if_due(&mut self) -> Result<()> {
+        let is_due = self.waiting.len() >= PART_STEPS || self.opened.elapsed() >= PART;
+        if is_due { self.close() } else { Ok(()) }
+    }
+}
+
+impl Sink for Parts<'_> {
+    fn live(&mut self, live: &Live) -> Result<()> {
+        self.frames += 1;
+        for (i, (region, r)) in Region::ALL.iter().zip(&live.regions).enumerate() {
+            let set = |bits: u8| bits >> i & 1 == 1;
+            self.live.push(vec![
+                ("session", self.session.into()),
+                ("side", foot_name(self.side).into()),
+                ("sequence", Value::Whole(i32::try_from(live.sequence).ok())),
+                ("t_s", (live.t_us as f64 / 1e6).into()),
+                ("region", region.name().into()),
+                ("area_mm2", f64::from(r.area_mm2).into()),
+                ("deformation_mm", (f64::from(r.deformation_um) / 1e3).into()),
+                ("model_force_n", (f64::from(r.model_dn) / 10.0).into()),
+                ("measured_force_n", (f64::from(r.measured_dn) / 10.0).into()),
+                ("saturated", set(live.saturated).into()),
+                ("clamped", set(live.clamped).into()),
+            ]);
+        }
+        self.close_if_due()
+    }
+
+    fn step(&mut self, step: &Step) -> Result<()> {
+        self.all_steps.push(*step);
+        self.waiting.push(step.step);
+        let rows = Region::ALL.iter().enumerate().map(|(i, region)| step_row(self.session, step, i, region.name()));
+        self.steps.extend(rows);
+        self.close_if_due()
+    }
+
+    fn take_stored(&mut self) -> Option<u32> {
+        self.stored.take()
+    }
+
+    fn reconnected(&mut self) -> Result<()> {
+        self.close()?;
+        self.session += 1;
+        Ok(())
+    }
+
+    fn is_full(&self) -> bool {
+        let is_over = |seconds| self.start.elapsed() >= Duration::from_secs(seconds);
+        self.record.steps.is_some_and(|limit| self.all_steps.len() >= limit) || self.record.seconds.is_some_and(is_over)
+    }
+}
+
+fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
+    let r = &step.regions[i];
+    let set = |bits: u8| bits >> i & 1 == 1;
+    let scaled = |value: u16, units: f64| Value::from(f64::from(value) / units);
+    let ellipse = |value: f64| Value::Real((r.ellipse_r_a_cmm > 0).then_some(value));
+    vec![
+        ("session", session.into()),
+        ("side", foot_name(step.side).into()),
+        ("step", Value::Whole(i32::try_from(step.step).ok())),
+        ("start_s", (step.start_us as f64 / 1e6).into()),
+        ("duration_s", (f64::from(step.duration_us) / 1e6).into()),
+        ("sample_s", (f64::from(step.sample_us) / 1e6).into()),
+        ("bridged_frames", i32::from(step.bridged_frames).into()),
+        ("region", region.into()),
+        ("measured_force_peak_n", scaled(r.measured_peak_dn, 10.0)),
+        ("model_force_peak_n", scaled(r.model_peak_dn, 10.0)),
+        ("measured_force_integral_n_s", scaled(r.measured_integral_cns, 100.0)),
+        ("model_force_integral_n_s", scaled(r.model_integral_cns, 100.0)),
+        ("area_peak_mm2", scaled(r.area_peak_mm2, 1.0)),
+        ("deformation_peak_mm", scaled(r.deformation_peak_um, 1e3)),
+        ("deformation_rate_peak_mm_s", scaled(r.deformation_rate_peak_dmm_s, 10.0)),
+        ("contact_time_s", scaled(r.contact_ms, 1e3)),
+        ("time_to_peak_s", scaled(r.time_to_peak_ms, 1e3)),
+        ("ellipse_x_mm", ellipse(f64::from(r.ellipse_x_dmm) / 10.0)),
+        ("ellipse_y_mm", ellipse(f64::from(r.ellipse_y_dmm) / 10.0)),
+        ("ellipse_r_a_mm", ellipse(f64::from(r.ellipse_r_a_cmm) / 100.0)),
+        ("ellipse_r_b_mm", ellipse(f64::from(r.ellipse_r_b_cmm) / 100.0)),
+        ("ellipse_angle_deg", ellipse(f64::from(r.ellipse_angle_ddeg) / 10.0)),
+        ("model_error_nrmse_percent", scaled(r.model_error_bp, 100.0)),
+        ("saturated", set(step.saturated).into()),
+        ("clamped", set(step.clamped).into()),
+        ("contact_on_kpa", f64::from(step.contact_rule.on_kpa).into()),
+        ("contact_off_kpa", f64::from(step.contact_rule.off_kpa).into()),
+        ("contact_full_kpa", f64::from(step.contact_rule.full_kpa).into()),
+    ]
+}
