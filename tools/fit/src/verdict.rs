@@ -1,7 +1,7 @@
 //! Figures in plain words.
 
 use crate::RegionFit;
-use crate::interval::FIVE;
+use crate::interval::{FIVE, Interval};
 
 /// Estimates with a stronger correlation make up for each other.
 const INSEPARABLE: f64 = 0.95;
@@ -46,7 +46,12 @@ pub(crate) fn verdict(fit: &RegionFit) -> String {
 pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
     let mut warnings = Vec::new();
     let Some(uncertainty) = &fit.uncertainty else { return warnings };
-    let at_bound: Vec<_> = uncertainty.intervals.iter().zip(FIVE).filter(|(i, _)| i.at_bound).map(|(_, n)| n).collect();
+    let undamped = fit.gauge.damping_pa_s == 0.0;
+    if undamped {
+        warnings.push("no damping was found: G is 0, and m means nothing".into());
+    }
+    let beyond = |(interval, name): &(&Interval, &str)| interval.at_bound && !(undamped && *name == "G");
+    let at_bound: Vec<_> = uncertainty.intervals.iter().zip(FIVE).filter(beyond).map(|(_, name)| name).collect();
     if !at_bound.is_empty() {
         warnings.push(format!("{} at a bound: the data would go on beyond it", at_bound.join(", ")));
     }

@@ -280,12 +280,7 @@ pub fn eight(study: &Study) -> Markup {
 
 /// What else to know of each region, in plain words.
 pub fn warnings(study: &Study) -> Markup {
-    let warnings = |fit: &RegionFit| {
-        let undamped =
-            (fit.gauge.damping_pa_s == 0.0).then(|| "G is 0: no damping was found, so m means nothing here".into());
-        fit.warnings.iter().cloned().chain(undamped).collect::<Vec<String>>()
-    };
-    let warned: Vec<_> = fitted(study).map(|(region, fit)| (region, warnings(fit))).collect();
+    let warned: Vec<_> = fitted(study).map(|(region, fit)| (region, &fit.warnings)).collect();
     html! {
         @if warned.iter().any(|(_, warnings)| !warnings.is_empty()) {
             h3.spaced { "Read with care" }
@@ -293,7 +288,7 @@ pub fn warnings(study: &Study) -> Markup {
                 @for (region, warnings) in warned.iter().filter(|(_, warnings)| !warnings.is_empty()) {
                     div {
                         dt { (TITLES[*region]) }
-                        @for warning in warnings { dd { (warning) "." } }
+                        @for warning in warnings.iter() { dd { (warning) "." } }
                     }
                 }
             }
