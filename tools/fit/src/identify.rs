@@ -1,6 +1,6 @@
 //! The five parameters that a force trace can tell, by variable projection.
 //!
-//! For a given shape (g_max, n, m) the force is linear in K and G: their best values within bounds follow from a two by two
+//! For a given shape (reach, n, m) the force is linear in K and G: their best values within bounds follow from a two by two
 //! system. A grid over the shape, then a search over it from the best points, then one over all five with the law as the
 //! device evaluates it, tensile force cut. Nothing is random.
 
@@ -13,8 +13,8 @@ use plantar::model::Gauge;
 /// Within what the parameters are sought. Ours: the paper's own (its Appendix A) are not published.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
-    /// Deformation over C at the largest area.
-    pub g_max: [f64; 2],
+    /// Largest area over pi A B, below 1.
+    pub reach: [f64; 2],
     /// K, Pa.
     pub stiffness_pa: [f64; 2],
     /// G, Pa s.
@@ -28,16 +28,22 @@ pub struct Bounds {
 impl Bounds {
     /// The least stiffness exponent at all: below -1 force would not vanish with contact.
     pub const LEAST_N: f64 = -0.95;
-    /// The usual ones. pi A B is at least the largest area (g_max 1) and at most 8.6 times that: towards a flatter ellipsoid force
-    /// becomes a power of area, in which A B and K cannot be told apart any more.
-    pub const USUAL: Self =
-        Self { g_max: [0.06, 1.0], stiffness_pa: [1e4, 1e7], damping_pa_s: [0.0, 1e6], n: [0.0, 5.0], m: [0.0, 5.0] };
+
+    /// The usual ones. pi A B is at least the largest area and at most 8.3 times that: towards a flatter ellipsoid force becomes
+    /// a power of area, in which A B and K cannot be told apart any more.
+    pub const USUAL: Self = Self {
+        reach: [0.12, 0.999_999],
+        stiffness_pa: [1e4, 1e7],
+        damping_pa_s: [0.0, 1e6],
+        n: [0.0, 5.0],
+        m: [0.0, 5.0],
+    };
 }
 
 /// What was identified.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Identified {
-    /// g_max, n and m.
+    /// reach, n and m.
     pub shape: Shape,
     /// K, Pa.
     pub stiffness_pa: f64,
@@ -51,13 +57,13 @@ pub struct Identified {
 
 impl Identified {
     pub(crate) fn x(&self) -> [f64; 5] {
-        [self.shape.g_max, self.shape.n, self.shape.m, self.stiffness_pa, self.damping_pa_s]
+        [self.shape.reach, self.shape.n, self.shape.m, self.stiffness_pa, self.damping_pa_s]
     }
 
     fn from(minimum: &bounded::Minimum, evaluations: usize) -> Self {
         let x = &minimum.x;
         Self {
-            shape: Shape { g_max: x[0], n: x[1], m: x[2] },
+            shape: Shape { reach: x[0], n: x[1], m: x[2] },
             stiffness_pa: x[3],
             damping_pa_s: x[4],
             squares: minimum.squares,
@@ -67,9 +73,8 @@ impl Identified {
 
     /// The same A B for samples of another largest area.
     pub(crate) fn rebased(&self, from_m2: f64, to_m2: f64, bounds: &Bounds) -> Self {
-        let reach = (to_m2 / from_m2 * self.shape.g_max * (2.0 - self.shape.g_max)).min(1.0);
-        let g_max = (1.0 - (1.0 - reach).sqrt()).clamp(bounds.g_max[0], bounds.g_max[1]);
-        Self { shape: Shape { g_max, ..self.shape }, ..*self }
+        let reach = (to_m2 / from_m2 * self.shape.reach).clamp(bounds.reach[0], bounds.reach[1]);
+        Self { shape: Shape { reach, ..self.shape }, ..*self }
     }
 
     /// What a device evaluates; `c_m` only scales the deformation that it shows.
@@ -85,7 +90,7 @@ impl Identified {
     }
 }
 
-const G_MAX_GRID: [f64; 5] = [0.15, 0.4, 0.65, 0.85, 0.97];
+const REACH_GRID: [f64; 5] = [0.28, 0.64, 0.88, 0.98, 0.999];
 /// Shares of the bounds.
 const N_GRID: [f64; 5] = [0.0, 0.1, 0.25, 0.5, 0.8];
 const M_GRID: [f64; 3] = [0.05, 0.25, 0.6];
@@ -103,7 +108,7 @@ pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {
     let [least, most] = limits(bounds);
     let mut best: Option<bounded::Minimum> = None;
     for start in starts {
-        let x = [start.g_max, start.n, start.m];
+        let x = [start.reach, start.n, start.m];
         let minimum = bounded::minimise(&mut projected, &x, &least[..3], &most[..3], EXACT);
         evaluations += minimum.evaluations;
         if best.as_ref().is_none_or(|best| minimum.squares < best.squares) {
@@ -118,7 +123,7 @@ pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {
     Identified::from(&minimum, evaluations + 1)
 }
 
-/// The search over all five alone, from one point within the bounds: `start` are shares of them, 0 to 1, in the order g_max,
+/// The search over all five alone, from one point within the bounds: `start` are shares of them, 0 to 1, in the order reach,
 /// n, m, K, G; K in logarithms. It may end in a lesser minimum: for comparison.
 pub fn identify_from(samples: &Samples, bounds: &Bounds, start: [f64; 5]) -> Identified {
     let [least, most] = limits(bounds);
@@ -139,7 +144,7 @@ pub(crate) fn refine(samples: &Samples, bounds: &Bounds, near: &Identified) -> I
 }
 
 pub(crate) fn limits(bounds: &Bounds) -> [[f64; 5]; 2] {
-    [0, 1].map(|i| [bounds.g_max[i], bounds.n[i], bounds.m[i], bounds.stiffness_pa[i], bounds.damping_pa_s[i]])
+    [0, 1].map(|i| [bounds.reach[i], bounds.n[i], bounds.m[i], bounds.stiffness_pa[i], bounds.damping_pa_s[i]])
 }
 
 /// The best points of a grid over the shape, and how many there were.
@@ -149,8 +154,8 @@ fn grid(samples: &Samples, bounds: &Bounds) -> (Vec<Shape>, usize) {
     let mut elastic: [Column; N_GRID.len()] = Default::default();
     let mut viscous: [Column; M_GRID.len()] = Default::default();
     let mut points = Vec::new();
-    for g_max in G_MAX_GRID {
-        deformation.set(samples, g_max);
+    for reach in REACH_GRID {
+        deformation.set(samples, reach);
         for (column, share) in elastic.iter_mut().zip(N_GRID) {
             deformation.elastic(at(bounds.n, share), column);
         }
@@ -160,16 +165,16 @@ fn grid(samples: &Samples, bounds: &Bounds) -> (Vec<Shape>, usize) {
         for (elastic, n) in elastic.iter().zip(N_GRID) {
             for (viscous, m) in viscous.iter().zip(M_GRID) {
                 let (_, squares) = linear(&elastic.force, &viscous.force, &samples.target, bounds);
-                points.push((squares, Shape { g_max, n: at(bounds.n, n), m: at(bounds.m, m) }));
+                points.push((squares, Shape { reach, n: at(bounds.n, n), m: at(bounds.m, m) }));
             }
         }
     }
     let count = points.len();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // One start a g_max: points that differ only in the exponents end in the same place.
+    // One start a reach: points that differ only in the exponents end in the same place.
     let mut starts: Vec<Shape> = Vec::new();
     for (_, point) in points {
-        if starts.len() < STARTS && starts.iter().all(|start| start.g_max != point.g_max) {
+        if starts.len() < STARTS && starts.iter().all(|start| start.reach != point.reach) {
             starts.push(point);
         }
     }
@@ -244,7 +249,7 @@ impl Residuals for Projected<'_> {
     fn derivative(&self, i: usize) -> DVector<f64> {
         let [k, g] = self.linear;
         let mut column: Vec<f64> = match i {
-            0 => self.elastic.by_g_max.iter().zip(&self.viscous.by_g_max).map(|(e, v)| k * e + g * v).collect(),
+            0 => self.elastic.by_reach.iter().zip(&self.viscous.by_reach).map(|(e, v)| k * e + g * v).collect(),
             1 => self.elastic.by_exponent.iter().map(|e| k * e).collect(),
             _ => self.viscous.by_exponent.iter().map(|v| g * v).collect(),
         };
@@ -314,7 +319,7 @@ impl Residuals for Cut<'_> {
         let [_, _, _, k, g] = self.x;
         let (e, v) = (&self.elastic, &self.viscous);
         let value = |j: usize| match i {
-            0 => k * e.by_g_max[j] + g * v.by_g_max[j],
+            0 => k * e.by_reach[j] + g * v.by_reach[j],
             1 => k * e.by_exponent[j],
             2 => g * v.by_exponent[j],
             3 => e.force[j],

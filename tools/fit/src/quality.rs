@@ -23,7 +23,7 @@ pub struct Quality {
     pub own_smoothed: f64,
     /// Every step with parameters fitted to the others, against the raw force; needs two steps.
     pub predicted: Option<f64>,
-    /// Best rising function of area, each step alone: no elastic law of this area does better.
+    /// Best rising function of area, each step alone: no law without damping does better; one with damping may.
     pub floor: f64,
     /// Largest model over largest measured force, less 1.
     pub peak_bias: f64,
@@ -105,7 +105,7 @@ impl Evaluated {
         nrmse(&self.model_n, &self.smoothed_n)
     }
 
-    /// The same for the best rising function of the filtered area: no elastic law of this area does better.
+    /// The same for the best rising function of the filtered area: no law without damping does better; one with damping may.
     pub fn floor(&self) -> f64 {
         nrmse(&best_rising(&self.filtered_mm2, &self.measured_n), &self.measured_n)
     }
@@ -139,22 +139,14 @@ pub(crate) fn largest(values: &[f64]) -> f64 {
 /// The rising function of `x` with the least squares to `y`, at each x: pools neighbours that fall.
 fn best_rising(x: &[f64], y: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..x.len()).collect();
-    order.sort_by(|&a, &b| x[a].total_cmp(&x[b]));
+    // Of equal areas the largest force first: then pooling what does not rise makes them one.
+    order.sort_by(|&a, &b| x[a].total_cmp(&x[b]).then(y[b].total_cmp(&y[a])));
     // Mean of y, and which samples it is the mean of.
     let mut pools: Vec<(f64, Vec<usize>)> = Vec::new();
-    let mut last_x = f64::NAN;
     for i in order {
-        // A function has one value at one x.
-        match pools.last_mut().filter(|_| x[i] == last_x) {
-            Some((mean, members)) => {
-                members.push(i);
-                *mean += (y[i] - *mean) / members.len() as f64;
-            }
-            None => pools.push((y[i], vec![i])),
-        }
-        last_x = x[i];
+        pools.push((y[i], vec![i]));
         while let [.., (before, _), (after, _)] = &pools[..] {
-            if before <= after {
+            if before < after {
                 break;
             }
             // Two were matched.
@@ -184,5 +176,6 @@ mod tests {
         assert_eq!(best_rising(&[1.0, 2.0, 3.0, 4.0], &[0.0, 3.0, 1.0, 5.0]), [0.0, 2.0, 2.0, 5.0]);
         assert_eq!(best_rising(&[2.0, 1.0, 2.0], &[4.0, 1.0, 6.0]), [5.0, 1.0, 5.0]);
         assert_eq!(best_rising(&[1.0, 2.0, 3.0], &[6.0, 3.0, 0.0]), [3.0, 3.0, 3.0]);
+        assert_eq!(best_rising(&[1.0, 2.0, 2.0], &[5.0, 1.0, 20.0]), [5.0, 10.5, 10.5]);
     }
 }

@@ -6,9 +6,10 @@ use crate::pins::Pins;
 use crate::quality::{self, Evaluated, Quality};
 use crate::screen::{Unfit, usable};
 use crate::{Method, Options, RegionCurves, Samples, Step, paper, steps, verdict};
-use plantar::model::{Ellipsoid, Gauge};
+use plantar::Side;
+use plantar::model::{Ellipsoid, Gauge, LENGTH_M, is_within};
 use rayon::prelude::*;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// One region's result.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,8 +28,12 @@ pub struct RegionFit {
     pub uncertainty: Option<Uncertainty>,
     /// How good.
     pub quality: Quality,
+    /// NRMSE of each of the steps with parameters fitted to the others, as a share; none of a single step.
+    pub unseen: Vec<f64>,
+    /// Different areas in a step, the median of the steps.
+    pub area_levels: usize,
     /// Median error of one recording's steps predicted from the other recordings, over that from itself: the worst of them.
-    /// `None` without three steps in each of two recordings.
+    /// `None` without ten steps in each of two recordings of a foot.
     pub recordings_ratio: Option<f64>,
     /// How often the model was evaluated over all samples in the fit to all steps.
     pub evaluations: usize,
@@ -36,6 +41,12 @@ pub struct RegionFit {
     pub verdict: String,
     /// What else to know, in sentences.
     pub warnings: Vec<String>,
+}
+
+impl RegionFit {
+    fn with(self, unseen: Vec<f64>, recordings_ratio: Option<f64>) -> Self {
+        Self { unseen, recordings_ratio, ..self }
+    }
 }
 
 /// The parameters of one region in one step alone: the paper's way, to be averaged.
@@ -49,14 +60,14 @@ pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(Region
     let one = std::slice::from_ref(&evaluated);
     let quality = Quality::new(one, one, &[]);
     let uncertainty = best.identified.map(|i| interval::from_jacobian(&best.samples, &options.bounds, &i));
-    Ok((best.into_fit(used, pins, uncertainty, quality, None), evaluated))
+    Ok((best.into_fit(used, pins, uncertainty, quality)?, evaluated))
 }
 
 /// The parameters of one region in all steps that carry enough.
 pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Result<RegionFit, Unfit> {
     let used = usable(steps, region, options.filter)?;
     let curves: Vec<&RegionCurves> = used.iter().map(|&i| &steps[i].regions[region]).collect();
-    let recordings: Vec<usize> = used.iter().map(|&i| steps[i].recording).collect();
+    let recordings: Vec<_> = used.iter().map(|&i| (steps[i].recording, steps[i].side)).collect();
     let best = search(curves.iter().copied(), options);
     let recordings_ratio = recordings_ratio(&curves, &recordings, &best, options);
     let pins = best.pins(pins_of(&curves, region, options));
@@ -70,16 +81,31 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     let evaluate = |curves: &RegionCurves, gauge: &Gauge<f64>| Evaluated::new(curves, options.filter, gauge);
     let fitted: Vec<_> = curves.iter().filter_map(|c| evaluate(c, &best.gauge)).collect();
     let own: Vec<_> = curves.par_iter().filter_map(|c| evaluate(c, &search([*c], options).gauge)).collect();
-    let predicted: Vec<f64> = (0..curves.len())
+    let unseen = unseen(&curves, &best, options);
+    let quality = Quality::new(&fitted, &own, &unseen);
+    let fit = best.into_fit(used, pins, uncertainty, quality)?;
+    Ok(fit.with(unseen, recordings_ratio))
+}
+
+/// Up to so many steps each is left out alone; of more, a share of them at a time.
+const LEFT_OUT_ALONE: usize = 60;
+const SHARES: usize = 20;
+
+/// The error of every step with parameters fitted to the others; none of a single step.
+fn unseen(curves: &[&RegionCurves], near: &Found, options: &Options) -> Vec<f64> {
+    let shares = match curves.len() {
+        0 | 1 => return Vec::new(),
+        count if count <= LEFT_OUT_ALONE => count,
+        _ => SHARES,
+    };
+    let gauges: Vec<_> = (0..shares)
         .into_par_iter()
-        .filter(|_| curves.len() > 1)
-        .filter_map(|left_out| {
-            let others = curves.iter().enumerate().filter(|(i, _)| *i != left_out).map(|(_, c)| *c);
-            Some(evaluate(curves[left_out], &again(others, &best, options))?.nrmse())
+        .map(|share| {
+            again(curves.iter().enumerate().filter(|(i, _)| i % shares != share).map(|(_, c)| *c), near, options)
         })
         .collect();
-    let quality = Quality::new(&fitted, &own, &predicted);
-    Ok(best.into_fit(used, pins, uncertainty, quality, recordings_ratio))
+    let evaluated = curves.iter().enumerate().map(|(i, c)| Evaluated::new(c, options.filter, &gauges[i % shares]));
+    evaluated.map(|evaluated| evaluated.map_or(f64::NAN, |e| e.nrmse())).collect()
 }
 
 /// What a search found.
@@ -134,25 +160,35 @@ impl Found {
         pins: Pins,
         uncertainty: Option<Uncertainty>,
         quality: Quality,
-        recordings_ratio: Option<f64>,
-    ) -> RegionFit {
+    ) -> Result<RegionFit, Unfit> {
         let gauge = Gauge { c_m: pins.c_m(self.g_max()), ..self.gauge };
+        let ellipsoid = self.ellipsoid.unwrap_or_else(|| pins.ellipsoid(&gauge));
+        let lengths = [ellipsoid.a_m, ellipsoid.b_m, ellipsoid.c_m, ellipsoid.d0_m];
+        if !gauge.is_valid() || !lengths.iter().all(|&length| is_within(length, &LENGTH_M)) {
+            return Err(Unfit::OutOfRange);
+        }
+        let levels = self.samples.steps.iter().map(|step| {
+            let areas: BTreeSet<u64> = self.samples.raw_area_m2[step.clone()].iter().map(|a| a.to_bits()).collect();
+            areas.len() as f64
+        });
         let mut fit = RegionFit {
+            area_levels: steps::median(levels) as usize,
             steps,
             area_max_m2: self.samples.area_max_m2,
             gauge,
-            ellipsoid: self.ellipsoid.unwrap_or_else(|| pins.ellipsoid(&gauge)),
+            ellipsoid,
             pins,
             uncertainty,
             quality,
-            recordings_ratio,
+            unseen: Vec::new(),
+            recordings_ratio: None,
             evaluations: self.evaluations,
             verdict: String::new(),
             warnings: Vec::new(),
         };
         fit.verdict = verdict::verdict(&fit);
         fit.warnings = verdict::warnings(&fit);
-        fit
+        Ok(fit)
     }
 }
 
@@ -168,16 +204,22 @@ fn pins_of(curves: &[&RegionCurves], region: usize, options: &Options) -> Pins {
     Pins { aspect, thickness_m: options.thickness_m[region], compression: options.compression }
 }
 
-/// Steps of each recording that it takes to compare recordings.
-const COMPARED_STEPS: usize = 3;
+/// Steps of each recording that it takes to compare recordings: of fewer, one person's differ too much by chance.
+const COMPARED_STEPS: usize = 10;
 
-/// How much worse a recording's steps are predicted from the other recordings than from themselves, the worst of them;
-/// `None` where there is nothing to compare.
-fn recordings_ratio(curves: &[&RegionCurves], recordings: &[usize], near: &Found, options: &Options) -> Option<f64> {
-    let groups: BTreeSet<usize> = recordings.iter().copied().collect();
-    let ratios = groups.into_iter().filter_map(|group| {
+/// How much worse a recording's steps are predicted from the other recordings of the same foot than from themselves, the
+/// worst of them; `None` where there is nothing to compare. `recordings` are those of the curves, with their foot.
+fn recordings_ratio(
+    curves: &[&RegionCurves],
+    recordings: &[(usize, Side)],
+    near: &Found,
+    options: &Options,
+) -> Option<f64> {
+    let groups: BTreeMap<usize, Side> = recordings.iter().copied().collect();
+    let ratios = groups.into_iter().filter_map(|(group, side)| {
         let of = |wanted: bool| {
-            let pairs = curves.iter().zip(recordings).filter(move |(_, r)| (**r == group) == wanted);
+            let pairs = curves.iter().zip(recordings);
+            let pairs = pairs.filter(move |(_, (r, s))| (*r == group) == wanted && *s == side);
             pairs.map(|(c, _)| *c).collect::<Vec<&RegionCurves>>()
         };
         let (own, others) = (of(true), of(false));

@@ -116,4 +116,15 @@ impl Samples {
             [area_m2, f64::from(later), f64::from(earlier), self.per_s[i], self.force_n[i]]
         })
     }
+
+    /// Correlation of neighbouring residuals within the steps; they are one a sample.
+    pub(crate) fn likeness(&self, residuals: &[f64]) -> f64 {
+        let (mut products, mut squares) = (0.0, 0.0);
+        for step in &self.steps {
+            let residuals = &residuals[step.clone()];
+            products += residuals.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>();
+            squares += residuals.iter().map(|r| r * r).sum::<f64>();
+        }
+        if squares > 0.0 { products / squares } else { 0.0 }
+    }
 }

@@ -32,6 +32,8 @@ pub enum Unfit {
     ConstantArea,
     /// The area is at its largest for this share of the contact.
     SaturatedArea(f64),
+    /// What was found is beyond what an insole takes: see [`plantar::model::Gauge::is_valid`].
+    OutOfRange,
     /// The recordings disagree: error of one predicted from the other over that predicted from itself.
     MixedPeople(f64),
 }
@@ -59,9 +61,13 @@ impl fmt::Display for Unfit {
                 "saturated area: all of it is in contact for {:.0} % of the time; use smaller cells or --contact-full",
                 share * 100.0
             ),
+            Self::OutOfRange => f.write_str(
+                "out of range: what was found is beyond what an insole takes; check thickness and compression",
+            ),
             Self::MixedPeople(ratio) => write!(
                 f,
-                "the recordings disagree: one predicts the other {ratio:.1} times worse than itself; are they of one person?"
+                "the recordings disagree: one predicts the other {ratio:.1} times worse than itself; are they of one person, in the same \
+                 shoes, on the same kind of sensor?"
             ),
         }
     }

@@ -25,18 +25,29 @@ pub fn gauge(region: usize) -> Gauge<f64> {
 }
 
 /// Normal deviates.
-pub struct Noise(fastrand::Rng);
+pub struct Noise {
+    chance: fastrand::Rng,
+    alike: f64,
+    last: f64,
+}
 
 impl Noise {
-    /// Equal seeds give equal noise.
+    /// Independent ones; equal seeds give equal noise.
     pub fn new(seed: u64) -> Self {
-        Self(fastrand::Rng::with_seed(seed))
+        Self::alike(seed, 0.0)
+    }
+
+    /// Neighbours with this correlation.
+    pub fn alike(seed: u64, alike: f64) -> Self {
+        Self { chance: fastrand::Rng::with_seed(seed), alike, last: 0.0 }
     }
 
     /// The next deviate, of variance 1.
     pub fn normal(&mut self) -> f64 {
         // Irwin and Hall: the sum of twelve uniform deviates.
-        (0..12).map(|_| self.0.f64()).sum::<f64>() - 6.0
+        let fresh = (0..12).map(|_| self.chance.f64()).sum::<f64>() - 6.0;
+        self.last = self.alike * self.last + (1.0 - self.alike * self.alike).sqrt() * fresh;
+        self.last
     }
 }
 

@@ -9,6 +9,9 @@ const INSEPARABLE: f64 = 0.95;
 /// C over d0 from which an ellipsoid is no image of a fat pad any more.
 const FLAT: f64 = 2.0;
 
+/// Fewer different areas than this in a step hardly draw a curve.
+const FEW_AREAS: usize = 8;
+
 /// What to do with a fit.
 pub(crate) fn verdict(fit: &RegionFit) -> String {
     let q = &fit.quality;
@@ -23,17 +26,17 @@ pub(crate) fn verdict(fit: &RegionFit) -> String {
     if predicted < 0.1 {
         return format!("follows the force: {errs} by {percent:.0} %");
     }
-    if q.floor > 0.6 * predicted {
-        return format!(
-            "as good as this area allows ({errs} by {percent:.0} %, any elastic law by {:.0} %): smaller cells or a finer \
-             contact rule would help, other parameters would not",
-            q.floor * 100.0
-        );
-    }
-    if predicted > 1.8 * q.own {
+    if predicted > 1.5 * q.own {
         return format!(
             "steps differ: {errs} by {percent:.0} %, each alone by {:.0} %; compare means over steps, not single ones",
             q.own * 100.0
+        );
+    }
+    if q.floor > 0.6 * predicted && q.own > 0.9 * q.floor {
+        return format!(
+            "as good as this area allows ({errs} by {percent:.0} %, the best rising function of area by {:.0} %): smaller cells \
+             or a finer contact rule would help, other parameters hardly",
+            q.floor * 100.0
         );
     }
     format!(
@@ -53,7 +56,16 @@ pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
     let beyond = |(interval, name): &(&Interval, &str)| interval.at_bound && !(undamped && *name == "G");
     let at_bound: Vec<_> = uncertainty.intervals.iter().zip(FIVE).filter(beyond).map(|(_, name)| name).collect();
     if !at_bound.is_empty() {
-        warnings.push(format!("{} at a bound: the data would go on beyond it", at_bound.join(", ")));
+        warnings.push(format!(
+            "{} at a bound of the search: the data would go on beyond it, so the value says where the bound is",
+            at_bound.join(", ")
+        ));
+    }
+    if fit.area_levels < FEW_AREAS {
+        warnings.push(format!(
+            "area took {} values only: the cells are too large for this region, and intervals too narrow",
+            fit.area_levels
+        ));
     }
     let flatness = fit.gauge.c_m / fit.pins.thickness_m;
     if flatness > FLAT {

@@ -3,6 +3,7 @@
 use fit::interval::RESAMPLES;
 use fit::synthetic::{Noise, curves, walk};
 use fit::{Bounds, Filter, Method, Options, RegionCurves, Step, Unfit, fit};
+use plantar::Side;
 
 const OPTIONS: Options = Options {
     filter: Filter::Step,
@@ -60,6 +61,26 @@ fn every_reason_is_named() {
     assert!(fit(&[], &OPTIONS, &|_| ()).iter().all(|f| f == &Err(Unfit::NoSteps)));
 }
 
+/// A thickness that makes the ellipsoid larger than an insole takes.
+#[test]
+fn parameters_that_no_insole_takes_are_not_written() {
+    let steps = walk(3, 100.0, Filter::Step, 0.01, 1);
+    let fits = fit(&steps, &Options { thickness_m: [5.0; 8], ..OPTIONS }, &|_| ());
+    assert!(fits.iter().all(|f| f == &Err(Unfit::OutOfRange)));
+}
+
+/// Of many steps a share is left out at a time; the error on the steps left out is that of the noise.
+#[test]
+fn many_steps_are_left_out_in_shares() {
+    let steps = walk(70, 50.0, Filter::Step, 0.03, 1);
+    for fit in fit(&steps, &OPTIONS, &|_| ()) {
+        let fit = fit.expect("fitted");
+        assert_eq!(fit.unseen.len(), 70);
+        let mean = fit.unseen.iter().sum::<f64>() / 70.0;
+        assert!((0.025..0.035).contains(&mean) && Some(mean) == fit.quality.predicted, "{mean}");
+    }
+}
+
 /// A step that is of no use does not spoil the others.
 #[test]
 fn unusable_steps_are_left_out_of_a_region() {
@@ -74,8 +95,8 @@ fn unusable_steps_are_left_out_of_a_region() {
 /// Another tissue in the second recording shows, another noise does not.
 #[test]
 fn recordings_of_two_people_are_told_apart() {
-    let one = walk(5, 100.0, Filter::Step, 0.02, 1);
-    let mut other = walk(5, 100.0, Filter::Step, 0.02, 2);
+    let one = walk(10, 100.0, Filter::Step, 0.02, 1);
+    let mut other = walk(10, 100.0, Filter::Step, 0.02, 2);
     other.iter_mut().for_each(|step| step.recording = 1);
     let same = [one.clone(), other.clone()].concat();
     let fits = fit(&same, &OPTIONS, &|_| ());
@@ -89,16 +110,19 @@ fn recordings_of_two_people_are_told_apart() {
             step.regions[region] = stiffer;
         }
     }
-    let fits = fit(&[one, other].concat(), &OPTIONS, &|_| ());
+    let fits = fit(&[one.clone(), other.clone()].concat(), &OPTIONS, &|_| ());
     for (region, fit) in fits.iter().enumerate() {
         assert_eq!(matches!(fit, Err(Unfit::MixedPeople(_))), region < 3, "region {region}");
     }
+    // One person's feet may differ.
+    other.iter_mut().for_each(|step| step.side = Side::Left);
+    assert!(fit(&[one, other].concat(), &OPTIONS, &|_| ()).iter().all(Result::is_ok));
 }
 
 /// The same steps give the same numbers, resampled ones included, on however many threads.
 #[test]
 fn a_fit_is_repeatable_and_its_bootstrap_agrees_with_the_jacobian() {
-    let steps = walk(8, 100.0, Filter::Step, 0.01, 4);
+    let steps = walk(12, 100.0, Filter::Step, 0.01, 4);
     let options = Options { resamples: RESAMPLES, ..OPTIONS };
     let once = fit(&steps, &options, &|_| ());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
@@ -108,7 +132,7 @@ fn a_fit_is_repeatable_and_its_bootstrap_agrees_with_the_jacobian() {
         let uncertainty = fit.as_ref().expect("fitted").uncertainty.as_ref().expect("intervals");
         for interval in &uncertainty.intervals {
             let width = |[low, high]: [f64; 2]| high - low;
-            let ratio = width(interval.bootstrap.expect("eight steps")) / width(interval.jacobian);
+            let ratio = width(interval.bootstrap.expect("twelve steps")) / width(interval.jacobian);
             assert!((0.3..3.0).contains(&ratio), "region {region}: {interval:?}");
         }
     }
