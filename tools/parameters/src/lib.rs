@@ -67,6 +67,10 @@ pub struct Identified {
     pub filter: String,
     /// The rule that areas were counted by.
     pub contact: ContactRule,
+    /// `left`, `right` or `both`: the foot.
+    pub side: String,
+    /// How many steps.
+    pub steps: u32,
 }
 
 #[derive(Deserialize)]
@@ -86,6 +90,8 @@ struct FileIdentified {
     contact_on_kpa: f32,
     contact_off_kpa: f32,
     contact_full_kpa: f32,
+    side: String,
+    steps: u32,
 }
 
 /// One region as it stands in a file: lengths in mm.
@@ -140,6 +146,8 @@ impl Parameters {
         let identified = file.identified.map(|i| Identified {
             filter: i.filter,
             contact: ContactRule { on_kpa: i.contact_on_kpa, off_kpa: i.contact_off_kpa, full_kpa: i.contact_full_kpa },
+            side: i.side,
+            steps: i.steps,
         });
         if identified.as_ref().is_some_and(|i| !i.contact.is_valid()) {
             return Err(form(
@@ -201,9 +209,9 @@ impl Parameters {
         let kind =
             if self.personal { "identified from this person's steps" } else { "NOT known to be this person's own" };
         let _ = writeln!(text, "personal = {} # {kind}", self.personal);
-        if let Some(Identified { filter, contact }) = &self.identified {
-            let _ = writeln!(text, "\n# They hold for areas through this filter, counted by this rule.");
-            let _ = writeln!(text, "[identified]\nfilter = {filter:?}");
+        if let Some(Identified { filter, contact, side, steps }) = &self.identified {
+            let _ = writeln!(text, "\n# They hold for areas of this foot through this filter, counted by this rule.");
+            let _ = writeln!(text, "[identified]\nside = {side:?}\nsteps = {steps}\nfilter = {filter:?}");
             let _ = writeln!(text, "contact_on_kpa = {:?}\ncontact_off_kpa = {:?}", contact.on_kpa, contact.off_kpa);
             let _ = writeln!(text, "contact_full_kpa = {:?}", contact.full_kpa);
         }

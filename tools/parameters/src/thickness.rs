@@ -2,9 +2,11 @@
 
 use crate::Error;
 use plantar::Region;
-use plantar::model::{LENGTH_M, is_within};
 use std::collections::BTreeMap;
 use std::path::Path;
+
+/// Thicknesses that tissue under a foot has, mm.
+const THICKNESS_MM: std::ops::RangeInclusive<f64> = 2.0..=40.0;
 
 /// Thickness of the unloaded tissue in some regions: a TOML file with one line a region in mm, such as `heel = 17.5`.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,8 +29,9 @@ impl Thickness {
                 let names: Vec<_> = Region::ALL.iter().map(|r| r.name()).collect();
                 return Err(form(format!("{name} is no region; the regions are {}", names.join(", "))));
             };
-            if !is_within(mm * 1e-3, &LENGTH_M) {
-                return Err(form(format!("{name} = {mm}: a thickness in mm is needed")));
+            if !THICKNESS_MM.contains(&mm) {
+                let (least, most) = (THICKNESS_MM.start(), THICKNESS_MM.end());
+                return Err(form(format!("{name} = {mm}: a thickness in mm is needed, {least} to {most}")));
             }
             thickness.0[region as usize] = Some(mm * 1e-3);
         }

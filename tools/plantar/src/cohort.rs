@@ -14,7 +14,6 @@ use fit::{Options, Step, Unfit, fit_step};
 use parameters::{InsoleSize, Participant};
 use plantar::Region;
 use plantar::contact::ContactRule;
-use plantar::insole::SetupError;
 use rayon::prelude::*;
 use recording::Recording;
 use std::fs;
@@ -74,9 +73,7 @@ impl Cohort {
         let start = Instant::now();
         // What is wrong with the options would be wrong with every participant.
         self.search.options(0)?;
-        if !self.contact.rule(None).is_valid() {
-            bail!(SetupError::Contact);
-        }
+        self.contact.rule(None)?;
         let names = self.names()?;
         fs::create_dir_all(&self.out).with_context(|| format!("cannot write {}", self.out.display()))?;
         let bar = progress(names.len() as u64, "participants");
@@ -183,7 +180,7 @@ impl Cohort {
             recordings,
             size: search.size,
             options: search.options(0)?,
-            contact: self.contact.rule(None),
+            contact: self.contact.rule(None)?,
             known,
         })
     }
@@ -194,7 +191,7 @@ impl Cohort {
         let steps: usize = done.iter().filter(|done| !done.kept).map(|done| done.means.steps).sum();
         let means: Vec<Means> = done.into_iter().map(|done| done.means).collect();
         summary::print(&means);
-        println!("Contact: {}.", rule_in_words(&self.contact.rule(None)));
+        println!("Contact: {}.", rule_in_words(&self.contact.rule(None)?));
         if unknown > 0 {
             println!("{unknown} participants without a size in participant.toml count as {}.", self.search.size);
         }

@@ -70,7 +70,7 @@ impl Emulate {
         println!("{}", recording.source);
         let parameters = self.wearer.parameters()?;
         let tissue = parameters.tissue();
-        let mut worn = setup::insole(&recording, self.contact.rule(parameters.identified.as_ref()))?;
+        let mut worn = setup::insole(&recording, self.contact.rule(parameters.identified.as_ref())?)?;
         self.zero.wear(&mut worn)?;
         // What the board would refuse is refused here, where there is room to say it.
         let accepted = Insole::<f32, DEVICE_CELLS>::new().set_up(worn.setup, worn.cells.iter().copied());

@@ -9,7 +9,8 @@ use fit::interval::{FIVE, Interval, RESAMPLES};
 use fit::pins::COMPRESSION;
 use fit::{Bounds, Filter, Method, Options, RegionFit, Study};
 use parameters::{Identified, InsoleSize, Parameters, Thickness};
-use plantar::Region;
+use plantar::wire::checksum;
+use plantar::{Region, Side};
 use recording::Recording;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
@@ -133,29 +134,33 @@ impl Search {
             resamples,
         })
     }
-
-    /// The shoe size that stands in where nothing was identified.
-    pub fn size(&self) -> InsoleSize {
-        self.size
-    }
 }
 
 impl Fit {
     /// True when all regions were fitted.
     pub fn run(&self) -> Result<bool> {
         let participant = self.participant.clone().unwrap_or_else(|| stem(&self.recordings[0]));
-        let mut study = Study::new(participant, self.contact.rule(None), self.search.options(RESAMPLES)?);
+        let mut study = Study::new(participant, self.contact.rule(None)?, self.search.options(RESAMPLES)?);
+        let mut known = Vec::new();
         for path in &self.recordings {
-            add(&mut study, path, &self.zero)?;
+            add(&mut study, path, &self.zero, &mut known)?;
         }
         if let Some(StepRange(first, last)) = self.steps {
+            let most = study.steps.iter().map(|step| step.number).max();
             study.steps.retain(|step| (first..=last).contains(&step.number));
+            if let (true, Some(most)) = (study.steps.is_empty(), most) {
+                bail!("--steps {first}-{last}: the recordings have steps 0 to {most}");
+            }
         }
         let bar = progress(8, "regions");
         study.fit(&|_| bar.inc(1));
         bar.finish_and_clear();
 
         print(&study);
+        let fitted = study.fits.iter().flatten().count();
+        if fitted > 0 {
+            write(&self.out, to_toml(&study, self.search.size).as_bytes())?;
+        }
         if let Some(path) = &self.json {
             let text = serde_json::to_string_pretty(&to_json(&study))? + "\n";
             write(path, text.as_bytes())?;
@@ -166,19 +171,22 @@ impl Fit {
         if let Some(path) = &self.png {
             write(path, &report::png(&study)?)?;
         }
-        let fitted = study.fits.iter().flatten().count();
         if fitted == 0 {
             bail!("no region could be fitted; {} is not written", self.out.display());
         }
-        write(&self.out, to_toml(&study, self.search.size()).as_bytes())?;
         println!("wrote {}: {fitted} of 8 regions identified", self.out.display());
         Ok(fitted == 8)
     }
 }
 
-/// Adds one recording's steps.
-pub fn add(study: &mut Study, path: &Path, zero: &Zeroed) -> Result<()> {
+/// Adds one recording's steps; `known` are the check sums of those before: given twice, a step would be predicted from itself.
+fn add(study: &mut Study, path: &Path, zero: &Zeroed, known: &mut Vec<u32>) -> Result<()> {
     let recording = Recording::read(path)?;
+    let sum = checksum(&recording.pressure_kpa.iter().flat_map(|kpa| kpa.to_le_bytes()).collect::<Vec<_>>());
+    if let Some(before) = known.iter().position(|known| *known == sum) {
+        bail!("{} is the same recording as {}: give each once", path.display(), study.sources[before].name);
+    }
+    known.push(sum);
     let mut worn = setup::insole(&recording, study.contact)?;
     zero.wear(&mut worn)?;
     let bar = progress(recording.frames() as u64, "frames");
@@ -279,7 +287,18 @@ fn to_toml(study: &Study, size: InsoleSize) -> String {
     let mut parameters = Parameters::typical(size);
     parameters.subject.clone_from(&study.participant);
     parameters.personal = true;
-    parameters.identified = Some(Identified { filter: study.filter_name().into(), contact: study.contact });
+    let has = |side: Side| study.steps.iter().any(|step| step.side == side);
+    let side = match (has(Side::Left), has(Side::Right)) {
+        (true, true) => "both",
+        (true, false) => "left",
+        _ => "right",
+    };
+    parameters.identified = Some(Identified {
+        filter: study.filter_name().into(),
+        contact: study.contact,
+        side: side.into(),
+        steps: study.steps.len() as u32,
+    });
     for (slot, fit) in parameters.regions.iter_mut().zip(&study.fits) {
         if let Ok(fit) = fit {
             *slot = fit.ellipsoid;
@@ -299,8 +318,13 @@ fn note(fit: &Result<RegionFit, fit::Unfit>, name: &str, method: Method) -> Stri
         return "identified, all eight together (the paper's search)".into();
     };
     let identified = |i: usize, scale: f64| {
-        let [low, high] = widest(&uncertainty.intervals[i]).map(|end| summary::significant(end * scale));
-        format!("{low} to {high} (95 %)")
+        let interval = &uncertainty.intervals[i];
+        if !interval.told {
+            return "NOT told by force: G is 0".into();
+        }
+        let [low, high] = widest(interval).map(|end| summary::significant(end * scale));
+        let bound = if interval.at_bound { ", at a bound of the search" } else { "" };
+        format!("{low} to {high} (95 %){bound}")
     };
     let pins = &fit.pins;
     match name {
@@ -373,6 +397,8 @@ fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
         },
         "peak_bias_percent": q.peak_bias * 100.0,
         "saturated_share": q.saturated,
+        "unseen_percent": fit.unseen.iter().map(|share| share * 100.0).collect::<Vec<_>>(),
+        "area_levels": fit.area_levels,
         "recordings_ratio": fit.recordings_ratio,
         "evaluations": fit.evaluations,
         "verdict": fit.verdict,

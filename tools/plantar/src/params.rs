@@ -1,6 +1,7 @@
 //! `plantar params`.
 
 use crate::carrier::Carrier;
+use crate::info::foot_name;
 use crate::setup::{note_unless_personal, note_unless_same_rule};
 use crate::summary;
 use anyhow::{Context, Result, bail};
@@ -75,6 +76,10 @@ fn push(file: &Path, carrier: &Carrier) -> Result<()> {
     let mut client = carrier.connect()?;
     if let Some(identified) = &parameters.identified {
         note_unless_same_rule(&identified.contact, &client.hello().contact_rule);
+        let side = foot_name(client.hello().side);
+        if identified.side != side && identified.side != "both" {
+            eprintln!("note: these are parameters of the {} foot, and this is the {side} insole", identified.side);
+        }
     }
     let before = client.hello().tissue_id;
     client.set_tissue(&tissue)?;

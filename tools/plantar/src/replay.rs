@@ -53,7 +53,7 @@ impl Replay {
         let recording = Recording::read(&self.recording)?;
         let parameters = self.wearer.parameters()?;
         let tissue = parameters.tissue();
-        let mut worn = setup::insole(&recording, self.contact.rule(parameters.identified.as_ref()))?;
+        let mut worn = setup::insole(&recording, self.contact.rule(parameters.identified.as_ref())?)?;
         self.zero.wear(&mut worn)?;
         let start = Instant::now();
         let steps = match self.precision {

@@ -45,7 +45,7 @@ pub struct Contact {
     /// A cell comes into contact at this pressure, kPa [default: what --params were identified with, or 10].
     #[arg(long, value_name = "KPA")]
     contact_on: Option<f32>,
-    /// and leaves it below this one, kPa [default: the same, or 7.5].
+    /// and leaves it below this one, kPa [default: the same, or three quarters of it].
     #[arg(long, value_name = "KPA")]
     contact_off: Option<f32>,
     /// Count a cell in contact by the share sqrt(p / KPA), at most whole; 150 is a good value, 0 counts every cell in contact
@@ -56,17 +56,35 @@ pub struct Contact {
 
 impl Contact {
     /// The rule, by default the one that `identified` holds for; a word on stderr where it is another.
-    pub fn rule(&self, identified: Option<&Identified>) -> ContactRule {
+    pub fn rule(&self, identified: Option<&Identified>) -> Result<ContactRule> {
         let usual = identified.map_or(ContactRule::COUNTED, |i| i.contact);
+        let on_kpa = self.contact_on.unwrap_or(usual.on_kpa);
         let rule = ContactRule {
-            on_kpa: self.contact_on.unwrap_or(usual.on_kpa),
-            off_kpa: self.contact_off.unwrap_or(usual.off_kpa),
+            on_kpa,
+            // The usual hysteresis at another threshold.
+            off_kpa: self.contact_off.unwrap_or(usual.off_kpa / usual.on_kpa * on_kpa),
             full_kpa: self.contact_full.unwrap_or(usual.full_kpa),
         };
-        if identified.is_some() {
-            note_unless_same_rule(&usual, &rule);
+        if !rule.is_valid() {
+            bail!(
+                "contact on at {} kPa, off below {} kPa, whole from {} kPa: --contact-off may not be above --contact-on, nor that \
+                 above --contact-full (0 for whole cells), and all are 1000 kPa at most",
+                rule.on_kpa,
+                rule.off_kpa,
+                rule.full_kpa
+            );
         }
-        rule
+        if let Some(identified) = identified {
+            note_unless_same_rule(&identified.contact, &rule);
+            if identified.filter != "step" {
+                eprintln!(
+                    "note: the parameters were identified through the {} filter: they hold for the live stream, steps go through \
+                     another filter",
+                    identified.filter
+                );
+            }
+        }
+        Ok(rule)
     }
 }
 

@@ -202,8 +202,8 @@ fn a_second_run_does_only_what_is_new() {
     again("", &["8 steps of 1 participants", "37-38 (1)"]);
     again("--negative-n", &["14 steps of 2 participants"]);
     // A slip in the options costs nothing.
-    let (status, said_of_slip) = said(&cohort(&path, "--contact-on 5"));
-    assert_eq!((status, said_of_slip.contains("contact rule")), (Some(1), true), "{said_of_slip}");
+    let (status, said_of_slip) = said(&cohort(&path, "--contact-on 5 --contact-off 6"));
+    assert_eq!((status, said_of_slip.contains("--contact-off")), (Some(1), true), "{said_of_slip}");
     // Who left the study does not count any more, and is named.
     fs::rename(path.join("people/ann"), path.join("ann")).expect("moved");
     again("--negative-n", &["1 participants were there already", "participant=ann", "remove it"]);

@@ -88,7 +88,9 @@ fn steps_are_chosen_and_options_are_recorded() {
     assert_eq!(numbers, [Some(2), Some(3), Some(4)]);
     assert_eq!(fitted["filter"], "live");
     let identified = Parameters::read(&path.join("p.toml")).expect("readable").identified.expect("known");
-    assert_eq!(identified.filter, "live");
+    assert_eq!((&*identified.filter, &*identified.side, identified.steps), ("live", "right", 3));
+    let (_, _, err) = run(path, "replay walk.parquet --params p.toml");
+    assert!(err.contains("through the live filter"), "{err}");
 
     std::fs::write(path.join("thick.toml"), "heel = 20.5\n").expect("written");
     succeed(path, "fit walk.parquet --thickness thick.toml --compression 0.3 --size 40 --out p.toml --json p.json");
@@ -170,7 +172,9 @@ fn bad_input_names_the_place_and_the_remedy() {
     let path = folder.path();
     fail(path, "fit nothing.parquet", &["nothing.parquet"]);
     fail(path, "fit walk.parquet --compression 2", &["--compression 2", "0.05 to 0.95"]);
-    fail(path, "fit walk.parquet --steps 90-99", &["no region could be fitted"]);
+    fail(path, "fit walk.parquet --steps 90-99", &["--steps 90-99", "steps 0 to 5"]);
+    fail(path, "fit walk.parquet walk.parquet", &["same recording", "give each once"]);
+    fail(path, "fit walk.parquet --contact-on 5 --contact-off 6", &["--contact-off may not be above --contact-on"]);
     fail(path, "fit walk.parquet --thickness none.toml", &["none.toml"]);
     for (text, words) in [
         ("heal = 12\n", ["heal is no region", "the regions are heel"]),
