@@ -117,7 +117,8 @@ impl<C: Read + Write> Client<C> {
         self.ask(ToDevice::GetStatus, |message| matches!(message, ToHost::Status(_)).then_some(()))
     }
 
-    /// Gives the insole its wearer's parameters and waits until they are in force; they are until it restarts.
+    /// Gives the insole its wearer's parameters and waits until they are in force for the frames that follow; they are until
+    /// it restarts. Steps that ended before, and one whose evaluation is under way, still come with the parameters before.
     pub fn set_tissue(&mut self, tissue: &Tissue) -> Result<(), Error> {
         self.ask_tissue(ToDevice::SetTissue(*tissue), |in_force| in_force.id == tissue.id).map(drop)
     }

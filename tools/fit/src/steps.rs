@@ -151,6 +151,8 @@ pub fn isolate(
     let (mut rejected, mut starts_loaded) = (insole.rejected(), false);
     let period_s = f64::from(worn.setup.period_us) * 1e-6;
     let first_s = recording.t_s.first().copied().unwrap_or(0.0);
+    let longest = (u32::from(worn.setup.stance.max_stance_ms) * 1000 / worn.setup.period_us) as usize
+        + (u32::from(worn.setup.stance.min_swing_ms) * 1000 / worn.setup.period_us) as usize;
     let count = worn.frames(recording);
     for i in 0..count {
         worn.codes_of(recording, i, &mut codes);
@@ -161,7 +163,8 @@ pub fn isolate(
             contact.start = i;
             starts_loaded = i == 0;
         }
-        if insole.on_ground() {
+        // A contact that is longer than a step is not looked at again.
+        if insole.on_ground() && contact.frames.len() <= longest {
             contact.push(&insole);
         }
         let mut leave = |why, frame: usize| {
