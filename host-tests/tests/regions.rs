@@ -1,9 +1,10 @@
 //! A whole insole's frame against a reference that starts every frame from nothing, in f64.
 
-use host_tests::{LAW, SETUP, TISSUE, cell, curve};
+use host_tests::{LAW, SETUP, TISSUE, cell, code_of, curve};
 use plantar::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
 use plantar::contact::{ContactRule, WHOLE};
 use plantar::insole::{Insole, RegionLoad, Setup, SetupCell, SetupError, Tissue};
+use plantar::model::Ellipsoid;
 use plantar::region::{MAX_CELL_MM2, MAX_REACH_MM};
 use plantar::stance::StanceRule;
 use plantar::wire::Refusal;
@@ -431,4 +432,56 @@ fn the_largest_region_stays_within_its_sums() {
     assert!((ellipse.x_mm - truth.x_mm).abs() < 1e-6 && (ellipse.y_mm - truth.y_mm).abs() < 1e-6);
     let trace = (ellipse.r_a_mm.powi(2) + ellipse.r_b_mm.powi(2)) / 4.0;
     assert!((trace / (truth.variance_x + truth.variance_y) - 1.0).abs() < 1e-9, "{ellipse:?} {truth:?}");
+}
+
+/// An ellipsoid pressed onto cells, pressure in proportion to the local deformation (Eq. 3): shares of edge cells come nearer to
+/// the true contact area than counting them whole, wherever between the cells it lies.
+#[test]
+fn covered_shares_come_nearer_to_the_area_of_an_ellipsoids_contact() {
+    const CELL_MM: [f64; 2] = [5.08, 7.62];
+    const SIDE: usize = 16;
+    const POINTS: usize = 12;
+    let e = Ellipsoid { a_m: 0.03, b_m: 0.03, c_m: 0.015, d0_m: 0.012, k: 1.0, n: 0.0, c: 0.0, m: 0.0 };
+    let cells: Vec<_> = (0..SIDE * SIDE)
+        .map(|i| {
+            let at = |k: usize, mm: f64| ((k as f64 + 0.5 - SIDE as f64 / 2.0) * mm) as f32;
+            cell(Region::Heel, at(i % SIDE, CELL_MM[0]), at(i / SIDE, CELL_MM[1]), (CELL_MM[0] * CELL_MM[1]) as f32)
+        })
+        .collect();
+    let deformation_m = 0.005;
+    let (r_mm, _) = e.contact_radii_m(deformation_m);
+    let r_mm = r_mm * 1e3;
+    let true_mm2 = std::f64::consts::PI * r_mm * r_mm;
+    // 700 kPa at the centre; at the rim a cell that is just covered then reads some 150.
+    let stiffness = 700.0 / deformation_m;
+    let area_mm2 = |rule: ContactRule, dx_mm: f64, dy_mm: f64| {
+        let mut insole = new_insole::<f64>(Setup { contact: rule, ..SETUP }, &cells);
+        let codes: Vec<u16> = cells
+            .iter()
+            .map(|c| {
+                let points = (0..POINTS * POINTS).map(|i| {
+                    let offset = |k: usize, mm: f64| ((k as f64 + 0.5) / POINTS as f64 - 0.5) * mm;
+                    let x = f64::from(c.cell.x_mm) + offset(i % POINTS, CELL_MM[0]) - dx_mm;
+                    let y = f64::from(c.cell.y_mm) + offset(i / POINTS, CELL_MM[1]) - dy_mm;
+                    let q = x.hypot(y) / r_mm;
+                    if q < 1.0 { stiffness * e.local_deformation_m(deformation_m, q) } else { 0.0 }
+                });
+                code_of(&LAW, points.sum::<f64>() / (POINTS * POINTS) as f64)
+            })
+            .collect();
+        insole.frame(0, &codes);
+        insole.loads()[0].frame.area.area_mm2::<f64>()
+    };
+    let error = |rule: ContactRule| {
+        let mut next = noise(3);
+        let squares = (0..40).map(|_| {
+            let mut offset = |mm: f64| f64::from(next()) / 65_536.0 * mm;
+            (area_mm2(rule, offset(CELL_MM[0]), offset(CELL_MM[1])) / true_mm2 - 1.0).powi(2)
+        });
+        (squares.sum::<f64>() / 40.0).sqrt()
+    };
+    let (counted, covered) = (error(ContactRule::COUNTED), error(ContactRule::COVERED));
+    println!("counted {counted:.3}, covered {covered:.3}");
+    assert!(covered < 0.5 * counted, "counted {counted}, covered {covered}");
+    assert!(covered < 0.08, "{covered}");
 }
