@@ -37,7 +37,7 @@ pub struct Emulate {
     /// End after this many steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
-    /// Write the steps and what became of the live frames to this file.
+    /// Write the steps, the model's mean error by region and what became of the live frames to this file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// The firmware of the emulated board.

@@ -31,10 +31,12 @@ use std::process::ExitCode;
 ///       --side left --out walk.parquet
 ///   plantar info walk.parquet
 ///   plantar zero standing.parquet --out zero.toml
-///   plantar replay walk.parquet --json steps.json
+///   plantar fit walk.parquet --out params.toml --report report.html
+///   plantar replay walk.parquet --params params.toml --json steps.json
 ///   plantar emulate walk.parquet
 ///   plantar params push params.toml --serial /dev/ttyACM0
 ///   plantar monitor --serial /dev/ttyACM0
+///   plantar record --serial /dev/ttyACM0 --out session
 #[derive(Parser)]
 #[command(version, verbatim_doc_comment)]
 struct Arguments {

@@ -19,15 +19,16 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Task {
-    /// Install what is missing: Rust targets, QEMU, a private Python with NumPy and the sample walk.
+    /// Install what is missing: Rust targets, QEMU, Chromium, a private Python with NumPy, SciPy and the sample walk.
     Setup,
     /// Build the firmware of both boards and the command line.
     Build,
-    /// Play one walker's steps through the firmware in QEMU, live in the terminal, then a table of the steps.
+    /// Fit a walker's steps, push the parameters to the firmware in QEMU and play other steps through it, live in the terminal;
+    /// then a table of the steps.
     Demo(Demo),
     /// Run everything that continuous integration runs.
     Test,
-    /// Measure instructions a frame, accuracy, bytes, replay speed and sizes.
+    /// Measure instructions a frame, accuracy, bytes, replay speed, identification and sizes.
     Bench(Json),
     /// Measure flash and RAM of both firmware binaries.
     Size(Json),
