@@ -7,6 +7,8 @@ function offline(): Plugin {
   return {
     name: "offline",
     apply: "build",
+    // After index.html is there.
+    enforce: "post",
     generateBundle(_, bundle) {
       const hash = createHash("sha256");
       for (const file of Object.values(bundle)) hash.update(file.type === "chunk" ? file.code : file.source);

@@ -256,7 +256,10 @@ export class App {
       if (state === "lost") notes.push(`The link to the ${hello.side} insole is lost (${session.reason}). Trying again; steps are kept on the insole.`);
       if (state !== "live") continue;
       if (!hello.has_parameters) notes.push(`The ${hello.side} insole has no parameters of its wearer: forces and areas are measured, model values are not shown.`);
-      if (hello.last_panic) notes.push(`The ${hello.side} insole restarted after a fault: ${hello.last_panic}`);
+      if (hello.last_panic) {
+        const what = hello.reset === "panic" ? "restarted after a fault" : "cannot measure";
+        notes.push(`The ${hello.side} insole ${what}: ${hello.last_panic}`);
+      }
       for (const [flag, words] of FLAGS) {
         const names = facts.regions.flatMap(({ name }, i) => (session.live?.regions[i]?.[flag] ? [regionTitle(name).toLowerCase()] : []));
         if (names.length > 0 && flag === "saturated") notes.push(`${hello.side === "left" ? "Left" : "Right"} ${names.join(", ")}: ${words}`);

@@ -24,11 +24,12 @@ export interface Kept {
 
 export class StepStore {
   readonly steps: StoredStep[] = [];
-  private readonly recent: string[] = [];
+  /** What an insole may still replay, oldest first, and whether it is kept. */
+  private readonly recent = new Map<string, { stored: StoredStep; kept: Promise<void> }>();
 
   constructor(
     private readonly wire: Wire,
-    private keeper: Keeper,
+    private readonly keeper: Keeper,
   ) {}
 
   /** Brings back what was kept. */
@@ -37,19 +38,22 @@ export class StepStore {
       const decoded = this.wire.decode(message);
       // What another version kept is not understood, and left alone.
       if (decoded?.kind !== "step") continue;
-      this.steps.push({ step: decoded.step, peak_n });
-      this.remember(message);
+      const stored = { step: decoded.step, peak_n };
+      this.steps.push(stored);
+      this.remember(message, stored, Promise.resolve());
     }
   }
 
-  /** Takes a step with its message; resolves once it is kept, whether new or not. */
-  async add(step: Step, message: Uint8Array, history: readonly ForceAt[]): Promise<void> {
+  /** Takes a step with its message; resolves once it is kept, whether it is new or not. */
+  add(step: Step, message: Uint8Array, history: readonly ForceAt[]): Promise<void> {
     // By content: an insole that restarted counts from 0 again.
-    if (this.recent.includes(key(message))) return;
-    this.remember(message);
-    const stored = { step, peak_n: peakForce(step, history) };
-    this.steps.push(stored);
-    await this.keeper.add({ message: message.slice(), peak_n: stored.peak_n });
+    const known = this.recent.get(key(message));
+    const stored = known?.stored ?? { step, peak_n: peakForce(step, history) };
+    const keep = () => this.keeper.add({ message: message.slice(), peak_n: stored.peak_n });
+    if (!known) this.steps.push(stored);
+    const kept = known ? known.kept.catch(keep) : keep();
+    this.remember(message, stored, kept);
+    return kept;
   }
 
   async clear(): Promise<void> {
@@ -57,10 +61,11 @@ export class StepStore {
     await this.keeper.clear();
   }
 
-  private remember(message: Uint8Array): void {
-    this.recent.push(key(message));
+  private remember(message: Uint8Array, stored: StoredStep, kept: Promise<void>): void {
+    this.recent.set(key(message), { stored, kept });
     // Of each foot no more can be replayed.
-    if (this.recent.length > 2 * this.wire.facts.step_queue) this.recent.shift();
+    const [oldest] = this.recent.keys();
+    if (oldest !== undefined && this.recent.size > 2 * this.wire.facts.step_queue) this.recent.delete(oldest);
   }
 }
 

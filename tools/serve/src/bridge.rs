@@ -45,12 +45,15 @@ impl Source {
     }
 }
 
-/// Follows an insole for ever; what breaks is tried again.
+/// Follows an insole until the program ends; what breaks is tried again.
 pub(crate) fn run(hub: &Hub, index: usize, mut source: Source, client: Session) {
     let mut session = Some(client);
     loop {
         if let Some(client) = session.take() {
             let Err(error) = follow(hub, index, client);
+            if hub.has_ended() {
+                return;
+            }
             eprintln!("{}: {error}; trying again", source.name);
         }
         std::thread::sleep(RETRY);

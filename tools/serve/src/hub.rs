@@ -5,6 +5,7 @@ use plantar::insole::Tissue;
 use plantar::link::{Link, STEP_QUEUE};
 use plantar::wire::{Hello, Live, MAX_MESSAGE, Status, Step, ToDevice, ToHost, decode};
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 
@@ -15,6 +16,7 @@ pub(crate) struct Hub {
     next_page: Mutex<u64>,
     /// Wakes the pages.
     changed: watch::Sender<()>,
+    has_ended: AtomicBool,
 }
 
 #[derive(Default)]
@@ -49,7 +51,17 @@ impl Hub {
             recorder: recorder.map(Mutex::new),
             next_page: Mutex::new(0),
             changed: watch::Sender::new(()),
+            has_ended: AtomicBool::new(false),
         }
+    }
+
+    /// The program ends: what breaks from now on is no news.
+    pub fn end(&self) {
+        self.has_ended.store(true, Ordering::Relaxed);
+    }
+
+    pub fn has_ended(&self) -> bool {
+        self.has_ended.load(Ordering::Relaxed)
     }
 
     fn insole(&self, index: usize) -> MutexGuard<'_, Insole> {

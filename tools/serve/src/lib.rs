@@ -92,5 +92,7 @@ pub fn serve(sources: Vec<Source>, options: &Options, ready: impl FnOnce(SocketA
         // Ends with the program.
         std::thread::spawn(move || bridge::run(&hub, index, source, client));
     }
-    web::run(hub, options, ready)
+    let served = web::run(hub.clone(), options, ready);
+    hub.end();
+    served
 }
