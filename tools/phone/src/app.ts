@@ -3,7 +3,7 @@
 import { liveCsv, stepsCsv } from "./csv";
 import { Feet, type FootPicture, extendPath } from "./feet";
 import { type Node, byId, download, fill } from "./dom";
-import { FLAGS, forceText, regionTitle, unitOf } from "./format";
+import { QUANTITIES, type Quantity, forceText, quantityText, regionTitle } from "./format";
 import { Recorder } from "./recorder";
 import { colours, scaleEnd_n } from "./scale";
 import { Session, type SessionState, totalForce } from "./session";
@@ -42,6 +42,9 @@ export class App {
   private problem = "";
   /** Largest force of a region so far, N. */
   private largest_n = 0;
+  /** Where the sensor was at its end; said until the insoles change, words that come and go would move the picture. */
+  private readonly saturated = new Set<string>();
+  private quantity: Quantity = "measured";
   private palette: string[] = [];
   private is_dirty = true;
   private has_drawn_load = false;
@@ -116,6 +119,7 @@ export class App {
     this.hellos.clear();
     this.sessions = INSOLES.map((insole) => new Session(insole, this.wire, () => this.transport, this.onStep));
     this.largest_n = 0;
+    this.saturated.clear();
     byId("start").hidden = true;
   }
 
@@ -147,7 +151,10 @@ export class App {
     const picture = this.pictures[side];
     picture.live = live;
     extendPath(picture.path, live, this.wire.facts);
-    for (const { measured_n } of live.regions) this.largest_n = Math.max(this.largest_n, measured_n);
+    live.regions.forEach(({ measured_n, saturated }, i) => {
+      this.largest_n = Math.max(this.largest_n, measured_n);
+      if (saturated) this.saturated.add(`${side} ${regionTitle(this.wire.facts.regions[i]?.name ?? "").toLowerCase()}`);
+    });
     this.is_dirty = true;
   }
 
@@ -230,14 +237,14 @@ export class App {
       const [main, second] = live ? forceText(totalForce(live), settings) : ["–", ""];
       return ["div", {}, ["dt", { class: side }, side === "left" ? "Left" : "Right"], ["dd", {}, main, ["small", {}, second]]];
     }));
-    byId("load-unit").textContent = unitOf(settings);
     fill(byId("regions").querySelector("tbody"), this.wire.facts.regions.map(({ name }, i): Node => [
       "tr",
       {},
       ["th", { scope: "row" }, regionTitle(name)],
       ...SIDES.map((side): Node => {
         const region = this.pictures[side].live?.regions[i];
-        return ["td", {}, region ? forceText(region.measured_n, settings, "")[0] + (region.saturated ? " ▲" : region.clamped ? " △" : "") : "–"];
+        const has_parameters = this.sessionOf(side)?.hello?.has_parameters ?? false;
+        return ["td", {}, (region && quantityText(region, this.quantity, has_parameters, settings)) ?? "–"];
       }),
     ]).reverse());
     byId("scale-to").textContent = forceText(this.scaleEnd(), settings)[0];
@@ -255,15 +262,13 @@ export class App {
       }
       if (state === "lost") notes.push(`The link to the ${hello.side} insole is lost (${session.reason}). Trying again; steps are kept on the insole.`);
       if (state !== "live") continue;
-      if (!hello.has_parameters) notes.push(`The ${hello.side} insole has no parameters of its wearer: forces and areas are measured, model values are not shown.`);
       if (hello.last_panic) {
         const what = hello.reset === "panic" ? "restarted after a fault" : "cannot measure";
         notes.push(`The ${hello.side} insole ${what}: ${hello.last_panic}`);
       }
-      for (const [flag, words] of FLAGS) {
-        const names = facts.regions.flatMap(({ name }, i) => (session.live?.regions[i]?.[flag] ? [regionTitle(name).toLowerCase()] : []));
-        if (names.length > 0 && flag === "saturated") notes.push(`${hello.side === "left" ? "Left" : "Right"} ${names.join(", ")}: ${words}`);
-      }
+    }
+    if (this.saturated.size > 0) {
+      notes.push(`The sensor reached its end: ${[...this.saturated].join(", ")}. Forces there are at least what is shown.`);
     }
     return notes;
   }
@@ -272,6 +277,8 @@ export class App {
   private calmNotes(): string[] {
     const { transport } = this;
     if (transport?.is_replay) return ["Playing a recording."];
+    const bare = SIDES.filter((side) => this.sessionOf(side)?.hello?.has_parameters === false);
+    if (bare.length > 0) return [`No parameters of the wearer on the insole (${bare.join(", ")}): no model values.`];
     const is_waiting = this.sessions.every(({ state }) => state === "closed" || state === "waiting");
     return transport && is_waiting ? [`Waiting for an insole from ${transport.name}.`] : [];
   }
@@ -324,6 +331,11 @@ export class App {
       button.onclick = () => void this.bluetooth();
     }
     byId("walk").onclick = () => void this.replay(COMPUTED_WALK);
+    const quantity = byId("quantity", HTMLSelectElement);
+    quantity.onchange = () => {
+      this.quantity = QUANTITIES.find((known) => known === quantity.value) ?? "measured";
+      this.tick();
+    };
     this.listenToSettings();
 
     byId("record").onclick = () => {

@@ -16,11 +16,24 @@ const TITLES: Record<string, string> = {
 
 export const regionTitle = (name: string) => TITLES[name] ?? name;
 
-/** Flags of a region and what they mean. */
-export const FLAGS: readonly ["saturated" | "clamped", string][] = [
-  ["saturated", "the sensor is at its end, the force is at least what is shown."],
-  ["clamped", "more contact than the model knows, its values are at least what is shown."],
-] satisfies [keyof LiveRegion, string][];
+/** What the table of regions can show. */
+export const QUANTITIES = ["measured", "model", "deformation", "area"] as const;
+export type Quantity = (typeof QUANTITIES)[number];
+
+/** A quantity of a region with its unit in the chosen settings; `null` where the insole cannot know it. */
+export function quantityText(region: LiveRegion, quantity: Quantity, has_parameters: boolean, settings: Settings): string | null {
+  const needs_parameters = quantity === "model" || quantity === "deformation";
+  if (needs_parameters && !has_parameters) return null;
+  const text = {
+    measured: () => forceText(region.measured_n, settings)[0],
+    model: () => forceText(region.model_n, settings)[0],
+    deformation: () => `${region.deformation_mm.toFixed(1)} mm`,
+    area: () => `${(region.area_mm2 / 100).toFixed(1)} cm²`,
+  }[quantity]();
+  // The model is cut where the contact is larger than its ellipsoid.
+  const is_clamped = needs_parameters && region.clamped;
+  return region.saturated ? `${text} ▲` : is_clamped ? `${text} △` : text;
+}
 
 /** The unit in which forces are shown. */
 export const unitOf = (settings: Settings) => (settings.force_unit === "%BW" && settings.body_mass_kg !== null ? "%BW" : "N");

@@ -50,8 +50,9 @@ test.skipIf(!plantar || !firmware)("an emulated walk arrives in two pages, each 
     const before = await one.locator("#table tbody tr").count();
     await one.reload();
     await one.waitForFunction((before) => document.querySelectorAll("#table tbody tr").length >= before, before);
-    await one.close();
-    await other.close();
+    await end();
+    await one.getByText("The link to the left insole is lost").waitFor();
+    for (const page of [one, other]) await page.context().close();
   } finally {
     await end();
   }

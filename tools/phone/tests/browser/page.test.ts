@@ -70,6 +70,17 @@ test("frames come as fast as the screen asks", async () => {
   await page.close();
 });
 
+test("the table of regions shows what is chosen", async () => {
+  const page = await open(browser, replay, { viewport: PHONE });
+  await firstLoad_ms(page);
+  for (const [quantity, unit] of [["measured", "N"], ["model", "N"], ["deformation", "mm"], ["area", "cm²"]] as const) {
+    await page.locator("#quantity").selectOption(quantity);
+    const shown = ([unit]: readonly string[]) => [...document.querySelectorAll("#regions td")].some((cell) => new RegExp(`[1-9].* ${unit}`).test(cell.textContent ?? ""));
+    await page.waitForFunction(shown, [unit]);
+  }
+  await page.close();
+});
+
 test("body mass brings % of body weight, and is remembered", async () => {
   const page = await open(browser, replay, { viewport: PHONE });
   await show(page, "settings");
@@ -80,7 +91,7 @@ test("body mass brings % of body weight, and is remembered", async () => {
   expect(await page.evaluate(() => localStorage.getItem("plantar.settings"))).toContain("80.01");
   await page.reload();
   await firstLoad_ms(page);
-  expect(await page.locator("#load-unit").innerText()).toBe("%BW");
+  await page.getByRole("cell", { name: "%BW" }).first().waitFor();
   expect(await page.locator("#mass").inputValue()).toBe("176.4");
   await page.close();
 });
@@ -118,6 +129,20 @@ test("a recording that is not there is said to be missing", async () => {
   const page = await context.newPage();
   await page.goto(`${files.url}?replay=nothing.plantar`);
   await page.getByText("No recording at nothing.plantar.").waitFor();
+  await context.close();
+});
+
+test("an insole of another major version is named, and nothing of it is shown", async () => {
+  const bytes = readFileSync(join(DIST, "walk.plantar"));
+  // The left insole's hello comes first; its major follows the head of the entry and the kind of the message.
+  bytes[7 + 1] = 99;
+  const context = await browser.newContext({ viewport: PHONE });
+  await context.route("**/other.plantar", (route) => route.fulfill({ body: bytes }));
+  const page = await context.newPage();
+  await page.goto(`${files.url}?replay=other.plantar`);
+  await page.getByText("The left insole (firmware 0.1.0) speaks protocol 99.").waitFor();
+  await page.waitForFunction(() => parseFloat(document.querySelectorAll("#totals dd")[1]?.textContent ?? "") > 100);
+  expect(await page.locator("#totals dd").first().innerText()).toBe("–");
   await context.close();
 });
 
