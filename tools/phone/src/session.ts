@@ -42,6 +42,7 @@ export class Session {
   /** Frames of this stream, as the insole counts them. */
   private received_in_stream = 0;
   private lost_in_stream = 0;
+  private greeted_ms = 0;
   private heard_ms = 0;
   private said_hello_ms = -Infinity;
   private asked_status_ms = -Infinity;
@@ -74,6 +75,7 @@ export class Session {
     this.heard_ms = now_ms;
     switch (message.kind) {
       case "hello":
+        this.greeted_ms = now_ms;
         return this.greeted(message);
       case "live":
         return this.frame(message, now_ms);
@@ -93,6 +95,7 @@ export class Session {
 
   private greeted(hello: Hello): void {
     this.hello = hello;
+    this.arrivals_ms.length = 0;
     this.next_sequence = undefined;
     this.received_in_stream = 0;
     this.lost_in_stream = 0;
@@ -131,7 +134,9 @@ export class Session {
   /** Live frames a second, lately. */
   rate_hz(now_ms: number): number {
     while ((this.arrivals_ms[0] ?? Infinity) < now_ms - RATE_MS) this.arrivals_ms.shift();
-    return this.arrivals_ms.length / (RATE_MS / 1000);
+    // A stream that has just begun is counted from its hello.
+    const counted_ms = Math.min(RATE_MS, now_ms - this.greeted_ms);
+    return counted_ms > 0 ? (1000 * this.arrivals_ms.length) / counted_ms : 0;
   }
 
   /** Does what time brings: call it a few times a second. */

@@ -62,6 +62,18 @@ test("gaps are counted, and a status finds what was lost at the ends", () => {
   expect(session.counters).toEqual({ received: 3, lost: 6, damaged: 0 });
 });
 
+test("the rate is that of the last seconds, from the first one on", () => {
+  const { session } = start();
+  session.opened(0);
+  const [hello, ...messages] = messagesOf(0);
+  session.receive(hello!, 1000);
+  const frames = messages.filter((message) => wire.decode(message)?.kind === "live");
+  frames.slice(0, 400).forEach((message, i) => {
+    session.receive(message, 1010 + 10 * i);
+    if (i % 50 === 49) expect(session.rate_hz(1010 + 10 * i)).toBeCloseTo(100, -1);
+  });
+});
+
 test("after silence the link is lost and hello is said again", () => {
   const { session, sent } = start();
   session.opened(0);
