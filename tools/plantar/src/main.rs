@@ -12,6 +12,7 @@ mod params;
 mod picture;
 mod record;
 mod replay;
+mod serve;
 mod setup;
 mod summary;
 mod table;
@@ -37,6 +38,7 @@ use std::process::ExitCode;
 ///   plantar params push params.toml --serial /dev/ttyACM0
 ///   plantar monitor --serial /dev/ttyACM0
 ///   plantar record --serial /dev/ttyACM0 --out session
+///   plantar serve --serial /dev/ttyACM0
 #[derive(Parser)]
 #[command(version, verbatim_doc_comment)]
 struct Arguments {
@@ -57,6 +59,7 @@ enum Command {
     Emulate(emulate::Emulate),
     Monitor(monitor::Monitor),
     Record(record::Record),
+    Serve(serve::Serve),
     /// Tissue parameters.
     #[command(subcommand)]
     Params(params::Params),
@@ -76,6 +79,7 @@ fn main() -> ExitCode {
         Command::Emulate(emulate) => emulate.run(),
         Command::Monitor(monitor) => monitor.run(),
         Command::Record(record) => record.run(),
+        Command::Serve(serve) => serve.run(),
         Command::Params(params) => params.run(),
     };
     status(done.map(|()| true))
