@@ -106,6 +106,14 @@ impl<C: Read + Write> Client<C> {
         Ok(&self.hello)
     }
 
+    /// As [`Client::reconnect`], over another carrier after one broke.
+    pub fn reconnect_over(&mut self, carrier: C, patience: Duration) -> Result<&Hello, Error> {
+        self.messages.carrier = carrier;
+        // What broke off within a frame does not spoil the next.
+        self.messages.decoder.push(0);
+        self.reconnect(patience)
+    }
+
     /// Who answered.
     pub fn hello(&self) -> &Hello {
         &self.hello
@@ -149,11 +157,12 @@ impl<C: Read + Write> Client<C> {
             if asked.elapsed() >= ANSWER {
                 break Err(Error::NoAnswer(ANSWER, self.messages.damaged()));
             }
-            match self.messages.next()? {
-                Some(ToHost::Refused(refusal)) => break Err(Error::Refused(refusal)),
+            match self.messages.next() {
+                Err(error) => break Err(error),
+                Ok(Some(ToHost::Refused(refusal))) => break Err(Error::Refused(refusal)),
                 // The answer to a hello that was said twice.
-                Some(ToHost::Hello(_)) | None => {}
-                Some(message) => match answer(&message) {
+                Ok(Some(ToHost::Hello(_)) | None) => {}
+                Ok(Some(message)) => match answer(&message) {
                     Some(answer) => break Ok(answer),
                     None => meanwhile.push(message),
                 },
@@ -176,11 +185,12 @@ impl<C: Read + Write> Client<C> {
         let Some(message) = self.messages.next()? else { return Ok(None) };
         match &message {
             ToHost::Live(live) => {
-                self.frames_received += 1;
+                self.frames_received = self.frames_received.wrapping_add(1);
                 if let Some(expected) = self.next_live {
                     let gap = live.sequence.wrapping_sub(expected);
                     // A step back is another stream.
-                    self.frames_lost += if gap < u32::MAX / 2 { gap } else { 0 };
+                    let lost = if gap < u32::MAX / 2 { gap } else { 0 };
+                    self.frames_lost = self.frames_lost.saturating_add(lost);
                 }
                 self.next_live = Some(live.sequence.wrapping_add(1));
             }
@@ -267,7 +277,7 @@ impl<C: Read + Write> Messages<C> {
                 let Some(bytes) = self.decoder.push(byte) else { continue };
                 match wire::decode(bytes) {
                     Some(message) => self.waiting.push_back(message),
-                    None => self.unknown += 1,
+                    None => self.unknown = self.unknown.wrapping_add(1),
                 }
             }
         }

@@ -45,13 +45,16 @@ impl Record {
         let mut client = self.carrier.connect()?;
         let mut view = View::open(client.hello())?;
         let mut parts = Parts::new(self, client.hello().side);
-        let followed = follow(&mut client, &mut view, &mut parts);
+        let followed = follow(&self.carrier, &mut client, &mut view, &mut parts);
         view.close();
         // What came is stored, however it ended.
         let closed = parts.close();
         if let Some(step) = parts.take_stored() {
             // The insole may be gone; then it keeps its steps.
             let _ = client.send(ToDevice::Acknowledge { step });
+        }
+        if closed.is_err() {
+            eprintln!("note: {} steps were not stored; the insole keeps its last ones", parts.waiting.len());
         }
         summary::print(&parts.all_steps);
         println!("wrote {}: {} frames, {} steps", self.out.display(), parts.frames, parts.all_steps.len());
