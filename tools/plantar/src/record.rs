@@ -17,7 +17,8 @@ use std::time::{Duration, Instant};
 ///
 /// FOLDER/live/*.parquet has one row a region of a frame, FOLDER/steps/*.parquet one a region of a step; pandas, Polars,
 /// DuckDB and Spark read each as one table. A part is closed every half minute, so a crash costs no more than that of the
-/// live frames; steps stay on the insole until their part is closed. In a terminal press q or Ctrl-C to end.
+/// live frames; steps stay on the insole until their part is closed. An insole that is lost is looked for again. In a
+/// terminal press q or Ctrl-C to end.
 #[derive(Args)]
 pub struct Record {
     /// The folder to write; it must be new or empty.
