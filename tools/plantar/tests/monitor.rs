@@ -24,7 +24,7 @@ fn monitor_shows_and_stores_the_steps_of_an_insole_on_the_network() {
     };
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 3, ..Default::default() }).recording;
     let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let head = Head { setup: worn.setup, paced: true };
+    let head = Head::new(worn.setup);
     let cells = worn.cells.clone();
     let board =
         Board::start(firmware.as_ref(), &head, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");
