@@ -49,27 +49,34 @@ pub fn kept(insole: &dyn Insole) -> Vec<KeptBond, MAX_BONDS> {
         .map_or(Vec::new(), |(_, bonds)| bonds)
 }
 
+/// Keeps the bonds, unless they are kept as they are.
 fn keep(bonds: &[BondInformation], insole: &dyn Insole) {
-    let mut bytes = [0; BONDS_BYTES];
+    let (mut bytes, mut before) = ([0; BONDS_BYTES], [0; BONDS_BYTES]);
     let kept: Vec<KeptBond, MAX_BONDS> = bonds.iter().map(KeptBond::new).collect();
-    // Four bonds of at most 40 bytes fit.
+    // Four bonds of at most 40 bytes, and the checksum, fit.
     let Ok(len) = postcard::to_slice(&(KEPT_VERSION, kept), &mut bytes).map(|used| used.len()) else { return };
     let crc = CRC.checksum(&bytes[..len]).to_le_bytes();
-    if let Some(place) = bytes.get_mut(len..len + crc.len()) {
-        place.copy_from_slice(&crc);
-        insole.save_bonds(&bytes[..len + crc.len()]);
+    let Some(place) = bytes.get_mut(len..len + crc.len()) else { return };
+    place.copy_from_slice(&crc);
+    let bytes = &bytes[..len + crc.len()];
+    let before_len = insole.load_bonds(&mut before);
+    if before.get(..before_len) != Some(bytes) {
+        insole.save_bonds(bytes);
     }
 }
 
-/// Makes a bond the one that was used last and keeps the bonds, where that changes anything.
+/// Makes a bond the one that was used last, and keeps the bonds where that changes anything.
 pub fn remember<C: Controller>(stack: &Stack<'_, C, DefaultPacketPool>, bond: BondInformation, insole: &dyn Insole) {
-    if !bond.is_bonded || stack.with_bond_information(|bonds| bonds.last() == Some(&bond)) {
+    if !bond.is_bonded {
         return;
     }
-    // It is known under this identity, or was never.
+    // It is known under this identity, and the new place is the last.
     let _ = stack.remove_bond_information(bond.identity);
     let _ = stack.add_bond_information(bond);
-    let oldest = stack.with_bond_information(|bonds| (bonds.len() > MAX_BONDS).then(|| bonds[0].identity));
+    let oldest = stack.with_bond_information(|bonds| match bonds {
+        [oldest, ..] if bonds.len() > MAX_BONDS => Some(oldest.identity),
+        _ => None,
+    });
     if let Some(oldest) = oldest {
         let _ = stack.remove_bond_information(oldest);
     }

@@ -17,7 +17,8 @@ use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Timer};
 use gate::Gate;
-use table::Table;
+use static_cell::StaticCell;
+use table::{Server, Table};
 use trouble_host::att::{AttClient, AttErrorCode, AttReq};
 use trouble_host::prelude::*;
 
@@ -33,6 +34,8 @@ pub const MAX_VALUE: usize = 244;
 /// A radio that failed, or a full packet pool, is tried again after this time.
 const RADIO_PAUSE: Duration = Duration::from_secs(1);
 const POOL_PAUSE: Duration = Duration::from_millis(10);
+/// Time between two looks whether the phone is still there.
+const LOOK: Duration = Duration::from_millis(200);
 
 /// HCI as bytes (H4) in one direction between board and host.
 pub type HciPipe = Pipe<CriticalSectionRawMutex, 128>;
@@ -105,30 +108,46 @@ type Radio = ExternalController<SerialTransport<NoopRawMutex, &'static HciPipe, 
 #[embassy_executor::task]
 pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insole: &'static dyn Insole) -> ! {
     let radio: Radio = ExternalController::new(SerialTransport::new(from_radio, to_radio));
+    let built = build_table(insole);
+    let mut resources = Resources::new();
     loop {
-        // A new bond has a place before the oldest leaves.
-        let mut resources = HostResources::<DefaultPacketPool, 1, 0, 1, { MAX_BONDS + 1 }>::new();
-        let mut builder = trouble_host::new(Gate { radio: &radio, insole }, &mut resources);
-        if let Some(address) = insole.address() {
-            builder = builder.set_random_address(Address::random(address));
-        }
-        let stack = builder.build();
-        for bond in bonds::kept(insole) {
-            // There is a place for each.
-            let _ = stack.add_bond_information(bond.bond());
-        }
+        let stack = set_up(&radio, insole, &mut resources);
         let mut runner = stack.runner();
         // A radio that fails is set up anew.
-        select(runner.run(), serve(&stack, insole)).await;
+        select(runner.run(), serve(&stack, built, insole)).await;
         insole.close();
         Timer::after(RADIO_PAUSE).await;
     }
 }
 
+/// For one phone. A new bond has a place before the oldest leaves.
+type Resources = HostResources<DefaultPacketPool, 1, 0, 1, { MAX_BONDS + 1 }>;
+
+/// Apart, like [`set_up`], because its stack would be that of everything else too.
+#[inline(never)]
+fn build_table(insole: &'static dyn Insole) -> &'static (Table, Server<'static>) {
+    static TABLE: StaticCell<(Table, Server<'static>)> = StaticCell::new();
+    // The task runs once.
+    TABLE.init_with(|| Table::build(insole))
+}
+
+#[inline(never)]
+fn set_up<'a>(radio: &'a Radio, insole: &'a dyn Insole, resources: &'a mut Resources) -> Host<'a> {
+    let mut builder = trouble_host::new(Gate { radio, insole }, resources);
+    if let Some(address) = insole.address() {
+        builder = builder.set_random_address(Address::random(address));
+    }
+    let stack = builder.build();
+    for bond in bonds::kept(insole) {
+        // There is a place for each.
+        let _ = stack.add_bond_information(bond.bond());
+    }
+    stack
+}
+
 type Host<'s> = Stack<'s, Gate<'s, Radio>, DefaultPacketPool>;
 
-async fn serve(stack: &Host<'_>, insole: &dyn Insole) -> Result<(), Error> {
-    let (table, server) = Table::build(insole);
+async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: &dyn Insole) -> Result<(), Error> {
     let mut peripheral = stack.peripheral();
     let (mut advertised, mut scanned) = ([0; 31], [0; 31]);
     let len = AdStructure::encode_slice(
@@ -151,13 +170,18 @@ async fn serve(stack: &Host<'_>, insole: &dyn Insole) -> Result<(), Error> {
         let Ok(connection) = advertiser.accept().await else { continue };
         // Who may bond is the gate's to say.
         let _ = connection.set_bondable(true);
-        let Ok(connection) = connection.with_attribute_server(&server) else { continue };
-        // The phone is gone when listening ends.
-        select(listen(&connection, &table, stack, insole), async {
-            if send(&connection, &table, insole).await.is_err() {
+        let Ok(connection) = connection.with_attribute_server(server) else { continue };
+        let serving = select(listen(&connection, table, stack, insole), async {
+            if send(&connection, table, insole).await.is_err() {
                 connection.raw().disconnect();
             }
             core::future::pending::<()>().await
+        });
+        // The host drops the event of the end where its queue is full.
+        select(serving, async {
+            while connection.raw().is_connected() {
+                Timer::after(LOOK).await;
+            }
         })
         .await;
         insole.close();

@@ -14,7 +14,13 @@ from bumble.att import ATT_Error, ATT_Exchange_MTU_Request
 from bumble.controller import Controller
 from bumble.core import UUID, AdvertisingData, ProtocolError
 from bumble.device import Device, Peer
-from bumble.hci import Address
+from bumble.hci import (
+    HCI_CONNECTION_TIMEOUT_ERROR,
+    Address,
+    HCI_Command_Complete_Event,
+    HCI_ErrorCode,
+    HCI_StatusReturnParameters,
+)
 from bumble.host import Host
 from bumble.keys import MemoryKeyStore, PairingKeys
 from bumble.link import LocalLink
@@ -29,12 +35,26 @@ def say(**what):
     print(json.dumps(what), flush=True)
 
 
+class Radio(Controller):
+    """An insole's controller."""
+
+    def on_hci_le_remove_device_from_resolving_list_command(self, command):
+        """bumble leaves this one without an answer."""
+        self.send_hci_packet(
+            HCI_Command_Complete_Event(
+                num_hci_command_packets=1,
+                command_opcode=command.op_code,
+                return_parameters=HCI_StatusReturnParameters(HCI_ErrorCode.SUCCESS),
+            )
+        )
+
+
 class Phone:
     """A phone with one connection at most."""
 
     def __init__(self, name, address, link):
         self.name = name
-        controller = Controller(name, link=link, public_address=address)
+        self.controller = controller = Controller(name, link=link, public_address=address)
         self.device = Device(
             name=name,
             address=Address(address),
@@ -42,16 +62,22 @@ class Phone:
         )
         self.device.keystore = MemoryKeyStore()
         self.connection = None
+        self.gone = asyncio.Event()
         self.peer = None
         self.ways = {}
 
     def bonds_as(self, bonding):
         delegate = PairingDelegate(PairingDelegate.NO_OUTPUT_NO_INPUT)
         self.device.pairing_config_factory = lambda _: PairingConfig(
-            sc=True, mitm=False, bonding=bonding, delegate=delegate
+            sc=True,
+            mitm=False,
+            bonding=bonding,
+            delegate=delegate,
+            identity_address_type=PairingConfig.AddressType.RANDOM,
         )
 
     async def connect(self, address):
+        self.gone.clear()
         self.connection = await self.device.connect(Address(address), timeout=PATIENCE_S)
         self.connection.on('disconnection', self.lost)
         self.peer = Peer(self.connection)
@@ -60,6 +86,7 @@ class Phone:
     def lost(self, reason):
         say(lost=int(reason), phone=self.name)
         self.connection = None
+        self.gone.set()
 
     async def discover(self):
         await self.peer.discover_services()
@@ -109,7 +136,11 @@ class World:
             if (old := self.radios.get(order['name'])) is not None:
                 self.link.remove_controller(old[0])
                 old[1].server.close()
-            controller = Controller(order['name'], transport.source, transport.sink, link=self.link)
+                for phone in self.phones.values():
+                    for connection in list(phone.controller.le_connections.values()):
+                        phone.controller.on_le_disconnected(connection, HCI_CONNECTION_TIMEOUT_ERROR)
+                        await phone.gone.wait()
+            controller = Radio(order['name'], transport.source, transport.sink, link=self.link)
             self.radios[order['name']] = (controller, transport)
             return {'port': listener.getsockname()[1]}
         if do == 'phone':
@@ -162,6 +193,7 @@ class World:
             return {}
         if do == 'disconnect':
             await phone.connection.disconnect()
+            await phone.gone.wait()
             return {}
         raise ValueError(f'no such order: {do}')
 
@@ -177,7 +209,8 @@ async def main():
             say(did=order['do'], **await asyncio.wait_for(world.do(order), 2 * PATIENCE_S))
         except ProtocolError as error:
             say(did=order['do'], error=str(error), att=error.error_code if isinstance(error, ATT_Error) else None)
-        except Exception as error:  # pylint: disable=broad-except
+        # An order whose connection ends is cancelled.
+        except (Exception, asyncio.CancelledError) as error:  # pylint: disable=broad-except
             say(did=order['do'], error=f'{type(error).__name__}: {error}')
 
 

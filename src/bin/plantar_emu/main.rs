@@ -22,7 +22,8 @@ use plant::{Clock, PlantMatrix, SETUP_BYTES};
 use plantar::app::{self, DeviceInsole, FRAME_QUEUE, Frame, ScanCounters, Session, Stopwatch, Ticker};
 use plantar::ble::{self, HciPipe, OverBluetooth};
 use plantar::device;
-use plantar::insole::Insole;
+use plantar::emulation::Head;
+use plantar::insole::{Insole, SetupError};
 use plantar::wire::Reset;
 use port::{End, Port};
 use radio::{BondsFile, Emulated, pump};
@@ -40,7 +41,6 @@ static PLANT: Port = Port::new(USART3);
 static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 static INSOLE: ConstStaticCell<DeviceInsole> = ConstStaticCell::new(Insole::new());
-static SETUP: ConstStaticCell<[u8; SETUP_BYTES]> = ConstStaticCell::new([0; SETUP_BYTES]);
 static FRAMES: ConstStaticCell<[Frame; FRAME_QUEUE]> = ConstStaticCell::new([Frame::EMPTY; FRAME_QUEUE]);
 
 type FrameSender = Sender<'static, CriticalSectionRawMutex, Frame>;
@@ -84,11 +84,9 @@ async fn main(spawner: Spawner) {
     }
 
     let insole = INSOLE.take();
-    let Some((head, cells)) = plant::read_setup(SETUP.take()) else {
+    let Some((head, refused)) = set_up(insole) else {
         panic!("no whole setup.bin in the emulator's directory");
     };
-    // A refusal leaves an insole without cells, so that a host hears why.
-    let refused = insole.set_up(head.setup, cells).err();
     let reset = if panic.is_some() { Reset::Panic } else { Reset::Power };
     let hello = app::hello("emulated", &head.setup, insole, reset, panic.or(refused.map(device::cut)));
     let Some(matrix) = PlantMatrix::open(&PLANT, insole.cells()) else {
@@ -114,6 +112,15 @@ async fn main(spawner: Spawner) {
     let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, board, BondsFile));
     spawner.spawn(ble::run(&FROM_RADIO, &TO_RADIO, insole).unwrap());
     spawner.spawn(pump_radio().unwrap());
+}
+
+/// Reads the set-up; `None` where it is not whole. A refusal leaves an insole without cells, so that a host hears why.
+/// Apart, so that its buffer is on the stack only here.
+#[inline(never)]
+fn set_up(insole: &mut DeviceInsole) -> Option<(Head, Option<SetupError>)> {
+    let mut buffer = [0; SETUP_BYTES];
+    let (head, cells) = plant::read_setup(&mut buffer)?;
+    Some((head, insole.set_up(head.setup, cells).err()))
 }
 
 #[embassy_executor::task]
