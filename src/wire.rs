@@ -20,8 +20,8 @@ use serde::{Deserialize, Serialize};
 
 /// Protocol version of this build.
 pub const MAJOR: u8 = 1;
-/// See [`MAJOR`]. 1 brought the wearer's parameters.
-pub const MINOR: u8 = 1;
+/// See [`MAJOR`]. 1 brought the wearer's parameters, 2 the clock.
+pub const MINOR: u8 = 2;
 
 /// Longest message, bytes.
 pub const MAX_MESSAGE: usize = 320;
@@ -46,6 +46,24 @@ pub enum ToHost {
     Tissue(Tissue),
     /// The answer to what cannot be done.
     Refused(Refusal),
+    /// The answer to [`ToDevice::GetTime`].
+    Time {
+        /// As it came.
+        host_us: u64,
+        /// When the request arrived: time since the first scan, as in [`Live::t_us`], us.
+        device_us: u64,
+    },
+}
+
+impl ToHost {
+    /// First byte of an encoded [`ToHost::Live`].
+    pub const LIVE: u8 = 1;
+    /// First byte of an encoded [`ToHost::Step`].
+    pub const STEP: u8 = 2;
+    /// First byte of an encoded [`ToHost::Tissue`].
+    pub const TISSUE: u8 = 4;
+    /// First byte of an encoded [`ToHost::Refused`].
+    pub const REFUSED: u8 = 5;
 }
 
 /// To the insole.
@@ -76,6 +94,16 @@ pub enum ToDevice {
     SetTissue(Tissue),
     /// Asks for [`ToHost::Tissue`].
     GetTissue,
+    /// Asks for [`ToHost::Time`]. With several, a host finds offset and drift of the insole's clock.
+    GetTime {
+        /// The host's time; comes back unchanged.
+        host_us: u64,
+    },
+    /// Sets the wall clock until the insole restarts.
+    SetClock {
+        /// Time since 1970, UTC, us.
+        unix_us: u64,
+    },
 }
 
 /// Why an insole did not do what it was told; all stays as it was.

@@ -75,7 +75,7 @@ impl Emulate {
         // What the board would refuse is refused here, where there is room to say it.
         let accepted = Insole::<f32, DEVICE_CELLS>::new().set_up(worn.setup, worn.cells.iter().copied());
         accepted.with_context(|| format!("{} cannot be worn", self.recording.display()))?;
-        let head = Head { setup: worn.setup, paced: false };
+        let head = Head::new(worn.setup);
         let cells = worn.cells.clone();
         let seconds = recording.frames() as f64 / recording.rate_hz;
         let scans = worn.frames(&recording) as u32;
@@ -148,7 +148,7 @@ impl Emulate {
                     asked = false;
                 }
                 Some(ToHost::Hello(hello)) => bail!(restarted(&hello)),
-                Some(ToHost::Tissue(_) | ToHost::Refused(_)) => {}
+                Some(ToHost::Tissue(_) | ToHost::Refused(_) | ToHost::Time { .. }) => {}
                 None if heard.elapsed() > SILENCE => {
                     bail!(restarted(client.reconnect(ANSWER).context("the insole has fallen silent")?))
                 }

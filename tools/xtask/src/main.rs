@@ -222,7 +222,8 @@ fn test() -> Result<()> {
             // What a test says of itself, such as that it was skipped, is shown.
             .args(["test", "--locked", "--release", "--workspace", "--no-fail-fast", "--", "--show-output"])
             .env("PLANTAR_FIRMWARE", firmware("emu"))
-            .env("PLANTAR_JIKU", &python.jiku),
+            .env("PLANTAR_JIKU", &python.jiku)
+            .env("PLANTAR_PYTHON", &python.interpreter),
     )?;
     check_limits(&bench()?)
 }
