@@ -206,6 +206,18 @@ impl<R: Real> Gauge<R> {
         }
     }
 
+    /// In single precision, as a device holds it.
+    pub fn single(&self) -> Gauge<f32> {
+        Gauge {
+            ab_m2: self.ab_m2.to_f32(),
+            c_m: self.c_m.to_f32(),
+            stiffness_pa: self.stiffness_pa.to_f32(),
+            damping_pa_s: self.damping_pa_s.to_f32(),
+            n: self.n.to_f32(),
+            m: self.m.to_f32(),
+        }
+    }
+
     /// `Ae / (pi A B)`, guarded.
     #[inline(always)]
     pub fn area_ratio(&self, area_m2: R) -> AreaRatio<R> {

@@ -67,6 +67,16 @@ pub enum Side {
     Right,
 }
 
+impl Side {
+    /// `left` or `right`, as in files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Left => "left",
+            Self::Right => "right",
+        }
+    }
+}
+
 /// One cell of a layout in foot coordinates: x to the lateral side, y from heel to toe, origin at the back of the heel on
 /// the medial edge.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

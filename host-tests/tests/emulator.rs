@@ -8,7 +8,7 @@ use client::Client;
 use common::{firmware, replay, replay_with, synthetic_walk, tissue};
 use emulator::{Board, Recorded, Scan, Time, Walk};
 use fit::quality::Evaluated;
-use fit::{Bounds, Filter, Method, Options, Study};
+use fit::{Filter, Options, Study};
 use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;
@@ -414,14 +414,7 @@ fn the_insole_gives_the_force_that_the_fit_evaluated() {
     let walk = jiku::import(data, 2, 0..FITTED.end as usize, &mut |_, _| ()).expect("jiku-data");
     let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(240)).expect("a virtual insole");
     for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
-        let options = Options {
-            filter: Filter::Step,
-            method: Method::Projection,
-            bounds: Bounds::USUAL,
-            thickness_m: InsoleSize::default().thickness_m(),
-            compression: fit::pins::COMPRESSION,
-            resamples: 0,
-        };
+        let options = Options::usual(InsoleSize::default().thickness_m());
         let mut study = Study::new("walker 2".into(), contact, options);
         let worn = VirtualInsole::new(&walk, contact, StanceRule::WALKING);
         study.add("walk".into(), &walk, &worn, &mut |_| ()).expect("wearable");

@@ -181,7 +181,7 @@ proptest! {
 
     #[test]
     fn single_precision_agrees_with_double(e in ellipsoid(), share in 1e-3..0.99f64, rate_per_s in -50.0..50.0f64) {
-        let gauge = narrow(&e.gauge());
+        let gauge = e.gauge().single();
         let wide = Gauge::<f64>::of(&gauge);
         let (area_m2, rate_per_s) = ((share * section_m2(&e)) as f32, rate_per_s as f32);
         let g = gauge.area_ratio(area_m2).gauge();
@@ -195,17 +195,6 @@ proptest! {
         let viscous_n = wide.force_n(g_wide, f64::from(rate_per_s.abs())) - elastic_n;
         let full_n = wide.force_n(g_wide, f64::from(rate_per_s));
         close(f64::from(gauge.force_n(g, rate_per_s)), full_n, elastic_n + viscous_n, 1e-5)?;
-    }
-}
-
-fn narrow(g: &Gauge<f64>) -> Gauge<f32> {
-    Gauge {
-        ab_m2: g.ab_m2 as f32,
-        c_m: g.c_m as f32,
-        stiffness_pa: g.stiffness_pa as f32,
-        damping_pa_s: g.damping_pa_s as f32,
-        n: g.n as f32,
-        m: g.m as f32,
     }
 }
 

@@ -1,14 +1,13 @@
 //! Identification: exactness, evaluations and time on steps whose truth is known, beside the paper's search.
 
-use crate::Figures;
-use anyhow::{Context, Result, bail};
+use crate::{Figures, python};
+use anyhow::{Result, bail};
 use fit::identify::{Bounds, identify};
 use fit::interval::{five, from_jacobian};
 use fit::quality::Evaluated;
 use fit::synthetic::{Noise, curves, gauge};
 use fit::{Filter, Samples, paper};
 use std::path::Path;
-use std::process::Command;
 use std::time::Instant;
 
 const RATE_HZ: f64 = 100.0;
@@ -138,22 +137,9 @@ fn scipy(python: &Path, samples: &[Samples]) -> Result<Scipy> {
         let bytes: Vec<u8> = data.into_iter().flat_map(f64::to_le_bytes).collect();
         std::fs::write(directory.path().join(format!("{region}.f64")), bytes)?;
     }
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("identify_scipy.py");
-    let ran = Command::new(python)
-        .arg(script)
-        .arg(directory.path())
-        // Its linear algebra on one core, as ours.
-        .env("OPENBLAS_NUM_THREADS", "1")
-        .output()
-        .with_context(|| format!("cannot run {}: `cargo xtask setup` makes it", python.display()))?;
-    if !ran.status.success() {
-        bail!("the SciPy version failed: {}", String::from_utf8_lossy(&ran.stderr));
-    }
-    let said = String::from_utf8(ran.stdout)?;
     let mut scipy = Scipy { seconds: 0.0, evaluations: 0.0, nrmse: Vec::new() };
-    for line in said.lines() {
-        let numbers: Vec<f64> = line.split_whitespace().map(str::parse).collect::<Result<_, _>>()?;
-        let [seconds, evaluations, nrmse] = numbers[..] else { bail!("the SciPy version said: {line}") };
+    for numbers in python::run(python, "identify_scipy.py", directory.path(), &[])? {
+        let [seconds, evaluations, nrmse] = numbers[..] else { bail!("the SciPy version said: {numbers:?}") };
         scipy.seconds += seconds;
         scipy.evaluations += evaluations / samples.len() as f64;
         scipy.nrmse.push(nrmse);

@@ -5,6 +5,7 @@ mod bytes;
 mod cohort;
 mod identify;
 mod instructions;
+mod python;
 mod replay;
 mod stack;
 mod walkers;
@@ -14,7 +15,8 @@ use clap::Parser;
 use serde_json::{Map, Value};
 use std::path::PathBuf;
 
-/// Measures and prints: instructions a frame in the emulator, f32 against f64, bytes of the messages, replay beside NumPy.
+/// Measures and prints: instructions a frame in the emulator, f32 against f64, bytes of the messages, replay beside NumPy,
+/// identification beside SciPy.
 #[derive(Parser)]
 struct Arguments {
     /// The firmware of the emulated board.

@@ -1,8 +1,8 @@
 //! Frames a second on one core, recorded pressures to codes, live values and steps as `plantar replay` does it, beside a
 //! straightforward NumPy version of the same stages.
 
-use crate::Figures;
-use anyhow::{Context, Result, bail};
+use crate::{Figures, python};
+use anyhow::{Result, bail};
 use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
 use plantar::insole::Insole;
@@ -11,7 +11,6 @@ use plantar::stance::StanceRule;
 use recording::{MAX_CELLS, VirtualInsole, synthetic};
 use std::hint::black_box;
 use std::path::Path;
-use std::process::Command;
 use std::time::Instant;
 
 const STEPS: usize = 300;
@@ -65,20 +64,10 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
         [ab_m2, c_m, stiffness_pa, damping_pa_s, n, m]
     });
     write("gauges.f32", gauges.flat_map(f32::to_le_bytes).collect())?;
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("replay_numpy.py");
     let sensor = worn.setup.sensor;
-    let ran = Command::new(python)
-        .arg(script)
-        .arg(directory.path())
-        .args([sensor.full_kpa, sensor.exponent, walk.rate_hz as f32].map(|v| v.to_string()))
-        .output()
-        .with_context(|| format!("cannot run {}: `cargo xtask setup` makes it", python.display()))?;
-    if !ran.status.success() {
-        bail!("the NumPy version failed: {}", String::from_utf8_lossy(&ran.stderr));
-    }
-    let said = String::from_utf8(ran.stdout)?;
-    let numbers: Vec<f64> = said.split_whitespace().map(str::parse).collect::<Result<_, _>>()?;
-    let [seconds, numpy_steps, numpy_peaks @ ..] = numbers.as_slice() else { bail!("the NumPy version said: {said}") };
+    let arguments = [sensor.full_kpa, sensor.exponent, walk.rate_hz as f32].map(|v| v.to_string());
+    let numbers = python::run(python, "replay_numpy.py", directory.path(), &arguments)?.concat();
+    let [seconds, numpy_steps, numpy_peaks @ ..] = &numbers[..] else { bail!("the NumPy version said: {numbers:?}") };
     // Both did the same work, or the comparison is worth nothing.
     if *numpy_steps as usize != steps {
         bail!("NumPy found {numpy_steps} steps, the core {steps}");

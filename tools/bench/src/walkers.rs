@@ -2,7 +2,7 @@
 
 use crate::Figures;
 use anyhow::Result;
-use fit::{Bounds, Filter, Method, Options, Quality, Study};
+use fit::{Options, Quality, Study};
 use parameters::InsoleSize;
 use plantar::Region;
 use plantar::contact::ContactRule;
@@ -66,14 +66,7 @@ pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
 }
 
 fn qualities(walk: &Recording, contact: ContactRule) -> Result<([Option<Quality>; 8], usize)> {
-    let options = Options {
-        filter: Filter::Step,
-        method: Method::Projection,
-        bounds: Bounds::USUAL,
-        thickness_m: InsoleSize::default().thickness_m(),
-        compression: fit::pins::COMPRESSION,
-        resamples: 0,
-    };
+    let options = Options::usual(InsoleSize::default().thickness_m());
     let mut study = Study::new(String::new(), contact, options);
     study.add(String::new(), walk, &VirtualInsole::new(walk, contact, StanceRule::WALKING), &mut |_| ())?;
     study.fit(&|_| ());

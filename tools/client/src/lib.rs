@@ -2,7 +2,7 @@
 
 mod json;
 
-pub use json::step_to_json;
+pub use json::{region_ellipse, region_quantities, step_to_json};
 
 use plantar::insole::Tissue;
 use plantar::link::STEP_QUEUE;
@@ -52,7 +52,7 @@ pub enum Error {
     #[error("the insole refused: {0}")]
     Refused(Refusal),
     /// The carrier broke.
-    #[error("the link to the insole broke: {0}")]
+    #[error("the link to the insole broke")]
     Carrier(#[from] io::Error),
 }
 

@@ -6,7 +6,7 @@ mod plant;
 mod recorded;
 
 pub use plant::{Plant, Scan, Walk};
-pub use recorded::Recorded;
+pub use recorded::{Looped, Recorded};
 
 use plantar::emulation::{BONDS_FILE, Head, MATRIX_FILE, SETUP_FILE};
 use plantar::insole::SetupCell;

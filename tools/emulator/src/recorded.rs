@@ -26,3 +26,16 @@ impl Walk for Recorded {
         Scan::Whole
     }
 }
+
+/// A walk that begins again when it is over, for ever.
+pub struct Looped<W>(pub W);
+
+impl<W: Walk> Walk for Looped<W> {
+    fn scans(&self) -> u32 {
+        u32::MAX
+    }
+
+    fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
+        self.0.scan(seq % self.0.scans(), codes)
+    }
+}

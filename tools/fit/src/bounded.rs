@@ -38,14 +38,16 @@ pub(crate) fn minimise(
     let mut evaluations = 0;
     let search = LevenbergMarquardt::new().with_tol(tolerance).with_gtol(tolerance).with_patience(20);
     let mut squares = f64::INFINITY;
+    problem.set(&x);
+    evaluations += 1;
     for _ in 0..ROUNDS {
-        problem.set(&x);
         let round = Round { problem, x: x.clone(), unclamped: x.clone(), free: free.clone(), least, most };
         let (round, report) = search.minimize(round);
         evaluations += report.number_of_evaluations;
         let ended = round.x;
+        // The last step that was tried may not be the one that was taken.
         problem.set(&ended);
-        evaluations += 2;
+        evaluations += 1;
         let residuals = problem.residuals();
         let before = std::mem::replace(&mut squares, residuals.norm_squared());
         x = ended;

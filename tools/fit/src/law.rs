@@ -65,34 +65,32 @@ impl Deformation {
 
     /// Weighted force for K = 1 Pa: the value, its derivative by `reach`, and by `n`.
     pub fn elastic(&self, n: f64, out: &mut Column) {
-        out.clear();
-        for i in 0..self.rate.len() {
-            let (g, ln_g) = (self.g[i], self.ln_g[i]);
-            if g <= 0.0 {
-                out.push(0.0, 0.0, 0.0);
-                continue;
-            }
+        self.fill(out, |i, g, ln_g| {
             let force = self.section_m2[i] * (ln_g * (n + 2.0)).exp() * (1.0 - g / 3.0);
             let by_g = (n + 2.0) / g - 1.0 / (3.0 - g);
-            out.push(force, force * (self.ln_section_rate + by_g * self.g_by_reach[i]), force * ln_g);
-        }
+            (force, force * (self.ln_section_rate + by_g * self.g_by_reach[i]))
+        });
     }
 
     /// Weighted force for G = 1 Pa s: the value, its derivative by `reach`, and by `m`.
     pub fn viscous(&self, m: f64, out: &mut Column) {
-        out.clear();
-        for i in 0..self.rate.len() {
-            let (g, ln_g) = (self.g[i], self.ln_g[i]);
-            if g <= 0.0 {
-                out.push(0.0, 0.0, 0.0);
-                continue;
-            }
+        self.fill(out, |i, g, ln_g| {
             let quadratic = 6.0 - 4.0 * g + g * g;
             let per_rate = self.section_m2[i] * (ln_g * (m + 1.0)).exp() * quadratic / (3.0 * (2.0 - g));
             let force = per_rate * self.rate[i];
             let by_g = (m + 1.0) / g + (2.0 * g - 4.0) / quadratic + 1.0 / (2.0 - g);
-            let by_reach =
-                force * (self.ln_section_rate + by_g * self.g_by_reach[i]) + per_rate * self.rate_by_reach[i];
+            let by_reach = force * (self.ln_section_rate + by_g * self.g_by_reach[i]);
+            (force, by_reach + per_rate * self.rate_by_reach[i])
+        });
+    }
+
+    /// Force and its derivative by `reach` of every sample in contact, from its number, g and ln g; both terms are a power of
+    /// g, so the derivative by the exponent follows.
+    fn fill(&self, out: &mut Column, term: impl Fn(usize, f64, f64) -> (f64, f64)) {
+        out.clear();
+        for i in 0..self.rate.len() {
+            let (g, ln_g) = (self.g[i], self.ln_g[i]);
+            let (force, by_reach) = if g > 0.0 { term(i, g, ln_g) } else { (0.0, 0.0) };
             out.push(force, by_reach, force * ln_g);
         }
     }

@@ -67,6 +67,20 @@ pub struct Options {
     pub resamples: u64,
 }
 
+impl Options {
+    /// The usual ones, without resampling.
+    pub const fn usual(thickness_m: [f64; 8]) -> Self {
+        Self {
+            filter: Filter::Step,
+            method: Method::Projection,
+            bounds: Bounds::USUAL,
+            thickness_m,
+            compression: pins::COMPRESSION,
+            resamples: 0,
+        }
+    }
+}
+
 /// Recordings that predict each other this much worse than themselves in [`MIXED_REGIONS`] regions are of two people: so it
 /// is for two thirds of all pairs of the ten walkers of SpeedPP2DS, and for none of their own halves.
 const MIXED_RATIO: f64 = 1.8;

@@ -27,6 +27,9 @@ const BOUNDS: [(f64, f64); 8] = [
 /// P of Eq. 19, 1/N.
 const PENALTY_PER_N: f64 = 1.0;
 const ITERATIONS: usize = 200;
+/// Relative change of the squares at which a search ends, and the step of a difference as a share of a variable's bounds.
+const TOLERANCE: f64 = 1e-9;
+const DIFFERENCE: f64 = 1e-7;
 
 type Constraint = fn(&[f64], Option<&mut [f64]>, &mut ()) -> f64;
 const UNCONSTRAINED: &[Constraint] = &[];
@@ -43,7 +46,7 @@ pub fn identify(samples: &Samples) -> (Ellipsoid<f64>, usize) {
         if let Some(gradient) = gradient {
             for i in 0..x.len() {
                 let mut beside = x.to_vec();
-                let step = 1e-7 * (BOUNDS[i].1 - BOUNDS[i].0);
+                let step = DIFFERENCE * (BOUNDS[i].1 - BOUNDS[i].0);
                 beside[i] += if x[i] + step > BOUNDS[i].1 { -step } else { step };
                 gradient[i] = (objective(&beside) - here) / (beside[i] - x[i]);
             }
@@ -54,7 +57,7 @@ pub fn identify(samples: &Samples) -> (Ellipsoid<f64>, usize) {
     for seed in 0..STARTS {
         let mut chance = fastrand::Rng::with_seed(seed);
         let start = BOUNDS.map(|(least, most)| least + chance.f64() * (most - least));
-        let tolerances = slsqp::StopTols { ftol_rel: 1e-9, ..Default::default() };
+        let tolerances = slsqp::StopTols { ftol_rel: TOLERANCE, ..Default::default() };
         let ended = slsqp::minimize(with_gradient, &start, &BOUNDS, UNCONSTRAINED, (), ITERATIONS, Some(tolerances));
         // A search that fails still ends somewhere.
         let (x, value) = match ended {
@@ -74,13 +77,9 @@ fn ellipsoid(x: &[f64]) -> Ellipsoid<f64> {
 
 /// Eq. 18 with Eq. 19 as printed, over the squared peak force.
 fn squares(samples: &Samples, ellipsoid: &Ellipsoid<f64>) -> f64 {
-    let gauge = ellipsoid.gauge();
-    let g: Vec<f64> = samples.share.iter().map(|s| gauge.area_ratio(s * samples.area_max_m2).gauge()).collect();
     let mut sum = 0.0;
-    for i in 0..samples.len() {
-        let (later, earlier) = samples.difference[i];
-        let rate_per_s = (g[later as usize] - g[earlier as usize]) * samples.per_s[i];
-        let force_n = ellipsoid.force_n(ellipsoid.c_m * g[i], ellipsoid.c_m * rate_per_s);
+    for (i, (g, rate_per_s)) in samples.deformation(&ellipsoid.gauge()).enumerate() {
+        let force_n = ellipsoid.force_n(ellipsoid.c_m * g, ellipsoid.c_m * rate_per_s);
         let force_n = if force_n < 0.0 { force_n + PENALTY_PER_N * force_n * force_n } else { force_n };
         let residual = (force_n - samples.force_n[i]) * samples.weight[i];
         sum += residual * residual;

@@ -3,7 +3,6 @@
 use crate::{Filter, RegionCurves, Samples};
 use plantar::model::Gauge;
 use plantar::smooth;
-use std::ops::Range;
 
 /// An area this close to the step's largest is at it.
 const AT_LARGEST: f64 = 0.97;
@@ -88,8 +87,8 @@ impl Evaluated {
         Some(Self {
             sample_s: 1.0 / samples.per_s.first()?,
             area_mm2: samples.raw_area_m2.iter().map(|area| area * 1e6).collect(),
-            filtered_mm2: samples.share[range.clone()].iter().map(|s| s * samples.area_max_m2 * 1e6).collect(),
-            model_n: model_n(&samples, gauge, range),
+            filtered_mm2: samples.share[range].iter().map(|s| s * samples.area_max_m2 * 1e6).collect(),
+            model_n: samples.deformation(gauge).map(|(g, rate_per_s)| gauge.force_n(g, rate_per_s)).collect(),
             smoothed_n,
             measured_n: samples.force_n,
         })
@@ -114,16 +113,6 @@ impl Evaluated {
     pub fn peak_bias(&self) -> f64 {
         largest(&self.model_n) / largest(&self.measured_n) - 1.0
     }
-}
-
-/// Model force of some samples by the law that the device evaluates.
-fn model_n(samples: &Samples, gauge: &Gauge<f64>, range: Range<usize>) -> Vec<f64> {
-    let g: Vec<f64> = samples.share.iter().map(|share| gauge.area_ratio(share * samples.area_max_m2).gauge()).collect();
-    let force = |i: usize| {
-        let (later, earlier) = samples.difference[i];
-        gauge.force_n(g[i], (g[later as usize] - g[earlier as usize]) * samples.per_s[i])
-    };
-    range.map(force).collect()
 }
 
 /// Root mean square difference over the largest of `measured`.

@@ -3,8 +3,9 @@
 use crate::identify::{Identified, identify as project, refine};
 use crate::interval::{self, Uncertainty};
 use crate::pins::Pins;
-use crate::quality::{self, Evaluated, Quality};
+use crate::quality::{Evaluated, Quality};
 use crate::screen::{Unfit, usable};
+use crate::steps::MeanEllipse;
 use crate::{Method, Options, RegionCurves, Samples, Step, paper, steps, verdict};
 use plantar::Side;
 use plantar::model::{Ellipsoid, Gauge, LENGTH_M, is_within};
@@ -43,12 +44,6 @@ pub struct RegionFit {
     pub warnings: Vec<String>,
 }
 
-impl RegionFit {
-    fn with(self, unseen: Vec<f64>, recordings_ratio: Option<f64>) -> Self {
-        Self { unseen, recordings_ratio, ..self }
-    }
-}
-
 /// The parameters of one region in one step alone: the paper's way, to be averaged.
 pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(RegionFit, Evaluated), Unfit> {
     let steps = std::slice::from_ref(step);
@@ -84,7 +79,7 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     let unseen = unseen(&curves, &best, options);
     let quality = Quality::new(&fitted, &own, &unseen);
     let fit = best.into_fit(used, pins, uncertainty, quality)?;
-    Ok(fit.with(unseen, recordings_ratio))
+    Ok(RegionFit { unseen, recordings_ratio, ..fit })
 }
 
 /// Up to so many steps each is left out alone; of more, a share of them at a time.
@@ -193,14 +188,7 @@ impl Found {
 }
 
 fn pins_of(curves: &[&RegionCurves], region: usize, options: &Options) -> Pins {
-    let (mut ln_aspect, mut weight) = (0.0, 0.0);
-    for curve in curves {
-        let Some(ellipse) = &curve.ellipse else { continue };
-        let force = quality::largest(&curve.force_n);
-        ln_aspect += force * (ellipse.r_a_mm / ellipse.r_b_mm).ln();
-        weight += force;
-    }
-    let aspect = if weight > 0.0 { (ln_aspect / weight).exp() } else { 1.0 };
+    let aspect = MeanEllipse::of_steps(curves.iter().copied()).map_or(1.0, |e| e.r_a_mm / e.r_b_mm);
     Pins { aspect, thickness_m: options.thickness_m[region], compression: options.compression }
 }
 

@@ -1,6 +1,7 @@
 //! One region's steps as the fit sees them: area through the device's filter, force as measured.
 
 use crate::{Filter, RegionCurves};
+use plantar::model::Gauge;
 use plantar::smooth;
 use std::ops::Range;
 
@@ -105,6 +106,15 @@ impl Samples {
     /// True without any sample.
     pub fn is_empty(&self) -> bool {
         self.force_n.is_empty()
+    }
+
+    /// g and its rate (1/s) of every sample in an ellipsoid, by the device's own formulas.
+    pub(crate) fn deformation(&self, gauge: &Gauge<f64>) -> impl Iterator<Item = (f64, f64)> {
+        let g: Vec<f64> = self.share.iter().map(|s| gauge.area_ratio(s * self.area_max_m2).gauge()).collect();
+        (0..self.len()).map(move |i| {
+            let (later, earlier) = self.difference[i];
+            (g[i], (g[later as usize] - g[earlier as usize]) * self.per_s[i])
+        })
     }
 
     /// Sample by sample: filtered area (m2), later and earlier sample of the rate, one over the time between them (1/s),

@@ -1,5 +1,6 @@
 //! Steps out of recordings, isolated by the insole's own code, and which contacts were left out and why.
 
+use crate::quality::largest;
 use plantar::Side;
 use plantar::insole::Insole;
 use plantar::stance::Rejected;
@@ -59,6 +60,34 @@ pub struct MeanEllipse {
     pub r_b_mm: f64,
     /// Angle from the medial-lateral axis to the first radius, -45 to 45 degrees.
     pub angle_deg: f64,
+}
+
+impl MeanEllipse {
+    /// The mean of ellipses with their weights; radii in logarithms, so that the mean aspect does not favour either.
+    pub fn of(weighed: impl IntoIterator<Item = (f64, Self)>) -> Option<Self> {
+        let mut sum = Self::default();
+        let mut all = 0.0;
+        for (weight, e) in weighed {
+            sum.x_mm += weight * e.x_mm;
+            sum.y_mm += weight * e.y_mm;
+            sum.r_a_mm += weight * e.r_a_mm.ln();
+            sum.r_b_mm += weight * e.r_b_mm.ln();
+            sum.angle_deg += weight * e.angle_deg;
+            all += weight;
+        }
+        (all > 0.0).then(|| Self {
+            x_mm: sum.x_mm / all,
+            y_mm: sum.y_mm / all,
+            r_a_mm: (sum.r_a_mm / all).exp(),
+            r_b_mm: (sum.r_b_mm / all).exp(),
+            angle_deg: sum.angle_deg / all,
+        })
+    }
+
+    /// The mean over steps, each weighed by its peak force.
+    pub fn of_steps<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>) -> Option<Self> {
+        Self::of(curves.into_iter().filter_map(|curve| Some((largest(&curve.force_n), curve.ellipse?))))
+    }
 }
 
 impl RegionCurves {
@@ -278,25 +307,8 @@ impl Contact {
 
     fn region(&self, region: usize, frames: usize, frame_s: f64) -> RegionCurves {
         let frames = &self.frames[..frames.min(self.frames.len())];
-        let mut sum = MeanEllipse::default();
-        let mut weight = 0.0;
-        for (_, force, ellipse) in frames.iter().map(|frame| &frame[region]) {
-            let Some(e) = ellipse else { continue };
-            sum.x_mm += force * e.x_mm;
-            sum.y_mm += force * e.y_mm;
-            // In logarithms, so that the mean aspect does not favour either radius.
-            sum.r_a_mm += force * e.r_a_mm.ln();
-            sum.r_b_mm += force * e.r_b_mm.ln();
-            sum.angle_deg += force * e.angle_deg;
-            weight += force;
-        }
-        let ellipse = (weight > 0.0).then(|| MeanEllipse {
-            x_mm: sum.x_mm / weight,
-            y_mm: sum.y_mm / weight,
-            r_a_mm: (sum.r_a_mm / weight).exp(),
-            r_b_mm: (sum.r_b_mm / weight).exp(),
-            angle_deg: sum.angle_deg / weight,
-        });
+        let weighed = frames.iter().filter_map(|frame| Some((frame[region].1, frame[region].2?)));
+        let ellipse = MeanEllipse::of(weighed);
         RegionCurves {
             frame_area_mm2: frames.iter().map(|frame| frame[region].0).collect(),
             frame_force_n: frames.iter().map(|frame| frame[region].1).collect(),

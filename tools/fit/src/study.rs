@@ -80,9 +80,4 @@ impl Study {
     pub fn fit(&mut self, progress: &(dyn Fn(Region) + Sync)) {
         self.fits = crate::fit(&self.steps, &self.options, progress).into();
     }
-
-    /// The filter in a word, for files and messages.
-    pub fn filter_name(&self) -> &'static str {
-        self.options.filter.name()
-    }
 }

@@ -3,6 +3,7 @@
 
 use crate::{Filter, RegionCurves, Step};
 use plantar::model::Gauge;
+use plantar::stance::STANCE_SAMPLES;
 use plantar::{Side, smooth};
 use std::f64::consts::PI;
 
@@ -17,6 +18,9 @@ pub const TRUTH: [([f64; 5], [f64; 3]); 8] = [
     ([190.0, 900.0, 20.0, 0.9, 1.2], [0.35, 1.0, 0.7]),
     ([250.0, 1700.0, 60.0, 1.3, 1.0], [0.35, 0.98, 0.65]),
 ];
+
+/// Heel strike to toe off, s.
+const STANCE_S: f64 = 0.7;
 
 /// What [`TRUTH`] says of a region.
 pub fn gauge(region: usize) -> Gauge<f64> {
@@ -55,18 +59,18 @@ impl Noise {
 /// over its peak.
 pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64, chance: &mut Noise) -> RegionCurves {
     let ([ab_mm2, ..], [start, end, share]) = TRUTH[region];
-    let stance_s = 0.7;
     let area = |t_s: f64| {
-        let phase = (t_s / stance_s - start) / (end - start);
+        let phase = (t_s / STANCE_S - start) / (end - start);
         if phase <= 0.0 || phase >= 1.0 {
             return 0.0;
         }
         let warped = phase.powf(0.7);
         PI * ab_mm2 * share * size * (PI * warped).sin().powf(0.8)
     };
-    let frames = (stance_s * rate_hz).round() as usize;
+    let frames = (STANCE_S * rate_hz).round() as usize;
     let every_frame: Vec<f64> = (0..frames).map(|i| area(i as f64 / rate_hz)).collect();
-    let stride = if frames > 256 { 2 } else { 1 };
+    // As the device keeps a stance.
+    let stride = if frames > STANCE_SAMPLES { 2 } else { 1 };
     let of_stride: Vec<f64> = every_frame.iter().copied().step_by(stride).collect();
     let mut curves = RegionCurves {
         frame_force_n: vec![0.0; every_frame.len()],
@@ -135,7 +139,7 @@ pub fn walk(steps: usize, rate_hz: f64, filter: Filter, noise: f64, seed: u64) -
                 number: number as u32,
                 side: Side::Right,
                 start_s: number as f64,
-                duration_s: 0.7,
+                duration_s: STANCE_S,
                 peak_n: 800.0,
                 regions: std::array::from_fn(|region| curves(region, rate_hz, filter, size, noise, &mut chance)),
             }

@@ -12,27 +12,36 @@ const FLAT: f64 = 2.0;
 /// Fewer different areas than this in a step hardly draw a curve.
 const FEW_AREAS: usize = 8;
 
+/// Where the sentences of a verdict begin, by what a reader would call them: area is flat for this share of the contact; the
+/// error is this small; unseen steps err by so many times each one's own; the floor is this share of the error, and each
+/// step's own error this share of the floor.
+const SATURATES: f64 = 0.2;
+const FOLLOWS: f64 = 0.1;
+const STEPS_DIFFER: f64 = 1.5;
+const NEAR_FLOOR: f64 = 0.6;
+const AT_FLOOR: f64 = 0.9;
+
 /// What to do with a fit.
 pub(crate) fn verdict(fit: &RegionFit) -> String {
     let q = &fit.quality;
     let predicted = q.predicted.unwrap_or(q.own);
     let percent = predicted * 100.0;
     let errs = if q.predicted.is_some() { "steps it has not seen err" } else { "its own step errs" };
-    if q.saturated > 0.2 {
+    if q.saturated > SATURATES {
         return format!(
             "area saturates: the model cannot follow push-off here ({errs} by {percent:.0} %); take forces from the cells"
         );
     }
-    if predicted < 0.1 {
+    if predicted < FOLLOWS {
         return format!("follows the force: {errs} by {percent:.0} %");
     }
-    if predicted > 1.5 * q.own {
+    if predicted > STEPS_DIFFER * q.own {
         return format!(
             "steps differ: {errs} by {percent:.0} %, each alone by {:.0} %; compare means over steps, not single ones",
             q.own * 100.0
         );
     }
-    if q.floor > 0.6 * predicted && q.own > 0.9 * q.floor {
+    if q.floor > NEAR_FLOOR * predicted && q.own > AT_FLOOR * q.floor {
         return format!(
             "as good as this area allows ({errs} by {percent:.0} %, the best rising function of area by {:.0} %): smaller cells \
              or a finer contact rule would help, other parameters hardly",

@@ -2,17 +2,10 @@
 
 use fit::interval::RESAMPLES;
 use fit::synthetic::{Noise, curves, walk};
-use fit::{Bounds, Filter, Method, Options, RegionCurves, Step, Unfit, fit};
+use fit::{Filter, Method, Options, RegionCurves, Step, Unfit, fit};
 use plantar::Side;
 
-const OPTIONS: Options = Options {
-    filter: Filter::Step,
-    method: Method::Projection,
-    bounds: Bounds::USUAL,
-    thickness_m: [0.012; 8],
-    compression: 0.457,
-    resamples: 0,
-};
+const OPTIONS: Options = Options::usual([0.012; 8]);
 
 /// Six steps whose heel is replaced.
 fn with_heel(heel: impl Fn(RegionCurves) -> RegionCurves) -> Vec<Step> {

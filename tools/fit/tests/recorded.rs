@@ -2,7 +2,7 @@
 
 use fit::quality::Evaluated;
 use fit::steps::Why;
-use fit::{Bounds, Filter, Method, Options, Study, Unfit};
+use fit::{Filter, Options, Study, Unfit};
 use plantar::contact::ContactRule;
 use plantar::insole::Insole;
 use plantar::model::Gauge;
@@ -14,14 +14,7 @@ use recording::{MAX_CELLS, Recording, VirtualInsole, jiku, pedar};
 use std::path::{Path, PathBuf};
 
 fn study(recordings: &[Recording], contact: ContactRule) -> Study {
-    let options = Options {
-        filter: Filter::Step,
-        method: Method::Projection,
-        bounds: Bounds::USUAL,
-        thickness_m: [0.012; 8],
-        compression: 0.457,
-        resamples: 0,
-    };
+    let options = Options::usual([0.012; 8]);
     let mut study = Study::new("somebody".into(), contact, options);
     for recording in recordings {
         let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);

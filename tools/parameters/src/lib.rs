@@ -25,7 +25,7 @@ const VERSION: u32 = 1;
 #[derive(Debug, Error)]
 pub enum Error {
     /// The file cannot be read or written.
-    #[error("{0}: {1}")]
+    #[error("{0}: {1}; check the path and its permissions")]
     Io(PathBuf, std::io::Error),
     /// The file is no TOML of this form; the text names line and column.
     #[error("{file}: {problem}")]
@@ -237,18 +237,7 @@ impl Parameters {
 
     /// What a device evaluates.
     pub fn tissue(&self) -> Tissue {
-        Tissue::new(self.regions.each_ref().map(|ellipsoid| single(&ellipsoid.gauge())))
-    }
-}
-
-fn single(g: &Gauge<f64>) -> Gauge<f32> {
-    Gauge {
-        ab_m2: g.ab_m2 as f32,
-        c_m: g.c_m as f32,
-        stiffness_pa: g.stiffness_pa as f32,
-        damping_pa_s: g.damping_pa_s as f32,
-        n: g.n as f32,
-        m: g.m as f32,
+        Tissue::new(self.regions.each_ref().map(|ellipsoid| ellipsoid.gauge().single()))
     }
 }
 
@@ -285,7 +274,7 @@ impl FileRegion {
             m: self.m,
         };
         let gauge = ellipsoid.gauge();
-        if !single(&gauge).is_valid() {
+        if !gauge.single().is_valid() {
             return Err(format!(
                 "makes K = k C^(n+1) / d0^n = {:e} Pa and G = c C^(m+1) / d0^m = {:e} Pa s, more than {:e}: check k_n_m3, c_n_s_m3, n and m",
                 gauge.stiffness_pa,

@@ -39,13 +39,7 @@ impl Carrier {
     /// Opens a session with the insole there.
     pub fn connect(&self) -> Result<Session> {
         let bytes: Box<dyn Bytes> = match (&self.tcp, &self.serial) {
-            (Some(address), _) => {
-                let stream = TcpStream::connect(address)
-                    .with_context(|| format!("cannot reach {address}: is the insole or its bridge running there?"))?;
-                stream.set_read_timeout(Some(PATIENCE))?;
-                stream.set_nodelay(true)?;
-                Box::new(stream)
-            }
+            (Some(address), _) => Box::new(open_tcp(address)?),
             (None, Some(port)) => Box::new(open_serial(port, self.baud)?),
             (None, None) => bail!("give --tcp or --serial"),
         };
@@ -53,7 +47,17 @@ impl Carrier {
     }
 }
 
-fn open_serial(port: &str, baud: u32) -> Result<Box<dyn serialport::SerialPort>> {
+/// An insole, or its bridge, on the network.
+pub fn open_tcp(address: &str) -> Result<TcpStream> {
+    let stream = TcpStream::connect(address)
+        .with_context(|| format!("cannot reach {address}: is the insole or its bridge running there?"))?;
+    stream.set_read_timeout(Some(PATIENCE))?;
+    stream.set_nodelay(true)?;
+    Ok(stream)
+}
+
+/// An insole on a serial port.
+pub fn open_serial(port: &str, baud: u32) -> Result<Box<dyn serialport::SerialPort>> {
     serialport::new(port, baud).timeout(PATIENCE).open().with_context(|| {
         let known = serialport::available_ports().unwrap_or_default();
         let names: Vec<_> = known.iter().map(|p| p.port_name.as_str()).collect();

@@ -8,15 +8,18 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use client::{Client, step_to_json};
 use emulator::{Board, Recorded, Time};
+use parameters::Parameters;
 use plantar::Region;
 use plantar::emulation::Head;
 use plantar::insole::{DEVICE_CELLS, Insole};
 use plantar::wire::{Hello, Status, Step, ToDevice, ToHost};
-use recording::Recording;
+use recording::{Recording, VirtualInsole};
 use std::net::TcpStream;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+/// Where `cargo xtask build` puts it.
+pub const FIRMWARE: &str = "target/thumbv7em-none-eabihf/firmware/plantar_emu";
 /// An insole that streams is never silent for this long.
 const SILENCE: Duration = Duration::from_secs(10);
 
@@ -37,11 +40,11 @@ pub struct Emulate {
     /// End after this many steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
-    /// Write the steps and what became of the live frames to this file.
+    /// Write the steps, the model's mean error by region and what became of the live frames to this file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// The firmware of the emulated board.
-    #[arg(long, value_name = "FILE", default_value = "target/thumbv7em-none-eabihf/firmware/plantar_emu")]
+    #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
     firmware: PathBuf,
 }
 
@@ -49,6 +52,33 @@ pub struct Emulate {
 enum Speed {
     Real,
     Max,
+}
+
+/// A recording and the insole that feels it.
+pub struct Worn {
+    pub recording: Recording,
+    pub insole: VirtualInsole,
+}
+
+impl Worn {
+    /// Reads a recording for the emulated board, and says where it comes from.
+    pub fn new(path: &Path, parameters: &Parameters, contact: &Contact, zero: &Zeroed) -> Result<Self> {
+        let recording = Recording::read(path)?;
+        if recording.cells() > DEVICE_CELLS {
+            bail!(
+                "{} has {} cells and the insole holds {DEVICE_CELLS}: import it again with --cells {DEVICE_CELLS}",
+                path.display(),
+                recording.cells()
+            );
+        }
+        println!("{}", recording.source);
+        let mut insole = setup::insole(&recording, contact.rule(parameters.identified.as_ref())?)?;
+        zero.wear(&mut insole)?;
+        // What the board would refuse is refused here, where there is room to say it.
+        let accepted = Insole::<f32, DEVICE_CELLS>::new().set_up(insole.setup, insole.cells.iter().copied());
+        accepted.with_context(|| format!("{} cannot be worn", path.display()))?;
+        Ok(Self { recording, insole })
+    }
 }
 
 /// What a whole walk gave.
@@ -59,27 +89,14 @@ struct Outcome {
 
 impl Emulate {
     pub fn run(&self) -> Result<()> {
-        let recording = Recording::read(&self.recording)?;
-        if recording.cells() > DEVICE_CELLS {
-            bail!(
-                "{} has {} cells and the insole holds {DEVICE_CELLS}: import it again with --cells {DEVICE_CELLS}",
-                self.recording.display(),
-                recording.cells()
-            );
-        }
-        println!("{}", recording.source);
         let parameters = self.wearer.parameters()?;
+        let Worn { recording, insole } = Worn::new(&self.recording, &parameters, &self.contact, &self.zero)?;
         let tissue = parameters.tissue();
-        let mut worn = setup::insole(&recording, self.contact.rule(parameters.identified.as_ref())?)?;
-        self.zero.wear(&mut worn)?;
-        // What the board would refuse is refused here, where there is room to say it.
-        let accepted = Insole::<f32, DEVICE_CELLS>::new().set_up(worn.setup, worn.cells.iter().copied());
-        accepted.with_context(|| format!("{} cannot be worn", self.recording.display()))?;
-        let head = Head::new(worn.setup);
-        let cells = worn.cells.clone();
+        let head = Head::new(insole.setup);
+        let cells = insole.cells.clone();
         let seconds = recording.frames() as f64 / recording.rate_hz;
-        let scans = worn.frames(&recording) as u32;
-        let walk = Recorded::new(recording, worn);
+        let scans = insole.frames(&recording) as u32;
+        let walk = Recorded::new(recording, insole);
         let time = match self.speed {
             Speed::Real => Time::Real,
             Speed::Max => Time::Max,

@@ -212,7 +212,7 @@ fn print(study: &Study) {
         study.participant,
         study.steps.len(),
         study.sources.len(),
-        study.filter_name(),
+        study.options.filter.name(),
         rule_in_words(&study.contact)
     );
     for contact in &study.left_out {
@@ -290,11 +290,11 @@ fn to_toml(study: &Study, size: InsoleSize) -> String {
     let has = |side: Side| study.steps.iter().any(|step| step.side == side);
     let side = match (has(Side::Left), has(Side::Right)) {
         (true, true) => "both",
-        (true, false) => "left",
-        _ => "right",
+        (true, false) => Side::Left.name(),
+        _ => Side::Right.name(),
     };
     parameters.identified = Some(Identified {
-        filter: study.filter_name().into(),
+        filter: study.options.filter.name().into(),
         contact: study.contact,
         side: side.into(),
         steps: study.steps.len() as u32,
@@ -345,13 +345,13 @@ fn to_json(study: &Study) -> Value {
     json!({
         "participant": study.participant,
         "recordings": study.sources.iter().map(|s| json!({
-            "name": s.name, "side": if s.side == plantar::Side::Left { "left" } else { "right" },
+            "name": s.name, "side": s.side.name(),
             "rate_hz": s.rate_hz, "cells": s.layout.cells.len(), "origin": s.origin,
         })).collect::<Vec<_>>(),
         "contact_rule": {
             "on_kpa": study.contact.on_kpa, "off_kpa": study.contact.off_kpa, "full_kpa": study.contact.full_kpa,
         },
-        "filter": study.filter_name(),
+        "filter": study.options.filter.name(),
         "method": study.options.method.name(),
         "steps": study.steps.iter().map(|s| json!({
             "recording": s.recording, "number": s.number, "start_s": s.start_s, "duration_s": s.duration_s,

@@ -120,10 +120,10 @@ impl Import {
                 out.write(recording, &out.out)
             }
             Self::Pedar { file, geometry, side: None, out } => {
-                for (foot, name) in [(Side::Left, "left"), (Side::Right, "right")] {
+                for foot in [Side::Left, Side::Right] {
                     let recording = pedar::import(file, geometry, foot, &mut report)?;
                     bar.finish_and_clear();
-                    out.write(recording, &out.out.with_extension(format!("{name}.parquet")))?;
+                    out.write(recording, &out.out.with_extension(format!("{}.parquet", foot.name())))?;
                 }
                 Ok(())
             }

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use clap::Args;
-use plantar::{Region, Side};
+use plantar::Region;
 use recording::Recording;
 use std::path::PathBuf;
 
@@ -26,7 +26,7 @@ pub fn print(recording: &Recording) {
     let largest_n = (0..recording.frames()).map(|i| recording.force_n(i)).fold(0.0, f64::max);
     let largest_kpa = recording.pressure_kpa.iter().copied().fold(0.0, f32::max);
     println!("source    {}", recording.source);
-    println!("foot      {}", foot_name(recording.side));
+    println!("foot      {}", recording.side.name());
     println!("frames    {} at {:.2} Hz, {seconds:.1} s", recording.frames(), recording.rate_hz);
     println!("largest   {largest_n:.0} N in all, {largest_kpa:.0} kPa on a cell");
     println!("layout    {}, {} cells", recording.layout.name, recording.cells());
@@ -34,13 +34,5 @@ pub fn print(recording: &Recording) {
         let areas: Vec<f64> =
             recording.layout.cells.iter().filter(|c| c.region == region).map(|c| c.area_mm2).collect();
         println!("          {:<18} {:>4} cells {:>6.0} mm2", region.name(), areas.len(), areas.iter().sum::<f64>());
-    }
-}
-
-/// `left` or `right`.
-pub fn foot_name(side: Side) -> &'static str {
-    match side {
-        Side::Left => "left",
-        Side::Right => "right",
     }
 }

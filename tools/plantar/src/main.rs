@@ -12,6 +12,7 @@ mod params;
 mod picture;
 mod record;
 mod replay;
+mod serve;
 mod setup;
 mod summary;
 mod table;
@@ -31,10 +32,13 @@ use std::process::ExitCode;
 ///       --side left --out walk.parquet
 ///   plantar info walk.parquet
 ///   plantar zero standing.parquet --out zero.toml
-///   plantar replay walk.parquet --json steps.json
+///   plantar fit walk.parquet --out params.toml --report report.html
+///   plantar replay walk.parquet --params params.toml --json steps.json
 ///   plantar emulate walk.parquet
 ///   plantar params push params.toml --serial /dev/ttyACM0
 ///   plantar monitor --serial /dev/ttyACM0
+///   plantar record --serial /dev/ttyACM0 --out session
+///   plantar serve --serial /dev/ttyACM0
 #[derive(Parser)]
 #[command(version, verbatim_doc_comment)]
 struct Arguments {
@@ -55,6 +59,7 @@ enum Command {
     Emulate(emulate::Emulate),
     Monitor(monitor::Monitor),
     Record(record::Record),
+    Serve(serve::Serve),
     /// Tissue parameters.
     #[command(subcommand)]
     Params(params::Params),
@@ -74,6 +79,7 @@ fn main() -> ExitCode {
         Command::Emulate(emulate) => emulate.run(),
         Command::Monitor(monitor) => monitor.run(),
         Command::Record(record) => record.run(),
+        Command::Serve(serve) => serve.run(),
         Command::Params(params) => params.run(),
     };
     status(done.map(|()| true))

@@ -1,7 +1,6 @@
 //! `plantar params`.
 
 use crate::carrier::Carrier;
-use crate::info::foot_name;
 use crate::setup::{note_unless_personal, note_unless_same_rule};
 use crate::summary;
 use anyhow::{Context, Result, bail};
@@ -76,7 +75,7 @@ fn push(file: &Path, carrier: &Carrier) -> Result<()> {
     let mut client = carrier.connect()?;
     if let Some(identified) = &parameters.identified {
         note_unless_same_rule(&identified.contact, &client.hello().contact_rule);
-        let side = foot_name(client.hello().side);
+        let side = client.hello().side.name();
         if identified.side != side && identified.side != "both" {
             eprintln!("note: these are parameters of the {} foot, and this is the {side} insole", identified.side);
         }

@@ -1,13 +1,13 @@
 //! `plantar record`: an insole's session as Parquet.
 
 use crate::carrier::Carrier;
-use crate::info::foot_name;
 use crate::monitor::{Sink, follow};
 use crate::summary;
 use crate::table::{self, Row, Value};
 use crate::view::View;
 use anyhow::{Result, bail};
 use clap::Args;
+use client::{region_ellipse, region_quantities};
 use plantar::wire::{Live, Step, ToDevice};
 use plantar::{Region, Side};
 use std::path::PathBuf;
@@ -124,7 +124,7 @@ impl Sink for Parts<'_> {
             let set = |bits: u8| bits >> i & 1 == 1;
             self.live.push(vec![
                 ("session", self.session.into()),
-                ("side", foot_name(self.side).into()),
+                ("side", self.side.name().into()),
                 ("sequence", Value::Whole(i32::try_from(live.sequence).ok())),
                 ("t_s", (live.t_us as f64 / 1e6).into()),
                 ("region", region.name().into()),
@@ -166,36 +166,23 @@ impl Sink for Parts<'_> {
 fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
     let r = &step.regions[i];
     let set = |bits: u8| bits >> i & 1 == 1;
-    let scaled = |value: u16, units: f64| Value::from(f64::from(value) / units);
-    let ellipse = |value: f64| Value::Real((r.ellipse_r_a_cmm > 0).then_some(value));
-    vec![
+    let mut row: Row = vec![
         ("session", session.into()),
-        ("side", foot_name(step.side).into()),
+        ("side", step.side.name().into()),
         ("step", Value::Whole(i32::try_from(step.step).ok())),
         ("start_s", (step.start_us as f64 / 1e6).into()),
         ("duration_s", (f64::from(step.duration_us) / 1e6).into()),
         ("sample_s", (f64::from(step.sample_us) / 1e6).into()),
         ("bridged_frames", i32::from(step.bridged_frames).into()),
         ("region", region.into()),
-        ("measured_force_peak_n", scaled(r.measured_peak_dn, 10.0)),
-        ("model_force_peak_n", scaled(r.model_peak_dn, 10.0)),
-        ("measured_force_integral_n_s", scaled(r.measured_integral_cns, 100.0)),
-        ("model_force_integral_n_s", scaled(r.model_integral_cns, 100.0)),
-        ("area_peak_mm2", scaled(r.area_peak_mm2, 1.0)),
-        ("deformation_peak_mm", scaled(r.deformation_peak_um, 1e3)),
-        ("deformation_rate_peak_mm_s", scaled(r.deformation_rate_peak_dmm_s, 10.0)),
-        ("contact_time_s", scaled(r.contact_ms, 1e3)),
-        ("time_to_peak_s", scaled(r.time_to_peak_ms, 1e3)),
-        ("ellipse_x_mm", ellipse(f64::from(r.ellipse_x_dmm) / 10.0)),
-        ("ellipse_y_mm", ellipse(f64::from(r.ellipse_y_dmm) / 10.0)),
-        ("ellipse_r_a_mm", ellipse(f64::from(r.ellipse_r_a_cmm) / 100.0)),
-        ("ellipse_r_b_mm", ellipse(f64::from(r.ellipse_r_b_cmm) / 100.0)),
-        ("ellipse_angle_deg", ellipse(f64::from(r.ellipse_angle_ddeg) / 10.0)),
-        ("model_error_nrmse_percent", scaled(r.model_error_bp, 100.0)),
+        ("area_peak_mm2", f64::from(r.area_peak_mm2).into()),
         ("saturated", set(step.saturated).into()),
         ("clamped", set(step.clamped).into()),
         ("contact_on_kpa", f64::from(step.contact_rule.on_kpa).into()),
         ("contact_off_kpa", f64::from(step.contact_rule.off_kpa).into()),
         ("contact_full_kpa", f64::from(step.contact_rule.full_kpa).into()),
-    ]
+    ];
+    row.extend(region_quantities(r).map(|(name, value)| (name, value.into())));
+    row.extend(region_ellipse(r).map(|(name, value)| (name, Value::Real(value))));
+    row
 }

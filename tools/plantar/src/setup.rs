@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub struct Wearer {
-    /// The wearer's tissue parameters, a TOML file (`plantar params typical` writes one to start from).
+    /// The wearer's tissue parameters, a TOML file (`plantar fit` finds a person's own).
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
     /// Without --params: typical, not personal, parameters for this European shoe size, 35 to 46.
@@ -42,7 +42,7 @@ pub fn note_unless_personal(parameters: &Parameters) {
 
 #[derive(Args)]
 pub struct Contact {
-    /// A cell comes into contact at this pressure, kPa [default: what --params were identified with, or 10].
+    /// A cell comes into contact at this pressure, kPa [default: that of the parameters in use, or 10].
     #[arg(long, value_name = "KPA")]
     contact_on: Option<f32>,
     /// and leaves it below this one, kPa [default: the same, or three quarters of it].

@@ -3,7 +3,6 @@
 use crate::summary::SHORT;
 use anyhow::Result;
 use client::LinkCounters;
-use plantar::Side;
 use plantar::wire::{Hello, Live, Step};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyModifiers};
 use ratatui::layout::{Constraint, Layout};
@@ -35,10 +34,7 @@ pub struct View {
 impl View {
     /// Opens the screen where there is one.
     pub fn open(hello: &Hello) -> Result<Self> {
-        let side = match hello.side {
-            Side::Left => "left",
-            Side::Right => "right",
-        };
+        let side = hello.side.name();
         let rate_hz = 1e6 / f64::from(hello.period_us);
         let title = format!(
             " {} insole, {} cells at {rate_hz:.0} Hz, {} board, firmware {} ",

@@ -1,6 +1,5 @@
 //! `plantar zero`: what unloaded cells read, from a standing trial.
 
-use crate::info::foot_name;
 use anyhow::{Result, bail};
 use clap::Args;
 use plantar::Side;
@@ -20,7 +19,7 @@ const GOOD_PERCENT: f64 = 10.0;
 /// When exactly does not matter: the times are found in the recording, half a second at each end is left out. While
 /// sitting the feet must be off the floor: a recording does not show whether they rest on it.
 ///
-/// `plantar replay` and `plantar emulate` take the file with --zero.
+/// `plantar fit`, `plantar replay` and `plantar emulate` take the file with --zero.
 #[derive(Args)]
 pub struct Zero {
     /// The standing trial of one foot, or the left and the right foot's of the same trial.
@@ -45,7 +44,7 @@ impl Zero {
         for path in &self.recordings {
             let (side, foot, force_n) = measure(path, weight_n)?;
             if zero.foot_mut(side).replace(foot).is_some() {
-                bail!("{}: the {} foot is there twice; give one recording a foot", path.display(), foot_name(side));
+                bail!("{}: the {} foot is there twice; give one recording a foot", path.display(), side.name());
             }
             standing_n.push(force_n);
         }
@@ -80,7 +79,7 @@ fn measure(path: &Path, weight_n: Option<f64>) -> Result<(Side, FootZero, f64)> 
     let drift_n = lifted_n[1] - lifted_n[0];
     let least_kpa = foot.offset_kpa.iter().copied().fold(f32::INFINITY, f32::min);
     let most_kpa = foot.offset_kpa.iter().copied().fold(0.0, f32::max);
-    println!("{} foot, {place}", foot_name(recording.side));
+    println!("{} foot, {place}", recording.side.name());
     println!("  lifted    {}  reads {:.1} N", times(&trial.lifted[0]), lifted_n[0]);
     println!("  standing  {}  {standing_n:.1} N above zero{share}", times(&trial.standing));
     println!(

@@ -10,10 +10,10 @@ use plantar::contact::ContactRule;
 use plantar::emulation::Head;
 use plantar::insole::{DEVICE_CELLS, Insole};
 use plantar::stance::StanceRule;
-use plantar::wire::{Live, Step};
+use plantar::wire::{Decoder, Live, Step, ToHost, decode};
 use recording::{Recording, VirtualInsole, synthetic};
 use std::fs::File;
-use std::io::copy;
+use std::io::{Read, Write, copy};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -21,6 +21,23 @@ use std::process::{Command, Output, Stdio};
 fn pump(mut from: TcpStream, mut to: TcpStream) {
     // Either end may close first; that ends the pump.
     std::thread::spawn(move || copy(&mut from, &mut to));
+}
+
+/// Passes on what the insole says up to its first status: then the stream is on.
+fn wait_for_stream(link: &mut TcpStream, host: &mut TcpStream) {
+    let mut decoder = Decoder::new();
+    let mut said = [0; 256];
+    loop {
+        let count = link.read(&mut said).expect("the link holds");
+        host.write_all(&said[..count]).expect("the program listens");
+        let is_status = |&byte: &u8| {
+            let message = decoder.push(byte).and_then(decode::<ToHost>);
+            matches!(message, Some(ToHost::Status(_)))
+        };
+        if said[..count].iter().any(is_status) {
+            return;
+        }
+    }
 }
 
 /// Runs the program against the real firmware that feels a walk of three steps, reached over the network.
@@ -43,9 +60,11 @@ fn with_insole(arguments: &[&str]) -> Option<Output> {
         .stdout(Stdio::piped())
         .spawn()
         .expect("the program starts");
-    let (host, _) = bridge.accept().expect("the program connects");
+    let (mut host, _) = bridge.accept().expect("the program connects");
     pump(host.try_clone().expect("a socket"), board.link().expect("the link"));
-    pump(board.link().expect("the link"), host);
+    let mut link = board.link().expect("the link");
+    wait_for_stream(&mut link, &mut host);
+    pump(link, host);
     board.play();
     Some(program.wait_with_output().expect("the program ends"))
 }
@@ -119,7 +138,7 @@ fn record_stores_the_session_as_tables() {
     let stored = rows(&out.join("live"));
     assert!(stored.len().is_multiple_of(8) && stored.len() > 8 * 100, "{} rows", stored.len());
     for (i, row) in stored.iter().enumerate() {
-        // The walk may have begun before the stream: frames are told by their time, 10 ms each.
+        // The walk begins after the stream, the clock at power-on: frames are told by their time, 10 ms each.
         let Field::Double(t_s) = value(row, "t_s") else { panic!("{row:?}") };
         let ours = &live[(t_s * 100.0).round() as usize].regions[i % 8];
         assert_eq!(value(row, "measured_force_n"), &Field::Double(f64::from(ours.measured_dn) / 10.0));

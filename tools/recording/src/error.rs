@@ -7,8 +7,8 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The operating system refused to open, read or write the file.
-    #[error("{}: {source}; check the path and its permissions", file.display())]
-    Io { file: PathBuf, source: std::io::Error },
+    #[error("{}: {reason}; check the path and its permissions", file.display())]
+    Io { file: PathBuf, reason: std::io::Error },
     /// The content breaks a rule. `place` names the file and, where there is one, the line, row or column.
     #[error("{place}: {problem}; {remedy}")]
     Content { place: String, problem: String, remedy: String },
@@ -21,6 +21,6 @@ impl Error {
 
     /// Turns an I/O error into one that names `file`.
     pub(crate) fn io(file: &Path) -> impl FnOnce(std::io::Error) -> Self {
-        move |source| Error::Io { file: file.to_owned(), source }
+        move |reason| Error::Io { file: file.to_owned(), reason }
     }
 }

@@ -21,7 +21,7 @@ pub mod side {
     use serde::{Deserialize, Deserializer, Serializer, de::Error};
 
     pub fn serialize<S: Serializer>(side: &Side, to: S) -> Result<S::Ok, S::Error> {
-        to.serialize_str(super::of_side(*side))
+        to.serialize_str(side.name())
     }
 
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Side, D::Error> {
@@ -30,13 +30,6 @@ pub mod side {
             "right" => Ok(Side::Right),
             other => Err(D::Error::custom(format!("unknown side `{other}`, one of left, right"))),
         }
-    }
-}
-
-pub fn of_side(side: plantar::Side) -> &'static str {
-    match side {
-        plantar::Side::Left => "left",
-        plantar::Side::Right => "right",
     }
 }
 

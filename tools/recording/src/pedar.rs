@@ -6,7 +6,7 @@
 
 use crate::check::{self, At};
 use crate::table::{self, at_line, check_later, check_width, file_name, number, pressure_kpa, unreadable};
-use crate::{Cell, Error, Layout, Recording, Result, names, rate, template};
+use crate::{Cell, Error, Layout, Recording, Result, rate, template};
 use plantar::{Region, Side};
 use std::fs;
 use std::path::Path;
@@ -45,7 +45,7 @@ pub fn import(
         source: format!(
             "pedar measurement {}, {} insole, geometry {}, regions by template.",
             file_name(asc_path),
-            names::of_side(side),
+            side.name(),
             file_name(geometry_path)
         ),
         t_s: frames.t_s,
@@ -75,7 +75,7 @@ fn read_geometry(path: &Path, side: Side) -> Result<Vec<Cell>> {
         if !["left", "right"].contains(&&record[0]) {
             return Err(Error::content(place(), format!("unknown side `{}`", &record[0]), "use left or right"));
         }
-        if &record[0] != names::of_side(side) {
+        if &record[0] != side.name() {
             continue;
         }
         if record[1].parse() != Ok(cells.len() + 1) {
@@ -176,7 +176,7 @@ fn read_frames(
         frames.t_s.push(now_s);
         frames.lines.push(line);
         for (i, field) in fields[first..first + sensors].iter().enumerate() {
-            let column = format!("{} {}", names::of_side(side), i + 1);
+            let column = format!("{} {}", side.name(), i + 1);
             frames.pressure_kpa.push(pressure_kpa(field, &column, &place)?);
         }
         if frames.lines.len().is_multiple_of(LINES_PER_REPORT) {

@@ -1,7 +1,7 @@
 //! The zero of an insole: what its cells read while nothing loads them, as a commented TOML file.
 
 use crate::table::at_line;
-use crate::{Error, Recording, Result, StandingTrial, VirtualInsole, names};
+use crate::{Error, Recording, Result, StandingTrial, VirtualInsole};
 use plantar::Side;
 use plantar::calibrate::zero_offset;
 use plantar::contact::ContactRule;
@@ -110,7 +110,7 @@ impl Zero {
         for (side, foot) in [(Side::Left, &self.left), (Side::Right, &self.right)] {
             let Some(foot) = foot else { continue };
             // Writing to a String does not fail.
-            let _ = write!(text, "\n[{}]\nlayout_id = {}\noffset_kpa = [\n", names::of_side(side), foot.layout_id);
+            let _ = write!(text, "\n[{}]\nlayout_id = {}\noffset_kpa = [\n", side.name(), foot.layout_id);
             for line in foot.offset_kpa.chunks(PER_LINE) {
                 let numbers: Vec<_> = line.iter().map(|kpa| format!("{kpa:?}")).collect();
                 let _ = writeln!(text, "    {},", numbers.join(", "));
@@ -140,7 +140,7 @@ impl Zero {
         match foot {
             Some(foot) => foot.wear(insole, place),
             None => {
-                let (side, other) = (names::of_side(insole.setup.side), names::of_side(other));
+                let (side, other) = (insole.setup.side.name(), other.name());
                 let problem = format!("no zero of the {side} foot, only of the {other}");
                 Err(Error::content(place, problem, format!("measure the {side} foot too with `plantar zero`")))
             }

@@ -44,7 +44,7 @@ pub fn foot(study: &Study) -> Option<Drawing> {
     // Beside one foot there is room for the legend.
     let (columns, x, y) = if feet.len() == 1 { (1, width + 16.0, HEAD + 12.0) } else { (2, 4.0, below + 14.0) };
     let legend_height = LEGEND_ROW * (8 / columns) as f64 - 14.0;
-    let names: Vec<&str> = feet.iter().map(|foot| side_name(foot.side)).collect();
+    let names: Vec<&str> = feet.iter().map(|foot| foot.side.name()).collect();
     Some(Drawing {
         width: (width * feet.len() as f64).max(x + LEGEND_WIDTH * columns as f64),
         height: below.max(y + legend_height),
@@ -74,14 +74,6 @@ pub fn key() -> Vec<Drawing> {
     ])
 }
 
-/// The name of a side.
-pub fn side_name(side: Side) -> &'static str {
-    match side {
-        Side::Left => "left",
-        Side::Right => "right",
-    }
-}
-
 /// What part of the common coordinates is shown.
 struct Frame {
     x_mm: [f64; 2],
@@ -104,7 +96,7 @@ impl Frame {
         let pitch_mm = pitch_mm(&foot.layout.cells);
         let left_mm = if foot.side == Side::Left { -self.x_mm[1] } else { self.x_mm[0] };
         html! {
-            text.title.middle x=(x + SCALE * width_mm / 2.0) y="14" { (side_name(foot.side)) " foot" }
+            text.title.middle x=(x + SCALE * width_mm / 2.0) y="14" { (foot.side.name()) " foot" }
             svg x=(x) y=(HEAD) width=(SCALE * width_mm) height=(SCALE * height_mm)
                 viewBox={ (left_mm) " " (-self.y_mm[1]) " " (width_mm) " " (height_mm) } {
                 g transform={ "scale(" (mirror) " -1)" } {
@@ -152,27 +144,9 @@ fn pitch_mm(cells: &[Cell]) -> Option<[f64; 2]> {
     Some([least(|cell| cell.x_mm)?, least(|cell| cell.y_mm)?])
 }
 
-/// The mean over the steps of one side, weighted by peak force: radii in logarithms, as the pinned aspect ratio is.
+/// The mean over the steps of one side.
 fn mean_ellipse(study: &Study, side: Side, region: usize) -> Option<MeanEllipse> {
-    let steps = study.steps.iter().filter(|step| step.side == side).map(|step| &step.regions[region]);
-    let mut sum = MeanEllipse::default();
-    let mut weight = 0.0;
-    for (curves, ellipse) in steps.filter_map(|curves| Some((curves, curves.ellipse?))) {
-        let force_n = curves.force_n.iter().copied().fold(0.0, f64::max);
-        sum.x_mm += force_n * ellipse.x_mm;
-        sum.y_mm += force_n * ellipse.y_mm;
-        sum.r_a_mm += force_n * ellipse.r_a_mm.ln();
-        sum.r_b_mm += force_n * ellipse.r_b_mm.ln();
-        sum.angle_deg += force_n * ellipse.angle_deg;
-        weight += force_n;
-    }
-    (weight > 0.0).then(|| MeanEllipse {
-        x_mm: sum.x_mm / weight,
-        y_mm: sum.y_mm / weight,
-        r_a_mm: (sum.r_a_mm / weight).exp(),
-        r_b_mm: (sum.r_b_mm / weight).exp(),
-        angle_deg: sum.angle_deg / weight,
-    })
+    MeanEllipse::of_steps(study.steps.iter().filter(|step| step.side == side).map(|step| &step.regions[region]))
 }
 
 /// An ellipse at the place of `at`, turned as it is.

@@ -170,7 +170,7 @@ fn curve_figures(study: &Study) -> Markup {
 fn step(study: &Study, step: usize) -> String {
     let step = &study.steps[step];
     let name = study.sources.get(step.recording).map_or("", |source| &source.name);
-    format!("Step {} of {name}, {} foot, at {:.2} s", step.number, foot::side_name(step.side), step.start_s)
+    format!("Step {} of {name}, {} foot, at {:.2} s", step.number, step.side.name(), step.start_s)
 }
 
 /// How large a key is, rem per unit of its drawing.

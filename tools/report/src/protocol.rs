@@ -1,7 +1,6 @@
 //! Who walked, what was recorded, what was left out, and by which rules.
 
 use crate::drawing::tick;
-use crate::foot::side_name;
 use crate::format::{count, number};
 use crate::region::TITLES;
 use fit::{Filter, Method, Study};
@@ -95,7 +94,7 @@ fn sources(study: &Study) -> Markup {
                     @for (i, source) in study.sources.iter().enumerate() {
                         tr {
                             th scope="row" { (source.name) }
-                            td { (side_name(source.side)) }
+                            td { (source.side.name()) }
                             td.figure { (number(source.rate_hz)) }
                             td.figure { (source.layout.cells.len()) }
                             td.figure { (study.steps.iter().filter(|step| step.recording == i).count()) }

@@ -1,11 +1,13 @@
 //! Set-up, demonstration, tests, benchmarks and sizes, each one command.
 
+mod page;
 mod setup;
 mod size;
 
 use anyhow::{Context, Result, bail};
 use clap::{Args, Parser, Subcommand};
 use serde_json::{Map, Value};
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
@@ -19,15 +21,18 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Task {
-    /// Install what is missing: Rust targets, QEMU, a private Python with NumPy and the sample walk.
+    /// Install what is missing: Rust targets, QEMU, Node.js, Chromium, a private Python with NumPy, SciPy and the sample walk.
     Setup,
     /// Build the firmware of both boards and the command line.
     Build,
-    /// Play one walker's steps through the firmware in QEMU, live in the terminal, then a table of the steps.
+    /// Build the page for a phone to tools/phone/dist.
+    Page,
+    /// Fit a walker's steps, push the parameters to the firmware in QEMU and play other steps through it, live in the terminal;
+    /// then a table of the steps; then serve the page with the same walk.
     Demo(Demo),
     /// Run everything that continuous integration runs.
     Test,
-    /// Measure instructions a frame, accuracy, bytes, replay speed and sizes.
+    /// Measure instructions a frame, accuracy, bytes, replay speed, identification and sizes.
     Bench(Json),
     /// Measure flash and RAM of both firmware binaries.
     Size(Json),
@@ -46,9 +51,12 @@ struct Demo {
     /// End after this many steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
-    /// Write the steps and what became of the live frames to this file.
+    /// Write the steps and what became of the live frames to this file; the page is not served then.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// End after the table: neither build nor serve the page. As without a terminal.
+    #[arg(long)]
+    no_page: bool,
 }
 
 #[derive(Args)]
@@ -67,6 +75,7 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().task {
         Task::Setup => setup::all().map(drop),
         Task::Build => build(),
+        Task::Page => page::build(),
         Task::Demo(demo) => demo.run(),
         Task::Test => test(),
         Task::Bench(to) => bench().and_then(|figures| to.write(figures)),
@@ -139,21 +148,30 @@ impl Demo {
         setup::qemu()?;
         build_firmware("emu")?;
         build_host("plantar-cli")?;
+        let with_page = !self.no_page && self.json.is_none() && std::io::stdout().is_terminal();
+        if with_page {
+            page::build()?;
+        }
         let plantar = built("release/plantar");
-        let mut command = Command::new(&plantar);
-        command.arg("emulate").args(["--speed", &self.speed]).arg("--firmware").arg(firmware("emu"));
         let mut steps = self.steps;
-        match &self.recording {
-            Some(recording) => {
-                command.arg(std::path::absolute(recording)?);
-            }
+        let (walk, parameters) = match &self.recording {
+            Some(recording) => (std::path::absolute(recording)?, None),
             None => {
                 let walk = sample_walk(&plantar)?;
                 let parameters = fit_walk(&plantar, &walk)?;
-                command.arg(walk).arg("--params").arg(parameters);
                 steps = Some(steps.unwrap_or(PLAYED_STEPS).min(PLAYED_STEPS));
+                (walk, Some(parameters))
             }
-        }
+        };
+        let worn = |command: &mut Command| {
+            command.arg("--firmware").arg(firmware("emu"));
+            if let Some(parameters) = &parameters {
+                command.arg("--params").arg(parameters);
+            }
+        };
+        let mut command = Command::new(&plantar);
+        command.arg("emulate").arg(&walk).args(["--speed", &self.speed]);
+        worn(&mut command);
         if let Some(steps) = steps {
             command.args(["--steps", &steps.to_string()]);
         }
@@ -167,6 +185,13 @@ impl Demo {
                  fit has not seen.\nThe fit's report: {}",
                 report().display()
             );
+        }
+        if with_page {
+            println!("The same walk in the page for a phone:");
+            let mut command = Command::new(&plantar);
+            command.arg("serve").arg("--emulate").arg(&walk);
+            worn(&mut command);
+            run_command(command.arg("--page").arg(page::dist()))?;
         }
         Ok(())
     }
@@ -217,6 +242,8 @@ fn test() -> Result<()> {
     for target in [TARGET, "wasm32-unknown-unknown"] {
         run("cargo", &["check", "--locked", "--release", "--package", "plantar", "--lib", "--target", target])?;
     }
+    page::build()?;
+    page::test(&built("release/plantar"), &firmware("emu"))?;
     run_command(
         Command::new("cargo")
             // What a test says of itself, such as that it was skipped, is shown.

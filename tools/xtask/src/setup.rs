@@ -25,6 +25,7 @@ pub struct Python {
 pub fn all() -> Result<Python> {
     rust()?;
     qemu()?;
+    node()?;
     chromium()?;
     python()
 }
@@ -66,7 +67,26 @@ pub fn qemu() -> Result<()> {
     })
 }
 
-/// A browser that shows the reports to the tests.
+/// Oldest Node.js that the page's tools run on.
+const NODE_MAJOR: u32 = 18;
+
+/// Node.js with npm, which build the page.
+pub fn node() -> Result<()> {
+    if !has("node") || !has("npm") {
+        let named = |apt, other| Package { what: "Node.js with npm", apt, dnf: other, pacman: other, brew: "node" };
+        // Debian's npm needs Debian's Node.js; others bring their own npm, or a package of that name.
+        install(&if has("node") { named("npm", "npm") } else { named("nodejs npm", "nodejs npm") })?;
+    }
+    let version = Command::new("node").arg("--version").output().context("Node.js does not start")?;
+    let version = String::from_utf8_lossy(&version.stdout).trim().to_string();
+    let major = version.trim_start_matches('v').split('.').next().and_then(|major| major.parse::<u32>().ok());
+    if major.is_none_or(|major| major < NODE_MAJOR) {
+        bail!("the page needs Node.js {NODE_MAJOR} or newer and this is {version}: https://nodejs.org/en/download");
+    }
+    Ok(())
+}
+
+/// A browser that shows reports and the page to the tests.
 pub fn chromium() -> Result<()> {
     if ["chromium", "chromium-browser", "google-chrome"].into_iter().any(has) {
         return Ok(());
@@ -153,6 +173,7 @@ fn install(package: &Package) -> Result<()> {
         let update = words(&["update"]);
         run(update[0], &update[1..]).with_context(|| by_hand.clone())?;
     }
-    let install = words(&[arguments, &[name]].concat());
+    let names: Vec<_> = name.split(' ').collect();
+    let install = words(&[arguments, &names].concat());
     run(install[0], &install[1..]).with_context(|| by_hand)
 }

@@ -44,7 +44,7 @@ pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, 
     let mut row = vec![
         ("insole_size", whole(Some(origin.size.eur().into()))),
         ("mass_kg", real(origin.mass_kg)),
-        ("side", text(crate::info::foot_name(step.side))),
+        ("side", text(step.side.name())),
         ("recording", text(origin.recording)),
         ("step", whole(Some(step.number as usize))),
         ("start_s", real(Some(step.start_s))),

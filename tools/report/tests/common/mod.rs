@@ -1,7 +1,7 @@
 //! A computed walk of both feet, one region of which is never loaded and one hardly, identified once.
 #![allow(dead_code, reason = "each test uses a part")]
 
-use fit::{Bounds, Filter, Method, Options, Study};
+use fit::{Options, Study};
 use plantar::contact::ContactRule;
 use plantar::stance::StanceRule;
 use plantar::{Region, Side};
@@ -39,14 +39,7 @@ pub static STUDY: LazyLock<Study> = LazyLock::new(|| {
 
 pub fn empty() -> Study {
     let thickness_m = [0.016, 0.012, 0.012, 0.012, 0.010, 0.010, 0.007, 0.007];
-    let options = Options {
-        filter: Filter::Step,
-        method: Method::Projection,
-        bounds: Bounds::USUAL,
-        thickness_m,
-        compression: 0.457,
-        resamples: 50,
-    };
+    let options = Options { resamples: 50, ..Options::usual(thickness_m) };
     Study::new(PARTICIPANT.into(), ContactRule::COUNTED, options)
 }
 

@@ -1,0 +1,52 @@
+/** Numbers and names for people. */
+
+import { type Settings, percentOfWeight } from "./settings";
+import type { LiveRegion } from "./wire";
+
+const TITLES: Record<string, string> = {
+  heel: "Heel",
+  posterior_midfoot: "Rear midfoot",
+  anterior_midfoot: "Front midfoot",
+  metatarsals_12: "Ball, inner",
+  metatarsals_35: "Ball, outer",
+  hallux: "Big toe",
+  toe_2: "Second toe",
+  toes_35: "Small toes",
+};
+
+export const regionTitle = (name: string) => TITLES[name] ?? name;
+
+/** What the table of regions can show. */
+export const QUANTITIES = ["measured", "model", "deformation", "area"] as const;
+export type Quantity = (typeof QUANTITIES)[number];
+
+/** A quantity of a region with its unit in the chosen settings; `null` where the insole cannot know it. */
+export function quantityText(region: LiveRegion, quantity: Quantity, has_parameters: boolean, settings: Settings): string | null {
+  const needs_parameters = quantity === "model" || quantity === "deformation";
+  if (needs_parameters && !has_parameters) return null;
+  const text = {
+    measured: () => forceText(region.measured_n, settings)[0],
+    model: () => forceText(region.model_n, settings)[0],
+    deformation: () => `${region.deformation_mm.toFixed(1)} mm`,
+    area: () => `${(region.area_mm2 / 100).toFixed(1)} cm²`,
+  }[quantity]();
+  // The model is cut where the contact is larger than its ellipsoid.
+  const is_clamped = needs_parameters && region.clamped;
+  return region.saturated ? `${text} ▲` : is_clamped ? `${text} △` : text;
+}
+
+/** The unit in which forces are shown. */
+export const unitOf = (settings: Settings) => (settings.force_unit === "%BW" && settings.body_mass_kg !== null ? "%BW" : "N");
+
+/** A force in the chosen unit, and in the other one where it is known. */
+export function forceText(force_n: number, settings: Settings, space = " "): [string, string] {
+  const newtons = space === "" ? force_n.toFixed(0) : `${force_n.toFixed(0)}${space}N`;
+  const share = percentOfWeight(force_n, settings);
+  if (share === null) return [newtons, ""];
+  const percent = space === "" ? share.toFixed(0) : `${share.toFixed(0)}${space}%BW`;
+  return unitOf(settings) === "%BW" ? [percent, newtons] : [newtons, percent];
+}
+
+/** A number, or a dash where there is none. */
+export const numberText = (value: number | null, digits: number, unit = "") =>
+  value === null ? "–" : `${value.toFixed(digits)}${unit && " "}${unit}`;

@@ -1,0 +1,48 @@
+/** Records what arrives as a stream file, and gives it back. */
+
+import { type Entry, entries, entry } from "./stream_file";
+import type { Insole } from "./transport/transport";
+
+export class Recorder {
+  private chunks: Uint8Array<ArrayBuffer>[] = [];
+  private start_ms: number | undefined;
+  private end_ms = 0;
+
+  get isRecording(): boolean {
+    return this.start_ms !== undefined;
+  }
+
+  get isEmpty(): boolean {
+    return this.chunks.length === 0;
+  }
+
+  /** Starts anew; `hellos` say whose frames will follow. */
+  start(now_ms: number, hellos: Iterable<[Insole, Uint8Array]>): void {
+    this.chunks = [];
+    this.start_ms = now_ms;
+    this.end_ms = now_ms;
+    for (const [insole, message] of hellos) this.take(insole, message, now_ms);
+  }
+
+  stop(): void {
+    this.start_ms = undefined;
+  }
+
+  take(insole: Insole, message: Uint8Array, now_ms: number): void {
+    if (this.start_ms === undefined) return;
+    this.end_ms = now_ms;
+    this.chunks.push(entry({ t_ms: Math.round(now_ms - this.start_ms), insole, message }) as Uint8Array<ArrayBuffer>);
+  }
+
+  seconds(): number {
+    return this.start_ms === undefined ? 0 : (this.end_ms - this.start_ms) / 1000;
+  }
+
+  file(): Uint8Array<ArrayBuffer>[] {
+    return this.chunks;
+  }
+
+  *entries(): Generator<Entry> {
+    for (const chunk of this.chunks) yield* entries(chunk);
+  }
+}

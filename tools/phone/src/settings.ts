@@ -1,0 +1,39 @@
+/** What the wearer chose; kept by the browser. */
+
+const KEY = "plantar.settings";
+const GRAVITY_M_S2 = 9.80665;
+export const KG_PER_LB = 0.45359237;
+
+export interface Settings {
+  body_mass_kg: number | null;
+  mass_unit: "kg" | "lb";
+  force_unit: "N" | "%BW";
+}
+
+const USUAL: Settings = { body_mass_kg: null, mass_unit: "kg", force_unit: "N" };
+
+export function loadSettings(storage: Storage): Settings {
+  try {
+    const saved = JSON.parse(storage.getItem(KEY) ?? "{}") as Partial<Settings>;
+    return {
+      body_mass_kg: typeof saved.body_mass_kg === "number" && saved.body_mass_kg > 0 ? saved.body_mass_kg : null,
+      mass_unit: saved.mass_unit === "lb" ? "lb" : "kg",
+      force_unit: saved.force_unit === "%BW" ? "%BW" : "N",
+    };
+  } catch {
+    return { ...USUAL };
+  }
+}
+
+export function saveSettings(storage: Storage, settings: Settings): void {
+  storage.setItem(KEY, JSON.stringify(settings));
+}
+
+/** Body weight; `null` where the mass is not known. */
+export const weight_n = ({ body_mass_kg }: Settings) => (body_mass_kg === null ? null : body_mass_kg * GRAVITY_M_S2);
+
+/** A force in % of body weight. */
+export function percentOfWeight(force_n: number, settings: Settings): number | null {
+  const weight = weight_n(settings);
+  return weight === null ? null : (100 * force_n) / weight;
+}

@@ -1,0 +1,134 @@
+/** Every step once: kept before it is acknowledged, dropped when it is replayed. */
+
+import type { ForceAt } from "./session";
+import type { Step, Wire } from "./wire";
+
+export interface StoredStep {
+  step: Step;
+  /** Largest sum of the regions in the live frames; `null` where these were not all received. */
+  peak_n: number | null;
+}
+
+/** Where steps are kept beyond this visit. */
+export interface Keeper {
+  load(): Promise<Kept[]>;
+  add(kept: Kept): Promise<void>;
+  clear(): Promise<void>;
+}
+
+export interface Kept {
+  /** The wire message. */
+  message: Uint8Array;
+  peak_n: number | null;
+}
+
+export class StepStore {
+  readonly steps: StoredStep[] = [];
+  /** What an insole may still replay, oldest first, and whether it is kept. */
+  private readonly recent = new Map<string, { stored: StoredStep; kept: Promise<void> }>();
+
+  constructor(
+    private readonly wire: Wire,
+    private readonly keeper: Keeper,
+  ) {}
+
+  /** Brings back what was kept. */
+  async load(): Promise<void> {
+    for (const { message, peak_n } of await this.keeper.load()) {
+      const decoded = this.wire.decode(message);
+      // What another version kept is not understood, and left alone.
+      if (decoded?.kind !== "step") continue;
+      const stored = { step: decoded.step, peak_n };
+      this.steps.push(stored);
+      this.remember(message, stored, Promise.resolve());
+    }
+  }
+
+  /** Takes a step with its message; resolves once it is kept, whether it is new or not. */
+  add(step: Step, message: Uint8Array, history: readonly ForceAt[]): Promise<void> {
+    // By content: an insole that restarted counts from 0 again.
+    const known = this.recent.get(key(message));
+    const stored = known?.stored ?? { step, peak_n: peakForce(step, history) };
+    const keep = () => this.keeper.add({ message: message.slice(), peak_n: stored.peak_n });
+    if (!known) this.steps.push(stored);
+    const kept = known ? known.kept.catch(keep) : keep();
+    this.remember(message, stored, kept);
+    return kept;
+  }
+
+  async clear(): Promise<void> {
+    this.steps.length = 0;
+    await this.keeper.clear();
+  }
+
+  private remember(message: Uint8Array, stored: StoredStep, kept: Promise<void>): void {
+    this.recent.set(key(message), { stored, kept });
+    // Of each foot no more can be replayed.
+    const [oldest] = this.recent.keys();
+    if (oldest !== undefined && this.recent.size > 2 * this.wire.facts.step_queue) this.recent.delete(oldest);
+  }
+}
+
+const key = (message: Uint8Array) => message.join();
+
+/** The peak of the whole foot. A step's record has regional peaks only, and these are not at one time. */
+export function peakForce(step: Step, history: readonly ForceAt[]): number | null {
+  const end_s = step.start_s + step.duration_s;
+  const within = history.filter(({ t_s }) => t_s >= step.start_s - 1e-6 && t_s <= end_s + 1e-6);
+  // Some frames may be lost; with a tenth of them gone the peak may be too.
+  const expected = step.duration_s / step.sample_s;
+  if (within.length < 0.9 * expected) return null;
+  return within.reduce((peak, { force_n }) => Math.max(peak, force_n), 0);
+}
+
+/** Nothing outlives the visit. */
+export class MemoryKeeper implements Keeper {
+  load = () => Promise.resolve([]);
+  add = () => Promise.resolve();
+  clear = () => Promise.resolve();
+}
+
+/** The browser's database. */
+export class DatabaseKeeper implements Keeper {
+  private constructor(private readonly database: IDBDatabase) {}
+
+  static open(): Promise<DatabaseKeeper> {
+    const request = indexedDB.open("plantar", 1);
+    request.onupgradeneeded = () => request.result.createObjectStore("steps", { autoIncrement: true });
+    return done(request).then((database) => new DatabaseKeeper(database));
+  }
+
+  load(): Promise<Kept[]> {
+    return done(this.store("readonly").getAll() as IDBRequest<Kept[]>);
+  }
+
+  async add(kept: Kept): Promise<void> {
+    const store = this.store("readwrite");
+    store.add(kept);
+    await complete(store.transaction);
+  }
+
+  async clear(): Promise<void> {
+    const store = this.store("readwrite");
+    store.clear();
+    await complete(store.transaction);
+  }
+
+  private store(mode: IDBTransactionMode): IDBObjectStore {
+    return this.database.transaction("steps", mode).objectStore("steps");
+  }
+}
+
+function done<T>(request: IDBRequest<T>): Promise<T> {
+  return new Promise((resolve, reject) => {
+    request.onsuccess = () => resolve(request.result);
+    request.onerror = () => reject(request.error ?? new Error("The browser's database failed."));
+  });
+}
+
+function complete(transaction: IDBTransaction): Promise<void> {
+  return new Promise((resolve, reject) => {
+    transaction.oncomplete = () => resolve();
+    transaction.onabort = () => reject(transaction.error ?? new Error("The browser's database failed."));
+  });
+}

@@ -1,0 +1,107 @@
+/** Figures, trend and table of the steps. */
+
+import { type Node, byId, fill } from "./dom";
+import { forceText, numberText, unitOf } from "./format";
+import { type Settings, percentOfWeight } from "./settings";
+import type { StoredStep } from "./steps";
+import { cadence_per_min, figures, impulse_n_s, stepsOf, symmetryIndex } from "./walk";
+import { SIDES, type Side } from "./wire";
+
+/** Steps of a foot in the trend, and rows in the table. */
+const TREND = 60;
+const ROWS = 200;
+
+const title = (side: Side) => (side === "left" ? "Left" : "Right");
+
+export function drawSteps(steps: readonly StoredStep[], settings: Settings): void {
+  const is_empty = steps.length === 0;
+  byId("no-steps").hidden = !is_empty;
+  for (const id of ["figures", "symmetry", "trend", "table"]) byId(id).hidden = is_empty;
+  if (is_empty) return;
+  const both = { left: figures(steps, "left"), right: figures(steps, "right") };
+
+  fill("figures", [
+    card("Cadence", numberText(cadence_per_min(steps), 0), "steps a minute"),
+    card("Steps", String(steps.length), `left ${both.left.count}, right ${both.right.count}`),
+  ]);
+
+  const force = (value: number | null) => (value === null ? "–" : forceText(value, settings, "")[0]);
+  const row = (name: string, of: (side: Side) => number | null, text: (value: number | null) => string): Node => [
+    "tr",
+    {},
+    ["th", { scope: "row" }, name],
+    ...SIDES.map((side): Node => ["td", {}, text(of(side))]),
+    ["td", {}, numberText(symmetryIndex(of("left"), of("right")), 1, "%")],
+  ];
+  fill(byId("symmetry").querySelector("tbody"), [
+    row(`Peak force, ${unitOf(settings)}`, (side) => both[side].peak_n, force),
+    row("Contact time, s", (side) => both[side].contact_s, (value) => numberText(value, 2)),
+    row("Force × time, N s", (side) => both[side].impulse_n_s, (value) => numberText(value, 0)),
+  ]);
+  fill("trend", trend(steps, settings));
+
+  fill(byId("table").querySelector("thead"), [
+    ["tr", {}, ...["Foot", "Step", "Contact, s", "Peak, N", "Peak, %BW", "Force × time, N s"].map((name): Node => ["th", { scope: "col" }, name])],
+  ]);
+  const rows = steps.slice(-ROWS).reverse();
+  fill(byId("table").querySelector("tbody"), rows.map(({ step, peak_n }): Node => [
+    "tr",
+    {},
+    ["td", { class: step.side }, title(step.side)],
+    ["td", {}, String(step.step)],
+    ["td", {}, step.duration_s.toFixed(2)],
+    ["td", {}, numberText(peak_n, 0)],
+    ["td", {}, numberText(peak_n === null ? null : percentOfWeight(peak_n, settings), 0)],
+    ["td", {}, impulse_n_s(step).toFixed(0)],
+  ]));
+}
+
+const card = (name: string, value: string, words: string): Node => ["div", {}, ["dt", {}, name], ["dd", {}, value, ["small", {}, words]]];
+
+/** Peak force of the latest steps of each foot. */
+function trend(steps: readonly StoredStep[], settings: Settings): Node[] {
+  const [width, height, left, bottom] = [360, 150, 40, 22];
+  const series = SIDES.map((side) => ({
+    side,
+    values: stepsOf(steps, side)
+      .slice(-TREND)
+      .flatMap(({ peak_n }) => (peak_n === null ? [] : [Number(forceText(peak_n, settings, "")[0])])),
+  })).filter(({ values }) => values.length > 0);
+  if (series.length === 0) return [];
+  const all = series.flatMap(({ values }) => values);
+  const step = 10 ** Math.floor(Math.log10(Math.max(...all))) / 2;
+  const low = Math.floor((Math.min(...all) * 0.95) / step) * step;
+  const high = Math.ceil((Math.max(...all) * 1.01) / step) * step;
+  const longest = Math.max(2, ...series.map(({ values }) => values.length));
+  // The newest steps stand below each other at the right.
+  const x = (i: number, count: number) => left + ((longest - count + i) / (longest - 1)) * (width - left - 8);
+  const y = (value: number) => 8 + ((high - value) / (high - low)) * (height - bottom - 8);
+  const unit = unitOf(settings);
+  return [
+    [
+      "svg",
+      { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `Peak force of the latest steps, ${unit}` },
+      ...[low, (low + high) / 2, high].flatMap((value): Node[] => [
+        ["path", { class: "grid", d: `M${left} ${y(value)}H${width}` }],
+        ["text", { x: String(left - 6), y: String(y(value) + 4), "text-anchor": "end" }, String(Math.round(value))],
+      ]),
+      ["text", { x: String(width - 4), y: String(height - 4), "text-anchor": "end" }, "latest step"],
+      ...series.flatMap(({ side, values }): Node[] => {
+        const points = values.map((value, i) => `${x(i, values.length).toFixed(1)} ${y(value).toFixed(1)}`);
+        // Left round, right square: not told by colour alone.
+        const mark = (at: string) => (side === "left" ? `M${at}m-3 0a3 3 0 1 0 6 0a3 3 0 1 0-6 0` : `M${at}m-3-3h6v6h-6z`);
+        const colour = `var(--${side})`;
+        return [
+          ["path", { class: "trace", stroke: colour, d: `M${points.join("L")}` }],
+          ["path", { fill: colour, d: points.map(mark).join("") }],
+        ];
+      }),
+    ],
+    [
+      "figcaption",
+      {},
+      `Peak force of each step, ${unit}: `,
+      ...series.flatMap(({ side }): Node[] => [["strong", { class: side }, side === "left" ? "● left " : "■ right "]]),
+    ],
+  ];
+}

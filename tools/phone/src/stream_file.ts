@@ -1,0 +1,36 @@
+/** A recorded stream: per message the time in ms (u32), the insole (u8), the length (u16), little endian, and the message. */
+
+import { INSOLES, type Insole } from "./transport/transport";
+
+const HEAD = 7;
+
+export interface Entry {
+  t_ms: number;
+  insole: Insole;
+  message: Uint8Array;
+}
+
+/** The messages of a file; throws where it is damaged, with words for people. */
+export function* entries(bytes: Uint8Array): Generator<Entry> {
+  const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  for (let at = 0; at < bytes.length; ) {
+    if (at + HEAD > bytes.length) throw new Error("The recording is cut off.");
+    const length = view.getUint16(at + 5, true);
+    const insole = INSOLES.find((index) => index === bytes[at + 4]);
+    if (insole === undefined) throw new Error("This is no recording of insoles.");
+    if (at + HEAD + length > bytes.length) throw new Error("The recording is cut off.");
+    yield { t_ms: view.getUint32(at, true), insole, message: bytes.subarray(at + HEAD, at + HEAD + length) };
+    at += HEAD + length;
+  }
+}
+
+/** One entry as bytes. */
+export function entry({ t_ms, insole, message }: Entry): Uint8Array {
+  const bytes = new Uint8Array(HEAD + message.length);
+  const view = new DataView(bytes.buffer);
+  view.setUint32(0, t_ms, true);
+  view.setUint8(4, insole);
+  view.setUint16(5, message.length, true);
+  bytes.set(message, HEAD);
+  return bytes;
+}

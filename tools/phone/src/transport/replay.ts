@@ -1,0 +1,54 @@
+/** A recorded stream, played in its own time, again and again. */
+
+import { type Entry, entries } from "../stream_file";
+import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport";
+
+/** How often messages that are due are handed out: twice as often as they are recorded. */
+const TICK_MS = 5;
+
+export class ReplayTransport implements Transport {
+  readonly name = "a recording";
+  readonly is_replay = true;
+  private readonly timer: ReturnType<typeof setInterval>;
+  private readonly recorded: Entry[];
+  private next = 0;
+  private start_ms: number;
+
+  constructor(
+    file: Uint8Array,
+    private readonly events: TransportEvents,
+    private readonly now_ms: () => number = () => performance.now(),
+  ) {
+    this.recorded = [...entries(file)];
+    if (this.recorded.length === 0) throw new Error("The recording is empty.");
+    this.start_ms = now_ms();
+    INSOLES.forEach((insole) => events.opened(insole));
+    this.timer = setInterval(() => this.play(), TICK_MS);
+  }
+
+  static async load(url: string, events: TransportEvents): Promise<ReplayTransport> {
+    const response = await fetch(url);
+    if (!response.ok) throw new Error(`No recording at ${url}.`);
+    return new ReplayTransport(new Uint8Array(await response.arrayBuffer()), events);
+  }
+
+  private play(): void {
+    const elapsed_ms = this.now_ms() - this.start_ms;
+    for (let due = this.recorded[this.next]; due && due.t_ms <= elapsed_ms; due = this.recorded[this.next]) {
+      this.next += 1;
+      this.events.message(due.insole, due.message);
+    }
+    if (this.next === this.recorded.length) {
+      this.next = 0;
+      this.start_ms = this.now_ms();
+    }
+  }
+
+  send(_insole: Insole, _message: Uint8Array): void {
+    // A recording answers nobody.
+  }
+
+  close(): void {
+    clearInterval(this.timer);
+  }
+}

@@ -1,0 +1,46 @@
+/** Insoles on the computer that served the page: a byte for the insole's index, then the message. */
+
+import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport";
+
+const RETRY_MS = 1000;
+
+export class WebSocketTransport implements Transport {
+  readonly name = "this computer";
+  readonly is_replay = false;
+  private socket: WebSocket | undefined;
+  private retry: ReturnType<typeof setTimeout> | undefined;
+
+  constructor(
+    private readonly url: string,
+    private readonly events: TransportEvents,
+  ) {
+    this.open();
+  }
+
+  private open(): void {
+    const socket = new WebSocket(this.url);
+    this.socket = socket;
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => INSOLES.forEach((insole) => this.events.opened(insole));
+    socket.onmessage = ({ data }: MessageEvent<ArrayBuffer>) => {
+      const bytes = new Uint8Array(data);
+      const insole = INSOLES.find((index) => index === bytes[0]);
+      if (insole !== undefined) this.events.message(insole, bytes.subarray(1));
+    };
+    socket.onclose = () => {
+      INSOLES.forEach((insole) => this.events.closed(insole, "plantar serve does not answer"));
+      this.retry = setTimeout(() => this.open(), RETRY_MS);
+    };
+  }
+
+  send(insole: Insole, message: Uint8Array): void {
+    if (this.socket?.readyState !== WebSocket.OPEN) return;
+    this.socket.send(Uint8Array.of(insole, ...message));
+  }
+
+  close(): void {
+    clearTimeout(this.retry);
+    if (this.socket) this.socket.onclose = null;
+    this.socket?.close();
+  }
+}

@@ -1,0 +1,58 @@
+/** Figures of a walk from its steps. */
+
+import type { StoredStep } from "./steps";
+import type { Side, Step } from "./wire";
+
+/** A pause between steps of one foot that is longer than this is standing, s. */
+const LONGEST_STRIDE_S = 2.5;
+/** Figures are means over the latest steps of each foot. */
+export const LATEST = 20;
+
+export const stepsOf = (steps: readonly StoredStep[], side: Side) => steps.filter(({ step }) => step.side === side);
+
+export const impulse_n_s = (step: Step) =>
+  Object.values(step.regions).reduce((sum, region) => sum + region.measured_force_integral_n_s, 0);
+
+export function mean(values: readonly number[]): number | null {
+  return values.length === 0 ? null : values.reduce((sum, value) => sum + value, 0) / values.length;
+}
+
+/** 200 (L - R) / (L + R), %: 0 is equal, positive is more on the left. */
+export function symmetryIndex(left: number | null, right: number | null): number | null {
+  if (left === null || right === null || left + right === 0) return null;
+  return (200 * (left - right)) / (left + right);
+}
+
+/** Steps of both feet a minute, from the strides of each; a missed step or a pause is not a stride. */
+export function cadence_per_min(steps: readonly StoredStep[]): number | null {
+  const strides_s = (["left", "right"] as const).flatMap((side) => {
+    const latest = stepsOf(steps, side).slice(-LATEST);
+    return latest.slice(1).flatMap(({ step }, i) => {
+      const before = latest[i]?.step;
+      if (!before || step.step !== before.step + 1) return [];
+      const stride_s = step.start_s - before.start_s;
+      return stride_s > 0 && stride_s <= LONGEST_STRIDE_S ? [stride_s] : [];
+    });
+  });
+  const stride_s = mean(strides_s);
+  return stride_s === null ? null : 120 / stride_s;
+}
+
+export interface FootFigures {
+  count: number;
+  peak_n: number | null;
+  impulse_n_s: number | null;
+  contact_s: number | null;
+}
+
+/** Means over the latest steps of a foot. */
+export function figures(steps: readonly StoredStep[], side: Side): FootFigures {
+  const all = stepsOf(steps, side);
+  const latest = all.slice(-LATEST);
+  return {
+    count: all.length,
+    peak_n: mean(latest.flatMap(({ peak_n }) => (peak_n === null ? [] : [peak_n]))),
+    impulse_n_s: mean(latest.map(({ step }) => impulse_n_s(step))),
+    contact_s: mean(latest.map(({ step }) => step.duration_s)),
+  };
+}

@@ -1,0 +1,152 @@
+/** The core's wire messages, decoded and encoded by the core itself as WebAssembly. */
+
+export type Side = "left" | "right";
+export const SIDES: readonly Side[] = ["left", "right"];
+
+export interface Hello {
+  kind: "hello";
+  major: number;
+  minor: number;
+  firmware: string;
+  board: string;
+  side: Side;
+  cells: number;
+  rate_hz: number;
+  has_parameters: boolean;
+  reset: string;
+  last_panic: string | null;
+}
+
+export interface LiveRegion {
+  area_mm2: number;
+  deformation_mm: number;
+  model_n: number;
+  measured_n: number;
+  saturated: boolean;
+  clamped: boolean;
+}
+
+export interface Live {
+  kind: "live";
+  sequence: number;
+  /** Device time. */
+  t_s: number;
+  /** In the order of {@link Facts.regions}. */
+  regions: LiveRegion[];
+}
+
+export interface Ellipse {
+  x_mm: number;
+  y_mm: number;
+  r_a_mm: number;
+  r_b_mm: number;
+  angle_deg: number;
+}
+
+export interface StepRegion {
+  measured_force_peak_n: number;
+  model_force_peak_n: number;
+  measured_force_integral_n_s: number;
+  model_force_integral_n_s: number;
+  area_peak_mm2: number;
+  deformation_peak_mm: number;
+  deformation_rate_peak_mm_s: number;
+  contact_time_s: number;
+  time_to_peak_s: number;
+  ellipse_at_peak: Ellipse | null;
+  model_error_nrmse_percent: number;
+  saturated: boolean;
+  clamped: boolean;
+}
+
+/** The same object as `plantar replay --json` writes. */
+export interface Step {
+  side: Side;
+  step: number;
+  start_s: number;
+  duration_s: number;
+  sample_s: number;
+  bridged_frames: number;
+  contact_rule: { rule: string; on_kpa: number; off_kpa: number; full_kpa: number };
+  regions: Record<string, StepRegion>;
+}
+
+export interface Status {
+  kind: "status";
+  uptime_s: number;
+  frames_missed: number;
+  live_due: number;
+  live_sent: number;
+  steps: number;
+  steps_dropped: number;
+  bad_frames: number;
+}
+
+export type ToHost =
+  | Hello
+  | Live
+  | { kind: "step"; step: Step }
+  | Status
+  | { kind: "tissue"; id: number }
+  | { kind: "refused"; reason: string }
+  | { kind: "time"; host_us: number; device_us: number };
+
+export type Point = [x_mm: number, y_mm: number];
+
+/** What never changes while the page runs. */
+export interface Facts {
+  major: number;
+  minor: number;
+  /** Unacknowledged steps that an insole keeps. */
+  step_queue: number;
+  regions: { name: string; outline_mm: Point[]; centre_mm: Point }[];
+  sole: { length_mm: number; width_mm: number; outline_mm: Point[] };
+}
+
+interface Exports {
+  memory: WebAssembly.Memory;
+  room(length: number): number;
+  result(): number;
+  decode(): number;
+  facts(): number;
+  connect(): number;
+  stream(live: boolean): number;
+  acknowledge(step: number): number;
+  get_status(): number;
+}
+
+export class Wire {
+  readonly facts: Facts;
+  private readonly text = new TextDecoder();
+
+  constructor(private readonly core: Exports) {
+    this.facts = JSON.parse(this.text.decode(this.read(core.facts()))) as Facts;
+  }
+
+  static async load(module: Response | Promise<Response>): Promise<Wire> {
+    const { instance } = await WebAssembly.instantiateStreaming(module);
+    return new Wire(instance.exports as unknown as Exports);
+  }
+
+  /** The message; `undefined` where the bytes are no message of this version. */
+  decode(bytes: Uint8Array): ToHost | undefined {
+    const at = this.core.room(bytes.length);
+    new Uint8Array(this.core.memory.buffer, at, bytes.length).set(bytes);
+    const length = this.core.decode();
+    return length === 0 ? undefined : (JSON.parse(this.text.decode(this.read(length))) as ToHost);
+  }
+
+  connect = () => this.request(this.core.connect());
+  stream = (live: boolean) => this.request(this.core.stream(live));
+  acknowledge = (step: number) => this.request(this.core.acknowledge(step));
+  getStatus = () => this.request(this.core.get_status());
+
+  private request(length: number): Uint8Array {
+    return this.read(length).slice();
+  }
+
+  private read(length: number): Uint8Array {
+    // Asked anew each time: memory may have grown or moved.
+    return new Uint8Array(this.core.memory.buffer, this.core.result(), length);
+  }
+}

@@ -1,0 +1,95 @@
+/** Chromium, and what serves the page to it. */
+
+import { spawn } from "node:child_process";
+import { existsSync } from "node:fs";
+import { readFile } from "node:fs/promises";
+import { createServer } from "node:http";
+import type { AddressInfo } from "node:net";
+import { delimiter, extname, join } from "node:path";
+import { fileURLToPath } from "node:url";
+import { type Browser, type BrowserContextOptions, type Page, chromium } from "playwright-core";
+
+export const folder = (path: string) => fileURLToPath(new URL(`../../${path}`, import.meta.url));
+export const DIST = folder("dist");
+
+function browserPath(): string | undefined {
+  const named = process.env["PLANTAR_CHROMIUM"];
+  if (named) return named;
+  const folders = (process.env["PATH"] ?? "").split(delimiter);
+  const names = ["chromium", "chromium-browser", "google-chrome"];
+  return names.flatMap((name) => folders.map((path) => join(path, name))).find(existsSync);
+}
+
+export function launch(): Promise<Browser> {
+  const executablePath = browserPath();
+  if (!executablePath) throw new Error("no Chromium: install it or name it in PLANTAR_CHROMIUM");
+  const quiet = ["--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"];
+  const args = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--enable-features=WebBluetooth", ...quiet];
+  return chromium.launch({ executablePath, args });
+}
+
+const TYPES: Record<string, string> = {
+  ".html": "text/html",
+  ".js": "text/javascript",
+  ".css": "text/css",
+  ".wasm": "application/wasm",
+  ".svg": "image/svg+xml",
+  ".webmanifest": "application/manifest+json",
+};
+
+/** The built page, on a server that knows nothing of insoles. */
+export async function serveFiles(): Promise<{ url: string; close(): void }> {
+  const server = createServer((request, response) => {
+    const path = new URL(request.url ?? "/", "http://localhost").pathname;
+    const file = join(DIST, path === "/" ? "index.html" : path);
+    readFile(file).then(
+      (bytes) => response.writeHead(200, { "content-type": TYPES[extname(file)] ?? "application/octet-stream" }).end(bytes),
+      () => response.writeHead(404).end(),
+    );
+  });
+  await new Promise<void>((resolve) => server.listen(0, "127.0.0.1", resolve));
+  const { port } = server.address() as AddressInfo;
+  return { url: `http://localhost:${port}/`, close: () => server.close() };
+}
+
+/** `plantar serve`, once it says where the page is. */
+export async function servePlantar(program: string, args: string[]): Promise<{ url: string; end(): Promise<void> }> {
+  const child = spawn(program, ["serve", "--port", "0", "--page", DIST, ...args], { stdio: ["ignore", "pipe", "inherit"] });
+  const ended = new Promise<number | null>((resolve) => child.once("exit", resolve));
+  const url = new Promise<string>((resolve, reject) => {
+    let said = "";
+    child.once("error", reject);
+    child.stdout.on("data", (text: Buffer) => {
+      said += text.toString();
+      const url = /http:\S+/.exec(said)?.[0];
+      if (url) resolve(url);
+    });
+    void ended.then((status) => reject(new Error(`plantar serve ended with ${status}`)));
+  });
+  // Told, not killed: it takes the emulator with it.
+  const end = async () => {
+    child.kill("SIGTERM");
+    await ended;
+  };
+  return { url: await url, end };
+}
+
+/** A page that fails the test when anything goes wrong in it. */
+export async function open(browser: Browser, url: string, options: BrowserContextOptions = {}): Promise<Page> {
+  const context = await browser.newContext(options);
+  const page = await context.newPage();
+  const troubles: string[] = [];
+  page.on("pageerror", ({ message }) => troubles.push(message));
+  page.on("console", (message) => message.type() === "error" && troubles.push(message.text()));
+  page.on("close", () => {
+    if (troubles.length > 0) throw new Error(troubles.join("\n"));
+  });
+  await page.goto(url);
+  return page;
+}
+
+/** Waits for a load that was drawn; the time since the page was asked for, ms. */
+export async function firstLoad_ms(page: Page): Promise<number> {
+  const mark = await page.waitForFunction(() => performance.getEntriesByName("first-load")[0]?.startTime);
+  return (await mark.jsonValue()) as number;
+}

@@ -1,0 +1,200 @@
+/** The built page in Chromium, playing the computed walk. */
+
+import { readFileSync, readdirSync } from "node:fs";
+import { createRequire } from "node:module";
+import { join } from "node:path";
+import { gzipSync } from "node:zlib";
+import type { Browser, Page } from "playwright-core";
+import { afterAll, beforeAll, describe, expect, test } from "vitest";
+import { DIST, firstLoad_ms, folder, launch, open, serveFiles } from "./browser";
+
+const PHONE = { width: 390, height: 844 };
+const DESKTOP = { width: 1280, height: 900 };
+const MOST_BYTES = 300 * 1024;
+
+let browser: Browser;
+let files: Awaited<ReturnType<typeof serveFiles>>;
+let replay: string;
+beforeAll(async () => {
+  browser = await launch();
+  files = await serveFiles();
+  replay = `${files.url}?replay=walk.plantar`;
+});
+afterAll(async () => {
+  await browser.close();
+  files.close();
+});
+
+const steps = (page: Page, least: number) => page.waitForFunction((least) => document.querySelectorAll("#table tbody tr").length >= least, least);
+const show = (page: Page, view: string) => page.locator(`nav [data-to=${view}]`).click();
+
+test("the download is small", () => {
+  const names = readdirSync(DIST, { recursive: true, withFileTypes: true }).filter((entry) => entry.isFile());
+  const bytes = names.reduce((sum, { parentPath, name }) => sum + gzipSync(readFileSync(join(parentPath, name))).length, 0);
+  console.log(`page, compressed, with the computed walk: ${(bytes / 1024).toFixed(0)} KiB of ${MOST_BYTES / 1024}`);
+  expect(bytes).toBeLessThanOrEqual(MOST_BYTES);
+});
+
+test("a recording shows both feet, their steps and figures", async () => {
+  const page = await open(browser, replay, { viewport: PHONE });
+  console.log(`first load drawn after ${(await firstLoad_ms(page)).toFixed(0)} ms`);
+  await page.waitForFunction(() => [...document.querySelectorAll("#totals dd")].every((total) => parseFloat(total.textContent ?? "") > 100));
+  await steps(page, 4);
+  await show(page, "steps");
+  const symmetry = await page.locator("#symmetry tbody tr").first().innerText();
+  // The right foot is loaded by 800 N, the left one by 760 N.
+  expect(Number(/(-?[\d.]+) %/.exec(symmetry)?.[1])).toBeLessThan(0);
+  const cadence = Number(await page.locator("#figures dd").first().evaluate((dd) => dd.firstChild?.textContent));
+  expect(cadence).toBeGreaterThan(100);
+  expect(cadence).toBeLessThan(130);
+  await page.close();
+});
+
+test("frames come as fast as the screen asks", async () => {
+  const page = await open(browser, replay, { viewport: PHONE });
+  await firstLoad_ms(page);
+  const deltas_ms = await page.evaluate(
+    () =>
+      new Promise<number[]>((resolve) => {
+        const times: number[] = [];
+        const frame = (t_ms: number) => {
+          times.push(t_ms);
+          if (times.length <= 300) requestAnimationFrame(frame);
+          else resolve(times.slice(1).map((t, i) => t - (times[i] ?? t)));
+        };
+        requestAnimationFrame(frame);
+      }),
+  );
+  deltas_ms.sort((a, b) => a - b);
+  console.log(`two feet at 100 Hz: a frame every ${deltas_ms[150]?.toFixed(1)} ms (median), 95 % within ${deltas_ms[285]?.toFixed(1)} ms`);
+  await page.close();
+});
+
+test("the table of regions shows what is chosen", async () => {
+  const page = await open(browser, replay, { viewport: PHONE });
+  await firstLoad_ms(page);
+  for (const [quantity, unit] of [["measured", "N"], ["model", "N"], ["deformation", "mm"], ["area", "cm²"]] as const) {
+    await page.locator("#quantity").selectOption(quantity);
+    const shown = ([unit]: readonly string[]) => [...document.querySelectorAll("#regions td")].some((cell) => new RegExp(`[1-9].* ${unit}`).test(cell.textContent ?? ""));
+    await page.waitForFunction(shown, [unit]);
+  }
+  await page.close();
+});
+
+test("body mass brings % of body weight, and is remembered", async () => {
+  const page = await open(browser, replay, { viewport: PHONE });
+  await show(page, "settings");
+  await page.locator("#mass").fill("176.4");
+  await page.locator("#mass-unit").selectOption("lb");
+  await page.locator("#mass").fill("176.4");
+  await page.locator("#force-unit").selectOption("%BW");
+  expect(await page.evaluate(() => localStorage.getItem("plantar.settings"))).toContain("80.01");
+  await page.reload();
+  await firstLoad_ms(page);
+  await page.getByRole("cell", { name: "%BW" }).first().waitFor();
+  expect(await page.locator("#mass").inputValue()).toBe("176.4");
+  await page.close();
+});
+
+test("live values are recorded and exported, and steps", async () => {
+  const page = await open(browser, replay, { viewport: DESKTOP });
+  await steps(page, 1);
+  await show(page, "settings");
+  await page.locator("#record").click();
+  await page.waitForFunction(() => /\([1-9]/.test(document.querySelector("#record")?.textContent ?? ""));
+  await page.locator("#record").click();
+  for (const [button, first] of [["export-live", "t_s,side,sequence,device_t_s"], ["export-steps", "side,step,start_s"]] as const) {
+    const [download] = await Promise.all([page.waitForEvent("download"), page.locator(`#${button}`).click()]);
+    const rows = readFileSync(await download.path(), "utf8").trimEnd().split("\n");
+    expect(rows[0]).toMatch(new RegExp(`^${first}`));
+    expect(rows.length).toBeGreaterThan(button === "export-live" ? 100 : 8);
+  }
+  await page.close();
+});
+
+test("it works offline after one visit", async () => {
+  const page = await open(browser, `${files.url}?bluetooth`, { viewport: PHONE });
+  await page.evaluate(async () => {
+    await navigator.serviceWorker.ready;
+    if (!navigator.serviceWorker.controller) await new Promise((resolve) => navigator.serviceWorker.addEventListener("controllerchange", resolve, { once: true }));
+  });
+  await page.context().setOffline(true);
+  await page.reload();
+  await page.locator("#start h2").waitFor();
+  await page.close();
+});
+
+test("a recording that is not there is said to be missing", async () => {
+  const context = await browser.newContext({ viewport: PHONE });
+  const page = await context.newPage();
+  await page.goto(`${files.url}?replay=nothing.plantar`);
+  await page.getByText("No recording at nothing.plantar.").waitFor();
+  await context.close();
+});
+
+test("an insole of another major version is named, and nothing of it is shown", async () => {
+  const bytes = readFileSync(join(DIST, "walk.plantar"));
+  // The left insole's hello comes first; its major follows the head of the entry and the kind of the message.
+  bytes[7 + 1] = 99;
+  const context = await browser.newContext({ viewport: PHONE });
+  await context.route("**/other.plantar", (route) => route.fulfill({ body: bytes }));
+  const page = await context.newPage();
+  await page.goto(`${files.url}?replay=other.plantar`);
+  await page.getByText("The left insole (firmware 0.1.0) speaks protocol 99.").waitFor();
+  await page.waitForFunction(() => parseFloat(document.querySelectorAll("#totals dd")[1]?.textContent ?? "") > 100);
+  expect(await page.locator("#totals dd").first().innerText()).toBe("–");
+  await context.close();
+});
+
+describe("without insoles", () => {
+  test("a browser without Bluetooth says what to use", async () => {
+    const context = await browser.newContext({ viewport: PHONE });
+    await context.addInitScript(() => Reflect.deleteProperty(Navigator.prototype, "bluetooth"));
+    const page = await context.newPage();
+    await page.goto(`${files.url}?bluetooth`);
+    await page.locator("#unsupported").waitFor();
+    expect(await page.locator("#connect").isDisabled()).toBe(true);
+    await page.locator("#walk").click();
+    await firstLoad_ms(page);
+    await context.close();
+  });
+
+  test("a denied permission says how to allow it; choosing nothing says nothing", async () => {
+    for (const [name, words] of [["NotAllowedError", "Bluetooth is not allowed"], ["NotFoundError", ""]] as const) {
+      const context = await browser.newContext({ viewport: PHONE });
+      await context.addInitScript((name) => {
+        const bluetooth = { requestDevice: () => Promise.reject(new DOMException("", name)) };
+        Object.defineProperty(Navigator.prototype, "bluetooth", { value: bluetooth });
+      }, name);
+      const page = await context.newPage();
+      await page.goto(`${files.url}?bluetooth`);
+      await page.locator("#connect").click();
+      await page.waitForFunction((words) => document.querySelector("#notes")?.textContent?.includes(words), words);
+      expect(await page.locator("#notes .note:not(.calm)").count()).toBe(words ? 1 : 0);
+      await page.locator("#start h2").waitFor();
+      await context.close();
+    }
+  });
+});
+
+describe.each([["phone", PHONE], ["desktop", DESKTOP]] as const)("%s", (size, viewport) => {
+  test.each(["light", "dark"] as const)("%s: nothing serious for people who need help to read", async (colorScheme) => {
+    const page = await open(browser, replay, { viewport, colorScheme });
+    await steps(page, 3);
+    const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+    await page.evaluate(axe);
+    for (const view of ["live", "steps", "settings"].filter((view) => size === "phone" || view !== "steps")) {
+      await show(page, view);
+      await page.screenshot({ path: folder(`tests/screenshots/${size}-${colorScheme}-${view}.png`) });
+      const findings = await page.evaluate(async () => {
+        const { axe } = window as unknown as { axe: typeof import("axe-core") };
+        const { violations } = await axe.run();
+        return violations.map(({ id, impact, nodes }) => ({ id, impact, at: nodes.map(({ html }) => html) }));
+      });
+      const serious = findings.filter(({ impact }) => impact === "serious" || impact === "critical");
+      expect(serious, view).toEqual([]);
+      expect(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "no sideways scrolling").toBe(true);
+    }
+    await page.close();
+  });
+});

@@ -1,0 +1,68 @@
+import { beforeAll, expect, test } from "vitest";
+import { liveCsv, stepsCsv } from "../src/csv";
+import { Recorder } from "../src/recorder";
+import { type StoredStep } from "../src/steps";
+import { entries, entry } from "../src/stream_file";
+import type { Wire } from "../src/wire";
+import { loadWire, messagesOf, walk } from "./wire";
+
+let wire: Wire;
+beforeAll(async () => {
+  wire = await loadWire();
+});
+
+const cells = (row: string) => row.trimEnd().split(",");
+
+test("a live row has the time of both clocks, the side and every region's values with their units", () => {
+  const rows = liveCsv(entries(walk), wire);
+  const head = cells(rows[0]!);
+  expect(head.slice(0, 5)).toEqual(["t_s", "side", "sequence", "device_t_s", "heel_area_mm2"]);
+  expect(head).toHaveLength(4 + 8 * 6);
+  expect(rows.every((row) => cells(row).length === head.length)).toBe(true);
+  const frames = [...entries(walk)].filter(({ message }) => wire.decode(message)?.kind === "live");
+  expect(rows).toHaveLength(1 + frames.length);
+  const right = cells(rows.find((row) => row.includes("right"))!);
+  // The right foot of the computed walk starts half a stride later.
+  expect([right[0], right[2], right[3]]).toEqual(["0.525", "0", "0"]);
+});
+
+test("a step has a row a region", () => {
+  const steps = messagesOf(0).flatMap((message): StoredStep[] => {
+    const decoded = wire.decode(message);
+    return decoded?.kind === "step" ? [{ step: decoded.step, peak_n: null }] : [];
+  });
+  const rows = stepsCsv(steps);
+  const head = cells(rows[0]!);
+  expect(rows).toHaveLength(1 + 8 * steps.length);
+  const heel = Object.fromEntries(cells(rows[1]!).map((cell, i) => [head[i], cell]));
+  const expected = steps[0]!.step.regions["heel"]!;
+  expect(heel).toMatchObject({
+    side: "left",
+    region: "heel",
+    peak_force_foot_n: "",
+    measured_force_peak_n: String(expected.measured_force_peak_n),
+    ellipse_r_a_mm: String(expected.ellipse_at_peak!.r_a_mm),
+    clamped: expected.clamped ? "1" : "0",
+  });
+});
+
+test("what is recorded comes back, with whose it is first", () => {
+  const recorder = new Recorder();
+  const [hello, frame] = messagesOf(1);
+  recorder.take(1, frame!, 5);
+  recorder.start(1000, [[1, hello!]]);
+  recorder.take(1, frame!, 1020);
+  recorder.stop();
+  recorder.take(1, frame!, 1030);
+  expect([...recorder.entries()]).toEqual([
+    { t_ms: 0, insole: 1, message: hello },
+    { t_ms: 20, insole: 1, message: frame },
+  ]);
+});
+
+test("a damaged file says so", () => {
+  const bytes = entry({ t_ms: 1, insole: 0, message: Uint8Array.of(1, 2, 3) });
+  expect(() => [...entries(bytes.subarray(0, -1))]).toThrow("cut off");
+  bytes[4] = 9;
+  expect(() => [...entries(bytes)]).toThrow("no recording");
+});

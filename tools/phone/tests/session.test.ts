@@ -1,0 +1,101 @@
+import { beforeAll, describe, expect, test } from "vitest";
+import { SILENCE_MS, Session } from "../src/session";
+import type { Transport } from "../src/transport/transport";
+import type { Step, ToHost, Wire } from "../src/wire";
+import { live, loadWire, messagesOf } from "./wire";
+
+let wire: Wire;
+beforeAll(async () => {
+  wire = await loadWire();
+});
+
+/** A session whose insole says what a test wants; messages are told apart by their first byte. */
+function start(decode?: (bytes: Uint8Array) => ToHost | undefined) {
+  const sent: Uint8Array[] = [];
+  const steps: Step[] = [];
+  const transport: Transport = { name: "test", is_replay: false, send: (_, message) => sent.push(message), close: () => undefined };
+  const spoken = decode ? (Object.assign(Object.create(wire), { decode }) as Wire) : wire;
+  const session = new Session(0, spoken, () => transport, (step) => steps.push(step));
+  return { session, sent, steps };
+}
+
+const hello = (major: number): ToHost => ({
+  kind: "hello", major, minor: 0, firmware: "9", board: "test", side: "left", cells: 1, rate_hz: 100, has_parameters: true, reset: "power", last_panic: null,
+});
+
+test("it says hello until it is answered, then asks for the stream", () => {
+  const { session, sent } = start();
+  session.opened(0);
+  session.tick(100);
+  session.tick(500);
+  expect(sent).toEqual([wire.connect(), wire.connect()]);
+  session.receive(messagesOf(0)[0]!, 600);
+  expect(session.state).toBe("live");
+  expect(session.hello?.side).toBe("left");
+  expect(sent.at(-1)).toEqual(wire.stream(true));
+});
+
+test("the computed walk arrives whole, steps included", () => {
+  const { session, steps } = start();
+  session.opened(0);
+  messagesOf(1).forEach((message, i) => session.receive(message, i));
+  expect(session.hello?.side).toBe("right");
+  expect(session.counters).toEqual({ received: messagesOf(1).length - 7, lost: 0, damaged: 0 });
+  expect(steps.map(({ step }) => step)).toEqual([0, 1, 2, 3, 4, 5]);
+});
+
+test("gaps are counted, and a status finds what was lost at the ends", () => {
+  let next: ToHost;
+  const { session } = start(() => next);
+  const receive = (message: ToHost) => {
+    next = message;
+    session.receive(new Uint8Array(1), 0);
+  };
+  session.opened(0);
+  receive(hello(wire.facts.major));
+  for (const sequence of [2, 3, 7]) receive(live({ sequence }));
+  expect(session.counters.lost).toBe(3);
+  const counted = { kind: "status", uptime_s: 1, frames_missed: 0, live_sent: 9, steps: 0, steps_dropped: 0, bad_frames: 0 } as const;
+  receive({ ...counted, live_due: 9 });
+  expect(session.counters.lost).toBe(6);
+  receive({ ...counted, live_due: 9 });
+  expect(session.counters).toEqual({ received: 3, lost: 6, damaged: 0 });
+});
+
+test("the rate is that of the last seconds, from the first one on", () => {
+  const { session } = start();
+  session.opened(0);
+  const [hello, ...messages] = messagesOf(0);
+  session.receive(hello!, 1000);
+  const frames = messages.filter((message) => wire.decode(message)?.kind === "live");
+  frames.slice(0, 400).forEach((message, i) => {
+    session.receive(message, 1010 + 10 * i);
+    if (i % 50 === 49) expect(session.rate_hz(1010 + 10 * i)).toBeCloseTo(100, -1);
+  });
+});
+
+test("after silence the link is lost and hello is said again", () => {
+  const { session, sent } = start();
+  session.opened(0);
+  session.receive(messagesOf(0)[0]!, 0);
+  session.tick(SILENCE_MS);
+  expect(session.state).toBe("live");
+  session.tick(SILENCE_MS + 1);
+  expect(session.state).toBe("lost");
+  expect(sent.at(-1)).toEqual(wire.connect());
+});
+
+describe("an insole of another major version", () => {
+  test("is shown nothing", () => {
+    let next: ToHost = hello(wire.facts.major + 1);
+    const { session, sent } = start(() => next);
+    session.opened(0);
+    session.receive(new Uint8Array(1), 0);
+    expect(session.state).toBe("other-version");
+    next = live({}, 100);
+    session.receive(new Uint8Array(1), 1);
+    expect(session.live).toBeUndefined();
+    session.tick(10_000);
+    expect(sent).toEqual([wire.connect()]);
+  });
+});

@@ -1,0 +1,44 @@
+import { expect, test } from "vitest";
+import { type StoredStep, MemoryKeeper } from "../src/steps";
+import { cadence_per_min, figures, symmetryIndex } from "../src/walk";
+import { step } from "./wire";
+
+const stored = (values: Parameters<typeof step>[0], peak_n: number | null = null): StoredStep => ({ step: step(values), peak_n });
+
+test("symmetry index: 0 for equal, positive for more on the left, none without both", () => {
+  expect(symmetryIndex(800, 800)).toBe(0);
+  expect(symmetryIndex(900, 700)).toBe(25);
+  expect(symmetryIndex(700, 900)).toBe(-25);
+  expect(symmetryIndex(null, 700)).toBeNull();
+  expect(symmetryIndex(0, 0)).toBeNull();
+});
+
+test("cadence counts both feet, from one foot as from two", () => {
+  const left = [0, 1, 2, 3].map((n) => stored({ step: n, start_s: 10 + n * 1.2 }));
+  const right = [0, 1, 2, 3].map((n) => stored({ side: "right", step: n, start_s: 77 + n * 1.2 }));
+  expect(cadence_per_min(left)).toBeCloseTo(100);
+  expect(cadence_per_min([...left, ...right])).toBeCloseTo(100);
+  expect(cadence_per_min(left.slice(0, 1))).toBeNull();
+});
+
+test("neither a missed step, nor a pause, nor a restart is a stride", () => {
+  const steps = [
+    stored({ step: 0, start_s: 0 }),
+    stored({ step: 1, start_s: 1 }),
+    stored({ step: 3, start_s: 3 }),
+    stored({ step: 4, start_s: 20 }),
+    stored({ step: 5, start_s: 2 }),
+  ];
+  expect(cadence_per_min(steps)).toBe(120);
+});
+
+test("means are over the latest steps, peaks over those that are known", () => {
+  const steps = Array.from({ length: 30 }, (_, n) => stored({ step: n, duration_s: n < 10 ? 9 : 0.6 }, n % 2 ? 800 : null));
+  const left = figures(steps, "left");
+  expect(left).toEqual({ count: 30, peak_n: 800, impulse_n_s: 0, contact_s: expect.closeTo(0.6) });
+  expect(figures(steps, "right")).toEqual({ count: 0, peak_n: null, impulse_n_s: null, contact_s: null });
+});
+
+test("a keeper without a place to keep is empty", async () => {
+  expect(await new MemoryKeeper().load()).toEqual([]);
+});

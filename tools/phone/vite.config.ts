@@ -1,0 +1,48 @@
+import { createHash } from "node:crypto";
+import type { Plugin } from "vite";
+import { defineConfig } from "vitest/config";
+
+/** Writes the service worker: it keeps exactly the files of this build, under a name made from their content. */
+function offline(): Plugin {
+  return {
+    name: "offline",
+    apply: "build",
+    // After index.html is there.
+    enforce: "post",
+    generateBundle(_, bundle) {
+      const hash = createHash("sha256");
+      for (const file of Object.values(bundle)) hash.update(file.type === "chunk" ? file.code : file.source);
+      const files = [...Object.keys(bundle), "manifest.webmanifest", "icon.svg"];
+      const version = hash.digest("hex").slice(0, 12);
+      const source = `const VERSION = "plantar-${version}";
+const FILES = ${JSON.stringify(files)};
+self.addEventListener("install", (event) => {
+  event.waitUntil(caches.open(VERSION).then((cache) => cache.addAll(FILES)).then(() => self.skipWaiting()));
+});
+self.addEventListener("activate", (event) => {
+  const old = (names) => names.filter((name) => name.startsWith("plantar-") && name !== VERSION);
+  event.waitUntil(
+    caches.keys().then((names) => Promise.all(old(names).map((name) => caches.delete(name)))).then(() => self.clients.claim()),
+  );
+});
+self.addEventListener("fetch", (event) => {
+  if (event.request.method !== "GET" || new URL(event.request.url).origin !== location.origin) return;
+  const kept = async () => {
+    const cache = await caches.open(VERSION);
+    // One page, whatever its address asks for.
+    return (await cache.match(event.request.mode === "navigate" ? "index.html" : event.request)) ?? fetch(event.request);
+  };
+  event.respondWith(kept());
+});
+`;
+      this.emitFile({ type: "asset", fileName: "sw.js", source });
+    },
+  };
+}
+
+export default defineConfig({
+  base: "./",
+  build: { target: "es2022", assetsInlineLimit: 0, modulePreload: { polyfill: false } },
+  plugins: [offline()],
+  test: { include: ["tests/**/*.test.ts"], testTimeout: 30_000, hookTimeout: 60_000, reporters: "verbose" },
+});

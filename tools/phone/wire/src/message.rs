@@ -1,0 +1,68 @@
+//! Messages of an insole as the page reads them: one object each, `kind` first, units in the names.
+
+use client::step_to_json;
+use plantar::Side;
+use plantar::wire::{Hello, Live, Status, ToHost, decode};
+use serde_json::{Value, json};
+
+/// The message as JSON; `None` where the bytes are no message of this version.
+pub fn decode_to_json(bytes: &[u8]) -> Option<Value> {
+    let message: ToHost = decode(bytes)?;
+    Some(match &message {
+        ToHost::Hello(hello) => hello_to_json(hello),
+        ToHost::Live(live) => live_to_json(live),
+        ToHost::Step(step) => json!({ "kind": "step", "step": step_to_json(step) }),
+        ToHost::Status(status) => status_to_json(status),
+        ToHost::Tissue(tissue) => json!({ "kind": "tissue", "id": tissue.id }),
+        ToHost::Refused(refusal) => json!({ "kind": "refused", "reason": refusal.to_string() }),
+        ToHost::Time { host_us, device_us } => json!({ "kind": "time", "host_us": host_us, "device_us": device_us }),
+    })
+}
+
+fn hello_to_json(hello: &Hello) -> Value {
+    json!({
+        "kind": "hello",
+        "major": hello.major,
+        "minor": hello.minor,
+        "firmware": hello.firmware.as_str(),
+        "board": hello.board.as_str(),
+        "side": match hello.side { Side::Left => "left", Side::Right => "right" },
+        "cells": hello.cells,
+        "rate_hz": 1e6 / f64::from(hello.period_us),
+        "has_parameters": hello.tissue_id != 0,
+        "reset": format!("{:?}", hello.reset).to_lowercase(),
+        "last_panic": hello.last_panic.as_deref(),
+    })
+}
+
+fn live_to_json(live: &Live) -> Value {
+    let regions: Vec<_> = live
+        .regions
+        .iter()
+        .enumerate()
+        .map(|(i, r)| {
+            json!({
+                "area_mm2": r.area_mm2,
+                "deformation_mm": f64::from(r.deformation_um) / 1000.0,
+                "model_n": f64::from(r.model_dn) / 10.0,
+                "measured_n": f64::from(r.measured_dn) / 10.0,
+                "saturated": live.saturated >> i & 1 == 1,
+                "clamped": live.clamped >> i & 1 == 1,
+            })
+        })
+        .collect();
+    json!({ "kind": "live", "sequence": live.sequence, "t_s": live.t_us as f64 / 1e6, "regions": regions })
+}
+
+fn status_to_json(status: &Status) -> Value {
+    json!({
+        "kind": "status",
+        "uptime_s": status.uptime_us as f64 / 1e6,
+        "frames_missed": status.frames_missed,
+        "live_due": status.live_due,
+        "live_sent": status.live_sent,
+        "steps": status.steps,
+        "steps_dropped": status.steps_dropped,
+        "bad_frames": status.bad_frames,
+    })
+}

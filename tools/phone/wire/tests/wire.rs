@@ -1,0 +1,68 @@
+//! What the page gets: messages in physical units, and a sole whose regions are those of the computed walk's cells.
+
+use phone_wire::{decode_to_json, outline_mm, region_shapes};
+use plantar::Region;
+use plantar::wire::{Live, LiveRegion, Refusal, ToHost, encode};
+use recording::synthetic;
+
+fn bytes(message: &ToHost) -> Vec<u8> {
+    let mut buffer = [0; 320];
+    encode(message, &mut buffer).expect("it fits").to_vec()
+}
+
+#[test]
+fn a_live_frame_comes_in_physical_units() {
+    let mut live = Live { sequence: 7, t_us: 1_250_000, saturated: 1, clamped: 2, ..Live::default() };
+    live.regions[0] = LiveRegion { area_mm2: 1234, deformation_um: 4567, model_dn: 3210, measured_dn: 4321 };
+    let json = decode_to_json(&bytes(&ToHost::Live(live))).expect("a message");
+    assert_eq!(json["kind"], "live");
+    assert_eq!(json["t_s"], 1.25);
+    let heel = &json["regions"][0];
+    assert_eq!(heel["area_mm2"], 1234);
+    assert_eq!(heel["deformation_mm"], 4.567);
+    assert_eq!(heel["model_n"], 321.0);
+    assert_eq!(heel["measured_n"], 432.1);
+    assert_eq!(
+        (&heel["saturated"], &heel["clamped"], &json["regions"][1]["clamped"]),
+        (&true.into(), &false.into(), &true.into())
+    );
+}
+
+#[test]
+fn the_time_comes_as_it_is() {
+    let json = decode_to_json(&bytes(&ToHost::Time { host_us: 5, device_us: 7 })).expect("a message");
+    assert_eq!(json, serde_json::json!({ "kind": "time", "host_us": 5, "device_us": 7 }));
+}
+
+#[test]
+fn anything_else_is_no_message() {
+    assert_eq!(decode_to_json(&[]), None);
+    assert_eq!(decode_to_json(&[0xff; 40]), None);
+    let mut long = bytes(&ToHost::Refused(Refusal::NotUnderstood));
+    long.push(0);
+    assert_eq!(decode_to_json(&long), None);
+}
+
+#[test]
+fn cells_of_the_computed_walk_lie_in_the_regions_that_are_drawn() {
+    let shapes = region_shapes();
+    let cells = synthetic::insole(240).cells;
+    let outside = cells.iter().filter(|cell| {
+        let at = [cell.x_mm as f32, cell.y_mm as f32];
+        !inside(&shapes[cell.region as usize].outline_mm, at) || !inside(&outline_mm(), at)
+    });
+    // Cells right on a boundary may fall on either side.
+    assert!(outside.count() <= 8);
+    for (region, shape) in Region::ALL.iter().zip(&shapes) {
+        assert!(inside(&shape.outline_mm, shape.centre_mm), "{}: {:?}", region.name(), shape.centre_mm);
+    }
+}
+
+fn inside(polygon: &[[f32; 2]], [x, y]: [f32; 2]) -> bool {
+    let next = polygon.iter().cycle().skip(1);
+    let crossed = polygon
+        .iter()
+        .zip(next)
+        .filter(|(a, b)| (a[1] > y) != (b[1] > y) && x < a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]));
+    crossed.count() % 2 == 1
+}

@@ -1,0 +1,117 @@
+//! `plantar serve`: the page for a phone, with insoles on this computer.
+
+use crate::carrier::{PATIENCE, open_serial, open_tcp};
+use crate::emulate::{FIRMWARE, Worn};
+use crate::setup::{Contact, Wearer, Zeroed};
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use emulator::{Board, Looped, Recorded, Time};
+use plantar::emulation::Head;
+use serve::{MAX_INSOLES, Options, Source};
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+
+/// Shows one or two insoles in a browser: live loads, steps, trends, and export.
+///
+/// Give one --serial, --tcp or --emulate a foot. Several pages may watch at once. Only this computer can connect unless --bind
+/// says otherwise; whoever can connect sees everything.
+#[derive(Args)]
+pub struct Serve {
+    /// Serial port of an insole, such as /dev/ttyACM0 or COM3.
+    #[arg(long, value_name = "PORT")]
+    serial: Vec<String>,
+    /// Bit rate of the serial ports.
+    #[arg(long, default_value_t = 460_800, requires = "serial")]
+    baud: u32,
+    /// Network address of an insole, HOST:PORT.
+    #[arg(long, value_name = "ADDRESS")]
+    tcp: Vec<String>,
+    /// Let the emulated insole feel this recording, over and over.
+    #[arg(long, value_name = "RECORDING")]
+    emulate: Vec<PathBuf>,
+    #[command(flatten)]
+    wearer: Wearer,
+    #[command(flatten)]
+    contact: Contact,
+    #[command(flatten)]
+    zero: Zeroed,
+    /// The firmware of the emulated board.
+    #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
+    firmware: PathBuf,
+    /// Write all that the insoles say to this file; the page plays it with ?replay=. Steps are acknowledged once they are
+    /// written there, otherwise once a page has taken them.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    /// Port of the page; 0 takes a free one.
+    #[arg(long, default_value_t = 7340)]
+    port: u16,
+    /// Listen on this address; 0.0.0.0 lets the whole network connect.
+    #[arg(long, value_name = "ADDRESS", default_value_t = Ipv4Addr::LOCALHOST.into())]
+    bind: IpAddr,
+    /// Let a page from here connect too, such as https://insoles.example (repeatable).
+    #[arg(long, value_name = "ORIGIN")]
+    origin: Vec<String>,
+    /// Folder of the built page [default: tools/phone/dist here or above this program].
+    #[arg(long, value_name = "DIR")]
+    page: Option<PathBuf>,
+}
+
+/// Where `cargo xtask page` puts the page.
+const PAGE: &str = "tools/phone/dist";
+
+impl Serve {
+    pub fn run(&self) -> Result<()> {
+        let insoles = self.serial.len() + self.tcp.len() + self.emulate.len();
+        if !(1..=MAX_INSOLES).contains(&insoles) {
+            bail!("give one --serial, --tcp or --emulate a foot: 1 or 2 in all, not {insoles}");
+        }
+        let mut sources = Vec::new();
+        for port in self.serial.clone() {
+            let baud = self.baud;
+            sources.push(source(port.clone(), move || Ok(Box::new(open_serial(&port, baud)?))));
+        }
+        for address in self.tcp.clone() {
+            sources.push(source(address.clone(), move || Ok(Box::new(open_tcp(&address)?))));
+        }
+        // They run until the program ends.
+        let mut boards = Vec::new();
+        for path in &self.emulate {
+            let parameters = self.wearer.parameters()?;
+            let Worn { recording, insole } = Worn::new(path, &parameters, &self.contact, &self.zero)?;
+            let head = Head::new(insole.setup);
+            let cells = insole.cells.clone();
+            let walk = Looped(Recorded::new(recording, insole));
+            let board = Board::start(&self.firmware, &head, &cells, Time::Real, walk)?;
+            let link = board.link()?;
+            let mut source = source(path.display().to_string(), move || {
+                let link = link.try_clone()?;
+                link.set_read_timeout(Some(PATIENCE))?;
+                Ok(Box::new(link))
+            });
+            source.tissue = Some(parameters.tissue());
+            sources.push(source);
+            boards.push(board);
+        }
+        let options = Options {
+            listen: SocketAddr::new(self.bind, self.port),
+            page: self.page.clone().unwrap_or_else(find_page),
+            origins: self.origin.clone(),
+            record: self.record.clone(),
+        };
+        serve::serve(sources, &options, |address| println!("The page is at http://{address}/ (Ctrl-C ends)"))
+            .context("cannot serve the page")
+    }
+}
+
+fn source(name: String, mut open: impl FnMut() -> Result<Box<dyn serve::Bytes>> + Send + 'static) -> Source {
+    Source { name, open: Box::new(move || open().map_err(|e| io::Error::other(format!("{e:#}")))), tissue: None }
+}
+
+/// The page in this folder or, for a program in `target/release`, in the repository that it was built from.
+fn find_page() -> PathBuf {
+    let program = std::env::current_exe().unwrap_or_default();
+    let above = program.ancestors().map(|folder| folder.join(PAGE));
+    let mut places = [PathBuf::from(PAGE)].into_iter().chain(above);
+    places.find(|page| page.join("index.html").is_file()).unwrap_or_else(|| PAGE.into())
+}

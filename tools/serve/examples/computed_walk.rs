@@ -1,0 +1,67 @@
+//! Writes the page's example, a computed walk of both feet: `cargo run -p serve --example computed_walk -- FILE`.
+
+use parameters::{InsoleSize, Parameters};
+use plantar::Side;
+use plantar::contact::ContactRule;
+use plantar::insole::{DEVICE_CELLS, Insole};
+use plantar::stance::StanceRule;
+use plantar::wire::{Hello, Live, MAJOR, MINOR, Reset, Step, ToHost};
+use recording::VirtualInsole;
+use recording::synthetic::{SyntheticWalk, walk};
+use std::error::Error;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+
+const STEPS: usize = 6;
+/// The right foot follows half a stride after the left one.
+const STRIDE_S: f64 = 1.05;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let path = std::env::args().nth(1).ok_or("name the file to write")?;
+    let left = messages(Side::Left, 0.0, 760.0, 1)?;
+    let right = messages(Side::Right, STRIDE_S / 2.0, 800.0, 2)?;
+    let mut both: Vec<_> = left.into_iter().map(|m| (m, 0)).chain(right.into_iter().map(|m| (m, 1))).collect();
+    both.sort_by_key(|((t_ms, _), _)| *t_ms);
+    let mut out = BufWriter::new(File::create(path)?);
+    for ((t_ms, message), insole) in both {
+        serve::append(&mut out, t_ms, insole, &message)?;
+    }
+    Ok(out.flush()?)
+}
+
+/// What an insole says of a walk that starts later by `lag_s`, with the time in ms.
+fn messages(side: Side, lag_s: f64, peak_n: f64, seed: u64) -> Result<Vec<(u32, ToHost)>, Box<dyn Error>> {
+    let recording = walk(&SyntheticWalk { side, steps: STEPS, peak_n, seed, ..SyntheticWalk::default() }).recording;
+    let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+    let tissue = Parameters::typical(InsoleSize::default()).tissue();
+    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    insole.set_up(worn.setup, worn.cells.iter().copied())?;
+    insole.set_tissue(&tissue)?;
+    let hello = Hello {
+        major: MAJOR,
+        minor: MINOR,
+        firmware: env!("CARGO_PKG_VERSION").try_into().unwrap_or_default(),
+        board: "computed".try_into().unwrap_or_default(),
+        side,
+        layout_id: worn.setup.layout_id,
+        cells: worn.cells.len() as u16,
+        period_us: worn.setup.period_us,
+        tissue_id: tissue.id,
+        contact_rule: worn.setup.contact,
+        reset: Reset::Power,
+        last_panic: None,
+    };
+    let mut said = vec![(0, ToHost::Hello(hello))];
+    let mut codes = vec![0; worn.cells.len()];
+    for frame in 0..worn.frames(&recording) {
+        worn.codes_of(&recording, frame, &mut codes);
+        let toe_off = insole.frame(frame as u32, &codes);
+        let t_us = frame as u64 * u64::from(worn.setup.period_us);
+        let t_ms = (t_us as f64 / 1e3 + lag_s * 1e3).round() as u32;
+        said.push((t_ms, ToHost::Live(Live::new(frame as u32, t_us, insole.loads()))));
+        if toe_off && let Some(step) = insole.whole_step() {
+            said.push((t_ms, ToHost::Step(Step::new(&step))));
+        }
+    }
+    Ok(said)
+}

@@ -1,0 +1,107 @@
+//! One insole's session: what it says goes to the hub, what pages have taken is acknowledged.
+
+use crate::hub::Hub;
+use client::{Client, Error};
+use plantar::insole::Tissue;
+use plantar::wire::{ToDevice, ToHost};
+use std::io::{self, Read, Write};
+use std::time::{Duration, Instant};
+
+/// An insole answers a hello within this time.
+const ANSWER: Duration = Duration::from_secs(5);
+/// A stream that is silent for longer has ended.
+const SILENCE: Duration = Duration::from_secs(2);
+/// Between attempts to reach an insole that was lost.
+const RETRY: Duration = Duration::from_secs(1);
+/// Between questions for the insole's counters.
+const STATUS: Duration = Duration::from_secs(1);
+
+/// Whatever carries bytes in both directions; reads return within a fraction of a second.
+pub trait Bytes: Read + Write + Send {}
+
+impl<T: Read + Write + Send> Bytes for T {}
+
+type Session = Client<Box<dyn Bytes>>;
+
+/// Where an insole is.
+pub struct Source {
+    /// As the user named it.
+    pub name: String,
+    /// Opens the carrier, again after it broke.
+    pub open: Box<dyn FnMut() -> io::Result<Box<dyn Bytes>> + Send>,
+    /// Parameters that the insole is given.
+    pub tissue: Option<Tissue>,
+}
+
+impl Source {
+    /// Opens a session that streams.
+    pub(crate) fn connect(&mut self) -> Result<Session, Error> {
+        let mut client = Client::connect((self.open)()?, ANSWER)?;
+        if let Some(tissue) = &self.tissue {
+            client.set_tissue(tissue)?;
+        }
+        client.stream()?;
+        Ok(client)
+    }
+}
+
+/// Follows an insole until the program ends; what breaks is tried again.
+pub(crate) fn run(hub: &Hub, index: usize, mut source: Source, client: Session) {
+    let mut session = Some(client);
+    loop {
+        if let Some(client) = session.take() {
+            let Err(error) = follow(hub, index, client);
+            if hub.has_ended() {
+                return;
+            }
+            eprintln!("{}: {error}; trying again", source.name);
+        }
+        std::thread::sleep(RETRY);
+        // Said once, above: an insole that is switched off may stay so for hours.
+        session = source.connect().ok();
+    }
+}
+
+fn follow(hub: &Hub, index: usize, mut client: Session) -> Result<std::convert::Infallible, Error> {
+    greeted(hub, index, &mut client);
+    let mut heard = Instant::now();
+    let mut asked = Instant::now();
+    loop {
+        match client.receive()? {
+            Some(ToHost::Live(live)) => hub.live(index, live),
+            Some(ToHost::Step(step)) => hub.step(index, step),
+            Some(ToHost::Status(status)) => hub.status(index, status),
+            // The answer to a hello that was said twice, or to what nobody here asks.
+            Some(ToHost::Hello(_) | ToHost::Tissue(_) | ToHost::Refused(_) | ToHost::Time { .. }) => {}
+            None if heard.elapsed() > SILENCE => {
+                // It may have restarted, and then waits for a hello.
+                client.reconnect(ANSWER)?;
+                client.stream()?;
+                greeted(hub, index, &mut client);
+            }
+            None => {
+                send_due(hub, index, &mut client, &mut asked)?;
+                continue;
+            }
+        }
+        heard = Instant::now();
+        send_due(hub, index, &mut client, &mut asked)?;
+    }
+}
+
+fn greeted(hub: &Hub, index: usize, client: &mut Session) {
+    // An older insole has none to tell.
+    let tissue = client.tissue().ok();
+    hub.hello(index, client.hello(), tissue);
+}
+
+fn send_due(hub: &Hub, index: usize, client: &mut Session, asked: &mut Instant) -> Result<(), Error> {
+    if let Some(step) = hub.acknowledgement(index) {
+        client.send(ToDevice::Acknowledge { step })?;
+    }
+    if asked.elapsed() > STATUS {
+        *asked = Instant::now();
+        client.send(ToDevice::GetStatus)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,240 @@
+//! Between insoles and pages: every page has its own link to every insole.
+
+use crate::stream_file::StreamFile;
+use plantar::insole::Tissue;
+use plantar::link::{Link, STEP_QUEUE};
+use plantar::wire::{Hello, Live, MAX_MESSAGE, Status, Step, ToDevice, ToHost, decode};
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::watch;
+
+/// All insoles and the pages that watch them.
+pub(crate) struct Hub {
+    insoles: Vec<Mutex<Insole>>,
+    recorder: Option<Mutex<StreamFile>>,
+    next_page: Mutex<u64>,
+    /// Wakes the pages.
+    changed: watch::Sender<()>,
+    has_ended: AtomicBool,
+}
+
+#[derive(Default)]
+struct Insole {
+    hello: Option<Hello>,
+    /// The wearer's parameters, where the insole has told them.
+    tissue: Option<Tissue>,
+    status: Status,
+    /// Counts hellos: numbers of steps are comparable within a session only.
+    session: u64,
+    /// Steps that no page has taken, with their session; no more than the insole itself keeps.
+    kept: VecDeque<(Step, u64)>,
+    /// Steps that were taken: an insole that did not hear of it sends them again.
+    taken: VecDeque<Step>,
+    /// What the insole is to be told.
+    acknowledge: Option<u32>,
+    pages: Vec<(u64, Link)>,
+}
+
+/// Pushes into a queue of [`STEP_QUEUE`].
+fn push<T>(queue: &mut VecDeque<T>, item: T) {
+    if queue.len() == STEP_QUEUE {
+        queue.pop_front();
+    }
+    queue.push_back(item);
+}
+
+impl Hub {
+    pub fn new(insoles: usize, recorder: Option<StreamFile>) -> Self {
+        Self {
+            insoles: (0..insoles).map(|_| Mutex::default()).collect(),
+            recorder: recorder.map(Mutex::new),
+            next_page: Mutex::new(0),
+            changed: watch::Sender::new(()),
+            has_ended: AtomicBool::new(false),
+        }
+    }
+
+    /// The program ends: what breaks from now on is no news.
+    pub fn end(&self) {
+        self.has_ended.store(true, Ordering::Relaxed);
+    }
+
+    pub fn has_ended(&self) -> bool {
+        self.has_ended.load(Ordering::Relaxed)
+    }
+
+    fn insole(&self, index: usize) -> MutexGuard<'_, Insole> {
+        // State is whole between statements that can panic.
+        self.insoles[index].lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// True once the message is in a file.
+    fn record(&self, index: usize, message: &ToHost) -> bool {
+        let Some(recorder) = &self.recorder else { return false };
+        recorder.lock().unwrap_or_else(PoisonError::into_inner).write(index as u8, message)
+    }
+
+    /// An insole opened a session.
+    pub fn hello(&self, index: usize, hello: &Hello, tissue: Option<Tissue>) {
+        self.record(index, &ToHost::Hello(hello.clone()));
+        let mut insole = self.insole(index);
+        let insole = &mut *insole;
+        insole.hello = Some(hello.clone());
+        insole.tissue = tissue;
+        insole.session += 1;
+        insole.acknowledge = None;
+        for (_, link) in &mut insole.pages {
+            // As if the page had said hello again: it is told who is there now.
+            let is_streaming = link.next_live().is_some();
+            greet(link, CONNECT, insole.tissue);
+            link.receive(ToDevice::Stream { live: is_streaming }, NO_CLOCK_US);
+        }
+        self.changed.send_replace(());
+    }
+
+    pub fn live(&self, index: usize, live: Live) {
+        self.record(index, &ToHost::Live(live));
+        for (_, link) in &mut self.insole(index).pages {
+            // The frame keeps the insole's number, so that a page sees gaps from here and from there.
+            if link.next_live().is_some() {
+                link.push_live(live);
+            }
+        }
+        self.changed.send_replace(());
+    }
+
+    pub fn step(&self, index: usize, step: Step) {
+        let mut insole = self.insole(index);
+        let session = insole.session;
+        if insole.taken.contains(&step) {
+            insole.acknowledge = Some(step.step);
+            return;
+        }
+        if let Some((_, known)) = insole.kept.iter_mut().find(|(kept, _)| *kept == step) {
+            *known = session;
+            return;
+        }
+        push(&mut insole.kept, (step, session));
+        for (_, link) in &mut insole.pages {
+            link.push_step(step);
+        }
+        if self.record(index, &ToHost::Step(step)) {
+            insole.acknowledge = Some(step.step);
+        }
+        drop(insole);
+        self.changed.send_replace(());
+    }
+
+    pub fn status(&self, index: usize, status: Status) {
+        self.record(index, &ToHost::Status(status));
+        self.insole(index).status = status;
+    }
+
+    /// The step that the insole is to be told of, once.
+    pub fn acknowledgement(&self, index: usize) -> Option<u32> {
+        self.insole(index).acknowledge.take()
+    }
+
+    /// Lets a page watch.
+    pub fn join(self: &Arc<Self>) -> Page {
+        let mut next = self.next_page.lock().unwrap_or_else(PoisonError::into_inner);
+        *next += 1;
+        for insole in &self.insoles {
+            let mut insole = insole.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut link = Link::new();
+            for (step, _) in &insole.kept {
+                link.push_step(*step);
+            }
+            insole.pages.push((*next, link));
+        }
+        Page { hub: self.clone(), id: *next, changed: self.changed.subscribe() }
+    }
+}
+
+/// Pages ask for no time, so their links need none.
+const NO_CLOCK_US: u64 = 0;
+
+const CONNECT: ToDevice = ToDevice::Connect { major: plantar::wire::MAJOR, minor: plantar::wire::MINOR };
+
+/// Opens a page's session; its link knows the parameters that the insole has.
+fn greet(link: &mut Link, connect: ToDevice, tissue: Option<Tissue>) {
+    link.receive(connect, NO_CLOCK_US);
+    if let Some(tissue) = tissue {
+        link.receive(ToDevice::SetTissue(tissue), NO_CLOCK_US);
+    }
+}
+
+/// One page's place in the hub; it leaves when this is dropped.
+pub(crate) struct Page {
+    hub: Arc<Hub>,
+    id: u64,
+    changed: watch::Receiver<()>,
+}
+
+impl Page {
+    /// Waits until there may be something to send.
+    pub async fn changed(&mut self) {
+        // The sender lives as long as the hub, which this holds.
+        let _ = self.changed.changed().await;
+    }
+
+    /// Takes what the page sent: an insole's index and a message.
+    pub fn receive(&self, bytes: &[u8]) {
+        let Some((&index, message)) = bytes.split_first() else { return };
+        let index = usize::from(index);
+        if index >= self.hub.insoles.len() {
+            return;
+        }
+        let mut insole = self.hub.insole(index);
+        let insole = &mut *insole;
+        let Some((_, link)) = insole.pages.iter_mut().find(|(id, _)| *id == self.id) else { return };
+        match decode(message) {
+            // A wearer's parameters and the insole's clock are not a page's business.
+            Some(
+                ToDevice::SetTissue(_) | ToDevice::GetTissue | ToDevice::GetTime { .. } | ToDevice::SetClock { .. },
+            )
+            | None => link.receive_unknown(),
+            Some(connect @ ToDevice::Connect { .. }) => greet(link, connect, insole.tissue),
+            Some(message) => {
+                link.receive(message, NO_CLOCK_US);
+                if let ToDevice::Acknowledge { step } = message {
+                    insole.taken_by_page(step);
+                }
+            }
+        }
+    }
+
+    /// The next message for the page after its insole's index; `None` when there is nothing.
+    pub fn next(&self) -> Option<Vec<u8>> {
+        (0..self.hub.insoles.len()).find_map(|index| {
+            let mut insole = self.hub.insole(index);
+            let insole = &mut *insole;
+            let (_, link) = insole.pages.iter_mut().find(|(id, _)| *id == self.id)?;
+            let mut buffer = [0; MAX_MESSAGE];
+            let message = link.next(insole.hello.as_ref()?, || insole.status, &mut buffer)?;
+            Some([&[index as u8], message].concat())
+        })
+    }
+}
+
+impl Insole {
+    fn taken_by_page(&mut self, step: u32) {
+        let Some(at) = self.kept.iter().position(|(kept, _)| kept.step == step) else { return };
+        if let Some((step, session)) = self.kept.remove(at) {
+            push(&mut self.taken, step);
+            // The number means another step to an insole that has restarted since.
+            if session == self.session {
+                self.acknowledge = Some(step.step);
+            }
+        }
+    }
+}
+
+impl Drop for Page {
+    fn drop(&mut self) {
+        for insole in &self.hub.insoles {
+            insole.lock().unwrap_or_else(PoisonError::into_inner).pages.retain(|(id, _)| *id != self.id);
+        }
+    }
+}

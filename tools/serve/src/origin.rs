@@ -1,0 +1,52 @@
+//! Which web pages may connect: any page in a browser can try, wherever it came from.
+
+use std::net::IpAddr;
+
+/// May a page from `origin` connect to this server, reached as `host` (the header)?
+///
+/// The served page has the same host in both. A name could be one that an attacker lets point here, so it must be an address
+/// or `localhost`. Programs other than browsers send no origin.
+pub(crate) fn is_allowed(origin: Option<&str>, host: Option<&str>, others: &[String]) -> bool {
+    let Some(origin) = origin else { return true };
+    if others.iter().any(|other| other.trim_end_matches('/') == origin) {
+        return true;
+    }
+    let from = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
+    from.is_some() && from == host && host.is_some_and(is_address)
+}
+
+fn is_address(host: &str) -> bool {
+    let name = match host.rsplit_once(':') {
+        Some((name, port)) if port.bytes().all(|b| b.is_ascii_digit()) => name,
+        _ => host,
+    };
+    name == "localhost" || name.trim_matches(['[', ']']).parse::<IpAddr>().is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_allowed;
+
+    #[test]
+    fn the_served_page_and_named_origins_may_connect() {
+        let others = ["https://insoles.example".to_string()];
+        for host in ["127.0.0.1:7340", "localhost:7340", "[::1]:7340", "192.168.1.20:7340"] {
+            assert!(is_allowed(Some(&format!("http://{host}")), Some(host), &others), "{host}");
+        }
+        assert!(is_allowed(Some("https://insoles.example"), Some("127.0.0.1:7340"), &others));
+        assert!(is_allowed(None, Some("127.0.0.1:7340"), &others));
+    }
+
+    #[test]
+    fn other_pages_may_not() {
+        for (origin, host) in [
+            ("https://evil.example", "127.0.0.1:7340"),
+            ("http://localhost:8080", "localhost:7340"),
+            // A name that was made to point here.
+            ("http://evil.example:7340", "evil.example:7340"),
+            ("null", "127.0.0.1:7340"),
+        ] {
+            assert!(!is_allowed(Some(origin), Some(host), &[]), "{origin}");
+        }
+    }
+}

@@ -1,0 +1,49 @@
+//! A recorded stream: per message the time in ms (u32), the insole (u8), the length (u16), little endian, and the message.
+
+use plantar::wire::{MAX_MESSAGE, ToHost, encode};
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+use std::time::Instant;
+
+/// A stream file that grows as messages come.
+pub struct StreamFile {
+    out: BufWriter<File>,
+    start: Instant,
+    broken: bool,
+}
+
+impl StreamFile {
+    /// Starts an empty file; time counts from now.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        Ok(Self { out: BufWriter::new(File::create(path)?), start: Instant::now(), broken: false })
+    }
+
+    /// Writes a message with the time since the start; true when it is written, steps through to the file. The first
+    /// failure is reported and ends the recording.
+    pub(crate) fn write(&mut self, insole: u8, message: &ToHost) -> bool {
+        if self.broken {
+            return false;
+        }
+        let t_ms = self.start.elapsed().as_millis() as u32;
+        let written = append(&mut self.out, t_ms, insole, message).and_then(|()| match message {
+            ToHost::Live(_) => Ok(()),
+            _ => self.out.flush(),
+        });
+        if let Err(error) = &written {
+            eprintln!("the recording has ended: {error}");
+            self.broken = true;
+        }
+        written.is_ok()
+    }
+}
+
+/// Writes one message.
+pub fn append(out: &mut impl Write, t_ms: u32, insole: u8, message: &ToHost) -> io::Result<()> {
+    let mut buffer = [0; MAX_MESSAGE];
+    let message = encode(message, &mut buffer).map_err(io::Error::other)?;
+    out.write_all(&t_ms.to_le_bytes())?;
+    // At most MAX_MESSAGE, 320.
+    out.write_all(&[&[insole][..], &(message.len() as u16).to_le_bytes()].concat())?;
+    out.write_all(message)
+}

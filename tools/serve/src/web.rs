@@ -1,0 +1,109 @@
+//! HTTP: the page's files, and the WebSocket at `/insoles`.
+
+use crate::hub::{Hub, Page};
+use crate::origin::is_allowed;
+use crate::{Error, Options};
+use axum::Router;
+use axum::extract::State;
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::http::header::{CACHE_CONTROL, HOST, HeaderName, ORIGIN};
+use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::response::{IntoResponse, Response};
+use axum::routing::any;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use tokio::net::{TcpListener, TcpSocket};
+use tower_http::services::ServeDir;
+use tower_http::set_header::SetResponseHeaderLayer;
+
+/// What the system may hold back of one page's stream, bytes: about a second of two feet. Beyond it the page's link drops.
+const SEND_BUFFER: u32 = 16 * 1024;
+/// Longest message of a page, bytes.
+const MAX_REQUEST: usize = 512;
+const CONNECTIONS: u32 = 64;
+
+#[derive(Clone)]
+struct Served {
+    hub: Arc<Hub>,
+    origins: Arc<[String]>,
+}
+
+/// Serves until the program is told to end.
+pub(crate) fn run(hub: Arc<Hub>, options: &Options, ready: impl FnOnce(SocketAddr)) -> Result<(), Error> {
+    let router = router(hub, options);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let listener = listen(options.listen).map_err(|e| Error::Listen(options.listen, e))?;
+        ready(listener.local_addr()?);
+        tokio::select! {
+            ended = axum::serve(listener, router) => Ok(ended?),
+            () = told_to_end() => Ok(()),
+        }
+    })
+}
+
+fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
+    let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+    socket.set_reuseaddr(cfg!(unix))?;
+    // Connections inherit these.
+    socket.set_send_buffer_size(SEND_BUFFER)?;
+    socket.set_nodelay(true)?;
+    socket.bind(address)?;
+    socket.listen(CONNECTIONS)
+}
+
+fn router(hub: Arc<Hub>, options: &Options) -> Router {
+    let header = |name: HeaderName, value| SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value));
+    Router::new()
+        .route("/insoles", any(insoles))
+        .with_state(Served { hub, origins: options.origins.clone().into() })
+        .fallback_service(ServeDir::new(&options.page))
+        // A page that was built again is seen at the next visit.
+        .layer(header(CACHE_CONTROL, "no-cache"))
+}
+
+async fn insoles(State(served): State<Served>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
+    let header = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
+    if !is_allowed(header(ORIGIN), header(HOST), &served.origins) {
+        return (StatusCode::FORBIDDEN, "pages from elsewhere may not connect").into_response();
+    }
+    let page = served.hub.join();
+    upgrade.max_message_size(MAX_REQUEST).max_frame_size(MAX_REQUEST).on_upgrade(|socket| follow(socket, page))
+}
+
+/// Carries messages both ways until the page leaves.
+async fn follow(mut socket: WebSocket, mut page: Page) {
+    loop {
+        while let Some(message) = page.next() {
+            if socket.send(Message::Binary(message.into())).await.is_err() {
+                return;
+            }
+        }
+        tokio::select! {
+            () = page.changed() => {}
+            message = socket.recv() => match message {
+                Some(Ok(Message::Binary(bytes))) => page.receive(&bytes),
+                Some(Ok(Message::Close(_)) | Err(_)) | None => return,
+                Some(Ok(_)) => {}
+            },
+        }
+    }
+}
+
+#[cfg(unix)]
+async fn told_to_end() {
+    use tokio::signal::unix::{SignalKind, signal};
+    let (Ok(mut interrupt), Ok(mut terminate)) = (signal(SignalKind::interrupt()), signal(SignalKind::terminate()))
+    else {
+        return std::future::pending().await;
+    };
+    tokio::select! {
+        _ = interrupt.recv() => {}
+        _ = terminate.recv() => {}
+    }
+}
+
+#[cfg(not(unix))]
+async fn told_to_end() {
+    let _ = tokio::signal::ctrl_c().await;
+}

@@ -1,0 +1,334 @@
+//! Pages over real sockets, insoles in memory: what a page gets, what is acknowledged, what a slow page costs.
+
+use futures_util::{SinkExt, StreamExt};
+use plantar::Side;
+use plantar::contact::ContactRule;
+use plantar::insole::Tissue;
+use plantar::link::Link;
+use plantar::wire::{
+    Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepRegion, ToDevice,
+    ToHost, decode, encode, frame,
+};
+use serve::{Bytes, Options, Source};
+use std::collections::VecDeque;
+use std::io::{self, Read, Write};
+use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::mpsc::channel;
+use std::sync::{Arc, Condvar, Mutex};
+use std::time::Duration;
+use tokio_tungstenite::tungstenite::Message;
+use tokio_tungstenite::tungstenite::client::IntoClientRequest;
+
+/// Nothing here takes longer, however busy the machine.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// An insole and its cable.
+struct Insole {
+    link: Link,
+    from_host: Decoder,
+    to_host: VecDeque<u8>,
+    /// Steps that were acknowledged to it.
+    acknowledged: Vec<u32>,
+    side: Side,
+}
+
+#[derive(Clone)]
+struct Cable(Arc<(Mutex<Insole>, Condvar)>);
+
+impl Cable {
+    fn new(side: Side) -> Self {
+        let insole = Insole {
+            link: Link::new(),
+            from_host: Decoder::new(),
+            to_host: VecDeque::new(),
+            acknowledged: Vec::new(),
+            side,
+        };
+        Self(Arc::new((Mutex::new(insole), Condvar::new())))
+    }
+
+    fn source(&self) -> Source {
+        let cable = self.clone();
+        Source {
+            name: "memory".into(),
+            open: Box::new(move || Ok(Box::new(cable.clone()) as Box<dyn Bytes>)),
+            tissue: None,
+        }
+    }
+
+    /// Lets the insole do something, and say what comes of it.
+    fn act<T>(&self, act: impl FnOnce(&mut Insole) -> T) -> T {
+        let mut insole = self.0.0.lock().expect("no test panics here");
+        let done = act(&mut insole);
+        let hello = hello(insole.side);
+        let mut buffer = [0; MAX_MESSAGE];
+        while let Some(message) = insole.link.next(&hello, Status::default, &mut buffer) {
+            let mut out = [0; MAX_FRAME];
+            let len = frame(message, &mut out);
+            insole.to_host.extend(&out[..len]);
+        }
+        self.0.1.notify_all();
+        done
+    }
+
+    fn live(&self) {
+        self.act(|insole| {
+            if let Some(sequence) = insole.link.next_live() {
+                insole.link.push_live(Live { sequence, t_us: u64::from(sequence) * 10_000, ..Live::default() });
+            }
+        });
+    }
+
+    fn step(&self, number: u32) {
+        let step = step(self.act(|insole| insole.side), number);
+        self.act(|insole| insole.link.push_step(step));
+    }
+
+    /// Waits until the step was acknowledged.
+    fn acknowledged(&self, number: u32) -> bool {
+        let insole = self.0.0.lock().expect("no test panics here");
+        let waits = |insole: &mut Insole| !insole.acknowledged.contains(&number);
+        let waited = self.0.1.wait_timeout_while(insole, PATIENCE, waits).expect("no test panics here");
+        !waited.1.timed_out()
+    }
+}
+
+impl Read for Cable {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let insole = self.0.0.lock().expect("no test panics here");
+        let wait = Duration::from_millis(10);
+        let is_silent = |insole: &mut Insole| insole.to_host.is_empty();
+        let (mut insole, timeout) = self.0.1.wait_timeout_while(insole, wait, is_silent).expect("no test panics here");
+        if timeout.timed_out() { Err(io::ErrorKind::TimedOut.into()) } else { insole.to_host.read(buffer) }
+    }
+}
+
+impl Write for Cable {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.act(|insole| {
+            for &byte in bytes {
+                let Some(message) = insole.from_host.push(byte).and_then(decode) else { continue };
+                if let ToDevice::Acknowledge { step } = message {
+                    insole.acknowledged.push(step);
+                }
+                insole.link.receive(message, 0);
+            }
+        });
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+fn hello(side: Side) -> Hello {
+    Hello {
+        major: MAJOR,
+        minor: MINOR,
+        firmware: "test".try_into().expect("short"),
+        board: "memory".try_into().expect("short"),
+        side,
+        layout_id: 1,
+        cells: 240,
+        period_us: 10_000,
+        tissue_id: 0,
+        contact_rule: ContactRule::COUNTED,
+        reset: Reset::Power,
+        last_panic: None,
+    }
+}
+
+fn step(side: Side, number: u32) -> Step {
+    Step {
+        step: number,
+        side,
+        start_us: u64::from(number) * 1_000_000,
+        duration_us: 650_000,
+        sample_us: 10_000,
+        bridged_frames: 0,
+        saturated: 0,
+        clamped: 0,
+        contact_rule: ContactRule::COUNTED,
+        regions: [StepRegion { measured_peak_dn: 100, ..StepRegion::default() }; 8],
+    }
+}
+
+/// Serves these insoles until the test ends.
+fn serve(cables: &[&Cable], record: Option<std::path::PathBuf>) -> SocketAddr {
+    let folder = tempfile::tempdir().expect("a folder").keep();
+    std::fs::write(folder.join("index.html"), "the page").expect("a page");
+    let sources = cables.iter().map(|cable| cable.source()).collect();
+    let (ready, address) = channel();
+    std::thread::spawn(move || {
+        let listen = (Ipv4Addr::LOCALHOST, 0).into();
+        let options = Options { listen, page: folder, origins: Vec::new(), record };
+        serve::serve(sources, &options, |at| ready.send(at).expect("the test waits")).expect("it serves");
+    });
+    address.recv_timeout(PATIENCE).expect("it serves in time")
+}
+
+type Socket = tokio_tungstenite::WebSocketStream<tokio_tungstenite::MaybeTlsStream<tokio::net::TcpStream>>;
+
+struct Page(Socket);
+
+impl Page {
+    async fn open(address: SocketAddr) -> Self {
+        let (socket, _) = tokio_tungstenite::connect_async(format!("ws://{address}/insoles")).await.expect("it opens");
+        let mut page = Self(socket);
+        for insole in [0, 1] {
+            page.send(insole, ToDevice::Connect { major: MAJOR, minor: MINOR }).await;
+            page.send(insole, ToDevice::Stream { live: true }).await;
+        }
+        page
+    }
+
+    async fn send(&mut self, insole: u8, message: ToDevice) {
+        let mut buffer = [0; MAX_MESSAGE];
+        let message = encode(&message, &mut buffer).expect("it fits");
+        self.0.send(Message::Binary([&[insole], &*message].concat().into())).await.expect("it is sent");
+    }
+
+    async fn next(&mut self) -> (u8, ToHost) {
+        let message = tokio::time::timeout(PATIENCE, self.0.next()).await.expect("it comes in time");
+        let bytes = message.expect("the socket is open").expect("a message").into_data();
+        (bytes[0], decode(&bytes[1..]).expect("a wire message"))
+    }
+
+    /// What comes next of this kind.
+    async fn find<T>(&mut self, insole: u8, of: impl Fn(ToHost) -> Option<T>) -> T {
+        loop {
+            let (from, message) = self.next().await;
+            if from == insole
+                && let Some(found) = of(message)
+            {
+                return found;
+            }
+        }
+    }
+
+    async fn hello(&mut self, insole: u8) -> Hello {
+        self.find(insole, |m| if let ToHost::Hello(hello) = m { Some(hello) } else { None }).await
+    }
+
+    async fn live(&mut self, insole: u8) -> Live {
+        self.find(insole, |m| if let ToHost::Live(live) = m { Some(live) } else { None }).await
+    }
+
+    async fn step(&mut self, insole: u8) -> Step {
+        self.find(insole, |m| if let ToHost::Step(step) = m { Some(step) } else { None }).await
+    }
+
+    async fn status(&mut self, insole: u8) -> Status {
+        self.send(insole, ToDevice::GetStatus).await;
+        self.find(insole, |m| if let ToHost::Status(status) = m { Some(status) } else { None }).await
+    }
+}
+
+#[tokio::test]
+async fn two_pages_see_both_feet_and_a_step_is_acknowledged_once_one_has_taken_it() {
+    let (left, right) = (Cable::new(Side::Left), Cable::new(Side::Right));
+    let address = serve(&[&left, &right], None);
+    let (mut one, mut other) = (Page::open(address).await, Page::open(address).await);
+    for page in [&mut one, &mut other] {
+        assert_eq!(page.hello(0).await.side, Side::Left);
+        assert_eq!(page.hello(1).await.side, Side::Right);
+        // An answer: the stream that was asked for before is on.
+        page.status(1).await;
+    }
+    right.live();
+    assert_eq!(one.live(1).await, other.live(1).await);
+
+    right.step(0);
+    assert_eq!(one.step(1).await.step, 0);
+    assert_eq!(other.step(1).await.step, 0);
+    right.act(|insole| assert_eq!(insole.acknowledged, [0; 0]));
+    other.send(1, ToDevice::Acknowledge { step: 0 }).await;
+    assert!(right.acknowledged(0));
+    left.act(|insole| assert_eq!(insole.acknowledged, [0; 0]));
+}
+
+#[tokio::test]
+async fn a_page_that_comes_later_gets_what_nobody_has_taken() {
+    let cable = Cable::new(Side::Left);
+    let address = serve(&[&cable], None);
+    cable.step(0);
+    cable.step(1);
+    let mut page = Page::open(address).await;
+    assert_eq!((page.step(0).await.step, page.step(0).await.step), (0, 1));
+    page.send(0, ToDevice::Acknowledge { step: 0 }).await;
+    assert!(cable.acknowledged(0));
+    drop(page);
+    let mut page = Page::open(address).await;
+    assert_eq!(page.step(0).await.step, 1);
+}
+
+#[tokio::test]
+async fn a_slow_page_loses_live_frames_that_are_counted_and_no_step() {
+    let cable = Cable::new(Side::Left);
+    let address = serve(&[&cable], None);
+    let (mut slow, mut quick) = (Page::open(address).await, Page::open(address).await);
+    slow.status(0).await;
+    quick.status(0).await;
+    // Far more than a socket's buffers hold; the slow page reads nothing meanwhile.
+    const FRAMES: u32 = 100_000;
+    for sequence in 0..FRAMES {
+        cable.live();
+        if sequence == FRAMES / 2 {
+            cable.step(0);
+        }
+        // Lock step with the quick page, which loses nothing.
+        assert_eq!(quick.live(0).await.sequence, sequence);
+    }
+    assert_eq!(slow.step(0).await.step, 0);
+    let status = slow.status(0).await;
+    assert_eq!(status.live_due, FRAMES);
+    assert!(status.live_sent < FRAMES, "{} of {FRAMES} frames", status.live_sent);
+    assert_eq!(quick.status(0).await.live_sent, FRAMES);
+}
+
+#[tokio::test]
+async fn what_is_recorded_needs_no_page() {
+    let cable = Cable::new(Side::Right);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("walk.plantar");
+    serve(&[&cable], Some(path.clone()));
+    cable.step(0);
+    assert!(cable.acknowledged(0));
+    let bytes = std::fs::read(path).expect("a recording");
+    let mut messages = Vec::new();
+    let mut rest = &bytes[..];
+    while let Some((head, tail)) = rest.split_first_chunk::<7>() {
+        assert_eq!(head[4], 0);
+        let (message, tail) = tail.split_at(usize::from(u16::from_le_bytes([head[5], head[6]])));
+        messages.push(decode::<ToHost>(message).expect("a message"));
+        rest = tail;
+    }
+    assert!(matches!(&messages[0], ToHost::Hello(hello) if hello.side == Side::Right));
+    assert!(messages.contains(&ToHost::Step(step(Side::Right, 0))));
+}
+
+#[tokio::test]
+async fn a_page_may_not_change_the_insole() {
+    let cable = Cable::new(Side::Left);
+    let address = serve(&[&cable], None);
+    let mut page = Page::open(address).await;
+    page.hello(0).await;
+    for message in
+        [ToDevice::SetTissue(Tissue::NONE), ToDevice::GetTime { host_us: 1 }, ToDevice::SetClock { unix_us: 1 }]
+    {
+        page.send(0, message).await;
+        page.find(0, |m| (m == ToHost::Refused(Refusal::NotUnderstood)).then_some(())).await;
+    }
+    cable.act(|insole| assert_eq!((insole.link.tissue().id, insole.link.unix_us(0)), (Tissue::NONE.id, None)));
+}
+
+#[tokio::test]
+async fn a_page_from_elsewhere_may_not_connect() {
+    let cable = Cable::new(Side::Left);
+    let address = serve(&[&cable], None);
+    let mut request = format!("ws://{address}/insoles").into_client_request().expect("a request");
+    request.headers_mut().insert("origin", "https://evil.example".parse().expect("a header"));
+    let refused = tokio_tungstenite::connect_async(request).await.expect_err("it is refused");
+    assert!(refused.to_string().contains("403"), "{refused}");
+}

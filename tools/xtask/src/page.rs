@@ -1,0 +1,55 @@
+//! The page for a phone: the core as WebAssembly, Vite's build, and its tests.
+
+use crate::{built, root, run, run_command, setup};
+use anyhow::{Context, Result};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+const FOLDER: &str = "tools/phone";
+const WASM: &str = "wasm32-unknown-unknown";
+
+/// The built page.
+pub fn dist() -> PathBuf {
+    root().join(FOLDER).join("dist")
+}
+
+/// Builds the page with what its lock file names.
+pub fn build() -> Result<()> {
+    setup::rust()?;
+    setup::node()?;
+    run("cargo", &["build", "--locked", "--profile", "page", "--package", "phone-wire", "--target", WASM])?;
+    let wasm = built(&format!("{WASM}/page/phone_wire.wasm"));
+    std::fs::copy(&wasm, root().join(FOLDER).join("src/phone_wire.wasm"))
+        .with_context(|| format!("cannot copy {}", wasm.display()))?;
+    install()?;
+    npm(&["run", "build"])
+}
+
+/// Types, units, and the page in Chromium: with the computed walk, and with the emulated insole.
+pub fn test(plantar: &Path, firmware: &Path) -> Result<()> {
+    setup::chromium()?;
+    npm(&["run", "check"])?;
+    let absolute = |path: &Path| std::path::absolute(path);
+    run_command(
+        Command::new("npm")
+            .args(["--prefix", FOLDER, "run", "test"])
+            .env("PLANTAR", absolute(plantar)?)
+            .env("PLANTAR_FIRMWARE", absolute(firmware)?),
+    )
+}
+
+/// Installs the packages once, and again when the lock file changes.
+fn install() -> Result<()> {
+    let folder = root().join(FOLDER);
+    let lock = std::fs::read(folder.join("package-lock.json"))?;
+    let stamp = folder.join("node_modules/.installed-from");
+    if std::fs::read(&stamp).ok().as_ref() != Some(&lock) {
+        npm(&["ci"]).context("the page's packages come from the npm registry: is the network there?")?;
+        std::fs::write(stamp, lock)?;
+    }
+    Ok(())
+}
+
+fn npm(arguments: &[&str]) -> Result<()> {
+    run("npm", &[&["--prefix", FOLDER], arguments].concat())
+}
