@@ -164,7 +164,8 @@ pub struct Hello {
     pub contact_rule: ContactRule,
     /// Why the insole last started.
     pub reset: Reset,
-    /// What the last panic said, if one caused the reset; or why the set-up of this start was refused.
+    /// Where the program was in the panic or fault that caused the reset, as `cargo xtask explain` reads it; or why the set-up of
+    /// this start was refused.
     pub last_panic: Option<String<96>>,
 }
 
@@ -179,10 +180,24 @@ pub enum Reset {
     Software,
     /// The watchdog was not fed.
     Watchdog,
-    /// After a panic; see [`Hello::last_panic`].
+    /// After a panic or a hard fault; see [`Hello::last_panic`].
     Panic,
     /// None of these.
     Unknown,
+}
+
+impl Reset {
+    /// One word.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Power => "power",
+            Self::Pin => "pin",
+            Self::Software => "software",
+            Self::Watchdog => "watchdog",
+            Self::Panic => "panic",
+            Self::Unknown => "unknown",
+        }
+    }
 }
 
 /// One frame: 8 regions in the order of [`crate::Region::ALL`].

@@ -172,11 +172,12 @@ fn SysTick() {
 
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    panic!("hard fault at {:#010x}", frame.pc())
+    device::keep_calls(Some(frame.pc()));
+    cortex_m::peripheral::SCB::sys_reset()
 }
 
 #[panic_handler]
-fn panic(info: &core::panic::PanicInfo) -> ! {
-    device::keep_panic(info);
+fn panic(_: &core::panic::PanicInfo) -> ! {
+    device::keep_calls(None);
     cortex_m::peripheral::SCB::sys_reset()
 }

@@ -30,7 +30,7 @@ fn hello_to_json(hello: &Hello) -> Value {
         "cells": hello.cells,
         "rate_hz": 1e6 / f64::from(hello.period_us),
         "has_parameters": hello.tissue_id != 0,
-        "reset": format!("{:?}", hello.reset).to_lowercase(),
+        "reset": hello.reset.name(),
         "last_panic": hello.last_panic.as_deref(),
     })
 }
