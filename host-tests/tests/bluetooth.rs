@@ -313,6 +313,19 @@ fn stream_steps(world: &mut World, phone: &mut Phone, steps: usize) {
     }
 }
 
+/// The insole waits 30 s for the confirmation of an indication, and then no longer.
+#[test]
+fn a_phone_that_never_confirms_is_disconnected_and_may_come_back() {
+    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut phone = world.bonded_phone(247);
+    world.air.order(json!({"do": "mute", "phone": phone.name}));
+    phone.send(&mut world.air, ToDevice::GetStatus);
+    phone.lose(&mut world.air);
+    phone.reopen(&mut world.air, 247);
+    assert_eq!(phone.status(&mut world.air).bad_frames, 0);
+    stream_steps(&mut world, &mut phone, 1);
+}
+
 #[test]
 fn a_watch_sees_the_cadence_and_sets_the_clock() {
     let Some(mut world) = World::start(WALK(3)) else { return };

@@ -209,6 +209,10 @@ class World:
             await phone.connection.disconnect()
             await phone.gone.wait()
             return {}
+        if do == 'mute':
+            # Indications are not confirmed on this connection.
+            phone.peer.gatt_client.on_att_handle_value_indication = lambda _: None
+            return {}
         if do == 'cut':
             # Both ends notice; no word passes between them.
             for controller, _ in self.radios.values():

@@ -302,6 +302,11 @@ impl Phone {
         air.heard.retain(|(_, line)| line["phone"] != self.name);
     }
 
+    /// Waits until the insole has ended the connection.
+    pub fn lose(&mut self, air: &mut Air) {
+        while air.hear(&self.name).1.get("lost").is_none() {}
+    }
+
     /// The link breaks, as when the phone is carried away.
     pub fn cut(&mut self, air: &mut Air) {
         air.order(json!({"do": "cut", "phone": self.name}));
