@@ -28,7 +28,7 @@ struct Insole {
 impl Insole {
     fn answer(&mut self, bytes: &[u8]) {
         for message in messages::<ToDevice>(&mut self.from_host, bytes) {
-            self.link.receive(message);
+            self.link.receive(message, 0);
         }
     }
 

@@ -134,7 +134,7 @@ async fn main(spawner: Spawner) {
     core.DWT.enable_cycle_counter();
     // Scanning above the thread, below the timer, DMA and the port, which are as they start: highest.
     interrupt::SPI2.set_priority(Priority::P6);
-    defmt::info!("plantar {} started, reset: {}", env!("CARGO_PKG_VERSION"), defmt::Debug2Format(&reset));
+    defmt::info!("plantar {} started, reset: {}", env!("CARGO_PKG_VERSION"), reset.name());
     if let Some(panic) = &panic {
         defmt::error!("last panic: {}", panic.as_str());
     }
@@ -167,11 +167,11 @@ async fn main(spawner: Spawner) {
     let insole = INSOLE.take();
     let setup = layout::setup(side);
     // A refusal leaves an insole without cells, so that a host hears why.
-    let refused = insole.set_up(setup, layout::cells()).err();
+    let refused = insole.set_up(setup, layout::cells()).err().map(device::cut);
     if let Some(refused) = &refused {
-        defmt::error!("set-up refused: {}", defmt::Display2Format(refused));
+        defmt::error!("set-up refused: {}", refused.as_str());
     }
-    let hello = app::hello("stm32wb55", &setup, insole, reset, panic.or(refused.map(device::cut)));
+    let hello = app::hello("stm32wb55", &setup, insole, reset, panic.or(refused));
     let mut link = usart::Config::default();
     link.baudrate = LINK_BIT_HZ;
     // The pins are this port's and the bit rate is within its divider, so it cannot be refused.
@@ -222,11 +222,12 @@ unsafe fn SPI2() {
 
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    panic!("hard fault at {:#010x}", frame.pc())
+    device::keep_calls(Some(frame.pc()));
+    cortex_m::peripheral::SCB::sys_reset()
 }
 
 #[panic_handler]
-fn panic(info: &core::panic::PanicInfo) -> ! {
-    device::keep_panic(info);
+fn panic(_: &core::panic::PanicInfo) -> ! {
+    device::keep_calls(None);
     cortex_m::peripheral::SCB::sys_reset()
 }

@@ -75,7 +75,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
 /// Lets the emulated board feel a whole walk, with a live stream, and returns its counters.
 pub fn walk_through(firmware: &Path, worn: &VirtualInsole, time: Time, walk: impl Walk) -> Result<Status> {
     let scans = walk.scans();
-    let head = Head { setup: worn.setup, paced: true };
+    let head = Head::new(worn.setup);
     let board = Board::start(firmware, &head, &worn.cells, time, walk)?;
     let link = board.link()?;
     link.set_read_timeout(Some(Duration::from_millis(50)))?;

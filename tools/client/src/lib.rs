@@ -201,7 +201,7 @@ impl<C: Read + Write> Client<C> {
             }
             // What follows is another session.
             ToHost::Hello(_) => self.next_live = None,
-            ToHost::Tissue(_) | ToHost::Refused(_) => {}
+            ToHost::Tissue(_) | ToHost::Refused(_) | ToHost::Time { .. } => {}
         }
         Ok(Some(message))
     }

@@ -88,8 +88,10 @@ export class Session {
         // Comes after all that was due: also finds what was lost before the first frame or after the last.
         this.lose(Math.max(0, message.live_due - this.received_in_stream - this.lost_in_stream));
         return;
+      // Nothing here asks for these.
       case "tissue":
       case "refused":
+      case "time":
     }
   }
 

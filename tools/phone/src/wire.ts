@@ -88,7 +88,8 @@ export type ToHost =
   | { kind: "step"; step: Step }
   | Status
   | { kind: "tissue"; id: number }
-  | { kind: "refused"; reason: string };
+  | { kind: "refused"; reason: string }
+  | { kind: "time"; host_us: number; device_us: number };
 
 export type Point = [x_mm: number, y_mm: number];
 

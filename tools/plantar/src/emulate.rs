@@ -92,7 +92,7 @@ impl Emulate {
         let parameters = self.wearer.parameters()?;
         let Worn { recording, insole } = Worn::new(&self.recording, &parameters, &self.contact, &self.zero)?;
         let tissue = parameters.tissue();
-        let head = Head { setup: insole.setup, paced: false };
+        let head = Head::new(insole.setup);
         let cells = insole.cells.clone();
         let seconds = recording.frames() as f64 / recording.rate_hz;
         let scans = insole.frames(&recording) as u32;
@@ -165,7 +165,7 @@ impl Emulate {
                     asked = false;
                 }
                 Some(ToHost::Hello(hello)) => bail!(restarted(&hello)),
-                Some(ToHost::Tissue(_) | ToHost::Refused(_)) => {}
+                Some(ToHost::Tissue(_) | ToHost::Refused(_) | ToHost::Time { .. }) => {}
                 None if heard.elapsed() > SILENCE => {
                     bail!(restarted(client.reconnect(ANSWER).context("the insole has fallen silent")?))
                 }

@@ -79,7 +79,7 @@ impl Serve {
         for path in &self.emulate {
             let parameters = self.wearer.parameters()?;
             let Worn { recording, insole } = Worn::new(path, &parameters, &self.contact, &self.zero)?;
-            let head = Head { setup: insole.setup, paced: false };
+            let head = Head::new(insole.setup);
             let cells = insole.cells.clone();
             let walk = Looped(Recorded::new(recording, insole));
             let board = Board::start(&self.firmware, &head, &cells, Time::Real, walk)?;

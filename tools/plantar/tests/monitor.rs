@@ -48,7 +48,7 @@ fn with_insole(arguments: &[&str]) -> Option<Output> {
     };
     let walk = walk();
     let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let head = Head { setup: worn.setup, paced: true };
+    let head = Head::new(worn.setup);
     let cells = worn.cells.clone();
     let board =
         Board::start(firmware.as_ref(), &head, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");

@@ -88,7 +88,7 @@ impl Hub {
             // As if the page had said hello again: it is told who is there now.
             let is_streaming = link.next_live().is_some();
             greet(link, CONNECT, insole.tissue);
-            link.receive(ToDevice::Stream { live: is_streaming });
+            link.receive(ToDevice::Stream { live: is_streaming }, NO_CLOCK_US);
         }
         self.changed.send_replace(());
     }
@@ -152,13 +152,16 @@ impl Hub {
     }
 }
 
+/// Pages ask for no time, so their links need none.
+const NO_CLOCK_US: u64 = 0;
+
 const CONNECT: ToDevice = ToDevice::Connect { major: plantar::wire::MAJOR, minor: plantar::wire::MINOR };
 
 /// Opens a page's session; its link knows the parameters that the insole has.
 fn greet(link: &mut Link, connect: ToDevice, tissue: Option<Tissue>) {
-    link.receive(connect);
+    link.receive(connect, NO_CLOCK_US);
     if let Some(tissue) = tissue {
-        link.receive(ToDevice::SetTissue(tissue));
+        link.receive(ToDevice::SetTissue(tissue), NO_CLOCK_US);
     }
 }
 
@@ -187,11 +190,14 @@ impl Page {
         let insole = &mut *insole;
         let Some((_, link)) = insole.pages.iter_mut().find(|(id, _)| *id == self.id) else { return };
         match decode(message) {
-            // A wearer's parameters are not a page's business.
-            Some(ToDevice::SetTissue(_) | ToDevice::GetTissue) | None => link.receive_unknown(),
+            // A wearer's parameters and the insole's clock are not a page's business.
+            Some(
+                ToDevice::SetTissue(_) | ToDevice::GetTissue | ToDevice::GetTime { .. } | ToDevice::SetClock { .. },
+            )
+            | None => link.receive_unknown(),
             Some(connect @ ToDevice::Connect { .. }) => greet(link, connect, insole.tissue),
             Some(message) => {
-                link.receive(message);
+                link.receive(message, NO_CLOCK_US);
                 if let ToDevice::Acknowledge { step } = message {
                     insole.taken_by_page(step);
                 }

@@ -3,10 +3,11 @@
 use futures_util::{SinkExt, StreamExt};
 use plantar::Side;
 use plantar::contact::ContactRule;
+use plantar::insole::Tissue;
 use plantar::link::Link;
 use plantar::wire::{
-    Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Reset, Status, Step, StepRegion, ToDevice, ToHost,
-    decode, encode, frame,
+    Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepRegion, ToDevice,
+    ToHost, decode, encode, frame,
 };
 use serve::{Bytes, Options, Source};
 use std::collections::VecDeque;
@@ -110,7 +111,7 @@ impl Write for Cable {
                 if let ToDevice::Acknowledge { step } = message {
                     insole.acknowledged.push(step);
                 }
-                insole.link.receive(message);
+                insole.link.receive(message, 0);
             }
         });
         Ok(bytes.len())
@@ -305,6 +306,21 @@ async fn what_is_recorded_needs_no_page() {
     }
     assert!(matches!(&messages[0], ToHost::Hello(hello) if hello.side == Side::Right));
     assert!(messages.contains(&ToHost::Step(step(Side::Right, 0))));
+}
+
+#[tokio::test]
+async fn a_page_may_not_change_the_insole() {
+    let cable = Cable::new(Side::Left);
+    let address = serve(&[&cable], None);
+    let mut page = Page::open(address).await;
+    page.hello(0).await;
+    for message in
+        [ToDevice::SetTissue(Tissue::NONE), ToDevice::GetTime { host_us: 1 }, ToDevice::SetClock { unix_us: 1 }]
+    {
+        page.send(0, message).await;
+        page.find(0, |m| (m == ToHost::Refused(Refusal::NotUnderstood)).then_some(())).await;
+    }
+    cable.act(|insole| assert_eq!((insole.link.tissue().id, insole.link.unix_us(0)), (Tissue::NONE.id, None)));
 }
 
 #[tokio::test]
