@@ -1,5 +1,6 @@
 //! Pages over real sockets, insoles in memory: what a page gets, what is acknowledged, what a slow page costs.
 
+use client::{Carrier, Framed};
 use futures_util::{SinkExt, StreamExt};
 use plantar::Side;
 use plantar::contact::ContactRule;
@@ -9,7 +10,7 @@ use plantar::wire::{
     Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepRegion, ToDevice,
     ToHost, decode, encode, frame,
 };
-use serve::{Bytes, Options, Source};
+use serve::{Options, Source};
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr};
@@ -51,7 +52,7 @@ impl Cable {
         let cable = self.clone();
         Source {
             name: "memory".into(),
-            open: Box::new(move || Ok(Box::new(cable.clone()) as Box<dyn Bytes>)),
+            open: Box::new(move || Ok(Box::new(Framed::new(cable.clone())) as Box<dyn Carrier + Send>)),
             tissue: None,
         }
     }
