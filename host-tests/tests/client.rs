@@ -1,6 +1,6 @@
 //! The host's side of a session, against an insole in memory.
 
-use client::{Client, Error, Framed, LinkCounters};
+use client::{Client, Error, Framed, LinkCounters, unix_us};
 use host_tests::{TISSUE, framed, live, messages, status, step};
 use plantar::Region;
 use plantar::insole::Tissue;
@@ -157,6 +157,17 @@ fn what_was_on_the_cable_before_is_passed_over() {
     assert_eq!(client.counters().crc_errors, 1);
     push_steps(&cable, [9]);
     assert_eq!(receive_all(&mut client), [ToHost::Step(step(9))]);
+}
+
+#[test]
+fn the_insoles_clock_is_asked_for_while_it_is_listened_to() {
+    let before_us = unix_us();
+    let (_, mut client) = connected();
+    assert_eq!(client.axis().host_us(0), None);
+    assert_eq!(receive_all(&mut client), []);
+    // This insole's clock shows 0 when it is asked.
+    let asked_us = client.axis().host_us(0).expect("asked and answered");
+    assert!((before_us..=unix_us()).contains(&asked_us));
 }
 
 #[test]

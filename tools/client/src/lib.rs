@@ -1,8 +1,10 @@
 //! The host's side of a session with an insole, over any carrier of messages.
 
+mod axis;
 mod carrier;
 mod json;
 
+pub use axis::Axis;
 pub use carrier::{Carrier, Framed};
 pub use json::{region_ellipse, region_quantities, step_to_json};
 
@@ -12,13 +14,17 @@ use plantar::wire::{Hello, MAJOR, MINOR, Refusal, Step, ToDevice, ToHost};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::io;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use thiserror::Error;
 
 /// A connected insole answers within this time.
 const ANSWER: Duration = Duration::from_secs(2);
 /// Minor version that brought the wearer's parameters.
 const TISSUE_MINOR: u8 = 1;
+/// Minor version that brought the clock.
+const CLOCK_MINOR: u8 = 2;
+/// Between questions for the insole's time.
+const ASK_TIME: Duration = Duration::from_millis(250);
 
 /// Why there is no session, or no longer one.
 #[derive(Debug, Error)]
@@ -81,6 +87,8 @@ pub struct Client<C> {
     frames_received: u32,
     frames_lost: u32,
     next_live: Option<u32>,
+    axis: Axis,
+    asked_time: Option<Instant>,
     /// As many as an insole can replay.
     delivered: VecDeque<Step>,
 }
@@ -97,6 +105,8 @@ impl<C: Carrier> Client<C> {
             frames_received: 0,
             frames_lost: 0,
             next_live: None,
+            axis: Axis::new(),
+            asked_time: None,
             delivered: VecDeque::new(),
         })
     }
@@ -105,6 +115,7 @@ impl<C: Carrier> Client<C> {
     pub fn reconnect(&mut self, patience: Duration) -> Result<&Hello, Error> {
         self.hello = greet(&mut self.carrier, patience)?;
         self.waiting.clear();
+        self.axis = Axis::new();
         self.next_live = None;
         Ok(&self.hello)
     }
@@ -114,8 +125,17 @@ impl<C: Carrier> Client<C> {
         &self.hello
     }
 
-    /// Turns the live stream on and waits until it is; what arrives meanwhile is received as usual.
+    /// Sets the insole's clock and learns its time, turns the live stream on and waits until it is; what arrives meanwhile is received as usual.
     pub fn stream(&mut self) -> Result<(), Error> {
+        if self.hello.minor >= CLOCK_MINOR {
+            self.send(ToDevice::SetClock { unix_us: unix_us() })?;
+            let question = ToDevice::GetTime { host_us: unix_us() };
+            let (asked_us, device_us) = self.ask(question, |message| match *message {
+                ToHost::Time { host_us, device_us } => Some((host_us, device_us)),
+                _ => None,
+            })?;
+            self.axis.answer(asked_us, device_us);
+        }
         self.send(ToDevice::Stream { live: true })?;
         self.ask(ToDevice::GetStatus, |message| matches!(message, ToHost::Status(_)).then_some(()))
     }
@@ -173,11 +193,31 @@ impl<C: Carrier> Client<C> {
         Ok(self.carrier.send(message)?)
     }
 
-    /// The next message; `None` when none came within the carrier's time-out. A step comes once, however often it is
+    /// The insole's clock against this computer's, us since 1970, UTC; as long as [`Client::receive`] is called it gets better.
+    pub fn axis(&self) -> &Axis {
+        &self.axis
+    }
+
+    fn ask_time(&mut self) -> Result<(), Error> {
+        let is_due = self.asked_time.is_none_or(|asked| asked.elapsed() >= ASK_TIME);
+        if is_due && self.hello.minor >= CLOCK_MINOR {
+            self.asked_time = Some(Instant::now());
+            self.send(ToDevice::GetTime { host_us: unix_us() })?;
+        }
+        Ok(())
+    }
+
+    /// The next message; `None` when none came within the carrier's time-out. Asks for the insole's time now and then, and
+    /// keeps the answers for [`Client::axis`]. A step comes once, however often it is
     /// replayed; send [`ToDevice::Acknowledge`] once it is stored.
     pub fn receive(&mut self) -> Result<Option<ToHost>, Error> {
+        self.ask_time()?;
         let Some(message) = self.next()? else { return Ok(None) };
         match &message {
+            ToHost::Time { host_us, device_us } => {
+                self.axis.answer(*host_us, *device_us);
+                return Ok(None);
+            }
             ToHost::Live(live) => {
                 self.frames_received += 1;
                 if let Some(expected) = self.next_live {
@@ -204,7 +244,7 @@ impl<C: Carrier> Client<C> {
             }
             // What follows is another session.
             ToHost::Hello(_) => self.next_live = None,
-            ToHost::Tissue(_) | ToHost::Refused(_) | ToHost::Time { .. } => {}
+            ToHost::Tissue(_) | ToHost::Refused(_) => {}
         }
         Ok(Some(message))
     }
@@ -225,6 +265,12 @@ impl<C: Carrier> Client<C> {
             crc_errors: self.carrier.damaged(),
         }
     }
+}
+
+/// This computer's clock, us since 1970, UTC.
+pub fn unix_us() -> u64 {
+    // A clock before 1970 is as wrong as 1970.
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64)
 }
 
 /// Says hello, and again twice a second until the insole answers.

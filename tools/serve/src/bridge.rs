@@ -91,6 +91,7 @@ fn greeted(hub: &Hub, index: usize, client: &mut Session) {
 }
 
 fn send_due(hub: &Hub, index: usize, client: &mut Session, asked: &mut Instant) -> Result<(), Error> {
+    hub.clock(index, client.axis());
     if let Some(step) = hub.acknowledgement(index) {
         client.send(ToDevice::Acknowledge { step })?;
     }
