@@ -51,6 +51,9 @@ pub trait FrameClock {
         false
     }
 
+    /// When frame 0 was due: the beginning of the insole's time.
+    fn start(&self) -> Instant;
+
     /// Waits for the next frame's time and returns its number; numbers that passed meanwhile are left out.
     async fn next(&mut self) -> u32;
 }
@@ -70,6 +73,10 @@ impl Ticker {
 }
 
 impl FrameClock for Ticker {
+    fn start(&self) -> Instant {
+        self.start
+    }
+
     async fn next(&mut self) -> u32 {
         let passed = (self.start.elapsed().as_micros() / self.period_us) as u32;
         let seq = self.seq.map_or(0, |last| last.wrapping_add(1).max(passed));
@@ -110,7 +117,7 @@ pub trait Watchdog {
 pub struct ScanCounters {
     missed: AtomicU32,
     overrun: AtomicU32,
-    /// When the first scan began, us since start.
+    /// When the first scan was due, us since start.
     began_us: AtomicU32,
 }
 
@@ -133,16 +140,14 @@ pub async fn scan(
     mut frames: Sender<'_, CriticalSectionRawMutex, Frame>,
     counters: &ScanCounters,
 ) -> ! {
+    // Scanning begins within the hour that 32 bits hold.
+    counters.began_us.store(clock.start().as_micros() as u32, Ordering::Relaxed);
     let mut last = None;
     loop {
         if clock.is_patient() {
             frames.send().await;
         }
         let seq = clock.next().await;
-        if last.is_none() {
-            // Scanning begins within the hour that 32 bits hold.
-            counters.began_us.store(Instant::now().as_micros() as u32, Ordering::Relaxed);
-        }
         let passed = seq.wrapping_sub(last.replace(seq).unwrap_or(seq.wrapping_sub(1)));
         add(&counters.missed, passed.wrapping_sub(1));
         let Some(frame) = frames.try_send() else {

@@ -3,7 +3,8 @@
 
 const DAY_US: u64 = 86_400_000_000;
 
-/// Days of a month, 1 to 12.
+/// Days of a month, 1 to 12. Once in the program, which is compiled for speed.
+#[inline(never)]
 const fn month_days(year: u16, month: u8) -> u64 {
     match month {
         2 if year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400)) => 29,

@@ -82,10 +82,13 @@ pub fn take_panic() -> Option<String<EVIDENCE>> {
     if evidence.magic != MAGIC {
         return None;
     }
-    let mut text = cut("panic at");
+    let mut text = String::new();
+    // There is room for all of it.
+    let _ = text.push_str("panic at");
     for call in evidence.calls.into_iter().take_while(|&call| call != 0) {
-        // There is room for all.
-        let _ = write!(text, " {call:08x}");
+        let _ = text.push(' ');
+        let digits = (0..8).rev().filter_map(|digit| char::from_digit(call >> (4 * digit) & 0xf, 16));
+        let _ = digits.map(|digit| text.push(digit)).count();
     }
     Some(text)
 }

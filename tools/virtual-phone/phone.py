@@ -7,6 +7,7 @@ for each notification and indication, and {"lost": <reason>, "phone": <name>} wh
 
 import asyncio
 import json
+import logging
 import socket
 import sys
 
@@ -33,6 +34,12 @@ PATIENCE_S = 20
 
 def say(**what):
     print(json.dumps(what), flush=True)
+
+
+def lose(controller):
+    """Ends a controller's connections as if the other end were out of range."""
+    for connection in list(controller.le_connections.values()):
+        controller.on_le_disconnected(connection, HCI_CONNECTION_TIMEOUT_ERROR)
 
 
 class Radio(Controller):
@@ -81,16 +88,23 @@ class Phone:
         self.connection = await self.device.connect(Address(address), timeout=PATIENCE_S)
         self.connection.on('disconnection', self.lost)
         self.peer = Peer(self.connection)
-        self.ways = {}
+        # What was found before, for a phone that remembers the table of an insole that it is bonded with.
+        for way in self.ways.values():
+            way.client = self.peer.gatt_client
 
     def lost(self, reason):
         say(lost=int(reason), phone=self.name)
         self.connection = None
         self.gone.set()
 
+    def of(self, radio):
+        """True for a phone that is connected to this radio."""
+        return self.connection is not None and self.connection.peer_address == radio.random_address
+
     async def discover(self):
         await self.peer.discover_services()
         table = []
+        self.ways = {}
         for service in self.peer.services:
             characteristics = []
             await service.discover_characteristics()
@@ -137,8 +151,8 @@ class World:
                 self.link.remove_controller(old[0])
                 old[1].server.close()
                 for phone in self.phones.values():
-                    for connection in list(phone.controller.le_connections.values()):
-                        phone.controller.on_le_disconnected(connection, HCI_CONNECTION_TIMEOUT_ERROR)
+                    if phone.of(old[0]):
+                        lose(phone.controller)
                         await phone.gone.wait()
             controller = Radio(order['name'], transport.source, transport.sink, link=self.link)
             self.radios[order['name']] = (controller, transport)
@@ -195,10 +209,20 @@ class World:
             await phone.connection.disconnect()
             await phone.gone.wait()
             return {}
+        if do == 'cut':
+            # Both ends notice; no word passes between them.
+            for controller, _ in self.radios.values():
+                if phone.of(controller):
+                    lose(controller)
+            lose(phone.controller)
+            await phone.gone.wait()
+            return {}
         raise ValueError(f'no such order: {do}')
 
 
 async def main():
+    # The link in software warns of what a broken link leaves in the air.
+    logging.disable(logging.WARNING)
     loop = asyncio.get_running_loop()
     reader = asyncio.StreamReader()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)

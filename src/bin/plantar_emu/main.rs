@@ -2,7 +2,7 @@
 //! a Bluetooth controller on USART2 and the sensor plant on USART3.
 //!
 //! The emulator has no reset and clock control, no ADC and no cycle counter, so this board brings its own small USART and
-//! takes time from SysTick; everything above the board traits is the code of the real board.
+//! takes time from a timer; everything above the board traits is the code of the real board.
 #![no_std]
 #![no_main]
 
