@@ -4,7 +4,7 @@
 
 mod common;
 
-use client::Client;
+use client::{Client, Framed};
 use common::{firmware, replay, replay_with, synthetic_walk, tissue};
 use emulator::{Board, Recorded, Scan, Time, Walk};
 use fit::quality::Evaluated;
@@ -45,7 +45,7 @@ const SILENT_READS: usize = 400;
 /// A session with the board that feels `recording`; time stands still until [`Board::play`].
 struct Session {
     board: Board,
-    client: Client<TcpStream>,
+    client: Client<Framed<TcpStream>>,
     scans: u32,
 }
 
@@ -71,7 +71,7 @@ impl Session {
         let board = Board::start(&firmware, &head, &cells, Time::Max, played).expect("the board boots");
         let link = board.link().expect("the link is there");
         link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
-        let client = Client::connect(link, Duration::from_secs(20)).expect("the insole answers");
+        let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
         Some(Self { board, client, scans })
     }
 
@@ -267,7 +267,7 @@ fn steps_are_kept_until_they_are_acknowledged() {
         }
     }
     let link = session.board.link().expect("the link is there");
-    let mut again = Client::connect(link, Duration::from_secs(20)).expect("the insole answers");
+    let mut again = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
     for step in &sent {
         let replayed = loop {
             if let Some(ToHost::Step(step)) = again.receive().expect("the link holds") {
@@ -320,7 +320,7 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     let board = Board::start(&firmware, &head, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");
     let link = board.link().expect("the link is there");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
-    let client = Client::connect(link, Duration::from_secs(20)).expect("the insole answers");
+    let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
     let told = client.hello().last_panic.as_deref().unwrap_or_default().to_owned();
     assert!(told.contains("out of the order of regions"), "{told}");
 }

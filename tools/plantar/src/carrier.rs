@@ -1,9 +1,9 @@
 //! Options that say where an insole is, and the session with it.
 
 use anyhow::{Context, Result, bail};
+use central::{Central, Which};
 use clap::{ArgGroup, Args};
-use client::Client;
-use std::io::{Read, Write};
+use client::{Carrier as Messages, Client, Framed};
 use std::net::TcpStream;
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ pub const ANSWER: Duration = Duration::from_secs(5);
 
 #[derive(Args)]
 #[group(skip)]
-#[command(group(ArgGroup::new("insole").required(true).args(["tcp", "serial"])))]
+#[command(group(ArgGroup::new("insole").required(true).args(["tcp", "serial", "ble"])))]
 pub struct Carrier {
     /// Network address of an insole, HOST:PORT.
     #[arg(long, value_name = "ADDRESS")]
@@ -25,25 +25,24 @@ pub struct Carrier {
     /// Bit rate of the serial port.
     #[arg(long, default_value_t = 460_800, requires = "serial")]
     baud: u32,
+    /// Bluetooth, for the insole of this foot: left, right, or an address where several people are near.
+    #[arg(long, value_name = "FOOT")]
+    ble: Option<Which>,
 }
 
-/// Whatever carries bytes in both directions.
-pub trait Bytes: Read + Write {}
-
-impl<T: Read + Write> Bytes for T {}
-
 /// A session with an insole.
-pub type Session = Client<Box<dyn Bytes>>;
+pub type Session = Client<Box<dyn Messages>>;
 
 impl Carrier {
     /// Opens a session with the insole there.
     pub fn connect(&self) -> Result<Session> {
-        let bytes: Box<dyn Bytes> = match (&self.tcp, &self.serial) {
-            (Some(address), _) => Box::new(open_tcp(address)?),
-            (None, Some(port)) => Box::new(open_serial(port, self.baud)?),
-            (None, None) => bail!("give --tcp or --serial"),
+        let carrier: Box<dyn Messages> = match self {
+            Self { tcp: Some(address), .. } => Box::new(Framed::new(open_tcp(address)?)),
+            Self { serial: Some(port), baud, .. } => Box::new(Framed::new(open_serial(port, *baud)?)),
+            Self { ble: Some(which), .. } => Box::new(Central::connect(which)?),
+            _ => bail!("give --tcp, --serial or --ble"),
         };
-        Ok(Client::connect(bytes, ANSWER)?)
+        Ok(Client::connect(carrier, ANSWER)?)
     }
 }
 

@@ -6,7 +6,7 @@ use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
-use client::{Client, step_to_json};
+use client::{Client, Framed, step_to_json};
 use emulator::{Board, Recorded, Time};
 use parameters::Parameters;
 use plantar::Region;
@@ -104,7 +104,7 @@ impl Emulate {
         let board = Board::start(&self.firmware, &head, &cells, time, walk)?;
         let link = board.link()?;
         link.set_read_timeout(Some(PATIENCE))?;
-        let mut client = Client::connect(link, ANSWER)?;
+        let mut client = Client::connect(Framed::new(link), ANSWER)?;
         client.set_tissue(&tissue)?;
         let mut view = View::open(client.hello())?;
         let start = Instant::now();
@@ -139,7 +139,13 @@ impl Emulate {
     }
 
     /// Receives until the walk is over and everything of it has arrived, or the user or a limit ends it.
-    fn follow(&self, board: &Board, client: &mut Client<TcpStream>, view: &mut View, scans: u32) -> Result<Outcome> {
+    fn follow(
+        &self,
+        board: &Board,
+        client: &mut Client<Framed<TcpStream>>,
+        view: &mut View,
+        scans: u32,
+    ) -> Result<Outcome> {
         client.stream()?;
         board.play();
         let mut steps = Vec::new();

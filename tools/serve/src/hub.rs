@@ -1,6 +1,7 @@
 //! Between insoles and pages: every page has its own link to every insole.
 
 use crate::stream_file::StreamFile;
+use client::{Axis, unix_us};
 use plantar::insole::Tissue;
 use plantar::link::{Link, STEP_QUEUE};
 use plantar::wire::{Hello, Live, MAX_MESSAGE, Status, Step, ToDevice, ToHost, decode};
@@ -25,6 +26,8 @@ struct Insole {
     /// The wearer's parameters, where the insole has told them.
     tissue: Option<Tissue>,
     status: Status,
+    /// The insole's clock against this computer's.
+    axis: Axis,
     /// Counts hellos: numbers of steps are comparable within a session only.
     session: u64,
     /// Steps that no page has taken, with their session; no more than the insole itself keeps.
@@ -83,6 +86,7 @@ impl Hub {
         insole.hello = Some(hello.clone());
         insole.tissue = tissue;
         insole.session += 1;
+        insole.axis = Axis::new();
         insole.acknowledge = None;
         for (_, link) in &mut insole.pages {
             // As if the page had said hello again: it is told who is there now.
@@ -131,6 +135,11 @@ impl Hub {
         self.insole(index).status = status;
     }
 
+    /// What is known of the insole's clock.
+    pub fn clock(&self, index: usize, axis: &Axis) {
+        self.insole(index).axis.clone_from(axis);
+    }
+
     /// The step that the insole is to be told of, once.
     pub fn acknowledgement(&self, index: usize) -> Option<u32> {
         self.insole(index).acknowledge.take()
@@ -152,7 +161,7 @@ impl Hub {
     }
 }
 
-/// Pages ask for no time, so their links need none.
+/// For messages that ask for no time.
 const NO_CLOCK_US: u64 = 0;
 
 const CONNECT: ToDevice = ToDevice::Connect { major: plantar::wire::MAJOR, minor: plantar::wire::MINOR };
@@ -190,11 +199,15 @@ impl Page {
         let insole = &mut *insole;
         let Some((_, link)) = insole.pages.iter_mut().find(|(id, _)| *id == self.id) else { return };
         match decode(message) {
-            // A wearer's parameters and the insole's clock are not a page's business.
-            Some(
-                ToDevice::SetTissue(_) | ToDevice::GetTissue | ToDevice::GetTime { .. } | ToDevice::SetClock { .. },
-            )
-            | None => link.receive_unknown(),
+            // A wearer's parameters are not a page's business.
+            Some(ToDevice::SetTissue(_) | ToDevice::GetTissue) | None => link.receive_unknown(),
+            // The bridge has set it.
+            Some(ToDevice::SetClock { .. }) => {}
+            Some(question @ ToDevice::GetTime { .. }) => {
+                if let Some(device_us) = insole.axis.device_us(unix_us()) {
+                    link.receive(question, device_us);
+                }
+            }
             Some(connect @ ToDevice::Connect { .. }) => greet(link, connect, insole.tissue),
             Some(message) => {
                 link.receive(message, NO_CLOCK_US);

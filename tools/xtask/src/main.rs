@@ -257,6 +257,7 @@ fn test() -> Result<()> {
         run("cargo", &["check", "--locked", "--release", "--package", "plantar", "--lib", "--target", target])?;
     }
     page::build()?;
+    build_host("plantar-cli")?;
     page::test(&built("release/plantar"), &firmware("emu"))?;
     run_command(
         Command::new("cargo")

@@ -27,6 +27,7 @@ pub fn all() -> Result<Python> {
     qemu()?;
     node()?;
     chromium()?;
+    bus()?;
     python()
 }
 
@@ -92,6 +93,14 @@ pub fn chromium() -> Result<()> {
         return Ok(());
     }
     install(&Package { what: "Chromium", apt: "chromium", dnf: "chromium", pacman: "chromium", brew: "chromium" })
+}
+
+/// A message bus, on which a test plays the system's Bluetooth service; only Linux has it.
+fn bus() -> Result<()> {
+    if !cfg!(target_os = "linux") || has("dbus-daemon") {
+        return Ok(());
+    }
+    install(&Package { what: "D-Bus", apt: "dbus-daemon", dnf: "dbus-daemon", pacman: "dbus", brew: "dbus" })
 }
 
 /// The private Python, made once and again when what it should hold changes.
