@@ -1,8 +1,8 @@
 //! The firmware's loops over a few board traits. A board's `main` initialises, binds, builds and spawns; what runs is here.
 //!
 //! [`scan`] belongs on an interrupt executor: its deadline is one frame time, and a miss is a frame that is skipped and
-//! counted. [`process`] and [`serve`] share the thread executor: processing has as many frame times as [`FRAME_QUEUE`] holds
-//! before frames are dropped and counted, the link has none.
+//! counted. [`process`] and [`serve`] share the thread executor: processing has as many frame times as the board's
+//! queue holds before frames are dropped and counted, the link has none.
 
 #![allow(async_fn_in_trait, reason = "boards implement these traits for executors that do not move tasks")]
 
@@ -26,9 +26,6 @@ use heapless::String;
 
 /// Time after which the link looks up without a cause, so that its progress can be seen.
 const IDLE: Duration = Duration::from_millis(200);
-
-/// Frames between scanning and processing. At 400 Hz eight last 20 ms, more than a step's evaluation takes.
-pub const FRAME_QUEUE: usize = 8;
 
 /// The insole of a device.
 pub type DeviceInsole = Insole<f32, DEVICE_CELLS>;

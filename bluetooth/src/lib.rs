@@ -225,6 +225,7 @@ async fn listen(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
         // Both fit their places in the table.
         let _ = connection.set(&table.battery, &insole.battery_percent());
         let _ = connection.set(&table.time, &insole.current_time());
+        free_packets::<1>().await;
         let is_command = matches!(event.payload().incoming(), AttClient::Command(_));
         let reply = match event {
             GattEvent::Write(event) => {
@@ -280,6 +281,13 @@ async fn send(connection: &Connected<'_, '_>, table: &Table, insole: &dyn Insole
     }
 }
 
+/// Waits until so many packets are free.
+async fn free_packets<const N: usize>() {
+    while [(); N].map(|()| DefaultPacketPool::allocate()).iter().any(Option::is_none) {
+        Timer::after(POOL_PAUSE).await;
+    }
+}
+
 /// Sends a value to a phone that subscribed: as an indication, where the characteristic has them, which ends with the
 /// phone's confirmation; else as a notification.
 async fn deliver<T: AsGatt>(
@@ -288,6 +296,8 @@ async fn deliver<T: AsGatt>(
     value: &[u8],
 ) -> Result<(), Error> {
     loop {
+        // A request and its answer find a packet each, whatever goes out.
+        free_packets::<3>().await;
         let sent = if way.props.any(&[CharacteristicProp::Indicate]) {
             way.indicate_raw(connection, value, false).await
         } else {

@@ -6,6 +6,7 @@
 mod common;
 mod phones;
 
+use client::Axis;
 use common::{firmware, tissue};
 use emulator::{Recorded, Scan, Time, Walk};
 use phones::{Air, Phone, boot};
@@ -56,8 +57,8 @@ struct Foot {
     period_us: u32,
     live: Vec<(Instant, Live)>,
     steps: Vec<(Instant, Step)>,
-    /// What the insole's clock is ahead of `start`, at least and at most, us.
-    ahead_us: (i64, i64),
+    /// The insole's clock against the time since `start`.
+    axis: Axis,
 }
 
 fn us_since(start: Instant, at: Instant) -> i64 {
@@ -74,11 +75,7 @@ impl Foot {
                 self.phone.send(air, ToDevice::Acknowledge { step: step.step });
                 self.steps.push((at, step));
             }
-            ToHost::Time { host_us, device_us } => {
-                let (least, most) = self.ahead_us;
-                let device_us = device_us as i64;
-                self.ahead_us = (least.max(device_us - us_since(start, at)), most.min(device_us - host_us as i64));
-            }
+            ToHost::Time { host_us, device_us } => self.axis.answer(host_us, device_us),
             ToHost::Status(status) => return Some(status),
             other => panic!("{other:?}"),
         }
@@ -128,8 +125,8 @@ fn both_feet_stream_a_minute_in_real_time() {
         boards.push(boot(&mut air, &firmware, &worn, Time::Real, standing, |_| {}, None));
         let mut phone = air.bonded_phone(boards.len() as u8, name, 247);
         phone.set_tissue(&mut air, tissue());
-        let (live, steps, ahead_us) = (Vec::new(), Vec::new(), (i64::MIN, i64::MAX));
-        Foot { phone, scanned, period_us: worn.setup.period_us, live, steps, ahead_us }
+        let period_us = worn.setup.period_us;
+        Foot { phone, scanned, period_us, live: Vec::new(), steps: Vec::new(), axis: Axis::new() }
     });
     for foot in &mut feet {
         foot.phone.send(&mut air, ToDevice::Stream { live: true });
@@ -174,12 +171,12 @@ fn both_feet_stream_a_minute_in_real_time() {
              most {step_most_ms:.0})"
         );
     }
-    // What the phones cannot know: how far off the middle of the bounds is.
+    // What the phones cannot know: how far off they are.
     let errors_us = feet.each_ref().map(|foot| {
-        let (least_us, most_us) = foot.ahead_us;
-        assert!(least_us <= most_us, "no clock is ahead by {least_us} to {most_us} us");
-        let error_us = (least_us + most_us) / 2 - foot.true_ahead_us(start);
-        println!("clock known to {} us, off by {error_us} us", (most_us - least_us) / 2);
+        let (_, last) = foot.live[foot.live.len() - 1];
+        let found_us = foot.axis.host_us(last.t_us).expect("answered") as i64;
+        let error_us = found_us - (last.t_us as i64 - foot.true_ahead_us(start));
+        println!("a foot's clock is off by {error_us} us: the way of its quickest question");
         error_us
     });
     println!("one foot against the other: off by {} us", errors_us[0] - errors_us[1]);

@@ -19,7 +19,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::Duration;
 use plant::{Clock, PlantMatrix, SETUP_BYTES};
-use plantar::app::{self, DeviceInsole, FRAME_QUEUE, Frame, ScanCounters, Session, Stopwatch, Ticker};
+use plantar::app::{self, DeviceInsole, Frame, ScanCounters, Session, Stopwatch, Ticker};
 use plantar::ble::{self, HciPipe, OverBluetooth};
 use plantar::device;
 use plantar::emulation::Head;
@@ -41,7 +41,8 @@ static PLANT: Port = Port::new(USART3);
 static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 static INSOLE: ConstStaticCell<DeviceInsole> = ConstStaticCell::new(Insole::new());
-static FRAMES: ConstStaticCell<[Frame; FRAME_QUEUE]> = ConstStaticCell::new([Frame::EMPTY; FRAME_QUEUE]);
+/// At 400 Hz they last 20 ms, more than a step's evaluation takes.
+static FRAMES: ConstStaticCell<[Frame; 8]> = ConstStaticCell::new([Frame::EMPTY; 8]);
 
 type FrameSender = Sender<'static, CriticalSectionRawMutex, Frame>;
 type FrameReceiver = Receiver<'static, CriticalSectionRawMutex, Frame>;
