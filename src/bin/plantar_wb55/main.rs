@@ -54,8 +54,8 @@ static TO_RADIO: HciPipe = HciPipe::new();
 static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 static INSOLE: ConstStaticCell<DeviceInsole> = ConstStaticCell::new(Insole::new());
-/// At this board's 100 Hz they last 40 ms, more than a step's evaluation takes.
-static FRAMES: ConstStaticCell<[Frame; 4]> = ConstStaticCell::new([Frame::EMPTY; 4]);
+/// At this board's 100 Hz they last 30 ms, more than a step's evaluation takes.
+static FRAMES: ConstStaticCell<[Frame; 3]> = ConstStaticCell::new([Frame::EMPTY; 3]);
 static TO_SEND: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
 static RECEIVED: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
 
