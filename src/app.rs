@@ -1,16 +1,19 @@
 //! The firmware's loops over a few board traits. A board's `main` initialises, binds, builds and spawns; what runs is here.
 //!
 //! [`scan`] belongs on an interrupt executor: its deadline is one frame time, and a miss is a frame that is skipped and
-//! counted. [`process`] and [`serve`] share the thread executor: processing has as many frame times as [`FRAME_QUEUE`] holds
-//! before frames are dropped and counted, the link has none.
+//! counted. [`process`] and [`serve`] share the thread executor: processing has as many frame times as the board's
+//! queue holds before frames are dropped and counted, the link has none.
 
 #![allow(async_fn_in_trait, reason = "boards implement these traits for executors that do not move tasks")]
 
 use crate::device::EVIDENCE;
 use crate::insole::{DEVICE_CELLS, Insole, Setup};
 use crate::link::Link;
-use crate::wire::{Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Reset, Status, Step, decode, frame};
-use core::cell::RefCell;
+use crate::pace::Pace;
+use crate::wire::{
+    Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Reset, Status, Step, ToDevice, decode, frame,
+};
+use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_futures::select::{Either3, select3};
 use embassy_futures::yield_now;
@@ -23,9 +26,6 @@ use heapless::String;
 
 /// Time after which the link looks up without a cause, so that its progress can be seen.
 const IDLE: Duration = Duration::from_millis(200);
-
-/// Frames between scanning and processing. At 400 Hz eight last 20 ms, more than a step's evaluation takes.
-pub const FRAME_QUEUE: usize = 8;
 
 /// The insole of a device.
 pub type DeviceInsole = Insole<f32, DEVICE_CELLS>;
@@ -48,6 +48,9 @@ pub trait FrameClock {
         false
     }
 
+    /// When frame 0 was due: the beginning of the insole's time.
+    fn start(&self) -> Instant;
+
     /// Waits for the next frame's time and returns its number; numbers that passed meanwhile are left out.
     async fn next(&mut self) -> u32;
 }
@@ -67,6 +70,10 @@ impl Ticker {
 }
 
 impl FrameClock for Ticker {
+    fn start(&self) -> Instant {
+        self.start
+    }
+
     async fn next(&mut self) -> u32 {
         let passed = (self.start.elapsed().as_micros() / self.period_us) as u32;
         let seq = self.seq.map_or(0, |last| last.wrapping_add(1).max(passed));
@@ -107,12 +114,14 @@ pub trait Watchdog {
 pub struct ScanCounters {
     missed: AtomicU32,
     overrun: AtomicU32,
+    /// When the first scan was due, us since start.
+    began_us: AtomicU32,
 }
 
 impl ScanCounters {
     /// All zero.
     pub const fn new() -> Self {
-        Self { missed: AtomicU32::new(0), overrun: AtomicU32::new(0) }
+        Self { missed: AtomicU32::new(0), overrun: AtomicU32::new(0), began_us: AtomicU32::new(0) }
     }
 }
 
@@ -128,6 +137,8 @@ pub async fn scan(
     mut frames: Sender<'_, CriticalSectionRawMutex, Frame>,
     counters: &ScanCounters,
 ) -> ! {
+    // Scanning begins within the hour that 32 bits hold.
+    counters.began_us.store(clock.start().as_micros() as u32, Ordering::Relaxed);
     let mut last = None;
     loop {
         if clock.is_patient() {
@@ -183,11 +194,28 @@ pub fn hello(
     }
 }
 
-/// What processing and the link share; both run on the thread executor.
+/// A way to a host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Carrier {
+    /// The serial port.
+    Serial,
+    /// Bluetooth LE.
+    Bluetooth,
+}
+
+/// What processing and the carriers share; all run on the thread executor.
+///
+/// There is one session at a time, with the host that said [`ToDevice::Connect`] last, whichever way; what others send is not
+/// heard until they connect again. So a step waits in one queue, and is gone when one host has it.
 pub struct Session {
     link: RefCell<Link>,
-    changed: Signal<NoopRawMutex, ()>,
-    hello: Hello,
+    carrier: Cell<Carrier>,
+    /// One for each carrier.
+    changed: [Signal<NoopRawMutex, ()>; 2],
+    pace: Cell<Pace>,
+    /// Time of the last processed frame since the first scan.
+    frame_us: Cell<u64>,
+    pub(crate) hello: Hello,
     counters: RefCell<ProcessCounters>,
     scan: &'static ScanCounters,
     /// Deepest use of the stack so far, bytes.
@@ -209,7 +237,10 @@ impl Session {
     pub fn new(hello: Hello, scan: &'static ScanCounters, stack_bytes: fn() -> u32) -> Self {
         Self {
             link: RefCell::new(Link::new()),
-            changed: Signal::new(),
+            carrier: Cell::new(Carrier::Serial),
+            changed: [Signal::new(), Signal::new()],
+            pace: Cell::default(),
+            frame_us: Cell::default(),
             hello,
             counters: RefCell::new(ProcessCounters {
                 steps: 0,
@@ -222,6 +253,71 @@ impl Session {
             frames: AtomicU32::new(0),
             link_turns: AtomicU32::new(0),
         }
+    }
+
+    /// Time since the first scan, us: the time of live frames and steps.
+    fn now_us(&self) -> u64 {
+        Instant::now().as_micros().saturating_sub(self.scan.began_us.load(Ordering::Relaxed).into())
+    }
+
+    /// Takes a message that came over a carrier; `None` is one that is not understood.
+    pub(crate) fn receive(&self, carrier: Carrier, message: Option<ToDevice>) {
+        if matches!(message, Some(ToDevice::Connect { .. })) {
+            self.carrier.set(carrier);
+        }
+        let mut link = self.link.borrow_mut();
+        match message {
+            _ if self.carrier.get() != carrier => {}
+            Some(message) => link.receive(message, self.now_us()),
+            None => link.receive_unknown(),
+        }
+    }
+
+    /// Counts what a host sent and could not be taken.
+    pub(crate) fn count_bad_frame(&self) {
+        let mut counters = self.counters.borrow_mut();
+        counters.bad_frames = counters.bad_frames.wrapping_add(1);
+    }
+
+    /// The next message to send over a carrier.
+    pub(crate) fn next<'b>(&self, carrier: Carrier, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
+        let mut link = self.link.borrow_mut();
+        (self.carrier.get() == carrier).then(|| link.next(&self.hello, || self.status(), buffer)).flatten()
+    }
+
+    /// A carrier lost its host.
+    pub(crate) fn close(&self, carrier: Carrier) {
+        if self.carrier.get() == carrier {
+            self.link.borrow_mut().close();
+        }
+    }
+
+    /// Signals that there may be something to send.
+    pub(crate) fn changed(&self, carrier: Carrier) -> &Signal<NoopRawMutex, ()> {
+        match carrier {
+            Carrier::Serial => &self.changed[0],
+            Carrier::Bluetooth => &self.changed[1],
+        }
+    }
+
+    /// Number of steps, and steps of both feet a minute.
+    pub(crate) fn pace(&self) -> (u32, u8) {
+        let pace = self.pace.get();
+        (pace.steps, pace.cadence_per_min(self.frame_us.get()))
+    }
+
+    /// The wall clock, us since 1970.
+    pub(crate) fn unix_us(&self) -> Option<u64> {
+        self.link.borrow().unix_us(self.now_us())
+    }
+
+    pub(crate) fn set_clock(&self, unix_us: u64) {
+        self.link.borrow_mut().set_clock(unix_us, self.now_us());
+    }
+
+    /// Tells whether the wall clock was set since.
+    pub(crate) fn clock_sets(&self) -> u32 {
+        self.link.borrow().clock_sets()
     }
 
     /// Counts that stand still when scanning, processing or the link does.
@@ -278,6 +374,7 @@ pub async fn process(
         }
         let cycles = stopwatch.cycles_since(start);
         frames.receive_done();
+        session.frame_us.set(u64::from(seq) * period_us);
         {
             let mut counters = session.counters.borrow_mut();
             if insole.on_ground() {
@@ -294,11 +391,14 @@ pub async fn process(
             }
             if let Some(step) = insole.step(regions) {
                 session.link.borrow_mut().push_step(Step::new(&step));
+                let mut pace = session.pace.get();
+                pace.step(step.start_us);
+                session.pace.set(pace);
                 session.counters.borrow_mut().steps += 1;
             }
         }
         add(&session.frames, 1);
-        session.changed.signal(());
+        session.changed.iter().for_each(|carrier| carrier.signal(()));
         // The link's turn, also while frames are queued.
         yield_now().await;
     }
@@ -310,32 +410,27 @@ pub async fn serve(mut rx: impl Read, mut tx: impl Write, session: &Session) -> 
     let mut received = [0; 64];
     let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
     loop {
-        let heard = select3(rx.read(&mut received), session.changed.wait(), Timer::after(IDLE)).await;
+        let heard = select3(rx.read(&mut received), session.changed(Carrier::Serial).wait(), Timer::after(IDLE)).await;
         add(&session.link_turns, 1);
         if let Either3::First(heard) = heard {
             // A framing or overrun error of the port shows as a bad CRC.
             for &byte in heard.ok().and_then(|n| received.get(..n)).unwrap_or_default() {
-                let Some(bytes) = decoder.push(byte) else { continue };
-                let mut link = session.link.borrow_mut();
-                match decode(bytes) {
-                    Some(message) => link.receive(message),
-                    None => {
-                        link.receive_unknown();
-                        decoder.bad_frames = decoder.bad_frames.wrapping_add(1);
+                if let Some(bytes) = decoder.push(byte) {
+                    let message = decode(bytes);
+                    if message.is_none() {
+                        session.count_bad_frame();
                     }
+                    session.receive(Carrier::Serial, message);
+                }
+                for _ in 0..core::mem::take(&mut decoder.bad_frames) {
+                    session.count_bad_frame();
                 }
             }
-            session.counters.borrow_mut().bad_frames = decoder.bad_frames;
         }
-        loop {
-            let next = session
-                .link
-                .borrow_mut()
-                .next(&session.hello, || session.status(), &mut message)
-                .map(|m| frame(m, &mut framed));
-            let Some(len) = next else { break };
+        while let Some(message) = session.next(Carrier::Serial, &mut message) {
+            let len = frame(message, &mut framed);
             if tx.write_all(&framed[..len]).await.is_err() {
-                session.link.borrow_mut().close();
+                session.close(Carrier::Serial);
                 break;
             }
         }

@@ -2,40 +2,59 @@
 
 use core::fmt::{Display, Write};
 use core::mem::MaybeUninit;
-use core::panic::PanicInfo;
 use core::ptr::{addr_of, addr_of_mut};
 use heapless::String;
 
-/// Longest panic text that is kept, bytes.
+/// Longest text of a panic, bytes.
 pub const EVIDENCE: usize = 96;
 
 /// Marks evidence that a panic wrote, against what RAM holds after power-on.
 const MAGIC: u32 = 0x504c_414e;
 
+/// Calls that are kept of a panic: as many as the text has room for.
+const CALLS: usize = 9;
+
 #[repr(C)]
 struct Evidence {
     magic: u32,
-    len: u32,
-    text: [u8; EVIDENCE],
+    calls: [u32; CALLS],
 }
 
 #[unsafe(link_section = ".evidence")]
 static mut KEPT: MaybeUninit<Evidence> = MaybeUninit::uninit();
 
-/// Keeps the panic's place and message across the reset that must follow.
-pub fn keep_panic(info: &PanicInfo) {
-    // The path is long and its end tells most.
-    let text = match info.location() {
-        Some(place) => {
-            let file = place.file().rsplit('/').next().unwrap_or_default();
-            cut(format_args!("{file}:{} {}", place.line(), info.message()))
-        }
-        None => cut(format_args!("{}", info.message())),
-    };
-    let mut evidence = Evidence { magic: MAGIC, len: text.len() as u32, text: [0; EVIDENCE] };
-    evidence.text[..text.len()].copy_from_slice(text.as_bytes());
-    // SAFETY: runs in the panic handler, which never returns; nobody else holds a reference to KEPT.
+/// Keeps where the program was, the innermost call first, across the reset that must follow: `at`, and what the stack holds of
+/// calls, some of them of the past. Messages and lines of panics would take a fifth of the flash; `cargo xtask explain` finds the
+/// lines in the firmware's file.
+pub fn keep_calls(at: Option<u32>) {
+    unsafe extern "C" {
+        static _stack_start: u32;
+    }
+    let (here, top) = (cortex_m::register::msp::read(), addr_of!(_stack_start) as u32);
+    // SAFETY: from the stack pointer to the top RAM holds the stack of all that runs, in whole words.
+    let words = (here..top).step_by(4).map(|at| unsafe { (at as *const u32).read_volatile() });
+    let mut evidence = Evidence { magic: MAGIC, calls: [0; CALLS] };
+    for (place, call) in evidence.calls.iter_mut().zip(at.into_iter().chain(words.filter_map(call_before))) {
+        *place = call;
+    }
+    // SAFETY: runs before a reset, and never returns to what was interrupted; nobody else holds a reference to KEPT.
     unsafe { addr_of_mut!(KEPT).cast::<Evidence>().write_volatile(evidence) };
+}
+
+/// The address of the call that returns to `word`, if it is one.
+fn call_before(word: u32) -> Option<u32> {
+    unsafe extern "C" {
+        static __stext: u16;
+        static __etext: u16;
+    }
+    let (start, end) = (addr_of!(__stext) as u32, addr_of!(__etext) as u32);
+    // Bit 0 tells that the code is Thumb.
+    let back = word.checked_sub(1).filter(|back| back % 2 == 0 && (start + 4..end).contains(back))? as *const u16;
+    // SAFETY: two halfwords before `back` are code.
+    let (first, second) = unsafe { (back.sub(2).read(), back.sub(1).read()) };
+    let is_branch_with_link = first & 0xf800 == 0xf000 && second & 0xd000 == 0xd000;
+    let is_branch_to_register = second & 0xff87 == 0x4780;
+    (is_branch_with_link || is_branch_to_register).then_some(back as u32 - 2)
 }
 
 /// A text for the hello; what does not fit is cut.
@@ -54,14 +73,24 @@ pub fn cut(text: impl Display) -> String<EVIDENCE> {
     cut.0
 }
 
-/// The text of the panic before this start, once; `None` after any other reset. Call it before interrupts run.
+/// Where the program was in the panic before this start, once; `None` after any other reset. Call it before interrupts run.
 pub fn take_panic() -> Option<String<EVIDENCE>> {
-    // SAFETY: integers and bytes are valid for any content of RAM; nobody else uses KEPT before a panic.
+    // SAFETY: integers are valid for any content of RAM; nobody else uses KEPT before a panic.
     let evidence = unsafe { addr_of!(KEPT).cast::<Evidence>().read_volatile() };
     // SAFETY: as above.
     unsafe { addr_of_mut!(KEPT).cast::<u32>().write_volatile(0) };
-    let text = evidence.text.get(..evidence.len as usize).filter(|_| evidence.magic == MAGIC)?;
-    core::str::from_utf8(text).ok()?.try_into().ok()
+    if evidence.magic != MAGIC {
+        return None;
+    }
+    let mut text = String::new();
+    // There is room for all of it.
+    let _ = text.push_str("panic at");
+    for call in evidence.calls.into_iter().take_while(|&call| call != 0) {
+        let _ = text.push(' ');
+        let digits = (0..8).rev().filter_map(|digit| char::from_digit(call >> (4 * digit) & 0xf, 16));
+        let _ = digits.map(|digit| text.push(digit)).count();
+    }
+    Some(text)
 }
 
 /// Deepest use of the stack so far, bytes: what is no longer painted as `cortex-m-rt` left it at start.

@@ -13,6 +13,8 @@ use serde::{Deserialize, Serialize};
 pub const SETUP_FILE: &core::ffi::CStr = c"setup.bin";
 /// Name of the file with the codes of the current scan.
 pub const MATRIX_FILE: &core::ffi::CStr = c"matrix.bin";
+/// Name of the file with the bonds, kept by the board.
+pub const BONDS_FILE: &core::ffi::CStr = c"bonds.bin";
 /// Cells in a row of the emulated matrix; the last row may be shorter.
 pub const COLUMNS: usize = 16;
 /// Asks for a scan.
@@ -27,6 +29,17 @@ pub struct Head {
     pub setup: Setup,
     /// The plant keeps the time: the board asks it before each scan and scans as fast as it is answered.
     pub paced: bool,
+    /// A phone can bond for this long after the start, s.
+    pub bonding_s: u16,
+    /// The board's Bluetooth address, random static: the emulated board has no number of its own to make one from.
+    pub address: [u8; 6],
+}
+
+impl Head {
+    /// A board with its own clock, alone in the air.
+    pub fn new(setup: Setup) -> Self {
+        Self { setup, paced: false, bonding_s: 60, address: [1, 0, 0, 0, 0, 0xc0] }
+    }
 }
 
 /// Takes the set-up file apart; `None` where it is not whole.

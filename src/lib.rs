@@ -32,6 +32,12 @@ pub mod insole;
 #[forbid(unsafe_code)]
 pub mod wire;
 #[forbid(unsafe_code)]
+pub mod fragment;
+#[forbid(unsafe_code)]
+pub mod pace;
+#[forbid(unsafe_code)]
+pub mod clock;
+#[forbid(unsafe_code)]
 pub mod link;
 #[forbid(unsafe_code)]
 pub mod emulation;
@@ -39,6 +45,9 @@ pub mod emulation;
 #[cfg(feature = "device")]
 #[forbid(unsafe_code)]
 pub mod app;
+#[cfg(feature = "device")]
+#[forbid(unsafe_code)]
+pub mod ble;
 #[cfg(feature = "device")]
 pub mod device; // below the data path: stack and panic memory of the boards
 

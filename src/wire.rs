@@ -20,8 +20,8 @@ use serde::{Deserialize, Serialize};
 
 /// Protocol version of this build.
 pub const MAJOR: u8 = 1;
-/// See [`MAJOR`]. 1 brought the wearer's parameters.
-pub const MINOR: u8 = 1;
+/// See [`MAJOR`]. 1 brought the wearer's parameters, 2 the clock.
+pub const MINOR: u8 = 2;
 
 /// Longest message, bytes.
 pub const MAX_MESSAGE: usize = 320;
@@ -46,6 +46,24 @@ pub enum ToHost {
     Tissue(Tissue),
     /// The answer to what cannot be done.
     Refused(Refusal),
+    /// The answer to [`ToDevice::GetTime`].
+    Time {
+        /// As it came.
+        host_us: u64,
+        /// When the request arrived: time since the first scan, as in [`Live::t_us`], us.
+        device_us: u64,
+    },
+}
+
+impl ToHost {
+    /// First byte of an encoded [`ToHost::Live`].
+    pub const LIVE: u8 = 1;
+    /// First byte of an encoded [`ToHost::Step`].
+    pub const STEP: u8 = 2;
+    /// First byte of an encoded [`ToHost::Tissue`].
+    pub const TISSUE: u8 = 4;
+    /// First byte of an encoded [`ToHost::Refused`].
+    pub const REFUSED: u8 = 5;
 }
 
 /// To the insole.
@@ -76,6 +94,16 @@ pub enum ToDevice {
     SetTissue(Tissue),
     /// Asks for [`ToHost::Tissue`].
     GetTissue,
+    /// Asks for [`ToHost::Time`]. With several, a host finds offset and drift of the insole's clock.
+    GetTime {
+        /// The host's time; comes back unchanged.
+        host_us: u64,
+    },
+    /// Sets the wall clock until the insole restarts.
+    SetClock {
+        /// Time since 1970, UTC, us.
+        unix_us: u64,
+    },
 }
 
 /// Why an insole did not do what it was told; all stays as it was.
@@ -136,7 +164,8 @@ pub struct Hello {
     pub contact_rule: ContactRule,
     /// Why the insole last started.
     pub reset: Reset,
-    /// What the last panic said, if one caused the reset; or why the set-up of this start was refused.
+    /// Where the program was in the panic or fault that caused the reset, as `cargo xtask explain` reads it; or why the set-up of
+    /// this start was refused.
     pub last_panic: Option<String<96>>,
 }
 
@@ -151,10 +180,24 @@ pub enum Reset {
     Software,
     /// The watchdog was not fed.
     Watchdog,
-    /// After a panic; see [`Hello::last_panic`].
+    /// After a panic or a hard fault; see [`Hello::last_panic`].
     Panic,
     /// None of these.
     Unknown,
+}
+
+impl Reset {
+    /// One word.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Power => "power",
+            Self::Pin => "pin",
+            Self::Software => "software",
+            Self::Watchdog => "watchdog",
+            Self::Panic => "panic",
+            Self::Unknown => "unknown",
+        }
+    }
 }
 
 /// One frame: 8 regions in the order of [`crate::Region::ALL`].

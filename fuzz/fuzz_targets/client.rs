@@ -1,7 +1,7 @@
 //! The host's side of a session under any insole: it ends with an error or in good order, and its counters hold.
 #![no_main]
 
-use client::{Client, step_to_json};
+use client::{Client, Framed, step_to_json};
 use libfuzzer_sys::fuzz_target;
 use plantar::wire::{MAX_FRAME, ToHost, frame};
 use plantar_fuzz::Pieces;
@@ -36,7 +36,7 @@ fuzz_target!(|data: &[u8]| {
         let len = frame(message, &mut framed);
         said.extend(&framed[..len]);
     }
-    let Ok(mut client) = Client::connect(Insole(said), Duration::MAX) else { return };
+    let Ok(mut client) = Client::connect(Framed::new(Insole(said)), Duration::MAX) else { return };
     // What does not answer has broken by then.
     let _ = client.stream();
     let _ = client.tissue();

@@ -80,7 +80,7 @@ fn receive(link: &mut Link, message: ToDevice, expected: &mut Expected) {
         }
         _ => {}
     }
-    link.receive(message);
+    link.receive(message, u64::MAX);
 }
 
 fn next(link: &mut Link, expected: &mut Expected) -> bool {
@@ -102,6 +102,7 @@ fn next(link: &mut Link, expected: &mut Expected) -> bool {
         }
         ToHost::Tissue(tissue) => assert!(tissue.id == 0 || tissue.check().is_ok()),
         ToHost::Hello(hello) => assert_eq!(hello.tissue_id, link.tissue().id),
+        ToHost::Time { device_us, .. } => assert_eq!(device_us, u64::MAX),
         ToHost::Refused(refusal) => assert!(!refusal.to_string().is_empty()),
     }
     true

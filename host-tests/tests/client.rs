@@ -1,6 +1,6 @@
 //! The host's side of a session, against an insole in memory.
 
-use client::{Client, Error, LinkCounters};
+use client::{Client, Error, Framed, LinkCounters, unix_us};
 use host_tests::{TISSUE, framed, live, messages, status, step};
 use plantar::Region;
 use plantar::insole::Tissue;
@@ -28,7 +28,7 @@ struct Insole {
 impl Insole {
     fn answer(&mut self, bytes: &[u8]) {
         for message in messages::<ToDevice>(&mut self.from_host, bytes) {
-            self.link.receive(message);
+            self.link.receive(message, 0);
         }
     }
 
@@ -114,14 +114,14 @@ fn hello() -> Hello {
     Hello { tissue_id: 0, ..host_tests::hello() }
 }
 
-fn connected() -> (Cable, Client<Cable>) {
+fn connected() -> (Cable, Client<Framed<Cable>>) {
     let cable = Cable::new(hello());
-    let client = Client::connect(cable.clone(), PATIENCE).expect("an answer");
+    let client = Client::connect(Framed::new(cable.clone()), PATIENCE).expect("an answer");
     (cable, client)
 }
 
 /// Everything that arrives before the cable is silent for long: neither a piece of a frame nor a replayed step is a message.
-fn receive_all(client: &mut Client<Cable>) -> Vec<ToHost> {
+fn receive_all(client: &mut Client<Framed<Cable>>) -> Vec<ToHost> {
     let mut got = Vec::new();
     let mut silent = 0;
     while silent < 500 {
@@ -153,10 +153,21 @@ fn what_was_on_the_cable_before_is_passed_over() {
     let before =
         [b"boot loader\r\n".as_slice(), &[0], &framed(&ToHost::Live(live(3))), &framed(&ToHost::Step(step(8)))];
     cable.insole().to_host.extend(before.concat());
-    let mut client = Client::connect(cable.clone(), PATIENCE).expect("an answer");
+    let mut client = Client::connect(Framed::new(cable.clone()), PATIENCE).expect("an answer");
     assert_eq!(client.counters().crc_errors, 1);
     push_steps(&cable, [9]);
     assert_eq!(receive_all(&mut client), [ToHost::Step(step(9))]);
+}
+
+#[test]
+fn the_insoles_clock_is_asked_for_while_it_is_listened_to() {
+    let before_us = unix_us();
+    let (_, mut client) = connected();
+    assert_eq!(client.axis().host_us(0), None);
+    assert_eq!(receive_all(&mut client), []);
+    // This insole's clock shows 0 when it is asked.
+    let asked_us = client.axis().host_us(0).expect("asked and answered");
+    assert!((before_us..=unix_us()).contains(&asked_us));
 }
 
 #[test]
@@ -268,7 +279,7 @@ fn leftovers_of_another_session_are_not_counted_as_lost() {
     let leftovers =
         [framed(&ToHost::Hello(hello())), framed(&ToHost::Live(live(100))), framed(&ToHost::Live(live(101)))];
     cable.insole().to_host.extend(leftovers.concat());
-    let mut client = Client::connect(cable.clone(), PATIENCE).expect("an answer");
+    let mut client = Client::connect(Framed::new(cable.clone()), PATIENCE).expect("an answer");
     client.stream().expect("streaming");
     cable.live_frames(3);
     receive_all(&mut client);
@@ -296,7 +307,7 @@ fn a_status_tells_what_was_sent() {
 #[test]
 fn another_version_is_refused_with_both_in_the_message() {
     let other = Hello { major: MAJOR + 6, minor: 42, ..hello() };
-    let error = Client::connect(Cable::new(other.clone()), PATIENCE).err().expect("refused");
+    let error = Client::connect(Framed::new(Cable::new(other.clone())), PATIENCE).err().expect("refused");
     let (theirs, ours) = (format!("{}.42", MAJOR + 6), format!("{MAJOR}.{MINOR}"));
     let message = error.to_string();
     assert!(message.contains(&theirs) && message.contains(&ours), "{message}");
@@ -307,7 +318,7 @@ fn another_version_is_refused_with_both_in_the_message() {
 #[test]
 fn a_newer_minor_is_welcome() {
     let newer = Hello { minor: MINOR + 1, ..hello() };
-    let client = Client::connect(Cable::new(newer.clone()), PATIENCE).expect("an answer");
+    let client = Client::connect(Framed::new(Cable::new(newer.clone())), PATIENCE).expect("an answer");
     assert_eq!(*client.hello(), newer);
 }
 
@@ -316,7 +327,7 @@ fn silence_is_an_error_that_says_how_long() {
     let cable = Cable::new(hello());
     cable.insole().drop_next = usize::MAX;
     let patience = Duration::from_millis(20);
-    let error = Client::connect(cable, patience).err().expect("no answer");
+    let error = Client::connect(Framed::new(cable), patience).err().expect("no answer");
     assert!(matches!(error, Error::NoAnswer(time, 0) if time == patience), "{error}");
     assert!(error.to_string().contains("20ms"), "{error}");
 }
@@ -325,7 +336,7 @@ fn silence_is_an_error_that_says_how_long() {
 fn noise_is_no_answer_and_is_counted() {
     let cable = Cable::new(hello());
     cable.insole().damage_next = usize::MAX;
-    let error = Client::connect(cable, Duration::from_millis(20)).err().expect("no answer");
+    let error = Client::connect(Framed::new(cable), Duration::from_millis(20)).err().expect("no answer");
     assert!(matches!(error, Error::NoAnswer(_, damaged) if damaged > 0), "{error}");
 }
 
@@ -384,7 +395,8 @@ fn refused_parameters_are_an_error_with_the_reason() {
 
 #[test]
 fn an_insole_without_parameters_in_its_protocol_is_named_as_too_old() {
-    let mut client = Client::connect(Cable::new(Hello { minor: 0, ..hello() }), PATIENCE).expect("an answer");
+    let mut client =
+        Client::connect(Framed::new(Cable::new(Hello { minor: 0, ..hello() })), PATIENCE).expect("an answer");
     for error in [client.set_tissue(&TISSUE).expect_err("too old"), client.tissue().expect_err("too old")] {
         assert!(matches!(error, Error::OlderMinor { minor: 0, .. }), "{error}");
         assert!(error.to_string().contains("update its firmware"), "{error}");

@@ -2,31 +2,25 @@
 //!
 //! The firmware is the file that `PLANTAR_FIRMWARE` names; without it these tests say so and pass.
 
-use client::Client;
+mod common;
+
+use client::{Client, Framed};
+use common::{firmware, replay, replay_with, synthetic_walk, tissue};
 use emulator::{Board, Recorded, Scan, Time, Walk};
 use fit::quality::Evaluated;
 use fit::{Filter, Options, Study};
 use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;
-use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
+use plantar::insole::{DEVICE_CELLS, Tissue};
 use plantar::stance::StanceRule;
 use plantar::wire::{Live, MAX_FRAME, MAX_MESSAGE, Refusal, Status, Step, ToDevice, ToHost, encode, frame};
 use plantar::{Region, Side};
-use recording::{Recording, VirtualInsole, jiku, pedar, synthetic};
+use recording::{Recording, VirtualInsole, jiku, pedar};
 use std::io::Write;
 use std::net::TcpStream;
 use std::path::PathBuf;
 use std::time::Duration;
-
-/// The firmware, or a word about where it comes from.
-fn firmware() -> Option<PathBuf> {
-    let path = std::env::var_os("PLANTAR_FIRMWARE").map(PathBuf::from);
-    if path.is_none() {
-        println!("skipped: set PLANTAR_FIRMWARE to the emulated board's firmware (`cargo xtask test` does)");
-    }
-    path
-}
 
 /// A recording whose scans may answer less than all.
 struct Played {
@@ -51,7 +45,7 @@ const SILENT_READS: usize = 400;
 /// A session with the board that feels `recording`; time stands still until [`Board::play`].
 struct Session {
     board: Board,
-    client: Client<TcpStream>,
+    client: Client<Framed<TcpStream>>,
     scans: u32,
 }
 
@@ -70,14 +64,14 @@ impl Session {
     ) -> Option<Self> {
         let firmware = firmware()?;
         let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
-        let head = Head { setup: worn.setup, paced: true };
+        let head = Head::new(worn.setup);
         let cells = worn.cells.clone();
         let played = Played { walk: Recorded::new(recording.clone(), worn), fault };
         let scans = played.scans();
         let board = Board::start(&firmware, &head, &cells, Time::Max, played).expect("the board boots");
         let link = board.link().expect("the link is there");
         link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
-        let client = Client::connect(link, Duration::from_secs(20)).expect("the insole answers");
+        let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
         Some(Self { board, client, scans })
     }
 
@@ -104,6 +98,7 @@ impl Session {
             ToHost::Status(status) => received.status = status,
             ToHost::Tissue(tissue) => received.tissues.push((received.live.len(), tissue)),
             ToHost::Refused(refusal) => received.refusals.push(refusal),
+            ToHost::Time { .. } => panic!("nobody asked for the time"),
             ToHost::Hello(hello) => panic!("the insole restarted: {:?}", hello.last_panic),
         }
         is_answer
@@ -142,50 +137,11 @@ struct Received {
     status: Status,
 }
 
-fn tissue() -> Tissue {
-    Parameters::typical(InsoleSize::default()).tissue()
-}
-
 /// Another wearer, stiffer everywhere.
 fn other_tissue() -> Tissue {
     let mut gauges = tissue().gauges;
     gauges.iter_mut().for_each(|gauge| gauge.stiffness_pa *= 1.5);
     Tissue::new(gauges)
-}
-
-/// What a host computes of the same codes.
-fn replay(recording: &Recording, contact: ContactRule, is_missing: fn(u32) -> bool) -> (Vec<Live>, Vec<Step>) {
-    replay_with(recording, contact, is_missing, &[(0, tissue())])
-}
-
-/// The same with parameters that change, each before the live frame of its number.
-fn replay_with(
-    recording: &Recording,
-    contact: ContactRule,
-    is_missing: fn(u32) -> bool,
-    tissues: &[(usize, Tissue)],
-) -> (Vec<Live>, Vec<Step>) {
-    let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
-    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is sound");
-    let mut codes = vec![0; worn.cells.len()];
-    let (mut live, mut steps) = (Vec::new(), Vec::new());
-    for i in 0..worn.frames(recording) as u32 {
-        if is_missing(i) {
-            continue;
-        }
-        for (_, tissue) in tissues.iter().filter(|(before, _)| *before == live.len()) {
-            insole.set_tissue(tissue).expect("the parameters are sound");
-        }
-        worn.codes_of(recording, i as usize, &mut codes);
-        let toe_off = insole.frame(i, &codes);
-        let t_us = u64::from(i) * u64::from(worn.setup.period_us);
-        live.push(Live::new(live.len() as u32, t_us, insole.loads()));
-        if toe_off {
-            steps.push(Step::new(&insole.whole_step().expect("the insole is set up")));
-        }
-    }
-    (live, steps)
 }
 
 /// Plays a recording and compares everything that the board sends with a replay.
@@ -207,10 +163,6 @@ fn assert_device_equals_host(recording: &Recording, contact: ContactRule, least_
         (session.scans, session.scans, 0, 0)
     );
     assert_eq!((received.status.frames_missed, received.status.frames_overrun), (0, 0));
-}
-
-fn synthetic_walk(steps: usize, rate_hz: f64) -> Recording {
-    synthetic::walk(&synthetic::SyntheticWalk { steps, rate_hz, side: Side::Left, ..Default::default() }).recording
 }
 
 #[test]
@@ -315,7 +267,7 @@ fn steps_are_kept_until_they_are_acknowledged() {
         }
     }
     let link = session.board.link().expect("the link is there");
-    let mut again = Client::connect(link, Duration::from_secs(20)).expect("the insole answers");
+    let mut again = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
     for step in &sent {
         let replayed = loop {
             if let Some(ToHost::Step(step)) = again.receive().expect("the link holds") {
@@ -364,11 +316,11 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     let mut cells = worn.cells.clone();
     cells.reverse();
     assert_ne!(cells.first().map(|c| c.cell.region), Some(Region::Heel));
-    let head = Head { setup: worn.setup, paced: true };
+    let head = Head::new(worn.setup);
     let board = Board::start(&firmware, &head, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");
     let link = board.link().expect("the link is there");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
-    let client = Client::connect(link, Duration::from_secs(20)).expect("the insole answers");
+    let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
     let told = client.hello().last_panic.as_deref().unwrap_or_default().to_owned();
     assert!(told.contains("out of the order of regions"), "{told}");
 }

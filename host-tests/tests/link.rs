@@ -15,6 +15,7 @@ enum Sent {
     Status(Status),
     Tissue(u32),
     Refused(Refusal),
+    Time { host_us: u64, device_us: u64 },
 }
 
 fn next(link: &mut Link) -> Option<Sent> {
@@ -39,6 +40,7 @@ fn next(link: &mut Link) -> Option<Sent> {
             Sent::Tissue(got.id)
         }
         ToHost::Refused(got) => Sent::Refused(got),
+        ToHost::Time { host_us, device_us } => Sent::Time { host_us, device_us },
     })
 }
 
@@ -51,11 +53,11 @@ fn steps(link: &mut Link) -> Vec<u32> {
 }
 
 fn connect(link: &mut Link) {
-    link.receive(ToDevice::Connect { major: MAJOR, minor: MINOR });
+    link.receive(ToDevice::Connect { major: MAJOR, minor: MINOR }, 0);
 }
 
 fn acknowledge(link: &mut Link, step: u32) {
-    link.receive(ToDevice::Acknowledge { step });
+    link.receive(ToDevice::Acknowledge { step }, 0);
 }
 
 /// A frame as the insole makes it: only where somebody listens.
@@ -68,7 +70,7 @@ fn frame(link: &mut Link) {
 fn streaming() -> Link {
     let mut link = Link::new();
     connect(&mut link);
-    link.receive(ToDevice::Stream { live: true });
+    link.receive(ToDevice::Stream { live: true }, 0);
     assert_eq!(all(&mut link), [Sent::Hello]);
     link
 }
@@ -82,8 +84,8 @@ fn with_steps(numbers: impl IntoIterator<Item = u32>) -> Link {
 #[test]
 fn nothing_is_sent_before_a_host_connects() {
     let mut link = with_steps(0..3);
-    link.receive(ToDevice::Stream { live: true });
-    link.receive(ToDevice::GetStatus);
+    link.receive(ToDevice::Stream { live: true }, 0);
+    link.receive(ToDevice::GetStatus, 0);
     acknowledge(&mut link, 2);
     assert_eq!(link.next_live(), None);
     assert_eq!(all(&mut link), []);
@@ -101,7 +103,7 @@ fn a_host_of_another_major_gets_a_hello_and_nothing_else() {
             ToDevice::GetStatus,
             ToDevice::Acknowledge { step: 2 },
         ] {
-            link.receive(message);
+            link.receive(message, 0);
         }
         assert_eq!(link.next_live(), None);
         assert_eq!(all(&mut link), [Sent::Hello], "major {major}");
@@ -113,7 +115,7 @@ fn a_host_of_another_major_gets_a_hello_and_nothing_else() {
 #[test]
 fn another_minor_is_welcome() {
     let mut link = with_steps(0..1);
-    link.receive(ToDevice::Connect { major: MAJOR, minor: MINOR + 1 });
+    link.receive(ToDevice::Connect { major: MAJOR, minor: MINOR + 1 }, 0);
     assert_eq!(all(&mut link), [Sent::Hello, Sent::Step(0)]);
 }
 
@@ -121,7 +123,7 @@ fn another_minor_is_welcome() {
 fn a_connect_by_another_major_ends_the_session() {
     let mut link = streaming();
     frame(&mut link);
-    link.receive(ToDevice::Connect { major: MAJOR + 1, minor: 0 });
+    link.receive(ToDevice::Connect { major: MAJOR + 1, minor: 0 }, 0);
     assert_eq!(link.next_live(), None);
     assert_eq!(all(&mut link), [Sent::Hello]);
 }
@@ -186,7 +188,7 @@ fn the_oldest_step_makes_room_and_is_counted() {
     let count = STEP_QUEUE as u32;
     let mut link = with_steps(0..count + 5);
     connect(&mut link);
-    link.receive(ToDevice::GetStatus);
+    link.receive(ToDevice::GetStatus, 0);
     let sent = all(&mut link);
     let expected: Vec<_> = (5..count + 5).map(Sent::Step).collect();
     assert_eq!(sent[1..=STEP_QUEUE], expected);
@@ -216,7 +218,7 @@ fn live_frames_are_numbered_from_the_start_of_a_session() {
     }
     connect(&mut link);
     assert_eq!(link.next_live(), None, "a new session does not stream by itself");
-    link.receive(ToDevice::Stream { live: true });
+    link.receive(ToDevice::Stream { live: true }, 0);
     frame(&mut link);
     assert_eq!(all(&mut link), [Sent::Hello, Sent::Live(0)]);
 }
@@ -225,7 +227,7 @@ fn live_frames_are_numbered_from_the_start_of_a_session() {
 fn frames_that_a_slow_carrier_drops_leave_a_gap() {
     let mut link = streaming();
     (0..100).for_each(|_| frame(&mut link));
-    link.receive(ToDevice::GetStatus);
+    link.receive(ToDevice::GetStatus, 0);
     let sent = all(&mut link);
     let (last, live) = sent.split_last().expect("a status at least");
     let newest: Vec<_> = (100 - live.len() as u32..100).map(Sent::Live).collect();
@@ -240,10 +242,10 @@ fn frames_that_a_slow_carrier_drops_leave_a_gap() {
 fn a_stream_that_is_turned_off_stops_at_once() {
     let mut link = streaming();
     frame(&mut link);
-    link.receive(ToDevice::Stream { live: false });
+    link.receive(ToDevice::Stream { live: false }, 0);
     assert_eq!(link.next_live(), None);
     assert_eq!(all(&mut link), []);
-    link.receive(ToDevice::Stream { live: true });
+    link.receive(ToDevice::Stream { live: true }, 0);
     frame(&mut link);
     assert_eq!(all(&mut link), [Sent::Live(1)], "the frame that was thrown away leaves a gap");
 }
@@ -252,7 +254,7 @@ fn a_stream_that_is_turned_off_stops_at_once() {
 fn hello_comes_first_steps_before_live_frames_and_status_last() {
     let mut link = streaming();
     frame(&mut link);
-    link.receive(ToDevice::GetStatus);
+    link.receive(ToDevice::GetStatus, 0);
     link.push_step(step(0));
     frame(&mut link);
     let sent = all(&mut link);
@@ -269,7 +271,7 @@ fn close_ends_the_session_and_keeps_the_steps() {
     assert_eq!(steps(&mut link), [0]);
     link.push_step(step(1));
     frame(&mut link);
-    link.receive(ToDevice::GetStatus);
+    link.receive(ToDevice::GetStatus, 0);
     link.close();
     assert_eq!(link.next_live(), None);
     assert_eq!(all(&mut link), []);
@@ -284,7 +286,7 @@ fn dropped_steps_are_counted_across_sessions() {
     let mut link = with_steps(0..STEP_QUEUE as u32 + 2);
     link.close();
     connect(&mut link);
-    link.receive(ToDevice::GetStatus);
+    link.receive(ToDevice::GetStatus, 0);
     assert!(matches!(all(&mut link).last(), Some(Sent::Status(s)) if s.steps_dropped == 2));
 }
 
@@ -310,19 +312,19 @@ fn bad_tissues() -> [(Tissue, Refusal); 4] {
 #[test]
 fn accepted_parameters_are_answered_and_named_from_then_on() {
     let mut link = streaming();
-    link.receive(ToDevice::GetTissue);
+    link.receive(ToDevice::GetTissue, 0);
     assert_eq!(all(&mut link), [Sent::Tissue(0)], "none yet");
     for tissue in [*TISSUE, other_tissue(), *TISSUE, *TISSUE] {
-        link.receive(ToDevice::SetTissue(tissue));
+        link.receive(ToDevice::SetTissue(tissue), 0);
         assert_eq!(*link.tissue(), tissue);
         assert_eq!(all(&mut link), [Sent::Tissue(tissue.id)]);
     }
     assert!(link.next_live().is_some(), "the stream goes on");
     link.close();
-    link.receive(ToDevice::GetTissue);
+    link.receive(ToDevice::GetTissue, 0);
     assert_eq!(all(&mut link), []);
     connect(&mut link);
-    link.receive(ToDevice::GetTissue);
+    link.receive(ToDevice::GetTissue, 0);
     assert_eq!(all(&mut link), [Sent::Hello, Sent::Tissue(TISSUE.id)], "and the hello names them, see `next`");
 }
 
@@ -331,13 +333,13 @@ fn refused_parameters_are_answered_with_the_reason_and_the_old_stay() {
     let mut link = streaming();
     for before in [Tissue::NONE, *TISSUE] {
         for (bad, reason) in bad_tissues() {
-            link.receive(ToDevice::SetTissue(bad));
+            link.receive(ToDevice::SetTissue(bad), 0);
             assert_eq!(*link.tissue(), before);
             assert_eq!(all(&mut link), [Sent::Refused(reason)]);
         }
         link.receive_unknown();
         assert_eq!(all(&mut link), [Sent::Refused(Refusal::NotUnderstood)]);
-        link.receive(ToDevice::SetTissue(*TISSUE));
+        link.receive(ToDevice::SetTissue(*TISSUE), 0);
         all(&mut link);
     }
 }
@@ -355,7 +357,7 @@ fn answers_come_in_the_order_of_the_requests_and_after_what_was_before() {
         ToDevice::SetTissue(bad),
         ToDevice::GetTissue,
     ] {
-        link.receive(request);
+        link.receive(request, 0);
     }
     link.receive_unknown();
     let sent = all(&mut link);
@@ -368,10 +370,10 @@ fn answers_come_in_the_order_of_the_requests_and_after_what_was_before() {
 fn parameters_are_not_taken_outside_of_a_session() {
     for connect in [None, Some(ToDevice::Connect { major: MAJOR + 1, minor: MINOR })] {
         let mut link = Link::new();
-        connect.into_iter().for_each(|connect| link.receive(connect));
-        link.receive(ToDevice::SetTissue(*TISSUE));
-        link.receive(ToDevice::SetTissue(bad_tissues()[0].0));
-        link.receive(ToDevice::GetTissue);
+        connect.into_iter().for_each(|connect| link.receive(connect, 0));
+        link.receive(ToDevice::SetTissue(*TISSUE), 0);
+        link.receive(ToDevice::SetTissue(bad_tissues()[0].0), 0);
+        link.receive(ToDevice::GetTissue, 0);
         link.receive_unknown();
         assert_eq!(*link.tissue(), Tissue::NONE);
         assert!(all(&mut link).iter().all(|sent| *sent == Sent::Hello));
@@ -381,9 +383,9 @@ fn parameters_are_not_taken_outside_of_a_session() {
 #[test]
 fn a_flood_of_requests_is_answered_in_part() {
     let mut link = streaming();
-    (0..1000).for_each(|_| link.receive(ToDevice::GetTissue));
+    (0..1000).for_each(|_| link.receive(ToDevice::GetTissue, 0));
     let sent = all(&mut link);
     assert!((11..1000).contains(&sent.len()), "{} answers", sent.len());
-    link.receive(ToDevice::GetStatus);
+    link.receive(ToDevice::GetStatus, 0);
     assert!(matches!(all(&mut link)[..], [Sent::Status(_)]));
 }

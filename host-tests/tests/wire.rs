@@ -161,6 +161,7 @@ fn to_host() -> impl Strategy<Value = ToHost> {
         any_status().prop_map(ToHost::Status),
         any_tissue().prop_map(ToHost::Tissue),
         any_refusal().prop_map(ToHost::Refused),
+        any::<(u64, u64)>().prop_map(|(host_us, device_us)| ToHost::Time { host_us, device_us }),
     ]
 }
 
@@ -172,6 +173,8 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
         Just(ToDevice::GetStatus),
         any_tissue().prop_map(ToDevice::SetTissue),
         Just(ToDevice::GetTissue),
+        any::<u64>().prop_map(|host_us| ToDevice::GetTime { host_us }),
+        any::<u64>().prop_map(|unix_us| ToDevice::SetClock { unix_us }),
     ]
 }
 
@@ -184,6 +187,7 @@ fn samples() -> Vec<ToHost> {
         ToHost::Status(status()),
         ToHost::Tissue(*TISSUE),
         ToHost::Refused(Refusal::Tissue(Region::Hallux)),
+        ToHost::Time { host_us: 5, device_us: 6 },
     ]
 }
 
@@ -425,6 +429,15 @@ fn longest_messages_fit_their_limits() {
     assert!(frame(&[0xAA; MAX_MESSAGE], &mut out) <= MAX_FRAME);
 }
 
+/// Other carriers sort messages by their first byte.
+#[test]
+fn first_bytes_tell_the_message() {
+    let first = |message: &ToHost| encoded(message)[0];
+    let told = [ToHost::LIVE, ToHost::STEP, ToHost::TISSUE, ToHost::REFUSED];
+    let samples = samples();
+    assert_eq!([1, 2, 4, 5].map(|i| first(&samples[i])), told);
+}
+
 #[test]
 fn checksum_is_the_common_crc_32() {
     // The check value of CRC-32/ISO-HDLC.
@@ -435,11 +448,11 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// The bytes of version 1.1 on a byte carrier. A change of Hello or Connect is forbidden; a change of another line raises
+/// The bytes of version 1.2 on a byte carrier. A change of Hello or Connect is forbidden; a change of another line raises
 /// `wire::MAJOR`, a new message `wire::MINOR`. Other hosts and insoles have these bytes built in.
 #[test]
 fn bytes_of_this_version() {
-    assert_eq!((MAJOR, MINOR), (1, 1), "new version: add its bytes here");
+    assert_eq!((MAJOR, MINOR), (1, 2), "new version: add its bytes here");
     let golden = [
         ("hello", framed(&ToHost::Hello(Hello { major: 1, minor: 0, ..hello() })), HELLO),
         ("live", framed(&ToHost::Live(live(300))), LIVE),
@@ -455,6 +468,9 @@ fn bytes_of_this_version() {
         ("refused: values", framed(&ToHost::Refused(Refusal::Tissue(Region::Hallux))), TISSUE_VALUES),
         ("set tissue", framed(&ToDevice::SetTissue(*TISSUE)), SET_TISSUE),
         ("get tissue", framed(&ToDevice::GetTissue), GET_TISSUE),
+        ("time", framed(&ToHost::Time { host_us: 1_000, device_us: 300 }), TIME),
+        ("get time", framed(&ToDevice::GetTime { host_us: 1_000 }), GET_TIME),
+        ("set clock", framed(&ToDevice::SetClock { unix_us: 1_700_000_000_000_000 }), SET_CLOCK),
     ];
     for (name, bytes, expected) in golden {
         assert_eq!(hex(&bytes), expected, "{name}");
@@ -476,6 +492,9 @@ const TISSUE_ID: &str = "0705012cd6a94b00";
 const TISSUE_VALUES: &str = "08050205f48dd6bb00";
 const SET_TISSUE: &str = "0f04c395a3cf0a6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44810409c459a99993fcdcc4c3f3c517a1800";
 const GET_TISSUE: &str = "0605021b68a200";
+const TIME: &str = "0a06e807ac0226ef5ab300";
+const GET_TIME: &str = "0806e807e7490ff300";
+const SET_CLOCK: &str = "0e078080f9c0c1c48203c9aa264a00";
 
 /// Values beyond the wire's units are cut to them, whatever their size.
 #[test]

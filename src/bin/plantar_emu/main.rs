@@ -1,38 +1,48 @@
-//! The emulated board: an STM32F405 in QEMU (`-M netduinoplus2`) with the link on USART1 and the sensor plant on USART3.
+//! The emulated board: an STM32F405 in QEMU (`-M netduinoplus2`) with the link on USART1,
+//! a Bluetooth controller on USART2 and the sensor plant on USART3.
 //!
 //! The emulator has no reset and clock control, no ADC and no cycle counter, so this board brings its own small USART and
-//! takes time from SysTick; everything above the board traits is the code of the real board.
+//! takes time from a timer; everything above the board traits is the code of the real board.
 #![no_std]
 #![no_main]
 
 mod plant;
 mod port;
+mod radio;
 mod time;
 
 use cortex_m::peripheral::{NVIC, SYST};
 use cortex_m_rt::{ExceptionFrame, exception};
 use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
+use embassy_time::Duration;
 use plant::{Clock, PlantMatrix, SETUP_BYTES};
-use plantar::app::{self, DeviceInsole, FRAME_QUEUE, Frame, ScanCounters, Session, Stopwatch, Ticker};
+use plantar::app::{self, DeviceInsole, Frame, ScanCounters, Session, Stopwatch, Ticker};
+use plantar::ble::{self, HciPipe, OverBluetooth};
 use plantar::device;
-use plantar::insole::Insole;
+use plantar::emulation::Head;
+use plantar::insole::{Insole, SetupError};
 use plantar::wire::Reset;
 use port::{End, Port};
+use radio::{BondsFile, Emulated, pump};
 use static_cell::{ConstStaticCell, StaticCell};
-use stm32_metapac::{Interrupt, USART1, USART3, interrupt};
+use stm32_metapac::{Interrupt, USART1, USART2, USART3, interrupt};
 use time::{RELOAD, Time};
 
 embassy_time_driver::time_driver_impl!(static TIME: Time = Time::new());
 
 static LINK: Port = Port::new(USART1);
+static HCI: Port = Port::new(USART2);
+static FROM_RADIO: HciPipe = HciPipe::new();
+static TO_RADIO: HciPipe = HciPipe::new();
 static PLANT: Port = Port::new(USART3);
 static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 static INSOLE: ConstStaticCell<DeviceInsole> = ConstStaticCell::new(Insole::new());
-static SETUP: ConstStaticCell<[u8; SETUP_BYTES]> = ConstStaticCell::new([0; SETUP_BYTES]);
-static FRAMES: ConstStaticCell<[Frame; FRAME_QUEUE]> = ConstStaticCell::new([Frame::EMPTY; FRAME_QUEUE]);
+/// At 400 Hz they last 20 ms, more than a step's evaluation takes.
+static FRAMES: ConstStaticCell<[Frame; 8]> = ConstStaticCell::new([Frame::EMPTY; 8]);
 
 type FrameSender = Sender<'static, CriticalSectionRawMutex, Frame>;
 type FrameReceiver = Receiver<'static, CriticalSectionRawMutex, Frame>;
@@ -58,24 +68,26 @@ async fn main(spawner: Spawner) {
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     TIME.start(&mut core.SYST);
     LINK.start();
+    HCI.start();
     PLANT.start();
     // Scanning above everything but the timer and the ports that feed it.
-    for (interrupt, priority) in [(Interrupt::USART1, 0x40), (Interrupt::USART3, 0x40), (Interrupt::TIM2, 0x80)] {
+    for (interrupt, priority) in
+        [(Interrupt::USART1, 0x40), (Interrupt::USART2, 0x40), (Interrupt::USART3, 0x40), (Interrupt::TIM2, 0x80)]
+    {
         // SAFETY: no critical section of this program works by priority.
         unsafe { core.NVIC.set_priority(interrupt, priority) };
     }
     // SAFETY: what the handlers use is set up above.
     unsafe {
         NVIC::unmask(Interrupt::USART1);
+        NVIC::unmask(Interrupt::USART2);
         NVIC::unmask(Interrupt::USART3);
     }
 
     let insole = INSOLE.take();
-    let Some((head, cells)) = plant::read_setup(SETUP.take()) else {
+    let Some((head, refused)) = set_up(insole) else {
         panic!("no whole setup.bin in the emulator's directory");
     };
-    // A refusal leaves an insole without cells, so that a host hears why.
-    let refused = insole.set_up(head.setup, cells).err();
     let reset = if panic.is_some() { Reset::Panic } else { Reset::Power };
     let hello = app::hello("emulated", &head.setup, insole, reset, panic.or(refused.map(device::cut)));
     let Some(matrix) = PlantMatrix::open(&PLANT, insole.cells()) else {
@@ -89,6 +101,7 @@ async fn main(spawner: Spawner) {
 
     static CHANNEL: StaticCell<Channel<'static, CriticalSectionRawMutex, Frame>> = StaticCell::new();
     static SESSION: StaticCell<Session> = StaticCell::new();
+    static OVER_BLUETOOTH: StaticCell<OverBluetooth<'static, Emulated, BondsFile>> = StaticCell::new();
     let (sender, receiver) = CHANNEL.init(Channel::new(FRAMES.take())).split();
     let session = SESSION.init(Session::new(hello, &SCAN_COUNTERS, device::stack_bytes));
 
@@ -96,6 +109,19 @@ async fn main(spawner: Spawner) {
     SCAN_EXECUTOR.start(Interrupt::TIM2).spawn(scan(clock, matrix, sender).unwrap());
     spawner.spawn(process(insole, receiver, session).unwrap());
     spawner.spawn(serve(session).unwrap());
+    let board = Emulated { address: head.address, bonding: Duration::from_secs(head.bonding_s.into()) };
+    let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, board, BondsFile));
+    spawner.spawn(ble::run(&FROM_RADIO, &TO_RADIO, insole).unwrap());
+    spawner.spawn(pump_radio().unwrap());
+}
+
+/// Reads the set-up; `None` where it is not whole. A refusal leaves an insole without cells, so that a host hears why.
+/// Apart, so that its buffer is on the stack only here.
+#[inline(never)]
+fn set_up(insole: &mut DeviceInsole) -> Option<(Head, Option<SetupError>)> {
+    let mut buffer = [0; SETUP_BYTES];
+    let (head, cells) = plant::read_setup(&mut buffer)?;
+    Some((head, insole.set_up(head.setup, cells).err()))
 }
 
 #[embassy_executor::task]
@@ -113,9 +139,19 @@ async fn serve(session: &'static Session) {
     app::serve(End(&LINK), End(&LINK), session).await
 }
 
+#[embassy_executor::task]
+async fn pump_radio() {
+    join(pump(End(&HCI), &FROM_RADIO), pump(&TO_RADIO, End(&HCI))).await;
+}
+
 #[interrupt]
 fn USART1() {
     LINK.on_interrupt();
+}
+
+#[interrupt]
+fn USART2() {
+    HCI.on_interrupt();
 }
 
 #[interrupt]
@@ -137,11 +173,12 @@ fn SysTick() {
 
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    panic!("hard fault at {:#010x}", frame.pc())
+    device::keep_calls(Some(frame.pc()));
+    cortex_m::peripheral::SCB::sys_reset()
 }
 
 #[panic_handler]
-fn panic(info: &core::panic::PanicInfo) -> ! {
-    device::keep_panic(info);
+fn panic(_: &core::panic::PanicInfo) -> ! {
+    device::keep_calls(None);
     cortex_m::peripheral::SCB::sys_reset()
 }

@@ -3,7 +3,7 @@
 //! Codes lie in a file and only the handshake goes over USART3: the emulated USART takes in some 10 KB/s, a walk has 50.
 
 use crate::port::Port;
-use embassy_time::{Duration, with_timeout};
+use embassy_time::{Duration, Instant, with_timeout};
 use plantar::app::{FrameClock, Matrix, MatrixTimeout, Ticker};
 use plantar::emulation::{self, COLUMNS, Head, MATRIX_FILE, SCAN, SETUP_FILE, TICK};
 use plantar::insole::{DEVICE_CELLS, SetupCell};
@@ -101,6 +101,14 @@ pub enum Clock {
 impl FrameClock for Clock {
     fn is_patient(&self) -> bool {
         matches!(self, Self::Plant { .. })
+    }
+
+    fn start(&self) -> Instant {
+        match self {
+            Self::Ticker(ticker) => ticker.start(),
+            // Frames have nothing to do with this board's own time.
+            Self::Plant { .. } => Instant::MIN,
+        }
     }
 
     async fn next(&mut self) -> u32 {

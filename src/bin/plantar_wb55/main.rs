@@ -3,7 +3,9 @@
 #![no_main]
 
 mod layout;
+mod mailbox;
 mod matrix;
+mod radio;
 
 use cortex_m::peripheral::DWT;
 use cortex_m_rt::{ExceptionFrame, exception};
@@ -13,7 +15,7 @@ use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::gpio::{AnyPin, Input, Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::pac;
-use embassy_stm32::peripherals::{IWDG, USART1};
+use embassy_stm32::peripherals::{IPCC, IWDG, USART1};
 use embassy_stm32::rcc::{self, mux};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};
@@ -24,10 +26,12 @@ use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::{Duration, Instant};
 use matrix::ResistiveMatrix;
 use plantar::Side;
-use plantar::app::{self, DeviceInsole, FRAME_QUEUE, Frame, ScanCounters, Session, Stopwatch, Ticker, Watchdog};
+use plantar::app::{self, DeviceInsole, Frame, ScanCounters, Session, Stopwatch, Ticker, Watchdog};
+use plantar::ble::{self, HciPipe, OverBluetooth};
 use plantar::device;
 use plantar::insole::Insole;
 use plantar::wire::Reset;
+use radio::{BondsInRam, Wb55};
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// Bit rate of the link. A live frame is at most 90 bytes framed: 9 kB/s at 100 Hz and 36 kB/s at 400 Hz of the 46 kB/s that
@@ -45,12 +49,14 @@ bind_interrupts!(struct Irqs {
 
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 
+static FROM_RADIO: HciPipe = HciPipe::new();
+static TO_RADIO: HciPipe = HciPipe::new();
 static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 static INSOLE: ConstStaticCell<DeviceInsole> = ConstStaticCell::new(Insole::new());
-static FRAMES: ConstStaticCell<[Frame; FRAME_QUEUE]> = ConstStaticCell::new([Frame::EMPTY; FRAME_QUEUE]);
-/// The longest frame of the link fits.
-static TO_SEND: ConstStaticCell<[u8; 512]> = ConstStaticCell::new([0; 512]);
+/// At this board's 100 Hz they last 30 ms, more than a step's evaluation takes.
+static FRAMES: ConstStaticCell<[Frame; 3]> = ConstStaticCell::new([Frame::EMPTY; 3]);
+static TO_SEND: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
 static RECEIVED: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
 
 type FrameSender = Sender<'static, CriticalSectionRawMutex, Frame>;
@@ -95,8 +101,11 @@ fn clocks() -> rcc::Config {
     // The radio's core does at most 32 MHz.
     clocks.core2_ahb_pre = rcc::AHBPrescaler::DIV2;
     clocks.msi = None;
-    clocks.hsi48 = None;
+    // The radio's core draws random numbers by it.
+    clocks.hsi48 = Some(rcc::Hsi48Config { sync_from_usb: false });
     clocks.ls = rcc::LsConfig::off();
+    // The radio sleeps by HSE / 1024: no second crystal.
+    clocks.mux.rfwkpsel = mux::Rfwkpsel::HSE_DIV_1024;
     clocks.mux.adcsel = mux::Adcsel::SYS;
     clocks
 }
@@ -134,7 +143,7 @@ async fn main(spawner: Spawner) {
     core.DWT.enable_cycle_counter();
     // Scanning above the thread, below the timer, DMA and the port, which are as they start: highest.
     interrupt::SPI2.set_priority(Priority::P6);
-    defmt::info!("plantar {} started, reset: {}", env!("CARGO_PKG_VERSION"), defmt::Debug2Format(&reset));
+    defmt::info!("plantar {} started, reset: {}", env!("CARGO_PKG_VERSION"), reset.name());
     if let Some(panic) = &panic {
         defmt::error!("last panic: {}", panic.as_str());
     }
@@ -166,12 +175,9 @@ async fn main(spawner: Spawner) {
 
     let insole = INSOLE.take();
     let setup = layout::setup(side);
-    // A refusal leaves an insole without cells, so that a host hears why.
-    let refused = insole.set_up(setup, layout::cells()).err();
-    if let Some(refused) = &refused {
-        defmt::error!("set-up refused: {}", defmt::Display2Format(refused));
-    }
-    let hello = app::hello("stm32wb55", &setup, insole, reset, panic.or(refused.map(device::cut)));
+    // A test sees that it is accepted. Formatting why it would not be takes 2 KiB.
+    let refused = insole.set_up(setup, layout::cells()).err().and_then(|_| "set-up refused".try_into().ok());
+    let hello = app::hello("stm32wb55", &setup, insole, reset, panic.or(refused));
     let mut link = usart::Config::default();
     link.baudrate = LINK_BIT_HZ;
     // The pins are this port's and the bit rate is within its divider, so it cannot be refused.
@@ -179,6 +185,7 @@ async fn main(spawner: Spawner) {
 
     static CHANNEL: StaticCell<Channel<'static, CriticalSectionRawMutex, Frame>> = StaticCell::new();
     static SESSION: StaticCell<Session> = StaticCell::new();
+    static OVER_BLUETOOTH: StaticCell<OverBluetooth<'static, Wb55, BondsInRam>> = StaticCell::new();
     let (sender, receiver) = CHANNEL.init(Channel::new(FRAMES.take())).split();
     let session = SESSION.init(Session::new(hello, &SCAN_COUNTERS, device::stack_bytes));
     let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
@@ -190,6 +197,10 @@ async fn main(spawner: Spawner) {
     spawner.spawn(process(insole, receiver, session).unwrap());
     spawner.spawn(serve(link, session).unwrap());
     spawner.spawn(supervise(Dog(watchdog), session).unwrap());
+    let by_hand = matches!(reset, Reset::Power | Reset::Pin);
+    let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, Wb55 { by_hand }, BondsInRam));
+    spawner.spawn(ble::run(&FROM_RADIO, &TO_RADIO, insole).unwrap());
+    spawner.spawn(radio(p.IPCC).unwrap());
 }
 
 #[embassy_executor::task]
@@ -213,6 +224,11 @@ async fn supervise(watchdog: Dog, session: &'static Session) {
     app::supervise(watchdog, session, SUPERVISION).await
 }
 
+#[embassy_executor::task]
+async fn radio(ipcc: Peri<'static, IPCC>) {
+    radio::run(ipcc, &FROM_RADIO, &TO_RADIO).await;
+}
+
 /// Nobody's port here: its interrupt runs the scan executor.
 #[interrupt]
 unsafe fn SPI2() {
@@ -222,11 +238,12 @@ unsafe fn SPI2() {
 
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    panic!("hard fault at {:#010x}", frame.pc())
+    device::keep_calls(Some(frame.pc()));
+    cortex_m::peripheral::SCB::sys_reset()
 }
 
 #[panic_handler]
-fn panic(info: &core::panic::PanicInfo) -> ! {
-    device::keep_panic(info);
+fn panic(_: &core::panic::PanicInfo) -> ! {
+    device::keep_calls(None);
     cortex_m::peripheral::SCB::sys_reset()
 }

@@ -2,7 +2,7 @@
 
 use crate::Figures;
 use anyhow::{Result, bail};
-use client::Client;
+use client::{Client, Framed};
 use emulator::{Board, Scan, Time, Walk};
 use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
@@ -75,11 +75,11 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
 /// Lets the emulated board feel a whole walk, with a live stream, and returns its counters.
 pub fn walk_through(firmware: &Path, worn: &VirtualInsole, time: Time, walk: impl Walk) -> Result<Status> {
     let scans = walk.scans();
-    let head = Head { setup: worn.setup, paced: true };
+    let head = Head::new(worn.setup);
     let board = Board::start(firmware, &head, &worn.cells, time, walk)?;
     let link = board.link()?;
     link.set_read_timeout(Some(Duration::from_millis(50)))?;
-    let mut client = Client::connect(link, Duration::from_secs(20))?;
+    let mut client = Client::connect(Framed::new(link), Duration::from_secs(20))?;
     client.set_tissue(&Parameters::typical(InsoleSize::default()).tissue())?;
     client.stream()?;
     board.play();

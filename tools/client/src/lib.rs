@@ -1,22 +1,30 @@
-//! The host's side of a session with an insole, over any byte carrier.
+//! The host's side of a session with an insole, over any carrier of messages.
 
+mod axis;
+mod carrier;
 mod json;
 
+pub use axis::Axis;
+pub use carrier::{Carrier, Framed};
 pub use json::{region_ellipse, region_quantities, step_to_json};
 
 use plantar::insole::Tissue;
 use plantar::link::STEP_QUEUE;
-use plantar::wire::{self, Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Step, ToDevice, ToHost};
+use plantar::wire::{Hello, MAJOR, MINOR, Refusal, Step, ToDevice, ToHost};
 use serde::Serialize;
 use std::collections::VecDeque;
-use std::io::{self, Read, Write};
-use std::time::{Duration, Instant};
+use std::io;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use thiserror::Error;
 
 /// A connected insole answers within this time.
 const ANSWER: Duration = Duration::from_secs(2);
 /// Minor version that brought the wearer's parameters.
 const TISSUE_MINOR: u8 = 1;
+/// Minor version that brought the clock.
+const CLOCK_MINOR: u8 = 2;
+/// Between questions for the insole's time.
+const ASK_TIME: Duration = Duration::from_millis(250);
 
 /// Why there is no session, or no longer one.
 #[derive(Debug, Error)]
@@ -69,48 +77,56 @@ pub struct LinkCounters {
     pub crc_errors: u32,
 }
 
-/// A session. The carrier must return from a read within a second or so, with [`io::ErrorKind::TimedOut`] or
-/// [`io::ErrorKind::WouldBlock`] when nothing came.
+/// A session.
 pub struct Client<C> {
-    messages: Messages<C>,
+    carrier: C,
+    /// By the carriers before this one.
+    damaged_before: u32,
+    /// Came while something else was awaited.
+    waiting: VecDeque<ToHost>,
     hello: Hello,
     frames_sent: u32,
     frames_received: u32,
     frames_lost: u32,
     next_live: Option<u32>,
+    axis: Axis,
+    asked_time: Option<Instant>,
     /// As many as an insole can replay.
     delivered: VecDeque<Step>,
 }
 
-impl<C: Read + Write> Client<C> {
+impl<C: Carrier> Client<C> {
     /// Says hello, and again twice a second until the insole answers or `patience` is over.
-    pub fn connect(carrier: C, patience: Duration) -> Result<Self, Error> {
-        let mut messages =
-            Messages { carrier, decoder: Decoder::new(), waiting: VecDeque::new(), unknown: 0, buffer: vec![0; 4096] };
-        let hello = messages.greet(patience)?;
+    pub fn connect(mut carrier: C, patience: Duration) -> Result<Self, Error> {
+        let hello = greet(&mut carrier, patience)?;
         Ok(Self {
-            messages,
+            carrier,
+            damaged_before: 0,
+            waiting: VecDeque::new(),
             hello,
             frames_sent: 0,
             frames_received: 0,
             frames_lost: 0,
             next_live: None,
+            axis: Axis::new(),
+            asked_time: None,
             delivered: VecDeque::new(),
         })
     }
 
     /// Opens the session anew, as after a silence, and returns what the insole says of itself now. The live stream is off.
     pub fn reconnect(&mut self, patience: Duration) -> Result<&Hello, Error> {
-        self.hello = self.messages.greet(patience)?;
+        self.hello = greet(&mut self.carrier, patience)?;
+        self.waiting.clear();
+        self.axis = Axis::new();
         self.next_live = None;
         Ok(&self.hello)
     }
 
     /// As [`Client::reconnect`], over another carrier after one broke.
     pub fn reconnect_over(&mut self, carrier: C, patience: Duration) -> Result<&Hello, Error> {
-        self.messages.carrier = carrier;
-        // What broke off within a frame does not spoil the next.
-        self.messages.decoder.push(0);
+        self.damaged_before = self.damaged();
+        self.carrier = carrier;
         self.reconnect(patience)
     }
 
@@ -119,8 +135,17 @@ impl<C: Read + Write> Client<C> {
         &self.hello
     }
 
-    /// Turns the live stream on and waits until it is; what arrives meanwhile is received as usual.
+    /// Sets the insole's clock and learns its time, turns the live stream on and waits until it is; what arrives meanwhile is received as usual.
     pub fn stream(&mut self) -> Result<(), Error> {
+        if self.hello.minor >= CLOCK_MINOR {
+            self.send(ToDevice::SetClock { unix_us: unix_us() })?;
+            let question = ToDevice::GetTime { host_us: unix_us() };
+            let (asked_us, device_us) = self.ask(question, |message| match *message {
+                ToHost::Time { host_us, device_us } => Some((host_us, device_us)),
+                _ => None,
+            })?;
+            self.axis.answer(asked_us, device_us);
+        }
         self.send(ToDevice::Stream { live: true })?;
         self.ask(ToDevice::GetStatus, |message| matches!(message, ToHost::Status(_)).then_some(()))
     }
@@ -155,9 +180,9 @@ impl<C: Read + Write> Client<C> {
         let mut meanwhile = Vec::new();
         let answered = loop {
             if asked.elapsed() >= ANSWER {
-                break Err(Error::NoAnswer(ANSWER, self.messages.damaged()));
+                break Err(Error::NoAnswer(ANSWER, self.damaged()));
             }
-            match self.messages.next() {
+            match self.next() {
                 Err(error) => break Err(error),
                 Ok(Some(ToHost::Refused(refusal))) => break Err(Error::Refused(refusal)),
                 // The answer to a hello that was said twice.
@@ -169,21 +194,45 @@ impl<C: Read + Write> Client<C> {
             }
         };
         for message in meanwhile.into_iter().rev() {
-            self.messages.waiting.push_front(message);
+            self.waiting.push_front(message);
         }
         answered
     }
 
-    /// Sends a message.
-    pub fn send(&mut self, message: ToDevice) -> Result<(), Error> {
-        self.messages.send(message)
+    fn damaged(&self) -> u32 {
+        self.damaged_before.wrapping_add(self.carrier.damaged())
     }
 
-    /// The next message; `None` when none came within the carrier's time-out. A step comes once, however often it is
+    /// Sends a message.
+    pub fn send(&mut self, message: ToDevice) -> Result<(), Error> {
+        Ok(self.carrier.send(message)?)
+    }
+
+    /// The insole's clock against this computer's, us since 1970, UTC; as long as [`Client::receive`] is called it gets better.
+    pub fn axis(&self) -> &Axis {
+        &self.axis
+    }
+
+    fn ask_time(&mut self) -> Result<(), Error> {
+        let is_due = self.asked_time.is_none_or(|asked| asked.elapsed() >= ASK_TIME);
+        if is_due && self.hello.minor >= CLOCK_MINOR {
+            self.asked_time = Some(Instant::now());
+            self.send(ToDevice::GetTime { host_us: unix_us() })?;
+        }
+        Ok(())
+    }
+
+    /// The next message; `None` when none came within the carrier's time-out. Asks for the insole's time now and then, and
+    /// keeps the answers for [`Client::axis`]. A step comes once, however often it is
     /// replayed; send [`ToDevice::Acknowledge`] once it is stored.
     pub fn receive(&mut self) -> Result<Option<ToHost>, Error> {
-        let Some(message) = self.messages.next()? else { return Ok(None) };
+        self.ask_time()?;
+        let Some(message) = self.next()? else { return Ok(None) };
         match &message {
+            ToHost::Time { host_us, device_us } => {
+                self.axis.answer(*host_us, *device_us);
+                return Ok(None);
+            }
             ToHost::Live(live) => {
                 self.frames_received = self.frames_received.wrapping_add(1);
                 if let Some(expected) = self.next_live {
@@ -216,75 +265,45 @@ impl<C: Read + Write> Client<C> {
         Ok(Some(message))
     }
 
+    fn next(&mut self) -> Result<Option<ToHost>, Error> {
+        Ok(match self.waiting.pop_front() {
+            Some(message) => Some(message),
+            None => self.carrier.receive()?,
+        })
+    }
+
     /// What became of the live frames; ask for a status first to know how many were sent.
     pub fn counters(&self) -> LinkCounters {
         LinkCounters {
             frames_sent: self.frames_sent,
             frames_received: self.frames_received,
             frames_lost: self.frames_lost,
-            crc_errors: self.messages.damaged(),
+            crc_errors: self.damaged(),
         }
     }
 }
 
-/// Messages over a byte carrier.
-struct Messages<C> {
-    carrier: C,
-    decoder: Decoder,
-    waiting: VecDeque<ToHost>,
-    /// Whole frames that held no message of this version.
-    unknown: u32,
-    buffer: Vec<u8>,
+/// This computer's clock, us since 1970, UTC.
+pub fn unix_us() -> u64 {
+    // A clock before 1970 is as wrong as 1970.
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64)
 }
 
-impl<C: Read + Write> Messages<C> {
-    fn send(&mut self, message: ToDevice) -> Result<(), Error> {
-        let (mut bytes, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-        let message = wire::encode(&message, &mut bytes).map_err(io::Error::other)?;
-        let len = wire::frame(message, &mut framed);
-        Ok(self.carrier.write_all(&framed[..len])?)
-    }
-
-    /// Says hello, and again twice a second until the insole answers.
-    fn greet(&mut self, patience: Duration) -> Result<Hello, Error> {
-        let start = Instant::now();
-        while start.elapsed() < patience {
-            self.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;
-            let asked = Instant::now();
-            while asked.elapsed() < Duration::from_millis(500) && start.elapsed() < patience {
-                // What came before the hello belongs to an earlier session.
-                let Some(ToHost::Hello(hello)) = self.next()? else { continue };
-                if hello.major != MAJOR {
-                    let firmware = hello.firmware.as_str().into();
-                    return Err(Error::OtherVersion { firmware, major: hello.major, minor: hello.minor });
-                }
-                return Ok(hello);
+/// Says hello, and again twice a second until the insole answers.
+fn greet(carrier: &mut impl Carrier, patience: Duration) -> Result<Hello, Error> {
+    let start = Instant::now();
+    while start.elapsed() < patience {
+        carrier.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;
+        let asked = Instant::now();
+        while asked.elapsed() < Duration::from_millis(500) && start.elapsed() < patience {
+            // What came before the hello belongs to an earlier session.
+            let Some(ToHost::Hello(hello)) = carrier.receive()? else { continue };
+            if hello.major != MAJOR {
+                let firmware = hello.firmware.as_str().into();
+                return Err(Error::OtherVersion { firmware, major: hello.major, minor: hello.minor });
             }
+            return Ok(hello);
         }
-        Err(Error::NoAnswer(patience, self.damaged()))
     }
-
-    fn next(&mut self) -> Result<Option<ToHost>, Error> {
-        if self.waiting.is_empty() {
-            let count = match self.carrier.read(&mut self.buffer) {
-                Ok(0) => return Err(io::Error::from(io::ErrorKind::UnexpectedEof).into()),
-                Ok(count) => count,
-                Err(e) if matches!(e.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock) => 0,
-                Err(e) if e.kind() == io::ErrorKind::Interrupted => 0,
-                Err(e) => return Err(e.into()),
-            };
-            for &byte in &self.buffer[..count] {
-                let Some(bytes) = self.decoder.push(byte) else { continue };
-                match wire::decode(bytes) {
-                    Some(message) => self.waiting.push_back(message),
-                    None => self.unknown = self.unknown.wrapping_add(1),
-                }
-            }
-        }
-        Ok(self.waiting.pop_front())
-    }
-
-    fn damaged(&self) -> u32 {
-        self.decoder.bad_frames.wrapping_add(self.unknown)
-    }
+    Err(Error::NoAnswer(patience, carrier.damaged()))
 }

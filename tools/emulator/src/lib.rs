@@ -8,10 +8,10 @@ mod recorded;
 pub use plant::{Plant, Scan, Walk};
 pub use recorded::{Looped, Recorded};
 
-use plantar::emulation::{Head, MATRIX_FILE, SETUP_FILE};
+use plantar::emulation::{BONDS_FILE, Head, MATRIX_FILE, SETUP_FILE};
 use plantar::insole::SetupCell;
 use std::io::{self, Read};
-use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -56,13 +56,22 @@ pub enum Error {
     Io(#[from] io::Error),
 }
 
+/// The board's Bluetooth; without a controller there is none.
+#[derive(Clone, Debug, Default)]
+pub struct Radio {
+    /// Where a controller listens for HCI (H4).
+    pub hci: Option<SocketAddr>,
+    /// What [`Board::bonds`] gave before this start.
+    pub bonds: Option<Vec<u8>>,
+}
+
 /// A running board. It stops when this is dropped.
 pub struct Board {
     _qemu: Qemu,
     plant: Plant,
     link: TcpStream,
     // Dropped last: QEMU and the plant use it.
-    _directory: TempDir,
+    directory: TempDir,
 }
 
 impl Board {
@@ -73,6 +82,18 @@ impl Board {
         cells: &[SetupCell],
         time: Time,
         walk: impl Walk,
+    ) -> Result<Self, Error> {
+        Self::start_with(firmware, head, cells, time, walk, &Radio::default())
+    }
+
+    /// The same with Bluetooth.
+    pub fn start_with(
+        firmware: &Path,
+        head: &Head,
+        cells: &[SetupCell],
+        time: Time,
+        walk: impl Walk,
+        radio: &Radio,
     ) -> Result<Self, Error> {
         if !firmware.is_file() {
             return Err(Error::NoFirmware(firmware.into()));
@@ -87,13 +108,18 @@ impl Board {
         std::fs::write(file(SETUP_FILE), setup)?;
         std::fs::write(file(MATRIX_FILE), vec![0; 2 * cells.len()])?;
 
+        if let Some(bonds) = &radio.bonds {
+            std::fs::write(file(BONDS_FILE), bonds)?;
+        }
+        let hci = radio.hci.map_or("null".into(), |at| format!("tcp:{at},nodelay=on"));
+
         let link = Port::listen()?;
         let plant = Port::listen()?;
         let mut command = Command::new("qemu-system-arm");
         command
             .args(["-M", MACHINE, "-display", "none", "-monitor", "none"])
             .args(["-semihosting-config", "enable=on,target=native"])
-            .args(["-serial", &link.argument()?, "-serial", "null", "-serial", &plant.argument()?])
+            .args(["-serial", &link.argument()?, "-serial", &hci, "-serial", &plant.argument()?])
             .arg("-kernel")
             .arg(std::path::absolute(firmware)?)
             .current_dir(directory.path())
@@ -110,12 +136,20 @@ impl Board {
         let link = link.accept(&mut qemu.0)?;
         let plant = plant.accept(&mut qemu.0)?;
         let plant = Plant::start(plant, &file(MATRIX_FILE), walk)?;
-        Ok(Self { _qemu: qemu, plant, link, _directory: directory })
+        Ok(Self { _qemu: qemu, plant, link, directory })
     }
 
     /// The board's link, a byte stream in both directions.
     pub fn link(&self) -> io::Result<TcpStream> {
         self.link.try_clone()
+    }
+
+    /// The bonds that the board keeps; `None` without any.
+    pub fn bonds(&self) -> io::Result<Option<Vec<u8>>> {
+        match std::fs::read(self.directory.path().join(BONDS_FILE.to_string_lossy().as_ref())) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+            bonds => bonds.map(Some),
+        }
     }
 
     /// Lets the walk begin; in [`Time::Real`] it began with the board.

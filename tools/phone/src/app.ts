@@ -159,7 +159,7 @@ export class App {
   }
 
   private readonly onStep = (step: Step, message: Uint8Array, session: Session): void => {
-    this.store.add(step, message, session.history).then(
+    this.store.add(step, message, session.history, session.axis.unix_s(step.start_s)).then(
       () => session.acknowledge(step.step),
       // Not acknowledged: the insole keeps it and sends it again.
       () => (this.problem = "This browser cannot keep steps: its storage is full or not allowed."),

@@ -1,12 +1,15 @@
 /** One insole's session: says hello until it is answered, keeps the latest, counts what is lost. */
 
 import type { Insole, Transport } from "./transport/transport";
-import type { Hello, Live, Status, Step, Wire } from "./wire";
+import type { Axis, Hello, Live, Status, Step, Wire } from "./wire";
 
 /** A stream that is silent for longer is lost. */
 export const SILENCE_MS = 2000;
 const HELLO_MS = 500;
 const STATUS_MS = 1000;
+const TIME_MS = 250;
+/** Minor version of the protocol that brought the clock. */
+const CLOCK_MINOR = 2;
 /** The live rate is counted over this time. */
 const RATE_MS = 2000;
 /** Sum of the forces is kept so long, to find the peak of a step. */
@@ -27,6 +30,8 @@ export interface ForceAt {
 
 export const totalForce = (live: Live) => live.regions.reduce((sum, region) => sum + region.measured_n, 0);
 
+const unix_us = (now_ms: number) => Math.round((performance.timeOrigin + now_ms) * 1000);
+
 export class Session {
   state: SessionState = "closed";
   hello: Hello | undefined;
@@ -34,6 +39,8 @@ export class Session {
   status: Status | undefined;
   reason = "";
   battery_percent: number | undefined;
+  /** The insole's clock against the browser's. */
+  readonly axis: Axis;
   readonly counters: Counters = { received: 0, lost: 0, damaged: 0 };
   /** Total force, oldest first. */
   readonly history: ForceAt[] = [];
@@ -46,13 +53,17 @@ export class Session {
   private heard_ms = 0;
   private said_hello_ms = -Infinity;
   private asked_status_ms = -Infinity;
+  private asked_time_ms = -Infinity;
 
   constructor(
     readonly insole: Insole,
     private readonly wire: Wire,
     private readonly transport: () => Transport | undefined,
     private readonly onStep: (step: Step, bytes: Uint8Array, session: Session) => void,
-  ) {}
+  ) {
+    this.axis = wire.axis(insole);
+    this.axis.clear();
+  }
 
   opened(now_ms: number): void {
     this.state = "waiting";
@@ -76,7 +87,7 @@ export class Session {
     switch (message.kind) {
       case "hello":
         this.greeted_ms = now_ms;
-        return this.greeted(message);
+        return this.greeted(message, now_ms);
       case "live":
         return this.frame(message, now_ms);
       case "step":
@@ -88,13 +99,18 @@ export class Session {
         // Comes after all that was due: also finds what was lost before the first frame or after the last.
         this.lose(Math.max(0, message.live_due - this.received_in_stream - this.lost_in_stream));
         return;
+      case "time":
+        this.axis.answer(message);
+        return;
+      // Nothing here asks for these.
       case "tissue":
       case "refused":
     }
   }
 
-  private greeted(hello: Hello): void {
+  private greeted(hello: Hello, now_ms: number): void {
     this.hello = hello;
+    this.axis.clear();
     this.arrivals_ms.length = 0;
     this.next_sequence = undefined;
     this.received_in_stream = 0;
@@ -104,6 +120,7 @@ export class Session {
       return;
     }
     this.state = "live";
+    if (hello.minor >= CLOCK_MINOR) this.send(this.wire.setClock(unix_us(now_ms)));
     this.send(this.wire.stream(true));
   }
 
@@ -155,6 +172,11 @@ export class Session {
     if (this.state === "live" && now_ms - this.asked_status_ms >= STATUS_MS) {
       this.asked_status_ms = now_ms;
       this.send(this.wire.getStatus());
+    }
+    const has_clock = (this.hello?.minor ?? 0) >= CLOCK_MINOR;
+    if (this.state === "live" && has_clock && now_ms - this.asked_time_ms >= TIME_MS) {
+      this.asked_time_ms = now_ms;
+      this.send(this.wire.getTime(unix_us(performance.now())));
     }
   }
 

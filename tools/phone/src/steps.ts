@@ -7,6 +7,8 @@ export interface StoredStep {
   step: Step;
   /** Largest sum of the regions in the live frames; `null` where these were not all received. */
   peak_n: number | null;
+  /** First contact on the browser's clock; `null` where the insole's clock was not known. */
+  start_unix_s: number | null;
 }
 
 /** Where steps are kept beyond this visit. */
@@ -20,6 +22,7 @@ export interface Kept {
   /** The wire message. */
   message: Uint8Array;
   peak_n: number | null;
+  start_unix_s: number | null;
 }
 
 export class StepStore {
@@ -34,22 +37,22 @@ export class StepStore {
 
   /** Brings back what was kept. */
   async load(): Promise<void> {
-    for (const { message, peak_n } of await this.keeper.load()) {
+    for (const { message, peak_n, start_unix_s } of await this.keeper.load()) {
       const decoded = this.wire.decode(message);
       // What another version kept is not understood, and left alone.
       if (decoded?.kind !== "step") continue;
-      const stored = { step: decoded.step, peak_n };
+      const stored = { step: decoded.step, peak_n, start_unix_s };
       this.steps.push(stored);
       this.remember(message, stored, Promise.resolve());
     }
   }
 
   /** Takes a step with its message; resolves once it is kept, whether it is new or not. */
-  add(step: Step, message: Uint8Array, history: readonly ForceAt[]): Promise<void> {
+  add(step: Step, message: Uint8Array, history: readonly ForceAt[], start_unix_s: number | null): Promise<void> {
     // By content: an insole that restarted counts from 0 again.
     const known = this.recent.get(key(message));
-    const stored = known?.stored ?? { step, peak_n: peakForce(step, history) };
-    const keep = () => this.keeper.add({ message: message.slice(), peak_n: stored.peak_n });
+    const stored = known?.stored ?? { step, peak_n: peakForce(step, history), start_unix_s };
+    const keep = () => this.keeper.add({ message: message.slice(), peak_n: stored.peak_n, start_unix_s: stored.start_unix_s });
     if (!known) this.steps.push(stored);
     const kept = known ? known.kept.catch(keep) : keep();
     this.remember(message, stored, kept);

@@ -1,5 +1,7 @@
 /** The core's wire messages, decoded and encoded by the core itself as WebAssembly. */
 
+import { INSOLES, type Insole } from "./transport/transport";
+
 export type Side = "left" | "right";
 export const SIDES: readonly Side[] = ["left", "right"];
 
@@ -88,7 +90,8 @@ export type ToHost =
   | { kind: "step"; step: Step }
   | Status
   | { kind: "tissue"; id: number }
-  | { kind: "refused"; reason: string };
+  | { kind: "refused"; reason: string }
+  | { kind: "time"; host_us: number; device_us: number };
 
 export type Point = [x_mm: number, y_mm: number];
 
@@ -112,6 +115,33 @@ interface Exports {
   stream(live: boolean): number;
   acknowledge(step: number): number;
   get_status(): number;
+  get_time(unix_us: number): number;
+  set_clock(unix_us: number): number;
+  axis_clear(index: number): void;
+  axis_answer(index: number, asked_us: number, device_us: number): void;
+  axis_unix_us(index: number, device_us: number): number;
+}
+
+/** An insole's clock against the browser's, so that both feet share one axis. */
+export class Axis {
+  constructor(
+    private readonly core: Exports,
+    private readonly index: number,
+  ) {}
+
+  clear(): void {
+    this.core.axis_clear(this.index);
+  }
+
+  answer({ host_us, device_us }: { host_us: number; device_us: number }): void {
+    this.core.axis_answer(this.index, host_us, device_us);
+  }
+
+  /** Seconds since 1970 when the insole's clock showed `device_s`; `null` before the first answer. */
+  unix_s(device_s: number): number | null {
+    const unix_us = this.core.axis_unix_us(this.index, Math.round(device_s * 1e6));
+    return Number.isNaN(unix_us) ? null : unix_us / 1e6;
+  }
 }
 
 export class Wire {
@@ -139,6 +169,12 @@ export class Wire {
   stream = (live: boolean) => this.request(this.core.stream(live));
   acknowledge = (step: number) => this.request(this.core.acknowledge(step));
   getStatus = () => this.request(this.core.get_status());
+  getTime = (unix_us: number) => this.request(this.core.get_time(unix_us));
+  setClock = (unix_us: number) => this.request(this.core.set_clock(unix_us));
+  /** What is known of the clock of an insole that is connected. */
+  axis = (insole: Insole) => new Axis(this.core, insole);
+  /** The same of an insole in a recording. */
+  recordedAxis = (insole: Insole) => new Axis(this.core, INSOLES.length + insole);
 
   private request(length: number): Uint8Array {
     return this.read(length).slice();

@@ -11,25 +11,43 @@ beforeAll(async () => {
   wire = await loadWire();
 });
 
+/** The insole's answer: kind 6, two varints. */
+function timeMessage(host_us: number, device_us: number): Uint8Array {
+  const varint = (value: number): number[] => (value < 128 ? [value] : [(value % 128) | 128, ...varint(Math.floor(value / 128))]);
+  return Uint8Array.of(6, ...varint(host_us), ...varint(device_us));
+}
+
 const cells = (row: string) => row.trimEnd().split(",");
 
 test("a live row has the time of both clocks, the side and every region's values with their units", () => {
   const rows = liveCsv(entries(walk), wire);
   const head = cells(rows[0]!);
-  expect(head.slice(0, 5)).toEqual(["t_s", "side", "sequence", "device_t_s", "heel_area_mm2"]);
-  expect(head).toHaveLength(4 + 8 * 6);
+  expect(head.slice(0, 5)).toEqual(["unix_s", "t_s", "side", "sequence", "device_t_s"]);
+  expect(head).toHaveLength(5 + 8 * 6);
   expect(rows.every((row) => cells(row).length === head.length)).toBe(true);
   const frames = [...entries(walk)].filter(({ message }) => wire.decode(message)?.kind === "live");
   expect(rows).toHaveLength(1 + frames.length);
   const right = cells(rows.find((row) => row.includes("right"))!);
   // The right foot of the computed walk starts half a stride later.
-  expect([right[0], right[2], right[3]]).toEqual(["0.525", "0", "0"]);
+  expect([right[0], right[1], right[3], right[4]]).toEqual(["", "0.525", "0", "0"]);
+});
+
+test("frames of both feet share the browser's clock once the insoles told theirs", () => {
+  const recorded = [...entries(walk)].map((entry) => ({ ...entry }));
+  // Asked at 1000 s since 1970, when the left insole's clock showed 0.5 s and the right one's 0.1 s.
+  const told: [0 | 1, number][] = [[0, 500_000], [1, 100_000]];
+  const times = told.map(([insole, device_us]) => ({ t_ms: 0, insole, message: timeMessage(1_000_000_000, device_us) }));
+  const rows = liveCsv([...recorded, ...times], wire).slice(1).map(cells);
+  for (const [side, ahead_s] of [["left", 0.5], ["right", 0.1]] as const) {
+    const first = rows.find((row) => row[2] === side)!;
+    expect(Number(first[0])).toBeCloseTo(1000 - ahead_s + Number(first[4]), 5);
+  }
 });
 
 test("a step has a row a region", () => {
   const steps = messagesOf(0).flatMap((message): StoredStep[] => {
     const decoded = wire.decode(message);
-    return decoded?.kind === "step" ? [{ step: decoded.step, peak_n: null }] : [];
+    return decoded?.kind === "step" ? [{ step: decoded.step, peak_n: null, start_unix_s: null }] : [];
   });
   const rows = stepsCsv(steps);
   const head = cells(rows[0]!);

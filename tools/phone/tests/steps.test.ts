@@ -24,7 +24,7 @@ class Shelf implements Keeper {
 test("a step is kept once, however often it is replayed", async () => {
   const shelf = new Shelf();
   const store = new StepStore(wire, shelf);
-  for (const _ of [1, 2, 3]) for (const [step, message] of taken) await store.add(step, message, []);
+  for (const _ of [1, 2, 3]) for (const [step, message] of taken) await store.add(step, message, [], null);
   expect(store.steps.map(({ step }) => step)).toEqual(taken.map(([step]) => step));
   expect(shelf.kept).toHaveLength(taken.length);
 });
@@ -32,11 +32,11 @@ test("a step is kept once, however often it is replayed", async () => {
 test("what was kept is there at the next visit, and still counts once", async () => {
   const shelf = new Shelf();
   const store = new StepStore(wire, shelf);
-  for (const [step, message] of taken) await store.add(step, message, []);
+  for (const [step, message] of taken) await store.add(step, message, [], null);
   const next = new StepStore(wire, shelf);
   await next.load();
   expect(next.steps).toEqual(store.steps);
-  for (const [step, message] of taken) await next.add(step, message, []);
+  for (const [step, message] of taken) await next.add(step, message, [], null);
   expect(next.steps).toHaveLength(taken.length);
 });
 
@@ -45,9 +45,9 @@ test("a step that cannot be kept says so, shows once, and is kept when it comes 
   const store = new StepStore(wire, shelf);
   const [first, message] = taken[0]!;
   shelf.is_full = true;
-  await expect(store.add(first, message, [])).rejects.toThrow("full");
+  await expect(store.add(first, message, [], null)).rejects.toThrow("full");
   shelf.is_full = false;
-  await store.add(first, message, []);
+  await store.add(first, message, [], null);
   expect(store.steps).toHaveLength(1);
   expect(shelf.kept).toHaveLength(1);
 });

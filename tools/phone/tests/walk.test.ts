@@ -3,7 +3,7 @@ import { type StoredStep, MemoryKeeper } from "../src/steps";
 import { cadence_per_min, figures, symmetryIndex } from "../src/walk";
 import { step } from "./wire";
 
-const stored = (values: Parameters<typeof step>[0], peak_n: number | null = null): StoredStep => ({ step: step(values), peak_n });
+const stored = (values: Parameters<typeof step>[0], peak_n: number | null = null): StoredStep => ({ step: step(values), peak_n, start_unix_s: null });
 
 test("symmetry index: 0 for equal, positive for more on the left, none without both", () => {
   expect(symmetryIndex(800, 800)).toBe(0);

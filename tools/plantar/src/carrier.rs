@@ -1,11 +1,12 @@
 //! Options that say where an insole is, and the session with it.
 
 use anyhow::{Context, Result, anyhow, bail};
+use central::{Central, Which};
 use clap::{ArgGroup, Args};
-use client::Client;
+use client::{Carrier as Messages, Client, Framed};
 use serialport::{ErrorKind, SerialPort};
 use std::fmt;
-use std::io::{self, Read, Write};
+use std::io;
 use std::net::TcpStream;
 use std::path::Path;
 use std::time::Duration;
@@ -17,7 +18,7 @@ pub const ANSWER: Duration = Duration::from_secs(5);
 
 #[derive(Args)]
 #[group(skip)]
-#[command(group(ArgGroup::new("insole").required(true).args(["tcp", "serial"])))]
+#[command(group(ArgGroup::new("insole").required(true).args(["tcp", "serial", "ble"])))]
 pub struct Carrier {
     /// Network address of an insole, HOST:PORT.
     #[arg(long, value_name = "ADDRESS")]
@@ -28,15 +29,13 @@ pub struct Carrier {
     /// Bit rate of the serial port.
     #[arg(long, default_value_t = 460_800, requires = "serial")]
     baud: u32,
+    /// Bluetooth, for the insole of this foot: left, right, or an address where several people are near.
+    #[arg(long, value_name = "FOOT")]
+    ble: Option<Which>,
 }
 
-/// Whatever carries bytes in both directions.
-pub trait Bytes: Read + Write {}
-
-impl<T: Read + Write> Bytes for T {}
-
 /// A session with an insole.
-pub type Session = Client<Box<dyn Bytes>>;
+pub type Session = Client<Box<dyn Messages>>;
 
 impl Carrier {
     /// Opens a session with the insole there.
@@ -50,11 +49,12 @@ impl Carrier {
         Ok(())
     }
 
-    fn open(&self) -> Result<Box<dyn Bytes>> {
-        Ok(match (&self.tcp, &self.serial) {
-            (Some(address), _) => Box::new(open_tcp(address)?),
-            (None, Some(port)) => Box::new(open_serial(port, self.baud)?),
-            (None, None) => bail!("give --tcp or --serial"),
+    fn open(&self) -> Result<Box<dyn Messages>> {
+        Ok(match self {
+            Self { tcp: Some(address), .. } => Box::new(Framed::new(open_tcp(address)?)),
+            Self { serial: Some(port), baud, .. } => Box::new(Framed::new(open_serial(port, *baud)?)),
+            Self { ble: Some(which), .. } => Box::new(Central::connect(which)?),
+            _ => bail!("give --tcp, --serial or --ble"),
         })
     }
 }
@@ -62,7 +62,11 @@ impl Carrier {
 /// As the user named it.
 impl fmt::Display for Carrier {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.tcp.as_ref().or(self.serial.as_ref()).map_or("the insole", |place| place))
+        match (&self.tcp, &self.serial, &self.ble) {
+            (Some(place), ..) | (None, Some(place), _) => f.write_str(place),
+            (.., Some(which)) => which.fmt(f),
+            _ => f.write_str("the insole"),
+        }
     }
 }
 

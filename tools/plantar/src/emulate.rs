@@ -6,7 +6,7 @@ use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
-use client::{Client, step_to_json};
+use client::{Client, Framed, step_to_json};
 use emulator::{Board, Recorded, Time};
 use parameters::Parameters;
 use plantar::Region;
@@ -92,7 +92,7 @@ impl Emulate {
         let parameters = self.wearer.parameters()?;
         let Worn { recording, insole } = Worn::new(&self.recording, &parameters, &self.contact, &self.zero)?;
         let tissue = parameters.tissue();
-        let head = Head { setup: insole.setup, paced: false };
+        let head = Head::new(insole.setup);
         let cells = insole.cells.clone();
         let seconds = recording.frames() as f64 / recording.rate_hz;
         let scans = insole.frames(&recording) as u32;
@@ -104,7 +104,7 @@ impl Emulate {
         let board = Board::start(&self.firmware, &head, &cells, time, walk)?;
         let link = board.link()?;
         link.set_read_timeout(Some(PATIENCE))?;
-        let mut client = Client::connect(link, ANSWER)?;
+        let mut client = Client::connect(Framed::new(link), ANSWER)?;
         client.set_tissue(&tissue)?;
         let mut view = View::open(client.hello())?;
         let start = Instant::now();
@@ -139,7 +139,13 @@ impl Emulate {
     }
 
     /// Receives until the walk is over and everything of it has arrived, or the user or a limit ends it.
-    fn follow(&self, board: &Board, client: &mut Client<TcpStream>, view: &mut View, scans: u32) -> Result<Outcome> {
+    fn follow(
+        &self,
+        board: &Board,
+        client: &mut Client<Framed<TcpStream>>,
+        view: &mut View,
+        scans: u32,
+    ) -> Result<Outcome> {
         client.stream()?;
         board.play();
         let mut steps = Vec::new();
@@ -165,7 +171,7 @@ impl Emulate {
                     asked = false;
                 }
                 Some(ToHost::Hello(hello)) => bail!(restarted(&hello)),
-                Some(ToHost::Tissue(_) | ToHost::Refused(_)) => {}
+                Some(ToHost::Tissue(_) | ToHost::Refused(_) | ToHost::Time { .. }) => {}
                 None if heard.elapsed() > SILENCE => {
                     bail!(restarted(client.reconnect(ANSWER).context("the insole has fallen silent")?))
                 }

@@ -37,6 +37,7 @@ use std::process::ExitCode;
 ///   plantar emulate walk.parquet
 ///   plantar params push params.toml --serial /dev/ttyACM0
 ///   plantar monitor --serial /dev/ttyACM0
+///   plantar monitor --ble left
 ///   plantar record --serial /dev/ttyACM0 --out session
 ///   plantar serve --serial /dev/ttyACM0
 #[derive(Parser)]

@@ -6,7 +6,7 @@ use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use client::Error as LinkError;
+use client::{Axis, Error as LinkError};
 use plantar::wire::{Live, Step, ToDevice, ToHost};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -32,11 +32,11 @@ const SILENCE: Duration = Duration::from_secs(2);
 
 /// What becomes of what an insole sends.
 pub trait Sink {
-    /// Takes a live frame.
-    fn live(&mut self, live: &Live) -> Result<()>;
+    /// Takes a live frame; `axis` tells its time on this computer's clock.
+    fn live(&mut self, live: &Live, axis: &Axis) -> Result<()>;
 
     /// Takes a step.
-    fn step(&mut self, step: &Step) -> Result<()>;
+    fn step(&mut self, step: &Step, axis: &Axis) -> Result<()>;
 
     /// The number up to which steps are stored since this was last asked: the insole may forget them.
     fn take_stored(&mut self) -> Option<u32>;
@@ -85,11 +85,11 @@ fn follow_session(client: &mut Session, view: &mut View, sink: &mut dyn Sink) ->
     while !view.wants_to_end()? && !sink.is_full() {
         match client.receive()? {
             Some(ToHost::Live(live)) => {
-                sink.live(&live)?;
+                sink.live(&live, client.axis())?;
                 view.live(&live, client.counters())?;
             }
             Some(ToHost::Step(step)) => {
-                sink.step(&step)?;
+                sink.step(&step, client.axis())?;
                 view.step(&step)?;
             }
             Some(_) => {}
@@ -118,11 +118,11 @@ struct Steps<'m> {
 }
 
 impl Sink for Steps<'_> {
-    fn live(&mut self, _: &Live) -> Result<()> {
+    fn live(&mut self, _: &Live, _: &Axis) -> Result<()> {
         Ok(())
     }
 
-    fn step(&mut self, step: &Step) -> Result<()> {
+    fn step(&mut self, step: &Step, _: &Axis) -> Result<()> {
         self.all.push(*step);
         // Stored first: once it is acknowledged the insole forgets it.
         if let Some(path) = &self.monitor.json {

@@ -7,7 +7,7 @@ use crate::table::{self, Row, Value};
 use crate::view::View;
 use anyhow::{Result, bail};
 use clap::Args;
-use client::{region_ellipse, region_quantities};
+use client::{Axis, region_ellipse, region_quantities};
 use plantar::wire::{Live, Step, ToDevice};
 use plantar::{Region, Side};
 use std::path::PathBuf;
@@ -122,7 +122,7 @@ impl<'r> Parts<'r> {
 }
 
 impl Sink for Parts<'_> {
-    fn live(&mut self, live: &Live) -> Result<()> {
+    fn live(&mut self, live: &Live, axis: &Axis) -> Result<()> {
         self.frames += 1;
         for (i, (region, r)) in Region::ALL.iter().zip(&live.regions).enumerate() {
             let set = |bits: u8| bits >> i & 1 == 1;
@@ -131,6 +131,7 @@ impl Sink for Parts<'_> {
                 ("side", self.side.name().into()),
                 ("sequence", Value::Whole(i32::try_from(live.sequence).ok())),
                 ("t_s", (live.t_us as f64 / 1e6).into()),
+                ("unix_s", unix_s(axis, live.t_us)),
                 ("region", region.name().into()),
                 ("area_mm2", f64::from(r.area_mm2).into()),
                 ("deformation_mm", (f64::from(r.deformation_um) / 1e3).into()),
@@ -143,10 +144,15 @@ impl Sink for Parts<'_> {
         self.close_if_due()
     }
 
-    fn step(&mut self, step: &Step) -> Result<()> {
+    fn step(&mut self, step: &Step, axis: &Axis) -> Result<()> {
         self.all_steps.push(*step);
         self.waiting.push(step.step);
-        let rows = Region::ALL.iter().enumerate().map(|(i, region)| step_row(self.session, step, i, region.name()));
+        let start = unix_s(axis, step.start_us);
+        let rows = Region::ALL.iter().enumerate().map(|(i, region)| {
+            let mut row = step_row(self.session, step, i, region.name());
+            row.push(("start_unix_s", start.clone()));
+            row
+        });
         self.steps.extend(rows);
         self.close_if_due()
     }
@@ -165,6 +171,11 @@ impl Sink for Parts<'_> {
         let is_over = |seconds| self.start.elapsed() >= Duration::from_secs(seconds);
         self.record.steps.is_some_and(|limit| self.all_steps.len() >= limit) || self.record.seconds.is_some_and(is_over)
     }
+}
+
+/// The insole's time on this computer's clock: one axis for both feet. Nothing before the first answer, or from older firmware.
+fn unix_s(axis: &Axis, device_us: u64) -> Value {
+    Value::Real(axis.host_us(device_us).map(|us| us as f64 / 1e6))
 }
 
 fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {

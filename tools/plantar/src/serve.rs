@@ -5,6 +5,7 @@ use crate::emulate::{FIRMWARE, Worn};
 use crate::setup::{Contact, Wearer, Zeroed};
 use anyhow::{Context, Result, bail};
 use clap::Args;
+use client::{Carrier, Framed};
 use emulator::{Board, Looped, Recorded, Time};
 use plantar::emulation::Head;
 use serve::{MAX_INSOLES, Options, Source};
@@ -69,17 +70,17 @@ impl Serve {
         let mut sources = Vec::new();
         for port in self.serial.clone() {
             let baud = self.baud;
-            sources.push(source(port.clone(), move || Ok(Box::new(open_serial(&port, baud)?))));
+            sources.push(source(port.clone(), move || Ok(Box::new(Framed::new(open_serial(&port, baud)?)))));
         }
         for address in self.tcp.clone() {
-            sources.push(source(address.clone(), move || Ok(Box::new(open_tcp(&address)?))));
+            sources.push(source(address.clone(), move || Ok(Box::new(Framed::new(open_tcp(&address)?)))));
         }
         // They run until the program ends.
         let mut boards = Vec::new();
         for path in &self.emulate {
             let parameters = self.wearer.parameters()?;
             let Worn { recording, insole } = Worn::new(path, &parameters, &self.contact, &self.zero)?;
-            let head = Head { setup: insole.setup, paced: false };
+            let head = Head::new(insole.setup);
             let cells = insole.cells.clone();
             let walk = Looped(Recorded::new(recording, insole));
             let board = Board::start(&self.firmware, &head, &cells, Time::Real, walk)?;
@@ -87,7 +88,7 @@ impl Serve {
             let mut source = source(path.display().to_string(), move || {
                 let link = link.try_clone()?;
                 link.set_read_timeout(Some(PATIENCE))?;
-                Ok(Box::new(link))
+                Ok(Box::new(Framed::new(link)))
             });
             source.tissue = Some(parameters.tissue());
             sources.push(source);
@@ -104,7 +105,7 @@ impl Serve {
     }
 }
 
-fn source(name: String, mut open: impl FnMut() -> Result<Box<dyn serve::Bytes>> + Send + 'static) -> Source {
+fn source(name: String, mut open: impl FnMut() -> Result<Box<dyn Carrier + Send>> + Send + 'static) -> Source {
     Source { name, open: Box::new(move || open().map_err(|e| io::Error::other(format!("{e:#}")))), tissue: None }
 }
 

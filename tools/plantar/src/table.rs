@@ -15,6 +15,7 @@ use std::sync::Arc;
 pub type Row = Vec<(&'static str, Value)>;
 
 /// A value of a column's type, `None` for null.
+#[derive(Clone)]
 pub enum Value {
     Text(Option<String>),
     Whole(Option<i32>),

@@ -41,7 +41,7 @@ impl Insole {
                 if enough(&message) {
                     return true;
                 }
-                self.0.receive(message);
+                self.0.receive(message, 0);
             }
             let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
             while let Some(message) = self.0.next(&hello(), Status::default, &mut buffer) {

@@ -24,7 +24,7 @@ fn insole() -> (SocketAddr, Arc<Mutex<Link>>) {
                 let mut link = insole.lock().expect("no panic");
                 for &byte in &received[..count] {
                     if let Some(message) = decoder.push(byte).and_then(wire::decode::<ToDevice>) {
-                        link.receive(message);
+                        link.receive(message, 0);
                     }
                 }
                 let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);

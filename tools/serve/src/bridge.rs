@@ -1,10 +1,10 @@
 //! One insole's session: what it says goes to the hub, what pages have taken is acknowledged.
 
 use crate::hub::Hub;
-use client::{Client, Error};
+use client::{Carrier, Client, Error};
 use plantar::insole::Tissue;
 use plantar::wire::{ToDevice, ToHost};
-use std::io::{self, Read, Write};
+use std::io;
 use std::time::{Duration, Instant};
 
 /// An insole answers a hello within this time.
@@ -16,19 +16,14 @@ const RETRY: Duration = Duration::from_secs(1);
 /// Between questions for the insole's counters.
 const STATUS: Duration = Duration::from_secs(1);
 
-/// Whatever carries bytes in both directions; reads return within a fraction of a second.
-pub trait Bytes: Read + Write + Send {}
-
-impl<T: Read + Write + Send> Bytes for T {}
-
-type Session = Client<Box<dyn Bytes>>;
+type Session = Client<Box<dyn Carrier + Send>>;
 
 /// Where an insole is.
 pub struct Source {
     /// As the user named it.
     pub name: String,
     /// Opens the carrier, again after it broke.
-    pub open: Box<dyn FnMut() -> io::Result<Box<dyn Bytes>> + Send>,
+    pub open: Box<dyn FnMut() -> io::Result<Box<dyn Carrier + Send>> + Send>,
     /// Parameters that the insole is given.
     pub tissue: Option<Tissue>,
 }
@@ -71,8 +66,8 @@ fn follow(hub: &Hub, index: usize, mut client: Session) -> Result<std::convert::
             Some(ToHost::Live(live)) => hub.live(index, live),
             Some(ToHost::Step(step)) => hub.step(index, step),
             Some(ToHost::Status(status)) => hub.status(index, status),
-            // The answer to a hello that was said twice.
-            Some(ToHost::Hello(_) | ToHost::Tissue(_) | ToHost::Refused(_)) => {}
+            // The answer to a hello that was said twice, or to what nobody here asks.
+            Some(ToHost::Hello(_) | ToHost::Tissue(_) | ToHost::Refused(_) | ToHost::Time { .. }) => {}
             None if heard.elapsed() > SILENCE => {
                 // It may have restarted, and then waits for a hello.
                 client.reconnect(ANSWER)?;
@@ -96,6 +91,7 @@ fn greeted(hub: &Hub, index: usize, client: &mut Session) {
 }
 
 fn send_due(hub: &Hub, index: usize, client: &mut Session, asked: &mut Instant) -> Result<(), Error> {
+    hub.clock(index, client.axis());
     if let Some(step) = hub.acknowledgement(index) {
         client.send(ToDevice::Acknowledge { step })?;
     }

@@ -1,6 +1,7 @@
 //! Between insoles and pages: every page has its own link to every insole.
 
 use crate::stream_file::StreamFile;
+use client::{Axis, unix_us};
 use plantar::insole::Tissue;
 use plantar::link::{Link, STEP_QUEUE};
 use plantar::wire::{Hello, Live, MAX_MESSAGE, Status, Step, ToDevice, ToHost, decode};
@@ -25,6 +26,8 @@ struct Insole {
     /// The wearer's parameters, where the insole has told them.
     tissue: Option<Tissue>,
     status: Status,
+    /// The insole's clock against this computer's.
+    axis: Axis,
     /// Counts hellos: numbers of steps are comparable within a session only.
     session: u64,
     /// Steps that no page has taken, with their session; no more than the insole itself keeps.
@@ -83,12 +86,13 @@ impl Hub {
         insole.hello = Some(hello.clone());
         insole.tissue = tissue;
         insole.session += 1;
+        insole.axis = Axis::new();
         insole.acknowledge = None;
         for (_, link) in &mut insole.pages {
             // As if the page had said hello again: it is told who is there now.
             let is_streaming = link.next_live().is_some();
             greet(link, CONNECT, insole.tissue);
-            link.receive(ToDevice::Stream { live: is_streaming });
+            link.receive(ToDevice::Stream { live: is_streaming }, NO_CLOCK_US);
         }
         self.changed.send_replace(());
     }
@@ -131,6 +135,11 @@ impl Hub {
         self.insole(index).status = status;
     }
 
+    /// What is known of the insole's clock.
+    pub fn clock(&self, index: usize, axis: &Axis) {
+        self.insole(index).axis.clone_from(axis);
+    }
+
     /// The step that the insole is to be told of, once.
     pub fn acknowledgement(&self, index: usize) -> Option<u32> {
         self.insole(index).acknowledge.take()
@@ -152,13 +161,16 @@ impl Hub {
     }
 }
 
+/// For messages that ask for no time.
+const NO_CLOCK_US: u64 = 0;
+
 const CONNECT: ToDevice = ToDevice::Connect { major: plantar::wire::MAJOR, minor: plantar::wire::MINOR };
 
 /// Opens a page's session; its link knows the parameters that the insole has.
 fn greet(link: &mut Link, connect: ToDevice, tissue: Option<Tissue>) {
-    link.receive(connect);
+    link.receive(connect, NO_CLOCK_US);
     if let Some(tissue) = tissue {
-        link.receive(ToDevice::SetTissue(tissue));
+        link.receive(ToDevice::SetTissue(tissue), NO_CLOCK_US);
     }
 }
 
@@ -189,9 +201,16 @@ impl Page {
         match decode(message) {
             // A wearer's parameters are not a page's business.
             Some(ToDevice::SetTissue(_) | ToDevice::GetTissue) | None => link.receive_unknown(),
+            // The bridge has set it.
+            Some(ToDevice::SetClock { .. }) => {}
+            Some(question @ ToDevice::GetTime { .. }) => {
+                if let Some(device_us) = insole.axis.device_us(unix_us()) {
+                    link.receive(question, device_us);
+                }
+            }
             Some(connect @ ToDevice::Connect { .. }) => greet(link, connect, insole.tissue),
             Some(message) => {
-                link.receive(message);
+                link.receive(message, NO_CLOCK_US);
                 if let ToDevice::Acknowledge { step } = message {
                     insole.taken_by_page(step);
                 }

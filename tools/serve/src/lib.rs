@@ -13,7 +13,7 @@ mod origin;
 mod stream_file;
 mod web;
 
-pub use bridge::{Bytes, Source};
+pub use bridge::Source;
 pub use stream_file::{StreamFile, append};
 
 use client::Error as LinkError;

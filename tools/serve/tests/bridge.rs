@@ -1,14 +1,16 @@
 //! Pages over real sockets, insoles in memory: what a page gets, what is acknowledged, what a slow page costs.
 
+use client::{Carrier, Framed, unix_us};
 use futures_util::{SinkExt, StreamExt};
 use plantar::Side;
 use plantar::contact::ContactRule;
+use plantar::insole::Tissue;
 use plantar::link::Link;
 use plantar::wire::{
-    Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Reset, Status, Step, StepRegion, ToDevice, ToHost,
-    decode, encode, frame,
+    Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepRegion, ToDevice,
+    ToHost, decode, encode, frame,
 };
-use serve::{Bytes, Options, Source};
+use serve::{Options, Source};
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr};
@@ -50,7 +52,7 @@ impl Cable {
         let cable = self.clone();
         Source {
             name: "memory".into(),
-            open: Box::new(move || Ok(Box::new(cable.clone()) as Box<dyn Bytes>)),
+            open: Box::new(move || Ok(Box::new(Framed::new(cable.clone())) as Box<dyn Carrier + Send>)),
             tissue: None,
         }
     }
@@ -110,7 +112,7 @@ impl Write for Cable {
                 if let ToDevice::Acknowledge { step } = message {
                     insole.acknowledged.push(step);
                 }
-                insole.link.receive(message);
+                insole.link.receive(message, insole_us());
             }
         });
         Ok(bytes.len())
@@ -119,6 +121,11 @@ impl Write for Cable {
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
     }
+}
+
+/// The insoles' clock, which began 1.7e15 us after the computer's.
+fn insole_us() -> u64 {
+    unix_us() - 1_700_000_000_000_000
 }
 
 fn hello(side: Side) -> Hello {
@@ -248,6 +255,33 @@ async fn two_pages_see_both_feet_and_a_step_is_acknowledged_once_one_has_taken_i
 }
 
 #[tokio::test]
+async fn a_page_learns_the_insoles_clock() {
+    let cable = Cable::new(Side::Left);
+    let address = serve(&[&cable], None);
+    let mut page = Page::open(address).await;
+    page.hello(0).await;
+    let before_us = insole_us();
+    let device_us = loop {
+        // The bridge has to know it first.
+        page.send(0, ToDevice::GetTime { host_us: 5 }).await;
+        page.send(0, ToDevice::GetStatus).await;
+        let answer = page
+            .find(0, |message| match message {
+                ToHost::Time { host_us, device_us } => Some(Some((host_us, device_us))),
+                ToHost::Status(_) => Some(None),
+                _ => None,
+            })
+            .await;
+        if let Some((host_us, device_us)) = answer {
+            assert_eq!(host_us, 5);
+            break device_us;
+        }
+    };
+    let patience_us = PATIENCE.as_micros() as u64;
+    assert!((before_us..before_us + patience_us).contains(&device_us), "{before_us} {device_us}");
+}
+
+#[tokio::test]
 async fn a_page_that_comes_later_gets_what_nobody_has_taken() {
     let cable = Cable::new(Side::Left);
     let address = serve(&[&cable], None);
@@ -319,6 +353,22 @@ async fn a_recording_on_a_full_disk_costs_no_step() {
     cable.act(|insole| assert_eq!(insole.acknowledged, [0; 0]));
     page.send(0, ToDevice::Acknowledge { step: 0 }).await;
     assert!(cable.acknowledged(0));
+}
+
+#[tokio::test]
+async fn a_page_may_not_change_the_insole() {
+    let cable = Cable::new(Side::Left);
+    let address = serve(&[&cable], None);
+    let mut page = Page::open(address).await;
+    page.hello(0).await;
+    page.send(0, ToDevice::SetClock { unix_us: 1 }).await;
+    page.send(0, ToDevice::SetTissue(Tissue::NONE)).await;
+    page.find(0, |m| (m == ToHost::Refused(Refusal::NotUnderstood)).then_some(())).await;
+    cable.act(|insole| {
+        assert_eq!(insole.link.tissue().id, Tissue::NONE.id);
+        // Set by the bridge.
+        assert!(insole.link.unix_us(insole_us()).is_some_and(|us| us > 1_700_000_000_000_000));
+    });
 }
 
 #[tokio::test]

@@ -1,5 +1,6 @@
 //! Set-up, demonstration, tests, benchmarks and sizes, each one command.
 
+mod explain;
 mod fuzz;
 mod page;
 mod setup;
@@ -41,6 +42,8 @@ enum Task {
     Bench(Json),
     /// Measure flash and RAM of both firmware binaries.
     Size(Json),
+    /// Say where in the source an insole's "panic at ..." was; the firmware must be the one that was built last.
+    Explain(Explain),
     /// Write the firmware to an STM32WB55 on a debug probe and show its log (needs probe-rs).
     Flash,
 }
@@ -78,6 +81,16 @@ struct Json {
     json: Option<PathBuf>,
 }
 
+#[derive(Args)]
+struct Explain {
+    /// The board that said it.
+    #[arg(value_parser = BOARDS)]
+    board: String,
+    /// The addresses, innermost call first.
+    #[arg(required = true, value_parser = |text: &str| u64::from_str_radix(text, 16))]
+    addresses: Vec<u64>,
+}
+
 /// What a test spends on fuzzing.
 const FUZZ_MINUTES: f64 = 2.0;
 
@@ -97,6 +110,7 @@ fn main() -> ExitCode {
         Task::Advisories => deny(&["advisories"]),
         Task::Bench(to) => bench().and_then(|figures| to.write(figures)),
         Task::Size(to) => sizes().and_then(|figures| to.write(figures)),
+        Task::Explain(panic) => explain::run(&firmware(&panic.board), &panic.addresses),
         Task::Flash => flash(),
     };
     match done {
@@ -288,7 +302,8 @@ fn test() -> Result<()> {
             // What a test says of itself, such as that it was skipped, is shown.
             .args(["test", "--locked", "--release", "--workspace", "--no-fail-fast", "--", "--show-output"])
             .env("PLANTAR_FIRMWARE", firmware("emu"))
-            .env("PLANTAR_JIKU", &python.jiku),
+            .env("PLANTAR_JIKU", &python.jiku)
+            .env("PLANTAR_PYTHON", &python.interpreter),
     )?;
     fuzz::run(FUZZ_MINUTES)?;
     check_limits(&bench()?)

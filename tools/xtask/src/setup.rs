@@ -10,10 +10,12 @@ use std::process::{Command, Stdio};
 const SAMPLE_PACKAGE: &str = "jiku-data==0.1.16";
 const NUMPY: &str = "numpy>=1.26,<3";
 const SCIPY: &str = "scipy>=1.13,<2";
+/// Phones and radios in software, with what they need.
+const BUMBLE: &str = "bumble==0.0.236";
 
 /// A private Python.
 pub struct Python {
-    /// Its interpreter, with NumPy and SciPy.
+    /// Its interpreter, with NumPy, SciPy and bumble.
     pub interpreter: PathBuf,
     /// The data set of the sample walk.
     pub jiku: PathBuf,
@@ -27,6 +29,7 @@ pub fn all() -> Result<Python> {
     chromium()?;
     cargo_fuzz()?;
     cargo_deny()?;
+    bus()?;
     python()
 }
 
@@ -120,11 +123,19 @@ fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
     Ok(tool)
 }
 
+/// A message bus, on which a test plays the system's Bluetooth service; only Linux has it.
+fn bus() -> Result<()> {
+    if !cfg!(target_os = "linux") || has("dbus-daemon") {
+        return Ok(());
+    }
+    install(&Package { what: "D-Bus", apt: "dbus-daemon", dnf: "dbus-daemon", pacman: "dbus", brew: "dbus" })
+}
+
 /// The private Python, made once and again when what it should hold changes.
 pub fn python() -> Result<Python> {
     let environment = cache().join("python");
     let stamp = environment.join("holds.txt");
-    let holds = format!("{SAMPLE_PACKAGE} {NUMPY} {SCIPY}");
+    let holds = format!("{SAMPLE_PACKAGE} {NUMPY} {SCIPY} {BUMBLE}");
     let bin = if cfg!(windows) { "Scripts" } else { "bin" };
     let interpreter = environment.join(bin).join("python");
     if std::fs::read_to_string(&stamp).ok().as_deref() != Some(&holds) {
@@ -132,7 +143,10 @@ pub fn python() -> Result<Python> {
         make_environment(&environment)?;
         let pip = [&interpreter.to_string_lossy(), "-m", "pip", "--disable-pip-version-check", "install", "--quiet"];
         run(pip[0], &[&pip[1..], &["--no-deps", SAMPLE_PACKAGE, NUMPY, SCIPY]].concat())
-            .context("the sample walk, NumPy and SciPy come from the Python package index: is the network there?")?;
+            .and_then(|()| run(pip[0], &[&pip[1..], &[BUMBLE]].concat()))
+            .context(
+                "the sample walk, NumPy, SciPy and bumble come from the Python package index: is the network there?",
+            )?;
         std::fs::write(&stamp, holds)?;
     }
     let jiku = find(&environment, Path::new("jikudata/datasets/SpeedPP2DS")).with_context(|| {

@@ -10,6 +10,7 @@ mod sole;
 pub use message::decode_to_json;
 pub use sole::{REGION_COUNT, RegionShape, outline_mm, region_shapes};
 
+use client::Axis;
 use plantar::Region;
 use plantar::link::STEP_QUEUE;
 use plantar::wire::{MAJOR, MAX_MESSAGE, MINOR, ToDevice, encode};
@@ -76,6 +77,45 @@ pub extern "C" fn acknowledge(step: u32) -> usize {
 #[unsafe(no_mangle)]
 pub extern "C" fn get_status() -> usize {
     request(ToDevice::GetStatus)
+}
+
+/// [`ToDevice::GetTime`], us since 1970.
+#[unsafe(no_mangle)]
+pub extern "C" fn get_time(unix_us: f64) -> usize {
+    request(ToDevice::GetTime { host_us: unix_us as u64 })
+}
+
+/// [`ToDevice::SetClock`], us since 1970.
+#[unsafe(no_mangle)]
+pub extern "C" fn set_clock(unix_us: f64) -> usize {
+    request(ToDevice::SetClock { unix_us: unix_us as u64 })
+}
+
+/// Two insoles live, and two of a recording.
+static AXES: Mutex<[Axis; 4]> = Mutex::new([const { Axis::new() }; 4]);
+
+/// Does something with an axis; those that are not there are empty.
+fn with_axis<T>(index: usize, act: impl FnOnce(&mut Axis) -> T) -> T {
+    let mut axes = AXES.lock().unwrap_or_else(PoisonError::into_inner);
+    act(axes.get_mut(index).unwrap_or(&mut Axis::new()))
+}
+
+/// Forgets what is known of an insole's clock.
+#[unsafe(no_mangle)]
+pub extern "C" fn axis_clear(index: usize) {
+    with_axis(index, |axis| *axis = Axis::new());
+}
+
+/// Takes an insole's answer to [`get_time`].
+#[unsafe(no_mangle)]
+pub extern "C" fn axis_answer(index: usize, asked_us: f64, device_us: f64) {
+    with_axis(index, |axis| axis.answer(asked_us as u64, device_us as u64));
+}
+
+/// The time since 1970, us, when an insole's clock showed `device_us`; not a number before the first answer.
+#[unsafe(no_mangle)]
+pub extern "C" fn axis_unix_us(index: usize, device_us: f64) -> f64 {
+    with_axis(index, |axis| axis.host_us(device_us as u64).map_or(f64::NAN, |us| us as f64))
 }
 
 /// What never changes while the page runs: version, regions and how to draw them.

@@ -15,6 +15,7 @@ pub fn decode_to_json(bytes: &[u8]) -> Option<Value> {
         ToHost::Status(status) => status_to_json(status),
         ToHost::Tissue(tissue) => json!({ "kind": "tissue", "id": tissue.id }),
         ToHost::Refused(refusal) => json!({ "kind": "refused", "reason": refusal.to_string() }),
+        ToHost::Time { host_us, device_us } => json!({ "kind": "time", "host_us": host_us, "device_us": device_us }),
     })
 }
 
@@ -29,7 +30,7 @@ fn hello_to_json(hello: &Hello) -> Value {
         "cells": hello.cells,
         "rate_hz": 1e6 / f64::from(hello.period_us),
         "has_parameters": hello.tissue_id != 0,
-        "reset": format!("{:?}", hello.reset).to_lowercase(),
+        "reset": hello.reset.name(),
         "last_panic": hello.last_panic.as_deref(),
     })
 }

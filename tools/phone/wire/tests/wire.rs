@@ -29,6 +29,12 @@ fn a_live_frame_comes_in_physical_units() {
 }
 
 #[test]
+fn the_time_comes_as_it_is() {
+    let json = decode_to_json(&bytes(&ToHost::Time { host_us: 5, device_us: 7 })).expect("a message");
+    assert_eq!(json, serde_json::json!({ "kind": "time", "host_us": 5, "device_us": 7 }));
+}
+
+#[test]
 fn anything_else_is_no_message() {
     assert_eq!(decode_to_json(&[]), None);
     assert_eq!(decode_to_json(&[0xff; 40]), None);

@@ -1,0 +1,84 @@
+//! The phones that an insole knows.
+
+use crate::{BONDS_BYTES, Insole, MAX_BONDS};
+use crc::{CRC_32_ISO_HDLC, Crc};
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+use trouble_host::prelude::*;
+
+const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
+/// A bond as it is kept. Bonds are kept as postcard's vector of these, the least recently used first, and its CRC-32.
+#[derive(Serialize, Deserialize)]
+pub struct KeptBond {
+    address_kind: u8,
+    address: [u8; 6],
+    identity_key: Option<[u8; 16]>,
+    long_term_key: [u8; 16],
+}
+
+impl KeptBond {
+    fn new(bond: &BondInformation) -> Self {
+        Self {
+            address_kind: bond.identity.addr.kind.as_raw(),
+            address: bond.identity.addr.addr.into_inner(),
+            identity_key: bond.identity.irk.map(IdentityResolvingKey::to_le_bytes),
+            long_term_key: bond.ltk.to_le_bytes(),
+        }
+    }
+
+    pub fn bond(&self) -> BondInformation {
+        let addr = Address::new(AddrKind::new(self.address_kind), BdAddr::new(self.address));
+        let irk = self.identity_key.and_then(IdentityResolvingKey::from_le_bytes);
+        let key = LongTermKey::from_le_bytes(self.long_term_key);
+        // All bonds are Just Works: encrypted, not authenticated.
+        BondInformation::new(Identity { addr, irk }, key, SecurityLevel::Encrypted, true)
+    }
+}
+
+/// The version of [`KeptBond`].
+const KEPT_VERSION: u8 = 1;
+
+pub fn kept(insole: &dyn Insole) -> Vec<KeptBond, MAX_BONDS> {
+    let mut bytes = [0; BONDS_BYTES];
+    let len = insole.load_bonds(&mut bytes);
+    let kept = bytes.get(..len).and_then(<[u8]>::split_last_chunk::<4>);
+    kept.filter(|(bonds, crc)| CRC.checksum(bonds) == u32::from_le_bytes(**crc))
+        .and_then(|(bonds, _)| postcard::from_bytes(bonds).ok())
+        .filter(|(version, _): &(u8, _)| *version == KEPT_VERSION)
+        .map_or(Vec::new(), |(_, bonds)| bonds)
+}
+
+/// Keeps the bonds, unless they are kept as they are.
+fn keep(bonds: &[BondInformation], insole: &dyn Insole) {
+    let (mut bytes, mut before) = ([0; BONDS_BYTES], [0; BONDS_BYTES]);
+    let kept: Vec<KeptBond, MAX_BONDS> = bonds.iter().map(KeptBond::new).collect();
+    // Four bonds of at most 40 bytes, and the checksum, fit.
+    let Ok(len) = postcard::to_slice(&(KEPT_VERSION, kept), &mut bytes).map(|used| used.len()) else { return };
+    let crc = CRC.checksum(&bytes[..len]).to_le_bytes();
+    let Some(place) = bytes.get_mut(len..len + crc.len()) else { return };
+    place.copy_from_slice(&crc);
+    let bytes = &bytes[..len + crc.len()];
+    let before_len = insole.load_bonds(&mut before);
+    if before.get(..before_len) != Some(bytes) {
+        insole.save_bonds(bytes);
+    }
+}
+
+/// Makes a bond the one that was used last, and keeps the bonds where that changes anything.
+pub fn remember<C: Controller>(stack: &Stack<'_, C, DefaultPacketPool>, bond: BondInformation, insole: &dyn Insole) {
+    if !bond.is_bonded {
+        return;
+    }
+    // It is known under this identity, and the new place is the last.
+    let _ = stack.remove_bond_information(bond.identity);
+    let _ = stack.add_bond_information(bond);
+    let oldest = stack.with_bond_information(|bonds| match bonds {
+        [oldest, ..] if bonds.len() > MAX_BONDS => Some(oldest.identity),
+        _ => None,
+    });
+    if let Some(oldest) = oldest {
+        let _ = stack.remove_bond_information(oldest);
+    }
+    stack.with_bond_information(|bonds| keep(bonds, insole));
+}

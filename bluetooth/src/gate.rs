@@ -1,0 +1,87 @@
+//! What the host may hear of a phone.
+
+use crate::Insole;
+use bt_hci::ControllerToHostPacket;
+use bt_hci::cmd::{self, AsyncCmd, SyncCmd};
+use bt_hci::controller::{Controller as Hci, ControllerCmdAsync, ControllerCmdSync};
+use bt_hci::data::{AclBroadcastFlag, AclPacket, AclPacketBoundary, IsoPacket, SyncPacket};
+use core::future::Future;
+use embedded_io_async::ErrorType;
+
+/// Stands between radio and host and lets in only what the host should hear.
+pub struct Gate<'a, C> {
+    pub radio: &'a C,
+    pub insole: &'a dyn Insole,
+}
+
+/// L2CAP's channels for attributes and for pairing.
+const ATT_CHANNEL: u16 = 4;
+const PAIRING_CHANNEL: u16 = 6;
+const PAIRING_REQUEST: u8 = 1;
+/// A packet for no channel: passed over.
+const UNHEARD: &[u8] = &[0, 0, 0, 0];
+/// A pairing command that does not exist: the host answers that pairing failed, and forgets nothing.
+const REFUSED: &[u8] = &[2, 0, PAIRING_CHANNEL as u8, 0, 0, 0];
+
+impl<C> Gate<'_, C> {
+    /// What the host hears of the first fragment of a packet: no request to pair where none is allowed, and no packet that
+    /// is empty or hides its first byte in a later fragment.
+    fn admit<'p>(&self, data: &'p [u8]) -> &'p [u8] {
+        let &[_, _, low, high, ref body @ ..] = data else { return UNHEARD };
+        match (u16::from_le_bytes([low, high]), body.first()) {
+            (ATT_CHANNEL | PAIRING_CHANNEL, None) => UNHEARD,
+            (PAIRING_CHANNEL, Some(&PAIRING_REQUEST)) if !self.insole.allows_bonding() => REFUSED,
+            _ => data,
+        }
+    }
+}
+
+impl<C: Hci> ErrorType for Gate<'_, C> {
+    type Error = C::Error;
+}
+
+impl<C: Hci> Hci for Gate<'_, C> {
+    type Buffer<'a> = C::Buffer<'a>;
+
+    fn alloc_buf(&self) -> Result<Self::Buffer<'_>, Self::Error> {
+        self.radio.alloc_buf()
+    }
+
+    fn write_acl_data(&self, packet: &AclPacket) -> impl Future<Output = Result<(), Self::Error>> {
+        self.radio.write_acl_data(packet)
+    }
+
+    fn write_sync_data(&self, packet: &SyncPacket) -> impl Future<Output = Result<(), Self::Error>> {
+        self.radio.write_sync_data(packet)
+    }
+
+    fn write_iso_data(&self, packet: &IsoPacket) -> impl Future<Output = Result<(), Self::Error>> {
+        self.radio.write_iso_data(packet)
+    }
+
+    async fn read<'a>(&self, buffer: &'a mut Self::Buffer<'_>) -> Result<ControllerToHostPacket<'a>, Self::Error> {
+        Ok(match self.radio.read(buffer).await? {
+            ControllerToHostPacket::Acl(acl) if acl.boundary_flag() != AclPacketBoundary::Continuing => {
+                ControllerToHostPacket::Acl(AclPacket::new(
+                    acl.handle(),
+                    acl.boundary_flag(),
+                    AclBroadcastFlag::PointToPoint,
+                    self.admit(acl.data()),
+                ))
+            }
+            other => other,
+        })
+    }
+}
+
+impl<C: ControllerCmdSync<Q>, Q: SyncCmd> ControllerCmdSync<Q> for Gate<'_, C> {
+    fn exec(&self, cmd: &Q) -> impl Future<Output = Result<Q::Return, cmd::Error<Self::Error>>> {
+        self.radio.exec(cmd)
+    }
+}
+
+impl<C: ControllerCmdAsync<Q>, Q: AsyncCmd> ControllerCmdAsync<Q> for Gate<'_, C> {
+    fn exec(&self, cmd: &Q) -> impl Future<Output = Result<(), cmd::Error<Self::Error>>> {
+        self.radio.exec(cmd)
+    }
+}

@@ -1,0 +1,88 @@
+//! Two insoles' clocks on one axis, against clocks that are known.
+
+use client::Axis;
+use fastrand::Rng;
+
+/// An insole's clock and the way to it.
+struct Clock {
+    start_us: f64,
+    drift: f64,
+    /// Questions wait for the next connection event, and some for the one after.
+    interval_us: f64,
+}
+
+impl Clock {
+    fn at(&self, host_us: f64) -> f64 {
+        self.start_us + (1.0 + self.drift) * host_us
+    }
+}
+
+/// 2025-01-01, us since 1970: what a host's clock shows.
+const EPOCH_US: u64 = 1_735_689_600_000_000;
+
+#[test]
+fn two_insoles_share_one_axis_within_2_ms() {
+    // Before and after the drift is known.
+    let (mut early_us, mut late_us) = (0.0f64, 0.0f64);
+    for seed in 0..40 {
+        let mut random = Rng::with_seed(seed);
+        let clocks =
+            [(30e-6, 2e6), (-40e-6, 500e6)].map(|(drift, start_us)| Clock { start_us, drift, interval_us: 15e3 });
+        let mut axes = [Axis::new(), Axis::new()];
+        // Ten minutes, four questions a second.
+        for question in 0..2400 {
+            let host_us = f64::from(question) * 250e3 + 20e3 * random.f64();
+            for (axis, clock) in axes.iter_mut().zip(&clocks) {
+                let missed = if random.f64() < 0.1 { (10.0 * random.f64()).ceil() } else { 0.0 };
+                let way_us = 400.0 + clock.interval_us * (random.f64() + missed);
+                axis.answer(EPOCH_US + host_us as u64, clock.at(host_us + way_us) as u64);
+            }
+            // A sample of both at one moment.
+            let [left_us, right_us] = [0, 1].map(|i| {
+                let found_us = axes[i].host_us(clocks[i].at(host_us) as u64).expect("answered");
+                found_us as f64 - EPOCH_US as f64
+            });
+            let apart_us = (left_us - right_us).abs();
+            match host_us {
+                ..5e6 => {}
+                ..40e6 => early_us = early_us.max(apart_us),
+                _ => {
+                    late_us = late_us.max(apart_us);
+                    // And near the host's own: the least way is all that is not known.
+                    assert!((left_us - host_us).abs() < 2000.0, "{left_us} {host_us}");
+                }
+            }
+        }
+    }
+    println!("at most {early_us:.0} us apart from 5 s on, {late_us:.0} us from 40 s on");
+    assert!(early_us < 5000.0, "{early_us}");
+    assert!(late_us < 2000.0, "{late_us}");
+}
+
+#[test]
+fn an_axis_goes_both_ways() {
+    let mut axis = Axis::new();
+    assert_eq!(axis.host_us(5), None);
+    assert_eq!(axis.device_us(5), None);
+    for second in 0..100u64 {
+        let host_us = EPOCH_US + second * 1_000_000;
+        // 50 ppm fast, no time on the way.
+        axis.answer(host_us, 7_000_000 + second * 1_000_050);
+    }
+    for second in [0u64, 50, 130] {
+        let (host_us, device_us) = (EPOCH_US + second * 1_000_000, 7_000_000 + second * 1_000_050);
+        assert!(axis.host_us(device_us).expect("known").abs_diff(host_us) <= 1);
+        assert!(axis.device_us(host_us).expect("known").abs_diff(device_us) <= 1);
+    }
+}
+
+#[test]
+fn a_restarted_insole_is_a_new_clock() {
+    let mut axis = Axis::new();
+    for second in 0..100u64 {
+        axis.answer(EPOCH_US + second * 1_000_000, 500_000_000 + second * 1_000_000);
+    }
+    let restart_us = EPOCH_US + 100_000_000;
+    axis.answer(restart_us, 30_000);
+    assert_eq!(axis.host_us(40_000), Some(restart_us + 10_000));
+}

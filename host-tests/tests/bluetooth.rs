@@ -1,0 +1,382 @@
+//! The real firmware in QEMU and phones in software, on a virtual radio link.
+//!
+//! The firmware is the file that `PLANTAR_FIRMWARE` names, the phones run in the Python that `PLANTAR_PYTHON` names; without
+//! them these tests say so and pass.
+
+mod common;
+mod phones;
+
+use common::{firmware, replay, synthetic_walk, tissue};
+use phones::{Air, CADENCE, CONTROL, CURRENT_TIME, Insole, LIVE, OURS, PARAMETERS, Phone, STEPS, World, pieces};
+use plantar::contact::ContactRule;
+use plantar::insole::Tissue;
+use plantar::wire::{Live, MAJOR, MINOR, Refusal, Step, ToDevice, ToHost, decode};
+use plantar::{Region, Side};
+use recording::{Recording, synthetic};
+use serde_json::{Value, json};
+use std::time::Instant;
+
+/// Errors of the attribute protocol.
+const INSUFFICIENT_AUTHENTICATION: u64 = 0x05;
+const INVALID_LENGTH: u64 = 0x0d;
+const INSUFFICIENT_ENCRYPTION: u64 = 0x0f;
+const VALUE_NOT_ALLOWED: u64 = 0x13;
+const OUT_OF_ORDER: u64 = 0x80;
+const NOT_UNDERSTOOD: u64 = 0x81;
+
+const WALK: fn(usize) -> Recording = |steps| synthetic_walk(steps, 100.0);
+
+#[test]
+fn anyone_finds_the_insole_and_reads_who_it_is_and_nothing_else() {
+    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut phone = world.new_phone(1);
+    let table = phone.connect(&mut world.air, 247);
+    let (read, write, notify, indicate) = (0x02, 0x08, 0x10, 0x20);
+    let expected: Vec<(&str, Vec<(&str, u64)>)> = vec![
+        ("1800", vec![("2a00", read), ("2a01", read)]),
+        ("1801", vec![]),
+        ("180a", vec![("2a29", read), ("2a24", read), ("2a26", read)]),
+        ("180f", vec![("2a19", read)]),
+        ("1805", vec![(CURRENT_TIME, read | write | notify)]),
+        ("1814", vec![(CADENCE, notify), ("2a54", read)]),
+        (
+            "dca8c300-cb96-463f-8bec-f2094e1ccf7b",
+            vec![(CONTROL, write | indicate), (LIVE, notify), (STEPS, notify), (PARAMETERS, write | indicate)],
+        ),
+    ];
+    let expected: Value = expected
+        .into_iter()
+        .map(|(uuid, characteristics)| {
+            let characteristics: Value = characteristics
+                .into_iter()
+                .map(|(uuid, properties)| {
+                    let descriptors: &[&str] = if properties & (notify | indicate) != 0 { &["2902"] } else { &[] };
+                    json!({"uuid": uuid, "properties": properties, "descriptors": descriptors})
+                })
+                .collect();
+            json!({"uuid": uuid, "characteristics": characteristics})
+        })
+        .collect();
+    assert_eq!(table, expected, "{table:#}");
+
+    assert_eq!(phone.read(&mut world.air, "2a00"), b"Plantar L");
+    assert_eq!(phone.read(&mut world.air, "2a29"), b"Plantar");
+    assert_eq!(phone.read(&mut world.air, "2a24"), b"emulated");
+    assert_eq!(phone.read(&mut world.air, "2a26"), env!("CARGO_PKG_VERSION").as_bytes());
+    assert_eq!(phone.read(&mut world.air, "2a19"), [100]);
+    assert_eq!(phone.read(&mut world.air, CURRENT_TIME), [0; 10], "not set");
+    assert_eq!(phone.read(&mut world.air, "2a54"), [0, 0]);
+
+    let connect = pieces(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
+    for way in [CONTROL, PARAMETERS, CURRENT_TIME] {
+        assert_eq!(phone.refused(&mut world.air, way, &connect), Some(INSUFFICIENT_AUTHENTICATION), "{way}");
+    }
+    for way in OURS {
+        let subscribed = world.air.attempt(json!({"do": "subscribe", "phone": phone.name, "to": way}));
+        assert_eq!(subscribed.expect_err("it is refused").att, Some(INSUFFICIENT_AUTHENTICATION), "{way}");
+        assert!(world.air.attempt(json!({"do": "read", "phone": phone.name, "of": way})).is_err());
+    }
+    assert_eq!(world.insole.board.bonds().expect("the bonds can be read"), None);
+}
+
+/// Streams whole walks, each to its phone, and compares everything with a replay.
+fn stream(air: &mut Air, feet: &mut [(&Insole, &mut Phone)]) {
+    let mut got = vec![(Vec::<Live>::new(), Vec::<Step>::new()); feet.len()];
+    let mut expected = Vec::new();
+    for (insole, phone) in feet.iter_mut() {
+        phone.set_tissue(air, tissue());
+        phone.send(air, ToDevice::Stream { live: true });
+        expected.push(replay(&insole.recording, ContactRule::COUNTED, |_| false));
+    }
+    let is_whole = |got: &(Vec<Live>, Vec<Step>), whole: &(Vec<Live>, Vec<Step>)| {
+        got.0.len() >= whole.0.len() && got.1.len() >= whole.1.len()
+    };
+    while got.iter().zip(&expected).any(|(got, whole)| !is_whole(got, whole)) {
+        for (((insole, phone), got), whole) in feet.iter_mut().zip(&mut got).zip(&expected) {
+            if is_whole(got, whole) {
+                continue;
+            }
+            // The insole keeps eight live frames for a slow phone.
+            insole.play(got.0.len() as u32 + 6);
+            match phone.next(air) {
+                ToHost::Live(live) => got.0.push(live),
+                ToHost::Step(step) => {
+                    phone.send(air, ToDevice::Acknowledge { step: step.step });
+                    got.1.push(step);
+                }
+                other => panic!("{other:?}"),
+            }
+        }
+    }
+    for (((insole, phone), got), whole) in feet.iter_mut().zip(&got).zip(&expected) {
+        assert_eq!(got.1, whole.1);
+        assert_eq!(got.0, whole.0);
+        let status = phone.status(air);
+        let scans = insole.scans();
+        assert_eq!((status.live_due, status.live_sent, status.bad_frames), (scans, scans, 0));
+    }
+}
+
+#[test]
+fn a_bonded_phone_gets_every_frame_and_step_of_a_walk() {
+    let Some(mut world) = World::start(WALK(3)) else { return };
+    let mut phone = world.bonded_phone(247);
+    let begin = Instant::now();
+    stream(&mut world.air, &mut [(&world.insole, &mut phone)]);
+    let values = f64::from(world.insole.scans()) + 6.0;
+    println!("{:.0} notifications a second of at most 90 bytes", values / begin.elapsed().as_secs_f64());
+    println!("deepest stack with a pairing: {} bytes", phone.status(&mut world.air).stack_bytes);
+}
+
+#[test]
+fn the_smallest_values_carry_the_same() {
+    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut phone = world.bonded_phone(23);
+    stream(&mut world.air, &mut [(&world.insole, &mut phone)]);
+}
+
+#[test]
+fn a_bond_outlives_a_reset_and_a_wrong_key_opens_nothing() {
+    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut phone = world.bonded_phone(247);
+    let bonds = world.insole.board.bonds().expect("the bonds can be read").expect("there is one");
+    // Bonding is closed after this reset: what opens the link is the bond.
+    world.restart(|head| head.bonding_s = 0);
+    phone.connect(&mut world.air, 247);
+    let connect = pieces(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
+    assert_eq!(phone.refused(&mut world.air, CONTROL, &connect), Some(INSUFFICIENT_ENCRYPTION));
+    world.air.order(json!({"do": "encrypt", "phone": phone.name}));
+    phone.open(&mut world.air);
+    stream(&mut world.air, &mut [(&world.insole, &mut phone)]);
+    assert_eq!(world.insole.board.bonds().expect("the bonds can be read"), Some(bonds));
+    phone.disconnect(&mut world.air);
+
+    phone.connect(&mut world.air, 23);
+    world.air.order(json!({"do": "spoil_key", "phone": phone.name}));
+    world.air.attempt(json!({"do": "encrypt", "phone": phone.name})).expect_err("the key is wrong");
+    world.air.forget();
+    // The insole is there again, for the others.
+    let mut other = world.new_phone(2);
+    other.connect(&mut world.air, 23);
+    assert_eq!(other.refused(&mut world.air, CONTROL, &connect), Some(INSUFFICIENT_AUTHENTICATION));
+}
+
+#[test]
+fn nobody_bonds_when_bonding_is_closed_and_a_forgotten_phone_bonds_again_when_it_is_open() {
+    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut phone = world.bonded_phone(23);
+    world.restart(|head| head.bonding_s = 0);
+    let bonds = world.insole.board.bonds().expect("the bonds can be read");
+    world.air.order(json!({"do": "forget", "phone": phone.name}));
+    let mut other = world.new_phone(2);
+    for phone in [&mut phone, &mut other] {
+        phone.connect(&mut world.air, 23);
+        world.air.attempt(json!({"do": "pair", "phone": phone.name})).expect_err("bonding is closed");
+        let connect = pieces(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
+        assert!(phone.write(&mut world.air, CONTROL, &connect).is_err());
+        phone.disconnect(&mut world.air);
+    }
+    assert_eq!(world.insole.board.bonds().expect("the bonds can be read"), bonds);
+
+    world.restart(|_| {});
+    phone.connect(&mut world.air, 23);
+    world.air.order(json!({"do": "pair", "phone": phone.name}));
+    phone.open(&mut world.air);
+    assert_ne!(world.insole.board.bonds().expect("the bonds can be read"), bonds);
+}
+
+/// A phone that pairs and does not bond has an encrypted link and may do no more than a stranger.
+#[test]
+fn a_phone_that_does_not_bond_is_a_stranger() {
+    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut phone = world.new_phone(1);
+    world.air.order(json!({"do": "phone", "name": phone.name, "address": "D0:00:00:00:00:01", "bonding": false}));
+    phone.connect(&mut world.air, 23);
+    world.air.order(json!({"do": "pair", "phone": phone.name}));
+    let connect = pieces(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
+    assert_eq!(phone.refused(&mut world.air, CONTROL, &connect), Some(INSUFFICIENT_AUTHENTICATION));
+    assert_eq!(world.insole.board.bonds().expect("the bonds can be read"), None);
+}
+
+/// The oldest of five bonds is forgotten.
+#[test]
+fn four_phones_are_remembered() {
+    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut phones: Vec<_> = (1..=5).map(|number| world.new_phone(number)).collect();
+    for phone in &mut phones {
+        phone.connect(&mut world.air, 23);
+        world.air.order(json!({"do": "pair", "phone": phone.name}));
+        phone.open(&mut world.air);
+        phone.disconnect(&mut world.air);
+    }
+    world.restart(|head| head.bonding_s = 0);
+    for phone in &mut phones[1..] {
+        phone.reopen(&mut world.air, 23);
+        phone.disconnect(&mut world.air);
+    }
+    phones[0].connect(&mut world.air, 23);
+    world.air.attempt(json!({"do": "encrypt", "phone": phones[0].name})).expect_err("it is forgotten");
+}
+
+/// What a phone stores: each step once, acknowledged when it is stored.
+#[derive(Default)]
+struct Store(Vec<Step>);
+
+impl Store {
+    fn take(&mut self, step: Step) {
+        if self.0.last().is_none_or(|last| step.step > last.step) {
+            self.0.push(step);
+        }
+    }
+}
+
+#[test]
+fn links_that_break_at_any_moment_lose_no_step() {
+    const STEPS: usize = 300;
+    const CUTS: u32 = 100;
+    /// Steps that may be made while the phone has not stored one; the insole keeps 16.
+    const AHEAD: u32 = 8;
+    let Some(mut world) = World::start(WALK(STEPS)) else { return };
+    let (_, steps) = replay(&world.insole.recording, ContactRule::COUNTED, |_| false);
+    assert_eq!(steps.len(), STEPS);
+    let scans_a_step = world.insole.scans() / STEPS as u32;
+    let mut phone = world.bonded_phone(247);
+    phone.set_tissue(&mut world.air, tissue());
+    let (mut store, mut cuts, mut random) = (Store::default(), 0, 1_u32);
+    while cuts < CUTS || store.0.len() < STEPS {
+        // A cut after some values, in the middle of a message or between two; in every fourth session live frames come too.
+        phone.send(&mut world.air, ToDevice::Stream { live: cuts % 4 == 3 });
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        for _ in 0..random >> 28 {
+            if store.0.len() == STEPS {
+                break;
+            }
+            world.insole.play((store.0.len() as u32 + AHEAD) * scans_a_step);
+            let (of, value) = phone.value(&mut world.air);
+            let joiner = phone.joiners.entry(of).or_default();
+            if let Some(message) = joiner.push(&value).expect("pieces come in order")
+                && let Some(ToHost::Step(step)) = decode(message)
+            {
+                store.take(step);
+                // Every other acknowledgement is lost with the link.
+                if step.step % 2 == 1 {
+                    phone.send(&mut world.air, ToDevice::Acknowledge { step: step.step });
+                }
+            }
+        }
+        phone.cut(&mut world.air);
+        cuts += 1;
+        // A step takes two values, or a dozen.
+        phone.reopen(&mut world.air, if cuts % 8 == 0 { 23 } else { 247 });
+    }
+    println!("{cuts} cuts, {} steps", store.0.len());
+    assert_eq!(store.0, steps);
+    let status = phone.status(&mut world.air);
+    assert_eq!((status.steps, status.steps_dropped), (STEPS as u32, 0));
+}
+
+#[test]
+fn malformed_values_are_refused_and_the_session_goes_on() {
+    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut phone = world.bonded_phone(247);
+    let mut refused = |way: &str, value: &[u8]| phone.refused(&mut world.air, way, value);
+    assert_eq!(refused(CONTROL, &[]), Some(INVALID_LENGTH));
+    assert_eq!(refused(CONTROL, &[0x80]), Some(NOT_UNDERSTOOD), "no message");
+    assert_eq!(refused(CONTROL, &[0x80, 99]), Some(NOT_UNDERSTOOD), "an unknown message");
+    assert_eq!(refused(CONTROL, &[0x81, 3]), Some(OUT_OF_ORDER), "the second piece alone");
+    assert_eq!(refused(CONTROL, &[0x80, 5]), Some(NOT_UNDERSTOOD), "parameters on the control point");
+    assert_eq!(refused(PARAMETERS, &[0x80, 3]), Some(NOT_UNDERSTOOD), "control among the parameters");
+    assert_eq!(refused(CURRENT_TIME, &[0xff; 10]), Some(VALUE_NOT_ALLOWED));
+    assert_eq!(refused(CURRENT_TIME, &[0; 9]), Some(VALUE_NOT_ALLOWED));
+    // The first piece on one characteristic, the second on another.
+    phone.write(&mut world.air, PARAMETERS, &[0x00, 4]).expect("a first piece");
+    assert_eq!(phone.refused(&mut world.air, CONTROL, &[0x81, 0]), Some(OUT_OF_ORDER));
+    // Longer than any message.
+    phone.write(&mut world.air, PARAMETERS, &[0x00; 244]).expect("a first piece");
+    assert_eq!(phone.refused(&mut world.air, PARAMETERS, &[0x01; 244]), Some(INVALID_LENGTH));
+    let mut bad = tissue();
+    bad.id ^= 1;
+    assert_eq!(phone.answer(&mut world.air, ToDevice::SetTissue(bad)), ToHost::Refused(Refusal::TissueId));
+    let mut gauges = tissue().gauges;
+    gauges[5].n = 99.0;
+    let refusal = ToHost::Refused(Refusal::Tissue(Region::Hallux));
+    assert_eq!(phone.answer(&mut world.air, ToDevice::SetTissue(Tissue::new(gauges))), refusal);
+    assert_eq!(phone.status(&mut world.air).bad_frames, 10);
+    stream_steps(&mut world, &mut phone, 1);
+}
+
+/// Plays the walk to its end and waits for the steps.
+fn stream_steps(world: &mut World, phone: &mut Phone, steps: usize) {
+    world.insole.play(u32::MAX);
+    for _ in 0..steps {
+        assert!(matches!(phone.next(&mut world.air), ToHost::Step(_)));
+    }
+}
+
+/// The insole waits 30 s for the confirmation of an indication, and then no longer.
+#[test]
+fn a_phone_that_never_confirms_is_disconnected_and_may_come_back() {
+    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut phone = world.bonded_phone(247);
+    world.air.order(json!({"do": "mute", "phone": phone.name}));
+    phone.send(&mut world.air, ToDevice::GetStatus);
+    phone.lose(&mut world.air);
+    phone.reopen(&mut world.air, 247);
+    assert_eq!(phone.status(&mut world.air).bad_frames, 0);
+    stream_steps(&mut world, &mut phone, 1);
+}
+
+#[test]
+fn a_watch_sees_the_cadence_and_sets_the_clock() {
+    let Some(mut world) = World::start(WALK(3)) else { return };
+    let mut phone = world.bonded_phone(247);
+    world.air.order(json!({"do": "subscribe", "phone": phone.name, "to": CADENCE}));
+    let (_, steps) = replay(&world.insole.recording, ContactRule::COUNTED, |_| false);
+    world.insole.play(u32::MAX);
+    let mut measured = Vec::new();
+    while measured.len() < 3 {
+        let (of, value) = phone.value(&mut world.air);
+        if of == CADENCE {
+            assert_eq!((value.len(), &value[..3]), (4, &[0, 0, 0][..]));
+            measured.push(value[3]);
+        }
+    }
+    let cadence = |i: usize| (120_000_000 / (steps[i].start_us - steps[i - 1].start_us)) as u8;
+    assert_eq!(measured, [0, cadence(1), cadence(2)]);
+
+    // Wednesday, 29 February 2040, 23:59:30.
+    let written = [0xf8, 0x07, 2, 29, 23, 59, 30, 3, 0, 0];
+    phone.write(&mut world.air, CURRENT_TIME, &written).expect("it is a time");
+    let read = phone.read(&mut world.air, CURRENT_TIME);
+    assert_eq!((&read[..6], read[7]), (&written[..6], 3));
+    assert!(read[6] >= 30);
+    // 2040-03-01 00:00:00.
+    phone.send(&mut world.air, ToDevice::SetClock { unix_us: 2_214_172_800_000_000 });
+    assert_eq!(phone.read(&mut world.air, CURRENT_TIME)[..6], [0xf8, 0x07, 3, 1, 0, 0]);
+}
+
+#[test]
+fn the_time_comes_back_with_the_request() {
+    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut phone = world.bonded_phone(247);
+    let mut before_us = 0;
+    for host_us in 0..20 {
+        let answer = phone.answer(&mut world.air, ToDevice::GetTime { host_us });
+        let ToHost::Time { host_us: echoed_us, device_us } = answer else { panic!("{answer:?}") };
+        assert_eq!(echoed_us, host_us);
+        assert!(device_us > before_us, "the clock ran backwards");
+        before_us = device_us;
+    }
+}
+
+#[test]
+fn both_insoles_stream_at_once() {
+    let Some(mut world) = World::start(WALK(5)) else { return };
+    let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 5, side: Side::Right, ..Default::default() });
+    let firmware = firmware().expect("it was there");
+    let right = Insole::boot(&mut world.air, &firmware, walk.recording, |_| {}, None);
+    let mut phone = world.bonded_phone(247);
+    let mut other = world.air.bonded_phone(2, "Plantar R", 247);
+    assert_eq!(other.read(&mut world.air, "2a00"), b"Plantar R");
+    stream(&mut world.air, &mut [(&world.insole, &mut phone), (&right, &mut other)]);
+}

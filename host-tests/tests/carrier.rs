@@ -1,0 +1,86 @@
+//! What Bluetooth needs of the core: pieces of messages, cadence, the wall clock.
+
+use plantar::clock::{from_current_time, to_current_time};
+use plantar::fragment::{Joiner, Refused, Splitter};
+use plantar::pace::Pace;
+use plantar::wire::MAX_MESSAGE;
+use proptest::prelude::*;
+
+fn pieces(message: &[u8], room: usize) -> Vec<Vec<u8>> {
+    let mut splitter = Splitter::new();
+    splitter.buffer()[..message.len()].copy_from_slice(message);
+    splitter.start(message.len());
+    let mut piece = vec![0; room];
+    std::iter::from_fn(|| splitter.next(&mut piece).map(|len| piece[..len].to_vec())).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn pieces_join_to_what_was_split(message in prop::collection::vec(any::<u8>(), 1..=MAX_MESSAGE), room in 4..=244_usize) {
+        let mut joiner = Joiner::new();
+        let pieces = pieces(&message, room);
+        let (last, first) = pieces.split_last().expect("there is one");
+        for (number, piece) in first.iter().enumerate() {
+            prop_assert_eq!(usize::from(piece[0]), number);
+            prop_assert_eq!(joiner.push(piece), Ok(None));
+        }
+        prop_assert_eq!(usize::from(last[0]), 0x80 | first.len());
+        prop_assert_eq!(joiner.push(last), Ok(Some(&message[..])));
+    }
+
+    #[test]
+    fn no_pieces_break_a_joiner(pieces in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..300), 0..20)) {
+        let mut joiner = Joiner::new();
+        for piece in pieces {
+            let _ = joiner.push(&piece);
+        }
+        prop_assert_eq!(joiner.push(&[0x80, 7]), Ok(Some(&[7][..])));
+    }
+
+    #[test]
+    fn the_clock_comes_back(unix_s in 0..253_402_300_800_u64) {
+        let time = to_current_time(Some(unix_s * 1_000_000));
+        prop_assert_eq!(from_current_time(&time), Some(unix_s * 1_000_000));
+    }
+}
+
+#[test]
+fn pieces_out_of_order_are_refused_and_the_next_message_is_taken() {
+    let mut joiner = Joiner::new();
+    assert_eq!(joiner.push(&[]), Err(Refused::Empty));
+    assert_eq!(joiner.push(&[0x01, 1]), Err(Refused::OutOfOrder));
+    assert_eq!(joiner.push(&[0x00, 1]), Ok(None));
+    assert_eq!(joiner.push(&[0x82, 2]), Err(Refused::OutOfOrder));
+    assert_eq!(joiner.push(&[0x81, 2]), Err(Refused::OutOfOrder), "what was begun is dropped");
+    assert_eq!(joiner.push(&[0x00; 200]), Ok(None));
+    assert_eq!(joiner.push(&[0x01; 200]), Err(Refused::TooLong));
+    assert_eq!(joiner.push(&[0x80, 9]), Ok(Some(&[9][..])));
+}
+
+#[test]
+fn the_clock_knows_the_calendar() {
+    assert_eq!(to_current_time(None), [0; 10]);
+    assert_eq!(to_current_time(Some(0)), [0xb2, 0x07, 1, 1, 0, 0, 0, 4, 0, 0], "a Thursday");
+    // 2024-02-29 12:34:56.5, a Thursday.
+    assert_eq!(to_current_time(Some(1_709_210_096_500_000)), [0xe8, 0x07, 2, 29, 12, 34, 56, 4, 128, 0]);
+    for wrong in [[0xe9, 0x07, 2, 29], [0xe8, 0x07, 13, 1], [0xe8, 0x07, 4, 31], [0xe8, 0x07, 1, 0], [0xb1, 0x07, 1, 1]]
+    {
+        assert_eq!(from_current_time(&[&wrong[..], &[0; 6]].concat()), None, "{wrong:?}");
+    }
+    assert_eq!(from_current_time(&[0; 9]), None);
+}
+
+#[test]
+fn cadence_is_that_of_both_feet() {
+    let mut pace = Pace::default();
+    assert_eq!(pace.cadence_per_min(0), 0);
+    pace.step(500_000);
+    assert_eq!(pace.cadence_per_min(600_000), 0, "one step is no rhythm");
+    pace.step(1_600_000);
+    assert_eq!(pace.cadence_per_min(2_000_000), 109);
+    assert_eq!(pace.cadence_per_min(5_000_000), 0, "the foot rests");
+    pace.step(9_000_000);
+    assert_eq!(pace.cadence_per_min(9_000_000), 0, "a new walk");
+}

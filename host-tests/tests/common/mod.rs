@@ -1,0 +1,65 @@
+//! What the tests of the firmware share.
+#![allow(dead_code, reason = "not every test needs all of it")]
+
+use parameters::{InsoleSize, Parameters};
+use plantar::Side;
+use plantar::contact::ContactRule;
+use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
+use plantar::stance::StanceRule;
+use plantar::wire::{Live, Step};
+use recording::{Recording, VirtualInsole, synthetic};
+use std::path::PathBuf;
+
+/// The firmware, or a word about where it comes from.
+pub fn firmware() -> Option<PathBuf> {
+    let path = std::env::var_os("PLANTAR_FIRMWARE").map(PathBuf::from);
+    if path.is_none() {
+        println!("skipped: set PLANTAR_FIRMWARE to the emulated board's firmware (`cargo xtask test` does)");
+    }
+    path
+}
+
+/// Typical parameters.
+pub fn tissue() -> Tissue {
+    Parameters::typical(InsoleSize::default()).tissue()
+}
+
+/// What a host computes of the same codes.
+pub fn replay(recording: &Recording, contact: ContactRule, is_missing: fn(u32) -> bool) -> (Vec<Live>, Vec<Step>) {
+    replay_with(recording, contact, is_missing, &[(0, tissue())])
+}
+
+/// The same with parameters that change, each before the live frame of its number.
+pub fn replay_with(
+    recording: &Recording,
+    contact: ContactRule,
+    is_missing: fn(u32) -> bool,
+    tissues: &[(usize, Tissue)],
+) -> (Vec<Live>, Vec<Step>) {
+    let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is sound");
+    let mut codes = vec![0; worn.cells.len()];
+    let (mut live, mut steps) = (Vec::new(), Vec::new());
+    for i in 0..worn.frames(recording) as u32 {
+        if is_missing(i) {
+            continue;
+        }
+        for (_, tissue) in tissues.iter().filter(|(before, _)| *before == live.len()) {
+            insole.set_tissue(tissue).expect("the parameters are sound");
+        }
+        worn.codes_of(recording, i as usize, &mut codes);
+        let toe_off = insole.frame(i, &codes);
+        let t_us = u64::from(i) * u64::from(worn.setup.period_us);
+        live.push(Live::new(live.len() as u32, t_us, insole.loads()));
+        if toe_off {
+            steps.push(Step::new(&insole.whole_step().expect("the insole is set up")));
+        }
+    }
+    (live, steps)
+}
+
+/// A computed walk of a left foot.
+pub fn synthetic_walk(steps: usize, rate_hz: f64) -> Recording {
+    synthetic::walk(&synthetic::SyntheticWalk { steps, rate_hz, side: Side::Left, ..Default::default() }).recording
+}

@@ -1,0 +1,266 @@
+//! Bluetooth of the STM32WB55: the radio's core, by HCI through memory that both cores share.
+//!
+//! The mailbox's packets are H4 packets, so this is the same stream of bytes as a serial controller's. While a channel's flag is set its
+//! queue belongs to who was told, and else to who tells.
+
+use crate::mailbox::{
+    BLE_INIT_OPCODE, Ble, BleInit, COMMAND, EVENT, H4_COMMAND, H4_DATA, H4_EVENT, H4_SYSTEM_COMMAND, Memory, Node, POOL_BYTES,
+    POOLED, References, Shared, System,
+};
+use core::mem::MaybeUninit;
+use core::ptr::{addr_of, addr_of_mut};
+use embassy_futures::join::join;
+use embassy_futures::select::{Either, select};
+use embassy_stm32::ipcc::{
+    Config, Ipcc, IpccRxChannel, IpccTxChannel, ReceiveInterruptHandler, TransmitInterruptHandler,
+};
+use embassy_stm32::peripherals::IPCC;
+use embassy_stm32::{Peri, bind_interrupts, uid};
+use embassy_time::Instant;
+use embedded_io_async::Read;
+use heapless::Vec;
+use plantar::ble::{BONDING_WINDOW, BONDS_BYTES, Board, BondStore, HciPipe};
+
+bind_interrupts!(struct Irqs {
+    IPCC_C1_RX => ReceiveInterruptHandler;
+    IPCC_C1_TX => TransmitInterruptHandler;
+});
+
+#[unsafe(link_section = ".mailbox")]
+static mut SHARED: MaybeUninit<Shared> = MaybeUninit::uninit();
+
+/// The address of a field of [`SHARED`].
+macro_rules! at {
+    ($($field:tt)+) => {{
+        // SAFETY: only an address is taken.
+        unsafe { addr_of!((*addr_of!(SHARED).cast::<Shared>()).$($field)+) as u32 }
+    }};
+}
+
+/// Packets that are out at a time: those of the pool and the spare ones.
+type Packets = Vec<u32, { POOLED + 2 }>;
+
+/// Reads a word that the other core may have written.
+fn read(at: u32) -> u32 {
+    // SAFETY: every address here lies in SHARED, whole words; the other core writes to it, hence volatile.
+    unsafe { (at as *const u32).read_volatile() }
+}
+
+fn write(at: u32, word: u32) {
+    // SAFETY: as in `read`.
+    unsafe { (at as *mut u32).write_volatile(word) }
+}
+
+/// A node's two words.
+const NEXT: u32 = 0;
+const PREVIOUS: u32 = 4;
+const H4: u32 = size_of::<Node>() as u32;
+
+/// Empties a queue that belongs to this core now.
+fn drain(queue: u32) -> Option<Packets> {
+    let mut packets = Packets::new();
+    let mut packet = read(queue + NEXT);
+    while packet != queue && packets.push(packet).is_ok() {
+        packet = read(packet + NEXT);
+    }
+    // All there are were taken.
+    write(queue + NEXT, queue);
+    write(queue + PREVIOUS, queue);
+    Some(packets).filter(|packets| !packets.is_empty())
+}
+
+/// Puts a packet at a queue's end.
+fn append(queue: u32, packet: u32) {
+    let last = read(queue + PREVIOUS);
+    write(packet + NEXT, queue);
+    write(packet + PREVIOUS, last);
+    write(last + NEXT, packet);
+    write(queue + PREVIOUS, packet);
+}
+
+/// The bytes of a packet that belongs to this core.
+fn bytes(packet: u32) -> &'static [u8] {
+    let h4 = (packet + H4) as *const u8;
+    // SAFETY: the packet lies in SHARED and is not written before it is given back, after the last use of these bytes.
+    unsafe {
+        let len = match *h4 {
+            H4_DATA => 5 + usize::from(u16::from_le_bytes([*h4.add(3), *h4.add(4)])),
+            _ => 3 + usize::from(*h4.add(2)),
+        };
+        // No packet is longer, whatever it says.
+        core::slice::from_raw_parts(h4, len.min(EVENT))
+    }
+}
+
+/// Copies a packet to a buffer that belongs to this core.
+fn fill(buffer: u32, packet: &[u8]) {
+    // SAFETY: every buffer has room for the longest packet of its kind.
+    unsafe { core::ptr::copy_nonoverlapping(packet.as_ptr(), (buffer + H4) as *mut u8, packet.len()) }
+}
+
+/// Writes the tables, with empty queues.
+fn lay_out() {
+    let unused = at!(unused);
+    let references = References {
+        device_info: at!(device_info),
+        ble: at!(ble),
+        thread: unused,
+        system: at!(system),
+        memory: at!(memory),
+        traces: unused,
+        mac: unused,
+        zigbee: unused,
+        lld_tests: unused,
+        ble_lld: unused,
+    };
+    let ble = Ble { command: at!(ble_command), status: at!(ble_status), events: at!(ble_events), data: at!(ble_data) };
+    let system = System { command: at!(system_command), events: at!(system_events) };
+    let memory = Memory {
+        spare_ble: at!(spare_ble),
+        spare_system: at!(spare_system),
+        pool: at!(pool),
+        pool_bytes: POOL_BYTES as u32,
+        free: at!(free),
+        traces_pool: 0,
+        traces_bytes: 0,
+    };
+    // SAFETY: the radio's core does not run yet, and zeros are valid for all of it.
+    unsafe {
+        let shared = (*addr_of_mut!(SHARED)).as_mut_ptr();
+        shared.write_bytes(0, 1);
+        addr_of_mut!((*shared).references).write_volatile(references);
+        addr_of_mut!((*shared).ble).write_volatile(ble);
+        addr_of_mut!((*shared).system).write_volatile(system);
+        addr_of_mut!((*shared).memory).write_volatile(memory);
+    }
+    for queue in [at!(free), at!(ble_events), at!(system_events)] {
+        write(queue + NEXT, queue);
+        write(queue + PREVIOUS, queue);
+    }
+}
+
+/// Starts the radio's core, then passes packets on in both directions, for ever. Where that core has no firmware it never
+/// answers, and there is no Bluetooth.
+pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &HciPipe) -> ! {
+    lay_out();
+    let [(ble_command, ble_events), (mut system_command, mut system_events), _, (release, _), _, (data, _)] =
+        Ipcc::new(ipcc, Irqs, Config::default()).split();
+    // Its first event says that it runs. No memory is given back before: there is enough.
+    let _started = system_events.receive(|| drain(at!(system_events))).await;
+    system_command
+        .send(|| {
+            let [low, high] = BLE_INIT_OPCODE.to_le_bytes();
+            let parameters = BleInit::PERIPHERAL.bytes();
+            fill(at!(system_command), &[H4_SYSTEM_COMMAND, low, high, parameters.len() as u8]);
+            fill(at!(system_command) + 4, parameters);
+        })
+        .await;
+    // Taken when it is done.
+    system_command.flush().await;
+    join(hear(ble_events, system_events, release, from_radio), speak(ble_command, data, to_radio)).await.0
+}
+
+/// Passes on what the radio's core says.
+async fn hear(
+    mut ble_events: IpccRxChannel<'_>,
+    mut system_events: IpccRxChannel<'_>,
+    mut release: IpccTxChannel<'_>,
+    host: &HciPipe,
+) -> ! {
+    loop {
+        let ble = ble_events.receive(|| drain(at!(ble_events)));
+        let system = system_events.receive(|| drain(at!(system_events)));
+        let (Either::First(packets) | Either::Second(packets)) = select(ble, system).await;
+        for packet in packets {
+            let h4 = bytes(packet);
+            // The system's events are its own.
+            if matches!(h4[0], H4_EVENT | H4_DATA) {
+                host.write_all(h4).await;
+            }
+            // Answers lie in buffers of their own.
+            if ![at!(ble_command), at!(ble_status)].contains(&packet) {
+                release.send(|| append(at!(free), packet)).await;
+            }
+        }
+    }
+}
+
+/// Passes on what the host says.
+async fn speak(mut command: IpccTxChannel<'_>, mut data: IpccTxChannel<'_>, mut host: &HciPipe) -> ! {
+    let mut packet = [0; COMMAND];
+    loop {
+        // A pipe neither ends nor fails, and the host's packets are no longer than their kind.
+        let _ = host.read_exact(&mut packet[..4]).await;
+        let (kind, len) = match packet[0] {
+            H4_DATA => {
+                let _ = host.read_exact(&mut packet[4..5]).await;
+                (H4_DATA, 5 + usize::from(u16::from_le_bytes([packet[3], packet[4]])))
+            }
+            _ => (H4_COMMAND, 4 + usize::from(packet[3])),
+        };
+        let (buffer, channel) =
+            if kind == H4_DATA { (at!(ble_data), &mut data) } else { (at!(ble_command), &mut command) };
+        let head = if kind == H4_DATA { 5 } else { 4 };
+        let Some(rest) = packet.get_mut(head..len) else { continue };
+        let _ = host.read_exact(rest).await;
+        channel.send(|| fill(buffer, &packet[..len])).await;
+    }
+}
+
+/// What Bluetooth needs to know of this board.
+pub struct Wb55 {
+    /// Power came on, or the reset pin was pulled: whoever did it has the insole in hand.
+    pub by_hand: bool,
+}
+
+impl Board for Wb55 {
+    fn address(&self) -> Option<[u8; 6]> {
+        let id = uid::uid();
+        let mut address = core::array::from_fn(|i| id[i] ^ id[i + 6]);
+        // The two highest bits mark a random static address.
+        address[5] |= 0xc0;
+        Some(address)
+    }
+
+    fn battery_percent(&self) -> u8 {
+        // Not measured.
+        100
+    }
+
+    fn allows_bonding(&self) -> bool {
+        self.by_hand && Instant::now().as_micros() < BONDING_WINDOW.as_micros()
+    }
+}
+
+const BONDS_WORDS: usize = BONDS_BYTES / 4;
+
+/// Length and bonds. Beside a panic's evidence: survives a reset. Their checksum tells bonds from what RAM holds after power-on.
+#[unsafe(link_section = ".evidence")]
+static mut BONDS: MaybeUninit<[u32; 1 + BONDS_WORDS]> = MaybeUninit::uninit();
+
+/// Keeps bonds while there is power.
+pub struct BondsInRam;
+
+impl BondStore for BondsInRam {
+    fn load(&mut self, bytes: &mut [u8; BONDS_BYTES]) -> usize {
+        let kept = addr_of!(BONDS).cast::<u32>();
+        // SAFETY: integers are valid for any content of RAM; only this store uses BONDS, on one executor, within its length.
+        let word = |i: usize| unsafe { kept.add(i.min(BONDS_WORDS)).read_volatile() };
+        for (i, place) in bytes.chunks_exact_mut(4).enumerate() {
+            place.copy_from_slice(&word(1 + i).to_le_bytes());
+        }
+        (word(0) as usize).min(BONDS_BYTES)
+    }
+
+    fn save(&mut self, bytes: &[u8]) {
+        let kept = addr_of_mut!(BONDS).cast::<u32>();
+        // SAFETY: as above.
+        let write = |i: usize, word: u32| unsafe { kept.add(i.min(BONDS_WORDS)).write_volatile(word) };
+        for (i, part) in bytes.chunks(4).enumerate().take(BONDS_WORDS) {
+            let mut word = [0; 4];
+            word[..part.len()].copy_from_slice(part);
+            write(1 + i, u32::from_le_bytes(word));
+        }
+        write(0, bytes.len() as u32);
+    }
+}

@@ -1,0 +1,353 @@
+//! `--ble` against Linux's Bluetooth service as this test plays it, with an insole's own link behind it.
+#![cfg(target_os = "linux")]
+
+use host_tests::{hello, live, status, step};
+use plantar::fragment::{Joiner, Splitter};
+use plantar::link::Link;
+use plantar::wire::{MAX_MESSAGE, ToDevice, ToHost, decode};
+use std::collections::HashMap;
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc::{Sender, channel};
+use std::sync::{Arc, Mutex};
+use zbus::blocking::{Connection, connection};
+use zbus::fdo;
+use zbus::interface;
+use zbus::zvariant::{ObjectPath, OwnedValue, Value};
+
+const ADAPTER: &str = "/org/bluez/hci0";
+const DEVICE: &str = "/org/bluez/hci0/dev_C0_00_00_00_00_01";
+const SERVICE: &str = "/org/bluez/hci0/dev_C0_00_00_00_00_01/service0010";
+/// The table of docs/bluetooth.md: number, properties.
+const TABLE: [(u8, [&str; 2]); 4] =
+    [(1, ["write", "indicate"]), (2, ["notify", "read"]), (3, ["notify", "read"]), (4, ["write", "indicate"])];
+/// A value at the least MTU.
+const PIECE: usize = 20;
+/// Frames before the step of a stream.
+const FRAMES: u32 = 50;
+
+fn uuid(number: u8) -> String {
+    format!("dca8c3{number:02x}-cb96-463f-8bec-f2094e1ccf7b")
+}
+
+fn path(number: u8) -> String {
+    format!("{SERVICE}/char{:04x}", 0x10 + number)
+}
+
+struct Adapter;
+
+#[interface(name = "org.bluez.Adapter1")]
+impl Adapter {
+    fn set_discovery_filter(&self, _filter: HashMap<String, OwnedValue>) {}
+    fn start_discovery(&self) {}
+    fn stop_discovery(&self) {}
+    #[zbus(property)]
+    fn address(&self) -> &str {
+        "C0:00:00:00:00:00"
+    }
+    #[zbus(property)]
+    fn address_type(&self) -> &str {
+        "public"
+    }
+    #[zbus(property)]
+    fn name(&self) -> &str {
+        "computer"
+    }
+    #[zbus(property)]
+    fn alias(&self) -> &str {
+        "computer"
+    }
+    #[zbus(property)]
+    fn modalias(&self) -> &str {
+        "usb:v1D6Bp0246d0542"
+    }
+    #[zbus(property)]
+    fn powered(&self) -> bool {
+        true
+    }
+    #[zbus(property)]
+    fn set_powered(&self, _powered: bool) {}
+    #[zbus(property)]
+    fn discovering(&self) -> bool {
+        true
+    }
+}
+
+struct Device {
+    connected: bool,
+}
+
+#[interface(name = "org.bluez.Device1")]
+impl Device {
+    fn connect(&mut self) {
+        self.connected = true;
+    }
+    fn disconnect(&mut self) {
+        self.connected = false;
+    }
+    #[zbus(property)]
+    fn adapter(&self) -> ObjectPath<'_> {
+        ObjectPath::from_static_str_unchecked(ADAPTER)
+    }
+    #[zbus(property)]
+    fn address(&self) -> &str {
+        "C0:00:00:00:00:01"
+    }
+    #[zbus(property)]
+    fn address_type(&self) -> &str {
+        "random"
+    }
+    #[zbus(property)]
+    fn name(&self) -> &str {
+        "Plantar L"
+    }
+    #[zbus(property, name = "UUIDs")]
+    fn uuids(&self) -> Vec<String> {
+        vec![uuid(0)]
+    }
+    #[zbus(property)]
+    fn connected(&self) -> bool {
+        self.connected
+    }
+    #[zbus(property)]
+    fn services_resolved(&self) -> bool {
+        self.connected
+    }
+    #[zbus(property)]
+    fn paired(&self) -> bool {
+        true
+    }
+    #[zbus(property)]
+    fn trusted(&self) -> bool {
+        false
+    }
+    #[zbus(property)]
+    fn blocked(&self) -> bool {
+        false
+    }
+    #[zbus(property)]
+    fn legacy_pairing(&self) -> bool {
+        false
+    }
+}
+
+struct Service;
+
+#[interface(name = "org.bluez.GattService1")]
+impl Service {
+    #[zbus(property, name = "UUID")]
+    fn uuid(&self) -> String {
+        uuid(0)
+    }
+    #[zbus(property)]
+    fn primary(&self) -> bool {
+        true
+    }
+    #[zbus(property)]
+    fn device(&self) -> ObjectPath<'_> {
+        ObjectPath::from_static_str_unchecked(DEVICE)
+    }
+}
+
+struct Characteristic {
+    number: u8,
+    flags: [&'static str; 2],
+    insole: Insole,
+}
+
+#[interface(name = "org.bluez.GattCharacteristic1")]
+impl Characteristic {
+    fn start_notify(&self) -> fdo::Result<()> {
+        if self.insole.is_bonded { Ok(()) } else { Err(fdo::Error::AccessDenied("Insufficient Authentication".into())) }
+    }
+    fn stop_notify(&self) {}
+    fn write_value(&mut self, value: Vec<u8>, _options: HashMap<String, OwnedValue>) {
+        assert!(value.len() <= PIECE);
+        self.insole.write(self.number, &value);
+    }
+    #[zbus(property, name = "UUID")]
+    fn uuid(&self) -> String {
+        uuid(self.number)
+    }
+    #[zbus(property)]
+    fn service(&self) -> ObjectPath<'_> {
+        ObjectPath::from_static_str_unchecked(SERVICE)
+    }
+    #[zbus(property)]
+    fn flags(&self) -> Vec<&str> {
+        self.flags.to_vec()
+    }
+    #[zbus(property)]
+    fn notifying(&self) -> bool {
+        false
+    }
+}
+
+/// The insole behind the radio.
+#[derive(Clone)]
+struct Insole {
+    is_bonded: bool,
+    link: Arc<Mutex<(Link, Joiner)>>,
+    /// Values for the host, in their order.
+    values: Sender<(u8, Vec<u8>)>,
+}
+
+impl Insole {
+    fn write(&self, number: u8, piece: &[u8]) {
+        let mut guard = self.link.lock().unwrap();
+        let (link, joiner) = &mut *guard;
+        let Some(message) = joiner.push(piece).expect("in order") else { return };
+        let message = decode::<ToDevice>(message).expect("a message");
+        assert_eq!(number == 4, matches!(message, ToDevice::SetTissue(_) | ToDevice::GetTissue));
+        link.receive(message, 0);
+        if let ToDevice::Stream { live: true } = message {
+            for number in 0..FRAMES {
+                link.push_live(live(number));
+                // As they come: few wait.
+                self.speak(link);
+            }
+            link.push_step(step(7));
+        }
+        self.speak(link);
+    }
+
+    fn speak(&self, link: &mut Link) {
+        let mut buffer = [0; MAX_MESSAGE];
+        while let Some(message) = link.next(&hello(), status, &mut buffer) {
+            let number = match decode::<ToHost>(message).expect("its own") {
+                ToHost::Live(_) => 2,
+                ToHost::Step(_) => 3,
+                ToHost::Tissue(_) | ToHost::Refused(_) => 4,
+                _ => 1,
+            };
+            let mut splitter = Splitter::new();
+            splitter.buffer()[..message.len()].copy_from_slice(message);
+            splitter.start(message.len());
+            let mut piece = [0; PIECE];
+            while let Some(len) = splitter.next(&mut piece) {
+                self.values.send((number, piece[..len].to_vec())).expect("somebody listens");
+            }
+        }
+    }
+}
+
+/// A bus of its own, with a Bluetooth service and an insole; ends with the test.
+struct Bus {
+    daemon: Child,
+    address: String,
+    _service: Connection,
+    insole: Insole,
+}
+
+impl Drop for Bus {
+    fn drop(&mut self) {
+        // It may have ended.
+        let _ = self.daemon.kill();
+        let _ = self.daemon.wait();
+    }
+}
+
+impl Bus {
+    /// `None` where this computer has no D-Bus.
+    fn start(is_bonded: bool) -> Option<Self> {
+        let arguments = ["--session", "--nofork", "--print-address"];
+        let Ok(mut daemon) =
+            Command::new("dbus-daemon").args(arguments).stdout(Stdio::piped()).stderr(Stdio::null()).spawn()
+        else {
+            println!("skipped: no dbus-daemon here");
+            return None;
+        };
+        let mut address = String::new();
+        BufReader::new(daemon.stdout.take().expect("piped")).read_line(&mut address).expect("an address");
+        let (values, to_host) = channel();
+        let insole = Insole { is_bonded, link: Arc::new(Mutex::new((Link::new(), Joiner::new()))), values };
+        let service = serve(address.trim(), &insole);
+        let out = service.clone();
+        std::thread::spawn(move || {
+            for (number, value) in to_host {
+                let changed = HashMap::from([("Value", Value::from(value))]);
+                let body = ("org.bluez.GattCharacteristic1", changed, Vec::<&str>::new());
+                let interface = "org.freedesktop.DBus.Properties";
+                out.emit_signal(None::<&str>, path(number), interface, "PropertiesChanged", &body).expect("the bus");
+            }
+        });
+        Some(Self { daemon, address: address.trim().into(), _service: service, insole })
+    }
+
+    fn plantar(&self, arguments: &[&str]) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_plantar"))
+            .args(arguments)
+            .env("DBUS_SYSTEM_BUS_ADDRESS", &self.address)
+            .output()
+            .expect("the program runs")
+    }
+}
+
+fn serve(address: &str, insole: &Insole) -> Connection {
+    let mut builder = connection::Builder::address(address)
+        .and_then(|b| b.name("org.bluez"))
+        .and_then(|b| b.serve_at("/", fdo::ObjectManager))
+        .and_then(|b| b.serve_at(ADAPTER, Adapter))
+        .and_then(|b| b.serve_at(DEVICE, Device { connected: false }))
+        .and_then(|b| b.serve_at(SERVICE, Service))
+        .expect("paths");
+    for (number, flags) in TABLE {
+        let characteristic = Characteristic { number, flags, insole: insole.clone() };
+        builder = builder.serve_at(path(number), characteristic).expect("a path");
+    }
+    builder.build().expect("the bus")
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).expect("text")
+}
+
+#[test]
+fn monitor_receives_every_frame_and_step() {
+    let Some(bus) = Bus::start(true) else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let json = folder.path().join("steps.json");
+    let output = bus.plantar(&["monitor", "--ble", "left", "--steps", "1", "--json", json.to_str().expect("text")]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let steps = std::fs::read_to_string(json).expect("written");
+    let expected = client::step_to_json(&step(7));
+    assert_eq!(serde_json::from_str::<Vec<serde_json::Value>>(&steps).expect("JSON"), [expected]);
+    // Acknowledged: it is not sent again.
+    let link = &mut bus.insole.link.lock().expect("no panic").0;
+    link.receive(ToDevice::Connect { major: plantar::wire::MAJOR, minor: plantar::wire::MINOR }, 0);
+    let mut said = Vec::new();
+    let mut buffer = [0; MAX_MESSAGE];
+    while let Some(message) = link.next(&hello(), status, &mut buffer) {
+        said.push(decode::<ToHost>(message).expect("its own"));
+    }
+    assert!(matches!(said[..], [ToHost::Hello(_)]), "{said:?}");
+}
+
+#[test]
+fn parameters_go_in_pieces_and_come_back() {
+    let Some(bus) = Bus::start(true) else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    let run = |arguments: &[&str]| {
+        let output = bus.plantar(arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+    };
+    let [typical, pulled] = [path("typical.toml"), path("pulled.toml")];
+    let [typical, pulled] = [&typical, &pulled].map(|path| path.to_str().expect("text"));
+    run(&["params", "typical", "--out", typical]);
+    run(&["params", "push", typical, "--ble", "C0:00:00:00:00:01"]);
+    run(&["params", "pull", "--out", pulled, "--ble", "left"]);
+    let in_force = || bus.insole.link.lock().expect("no panic").0.tissue().id;
+    let pushed = in_force();
+    run(&["params", "push", pulled, "--ble", "left"]);
+    assert_ne!(pushed, 0);
+    assert_eq!(in_force(), pushed);
+}
+
+#[test]
+fn an_insole_that_does_not_know_this_computer_says_so() {
+    let Some(bus) = Bus::start(false) else { return };
+    let output = bus.plantar(&["monitor", "--ble", "left"]);
+    assert!(!output.status.success());
+    assert!(text(&output.stderr).contains("pair it in this computer's Bluetooth settings"), "{}", text(&output.stderr));
+}
