@@ -67,7 +67,7 @@ fn us_since(start: Instant, at: Instant) -> i64 {
 
 impl Foot {
     /// Takes the next message; the insole's counters, where it is those.
-    fn take(&mut self, air: &mut Air, start: Instant) -> Option<Status> {
+    fn take(&mut self, air: &mut Air) -> Option<Status> {
         let (at, message) = self.phone.next_at(air);
         match message {
             ToHost::Live(live) => self.live.push((at, live)),
@@ -139,13 +139,13 @@ fn both_feet_stream_a_minute_in_real_time() {
                 let host_us = us_since(start, Instant::now()) as u64;
                 foot.phone.send(&mut air, ToDevice::GetTime { host_us });
             }
-            foot.take(&mut air, start);
+            foot.take(&mut air);
         }
         turn += 1;
     }
     for (foot, side) in feet.iter_mut().zip(["left", "right"]) {
         foot.phone.send(&mut air, ToDevice::GetStatus);
-        let status = std::iter::repeat_with(|| foot.take(&mut air, start)).find_map(|status| status);
+        let status = std::iter::repeat_with(|| foot.take(&mut air)).find_map(|status| status);
         let status = status.expect("the phone waits for it");
         assert_eq!(foot.live.len() as u32, status.live_sent, "what was sent arrives");
         assert!(foot.live.windows(2).all(|two| two[0].1.sequence < two[1].1.sequence));
