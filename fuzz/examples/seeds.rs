@@ -143,7 +143,7 @@ fn hello(worn: &VirtualInsole, tissue_id: u32) -> Hello {
 }
 
 fn set_up_and_walk(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> Vec<u8> {
-    let mut setup = postcard::to_stdvec(&Head { setup: worn.setup, paced: true }).expect("it fits");
+    let mut setup = postcard::to_stdvec(&Head { paced: true, ..Head::new(worn.setup) }).expect("it fits");
     for cell in &worn.cells {
         setup = postcard::to_extend(cell, setup).expect("it fits");
     }

@@ -544,7 +544,7 @@ fn a_set_up_that_is_cut_off_is_none() {
         stance: plantar::stance::StanceRule::WALKING,
     };
     let cells = [cell(Region::Heel, 10.0, 10.0, 100.0), cell(Region::Hallux, 10.0, 200.0, 100.0)];
-    let mut bytes = encoded(&Head { setup, paced: false });
+    let mut bytes = encoded(&Head::new(setup));
     let head_len = bytes.len();
     bytes.extend(cells.iter().flat_map(encoded));
     let (head, read) = read_setup(&bytes).expect("it is whole");
