@@ -50,6 +50,8 @@ test.skipIf(!plantar || !firmware)("an emulated walk arrives in two pages, each 
     const before = await one.locator("#table tbody tr").count();
     await one.reload();
     await one.waitForFunction((before) => document.querySelectorAll("#table tbody tr").length >= before, before);
+    // It is connected again: only then is there a link to lose.
+    await one.locator("#chips", { hasText: /L \d+ Hz/ }).waitFor();
     await end();
     await one.getByText("The link to the left insole is lost").waitFor();
     for (const page of [one, other]) await page.context().close();

@@ -103,7 +103,7 @@ test("live values are recorded and exported, and steps", async () => {
   await page.locator("#record").click();
   await page.waitForFunction(() => /\([1-9]/.test(document.querySelector("#record")?.textContent ?? ""));
   await page.locator("#record").click();
-  for (const [button, first] of [["export-live", "t_s,side,sequence,device_t_s"], ["export-steps", "side,step,start_s"]] as const) {
+  for (const [button, first] of [["export-live", "unix_s,t_s,side,sequence,device_t_s"], ["export-steps", "start_unix_s,side,step,start_s"]] as const) {
     const [download] = await Promise.all([page.waitForEvent("download"), page.locator(`#${button}`).click()]);
     const rows = readFileSync(await download.path(), "utf8").trimEnd().split("\n");
     expect(rows[0]).toMatch(new RegExp(`^${first}`));
