@@ -6,6 +6,7 @@ use parameters::{InsoleSize, Parameters};
 use plantar::Side;
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;
+use plantar::fragment::Splitter;
 use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
 use plantar::stance::StanceRule;
 use plantar::wire::{
@@ -31,6 +32,8 @@ fn main() {
         ToDevice::GetStatus,
         ToDevice::SetTissue(tissue),
         ToDevice::GetTissue,
+        ToDevice::GetTime { host_us: 1_735_689_600_000_000 },
+        ToDevice::SetClock { unix_us: 1_735_689_600_000_000 },
     ]
     .map(|message| encoded(&message));
     let to_host = [
@@ -40,6 +43,7 @@ fn main() {
         ToHost::Live(live),
         ToHost::Step(step),
         ToHost::Refused(Refusal::NotUnderstood),
+        ToHost::Time { host_us: 1_735_689_600_000_000, device_us: 12_345_678 },
     ]
     .map(|message| encoded(&message));
     for (i, message) in to_device.iter().enumerate() {
@@ -50,9 +54,13 @@ fn main() {
         seed("phone", &format!("to-host-{i}"), message);
     }
     seed("deframe", "session", &to_host.iter().flat_map(|message| framed(message)).collect::<Vec<_>>());
+    for (i, message) in to_device.iter().enumerate() {
+        let cut = in_pieces(message);
+        seed("pieces", &format!("to-device-{i}"), &pieces(cut.iter().map(Vec::as_slice)));
+    }
     seed("client", "session", &pieces(to_host.iter().map(Vec::as_slice)));
 
-    let [connect, stream, acknowledge, status, set_tissue, _] = to_device.each_ref().map(Vec::as_slice);
+    let [connect, stream, acknowledge, status, set_tissue, ..] = to_device.each_ref().map(Vec::as_slice);
     let session =
         [connect, stream, b"N", b"S", b"L", b"N", b"N", status, b"N", acknowledge, b"S", set_tissue, b"N", b"C"];
     seed("link", "session", &pieces(session));
@@ -140,6 +148,15 @@ fn hello(worn: &VirtualInsole, tissue_id: u32) -> Hello {
         reset: Reset::Panic,
         last_panic: Some("app.rs:1 said".try_into().expect("it fits")),
     }
+}
+
+/// The values in which a phone with the least MTU writes a message.
+fn in_pieces(message: &[u8]) -> Vec<Vec<u8>> {
+    let mut splitter = Splitter::new();
+    splitter.buffer()[..message.len()].copy_from_slice(message);
+    splitter.start(message.len());
+    let mut piece = [0; 20];
+    std::iter::from_fn(|| splitter.next(&mut piece).map(|len| piece[..len].to_vec())).collect()
 }
 
 fn set_up_and_walk(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> Vec<u8> {
