@@ -6,7 +6,7 @@
 //! plant answers with two: to `SCAN` the low byte of the number and how many rows are in the file by now, once or more; to
 //! `TICK` twice [`TICK`].
 
-use crate::insole::Setup;
+use crate::insole::{Setup, SetupCell};
 use serde::{Deserialize, Serialize};
 
 /// Name of the set-up file.
@@ -40,4 +40,19 @@ impl Head {
     pub fn new(setup: Setup) -> Self {
         Self { setup, paced: false, bonding_s: 60, address: [1, 0, 0, 0, 0, 0xc0] }
     }
+}
+
+/// Takes the set-up file apart; `None` where it is not whole.
+pub fn read_setup(bytes: &[u8]) -> Option<(Head, impl Iterator<Item = SetupCell> + Clone)> {
+    let (head, mut rest) = postcard::take_from_bytes::<Head>(bytes).ok()?;
+    let mut whole = rest;
+    while !whole.is_empty() {
+        (_, whole) = postcard::take_from_bytes::<SetupCell>(whole).ok()?;
+    }
+    let cells = core::iter::from_fn(move || {
+        let (cell, after) = postcard::take_from_bytes(rest).ok()?;
+        rest = after;
+        Some(cell)
+    });
+    Some((head, cells))
 }

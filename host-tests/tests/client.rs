@@ -262,6 +262,17 @@ fn a_new_session_does_not_count_the_old_stream_as_lost() {
 }
 
 /// A program that died left its hello and its stream in a buffer on the way.
+/// An insole that numbers its frames wildly does not bring the host down.
+#[test]
+fn losses_beyond_counting_are_as_many_as_can_be_counted() {
+    let (cable, mut client) = connected();
+    for sequence in [0, 1 << 30, 1 << 31, 3 << 30, 0, 1 << 30, 1 << 31] {
+        cable.insole().to_host.extend(framed(&ToHost::Live(live(sequence))));
+    }
+    receive_all(&mut client);
+    assert_eq!((client.counters().frames_received, client.counters().frames_lost), (7, u32::MAX));
+}
+
 #[test]
 fn leftovers_of_another_session_are_not_counted_as_lost() {
     let cable = Cable::new(hello());

@@ -74,3 +74,11 @@ fn lengths_at_their_limits_are_read() {
         }
     }
 }
+
+/// Rust's escapes are not those of TOML.
+#[test]
+fn any_name_passes_through_a_file() {
+    let subject = "\"a\\b\"\u{0}\n\u{85}\u{301}'\u{1f9b6}";
+    let named = Parameters { subject: subject.into(), ..Parameters::typical(InsoleSize::default()) };
+    assert_eq!(through_a_file(&named).subject, subject);
+}

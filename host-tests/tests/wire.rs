@@ -530,3 +530,26 @@ fn live_values_are_rounded_and_cut() {
         assert_eq!((live.sequence, live.t_us, live.saturated, live.clamped), (9, 10, 1 << 3, 1 << 5));
     }
 }
+
+/// The emulated board's set-up is taken whole or not at all.
+#[test]
+fn a_set_up_that_is_cut_off_is_none() {
+    use plantar::emulation::{Head, read_setup};
+    let setup = Setup {
+        side: Side::Left,
+        layout_id: 1,
+        period_us: 10_000,
+        sensor: plantar::calibrate::SensorLaw { full_kpa: 1000.0, exponent: 0.8 },
+        contact: ContactRule::COUNTED,
+        stance: plantar::stance::StanceRule::WALKING,
+    };
+    let cells = [cell(Region::Heel, 10.0, 10.0, 100.0), cell(Region::Hallux, 10.0, 200.0, 100.0)];
+    let mut bytes = encoded(&Head::new(setup));
+    let head_len = bytes.len();
+    bytes.extend(cells.iter().flat_map(encoded));
+    let (head, read) = read_setup(&bytes).expect("it is whole");
+    assert_eq!((head.setup, read.collect::<Vec<_>>()), (setup, cells.to_vec()));
+    for len in (0..bytes.len()).filter(|&len| len != head_len && len != (head_len + bytes.len()) / 2) {
+        assert!(read_setup(&bytes[..len]).is_none(), "{len} bytes");
+    }
+}

@@ -5,7 +5,7 @@
 use crate::port::Port;
 use embassy_time::{Duration, Instant, with_timeout};
 use plantar::app::{FrameClock, Matrix, MatrixTimeout, Ticker};
-use plantar::emulation::{COLUMNS, Head, MATRIX_FILE, SCAN, SETUP_FILE, TICK};
+use plantar::emulation::{self, COLUMNS, Head, MATRIX_FILE, SCAN, SETUP_FILE, TICK};
 use plantar::insole::{DEVICE_CELLS, SetupCell};
 use semihosting::fs::File;
 use semihosting::io::{Read, Seek, SeekFrom};
@@ -26,13 +26,7 @@ pub fn read_setup(buffer: &mut [u8; SETUP_BYTES]) -> Option<(Head, impl Iterator
             n => len += n,
         }
     }
-    let (head, mut rest) = postcard::take_from_bytes::<Head>(&buffer[..len]).ok()?;
-    let cells = core::iter::from_fn(move || {
-        let (cell, after) = postcard::take_from_bytes::<SetupCell>(rest).ok()?;
-        rest = after;
-        Some(cell)
-    });
-    Some((head, cells))
+    emulation::read_setup(&buffer[..len])
 }
 
 fn ask(port: &Port, kind: u8, seq: u32) {

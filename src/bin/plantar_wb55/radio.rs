@@ -4,7 +4,7 @@
 //! queue belongs to who was told, and else to who tells.
 
 use crate::mailbox::{
-    BLE_INIT_OPCODE, Ble, BleInit, COMMAND, H4_COMMAND, H4_DATA, H4_EVENT, H4_SYSTEM_COMMAND, Memory, Node, POOL_BYTES,
+    BLE_INIT_OPCODE, Ble, BleInit, COMMAND, EVENT, H4_COMMAND, H4_DATA, H4_EVENT, H4_SYSTEM_COMMAND, Memory, Node, POOL_BYTES,
     POOLED, References, Shared, System,
 };
 use core::mem::MaybeUninit;
@@ -87,7 +87,8 @@ fn bytes(packet: u32) -> &'static [u8] {
             H4_DATA => 5 + usize::from(u16::from_le_bytes([*h4.add(3), *h4.add(4)])),
             _ => 3 + usize::from(*h4.add(2)),
         };
-        core::slice::from_raw_parts(h4, len)
+        // No packet is longer, whatever it says.
+        core::slice::from_raw_parts(h4, len.min(EVENT))
     }
 }
 

@@ -69,7 +69,7 @@ impl Axis {
     pub fn host_us(&self, device_us: u64) -> Option<u64> {
         let line = self.line?;
         let since_us = device_us.wrapping_sub(line.device_us) as i64 as f64;
-        let ahead_us = line.ahead_us + (line.drift * since_us).round() as i64;
+        let ahead_us = line.ahead_us.wrapping_add((line.drift * since_us).round() as i64);
         Some(device_us.wrapping_sub(ahead_us as u64))
     }
 
@@ -85,7 +85,7 @@ impl Axis {
 /// The line below all questions that is closest to them at their mean time: an edge of their lower convex hull.
 fn line_below(questions: &VecDeque<Question>) -> Option<Line> {
     let first = questions.front()?;
-    let point = |q: &Question| ((q.device_us - first.device_us) as f64, (q.ahead_us - first.ahead_us) as f64);
+    let point = |q: &Question| ((q.device_us - first.device_us) as f64, q.ahead_us.wrapping_sub(first.ahead_us) as f64);
     let slope = |a: &Question, b: &Question| (point(b).1 - point(a).1) / (point(b).0 - point(a).0);
     let mut hull: Vec<&Question> = Vec::new();
     for question in questions {

@@ -69,7 +69,7 @@ impl<B: Read + Write> Carrier for Framed<B> {
                 let Some(bytes) = self.decoder.push(byte) else { continue };
                 match wire::decode(bytes) {
                     Some(message) => self.waiting.push_back(message),
-                    None => self.unknown += 1,
+                    None => self.unknown = self.unknown.wrapping_add(1),
                 }
             }
         }

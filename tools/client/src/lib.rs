@@ -80,6 +80,8 @@ pub struct LinkCounters {
 /// A session.
 pub struct Client<C> {
     carrier: C,
+    /// By the carriers before this one.
+    damaged_before: u32,
     /// Came while something else was awaited.
     waiting: VecDeque<ToHost>,
     hello: Hello,
@@ -99,6 +101,7 @@ impl<C: Carrier> Client<C> {
         let hello = greet(&mut carrier, patience)?;
         Ok(Self {
             carrier,
+            damaged_before: 0,
             waiting: VecDeque::new(),
             hello,
             frames_sent: 0,
@@ -118,6 +121,13 @@ impl<C: Carrier> Client<C> {
         self.axis = Axis::new();
         self.next_live = None;
         Ok(&self.hello)
+    }
+
+    /// As [`Client::reconnect`], over another carrier after one broke.
+    pub fn reconnect_over(&mut self, carrier: C, patience: Duration) -> Result<&Hello, Error> {
+        self.damaged_before = self.damaged();
+        self.carrier = carrier;
+        self.reconnect(patience)
     }
 
     /// Who answered.
@@ -170,13 +180,14 @@ impl<C: Carrier> Client<C> {
         let mut meanwhile = Vec::new();
         let answered = loop {
             if asked.elapsed() >= ANSWER {
-                break Err(Error::NoAnswer(ANSWER, self.carrier.damaged()));
+                break Err(Error::NoAnswer(ANSWER, self.damaged()));
             }
-            match self.next()? {
-                Some(ToHost::Refused(refusal)) => break Err(Error::Refused(refusal)),
+            match self.next() {
+                Err(error) => break Err(error),
+                Ok(Some(ToHost::Refused(refusal))) => break Err(Error::Refused(refusal)),
                 // The answer to a hello that was said twice.
-                Some(ToHost::Hello(_)) | None => {}
-                Some(message) => match answer(&message) {
+                Ok(Some(ToHost::Hello(_)) | None) => {}
+                Ok(Some(message)) => match answer(&message) {
                     Some(answer) => break Ok(answer),
                     None => meanwhile.push(message),
                 },
@@ -186,6 +197,10 @@ impl<C: Carrier> Client<C> {
             self.waiting.push_front(message);
         }
         answered
+    }
+
+    fn damaged(&self) -> u32 {
+        self.damaged_before.wrapping_add(self.carrier.damaged())
     }
 
     /// Sends a message.
@@ -219,11 +234,12 @@ impl<C: Carrier> Client<C> {
                 return Ok(None);
             }
             ToHost::Live(live) => {
-                self.frames_received += 1;
+                self.frames_received = self.frames_received.wrapping_add(1);
                 if let Some(expected) = self.next_live {
                     let gap = live.sequence.wrapping_sub(expected);
                     // A step back is another stream.
-                    self.frames_lost += if gap < u32::MAX / 2 { gap } else { 0 };
+                    let lost = if gap < u32::MAX / 2 { gap } else { 0 };
+                    self.frames_lost = self.frames_lost.saturating_add(lost);
                 }
                 self.next_live = Some(live.sequence.wrapping_add(1));
             }
@@ -262,7 +278,7 @@ impl<C: Carrier> Client<C> {
             frames_sent: self.frames_sent,
             frames_received: self.frames_received,
             frames_lost: self.frames_lost,
-            crc_errors: self.carrier.damaged(),
+            crc_errors: self.damaged(),
         }
     }
 }

@@ -205,13 +205,14 @@ impl Parameters {
         );
         // Writing to a String does not fail.
         let _ = writeln!(text, "version = {VERSION}");
-        let _ = writeln!(text, "subject = {:?}", self.subject);
+        let _ = writeln!(text, "subject = {}", quoted(&self.subject));
         let kind =
             if self.personal { "identified from this person's steps" } else { "NOT known to be this person's own" };
         let _ = writeln!(text, "personal = {} # {kind}", self.personal);
         if let Some(Identified { filter, contact, side, steps }) = &self.identified {
             let _ = writeln!(text, "\n# They hold for areas of this foot through this filter, counted by this rule.");
-            let _ = writeln!(text, "[identified]\nside = {side:?}\nsteps = {steps}\nfilter = {filter:?}");
+            let (side, filter) = (quoted(side), quoted(filter));
+            let _ = writeln!(text, "[identified]\nside = {side}\nsteps = {steps}\nfilter = {filter}");
             let _ = writeln!(text, "contact_on_kpa = {:?}\ncontact_off_kpa = {:?}", contact.on_kpa, contact.off_kpa);
             let _ = writeln!(text, "contact_full_kpa = {:?}", contact.full_kpa);
         }
@@ -239,6 +240,20 @@ impl Parameters {
     pub fn tissue(&self) -> Tissue {
         Tissue::new(self.regions.each_ref().map(|ellipsoid| ellipsoid.gauge().single()))
     }
+}
+
+/// A TOML string; Rust's own escapes are not TOML's.
+fn quoted(text: &str) -> String {
+    let mut quoted = String::from('"');
+    for c in text.chars() {
+        match c {
+            '"' | '\\' => quoted.extend(['\\', c]),
+            // Writing to a String does not fail.
+            c if c.is_control() => drop(write!(quoted, "\\u{:04x}", c as u32)),
+            c => quoted.push(c),
+        }
+    }
+    quoted + "\""
 }
 
 impl FileRegion {

@@ -23,7 +23,12 @@ impl Participant {
     /// Reads a file and checks every value. Paths in it are relative to it.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::Io(path.into(), e))?;
-        let mut participant: Self = toml::from_str(&text)
+        Self::parse(&text, path)
+    }
+
+    /// As [`Participant::read`], from text; `path` is for messages and for paths in it.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
+        let mut participant: Self = toml::from_str(text)
             .map_err(|e| Error::Form { file: path.into(), problem: e.to_string().trim_end().into() })?;
         for file in [&mut participant.zero, &mut participant.thickness].into_iter().flatten() {
             *file = path.with_file_name(&file);

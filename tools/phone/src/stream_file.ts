@@ -10,15 +10,18 @@ export interface Entry {
   message: Uint8Array;
 }
 
-/** The messages of a file; throws where it is damaged, with words for people. */
+/**
+ * The messages of a file, up to one that is cut off: a recorder that was stopped leaves such an end. Throws where the file is
+ * something else, with words for people.
+ */
 export function* entries(bytes: Uint8Array): Generator<Entry> {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   for (let at = 0; at < bytes.length; ) {
-    if (at + HEAD > bytes.length) throw new Error("The recording is cut off.");
+    if (at + HEAD > bytes.length) return;
     const length = view.getUint16(at + 5, true);
     const insole = INSOLES.find((index) => index === bytes[at + 4]);
     if (insole === undefined) throw new Error("This is no recording of insoles.");
-    if (at + HEAD + length > bytes.length) throw new Error("The recording is cut off.");
+    if (at + HEAD + length > bytes.length) return;
     yield { t_ms: view.getUint32(at, true), insole, message: bytes.subarray(at + HEAD, at + HEAD + length) };
     at += HEAD + length;
   }

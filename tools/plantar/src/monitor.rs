@@ -4,16 +4,16 @@ use crate::carrier::{ANSWER, Carrier, Session};
 use crate::replay::write_json;
 use crate::summary;
 use crate::view::View;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args;
-use client::Axis;
+use client::{Axis, Error as LinkError};
 use plantar::wire::{Live, Step, ToDevice, ToHost};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Shows the eight regional loads as they come, and a table of the steps at the end.
 ///
-/// In a terminal press q or Ctrl-C to end. Steps stay on the insole until they have arrived here and, with --json, are
+/// In a terminal press q or Ctrl-C to end. When the insole is lost it is looked for again until then. Steps stay on the insole until they have arrived here and, with --json, are
 /// written.
 #[derive(Args)]
 pub struct Monitor {
@@ -48,8 +48,38 @@ pub trait Sink {
     fn is_full(&self) -> bool;
 }
 
-/// Shows and passes on what comes until the user or the sink ends it.
-pub fn follow(client: &mut Session, view: &mut View, sink: &mut dyn Sink) -> Result<()> {
+/// Between attempts to reach an insole that was lost.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// Shows and passes on what comes until the user or the sink ends it. An insole that is lost is looked for again.
+pub fn follow(carrier: &Carrier, client: &mut Session, view: &mut View, sink: &mut dyn Sink) -> Result<()> {
+    let side = client.hello().side;
+    loop {
+        let Err(error) = follow_session(client, view, sink) else { return Ok(()) };
+        let is_lost = matches!(error.downcast_ref(), Some(LinkError::Carrier(_) | LinkError::NoAnswer(..)));
+        if !is_lost {
+            return Err(error);
+        }
+        view.lost(&format!("{carrier}: {error:#}; trying again"))?;
+        // Said once, above: an insole that is switched off may stay so for hours.
+        loop {
+            if view.wants_to_end()? || sink.is_full() {
+                return Ok(());
+            }
+            std::thread::sleep(RETRY);
+            if carrier.reconnect(client).is_ok() {
+                break;
+            }
+        }
+        if client.hello().side != side {
+            bail!("{carrier}: this insole is for the {} foot, the one before was not", client.hello().side.name());
+        }
+        sink.reconnected()?;
+        view.back(client.hello());
+    }
+}
+
+fn follow_session(client: &mut Session, view: &mut View, sink: &mut dyn Sink) -> Result<()> {
     client.stream()?;
     let mut heard = Instant::now();
     while !view.wants_to_end()? && !sink.is_full() {
@@ -120,7 +150,7 @@ impl Monitor {
         let mut client = self.carrier.connect()?;
         let mut view = View::open(client.hello())?;
         let mut steps = Steps { monitor: self, all: Vec::new(), stored: None };
-        let outcome = follow(&mut client, &mut view, &mut steps);
+        let outcome = follow(&self.carrier, &mut client, &mut view, &mut steps);
         view.close();
         summary::print(&steps.all);
         outcome

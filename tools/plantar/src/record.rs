@@ -17,7 +17,8 @@ use std::time::{Duration, Instant};
 ///
 /// FOLDER/live/*.parquet has one row a region of a frame, FOLDER/steps/*.parquet one a region of a step; pandas, Polars,
 /// DuckDB and Spark read each as one table. A part is closed every half minute, so a crash costs no more than that of the
-/// live frames; steps stay on the insole until their part is closed. In a terminal press q or Ctrl-C to end.
+/// live frames; steps stay on the insole until their part is closed. An insole that is lost is looked for again. In a
+/// terminal press q or Ctrl-C to end.
 #[derive(Args)]
 pub struct Record {
     /// The folder to write; it must be new or empty.
@@ -45,13 +46,16 @@ impl Record {
         let mut client = self.carrier.connect()?;
         let mut view = View::open(client.hello())?;
         let mut parts = Parts::new(self, client.hello().side);
-        let followed = follow(&mut client, &mut view, &mut parts);
+        let followed = follow(&self.carrier, &mut client, &mut view, &mut parts);
         view.close();
         // What came is stored, however it ended.
         let closed = parts.close();
         if let Some(step) = parts.take_stored() {
             // The insole may be gone; then it keeps its steps.
             let _ = client.send(ToDevice::Acknowledge { step });
+        }
+        if closed.is_err() {
+            eprintln!("note: {} steps were not stored; the insole keeps its last ones", parts.waiting.len());
         }
         summary::print(&parts.all_steps);
         println!("wrote {}: {} frames, {} steps", self.out.display(), parts.frames, parts.all_steps.len());

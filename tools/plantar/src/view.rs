@@ -34,12 +34,7 @@ pub struct View {
 impl View {
     /// Opens the screen where there is one.
     pub fn open(hello: &Hello) -> Result<Self> {
-        let side = hello.side.name();
-        let rate_hz = 1e6 / f64::from(hello.period_us);
-        let title = format!(
-            " {} insole, {} cells at {rate_hz:.0} Hz, {} board, firmware {} ",
-            side, hello.cells, hello.board, hello.firmware
-        );
+        let title = title(hello);
         if let Some(panic) = &hello.last_panic {
             eprintln!("note: the insole reports a fault: {panic}");
         }
@@ -72,6 +67,27 @@ impl View {
         self.title = format!(" restarted ({:?}, {why}) ", hello.reset);
         if self.terminal.is_none() {
             println!("the insole{}", self.title.trim_end());
+        }
+    }
+
+    /// Says that the insole cannot be heard.
+    pub fn lost(&mut self, why: &str) -> Result<()> {
+        match self.terminal.take() {
+            Some(mut terminal) => {
+                self.title = format!(" {why} ");
+                terminal.draw(|frame| self.draw(frame))?;
+                self.terminal = Some(terminal);
+            }
+            None => eprintln!("{why}"),
+        }
+        Ok(())
+    }
+
+    /// Says that it is heard again.
+    pub fn back(&mut self, hello: &Hello) {
+        self.title = title(hello);
+        if self.terminal.is_none() {
+            println!("{}", self.title.trim());
         }
     }
 
@@ -170,6 +186,17 @@ impl Drop for View {
     fn drop(&mut self) {
         self.close();
     }
+}
+
+fn title(hello: &Hello) -> String {
+    let rate_hz = 1e6 / f64::from(hello.period_us);
+    format!(
+        " {} insole, {} cells at {rate_hz:.0} Hz, {} board, firmware {} ",
+        hello.side.name(),
+        hello.cells,
+        hello.board,
+        hello.firmware
+    )
 }
 
 fn step_line(step: &Step) -> String {

@@ -28,6 +28,8 @@ pub fn recording(recording: &Recording, place: &dyn Fn(At) -> String) -> Result<
 
 /// Cells lie within this distance of the origin along an axis, mm; further is another unit.
 const FARTHEST_MM: f64 = 10_000.0;
+/// Times beyond this, s, are another unit: three hundred years.
+const LATEST_S: f64 = 1e10;
 /// Pressures beyond this, kPa, are another unit: ten times what a hard edge under a heel gives.
 const LARGEST_KPA: f32 = 50_000.0;
 
@@ -77,13 +79,7 @@ fn clock(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> 
     if !(rate_hz.is_finite() && rate_hz > 0.0) {
         return Err(Error::content(place(At::Whole), format!("a rate of {rate_hz} Hz"), "give a positive rate"));
     }
-    if let Some(i) = t_s.iter().position(|t| !t.is_finite()) {
-        return Err(Error::content(
-            place(At::Frame(i)),
-            format!("time {} is not a finite number", t_s[i]),
-            "give every frame its time in seconds",
-        ));
-    }
+    times(t_s, place)?;
     steps(t_s, rate_hz, place)?;
     // Steps that are each within their half frame may still add up to another rate.
     let steps = (t_s.len() - 1) as f64;
@@ -96,6 +92,16 @@ fn clock(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> 
         ));
     }
     Ok(())
+}
+
+/// Checks that all times are finite and in seconds.
+pub fn times(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<()> {
+    let Some(i) = t_s.iter().position(|t| !(-LATEST_S..=LATEST_S).contains(t)) else { return Ok(()) };
+    Err(Error::content(
+        place(At::Frame(i)),
+        format!("time {} is not a finite number of seconds up to {LATEST_S:e}", t_s[i]),
+        "give every frame its time in seconds",
+    ))
 }
 
 /// Checks that every frame follows the one before after `1 / rate_hz`, give or take half of it.

@@ -10,6 +10,7 @@ use crate::{Cell, Error, Layout, Recording, Result, names, rate, template};
 use ::csv::{ByteRecord, StringRecord};
 use plantar::{Region, Side};
 use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 /// Two cells may share this much of the smaller one: sensors are drawn with some tolerance.
@@ -28,9 +29,34 @@ pub fn import(
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Recording> {
     let (layout_path, frames_path) = (layout_path.as_ref(), frames_path.as_ref());
-    let layout = read_layout(layout_path)?;
+    let layout = File::open(layout_path).map_err(Error::io(layout_path))?;
+    let frames = File::open(frames_path).map_err(Error::io(frames_path))?;
+    let total_bytes = frames.metadata().map_err(Error::io(frames_path))?.len();
+    let mut progress = |done_bytes| progress(done_bytes, total_bytes);
+    let recording = read(layout, layout_path, frames, frames_path, side, &mut progress)?;
+    progress(total_bytes);
+    Ok(recording)
+}
+
+/// As [`import`], from text; messages call it `layout.csv` and `frames.csv`.
+///
+/// # Errors
+/// When a line breaks the format.
+pub fn parse(layout: impl Read, frames: impl Read, side: Side) -> Result<Recording> {
+    read(layout, Path::new("layout.csv"), frames, Path::new("frames.csv"), side, &mut |_| {})
+}
+
+fn read(
+    layout: impl Read,
+    layout_path: &Path,
+    frames: impl Read,
+    frames_path: &Path,
+    side: Side,
+    progress: &mut dyn FnMut(u64),
+) -> Result<Recording> {
+    let layout = read_layout(layout, layout_path)?;
     check::layout(&layout, &layout_path.display().to_string())?;
-    let frames = read_frames(frames_path, layout_path, layout.cells.len(), progress)?;
+    let frames = read_frames(frames, frames_path, layout_path, layout.cells.len(), progress)?;
     let rate_hz = rate::of(&frames.t_s, &|at| match at {
         At::Whole => frames_path.display().to_string(),
         At::Frame(frame) | At::Value { frame, .. } => at_line(frames_path, frames.lines[frame]),
@@ -45,8 +71,8 @@ pub fn import(
     })
 }
 
-fn read_layout(path: &Path) -> Result<Layout> {
-    let mut reader = table::open(File::open(path).map_err(Error::io(path))?);
+fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {
+    let mut reader = table::open(from);
     let header = reader.headers().map_err(|e| unreadable(path, e))?.clone();
     let columns = layout_columns(&header, path)?;
     // (cell number, line, cell), sorted by number below.
@@ -193,10 +219,14 @@ struct Frames {
     pressure_kpa: Vec<f32>,
 }
 
-fn read_frames(path: &Path, layout_path: &Path, cells: usize, progress: &mut dyn FnMut(u64, u64)) -> Result<Frames> {
-    let file = File::open(path).map_err(Error::io(path))?;
-    let total_bytes = file.metadata().map_err(Error::io(path))?.len();
-    let mut reader = table::open(file);
+fn read_frames(
+    from: impl Read,
+    path: &Path,
+    layout_path: &Path,
+    cells: usize,
+    progress: &mut dyn FnMut(u64),
+) -> Result<Frames> {
+    let mut reader = table::open(from);
     let header = reader.headers().map_err(|e| unreadable(path, e))?.clone();
     check_frames_header(&header, path, layout_path, cells)?;
     let mut frames = Frames { t_s: Vec::new(), lines: Vec::new(), pressure_kpa: Vec::new() };
@@ -215,10 +245,9 @@ fn read_frames(path: &Path, layout_path: &Path, cells: usize, progress: &mut dyn
             frames.pressure_kpa.push(kpa);
         }
         if frames.lines.len().is_multiple_of(ROWS_PER_REPORT) {
-            progress(done_bytes, total_bytes);
+            progress(done_bytes);
         }
     }
-    progress(total_bytes, total_bytes);
     Ok(frames)
 }
 

@@ -7,7 +7,7 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The operating system refused to open, read or write the file.
-    #[error("{}: {reason}; check the path and its permissions", file.display())]
+    #[error("{}: {reason}; check the path, its permissions and the room on the disk", file.display())]
     Io { file: PathBuf, reason: std::io::Error },
     /// The content breaks a rule. `place` names the file and, where there is one, the line, row or column.
     #[error("{place}: {problem}; {remedy}")]

@@ -1,13 +1,14 @@
 //! The Parquet file of one foot: a column per cell, the rest as JSON in the file's metadata.
 
 use crate::check::{self, At};
+use crate::pages::SoundPages;
 use crate::{Error, Layout, Recording, Result, names};
 use bytes::Bytes;
 use parquet::basic::{Compression, Repetition, Type as PhysicalType};
-use parquet::column::reader::{ColumnReader, ColumnReaderImpl, get_typed_column_reader};
+use parquet::column::reader::ColumnReaderImpl;
 use parquet::data_type::{DataType, DoubleType, FloatType};
 use parquet::errors::ParquetError;
-use parquet::file::metadata::KeyValue;
+use parquet::file::metadata::{KeyValue, RowGroupMetaData};
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::reader::{FileReader, RowGroupReader};
 use parquet::file::serialized_reader::SerializedFileReader;
@@ -22,10 +23,14 @@ use std::sync::Arc;
 
 /// The key of our JSON in the file's metadata.
 const KEY: &str = "plantar";
+/// What a Parquet file begins and ends with.
+const MAGIC: &[u8] = b"PAR1";
 /// The version of that JSON and of the columns.
 const VERSION: u32 = 1;
 /// Row groups are this long, so that a reader needs one group's memory at a time.
 const FRAMES_PER_GROUP: usize = 16_384;
+/// The most pressures of one recording, 8 GiB: equal values take next to no room in a file. Fuzzing has many files to read.
+const MAX_VALUES: u64 = if cfg!(fuzzing) { 1 << 22 } else { 1 << 31 };
 /// Columns are turned into rows this many at a time: one cache line of f32.
 const COLUMNS_PER_BLOCK: usize = 16;
 
@@ -118,7 +123,11 @@ fn column_name(index: usize) -> String {
 }
 
 pub fn read(path: &Path) -> Result<Recording> {
-    let bytes = Bytes::from(fs::read(path).map_err(Error::io(path))?);
+    parse(fs::read(path).map_err(Error::io(path))?, path)
+}
+
+pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<Recording> {
+    let bytes = Bytes::from(bytes);
     // The Parquet library gives up on some damaged files by a panic.
     std::panic::catch_unwind(|| decode(bytes, path)).unwrap_or_else(|_| {
         let file = path.display().to_string();
@@ -128,8 +137,15 @@ pub fn read(path: &Path) -> Result<Recording> {
 
 fn decode(bytes: Bytes, path: &Path) -> Result<Recording> {
     let file = path.display().to_string();
-    let reader = SerializedFileReader::new(bytes).map_err(|error| {
-        Error::content(&file, format!("not a Parquet file ({error})"), "make one with `plantar import csv`")
+    let begins_well = bytes.starts_with(MAGIC);
+    let ends_well = bytes.ends_with(MAGIC);
+    let reader = SerializedFileReader::new(bytes).map_err(|error| match (begins_well, ends_well) {
+        (true, false) => Error::content(
+            &file,
+            "the file is cut off, its end is missing",
+            "copy it again, or import the measurement again",
+        ),
+        _ => Error::content(&file, format!("not a Parquet file ({error})"), "make one with `plantar import csv`"),
     })?;
     let metadata = metadata(&reader, &file)?;
     let cells = metadata.layout.cells.len();
@@ -219,6 +235,14 @@ fn read_columns(reader: &SerializedFileReader<Bytes>, cells: usize, file: &str) 
     let damaged = |error: ParquetError| {
         Error::content(file, format!("damaged Parquet data ({error})"), "copy or import the file again")
     };
+    let frames = reader.metadata().row_groups().iter().fold(0u64, |sum, group| sum.saturating_add(rows(group) as u64));
+    if frames > MAX_VALUES / cells as u64 {
+        return Err(Error::content(
+            file,
+            format!("{frames} frames of {cells} cells, more than fit into memory"),
+            "split the recording, or copy or import the file again",
+        ));
+    }
     let mut t_s = Vec::new();
     let mut pressure_kpa = Vec::new();
     for index in 0..reader.num_row_groups() {
@@ -244,6 +268,11 @@ fn read_columns(reader: &SerializedFileReader<Bytes>, cells: usize, file: &str) 
     Ok((t_s, pressure_kpa))
 }
 
+/// A damaged group may claim any number.
+fn rows(group: &RowGroupMetaData) -> usize {
+    group.num_rows().max(0) as usize
+}
+
 /// Appends one column of a row group to `values` and returns its length.
 fn column<T: DataType>(
     group: &dyn RowGroupReader,
@@ -256,9 +285,11 @@ fn column<T: DataType>(
     let damaged = |error: ParquetError| {
         Error::content(place(), format!("damaged Parquet data ({error})"), "copy or import the file again")
     };
-    let rows = group.metadata().num_rows().max(0) as usize;
-    let reader: ColumnReader = group.get_column_reader(index).map_err(damaged)?;
-    let mut reader: ColumnReaderImpl<T> = get_typed_column_reader(reader);
+    let rows = rows(group.metadata());
+    let pages = group.get_column_page_reader(index).map_err(damaged)?;
+    let pages = SoundPages { pages, rows, value_bytes: size_of::<T::T>() };
+    let column = group.metadata().column(index).column_descr_ptr();
+    let mut reader = ColumnReaderImpl::<T>::new(column, Box::new(pages));
     let before = values.len();
     let mut levels = Vec::new();
     while values.len() - before < rows {

@@ -54,20 +54,40 @@ pub fn import(
 ) -> Result<Recording> {
     let path = walker_file(dir.as_ref(), walker)?;
     let total_bytes = std::fs::metadata(&path).map_err(Error::io(&path))?.len();
-    let file = Hdf5File::open(&path).map_err(|error| {
+    let file = Hdf5File::open(&path);
+    let trials: Vec<usize> = trials.into_iter().collect();
+    read(file, &path, walker, &trials, &mut |share| progress((total_bytes as f64 * share) as u64, total_bytes))
+}
+
+/// As [`import`], from a walker's file; messages call it `subj000.h5`.
+///
+/// # Errors
+/// As [`import`].
+pub fn parse(bytes: &[u8], trials: &[usize]) -> Result<Recording> {
+    read(Hdf5File::from_bytes(bytes), Path::new("subj000.h5"), 0, trials, &mut |_| {})
+}
+
+/// `progress` is told the share that is done.
+fn read(
+    file: std::result::Result<Hdf5File, hdf5_reader::error::Error>,
+    path: &Path,
+    walker: usize,
+    trials: &[usize],
+    progress: &mut dyn FnMut(f64),
+) -> Result<Recording> {
+    let file = file.map_err(|error| {
         Error::content(
             path.display().to_string(),
             format!("not a readable HDF5 file ({error})"),
             "install jiku-data again",
         )
     })?;
-    let trials: Vec<usize> = trials.into_iter().collect();
     let mut taken = Vec::new();
     let mut left_out = Vec::new();
     let mut steps = Vec::new();
     for (done, &trial) in trials.iter().enumerate() {
-        progress(total_bytes * done as u64 / trials.len() as u64, total_bytes);
-        let step = native::read(&file, &path, trial)?;
+        progress(done as f64 / trials.len() as f64);
+        let step = native::read(&file, path, trial)?;
         if step.is_empty() {
             left_out.push(format!("{trial} (empty)"));
         } else if step.is_cut_off() {
@@ -77,7 +97,7 @@ pub fn import(
             steps.push(step);
         }
     }
-    progress(total_bytes, total_bytes);
+    progress(1.0);
     if steps.is_empty() {
         return Err(Error::content(
             path.display().to_string(),
@@ -93,7 +113,7 @@ pub fn import(
          plate (trials {}), strung together with {SWING_S} s without load before and after each; \
          native rows recovered, {UNIT_N} N per unit assumed, steps shifted by whole cells onto each \
          other, taken as right feet, regions by template.",
-        file_name(&path),
+        file_name(path),
         steps.len(),
         taken.join(", ")
     );

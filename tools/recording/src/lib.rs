@@ -18,6 +18,7 @@ mod file;
 mod insole;
 mod layout;
 mod names;
+mod pages;
 mod rate;
 mod recording;
 mod standing;

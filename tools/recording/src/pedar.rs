@@ -32,8 +32,29 @@ pub fn import(
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Recording> {
     let (asc_path, geometry_path) = (asc_path.as_ref(), geometry_path.as_ref());
-    let cells = read_geometry(geometry_path, side)?;
-    let frames = read_frames(asc_path, geometry_path, cells.len(), side, progress)?;
+    let geometry = fs::read(geometry_path).map_err(Error::io(geometry_path))?;
+    let asc = fs::read(asc_path).map_err(Error::io(asc_path))?;
+    read(&asc, asc_path, &geometry, geometry_path, side, progress)
+}
+
+/// As [`import`], from text; messages call it `measurement.asc` and `geometry.csv`.
+///
+/// # Errors
+/// When a line breaks the format.
+pub fn parse(asc: &[u8], geometry: &[u8], side: Side) -> Result<Recording> {
+    read(asc, Path::new("measurement.asc"), geometry, Path::new("geometry.csv"), side, &mut |_, _| {})
+}
+
+fn read(
+    asc: &[u8],
+    asc_path: &Path,
+    geometry: &[u8],
+    geometry_path: &Path,
+    side: Side,
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<Recording> {
+    let cells = read_geometry(geometry, geometry_path, side)?;
+    let frames = read_frames(asc, asc_path, geometry_path, cells.len(), side, progress)?;
     let rate_hz = rate::of(&frames.t_s, &|at| match at {
         At::Whole => asc_path.display().to_string(),
         At::Frame(frame) | At::Value { frame, .. } => at_line(asc_path, frames.lines[frame]),
@@ -54,9 +75,8 @@ pub fn import(
 }
 
 /// The cells of one insole in foot coordinates, by sensor number.
-fn read_geometry(path: &Path, side: Side) -> Result<Vec<Cell>> {
-    let text = fs::read(path).map_err(Error::io(path))?;
-    let mut reader = table::open(text.as_slice());
+fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
+    let mut reader = table::open(text);
     let header = reader.headers().map_err(|e| unreadable(path, e))?.clone();
     if !header.iter().eq(GEOMETRY_HEADER) {
         return Err(Error::content(
@@ -146,6 +166,7 @@ struct Frames {
 }
 
 fn read_frames(
+    bytes: &[u8],
     path: &Path,
     geometry_path: &Path,
     sensors: usize,
@@ -153,8 +174,7 @@ fn read_frames(
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Frames> {
     // Its header may hold names in any encoding; the numbers are ASCII.
-    let bytes = fs::read(path).map_err(Error::io(path))?;
-    let text = String::from_utf8_lossy(&bytes);
+    let text = String::from_utf8_lossy(bytes);
     let mut lines = (1..).zip(text.lines());
     check_header(&mut lines, path, geometry_path, sensors)?;
 

@@ -5,6 +5,7 @@ use crate::{Error, Recording, Result};
 
 /// The mean rate of increasing times, Hz, after checking that none is far from the median interval.
 pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
+    check::times(t_s, place)?;
     let mut steps_s: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
     if steps_s.is_empty() {
         let problem = match t_s.len() {

@@ -56,6 +56,14 @@ impl Recording {
         file::read(path.as_ref())
     }
 
+    /// As [`Recording::read`], from a file's content; `path` is for messages.
+    ///
+    /// # Errors
+    /// As [`Recording::read`].
+    pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<Self> {
+        file::parse(bytes, path)
+    }
+
     /// Writes the recording to Parquet: a column `t_s` in seconds, columns `c0_kpa`, `c1_kpa`, ... and
     /// the rest as JSON under the file's key `plantar`.
     ///

@@ -172,3 +172,9 @@ fn a_missing_file_is_named() {
     let error = csv::import("nowhere.csv", "nothing.csv", Side::Left, &mut |_, _| {}).unwrap_err().to_string();
     assert!(error.starts_with("nowhere.csv: "), "{error}");
 }
+
+#[test]
+fn times_are_in_seconds() {
+    let frames = "t_s,c0,c1\n-1e308,0,0\n1e308,0,0\n";
+    assert_refused(LAYOUT, frames, &["frames.csv:2", "-1", "finite number of seconds up to 1e10"]);
+}

@@ -111,3 +111,23 @@ fn a_file_that_is_no_hdf5_is_refused() {
     let error = jiku::import(folder.path(), 0, [0], &mut |_, _| {}).unwrap_err().to_string();
     assert!(error.contains("subj000.h5: not a readable HDF5 file"), "{error}");
 }
+
+/// One computed trial, twice.
+const COMPUTED: &[u8] = include_bytes!("../../../fuzz/corpus/jiku/contiguous");
+
+#[test]
+fn a_computed_trial_is_read() {
+    let walk = jiku::parse(COMPUTED, &[0, 1]).unwrap();
+    assert_eq!(step_peaks_n(&walk).len(), 2);
+}
+
+/// What a file claims is not what it holds.
+#[test]
+fn a_trial_of_impossible_size_is_refused() {
+    let mut bytes = COMPUTED.to_vec();
+    let dimensions = [6u64, 2, 8].map(u64::to_le_bytes).concat();
+    let at = bytes.windows(dimensions.len()).position(|window| window == dimensions).unwrap();
+    bytes[at + 5] = 1;
+    let error = jiku::parse(&bytes, &[0]).unwrap_err().to_string();
+    assert!(error.contains("values, a trial has less"), "{error}");
+}

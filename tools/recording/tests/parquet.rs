@@ -115,7 +115,7 @@ fn truncated_files_are_refused() {
     let bytes = std::fs::read(&path).unwrap();
     for part in 0..10 {
         std::fs::write(&path, &bytes[..bytes.len() * part / 10]).unwrap();
-        assert_refused(&path, &["not a Parquet file"]);
+        assert_refused(&path, if part == 0 { &["not a Parquet file"] } else { &["cut off", "import"] });
     }
 }
 
@@ -134,6 +134,22 @@ fn damaged_files_are_read_or_refused() {
             assert_eq!(recording.pressure_kpa.len(), recording.frames() * recording.cells(), "byte {at}");
         }
     }
+}
+
+/// The Parquet library makes room for as many values as a page claims.
+#[test]
+fn pages_claim_no_more_than_they_hold() {
+    let (_folder, path) = in_folder();
+    let mut recording = synthetic::walk(&SyntheticWalk { cells: 8, ..SyntheticWalk::default() }).recording;
+    recording.t_s.truncate(24);
+    recording.pressure_kpa.truncate(24 * 8);
+    recording.write(&path).unwrap();
+    let mut bytes = std::fs::read(&path).unwrap();
+    // The dictionary of the times: its number of values, twice as large in the file, its plain encoding, not sorted.
+    let at = bytes.windows(4).position(|window| window == [0x4c, 0x15, 2 * 24, 0x15]).unwrap();
+    bytes[at + 2] = 2 * 25;
+    std::fs::write(&path, bytes).unwrap();
+    assert_refused(&path, &["column t_s", "25 values in a page, at most 24 fit"]);
 }
 
 #[test]

@@ -3,11 +3,12 @@
 use plantar::wire::{MAX_MESSAGE, ToHost, encode};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// A stream file that grows as messages come.
 pub struct StreamFile {
+    path: PathBuf,
     out: BufWriter<File>,
     start: Instant,
     broken: bool,
@@ -16,7 +17,7 @@ pub struct StreamFile {
 impl StreamFile {
     /// Starts an empty file; time counts from now.
     pub fn create(path: &Path) -> io::Result<Self> {
-        Ok(Self { out: BufWriter::new(File::create(path)?), start: Instant::now(), broken: false })
+        Ok(Self { path: path.into(), out: BufWriter::new(File::create(path)?), start: Instant::now(), broken: false })
     }
 
     /// Writes a message with the time since the start; true when it is written, steps through to the file. The first
@@ -31,7 +32,8 @@ impl StreamFile {
             _ => self.out.flush(),
         });
         if let Err(error) = &written {
-            eprintln!("the recording has ended: {error}");
+            let path = self.path.display();
+            eprintln!("the recording {path} has ended: {error}; steps stay on the insole until a page takes them");
             self.broken = true;
         }
         written.is_ok()

@@ -341,6 +341,20 @@ async fn what_is_recorded_needs_no_page() {
     assert!(messages.contains(&ToHost::Step(step(Side::Right, 0))));
 }
 
+/// Where nothing can be written, a step is acknowledged once a page has taken it.
+#[tokio::test]
+#[cfg(target_os = "linux")]
+async fn a_recording_on_a_full_disk_costs_no_step() {
+    let cable = Cable::new(Side::Right);
+    let address = serve(&[&cable], Some("/dev/full".into()));
+    let mut page = Page::open(address).await;
+    cable.step(0);
+    assert_eq!(page.step(0).await.step, 0);
+    cable.act(|insole| assert_eq!(insole.acknowledged, [0; 0]));
+    page.send(0, ToDevice::Acknowledge { step: 0 }).await;
+    assert!(cable.acknowledged(0));
+}
+
 #[tokio::test]
 async fn a_page_may_not_change_the_insole() {
     let cable = Cable::new(Side::Left);

@@ -1,6 +1,7 @@
 //! Set-up, demonstration, tests, benchmarks and sizes, each one command.
 
 mod explain;
+mod fuzz;
 mod page;
 mod setup;
 mod size;
@@ -22,7 +23,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Task {
-    /// Install what is missing: Rust targets, QEMU, Node.js, Chromium, a private Python with NumPy, SciPy and the sample walk.
+    /// Install what is missing: Rust targets, QEMU, Node.js, Chromium, a C++ compiler, private cargo-fuzz and cargo-deny, a private Python with NumPy, SciPy and the sample walk.
     Setup,
     /// Build the firmware of both boards and the command line.
     Build,
@@ -33,6 +34,10 @@ enum Task {
     Demo(Demo),
     /// Run everything that continuous integration runs.
     Test,
+    /// Feed every parser with arbitrary bytes; a finding ends it and is named.
+    Fuzz(Fuzz),
+    /// Compare what is depended on with RustSec's advisories, which are fetched from their repository.
+    Advisories,
     /// Measure instructions a frame, accuracy, bytes, replay speed, identification and sizes.
     Bench(Json),
     /// Measure flash and RAM of both firmware binaries.
@@ -63,6 +68,13 @@ struct Demo {
 }
 
 #[derive(Args)]
+struct Fuzz {
+    /// For all targets together.
+    #[arg(long, value_name = "N", default_value_t = FUZZ_MINUTES)]
+    minutes: f64,
+}
+
+#[derive(Args)]
 struct Json {
     /// Also write the figures to this file, one flat object.
     #[arg(long, value_name = "FILE")]
@@ -79,6 +91,9 @@ struct Explain {
     addresses: Vec<u64>,
 }
 
+/// What a test spends on fuzzing.
+const FUZZ_MINUTES: f64 = 2.0;
+
 /// The device's target.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// The boards: feature and binary `plantar_<board>`.
@@ -91,6 +106,8 @@ fn main() -> ExitCode {
         Task::Page => page::build(),
         Task::Demo(demo) => demo.run(),
         Task::Test => test(),
+        Task::Fuzz(fuzz) => fuzz::run(fuzz.minutes),
+        Task::Advisories => deny(&["advisories"]),
         Task::Bench(to) => bench().and_then(|figures| to.write(figures)),
         Task::Size(to) => sizes().and_then(|figures| to.write(figures)),
         Task::Explain(panic) => explain::run(&firmware(&panic.board), &panic.addresses),
@@ -239,9 +256,30 @@ fn report() -> PathBuf {
     setup::cache().join("report.html")
 }
 
+/// Runs these checks of deny.toml, for the workspace and for the fuzz targets, which have a lock file of their own.
+fn deny(checks: &[&str]) -> Result<()> {
+    let tool = setup::cargo_deny()?;
+    for manifest in ["Cargo.toml", "fuzz/Cargo.toml"] {
+        let mut command = Command::new(&tool);
+        command.args([
+            "--locked",
+            "--workspace",
+            "--all-features",
+            "--manifest-path",
+            manifest,
+            "--config",
+            "deny.toml",
+        ]);
+        run_command(command.arg("check").args(checks))?;
+    }
+    Ok(())
+}
+
 fn test() -> Result<()> {
     let python = setup::all()?;
     run("cargo", &["fmt", "--all", "--check"])?;
+    run("cargo", &["fmt", "--manifest-path", "fuzz/Cargo.toml", "--check"])?;
+    deny(&["licenses", "bans", "sources"])?;
     for board in BOARDS {
         build_firmware(board)?;
     }
@@ -267,6 +305,7 @@ fn test() -> Result<()> {
             .env("PLANTAR_JIKU", &python.jiku)
             .env("PLANTAR_PYTHON", &python.interpreter),
     )?;
+    fuzz::run(FUZZ_MINUTES)?;
     check_limits(&bench()?)
 }
 

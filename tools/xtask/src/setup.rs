@@ -27,6 +27,8 @@ pub fn all() -> Result<Python> {
     qemu()?;
     node()?;
     chromium()?;
+    cargo_fuzz()?;
+    cargo_deny()?;
     bus()?;
     python()
 }
@@ -93,6 +95,32 @@ pub fn chromium() -> Result<()> {
         return Ok(());
     }
     install(&Package { what: "Chromium", apt: "chromium", dnf: "chromium", pacman: "chromium", brew: "chromium" })
+}
+
+/// Builds the fuzz targets and runs them; with the C++ compiler that its library asks for.
+pub fn cargo_fuzz() -> Result<PathBuf> {
+    if !has("c++") {
+        install(&Package { what: "A C++ compiler", apt: "g++", dnf: "gcc-c++", pacman: "gcc", brew: "gcc" })?;
+    }
+    cargo_tool("cargo-fuzz", "0.13.2")
+}
+
+/// Checks licences, sources and advisories of what is depended on.
+pub fn cargo_deny() -> Result<PathBuf> {
+    cargo_tool("cargo-deny", "0.20.2")
+}
+
+/// A tool of exactly this version, private to this repository: it neither needs nor changes one that the user has.
+fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
+    let folder = cache().join("cargo");
+    let tool = folder.join("bin").join(name);
+    let said = Command::new(&tool).arg("--version").output().map(|said| said.stdout).unwrap_or_default();
+    if String::from_utf8_lossy(&said).trim() != format!("{name} {version}") {
+        let tool = format!("{name}@{version}");
+        run("cargo", &["install", "--locked", "--root", &folder.to_string_lossy(), &tool])
+            .with_context(|| format!("{tool} comes from the Rust package registry: is the network there?"))?;
+    }
+    Ok(tool)
 }
 
 /// A message bus, on which a test plays the system's Bluetooth service; only Linux has it.

@@ -20,6 +20,9 @@ use std::path::Path;
 /// each estimate triples.
 const TOLERANCE: i32 = 3;
 
+/// A trial has some 60 x 40 x 500 values. A damaged file may claim any number and need not hold them.
+const MOST_VALUES: u64 = 1 << 22;
+
 /// A (row, column) of one step's native grid.
 pub type Place = (usize, usize);
 
@@ -87,9 +90,15 @@ pub fn read(file: &Hdf5File, path: &Path, trial: usize) -> Result<Step> {
             format!("choose trials from 0 to {}", TRIALS - 1),
         ));
     }
-    let stored = file.dataset(&node).and_then(|dataset| dataset.read_array::<u16>()).map_err(|error| {
+    let unreadable = |error: hdf5_reader::error::Error| {
         Error::content(place(), format!("trial {trial} cannot be read ({error})"), "install jiku-data again")
-    })?;
+    };
+    let dataset = file.dataset(&node).map_err(unreadable)?;
+    let values = dataset.num_elements().map_err(unreadable)?;
+    if values > MOST_VALUES {
+        return Err(Error::content(place(), format!("{values} values, a trial has less"), "install jiku-data again"));
+    }
+    let stored = dataset.read_array::<u16>().map_err(unreadable)?;
     let &[rows, columns, frames] = stored.shape() else {
         return Err(Error::content(
             place(),

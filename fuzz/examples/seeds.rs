@@ -1,0 +1,212 @@
+//! Writes the seeds in `corpus/`, one folder a target, from computed data: `cargo run --example seeds` here.
+//!
+//! `jiku` is not among them: nothing in this project writes HDF5. Its seed holds a computed trial too and was written by h5py.
+
+use parameters::{InsoleSize, Parameters};
+use plantar::Side;
+use plantar::contact::ContactRule;
+use plantar::emulation::Head;
+use plantar::fragment::Splitter;
+use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
+use plantar::stance::StanceRule;
+use plantar::wire::{
+    Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, ToDevice, ToHost, encode, frame,
+};
+use recording::synthetic::{self, SyntheticWalk};
+use recording::{FootZero, Recording, VirtualInsole, Zero};
+use std::fs;
+use std::path::Path;
+
+fn main() {
+    let recording =
+        synthetic::walk(&SyntheticWalk { cells: 8, steps: 1, rate_hz: 50.0, ..Default::default() }).recording;
+    let worn = VirtualInsole::new(&recording, ContactRule::COVERED, StanceRule::WALKING);
+    let parameters = Parameters::typical(InsoleSize::default());
+    let tissue = parameters.tissue();
+    let (live, step) = walked(&recording, &worn, &tissue);
+
+    let to_device = [
+        ToDevice::Connect { major: MAJOR, minor: MINOR },
+        ToDevice::Stream { live: true },
+        ToDevice::Acknowledge { step: 0 },
+        ToDevice::GetStatus,
+        ToDevice::SetTissue(tissue),
+        ToDevice::GetTissue,
+        ToDevice::GetTime { host_us: 1_735_689_600_000_000 },
+        ToDevice::SetClock { unix_us: 1_735_689_600_000_000 },
+    ]
+    .map(|message| encoded(&message));
+    let to_host = [
+        ToHost::Hello(hello(&worn, tissue.id)),
+        ToHost::Status(Status { uptime_us: 12_345_678, frames: 1000, live_due: 3, live_sent: 2, ..Status::default() }),
+        ToHost::Tissue(tissue),
+        ToHost::Live(live),
+        ToHost::Step(step),
+        ToHost::Refused(Refusal::NotUnderstood),
+        ToHost::Time { host_us: 1_735_689_600_000_000, device_us: 12_345_678 },
+    ]
+    .map(|message| encoded(&message));
+    for (i, message) in to_device.iter().enumerate() {
+        seed("wire", &format!("to-device-{i}"), message);
+    }
+    for (i, message) in to_host.iter().enumerate() {
+        seed("wire", &format!("to-host-{i}"), message);
+        seed("phone", &format!("to-host-{i}"), message);
+    }
+    seed("deframe", "session", &to_host.iter().flat_map(|message| framed(message)).collect::<Vec<_>>());
+    for (i, message) in to_device.iter().enumerate() {
+        let cut = in_pieces(message);
+        seed("pieces", &format!("to-device-{i}"), &pieces(cut.iter().map(Vec::as_slice)));
+    }
+    seed("client", "session", &pieces(to_host.iter().map(Vec::as_slice)));
+
+    let [connect, stream, acknowledge, status, set_tissue, ..] = to_device.each_ref().map(Vec::as_slice);
+    let session =
+        [connect, stream, b"N", b"S", b"L", b"N", b"N", status, b"N", acknowledge, b"S", set_tissue, b"N", b"C"];
+    seed("link", "session", &pieces(session));
+    let full = [connect, stream].into_iter().chain([&b"S"[..], b"L"].into_iter().cycle().take(40));
+    seed("link", "full", &pieces(full));
+
+    seed("head", "walk", &set_up_and_walk(&recording, &worn, &tissue));
+
+    seed("parameters", "typical", parameters.to_toml().as_bytes());
+    let zero = FootZero { layout_id: worn.setup.layout_id, offset_kpa: vec![1.5; recording.cells()] };
+    seed("parameters", "zero", Zero { left: None, right: Some(zero) }.to_toml().as_bytes());
+    seed("parameters", "thickness", b"heel = 17.5\ntoe_2 = 8\n");
+    seed(
+        "parameters",
+        "participant",
+        b"size = 42\nmass_kg = 70.5\nzero = \"zero.toml\"\nthickness = \"tissue.toml\"\n",
+    );
+
+    csv(&recording);
+    seed("pedar", "walk", &pedar());
+
+    let file = tempfile::NamedTempFile::new().expect("a file");
+    let short = Recording {
+        t_s: recording.t_s[..24].to_vec(),
+        pressure_kpa: recording.pressure_kpa[..24 * recording.cells()].to_vec(),
+        ..recording
+    };
+    short.write(file.path()).expect("it is written");
+    seed("recording", "walk", &fs::read(file.path()).expect("it is read"));
+}
+
+fn seed(target: &str, name: &str, bytes: &[u8]) {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
+    fs::create_dir_all(&folder).expect("a folder");
+    fs::write(folder.join(name), bytes).expect("it is written");
+}
+
+fn encoded<T: serde::Serialize>(message: &T) -> Vec<u8> {
+    encode(message, &mut [0; MAX_MESSAGE]).expect("it fits").to_vec()
+}
+
+fn framed(message: &[u8]) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let len = frame(message, &mut out);
+    out[..len].to_vec()
+}
+
+/// As `plantar_fuzz::Pieces` takes them apart.
+fn pieces<'p>(pieces: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
+    // No message is as long as u16::MAX.
+    pieces.into_iter().flat_map(|piece| [&(piece.len() as u16).to_le_bytes(), piece].concat()).collect()
+}
+
+/// A live frame and the step of a walk.
+fn walked(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> (Live, Step) {
+    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("wearable");
+    insole.set_tissue(tissue).expect("typical");
+    let mut codes = vec![0; worn.cells.len()];
+    let mut live = Live::default();
+    for i in 0..worn.frames(recording) {
+        worn.codes_of(recording, i, &mut codes);
+        if insole.frame(i as u32, &codes) {
+            return (live, Step::new(&insole.whole_step().expect("a step")));
+        }
+        if insole.on_ground() {
+            live = Live::new(i as u32, i as u64 * 20_000, insole.loads());
+        }
+    }
+    panic!("the walk has a step");
+}
+
+fn hello(worn: &VirtualInsole, tissue_id: u32) -> Hello {
+    Hello {
+        major: MAJOR,
+        minor: MINOR,
+        firmware: "0.1.0".try_into().expect("it fits"),
+        board: "emulated".try_into().expect("it fits"),
+        side: Side::Right,
+        layout_id: worn.setup.layout_id,
+        cells: worn.cells.len() as u16,
+        period_us: worn.setup.period_us,
+        tissue_id,
+        contact_rule: worn.setup.contact,
+        reset: Reset::Panic,
+        last_panic: Some("app.rs:1 said".try_into().expect("it fits")),
+    }
+}
+
+/// The values in which a phone with the least MTU writes a message.
+fn in_pieces(message: &[u8]) -> Vec<Vec<u8>> {
+    let mut splitter = Splitter::new();
+    splitter.buffer()[..message.len()].copy_from_slice(message);
+    splitter.start(message.len());
+    let mut piece = [0; 20];
+    std::iter::from_fn(|| splitter.next(&mut piece).map(|len| piece[..len].to_vec())).collect()
+}
+
+fn set_up_and_walk(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> Vec<u8> {
+    let mut setup = postcard::to_stdvec(&Head { paced: true, ..Head::new(worn.setup) }).expect("it fits");
+    for cell in &worn.cells {
+        setup = postcard::to_extend(cell, setup).expect("it fits");
+    }
+    let mut input = (setup.len() as u16).to_le_bytes().to_vec();
+    input.extend(setup);
+    input.extend(postcard::to_stdvec(&tissue.gauges).expect("it fits"));
+    let mut codes = vec![0; worn.cells.len()];
+    for i in 0..worn.frames(recording) {
+        worn.codes_of(recording, i, &mut codes);
+        // One missing frame in the stance is bridged.
+        input.push(u8::from(i == 30));
+        input.extend(codes.iter().map(|code| (code >> 8) as u8));
+    }
+    input
+}
+
+fn csv(recording: &Recording) {
+    let mut layout = "cell,x_mm,y_mm,area_mm2,region\n".to_string();
+    for (i, cell) in recording.layout.cells.iter().enumerate() {
+        layout += &format!("{i},{:.1},{:.1},{:.1},{}\n", cell.x_mm, cell.y_mm, cell.area_mm2, cell.region.name());
+    }
+    seed("layout", "insole", layout.as_bytes());
+    seed("layout", "without-regions", b"cell,x_mm,y_mm,area_mm2\n1,30,200,400\n0,30,20,400\n");
+    let mut frames = "t_s,c0,c1\n".to_string();
+    for i in 0..recording.frames() {
+        let frame = recording.frame(i);
+        frames += &format!("{:.2},{:.1},{:.1}\n", recording.t_s[i], frame[0], frame[4]);
+    }
+    seed("frames", "walk", frames.as_bytes());
+}
+
+/// Two sensors a foot.
+fn pedar() -> Vec<u8> {
+    let mut text = "side,sensor,area_mm2,x1_mm,y1_mm,x2_mm,y2_mm,x3_mm,y3_mm,x4_mm,y4_mm\n".to_string();
+    for (side, x_mm) in [("left", 0), ("right", 100)] {
+        for (sensor, y_mm) in [(1, 0), (2, 180)] {
+            let (right_mm, above_mm) = (x_mm + 20, y_mm + 20);
+            text += &format!(
+                "{side},{sensor},400,{x_mm},{y_mm},{right_mm},{y_mm},{right_mm},{above_mm},{x_mm},{above_mm}\n"
+            );
+        }
+    }
+    text += "\0file name: walk\npressure values in kPa\ntime[secs] 1 2 1 2\n";
+    for i in 0..50 {
+        let kpa = [0, 200, 0, 100].map(|most| if (10..40).contains(&i) { most } else { 0 });
+        text += &format!("{:.2} {} {} {} {}\n", f64::from(i) * 0.02, kpa[0], kpa[1], kpa[2], kpa[3]);
+    }
+    text.into_bytes()
+}

@@ -1,0 +1,52 @@
+//! The host's side of a session under any insole: it ends with an error or in good order, and its counters hold.
+#![no_main]
+
+use client::{Client, Framed, step_to_json};
+use libfuzzer_sys::fuzz_target;
+use plantar::wire::{MAX_FRAME, ToHost, frame};
+use plantar_fuzz::Pieces;
+use std::collections::VecDeque;
+use std::io::{self, Read, Write};
+use std::time::Duration;
+
+/// Says what it will, whatever it hears.
+struct Insole(VecDeque<u8>);
+
+impl Read for Insole {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        // 0 at the end: the carrier broke.
+        self.0.read(buffer)
+    }
+}
+
+impl Write for Insole {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+fuzz_target!(|data: &[u8]| {
+    let mut said = VecDeque::new();
+    for message in Pieces(data) {
+        let mut framed = [0; MAX_FRAME];
+        let len = frame(message, &mut framed);
+        said.extend(&framed[..len]);
+    }
+    let Ok(mut client) = Client::connect(Framed::new(Insole(said)), Duration::MAX) else { return };
+    // What does not answer has broken by then.
+    let _ = client.stream();
+    let _ = client.tissue();
+    let mut live = 0;
+    while let Ok(message) = client.receive() {
+        match message {
+            Some(ToHost::Live(_)) => live += 1,
+            Some(ToHost::Step(step)) => assert!(step_to_json(&step).is_object()),
+            _ => {}
+        }
+    }
+    assert_eq!(client.counters().frames_received, live);
+});

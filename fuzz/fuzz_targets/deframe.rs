@@ -1,0 +1,25 @@
+//! A stream of bytes: each frame in it is a message or counted, and what follows a damaged one arrives.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use plantar::wire::{Decoder, MAX_FRAME, MAX_MESSAGE, frame};
+
+fuzz_target!(|data: &[u8]| {
+    let mut decoder = Decoder::new();
+    let mut messages = 0;
+    for &byte in data.iter().chain(&[0]) {
+        if let Some(message) = decoder.push(byte) {
+            assert!(message.len() <= MAX_MESSAGE);
+            messages += 1;
+        }
+    }
+    let frames = data.split(|&byte| byte == 0).filter(|frame| !frame.is_empty()).count();
+    assert_eq!(messages + decoder.bad_frames as usize, frames);
+
+    let message = &data[..data.len().min(MAX_MESSAGE)];
+    let mut framed = [0; MAX_FRAME];
+    let len = frame(message, &mut framed);
+    let (end, body) = framed[..len].split_last().expect("a frame has its end");
+    assert!(*end == 0 && body.iter().all(|&byte| decoder.push(byte).is_none()));
+    assert_eq!(decoder.push(0), Some(message));
+});

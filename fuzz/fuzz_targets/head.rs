@@ -1,0 +1,39 @@
+//! An insole's set-up, its wearer's parameters, and frames of any codes: refused, or every number is finite.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use plantar::emulation::read_setup;
+use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
+use plantar::num::Real;
+use plantar_fuzz::frame;
+
+/// Bytes of eight gauges.
+const GAUGES: usize = 8 * 6 * 4;
+
+fuzz_target!(|data: &[u8]| {
+    let Some((len, rest)) = data.split_first_chunk() else { return };
+    let Some((setup, rest)) = rest.split_at_checked(u16::from_le_bytes(*len).into()) else { return };
+    let Some((gauges, frames)) = rest.split_first_chunk::<GAUGES>() else { return };
+    let Ok(gauges) = postcard::from_bytes(gauges) else { return };
+    let tissue = Tissue::new(gauges);
+    walk::<f32>(setup, &tissue, frames);
+    walk::<f64>(setup, &tissue, frames);
+});
+
+fn walk<R: Real>(setup: &[u8], tissue: &Tissue, frames: &[u8]) {
+    let Some((head, cells)) = read_setup(setup) else { return };
+    let mut insole = Box::new(Insole::<R, DEVICE_CELLS>::new());
+    if insole.set_up(head.setup, cells).is_err() {
+        assert!(insole.setup().is_none());
+        return;
+    }
+    // Refused parameters leave none.
+    let _ = insole.set_tissue(tissue);
+    let mut seq = 0u32;
+    // Per frame how many are missing before it, and a byte a cell.
+    for bytes in frames.chunks_exact(1 + insole.cells()) {
+        seq = seq.wrapping_add(1).wrapping_add(bytes[0].into());
+        let codes: Vec<_> = bytes[1..].iter().map(|&byte| u16::from_le_bytes([byte, byte])).collect();
+        frame(&mut insole, seq, &codes);
+    }
+}

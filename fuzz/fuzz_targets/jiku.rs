@@ -1,0 +1,12 @@
+//! A walker's HDF5 file.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use plantar_fuzz::check_recording;
+use recording::jiku;
+
+fuzz_target!(|data: &[u8]| {
+    if let Ok(recording) = jiku::parse(data, &[0, 1]) {
+        check_recording(&recording);
+    }
+});

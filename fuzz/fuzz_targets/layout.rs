@@ -1,0 +1,18 @@
+//! The layout of a CSV import, with as many unloaded frames as make a recording.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use plantar::Side;
+use plantar_fuzz::check_recording;
+use recording::csv;
+
+fuzz_target!(|data: &[u8]| {
+    let cells =
+        data.split(|&byte| byte == b'\n').filter(|line| !line.trim_ascii().is_empty()).count().saturating_sub(1);
+    let header = (0..cells).map(|cell| format!(",c{cell}")).collect::<String>();
+    let zeros = ",0".repeat(cells);
+    let frames = format!("t_s{header}\n0{zeros}\n0.01{zeros}\n");
+    if let Ok(recording) = csv::parse(data, frames.as_bytes(), Side::Left) {
+        check_recording(&recording);
+    }
+});

@@ -1,0 +1,25 @@
+//! The TOML files: parameters, thickness, participant, zero. What was read can be written, and is read again.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use parameters::{Parameters, Participant, Thickness};
+use recording::Zero;
+use std::path::Path;
+
+fuzz_target!(|text: &str| {
+    let path = Path::new("fuzz.toml");
+    if let Ok(parameters) = Parameters::parse(text, path) {
+        assert!(parameters.tissue().check().is_ok());
+        let again = Parameters::parse(&parameters.to_toml(), path).expect("what was written is read");
+        assert_eq!((again.subject, again.identified), (parameters.subject, parameters.identified));
+    }
+    let _ = Participant::parse(text, path);
+    if let Ok(thickness) = Thickness::parse(text, path) {
+        let mut thickness_m = [0.01; 8];
+        thickness.apply(&mut thickness_m);
+        assert!(thickness_m.iter().all(|m| (0.002..=0.04).contains(m)), "{thickness_m:?}");
+    }
+    if let Ok(zero) = Zero::parse(text, path) {
+        assert_eq!(Zero::parse(&zero.to_toml(), path).expect("what was written is read"), zero);
+    }
+});

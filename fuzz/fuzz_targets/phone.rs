@@ -1,0 +1,12 @@
+//! Messages as the page reads them: text that is JSON.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use phone_wire::decode_to_json;
+
+fuzz_target!(|data: &[u8]| {
+    if let Some(value) = decode_to_json(data) {
+        let read: serde_json::Value = serde_json::from_str(&value.to_string()).expect("JSON");
+        assert!(read["kind"].is_string());
+    }
+});

@@ -1,0 +1,36 @@
+//! Pieces of messages, as a phone writes them: joined or refused, and a message goes through any size of piece unchanged.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use plantar::fragment::{Joiner, Splitter};
+use plantar::wire::MAX_MESSAGE;
+use plantar_fuzz::Pieces;
+
+fuzz_target!(|data: &[u8]| {
+    let mut joiner = Joiner::new();
+    for piece in Pieces(data) {
+        if let Ok(Some(message)) = joiner.push(piece) {
+            assert!(message.len() <= MAX_MESSAGE);
+        }
+    }
+
+    let Some((&size, message)) = data.split_first() else { return };
+    let message = &message[..message.len().min(MAX_MESSAGE)];
+    if message.is_empty() {
+        return;
+    }
+    let mut splitter = Splitter::new();
+    splitter.buffer()[..message.len()].copy_from_slice(message);
+    splitter.start(message.len());
+    // From the least that a value may hold to more than a message.
+    let mut piece = vec![0; usize::from(size).max(4)];
+    loop {
+        let len = splitter.next(&mut piece).expect("more to come");
+        let joined = joiner.push(&piece[..len]).expect("in order");
+        assert_eq!(joined.is_some(), splitter.is_done());
+        if let Some(joined) = joined {
+            assert_eq!(joined, message);
+            return;
+        }
+    }
+});

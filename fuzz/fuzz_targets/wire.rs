@@ -1,0 +1,24 @@
+//! Unframed messages: what was read can be written, takes no more bytes, and reads back the same.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use plantar::wire::{MAX_MESSAGE, ToDevice, ToHost, decode, encode};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+fuzz_target!(|data: &[u8]| {
+    read_and_write::<ToDevice>(data);
+    read_and_write::<ToHost>(data);
+});
+
+fn read_and_write<T: Serialize + DeserializeOwned>(data: &[u8]) {
+    let Some(message) = decode::<T>(data) else { return };
+    let mut buffers = [[0; MAX_MESSAGE]; 2];
+    let [once, twice] = &mut buffers;
+    let once = encode(&message, once).expect("every message fits");
+    // A sender may write numbers longer than need be.
+    assert!(once.len() <= data.len());
+    let again: T = decode(once).expect("what was written is read");
+    // Bytes, as a NaN differs from itself.
+    assert_eq!(once, encode(&again, twice).expect("it fits"));
+}

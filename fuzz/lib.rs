@@ -1,0 +1,92 @@
+//! What several targets share.
+
+use plantar::contact::ContactRule;
+use plantar::insole::{DEVICE_CELLS, Insole};
+use plantar::num::Real;
+use plantar::stance::StanceRule;
+use plantar::wire::{Live, Step};
+use recording::{MAX_CELLS, Recording, VirtualInsole};
+
+/// Cuts pieces off the front of an input: two bytes tell the length.
+pub struct Pieces<'d>(pub &'d [u8]);
+
+impl<'d> Iterator for Pieces<'d> {
+    type Item = &'d [u8];
+
+    fn next(&mut self) -> Option<&'d [u8]> {
+        let (&len, rest) = self.0.split_first_chunk()?;
+        let (piece, rest) = rest.split_at(rest.len().min(u16::from_le_bytes(len).into()));
+        self.0 = rest;
+        Some(piece)
+    }
+}
+
+/// Frames that are replayed of a recording: enough for a step, few enough to be quick.
+const REPLAYED_FRAMES: usize = 128;
+
+/// What was read is whole, and an insole either refuses it or computes finite numbers from it.
+pub fn check_recording(recording: &Recording) {
+    assert_eq!(recording.pressure_kpa.len(), recording.frames() * recording.cells());
+    assert!((1..=MAX_CELLS).contains(&recording.cells()) && recording.frames() > 0);
+    assert!(recording.rate_hz > 0.0 && recording.rate_hz.is_finite());
+    assert!(recording.pressure_kpa.iter().all(|&kpa| kpa >= 0.0 && kpa.is_finite()));
+    assert!(recording.t_s.iter().all(|t_s| t_s.is_finite()));
+    let worn = VirtualInsole::new(recording, ContactRule::COVERED, StanceRule::WALKING);
+    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    if insole.set_up(worn.setup, worn.cells.iter().copied()).is_err() {
+        return;
+    }
+    let mut codes = vec![0; worn.cells.len()];
+    for i in 0..worn.frames(recording).min(REPLAYED_FRAMES) {
+        worn.codes_of(recording, i, &mut codes);
+        frame(&mut insole, i as u32, &codes);
+    }
+}
+
+/// Passes one frame through an insole: whatever the codes, every number that leaves it is finite.
+pub fn frame<R: Real, const N: usize>(insole: &mut Insole<R, N>, seq: u32, codes: &[u16]) {
+    let is_step = insole.frame(seq, codes);
+    for (region, load) in insole.loads().iter().enumerate() {
+        let mut numbers =
+            vec![load.frame.area.area_mm2(), load.frame.force.force_n, load.tissue.deformation_m, load.tissue.model_n];
+        assert!(numbers.iter().all(|&v| v >= R::ZERO), "region {region}: {load:?}");
+        if let Some(e) = insole.ellipse(region) {
+            assert!(e.angle_deg().is_finite(), "region {region}: {e:?}");
+            numbers.extend([e.x_mm, e.y_mm, e.r_a_mm, e.r_b_mm]);
+        }
+        numbers.extend(insole.centre_of_pressure_mm(region).into_iter().flat_map(|(x_mm, y_mm)| [x_mm, y_mm]));
+        assert!(numbers.iter().all(|v| v.to_f64().is_finite()), "region {region}: {load:?} {numbers:?}");
+    }
+    Live::new(seq, 0, insole.loads());
+    if !is_step {
+        return;
+    }
+    let step = insole.whole_step().expect("a step after toe off");
+    Step::new(&step);
+    for r in &step.regions {
+        let numbers = [
+            r.measured_peak_n,
+            r.model_peak_n,
+            r.measured_integral_n_s,
+            r.model_integral_n_s,
+            r.area_peak_mm2,
+            r.deformation_peak_m,
+            r.deformation_rate_peak_m_s,
+            r.contact_s,
+            r.time_to_peak_s,
+            r.model_error,
+        ];
+        assert!(numbers.iter().all(|v| *v >= R::ZERO && v.to_f64().is_finite()), "{r:?}");
+    }
+}
+
+/// Lets a panic within the crate `name` unwind: its caller catches it and says that the file is damaged. Any other still ends
+/// the process, as libFuzzer wants it.
+pub fn tolerate_panics_of(name: &'static str) {
+    let abort = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        if !panic.location().is_some_and(|place| place.file().contains(name)) {
+            abort(panic);
+        }
+    }));
+}

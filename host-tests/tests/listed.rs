@@ -1,0 +1,64 @@
+//! docs/unsafe.md names all unsafe code: the list cannot rot.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// In two parts, so that this file is not one of those it looks for.
+const KEYWORD: &str = concat!("un", "safe");
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).expect("a folder").flatten() {
+        let (path, name) = (entry.path(), entry.file_name());
+        if path.is_dir() && !["target", "node_modules"].iter().any(|other| name == *other) {
+            sources(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+/// The line without its comment.
+fn code(line: &str) -> &str {
+    line.split_once("//").map_or(line, |(code, _)| code)
+}
+
+fn has_keyword(line: &str) -> bool {
+    code(line).split(|c: char| !c.is_alphanumeric() && c != '_').any(|word| word == KEYWORD)
+}
+
+#[test]
+fn every_line_is_listed_and_every_block_has_its_reason() {
+    let mut files = Vec::new();
+    for folder in ["src", "bluetooth", "tools", "host-tests", "fuzz"] {
+        sources(&root().join(folder), &mut files);
+    }
+    let mut found = BTreeMap::new();
+    for file in files {
+        let text = fs::read_to_string(&file).expect("a source");
+        let lines: Vec<_> = text.lines().collect();
+        let count = lines.iter().filter(|line| has_keyword(line)).count();
+        let name = file.strip_prefix(root()).expect("below the root").to_string_lossy().replace('\\', "/");
+        for (i, _) in lines.iter().enumerate().filter(|(_, line)| code(line).contains(&format!("{KEYWORD} {{"))) {
+            let reason = lines[..i].iter().rev().take_while(|line| line.trim().starts_with("//"));
+            assert!(reason.into_iter().any(|line| line.contains("SAFETY:")), "{name}:{} has no SAFETY comment", i + 1);
+        }
+        if count > 0 {
+            found.insert(name, count);
+        }
+    }
+    let list = fs::read_to_string(root().join(format!("docs/{KEYWORD}.md"))).expect("the list");
+    let listed: BTreeMap<_, usize> = list
+        .lines()
+        .filter_map(|row| {
+            let mut cells = row.split('|').map(str::trim).skip(1);
+            let (file, lines) = (cells.next()?, cells.next()?);
+            file.ends_with(".rs").then(|| (file.to_owned(), lines.parse().expect("a number of lines")))
+        })
+        .collect();
+    assert_eq!(found, listed);
+}

@@ -1,0 +1,45 @@
+//! Pages of a column that claim no more values than they can hold: the Parquet library makes room for what a page claims.
+
+use parquet::column::page::{Page, PageMetadata, PageReader};
+use parquet::errors::{ParquetError, Result};
+
+/// Passes on the pages of a column that are sound.
+pub struct SoundPages {
+    pub pages: Box<dyn PageReader>,
+    /// Rows of the group.
+    pub rows: usize,
+    /// Size of a value of the column, bytes.
+    pub value_bytes: usize,
+}
+
+impl PageReader for SoundPages {
+    fn get_next_page(&mut self) -> Result<Option<Page>> {
+        let page = self.pages.get_next_page()?;
+        let most = match &page {
+            Some(Page::DictionaryPage { buf, .. }) => buf.len() / self.value_bytes,
+            _ => self.rows,
+        };
+        match page.as_ref().map_or(0, Page::num_values) as usize {
+            values if values > most => {
+                Err(ParquetError::General(format!("{values} values in a page, at most {most} fit")))
+            }
+            _ => Ok(page),
+        }
+    }
+
+    fn peek_next_page(&mut self) -> Result<Option<PageMetadata>> {
+        self.pages.peek_next_page()
+    }
+
+    fn skip_next_page(&mut self) -> Result<()> {
+        self.pages.skip_next_page()
+    }
+}
+
+impl Iterator for SoundPages {
+    type Item = Result<Page>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.get_next_page().transpose()
+    }
+}
