@@ -4,8 +4,8 @@
 //! queue belongs to who was told, and else to who tells.
 
 use crate::mailbox::{
-    BLE_INIT_OPCODE, Ble, BleInit, COMMAND, EVENT, H4_COMMAND, H4_DATA, H4_EVENT, H4_SYSTEM_COMMAND, Memory, Node, POOL_BYTES,
-    POOLED, References, Shared, System,
+    BLE_INIT_OPCODE, Ble, BleInit, COMMAND, EVENT, H4_COMMAND, H4_DATA, H4_EVENT, H4_SYSTEM_COMMAND, Memory, Node,
+    POOL_BYTES, POOLED, References, Shared, System,
 };
 use core::mem::MaybeUninit;
 use core::ptr::{addr_of, addr_of_mut};
