@@ -2,13 +2,11 @@
 //!
 //! The insole is the firmware's own link on a socket or a pseudo-terminal.
 
+use host_tests::step;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use plantar::Side;
-use plantar::contact::ContactRule;
 use plantar::link::Link;
-use plantar::wire::{
-    Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Reset, Status, Step, StepRegion, ToDevice, decode, frame,
-};
+use plantar::wire::{Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Reset, Status, ToDevice, decode, frame};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpListener;
@@ -55,35 +53,7 @@ impl Insole {
 }
 
 fn hello() -> Hello {
-    Hello {
-        major: MAJOR,
-        minor: MINOR,
-        firmware: "test".try_into().expect("short"),
-        board: "memory".try_into().expect("short"),
-        side: Side::Left,
-        layout_id: 1,
-        cells: 240,
-        period_us: 10_000,
-        tissue_id: 0,
-        contact_rule: ContactRule::COUNTED,
-        reset: Reset::Power,
-        last_panic: None,
-    }
-}
-
-fn step(number: u32) -> Step {
-    Step {
-        step: number,
-        side: Side::Left,
-        start_us: u64::from(number) * 1_000_000,
-        duration_us: 650_000,
-        sample_us: 10_000,
-        bridged_frames: 0,
-        saturated: 0,
-        clamped: 0,
-        contact_rule: ContactRule::COUNTED,
-        regions: [StepRegion { measured_peak_dn: 100, ..StepRegion::default() }; 8],
-    }
+    Hello { side: Side::Left, tissue_id: 0, reset: Reset::Power, last_panic: None, ..host_tests::hello() }
 }
 
 fn is_acknowledgement(message: &ToDevice) -> bool {

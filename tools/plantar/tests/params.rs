@@ -39,20 +39,7 @@ fn insole() -> (SocketAddr, Arc<Mutex<Link>>) {
 }
 
 fn hello() -> Hello {
-    Hello {
-        major: wire::MAJOR,
-        minor: wire::MINOR,
-        firmware: "test".try_into().expect("it fits"),
-        board: "test".try_into().expect("it fits"),
-        side: Side::Left,
-        layout_id: 1,
-        cells: 240,
-        period_us: 10_000,
-        tissue_id: 0,
-        contact_rule: plantar::contact::ContactRule::COUNTED,
-        reset: Reset::Power,
-        last_panic: None,
-    }
+    Hello { side: Side::Left, tissue_id: 0, reset: Reset::Power, last_panic: None, ..host_tests::hello() }
 }
 
 fn params(folder: &Path, arguments: &str) -> Output {

@@ -3,12 +3,11 @@
 use client::{Carrier, Framed, unix_us};
 use futures_util::{SinkExt, StreamExt};
 use plantar::Side;
-use plantar::contact::ContactRule;
 use plantar::insole::Tissue;
 use plantar::link::Link;
 use plantar::wire::{
-    Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepRegion, ToDevice,
-    ToHost, decode, encode, frame,
+    Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, ToDevice, ToHost, decode,
+    encode, frame,
 };
 use serve::{Options, Source};
 use std::collections::VecDeque;
@@ -129,35 +128,11 @@ fn insole_us() -> u64 {
 }
 
 fn hello(side: Side) -> Hello {
-    Hello {
-        major: MAJOR,
-        minor: MINOR,
-        firmware: "test".try_into().expect("short"),
-        board: "memory".try_into().expect("short"),
-        side,
-        layout_id: 1,
-        cells: 240,
-        period_us: 10_000,
-        tissue_id: 0,
-        contact_rule: ContactRule::COUNTED,
-        reset: Reset::Power,
-        last_panic: None,
-    }
+    Hello { side, tissue_id: 0, reset: Reset::Power, last_panic: None, ..host_tests::hello() }
 }
 
 fn step(side: Side, number: u32) -> Step {
-    Step {
-        step: number,
-        side,
-        start_us: u64::from(number) * 1_000_000,
-        duration_us: 650_000,
-        sample_us: 10_000,
-        bridged_frames: 0,
-        saturated: 0,
-        clamped: 0,
-        contact_rule: ContactRule::COUNTED,
-        regions: [StepRegion { measured_peak_dn: 100, ..StepRegion::default() }; 8],
-    }
+    Step { side, start_us: u64::from(number) * 1_000_000, ..host_tests::step(number) }
 }
 
 /// Serves these insoles until the test ends.
