@@ -1,8 +1,8 @@
 //! What the emulated board and the sensor plant on the host agree on.
 //!
-//! The plant leaves two files in the emulator's working directory: [`SETUP_FILE`], a `postcard` [`Head`] followed by its
-//! cells as [`crate::insole::SetupCell`], and [`MATRIX_FILE`], the codes of the current scan, little endian, in the order of
-//! the cells. Over USART3 the board asks with five bytes, [`SCAN`] or [`TICK`] and a scan number (little endian), and the
+//! The plant leaves three files in the emulator's working directory: [`SETUP_FILE`], a `postcard` [`Head`] followed by its
+//! cells as [`crate::insole::SetupCell`]; [`MATRIX_FILE`], the codes of the current scan, little endian, in the order of
+//! the cells; and [`FLASH_FILE`], which the board writes to. Over USART3 the board asks with five bytes, [`SCAN`] or [`TICK`] and a scan number (little endian), and the
 //! plant answers with two: to `SCAN` the low byte of the number and how many rows are in the file by now, once or more; to
 //! `TICK` twice [`TICK`].
 
@@ -13,8 +13,10 @@ use serde::{Deserialize, Serialize};
 pub const SETUP_FILE: &core::ffi::CStr = c"setup.bin";
 /// Name of the file with the codes of the current scan.
 pub const MATRIX_FILE: &core::ffi::CStr = c"matrix.bin";
-/// Name of the file with the bonds, kept by the board.
-pub const BONDS_FILE: &core::ffi::CStr = c"bonds.bin";
+/// Name of the file that is the board's flash chip.
+pub const FLASH_FILE: &core::ffi::CStr = c"flash.bin";
+/// Size of that chip, bytes.
+pub const FLASH_BYTES: usize = 4 << 20;
 /// Cells in a row of the emulated matrix; the last row may be shorter.
 pub const COLUMNS: usize = 16;
 /// Asks for a scan.
@@ -33,12 +35,14 @@ pub struct Head {
     pub bonding_s: u16,
     /// The board's Bluetooth address, random static: the emulated board has no number of its own to make one from.
     pub address: [u8; 6],
+    /// Power fails in this write or erasure of the flash chip, from 0.
+    pub power_cut: Option<u32>,
 }
 
 impl Head {
     /// A board with its own clock, alone in the air.
     pub fn new(setup: Setup) -> Self {
-        Self { setup, paced: false, bonding_s: 60, address: [1, 0, 0, 0, 0, 0xc0] }
+        Self { setup, paced: false, bonding_s: 60, address: [1, 0, 0, 0, 0, 0xc0], power_cut: None }
     }
 }
 

@@ -40,6 +40,8 @@ pub mod clock;
 #[forbid(unsafe_code)]
 pub mod link;
 #[forbid(unsafe_code)]
+pub mod store;
+#[forbid(unsafe_code)]
 pub mod emulation;
 
 #[cfg(feature = "device")]

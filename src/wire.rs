@@ -200,6 +200,27 @@ impl Reset {
     }
 }
 
+/// A serial number: up to 16 printable ASCII characters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Serial([u8; 16]);
+
+impl Serial {
+    /// `None` where `text` is longer or holds anything else.
+    pub fn new(text: &str) -> Option<Self> {
+        let mut serial = Self::default();
+        let printable = text.bytes().all(|byte| byte.is_ascii_graphic());
+        serial.0.get_mut(..text.len()).filter(|_| printable)?.copy_from_slice(text.as_bytes());
+        Some(serial)
+    }
+
+    /// The text; empty where an insole was given none.
+    pub fn as_str(&self) -> &str {
+        let len = self.0.iter().take_while(|byte| byte.is_ascii_graphic()).count();
+        // Printable ASCII is UTF-8.
+        core::str::from_utf8(&self.0[..len]).unwrap_or_default()
+    }
+}
+
 /// One frame: 8 regions in the order of [`crate::Region::ALL`].
 #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Live {
