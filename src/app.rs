@@ -1,31 +1,40 @@
 //! The firmware's loops over a few board traits. A board's `main` initialises, binds, builds and spawns; what runs is here.
 //!
 //! [`scan`] belongs on an interrupt executor: its deadline is one frame time, and a miss is a frame that is skipped and
-//! counted. [`process`] and [`serve`] share the thread executor: processing has as many frame times as the board's
-//! queue holds before frames are dropped and counted, the link has none.
+//! counted. [`process`], [`serve`] and [`keep`] share the thread executor: processing has as many frame times as the board's
+//! queue holds before frames are dropped and counted; keeping has the time of [`UNKEPT_STEPS`] steps before one is dropped and
+//! counted; the link has none.
 
 #![allow(async_fn_in_trait, reason = "boards implement these traits for executors that do not move tasks")]
 
 use crate::device::EVIDENCE;
 use crate::insole::{DEVICE_CELLS, Insole, Setup};
-use crate::link::Link;
+use crate::link::{Job, Link};
 use crate::pace::Pace;
+use crate::region::Side;
+use crate::store::{Bonds, Contents, Failed, MAX_BONDS_BYTES, Name, PART_CELLS, Part, Store};
 use crate::wire::{
-    Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Reset, Status, Step, ToDevice, decode, frame,
+    Decoder, Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Serial, Status, Step,
+    ToDevice, decode, frame,
 };
 use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_futures::select::{Either3, select3};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, NoopRawMutex};
+use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use embassy_sync::zerocopy_channel::{Receiver, Sender};
 use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{Read, Write};
-use heapless::String;
+use embedded_storage_async::nor_flash::MultiwriteNorFlash;
+use heapless::{String, Vec};
 
 /// Time after which the link looks up without a cause, so that its progress can be seen.
 const IDLE: Duration = Duration::from_millis(200);
+
+/// Steps that wait to be kept.
+const UNKEPT_STEPS: usize = 2;
 
 /// The insole of a device.
 pub type DeviceInsole = Insole<f32, DEVICE_CELLS>;
@@ -223,6 +232,16 @@ pub struct Session {
     /// Frames processed, and turns of the link's loop.
     frames: AtomicU32,
     link_turns: AtomicU32,
+    /// Steps that [`keep`] has not seen yet.
+    steps: Channel<NoopRawMutex, Step, UNKEPT_STEPS>,
+    /// The phones that are known.
+    bonds: RefCell<Vec<u8, MAX_BONDS_BYTES>>,
+    bonds_changed: Cell<bool>,
+    /// There may be something to keep.
+    to_keep: Signal<NoopRawMutex, ()>,
+    contents: Cell<Contents>,
+    /// What could not be kept.
+    unkept: Cell<u32>,
 }
 
 struct ProcessCounters {
@@ -252,7 +271,23 @@ impl Session {
             stack_bytes,
             frames: AtomicU32::new(0),
             link_turns: AtomicU32::new(0),
+            steps: Channel::new(),
+            bonds: RefCell::default(),
+            bonds_changed: Cell::default(),
+            to_keep: Signal::new(),
+            contents: Cell::default(),
+            unkept: Cell::default(),
         }
+    }
+
+    /// Takes up what was kept before this start, [`name`] apart.
+    pub async fn restore(&self, store: &mut Store<impl MultiwriteNorFlash>, name: Name, calibration_id: u32) {
+        self.contents.set(store.contents());
+        let tissue = store.get(0).await.unwrap_or_default();
+        let bonds: Option<Bonds> = store.get(0).await.unwrap_or_default();
+        let identity = Identity { side: name.side, serial: name.serial, calibration_id };
+        self.link.borrow_mut().restore(tissue, identity);
+        self.bonds.replace(bonds.map(|Bonds(bytes)| bytes).unwrap_or_default());
     }
 
     /// Time since the first scan, us: the time of live frames and steps.
@@ -271,6 +306,23 @@ impl Session {
             Some(message) => link.receive(message, self.now_us()),
             None => link.receive_unknown(),
         }
+        self.to_keep.signal(());
+    }
+
+    /// The phones that are known.
+    pub(crate) fn bonds(&self) -> Vec<u8, MAX_BONDS_BYTES> {
+        self.bonds.borrow().clone()
+    }
+
+    /// Keeps the phones that are known.
+    pub(crate) fn keep_bonds(&self, bonds: Vec<u8, MAX_BONDS_BYTES>) {
+        self.bonds.replace(bonds);
+        self.bonds_changed.set(true);
+        self.to_keep.signal(());
+    }
+
+    fn count_unkept(&self) {
+        self.unkept.set(self.unkept.get().wrapping_add(1));
     }
 
     /// Counts what a host sent and could not be taken.
@@ -341,6 +393,8 @@ impl Session {
             bad_frames: counters.bad_frames,
             frame_cycles: counters.frame_cycles,
             stack_bytes: (self.stack_bytes)(),
+            unkept: self.unkept.get(),
+            contents: self.contents.get(),
             ..Status::default()
         }
     }
@@ -390,7 +444,11 @@ pub async fn process(
                 yield_now().await;
             }
             if let Some(step) = insole.step(regions) {
-                session.link.borrow_mut().push_step(Step::new(&step));
+                let start_unix_us = session.link.borrow().unix_us(step.start_us);
+                if session.steps.try_send(Step { start_unix_us, ..Step::new(&step) }).is_err() {
+                    session.link.borrow_mut().count_dropped(1);
+                }
+                session.to_keep.signal(());
                 let mut pace = session.pace.get();
                 pace.step(step.start_us);
                 session.pace.set(pace);
@@ -401,6 +459,132 @@ pub async fn process(
         session.changed.iter().for_each(|carrier| carrier.signal(()));
         // The link's turn, also while frames are queued.
         yield_now().await;
+    }
+}
+
+/// What the insole is called; the board's own `side` where it was not told another.
+pub async fn name(store: &mut Store<impl MultiwriteNorFlash>, side: Side) -> Name {
+    store.get(0).await.ok().flatten().unwrap_or(Name { side, serial: Serial::NONE })
+}
+
+/// Lets an insole go by the calibration that is kept of it: `recalibrate` does so from a cell on. Its id, 0 without one.
+pub async fn calibrate(
+    store: &mut Store<impl MultiwriteNorFlash>,
+    insole: &mut DeviceInsole,
+    recalibrate: impl Fn(&mut DeviceInsole, usize, &Part),
+) -> u32 {
+    let layout_id = insole.setup().map_or(0, |setup| setup.layout_id);
+    let kept = store.calibration(layout_id, insole.cells() as u16).await;
+    let Some(calibration) = kept.ok().flatten() else { return 0 };
+    for first in (0..insole.cells()).step_by(PART_CELLS) {
+        // All parts were there just now.
+        let Ok(Some(part)) = store.part(&calibration, (first / PART_CELLS) as u8).await else { return 0 };
+        recalibrate(insole, first, &part);
+    }
+    calibration.id
+}
+
+/// Keeps steps, acknowledgements, parameters and bonds in the flash chip, for ever. What the chip does not take holds until the
+/// next start, and is counted.
+pub async fn keep(store: &mut Store<impl MultiwriteNorFlash>, session: &Session, restart: fn() -> !) -> ! {
+    // The log holds steps after the last one at hand.
+    let mut ahead = true;
+    loop {
+        while let Ok(step) = session.steps.try_receive() {
+            let pushed = store.push_step(&step).await;
+            let mut link = session.link.borrow_mut();
+            match pushed {
+                Ok(dropped) => {
+                    link.count_dropped(dropped);
+                    ahead |= !link.room().0;
+                }
+                Err(_) => session.count_unkept(),
+            }
+            if pushed.is_err() || !ahead {
+                link.push_step(step);
+            }
+        }
+        let acknowledged = session.link.borrow_mut().take_acknowledged();
+        if let Some(step) = acknowledged
+            && store.acknowledge(step).await.is_err()
+        {
+            session.count_unkept();
+        }
+        if ahead {
+            ahead = bring_steps(store, session).await;
+        }
+        if session.bonds_changed.take() && store.put(0, &Bonds(session.bonds())).await.is_err() {
+            session.count_unkept();
+        }
+        let job = session.link.borrow().job();
+        if let Some(job) = job {
+            let done = work(store, session, job, restart).await;
+            if done == Err(Refusal::NotKept) {
+                session.count_unkept();
+            }
+            session.link.borrow_mut().done(done);
+        }
+        session.contents.set(store.contents());
+        session.changed.iter().for_each(|carrier| carrier.signal(()));
+        session.to_keep.wait().await;
+    }
+}
+
+/// Brings steps at hand that come after those that are; tells whether there are more.
+async fn bring_steps(store: &mut Store<impl MultiwriteNorFlash>, session: &Session) -> bool {
+    let (has_room, last) = session.link.borrow().room();
+    if !has_room {
+        return true;
+    }
+    let more = store.steps(last, |step| {
+        let mut link = session.link.borrow_mut();
+        let has_room = link.room().0;
+        if has_room {
+            link.push_step(step);
+        }
+        has_room
+    });
+    // What cannot be read now is tried again with the next.
+    more.await.unwrap_or(true)
+}
+
+/// Does what a host wants kept.
+async fn work(
+    store: &mut Store<impl MultiwriteNorFlash>,
+    session: &Session,
+    job: Job,
+    restart: fn() -> !,
+) -> Result<Option<Identity>, Refusal> {
+    let identity = session.link.borrow().identity();
+    let hello = &session.hello;
+    match job {
+        Job::Tissue => {
+            let tissue = *session.link.borrow().tissue();
+            store.put(0, &tissue).await?;
+            Ok(None)
+        }
+        Job::Name(side, serial) => {
+            store.put(0, &Name { side, serial }).await?;
+            Ok(Some(Identity { side, serial, ..identity }))
+        }
+        Job::CalibrationPart(part, cells) => {
+            store.put_part(part, &cells).await?;
+            Ok(None)
+        }
+        Job::Calibration { layout_id, cells, id } => {
+            let fits = layout_id == hello.layout_id && cells == hello.cells;
+            if !fits || !store.put_calibration(layout_id, cells, id).await? {
+                return Err(Refusal::Calibration);
+            }
+            Ok(Some(Identity { calibration_id: id, ..identity }))
+        }
+        Job::Restart => restart(),
+    }
+}
+
+impl From<Failed> for Refusal {
+    fn from(_: Failed) -> Self {
+        Self::NotKept
     }
 }
 

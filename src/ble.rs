@@ -8,11 +8,14 @@ use crate::clock;
 use crate::fragment::{self, Joiner, Splitter};
 use crate::region::Side;
 use crate::wire::{ToDevice, ToHost, decode};
-pub use bluetooth::{BONDING_WINDOW, BONDS_BYTES, HciPipe, run};
-use bluetooth::{Insole, Refused, Way};
+pub use bluetooth::{BONDING_WINDOW, HciPipe, run};
+use bluetooth::{BONDS_BYTES, Insole, Refused, Way};
 use core::cell::{Cell, RefCell};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
+use heapless::Vec;
+
+const _: () = assert!(BONDS_BYTES <= crate::store::MAX_BONDS_BYTES);
 
 /// What Bluetooth asks of a board.
 pub trait Board {
@@ -26,20 +29,10 @@ pub trait Board {
     fn allows_bonding(&self) -> bool;
 }
 
-/// Keeps the bonds across a reset.
-pub trait BondStore {
-    /// Reads what was kept last into `bytes`; its length, 0 where nothing is.
-    fn load(&mut self, bytes: &mut [u8; BONDS_BYTES]) -> usize;
-
-    /// Keeps `bytes` instead of what was kept before, whole or not at all.
-    fn save(&mut self, bytes: &[u8]);
-}
-
 /// The insole as [`bluetooth::run`] needs it.
-pub struct OverBluetooth<'a, B, S> {
+pub struct OverBluetooth<'a, B> {
     session: &'a Session,
     board: B,
-    store: RefCell<S>,
     /// The message that is being written, and where.
     joiner: RefCell<(Way, Joiner)>,
     /// The message that is being sent, and where.
@@ -48,13 +41,12 @@ pub struct OverBluetooth<'a, B, S> {
     shown: Cell<((u32, u8), u32)>,
 }
 
-impl<'a, B, S> OverBluetooth<'a, B, S> {
+impl<'a, B> OverBluetooth<'a, B> {
     /// Nobody connected yet.
-    pub fn new(session: &'a Session, board: B, store: S) -> Self {
+    pub fn new(session: &'a Session, board: B) -> Self {
         Self {
             session,
             board,
-            store: RefCell::new(store),
             joiner: RefCell::new((Way::Control, Joiner::new())),
             splitter: RefCell::new((Way::Control, Splitter::new())),
             shown: Cell::new((session.pace(), session.clock_sets())),
@@ -93,7 +85,7 @@ fn way_of(message: &[u8]) -> Way {
     }
 }
 
-impl<B: Board, S: BondStore> Insole for OverBluetooth<'_, B, S> {
+impl<B: Board> Insole for OverBluetooth<'_, B> {
     fn name(&self) -> &str {
         match self.session.hello.side {
             Side::Left => "Plantar L",
@@ -122,11 +114,16 @@ impl<B: Board, S: BondStore> Insole for OverBluetooth<'_, B, S> {
     }
 
     fn load_bonds(&self, bytes: &mut [u8; BONDS_BYTES]) -> usize {
-        self.store.borrow_mut().load(bytes)
+        let bonds = self.session.bonds();
+        bytes.get_mut(..bonds.len()).map_or(0, |place| {
+            place.copy_from_slice(&bonds);
+            bonds.len()
+        })
     }
 
     fn save_bonds(&self, bytes: &[u8]) {
-        self.store.borrow_mut().save(bytes);
+        // BONDS_BYTES fit.
+        self.session.keep_bonds(Vec::from_slice(bytes).unwrap_or_default());
     }
 
     fn current_time(&self) -> [u8; 10] {

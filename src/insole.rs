@@ -163,6 +163,21 @@ struct InsoleCell<R> {
 }
 
 impl<R: Real> InsoleCell<R> {
+    /// Without contact.
+    fn new(
+        SetupCell { cell, calibration }: &SetupCell,
+        contact: &ContactRule,
+        curve: &Curve,
+        division: &Division,
+    ) -> Self {
+        let (x_mm, y_mm) = division.origins_mm[cell.region as usize];
+        Self {
+            offset: calibration.offset,
+            contact: ContactCell::new(contact, curve, calibration),
+            region: RegionCell::new(cell, calibration.gain, x_mm, y_mm),
+        }
+    }
+
     /// Brings the area up to date with a code that is not settled; true where it is saturated. Out of the way: few cells
     /// change in a frame.
     #[cold]
@@ -255,14 +270,9 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.division = division;
         self.curve.set(&setup.sensor);
         self.cells.clear();
-        for SetupCell { cell, calibration } in cells {
-            let (x_mm, y_mm) = division.origins_mm[cell.region as usize];
+        for cell in cells {
             // Room for all: `check_cells` counted them.
-            let _ = self.cells.push(InsoleCell {
-                offset: calibration.offset,
-                contact: ContactCell::new(&setup.contact, &self.curve, &calibration),
-                region: RegionCell::new(&cell, calibration.gain, x_mm, y_mm),
-            });
+            let _ = self.cells.push(InsoleCell::new(&cell, &setup.contact, &self.curve, &division));
         }
         self.per_period_s = R::of(1e6 / f64::from(setup.period_us));
         self.limits = StanceLimits::new(&setup.stance, setup.period_us);
@@ -272,6 +282,26 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.last_seq = None;
         self.setup = setup;
         Ok(())
+    }
+
+    /// Replaces the calibrations from cell `first` on of an insole that was set up with `cells`. Before the first frame only: the
+    /// cells' contact starts anew. Calibrations that are not valid are passed over.
+    pub fn recalibrate(
+        &mut self,
+        cells: impl Iterator<Item = SetupCell>,
+        first: usize,
+        calibrations: &[CellCalibration],
+    ) {
+        let places = self.cells.iter_mut().zip(cells).skip(first);
+        for ((place, cell), &calibration) in places.zip(calibrations).filter(|(_, new)| new.is_valid()) {
+            let cell = SetupCell { calibration, ..cell };
+            *place = InsoleCell::new(&cell, &self.setup.contact, &self.curve, &self.division);
+        }
+    }
+
+    /// Counts steps from this number on.
+    pub fn count_steps_from(&mut self, next: u32) {
+        self.steps = next;
     }
 
     /// Replaces the wearer's parameters from the next frame on; a running stance is evaluated with the new ones.

@@ -1,16 +1,20 @@
 //! One insole's side of a session, over any carrier: what to answer, what to send next, what to keep.
 //!
 //! Live frames are for now: a full queue drops the oldest. Steps are for good: each stays until it is acknowledged and is
-//! sent again in the next session. The wearer's parameters and the clock outlive the session that brought them.
+//! sent again in the next session; here are the oldest of them, [`crate::store`] has all. The wearer's parameters and the
+//! clock outlive the session that brought them.
 
+use crate::Side;
+use crate::calibrate::CellCalibration;
 use crate::insole::Tissue;
-use crate::wire::{Hello, Live, MAJOR, MAX_LIVE, Refusal, Status, Step, ToDevice, ToHost, encode};
+use crate::store::Part;
+use crate::wire::{Hello, Identity, Live, MAJOR, MAX_LIVE, Refusal, Serial, Status, Step, ToDevice, ToHost, encode};
 use heapless::{Deque, Vec};
 
 /// Live frames that wait for the carrier.
 const LIVE_QUEUE: usize = 8;
-/// Steps that wait for their acknowledgement.
-pub const STEP_QUEUE: usize = 16;
+/// Steps at hand that wait for their acknowledgement.
+pub const STEP_QUEUE: usize = 6;
 /// Answers that wait for the carrier: more than one read of it asks for. Requests beyond are not answered.
 const ANSWER_QUEUE: usize = 16;
 
@@ -21,10 +25,34 @@ enum Answer {
     Tissue,
     Refused(Refusal),
     Time { host_us: u64, device_us: u64 },
+    Identity,
+    CalibrationPart(u8),
+}
+
+/// What the insole was told to keep. The answer goes out when it is kept: [`Link::done`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Job {
+    /// [`Link::tissue`].
+    Tissue,
+    /// The side and the serial number.
+    Name(Side, Serial),
+    /// Part of a calibration and its number.
+    CalibrationPart(u8, Part),
+    /// The calibration with these parts.
+    Calibration {
+        /// As in [`ToDevice::SetCalibration`].
+        layout_id: u32,
+        /// Number of cells.
+        cells: u16,
+        /// Its checksum.
+        id: u32,
+    },
+    /// To start anew.
+    Restart,
 }
 
 /// The state of the session and what waits to be sent.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Link {
     /// A host of this major version is connected.
     open: bool,
@@ -38,7 +66,11 @@ pub struct Link {
     /// How many of `steps`, from the front, were sent in this session.
     steps_sent: usize,
     steps_dropped: u32,
+    /// The last step that was acknowledged and is not yet forgotten where steps are kept.
+    acknowledged: Option<u32>,
+    job: Option<Job>,
     tissue: Tissue,
+    identity: Identity,
     /// What the wall clock, us since 1970, is ahead of the device's time.
     clock_ahead_us: Option<u64>,
     clock_sets: u32,
@@ -58,7 +90,10 @@ impl Link {
             steps: Deque::new(),
             steps_sent: 0,
             steps_dropped: 0,
+            acknowledged: None,
+            job: None,
             tissue: Tissue::NONE,
+            identity: Identity { side: Side::Left, serial: Serial::NONE, calibration_id: 0 },
             clock_ahead_us: None,
             clock_sets: 0,
         }
@@ -80,24 +115,91 @@ impl Link {
             ToDevice::Acknowledge { step } => {
                 // Wrapping order; only what was sent can have arrived.
                 while self.steps_sent > 0
-                    && self.steps.front().is_some_and(|s| step.wrapping_sub(s.step) < u32::MAX / 2)
+                    && let Some(arrived) = self.steps.pop_front_if(|s| step.wrapping_sub(s.step) < u32::MAX / 2)
                 {
-                    self.steps.pop_front();
+                    self.acknowledged = Some(arrived.step);
                     self.steps_sent -= 1;
                 }
             }
             ToDevice::GetStatus => self.answer(Answer::Status),
             ToDevice::SetTissue(tissue) => match tissue.check() {
                 Ok(()) => {
-                    self.tissue = tissue;
-                    self.answer(Answer::Tissue);
+                    // While another job waits, the one before stays in force.
+                    self.tissue = if self.job.is_none() { tissue } else { self.tissue };
+                    self.begin(Job::Tissue);
                 }
                 Err(refusal) => self.answer(Answer::Refused(refusal)),
             },
             ToDevice::GetTissue => self.answer(Answer::Tissue),
             ToDevice::GetTime { host_us } => self.answer(Answer::Time { host_us, device_us: now_us }),
             ToDevice::SetClock { unix_us } => self.set_clock(unix_us, now_us),
+            ToDevice::GetIdentity => self.answer(Answer::Identity),
+            ToDevice::SetIdentity { side, serial } if serial.is_valid() => self.begin(Job::Name(side, serial)),
+            ToDevice::SetIdentity { .. } => self.answer(Answer::Refused(Refusal::Serial)),
+            ToDevice::SetCalibrationPart { part, cells } if cells.iter().all(CellCalibration::is_valid) => {
+                self.begin(Job::CalibrationPart(part, cells));
+            }
+            ToDevice::SetCalibrationPart { .. } => self.answer(Answer::Refused(Refusal::Calibration)),
+            ToDevice::SetCalibration { layout_id, cells, id } => {
+                self.begin(Job::Calibration { layout_id, cells, id });
+            }
+            ToDevice::Restart => self.begin(Job::Restart),
         }
+    }
+
+    fn begin(&mut self, job: Job) {
+        match self.job {
+            None => self.job = Some(job),
+            Some(_) => self.answer(Answer::Refused(Refusal::Busy)),
+        }
+    }
+
+    /// What is to be kept, until [`Link::done`].
+    pub fn job(&self) -> Option<Job> {
+        self.job
+    }
+
+    /// Tells what became of [`Link::job`]: with an identity where that is a new one.
+    pub fn done(&mut self, kept: Result<Option<Identity>, Refusal>) {
+        let Some(job) = self.job.take() else { return };
+        match kept {
+            Err(refusal) => self.answer(Answer::Refused(refusal)),
+            Ok(identity) => {
+                self.identity = identity.unwrap_or(self.identity);
+                match job {
+                    Job::Tissue => self.answer(Answer::Tissue),
+                    Job::Name(..) | Job::Calibration { .. } => self.answer(Answer::Identity),
+                    Job::CalibrationPart(part, _) => self.answer(Answer::CalibrationPart(part)),
+                    Job::Restart => {}
+                }
+            }
+        }
+    }
+
+    /// What was kept before this start.
+    pub fn restore(&mut self, tissue: Option<Tissue>, identity: Identity) {
+        self.tissue = tissue.filter(|tissue| tissue.check().is_ok()).unwrap_or(Tissue::NONE);
+        self.identity = identity;
+    }
+
+    /// What is kept of the insole itself.
+    pub fn identity(&self) -> Identity {
+        self.identity
+    }
+
+    /// The last step that was acknowledged since this was asked last.
+    pub fn take_acknowledged(&mut self) -> Option<u32> {
+        self.acknowledged.take()
+    }
+
+    /// Whether there is room for a step, and the last one that is at hand.
+    pub fn room(&self) -> (bool, Option<u32>) {
+        (!self.steps.is_full(), self.steps.back().map(|step| step.step))
+    }
+
+    /// Counts steps that are lost.
+    pub fn count_dropped(&mut self, steps: u32) {
+        self.steps_dropped = self.steps_dropped.wrapping_add(steps);
     }
 
     /// Takes a frame that arrived whole and holds no known message.
@@ -137,7 +239,10 @@ impl Link {
         *self = Self {
             steps: core::mem::take(&mut self.steps),
             steps_dropped: self.steps_dropped,
+            acknowledged: self.acknowledged,
+            job: self.job,
             tissue: self.tissue,
+            identity: self.identity,
             clock_ahead_us: self.clock_ahead_us,
             clock_sets: self.clock_sets,
             ..Self::new()
@@ -171,7 +276,7 @@ impl Link {
         if self.steps.is_full() {
             self.steps.pop_front();
             self.steps_sent = self.steps_sent.saturating_sub(1);
-            self.steps_dropped = self.steps_dropped.wrapping_add(1);
+            self.count_dropped(1);
         }
         let _ = self.steps.push_back(step);
     }
@@ -205,9 +310,17 @@ impl Link {
                 Answer::Tissue => ToHost::Tissue(self.tissue),
                 Answer::Refused(refusal) => ToHost::Refused(refusal),
                 Answer::Time { host_us, device_us } => ToHost::Time { host_us, device_us },
+                Answer::Identity => ToHost::Identity(self.identity),
+                Answer::CalibrationPart(part) => ToHost::CalibrationPart { part },
             }
         };
         // Every message fits MAX_MESSAGE, the least that callers bring.
         encode(&message, buffer).ok().map(|used| &*used)
+    }
+}
+
+impl Default for Link {
+    fn default() -> Self {
+        Self::new()
     }
 }

@@ -5,9 +5,10 @@
 //! `docs/storage.md` has the map, the wear and the rules.
 
 use crate::calibrate::CellCalibration;
+use crate::contact::ContactRule;
 use crate::insole::Tissue;
 use crate::region::Side;
-use crate::wire::{Reset, Serial, Step, checksum, decode, encode};
+use crate::wire::{Reset, Serial, Step, StepRegion, checksum, decode, encode};
 use core::ops::Range;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use heapless::Vec;
@@ -30,10 +31,13 @@ pub const LOG: Range<u32> = RECORDS.end..RECORDS.end + 256 * SECTOR;
 pub const PART_CELLS: usize = 16;
 
 /// Longest bonds, bytes.
-pub const MAX_BONDS_BYTES: usize = 224;
+pub const MAX_BONDS_BYTES: usize = 192;
 
 /// Room for the longest item: a step with what the log and the chip's words add.
 const BUFFER: usize = 352;
+
+/// So often a record is written until it can be read back.
+const TRIES: usize = 3;
 
 /// Why something could not be kept or read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,10 +73,10 @@ pub trait Record: Serialize + DeserializeOwned + PartialEq {
 
 /// Who the insole is; in force from the next start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Identity {
+pub struct Name {
     /// The foot.
     pub side: Side,
-    /// The maker's or owner's number for this insole.
+    /// The serial number.
     pub serial: Serial,
 }
 
@@ -118,7 +122,7 @@ impl Starts {
     }
 }
 
-impl Record for Identity {
+impl Record for Name {
     const KIND: u8 = 1;
     const VERSION: u8 = 1;
 }
@@ -145,7 +149,7 @@ impl Record for Starts {
 
 /// The version of every kind, to tell what a newer firmware wrote.
 const VERSIONS: [(u8, u8); 6] = [
-    (Identity::KIND, Identity::VERSION),
+    (Name::KIND, Name::VERSION),
     (Tissue::KIND, Tissue::VERSION),
     (Calibration::KIND, Calibration::VERSION),
     (Cells::KIND, Cells::VERSION),
@@ -165,7 +169,7 @@ enum Entry {
         start: u32,
         step: Step,
     },
-    /// All steps before this number are acknowledged. The log is never without an entry, so numbers go on after a start.
+    /// All steps before this number are acknowledged.
     Acknowledged { next: u32 },
 }
 
@@ -201,12 +205,72 @@ impl CalibrationId {
 }
 
 /// Version of [`Entry`], its first byte.
-const ENTRY_VERSION: u8 = 1;
+const ENTRY_VERSION: u8 = 2;
+
+/// Version 1 of [`Entry`], from before steps knew the wall clock.
+#[derive(Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "it lives for a moment")]
+enum Entry1 {
+    Step {
+        start: u32,
+        step: u32,
+        side: Side,
+        start_us: u64,
+        duration_us: u32,
+        sample_us: u32,
+        bridged_frames: u16,
+        saturated: u8,
+        clamped: u8,
+        contact_rule: ContactRule,
+        regions: [StepRegion; 8],
+    },
+    Acknowledged {
+        next: u32,
+    },
+}
+
+impl From<Entry1> for Entry {
+    fn from(entry: Entry1) -> Self {
+        match entry {
+            Entry1::Step {
+                start,
+                step,
+                side,
+                start_us,
+                duration_us,
+                sample_us,
+                bridged_frames,
+                saturated,
+                clamped,
+                contact_rule,
+                regions,
+            } => Self::Step {
+                start,
+                step: Step {
+                    step,
+                    side,
+                    start_us,
+                    duration_us,
+                    sample_us,
+                    bridged_frames,
+                    saturated,
+                    clamped,
+                    contact_rule,
+                    regions,
+                    starts_ago: 0,
+                    start_unix_us: None,
+                },
+            },
+            Entry1::Acknowledged { next } => Self::Acknowledged { next },
+        }
+    }
+}
 
 impl Entry {
     fn read(bytes: &[u8]) -> Option<Self> {
-        match bytes.split_first() {
-            Some((&ENTRY_VERSION, entry)) => decode(entry),
+        match bytes.split_first()? {
+            (&ENTRY_VERSION, entry) => decode(entry),
+            (1, entry) => decode::<Entry1>(entry).map(Self::from),
             _ => None,
         }
     }
@@ -239,11 +303,11 @@ fn empty_cache() -> LogCache {
 }
 
 /// What is known of the chip's contents.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Contents {
     /// Number of the running start, from 1.
     pub start: u32,
-    /// The number of the next step.
+    /// Number of the next step, as far as the log tells.
     pub next_step: u32,
     /// Bit k: records of kind k are of a newer version than this firmware knows. They are left alone.
     pub newer_kinds: u32,
@@ -265,12 +329,19 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Looks through the chip and counts this start. Where the chip fails nothing is known, and nothing will be kept.
     pub async fn open(flash: F, reset: Reset) -> Self {
         let mut store = Self { flash, log_cache: empty_cache(), buffer: [0; BUFFER], contents: Contents::default() };
-        // What is damaged beyond repair would stay so, and nothing more could be kept.
-        if store.survey_records().await == Err(Failed::Contents) {
-            store.erase(RECORDS).await;
+        // A new chip is blank. One that was used for something else, or is damaged beyond repair, would keep nothing.
+        let records = store.survey_records().await;
+        let log = store.survey_log().await;
+        let has_starts = matches!(store.get::<Starts>(0).await, Ok(Some(_)));
+        let has_entries = matches!(log, Ok(1..));
+        let is_ours = has_starts || has_entries;
+        if !has_starts && records != Err(Failed::Chip) {
+            store.clear(RECORDS, is_ours).await;
         }
-        if store.survey_log().await == Err(Failed::Contents) {
-            store.erase(LOG).await;
+        if !has_entries && log != Err(Failed::Chip) {
+            store.clear(LOG, is_ours).await;
+            // From here on the log is never without an entry, so that numbers go on after a start.
+            let _ = store.push(&Entry::Acknowledged { next: 0 }).await;
         }
         let mut starts = store.get::<Starts>(0).await.ok().flatten().unwrap_or_default();
         starts.count(reset);
@@ -290,11 +361,17 @@ impl<F: MultiwriteNorFlash> Store<F> {
         &mut self.flash
     }
 
-    async fn erase(&mut self, range: Range<u32>) {
-        self.contents.erased += 1;
-        self.log_cache = empty_cache();
-        // A chip that fails here fails again where it matters, and is reported.
-        let _ = self.flash.erase(range.start, range.end).await;
+    /// Erases what is not blank. A chip that fails here fails again where it matters, and is reported.
+    async fn clear(&mut self, range: Range<u32>, is_ours: bool) {
+        let mut bytes = [0; 128];
+        for at in range.clone().step_by(bytes.len()) {
+            if self.flash.read(at, &mut bytes).await.is_ok() && bytes.iter().any(|byte| *byte != 0xff) {
+                self.contents.erased += u32::from(is_ours);
+                self.log_cache = empty_cache();
+                let _ = self.flash.erase(range.start, range.end).await;
+                return;
+            }
+        }
     }
 
     async fn survey_records(&mut self) -> Result<(), Failed> {
@@ -309,17 +386,20 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(())
     }
 
-    async fn survey_log(&mut self) -> Result<(), Failed> {
+    /// The number of entries.
+    async fn survey_log(&mut self) -> Result<u32, Failed> {
         let Self { flash, log_cache, buffer, contents } = self;
         with_log(flash, log_cache, async |log| {
             let mut entries = log.iter().await?;
+            let mut count = 0;
             while let Some(entry) = entries.next(buffer).await? {
+                count += 1;
                 match Entry::read(&entry) {
                     Some(entry) => contents.next_step = entry.next(),
                     None => contents.newer_steps += 1,
                 }
             }
-            Ok(())
+            Ok(count)
         })
         .await
     }
@@ -344,8 +424,19 @@ impl<F: MultiwriteNorFlash> Store<F> {
         }
         let mut bytes = [0; BUFFER - size_of::<Key>()];
         let bytes: &[u8] = encode(record, &mut bytes).map_err(|_| Failed::Contents)?;
+        for _ in 0..TRIES {
+            let mut records = MapStorage::new(&mut self.flash, MapConfig::new(RECORDS), Cache::new_uncached());
+            records.store_item(&mut self.buffer, &[R::KIND, part, R::VERSION], &bytes).await?;
+            // A place with a bit that is stuck reads as nothing; the next one is another place.
+            if self.get::<R>(part).await?.as_ref() == Some(record) {
+                return self.forget_older::<R>(part).await;
+            }
+        }
+        Err(Failed::Chip)
+    }
+
+    async fn forget_older<R: Record>(&mut self, part: u8) -> Result<(), Failed> {
         let mut records = MapStorage::new(&mut self.flash, MapConfig::new(RECORDS), Cache::new_uncached());
-        records.store_item(&mut self.buffer, &[R::KIND, part, R::VERSION], &bytes).await?;
         for older in 1..R::VERSION {
             records.remove_item(&mut self.buffer, &[R::KIND, part, older]).await?;
         }
@@ -425,17 +516,16 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Forgets all steps up to and with this number.
     pub async fn acknowledge(&mut self, step: u32) -> Result<(), Failed> {
         let next = step.wrapping_add(1);
-        // The log's last entry is never taken out, so that numbers go on after a start.
         if next == self.contents.next_step {
             self.push(&Entry::Acknowledged { next }).await?;
         }
-        let Self { flash, log_cache, buffer, .. } = self;
+        let Self { flash, log_cache, buffer, contents } = self;
         with_log(flash, log_cache, async |log| {
             let mut entries = log.iter().await?;
             while let Some(entry) = entries.next(buffer).await? {
                 match Entry::read(&entry) {
                     Some(Entry::Step { step: kept, .. }) if is_after(kept.step, step) => break,
-                    Some(Entry::Acknowledged { next: kept }) if kept == next => break,
+                    Some(Entry::Acknowledged { next }) if next == contents.next_step => break,
                     Some(_) => drop(entry.pop().await?),
                     None => {}
                 }
@@ -454,7 +544,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
             while let Some(entry) = entries.next(buffer).await? {
                 let Some(Entry::Step { start, step }) = Entry::read(&entry) else { continue };
                 let is_new = after.is_none_or(|after| is_after(step.step, after));
-                if is_new && !take(Step { ..step }) {
+                if is_new && !take(Step { starts_ago: contents.start.wrapping_sub(start), ..step }) {
                     return Ok(true);
                 }
             }

@@ -13,15 +13,16 @@ use crate::num::Real;
 use crate::region::{Region, Side};
 use crate::stance::Rejected;
 use crate::step::{RegionStep, StepRecord};
+use crate::store::{Contents, Part};
 use core::fmt;
 use crc::{CRC_32_ISO_HDLC, Crc};
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
 /// Protocol version of this build.
-pub const MAJOR: u8 = 1;
-/// See [`MAJOR`]. 1 brought the wearer's parameters, 2 the clock.
-pub const MINOR: u8 = 2;
+pub const MAJOR: u8 = 2;
+/// See [`MAJOR`].
+pub const MINOR: u8 = 0;
 
 /// Longest message, bytes.
 pub const MAX_MESSAGE: usize = 320;
@@ -52,6 +53,13 @@ pub enum ToHost {
         host_us: u64,
         /// When the request arrived: time since the first scan, as in [`Live::t_us`], us.
         device_us: u64,
+    },
+    /// What is kept of the insole itself, on request and once it is kept.
+    Identity(Identity),
+    /// A part of a calibration is kept.
+    CalibrationPart {
+        /// Its number.
+        part: u8,
     },
 }
 
@@ -90,7 +98,7 @@ pub enum ToDevice {
     },
     /// Asks for [`Status`].
     GetStatus,
-    /// Replaces the wearer's parameters until the insole restarts; answered by [`ToHost::Tissue`] or [`ToHost::Refused`].
+    /// Replaces the wearer's parameters; answered, once they are kept, by [`ToHost::Tissue`], or by [`ToHost::Refused`].
     SetTissue(Tissue),
     /// Asks for [`ToHost::Tissue`].
     GetTissue,
@@ -104,6 +112,33 @@ pub enum ToDevice {
         /// Time since 1970, UTC, us.
         unix_us: u64,
     },
+    /// Asks for [`ToHost::Identity`].
+    GetIdentity,
+    /// Names the insole, from its next start on; answered by [`ToHost::Identity`] once it is kept.
+    SetIdentity {
+        /// The foot.
+        side: Side,
+        /// The serial number.
+        serial: Serial,
+    },
+    /// Part of a calibration, to be kept but not yet used; answered by [`ToHost::CalibrationPart`].
+    SetCalibrationPart {
+        /// Its number: it begins with cell `part` times [`crate::store::PART_CELLS`].
+        part: u8,
+        /// Calibrations of its cells; those beyond the last cell are not used.
+        cells: Part,
+    },
+    /// Uses the calibration whose parts were kept from the next start on; answered by [`ToHost::Identity`].
+    SetCalibration {
+        /// The layout it was measured on, as in [`Hello::layout_id`].
+        layout_id: u32,
+        /// Number of cells.
+        cells: u16,
+        /// Its checksum; see [`crate::store::CalibrationId`].
+        id: u32,
+    },
+    /// Restarts the insole; there is no answer.
+    Restart,
 }
 
 /// Why an insole did not do what it was told; all stays as it was.
@@ -115,12 +150,26 @@ pub enum Refusal {
     TissueId,
     /// This region's parameters are out of bounds; see [`crate::model::Gauge::is_valid`].
     Tissue(Region),
+    /// It holds until the next start only: the flash chip failed.
+    NotKept,
+    /// The last request of this kind is not answered yet.
+    Busy,
+    /// A serial number with other than printable ASCII characters.
+    Serial,
+    /// A calibration out of bounds, of another layout, or whose parts are not all there.
+    Calibration,
 }
 
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotUnderstood => f.write_str("a message was not understood: update the insole's firmware"),
+            Self::NotKept => f.write_str("the insole could not keep it, its flash chip failed: what was sent holds until it restarts"),
+            Self::Busy => f.write_str("the insole is still keeping what came before: wait for its answer"),
+            Self::Serial => f.write_str("a serial number has up to 16 letters, digits or signs"),
+            Self::Calibration => f.write_str(
+                "the calibration is out of bounds, of another layout, or not whole: it needs one line a cell, gains from 0.1 to 10 and offsets in the lower half of the scale",
+            ),
             Self::TissueId => f.write_str("the parameters do not match their id, some were damaged: send them again"),
             Self::Tissue(region) => write!(
                 f,
@@ -200,11 +249,30 @@ impl Reset {
     }
 }
 
+/// What is kept of the insole itself; a change is in force from its next start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Identity {
+    /// The foot.
+    pub side: Side,
+    /// The serial number.
+    pub serial: Serial,
+    /// Identifies the cells' calibration; 0 where the built-in one is in force.
+    pub calibration_id: u32,
+}
+
 /// A serial number: up to 16 printable ASCII characters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Serial([u8; 16]);
 
 impl Serial {
+    /// None given.
+    pub const NONE: Self = Self([0; 16]);
+
+    /// True where it holds printable ASCII and after that nothing.
+    pub fn is_valid(&self) -> bool {
+        self.0.iter().skip(self.as_str().len()).all(|byte| *byte == 0)
+    }
+
     /// `None` where `text` is longer or holds anything else.
     pub fn new(text: &str) -> Option<Self> {
         let mut serial = Self::default();
@@ -274,7 +342,7 @@ impl Live {
 /// A [`StepRecord`] in scaled integers.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Step {
-    /// Counts steps from 0 since start.
+    /// Counts steps; goes on after a start, as long as the flash chip is the same.
     pub step: u32,
     /// Foot.
     pub side: Side,
@@ -294,6 +362,10 @@ pub struct Step {
     pub contact_rule: ContactRule,
     /// The regions, in the order of [`crate::Region::ALL`].
     pub regions: [StepRegion; 8],
+    /// Starts of the insole since the one that this step was made in; `start_us` counts from that one.
+    pub starts_ago: u32,
+    /// `start_us` on the wall clock, us since 1970, UTC; `None` where that was not set then.
+    pub start_unix_us: Option<u64>,
 }
 
 /// One region of a [`Step`].
@@ -347,7 +419,7 @@ pub struct StepRegion {
 }
 
 impl Step {
-    /// Rounds a step to the wire's units.
+    /// Rounds a step of the running start to the wire's units.
     pub fn new<R: Real>(record: &StepRecord<R>) -> Self {
         let clamped = record.regions.iter().enumerate().fold(0, |bits, (i, r)| bits | u8::from(r.clamped) << i);
         Self {
@@ -361,6 +433,8 @@ impl Step {
             clamped,
             contact_rule: record.contact_rule,
             regions: record.regions.each_ref().map(StepRegion::new),
+            starts_ago: 0,
+            start_unix_us: None,
         }
     }
 }
@@ -419,6 +493,10 @@ pub struct Status {
     pub frame_cycles: (u32, u32),
     /// Deepest use of the main stack so far, bytes.
     pub stack_bytes: u32,
+    /// What could not be kept.
+    pub unkept: u32,
+    /// What the flash chip holds.
+    pub contents: Contents,
 }
 
 /// A message does not fit its buffer, which cannot happen with [`MAX_MESSAGE`] bytes.

@@ -1,6 +1,7 @@
 //! What the tests in `tests/` share.
 
 pub mod nor_flash;
+pub mod power;
 
 use plantar::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
 use plantar::contact::{ContactRule, WHOLE};
@@ -8,6 +9,7 @@ use plantar::insole::{Setup, SetupCell, Tissue};
 use plantar::model::Gauge;
 use plantar::region::{AreaMoments, Cell, RegionCell};
 use plantar::stance::{Rejected, StanceRule};
+use plantar::store::Contents;
 use plantar::wire::{self, Decoder, Hello, Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step, StepRegion};
 use plantar::{Region, Side};
 use serde::Serialize;
@@ -116,6 +118,8 @@ pub fn step(step: u32) -> Step {
         clamped: 0b0000_0100,
         contact_rule: ContactRule { on_kpa: 10.0, off_kpa: 7.5, full_kpa: 50.0 },
         regions: core::array::from_fn(|i| region(i as u16)),
+        starts_ago: 0,
+        start_unix_us: Some(1_790_000_000_000_000),
     }
 }
 
@@ -147,6 +151,8 @@ pub fn status() -> Status {
         bad_frames: 7,
         frame_cycles: (40_000, 90_000),
         stack_bytes: 2048,
+        unkept: 8,
+        contents: Contents { start: 9, next_step: 10, newer_kinds: 11, newer_steps: 12, erased: 13 },
     }
 }
 

@@ -63,6 +63,11 @@ impl NorFlashChip {
         Self { cut: None, ..self.clone() }
     }
 
+    /// True from the cut on.
+    pub fn is_off(&self) -> bool {
+        self.cut.is_some_and(|(at, _)| self.operations > at)
+    }
+
     /// Counts an operation on `target`, of which each byte should become what `change` makes of it.
     fn operate(&mut self, offset: u32, len: usize, change: impl Fn(usize, u8) -> u8) -> Result<(), PowerOff> {
         let number = self.operations;
@@ -98,7 +103,7 @@ impl ReadNorFlash for NorFlashChip {
     const READ_SIZE: usize = 1;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerOff> {
-        if self.cut.is_some_and(|(at, _)| self.operations > at) {
+        if self.is_off() {
             return Err(PowerOff);
         }
         bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);

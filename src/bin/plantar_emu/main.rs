@@ -6,6 +6,7 @@
 #![no_std]
 #![no_main]
 
+mod flash;
 mod plant;
 mod port;
 mod radio;
@@ -18,15 +19,16 @@ use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::Duration;
-use plant::{Clock, PlantMatrix, SETUP_BYTES};
+use flash::FlashFile;
+use plant::{Clock, PlantMatrix};
 use plantar::app::{self, DeviceInsole, Frame, ScanCounters, Session, Stopwatch, Ticker};
 use plantar::ble::{self, HciPipe, OverBluetooth};
 use plantar::device;
-use plantar::emulation::Head;
-use plantar::insole::{Insole, SetupError};
+use plantar::insole::Insole;
+use plantar::store::Store;
 use plantar::wire::Reset;
 use port::{End, Port};
-use radio::{BondsFile, Emulated, pump};
+use radio::{Emulated, pump};
 use static_cell::{ConstStaticCell, StaticCell};
 use stm32_metapac::{Interrupt, USART1, USART2, USART3, interrupt};
 use time::{RELOAD, Time};
@@ -84,11 +86,18 @@ async fn main(spawner: Spawner) {
         NVIC::unmask(Interrupt::USART3);
     }
 
-    let insole = INSOLE.take();
-    let Some((head, refused)) = set_up(insole) else {
+    let Some(mut head) = plant::head() else {
         panic!("no whole setup.bin in the emulator's directory");
     };
     let reset = if panic.is_some() { Reset::Panic } else { Reset::Power };
+    static STORE: StaticCell<Store<FlashFile>> = StaticCell::new();
+    let store = STORE.init(Store::open(FlashFile::open(head.power_cut), reset).await);
+    let name = app::name(store, head.setup.side).await;
+    head.setup.side = name.side;
+    let insole = INSOLE.take();
+    insole.count_steps_from(store.contents().next_step);
+    let refused = plant::set_up(insole, head.setup).err();
+    let calibration_id = app::calibrate(store, insole, plant::recalibrate).await;
     let hello = app::hello("emulated", &head.setup, insole, reset, panic.or(refused.map(device::cut)));
     let Some(matrix) = PlantMatrix::open(&PLANT, insole.cells()) else {
         panic!("no matrix.bin in the emulator's directory");
@@ -101,27 +110,20 @@ async fn main(spawner: Spawner) {
 
     static CHANNEL: StaticCell<Channel<'static, CriticalSectionRawMutex, Frame>> = StaticCell::new();
     static SESSION: StaticCell<Session> = StaticCell::new();
-    static OVER_BLUETOOTH: StaticCell<OverBluetooth<'static, Emulated, BondsFile>> = StaticCell::new();
+    static OVER_BLUETOOTH: StaticCell<OverBluetooth<'static, Emulated>> = StaticCell::new();
     let (sender, receiver) = CHANNEL.init(Channel::new(FRAMES.take())).split();
     let session = SESSION.init(Session::new(hello, &SCAN_COUNTERS, device::stack_bytes));
+    session.restore(store, name, calibration_id).await;
 
     // Each task has a place of its own and is spawned once, so spawning cannot fail.
     SCAN_EXECUTOR.start(Interrupt::TIM2).spawn(scan(clock, matrix, sender).unwrap());
     spawner.spawn(process(insole, receiver, session).unwrap());
     spawner.spawn(serve(session).unwrap());
+    spawner.spawn(keep(store, session).unwrap());
     let board = Emulated { address: head.address, bonding: Duration::from_secs(head.bonding_s.into()) };
-    let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, board, BondsFile));
+    let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, board));
     spawner.spawn(ble::run(&FROM_RADIO, &TO_RADIO, insole).unwrap());
     spawner.spawn(pump_radio().unwrap());
-}
-
-/// Reads the set-up; `None` where it is not whole. A refusal leaves an insole without cells, so that a host hears why.
-/// Apart, so that its buffer is on the stack only here.
-#[inline(never)]
-fn set_up(insole: &mut DeviceInsole) -> Option<(Head, Option<SetupError>)> {
-    let mut buffer = [0; SETUP_BYTES];
-    let (head, cells) = plant::read_setup(&mut buffer)?;
-    Some((head, insole.set_up(head.setup, cells).err()))
 }
 
 #[embassy_executor::task]
@@ -137,6 +139,11 @@ async fn process(insole: &'static mut DeviceInsole, frames: FrameReceiver, sessi
 #[embassy_executor::task]
 async fn serve(session: &'static Session) {
     app::serve(End(&LINK), End(&LINK), session).await
+}
+
+#[embassy_executor::task]
+async fn keep(store: &'static mut Store<FlashFile>, session: &'static Session) {
+    app::keep(store, session, cortex_m::peripheral::SCB::sys_reset).await
 }
 
 #[embassy_executor::task]

@@ -4,9 +4,10 @@
 
 use crate::port::Port;
 use embassy_time::{Duration, Instant, with_timeout};
-use plantar::app::{FrameClock, Matrix, MatrixTimeout, Ticker};
+use plantar::app::{DeviceInsole, FrameClock, Matrix, MatrixTimeout, Ticker};
 use plantar::emulation::{self, COLUMNS, Head, MATRIX_FILE, SCAN, SETUP_FILE, TICK};
-use plantar::insole::{DEVICE_CELLS, SetupCell};
+use plantar::insole::{DEVICE_CELLS, Setup, SetupCell, SetupError};
+use plantar::store::Part;
 use semihosting::fs::File;
 use semihosting::io::{Read, Seek, SeekFrom};
 
@@ -14,10 +15,10 @@ use semihosting::io::{Read, Seek, SeekFrom};
 const SILENCE: Duration = Duration::from_millis(100);
 
 /// Room for the set-up of [`DEVICE_CELLS`] cells.
-pub const SETUP_BYTES: usize = 6 * 1024;
+const SETUP_BYTES: usize = 6 * 1024;
 
 /// Reads the set-up file; `None` where it is absent or not whole.
-pub fn read_setup(buffer: &mut [u8; SETUP_BYTES]) -> Option<(Head, impl Iterator<Item = SetupCell> + Clone)> {
+fn read_setup(buffer: &mut [u8; SETUP_BYTES]) -> Option<(Head, impl Iterator<Item = SetupCell> + Clone)> {
     let mut file = File::open(SETUP_FILE).ok()?;
     let mut len = 0;
     while let Some(rest) = buffer.get_mut(len..).filter(|rest| !rest.is_empty()) {
@@ -27,6 +28,31 @@ pub fn read_setup(buffer: &mut [u8; SETUP_BYTES]) -> Option<(Head, impl Iterator
         }
     }
     emulation::read_setup(&buffer[..len])
+}
+
+// Each of these is apart, so that its buffer is on the stack only there.
+
+/// The head of the set-up; `None` without a whole one.
+#[inline(never)]
+pub fn head() -> Option<Head> {
+    Some(read_setup(&mut [0; SETUP_BYTES])?.0)
+}
+
+/// Sets an insole up. A refusal leaves it without cells, so that a host hears why.
+#[inline(never)]
+pub fn set_up(insole: &mut DeviceInsole, setup: Setup) -> Result<(), SetupError> {
+    let mut buffer = [0; SETUP_BYTES];
+    let (_, cells) = read_setup(&mut buffer).ok_or(SetupError::NoCells)?;
+    insole.set_up(setup, cells)
+}
+
+/// Replaces calibrations from cell `first` on.
+#[inline(never)]
+pub fn recalibrate(insole: &mut DeviceInsole, first: usize, calibrations: &Part) {
+    let mut buffer = [0; SETUP_BYTES];
+    if let Some((_, cells)) = read_setup(&mut buffer) {
+        insole.recalibrate(cells, first, calibrations);
+    }
 }
 
 fn ask(port: &Port, kind: u8, seq: u32) {

@@ -2,13 +2,7 @@
 
 use embassy_time::{Duration, Instant};
 use embedded_io_async::{Read, Write};
-use plantar::ble::{BONDS_BYTES, Board, BondStore};
-use plantar::emulation::BONDS_FILE;
-use semihosting::fs::{self, File};
-use semihosting::io::{Read as _, Write as _};
-
-/// A new file of bonds, until it is whole.
-const NEW_BONDS_FILE: &core::ffi::CStr = c"bonds.new";
+use plantar::ble::Board;
 
 /// What the emulator stands for.
 pub struct Emulated {
@@ -28,21 +22,6 @@ impl Board for Emulated {
 
     fn allows_bonding(&self) -> bool {
         Instant::now().as_micros() < self.bonding.as_micros()
-    }
-}
-
-/// A file on the host: the machine's flash cannot be written.
-pub struct BondsFile;
-
-impl BondStore for BondsFile {
-    fn load(&mut self, bytes: &mut [u8; BONDS_BYTES]) -> usize {
-        File::open(BONDS_FILE).and_then(|mut file| file.read(bytes)).unwrap_or(0)
-    }
-
-    fn save(&mut self, bytes: &[u8]) {
-        let written = File::create(NEW_BONDS_FILE).and_then(|mut file| file.write_all(bytes));
-        // What cannot be kept is forgotten at the next reset, and the phone bonds again.
-        let _ = written.and_then(|()| fs::rename(NEW_BONDS_FILE, BONDS_FILE));
     }
 }
 

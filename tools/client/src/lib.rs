@@ -8,9 +8,12 @@ pub use axis::Axis;
 pub use carrier::{Carrier, Framed};
 pub use json::{region_ellipse, region_quantities, step_to_json};
 
+use plantar::Side;
+use plantar::calibrate::CellCalibration;
 use plantar::insole::Tissue;
 use plantar::link::STEP_QUEUE;
-use plantar::wire::{Hello, MAJOR, MINOR, Refusal, Step, ToDevice, ToHost};
+use plantar::store::{CalibrationId, PART_CELLS};
+use plantar::wire::{Hello, Identity, MAJOR, MINOR, Refusal, Serial, Step, ToDevice, ToHost};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::io;
@@ -19,10 +22,6 @@ use thiserror::Error;
 
 /// A connected insole answers within this time.
 const ANSWER: Duration = Duration::from_secs(2);
-/// Minor version that brought the wearer's parameters.
-const TISSUE_MINOR: u8 = 1;
-/// Minor version that brought the clock.
-const CLOCK_MINOR: u8 = 2;
 /// Between questions for the insole's time.
 const ASK_TIME: Duration = Duration::from_millis(250);
 
@@ -43,16 +42,6 @@ pub enum Error {
         firmware: String,
         /// Its major.
         major: u8,
-        /// Its minor.
-        minor: u8,
-    },
-    /// The insole is too old for what it is asked.
-    #[error(
-        "the insole (firmware {firmware}) speaks protocol {MAJOR}.{minor} and takes no parameters, that came with {MAJOR}.{TISSUE_MINOR}: update its firmware"
-    )]
-    OlderMinor {
-        /// Its firmware.
-        firmware: String,
         /// Its minor.
         minor: u8,
     },
@@ -137,21 +126,18 @@ impl<C: Carrier> Client<C> {
 
     /// Sets the insole's clock and learns its time, turns the live stream on and waits until it is; what arrives meanwhile is received as usual.
     pub fn stream(&mut self) -> Result<(), Error> {
-        if self.hello.minor >= CLOCK_MINOR {
-            self.send(ToDevice::SetClock { unix_us: unix_us() })?;
-            let question = ToDevice::GetTime { host_us: unix_us() };
-            let (asked_us, device_us) = self.ask(question, |message| match *message {
-                ToHost::Time { host_us, device_us } => Some((host_us, device_us)),
-                _ => None,
-            })?;
-            self.axis.answer(asked_us, device_us);
-        }
+        self.send(ToDevice::SetClock { unix_us: unix_us() })?;
+        let question = ToDevice::GetTime { host_us: unix_us() };
+        let (asked_us, device_us) = self.ask(question, |message| match *message {
+            ToHost::Time { host_us, device_us } => Some((host_us, device_us)),
+            _ => None,
+        })?;
+        self.axis.answer(asked_us, device_us);
         self.send(ToDevice::Stream { live: true })?;
         self.ask(ToDevice::GetStatus, |message| matches!(message, ToHost::Status(_)).then_some(()))
     }
 
-    /// Gives the insole its wearer's parameters and waits until they are in force for the frames that follow; they are until
-    /// it restarts. Steps that ended before, and one whose evaluation is under way, still come with the parameters before.
+    /// Gives the insole its wearer's parameters and waits until they are kept, and in force for the frames that follow. Steps that ended before, and one whose evaluation is under way, still come with the parameters before.
     pub fn set_tissue(&mut self, tissue: &Tissue) -> Result<(), Error> {
         self.ask_tissue(ToDevice::SetTissue(*tissue), |in_force| in_force.id == tissue.id).map(drop)
     }
@@ -162,15 +148,49 @@ impl<C: Carrier> Client<C> {
     }
 
     fn ask_tissue(&mut self, request: ToDevice, is_answer: impl Fn(&Tissue) -> bool) -> Result<Tissue, Error> {
-        if self.hello.minor < TISSUE_MINOR {
-            return Err(Error::OlderMinor { firmware: self.hello.firmware.as_str().into(), minor: self.hello.minor });
-        }
         let tissue = self.ask(request, |message| match message {
             ToHost::Tissue(tissue) if is_answer(tissue) => Some(*tissue),
             _ => None,
         })?;
         self.hello.tissue_id = tissue.id;
         Ok(tissue)
+    }
+
+    /// What is kept of the insole itself.
+    pub fn identity(&mut self) -> Result<Identity, Error> {
+        self.ask_identity(ToDevice::GetIdentity)
+    }
+
+    /// Names the insole, from its next start on.
+    pub fn set_identity(&mut self, side: Side, serial: Serial) -> Result<Identity, Error> {
+        self.ask_identity(ToDevice::SetIdentity { side, serial })
+    }
+
+    fn ask_identity(&mut self, request: ToDevice) -> Result<Identity, Error> {
+        self.ask(request, |message| match message {
+            ToHost::Identity(identity) => Some(*identity),
+            _ => None,
+        })
+    }
+
+    /// Gives the insole its cells' calibrations, one each in the order of its layout, for its next start.
+    pub fn calibrate(&mut self, cells: &[CellCalibration]) -> Result<Identity, Error> {
+        let mut id = CalibrationId::new();
+        id.add(cells);
+        for (number, chunk) in (0..).zip(cells.chunks(PART_CELLS)) {
+            let mut part = [CellCalibration::IDEAL; PART_CELLS];
+            part[..chunk.len()].copy_from_slice(chunk);
+            self.ask(ToDevice::SetCalibrationPart { part: number, cells: part }, |message| {
+                matches!(message, ToHost::CalibrationPart { part } if *part == number).then_some(())
+            })?;
+        }
+        let (layout_id, cells) = (self.hello.layout_id, cells.len() as u16);
+        self.ask_identity(ToDevice::SetCalibration { layout_id, cells, id: id.id() })
+    }
+
+    /// Restarts the insole; open the session anew after that.
+    pub fn restart(&mut self) -> Result<(), Error> {
+        self.send(ToDevice::Restart)
     }
 
     /// Sends a request and waits for its answer; what arrives meanwhile is received as usual.
@@ -215,7 +235,7 @@ impl<C: Carrier> Client<C> {
 
     fn ask_time(&mut self) -> Result<(), Error> {
         let is_due = self.asked_time.is_none_or(|asked| asked.elapsed() >= ASK_TIME);
-        if is_due && self.hello.minor >= CLOCK_MINOR {
+        if is_due {
             self.asked_time = Some(Instant::now());
             self.send(ToDevice::GetTime { host_us: unix_us() })?;
         }
@@ -244,7 +264,7 @@ impl<C: Carrier> Client<C> {
                 self.next_live = Some(live.sequence.wrapping_add(1));
             }
             ToHost::Step(step) => {
-                // By content: an insole that restarted counts from 0 again.
+                // By content: an insole whose chip was changed counts from 0 again.
                 if self.delivered.contains(step) {
                     return Ok(None);
                 }
@@ -260,7 +280,7 @@ impl<C: Carrier> Client<C> {
             }
             // What follows is another session.
             ToHost::Hello(_) => self.next_live = None,
-            ToHost::Tissue(_) | ToHost::Refused(_) => {}
+            ToHost::Tissue(_) | ToHost::Refused(_) | ToHost::Identity(_) | ToHost::CalibrationPart { .. } => {}
         }
         Ok(Some(message))
     }

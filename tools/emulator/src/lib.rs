@@ -8,7 +8,7 @@ mod recorded;
 pub use plant::{Plant, Scan, Walk};
 pub use recorded::{Looped, Recorded};
 
-use plantar::emulation::{BONDS_FILE, Head, MATRIX_FILE, SETUP_FILE};
+use plantar::emulation::{FLASH_BYTES, FLASH_FILE, Head, MATRIX_FILE, SETUP_FILE};
 use plantar::insole::SetupCell;
 use std::io::{self, Read};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
@@ -56,18 +56,18 @@ pub enum Error {
     Io(#[from] io::Error),
 }
 
-/// The board's Bluetooth; without a controller there is none.
+/// What is soldered to the board.
 #[derive(Clone, Debug, Default)]
-pub struct Radio {
-    /// Where a controller listens for HCI (H4).
+pub struct Parts {
+    /// Where a Bluetooth controller listens for HCI (H4); without one there is no Bluetooth.
     pub hci: Option<SocketAddr>,
-    /// What [`Board::bonds`] gave before this start.
-    pub bonds: Option<Vec<u8>>,
+    /// The flash chip: what [`Board::flash`] gave before this start, or a new one.
+    pub flash: Option<Vec<u8>>,
 }
 
 /// A running board. It stops when this is dropped.
 pub struct Board {
-    _qemu: Qemu,
+    qemu: Qemu,
     plant: Plant,
     link: TcpStream,
     // Dropped last: QEMU and the plant use it.
@@ -83,17 +83,17 @@ impl Board {
         time: Time,
         walk: impl Walk,
     ) -> Result<Self, Error> {
-        Self::start_with(firmware, head, cells, time, walk, &Radio::default())
+        Self::start_with(firmware, head, cells, time, walk, &Parts::default())
     }
 
-    /// The same with Bluetooth.
+    /// The same with other parts.
     pub fn start_with(
         firmware: &Path,
         head: &Head,
         cells: &[SetupCell],
         time: Time,
         walk: impl Walk,
-        radio: &Radio,
+        parts: &Parts,
     ) -> Result<Self, Error> {
         if !firmware.is_file() {
             return Err(Error::NoFirmware(firmware.into()));
@@ -108,10 +108,11 @@ impl Board {
         std::fs::write(file(SETUP_FILE), setup)?;
         std::fs::write(file(MATRIX_FILE), vec![0; 2 * cells.len()])?;
 
-        if let Some(bonds) = &radio.bonds {
-            std::fs::write(file(BONDS_FILE), bonds)?;
+        match &parts.flash {
+            Some(flash) => std::fs::write(file(FLASH_FILE), flash)?,
+            None => std::fs::write(file(FLASH_FILE), vec![0xff; FLASH_BYTES])?,
         }
-        let hci = radio.hci.map_or("null".into(), |at| format!("tcp:{at},nodelay=on"));
+        let hci = parts.hci.map_or("null".into(), |at| format!("tcp:{at},nodelay=on"));
 
         let link = Port::listen()?;
         let plant = Port::listen()?;
@@ -136,7 +137,7 @@ impl Board {
         let link = link.accept(&mut qemu.0)?;
         let plant = plant.accept(&mut qemu.0)?;
         let plant = Plant::start(plant, &file(MATRIX_FILE), walk)?;
-        Ok(Self { _qemu: qemu, plant, link, directory })
+        Ok(Self { qemu, plant, link, directory })
     }
 
     /// The board's link, a byte stream in both directions.
@@ -144,12 +145,14 @@ impl Board {
         self.link.try_clone()
     }
 
-    /// The bonds that the board keeps; `None` without any.
-    pub fn bonds(&self) -> io::Result<Option<Vec<u8>>> {
-        match std::fs::read(self.directory.path().join(BONDS_FILE.to_string_lossy().as_ref())) {
-            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
-            bonds => bonds.map(Some),
-        }
+    /// The contents of the flash chip.
+    pub fn flash(&self) -> io::Result<Vec<u8>> {
+        std::fs::read(self.directory.path().join(FLASH_FILE.to_string_lossy().as_ref()))
+    }
+
+    /// True while the board has power; see [`Head::power_cut`].
+    pub fn is_on(&mut self) -> io::Result<bool> {
+        Ok(self.qemu.0.try_wait()?.is_none())
     }
 
     /// Lets the walk begin; in [`Time::Real`] it began with the board.

@@ -1,0 +1,254 @@
+//! What an insole keeps, on a flash chip in memory.
+
+use embedded_storage_async::nor_flash::NorFlash;
+use host_tests::nor_flash::{NorFlashChip, Torn, now};
+use host_tests::power::Script;
+use host_tests::{TISSUE, step};
+use plantar::Side;
+use plantar::calibrate::CellCalibration;
+use plantar::insole::Tissue;
+use plantar::store::{Bonds, Failed, LOG, Name, PART_CELLS, RECORDS, Record, SECTOR, Store};
+use plantar::wire::{Reset, Serial, Step};
+use sequential_storage::cache::Cache;
+use sequential_storage::map::{MapConfig, MapStorage};
+use sequential_storage::queue::{QueueConfig, QueueStorage};
+
+type Chip<'c> = Store<&'c mut NorFlashChip>;
+
+fn chip() -> NorFlashChip {
+    NorFlashChip::new(LOG.end as usize)
+}
+
+fn open(chip: &mut NorFlashChip) -> Chip<'_> {
+    now(Store::open(chip, Reset::Power))
+}
+
+fn steps(store: &mut Chip) -> Vec<Step> {
+    let mut steps = Vec::new();
+    let more = now(store.steps(None, |step| {
+        steps.push(step);
+        true
+    }));
+    assert_eq!(more, Ok(false));
+    steps
+}
+
+fn numbers(store: &mut Chip) -> Vec<u32> {
+    steps(store).iter().map(|step| step.step).collect()
+}
+
+/// The first operations of scripts on a new chip and on one whose sectors are used again; `cargo xtask soak` cuts all of them.
+#[test]
+fn a_loss_of_power_at_any_moment_leaves_the_old_or_the_new() {
+    for (seed, used) in [(1, 0), (2, 12_000)] {
+        let script = Script::new(seed, used, 60);
+        for at in 0..script.operations {
+            for torn in [Torn::Before, Torn::Within, Torn::After] {
+                script.cut(at, torn).expect("the old or the new is there");
+            }
+        }
+    }
+}
+
+/// A script long enough to use sectors again erases some: else the test above would not see it.
+#[test]
+fn scripts_erase_sectors() {
+    assert!(Script::new(2, 12_000, 400).erasures > 0);
+}
+
+/// `flash-1.bin` was written by the first firmware with storage: its first sector of records and two of the log.
+#[test]
+fn what_older_firmware_kept_is_read() {
+    let capture = include_bytes!("../data/flash-1.bin");
+    let mut chip = chip();
+    let (records, log) = capture.split_at(SECTOR as usize);
+    chip.bytes[..records.len()].copy_from_slice(records);
+    chip.bytes[LOG.start as usize..][..log.len()].copy_from_slice(log);
+
+    let mut store = open(&mut chip);
+    let contents = store.contents();
+    assert_eq!((contents.start, contents.next_step, contents.newer_kinds, contents.newer_steps), (2, 20, 0, 0));
+    assert_eq!(now(store.get::<Tissue>(0)), Ok(Some(*TISSUE)));
+    let serial = Serial::new("P-0001").expect("printable");
+    assert_eq!(now(store.get::<Name>(0)), Ok(Some(Name { side: Side::Right, serial })));
+    assert_eq!(now(store.get::<Bonds>(0)), Ok(Some(Bonds([1, 2, 3, 4, 5].into_iter().collect()))));
+    let calibration = now(store.calibration(7, 40)).expect("the chip works").expect("one is in force");
+    for part in 0..3u16 {
+        let cells = now(store.part(&calibration, part as u8)).expect("the chip works").expect("it is there");
+        for (i, cell) in (part * PART_CELLS as u16..40).zip(cells) {
+            assert_eq!(cell, CellCalibration { offset: 100 + i, gain: 1.0 + f32::from(i) / 64.0 });
+        }
+    }
+    let wanted = (5..20).map(|number| Step { starts_ago: 1, start_unix_us: None, ..step(number) });
+    assert_eq!(steps(&mut store), wanted.collect::<Vec<_>>());
+    // Numbers go on, old and new steps are acknowledged together.
+    assert_eq!(now(store.push_step(&step(20))), Ok(0));
+    assert_eq!(now(store.acknowledge(18)), Ok(()));
+    assert_eq!(numbers(&mut store), [19, 20]);
+}
+
+#[test]
+fn numbers_of_steps_go_on_after_all_were_acknowledged() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    for number in [u32::MAX - 1, u32::MAX, 0, 1] {
+        assert_eq!(now(store.push_step(&step(number))), Ok(0));
+    }
+    assert_eq!(now(store.acknowledge(u32::MAX)), Ok(()));
+    assert_eq!(numbers(&mut store), [0, 1]);
+    assert_eq!(now(store.acknowledge(1)), Ok(()));
+    assert_eq!(numbers(&mut store), []);
+    for _ in 0..3 {
+        let mut store = open(&mut chip);
+        assert_eq!(store.contents().next_step, 2);
+        assert_eq!(numbers(&mut store), []);
+        // Once more, as by a host whose acknowledgement was cut off.
+        assert_eq!(now(store.acknowledge(1)), Ok(()));
+    }
+}
+
+#[test]
+fn a_full_log_keeps_at_least_the_last_2000_steps_and_counts_what_it_drops() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    let (mut dropped, mut fewest) = (0, u32::MAX);
+    for number in 0..12_000 {
+        let now_dropped = now(store.push_step(&step(number))).expect("the chip works");
+        dropped += now_dropped;
+        if now_dropped > 0 {
+            let kept = numbers(&mut store);
+            assert_eq!(kept, (dropped..=number).collect::<Vec<_>>(), "the last ones, without a gap");
+            fewest = fewest.min(kept.len() as u32);
+        }
+    }
+    assert!(fewest >= 2000, "{fewest}");
+    let kept = numbers(&mut open(&mut chip));
+    assert_eq!(kept, (dropped..12_000).collect::<Vec<_>>());
+}
+
+#[test]
+fn records_of_newer_firmware_are_reported_and_left_alone() {
+    let mut chip = chip();
+    let newer_tissue: &[u8] = b"parameters as they will be";
+    let newer_entry: &[u8] = &[9; 50];
+    open(&mut chip);
+    now(async {
+        let mut records = MapStorage::new(&mut chip, MapConfig::new(RECORDS), Cache::new_uncached());
+        let (mut buffer, key) = ([0; 100], [Tissue::KIND, 0, Tissue::VERSION + 1]);
+        records.store_item(&mut buffer, &key, &newer_tissue).await.expect("there is room");
+        records.store_item(&mut buffer, &[31, 0, 1], &newer_tissue).await.expect("there is room");
+        let mut log = QueueStorage::new(&mut chip, QueueConfig::new(LOG), Cache::new_uncached());
+        log.push(newer_entry, false).await.expect("there is room");
+    });
+    let mut store = open(&mut chip);
+    assert_eq!(store.contents().newer_kinds, 1 << Tissue::KIND | 1 << 31);
+    assert_eq!(store.contents().newer_steps, 1);
+    assert_eq!(now(store.get::<Tissue>(0)), Ok(None));
+    // This firmware keeps its own beside them, until sectors are used again and again.
+    for i in 0..5000 {
+        let tissue = Tissue::new([plantar::model::Gauge { c_m: 0.01 + i as f32 * 1e-6, ..TISSUE.gauges[0] }; 8]);
+        assert_eq!(now(store.put(0, &tissue)), Ok(()));
+        assert_eq!(now(store.get(0)), Ok(Some(tissue)));
+    }
+    for number in 0..50 {
+        assert_eq!(now(store.push_step(&step(number))), Ok(0));
+    }
+    assert_eq!(now(store.acknowledge(49)), Ok(()));
+    assert_eq!(numbers(&mut store), []);
+    assert!(chip.erasures[0] > 1, "sectors of records were used again");
+    now(async {
+        let mut records = MapStorage::new(&mut chip, MapConfig::new(RECORDS), Cache::new_uncached());
+        let mut buffer = [0; 400];
+        for key in [[Tissue::KIND, 0, Tissue::VERSION + 1], [31, 0, 1]] {
+            let kept = records.fetch_item::<&[u8]>(&mut buffer, &key).await.expect("the chip works");
+            assert_eq!(kept, Some(newer_tissue));
+        }
+        let mut log = QueueStorage::new(&mut chip, QueueConfig::new(LOG), Cache::new_uncached());
+        let oldest = log.peek(&mut buffer).await.expect("the chip works");
+        assert_eq!(oldest.as_deref(), Some(newer_entry));
+    });
+}
+
+#[test]
+fn a_calibration_of_another_layout_or_in_pieces_is_not_used() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    let part = [CellCalibration { offset: 5, gain: 2.0 }; PART_CELLS];
+    let mut id = plantar::store::CalibrationId::new();
+    id.add(&part);
+    id.add(&part);
+    assert_eq!(now(store.put_part(0, &part)), Ok(()));
+    assert_eq!(now(store.put_calibration(7, 32, id.id())), Ok(false), "half of it is missing");
+    assert_eq!(now(store.put_part(1, &part)), Ok(()));
+    assert_eq!(now(store.put_calibration(7, 32, id.id() ^ 1)), Ok(false), "another checksum");
+    assert_eq!(now(store.calibration(7, 32)), Ok(None));
+    assert_eq!(now(store.put_calibration(7, 32, id.id())), Ok(true));
+    assert!(matches!(now(store.calibration(7, 32)), Ok(Some(_))));
+    assert_eq!(now(store.calibration(8, 32)), Ok(None), "another layout");
+    assert_eq!(now(store.calibration(7, 31)), Ok(None), "other cells");
+}
+
+/// Nothing that lies in a chip makes it useless or the firmware panic.
+#[test]
+fn a_chip_full_of_anything_works_again() {
+    let mut random = fastrand::Rng::with_seed(5);
+    for round in 0..60 {
+        let mut chip = chip();
+        match round % 3 {
+            0 => random.fill(&mut chip.bytes),
+            1 => chip.bytes.fill(random.u8(..)),
+            // Used, and then struck by lightning.
+            _ => {
+                let mut store = open(&mut chip);
+                for number in 0..500 {
+                    now(store.push_step(&step(number))).expect("the chip works");
+                }
+                let mut at = random.usize(..RECORDS.end as usize);
+                for _ in 0..200 {
+                    chip.bytes[at] ^= 1 << random.u8(0..8);
+                    // In the log where something is written: what is pushed there is not read back.
+                    let reach =
+                        if random.bool() { 0..RECORDS.end as usize } else { LOG.start as usize..chip.bytes.len() };
+                    at = random.usize(reach);
+                    while at >= LOG.start as usize && chip.bytes[at] == 0xff {
+                        at = random.usize(LOG.start as usize..chip.bytes.len());
+                    }
+                }
+            }
+        }
+        let mut store = open(&mut chip);
+        assert_eq!(now(store.put(0, &*TISSUE)), Ok(()), "round {round}");
+        let next = store.contents().next_step;
+        for number in next..next + 20 {
+            now(store.push_step(&step(number))).expect("the chip works");
+        }
+        let mut store = open(&mut chip);
+        assert_eq!(now(store.get(0)), Ok(Some(*TISSUE)), "round {round}");
+        assert!(numbers(&mut store).ends_with(&(next..next + 20).collect::<Vec<_>>()), "round {round}");
+    }
+}
+
+#[test]
+fn a_dead_chip_is_told() {
+    let mut chip = chip();
+    chip.cut = Some((0, Torn::Before));
+    let _ = now(chip.erase(0, SECTOR));
+    let mut store = open(&mut chip);
+    assert_eq!(now(store.get::<Tissue>(0)), Err(Failed::Chip));
+    assert_eq!(now(store.put(0, &*TISSUE)), Err(Failed::Chip));
+    assert_eq!(now(store.push_step(&step(0))), Err(Failed::Chip));
+    assert_eq!(now(store.acknowledge(0)), Err(Failed::Chip));
+    assert_eq!(now(store.steps(None, |_| true)), Err(Failed::Chip));
+}
+
+#[test]
+fn serial_numbers_are_short_and_printable() {
+    for good in ["", "P-0001", "ABCDEFGHIJKLMNOP"] {
+        let serial = Serial::new(good).expect("it is good");
+        assert!(serial.is_valid());
+        assert_eq!(serial.as_str(), good);
+    }
+    for bad in ["ABCDEFGHIJKLMNOPQ", "a b", "ä", "\n"] {
+        assert_eq!(Serial::new(bad), None, "{bad:?}");
+    }
+}
