@@ -237,6 +237,8 @@ pub struct Session {
     /// The phones that are known.
     bonds: RefCell<Vec<u8, MAX_BONDS_BYTES>>,
     bonds_changed: Cell<bool>,
+    /// Frames before the first of the steps that are not kept yet.
+    frames_before: Cell<Option<u32>>,
     /// There may be something to keep.
     to_keep: Signal<NoopRawMutex, ()>,
     contents: Cell<Contents>,
@@ -274,6 +276,7 @@ impl Session {
             steps: Channel::new(),
             bonds: RefCell::default(),
             bonds_changed: Cell::default(),
+            frames_before: Cell::default(),
             to_keep: Signal::new(),
             contents: Cell::default(),
             unkept: Cell::default(),
@@ -385,7 +388,7 @@ impl Session {
         let counters = self.counters.borrow();
         Status {
             uptime_us: Instant::now().as_micros(),
-            frames: self.frames.load(Ordering::Relaxed),
+            frames: self.frames_before.get().unwrap_or(self.frames.load(Ordering::Relaxed)),
             frames_missed: self.scan.missed.load(Ordering::Relaxed),
             frames_overrun: self.scan.overrun.load(Ordering::Relaxed),
             steps: counters.steps,
@@ -444,6 +447,8 @@ pub async fn process(
                 yield_now().await;
             }
             if let Some(step) = insole.step(regions) {
+                let before = session.frames_before.get().unwrap_or(session.frames.load(Ordering::Relaxed));
+                session.frames_before.set(Some(before));
                 let start_unix_us = session.link.borrow().unix_us(step.start_us);
                 if session.steps.try_send(Step { start_unix_us, ..Step::new(&step) }).is_err() {
                     session.link.borrow_mut().count_dropped(1);
@@ -504,6 +509,7 @@ pub async fn keep(store: &mut Store<impl MultiwriteNorFlash>, session: &Session,
                 link.push_step(step);
             }
         }
+        session.frames_before.set(None);
         let acknowledged = session.link.borrow_mut().take_acknowledged();
         if let Some(step) = acknowledged
             && store.acknowledge(step).await.is_err()

@@ -79,7 +79,7 @@ fn way_of(message: &[u8]) -> Way {
     match message.first() {
         Some(&ToHost::LIVE) => Way::Live,
         Some(&ToHost::STEP) => Way::Steps,
-        // What is not understood is refused as an attribute error, so a refusal is one of parameters.
+        // What is not understood is refused as an attribute error, so a refusal is one of what is to be kept.
         Some(&(ToHost::TISSUE | ToHost::REFUSED)) => Way::Parameters,
         _ => Way::Control,
     }

@@ -48,10 +48,15 @@ impl NorFlashError for PowerOff {
 impl NorFlashChip {
     /// An erased chip.
     pub fn new(bytes: usize) -> Self {
+        Self::of(vec![0xff; bytes])
+    }
+
+    /// A chip with these contents.
+    pub fn of(bytes: Vec<u8>) -> Self {
         Self {
-            bytes: vec![0xff; bytes],
             operations: 0,
-            erasures: vec![0; bytes / SECTOR as usize],
+            erasures: vec![0; bytes.len() / SECTOR as usize],
+            bytes,
             written: 0,
             cut: None,
             random: fastrand::Rng::with_seed(1),

@@ -93,12 +93,14 @@ impl Session {
             ToHost::Live(live) => received.live.push(live),
             ToHost::Step(step) => {
                 self.client.send(ToDevice::Acknowledge { step: step.step }).expect("the link holds");
-                received.steps.push(step);
+                // The session's clock, which a replay does not have.
+                received.steps.push(Step { start_unix_us: None, ..step });
             }
             ToHost::Status(status) => received.status = status,
             ToHost::Tissue(tissue) => received.tissues.push((received.live.len(), tissue)),
             ToHost::Refused(refusal) => received.refusals.push(refusal),
             ToHost::Time { .. } => panic!("nobody asked for the time"),
+            ToHost::Identity(_) | ToHost::CalibrationPart { .. } => panic!("nobody asked for it"),
             ToHost::Hello(hello) => panic!("the insole restarted: {:?}", hello.last_panic),
         }
         is_answer

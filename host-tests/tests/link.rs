@@ -1,10 +1,14 @@
 //! An insole's side of a session, message by message.
 
 use host_tests::{TISSUE, hello, live, status, step};
-use plantar::Region;
+use plantar::calibrate::CellCalibration;
 use plantar::insole::Tissue;
-use plantar::link::{Link, STEP_QUEUE};
-use plantar::wire::{Hello, MAJOR, MAX_MESSAGE, MINOR, Refusal, Status, ToDevice, ToHost, decode};
+use plantar::link::{Job, Link, STEP_QUEUE};
+use plantar::store::PART_CELLS;
+use plantar::wire::{
+    Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Serial, Status, ToDevice, ToHost, decode, encode,
+};
+use plantar::{Region, Side};
 
 /// What the host gets, in short.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,6 +20,8 @@ enum Sent {
     Tissue(u32),
     Refused(Refusal),
     Time { host_us: u64, device_us: u64 },
+    Identity(Identity),
+    CalibrationPart(u8),
 }
 
 fn next(link: &mut Link) -> Option<Sent> {
@@ -41,6 +47,11 @@ fn next(link: &mut Link) -> Option<Sent> {
         }
         ToHost::Refused(got) => Sent::Refused(got),
         ToHost::Time { host_us, device_us } => Sent::Time { host_us, device_us },
+        ToHost::Identity(got) => {
+            assert_eq!(got, link.identity());
+            Sent::Identity(got)
+        }
+        ToHost::CalibrationPart { part } => Sent::CalibrationPart(part),
     })
 }
 
@@ -317,6 +328,8 @@ fn accepted_parameters_are_answered_and_named_from_then_on() {
     for tissue in [*TISSUE, other_tissue(), *TISSUE, *TISSUE] {
         link.receive(ToDevice::SetTissue(tissue), 0);
         assert_eq!(*link.tissue(), tissue);
+        assert_eq!(all(&mut link), [], "not before they are kept");
+        link.done(Ok(None));
         assert_eq!(all(&mut link), [Sent::Tissue(tissue.id)]);
     }
     assert!(link.next_live().is_some(), "the stream goes on");
@@ -340,6 +353,7 @@ fn refused_parameters_are_answered_with_the_reason_and_the_old_stay() {
         link.receive_unknown();
         assert_eq!(all(&mut link), [Sent::Refused(Refusal::NotUnderstood)]);
         link.receive(ToDevice::SetTissue(*TISSUE), 0);
+        link.done(Ok(None));
         all(&mut link);
     }
 }
@@ -358,6 +372,7 @@ fn answers_come_in_the_order_of_the_requests_and_after_what_was_before() {
         ToDevice::GetTissue,
     ] {
         link.receive(request, 0);
+        link.done(Ok(None));
     }
     link.receive_unknown();
     let sent = all(&mut link);
@@ -388,4 +403,76 @@ fn a_flood_of_requests_is_answered_in_part() {
     assert!((11..1000).contains(&sent.len()), "{} answers", sent.len());
     link.receive(ToDevice::GetStatus, 0);
     assert!(matches!(all(&mut link)[..], [Sent::Status(_)]));
+}
+
+#[test]
+fn what_is_kept_is_answered_when_it_is_and_one_job_waits_at_a_time() {
+    let mut link = streaming();
+    let serial = Serial::new("P-0001").expect("printable");
+    let name = ToDevice::SetIdentity { side: Side::Right, serial };
+    link.receive(name, 0);
+    assert_eq!(link.job(), Some(Job::Name(Side::Right, serial)));
+    // Another has to wait, and changes nothing.
+    link.receive(ToDevice::SetTissue(*TISSUE), 0);
+    assert_eq!(all(&mut link), [Sent::Refused(Refusal::Busy)]);
+    assert_eq!(*link.tissue(), Tissue::NONE);
+    let identity = Identity { side: Side::Right, serial, calibration_id: 5 };
+    link.done(Ok(Some(identity)));
+    assert_eq!((link.job(), all(&mut link)), (None, vec![Sent::Identity(identity)]));
+
+    let cells = [CellCalibration { offset: 3, gain: 1.0 }; PART_CELLS];
+    link.receive(ToDevice::SetCalibrationPart { part: 2, cells }, 0);
+    assert_eq!(link.job(), Some(Job::CalibrationPart(2, cells)));
+    link.done(Ok(None));
+    link.receive(ToDevice::SetTissue(*TISSUE), 0);
+    link.done(Err(Refusal::NotKept));
+    link.receive(ToDevice::SetCalibration { layout_id: 1, cells: 2, id: 3 }, 0);
+    link.done(Err(Refusal::Calibration));
+    let sent = [Sent::CalibrationPart(2), Sent::Refused(Refusal::NotKept), Sent::Refused(Refusal::Calibration)];
+    assert_eq!(all(&mut link), sent);
+    assert_eq!(*link.tissue(), *TISSUE, "they hold until the next start");
+    assert_eq!(link.identity(), identity);
+    // Nothing was asked.
+    link.done(Ok(Some(Identity { calibration_id: 6, ..identity })));
+    assert_eq!((all(&mut link), link.identity()), (vec![], identity));
+}
+
+#[test]
+fn what_makes_no_sense_is_not_kept() {
+    let mut link = streaming();
+    let bad = [f32::NAN, 0.0, -1.0, 1e9].map(|gain| CellCalibration { offset: 3, gain });
+    for calibration in bad.into_iter().chain([CellCalibration { offset: u16::MAX, gain: 1.0 }]) {
+        let mut cells = [CellCalibration::IDEAL; PART_CELLS];
+        cells[7] = calibration;
+        link.receive(ToDevice::SetCalibrationPart { part: 0, cells }, 0);
+        assert_eq!(all(&mut link), [Sent::Refused(Refusal::Calibration)], "{calibration:?}");
+    }
+    let mut bytes = [0; MAX_MESSAGE];
+    let name = ToDevice::SetIdentity { side: Side::Left, serial: Serial::new("AB").expect("printable") };
+    let bytes = encode(&name, &mut bytes).expect("it fits");
+    // A character that is none, and one after the end.
+    for (at, byte) in [(2, 7), (10, b'x')] {
+        let mut damaged = bytes.to_vec();
+        damaged[at] = byte;
+        link.receive(decode(&damaged).expect("a message"), 0);
+        assert_eq!(all(&mut link), [Sent::Refused(Refusal::Serial)]);
+    }
+    assert_eq!(link.job(), None);
+}
+
+#[test]
+fn acknowledged_steps_are_told_once_where_they_are_kept() {
+    let mut link = with_steps(10..15);
+    assert_eq!(link.room(), (STEP_QUEUE > 5, Some(14)));
+    connect(&mut link);
+    acknowledge(&mut link, 12);
+    assert_eq!(link.take_acknowledged(), None, "nothing was sent yet");
+    assert_eq!(steps(&mut link), [10, 11, 12, 13, 14]);
+    acknowledge(&mut link, 11);
+    acknowledge(&mut link, 12);
+    assert_eq!(link.take_acknowledged(), Some(12));
+    assert_eq!(link.take_acknowledged(), None);
+    link.close();
+    acknowledge(&mut link, 14);
+    assert_eq!(link.take_acknowledged(), None);
 }

@@ -252,3 +252,44 @@ fn serial_numbers_are_short_and_printable() {
         assert_eq!(Serial::new(bad), None, "{bad:?}");
     }
 }
+
+/// As the firmware does it: steps are read a few at a time, and acknowledged, while others are made.
+#[test]
+fn steps_come_and_go_for_ever() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    let mut random = fastrand::Rng::with_seed(4);
+    let (mut oldest, mut next, mut read) = (0, 0, 0);
+    for _ in 0..60_000 {
+        match random.u8(0..3) {
+            0 if next - oldest < 1500 => {
+                assert_eq!(now(store.push_step(&step(next))), Ok(0));
+                next += 1;
+            }
+            1 => {
+                let after = (read > oldest).then(|| read - 1);
+                let first = read.max(oldest);
+                let mut got = Vec::new();
+                let more = now(store.steps(after, |step| {
+                    let has_room = got.len() < 6;
+                    if has_room {
+                        got.push(step.step);
+                    }
+                    has_room
+                }));
+                let wanted: Vec<u32> = (first..next).take(6).collect();
+                assert_eq!((more, &got), (Ok(next - first > 6), &wanted), "{oldest} {next}");
+                read = first + wanted.len() as u32;
+            }
+            _ if read > oldest => {
+                oldest += random.u32(1..=read - oldest);
+                assert_eq!(now(store.acknowledge(oldest - 1)), Ok(()));
+            }
+            _ => {}
+        }
+        if random.u16(..) < 100 {
+            read = oldest;
+        }
+    }
+    println!("{next} steps");
+}

@@ -1,14 +1,16 @@
 //! Messages and frames: what goes in comes out, and nothing else does.
 
 use host_tests::{TISSUE, cell, framed, hello, live, messages, status, step, text};
+use plantar::calibrate::CellCalibration;
 use plantar::contact::ContactRule;
 use plantar::insole::{Insole, Setup, Tissue};
 use plantar::model::Gauge;
 use plantar::region::{AreaMoments, ForceMoments, RegionFrame};
 use plantar::stance::Rejected;
+use plantar::store::{Contents, PART_CELLS, Part};
 use plantar::wire::{
-    Decoder, Hello, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step,
-    StepRegion, ToDevice, ToHost, checksum, decode, encode, frame,
+    Decoder, Hello, Identity, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE, MAX_MESSAGE, MINOR, Refusal, Reset, Serial,
+    Status, Step, StepRegion, ToDevice, ToHost, checksum, decode, encode, frame,
 };
 use plantar::{Region, Side};
 use proptest::prelude::*;
@@ -95,9 +97,10 @@ fn step_region(v: [u16; 15]) -> StepRegion {
 
 fn any_step() -> impl Strategy<Value = Step> {
     let regions = prop::array::uniform8(any::<[u16; 15]>().prop_map(step_region));
-    (any::<(u32, u64, u32, u32, u16, u8, u8)>(), side(), contact_rule(), regions).prop_map(
+    let numbers = any::<((u32, u64, u32, u32, u16, u8, u8), (u32, Option<u64>))>();
+    (numbers, side(), contact_rule(), regions).prop_map(
         |(
-            (step, start_us, duration_us, sample_us, bridged_frames, saturated, clamped),
+            ((step, start_us, duration_us, sample_us, bridged_frames, saturated, clamped), (starts_ago, start_unix_us)),
             side,
             contact_rule,
             regions,
@@ -113,13 +116,15 @@ fn any_step() -> impl Strategy<Value = Step> {
                 clamped,
                 contact_rule,
                 regions,
+                starts_ago,
+                start_unix_us,
             }
         },
     )
 }
 
 fn any_status() -> impl Strategy<Value = Status> {
-    any::<(u64, [u32; 14])>().prop_map(|(uptime_us, v)| Status {
+    any::<(u64, [u32; 20])>().prop_map(|(uptime_us, v)| Status {
         uptime_us,
         frames: v[0],
         frames_missed: v[1],
@@ -132,6 +137,8 @@ fn any_status() -> impl Strategy<Value = Status> {
         bad_frames: v[10],
         frame_cycles: (v[11], v[12]),
         stack_bytes: v[13],
+        unkept: v[14],
+        contents: Contents { start: v[15], next_step: v[16], newer_kinds: v[17], newer_steps: v[18], erased: v[19] },
     })
 }
 
@@ -150,7 +157,20 @@ fn any_tissue() -> impl Strategy<Value = Tissue> {
 
 fn any_refusal() -> impl Strategy<Value = Refusal> {
     let regions = Region::ALL.map(Refusal::Tissue);
-    prop::sample::select([&[Refusal::NotUnderstood, Refusal::TissueId], &regions[..]].concat())
+    prop::sample::select(
+        [
+            &[
+                Refusal::NotUnderstood,
+                Refusal::TissueId,
+                Refusal::NotKept,
+                Refusal::Busy,
+                Refusal::Serial,
+                Refusal::Calibration,
+            ],
+            &regions[..],
+        ]
+        .concat(),
+    )
 }
 
 fn to_host() -> impl Strategy<Value = ToHost> {
@@ -162,6 +182,12 @@ fn to_host() -> impl Strategy<Value = ToHost> {
         any_tissue().prop_map(ToHost::Tissue),
         any_refusal().prop_map(ToHost::Refused),
         any::<(u64, u64)>().prop_map(|(host_us, device_us)| ToHost::Time { host_us, device_us }),
+        (side(), serial(), any::<u32>()).prop_map(|(side, serial, calibration_id)| ToHost::Identity(Identity {
+            side,
+            serial,
+            calibration_id
+        })),
+        any::<u8>().prop_map(|part| ToHost::CalibrationPart { part }),
     ]
 }
 
@@ -175,7 +201,19 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
         Just(ToDevice::GetTissue),
         any::<u64>().prop_map(|host_us| ToDevice::GetTime { host_us }),
         any::<u64>().prop_map(|unix_us| ToDevice::SetClock { unix_us }),
+        Just(ToDevice::GetIdentity),
+        (side(), serial()).prop_map(|(side, serial)| ToDevice::SetIdentity { side, serial }),
+        (any::<u8>(), prop::array::uniform16((any::<u16>(), 0.1f32..10.0))).prop_map(|(part, cells)| {
+            let cells = cells.map(|(offset, gain)| CellCalibration { offset, gain });
+            ToDevice::SetCalibrationPart { part, cells }
+        }),
+        any::<(u32, u16, u32)>().prop_map(|(layout_id, cells, id)| ToDevice::SetCalibration { layout_id, cells, id }),
+        Just(ToDevice::Restart),
     ]
+}
+
+fn serial() -> impl Strategy<Value = Serial> {
+    "[!-~]{0,16}".prop_map(|text| Serial::new(&text).expect("short and printable"))
 }
 
 /// One of each kind.
@@ -188,6 +226,8 @@ fn samples() -> Vec<ToHost> {
         ToHost::Tissue(*TISSUE),
         ToHost::Refused(Refusal::Tissue(Region::Hallux)),
         ToHost::Time { host_us: 5, device_us: 6 },
+        ToHost::Identity(identity()),
+        ToHost::CalibrationPart { part: 3 },
     ]
 }
 
@@ -398,6 +438,8 @@ fn longest_messages_fit_their_limits() {
         saturated: u8::MAX,
         clamped: u8::MAX,
         regions: [step_region([u16::MAX; 15]); 8],
+        starts_ago: u32::MAX,
+        start_unix_us: Some(u64::MAX),
         ..step(0)
     });
     let longest_status = ToHost::Status(Status {
@@ -413,6 +455,14 @@ fn longest_messages_fit_their_limits() {
         bad_frames: u32::MAX,
         frame_cycles: (u32::MAX, u32::MAX),
         stack_bytes: u32::MAX,
+        unkept: u32::MAX,
+        contents: Contents {
+            start: u32::MAX,
+            next_step: u32::MAX,
+            newer_kinds: u32::MAX,
+            newer_steps: u32::MAX,
+            erased: u32::MAX,
+        },
     });
     assert!(encoded(&longest_live).len() <= MAX_LIVE);
     assert!(framed(&longest_live).len() <= 90, "{}", framed(&longest_live).len());
@@ -448,11 +498,11 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// The bytes of version 1.2 on a byte carrier. A change of Hello or Connect is forbidden; a change of another line raises
+/// The bytes of version 2.0 on a byte carrier. A change of Hello or Connect is forbidden; a change of another line raises
 /// `wire::MAJOR`, a new message `wire::MINOR`. Other hosts and insoles have these bytes built in.
 #[test]
 fn bytes_of_this_version() {
-    assert_eq!((MAJOR, MINOR), (1, 2), "new version: add its bytes here");
+    assert_eq!((MAJOR, MINOR), (2, 0), "new version: add its bytes here");
     let golden = [
         ("hello", framed(&ToHost::Hello(Hello { major: 1, minor: 0, ..hello() })), HELLO),
         ("live", framed(&ToHost::Live(live(300))), LIVE),
@@ -470,6 +520,25 @@ fn bytes_of_this_version() {
         ("get tissue", framed(&ToDevice::GetTissue), GET_TISSUE),
         ("time", framed(&ToHost::Time { host_us: 1_000, device_us: 300 }), TIME),
         ("get time", framed(&ToDevice::GetTime { host_us: 1_000 }), GET_TIME),
+        ("refused: not kept", framed(&ToHost::Refused(Refusal::NotKept)), NOT_KEPT),
+        ("refused: busy", framed(&ToHost::Refused(Refusal::Busy)), BUSY),
+        ("refused: serial", framed(&ToHost::Refused(Refusal::Serial)), SERIAL),
+        ("refused: calibration", framed(&ToHost::Refused(Refusal::Calibration)), CALIBRATION),
+        ("identity", framed(&ToHost::Identity(identity())), IDENTITY_KEPT),
+        ("calibration part", framed(&ToHost::CalibrationPart { part: 3 }), PART_KEPT),
+        ("get identity", framed(&ToDevice::GetIdentity), GET_IDENTITY),
+        (
+            "set identity",
+            framed(&ToDevice::SetIdentity { side: identity().side, serial: identity().serial }),
+            SET_IDENTITY,
+        ),
+        ("set calibration part", framed(&ToDevice::SetCalibrationPart { part: 3, cells: PART }), SET_PART),
+        (
+            "set calibration",
+            framed(&ToDevice::SetCalibration { layout_id: 7, cells: 240, id: 0x1234_5678 }),
+            SET_CALIBRATION,
+        ),
+        ("restart", framed(&ToDevice::Restart), RESTART),
         ("set clock", framed(&ToDevice::SetClock { unix_us: 1_700_000_000_000_000 }), SET_CLOCK),
     ];
     for (name, bytes, expected) in golden {
@@ -477,11 +546,17 @@ fn bytes_of_this_version() {
     }
 }
 
+fn identity() -> Identity {
+    Identity { side: Side::Right, serial: Serial::new("P-0001").expect("printable"), calibration_id: 300 }
+}
+
+const PART: Part = [CellCalibration { offset: 300, gain: 1.5 }; PART_CELLS];
+
 const HELLO: &str =
     "0102011705302e312e30047465737401f8acd19101c801904e4d010320410103f0400101011104010961742061206c696e65f2c164b700";
 const LIVE: &str = "4f01ac0290b298d0124002e803d007b80ba00fe903d107b90ba10fea03d207ba0ba20feb03d307bb0ba30fec03d407bc0ba40fed03d507bd0ba50fee03d607be0ba60fef03d707bf0ba70facceb9b700";
-const STEP: &str = "0302290e80e497d012c0c029904e028104010320410103f04001144842e8034c04b00414057805dc054006bc02c81e2c0170fe340898083efe6c07e9034d04b10415057905dd054106bd02c91e2d016ffe350899083ffe6d07ea034e04b20416057a05de054206be02ca1e2e016efe36089a0840fe6e07eb034f04b30417057b05df054306bf02cb1e2f016dfe37089b0841fe6f07ec035004b40418057c05e0054406c002cc1e30016cfe38089c0842fe7007ed035104b50419057d05e1054506c102cd1e31016bfe39089d0843fe7107ee035204b6041a057e05e2054606c202ce1e32016afe3a089e0844fe7207ef035304b7041b057f05e3054706c302cf11330169fe3b089f0845fe7307ab8b9e7200";
-const STATUS: &str = "210380f882ad16d8040102ac02ab020c0304050607c0b80290bf058010d549dbaa00";
+const STEP: &str = "0302290e80e497d012c0c029904e028104010320410103f04001144842e8034c04b00414057805dc054006bc02c81e2c0170fe340898083efe6c07e9034d04b10415057905dd054106bd02c91e2d016ffe350899083ffe6d07ea034e04b20416057a05de054206be02ca1e2e016efe36089a0840fe6e07eb034f04b30417057b05df054306bf02cb1e2f016dfe37089b0841fe6f07ec035004b40418057c05e0054406c002cc1e30016cfe38089c0842fe7007ed035104b50419057d05e1054506c102cd1e31016bfe39089d0843fe7107ee035204b6041a057e05e2054606c202ce1e32016afe3a089e0844fe7207ef035304b7041b057f05e3054706c302cf0d330169fe3b089f0845fe73070e0180c097d1edff96032dcffb0f00";
+const STATUS: &str = "270380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d012cc7d300";
 const CONNECT: &str = "0102010553e85ae600";
 const STREAM: &str = "0701012813c52f00";
 const ACKNOWLEDGE: &str = "07022911e85d3100";
@@ -494,6 +569,17 @@ const SET_TISSUE: &str = "0f04c395a3cf0a6f12033ba69b443c0424f44814409c459a99993f
 const GET_TISSUE: &str = "0605021b68a200";
 const TIME: &str = "0a06e807ac0226ef5ab300";
 const GET_TIME: &str = "0806e807e7490ff300";
+const NOT_KEPT: &str = "03050304b7a7a500";
+const BUSY: &str = "070504a322c33b00";
+const SERIAL: &str = "0705053512c44c00";
+const CALIBRATION: &str = "0705068f43cdd500";
+const IDENTITY_KEPT: &str = "090701502d3030303101010101010101010107ac0233067a3100";
+const PART_KEPT: &str = "0708034dc9091000";
+const GET_IDENTITY: &str = "0608bf67d9dc00";
+const SET_IDENTITY: &str = "090901502d303030310101010101010101010556934ef500";
+const SET_PART: &str = "050a03ac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020107c03ff3221a6300";
+const SET_CALIBRATION: &str = "0e0b07f001f8acd19101fd03542d00";
+const RESTART: &str = "060ca6a3b4db00";
 const SET_CLOCK: &str = "0e078080f9c0c1c48203c9aa264a00";
 
 /// Values beyond the wire's units are cut to them, whatever their size.

@@ -2,13 +2,15 @@
 #![allow(dead_code, reason = "not every test needs all of it")]
 
 use crate::common::firmware;
-use emulator::{Board, Radio, Recorded, Scan, Time, Walk};
+use emulator::{Board, Parts, Recorded, Scan, Time, Walk};
+use host_tests::nor_flash::{NorFlashChip, now};
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;
 use plantar::fragment::{Joiner, Splitter};
 use plantar::insole::Tissue;
 use plantar::stance::StanceRule;
-use plantar::wire::{MAJOR, MINOR, Status, ToDevice, ToHost, decode, encode};
+use plantar::store::{Bonds, Store};
+use plantar::wire::{MAJOR, MINOR, Reset, Status, ToDevice, ToHost, decode, encode};
 use recording::{Recording, VirtualInsole};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, VecDeque};
@@ -177,14 +179,20 @@ impl Insole {
         firmware: &Path,
         recording: Recording,
         change: impl FnOnce(&mut Head),
-        bonds: Option<Vec<u8>>,
+        flash: Option<Vec<u8>>,
     ) -> Self {
         let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
         let allowed = Arc::<Allowed>::default();
         let walk = Paced { walk: Recorded::new(recording.clone(), worn.clone()), scanned: 0, allowed: allowed.clone() };
-        let board = boot(air, firmware, &worn, Time::Max, walk, change, bonds);
+        let board = boot(air, firmware, &worn, Time::Max, walk, change, flash);
         board.play();
         Self { board, recording, allowed }
+    }
+
+    /// The bonds that the board keeps.
+    pub fn bonds(&self) -> Option<Bonds> {
+        let mut chip = NorFlashChip::of(self.board.flash().expect("the chip can be read"));
+        now(async { Store::open(&mut chip, Reset::Power).await.get(0).await }).expect("the chip works")
     }
 
     /// Lets time go on until so many scans are done.
@@ -209,14 +217,14 @@ pub fn boot(
     time: Time,
     walk: impl Walk,
     change: impl FnOnce(&mut Head),
-    bonds: Option<Vec<u8>>,
+    flash: Option<Vec<u8>>,
 ) -> Board {
     let side = worn.setup.side;
     let mut head = Head { address: [1 + side as u8, 0, 0, 0, 0, 0xc0], ..Head::new(worn.setup) };
     change(&mut head);
     let port = air.order(json!({"do": "radio", "name": side.name()}))["port"].as_u64().expect("a port");
-    let radio = Radio { hci: Some(([127, 0, 0, 1], port as u16).into()), bonds };
-    Board::start_with(firmware, &head, &worn.cells, time, walk, &radio).expect("the board boots")
+    let parts = Parts { hci: Some(([127, 0, 0, 1], port as u16).into()), flash };
+    Board::start_with(firmware, &head, &worn.cells, time, walk, &parts).expect("the board boots")
 }
 
 /// A left insole and its air.
@@ -233,12 +241,12 @@ impl World {
         Some(Self { air, insole })
     }
 
-    /// Resets the board; the bonds stay, nothing else does.
+    /// Switches the board off and on.
     pub fn restart(&mut self, change: fn(&mut Head)) {
-        let bonds = self.insole.board.bonds().expect("the bonds can be read");
+        let flash = self.insole.board.flash().expect("the chip can be read");
         let firmware = firmware().expect("it was there");
         let recording = self.insole.recording.clone();
-        self.insole = Insole::boot(&mut self.air, &firmware, recording, change, bonds);
+        self.insole = Insole::boot(&mut self.air, &firmware, recording, change, Some(flash));
         self.air.forget();
     }
 
@@ -361,7 +369,11 @@ impl Phone {
                 ToHost::Live(_) => LIVE,
                 ToHost::Step(_) => STEPS,
                 ToHost::Tissue(_) | ToHost::Refused(_) => PARAMETERS,
-                ToHost::Hello(_) | ToHost::Status(_) | ToHost::Time { .. } => CONTROL,
+                ToHost::Hello(_)
+                | ToHost::Status(_)
+                | ToHost::Time { .. }
+                | ToHost::Identity(_)
+                | ToHost::CalibrationPart { .. } => CONTROL,
             };
             assert_eq!(of, way);
             return (at, message);

@@ -3,6 +3,7 @@
 //! Codes lie in a file and only the handshake goes over USART3: the emulated USART takes in some 10 KB/s, a walk has 50.
 
 use crate::port::Port;
+use core::sync::atomic::{AtomicU16, Ordering};
 use embassy_time::{Duration, Instant, with_timeout};
 use plantar::app::{DeviceInsole, FrameClock, Matrix, MatrixTimeout, Ticker};
 use plantar::emulation::{self, COLUMNS, Head, MATRIX_FILE, SCAN, SETUP_FILE, TICK};
@@ -12,7 +13,7 @@ use semihosting::fs::File;
 use semihosting::io::{Read, Seek, SeekFrom};
 
 /// A plant that stays silent for longer has stopped.
-const SILENCE: Duration = Duration::from_millis(100);
+const SILENCE: Duration = Duration::from_millis(400);
 
 /// Room for the set-up of [`DEVICE_CELLS`] cells.
 const SETUP_BYTES: usize = 6 * 1024;
@@ -60,13 +61,18 @@ fn ask(port: &Port, kind: u8, seq: u32) {
     port.write(&[kind, a, b, c, d]);
 }
 
+/// The first byte of an answer whose second has not come, beyond eight bits: nothing. Who waits for it may give up between them.
+static HALF: AtomicU16 = AtomicU16::new(NOTHING);
+const NOTHING: u16 = u16::MAX;
+
 async fn answer(port: &Port) -> [u8; 2] {
-    let mut answer = [0; 2];
-    let mut have = 0;
-    while have < answer.len() {
-        have += port.read(&mut answer[have..]).await;
+    let mut byte = [0; 1];
+    if HALF.load(Ordering::Relaxed) == NOTHING {
+        while port.read(&mut byte).await == 0 {}
+        HALF.store(byte[0].into(), Ordering::Relaxed);
     }
-    answer
+    while port.read(&mut byte).await == 0 {}
+    [HALF.swap(NOTHING, Ordering::Relaxed) as u8, byte[0]]
 }
 
 /// The matrix that the plant plays.

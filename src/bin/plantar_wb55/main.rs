@@ -2,6 +2,7 @@
 #![no_std]
 #![no_main]
 
+mod flash;
 mod layout;
 mod mailbox;
 mod matrix;
@@ -24,14 +25,16 @@ use embassy_stm32::{Peri, bind_interrupts, interrupt};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embassy_time::{Duration, Instant};
+use flash::Chip;
 use matrix::ResistiveMatrix;
 use plantar::Side;
 use plantar::app::{self, DeviceInsole, Frame, ScanCounters, Session, Stopwatch, Ticker, Watchdog};
 use plantar::ble::{self, HciPipe, OverBluetooth};
 use plantar::device;
 use plantar::insole::Insole;
+use plantar::store::Store;
 use plantar::wire::Reset;
-use radio::{BondsInRam, Wb55};
+use radio::Wb55;
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// Bit rate of the link. A live frame is at most 90 bytes framed: 9 kB/s at 100 Hz and 36 kB/s at 400 Hz of the 46 kB/s that
@@ -142,7 +145,7 @@ async fn main(spawner: Spawner) {
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
     // Scanning above the thread, below the timer, DMA and the port, which are as they start: highest.
-    interrupt::SPI2.set_priority(Priority::P6);
+    interrupt::SAI1.set_priority(Priority::P6);
     defmt::info!("plantar {} started, reset: {}", env!("CARGO_PKG_VERSION"), reset.name());
     if let Some(panic) = &panic {
         defmt::error!("last panic: {}", panic.as_str());
@@ -172,11 +175,24 @@ async fn main(spawner: Spawner) {
     let address = [line(p.PC6.into()), line(p.PC10.into()), line(p.PC12.into()), line(p.PB8.into())];
     let matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, line(p.PB9.into()));
     let side = if strap.is_low() { Side::Right } else { Side::Left };
+    // What waits for the flash chip is watched, too.
+    let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
+    watchdog.unleash();
 
+    static STORE: StaticCell<Store<Chip>> = StaticCell::new();
+    let select = Output::new(p.PB12, Level::High, Speed::Medium);
+    let chip = flash::open(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH2, p.DMA1_CH3, select).await;
+    let store = STORE.init(Store::open(chip, reset).await);
+    let name = app::name(store, side).await;
     let insole = INSOLE.take();
-    let setup = layout::setup(side);
+    insole.count_steps_from(store.contents().next_step);
+    let setup = layout::setup(name.side);
     // A test sees that it is accepted. Formatting why it would not be takes 2 KiB.
     let refused = insole.set_up(setup, layout::cells()).err().and_then(|_| "set-up refused".try_into().ok());
+    let calibration_id = app::calibrate(store, insole, |insole, first, part| {
+        insole.recalibrate(layout::cells(), first, part);
+    });
+    let calibration_id = calibration_id.await;
     let hello = app::hello("stm32wb55", &setup, insole, reset, panic.or(refused));
     let mut link = usart::Config::default();
     link.baudrate = LINK_BIT_HZ;
@@ -185,20 +201,20 @@ async fn main(spawner: Spawner) {
 
     static CHANNEL: StaticCell<Channel<'static, CriticalSectionRawMutex, Frame>> = StaticCell::new();
     static SESSION: StaticCell<Session> = StaticCell::new();
-    static OVER_BLUETOOTH: StaticCell<OverBluetooth<'static, Wb55, BondsInRam>> = StaticCell::new();
+    static OVER_BLUETOOTH: StaticCell<OverBluetooth<'static, Wb55>> = StaticCell::new();
     let (sender, receiver) = CHANNEL.init(Channel::new(FRAMES.take())).split();
     let session = SESSION.init(Session::new(hello, &SCAN_COUNTERS, device::stack_bytes));
-    let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
-    watchdog.unleash();
+    session.restore(store, name, calibration_id).await;
 
     // Each task has a place of its own and is spawned once, so spawning cannot fail.
     let clock = Ticker::new(setup.period_us);
-    SCAN_EXECUTOR.start(interrupt::SPI2).spawn(scan(clock, matrix, sender).unwrap());
+    SCAN_EXECUTOR.start(interrupt::SAI1).spawn(scan(clock, matrix, sender).unwrap());
     spawner.spawn(process(insole, receiver, session).unwrap());
     spawner.spawn(serve(link, session).unwrap());
+    spawner.spawn(keep(store, session).unwrap());
     spawner.spawn(supervise(Dog(watchdog), session).unwrap());
     let by_hand = matches!(reset, Reset::Power | Reset::Pin);
-    let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, Wb55 { by_hand }, BondsInRam));
+    let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, Wb55 { by_hand }));
     spawner.spawn(ble::run(&FROM_RADIO, &TO_RADIO, insole).unwrap());
     spawner.spawn(radio(p.IPCC).unwrap());
 }
@@ -220,6 +236,11 @@ async fn serve(link: BufferedUart<'static>, session: &'static Session) {
 }
 
 #[embassy_executor::task]
+async fn keep(store: &'static mut Store<Chip>, session: &'static Session) {
+    app::keep(store, session, cortex_m::peripheral::SCB::sys_reset).await
+}
+
+#[embassy_executor::task]
 async fn supervise(watchdog: Dog, session: &'static Session) {
     app::supervise(watchdog, session, SUPERVISION).await
 }
@@ -231,7 +252,7 @@ async fn radio(ipcc: Peri<'static, IPCC>) {
 
 /// Nobody's port here: its interrupt runs the scan executor.
 #[interrupt]
-unsafe fn SPI2() {
+unsafe fn SAI1() {
     // SAFETY: the executor was started before this interrupt was unmasked.
     unsafe { SCAN_EXECUTOR.on_interrupt() }
 }

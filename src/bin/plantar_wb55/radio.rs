@@ -19,7 +19,7 @@ use embassy_stm32::{Peri, bind_interrupts, uid};
 use embassy_time::Instant;
 use embedded_io_async::Read;
 use heapless::Vec;
-use plantar::ble::{BONDING_WINDOW, BONDS_BYTES, Board, BondStore, HciPipe};
+use plantar::ble::{BONDING_WINDOW, Board, HciPipe};
 
 bind_interrupts!(struct Irqs {
     IPCC_C1_RX => ReceiveInterruptHandler;
@@ -229,38 +229,5 @@ impl Board for Wb55 {
 
     fn allows_bonding(&self) -> bool {
         self.by_hand && Instant::now().as_micros() < BONDING_WINDOW.as_micros()
-    }
-}
-
-const BONDS_WORDS: usize = BONDS_BYTES / 4;
-
-/// Length and bonds. Beside a panic's evidence: survives a reset. Their checksum tells bonds from what RAM holds after power-on.
-#[unsafe(link_section = ".evidence")]
-static mut BONDS: MaybeUninit<[u32; 1 + BONDS_WORDS]> = MaybeUninit::uninit();
-
-/// Keeps bonds while there is power.
-pub struct BondsInRam;
-
-impl BondStore for BondsInRam {
-    fn load(&mut self, bytes: &mut [u8; BONDS_BYTES]) -> usize {
-        let kept = addr_of!(BONDS).cast::<u32>();
-        // SAFETY: integers are valid for any content of RAM; only this store uses BONDS, on one executor, within its length.
-        let word = |i: usize| unsafe { kept.add(i.min(BONDS_WORDS)).read_volatile() };
-        for (i, place) in bytes.chunks_exact_mut(4).enumerate() {
-            place.copy_from_slice(&word(1 + i).to_le_bytes());
-        }
-        (word(0) as usize).min(BONDS_BYTES)
-    }
-
-    fn save(&mut self, bytes: &[u8]) {
-        let kept = addr_of_mut!(BONDS).cast::<u32>();
-        // SAFETY: as above.
-        let write = |i: usize, word: u32| unsafe { kept.add(i.min(BONDS_WORDS)).write_volatile(word) };
-        for (i, part) in bytes.chunks(4).enumerate().take(BONDS_WORDS) {
-            let mut word = [0; 4];
-            word[..part.len()].copy_from_slice(part);
-            write(1 + i, u32::from_le_bytes(word));
-        }
-        write(0, bytes.len() as u32);
     }
 }

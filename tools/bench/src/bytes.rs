@@ -24,6 +24,8 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
         clamped: u8::MAX,
         contact_rule: ContactRule::COUNTED,
         regions: [StepRegion::default(); 8],
+        starts_ago: u32::MAX,
+        start_unix_us: Some(2 * CENTURY_US),
     };
     for (key, message, meaning) in [
         ("live_frame_bytes", ToHost::Live(live), "longest live frame"),

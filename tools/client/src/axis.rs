@@ -1,5 +1,6 @@
 //! An insole's clock against the host's, so that several insoles share one axis.
 
+use plantar::wire::Step;
 use std::collections::VecDeque;
 
 /// Of the answers within this time only the quickest question counts.
@@ -71,6 +72,11 @@ impl Axis {
         let since_us = device_us.wrapping_sub(line.device_us) as i64 as f64;
         let ahead_us = line.ahead_us.wrapping_add((line.drift * since_us).round() as i64);
         Some(device_us.wrapping_sub(ahead_us as u64))
+    }
+
+    /// When a step began, the host's time, us. Of a step from before the insole's last start only its own clock can tell.
+    pub fn step_us(&self, step: &Step) -> Option<u64> {
+        if step.starts_ago == 0 { self.host_us(step.start_us) } else { step.start_unix_us }
     }
 
     /// What the insole's clock shows at `host_us`; `None` before the first answer.

@@ -33,6 +33,8 @@ pub fn step_to_json(step: &Step) -> Value {
         "duration_s": f64::from(step.duration_us) / 1e6,
         "sample_s": f64::from(step.sample_us) / 1e6,
         "bridged_frames": step.bridged_frames,
+        "starts_ago": step.starts_ago,
+        "start_unix_s": step.start_unix_us.filter(|_| step.starts_ago > 0).map(|us| us as f64 / 1e6),
         "contact_rule": contact_rule_to_json(step),
         "regions": regions,
     })

@@ -80,7 +80,7 @@ pub struct Client<C> {
     next_live: Option<u32>,
     axis: Axis,
     asked_time: Option<Instant>,
-    /// As many as an insole can replay.
+    /// As many as an insole can send again: those at hand, and those whose acknowledgement was lost.
     delivered: VecDeque<Step>,
 }
 
@@ -268,7 +268,7 @@ impl<C: Carrier> Client<C> {
                 if self.delivered.contains(step) {
                     return Ok(None);
                 }
-                if self.delivered.len() == STEP_QUEUE {
+                if self.delivered.len() == 2 * STEP_QUEUE {
                     self.delivered.pop_front();
                 }
                 self.delivered.push_back(*step);

@@ -159,7 +159,8 @@ export class App {
   }
 
   private readonly onStep = (step: Step, message: Uint8Array, session: Session): void => {
-    this.store.add(step, message, session.history, session.axis.unix_s(step.start_s)).then(
+    const start_unix_s = step.starts_ago === 0 ? session.axis.unix_s(step.start_s) : step.start_unix_s;
+    this.store.add(step, message, session.history, start_unix_s).then(
       () => session.acknowledge(step.step),
       // Not acknowledged: the insole keeps it and sends it again.
       () => (this.problem = "This browser cannot keep steps: its storage is full or not allowed."),

@@ -69,6 +69,10 @@ export interface Step {
   duration_s: number;
   sample_s: number;
   bridged_frames: number;
+  /** Starts of the insole since the one that this step was made in. */
+  starts_ago: number;
+  /** By the insole's own clock; only of a step from before its last start. */
+  start_unix_s: number | null;
   contact_rule: { rule: string; on_kpa: number; off_kpa: number; full_kpa: number };
   regions: Record<string, StepRegion>;
 }
@@ -82,6 +86,8 @@ export interface Status {
   steps: number;
   steps_dropped: number;
   bad_frames: number;
+  /** What the insole could not keep. */
+  unkept: number;
 }
 
 export type ToHost =

@@ -171,7 +171,13 @@ impl Emulate {
                     asked = false;
                 }
                 Some(ToHost::Hello(hello)) => bail!(restarted(&hello)),
-                Some(ToHost::Tissue(_) | ToHost::Refused(_) | ToHost::Time { .. }) => {}
+                Some(
+                    ToHost::Tissue(_)
+                    | ToHost::Refused(_)
+                    | ToHost::Time { .. }
+                    | ToHost::Identity(_)
+                    | ToHost::CalibrationPart { .. },
+                ) => {}
                 None if heard.elapsed() > SILENCE => {
                     bail!(restarted(client.reconnect(ANSWER).context("the insole has fallen silent")?))
                 }

@@ -29,7 +29,7 @@ pub enum Params {
         #[command(flatten)]
         carrier: Carrier,
     },
-    /// Give an insole the parameters in a file. It uses them from its next frame on and until it restarts.
+    /// Give an insole the parameters in a file. It uses them from its next frame on and keeps them.
     Push {
         /// The parameter file.
         file: PathBuf,
@@ -82,7 +82,7 @@ fn push(file: &Path, carrier: &Carrier) -> Result<()> {
     }
     let before = client.hello().tissue_id;
     client.set_tissue(&tissue)?;
-    println!("parameters on the insole: {} before, now {}; they hold until it restarts", name(before), name(tissue.id));
+    println!("parameters on the insole: {} before, now {}; it keeps them", name(before), name(tissue.id));
     Ok(())
 }
 

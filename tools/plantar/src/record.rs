@@ -34,9 +34,9 @@ pub struct Record {
     seconds: Option<u64>,
 }
 
-/// A part is closed after this time, or when this many steps wait: an insole keeps twice as many.
+/// A part is closed after this time, or when this many steps wait: an insole sends no more before they are acknowledged.
 const PART: Duration = Duration::from_secs(30);
-const PART_STEPS: usize = plantar::link::STEP_QUEUE / 2;
+const PART_STEPS: usize = plantar::link::STEP_QUEUE;
 
 impl Record {
     pub fn run(&self) -> Result<()> {
@@ -131,7 +131,7 @@ impl Sink for Parts<'_> {
                 ("side", self.side.name().into()),
                 ("sequence", Value::Whole(i32::try_from(live.sequence).ok())),
                 ("t_s", (live.t_us as f64 / 1e6).into()),
-                ("unix_s", unix_s(axis, live.t_us)),
+                ("unix_s", Value::Real(axis.host_us(live.t_us).map(seconds))),
                 ("region", region.name().into()),
                 ("area_mm2", f64::from(r.area_mm2).into()),
                 ("deformation_mm", (f64::from(r.deformation_um) / 1e3).into()),
@@ -147,7 +147,7 @@ impl Sink for Parts<'_> {
     fn step(&mut self, step: &Step, axis: &Axis) -> Result<()> {
         self.all_steps.push(*step);
         self.waiting.push(step.step);
-        let start = unix_s(axis, step.start_us);
+        let start = Value::Real(axis.step_us(step).map(seconds));
         let rows = Region::ALL.iter().enumerate().map(|(i, region)| {
             let mut row = step_row(self.session, step, i, region.name());
             row.push(("start_unix_s", start.clone()));
@@ -173,9 +173,8 @@ impl Sink for Parts<'_> {
     }
 }
 
-/// The insole's time on this computer's clock: one axis for both feet. Nothing before the first answer, or from older firmware.
-fn unix_s(axis: &Axis, device_us: u64) -> Value {
-    Value::Real(axis.host_us(device_us).map(|us| us as f64 / 1e6))
+fn seconds(us: u64) -> f64 {
+    us as f64 / 1e6
 }
 
 fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
@@ -189,6 +188,7 @@ fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
         ("duration_s", (f64::from(step.duration_us) / 1e6).into()),
         ("sample_s", (f64::from(step.sample_us) / 1e6).into()),
         ("bridged_frames", i32::from(step.bridged_frames).into()),
+        ("starts_ago", Value::Whole(i32::try_from(step.starts_ago).ok())),
         ("region", region.into()),
         ("area_peak_mm2", f64::from(r.area_peak_mm2).into()),
         ("saturated", set(step.saturated).into()),

@@ -80,7 +80,7 @@ fn parameters_are_pushed_shown_and_pulled() {
     succeed(path, "typical --size 40 --out params.toml");
     let said = succeed(path, &format!("push params.toml --tcp {address}"));
     let first = id();
-    assert!(said.contains(&format!("none before, now {first}")) && said.contains("until it restarts"), "{said}");
+    assert!(said.contains(&format!("none before, now {first}")) && said.contains("keeps them"), "{said}");
     succeed(path, "typical --size 41 --out other.toml");
     let said = succeed(path, &format!("push other.toml --tcp {address}"));
     assert!(said.contains(&format!("{first} before, now {}", id())), "{said}");

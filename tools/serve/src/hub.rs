@@ -30,7 +30,7 @@ struct Insole {
     axis: Axis,
     /// Counts hellos: numbers of steps are comparable within a session only.
     session: u64,
-    /// Steps that no page has taken, with their session; no more than the insole itself keeps.
+    /// Steps that no page has taken, with their session; no more than the insole has at hand.
     kept: VecDeque<(Step, u64)>,
     /// Steps that were taken: an insole that did not hear of it sends them again.
     taken: VecDeque<Step>,
@@ -169,9 +169,7 @@ const CONNECT: ToDevice = ToDevice::Connect { major: plantar::wire::MAJOR, minor
 /// Opens a page's session; its link knows the parameters that the insole has.
 fn greet(link: &mut Link, connect: ToDevice, tissue: Option<Tissue>) {
     link.receive(connect, NO_CLOCK_US);
-    if let Some(tissue) = tissue {
-        link.receive(ToDevice::SetTissue(tissue), NO_CLOCK_US);
-    }
+    link.restore(tissue, link.identity());
 }
 
 /// One page's place in the hub; it leaves when this is dropped.
@@ -199,8 +197,17 @@ impl Page {
         let insole = &mut *insole;
         let Some((_, link)) = insole.pages.iter_mut().find(|(id, _)| *id == self.id) else { return };
         match decode(message) {
-            // A wearer's parameters are not a page's business.
-            Some(ToDevice::SetTissue(_) | ToDevice::GetTissue) | None => link.receive_unknown(),
+            // What an insole keeps is not a page's business.
+            Some(
+                ToDevice::SetTissue(_)
+                | ToDevice::GetTissue
+                | ToDevice::GetIdentity
+                | ToDevice::SetIdentity { .. }
+                | ToDevice::SetCalibrationPart { .. }
+                | ToDevice::SetCalibration { .. }
+                | ToDevice::Restart,
+            )
+            | None => link.receive_unknown(),
             // The bridge has set it.
             Some(ToDevice::SetClock { .. }) => {}
             Some(question @ ToDevice::GetTime { .. }) => {

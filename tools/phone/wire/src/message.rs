@@ -15,6 +15,8 @@ pub fn decode_to_json(bytes: &[u8]) -> Option<Value> {
         ToHost::Status(status) => status_to_json(status),
         ToHost::Tissue(tissue) => json!({ "kind": "tissue", "id": tissue.id }),
         ToHost::Refused(refusal) => json!({ "kind": "refused", "reason": refusal.to_string() }),
+        // What an insole keeps is nothing the page asks for.
+        ToHost::Identity(_) | ToHost::CalibrationPart { .. } => return None,
         ToHost::Time { host_us, device_us } => json!({ "kind": "time", "host_us": host_us, "device_us": device_us }),
     })
 }
@@ -64,5 +66,6 @@ fn status_to_json(status: &Status) -> Value {
         "steps": status.steps,
         "steps_dropped": status.steps_dropped,
         "bad_frames": status.bad_frames,
+        "unkept": status.unkept,
     })
 }
