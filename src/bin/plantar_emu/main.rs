@@ -6,24 +6,32 @@
 #![no_std]
 #![no_main]
 
+#[path = "../plantar_wb55/layout.rs"]
+#[allow(dead_code, reason = "this board's matrix is wired otherwise")]
+mod layout;
+mod mishap;
 mod plant;
 mod port;
 mod radio;
 mod time;
 
+use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::peripheral::{NVIC, SYST};
-use cortex_m_rt::{ExceptionFrame, exception};
 use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
-use embassy_time::Duration;
+use embassy_time::{Duration, Instant};
+use heapless::String;
+use mishap::{MayWedge, may_happen};
 use plant::{Clock, PlantMatrix, SETUP_BYTES};
+use plantar::Side;
 use plantar::app::{self, DeviceInsole, Frame, ScanCounters, Session, Stopwatch, Ticker};
 use plantar::ble::{self, HciPipe, OverBluetooth};
-use plantar::device;
-use plantar::emulation::Head;
-use plantar::insole::{Insole, SetupError};
+use plantar::device::{self, EVIDENCE, Start};
+use plantar::emulation::{Head, Mishap};
+use plantar::insole::Insole;
+use plantar::watch::LOOK_MS;
 use plantar::wire::Reset;
 use port::{End, Port};
 use radio::{BondsFile, Emulated, pump};
@@ -47,11 +55,15 @@ static FRAMES: ConstStaticCell<[Frame; 8]> = ConstStaticCell::new([Frame::EMPTY;
 type FrameSender = Sender<'static, CriticalSectionRawMutex, Frame>;
 type FrameReceiver = Receiver<'static, CriticalSectionRawMutex, Frame>;
 
+/// What may go wrong in processing.
+const PROCESSING: [Mishap; 4] = [Mishap::ModelWedged, Mishap::StackOverflow, Mishap::Fault, Mishap::Panic];
+
 /// Measures with SysTick itself, so less than a millisecond.
 struct SysTick;
 
 impl Stopwatch for SysTick {
     fn start(&self) -> u32 {
+        may_happen(&PROCESSING);
         SYST::get_current()
     }
 
@@ -63,7 +75,7 @@ impl Stopwatch for SysTick {
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    let panic = device::take_panic();
+    let start = Start::take(None);
     // SAFETY: `main` runs once and nothing else takes the core's peripherals.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     TIME.start(&mut core.SYST);
@@ -85,14 +97,11 @@ async fn main(spawner: Spawner) {
     }
 
     let insole = INSOLE.take();
-    let Some((head, refused)) = set_up(insole) else {
-        panic!("no whole setup.bin in the emulator's directory");
-    };
-    let reset = if panic.is_some() { Reset::Panic } else { Reset::Power };
-    let hello = app::hello("emulated", &head.setup, insole, reset, panic.or(refused.map(device::cut)));
-    let Some(matrix) = PlantMatrix::open(&PLANT, insole.cells()) else {
-        panic!("no matrix.bin in the emulator's directory");
-    };
+    let (head, refused) = set_up(insole, start.is_fallback);
+    mishap::plan(head.mishap.filter(|planned| planned.is_repeated || start.reset == Reset::Power));
+    may_happen(&[Mishap::Panic]);
+    let hello = app::hello("emulated", &head.setup, insole, start.reset, start.fault.or(refused));
+    let matrix = PlantMatrix::open(&PLANT, insole.cells());
     let clock = if head.paced {
         Clock::Plant { port: &PLANT, seq: 0 }
     } else {
@@ -110,18 +119,23 @@ async fn main(spawner: Spawner) {
     spawner.spawn(process(insole, receiver, session).unwrap());
     spawner.spawn(serve(session).unwrap());
     let board = Emulated { address: head.address, bonding: Duration::from_secs(head.bonding_s.into()) };
-    let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, board, BondsFile));
+    let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, board, BondsFile { is_ignored: start.is_fallback }));
     spawner.spawn(ble::run(&FROM_RADIO, &TO_RADIO, insole).unwrap());
     spawner.spawn(pump_radio().unwrap());
 }
 
-/// Reads the set-up; `None` where it is not whole. A refusal leaves an insole without cells, so that a host hears why.
-/// Apart, so that its buffer is on the stack only here.
+/// Sets up what the file says or, where it is not whole or not to be used, the real board's insole; with what a host is to know
+/// of it. A refusal leaves an insole without cells. Apart, so that its buffer is on the stack only here.
 #[inline(never)]
-fn set_up(insole: &mut DeviceInsole) -> Option<(Head, Option<SetupError>)> {
+fn set_up(insole: &mut DeviceInsole, is_fallback: bool) -> (Head, Option<String<EVIDENCE>>) {
     let mut buffer = [0; SETUP_BYTES];
-    let (head, cells) = plant::read_setup(&mut buffer)?;
-    Some((head, insole.set_up(head.setup, cells).err()))
+    if let Some((head, cells)) = plant::read_setup(&mut buffer).filter(|_| !is_fallback) {
+        return (head, insole.set_up(head.setup, cells).err().map(device::cut));
+    }
+    let setup = layout::setup(Side::Left);
+    // A test sees that it is accepted.
+    let _ = insole.set_up(setup, layout::cells());
+    (Head::new(setup), "no whole setup.bin: the built-in insole".try_into().ok())
 }
 
 #[embassy_executor::task]
@@ -136,7 +150,7 @@ async fn process(insole: &'static mut DeviceInsole, frames: FrameReceiver, sessi
 
 #[embassy_executor::task]
 async fn serve(session: &'static Session) {
-    app::serve(End(&LINK), End(&LINK), session).await
+    app::serve(MayWedge(End(&LINK)), End(&LINK), session).await
 }
 
 #[embassy_executor::task]
@@ -166,19 +180,17 @@ unsafe fn TIM2() {
     unsafe { SCAN_EXECUTOR.on_interrupt() }
 }
 
-#[exception]
-fn SysTick() {
+plantar::on_systick!(tick);
+
+/// Once a millisecond, or less often on a busy host.
+extern "C" fn tick(frame: u32) {
+    static NEXT_LOOK_MS: AtomicU32 = AtomicU32::new(LOOK_MS);
     TIME.on_interrupt();
-}
-
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    device::keep_calls(Some(frame.pc()));
-    cortex_m::peripheral::SCB::sys_reset()
-}
-
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo) -> ! {
-    device::keep_calls(None);
-    cortex_m::peripheral::SCB::sys_reset()
+    // 32 bits of milliseconds are seven weeks.
+    let now_ms = Instant::now().as_millis() as u32;
+    let next_ms = NEXT_LOOK_MS.load(Ordering::Relaxed);
+    if now_ms.wrapping_sub(next_ms) <= u32::MAX / 2 {
+        NEXT_LOOK_MS.store(now_ms.wrapping_add(LOOK_MS), Ordering::Relaxed);
+        device::look(frame, &SCAN_COUNTERS.life);
+    }
 }

@@ -32,14 +32,23 @@ impl Board for Emulated {
 }
 
 /// A file on the host: the machine's flash cannot be written.
-pub struct BondsFile;
+pub struct BondsFile {
+    /// It is neither read nor written.
+    pub is_ignored: bool,
+}
 
 impl BondStore for BondsFile {
     fn load(&mut self, bytes: &mut [u8; BONDS_BYTES]) -> usize {
+        if self.is_ignored {
+            return 0;
+        }
         File::open(BONDS_FILE).and_then(|mut file| file.read(bytes)).unwrap_or(0)
     }
 
     fn save(&mut self, bytes: &[u8]) {
+        if self.is_ignored {
+            return;
+        }
         let written = File::create(NEW_BONDS_FILE).and_then(|mut file| file.write_all(bytes));
         // What cannot be kept is forgotten at the next reset, and the phone bonds again.
         let _ = written.and_then(|()| fs::rename(NEW_BONDS_FILE, BONDS_FILE));

@@ -8,14 +8,15 @@ mod matrix;
 mod radio;
 
 use cortex_m::peripheral::DWT;
-use cortex_m_rt::{ExceptionFrame, exception};
+use cortex_m::peripheral::syst::SystClkSource;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::gpio::{AnyPin, Input, Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::pac;
-use embassy_stm32::peripherals::{IPCC, IWDG, USART1};
+use embassy_stm32::pac::iwdg::vals::Key;
+use embassy_stm32::peripherals::{IPCC, USART1};
 use embassy_stm32::rcc::{self, mux};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};
@@ -23,13 +24,14 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Peri, bind_interrupts, interrupt};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
-use embassy_time::{Duration, Instant};
+use embassy_time::Instant;
 use matrix::ResistiveMatrix;
 use plantar::Side;
-use plantar::app::{self, DeviceInsole, Frame, ScanCounters, Session, Stopwatch, Ticker, Watchdog};
+use plantar::app::{self, DeviceInsole, Frame, ScanCounters, Session, Stopwatch, Ticker};
 use plantar::ble::{self, HciPipe, OverBluetooth};
-use plantar::device;
+use plantar::device::{self, Start};
 use plantar::insole::Insole;
+use plantar::watch::LOOK_MS;
 use plantar::wire::Reset;
 use radio::{BondsInRam, Wb55};
 use static_cell::{ConstStaticCell, StaticCell};
@@ -38,10 +40,11 @@ use static_cell::{ConstStaticCell, StaticCell};
 /// this carries. PCLK2 / 139 is 0.08 % off.
 const LINK_BIT_HZ: u32 = 460_800;
 
-/// Without a sign of life for this long the board resets.
-const WATCHDOG_US: u32 = 2_000_000;
-/// The watchdog is fed this often; two looks in a row may fail.
-const SUPERVISION: Duration = Duration::from_millis(500);
+/// The core's clock, kHz.
+const CORE_KHZ: u32 = 64_000;
+
+/// Without a look for this long the board resets.
+const WATCHDOG_US: u32 = 1_000_000;
 
 bind_interrupts!(struct Irqs {
     USART1 => usart::BufferedInterruptHandler<USART1>;
@@ -72,14 +75,6 @@ impl Stopwatch for CycleCounter {
 
     fn cycles_since(&self, start: u32) -> u32 {
         DWT::cycle_count().wrapping_sub(start)
-    }
-}
-
-struct Dog(IndependentWatchdog<'static, IWDG>);
-
-impl Watchdog for Dog {
-    fn feed(&mut self) {
-        self.0.pet();
     }
 }
 
@@ -131,9 +126,7 @@ fn take_reset_reason() -> Reset {
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    let panic = device::take_panic();
-    let reset = take_reset_reason();
-    let reset = if panic.is_some() { Reset::Panic } else { reset };
+    let start = Start::take(Some(take_reset_reason()));
     let mut config = embassy_stm32::Config::default();
     config.rcc = clocks();
     let p = embassy_stm32::init(config);
@@ -141,11 +134,17 @@ async fn main(spawner: Spawner) {
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
+    IndependentWatchdog::new(p.IWDG, WATCHDOG_US).unleash();
+    core.SYST.set_clock_source(SystClkSource::Core);
+    core.SYST.set_reload(CORE_KHZ * LOOK_MS - 1);
+    core.SYST.clear_current();
+    core.SYST.enable_counter();
+    core.SYST.enable_interrupt();
     // Scanning above the thread, below the timer, DMA and the port, which are as they start: highest.
     interrupt::SPI2.set_priority(Priority::P6);
-    defmt::info!("plantar {} started, reset: {}", env!("CARGO_PKG_VERSION"), reset.name());
-    if let Some(panic) = &panic {
-        defmt::error!("last panic: {}", panic.as_str());
+    defmt::info!("plantar {} started, reset: {}", env!("CARGO_PKG_VERSION"), start.reset.name());
+    if let Some(fault) = &start.fault {
+        defmt::error!("before: {}", fault.as_str());
     }
 
     // A strap to ground makes a right insole.
@@ -177,7 +176,7 @@ async fn main(spawner: Spawner) {
     let setup = layout::setup(side);
     // A test sees that it is accepted. Formatting why it would not be takes 2 KiB.
     let refused = insole.set_up(setup, layout::cells()).err().and_then(|_| "set-up refused".try_into().ok());
-    let hello = app::hello("stm32wb55", &setup, insole, reset, panic.or(refused));
+    let hello = app::hello("stm32wb55", &setup, insole, start.reset, start.fault.or(refused));
     let mut link = usart::Config::default();
     link.baudrate = LINK_BIT_HZ;
     // The pins are this port's and the bit rate is within its divider, so it cannot be refused.
@@ -188,17 +187,18 @@ async fn main(spawner: Spawner) {
     static OVER_BLUETOOTH: StaticCell<OverBluetooth<'static, Wb55, BondsInRam>> = StaticCell::new();
     let (sender, receiver) = CHANNEL.init(Channel::new(FRAMES.take())).split();
     let session = SESSION.init(Session::new(hello, &SCAN_COUNTERS, device::stack_bytes));
-    let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
-    watchdog.unleash();
 
     // Each task has a place of its own and is spawned once, so spawning cannot fail.
     let clock = Ticker::new(setup.period_us);
     SCAN_EXECUTOR.start(interrupt::SPI2).spawn(scan(clock, matrix, sender).unwrap());
     spawner.spawn(process(insole, receiver, session).unwrap());
     spawner.spawn(serve(link, session).unwrap());
-    spawner.spawn(supervise(Dog(watchdog), session).unwrap());
-    let by_hand = matches!(reset, Reset::Power | Reset::Pin);
-    let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, Wb55 { by_hand }, BondsInRam));
+    let by_hand = matches!(start.reset, Reset::Power | Reset::Pin);
+    let insole = OVER_BLUETOOTH.init(OverBluetooth::new(
+        session,
+        Wb55 { by_hand },
+        BondsInRam { is_ignored: start.is_fallback },
+    ));
     spawner.spawn(ble::run(&FROM_RADIO, &TO_RADIO, insole).unwrap());
     spawner.spawn(radio(p.IPCC).unwrap());
 }
@@ -220,11 +220,6 @@ async fn serve(link: BufferedUart<'static>, session: &'static Session) {
 }
 
 #[embassy_executor::task]
-async fn supervise(watchdog: Dog, session: &'static Session) {
-    app::supervise(watchdog, session, SUPERVISION).await
-}
-
-#[embassy_executor::task]
 async fn radio(ipcc: Peri<'static, IPCC>) {
     radio::run(ipcc, &FROM_RADIO, &TO_RADIO).await;
 }
@@ -236,14 +231,10 @@ unsafe fn SPI2() {
     unsafe { SCAN_EXECUTOR.on_interrupt() }
 }
 
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    device::keep_calls(Some(frame.pc()));
-    cortex_m::peripheral::SCB::sys_reset()
-}
+plantar::on_systick!(tick);
 
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo) -> ! {
-    device::keep_calls(None);
-    cortex_m::peripheral::SCB::sys_reset()
+/// The watchdog is fed by who looks at the others: it bites where no interrupt runs.
+extern "C" fn tick(frame: u32) {
+    device::look(frame, &SCAN_COUNTERS.life);
+    pac::IWDG.kr().write(|w| w.set_key(Key::RESET));
 }
