@@ -228,12 +228,17 @@ fn starts_that_lived_do_not_count_as_failed() {
         return;
     };
     let layout_id = board.hello(|_| true).layout_id;
-    for _ in 0..4 {
-        // Frames come until the next start, which says nothing of itself.
-        board.live();
+    let (mut starts, mut before_us) = (0, 0);
+    while starts < 4 {
         let hello = board.hello(|_| true);
-        assert!(told(&hello).starts_with("panic after "), "{}", told(&hello));
+        let up_us = board.status().uptime_us;
+        // On a busy machine the same start is asked twice.
+        if up_us < before_us {
+            assert!(told(&hello).starts_with("panic after "), "{}", told(&hello));
+            starts += 1;
+        }
         assert_eq!(hello.layout_id, layout_id);
+        before_us = up_us;
     }
 }
 

@@ -41,11 +41,11 @@ use time::{RELOAD, Time};
 
 embassy_time_driver::time_driver_impl!(static TIME: Time = Time::new());
 
-static LINK: Port = Port::new(USART1, Interrupt::USART1);
-static HCI: Port = Port::new(USART2, Interrupt::USART2);
+static LINK: Port = Port::new(USART1);
+static HCI: Port = Port::new(USART2);
 static FROM_RADIO: HciPipe = HciPipe::new();
 static TO_RADIO: HciPipe = HciPipe::new();
-static PLANT: Port = Port::new(USART3, Interrupt::USART3);
+static PLANT: Port = Port::new(USART3);
 static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 static INSOLE: ConstStaticCell<DeviceInsole> = ConstStaticCell::new(Insole::new());

@@ -1,23 +1,20 @@
 //! USARTs of the emulated STM32F405. Reception is by interrupt; the emulated transmitter takes every byte at once and, up to
 //! QEMU 7, has no interrupt.
 
-use cortex_m::peripheral::NVIC;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embedded_io_async::{ErrorType, Read, Write};
-use stm32_metapac::Interrupt;
 use stm32_metapac::usart::Usart;
 
 /// A USART with its receive buffer.
 pub struct Port {
     registers: Usart,
-    interrupt: Interrupt,
     received: Pipe<CriticalSectionRawMutex, 256>,
 }
 
 impl Port {
-    pub const fn new(registers: Usart, interrupt: Interrupt) -> Self {
-        Self { registers, interrupt, received: Pipe::new() }
+    pub const fn new(registers: Usart) -> Self {
+        Self { registers, received: Pipe::new() }
     }
 
     /// Turns the port on; its interrupt must then call [`Port::on_interrupt`]. The emulator ignores bit rates.
@@ -32,8 +29,8 @@ impl Port {
 
     pub fn on_interrupt(&self) {
         if self.received.is_full() {
-            // The emulator holds back what is not taken. Its USART asks until it is, whether it may or not.
-            NVIC::mask(self.interrupt);
+            // The emulator holds back what is not taken.
+            self.registers.cr1().modify(|w| w.set_rxneie(false));
         } else if self.registers.sr().read().rxne() {
             let byte = self.registers.dr().read().dr() as u8;
             // There is room, and nobody else writes.
@@ -43,8 +40,7 @@ impl Port {
 
     pub async fn read(&self, buffer: &mut [u8]) -> usize {
         let len = self.received.read(buffer).await;
-        // SAFETY: no critical section works by masks, and a port that is read was started.
-        unsafe { NVIC::unmask(self.interrupt) };
+        cortex_m::interrupt::free(|_| self.registers.cr1().modify(|w| w.set_rxneie(true)));
         len
     }
 
