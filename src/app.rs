@@ -13,6 +13,7 @@ use crate::link::{Job, Link};
 use crate::pace::Pace;
 use crate::region::Side;
 use crate::store::{Bonds, Contents, Failed, MAX_BONDS_BYTES, Name, PART_CELLS, Part, Store};
+use crate::watch::Life;
 use crate::wire::{
     Decoder, Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Serial, Status, Step,
     ToDevice, decode, frame,
@@ -112,12 +113,6 @@ pub trait Stopwatch {
     fn cycles_since(&self, start: u32) -> u32;
 }
 
-/// The independent watchdog.
-pub trait Watchdog {
-    /// Starts its time anew.
-    fn feed(&mut self);
-}
-
 /// What scanning counts; shared with a lower priority, so atomic.
 #[derive(Default)]
 pub struct ScanCounters {
@@ -125,12 +120,14 @@ pub struct ScanCounters {
     overrun: AtomicU32,
     /// When the first scan was due, us since start.
     began_us: AtomicU32,
+    /// Signs of life, of processing and the link too.
+    pub life: Life,
 }
 
 impl ScanCounters {
     /// All zero.
     pub const fn new() -> Self {
-        Self { missed: AtomicU32::new(0), overrun: AtomicU32::new(0), began_us: AtomicU32::new(0) }
+        Self { missed: AtomicU32::new(0), overrun: AtomicU32::new(0), began_us: AtomicU32::new(0), life: Life::new() }
     }
 }
 
@@ -150,29 +147,39 @@ pub async fn scan(
     counters.began_us.store(clock.start().as_micros() as u32, Ordering::Relaxed);
     let mut last = None;
     loop {
+        counters.life.sleep(clock.is_patient());
         if clock.is_patient() {
             frames.send().await;
         }
         let seq = clock.next().await;
+        counters.life.sleep(false);
+        counters.life.scan();
         let passed = seq.wrapping_sub(last.replace(seq).unwrap_or(seq.wrapping_sub(1)));
         add(&counters.missed, passed.wrapping_sub(1));
         let Some(frame) = frames.try_send() else {
             add(&counters.overrun, 1);
             continue;
         };
-        match scan_frame(&mut matrix, seq, &mut frame.codes).await {
+        match scan_frame(&mut matrix, seq, &mut frame.codes, &counters.life).await {
             Ok(()) => {
                 frame.seq = seq;
                 frames.send_done();
+                counters.life.hand_over();
             }
             Err(MatrixTimeout) => add(&counters.missed, 1),
         }
     }
 }
 
-async fn scan_frame(matrix: &mut impl Matrix, seq: u32, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout> {
+async fn scan_frame(
+    matrix: &mut impl Matrix,
+    seq: u32,
+    codes: &mut [u16; DEVICE_CELLS],
+    life: &Life,
+) -> Result<(), MatrixTimeout> {
     for row in 0..matrix.rows() {
         matrix.read_row(seq, row, codes).await?;
+        life.scan();
     }
     Ok(())
 }
@@ -229,9 +236,6 @@ pub struct Session {
     scan: &'static ScanCounters,
     /// Deepest use of the stack so far, bytes.
     stack_bytes: fn() -> u32,
-    /// Frames processed, and turns of the link's loop.
-    frames: AtomicU32,
-    link_turns: AtomicU32,
     /// Steps that [`keep`] has not seen yet.
     steps: Channel<NoopRawMutex, Step, UNKEPT_STEPS>,
     /// The phones that are known.
@@ -271,8 +275,6 @@ impl Session {
             }),
             scan,
             stack_bytes,
-            frames: AtomicU32::new(0),
-            link_turns: AtomicU32::new(0),
             steps: Channel::new(),
             bonds: RefCell::default(),
             bonds_changed: Cell::default(),
@@ -375,20 +377,11 @@ impl Session {
         self.link.borrow().clock_sets()
     }
 
-    /// Counts that stand still when scanning, processing or the link does.
-    fn progress(&self) -> [u32; 3] {
-        let count = |counter: &AtomicU32| counter.load(Ordering::Relaxed);
-        // A matrix that does not answer is counted and reported, not reset: processing has nothing to do then.
-        let processed = count(&self.frames).wrapping_add(count(&self.scan.missed));
-        let scanned = processed.wrapping_add(count(&self.scan.overrun));
-        [scanned, processed, count(&self.link_turns)]
-    }
-
     fn status(&self) -> Status {
         let counters = self.counters.borrow();
         Status {
             uptime_us: Instant::now().as_micros(),
-            frames: self.frames_before.get().unwrap_or(self.frames.load(Ordering::Relaxed)),
+            frames: self.frames_before.get().unwrap_or(self.scan.life.modelled()),
             frames_missed: self.scan.missed.load(Ordering::Relaxed),
             frames_overrun: self.scan.overrun.load(Ordering::Relaxed),
             steps: counters.steps,
@@ -447,7 +440,7 @@ pub async fn process(
                 yield_now().await;
             }
             if let Some(step) = insole.step(regions) {
-                let before = session.frames_before.get().unwrap_or(session.frames.load(Ordering::Relaxed));
+                let before = session.frames_before.get().unwrap_or(session.scan.life.modelled());
                 session.frames_before.set(Some(before));
                 let start_unix_us = session.link.borrow().unix_us(step.start_us);
                 if session.steps.try_send(Step { start_unix_us, ..Step::new(&step) }).is_err() {
@@ -460,7 +453,7 @@ pub async fn process(
                 session.counters.borrow_mut().steps += 1;
             }
         }
-        add(&session.frames, 1);
+        session.scan.life.model();
         session.changed.iter().for_each(|carrier| carrier.signal(()));
         // The link's turn, also while frames are queued.
         yield_now().await;
@@ -601,7 +594,7 @@ pub async fn serve(mut rx: impl Read, mut tx: impl Write, session: &Session) -> 
     let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
     loop {
         let heard = select3(rx.read(&mut received), session.changed(Carrier::Serial).wait(), Timer::after(IDLE)).await;
-        add(&session.link_turns, 1);
+        session.scan.life.link();
         if let Either3::First(heard) = heard {
             // A framing or overrun error of the port shows as a bad CRC.
             for &byte in heard.ok().and_then(|n| received.get(..n)).unwrap_or_default() {
@@ -623,20 +616,6 @@ pub async fn serve(mut rx: impl Read, mut tx: impl Write, session: &Session) -> 
                 session.close(Carrier::Serial);
                 break;
             }
-        }
-    }
-}
-
-/// Feeds the watchdog as long as scanning, processing and the link have each made progress since the last look. `every` is
-/// at most half of the watchdog's time and longer than a frame and the link's idle time.
-pub async fn supervise(mut watchdog: impl Watchdog, session: &Session, every: Duration) -> ! {
-    let mut before = session.progress();
-    loop {
-        Timer::after(every).await;
-        let now = session.progress();
-        if now.iter().zip(&before).all(|(now, before)| now != before) {
-            watchdog.feed();
-            before = now;
         }
     }
 }

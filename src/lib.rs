@@ -42,6 +42,8 @@ pub mod link;
 #[forbid(unsafe_code)]
 pub mod store;
 #[forbid(unsafe_code)]
+pub mod watch;
+#[forbid(unsafe_code)]
 pub mod emulation;
 
 #[cfg(feature = "device")]
@@ -51,7 +53,7 @@ pub mod app;
 #[forbid(unsafe_code)]
 pub mod ble;
 #[cfg(feature = "device")]
-pub mod device; // below the data path: stack and panic memory of the boards
+pub mod device; // below the data path: stack, faults and resets of the boards
 
 pub use num::Real;
 pub use region::{Region, Side};

@@ -9,7 +9,7 @@ pub use plant::{Plant, Scan, Walk};
 pub use recorded::{Looped, Recorded};
 
 use plantar::emulation::{FLASH_BYTES, FLASH_FILE, Head, MATRIX_FILE, SETUP_FILE};
-use plantar::insole::SetupCell;
+use plantar::insole::{DEVICE_CELLS, SetupCell};
 use std::io::{self, Read};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
@@ -95,18 +95,36 @@ impl Board {
         walk: impl Walk,
         parts: &Parts,
     ) -> Result<Self, Error> {
-        if !firmware.is_file() {
-            return Err(Error::NoFirmware(firmware.into()));
-        }
-        let directory = tempfile::tempdir()?;
         let head = Head { paced: time != Time::Real, ..*head };
         let mut setup = postcard::to_stdvec(&head).map_err(io::Error::other)?;
         for cell in cells {
             setup = postcard::to_extend(cell, setup).map_err(io::Error::other)?;
         }
+        Self::boot(firmware, Some(&setup), cells.len(), time, walk, parts)
+    }
+
+    /// Boots `firmware` without a set-up: in real time, with the insole that is built in.
+    pub fn start_without_set_up(firmware: &Path, walk: impl Walk) -> Result<Self, Error> {
+        Self::boot(firmware, None, DEVICE_CELLS, Time::Real, walk, &Parts::default())
+    }
+
+    fn boot(
+        firmware: &Path,
+        setup: Option<&[u8]>,
+        cells: usize,
+        time: Time,
+        walk: impl Walk,
+        parts: &Parts,
+    ) -> Result<Self, Error> {
+        if !firmware.is_file() {
+            return Err(Error::NoFirmware(firmware.into()));
+        }
+        let directory = tempfile::tempdir()?;
         let file = |name: &std::ffi::CStr| directory.path().join(name.to_string_lossy().as_ref());
-        std::fs::write(file(SETUP_FILE), setup)?;
-        std::fs::write(file(MATRIX_FILE), vec![0; 2 * cells.len()])?;
+        if let Some(setup) = setup {
+            std::fs::write(file(SETUP_FILE), setup)?;
+        }
+        std::fs::write(file(MATRIX_FILE), vec![0; 2 * cells])?;
 
         match &parts.flash {
             Some(flash) => std::fs::write(file(FLASH_FILE), flash)?,
