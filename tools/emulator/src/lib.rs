@@ -67,7 +67,7 @@ pub struct Parts {
 
 /// A running board. It stops when this is dropped.
 pub struct Board {
-    qemu: Qemu,
+    _qemu: Qemu,
     plant: Plant,
     link: TcpStream,
     // Dropped last: QEMU and the plant use it.
@@ -155,7 +155,7 @@ impl Board {
         let link = link.accept(&mut qemu.0)?;
         let plant = plant.accept(&mut qemu.0)?;
         let plant = Plant::start(plant, &file(MATRIX_FILE), walk)?;
-        Ok(Self { qemu, plant, link, directory })
+        Ok(Self { _qemu: qemu, plant, link, directory })
     }
 
     /// The board's link, a byte stream in both directions.
@@ -166,11 +166,6 @@ impl Board {
     /// The contents of the flash chip.
     pub fn flash(&self) -> io::Result<Vec<u8>> {
         std::fs::read(self.directory.path().join(FLASH_FILE.to_string_lossy().as_ref()))
-    }
-
-    /// True while the board has power; see [`Head::power_cut`].
-    pub fn is_on(&mut self) -> io::Result<bool> {
-        Ok(self.qemu.0.try_wait()?.is_none())
     }
 
     /// Lets the walk begin; in [`Time::Real`] it began with the board.
