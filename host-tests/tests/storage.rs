@@ -315,7 +315,9 @@ fn a_day_of_steps_wears_the_chip_little() {
         let a_day = f64::from(*most) / f64::from(DAYS);
         let years = ERASURES / a_day / 365.25;
         let bytes = chip.written as f64 / f64::from(STEPS * DAYS);
-        println!("acknowledged: {is_acknowledged}: {a_day:.1} erasures of a sector a day, {years:.0} years, {bytes:.0} bytes a step");
+        println!(
+            "acknowledged: {is_acknowledged}: {a_day:.1} erasures of a sector a day, {years:.0} years, {bytes:.0} bytes a step"
+        );
         assert!(years > 20.0);
     }
 }

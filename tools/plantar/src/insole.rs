@@ -59,7 +59,10 @@ impl Insole {
         match self {
             Self::Show { carrier } => show(carrier),
             Self::Name { side, serial_number, carrier } => {
-                ensure!(side.is_some() || serial_number.is_some(), "nothing to change: give --side, --serial-number or both");
+                ensure!(
+                    side.is_some() || serial_number.is_some(),
+                    "nothing to change: give --side, --serial-number or both"
+                );
                 let mut client = carrier.connect()?;
                 let before = client.identity()?;
                 let side = match side {
@@ -77,7 +80,11 @@ impl Insole {
                 let mut client = carrier.connect()?;
                 let wanted = client.hello().cells;
                 if cells.len() != usize::from(wanted) {
-                    bail!("{}: {} cells, the insole has {wanted}: one line a cell is needed", file.display(), cells.len());
+                    bail!(
+                        "{}: {} cells, the insole has {wanted}: one line a cell is needed",
+                        file.display(),
+                        cells.len()
+                    );
                 }
                 let identity = client.calibrate(&cells)?;
                 restart(carrier, client)?;
@@ -102,9 +109,18 @@ fn show(carrier: &Carrier) -> Result<()> {
         println!("note: {last}");
     }
     let warnings = [
-        (status.unkept > 0, "it could not keep something: its flash chip fails, and what was sent holds until it restarts"),
-        (contents.newer_kinds > 0, "it holds records of a newer firmware, which are left alone: update its firmware to use them"),
-        (contents.newer_steps > 0, "it holds steps of a newer firmware, which are left alone: update its firmware to get them"),
+        (
+            status.unkept > 0,
+            "it could not keep something: its flash chip fails, and what was sent holds until it restarts",
+        ),
+        (
+            contents.newer_kinds > 0,
+            "it holds records of a newer firmware, which are left alone: update its firmware to use them",
+        ),
+        (
+            contents.newer_steps > 0,
+            "it holds steps of a newer firmware, which are left alone: update its firmware to get them",
+        ),
         (contents.erased > 0, "part of its flash chip was damaged beyond repair and had to be erased"),
         (status.steps_dropped > 0, "its log was full: the oldest steps had to make room"),
     ];
