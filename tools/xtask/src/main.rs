@@ -36,6 +36,8 @@ enum Task {
     Test,
     /// Feed every parser with arbitrary bytes; a finding ends it and is named.
     Fuzz(Fuzz),
+    /// Let insoles endure: power that fails in every write, bit errors on the cable, a day of walking, faults of the sensors. For hours.
+    Soak(Soak),
     /// Compare what is depended on with RustSec's advisories, which are fetched from their repository.
     Advisories,
     /// Measure instructions a frame, accuracy, bytes, replay speed, identification and sizes.
@@ -75,6 +77,16 @@ struct Fuzz {
 }
 
 #[derive(Args)]
+struct Soak {
+    /// Some of each, for minutes.
+    #[arg(long)]
+    short: bool,
+    /// Also write the figures to this file, one flat object.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+#[derive(Args)]
 struct Json {
     /// Also write the figures to this file, one flat object.
     #[arg(long, value_name = "FILE")]
@@ -107,6 +119,7 @@ fn main() -> ExitCode {
         Task::Demo(demo) => demo.run(),
         Task::Test => test(),
         Task::Fuzz(fuzz) => fuzz::run(fuzz.minutes),
+        Task::Soak(soak) => soak.run(),
         Task::Advisories => deny(&["advisories"]),
         Task::Bench(to) => bench().and_then(|figures| to.write(figures)),
         Task::Size(to) => sizes().and_then(|figures| to.write(figures)),
@@ -305,6 +318,7 @@ fn test() -> Result<()> {
             .env("PLANTAR_JIKU", &python.jiku)
             .env("PLANTAR_PYTHON", &python.interpreter),
     )?;
+    Soak { short: true, json: None }.run()?;
     fuzz::run(FUZZ_MINUTES)?;
     check_limits(&bench()?)
 }
@@ -398,6 +412,24 @@ fn sizes() -> Result<Map<String, Value>> {
     }
     add("stack_bytes".into(), stack_bytes, "deepest stack of the emulated board in a walk");
     Ok(figures)
+}
+
+impl Soak {
+    fn run(&self) -> Result<()> {
+        setup::rust()?;
+        setup::qemu()?;
+        build_firmware("emu")?;
+        build_host("soak")?;
+        let mut command = Command::new(built("release/soak"));
+        command.arg("--firmware").arg(firmware("emu"));
+        if self.short {
+            command.arg("--short");
+        }
+        if let Some(path) = &self.json {
+            command.arg("--json").arg(path);
+        }
+        run_command(&mut command)
+    }
 }
 
 impl Json {
