@@ -3,6 +3,7 @@
 use crate::calibrate::{CellCalibration, Curve, SensorLaw, is_saturated};
 use crate::contact::{ContactCell, ContactRule};
 use crate::ellipse::Ellipse;
+use crate::fault::{self, CellWatch, Seen, Watch};
 use crate::live::{LiveModel, LiveTissue};
 use crate::model::Gauge;
 use crate::num::Real;
@@ -63,6 +64,9 @@ pub struct SetupCell {
     pub cell: Cell,
     /// How it reads.
     pub calibration: CellCalibration,
+    /// Where the matrix reads it, row times 16 and column: faults of a line are told as such. Without meaning in an insole of
+    /// more than [`fault::CROSSINGS`] cells.
+    pub crossing: u8,
 }
 
 /// The wearer's tissue.
@@ -154,12 +158,13 @@ impl<R: Real> RegionLoad<R> {
     pub const NONE: Self = Self { frame: RegionFrame::NONE, tissue: LiveTissue::NONE };
 }
 
-/// One cell through the stages: calibrate, contact, region.
+/// One cell through the stages: calibrate, contact, region; and what is noted of it.
 #[derive(Clone, Copy, Debug)]
-struct InsoleCell<R> {
-    offset: u16,
-    contact: ContactCell,
-    region: RegionCell<R>,
+pub(crate) struct InsoleCell<R> {
+    pub(crate) offset: u16,
+    pub(crate) contact: ContactCell,
+    pub(crate) region: RegionCell<R>,
+    pub(crate) watch: CellWatch,
 }
 
 impl<R: Real> InsoleCell<R> {
@@ -170,6 +175,10 @@ impl<R: Real> InsoleCell<R> {
     fn settle(&mut self, code: u32, curve: &Curve, area: &mut AreaMoments) -> bool {
         let curve_kpa = curve.pressure_kpa((code as i32 - i32::from(self.offset)).max(0));
         area.change(&self.region, self.contact.settle(code, curve_kpa));
+        let firm = self.contact.firm(self.offset);
+        if self.watch.note(self.contact.is_loaded(), code >= firm) {
+            self.contact.look_at(firm);
+        }
         is_saturated(code)
     }
 }
@@ -209,6 +218,7 @@ pub struct Insole<R, const N: usize> {
     live: [LiveModel<R>; 8],
     stance: Stance<R>,
     loads: [RegionLoad<R>; 8],
+    watch: Watch,
     last_seq: Option<u32>,
     steps: u32,
 }
@@ -231,6 +241,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             live: [LiveModel::NEW; 8],
             stance: Stance::new(),
             loads: [RegionLoad::NONE; 8],
+            watch: Watch::new(),
             last_seq: None,
             steps: 0,
         }
@@ -255,15 +266,17 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.division = division;
         self.curve.set(&setup.sensor);
         self.cells.clear();
-        for SetupCell { cell, calibration } in cells {
+        for SetupCell { cell, calibration, crossing } in cells {
             let (x_mm, y_mm) = division.origins_mm[cell.region as usize];
             // Room for all: `check_cells` counted them.
             let _ = self.cells.push(InsoleCell {
                 offset: calibration.offset,
                 contact: ContactCell::new(&setup.contact, &self.curve, &calibration),
                 region: RegionCell::new(&cell, calibration.gain, x_mm, y_mm),
+                watch: CellWatch::new(crossing),
             });
         }
+        self.watch.set_up(&self.cells, setup.period_us);
         self.per_period_s = R::of(1e6 / f64::from(setup.period_us));
         self.limits = StanceLimits::new(&setup.stance, setup.period_us);
         self.live = [LiveModel::NEW; 8];
@@ -316,6 +329,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             }
         }
         self.sum_cells(codes);
+        self.look_for_faults(seq, codes);
         for ((load, live), gauge) in self.loads.iter_mut().zip(&mut self.live).zip(&self.gauges) {
             load.tissue = live.update(gauge, load.frame.area.area_mm2(), per_s);
         }
@@ -333,6 +347,35 @@ impl<R: Real, const N: usize> Insole<R, N> {
             sum_region(&self.curve, region_cells, region_codes, &mut load.frame);
             (cells, codes, start) = (other_cells, other_codes, end);
         }
+    }
+
+    /// Lets masked cells read, and notes what tells of faults.
+    fn look_for_faults(&mut self, seq: u32, codes: &[u16]) {
+        let (mut area, mut saturated) = (0, false);
+        for load in &self.loads {
+            area += fault::area(&load.frame.area);
+            saturated |= load.frame.saturated;
+        }
+        let mut seen = Seen {
+            cells: &mut self.cells,
+            ends: &self.division.ends,
+            codes,
+            loads: &mut self.loads,
+            seq,
+            period_us: self.setup.period_us,
+        };
+        if saturated {
+            Watch::doubt(&mut seen);
+        }
+        if self.watch.interpolates() {
+            self.watch.interpolate(&self.curve, &mut seen);
+        }
+        self.watch.frame(&mut seen, area);
+    }
+
+    /// The faults that were found since the set-up.
+    pub fn watch(&self) -> &Watch {
+        &self.watch
     }
 
     /// The regions in the last frame.
@@ -434,7 +477,7 @@ fn check_cells(cells: impl Iterator<Item = SetupCell>, capacity: usize) -> Resul
     let mut corners = [((f32::MAX, f32::MAX), (f32::MIN, f32::MIN)); 8];
     let mut last = 0;
     let mut count = 0;
-    for SetupCell { cell, calibration } in cells {
+    for SetupCell { cell, calibration, .. } in cells {
         let number = count as u16;
         count += 1;
         if count > capacity {

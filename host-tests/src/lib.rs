@@ -32,7 +32,7 @@ pub static TISSUE: LazyLock<Tissue> = LazyLock::new(|| {
 
 /// A cell with the common law.
 pub fn cell(region: Region, x_mm: f32, y_mm: f32, area_mm2: f32) -> SetupCell {
-    SetupCell { cell: Cell { region, x_mm, y_mm, area_mm2 }, calibration: CellCalibration::IDEAL }
+    SetupCell { cell: Cell { region, x_mm, y_mm, area_mm2 }, calibration: CellCalibration::IDEAL, crossing: 0 }
 }
 
 /// A tabulated law.
