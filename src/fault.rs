@@ -6,7 +6,8 @@
 //!
 //! A masked cell reads the mean of the nearest healthy cells of its region, or nothing where there are none.
 
-use crate::calibrate::{Curve, is_saturated};
+use crate::calibrate::{Curve, FULL_CODE, is_saturated};
+use crate::contact::ContactCell;
 use crate::insole::{InsoleCell, RegionLoad};
 use crate::num::Real;
 use crate::region::AreaMoments;
@@ -23,15 +24,11 @@ pub const CROSSINGS: usize = 256;
 /// Rows, and columns.
 const LINES: usize = 16;
 
-/// A foot is up when the contact has been small and still for this long, ms: the toes' pressure is gone, and a swing lasts
-/// three times as long.
+/// A foot is up when the contact has been small and still for this long, ms: the toes' pressure is gone. The review takes as
+/// long again, and a swing lasts three times as long.
 const SETTLE_MS: u32 = 100;
-/// A swing's review is done in at least this many frames, which share its cost.
-const REVIEW_FRAMES: usize = 4;
 /// Saturated cells that are looked at in one frame of a region.
 const DOUBTS: usize = 4;
-/// Looks at a cell's neighbours in one frame of review, at most.
-const LOOKS: u32 = 12;
 /// Codes that an unloaded cell may depart from its zero by, as noise: 0.07 kPa at 1000 kPa full scale.
 const NOISE: u16 = 32;
 /// Most codes that a zero follows in a swing, and in all: 1 kPa and 13 kPa.
@@ -39,8 +36,8 @@ const REZERO_STEP: i16 = 256;
 const REZERO_MOST: i32 = 2048;
 /// A departure beyond this one is not slow, in codes.
 const SLOW: u16 = 1024;
-/// A row is looked at for crosstalk when a cell of it reads so many codes above zero, 74 kPa,
-const ROW_LOADED: u16 = 8192;
+/// A row is looked at for crosstalk when a cell of it reads so many codes above zero, 31 kPa,
+const ROW_LOADED: u16 = 4096;
 /// and is suspect when even its least loaded one reads this part of that.
 const CROSSTALK: u16 = 32;
 /// Cells of a line that tell of it.
@@ -67,8 +64,7 @@ pub enum FaultKind {
 
 impl FaultKind {
     /// All, in the order of the wire.
-    pub const ALL: [Self; 6] =
-        [Self::Open, Self::Short, Self::Stuck, Self::Saturated, Self::Drift, Self::Crosstalk];
+    pub const ALL: [Self; 6] = [Self::Open, Self::Short, Self::Stuck, Self::Saturated, Self::Drift, Self::Crosstalk];
 
     /// One word, lower case.
     pub const fn name(self) -> &'static str {
@@ -130,7 +126,7 @@ pub(crate) struct CellWatch {
 }
 
 /// Came into contact, came into firm contact, was saturated beyond belief, kept one code since the last review.
-const TOUCHED: u8 = 1;
+const HEARD: u8 = 1;
 const FIRM: u8 = 2;
 const BEYOND: u8 = 4;
 const SAME: u8 = 8;
@@ -162,13 +158,29 @@ impl CellWatch {
         self.has(MASKED)
     }
 
-    /// Notes a change of the contact; true where a firm contact is still to be noted.
-    pub(crate) fn note(&mut self, is_loaded: bool, is_firm: bool) -> bool {
+    /// Notes the code of a cell that is not settled, and lets the contact look out for what is to be noted next.
+    pub(crate) fn note(&mut self, code: u32, offset: u16, contact: &mut ContactCell) {
         self.marks &= !SAME;
-        if is_loaded {
-            self.marks |= if is_firm { TOUCHED | FIRM } else { TOUCHED };
+        let firm = contact.firm(offset);
+        if code > u32::from(offset) + u32::from(NOISE) {
+            self.marks |= if code >= firm { HEARD | FIRM } else { HEARD };
         }
-        is_loaded && !self.has(FIRM)
+        self.look_out(offset, contact);
+    }
+
+    fn look_out(&self, offset: u16, contact: &mut ContactCell) {
+        if contact.is_loaded() {
+            if !self.has(FIRM) {
+                contact.look_at(contact.firm(offset));
+            }
+        } else if !self.has(HEARD) {
+            contact.look_at(u32::from(offset) + u32::from(NOISE) + 1);
+        }
+    }
+
+    /// Nothing is held against it.
+    fn is_sound(&self) -> bool {
+        !self.has(MASKED | STUCK | SAME) && self.count(Count::Off) == 0
     }
 
     fn has(&self, mark: u8) -> bool {
@@ -230,7 +242,7 @@ struct Mask {
 struct Around {
     /// Next to it, healthy; of these in contact, and firmly so.
     near: u32,
-    touched: u32,
+    heard: u32,
     firm: u32,
     /// Firm ones within [`REACH`] on its sides: medial, lateral, heel, toes.
     sides: [bool; 4],
@@ -252,24 +264,31 @@ const NEAR: i32 = 16;
 const REACH: i32 = 28;
 
 impl Around {
-    fn new<R: Real>(cells: &[InsoleCell<R>], index: usize) -> Self {
+    fn new<R: Real>(seen: &Seen<'_, R>, index: usize) -> Self {
         let mut around = Self::default();
-        let this = &cells[index].region;
+        let this = &seen.cells[index].region;
         let pitch = this.pitch();
-        for (i, cell) in cells.iter().enumerate() {
-            let (dx, dy) = cell.region.from(this);
-            let far = dx.abs().max(dy.abs()) * 10;
-            if i == index || cell.watch.is_masked() || far > REACH * pitch {
-                continue;
-            }
-            if far <= NEAR * pitch {
-                around.near += 1;
-                around.touched += u32::from(cell.watch.has(TOUCHED));
-                around.firm += u32::from(cell.watch.has(FIRM));
-            }
-            if cell.watch.has(FIRM) {
-                let side = if dx.abs() > dy.abs() { usize::from(dx > 0) } else { 2 + usize::from(dy > 0) };
-                around.sides[side] = true;
+        let own = seen.origins_mm[seen.region(index)];
+        let mut start = 0;
+        for (&end, origin) in seen.ends.iter().zip(seen.origins_mm) {
+            let (ox, oy) = (((origin.0 - own.0) * 64.0) as i32, ((origin.1 - own.1) * 64.0) as i32);
+            for i in core::mem::replace(&mut start, end)..end {
+                let cell = &seen.cells[i];
+                let (dx, dy) = cell.region.from(this);
+                let (dx, dy) = (dx + ox, dy + oy);
+                let far = dx.abs().max(dy.abs()) * 10;
+                if i == index || !cell.watch.is_sound() || far > REACH * pitch {
+                    continue;
+                }
+                if far <= NEAR * pitch {
+                    around.near += 1;
+                    around.heard += u32::from(cell.watch.has(HEARD));
+                    around.firm += u32::from(cell.watch.has(FIRM));
+                }
+                if cell.watch.has(FIRM) {
+                    let side = if dx.abs() > dy.abs() { usize::from(dx > 0) } else { 2 + usize::from(dy > 0) };
+                    around.sides[side] = true;
+                }
             }
         }
         around
@@ -284,6 +303,7 @@ pub(crate) struct Seen<'a, R> {
     pub(crate) cells: &'a mut [InsoleCell<R>],
     /// Where the cells of each region end.
     pub(crate) ends: &'a [usize; 8],
+    pub(crate) origins_mm: &'a [(f32, f32); 8],
     /// One a cell.
     pub(crate) codes: &'a [u16],
     pub(crate) loads: &'a mut [RegionLoad<R>; 8],
@@ -332,11 +352,12 @@ pub struct Watch {
     next: Option<usize>,
     /// Silent cells in it.
     silent: u32,
-    /// Rows looked at next, modulo 4; per row the looks in this stance, and the stances without a clean one.
+    /// Rows looked at next, modulo 4; per row the looks in this stance and the clean ones; the stances in a row that were clean,
+    /// and those that were not since.
     turn: usize,
     row_looks: [u8; LINES],
-    row_clean: u16,
-    row_suspect: [u8; LINES],
+    row_clean: [u8; LINES],
+    rows: [(u8, u8); LINES],
     /// Steps in which exactly this line was silent: rows, then columns.
     line_silent: [u8; 2 * LINES],
     masks: Vec<Mask, INTERPOLATED>,
@@ -360,8 +381,8 @@ impl Watch {
             silent: 0,
             turn: 0,
             row_looks: [0; LINES],
-            row_clean: 0,
-            row_suspect: [0; LINES],
+            row_clean: [0; LINES],
+            rows: [(0, 0); LINES],
             line_silent: [0; 2 * LINES],
             masks: Vec::new(),
             masked_cells: [0; 8],
@@ -405,6 +426,7 @@ impl Watch {
         if area > self.whole / 2 {
             self.walked = true;
             self.still = 0;
+            self.next = None;
         } else {
             self.light_frame(seen, area);
         }
@@ -419,6 +441,8 @@ impl Watch {
         if area > self.whole / 4 {
             self.walked = true;
             self.still = 0;
+            // A swing too short for the review gives nothing.
+            self.next = None;
             return;
         }
         if self.still == 0 || (area - self.still_area).abs() > self.whole / 32 {
@@ -454,11 +478,9 @@ impl Watch {
         }
         for (i, (least, most, count)) in least_most.into_iter().enumerate() {
             let row = 4 * i + self.turn;
-            if u32::from(count) >= LEAST_OF_LINE && most >= ROW_LOADED {
+            if u32::from(count) >= LEAST_OF_LINE && (ROW_LOADED..FULL_CODE / 2).contains(&most) {
                 self.row_looks[row] = self.row_looks[row].saturating_add(1);
-                if least < most / CROSSTALK {
-                    self.row_clean |= 1 << row;
-                }
+                self.row_clean[row] = self.row_clean[row].saturating_add(u8::from(least < most / CROSSTALK));
             }
         }
         self.turn = (self.turn + 1) % 4;
@@ -524,25 +546,18 @@ impl Watch {
     /// Reviews some cells from number `first` on; the next one, or none at the end.
     fn review<R: Real>(&mut self, seen: &mut Seen<'_, R>, first: usize) -> Option<usize> {
         let count = seen.cells.len();
-        let end = count.min(first + count.div_ceil(REVIEW_FRAMES));
-        let mut looks = 0;
+        let end = count.min(first + count.div_ceil(self.settle_frames as usize));
         for index in first..end {
-            if looks >= LOOKS {
-                return Some(index);
-            }
-            let region = seen.region_of(index);
-            let (cells, code) = (&mut seen.cells[region.clone()], seen.codes[index]);
-            let index = index - region.start;
+            let (cells, code) = (&mut *seen.cells, seen.codes[index]);
             if cells[index].watch.is_masked() {
                 continue;
             }
             let needs_look = {
                 let watch = &cells[index].watch;
-                !watch.has(TOUCHED) || watch.has(SAME)
+                !watch.has(HEARD) || watch.has(SAME)
             };
-            let around = needs_look.then(|| Around::new(cells, index));
-            looks += u32::from(needs_look);
-            let cell = &mut cells[index];
+            let around = needs_look.then(|| Around::new(seen, index));
+            let cell = &mut seen.cells[index];
             self.review_swing(cell, code, around.as_ref());
             self.review_stance(cell, around.as_ref());
         }
@@ -601,22 +616,19 @@ impl Watch {
         let mut is_alone = false;
         if watch.has(FIRM) {
             watch.set(Count::Firm, was_firm + 1);
-        } else if let (false, Some(around)) = (watch.has(TOUCHED), around) {
+        } else if let (false, Some(around)) = (watch.has(HEARD), around) {
             watch.set(Count::Firm, was_firm.saturating_sub(1));
-            if was_firm > 0 || around.is_between() {
+            if was_firm > 1 || around.is_between() {
                 watch.marks |= SILENT;
-                self.silent += 1;
+                self.silent += u32::from(was_firm > 1);
             }
-            let is_surrounded = around.near >= 3 && around.touched == around.near;
-            is_alone = is_surrounded && 2 * around.firm >= around.near && (was_firm > 0 || around.is_within());
+            // A hole in a firm contact; a cell at its rim may as well be one that the foot missed.
+            let is_hole = around.is_within() && around.heard == around.near && 4 * around.firm >= 3 * around.near;
+            is_alone = is_hole && around.near >= if was_firm > 0 { 6 } else { 7 };
         }
         watch.recount(Count::Silent, is_alone);
         let is_beyond = watch.has(BEYOND);
         watch.recount(Count::Beyond, is_beyond);
-        watch.marks &= !(TOUCHED | FIRM | BEYOND);
-        if cell.contact.is_loaded() {
-            watch.marks |= TOUCHED;
-        }
     }
 
     /// After all cells: what is a line's fault, then what is a cell's.
@@ -634,6 +646,15 @@ impl Watch {
                 self.tell(seen, kind, Place::Cell(index as u16));
                 self.mask(seen, index);
             }
+            let cell = &mut seen.cells[index];
+            if !cell.watch.is_masked() {
+                cell.watch.marks &= !(HEARD | FIRM | BEYOND);
+                if cell.contact.is_loaded() {
+                    cell.watch.marks |= HEARD;
+                } else {
+                    cell.watch.look_out(cell.offset, &mut cell.contact);
+                }
+            }
         }
         if self.found != before {
             self.choose_neighbours(seen);
@@ -641,36 +662,46 @@ impl Watch {
     }
 
     fn conclude_rows<R: Real>(&mut self, seen: &mut Seen<'_, R>) {
-        let clean = core::mem::take(&mut self.row_clean);
         for row in 0..LINES {
             let looks = core::mem::take(&mut self.row_looks[row]);
-            self.row_suspect[row] = match looks {
-                _ if clean >> row & 1 == 1 => 0,
-                0..3 => self.row_suspect[row],
-                _ => self.row_suspect[row] + 1,
-            };
-            if self.row_suspect[row] >= 2 {
-                self.row_suspect[row] = 0;
-                self.condemn(seen, FaultKind::Crosstalk, row);
+            let clean = core::mem::take(&mut self.row_clean[row]);
+            let (cleans, suspects) = &mut self.rows[row];
+            if looks < 3 {
+                continue;
+            }
+            if clean > 0 {
+                // A row that is hardly ever clean proves nothing when it is not.
+                *cleans = if 4 * clean >= looks { cleans.saturating_add(1) } else { 0 };
+                *suspects = 0;
+            } else if *cleans >= 2 {
+                *suspects += 1;
+                if *suspects >= 2 {
+                    self.condemn(seen, FaultKind::Crosstalk, row);
+                }
             }
         }
     }
 
     fn conclude_line<R: Real>(&mut self, seen: &mut Seen<'_, R>, line: usize) {
-        let (mut silent, mut speaking, mut accused, mut others) = (0, 0, [0u32; FaultKind::ALL.len()], 0);
+        let (mut count, mut silent, mut between, mut speaking, mut others) = (0, 0, 0, 0, 0);
+        let mut accused = [0u32; FaultKind::ALL.len()];
         for watch in seen.cells.iter().map(|cell| &cell.watch).filter(|watch| is_on(watch, line)) {
             if watch.is_masked() {
                 continue;
             }
-            silent += u32::from(watch.has(SILENT));
-            speaking += u32::from(!watch.has(SILENT) && watch.count(Count::Firm) > 0);
+            let was_firm = watch.count(Count::Firm) > 0;
+            silent += u32::from(watch.has(SILENT) && was_firm);
+            between += u32::from(watch.has(SILENT));
+            speaking += u32::from(!watch.has(SILENT) && was_firm);
+            count += 1;
             match watch.accused_of() {
                 Some(kind) => accused[kind as usize] += 1,
                 None => others += 1,
             }
         }
         // The silence is this line's and of no other cells.
-        let is_silent = silent >= LEAST_OF_LINE && speaking == 0 && 4 * self.silent.saturating_sub(silent) <= silent;
+        let is_all = silent >= LEAST_OF_LINE && 4 * self.silent.saturating_sub(silent) <= silent;
+        let is_silent = speaking == 0 && (is_all || between > LEAST_OF_LINE && 4 * between >= 3 * count);
         self.line_silent[line] = if is_silent { self.line_silent[line] + 1 } else { 0 };
         if self.line_silent[line] >= 2 {
             self.silent = self.silent.saturating_sub(silent);
@@ -710,6 +741,8 @@ impl Watch {
             return;
         }
         cell.watch.marks = MASKED;
+        // Another cell must show anew that this row is clean.
+        self.rows[cell.watch.row()] = (0, 0);
         self.masked_cells[region] = self.masked_cells[region].saturating_add(1);
         let mask = Mask { cell: index as u16, offset: cell.offset, neighbours: [index as u16; 4] };
         // From here on the pass over the cells finds nothing in it.

@@ -175,10 +175,7 @@ impl<R: Real> InsoleCell<R> {
     fn settle(&mut self, code: u32, curve: &Curve, area: &mut AreaMoments) -> bool {
         let curve_kpa = curve.pressure_kpa((code as i32 - i32::from(self.offset)).max(0));
         area.change(&self.region, self.contact.settle(code, curve_kpa));
-        let firm = self.contact.firm(self.offset);
-        if self.watch.note(self.contact.is_loaded(), code >= firm) {
-            self.contact.look_at(firm);
-        }
+        self.watch.note(code, self.offset, &mut self.contact);
         is_saturated(code)
     }
 }
@@ -359,6 +356,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         let mut seen = Seen {
             cells: &mut self.cells,
             ends: &self.division.ends,
+            origins_mm: &self.division.origins_mm,
             codes,
             loads: &mut self.loads,
             seq,
