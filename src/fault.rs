@@ -336,6 +336,29 @@ pub(crate) fn area(moments: &AreaMoments) -> i32 {
     moments.units() >> AREA_SHIFT
 }
 
+/// What was found since the set-up, as it is told.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Faults {
+    /// All faults, in the list or not.
+    pub found: u32,
+    /// How often a cell's zero was moved.
+    pub rezeroed: u32,
+    /// Masked cells of each region, 255 for more.
+    pub masked_cells: [u8; 8],
+    /// The first of them.
+    pub list: Vec<Fault, FAULTS>,
+}
+
+impl Faults {
+    /// Nothing.
+    pub const NONE: Self = Self { found: 0, rezeroed: 0, masked_cells: [0; 8], list: Vec::new() };
+
+    /// Bit i: region i has masked cells.
+    pub fn masked(&self) -> u8 {
+        self.masked_cells.iter().enumerate().fold(0, |bits, (i, &cells)| bits | u8::from(cells > 0) << i)
+    }
+}
+
 /// The state of the search, and what it found.
 #[derive(Debug)]
 pub struct Watch {
@@ -361,10 +384,8 @@ pub struct Watch {
     /// Steps in which exactly this line was silent: rows, then columns.
     line_silent: [u8; 2 * LINES],
     masks: Vec<Mask, INTERPOLATED>,
-    masked_cells: [u8; 8],
-    faults: Vec<Fault, FAULTS>,
-    found: u32,
-    rezeroed: u32,
+    masked: u8,
+    faults: Faults,
 }
 
 impl Watch {
@@ -385,10 +406,8 @@ impl Watch {
             rows: [(0, 0); LINES],
             line_silent: [0; 2 * LINES],
             masks: Vec::new(),
-            masked_cells: [0; 8],
-            faults: Vec::new(),
-            found: 0,
-            rezeroed: 0,
+            masked: 0,
+            faults: Faults::NONE,
         }
     }
 
@@ -400,24 +419,14 @@ impl Watch {
         self.has_lines = cells.len() <= CROSSINGS;
     }
 
-    /// Faults since the set-up, the first [`FAULTS`] of them.
-    pub fn faults(&self) -> &[Fault] {
+    /// What was found since the set-up.
+    pub fn faults(&self) -> &Faults {
         &self.faults
     }
 
-    /// All of them.
-    pub fn found(&self) -> u32 {
-        self.found
-    }
-
-    /// How often a cell's zero was moved.
-    pub fn rezeroed(&self) -> u32 {
-        self.rezeroed
-    }
-
-    /// Masked cells of each region; 255 for more.
-    pub fn masked_cells(&self) -> &[u8; 8] {
-        &self.masked_cells
+    /// See [`Faults::masked`].
+    pub fn masked(&self) -> u8 {
+        self.masked
     }
 
     /// Takes the frame that the cells have just passed, and the sum of the regions' [`area`]. A loaded foot costs a comparison.
@@ -604,7 +613,7 @@ impl Watch {
             cell.watch.last -= step;
             // Within the bound, so within 8 bits; every step is more than a unit.
             cell.watch.rezeroed = (all / i32::from(NOISE)) as i8;
-            self.rezeroed = self.rezeroed.wrapping_add(1);
+            self.faults.rezeroed = self.faults.rezeroed.wrapping_add(1);
         }
     }
 
@@ -624,7 +633,7 @@ impl Watch {
             }
             // A hole in a firm contact; a cell at its rim may as well be one that the foot missed.
             let is_hole = around.is_within() && around.heard == around.near && 4 * around.firm >= 3 * around.near;
-            is_alone = is_hole && around.near >= if was_firm > 0 { 6 } else { 7 };
+            is_alone = is_hole && around.near >= 7;
         }
         watch.recount(Count::Silent, is_alone);
         let is_beyond = watch.has(BEYOND);
@@ -633,7 +642,7 @@ impl Watch {
 
     /// After all cells: what is a line's fault, then what is a cell's.
     fn conclude<R: Real>(&mut self, seen: &mut Seen<'_, R>) {
-        let before = self.found;
+        let before = self.faults.found;
         if self.has_lines {
             self.conclude_rows(seen);
             for line in 0..2 * LINES {
@@ -656,7 +665,7 @@ impl Watch {
                 }
             }
         }
-        if self.found != before {
+        if self.faults.found != before {
             self.choose_neighbours(seen);
         }
     }
@@ -671,7 +680,7 @@ impl Watch {
             }
             if clean > 0 {
                 // A row that is hardly ever clean proves nothing when it is not.
-                *cleans = if 4 * clean >= looks { cleans.saturating_add(1) } else { 0 };
+                *cleans = if u32::from(clean) * 4 >= looks.into() { cleans.saturating_add(1) } else { 0 };
                 *suspects = 0;
             } else if *cleans >= 2 {
                 *suspects += 1;
@@ -728,10 +737,10 @@ impl Watch {
     }
 
     fn tell<R: Real>(&mut self, seen: &Seen<'_, R>, kind: FaultKind, place: Place) {
-        self.found = self.found.wrapping_add(1);
+        self.faults.found = self.faults.found.wrapping_add(1);
         let found_ms = (u64::from(seen.seq) * u64::from(seen.period_us) / 1000) as u32;
         // Where there is no room it is counted.
-        let _ = self.faults.push(Fault { kind, place, found_ms });
+        let _ = self.faults.list.push(Fault { kind, place, found_ms });
     }
 
     fn mask<R: Real>(&mut self, seen: &mut Seen<'_, R>, index: usize) {
@@ -743,7 +752,9 @@ impl Watch {
         cell.watch.marks = MASKED;
         // Another cell must show anew that this row is clean.
         self.rows[cell.watch.row()] = (0, 0);
-        self.masked_cells[region] = self.masked_cells[region].saturating_add(1);
+        let masked_cells = &mut self.faults.masked_cells[region];
+        *masked_cells = masked_cells.saturating_add(1);
+        self.masked |= 1 << region;
         let mask = Mask { cell: index as u16, offset: cell.offset, neighbours: [index as u16; 4] };
         // From here on the pass over the cells finds nothing in it.
         cell.offset = u16::MAX;

@@ -3,7 +3,7 @@
 use crate::calibrate::{CellCalibration, Curve, SensorLaw, is_saturated};
 use crate::contact::{ContactCell, ContactRule};
 use crate::ellipse::Ellipse;
-use crate::fault::{self, CellWatch, Seen, Watch};
+use crate::fault::{self, CellWatch, Faults, Seen, Watch};
 use crate::live::{LiveModel, LiveTissue};
 use crate::model::Gauge;
 use crate::num::Real;
@@ -372,8 +372,13 @@ impl<R: Real, const N: usize> Insole<R, N> {
     }
 
     /// The faults that were found since the set-up.
-    pub fn watch(&self) -> &Watch {
-        &self.watch
+    pub fn faults(&self) -> &Faults {
+        self.watch.faults()
+    }
+
+    /// Bit i: region i has masked cells.
+    pub fn masked(&self) -> u8 {
+        self.watch.masked()
     }
 
     /// The regions in the last frame.
@@ -421,7 +426,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
         let (area_mm2, force_n, sample_s) = self.curves(region);
         let step =
             RegionStep::new(&self.gauges[region], area_mm2, force_n, sample_s, self.stance.moments_at_peak(region));
-        RegionStep { ellipse_at_peak: step.ellipse_at_peak.map(|e| self.in_foot(region, e)), ..step }
+        RegionStep {
+            ellipse_at_peak: step.ellipse_at_peak.map(|e| self.in_foot(region, e)),
+            masked_cells: self.faults().masked_cells[region],
+            ..step
+        }
     }
 
     /// The step of the stance that just ended, from its eight regions, and counts it. `None` before any set-up.

@@ -3,6 +3,7 @@
 //! Live frames are for now: a full queue drops the oldest. Steps are for good: each stays until it is acknowledged and is
 //! sent again in the next session. The wearer's parameters and the clock outlive the session that brought them.
 
+use crate::fault::Faults;
 use crate::insole::Tissue;
 use crate::wire::{Hello, Live, MAJOR, MAX_LIVE, Refusal, Status, Step, ToDevice, ToHost, encode};
 use heapless::{Deque, Vec};
@@ -21,6 +22,7 @@ enum Answer {
     Tissue,
     Refused(Refusal),
     Time { host_us: u64, device_us: u64 },
+    Faults,
 }
 
 /// The state of the session and what waits to be sent.
@@ -39,6 +41,7 @@ pub struct Link {
     steps_sent: usize,
     steps_dropped: u32,
     tissue: Tissue,
+    faults: Faults,
     /// What the wall clock, us since 1970, is ahead of the device's time.
     clock_ahead_us: Option<u64>,
     clock_sets: u32,
@@ -59,6 +62,7 @@ impl Link {
             steps_sent: 0,
             steps_dropped: 0,
             tissue: Tissue::NONE,
+            faults: Faults::NONE,
             clock_ahead_us: None,
             clock_sets: 0,
         }
@@ -97,6 +101,7 @@ impl Link {
             ToDevice::GetTissue => self.answer(Answer::Tissue),
             ToDevice::GetTime { host_us } => self.answer(Answer::Time { host_us, device_us: now_us }),
             ToDevice::SetClock { unix_us } => self.set_clock(unix_us, now_us),
+            ToDevice::GetFaults => self.answer(Answer::Faults),
         }
     }
 
@@ -114,6 +119,13 @@ impl Link {
     /// The wearer's parameters: the last that were accepted.
     pub fn tissue(&self) -> &Tissue {
         &self.tissue
+    }
+
+    /// Takes what the insole has found, where it is new.
+    pub fn set_faults(&mut self, faults: &Faults) {
+        if (faults.found, faults.rezeroed) != (self.faults.found, self.faults.rezeroed) {
+            self.faults = faults.clone();
+        }
     }
 
     /// Sets the wall clock.
@@ -138,6 +150,7 @@ impl Link {
             steps: core::mem::take(&mut self.steps),
             steps_dropped: self.steps_dropped,
             tissue: self.tissue,
+            faults: core::mem::take(&mut self.faults),
             clock_ahead_us: self.clock_ahead_us,
             clock_sets: self.clock_sets,
             ..Self::new()
@@ -200,10 +213,13 @@ impl Link {
                     live_due: self.live_due,
                     live_sent: self.live_sent,
                     steps_dropped: self.steps_dropped,
+                    faults: self.faults.found,
+                    rezeroed: self.faults.rezeroed,
                     ..status()
                 }),
                 Answer::Tissue => ToHost::Tissue(self.tissue),
                 Answer::Refused(refusal) => ToHost::Refused(refusal),
+                Answer::Faults => ToHost::Faults(self.faults.clone()),
                 Answer::Time { host_us, device_us } => ToHost::Time { host_us, device_us },
             }
         };

@@ -1,7 +1,7 @@
 //! The host's side of a session, against an insole in memory.
 
 use client::{Client, Error, Framed, LinkCounters, unix_us};
-use host_tests::{TISSUE, framed, live, messages, status, step};
+use host_tests::{TISSUE, faults, framed, live, messages, status, step};
 use plantar::Region;
 use plantar::insole::Tissue;
 use plantar::link::Link;
@@ -394,14 +394,10 @@ fn refused_parameters_are_an_error_with_the_reason() {
 }
 
 #[test]
-fn an_insole_without_parameters_in_its_protocol_is_named_as_too_old() {
-    let mut client =
-        Client::connect(Framed::new(Cable::new(Hello { minor: 0, ..hello() })), PATIENCE).expect("an answer");
-    for error in [client.set_tissue(&TISSUE).expect_err("too old"), client.tissue().expect_err("too old")] {
-        assert!(matches!(error, Error::OlderMinor { minor: 0, .. }), "{error}");
-        assert!(error.to_string().contains("update its firmware"), "{error}");
-    }
-    client.stream().expect("all else works");
+fn faults_come_on_request() {
+    let (cable, mut client) = connected();
+    cable.insole().link.set_faults(&faults());
+    assert_eq!(client.faults().expect("an answer"), faults());
 }
 
 #[test]

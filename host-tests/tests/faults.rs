@@ -47,10 +47,10 @@ fn clean() {
             println!(
                 "{name} {} cells {steps} steps: found {} rezeroed {} reviews {:?} {:?}",
                 worn.cells.len(),
-                insole.watch().found(),
-                insole.watch().rezeroed(),
+                insole.faults().found,
+                insole.faults().rezeroed,
                 (),
-                insole.watch().faults()
+                insole.faults().list
             );
         }
     }
@@ -81,7 +81,7 @@ fn inject() {
                     toeoffs.push(t)
                 }
             }
-            (insole.watch().faults().to_vec(), insole.watch().rezeroed(), toeoffs)
+            (insole.faults().list.to_vec(), insole.faults().rezeroed, toeoffs)
         };
         let mut peak = vec![0u16; n];
         let mut codes = vec![0; n];

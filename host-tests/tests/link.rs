@@ -16,6 +16,7 @@ enum Sent {
     Tissue(u32),
     Refused(Refusal),
     Time { host_us: u64, device_us: u64 },
+    Faults(u32),
 }
 
 fn next(link: &mut Link) -> Option<Sent> {
@@ -41,6 +42,7 @@ fn next(link: &mut Link) -> Option<Sent> {
         }
         ToHost::Refused(got) => Sent::Refused(got),
         ToHost::Time { host_us, device_us } => Sent::Time { host_us, device_us },
+        ToHost::Faults(got) => Sent::Faults(got.found),
     })
 }
 

@@ -1,7 +1,8 @@
 //! Messages and frames: what goes in comes out, and nothing else does.
 
-use host_tests::{TISSUE, cell, framed, hello, live, messages, status, step, text};
+use host_tests::{TISSUE, cell, faults, framed, hello, live, messages, status, step, text};
 use plantar::contact::ContactRule;
+use plantar::fault::{FAULTS, Fault, FaultKind, Faults, Place};
 use plantar::insole::{Insole, Setup, Tissue};
 use plantar::model::Gauge;
 use plantar::region::{AreaMoments, ForceMoments, RegionFrame};
@@ -60,15 +61,15 @@ fn any_hello() -> impl Strategy<Value = Hello> {
 }
 
 fn any_live() -> impl Strategy<Value = Live> {
-    (any::<(u32, u64, u8, u8)>(), prop::array::uniform8(any::<[u16; 4]>())).prop_map(
-        |((sequence, t_us, saturated, clamped), regions)| {
+    (any::<(u32, u64, u8, u8, u8)>(), prop::array::uniform8(any::<[u16; 4]>())).prop_map(
+        |((sequence, t_us, saturated, clamped, masked), regions)| {
             let region = |[area_mm2, deformation_um, model_dn, measured_dn]: [u16; 4]| LiveRegion {
                 area_mm2,
                 deformation_um,
                 model_dn,
                 measured_dn,
             };
-            Live { sequence, t_us, saturated, clamped, regions: regions.map(region) }
+            Live { sequence, t_us, saturated, clamped, masked, regions: regions.map(region) }
         },
     )
 }
@@ -90,6 +91,7 @@ fn step_region(v: [u16; 15]) -> StepRegion {
         ellipse_r_b_cmm: v[12],
         ellipse_angle_ddeg: v[13] as i16,
         model_error_bp: v[14],
+        masked_cells: v[14] as u8,
     }
 }
 
@@ -119,7 +121,7 @@ fn any_step() -> impl Strategy<Value = Step> {
 }
 
 fn any_status() -> impl Strategy<Value = Status> {
-    any::<(u64, [u32; 14])>().prop_map(|(uptime_us, v)| Status {
+    any::<(u64, [u32; 16])>().prop_map(|(uptime_us, v)| Status {
         uptime_us,
         frames: v[0],
         frames_missed: v[1],
@@ -132,6 +134,8 @@ fn any_status() -> impl Strategy<Value = Status> {
         bad_frames: v[10],
         frame_cycles: (v[11], v[12]),
         stack_bytes: v[13],
+        faults: v[14],
+        rezeroed: v[15],
     })
 }
 
@@ -153,6 +157,24 @@ fn any_refusal() -> impl Strategy<Value = Refusal> {
     prop::sample::select([&[Refusal::NotUnderstood, Refusal::TissueId], &regions[..]].concat())
 }
 
+fn any_faults() -> impl Strategy<Value = Faults> {
+    let place = prop_oneof![
+        any::<u16>().prop_map(Place::Cell),
+        any::<u8>().prop_map(Place::Row),
+        any::<u8>().prop_map(Place::Column),
+    ];
+    let fault = (prop::sample::select(FaultKind::ALL.to_vec()), place, any::<u32>())
+        .prop_map(|(kind, place, found_ms)| Fault { kind, place, found_ms });
+    (any::<(u32, u32, [u8; 8])>(), prop::collection::vec(fault, 0..=FAULTS)).prop_map(
+        |((found, rezeroed, masked_cells), list)| Faults {
+            found,
+            rezeroed,
+            masked_cells,
+            list: list.into_iter().collect(),
+        },
+    )
+}
+
 fn to_host() -> impl Strategy<Value = ToHost> {
     prop_oneof![
         any_hello().prop_map(ToHost::Hello),
@@ -162,6 +184,7 @@ fn to_host() -> impl Strategy<Value = ToHost> {
         any_tissue().prop_map(ToHost::Tissue),
         any_refusal().prop_map(ToHost::Refused),
         any::<(u64, u64)>().prop_map(|(host_us, device_us)| ToHost::Time { host_us, device_us }),
+        any_faults().prop_map(ToHost::Faults),
     ]
 }
 
@@ -175,6 +198,7 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
         Just(ToDevice::GetTissue),
         any::<u64>().prop_map(|host_us| ToDevice::GetTime { host_us }),
         any::<u64>().prop_map(|unix_us| ToDevice::SetClock { unix_us }),
+        Just(ToDevice::GetFaults),
     ]
 }
 
@@ -188,6 +212,7 @@ fn samples() -> Vec<ToHost> {
         ToHost::Tissue(*TISSUE),
         ToHost::Refused(Refusal::Tissue(Region::Hallux)),
         ToHost::Time { host_us: 5, device_us: 6 },
+        ToHost::Faults(faults()),
     ]
 }
 
@@ -387,6 +412,7 @@ fn longest_messages_fit_their_limits() {
         t_us: u64::MAX,
         saturated: u8::MAX,
         clamped: u8::MAX,
+        masked: u8::MAX,
         regions: [region; 8],
     });
     let longest_step = ToHost::Step(Step {
@@ -413,6 +439,15 @@ fn longest_messages_fit_their_limits() {
         bad_frames: u32::MAX,
         frame_cycles: (u32::MAX, u32::MAX),
         stack_bytes: u32::MAX,
+        faults: u32::MAX,
+        rezeroed: u32::MAX,
+    });
+    let most = Fault { kind: FaultKind::Crosstalk, place: Place::Cell(u16::MAX), found_ms: u32::MAX };
+    let longest_faults = ToHost::Faults(Faults {
+        found: u32::MAX,
+        rezeroed: u32::MAX,
+        masked_cells: [u8::MAX; 8],
+        list: [most; FAULTS].into_iter().collect(),
     });
     assert!(encoded(&longest_live).len() <= MAX_LIVE);
     assert!(framed(&longest_live).len() <= 90, "{}", framed(&longest_live).len());
@@ -421,7 +456,9 @@ fn longest_messages_fit_their_limits() {
     let to_device = framed(&ToDevice::SetTissue(longest_tissue));
     assert!(to_device.len() < 256, "{} bytes do not fit the boards' receive buffers", to_device.len());
     let longest_tissue = ToHost::Tissue(longest_tissue);
-    for message in [longest_live, longest_step, longest_status, longest_tissue, ToHost::Hello(longest_hello)] {
+    for message in
+        [longest_live, longest_step, longest_status, longest_faults, longest_tissue, ToHost::Hello(longest_hello)]
+    {
         assert!(encoded(&message).len() <= MAX_MESSAGE, "{}", encoded(&message).len());
         assert_eq!(messages::<ToHost>(&mut Decoder::new(), &framed(&message)), [message]);
     }
@@ -448,11 +485,11 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// The bytes of version 1.2 on a byte carrier. A change of Hello or Connect is forbidden; a change of another line raises
+/// The bytes of version 2.0 on a byte carrier. A change of Hello or Connect is forbidden; a change of another line raises
 /// `wire::MAJOR`, a new message `wire::MINOR`. Other hosts and insoles have these bytes built in.
 #[test]
 fn bytes_of_this_version() {
-    assert_eq!((MAJOR, MINOR), (1, 2), "new version: add its bytes here");
+    assert_eq!((MAJOR, MINOR), (2, 0), "new version: add its bytes here");
     let golden = [
         ("hello", framed(&ToHost::Hello(Hello { major: 1, minor: 0, ..hello() })), HELLO),
         ("live", framed(&ToHost::Live(live(300))), LIVE),
@@ -471,6 +508,8 @@ fn bytes_of_this_version() {
         ("time", framed(&ToHost::Time { host_us: 1_000, device_us: 300 }), TIME),
         ("get time", framed(&ToDevice::GetTime { host_us: 1_000 }), GET_TIME),
         ("set clock", framed(&ToDevice::SetClock { unix_us: 1_700_000_000_000_000 }), SET_CLOCK),
+        ("faults", framed(&ToHost::Faults(faults())), FAULTS_FOUND),
+        ("get faults", framed(&ToDevice::GetFaults), GET_FAULTS),
     ];
     for (name, bytes, expected) in golden {
         assert_eq!(hex(&bytes), expected, "{name}");
@@ -494,6 +533,8 @@ const SET_TISSUE: &str = "0f04c395a3cf0a6f12033ba69b443c0424f44814409c459a99993f
 const GET_TISSUE: &str = "0605021b68a200";
 const TIME: &str = "0a06e807ac0226ef5ab300";
 const GET_TIME: &str = "0806e807e7490ff300";
+const FAULTS_FOUND: &str = "";
+const GET_FAULTS: &str = "";
 const SET_CLOCK: &str = "0e078080f9c0c1c48203c9aa264a00";
 
 /// Values beyond the wire's units are cut to them, whatever their size.
@@ -523,7 +564,7 @@ fn live_values_are_rounded_and_cut() {
             saturated: true,
         };
         loads[5].tissue.clamped = true;
-        let live = Live::new(9, 10, &loads);
+        let live = Live::new(9, 10, &loads, 1 << 6);
         let region = LiveRegion { area_mm2: 0, deformation_um: wire_dn, model_dn: wire_dn, measured_dn: wire_dn };
         let deformation_um = (force_n * 0.1).max(0.0).round().min(65535.0) as u16;
         assert_eq!(live.regions[3], LiveRegion { deformation_um, ..region }, "{force_n} N");

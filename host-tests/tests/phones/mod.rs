@@ -361,7 +361,7 @@ impl Phone {
                 ToHost::Live(_) => LIVE,
                 ToHost::Step(_) => STEPS,
                 ToHost::Tissue(_) | ToHost::Refused(_) => PARAMETERS,
-                ToHost::Hello(_) | ToHost::Status(_) | ToHost::Time { .. } => CONTROL,
+                ToHost::Hello(_) | ToHost::Status(_) | ToHost::Time { .. } | ToHost::Faults(_) => CONTROL,
             };
             assert_eq!(of, way);
             return (at, message);

@@ -8,6 +8,7 @@ pub use axis::Axis;
 pub use carrier::{Carrier, Framed};
 pub use json::{region_ellipse, region_quantities, step_to_json};
 
+use plantar::fault::Faults;
 use plantar::insole::Tissue;
 use plantar::link::STEP_QUEUE;
 use plantar::wire::{Hello, MAJOR, MINOR, Refusal, Step, ToDevice, ToHost};
@@ -19,10 +20,6 @@ use thiserror::Error;
 
 /// A connected insole answers within this time.
 const ANSWER: Duration = Duration::from_secs(2);
-/// Minor version that brought the wearer's parameters.
-const TISSUE_MINOR: u8 = 1;
-/// Minor version that brought the clock.
-const CLOCK_MINOR: u8 = 2;
 /// Between questions for the insole's time.
 const ASK_TIME: Duration = Duration::from_millis(250);
 
@@ -43,16 +40,6 @@ pub enum Error {
         firmware: String,
         /// Its major.
         major: u8,
-        /// Its minor.
-        minor: u8,
-    },
-    /// The insole is too old for what it is asked.
-    #[error(
-        "the insole (firmware {firmware}) speaks protocol {MAJOR}.{minor} and takes no parameters, that came with {MAJOR}.{TISSUE_MINOR}: update its firmware"
-    )]
-    OlderMinor {
-        /// Its firmware.
-        firmware: String,
         /// Its minor.
         minor: u8,
     },
@@ -137,15 +124,13 @@ impl<C: Carrier> Client<C> {
 
     /// Sets the insole's clock and learns its time, turns the live stream on and waits until it is; what arrives meanwhile is received as usual.
     pub fn stream(&mut self) -> Result<(), Error> {
-        if self.hello.minor >= CLOCK_MINOR {
-            self.send(ToDevice::SetClock { unix_us: unix_us() })?;
-            let question = ToDevice::GetTime { host_us: unix_us() };
-            let (asked_us, device_us) = self.ask(question, |message| match *message {
-                ToHost::Time { host_us, device_us } => Some((host_us, device_us)),
-                _ => None,
-            })?;
-            self.axis.answer(asked_us, device_us);
-        }
+        self.send(ToDevice::SetClock { unix_us: unix_us() })?;
+        let question = ToDevice::GetTime { host_us: unix_us() };
+        let (asked_us, device_us) = self.ask(question, |message| match *message {
+            ToHost::Time { host_us, device_us } => Some((host_us, device_us)),
+            _ => None,
+        })?;
+        self.axis.answer(asked_us, device_us);
         self.send(ToDevice::Stream { live: true })?;
         self.ask(ToDevice::GetStatus, |message| matches!(message, ToHost::Status(_)).then_some(()))
     }
@@ -162,9 +147,6 @@ impl<C: Carrier> Client<C> {
     }
 
     fn ask_tissue(&mut self, request: ToDevice, is_answer: impl Fn(&Tissue) -> bool) -> Result<Tissue, Error> {
-        if self.hello.minor < TISSUE_MINOR {
-            return Err(Error::OlderMinor { firmware: self.hello.firmware.as_str().into(), minor: self.hello.minor });
-        }
         let tissue = self.ask(request, |message| match message {
             ToHost::Tissue(tissue) if is_answer(tissue) => Some(*tissue),
             _ => None,
@@ -213,9 +195,17 @@ impl<C: Carrier> Client<C> {
         &self.axis
     }
 
+    /// What the insole has found of its sensor's faults; what arrives meanwhile is received as usual.
+    pub fn faults(&mut self) -> Result<Faults, Error> {
+        self.ask(ToDevice::GetFaults, |message| match message {
+            ToHost::Faults(faults) => Some(faults.clone()),
+            _ => None,
+        })
+    }
+
     fn ask_time(&mut self) -> Result<(), Error> {
         let is_due = self.asked_time.is_none_or(|asked| asked.elapsed() >= ASK_TIME);
-        if is_due && self.hello.minor >= CLOCK_MINOR {
+        if is_due {
             self.asked_time = Some(Instant::now());
             self.send(ToDevice::GetTime { host_us: unix_us() })?;
         }
@@ -260,7 +250,7 @@ impl<C: Carrier> Client<C> {
             }
             // What follows is another session.
             ToHost::Hello(_) => self.next_live = None,
-            ToHost::Tissue(_) | ToHost::Refused(_) => {}
+            ToHost::Tissue(_) | ToHost::Refused(_) | ToHost::Faults(_) => {}
         }
         Ok(Some(message))
     }

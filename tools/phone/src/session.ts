@@ -8,8 +8,6 @@ export const SILENCE_MS = 2000;
 const HELLO_MS = 500;
 const STATUS_MS = 1000;
 const TIME_MS = 250;
-/** Minor version of the protocol that brought the clock. */
-const CLOCK_MINOR = 2;
 /** The live rate is counted over this time. */
 const RATE_MS = 2000;
 /** Sum of the forces is kept so long, to find the peak of a step. */
@@ -120,7 +118,7 @@ export class Session {
       return;
     }
     this.state = "live";
-    if (hello.minor >= CLOCK_MINOR) this.send(this.wire.setClock(unix_us(now_ms)));
+    this.send(this.wire.setClock(unix_us(now_ms)));
     this.send(this.wire.stream(true));
   }
 
@@ -173,8 +171,7 @@ export class Session {
       this.asked_status_ms = now_ms;
       this.send(this.wire.getStatus());
     }
-    const has_clock = (this.hello?.minor ?? 0) >= CLOCK_MINOR;
-    if (this.state === "live" && has_clock && now_ms - this.asked_time_ms >= TIME_MS) {
+    if (this.state === "live" && now_ms - this.asked_time_ms >= TIME_MS) {
       this.asked_time_ms = now_ms;
       this.send(this.wire.getTime(unix_us(performance.now())));
     }
