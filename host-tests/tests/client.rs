@@ -300,7 +300,7 @@ fn what_arrives_while_the_stream_is_turned_on_is_kept_in_order() {
 fn a_status_tells_what_was_sent() {
     let (_, mut client) = connected();
     client.send(ToDevice::GetStatus).expect("sent");
-    let expected = Status { live_due: 0, live_sent: 0, steps_dropped: 0, ..status() };
+    let expected = Status { live_due: 0, live_sent: 0, steps_dropped: 0, faults: 0, rezeroed: 0, ..status() };
     assert_eq!(receive_all(&mut client), [ToHost::Status(expected)]);
 }
 
