@@ -364,9 +364,11 @@ impl Faults {
 pub struct Watch {
     /// Area of all cells, in the units of [`area`].
     whole: i32,
+    /// Area in contact, but for masked cells.
+    area: i32,
     settle_frames: u32,
     has_lines: bool,
-    /// Frames since the contact became small and still, and the area then.
+    /// Frames since the contact became small and still, 0 with the foot down; and the area then.
     still: u32,
     still_area: i32,
     /// The foot was down since the last review.
@@ -393,6 +395,7 @@ impl Watch {
     pub(crate) const fn new() -> Self {
         Self {
             whole: 0,
+            area: 0,
             settle_frames: 0,
             has_lines: false,
             still: 0,
@@ -415,6 +418,7 @@ impl Watch {
     pub(crate) fn set_up<R: Real>(&mut self, cells: &[InsoleCell<R>], period_us: u32) {
         *self = Self::new();
         self.whole = cells.iter().map(|cell| cell.region.whole() >> AREA_SHIFT).sum();
+        self.still = 1;
         self.settle_frames = (SETTLE_MS * 1000).div_ceil(period_us);
         self.has_lines = cells.len() <= CROSSINGS;
     }
@@ -429,15 +433,25 @@ impl Watch {
         self.masked
     }
 
-    /// Takes the frame that the cells have just passed, and the sum of the regions' [`area`]. A loaded foot costs a comparison.
+    /// Takes the change of the regions' [`area`] in sum; true where it is that of a loaded foot, which is all that is to be known of
+    /// it.
     #[inline(always)]
-    pub(crate) fn frame<R: Real>(&mut self, seen: &mut Seen<'_, R>, area: i32) {
-        if area > self.whole / 2 {
-            self.walked = true;
+    pub(crate) fn foot_is_down(&mut self, change: i32) -> bool {
+        self.area += change;
+        let is_down = self.area > self.whole / 2;
+        if is_down {
             self.still = 0;
-            self.next = None;
-        } else {
-            self.light_frame(seen, area);
+        }
+        is_down
+    }
+
+    /// Takes a frame that has passed the cells, where the foot is not down or a cell is saturated.
+    pub(crate) fn frame<R: Real>(&mut self, seen: &mut Seen<'_, R>, saturated: bool) {
+        if saturated {
+            Self::doubt(seen);
+        }
+        if self.area <= self.whole / 2 {
+            self.light_frame(seen, self.area);
         }
     }
 
@@ -447,11 +461,12 @@ impl Watch {
         if area > 0 && self.has_lines {
             self.look_at_rows(seen);
         }
+        if self.still == 0 {
+            // The foot was down; a review that it cut short is given up.
+            (self.walked, self.next) = (true, None);
+        }
         if area > self.whole / 4 {
-            self.walked = true;
             self.still = 0;
-            // A swing too short for the review gives nothing.
-            self.next = None;
             return;
         }
         if self.still == 0 || (area - self.still_area).abs() > self.whole / 32 {
@@ -760,7 +775,10 @@ impl Watch {
         cell.offset = u16::MAX;
         let share = cell.contact.settle(0, 0.0);
         cell.contact.mute();
-        seen.loads[region].frame.area.change(&cell.region, share);
+        let moments = &mut seen.loads[region].frame.area;
+        let before = area(moments);
+        moments.change(&cell.region, share);
+        self.area += area(moments) - before;
         // Where there is no room the cell reads nothing.
         let _ = self.masks.push(mask);
     }

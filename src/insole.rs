@@ -8,8 +8,7 @@ use crate::live::{LiveModel, LiveTissue};
 use crate::model::Gauge;
 use crate::num::Real;
 use crate::region::{
-    AreaMoments, Cell, ForceMoments, MAX_CELL_MM2, MAX_REACH_MM, MAX_REGION_MM2, MIN_CELL_MM2, Region, RegionCell,
-    RegionFrame, Side,
+    Cell, ForceMoments, MAX_CELL_MM2, MAX_REACH_MM, MAX_REGION_MM2, MIN_CELL_MM2, Region, RegionCell, RegionFrame, Side,
 };
 use crate::stance::{Rejected, Stance, StanceLimits, StanceRule};
 use crate::step::{RegionStep, StepRecord};
@@ -168,35 +167,39 @@ pub(crate) struct InsoleCell<R> {
 }
 
 impl<R: Real> InsoleCell<R> {
-    /// Brings the area up to date with a code that is not settled; true where it is saturated. Out of the way: few cells
-    /// change in a frame.
+    /// Brings the region up to date with a code that is not settled, and returns the change of [`fault::area`]. Out of the way:
+    /// few cells change in a frame.
     #[cold]
     #[inline(never)]
-    fn settle(&mut self, code: u32, curve: &Curve, area: &mut AreaMoments) -> bool {
+    fn settle(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) -> i32 {
         let curve_kpa = curve.pressure_kpa((code as i32 - i32::from(self.offset)).max(0));
-        area.change(&self.region, self.contact.settle(code, curve_kpa));
+        let before = fault::area(&frame.area);
+        frame.area.change(&self.region, self.contact.settle(code, curve_kpa));
         self.watch.note(code, self.offset, &mut self.contact);
-        is_saturated(code)
+        frame.saturated |= is_saturated(code);
+        fault::area(&frame.area) - before
     }
 }
 
-/// Calibrates a region's cells, adds up their force and, where a cell's contact changed, brings the area up to date. The
-/// hottest loop of the device, alone in a function so that it has all registers.
+/// Calibrates a region's cells, adds up their force and, where a cell's contact changed, brings the area up to date; returns
+/// the change of [`fault::area`]. The hottest loop of the device, alone in a function so that it has all registers.
 #[inline(never)]
-fn sum_region<R: Real>(curve: &Curve, cells: &mut [InsoleCell<R>], codes: &[u16], frame: &mut RegionFrame<R>) {
+fn sum_region<R: Real>(curve: &Curve, cells: &mut [InsoleCell<R>], codes: &[u16], frame: &mut RegionFrame<R>) -> i32 {
     let mut force = ForceMoments::NONE;
-    let mut saturated = false;
+    let mut change = 0;
+    frame.saturated = false;
     for (cell, &code) in cells.iter_mut().zip(codes) {
         let (code, offset) = (u32::from(code), u32::from(cell.offset));
         if !cell.contact.is_settled(code) {
-            saturated |= cell.settle(code, curve, &mut frame.area);
+            change += cell.settle(code, curve, frame);
         }
         let above_offset = code as i32 - offset as i32;
         if above_offset > 0 {
             force.add(&cell.region, curve.pressure_kpa(above_offset));
         }
     }
-    (frame.force, frame.saturated) = (force, saturated);
+    frame.force = force;
+    change
 }
 
 /// An insole with at most `N` cells: parameters, state and the stages between raw codes and steps.
@@ -325,34 +328,39 @@ impl<R: Real, const N: usize> Insole<R, N> {
                 per_s = per_s / R::of_u32(elapsed);
             }
         }
-        self.sum_cells(codes);
-        self.look_for_faults(seq, codes);
+        let change = self.sum_cells(codes);
+        if self.watch.interpolates() {
+            self.with_seen(seq, codes, |watch, curve, seen| watch.interpolate(curve, seen));
+        }
         for ((load, live), gauge) in self.loads.iter_mut().zip(&mut self.live).zip(&self.gauges) {
             load.tissue = live.update(gauge, load.frame.area.area_mm2(), per_s);
+        }
+        let saturated = self.stance.saturated() != 0;
+        if !self.watch.foot_is_down(change) || saturated {
+            self.with_seen(seq, codes, |watch, _, seen| watch.frame(seen, saturated));
         }
         self.stance.push(&self.limits, seq, self.loads.each_ref().map(|load| &load.frame))
     }
 
-    /// The one pass over the cells, region by region.
-    fn sum_cells(&mut self, codes: &[u16]) {
+    /// The one pass over the cells, region by region; the sum of [`sum_region`].
+    fn sum_cells(&mut self, codes: &[u16]) -> i32 {
+        let mut change = 0;
         let (mut cells, mut codes) = (self.cells.as_mut_slice(), codes);
         let mut start = 0;
         for (load, &end) in self.loads.iter_mut().zip(&self.division.ends) {
             // Ends rise and the last one is the number of cells, of which there are codes.
             let (region_cells, other_cells) = cells.split_at_mut(end - start);
             let (region_codes, other_codes) = codes.split_at(end - start);
-            sum_region(&self.curve, region_cells, region_codes, &mut load.frame);
+            change += sum_region(&self.curve, region_cells, region_codes, &mut load.frame);
             (cells, codes, start) = (other_cells, other_codes, end);
         }
+        change
     }
 
-    /// Lets masked cells read, and notes what tells of faults.
-    fn look_for_faults(&mut self, seq: u32, codes: &[u16]) {
-        let (mut area, mut saturated) = (0, false);
-        for load in &self.loads {
-            area += fault::area(&load.frame.area);
-            saturated |= load.frame.saturated;
-        }
+    /// The frame as the search for faults sees it. Apart, so that a loaded frame does not set it up.
+    #[cold]
+    #[inline(never)]
+    fn with_seen(&mut self, seq: u32, codes: &[u16], look: impl FnOnce(&mut Watch, &Curve, &mut Seen<'_, R>)) {
         let mut seen = Seen {
             cells: &mut self.cells,
             ends: &self.division.ends,
@@ -362,13 +370,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             seq,
             period_us: self.setup.period_us,
         };
-        if saturated {
-            Watch::doubt(&mut seen);
-        }
-        if self.watch.interpolates() {
-            self.watch.interpolate(&self.curve, &mut seen);
-        }
-        self.watch.frame(&mut seen, area);
+        look(&mut self.watch, &self.curve, &mut seen);
     }
 
     /// The faults that were found since the set-up.
