@@ -433,11 +433,14 @@ impl Watch {
         self.masked
     }
 
-    /// Takes the change of the regions' [`area`] in sum; true where it is that of a loaded foot, which is all that is to be known of
-    /// it.
-    #[inline(always)]
-    pub(crate) fn foot_is_down(&mut self, change: i32) -> bool {
+    /// Takes a change of the regions' [`area`] in sum.
+    pub(crate) fn add_area(&mut self, change: i32) {
         self.area += change;
+    }
+
+    /// True where the contact is that of a loaded foot, which is all that is to be known of it.
+    #[inline(always)]
+    pub(crate) fn foot_is_down(&mut self) -> bool {
         let is_down = self.area > self.whole / 2;
         if is_down {
             self.still = 0;
@@ -445,7 +448,7 @@ impl Watch {
         is_down
     }
 
-    /// Takes a frame that has passed the cells, where the foot is not down or a cell is saturated.
+    /// Takes a frame that is about to pass the cells, where the foot was not down or a cell saturated.
     pub(crate) fn frame<R: Real>(&mut self, seen: &mut Seen<'_, R>, saturated: bool) {
         if saturated {
             Self::doubt(seen);

@@ -185,8 +185,7 @@ impl<R: Real> InsoleCell<R> {
 /// the change of [`fault::area`]. The hottest loop of the device, alone in a function so that it has all registers.
 #[inline(never)]
 fn sum_region<R: Real>(curve: &Curve, cells: &mut [InsoleCell<R>], codes: &[u16], frame: &mut RegionFrame<R>) -> i32 {
-    let mut force = ForceMoments::NONE;
-    let mut change = 0;
+    let (mut force, mut change) = (ForceMoments::NONE, 0);
     frame.saturated = false;
     for (cell, &code) in cells.iter_mut().zip(codes) {
         let (code, offset) = (u32::from(code), u32::from(cell.offset));
@@ -328,24 +327,23 @@ impl<R: Real, const N: usize> Insole<R, N> {
                 per_s = per_s / R::of_u32(elapsed);
             }
         }
-        let change = self.sum_cells(codes);
-        if self.watch.interpolates() {
-            self.with_seen(seq, codes, |watch, curve, seen| watch.interpolate(curve, seen));
+        // Before the pass, which then has all to itself: what is looked at is the contact of the frame before.
+        let saturated = self.stance.saturated() != 0;
+        if !self.watch.foot_is_down() || saturated {
+            self.with_seen(seq, codes, |watch, _, seen| watch.frame(seen, saturated));
         }
+        self.sum_cells(seq, codes);
         for ((load, live), gauge) in self.loads.iter_mut().zip(&mut self.live).zip(&self.gauges) {
             load.tissue = live.update(gauge, load.frame.area.area_mm2(), per_s);
-        }
-        let saturated = self.stance.saturated() != 0;
-        if !self.watch.foot_is_down(change) || saturated {
-            self.with_seen(seq, codes, |watch, _, seen| watch.frame(seen, saturated));
         }
         self.stance.push(&self.limits, seq, self.loads.each_ref().map(|load| &load.frame))
     }
 
-    /// The one pass over the cells, region by region; the sum of [`sum_region`].
-    fn sum_cells(&mut self, codes: &[u16]) -> i32 {
+    /// The one pass over the cells, region by region.
+    #[inline(never)]
+    fn sum_cells(&mut self, seq: u32, all_codes: &[u16]) {
         let mut change = 0;
-        let (mut cells, mut codes) = (self.cells.as_mut_slice(), codes);
+        let (mut cells, mut codes) = (self.cells.as_mut_slice(), all_codes);
         let mut start = 0;
         for (load, &end) in self.loads.iter_mut().zip(&self.division.ends) {
             // Ends rise and the last one is the number of cells, of which there are codes.
@@ -354,7 +352,10 @@ impl<R: Real, const N: usize> Insole<R, N> {
             change += sum_region(&self.curve, region_cells, region_codes, &mut load.frame);
             (cells, codes, start) = (other_cells, other_codes, end);
         }
-        change
+        self.watch.add_area(change);
+        if self.watch.interpolates() {
+            self.with_seen(seq, all_codes, |watch, curve, seen| watch.interpolate(curve, seen));
+        }
     }
 
     /// The frame as the search for faults sees it. Apart, so that a loaded frame does not set it up.
