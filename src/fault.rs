@@ -383,6 +383,8 @@ pub struct Watch {
     row_looks: [u8; LINES],
     row_clean: [u8; LINES],
     rows: [(u8, u8); LINES],
+    /// Rows with masked cells, which prove nothing.
+    row_masked: u16,
     /// Steps in which exactly this line was silent: rows, then columns.
     line_silent: [u8; 2 * LINES],
     masks: Vec<Mask, INTERPOLATED>,
@@ -407,6 +409,7 @@ impl Watch {
             row_looks: [0; LINES],
             row_clean: [0; LINES],
             rows: [(0, 0); LINES],
+            row_masked: 0,
             line_silent: [0; 2 * LINES],
             masks: Vec::new(),
             masked: 0,
@@ -433,14 +436,11 @@ impl Watch {
         self.masked
     }
 
-    /// Takes a change of the regions' [`area`] in sum.
-    pub(crate) fn add_area(&mut self, change: i32) {
-        self.area += change;
-    }
-
-    /// True where the contact is that of a loaded foot, which is all that is to be known of it.
+    /// Takes the change of the regions' [`area`] in sum; true where it is that of a loaded foot, which is all that is to be known of
+    /// it.
     #[inline(always)]
-    pub(crate) fn foot_is_down(&mut self) -> bool {
+    pub(crate) fn foot_is_down(&mut self, change: i32) -> bool {
+        self.area += change;
         let is_down = self.area > self.whole / 2;
         if is_down {
             self.still = 0;
@@ -448,7 +448,7 @@ impl Watch {
         is_down
     }
 
-    /// Takes a frame that is about to pass the cells, where the foot was not down or a cell saturated.
+    /// Takes a frame that has passed the cells, where it is not just that of a loaded foot.
     pub(crate) fn frame<R: Real>(&mut self, seen: &mut Seen<'_, R>, saturated: bool) {
         if saturated {
             Self::doubt(seen);
@@ -651,7 +651,7 @@ impl Watch {
             }
             // A hole in a firm contact; a cell at its rim may as well be one that the foot missed.
             let is_hole = around.is_within() && around.heard == around.near && 4 * around.firm >= 3 * around.near;
-            is_alone = is_hole && around.near >= 7;
+            is_alone = is_hole && around.near >= 7 && (was_firm > 1 || around.firm == around.near);
         }
         watch.recount(Count::Silent, is_alone);
         let is_beyond = watch.has(BEYOND);
@@ -693,7 +693,7 @@ impl Watch {
             let looks = core::mem::take(&mut self.row_looks[row]);
             let clean = core::mem::take(&mut self.row_clean[row]);
             let (cleans, suspects) = &mut self.rows[row];
-            if looks < 3 {
+            if looks < 3 || self.row_masked >> row & 1 == 1 {
                 continue;
             }
             if clean > 0 {
@@ -768,8 +768,8 @@ impl Watch {
             return;
         }
         cell.watch.marks = MASKED;
-        // Another cell must show anew that this row is clean.
-        self.rows[cell.watch.row()] = (0, 0);
+        // It may be the one that showed that this row is clean.
+        self.row_masked |= 1 << cell.watch.row();
         let masked_cells = &mut self.faults.masked_cells[region];
         *masked_cells = masked_cells.saturating_add(1);
         self.masked |= 1 << region;

@@ -327,11 +327,6 @@ impl<R: Real, const N: usize> Insole<R, N> {
                 per_s = per_s / R::of_u32(elapsed);
             }
         }
-        // Before the pass, which then has all to itself: what is looked at is the contact of the frame before.
-        let saturated = self.stance.saturated() != 0;
-        if !self.watch.foot_is_down() || saturated {
-            self.with_seen(seq, codes, |watch, _, seen| watch.frame(seen, saturated));
-        }
         self.sum_cells(seq, codes);
         for ((load, live), gauge) in self.loads.iter_mut().zip(&mut self.live).zip(&self.gauges) {
             load.tissue = live.update(gauge, load.frame.area.area_mm2(), per_s);
@@ -339,7 +334,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.stance.push(&self.limits, seq, self.loads.each_ref().map(|load| &load.frame))
     }
 
-    /// The one pass over the cells, region by region.
+    /// The one pass over the cells, region by region, and what comes of faults.
     #[inline(never)]
     fn sum_cells(&mut self, seq: u32, all_codes: &[u16]) {
         let mut change = 0;
@@ -352,16 +347,17 @@ impl<R: Real, const N: usize> Insole<R, N> {
             change += sum_region(&self.curve, region_cells, region_codes, &mut load.frame);
             (cells, codes, start) = (other_cells, other_codes, end);
         }
-        self.watch.add_area(change);
-        if self.watch.interpolates() {
-            self.with_seen(seq, all_codes, |watch, curve, seen| watch.interpolate(curve, seen));
+        let foot_is_down = self.watch.foot_is_down(change);
+        let saturated = self.stance.saturated() != 0;
+        if self.watch.interpolates() || saturated || !foot_is_down {
+            self.look_for_faults(seq, all_codes, saturated);
         }
     }
 
-    /// The frame as the search for faults sees it. Apart, so that a loaded frame does not set it up.
+    /// Lets masked cells read, and looks at a frame that leaves time for it. Apart, as a loaded frame does not need it.
     #[cold]
     #[inline(never)]
-    fn with_seen(&mut self, seq: u32, codes: &[u16], look: impl FnOnce(&mut Watch, &Curve, &mut Seen<'_, R>)) {
+    fn look_for_faults(&mut self, seq: u32, codes: &[u16], saturated: bool) {
         let mut seen = Seen {
             cells: &mut self.cells,
             ends: &self.division.ends,
@@ -371,7 +367,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
             seq,
             period_us: self.setup.period_us,
         };
-        look(&mut self.watch, &self.curve, &mut seen);
+        self.watch.interpolate(&self.curve, &mut seen);
+        self.watch.frame(&mut seen, saturated);
     }
 
     /// The faults that were found since the set-up.

@@ -1,5 +1,7 @@
 //! What the tests in `tests/` share.
 
+pub mod faults;
+
 use plantar::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
 use plantar::contact::{ContactRule, WHOLE};
 use plantar::fault::{Fault, FaultKind, Faults, Place};
