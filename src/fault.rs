@@ -650,8 +650,7 @@ impl Watch {
                 self.silent += u32::from(was_firm > 1);
             }
             // A hole in a firm contact; a cell at its rim may as well be one that the foot missed.
-            let is_hole = around.is_within() && around.heard == around.near && 4 * around.firm >= 3 * around.near;
-            is_alone = is_hole && around.near >= 7 && (was_firm > 1 || around.firm == around.near);
+            is_alone = around.is_within() && around.near >= 7 && around.firm == around.near;
         }
         watch.recount(Count::Silent, is_alone);
         let is_beyond = watch.has(BEYOND);

@@ -149,6 +149,9 @@ pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
                 // A drift that can be followed is no fault.
                 let followed = kind == FaultKind::Drift && outcome.faults.rezeroed > 0;
                 told.injected += 1;
+                if let Some(other) = outcome.faults.list.iter().find(|found| !is_it(found)) {
+                    println!("  {fault}: also told {} {} at {} ms", other.place, other.kind.name(), other.found_ms);
+                }
                 told.false_alarms += outcome.faults.list.iter().filter(|found| !is_it(found)).count();
                 match found_s {
                     _ if followed => told.found += 1,
