@@ -244,6 +244,8 @@ struct Around {
     near: u32,
     heard: u32,
     firm: u32,
+    /// The area of the largest of them.
+    largest: i32,
     /// Firm ones within [`REACH`] on its sides: medial, lateral, heel, toes.
     sides: [bool; 4],
 }
@@ -282,6 +284,7 @@ impl Around {
                 }
                 if far <= NEAR * pitch {
                     around.near += 1;
+                    around.largest = around.largest.max(cell.region.whole());
                     around.heard += u32::from(cell.watch.has(HEARD));
                     around.firm += u32::from(cell.watch.has(FIRM));
                 }
@@ -650,7 +653,9 @@ impl Watch {
                 self.silent += u32::from(was_firm > 1);
             }
             // A hole in a firm contact; a cell at its rim may as well be one that the foot missed.
-            is_alone = around.is_within() && around.near >= 7 && around.firm == around.near;
+            // A cell much smaller than those around it, cut by a region's edge, may well be missed by the foot.
+            let is_full_size = 2 * cell.region.whole() >= around.largest;
+            is_alone = is_full_size && around.is_within() && around.near >= 7 && around.firm == around.near;
         }
         watch.recount(Count::Silent, is_alone);
         let is_beyond = watch.has(BEYOND);
