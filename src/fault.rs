@@ -228,6 +228,21 @@ impl CellWatch {
     }
 }
 
+impl<R> InsoleCell<R> {
+    /// Forgets what was noted.
+    fn begin_anew(&mut self) {
+        if self.watch.is_masked() {
+            return;
+        }
+        self.watch.marks &= !(HEARD | FIRM | BEYOND);
+        if self.contact.is_loaded() {
+            self.watch.marks |= HEARD;
+        } else {
+            self.watch.look_out(self.offset, &mut self.contact);
+        }
+    }
+}
+
 /// A masked cell and the cells that speak for it.
 #[derive(Clone, Copy, Debug)]
 struct Mask {
@@ -376,6 +391,8 @@ pub struct Watch {
     still_area: i32,
     /// The foot was down since the last review.
     walked: bool,
+    /// The foot came down in the middle of the last review.
+    was_cut: bool,
     /// The next cell of a running review.
     next: Option<usize>,
     /// Silent cells in it.
@@ -406,6 +423,7 @@ impl Watch {
             still: 0,
             still_area: 0,
             walked: false,
+            was_cut: false,
             next: None,
             silent: 0,
             turn: 0,
@@ -469,6 +487,7 @@ impl Watch {
         }
         if self.still == 0 {
             // The foot was down; a review that it cut short is given up.
+            self.was_cut |= self.next.is_some();
             (self.walked, self.next) = (true, None);
         }
         if area > self.whole / 4 {
@@ -484,6 +503,11 @@ impl Watch {
         }
         if self.walked && self.next.is_none() {
             self.walked = false;
+            if core::mem::take(&mut self.was_cut) {
+                // Half of the cells have counted what they noted: no step counts twice.
+                seen.cells.iter_mut().for_each(InsoleCell::begin_anew);
+                return;
+            }
             self.silent = 0;
             self.next = Some(0);
         }
@@ -677,15 +701,7 @@ impl Watch {
                 self.tell(seen, kind, Place::Cell(index as u16));
                 self.mask(seen, index);
             }
-            let cell = &mut seen.cells[index];
-            if !cell.watch.is_masked() {
-                cell.watch.marks &= !(HEARD | FIRM | BEYOND);
-                if cell.contact.is_loaded() {
-                    cell.watch.marks |= HEARD;
-                } else {
-                    cell.watch.look_out(cell.offset, &mut cell.contact);
-                }
-            }
+            seen.cells[index].begin_anew();
         }
         if self.faults.found != before {
             self.choose_neighbours(seen);
