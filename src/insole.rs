@@ -361,7 +361,6 @@ impl<R: Real, const N: usize> Insole<R, N> {
     }
 
     /// The one pass over the cells, region by region, and what comes of faults.
-    #[inline(never)]
     fn sum_cells(&mut self, seq: u32, all_codes: &[u16]) {
         let mut change = 0;
         let (mut cells, mut codes) = (self.cells.as_mut_slice(), all_codes);

@@ -30,7 +30,7 @@ pub const MAX_MESSAGE: usize = 320;
 /// Longest frame on a byte carrier: message, CRC, COBS overhead and the zero, bytes.
 pub const MAX_FRAME: usize = MAX_MESSAGE + 4 + (MAX_MESSAGE + 4) / 254 + 1 + 1;
 /// Longest live frame as a message, bytes.
-pub const MAX_LIVE: usize = 83;
+pub const MAX_LIVE: usize = 84;
 
 /// From the insole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -308,24 +308,69 @@ pub struct Live {
     /// Bit i: region i has masked cells.
     pub masked: u8,
     /// The regions.
+    #[serde(with = "live_regions")]
     pub regions: [LiveRegion; 8],
 }
 
-/// One region of a [`Live`] frame in scaled integers, two bytes each.
-#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
+/// One region of a [`Live`] frame in scaled integers.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct LiveRegion {
     /// Contact area, mm2.
-    #[serde(with = "postcard::fixint::le")]
     pub area_mm2: u16,
     /// Tissue deformation, um.
-    #[serde(with = "postcard::fixint::le")]
     pub deformation_um: u16,
     /// Model force, 0.1 N.
-    #[serde(with = "postcard::fixint::le")]
     pub model_dn: u16,
     /// Measured force, 0.1 N.
-    #[serde(with = "postcard::fixint::le")]
     pub measured_dn: u16,
+}
+
+/// The regions of a [`Live`] frame as one run of bytes, two for each number, little endian: number by number is slower.
+mod live_regions {
+    use super::LiveRegion;
+    use core::fmt;
+    use serde::de::{Error, Visitor};
+    use serde::{Deserializer, Serializer};
+
+    const REGION: usize = 8;
+
+    pub fn serialize<S: Serializer>(regions: &[LiveRegion; 8], serializer: S) -> Result<S::Ok, S::Error> {
+        let mut bytes = [0; 8 * REGION];
+        for (place, region) in bytes.chunks_exact_mut(REGION).zip(regions) {
+            let LiveRegion { area_mm2, deformation_um, model_dn, measured_dn } = *region;
+            for (place, number) in place.chunks_exact_mut(2).zip([area_mm2, deformation_um, model_dn, measured_dn]) {
+                place.copy_from_slice(&number.to_le_bytes());
+            }
+        }
+        serializer.serialize_bytes(&bytes)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[LiveRegion; 8], D::Error> {
+        struct Regions;
+
+        impl Visitor<'_> for Regions {
+            type Value = [LiveRegion; 8];
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("eight regions of eight bytes")
+            }
+
+            fn visit_bytes<E: Error>(self, bytes: &[u8]) -> Result<Self::Value, E> {
+                if bytes.len() != 8 * REGION {
+                    return Err(E::invalid_length(bytes.len(), &self));
+                }
+                let number = |i: usize| u16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]);
+                Ok(core::array::from_fn(|i| LiveRegion {
+                    area_mm2: number(4 * i),
+                    deformation_um: number(4 * i + 1),
+                    model_dn: number(4 * i + 2),
+                    measured_dn: number(4 * i + 3),
+                }))
+            }
+        }
+
+        deserializer.deserialize_bytes(Regions)
+    }
 }
 
 impl Live {

@@ -19,6 +19,7 @@ mod time;
 use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::peripheral::{NVIC, SYST};
 use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_futures::block_on;
 use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
@@ -102,10 +103,11 @@ async fn main(spawner: Spawner) {
     let mut head = set_up.as_ref().map_or_else(|| Head::new(layout::setup(Side::Left)), |(head, _)| *head);
     mishap::plan(head.mishap.filter(|planned| planned.is_repeated || start.reset == Reset::Power));
     may_happen(&[Mishap::Panic]);
+    // Nothing else runs yet, so what is awaited lies on the stack, and not in a static of this task.
     static STORE: StaticCell<Store<FlashFile>> = StaticCell::new();
     let chip = (!start.is_fallback).then(|| FlashFile::open(head.power_cut));
-    let store = STORE.init(Store::open(chip, start.reset).await);
-    let name = app::name(store, head.setup.side).await;
+    let store = STORE.init(block_on(Store::open(chip, start.reset)));
+    let name = block_on(app::name(store, head.setup.side));
     head.setup.side = name.side;
     let insole = INSOLE.take();
     insole.count_steps_from(store.contents().next_step);
@@ -120,7 +122,7 @@ async fn main(spawner: Spawner) {
         Some((_, cells)) => insole.recalibrate(cells.clone(), first, part),
         None => insole.recalibrate(layout::cells(), first, part),
     };
-    let calibration_id = app::calibrate(store, insole, recalibrate).await;
+    let calibration_id = block_on(app::calibrate(store, insole, recalibrate));
     let hello = app::hello("emulated", &head.setup, insole, start.reset, start.fault.or(refused));
     let matrix = PlantMatrix::open(&PLANT, insole.cells());
     let clock = if head.paced {
@@ -134,7 +136,7 @@ async fn main(spawner: Spawner) {
     static OVER_BLUETOOTH: StaticCell<OverBluetooth<'static, Emulated>> = StaticCell::new();
     let (sender, receiver) = CHANNEL.init(Channel::new(FRAMES.take())).split();
     let session = SESSION.init(Session::new(hello, &SCAN_COUNTERS, device::stack_bytes));
-    session.restore(store, name, calibration_id).await;
+    block_on(session.restore(store, name, calibration_id));
 
     // Each task has a place of its own and is spawned once, so spawning cannot fail.
     SCAN_EXECUTOR.start(Interrupt::TIM2).spawn(scan(clock, matrix, sender).unwrap());

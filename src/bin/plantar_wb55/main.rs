@@ -12,6 +12,7 @@ use cortex_m::peripheral::DWT;
 use cortex_m::peripheral::syst::SystClkSource;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_futures::block_on;
 use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::gpio::{AnyPin, Input, Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
@@ -174,15 +175,16 @@ async fn main(spawner: Spawner) {
     let address = [line(p.PC6.into()), line(p.PC10.into()), line(p.PC12.into()), line(p.PB8.into())];
     let matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, line(p.PB9.into()));
     let side = if strap.is_low() { Side::Right } else { Side::Left };
+    // Nothing else runs yet, so what is awaited lies on the stack, and not in a static of this task.
     static STORE: StaticCell<Store<Chip>> = StaticCell::new();
     let select = Output::new(p.PB12, Level::High, Speed::Medium);
     let chip = if start.is_fallback {
         None
     } else {
-        Some(flash::open(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH2, p.DMA1_CH3, select).await)
+        Some(block_on(flash::open(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH2, p.DMA1_CH3, select)))
     };
-    let store = STORE.init(Store::open(chip, start.reset).await);
-    let name = app::name(store, side).await;
+    let store = STORE.init(block_on(Store::open(chip, start.reset)));
+    let name = block_on(app::name(store, side));
     let insole = INSOLE.take();
     insole.count_steps_from(store.contents().next_step);
     let setup = layout::setup(name.side);
@@ -191,7 +193,7 @@ async fn main(spawner: Spawner) {
     let calibration_id = app::calibrate(store, insole, |insole, first, part| {
         insole.recalibrate(layout::cells(), first, part);
     });
-    let calibration_id = calibration_id.await;
+    let calibration_id = block_on(calibration_id);
     let hello = app::hello("stm32wb55", &setup, insole, start.reset, start.fault.or(refused));
     let mut link = usart::Config::default();
     link.baudrate = LINK_BIT_HZ;
@@ -203,7 +205,7 @@ async fn main(spawner: Spawner) {
     static OVER_BLUETOOTH: StaticCell<OverBluetooth<'static, Wb55>> = StaticCell::new();
     let (sender, receiver) = CHANNEL.init(Channel::new(FRAMES.take())).split();
     let session = SESSION.init(Session::new(hello, &SCAN_COUNTERS, device::stack_bytes));
-    session.restore(store, name, calibration_id).await;
+    block_on(session.restore(store, name, calibration_id));
 
     // Each task has a place of its own and is spawned once, so spawning cannot fail.
     let clock = Ticker::new(setup.period_us);
