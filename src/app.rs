@@ -558,8 +558,7 @@ async fn work(
     let identity = session.link.borrow().identity();
     let hello = &session.hello;
     match job {
-        Job::Tissue => {
-            let tissue = *session.link.borrow().tissue();
+        Job::Tissue(tissue) => {
             store.put(0, &tissue).await?;
             Ok(None)
         }

@@ -34,8 +34,8 @@ enum Answer {
 /// What the insole was told to keep. The answer goes out when it is kept: [`Link::done`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Job {
-    /// [`Link::tissue`].
-    Tissue,
+    /// The wearer's parameters, in force once they are kept.
+    Tissue(Tissue),
     /// The side and the serial number.
     Name(Side, Serial),
     /// Part of a calibration and its number.
@@ -127,11 +127,7 @@ impl Link {
             }
             ToDevice::GetStatus => self.answer(Answer::Status),
             ToDevice::SetTissue(tissue) => match tissue.check() {
-                Ok(()) => {
-                    // While another job waits, the one before stays in force.
-                    self.tissue = if self.job.is_none() { tissue } else { self.tissue };
-                    self.begin(Job::Tissue);
-                }
+                Ok(()) => self.begin(Job::Tissue(tissue)),
                 Err(refusal) => self.answer(Answer::Refused(refusal)),
             },
             ToDevice::GetTissue => self.answer(Answer::Tissue),
@@ -167,12 +163,15 @@ impl Link {
     /// Tells what became of [`Link::job`]: with an identity where that is a new one.
     pub fn done(&mut self, kept: Result<Option<Identity>, Refusal>) {
         let Some(job) = self.job.take() else { return };
+        if let (Job::Tissue(tissue), Ok(_) | Err(Refusal::NotKept)) = (job, kept) {
+            self.tissue = tissue;
+        }
         match kept {
             Err(refusal) => self.answer(Answer::Refused(refusal)),
             Ok(identity) => {
                 self.identity = identity.unwrap_or(self.identity);
                 match job {
-                    Job::Tissue => self.answer(Answer::Tissue),
+                    Job::Tissue(_) => self.answer(Answer::Tissue),
                     Job::Name(..) | Job::Calibration { .. } => self.answer(Answer::Identity),
                     Job::CalibrationPart(part, _) => self.answer(Answer::CalibrationPart(part)),
                     Job::Restart => {}

@@ -329,9 +329,10 @@ fn accepted_parameters_are_answered_and_named_from_then_on() {
     assert_eq!(all(&mut link), [Sent::Tissue(0)], "none yet");
     for tissue in [*TISSUE, other_tissue(), *TISSUE, *TISSUE] {
         link.receive(ToDevice::SetTissue(tissue), 0);
-        assert_eq!(*link.tissue(), tissue);
+        assert_eq!(link.job(), Some(Job::Tissue(tissue)));
         assert_eq!(all(&mut link), [], "not before they are kept");
         link.done(Ok(None));
+        assert_eq!(*link.tissue(), tissue);
         assert_eq!(all(&mut link), [Sent::Tissue(tissue.id)]);
     }
     assert!(link.next_live().is_some(), "the stream goes on");
