@@ -17,6 +17,8 @@ pub const MATRIX_FILE: &core::ffi::CStr = c"matrix.bin";
 pub const FLASH_FILE: &core::ffi::CStr = c"flash.bin";
 /// Size of that chip, bytes.
 pub const FLASH_BYTES: usize = 4 << 20;
+/// Exit status of an emulator whose bootloader swapped images: start it again with the one that is active now.
+pub const RESTART: i32 = 3;
 /// Cells in a row of the emulated matrix; the last row may be shorter.
 pub const COLUMNS: usize = 16;
 /// Asks for a scan.

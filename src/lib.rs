@@ -42,6 +42,10 @@ pub mod link;
 #[forbid(unsafe_code)]
 pub mod store;
 #[forbid(unsafe_code)]
+pub mod map;
+#[forbid(unsafe_code)]
+pub mod update;
+#[forbid(unsafe_code)]
 pub mod emulation;
 
 #[cfg(feature = "device")]
@@ -50,6 +54,9 @@ pub mod app;
 #[cfg(feature = "device")]
 #[forbid(unsafe_code)]
 pub mod ble;
+#[cfg(feature = "boot")]
+#[forbid(unsafe_code)]
+pub mod boot;
 #[cfg(feature = "device")]
 pub mod device; // below the data path: stack and panic memory of the boards
 
