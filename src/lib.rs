@@ -46,6 +46,8 @@ pub mod map;
 #[forbid(unsafe_code)]
 pub mod update;
 #[forbid(unsafe_code)]
+pub mod boot;
+#[forbid(unsafe_code)]
 pub mod emulation;
 
 #[cfg(feature = "device")]
@@ -54,9 +56,6 @@ pub mod app;
 #[cfg(feature = "device")]
 #[forbid(unsafe_code)]
 pub mod ble;
-#[cfg(feature = "boot")]
-#[forbid(unsafe_code)]
-pub mod boot;
 #[cfg(feature = "device")]
 pub mod device; // below the data path: stack and panic memory of the boards
 

@@ -24,7 +24,7 @@ pub type Signature = [[u8; 32]; 2];
 /// for development, whose other half everybody knows (`docs/security.md`).
 pub const KEY: [u8; 32] = from_hex(match option_env!("PLANTAR_UPDATE_KEY") {
     Some(key) => key,
-    None => "d3ecbb7bb8eeaff8d4e5fd8a0f4d6e8ac4b8fd5f5a1c8ff0b7c0e2f1b3a49586",
+    None => "68335e1b188bb8cd9c390c584b54e2ad61f1604f71091415177d09ab23c3970c",
 });
 
 const fn from_hex(text: &str) -> [u8; 32] {

@@ -14,6 +14,7 @@ use crate::region::{Region, Side};
 use crate::stance::Rejected;
 use crate::step::{RegionStep, StepRecord};
 use crate::store::{Contents, Part};
+use crate::update;
 use core::fmt;
 use crc::{CRC_32_ISO_HDLC, Crc};
 use heapless::String;
@@ -61,6 +62,8 @@ pub enum ToHost {
         /// Its number.
         part: u8,
     },
+    /// The answer to [`ToDevice::Update`].
+    Update(update::Progress),
 }
 
 impl ToHost {
@@ -139,6 +142,8 @@ pub enum ToDevice {
     },
     /// Restarts the insole; there is no answer.
     Restart,
+    /// A step of a firmware update; answered by [`ToHost::Update`] or [`ToHost::Refused`].
+    Update(update::Request),
 }
 
 /// Why an insole did not do what it was told; all stays as it was.
@@ -158,6 +163,8 @@ pub enum Refusal {
     Serial,
     /// A calibration out of bounds, of another layout, or whose parts are not all there.
     Calibration,
+    /// The image is not taken.
+    Update(update::Refusal),
 }
 
 impl fmt::Display for Refusal {
@@ -182,6 +189,7 @@ impl fmt::Display for Refusal {
                 COEFFICIENT.start(),
                 COEFFICIENT.end(),
             ),
+            Self::Update(refusal) => refusal.fmt(f),
         }
     }
 }
