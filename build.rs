@@ -27,17 +27,17 @@ fn main() {
         let region = format!("FLASH : ORIGIN = {:#x}, LENGTH = {:#x}\n", flash.start, flash.end - flash.start);
         fs::write(folder.join("flash.x"), region).expect("the folder can be written");
         println!("cargo:rustc-link-search={}", folder.display());
-        println!("cargo:rustc-link-arg-bin={binary}=-Tlink.x");
-        println!("cargo:rustc-link-arg-bin={binary}=--nmagic");
         if !is_bootloader {
+            let at = flash.start + HEADER;
             let header = format!(
-                "SECTIONS {{ .header ORIGIN(FLASH) + {HEADER:#x} : {{ KEEP(*(.header)) }} > FLASH }} INSERT AFTER .vector_table\n\
-                 _stext = ORIGIN(FLASH) + {:#x};\n",
-                HEADER + HEADER_BYTES
+                "_stext = {:#x};\nSECTIONS {{ .header {at:#x} : {{ KEEP(*(.header)) }} > FLASH }} INSERT AFTER .vector_table\n",
+                at + HEADER_BYTES
             );
             fs::write(folder.join("header.x"), header).expect("the folder can be written");
             println!("cargo:rustc-link-arg-bin={binary}=-Theader.x");
         }
+        println!("cargo:rustc-link-arg-bin={binary}=-Tlink.x");
+        println!("cargo:rustc-link-arg-bin={binary}=--nmagic");
     }
     if has_feature("WB55") {
         println!("cargo:rustc-link-arg-bin=plantar_wb55=-Tdefmt.x");

@@ -8,6 +8,7 @@ use crate::Side;
 use crate::calibrate::CellCalibration;
 use crate::insole::Tissue;
 use crate::store::Part;
+use crate::update;
 use crate::wire::{Hello, Identity, Live, MAJOR, MAX_LIVE, Refusal, Serial, Status, Step, ToDevice, ToHost, encode};
 use heapless::{Deque, Vec};
 
@@ -27,6 +28,7 @@ enum Answer {
     Time { host_us: u64, device_us: u64 },
     Identity,
     CalibrationPart(u8),
+    Update(update::Progress),
 }
 
 /// What the insole was told to keep. The answer goes out when it is kept: [`Link::done`].
@@ -49,6 +51,19 @@ pub enum Job {
     },
     /// To start anew.
     Restart,
+    /// A step of a firmware update.
+    Update(update::Request),
+}
+
+/// What became of a [`Job`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Done {
+    /// It is kept.
+    Kept,
+    /// It is kept, and changed what the insole says of itself.
+    Identity(Identity),
+    /// So far is the update.
+    Update(update::Progress),
 }
 
 /// The state of the session and what waits to be sent.
@@ -144,6 +159,7 @@ impl Link {
                 self.begin(Job::Calibration { layout_id, cells, id });
             }
             ToDevice::Restart => self.begin(Job::Restart),
+            ToDevice::Update(request) => self.begin(Job::Update(request)),
         }
     }
 
@@ -159,21 +175,20 @@ impl Link {
         self.job
     }
 
-    /// Tells what became of [`Link::job`]: with an identity where that is a new one.
-    pub fn done(&mut self, kept: Result<Option<Identity>, Refusal>) {
+    /// Tells what became of [`Link::job`].
+    pub fn done(&mut self, done: Result<Done, Refusal>) {
         let Some(job) = self.job.take() else { return };
-        match kept {
-            Err(refusal) => self.answer(Answer::Refused(refusal)),
-            Ok(identity) => {
-                self.identity = identity.unwrap_or(self.identity);
-                match job {
-                    Job::Tissue => self.answer(Answer::Tissue),
-                    Job::Name(..) | Job::Calibration { .. } => self.answer(Answer::Identity),
-                    Job::CalibrationPart(part, _) => self.answer(Answer::CalibrationPart(part)),
-                    Job::Restart => {}
-                }
+        let answer = match (done, job) {
+            (Err(refusal), _) => Answer::Refused(refusal),
+            (Ok(Done::Update(progress)), _) => Answer::Update(progress),
+            (Ok(Done::Identity(identity)), _) => {
+                self.identity = identity;
+                Answer::Identity
             }
-        }
+            (Ok(Done::Kept), Job::CalibrationPart(part, _)) => Answer::CalibrationPart(part),
+            (Ok(Done::Kept), _) => Answer::Tissue,
+        };
+        self.answer(answer);
     }
 
     /// What was kept before this start.
@@ -312,6 +327,7 @@ impl Link {
                 Answer::Time { host_us, device_us } => ToHost::Time { host_us, device_us },
                 Answer::Identity => ToHost::Identity(self.identity),
                 Answer::CalibrationPart(part) => ToHost::CalibrationPart { part },
+                Answer::Update(progress) => ToHost::Update(progress),
             }
         };
         // Every message fits MAX_MESSAGE, the least that callers bring.

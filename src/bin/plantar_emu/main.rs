@@ -12,6 +12,7 @@ mod port;
 mod radio;
 mod time;
 
+use core::hint::black_box;
 use cortex_m::peripheral::{NVIC, SYST};
 use cortex_m_rt::{ExceptionFrame, exception};
 use embassy_executor::{InterruptExecutor, Spawner};
@@ -26,6 +27,7 @@ use plantar::ble::{self, HciPipe, OverBluetooth};
 use plantar::device;
 use plantar::insole::Insole;
 use plantar::store::Store;
+use plantar::update::Header;
 use plantar::wire::Reset;
 use port::{End, Port};
 use radio::{Emulated, pump};
@@ -34,6 +36,11 @@ use stm32_metapac::{Interrupt, USART1, USART2, USART3, interrupt};
 use time::{RELOAD, Time};
 
 embassy_time_driver::time_driver_impl!(static TIME: Time = Time::new());
+
+/// What this image is, where the host and the insole before it look.
+#[used]
+#[unsafe(link_section = ".header")]
+static IMAGE: Header = Header::new("emulated", env!("CARGO_PKG_VERSION"));
 
 static LINK: Port = Port::new(USART1);
 static HCI: Port = Port::new(USART2);
@@ -66,6 +73,8 @@ impl Stopwatch for SysTick {
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let panic = device::take_panic();
+    // As it lies in the flash, not as the compiler knows it.
+    let image = black_box(&IMAGE);
     // SAFETY: `main` runs once and nothing else takes the core's peripherals.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     TIME.start(&mut core.SYST);
@@ -98,7 +107,7 @@ async fn main(spawner: Spawner) {
     insole.count_steps_from(store.contents().next_step);
     let refused = plant::set_up(insole, head.setup).err();
     let calibration_id = app::calibrate(store, insole, plant::recalibrate).await;
-    let hello = app::hello("emulated", &head.setup, insole, reset, panic.or(refused.map(device::cut)));
+    let hello = app::hello(image, &head.setup, insole, reset, panic.or(refused.map(device::cut)));
     let Some(matrix) = PlantMatrix::open(&PLANT, insole.cells()) else {
         panic!("no matrix.bin in the emulator's directory");
     };
@@ -119,7 +128,7 @@ async fn main(spawner: Spawner) {
     SCAN_EXECUTOR.start(Interrupt::TIM2).spawn(scan(clock, matrix, sender).unwrap());
     spawner.spawn(process(insole, receiver, session).unwrap());
     spawner.spawn(serve(session).unwrap());
-    spawner.spawn(keep(store, session).unwrap());
+    spawner.spawn(keep(store, session, image).unwrap());
     let board = Emulated { address: head.address, bonding: Duration::from_secs(head.bonding_s.into()) };
     let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, board));
     spawner.spawn(ble::run(&FROM_RADIO, &TO_RADIO, insole).unwrap());
@@ -142,8 +151,8 @@ async fn serve(session: &'static Session) {
 }
 
 #[embassy_executor::task]
-async fn keep(store: &'static mut Store<FlashFile>, session: &'static Session) {
-    app::keep(store, session, cortex_m::peripheral::SCB::sys_reset).await
+async fn keep(store: &'static mut Store<FlashFile>, session: &'static Session, image: &'static Header) {
+    app::keep(store, session, image, cortex_m::peripheral::SCB::sys_reset).await
 }
 
 #[embassy_executor::task]

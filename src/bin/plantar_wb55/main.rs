@@ -8,6 +8,7 @@ mod mailbox;
 mod matrix;
 mod radio;
 
+use core::hint::black_box;
 use cortex_m::peripheral::DWT;
 use cortex_m_rt::{ExceptionFrame, exception};
 use defmt_rtt as _;
@@ -33,6 +34,7 @@ use plantar::ble::{self, HciPipe, OverBluetooth};
 use plantar::device;
 use plantar::insole::Insole;
 use plantar::store::Store;
+use plantar::update::Header;
 use plantar::wire::Reset;
 use radio::Wb55;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -51,6 +53,11 @@ bind_interrupts!(struct Irqs {
 });
 
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
+
+/// What this image is, where the host and the insole before it look.
+#[used]
+#[unsafe(link_section = ".header")]
+static IMAGE: Header = Header::new("stm32wb55", env!("CARGO_PKG_VERSION"));
 
 static FROM_RADIO: HciPipe = HciPipe::new();
 static TO_RADIO: HciPipe = HciPipe::new();
@@ -135,6 +142,8 @@ fn take_reset_reason() -> Reset {
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let panic = device::take_panic();
+    // As it lies in the flash, not as the compiler knows it.
+    let image = black_box(&IMAGE);
     let reset = take_reset_reason();
     let reset = if panic.is_some() { Reset::Panic } else { reset };
     let mut config = embassy_stm32::Config::default();
@@ -193,7 +202,7 @@ async fn main(spawner: Spawner) {
         insole.recalibrate(layout::cells(), first, part);
     });
     let calibration_id = calibration_id.await;
-    let hello = app::hello("stm32wb55", &setup, insole, reset, panic.or(refused));
+    let hello = app::hello(image, &setup, insole, reset, panic.or(refused));
     let mut link = usart::Config::default();
     link.baudrate = LINK_BIT_HZ;
     // The pins are this port's and the bit rate is within its divider, so it cannot be refused.
@@ -211,7 +220,7 @@ async fn main(spawner: Spawner) {
     SCAN_EXECUTOR.start(interrupt::SAI1).spawn(scan(clock, matrix, sender).unwrap());
     spawner.spawn(process(insole, receiver, session).unwrap());
     spawner.spawn(serve(link, session).unwrap());
-    spawner.spawn(keep(store, session).unwrap());
+    spawner.spawn(keep(store, session, image).unwrap());
     spawner.spawn(supervise(Dog(watchdog), session).unwrap());
     let by_hand = matches!(reset, Reset::Power | Reset::Pin);
     let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, Wb55 { by_hand }));
@@ -236,8 +245,8 @@ async fn serve(link: BufferedUart<'static>, session: &'static Session) {
 }
 
 #[embassy_executor::task]
-async fn keep(store: &'static mut Store<Chip>, session: &'static Session) {
-    app::keep(store, session, cortex_m::peripheral::SCB::sys_reset).await
+async fn keep(store: &'static mut Store<Chip>, session: &'static Session, image: &'static Header) {
+    app::keep(store, session, image, cortex_m::peripheral::SCB::sys_reset).await
 }
 
 #[embassy_executor::task]
