@@ -100,7 +100,7 @@ impl Session {
             ToHost::Tissue(tissue) => received.tissues.push((received.live.len(), tissue)),
             ToHost::Refused(refusal) => received.refusals.push(refusal),
             ToHost::Time { .. } => panic!("nobody asked for the time"),
-            ToHost::Identity(_) | ToHost::CalibrationPart { .. } => panic!("nobody asked for it"),
+            ToHost::Identity(_) | ToHost::CalibrationPart { .. } | ToHost::Update(_) => panic!("nobody asked for it"),
             ToHost::Hello(hello) => panic!("the insole restarted: {:?}", hello.last_panic),
         }
         is_answer
