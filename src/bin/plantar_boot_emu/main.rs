@@ -10,31 +10,35 @@ mod flash;
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::entry;
-use embassy_boot::{AlignedBuffer, BootLoader, State};
+use embassy_boot::{AlignedBuffer, BootError, BootLoader, State};
 use embassy_sync::mutex::Mutex;
 use flash::FlashFile;
 use plantar::boot::{BUFFER, Blocking, config};
-use plantar::emulation::{Head, RESTART, SETUP_FILE};
+use plantar::emulation::{Head, SETUP_FILE, SWAPPED, SWAPPED_FILE};
 use plantar::map::{ACTIVE, EMULATED_ACTIVE};
 use plantar::update::{Area, CHUNK};
-use semihosting::fs::File;
+use semihosting::fs::{self, File};
 use semihosting::io::Read;
 
 #[entry]
 fn main() -> ! {
-    let power_cut = head().and_then(|head| head.power_cut);
-    let chip = Mutex::new(FlashFile::open(power_cut));
-    let active = Blocking(Area::<_, CHUNK>::new(&chip, EMULATED_ACTIVE));
-    let mut buffer = AlignedBuffer([0; BUFFER]);
+    let goes_on = fs::remove_file(SWAPPED_FILE).is_ok();
     // Without a chip there is nothing to swap.
-    if BootLoader::new(config(&chip, active)).prepare_boot(buffer.as_mut()) == Ok(State::Swap) {
-        semihosting::process::exit(RESTART);
+    if !goes_on && swap() == Ok(State::Swap) {
+        semihosting::process::exit(SWAPPED);
     }
     // SAFETY: the host put an image there; nothing runs yet that would notice.
     unsafe {
         (*SCB::PTR).vtor.write(ACTIVE.start);
         cortex_m::asm::bootload(ACTIVE.start as *const u32)
     }
+}
+
+fn swap() -> Result<State, BootError> {
+    let power_cut = head().and_then(|head| head.power_cut);
+    let chip = Mutex::new(FlashFile::open(power_cut));
+    let active = Blocking(Area::<_, CHUNK>::new(&chip, EMULATED_ACTIVE));
+    BootLoader::new(config(&chip, active)).prepare_boot(AlignedBuffer([0; BUFFER]).as_mut())
 }
 
 fn head() -> Option<Head> {

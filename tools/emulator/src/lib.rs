@@ -8,7 +8,7 @@ mod recorded;
 pub use plant::{Plant, Scan, Walk};
 pub use recorded::{Looped, Recorded};
 
-use plantar::emulation::{FLASH_BYTES, FLASH_FILE, Head, MATRIX_FILE, RESTART, SETUP_FILE};
+use plantar::emulation::{FLASH_BYTES, FLASH_FILE, Head, MATRIX_FILE, SETUP_FILE, SWAPPED, SWAPPED_FILE};
 use plantar::insole::SetupCell;
 use plantar::map::{ACTIVE, EMULATED_ACTIVE};
 use std::io::{self, Read};
@@ -72,6 +72,8 @@ pub struct Parts {
     /// The flash chip: what [`Board::flash`] gave before this start, or a new one. An image that was swapped in is in it, and runs
     /// instead of the firmware file.
     pub flash: Option<Vec<u8>>,
+    /// What [`Board::wait`] gave before this start.
+    pub swapped: bool,
 }
 
 /// A running board. It stops when this is dropped.
@@ -126,6 +128,9 @@ impl Board {
         }
         std::fs::write(directory.path().join(ACTIVE_FILE), active)?;
         std::fs::write(file(FLASH_FILE), flash)?;
+        if parts.swapped {
+            std::fs::write(file(SWAPPED_FILE), [])?;
+        }
         let hci = parts.hci.map_or("null".into(), |at| format!("tcp:{at},nodelay=on"));
 
         let link = Port::listen()?;
@@ -170,9 +175,9 @@ impl Board {
         Ok(self.qemu.0.try_wait()?.is_none())
     }
 
-    /// Waits until the board is off; true where the bootloader swapped images and wants to be started again.
+    /// Waits until the board is off; true where the bootloader swapped images, and the board is to be started again.
     pub fn wait(&mut self) -> io::Result<bool> {
-        Ok(self.qemu.0.wait()?.code() == Some(RESTART))
+        Ok(self.qemu.0.wait()?.code() == Some(SWAPPED))
     }
 
     /// Lets the walk begin; in [`Time::Real`] it began with the board.
