@@ -16,6 +16,7 @@ mod serve;
 mod setup;
 mod summary;
 mod table;
+mod update;
 mod view;
 mod zero;
 
@@ -40,6 +41,7 @@ use std::process::ExitCode;
 ///   plantar monitor --ble left
 ///   plantar record --serial /dev/ttyACM0 --out session
 ///   plantar serve --serial /dev/ttyACM0
+///   plantar update insole.bin --serial /dev/ttyACM0
 #[derive(Parser)]
 #[command(version, verbatim_doc_comment)]
 struct Arguments {
@@ -64,6 +66,7 @@ enum Command {
     /// Tissue parameters.
     #[command(subcommand)]
     Params(params::Params),
+    Update(update::Update),
 }
 
 /// Exit status of work that was done in part.
@@ -78,6 +81,7 @@ fn main() -> ExitCode {
         Command::Fit(fit) => return status(fit.run()),
         Command::Cohort(cohort) => return status(cohort.run()),
         Command::Emulate(emulate) => emulate.run(),
+        Command::Update(update) => update.run(),
         Command::Monitor(monitor) => monitor.run(),
         Command::Record(record) => record.run(),
         Command::Serve(serve) => serve.run(),
