@@ -179,11 +179,15 @@ impl fmt::Display for Refusal {
             Self::Board => "the image is for another board: choose the one that is made for this insole",
             Self::Older => "the image is older than what runs, and stays out: choose a newer one",
             Self::Length => "the image is empty or longer than the insole has room for",
-            Self::OnTrial => "what runs was updated just now and is still on trial: wait half a minute while it runs, then try again",
+            Self::OnTrial => {
+                "what runs was updated just now and is still on trial: wait half a minute while it runs, then try again"
+            }
             Self::NotBegun => "the insole restarted during the transfer: send the image again",
             Self::Incomplete => "parts of the image are missing: send it again",
             Self::Header => "the image is not the one that was announced: send it again",
-            Self::Signature => "the image is damaged, or not signed with the key that this insole takes: ask its maker for one that is",
+            Self::Signature => {
+                "the image is damaged, or not signed with the key that this insole takes: ask its maker for one that is"
+            }
             Self::Chip => "its flash chip failed: the insole runs on, and needs repair to be updated",
         })
     }

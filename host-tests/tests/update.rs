@@ -66,7 +66,8 @@ impl Insole {
         let head = Head { power_cut, ..Head::new(worn.setup) };
         let cells = worn.cells.clone();
         let parts = Parts { flash: self.flash.clone(), swapped, ..Parts::default() };
-        Board::start_with(&self.firmware, &head, &cells, Time::Max, Looped(Recorded::new(walk, worn)), &parts).expect("it boots")
+        Board::start_with(&self.firmware, &head, &cells, Time::Max, Looped(Recorded::new(walk, worn)), &parts)
+            .expect("it boots")
     }
 
     /// Waits until the board is off, and keeps its chip; true where it is to be started again.

@@ -49,7 +49,9 @@ fn main() -> ! {
     // It only waits while the chip is busy.
     let Ok(chip) = block_on(W25::<Q, _, _, _>::new_no_pins(device, CHIP_BYTES)) else { SCB::sys_reset() };
     let chip = Mutex::new(chip);
-    let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region));
+    let own = BlockingMutex::<NoopRawMutex, _>::new(RefCell::new(
+        Flash::new_blocking(p.FLASH).into_blocking_regions().bank1_region,
+    ));
     let active = BlockingPartition::new(&own, ACTIVE.start - BOOTLOADER.start, MAX_IMAGE);
     let swapped = BootLoader::try_prepare::<_, _, _, BUFFER>(config(&chip, active));
     let Ok(loader) = swapped else {

@@ -290,7 +290,11 @@ impl<C: Carrier> Client<C> {
             }
             // What follows is another session.
             ToHost::Hello(_) => self.next_live = None,
-            ToHost::Tissue(_) | ToHost::Refused(_) | ToHost::Identity(_) | ToHost::CalibrationPart { .. } | ToHost::Update(_) => {}
+            ToHost::Tissue(_)
+            | ToHost::Refused(_)
+            | ToHost::Identity(_)
+            | ToHost::CalibrationPart { .. }
+            | ToHost::Update(_) => {}
         }
         Ok(Some(message))
     }

@@ -55,10 +55,18 @@ impl Update {
         let (header, hello) = (image.header(), session.hello());
         let file = self.file.display();
         if header.board() != hello.board {
-            bail!("{file} is for the board {}, and this insole is a {}: choose the image made for it", header.board(), hello.board);
+            bail!(
+                "{file} is for the board {}, and this insole is a {}: choose the image made for it",
+                header.board(),
+                hello.board
+            );
         }
         if header.number() < Header::new("", &hello.firmware).number() {
-            bail!("{file} is {}, and the insole runs {}, which is newer: choose a newer one", header.version(), hello.firmware);
+            bail!(
+                "{file} is {}, and the insole runs {}, which is newer: choose a newer one",
+                header.version(),
+                hello.firmware
+            );
         }
         Ok(())
     }
@@ -110,15 +118,15 @@ fn send(image: &Image, session: &mut Session) -> Result<()> {
     let offer = image.offer();
     let bar = ProgressBar::new(image.bytes().len() as u64);
     // A template of this program, so it is a good one.
-    bar.set_style(ProgressStyle::with_template("{bar:40} {bytes}/{total_bytes}, {eta} left").unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.set_style(
+        ProgressStyle::with_template("{bar:40} {bytes}/{total_bytes}, {eta} left")
+            .unwrap_or_else(|_| ProgressStyle::default_bar()),
+    );
     let mut progress = session.update(Request::Begin(offer))?;
     while let Progress::Next(number) = progress {
         bar.set_position(u64::from(number) * CHUNK as u64);
-        let request = if number < offer.chunks {
-            Request::Chunk { number, chunk: image.chunk(number) }
-        } else {
-            Request::Finish
-        };
+        let request =
+            if number < offer.chunks { Request::Chunk { number, chunk: image.chunk(number) } } else { Request::Finish };
         progress = session.update(request)?;
     }
     bar.finish_and_clear();

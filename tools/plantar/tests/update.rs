@@ -70,7 +70,9 @@ impl Insole {
     fn boot(&mut self) {
         let chip = Shared::new(&mut self.chip);
         let active = Blocking(Area::<_, CHUNK>::new(&chip, EMULATED_ACTIVE));
-        BootLoader::new(config(&chip, active)).prepare_boot(AlignedBuffer([0; BUFFER]).as_mut()).expect("the chip works");
+        BootLoader::new(config(&chip, active))
+            .prepare_boot(AlignedBuffer([0; BUFFER]).as_mut())
+            .expect("the chip works");
     }
 
     /// Serves a host until it leaves or the insole restarts.

@@ -16,7 +16,10 @@ pub fn make(firmware: &Path, key: Option<&Path>, out: &Path) -> Result<()> {
     let public = secret.verifying_key();
     // Firmware that is built now takes the key that this program was built with.
     if public.to_bytes() != KEY {
-        bail!("the firmware would not take its own next image: build with PLANTAR_UPDATE_KEY={}", hex(public.as_bytes()));
+        bail!(
+            "the firmware would not take its own next image: build with PLANTAR_UPDATE_KEY={}",
+            hex(public.as_bytes())
+        );
     }
     let image = Image::sign(raw(firmware)?, &secret).context("the firmware says nothing of itself")?;
     std::fs::write(out, image.file()).with_context(|| format!("cannot write {}", out.display()))?;
