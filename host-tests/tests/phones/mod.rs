@@ -373,7 +373,8 @@ impl Phone {
                 | ToHost::Status(_)
                 | ToHost::Time { .. }
                 | ToHost::Identity(_)
-                | ToHost::CalibrationPart { .. } => CONTROL,
+                | ToHost::CalibrationPart { .. }
+                | ToHost::Update(_) => CONTROL,
             };
             assert_eq!(of, way);
             return (at, message);

@@ -176,7 +176,8 @@ impl Emulate {
                     | ToHost::Refused(_)
                     | ToHost::Time { .. }
                     | ToHost::Identity(_)
-                    | ToHost::CalibrationPart { .. },
+                    | ToHost::CalibrationPart { .. }
+                    | ToHost::Update(_),
                 ) => {}
                 None if heard.elapsed() > SILENCE => {
                     bail!(restarted(client.reconnect(ANSWER).context("the insole has fallen silent")?))
