@@ -3,7 +3,7 @@
 use host_tests::{TISSUE, hello, live, status, step};
 use plantar::calibrate::CellCalibration;
 use plantar::insole::Tissue;
-use plantar::link::{Job, Link, STEP_QUEUE};
+use plantar::link::{Done, Job, Link, STEP_QUEUE};
 use plantar::store::PART_CELLS;
 use plantar::wire::{
     Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Serial, Status, ToDevice, ToHost, decode, encode,
@@ -329,7 +329,7 @@ fn accepted_parameters_are_answered_and_named_from_then_on() {
         link.receive(ToDevice::SetTissue(tissue), 0);
         assert_eq!(*link.tissue(), tissue);
         assert_eq!(all(&mut link), [], "not before they are kept");
-        link.done(Ok(None));
+        link.done(Ok(Done::Kept));
         assert_eq!(all(&mut link), [Sent::Tissue(tissue.id)]);
     }
     assert!(link.next_live().is_some(), "the stream goes on");
@@ -353,7 +353,7 @@ fn refused_parameters_are_answered_with_the_reason_and_the_old_stay() {
         link.receive_unknown();
         assert_eq!(all(&mut link), [Sent::Refused(Refusal::NotUnderstood)]);
         link.receive(ToDevice::SetTissue(*TISSUE), 0);
-        link.done(Ok(None));
+        link.done(Ok(Done::Kept));
         all(&mut link);
     }
 }
@@ -372,7 +372,7 @@ fn answers_come_in_the_order_of_the_requests_and_after_what_was_before() {
         ToDevice::GetTissue,
     ] {
         link.receive(request, 0);
-        link.done(Ok(None));
+        link.done(Ok(Done::Kept));
     }
     link.receive_unknown();
     let sent = all(&mut link);
@@ -417,13 +417,13 @@ fn what_is_kept_is_answered_when_it_is_and_one_job_waits_at_a_time() {
     assert_eq!(all(&mut link), [Sent::Refused(Refusal::Busy)]);
     assert_eq!(*link.tissue(), Tissue::NONE);
     let identity = Identity { side: Side::Right, serial, calibration_id: 5 };
-    link.done(Ok(Some(identity)));
+    link.done(Ok(Done::Identity(identity)));
     assert_eq!((link.job(), all(&mut link)), (None, vec![Sent::Identity(identity)]));
 
     let cells = [CellCalibration { offset: 3, gain: 1.0 }; PART_CELLS];
     link.receive(ToDevice::SetCalibrationPart { part: 2, cells }, 0);
     assert_eq!(link.job(), Some(Job::CalibrationPart(2, cells)));
-    link.done(Ok(None));
+    link.done(Ok(Done::Kept));
     link.receive(ToDevice::SetTissue(*TISSUE), 0);
     link.done(Err(Refusal::NotKept));
     link.receive(ToDevice::SetCalibration { layout_id: 1, cells: 2, id: 3 }, 0);
@@ -433,7 +433,7 @@ fn what_is_kept_is_answered_when_it_is_and_one_job_waits_at_a_time() {
     assert_eq!(*link.tissue(), *TISSUE, "they hold until the next start");
     assert_eq!(link.identity(), identity);
     // Nothing was asked.
-    link.done(Ok(Some(Identity { calibration_id: 6, ..identity })));
+    link.done(Ok(Done::Identity(Identity { calibration_id: 6, ..identity })));
     assert_eq!((all(&mut link), link.identity()), (vec![], identity));
 }
 
