@@ -5,6 +5,7 @@ use plantar::calibrate::CellCalibration;
 use plantar::insole::Tissue;
 use plantar::link::{Done, Job, Link, STEP_QUEUE};
 use plantar::store::PART_CELLS;
+use plantar::update::{Progress, Request};
 use plantar::wire::{
     Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Serial, Status, ToDevice, ToHost, decode, encode,
 };
@@ -22,6 +23,7 @@ enum Sent {
     Time { host_us: u64, device_us: u64 },
     Identity(Identity),
     CalibrationPart(u8),
+    Update(Progress),
 }
 
 fn next(link: &mut Link) -> Option<Sent> {
@@ -52,6 +54,7 @@ fn next(link: &mut Link) -> Option<Sent> {
             Sent::Identity(got)
         }
         ToHost::CalibrationPart { part } => Sent::CalibrationPart(part),
+        ToHost::Update(progress) => Sent::Update(progress),
     })
 }
 
@@ -432,6 +435,10 @@ fn what_is_kept_is_answered_when_it_is_and_one_job_waits_at_a_time() {
     assert_eq!(all(&mut link), sent);
     assert_eq!(*link.tissue(), *TISSUE, "they hold until the next start");
     assert_eq!(link.identity(), identity);
+    link.receive(ToDevice::Update(Request::Finish), 0);
+    assert_eq!(link.job(), Some(Job::Update(Request::Finish)));
+    link.done(Ok(Done::Update(Progress::Accepted)));
+    assert_eq!(all(&mut link), [Sent::Update(Progress::Accepted)]);
     // Nothing was asked.
     link.done(Ok(Done::Identity(Identity { calibration_id: 6, ..identity })));
     assert_eq!((all(&mut link), link.identity()), (vec![], identity));

@@ -8,6 +8,7 @@ use plantar::model::Gauge;
 use plantar::region::{AreaMoments, ForceMoments, RegionFrame};
 use plantar::stance::Rejected;
 use plantar::store::{Contents, PART_CELLS, Part};
+use plantar::update::{self, Chunk, Header, Offer, Progress, Request, Signature};
 use plantar::wire::{
     Decoder, Hello, Identity, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE, MAX_MESSAGE, MINOR, Refusal, Reset, Serial,
     Status, Step, StepRegion, ToDevice, ToHost, checksum, decode, encode, frame,
@@ -155,6 +156,28 @@ fn any_tissue() -> impl Strategy<Value = Tissue> {
     (any::<u32>(), prop::array::uniform8(gauge)).prop_map(|(id, gauges)| Tissue { id, gauges })
 }
 
+const UPDATE_REFUSALS: [update::Refusal; 9] = [
+    update::Refusal::Board,
+    update::Refusal::Older,
+    update::Refusal::Length,
+    update::Refusal::OnTrial,
+    update::Refusal::NotBegun,
+    update::Refusal::Incomplete,
+    update::Refusal::Header,
+    update::Refusal::Signature,
+    update::Refusal::Chip,
+];
+
+fn any_update() -> impl Strategy<Value = Request> {
+    prop_oneof![
+        (any::<u16>(), any::<Signature>()).prop_map(|(chunks, signature)| {
+            Request::Begin(Offer { header: Header::new("board", "1.2.3"), chunks, signature })
+        }),
+        any::<(u16, Chunk)>().prop_map(|(number, chunk)| Request::Chunk { number, chunk }),
+        Just(Request::Finish),
+    ]
+}
+
 fn any_refusal() -> impl Strategy<Value = Refusal> {
     let regions = Region::ALL.map(Refusal::Tissue);
     prop::sample::select(
@@ -168,6 +191,7 @@ fn any_refusal() -> impl Strategy<Value = Refusal> {
                 Refusal::Calibration,
             ],
             &regions[..],
+            &UPDATE_REFUSALS.map(Refusal::Update),
         ]
         .concat(),
     )
@@ -188,6 +212,8 @@ fn to_host() -> impl Strategy<Value = ToHost> {
             calibration_id
         })),
         any::<u8>().prop_map(|part| ToHost::CalibrationPart { part }),
+        any::<u16>().prop_map(|next| ToHost::Update(Progress::Next(next))),
+        Just(ToHost::Update(Progress::Accepted)),
     ]
 }
 
@@ -209,6 +235,7 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
         }),
         any::<(u32, u16, u32)>().prop_map(|(layout_id, cells, id)| ToDevice::SetCalibration { layout_id, cells, id }),
         Just(ToDevice::Restart),
+        any_update().prop_map(ToDevice::Update),
     ]
 }
 
@@ -228,6 +255,7 @@ fn samples() -> Vec<ToHost> {
         ToHost::Time { host_us: 5, device_us: 6 },
         ToHost::Identity(identity()),
         ToHost::CalibrationPart { part: 3 },
+        ToHost::Update(Progress::Next(300)),
     ]
 }
 
@@ -468,8 +496,11 @@ fn longest_messages_fit_their_limits() {
     assert!(framed(&longest_live).len() <= 90, "{}", framed(&longest_live).len());
     assert!(framed(&longest_step).len() <= 320, "{}", framed(&longest_step).len());
     let longest_tissue = Tissue { id: u32::MAX, ..*TISSUE };
-    let to_device = framed(&ToDevice::SetTissue(longest_tissue));
-    assert!(to_device.len() < 256, "{} bytes do not fit the boards' receive buffers", to_device.len());
+    let longest_chunk = Request::Chunk { number: u16::MAX, chunk: [[0xff; 32]; 8] };
+    for message in [ToDevice::SetTissue(longest_tissue), ToDevice::Update(longest_chunk)] {
+        let bytes = framed(&message).len();
+        assert!(bytes <= 288, "{bytes} bytes do not fit the boards' receive buffers");
+    }
     let longest_tissue = ToHost::Tissue(longest_tissue);
     for message in [longest_live, longest_step, longest_status, longest_tissue, ToHost::Hello(longest_hello)] {
         assert!(encoded(&message).len() <= MAX_MESSAGE, "{}", encoded(&message).len());
@@ -539,6 +570,12 @@ fn bytes_of_this_version() {
             SET_CALIBRATION,
         ),
         ("restart", framed(&ToDevice::Restart), RESTART),
+        ("update: begin", framed(&ToDevice::Update(Request::Begin(OFFER))), BEGIN),
+        ("update: chunk", framed(&ToDevice::Update(Request::Chunk { number: 300, chunk: [[7; 32]; 8] })), CHUNK),
+        ("update: finish", framed(&ToDevice::Update(Request::Finish)), FINISH),
+        ("update: next", framed(&ToHost::Update(Progress::Next(300))), NEXT),
+        ("update: accepted", framed(&ToHost::Update(Progress::Accepted)), ACCEPTED),
+        ("refused: update", framed(&ToHost::Refused(Refusal::Update(update::Refusal::Signature))), UPDATE_REFUSED),
         ("set clock", framed(&ToDevice::SetClock { unix_us: 1_700_000_000_000_000 }), SET_CLOCK),
     ];
     for (name, bytes, expected) in golden {
@@ -550,6 +587,7 @@ fn identity() -> Identity {
     Identity { side: Side::Right, serial: Serial::new("P-0001").expect("printable"), calibration_id: 300 }
 }
 
+const OFFER: Offer = Offer { header: Header::new("board", "1.2.3"), chunks: 300, signature: [[1; 32], [2; 32]] };
 const PART: Part = [CellCalibration { offset: 300, gain: 1.5 }; PART_CELLS];
 
 const HELLO: &str =
@@ -639,3 +677,9 @@ fn a_set_up_that_is_cut_off_is_none() {
         assert!(read_setup(&bytes[..len]).is_none(), "{len} bytes");
     }
 }
+const BEGIN: &str = "020d0e706c616e74617231626f6172640101010101010101010106312e322e330101010101010101010147ac02010101010101010101010101010101010101010101010101010101010101010102020202020202020202020202020202020202020202020202020202020202026222a39900";
+const CHUNK: &str = "ff0d01ac02070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070b07070707070709a656d000";
+const FINISH: &str = "070d029e0d791a00";
+const NEXT: &str = "020907ac025f02f0b000";
+const ACCEPTED: &str = "07090120991ce700";
+const UPDATE_REFUSED: &str = "080507079d18af2800";

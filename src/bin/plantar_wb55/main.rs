@@ -67,7 +67,8 @@ static INSOLE: ConstStaticCell<DeviceInsole> = ConstStaticCell::new(Insole::new(
 /// At this board's 100 Hz they last 30 ms, more than a step's evaluation takes.
 static FRAMES: ConstStaticCell<[Frame; 3]> = ConstStaticCell::new([Frame::EMPTY; 3]);
 static TO_SEND: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
-static RECEIVED: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
+/// The longest message fits.
+static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
 
 type FrameSender = Sender<'static, CriticalSectionRawMutex, Frame>;
 type FrameReceiver = Receiver<'static, CriticalSectionRawMutex, Frame>;
