@@ -275,7 +275,7 @@ fn connect_or_end(board: &mut Board) -> Option<Session> {
 }
 
 /// Writes and erasures of a swap between two cuts that are tried.
-const STRIDE: usize = 61;
+const STRIDE: usize = 29;
 
 #[test]
 fn a_loss_of_power_during_the_swap_ends_in_the_new_image() {
