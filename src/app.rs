@@ -14,6 +14,7 @@ use crate::pace::Pace;
 use crate::region::Side;
 use crate::store::{Bonds, Contents, Failed, MAX_BONDS_BYTES, Name, PART_CELLS, Part, Store};
 use crate::update::{self, Header, Progress, Update};
+use crate::watch::Life;
 use crate::wire::{
     Decoder, Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Serial, Status, Step,
     ToDevice, decode, frame,
@@ -121,12 +122,6 @@ pub trait Stopwatch {
     fn cycles_since(&self, start: u32) -> u32;
 }
 
-/// The independent watchdog.
-pub trait Watchdog {
-    /// Starts its time anew.
-    fn feed(&mut self);
-}
-
 /// What scanning counts; shared with a lower priority, so atomic.
 #[derive(Default)]
 pub struct ScanCounters {
@@ -134,12 +129,14 @@ pub struct ScanCounters {
     overrun: AtomicU32,
     /// When the first scan was due, us since start.
     began_us: AtomicU32,
+    /// Signs of life, of processing and the link too.
+    pub life: Life,
 }
 
 impl ScanCounters {
     /// All zero.
     pub const fn new() -> Self {
-        Self { missed: AtomicU32::new(0), overrun: AtomicU32::new(0), began_us: AtomicU32::new(0) }
+        Self { missed: AtomicU32::new(0), overrun: AtomicU32::new(0), began_us: AtomicU32::new(0), life: Life::new() }
     }
 }
 
@@ -159,29 +156,39 @@ pub async fn scan(
     counters.began_us.store(clock.start().as_micros() as u32, Ordering::Relaxed);
     let mut last = None;
     loop {
+        counters.life.sleep(clock.is_patient());
         if clock.is_patient() {
             frames.send().await;
         }
         let seq = clock.next().await;
+        counters.life.sleep(false);
+        counters.life.scan();
         let passed = seq.wrapping_sub(last.replace(seq).unwrap_or(seq.wrapping_sub(1)));
         add(&counters.missed, passed.wrapping_sub(1));
         let Some(frame) = frames.try_send() else {
             add(&counters.overrun, 1);
             continue;
         };
-        match scan_frame(&mut matrix, seq, &mut frame.codes).await {
+        match scan_frame(&mut matrix, seq, &mut frame.codes, &counters.life).await {
             Ok(()) => {
                 frame.seq = seq;
                 frames.send_done();
+                counters.life.hand_over();
             }
             Err(MatrixTimeout) => add(&counters.missed, 1),
         }
     }
 }
 
-async fn scan_frame(matrix: &mut impl Matrix, seq: u32, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout> {
+async fn scan_frame(
+    matrix: &mut impl Matrix,
+    seq: u32,
+    codes: &mut [u16; DEVICE_CELLS],
+    life: &Life,
+) -> Result<(), MatrixTimeout> {
     for row in 0..matrix.rows() {
         matrix.read_row(seq, row, codes).await?;
+        life.scan();
     }
     Ok(())
 }
@@ -238,9 +245,6 @@ pub struct Session {
     scan: &'static ScanCounters,
     /// Deepest use of the stack so far, bytes.
     stack_bytes: fn() -> u32,
-    /// Frames processed, and turns of the link's loop.
-    frames: AtomicU32,
-    link_turns: AtomicU32,
     /// Steps that [`keep`] has not seen yet.
     steps: Channel<NoopRawMutex, Step, UNKEPT_STEPS>,
     /// The phones that are known.
@@ -280,8 +284,6 @@ impl Session {
             }),
             scan,
             stack_bytes,
-            frames: AtomicU32::new(0),
-            link_turns: AtomicU32::new(0),
             steps: Channel::new(),
             bonds: RefCell::default(),
             bonds_changed: Cell::default(),
@@ -384,20 +386,11 @@ impl Session {
         self.link.borrow().clock_sets()
     }
 
-    /// Counts that stand still when scanning, processing or the link does.
-    fn progress(&self) -> [u32; 3] {
-        let count = |counter: &AtomicU32| counter.load(Ordering::Relaxed);
-        // A matrix that does not answer is counted and reported, not reset: processing has nothing to do then.
-        let processed = count(&self.frames).wrapping_add(count(&self.scan.missed));
-        let scanned = processed.wrapping_add(count(&self.scan.overrun));
-        [scanned, processed, count(&self.link_turns)]
-    }
-
     fn status(&self) -> Status {
         let counters = self.counters.borrow();
         Status {
             uptime_us: Instant::now().as_micros(),
-            frames: self.frames_before.get().unwrap_or(self.frames.load(Ordering::Relaxed)),
+            frames: self.frames_before.get().unwrap_or(self.scan.life.modelled()),
             frames_missed: self.scan.missed.load(Ordering::Relaxed),
             frames_overrun: self.scan.overrun.load(Ordering::Relaxed),
             steps: counters.steps,
@@ -456,7 +449,7 @@ pub async fn process(
                 yield_now().await;
             }
             if let Some(step) = insole.step(regions) {
-                let before = session.frames_before.get().unwrap_or(session.frames.load(Ordering::Relaxed));
+                let before = session.frames_before.get().unwrap_or(session.scan.life.modelled());
                 session.frames_before.set(Some(before));
                 let start_unix_us = session.link.borrow().unix_us(step.start_us);
                 if session.steps.try_send(Step { start_unix_us, ..Step::new(&step) }).is_err() {
@@ -469,7 +462,7 @@ pub async fn process(
                 session.counters.borrow_mut().steps += 1;
             }
         }
-        add(&session.frames, 1);
+        session.scan.life.model();
         session.changed.iter().for_each(|carrier| carrier.signal(()));
         // The link's turn, also while frames are queued.
         yield_now().await;
@@ -511,7 +504,11 @@ pub async fn keep(
     let mut update = Update::new();
     let mut restart_at = Instant::MAX;
     // Without a chip nothing can have been swapped.
-    let mut trial = update::is_on_trial(store.flash()).await.unwrap_or(false).then(|| Trial::new(session));
+    let is_on_trial = match store.flash() {
+        Some(flash) => update::is_on_trial(flash).await == Ok(true),
+        None => false,
+    };
+    let mut trial = is_on_trial.then(|| Trial::new(session));
     loop {
         while let Ok(step) = session.steps.try_receive() {
             let pushed = store.push_step(&step).await;
@@ -560,8 +557,10 @@ pub async fn keep(
         }
         if trial.as_mut().is_some_and(|trial| trial.is_passed(session)) {
             trial = None;
-            // What cannot be confirmed is swapped back, and the host sees the version.
-            let _ = update::confirm(store.flash()).await;
+            if let Some(flash) = store.flash() {
+                // What cannot be confirmed is swapped back, and the host sees the version.
+                let _ = update::confirm(flash).await;
+            }
         }
     }
 }
@@ -575,13 +574,13 @@ struct Trial {
 
 impl Trial {
     fn new(session: &Session) -> Self {
-        Self { looks_left: TRIAL_LOOKS, look_at: Instant::now() + TRIAL_EVERY, before: session.progress() }
+        Self { looks_left: TRIAL_LOOKS, look_at: Instant::now() + TRIAL_EVERY, before: session.scan.life.signs() }
     }
 
     /// True once scanning, processing and the link each made progress from look to look.
     fn is_passed(&mut self, session: &Session) -> bool {
         if Instant::now() >= self.look_at {
-            let now = session.progress();
+            let now = session.scan.life.signs();
             let progressed = now.iter().zip(&self.before).all(|(now, before)| now != before);
             let looks_left = if progressed { self.looks_left - 1 } else { TRIAL_LOOKS };
             *self = Self { looks_left, look_at: Instant::now() + TRIAL_EVERY, before: now };
@@ -642,7 +641,10 @@ async fn work(
         }
         Job::Restart => restart(),
         Job::Update(request) => {
-            let progress = update.handle(store.flash(), image, &update::KEY, &request).await;
+            let progress = match store.flash() {
+                Some(flash) => update.handle(flash, image, &update::KEY, &request).await,
+                None => Err(update::Refusal::Chip),
+            };
             progress.map(Done::Update).map_err(Refusal::Update)
         }
     }
@@ -661,7 +663,7 @@ pub async fn serve(mut rx: impl Read, mut tx: impl Write, session: &Session) -> 
     let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
     loop {
         let heard = select3(rx.read(&mut received), session.changed(Carrier::Serial).wait(), Timer::after(IDLE)).await;
-        add(&session.link_turns, 1);
+        session.scan.life.link();
         if let Either3::First(heard) = heard {
             // A framing or overrun error of the port shows as a bad CRC.
             for &byte in heard.ok().and_then(|n| received.get(..n)).unwrap_or_default() {
@@ -683,20 +685,6 @@ pub async fn serve(mut rx: impl Read, mut tx: impl Write, session: &Session) -> 
                 session.close(Carrier::Serial);
                 break;
             }
-        }
-    }
-}
-
-/// Feeds the watchdog as long as scanning, processing and the link have each made progress since the last look. `every` is
-/// at most half of the watchdog's time and longer than a frame and the link's idle time.
-pub async fn supervise(mut watchdog: impl Watchdog, session: &Session, every: Duration) -> ! {
-    let mut before = session.progress();
-    loop {
-        Timer::after(every).await;
-        let now = session.progress();
-        if now.iter().zip(&before).all(|(now, before)| now != before) {
-            watchdog.feed();
-            before = now;
         }
     }
 }

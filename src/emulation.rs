@@ -28,6 +28,34 @@ pub const SCAN: u8 = b'S';
 /// Asks for the time of the next scan; only where the plant keeps the time.
 pub const TICK: u8 = b'T';
 
+/// What may go wrong on the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Mishap {
+    /// Scanning goes round for ever, in its interrupt.
+    ScanWedged,
+    /// Processing does, in a frame.
+    ModelWedged,
+    /// The link does.
+    LinkWedged,
+    /// Processing calls itself for ever.
+    StackOverflow,
+    /// An instruction that is none, in processing.
+    Fault,
+    /// Processing panics, or the start if it is due by then.
+    Panic,
+}
+
+/// A mishap to come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Planned {
+    /// What goes wrong.
+    pub what: Mishap,
+    /// How long after the start, ms.
+    pub after_ms: u32,
+    /// After a reset too; else only after power-on.
+    pub is_repeated: bool,
+}
+
 /// Head of the set-up file.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Head {
@@ -41,12 +69,14 @@ pub struct Head {
     pub address: [u8; 6],
     /// Power fails in this write or erasure of the flash chip, from 0.
     pub power_cut: Option<u32>,
+    /// For tests of what follows.
+    pub mishap: Option<Planned>,
 }
 
 impl Head {
     /// A board with its own clock, alone in the air.
     pub fn new(setup: Setup) -> Self {
-        Self { setup, paced: false, bonding_s: 60, address: [1, 0, 0, 0, 0, 0xc0], power_cut: None }
+        Self { setup, paced: false, bonding_s: 60, address: [1, 0, 0, 0, 0, 0xc0], power_cut: None, mishap: None }
     }
 }
 

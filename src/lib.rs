@@ -48,6 +48,8 @@ pub mod update;
 #[forbid(unsafe_code)]
 pub mod boot;
 #[forbid(unsafe_code)]
+pub mod watch;
+#[forbid(unsafe_code)]
 pub mod emulation;
 
 #[cfg(feature = "device")]
@@ -57,7 +59,7 @@ pub mod app;
 #[forbid(unsafe_code)]
 pub mod ble;
 #[cfg(feature = "device")]
-pub mod device; // below the data path: stack and panic memory of the boards
+pub mod device; // below the data path: stack, faults and resets of the boards
 
 pub use num::Real;
 pub use region::{Region, Side};

@@ -319,15 +319,15 @@ pub struct Contents {
 
 /// The chip and what lies in it.
 pub struct Store<F> {
-    flash: F,
+    flash: Option<F>,
     log_cache: LogCache,
     buffer: [u8; BUFFER],
     contents: Contents,
 }
 
 impl<F: MultiwriteNorFlash> Store<F> {
-    /// Looks through the chip and counts this start. Where the chip fails nothing is known, and nothing will be kept.
-    pub async fn open(flash: F, reset: Reset) -> Self {
+    /// Looks through the chip and counts this start. Without a chip, or where it fails, nothing is known, and nothing will be kept.
+    pub async fn open(flash: Option<F>, reset: Reset) -> Self {
         let mut store = Self { flash, log_cache: empty_cache(), buffer: [0; BUFFER], contents: Contents::default() };
         // A new chip is blank. One that was used for something else, or is damaged beyond repair, would keep nothing.
         let records = store.survey_records().await;
@@ -357,25 +357,30 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     /// The chip, for areas that are not the store's.
-    pub fn flash(&mut self) -> &mut F {
-        &mut self.flash
+    pub fn flash(&mut self) -> Option<&mut F> {
+        self.flash.as_mut()
     }
 
     /// Erases what is not blank. A chip that fails here fails again where it matters, and is reported.
     async fn clear(&mut self, range: Range<u32>, is_ours: bool) {
+        let Some(flash) = &mut self.flash else { return };
         let mut bytes = [0; 128];
         for at in range.clone().step_by(bytes.len()) {
-            if self.flash.read(at, &mut bytes).await.is_ok() && bytes.iter().any(|byte| *byte != 0xff) {
+            if flash.read(at, &mut bytes).await.is_ok() && bytes.iter().any(|byte| *byte != 0xff) {
                 self.contents.erased += u32::from(is_ours);
                 self.log_cache = empty_cache();
-                let _ = self.flash.erase(range.start, range.end).await;
+                let _ = flash.erase(range.start, range.end).await;
                 return;
             }
         }
     }
 
     async fn survey_records(&mut self) -> Result<(), Failed> {
-        let mut records = MapStorage::<Key, _, _>::new(&mut self.flash, MapConfig::new(RECORDS), Cache::new_uncached());
+        let mut records = MapStorage::<Key, _, _>::new(
+            self.flash.as_mut().ok_or(Failed::Chip)?,
+            MapConfig::new(RECORDS),
+            Cache::new_uncached(),
+        );
         let mut items = records.fetch_all_items(&mut self.buffer).await?;
         while let Some(([kind, _, version], _)) = items.next::<&[u8]>(&mut self.buffer).await? {
             let known = VERSIONS.iter().find(|(known, _)| *known == kind).map_or(0, |(_, version)| *version);
@@ -406,7 +411,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
 
     /// The record of a kind, or part of one; `None` where there is none that this firmware can read.
     pub async fn get<R: Record>(&mut self, part: u8) -> Result<Option<R>, Failed> {
-        let mut records = MapStorage::new(&mut self.flash, MapConfig::new(RECORDS), Cache::new_uncached());
+        let mut records =
+            MapStorage::new(self.flash.as_mut().ok_or(Failed::Chip)?, MapConfig::new(RECORDS), Cache::new_uncached());
         for version in (1..=R::VERSION).rev() {
             let found = records.fetch_item::<&[u8]>(&mut self.buffer, &[R::KIND, part, version]).await?;
             if let Some(bytes) = found {
@@ -425,7 +431,11 @@ impl<F: MultiwriteNorFlash> Store<F> {
         let mut bytes = [0; BUFFER - size_of::<Key>()];
         let bytes: &[u8] = encode(record, &mut bytes).map_err(|_| Failed::Contents)?;
         for _ in 0..TRIES {
-            let mut records = MapStorage::new(&mut self.flash, MapConfig::new(RECORDS), Cache::new_uncached());
+            let mut records = MapStorage::new(
+                self.flash.as_mut().ok_or(Failed::Chip)?,
+                MapConfig::new(RECORDS),
+                Cache::new_uncached(),
+            );
             records.store_item(&mut self.buffer, &[R::KIND, part, R::VERSION], &bytes).await?;
             // A place with a bit that is stuck reads as nothing; the next one is another place.
             if self.get::<R>(part).await?.as_ref() == Some(record) {
@@ -436,7 +446,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     async fn forget_older<R: Record>(&mut self, part: u8) -> Result<(), Failed> {
-        let mut records = MapStorage::new(&mut self.flash, MapConfig::new(RECORDS), Cache::new_uncached());
+        let mut records =
+            MapStorage::new(self.flash.as_mut().ok_or(Failed::Chip)?, MapConfig::new(RECORDS), Cache::new_uncached());
         for older in 1..R::VERSION {
             records.remove_item(&mut self.buffer, &[R::KIND, part, older]).await?;
         }
@@ -556,10 +567,11 @@ impl<F: MultiwriteNorFlash> Store<F> {
 
 /// Lets `work` use the log and keeps what is known of its pages.
 async fn with_log<F: MultiwriteNorFlash, T>(
-    flash: &mut F,
+    flash: &mut Option<F>,
     cache: &mut LogCache,
     work: impl AsyncFnOnce(&mut QueueStorage<&mut F, LogCache>) -> Result<T, Error<F::Error>>,
 ) -> Result<T, Failed> {
+    let flash = flash.as_mut().ok_or(Failed::Chip)?;
     let mut log = QueueStorage::new(flash, QueueConfig::new(LOG), core::mem::replace(cache, empty_cache()));
     let done = work(&mut log).await;
     if done.is_ok() {

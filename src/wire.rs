@@ -221,8 +221,8 @@ pub struct Hello {
     pub contact_rule: ContactRule,
     /// Why the insole last started.
     pub reset: Reset,
-    /// Where the program was in the panic or fault that caused the reset, as `cargo xtask explain` reads it; or why the set-up of
-    /// this start was refused.
+    /// What ended the start before, when, and where the program was, as `cargo xtask explain` reads it, and whether this start is
+    /// a fallback; or why the set-up of this start was refused.
     pub last_panic: Option<String<96>>,
 }
 
@@ -235,9 +235,9 @@ pub enum Reset {
     Pin,
     /// The software asked for it.
     Software,
-    /// The watchdog was not fed.
+    /// Scan, model or link stood still.
     Watchdog,
-    /// After a panic or a hard fault; see [`Hello::last_panic`].
+    /// After a panic, a hard fault or a stack that was too deep; see [`Hello::last_panic`].
     Panic,
     /// None of these.
     Unknown,

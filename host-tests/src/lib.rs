@@ -2,6 +2,7 @@
 
 pub mod nor_flash;
 pub mod power;
+pub mod switched_off;
 
 use plantar::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
 use plantar::contact::{ContactRule, WHOLE};

@@ -205,7 +205,7 @@ impl Script {
             // Looking must not change what the next look sees, but for a start.
             let mut chip = chip.clone();
             now(async {
-                let mut store = Store::open(&mut chip, Reset::Power).await;
+                let mut store = Store::open(Some(&mut chip), Reset::Power).await;
                 holds(&mut store, outcome).await.map_err(|error| failures.push(error)).is_ok()
             })
         });
@@ -221,7 +221,7 @@ impl Script {
             Action::AcknowledgeBut(1),
         ];
         let (kept, _) = run(&mut chip, held, &again);
-        now(async { holds(&mut Store::open(&mut chip, Reset::Power).await, &kept).await })
+        now(async { holds(&mut Store::open(Some(&mut chip), Reset::Power).await, &kept).await })
             .map_err(|error| format!("after a cut {torn:?} in operation {at}, {action:?}: {error}"))
     }
 }
@@ -242,8 +242,8 @@ fn outcomes(kept: &Kept, action: Action) -> Vec<Kept> {
 fn run(chip: &mut NorFlashChip, mut kept: Kept, actions: &[Action]) -> (Kept, Option<Action>) {
     for sitting in actions.split(|action| *action == Action::Restart) {
         let cut = now(async {
-            let mut store = Store::open(&mut *chip, Reset::Power).await;
-            if store.flash().is_off() {
+            let mut store = Store::open(Some(&mut *chip), Reset::Power).await;
+            if store.flash().is_some_and(|chip| chip.is_off()) {
                 return Some(Action::Restart);
             }
             kept = kept.after(Action::Restart);

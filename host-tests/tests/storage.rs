@@ -20,7 +20,7 @@ fn chip() -> NorFlashChip {
 }
 
 fn open(chip: &mut NorFlashChip) -> Chip<'_> {
-    now(Store::open(chip, Reset::Power))
+    now(Store::open(Some(chip), Reset::Power))
 }
 
 fn steps(store: &mut Chip) -> Vec<Step> {

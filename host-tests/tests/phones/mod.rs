@@ -192,7 +192,7 @@ impl Insole {
     /// The bonds that the board keeps.
     pub fn bonds(&self) -> Option<Bonds> {
         let mut chip = NorFlashChip::of(self.board.flash().expect("the chip can be read"));
-        now(async { Store::open(&mut chip, Reset::Power).await.get(0).await }).expect("the chip works")
+        now(async { Store::open(Some(&mut chip), Reset::Power).await.get(0).await }).expect("the chip works")
     }
 
     /// Lets time go on until so many scans are done.

@@ -7,27 +7,35 @@
 #![no_main]
 
 mod flash;
+#[path = "../plantar_wb55/layout.rs"]
+#[allow(dead_code, reason = "this board's matrix is wired otherwise")]
+mod layout;
+mod mishap;
 mod plant;
 mod port;
 mod radio;
 mod time;
 
 use core::hint::black_box;
+use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::peripheral::{NVIC, SYST};
-use cortex_m_rt::{ExceptionFrame, exception};
 use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
-use embassy_time::Duration;
+use embassy_time::{Duration, Instant};
 use flash::FlashFile;
+use mishap::{MayWedge, may_happen};
 use plant::{Clock, PlantMatrix};
+use plantar::Side;
 use plantar::app::{self, DeviceInsole, Frame, ScanCounters, Session, Stopwatch, Ticker};
 use plantar::ble::{self, HciPipe, OverBluetooth};
-use plantar::device;
+use plantar::device::{self, Start};
+use plantar::emulation::{Head, Mishap};
 use plantar::insole::Insole;
 use plantar::store::Store;
 use plantar::update::Header;
+use plantar::watch::LOOK_MS;
 use plantar::wire::Reset;
 use port::{End, Port};
 use radio::{Emulated, pump};
@@ -56,11 +64,15 @@ static FRAMES: ConstStaticCell<[Frame; 8]> = ConstStaticCell::new([Frame::EMPTY;
 type FrameSender = Sender<'static, CriticalSectionRawMutex, Frame>;
 type FrameReceiver = Receiver<'static, CriticalSectionRawMutex, Frame>;
 
+/// What may go wrong in processing.
+const PROCESSING: [Mishap; 4] = [Mishap::ModelWedged, Mishap::StackOverflow, Mishap::Fault, Mishap::Panic];
+
 /// Measures with SysTick itself, so less than a millisecond.
 struct SysTick;
 
 impl Stopwatch for SysTick {
     fn start(&self) -> u32 {
+        may_happen(&PROCESSING);
         SYST::get_current()
     }
 
@@ -72,7 +84,7 @@ impl Stopwatch for SysTick {
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    let panic = device::take_panic();
+    let start = Start::take(None);
     // As it lies in the flash, not as the compiler knows it.
     let image = black_box(&IMAGE);
     // SAFETY: `main` runs once and nothing else takes the core's peripherals.
@@ -95,22 +107,27 @@ async fn main(spawner: Spawner) {
         NVIC::unmask(Interrupt::USART3);
     }
 
-    let Some(mut head) = plant::head() else {
-        panic!("no whole setup.bin in the emulator's directory");
-    };
-    let reset = if panic.is_some() { Reset::Panic } else { Reset::Power };
+    let set_up = plant::head().filter(|_| !start.is_fallback);
+    let mut head = set_up.unwrap_or_else(|| Head::new(layout::setup(Side::Left)));
+    mishap::plan(head.mishap.filter(|planned| planned.is_repeated || start.reset == Reset::Power));
+    may_happen(&[Mishap::Panic]);
     static STORE: StaticCell<Store<FlashFile>> = StaticCell::new();
-    let store = STORE.init(Store::open(FlashFile::open(head.power_cut), reset).await);
+    let chip = (!start.is_fallback).then(|| FlashFile::open(head.power_cut));
+    let store = STORE.init(Store::open(chip, start.reset).await);
     let name = app::name(store, head.setup.side).await;
     head.setup.side = name.side;
     let insole = INSOLE.take();
     insole.count_steps_from(store.contents().next_step);
-    let refused = plant::set_up(insole, head.setup).err();
-    let calibration_id = app::calibrate(store, insole, plant::recalibrate).await;
-    let hello = app::hello(image, &head.setup, insole, reset, panic.or(refused.map(device::cut)));
-    let Some(matrix) = PlantMatrix::open(&PLANT, insole.cells()) else {
-        panic!("no matrix.bin in the emulator's directory");
+    let refused = if set_up.is_some() {
+        plant::set_up(insole, head.setup).err().map(device::cut)
+    } else {
+        // A test sees that it is accepted.
+        let _ = insole.set_up(head.setup, layout::cells());
+        "no whole setup.bin: the built-in insole".try_into().ok()
     };
+    let calibration_id = app::calibrate(store, insole, plant::recalibrate).await;
+    let hello = app::hello(image, &head.setup, insole, start.reset, start.fault.or(refused));
+    let matrix = PlantMatrix::open(&PLANT, insole.cells());
     let clock = if head.paced {
         Clock::Plant { port: &PLANT, seq: 0 }
     } else {
@@ -147,7 +164,7 @@ async fn process(insole: &'static mut DeviceInsole, frames: FrameReceiver, sessi
 
 #[embassy_executor::task]
 async fn serve(session: &'static Session) {
-    app::serve(End(&LINK), End(&LINK), session).await
+    app::serve(MayWedge(End(&LINK)), End(&LINK), session).await
 }
 
 #[embassy_executor::task]
@@ -182,19 +199,17 @@ unsafe fn TIM2() {
     unsafe { SCAN_EXECUTOR.on_interrupt() }
 }
 
-#[exception]
-fn SysTick() {
+plantar::on_systick!(tick);
+
+/// Once a millisecond, or less often on a busy host.
+extern "C" fn tick(frame: u32) {
+    static NEXT_LOOK_MS: AtomicU32 = AtomicU32::new(LOOK_MS);
     TIME.on_interrupt();
-}
-
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    device::keep_calls(Some(frame.pc()));
-    cortex_m::peripheral::SCB::sys_reset()
-}
-
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo) -> ! {
-    device::keep_calls(None);
-    cortex_m::peripheral::SCB::sys_reset()
+    // 32 bits of milliseconds are seven weeks.
+    let now_ms = Instant::now().as_millis() as u32;
+    let next_ms = NEXT_LOOK_MS.load(Ordering::Relaxed);
+    if now_ms.wrapping_sub(next_ms) <= u32::MAX / 2 {
+        NEXT_LOOK_MS.store(now_ms.wrapping_add(LOOK_MS), Ordering::Relaxed);
+        device::look(frame, &SCAN_COUNTERS.life);
+    }
 }

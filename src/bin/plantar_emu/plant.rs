@@ -2,11 +2,12 @@
 //!
 //! Codes lie in a file and only the handshake goes over USART3: the emulated USART takes in some 10 KB/s, a walk has 50.
 
+use crate::mishap::may_happen;
 use crate::port::Port;
 use core::sync::atomic::{AtomicU16, Ordering};
 use embassy_time::{Duration, Instant, with_timeout};
 use plantar::app::{DeviceInsole, FrameClock, Matrix, MatrixTimeout, Ticker};
-use plantar::emulation::{self, COLUMNS, Head, MATRIX_FILE, SCAN, SETUP_FILE, TICK};
+use plantar::emulation::{self, COLUMNS, Head, MATRIX_FILE, Mishap, SCAN, SETUP_FILE, TICK};
 use plantar::insole::{DEVICE_CELLS, Setup, SetupCell, SetupError};
 use plantar::store::Part;
 use semihosting::fs::File;
@@ -78,15 +79,15 @@ async fn answer(port: &Port) -> [u8; 2] {
 /// The matrix that the plant plays.
 pub struct PlantMatrix {
     port: &'static Port,
-    file: File,
+    file: Option<File>,
     cells: usize,
     rows_ready: usize,
 }
 
 impl PlantMatrix {
-    /// `None` without the file of codes.
-    pub fn open(port: &'static Port, cells: usize) -> Option<Self> {
-        Some(Self { port, file: File::open(MATRIX_FILE).ok()?, cells, rows_ready: 0 })
+    /// Without the file of codes it never answers.
+    pub fn open(port: &'static Port, cells: usize) -> Self {
+        Self { port, file: File::open(MATRIX_FILE).ok(), cells, rows_ready: 0 }
     }
 
     async fn row_ready(&mut self, seq: u32, row: usize) {
@@ -106,6 +107,7 @@ impl Matrix for PlantMatrix {
     }
 
     async fn read_row(&mut self, seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout> {
+        may_happen(&[Mishap::ScanWedged]);
         if row == 0 {
             self.rows_ready = 0;
             ask(self.port, SCAN, seq);
@@ -115,8 +117,9 @@ impl Matrix for PlantMatrix {
         let start = (row * COLUMNS).min(DEVICE_CELLS);
         let end = (start + COLUMNS).min(self.cells).min(DEVICE_CELLS);
         let bytes = &mut bytes[..2 * (end - start)];
-        self.file.seek(SeekFrom::Start(2 * start as u64)).map_err(|_| MatrixTimeout)?;
-        self.file.read_exact(bytes).map_err(|_| MatrixTimeout)?;
+        let file = self.file.as_mut().ok_or(MatrixTimeout)?;
+        file.seek(SeekFrom::Start(2 * start as u64)).map_err(|_| MatrixTimeout)?;
+        file.read_exact(bytes).map_err(|_| MatrixTimeout)?;
         for (code, pair) in codes[start..end].iter_mut().zip(bytes.chunks_exact(2)) {
             *code = u16::from_le_bytes([pair[0], pair[1]]);
         }

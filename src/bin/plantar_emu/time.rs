@@ -46,6 +46,8 @@ impl Time {
     pub fn start(&self, systick: &mut SYST) {
         TIM5.psc().write_value((TIMER_HZ / TICK_HZ - 1) as u16);
         TIM5.cr1().write(|w| w.set_cen(true));
+        // After a reset the emulator counts on from a number of its own.
+        TIM5.cnt().write_value(0);
         systick.set_clock_source(SystClkSource::Core);
         systick.set_reload(RELOAD);
         systick.clear_current();

@@ -41,7 +41,7 @@ pub async fn open(
     config.frequency = Hertz(BIT_HZ);
     config.miso_pull = Pull::Down;
     let spi = Spi::new(spi, clock, to_chip, from_chip, send, receive, Irqs, config);
-    // A pin of this chip and DMA without time-out cannot fail.
-    let device = ExclusiveDevice::new(spi, select, Delay).unwrap();
-    W25::new_no_pins(device, CHIP_BYTES).await.unwrap()
+    // A pin of this controller cannot fail, nor can SPI as its master. Without their texts, which would take flash.
+    let device = ExclusiveDevice::new(spi, select, Delay).unwrap_or_else(|_| unreachable!());
+    W25::new_no_pins(device, CHIP_BYTES).await.unwrap_or_else(|_| unreachable!())
 }

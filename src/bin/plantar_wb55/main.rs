@@ -10,14 +10,15 @@ mod radio;
 
 use core::hint::black_box;
 use cortex_m::peripheral::DWT;
-use cortex_m_rt::{ExceptionFrame, exception};
+use cortex_m::peripheral::syst::SystClkSource;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::gpio::{AnyPin, Input, Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::pac;
-use embassy_stm32::peripherals::{IPCC, IWDG, USART1};
+use embassy_stm32::pac::iwdg::vals::Key;
+use embassy_stm32::peripherals::{IPCC, USART1};
 use embassy_stm32::rcc::{self, mux};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, BufferedUart};
@@ -25,16 +26,17 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Peri, bind_interrupts, interrupt};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
-use embassy_time::{Duration, Instant};
+use embassy_time::Instant;
 use flash::Chip;
 use matrix::ResistiveMatrix;
 use plantar::Side;
-use plantar::app::{self, DeviceInsole, Frame, ScanCounters, Session, Stopwatch, Ticker, Watchdog};
+use plantar::app::{self, DeviceInsole, Frame, ScanCounters, Session, Stopwatch, Ticker};
 use plantar::ble::{self, HciPipe, OverBluetooth};
-use plantar::device;
+use plantar::device::{self, Start};
 use plantar::insole::Insole;
 use plantar::store::Store;
 use plantar::update::Header;
+use plantar::watch::LOOK_MS;
 use plantar::wire::Reset;
 use radio::Wb55;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -43,10 +45,11 @@ use static_cell::{ConstStaticCell, StaticCell};
 /// this carries. PCLK2 / 139 is 0.08 % off.
 const LINK_BIT_HZ: u32 = 460_800;
 
-/// Without a sign of life for this long the board resets.
-const WATCHDOG_US: u32 = 2_000_000;
-/// The watchdog is fed this often; two looks in a row may fail.
-const SUPERVISION: Duration = Duration::from_millis(500);
+/// The core's clock, kHz.
+const CORE_KHZ: u32 = 64_000;
+
+/// Without a look for this long the board resets.
+const WATCHDOG_US: u32 = 1_000_000;
 
 bind_interrupts!(struct Irqs {
     USART1 => usart::BufferedInterruptHandler<USART1>;
@@ -83,14 +86,6 @@ impl Stopwatch for CycleCounter {
 
     fn cycles_since(&self, start: u32) -> u32 {
         DWT::cycle_count().wrapping_sub(start)
-    }
-}
-
-struct Dog(IndependentWatchdog<'static, IWDG>);
-
-impl Watchdog for Dog {
-    fn feed(&mut self) {
-        self.0.pet();
     }
 }
 
@@ -142,11 +137,9 @@ fn take_reset_reason() -> Reset {
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    let panic = device::take_panic();
+    let start = Start::take(Some(take_reset_reason()));
     // As it lies in the flash, not as the compiler knows it.
     let image = black_box(&IMAGE);
-    let reset = take_reset_reason();
-    let reset = if panic.is_some() { Reset::Panic } else { reset };
     let mut config = embassy_stm32::Config::default();
     config.rcc = clocks();
     let p = embassy_stm32::init(config);
@@ -154,11 +147,17 @@ async fn main(spawner: Spawner) {
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
+    IndependentWatchdog::new(p.IWDG, WATCHDOG_US).unleash();
+    core.SYST.set_clock_source(SystClkSource::Core);
+    core.SYST.set_reload(CORE_KHZ * LOOK_MS - 1);
+    core.SYST.clear_current();
+    core.SYST.enable_counter();
+    core.SYST.enable_interrupt();
     // Scanning above the thread, below the timer, DMA and the port, which are as they start: highest.
     interrupt::SAI1.set_priority(Priority::P6);
-    defmt::info!("plantar {} started, reset: {}", env!("CARGO_PKG_VERSION"), reset.name());
-    if let Some(panic) = &panic {
-        defmt::error!("last panic: {}", panic.as_str());
+    defmt::info!("plantar {} started, reset: {}", env!("CARGO_PKG_VERSION"), start.reset.name());
+    if let Some(fault) = &start.fault {
+        defmt::error!("before: {}", fault.as_str());
     }
 
     // A strap to ground makes a right insole.
@@ -185,14 +184,14 @@ async fn main(spawner: Spawner) {
     let address = [line(p.PC6.into()), line(p.PC10.into()), line(p.PC12.into()), line(p.PB8.into())];
     let matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, line(p.PB9.into()));
     let side = if strap.is_low() { Side::Right } else { Side::Left };
-    // What waits for the flash chip is watched, too.
-    let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
-    watchdog.unleash();
-
     static STORE: StaticCell<Store<Chip>> = StaticCell::new();
     let select = Output::new(p.PB12, Level::High, Speed::Medium);
-    let chip = flash::open(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH2, p.DMA1_CH3, select).await;
-    let store = STORE.init(Store::open(chip, reset).await);
+    let chip = if start.is_fallback {
+        None
+    } else {
+        Some(flash::open(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH2, p.DMA1_CH3, select).await)
+    };
+    let store = STORE.init(Store::open(chip, start.reset).await);
     let name = app::name(store, side).await;
     let insole = INSOLE.take();
     insole.count_steps_from(store.contents().next_step);
@@ -203,7 +202,7 @@ async fn main(spawner: Spawner) {
         insole.recalibrate(layout::cells(), first, part);
     });
     let calibration_id = calibration_id.await;
-    let hello = app::hello(image, &setup, insole, reset, panic.or(refused));
+    let hello = app::hello(image, &setup, insole, start.reset, start.fault.or(refused));
     let mut link = usart::Config::default();
     link.baudrate = LINK_BIT_HZ;
     // The pins are this port's and the bit rate is within its divider, so it cannot be refused.
@@ -222,8 +221,7 @@ async fn main(spawner: Spawner) {
     spawner.spawn(process(insole, receiver, session).unwrap());
     spawner.spawn(serve(link, session).unwrap());
     spawner.spawn(keep(store, session, image).unwrap());
-    spawner.spawn(supervise(Dog(watchdog), session).unwrap());
-    let by_hand = matches!(reset, Reset::Power | Reset::Pin);
+    let by_hand = matches!(start.reset, Reset::Power | Reset::Pin);
     let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, Wb55 { by_hand }));
     spawner.spawn(ble::run(&FROM_RADIO, &TO_RADIO, insole).unwrap());
     spawner.spawn(radio(p.IPCC).unwrap());
@@ -251,11 +249,6 @@ async fn keep(store: &'static mut Store<Chip>, session: &'static Session, image:
 }
 
 #[embassy_executor::task]
-async fn supervise(watchdog: Dog, session: &'static Session) {
-    app::supervise(watchdog, session, SUPERVISION).await
-}
-
-#[embassy_executor::task]
 async fn radio(ipcc: Peri<'static, IPCC>) {
     radio::run(ipcc, &FROM_RADIO, &TO_RADIO).await;
 }
@@ -267,14 +260,10 @@ unsafe fn SAI1() {
     unsafe { SCAN_EXECUTOR.on_interrupt() }
 }
 
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    device::keep_calls(Some(frame.pc()));
-    cortex_m::peripheral::SCB::sys_reset()
-}
+plantar::on_systick!(tick);
 
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo) -> ! {
-    device::keep_calls(None);
-    cortex_m::peripheral::SCB::sys_reset()
+/// The watchdog is fed by who looks at the others: it bites where no interrupt runs.
+extern "C" fn tick(frame: u32) {
+    device::look(frame, &SCAN_COUNTERS.life);
+    pac::IWDG.kr().write(|w| w.set_key(Key::RESET));
 }

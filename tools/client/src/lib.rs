@@ -14,7 +14,7 @@ use plantar::calibrate::CellCalibration;
 use plantar::insole::Tissue;
 use plantar::link::STEP_QUEUE;
 use plantar::store::{CalibrationId, PART_CELLS};
-use plantar::wire::{Hello, Identity, MAJOR, MINOR, Refusal, Serial, Step, ToDevice, ToHost};
+use plantar::wire::{Hello, Identity, MAJOR, MINOR, Refusal, Serial, Status, Step, ToDevice, ToHost};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::io;
@@ -135,7 +135,15 @@ impl<C: Carrier> Client<C> {
         })?;
         self.axis.answer(asked_us, device_us);
         self.send(ToDevice::Stream { live: true })?;
-        self.ask(ToDevice::GetStatus, |message| matches!(message, ToHost::Status(_)).then_some(()))
+        self.status().map(drop)
+    }
+
+    /// The insole's counters, after all that was due before them.
+    pub fn status(&mut self) -> Result<Status, Error> {
+        self.ask(ToDevice::GetStatus, |message| match message {
+            ToHost::Status(status) => Some(*status),
+            _ => None,
+        })
     }
 
     /// Gives the insole its wearer's parameters and waits until they are kept, and in force for the frames that follow. Steps that ended before, and one whose evaluation is under way, still come with the parameters before.

@@ -9,7 +9,7 @@ pub use plant::{Plant, Scan, Walk};
 pub use recorded::{Looped, Recorded};
 
 use plantar::emulation::{FLASH_BYTES, FLASH_FILE, Head, MATRIX_FILE, SETUP_FILE, SWAPPED, SWAPPED_FILE};
-use plantar::insole::SetupCell;
+use plantar::insole::{DEVICE_CELLS, SetupCell};
 use plantar::map::{ACTIVE, EMULATED_ACTIVE};
 use std::io::{self, Read};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
@@ -106,19 +106,37 @@ impl Board {
         walk: impl Walk,
         parts: &Parts,
     ) -> Result<Self, Error> {
-        let bootloader = firmware.with_file_name(BOOTLOADER);
-        if let Some(missing) = [firmware, &bootloader].into_iter().find(|file| !file.is_file()) {
-            return Err(Error::NoFirmware(missing.into()));
-        }
-        let directory = tempfile::tempdir()?;
         let head = Head { paced: time != Time::Real, ..*head };
         let mut setup = postcard::to_stdvec(&head).map_err(io::Error::other)?;
         for cell in cells {
             setup = postcard::to_extend(cell, setup).map_err(io::Error::other)?;
         }
+        Self::boot(firmware, Some(&setup), cells.len(), time, walk, parts)
+    }
+
+    /// Boots `firmware` without a set-up: in real time, with the insole that is built in.
+    pub fn start_without_set_up(firmware: &Path, walk: impl Walk) -> Result<Self, Error> {
+        Self::boot(firmware, None, DEVICE_CELLS, Time::Real, walk, &Parts::default())
+    }
+
+    fn boot(
+        firmware: &Path,
+        setup: Option<&[u8]>,
+        cells: usize,
+        time: Time,
+        walk: impl Walk,
+        parts: &Parts,
+    ) -> Result<Self, Error> {
+        let bootloader = firmware.with_file_name(BOOTLOADER);
+        if let Some(missing) = [firmware, &bootloader].into_iter().find(|file| !file.is_file()) {
+            return Err(Error::NoFirmware(missing.into()));
+        }
+        let directory = tempfile::tempdir()?;
         let file = |name: &std::ffi::CStr| directory.path().join(name.to_string_lossy().as_ref());
-        std::fs::write(file(SETUP_FILE), setup)?;
-        std::fs::write(file(MATRIX_FILE), vec![0; 2 * cells.len()])?;
+        if let Some(setup) = setup {
+            std::fs::write(file(SETUP_FILE), setup)?;
+        }
+        std::fs::write(file(MATRIX_FILE), vec![0; 2 * cells])?;
 
         let mut flash = parts.flash.clone().unwrap_or_else(|| vec![0xff; FLASH_BYTES]);
         let active = &mut flash[EMULATED_ACTIVE.start as usize..EMULATED_ACTIVE.end as usize];
@@ -168,11 +186,6 @@ impl Board {
     /// The contents of the flash chip.
     pub fn flash(&self) -> io::Result<Vec<u8>> {
         std::fs::read(self.directory.path().join(FLASH_FILE.to_string_lossy().as_ref()))
-    }
-
-    /// True while the board has power; see [`Head::power_cut`].
-    pub fn is_on(&mut self) -> io::Result<bool> {
-        Ok(self.qemu.0.try_wait()?.is_none())
     }
 
     /// Waits until the board is off; true where the bootloader swapped images, and the board is to be started again.

@@ -264,7 +264,7 @@ export class App {
       if (state === "lost") notes.push(`The link to the ${hello.side} insole is lost (${session.reason}). Trying again; steps are kept on the insole.`);
       if (state !== "live") continue;
       if (hello.last_panic) {
-        const what = hello.reset === "panic" ? "restarted after a fault" : "cannot measure";
+        const what = ["panic", "watchdog"].includes(hello.reset) ? "restarted after a fault" : "cannot measure";
         notes.push(`The ${hello.side} insole ${what}: ${hello.last_panic}`);
       }
     }

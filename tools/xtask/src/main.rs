@@ -43,7 +43,7 @@ enum Task {
     Bench(Json),
     /// Measure flash and RAM of both firmware binaries.
     Size(Json),
-    /// Say where in the source an insole's "panic at ..." was; the firmware must be the one that was built last.
+    /// Say where in the source an insole was that says "panic after ... at ..."; the firmware must be the one that was built last.
     Explain(Explain),
     /// Write bootloader and firmware to an STM32WB55 on a debug probe and show the log (needs probe-rs).
     Flash,
@@ -95,9 +95,9 @@ struct Explain {
     /// The board that said it.
     #[arg(value_parser = BOARDS)]
     board: String,
-    /// The addresses, innermost call first.
-    #[arg(required = true, value_parser = |text: &str| u64::from_str_radix(text, 16))]
-    addresses: Vec<u64>,
+    /// What it said, or the addresses alone, innermost call first.
+    #[arg(required = true)]
+    said: Vec<String>,
 }
 
 #[derive(Args)]
@@ -132,7 +132,7 @@ fn main() -> ExitCode {
         Task::Advisories => deny(&["advisories"]),
         Task::Bench(to) => bench().and_then(|figures| to.write(figures)),
         Task::Size(to) => sizes().and_then(|figures| to.write(figures)),
-        Task::Explain(panic) => explain::run(&firmware(&panic.board), &panic.addresses),
+        Task::Explain(fault) => explain::run(&firmware(&fault.board), &fault.said.join(" ")),
         Task::Flash => flash(),
         Task::Image(image) => image.make(),
         Task::Key { out } => image::make_key(&out),
