@@ -7,6 +7,7 @@ mod fit;
 mod frames;
 mod import;
 mod info;
+mod insole;
 mod monitor;
 mod params;
 mod picture;
@@ -37,6 +38,7 @@ use std::process::ExitCode;
 ///   plantar replay walk.parquet --params params.toml --json steps.json
 ///   plantar emulate walk.parquet
 ///   plantar params push params.toml --serial /dev/ttyACM0
+///   plantar insole name --serial-number P-0001 --serial /dev/ttyACM0
 ///   plantar monitor --serial /dev/ttyACM0
 ///   plantar monitor --ble left
 ///   plantar record --serial /dev/ttyACM0 --out session
@@ -67,6 +69,9 @@ enum Command {
     #[command(subcommand)]
     Params(params::Params),
     Update(update::Update),
+    /// What an insole keeps of itself.
+    #[command(subcommand)]
+    Insole(insole::Insole),
 }
 
 /// Exit status of work that was done in part.
@@ -86,6 +91,7 @@ fn main() -> ExitCode {
         Command::Record(record) => record.run(),
         Command::Serve(serve) => serve.run(),
         Command::Params(params) => params.run(),
+        Command::Insole(insole) => insole.run(),
     };
     status(done.map(|()| true))
 }

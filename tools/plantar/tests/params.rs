@@ -1,9 +1,11 @@
-//! `plantar params` with files and with an insole on the network: the insole's own side of a session, without the rest.
+//! `plantar params` and `plantar insole` with files and with an insole on the network: the insole's own side of a session, without the rest.
 
+use plantar::calibrate::CellCalibration;
 use plantar::insole::Tissue;
-use plantar::link::Link;
+use plantar::link::{Done, Job, Link};
 use plantar::region::Side;
-use plantar::wire::{self, Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Reset, Status, ToDevice};
+use plantar::store::CalibrationId;
+use plantar::wire::{self, Decoder, Hello, Identity, MAX_FRAME, MAX_MESSAGE, Reset, Status, ToDevice};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
@@ -25,6 +27,15 @@ fn insole() -> (SocketAddr, Arc<Mutex<Link>>) {
                 for &byte in &received[..count] {
                     if let Some(message) = decoder.push(byte).and_then(wire::decode::<ToDevice>) {
                         link.receive(message, 0);
+                        let identity = link.identity();
+                        let done = match link.job() {
+                            Some(Job::Name(side, serial)) => Done::Identity(Identity { side, serial, ..identity }),
+                            Some(Job::Calibration { id, .. }) => {
+                                Done::Identity(Identity { calibration_id: id, ..identity })
+                            }
+                            _ => Done::Kept,
+                        };
+                        link.done(Ok(done));
                     }
                 }
                 let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
@@ -43,8 +54,11 @@ fn hello() -> Hello {
 }
 
 fn params(folder: &Path, arguments: &str) -> Output {
+    plantar(folder, &format!("params {arguments}"))
+}
+
+fn plantar(folder: &Path, arguments: &str) -> Output {
     Command::new(env!("CARGO_BIN_EXE_plantar"))
-        .arg("params")
         .args(arguments.split_whitespace())
         .current_dir(folder)
         .output()
@@ -136,4 +150,59 @@ fn without_a_file_or_an_insole_the_remedy_is_named() {
     }
     fail(path, "show params.toml --tcp 127.0.0.1:1", 2, &["cannot be used with"]);
     assert!(!path.join("pulled.toml").exists());
+}
+
+#[test]
+fn an_insole_is_named_calibrated_and_shown() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let (address, link) = insole();
+    let run = |arguments: &str| {
+        let output = plantar(folder, &format!("insole {arguments} --tcp {address}"));
+        let text = |bytes| String::from_utf8(bytes).expect("text");
+        (output.status.success(), text(output.stdout), text(output.stderr))
+    };
+    let (done, said, _) = run("name --side right --serial-number P-0001");
+    assert!(done && said.contains("right foot, serial number P-0001"), "{said}");
+    let (done, said, _) = run("name --side left");
+    assert!(done && said.contains("left foot, serial number P-0001"), "{said}");
+    for (arguments, words) in [
+        ("name", "nothing to change"),
+        ("name --serial-number ABCDEFGHIJKLMNOPQ", "up to 16"),
+        ("calibrate absent.csv", "absent.csv"),
+    ] {
+        let (done, _, said) = run(arguments);
+        assert!(!done && said.contains(words), "{arguments}: {said}");
+    }
+
+    let write = |lines: &[String]| {
+        std::fs::write(folder.join("cells.csv"), format!("cell,offset,gain\n{}", lines.join("\n"))).expect("room");
+    };
+    let cells = host_tests::hello().cells;
+    let good: Vec<String> = (0..cells).map(|cell| format!("{cell},{},1.5", 100 + cell)).collect();
+    for (at, line, words) in [
+        (3, "4,100,1", "cells are in order"),
+        (5, "5,100,11", "gain 11"),
+        (6, "6,65000,1", "below half"),
+        (7, "7,x,1", "cell 7"),
+    ] {
+        let mut bad = good.clone();
+        bad[at] = line.into();
+        write(&bad);
+        let (done, _, said) = run("calibrate cells.csv");
+        assert!(!done && said.contains(words), "{line}: {said}");
+    }
+    write(&good[1..]);
+    assert!(run("calibrate cells.csv").2.contains("cells are in order"));
+    write(&good[..10]);
+    assert!(run("calibrate cells.csv").2.contains("10 cells, the insole has 200"));
+    write(&good);
+    let (done, said, failed) = run("calibrate cells.csv");
+    let mut id = CalibrationId::new();
+    id.add(&(0..cells).map(|cell| CellCalibration { offset: 100 + cell, gain: 1.5 }).collect::<Vec<_>>());
+    assert!(done && said.contains(&format!("calibration {:08x}", id.id())), "{said} {failed}");
+    assert_eq!(link.lock().expect("no panic").identity().calibration_id, id.id());
+    let (done, said, _) = run("show");
+    assert!(done && said.contains("P-0001") && said.contains("steps so far"), "{said}");
+    assert!(run("restart").0);
 }
