@@ -67,6 +67,8 @@ pub struct Head {
     pub bonding_s: u16,
     /// The board's Bluetooth address, random static: the emulated board has no number of its own to make one from.
     pub address: [u8; 6],
+    /// Number of the first scan, where the plant keeps the time.
+    pub first_scan: u32,
     /// Power fails in this write or erasure of the flash chip, from 0.
     pub power_cut: Option<u32>,
     /// For tests of what follows.
@@ -76,7 +78,15 @@ pub struct Head {
 impl Head {
     /// A board with its own clock, alone in the air.
     pub fn new(setup: Setup) -> Self {
-        Self { setup, paced: false, bonding_s: 60, address: [1, 0, 0, 0, 0, 0xc0], power_cut: None, mishap: None }
+        Self {
+            setup,
+            paced: false,
+            bonding_s: 60,
+            address: [1, 0, 0, 0, 0, 0xc0],
+            first_scan: 0,
+            power_cut: None,
+            mishap: None,
+        }
     }
 }
 

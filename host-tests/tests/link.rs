@@ -147,7 +147,7 @@ fn steps_come_once_a_session_until_they_are_acknowledged() {
     let mut link = with_steps(0..3);
     connect(&mut link);
     assert_eq!(steps(&mut link), [0, 1, 2]);
-    assert_eq!(steps(&mut link), [0; 0], "not again in the same session");
+    assert!(steps(&mut link).is_empty(), "not again in the same session");
     acknowledge(&mut link, 1);
     link.push_step(step(3));
     assert_eq!(steps(&mut link), [3]);
@@ -156,7 +156,7 @@ fn steps_come_once_a_session_until_they_are_acknowledged() {
     assert_eq!(steps(&mut link), [2, 3], "again in the next one");
     acknowledge(&mut link, 3);
     connect(&mut link);
-    assert_eq!(steps(&mut link), [0; 0]);
+    assert!(steps(&mut link).is_empty());
 }
 
 #[test]
@@ -172,7 +172,7 @@ fn only_what_was_sent_is_acknowledged() {
     assert_eq!(steps(&mut link), [1, 2]);
     acknowledge(&mut link, 2);
     connect(&mut link);
-    assert_eq!(steps(&mut link), [0; 0]);
+    assert!(steps(&mut link).is_empty());
 }
 
 #[test]

@@ -1,11 +1,10 @@
-//! The real firmware and its flash chip.
+//! The real firmware and its flash chip; power that fails is `cargo xtask soak`'s matter.
 
 mod common;
 
 use client::{Client, Framed};
 use common::{firmware, synthetic_walk, tissue};
 use emulator::{Board, Parts, Recorded, Time};
-use host_tests::switched_off::Bench;
 use plantar::Side;
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;
@@ -21,16 +20,6 @@ fn session(board: &Board) -> Client<Framed<TcpStream>> {
     let link = board.link().expect("the link is there");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
     Client::connect(Framed::new(link), PATIENCE).expect("the insole answers")
-}
-
-/// Power fails in some of the operations of a session; `cargo xtask soak` takes all.
-#[test]
-fn power_that_fails_leaves_the_old_or_the_new() {
-    let Some(firmware) = firmware() else { return };
-    let mut bench = Bench::new(&firmware);
-    let cuts: u32 = (0..2).map(|_| bench.round(9)).sum();
-    println!("{cuts} cuts");
-    assert!(cuts > 0);
 }
 
 #[test]

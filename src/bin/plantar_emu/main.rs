@@ -129,7 +129,7 @@ async fn main(spawner: Spawner) {
     let hello = app::hello(image, &head.setup, insole, start.reset, start.fault.or(refused));
     let matrix = PlantMatrix::open(&PLANT, insole.cells());
     let clock = if head.paced {
-        Clock::Plant { port: &PLANT, seq: 0 }
+        Clock::Plant { port: &PLANT, ticks: 0, first: head.first_scan }
     } else {
         Clock::Ticker(Ticker::new(head.setup.period_us))
     };

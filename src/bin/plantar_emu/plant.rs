@@ -130,7 +130,12 @@ impl Matrix for PlantMatrix {
 /// The board's own ticker, or time as the plant gives it.
 pub enum Clock {
     Ticker(Ticker),
-    Plant { port: &'static Port, seq: u32 },
+    Plant {
+        port: &'static Port,
+        ticks: u32,
+        /// Number of the first scan.
+        first: u32,
+    },
 }
 
 impl FrameClock for Clock {
@@ -149,12 +154,12 @@ impl FrameClock for Clock {
     async fn next(&mut self) -> u32 {
         match self {
             Self::Ticker(ticker) => ticker.next().await,
-            Self::Plant { port, seq } => {
-                let this = *seq;
-                *seq = this.wrapping_add(1);
+            Self::Plant { port, ticks, first } => {
+                let this = *ticks;
+                *ticks = this.wrapping_add(1);
                 ask(port, TICK, this);
                 while answer(port).await != [TICK, TICK] {}
-                this
+                first.wrapping_add(this)
             }
         }
     }

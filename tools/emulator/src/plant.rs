@@ -20,11 +20,16 @@ pub enum Scan {
 
 /// What the matrix feels.
 pub trait Walk: Send + 'static {
-    /// Number of scans. Where the plant keeps the time, time stands still after them; else the last one stays.
+    /// Number of scans; [`u32::MAX`] of a walk without an end. Where the plant keeps the time, time stands still after them; else the
+    /// last one stays.
     fn scans(&self) -> u32;
 
     /// Writes the codes of scan number `seq`, below [`Walk::scans`], one a cell in the order of the set-up.
     fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan;
+}
+
+fn has(walk: &impl Walk, seq: u32) -> bool {
+    seq < walk.scans() || walk.scans() == u32::MAX
 }
 
 /// The thread that plays the matrix. It ends with the board's port.
@@ -51,9 +56,9 @@ impl Plant {
                 let answered = match kind {
                     // Time stands still until someone watches. An end of the sender is the end of the board.
                     TICK if seq == 0 && play.recv().is_err() => break,
-                    TICK if seq < walk.scans() => port.write_all(&[TICK, TICK]),
+                    TICK if has(&walk, seq) => port.write_all(&[TICK, TICK]),
                     SCAN => {
-                        let outcome = if seq < walk.scans() { walk.scan(seq, &mut codes) } else { Scan::Whole };
+                        let outcome = if has(&walk, seq) { walk.scan(seq, &mut codes) } else { Scan::Whole };
                         count.store(seq.wrapping_add(1), Ordering::Relaxed);
                         bytes.clear();
                         bytes.extend(codes.iter().flat_map(|code| code.to_le_bytes()));

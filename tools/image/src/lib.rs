@@ -59,7 +59,8 @@ impl Image {
         Self::parse(&read(path)?, path)
     }
 
-    fn parse(file: &[u8], path: &Path) -> Result<Self, Error> {
+    /// Takes the contents of a file apart and holds them against their signature; errors name `path`.
+    pub fn parse(file: &[u8], path: &Path) -> Result<Self, Error> {
         let no_image = || Error::NoImage(path.into());
         let (rest, key) = file.split_last_chunk::<KEY_BYTES>().ok_or_else(no_image)?;
         let (bytes, signature) = rest.split_last_chunk::<SIGNATURE_BYTES>().ok_or_else(no_image)?;

@@ -37,6 +37,8 @@ enum Task {
     Test,
     /// Feed every parser with arbitrary bytes; a finding ends it and is named.
     Fuzz(Fuzz),
+    /// Let insoles endure: power that fails in every write, bit errors on the cable, a day of walking, faults of the sensors. For hours.
+    Soak(Soak),
     /// Compare what is depended on with RustSec's advisories, which are fetched from their repository.
     Advisories,
     /// Measure instructions a frame, accuracy, bytes, replay speed, identification and sizes.
@@ -81,6 +83,16 @@ struct Fuzz {
     /// For all targets together.
     #[arg(long, value_name = "N", default_value_t = FUZZ_MINUTES)]
     minutes: f64,
+}
+
+#[derive(Args)]
+struct Soak {
+    /// Some of each, for minutes.
+    #[arg(long)]
+    short: bool,
+    /// Also write the figures to this file, one flat object.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
 }
 
 #[derive(Args)]
@@ -129,6 +141,7 @@ fn main() -> ExitCode {
         Task::Demo(demo) => demo.run(),
         Task::Test => test(),
         Task::Fuzz(fuzz) => fuzz::run(fuzz.minutes),
+        Task::Soak(soak) => soak.run(),
         Task::Advisories => deny(&["advisories"]),
         Task::Bench(to) => bench().and_then(|figures| to.write(figures)),
         Task::Size(to) => sizes().and_then(|figures| to.write(figures)),
@@ -335,6 +348,7 @@ fn test() -> Result<()> {
             .env("PLANTAR_JIKU", &python.jiku)
             .env("PLANTAR_PYTHON", &python.interpreter),
     )?;
+    Soak { short: true, json: None }.run()?;
     fuzz::run(FUZZ_MINUTES)?;
     check_limits(&bench()?)
 }
@@ -441,6 +455,24 @@ impl Image {
         setup::rust()?;
         build_firmware(&self.board)?;
         image::make(&firmware(&self.board), self.key.as_deref(), &self.out)
+    }
+}
+
+impl Soak {
+    fn run(&self) -> Result<()> {
+        setup::rust()?;
+        setup::qemu()?;
+        build_firmware("emu")?;
+        build_host("soak")?;
+        let mut command = Command::new(built("release/soak"));
+        command.arg("--firmware").arg(firmware("emu"));
+        if self.short {
+            command.arg("--short");
+        }
+        if let Some(path) = &self.json {
+            command.arg("--json").arg(path);
+        }
+        run_command(&mut command)
     }
 }
 
