@@ -7,10 +7,10 @@ use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::Path;
 
-/// Signs what the linker wrote.
-pub fn make(firmware: &Path, key: Option<&Path>, out: &Path) -> Result<()> {
-    let secret = match key {
-        Some(key) => secret(key)?,
+/// The key to sign with; without a file the one for development.
+pub fn key(file: Option<&Path>) -> Result<Secret> {
+    let secret = match file {
+        Some(file) => secret(file)?,
         None => development().context("the key for development is damaged")?,
     };
     let public = secret.verifying_key();
@@ -21,13 +21,18 @@ pub fn make(firmware: &Path, key: Option<&Path>, out: &Path) -> Result<()> {
             hex(public.as_bytes())
         );
     }
-    let image = Image::sign(raw(firmware)?, &secret).context("the firmware says nothing of itself")?;
+    if file.is_none() {
+        println!("signed with the key for development, which everybody knows: give --key for insoles that others wear");
+    }
+    Ok(secret)
+}
+
+/// Signs what the linker wrote.
+pub fn make(firmware: &Path, secret: &Secret, out: &Path) -> Result<()> {
+    let image = Image::sign(raw(firmware)?, secret).context("the firmware says nothing of itself")?;
     std::fs::write(out, image.file()).with_context(|| format!("cannot write {}", out.display()))?;
     let (board, version, bytes) = (image.header().board(), image.header().version(), image.bytes().len());
     println!("{}: {board} {version}, {bytes} bytes", out.display());
-    if key.is_none() {
-        println!("signed with the key for development, which everybody knows: give --key for insoles that others wear");
-    }
     Ok(())
 }
 

@@ -453,8 +453,9 @@ fn sizes() -> Result<Map<String, Value>> {
 impl Image {
     fn make(&self) -> Result<()> {
         setup::rust()?;
+        let key = image::key(self.key.as_deref())?;
         build_firmware(&self.board)?;
-        image::make(&firmware(&self.board), self.key.as_deref(), &self.out)
+        image::make(&firmware(&self.board), &key, &self.out)
     }
 }
 
