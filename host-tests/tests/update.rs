@@ -90,9 +90,14 @@ impl Insole {
 }
 
 fn connect(board: &Board) -> Session {
+    try_connect(board).expect("the insole answers")
+}
+
+/// A session; `None` where the board goes off instead.
+fn try_connect(board: &Board) -> Option<Session> {
     let link = board.link().expect("the link is there");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
-    Client::connect(Framed::new(link), START).expect("the insole answers")
+    Client::connect(Framed::new(link), START).ok()
 }
 
 fn send(session: &mut Session, image: &Image) -> Result<Progress, Error> {
@@ -242,20 +247,16 @@ fn a_loss_of_power_during_the_transfer_leaves_the_running_image() {
     loop {
         insole.flash = None;
         let board = insole.start(Some(cuts), false);
-        let link = board.link().expect("the link is there");
-        link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
         // Power may fail before the first word.
-        let mut session = Client::connect(Framed::new(link), START).ok();
-        let sent = session.as_mut().map(|session| send(session, &image));
+        let sent = try_connect(&board).map(|mut session| send(&mut session, &image));
         let is_whole = matches!(sent, Some(Ok(Progress::Accepted)));
         insole.wait(board);
         if is_whole {
             break;
         }
         // The mark to swap may be there although nobody heard of it.
-        let mut board = insole.start(None, false);
-        let link = connect_or_end(&mut board);
-        match link {
+        let board = insole.start(None, false);
+        match try_connect(&board) {
             Some(session) => assert_eq!(session.hello().firmware, OLD, "cut {cuts}"),
             None => {
                 assert!(insole.wait(board), "cut {cuts}");
@@ -265,13 +266,6 @@ fn a_loss_of_power_during_the_transfer_leaves_the_running_image() {
         cuts += 1;
     }
     println!("{cuts} cuts");
-}
-
-/// The session; `None` where the board went off instead.
-fn connect_or_end(board: &mut Board) -> Option<Session> {
-    let link = board.link().expect("the link is there");
-    link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
-    Client::connect(Framed::new(link), START).ok()
 }
 
 /// Writes and erasures of a swap between two cuts that are tried.
