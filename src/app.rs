@@ -20,7 +20,10 @@ use crate::wire::{
     ToDevice, decode, frame,
 };
 use core::cell::{Cell, RefCell};
+use core::future::poll_fn;
+use core::pin::{Pin, pin};
 use core::sync::atomic::{AtomicU32, Ordering};
+use core::task::{Context, Poll};
 use embassy_futures::select::{Either3, select, select3};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, NoopRawMutex};
@@ -642,12 +645,21 @@ async fn work(
         Job::Restart => restart(),
         Job::Update(request) => {
             let progress = match store.flash() {
-                Some(flash) => update.handle(flash, image, &update::KEY, &request).await,
+                Some(flash) => {
+                    let mut handled = pin!(update.handle(flash, image, &update::KEY, &request));
+                    poll_fn(|context| poll_apart(handled.as_mut(), context)).await
+                }
                 None => Err(update::Refusal::Chip),
             };
             progress.map(Done::Update).map_err(Refusal::Update)
         }
     }
+}
+
+/// Polls with a stack frame of its own: what a check of signatures needs of the stack is not reserved all the time.
+#[inline(never)]
+fn poll_apart<F: Future>(work: Pin<&mut F>, context: &mut Context<'_>) -> Poll<F::Output> {
+    work.poll(context)
 }
 
 impl From<Failed> for Refusal {

@@ -55,8 +55,14 @@ fn a_transfer_beside_walking_loses_no_frame_and_no_step() {
     };
     let counters = session.counters();
     println!(
-        "{} chunks beside {} frames and {} steps; live frames lost {}, scans left out {}, overrun {}",
-        offer.chunks, status.frames, status.steps, counters.frames_lost, status.frames_missed, status.frames_overrun
+        "{} chunks beside {} frames and {} steps; live frames lost {}, scans left out {}, overrun {}; stack {} bytes",
+        offer.chunks,
+        status.frames,
+        status.steps,
+        counters.frames_lost,
+        status.frames_missed,
+        status.frames_overrun,
+        status.stack_bytes
     );
     assert_eq!((counters.frames_lost, counters.crc_errors, status.frames_overrun, status.steps_dropped), (0, 0, 0, 0));
     assert!(status.steps > 0 && steps.windows(2).all(|pair| pair[1] == pair[0] + 1), "{steps:?}");
