@@ -431,7 +431,7 @@ pub async fn process(
         {
             let mut link = session.link.borrow_mut();
             if let Some(sequence) = link.next_live() {
-                link.push_live(Live::new(sequence, u64::from(seq) * period_us, insole.loads()));
+                link.push_live(Live::new(sequence, u64::from(seq) * period_us, insole.loads(), insole.masked()));
             }
         }
         let cycles = stopwatch.cycles_since(start);
@@ -445,6 +445,7 @@ pub async fn process(
             }
             counters.rejected = insole.rejected();
         }
+        session.link.borrow_mut().set_faults(insole.faults());
         if toe_off {
             let mut regions = [Default::default(); 8];
             for (region, step) in regions.iter_mut().enumerate() {

@@ -93,4 +93,44 @@ impl ContactCell {
         };
         i32::from(self.share) - i32::from(before)
     }
+
+    /// True where a part of the cell is in contact.
+    pub fn is_loaded(&self) -> bool {
+        self.share > 0
+    }
+
+    /// The code of a firm contact: at least twice the code of one, counted from the unloaded cell's.
+    pub(crate) fn firm(&self, offset: u16) -> u32 {
+        (2 * u32::from(self.on)).saturating_sub(offset.into())
+    }
+
+    /// Lets codes from `code` on be settled, too.
+    pub(crate) fn look_at(&mut self, code: u32) {
+        // Not above the span, which fits.
+        self.span = code.saturating_sub(self.low.into()).min(self.span.into()) as u16;
+    }
+
+    /// Only codes as good as this one need no settling.
+    pub(crate) fn look_beside(&mut self, code: u16) {
+        (self.low, self.span) = (code.saturating_sub(STILL), 2 * STILL + 1);
+    }
+
+    /// No code needs settling: [`ContactCell::settle`] is called in every frame, or never.
+    pub(crate) fn mute(&mut self) {
+        (self.low, self.span) = (0, u16::MAX);
+    }
+
+    /// Moves the thresholds of a cell out of contact with its offset.
+    pub(crate) fn shift(&mut self, codes: i16) {
+        for threshold in [&mut self.on, &mut self.off, &mut self.full] {
+            // A full of 0 stands for counted cells.
+            if *threshold > 0 {
+                *threshold = threshold.saturating_add_signed(codes).clamp(1, FULL_CODE);
+            }
+        }
+        (self.low, self.span) = (0, self.on);
+    }
 }
+
+/// Codes that a cell's reading may differ by and still be the same: far less than a loaded cell's ever do.
+const STILL: u16 = 2;

@@ -3,12 +3,12 @@
 use crate::calibrate::{CellCalibration, Curve, SensorLaw, is_saturated};
 use crate::contact::{ContactCell, ContactRule};
 use crate::ellipse::Ellipse;
+use crate::fault::{self, CellWatch, Faults, Seen, Watch};
 use crate::live::{LiveModel, LiveTissue};
 use crate::model::Gauge;
 use crate::num::Real;
 use crate::region::{
-    AreaMoments, Cell, ForceMoments, MAX_CELL_MM2, MAX_REACH_MM, MAX_REGION_MM2, MIN_CELL_MM2, Region, RegionCell,
-    RegionFrame, Side,
+    Cell, ForceMoments, MAX_CELL_MM2, MAX_REACH_MM, MAX_REGION_MM2, MIN_CELL_MM2, Region, RegionCell, RegionFrame, Side,
 };
 use crate::stance::{Rejected, Stance, StanceLimits, StanceRule};
 use crate::step::{RegionStep, StepRecord};
@@ -63,6 +63,9 @@ pub struct SetupCell {
     pub cell: Cell,
     /// How it reads.
     pub calibration: CellCalibration,
+    /// Where the matrix reads it, row times 16 and column: faults of a line are told as such. Without meaning in an insole of
+    /// more than [`fault::CROSSINGS`] cells.
+    pub crossing: u8,
 }
 
 /// The wearer's tissue.
@@ -154,58 +157,60 @@ impl<R: Real> RegionLoad<R> {
     pub const NONE: Self = Self { frame: RegionFrame::NONE, tissue: LiveTissue::NONE };
 }
 
-/// One cell through the stages: calibrate, contact, region.
+/// One cell through the stages: calibrate, contact, region; and what is noted of it.
 #[derive(Clone, Copy, Debug)]
-struct InsoleCell<R> {
-    offset: u16,
-    contact: ContactCell,
-    region: RegionCell<R>,
+pub(crate) struct InsoleCell<R> {
+    pub(crate) offset: u16,
+    pub(crate) contact: ContactCell,
+    pub(crate) region: RegionCell<R>,
+    pub(crate) watch: CellWatch,
 }
 
 impl<R: Real> InsoleCell<R> {
     /// Without contact.
-    fn new(
-        SetupCell { cell, calibration }: &SetupCell,
-        contact: &ContactRule,
-        curve: &Curve,
-        division: &Division,
-    ) -> Self {
+    fn new(cell: &SetupCell, contact: &ContactRule, curve: &Curve, division: &Division) -> Self {
+        let SetupCell { cell, calibration, crossing } = cell;
         let (x_mm, y_mm) = division.origins_mm[cell.region as usize];
         Self {
             offset: calibration.offset,
             contact: ContactCell::new(contact, curve, calibration),
             region: RegionCell::new(cell, calibration.gain, x_mm, y_mm),
+            watch: CellWatch::new(*crossing),
         }
     }
 
-    /// Brings the area up to date with a code that is not settled; true where it is saturated. Out of the way: few cells
-    /// change in a frame.
+    /// Brings the region up to date with a code that is not settled, and returns the change of [`fault::area`]. Out of the way:
+    /// few cells change in a frame.
     #[cold]
     #[inline(never)]
-    fn settle(&mut self, code: u32, curve: &Curve, area: &mut AreaMoments) -> bool {
+    fn settle(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) -> i32 {
         let curve_kpa = curve.pressure_kpa((code as i32 - i32::from(self.offset)).max(0));
-        area.change(&self.region, self.contact.settle(code, curve_kpa));
-        is_saturated(code)
+        let before = fault::area(&frame.area);
+        frame.area.change(&self.region, self.contact.settle(code, curve_kpa));
+        self.watch.note(code, self.offset, &mut self.contact);
+        frame.saturated |= is_saturated(code);
+        fault::area(&frame.area) - before
     }
 }
 
-/// Calibrates a region's cells, adds up their force and, where a cell's contact changed, brings the area up to date. The
-/// hottest loop of the device, alone in a function so that it has all registers.
+/// Calibrates a region's cells, adds up their force and, where a cell's contact changed, brings the area up to date; returns
+/// the change of [`fault::area`]. The hottest loop of the device, alone in a function so that it has all registers.
 #[inline(never)]
-fn sum_region<R: Real>(curve: &Curve, cells: &mut [InsoleCell<R>], codes: &[u16], frame: &mut RegionFrame<R>) {
-    let mut force = ForceMoments::NONE;
-    let mut saturated = false;
+fn sum_region<R: Real>(curve: &Curve, cells: &mut [InsoleCell<R>], codes: &[u16], frame: &mut RegionFrame<R>) -> i32 {
+    let (mut force, mut change) = (ForceMoments::NONE, 0);
+    frame.saturated = false;
     for (cell, &code) in cells.iter_mut().zip(codes) {
         let (code, offset) = (u32::from(code), u32::from(cell.offset));
         if !cell.contact.is_settled(code) {
-            saturated |= cell.settle(code, curve, &mut frame.area);
+            change += cell.settle(code, curve, frame);
         }
         let above_offset = code as i32 - offset as i32;
         if above_offset > 0 {
             force.add(&cell.region, curve.pressure_kpa(above_offset));
         }
     }
-    (frame.force, frame.saturated) = (force, saturated);
+    frame.force = force;
+    change
 }
 
 /// An insole with at most `N` cells: parameters, state and the stages between raw codes and steps.
@@ -224,6 +229,7 @@ pub struct Insole<R, const N: usize> {
     live: [LiveModel<R>; 8],
     stance: Stance<R>,
     loads: [RegionLoad<R>; 8],
+    watch: Watch,
     last_seq: Option<u32>,
     steps: u32,
 }
@@ -246,6 +252,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             live: [LiveModel::NEW; 8],
             stance: Stance::new(),
             loads: [RegionLoad::NONE; 8],
+            watch: Watch::new(),
             last_seq: None,
             steps: 0,
         }
@@ -274,6 +281,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             // Room for all: `check_cells` counted them.
             let _ = self.cells.push(InsoleCell::new(&cell, &setup.contact, &self.curve, &division));
         }
+        self.watch.set_up(&self.cells, setup.period_us);
         self.per_period_s = R::of(1e6 / f64::from(setup.period_us));
         self.limits = StanceLimits::new(&setup.stance, setup.period_us);
         self.live = [LiveModel::NEW; 8];
@@ -345,24 +353,58 @@ impl<R: Real, const N: usize> Insole<R, N> {
                 per_s = per_s / R::of_u32(elapsed);
             }
         }
-        self.sum_cells(codes);
+        self.sum_cells(seq, codes);
         for ((load, live), gauge) in self.loads.iter_mut().zip(&mut self.live).zip(&self.gauges) {
             load.tissue = live.update(gauge, load.frame.area.area_mm2(), per_s);
         }
         self.stance.push(&self.limits, seq, self.loads.each_ref().map(|load| &load.frame))
     }
 
-    /// The one pass over the cells, region by region.
-    fn sum_cells(&mut self, codes: &[u16]) {
-        let (mut cells, mut codes) = (self.cells.as_mut_slice(), codes);
+    /// The one pass over the cells, region by region, and what comes of faults.
+    #[inline(never)]
+    fn sum_cells(&mut self, seq: u32, all_codes: &[u16]) {
+        let mut change = 0;
+        let (mut cells, mut codes) = (self.cells.as_mut_slice(), all_codes);
         let mut start = 0;
         for (load, &end) in self.loads.iter_mut().zip(&self.division.ends) {
             // Ends rise and the last one is the number of cells, of which there are codes.
             let (region_cells, other_cells) = cells.split_at_mut(end - start);
             let (region_codes, other_codes) = codes.split_at(end - start);
-            sum_region(&self.curve, region_cells, region_codes, &mut load.frame);
+            change += sum_region(&self.curve, region_cells, region_codes, &mut load.frame);
             (cells, codes, start) = (other_cells, other_codes, end);
         }
+        let foot_is_down = self.watch.foot_is_down(change);
+        let saturated = self.stance.saturated() != 0;
+        if self.watch.interpolates() || saturated || !foot_is_down {
+            self.look_for_faults(seq, all_codes, saturated);
+        }
+    }
+
+    /// Lets masked cells read, and looks at a frame that leaves time for it. Apart, as a loaded frame does not need it.
+    #[cold]
+    #[inline(never)]
+    fn look_for_faults(&mut self, seq: u32, codes: &[u16], saturated: bool) {
+        let mut seen = Seen {
+            cells: &mut self.cells,
+            ends: &self.division.ends,
+            origins_mm: &self.division.origins_mm,
+            codes,
+            loads: &mut self.loads,
+            seq,
+            period_us: self.setup.period_us,
+        };
+        self.watch.interpolate(&self.curve, &mut seen);
+        self.watch.frame(&mut seen, saturated);
+    }
+
+    /// The faults that were found since the set-up.
+    pub fn faults(&self) -> &Faults {
+        self.watch.faults()
+    }
+
+    /// Bit i: region i has masked cells.
+    pub fn masked(&self) -> u8 {
+        self.watch.masked()
     }
 
     /// The regions in the last frame.
@@ -410,7 +452,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
         let (area_mm2, force_n, sample_s) = self.curves(region);
         let step =
             RegionStep::new(&self.gauges[region], area_mm2, force_n, sample_s, self.stance.moments_at_peak(region));
-        RegionStep { ellipse_at_peak: step.ellipse_at_peak.map(|e| self.in_foot(region, e)), ..step }
+        RegionStep {
+            ellipse_at_peak: step.ellipse_at_peak.map(|e| self.in_foot(region, e)),
+            masked_cells: self.faults().masked_cells[region],
+            ..step
+        }
     }
 
     /// The step of the stance that just ended, from its eight regions, and counts it. `None` before any set-up.
@@ -464,7 +510,7 @@ fn check_cells(cells: impl Iterator<Item = SetupCell>, capacity: usize) -> Resul
     let mut corners = [((f32::MAX, f32::MAX), (f32::MIN, f32::MIN)); 8];
     let mut last = 0;
     let mut count = 0;
-    for SetupCell { cell, calibration } in cells {
+    for SetupCell { cell, calibration, .. } in cells {
         let number = count as u16;
         count += 1;
         if count > capacity {

@@ -28,6 +28,8 @@ pub mod smooth;
 #[forbid(unsafe_code)]
 pub mod step;
 #[forbid(unsafe_code)]
+pub mod fault;
+#[forbid(unsafe_code)]
 pub mod insole;
 #[forbid(unsafe_code)]
 pub mod wire;

@@ -6,6 +6,7 @@
 
 use crate::Side;
 use crate::calibrate::CellCalibration;
+use crate::fault::Faults;
 use crate::insole::Tissue;
 use crate::store::Part;
 use crate::update;
@@ -26,6 +27,7 @@ enum Answer {
     Tissue,
     Refused(Refusal),
     Time { host_us: u64, device_us: u64 },
+    Faults,
     Identity,
     CalibrationPart(u8),
     Update(update::Progress),
@@ -86,6 +88,7 @@ pub struct Link {
     job: Option<Job>,
     tissue: Tissue,
     identity: Identity,
+    faults: Faults,
     /// What the wall clock, us since 1970, is ahead of the device's time.
     clock_ahead_us: Option<u64>,
     clock_sets: u32,
@@ -109,6 +112,7 @@ impl Link {
             job: None,
             tissue: Tissue::NONE,
             identity: Identity { side: Side::Left, serial: Serial::NONE, calibration_id: 0 },
+            faults: Faults::NONE,
             clock_ahead_us: None,
             clock_sets: 0,
         }
@@ -148,6 +152,7 @@ impl Link {
             ToDevice::GetTissue => self.answer(Answer::Tissue),
             ToDevice::GetTime { host_us } => self.answer(Answer::Time { host_us, device_us: now_us }),
             ToDevice::SetClock { unix_us } => self.set_clock(unix_us, now_us),
+            ToDevice::GetFaults => self.answer(Answer::Faults),
             ToDevice::GetIdentity => self.answer(Answer::Identity),
             ToDevice::SetIdentity { side, serial } if serial.is_valid() => self.begin(Job::Name(side, serial)),
             ToDevice::SetIdentity { .. } => self.answer(Answer::Refused(Refusal::Serial)),
@@ -233,6 +238,13 @@ impl Link {
         &self.tissue
     }
 
+    /// Takes what the insole has found, where it is new.
+    pub fn set_faults(&mut self, faults: &Faults) {
+        if (faults.found, faults.rezeroed) != (self.faults.found, self.faults.rezeroed) {
+            self.faults = faults.clone();
+        }
+    }
+
     /// Sets the wall clock.
     pub fn set_clock(&mut self, unix_us: u64, now_us: u64) {
         self.clock_ahead_us = Some(unix_us.wrapping_sub(now_us));
@@ -258,6 +270,7 @@ impl Link {
             job: self.job,
             tissue: self.tissue,
             identity: self.identity,
+            faults: core::mem::take(&mut self.faults),
             clock_ahead_us: self.clock_ahead_us,
             clock_sets: self.clock_sets,
             ..Self::new()
@@ -320,10 +333,13 @@ impl Link {
                     live_due: self.live_due,
                     live_sent: self.live_sent,
                     steps_dropped: self.steps_dropped,
+                    faults: self.faults.found,
+                    rezeroed: self.faults.rezeroed,
                     ..status()
                 }),
                 Answer::Tissue => ToHost::Tissue(self.tissue),
                 Answer::Refused(refusal) => ToHost::Refused(refusal),
+                Answer::Faults => ToHost::Faults(self.faults.clone()),
                 Answer::Time { host_us, device_us } => ToHost::Time { host_us, device_us },
                 Answer::Identity => ToHost::Identity(self.identity),
                 Answer::CalibrationPart(part) => ToHost::CalibrationPart { part },

@@ -136,6 +136,22 @@ impl<R: Real> RegionCell<R> {
             area: (cell.area_mm2 * PER_MM2).round_u16(),
         }
     }
+
+    /// The whole cell in the units of [`AreaMoments::units`].
+    pub(crate) fn whole(&self) -> i32 {
+        i32::from(self.area) * i32::from(WHOLE)
+    }
+
+    /// The side of a square as large as the cell, in the units of [`RegionCell::from`].
+    pub(crate) fn pitch(&self) -> i32 {
+        // Square roots of the units' ratios: 64 units a mm, 16 a mm2.
+        (PER_MM as i32) * u32::from(self.area).isqrt() as i32 / 4
+    }
+
+    /// Where the cell lies, seen from another of its region, in whole units of length.
+    pub(crate) fn from(&self, other: &Self) -> (i32, i32) {
+        (i32::from(self.x) - i32::from(other.x), i32::from(self.y) - i32::from(other.y))
+    }
 }
 
 /// Zeroth to second moments of a region's contact area about its reference point.
@@ -168,6 +184,12 @@ impl AreaMoments {
         self.xx += weighted(x * x + own_variance);
         self.xy += weighted(x * y);
         self.yy += weighted(y * y + own_variance);
+    }
+
+    /// Contact area in whole units, comparable with [`RegionCell::whole`].
+    #[inline(always)]
+    pub(crate) fn units(&self) -> i32 {
+        self.area
     }
 
     /// Contact area, mm2.

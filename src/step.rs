@@ -37,6 +37,8 @@ pub struct RegionStep<R> {
     pub model_error: R,
     /// The smoothed area exceeded pi A B somewhere: deformation and model force are cut there.
     pub clamped: bool,
+    /// Cells that were masked at toe off; 255 for more.
+    pub masked_cells: u8,
 }
 
 /// A step with the rule that its areas were counted by.

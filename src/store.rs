@@ -207,6 +207,9 @@ impl CalibrationId {
 /// Version of [`Entry`], its first byte.
 const ENTRY_VERSION: u8 = 2;
 
+/// Bytes of a [`StepRegion`] in version 1, from before cells were masked; they came last since.
+const REGION_1: usize = 30;
+
 /// Version 1 of [`Entry`], from before steps knew the wall clock.
 #[derive(Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "it lives for a moment")]
@@ -222,11 +225,18 @@ enum Entry1 {
         saturated: u8,
         clamped: u8,
         contact_rule: ContactRule,
-        regions: [StepRegion; 8],
+        regions: [[u8; REGION_1]; 8],
     },
     Acknowledged {
         next: u32,
     },
+}
+
+fn region_of_1(bytes: [u8; REGION_1]) -> StepRegion {
+    let mut with_none_masked = [0; REGION_1 + 1];
+    with_none_masked[..REGION_1].copy_from_slice(&bytes);
+    // Numbers of fixed length: any bytes are a region.
+    decode(&with_none_masked).unwrap_or_default()
 }
 
 impl From<Entry1> for Entry {
@@ -256,7 +266,7 @@ impl From<Entry1> for Entry {
                     saturated,
                     clamped,
                     contact_rule,
-                    regions,
+                    regions: regions.map(region_of_1),
                     starts_ago: 0,
                     start_unix_us: None,
                 },

@@ -7,6 +7,7 @@
 //! [`MAJOR`]; a message added at the end of an enum raises [`MINOR`]. Peers of different majors exchange hellos only.
 
 use crate::contact::ContactRule;
+use crate::fault::Faults;
 use crate::insole::{RegionLoad, Tissue};
 use crate::model::{AB_M2, COEFFICIENT, LENGTH_M, MAX_EXPONENT};
 use crate::num::Real;
@@ -30,7 +31,7 @@ pub const MAX_MESSAGE: usize = 320;
 /// Longest frame on a byte carrier: message, CRC, COBS overhead and the zero, bytes.
 pub const MAX_FRAME: usize = MAX_MESSAGE + 4 + (MAX_MESSAGE + 4) / 254 + 1 + 1;
 /// Longest live frame as a message, bytes.
-pub const MAX_LIVE: usize = 82;
+pub const MAX_LIVE: usize = 83;
 
 /// From the insole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -55,6 +56,8 @@ pub enum ToHost {
         /// When the request arrived: time since the first scan, as in [`Live::t_us`], us.
         device_us: u64,
     },
+    /// The answer to [`ToDevice::GetFaults`].
+    Faults(Faults),
     /// What is kept of the insole itself, on request and once it is kept.
     Identity(Identity),
     /// A part of a calibration is kept.
@@ -115,6 +118,8 @@ pub enum ToDevice {
         /// Time since 1970, UTC, us.
         unix_us: u64,
     },
+    /// Asks for [`ToHost::Faults`].
+    GetFaults,
     /// Asks for [`ToHost::Identity`].
     GetIdentity,
     /// Names the insole, from its next start on; answered by [`ToHost::Identity`] once it is kept.
@@ -308,6 +313,8 @@ pub struct Live {
     pub saturated: u8,
     /// Bit i: region i's contact exceeds its ellipsoid.
     pub clamped: u8,
+    /// Bit i: region i has masked cells.
+    pub masked: u8,
     /// The regions.
     pub regions: [LiveRegion; 8],
 }
@@ -330,9 +337,9 @@ pub struct LiveRegion {
 }
 
 impl Live {
-    /// Rounds one frame to the wire's units.
-    pub fn new<R: Real>(sequence: u32, t_us: u64, loads: &[RegionLoad<R>; 8]) -> Self {
-        let mut live = Self { sequence, t_us, ..Self::default() };
+    /// Rounds one frame to the wire's units; `masked` is [`crate::insole::Insole::masked`].
+    pub fn new<R: Real>(sequence: u32, t_us: u64, loads: &[RegionLoad<R>; 8], masked: u8) -> Self {
+        let mut live = Self { sequence, t_us, masked, ..Self::default() };
         for (i, (region, load)) in live.regions.iter_mut().zip(loads).enumerate() {
             live.saturated |= u8::from(load.frame.saturated) << i;
             live.clamped |= u8::from(load.tissue.clamped) << i;
@@ -424,6 +431,8 @@ pub struct StepRegion {
     /// Model against measured force (Eq. 20), 0.01 %.
     #[serde(with = "postcard::fixint::le")]
     pub model_error_bp: u16,
+    /// Masked cells at toe off; 255 for more.
+    pub masked_cells: u8,
 }
 
 impl Step {
@@ -461,6 +470,7 @@ impl StepRegion {
             contact_ms: scaled(region.contact_s, 1e3),
             time_to_peak_ms: scaled(region.time_to_peak_s, 1e3),
             model_error_bp: scaled(region.model_error, 1e4),
+            masked_cells: region.masked_cells,
             ..Self::default()
         };
         if let Some(ellipse) = &region.ellipse_at_peak {
@@ -501,6 +511,10 @@ pub struct Status {
     pub frame_cycles: (u32, u32),
     /// Deepest use of the main stack so far, bytes.
     pub stack_bytes: u32,
+    /// Faults of the sensor found since start; see [`ToDevice::GetFaults`].
+    pub faults: u32,
+    /// How often an unloaded cell's zero was followed.
+    pub rezeroed: u32,
     /// What could not be kept.
     pub unkept: u32,
     /// What the flash chip holds.

@@ -130,7 +130,7 @@ fn walked(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> (Live
             return (live, Step::new(&insole.whole_step().expect("a step")));
         }
         if insole.on_ground() {
-            live = Live::new(i as u32, i as u64 * 20_000, insole.loads());
+            live = Live::new(i as u32, i as u64 * 20_000, insole.loads(), insole.masked());
         }
     }
     panic!("the walk has a step");

@@ -103,6 +103,7 @@ fn next(link: &mut Link, expected: &mut Expected) -> bool {
         ToHost::Tissue(tissue) => assert!(tissue.id == 0 || tissue.check().is_ok()),
         ToHost::Hello(hello) => assert_eq!(hello.tissue_id, link.tissue().id),
         ToHost::Time { device_us, .. } => assert_eq!(device_us, u64::MAX),
+        ToHost::Faults(faults) => assert_eq!(faults, Faults::NONE),
         ToHost::Refused(refusal) => assert!(!refusal.to_string().is_empty()),
     }
     true

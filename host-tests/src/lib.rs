@@ -1,11 +1,13 @@
 //! What the tests in `tests/` share.
 
+pub mod faults;
 pub mod nor_flash;
 pub mod power;
 pub mod switched_off;
 
 use plantar::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
 use plantar::contact::{ContactRule, WHOLE};
+use plantar::fault::{Fault, FaultKind, Faults, Place};
 use plantar::insole::{Setup, SetupCell, Tissue};
 use plantar::model::Gauge;
 use plantar::region::{AreaMoments, Cell, RegionCell};
@@ -37,7 +39,7 @@ pub static TISSUE: LazyLock<Tissue> = LazyLock::new(|| {
 
 /// A cell with the common law.
 pub fn cell(region: Region, x_mm: f32, y_mm: f32, area_mm2: f32) -> SetupCell {
-    SetupCell { cell: Cell { region, x_mm, y_mm, area_mm2 }, calibration: CellCalibration::IDEAL }
+    SetupCell { cell: Cell { region, x_mm, y_mm, area_mm2 }, calibration: CellCalibration::IDEAL, crossing: 0 }
 }
 
 /// A tabulated law.
@@ -107,6 +109,7 @@ pub fn step(step: u32) -> Step {
         ellipse_r_b_cmm: 2200 + i,
         ellipse_angle_ddeg: -450 + i as i16,
         model_error_bp: 1900 + i,
+        masked_cells: i as u8,
     };
     Step {
         step,
@@ -133,6 +136,7 @@ pub fn live(sequence: u32) -> Live {
         t_us: 5_000_010_000,
         saturated: 0b0100_0000,
         clamped: 0b0000_0010,
+        masked: 0b0010_0000,
         regions: core::array::from_fn(|i| region(i as u16)),
     }
 }
@@ -152,9 +156,21 @@ pub fn status() -> Status {
         bad_frames: 7,
         frame_cycles: (40_000, 90_000),
         stack_bytes: 2048,
-        unkept: 8,
-        contents: Contents { start: 9, next_step: 10, newer_kinds: 11, newer_steps: 12, erased: 13 },
+        faults: 8,
+        rezeroed: 9,
+        unkept: 10,
+        contents: Contents { start: 11, next_step: 12, newer_kinds: 13, newer_steps: 14, erased: 15 },
     }
+}
+
+/// Faults with different values everywhere.
+pub fn faults() -> Faults {
+    let list = [
+        Fault { kind: FaultKind::Open, place: Place::Row(3), found_ms: 12_000 },
+        Fault { kind: FaultKind::Drift, place: Place::Cell(300), found_ms: 13_000 },
+        Fault { kind: FaultKind::Short, place: Place::Column(5), found_ms: 14_000 },
+    ];
+    Faults { found: 3, rezeroed: 8, masked_cells: [1, 2, 3, 4, 5, 6, 7, 8], list: list.into_iter().collect() }
 }
 
 /// A message on a byte carrier.

@@ -1,7 +1,7 @@
 //! The host's side of a session, against an insole in memory.
 
 use client::{Client, Error, Framed, LinkCounters, unix_us};
-use host_tests::{TISSUE, framed, live, messages, status, step};
+use host_tests::{TISSUE, faults, framed, live, messages, status, step};
 use plantar::Region;
 use plantar::insole::Tissue;
 use plantar::link::{Done, Link};
@@ -302,7 +302,7 @@ fn what_arrives_while_the_stream_is_turned_on_is_kept_in_order() {
 fn a_status_tells_what_was_sent() {
     let (_, mut client) = connected();
     client.send(ToDevice::GetStatus).expect("sent");
-    let expected = Status { live_due: 0, live_sent: 0, steps_dropped: 0, ..status() };
+    let expected = Status { live_due: 0, live_sent: 0, steps_dropped: 0, faults: 0, rezeroed: 0, ..status() };
     assert_eq!(receive_all(&mut client), [ToHost::Status(expected)]);
 }
 
@@ -393,6 +393,13 @@ fn refused_parameters_are_an_error_with_the_reason() {
     }
     assert_eq!(*cable.insole().link.tissue(), *TISSUE);
     assert_eq!(client.tissue().expect("an answer"), *TISSUE);
+}
+
+#[test]
+fn faults_come_on_request() {
+    let (cable, mut client) = connected();
+    cable.insole().link.set_faults(&faults());
+    assert_eq!(client.faults().expect("an answer"), faults());
 }
 
 #[test]

@@ -99,8 +99,13 @@ impl Session {
             ToHost::Status(status) => received.status = status,
             ToHost::Tissue(tissue) => received.tissues.push((received.live.len(), tissue)),
             ToHost::Refused(refusal) => received.refusals.push(refusal),
-            ToHost::Time { .. } => panic!("nobody asked for the time"),
-            ToHost::Identity(_) | ToHost::CalibrationPart { .. } | ToHost::Update(_) => panic!("nobody asked for it"),
+            ToHost::Time { .. }
+            | ToHost::Faults(_)
+            | ToHost::Update(_)
+            | ToHost::Identity(_)
+            | ToHost::CalibrationPart { .. } => {
+                panic!("nobody asked for it")
+            }
             ToHost::Hello(hello) => panic!("the insole restarted: {:?}", hello.last_panic),
         }
         is_answer

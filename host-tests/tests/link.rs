@@ -24,6 +24,7 @@ enum Sent {
     Identity(Identity),
     CalibrationPart(u8),
     Update(Progress),
+    Faults(u32),
 }
 
 fn next(link: &mut Link) -> Option<Sent> {
@@ -55,6 +56,7 @@ fn next(link: &mut Link) -> Option<Sent> {
         }
         ToHost::CalibrationPart { part } => Sent::CalibrationPart(part),
         ToHost::Update(progress) => Sent::Update(progress),
+        ToHost::Faults(got) => Sent::Faults(got.found),
     })
 }
 
@@ -273,7 +275,7 @@ fn hello_comes_first_steps_before_live_frames_and_status_last() {
     frame(&mut link);
     let sent = all(&mut link);
     assert_eq!(sent[..3], [Sent::Step(0), Sent::Live(0), Sent::Live(1)]);
-    let expected = Status { live_due: 2, live_sent: 2, steps_dropped: 0, ..status() };
+    let expected = Status { live_due: 2, live_sent: 2, steps_dropped: 0, faults: 0, rezeroed: 0, ..status() };
     assert_eq!(sent[3..], [Sent::Status(expected)]);
     assert_eq!(all(&mut link), [], "one status a request");
 }

@@ -8,7 +8,7 @@ use plantar::Side;
 use plantar::calibrate::CellCalibration;
 use plantar::insole::Tissue;
 use plantar::store::{Bonds, Failed, LOG, Name, PART_CELLS, RECORDS, Record, SECTOR, Store};
-use plantar::wire::{Reset, Serial, Step};
+use plantar::wire::{Reset, Serial, Step, StepRegion};
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
@@ -79,7 +79,10 @@ fn what_older_firmware_kept_is_read() {
             assert_eq!(cell, CellCalibration { offset: 100 + i, gain: 1.0 + f32::from(i) / 64.0 });
         }
     }
-    let wanted = (5..20).map(|number| Step { starts_ago: 1, start_unix_us: None, ..step(number) });
+    let wanted = (5..20).map(|number| {
+        let regions = step(number).regions.map(|region| StepRegion { masked_cells: 0, ..region });
+        Step { regions, starts_ago: 1, start_unix_us: None, ..step(number) }
+    });
     assert_eq!(steps(&mut store), wanted.collect::<Vec<_>>());
     // Numbers go on, old and new steps are acknowledged together.
     assert_eq!(now(store.push_step(&step(20))), Ok(0));

@@ -1,8 +1,9 @@
 //! Messages and frames: what goes in comes out, and nothing else does.
 
-use host_tests::{TISSUE, cell, framed, hello, live, messages, status, step, text};
+use host_tests::{TISSUE, cell, faults, framed, hello, live, messages, status, step, text};
 use plantar::calibrate::CellCalibration;
 use plantar::contact::ContactRule;
+use plantar::fault::{FAULTS, Fault, FaultKind, Faults, Place};
 use plantar::insole::{Insole, Setup, Tissue};
 use plantar::model::Gauge;
 use plantar::region::{AreaMoments, ForceMoments, RegionFrame};
@@ -63,15 +64,15 @@ fn any_hello() -> impl Strategy<Value = Hello> {
 }
 
 fn any_live() -> impl Strategy<Value = Live> {
-    (any::<(u32, u64, u8, u8)>(), prop::array::uniform8(any::<[u16; 4]>())).prop_map(
-        |((sequence, t_us, saturated, clamped), regions)| {
+    (any::<(u32, u64, u8, u8, u8)>(), prop::array::uniform8(any::<[u16; 4]>())).prop_map(
+        |((sequence, t_us, saturated, clamped, masked), regions)| {
             let region = |[area_mm2, deformation_um, model_dn, measured_dn]: [u16; 4]| LiveRegion {
                 area_mm2,
                 deformation_um,
                 model_dn,
                 measured_dn,
             };
-            Live { sequence, t_us, saturated, clamped, regions: regions.map(region) }
+            Live { sequence, t_us, saturated, clamped, masked, regions: regions.map(region) }
         },
     )
 }
@@ -93,6 +94,7 @@ fn step_region(v: [u16; 15]) -> StepRegion {
         ellipse_r_b_cmm: v[12],
         ellipse_angle_ddeg: v[13] as i16,
         model_error_bp: v[14],
+        masked_cells: v[14] as u8,
     }
 }
 
@@ -125,7 +127,7 @@ fn any_step() -> impl Strategy<Value = Step> {
 }
 
 fn any_status() -> impl Strategy<Value = Status> {
-    any::<(u64, [u32; 20])>().prop_map(|(uptime_us, v)| Status {
+    any::<(u64, [u32; 22])>().prop_map(|(uptime_us, v)| Status {
         uptime_us,
         frames: v[0],
         frames_missed: v[1],
@@ -138,8 +140,10 @@ fn any_status() -> impl Strategy<Value = Status> {
         bad_frames: v[10],
         frame_cycles: (v[11], v[12]),
         stack_bytes: v[13],
-        unkept: v[14],
-        contents: Contents { start: v[15], next_step: v[16], newer_kinds: v[17], newer_steps: v[18], erased: v[19] },
+        faults: v[14],
+        rezeroed: v[15],
+        unkept: v[16],
+        contents: Contents { start: v[17], next_step: v[18], newer_kinds: v[19], newer_steps: v[20], erased: v[21] },
     })
 }
 
@@ -197,6 +201,24 @@ fn any_refusal() -> impl Strategy<Value = Refusal> {
     )
 }
 
+fn any_faults() -> impl Strategy<Value = Faults> {
+    let place = prop_oneof![
+        any::<u16>().prop_map(Place::Cell),
+        any::<u8>().prop_map(Place::Row),
+        any::<u8>().prop_map(Place::Column),
+    ];
+    let fault = (prop::sample::select(FaultKind::ALL.to_vec()), place, any::<u32>())
+        .prop_map(|(kind, place, found_ms)| Fault { kind, place, found_ms });
+    (any::<(u32, u32, [u8; 8])>(), prop::collection::vec(fault, 0..=FAULTS)).prop_map(
+        |((found, rezeroed, masked_cells), list)| Faults {
+            found,
+            rezeroed,
+            masked_cells,
+            list: list.into_iter().collect(),
+        },
+    )
+}
+
 fn to_host() -> impl Strategy<Value = ToHost> {
     prop_oneof![
         any_hello().prop_map(ToHost::Hello),
@@ -206,6 +228,7 @@ fn to_host() -> impl Strategy<Value = ToHost> {
         any_tissue().prop_map(ToHost::Tissue),
         any_refusal().prop_map(ToHost::Refused),
         any::<(u64, u64)>().prop_map(|(host_us, device_us)| ToHost::Time { host_us, device_us }),
+        any_faults().prop_map(ToHost::Faults),
         (side(), serial(), any::<u32>()).prop_map(|(side, serial, calibration_id)| ToHost::Identity(Identity {
             side,
             serial,
@@ -227,6 +250,7 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
         Just(ToDevice::GetTissue),
         any::<u64>().prop_map(|host_us| ToDevice::GetTime { host_us }),
         any::<u64>().prop_map(|unix_us| ToDevice::SetClock { unix_us }),
+        Just(ToDevice::GetFaults),
         Just(ToDevice::GetIdentity),
         (side(), serial()).prop_map(|(side, serial)| ToDevice::SetIdentity { side, serial }),
         (any::<u8>(), prop::array::uniform16((any::<u16>(), 0.1f32..10.0))).prop_map(|(part, cells)| {
@@ -253,6 +277,7 @@ fn samples() -> Vec<ToHost> {
         ToHost::Tissue(*TISSUE),
         ToHost::Refused(Refusal::Tissue(Region::Hallux)),
         ToHost::Time { host_us: 5, device_us: 6 },
+        ToHost::Faults(faults()),
         ToHost::Identity(identity()),
         ToHost::CalibrationPart { part: 3 },
         ToHost::Update(Progress::Next(300)),
@@ -455,6 +480,7 @@ fn longest_messages_fit_their_limits() {
         t_us: u64::MAX,
         saturated: u8::MAX,
         clamped: u8::MAX,
+        masked: u8::MAX,
         regions: [region; 8],
     });
     let longest_step = ToHost::Step(Step {
@@ -483,6 +509,8 @@ fn longest_messages_fit_their_limits() {
         bad_frames: u32::MAX,
         frame_cycles: (u32::MAX, u32::MAX),
         stack_bytes: u32::MAX,
+        faults: u32::MAX,
+        rezeroed: u32::MAX,
         unkept: u32::MAX,
         contents: Contents {
             start: u32::MAX,
@@ -491,6 +519,13 @@ fn longest_messages_fit_their_limits() {
             newer_steps: u32::MAX,
             erased: u32::MAX,
         },
+    });
+    let most = Fault { kind: FaultKind::Crosstalk, place: Place::Cell(u16::MAX), found_ms: u32::MAX };
+    let longest_faults = ToHost::Faults(Faults {
+        found: u32::MAX,
+        rezeroed: u32::MAX,
+        masked_cells: [u8::MAX; 8],
+        list: [most; FAULTS].into_iter().collect(),
     });
     assert!(encoded(&longest_live).len() <= MAX_LIVE);
     assert!(framed(&longest_live).len() <= 90, "{}", framed(&longest_live).len());
@@ -502,7 +537,9 @@ fn longest_messages_fit_their_limits() {
         assert!(bytes <= 288, "{bytes} bytes do not fit the boards' receive buffers");
     }
     let longest_tissue = ToHost::Tissue(longest_tissue);
-    for message in [longest_live, longest_step, longest_status, longest_tissue, ToHost::Hello(longest_hello)] {
+    for message in
+        [longest_live, longest_step, longest_status, longest_faults, longest_tissue, ToHost::Hello(longest_hello)]
+    {
         assert!(encoded(&message).len() <= MAX_MESSAGE, "{}", encoded(&message).len());
         assert_eq!(messages::<ToHost>(&mut Decoder::new(), &framed(&message)), [message]);
     }
@@ -577,6 +614,8 @@ fn bytes_of_this_version() {
         ("update: accepted", framed(&ToHost::Update(Progress::Accepted)), ACCEPTED),
         ("refused: update", framed(&ToHost::Refused(Refusal::Update(update::Refusal::Signature))), UPDATE_REFUSED),
         ("set clock", framed(&ToDevice::SetClock { unix_us: 1_700_000_000_000_000 }), SET_CLOCK),
+        ("faults", framed(&ToHost::Faults(faults())), FAULTS_FOUND),
+        ("get faults", framed(&ToDevice::GetFaults), GET_FAULTS),
     ];
     for (name, bytes, expected) in golden {
         assert_eq!(hex(&bytes), expected, "{name}");
@@ -592,9 +631,9 @@ const PART: Part = [CellCalibration { offset: 300, gain: 1.5 }; PART_CELLS];
 
 const HELLO: &str =
     "0102011705302e312e30047465737401f8acd19101c801904e4d010320410103f0400101011104010961742061206c696e65f2c164b700";
-const LIVE: &str = "4f01ac0290b298d0124002e803d007b80ba00fe903d107b90ba10fea03d207ba0ba20feb03d307bb0ba30fec03d407bc0ba40fed03d507bd0ba50fee03d607be0ba60fef03d707bf0ba70facceb9b700";
-const STEP: &str = "0302290e80e497d012c0c029904e028104010320410103f04001144842e8034c04b00414057805dc054006bc02c81e2c0170fe340898083efe6c07e9034d04b10415057905dd054106bd02c91e2d016ffe350899083ffe6d07ea034e04b20416057a05de054206be02ca1e2e016efe36089a0840fe6e07eb034f04b30417057b05df054306bf02cb1e2f016dfe37089b0841fe6f07ec035004b40418057c05e0054406c002cc1e30016cfe38089c0842fe7007ed035104b50419057d05e1054506c102cd1e31016bfe39089d0843fe7107ee035204b6041a057e05e2054606c202ce1e32016afe3a089e0844fe7207ef035304b7041b057f05e3054706c302cf0d330169fe3b089f0845fe73070e0180c097d1edff96032dcffb0f00";
-const STATUS: &str = "270380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d012cc7d300";
+const LIVE: &str = "5001ac0290b298d012400220e803d007b80ba00fe903d107b90ba10fea03d207ba0ba20feb03d307bb0ba30fec03d407bc0ba40fed03d507bd0ba50fee03d607be0ba60fef03d707bf0ba70f1b4cf34f00";
+const STEP: &str = "0302290e80e497d012c0c029904e028104010320410103f04001144842e8034c04b00414057805dc054006bc02c80d2c0170fe340898083efe6c0712e9034d04b10415057905dd054106bd02c91f2d016ffe350899083ffe6d0701ea034e04b20416057a05de054206be02ca1f2e016efe36089a0840fe6e0702eb034f04b30417057b05df054306bf02cb1f2f016dfe37089b0841fe6f0703ec035004b40418057c05e0054406c002cc1f30016cfe38089c0842fe700704ed035104b50419057d05e1054506c102cd1f31016bfe39089d0843fe710705ee035204b6041a057e05e2054606c202ce1f32016afe3a089e0844fe720706ef035304b7041b057f05e3054706c302cf0e330169fe3b089f0845fe7307070e0180c097d1edff960341134e0700";
+const STATUS: &str = "290380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d0e0f85ac266400";
 const CONNECT: &str = "0102010553e85ae600";
 const STREAM: &str = "0701012813c52f00";
 const ACKNOWLEDGE: &str = "07022911e85d3100";
@@ -611,13 +650,15 @@ const NOT_KEPT: &str = "03050304b7a7a500";
 const BUSY: &str = "070504a322c33b00";
 const SERIAL: &str = "0705053512c44c00";
 const CALIBRATION: &str = "0705068f43cdd500";
-const IDENTITY_KEPT: &str = "090701502d3030303101010101010101010107ac0233067a3100";
-const PART_KEPT: &str = "0708034dc9091000";
-const GET_IDENTITY: &str = "0608bf67d9dc00";
-const SET_IDENTITY: &str = "090901502d303030310101010101010101010556934ef500";
-const SET_PART: &str = "050a03ac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020107c03ff3221a6300";
-const SET_CALIBRATION: &str = "0e0b07f001f8acd19101fd03542d00";
-const RESTART: &str = "060ca6a3b4db00";
+const IDENTITY_KEPT: &str = "090801502d3030303101010101010101010107ac021276e54d00";
+const PART_KEPT: &str = "0709030cf8120900";
+const GET_IDENTITY: &str = "06092957deab00";
+const SET_IDENTITY: &str = "090a01502d3030303101010101010101010105344ec81f00";
+const SET_PART: &str = "050b03ac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020107c03fa4b7df0900";
+const SET_CALIBRATION: &str = "0e0c07f001f8acd19101346e354900";
+const RESTART: &str = "060d3093b3ac00";
+const FAULTS_FOUND: &str = "0d070308010203040506070803060103e05d040eac02c865010205b06ddd96d1eb00";
+const GET_FAULTS: &str = "0608bf67d9dc00";
 const SET_CLOCK: &str = "0e078080f9c0c1c48203c9aa264a00";
 
 /// Values beyond the wire's units are cut to them, whatever their size.
@@ -647,7 +688,7 @@ fn live_values_are_rounded_and_cut() {
             saturated: true,
         };
         loads[5].tissue.clamped = true;
-        let live = Live::new(9, 10, &loads);
+        let live = Live::new(9, 10, &loads, 1 << 6);
         let region = LiveRegion { area_mm2: 0, deformation_um: wire_dn, model_dn: wire_dn, measured_dn: wire_dn };
         let deformation_um = (force_n * 0.1).max(0.0).round().min(65535.0) as u16;
         assert_eq!(live.regions[3], LiveRegion { deformation_um, ..region }, "{force_n} N");
@@ -677,9 +718,9 @@ fn a_set_up_that_is_cut_off_is_none() {
         assert!(read_setup(&bytes[..len]).is_none(), "{len} bytes");
     }
 }
-const BEGIN: &str = "020d0e706c616e74617231626f6172640101010101010101010106312e322e330101010101010101010147ac02010101010101010101010101010101010101010101010101010101010101010102020202020202020202020202020202020202020202020202020202020202026222a39900";
-const CHUNK: &str = "ff0d01ac02070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070b07070707070709a656d000";
-const FINISH: &str = "070d029e0d791a00";
-const NEXT: &str = "020907ac025f02f0b000";
-const ACCEPTED: &str = "07090120991ce700";
+const BEGIN: &str = "020e0e706c616e74617231626f6172640101010101010101010106312e322e330101010101010101010147ac0201010101010101010101010101010101010101010101010101010101010101010202020202020202020202020202020202020202020202020202020202020202eb650d0800";
+const CHUNK: &str = "ff0e01ac02070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070b07070707070720840f5500";
+const FINISH: &str = "070e025d5e543100";
+const NEXT: &str = "020a07ac02b1ad45a200";
+const ACCEPTED: &str = "070a01e3ca31cc00";
 const UPDATE_REFUSED: &str = "080507079d18af2800";

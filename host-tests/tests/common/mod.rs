@@ -51,7 +51,7 @@ pub fn replay_with(
         worn.codes_of(recording, i as usize, &mut codes);
         let toe_off = insole.frame(i, &codes);
         let t_us = u64::from(i) * u64::from(worn.setup.period_us);
-        live.push(Live::new(live.len() as u32, t_us, insole.loads()));
+        live.push(Live::new(live.len() as u32, t_us, insole.loads(), insole.masked()));
         if toe_off {
             steps.push(Step::new(&insole.whole_step().expect("the insole is set up")));
         }

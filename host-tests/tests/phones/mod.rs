@@ -372,6 +372,7 @@ impl Phone {
                 ToHost::Hello(_)
                 | ToHost::Status(_)
                 | ToHost::Time { .. }
+                | ToHost::Faults(_)
                 | ToHost::Identity(_)
                 | ToHost::CalibrationPart { .. }
                 | ToHost::Update(_) => CONTROL,

@@ -33,7 +33,7 @@ use plantar::ble::{self, HciPipe, OverBluetooth};
 use plantar::device::{self, Start};
 use plantar::emulation::{Head, Mishap};
 use plantar::insole::Insole;
-use plantar::store::Store;
+use plantar::store::{Part, Store};
 use plantar::update::Header;
 use plantar::watch::LOOK_MS;
 use plantar::wire::Reset;
@@ -107,8 +107,8 @@ async fn main(spawner: Spawner) {
         NVIC::unmask(Interrupt::USART3);
     }
 
-    let set_up = plant::head().filter(|_| !start.is_fallback);
-    let mut head = set_up.unwrap_or_else(|| Head::new(layout::setup(Side::Left)));
+    let set_up = plant::set_up().filter(|_| !start.is_fallback);
+    let mut head = set_up.as_ref().map_or_else(|| Head::new(layout::setup(Side::Left)), |(head, _)| *head);
     mishap::plan(head.mishap.filter(|planned| planned.is_repeated || start.reset == Reset::Power));
     may_happen(&[Mishap::Panic]);
     static STORE: StaticCell<Store<FlashFile>> = StaticCell::new();
@@ -118,14 +118,18 @@ async fn main(spawner: Spawner) {
     head.setup.side = name.side;
     let insole = INSOLE.take();
     insole.count_steps_from(store.contents().next_step);
-    let refused = if set_up.is_some() {
-        plant::set_up(insole, head.setup).err().map(device::cut)
+    let refused = if let Some((_, cells)) = &set_up {
+        insole.set_up(head.setup, cells.clone()).err().map(device::cut)
     } else {
         // A test sees that it is accepted.
         let _ = insole.set_up(head.setup, layout::cells());
         "no whole setup.bin: the built-in insole".try_into().ok()
     };
-    let calibration_id = app::calibrate(store, insole, plant::recalibrate).await;
+    let recalibrate = |insole: &mut DeviceInsole, first, part: &Part| match &set_up {
+        Some((_, cells)) => insole.recalibrate(cells.clone(), first, part),
+        None => insole.recalibrate(layout::cells(), first, part),
+    };
+    let calibration_id = app::calibrate(store, insole, recalibrate).await;
     let hello = app::hello(image, &head.setup, insole, start.reset, start.fault.or(refused));
     let matrix = PlantMatrix::open(&PLANT, insole.cells());
     let clock = if head.paced {

@@ -6,55 +6,57 @@ use crate::mishap::may_happen;
 use crate::port::Port;
 use core::sync::atomic::{AtomicU16, Ordering};
 use embassy_time::{Duration, Instant, with_timeout};
-use plantar::app::{DeviceInsole, FrameClock, Matrix, MatrixTimeout, Ticker};
-use plantar::emulation::{self, COLUMNS, Head, MATRIX_FILE, Mishap, SCAN, SETUP_FILE, TICK};
-use plantar::insole::{DEVICE_CELLS, Setup, SetupCell, SetupError};
-use plantar::store::Part;
+use plantar::app::{FrameClock, Matrix, MatrixTimeout, Ticker};
+use plantar::emulation::{COLUMNS, Head, MATRIX_FILE, Mishap, SCAN, SETUP_FILE, TICK};
+use plantar::insole::{DEVICE_CELLS, SetupCell};
 use semihosting::fs::File;
 use semihosting::io::{Read, Seek, SeekFrom};
+use serde::de::DeserializeOwned;
 
 /// A plant that stays silent for longer has stopped.
 const SILENCE: Duration = Duration::from_millis(400);
 
-/// Room for the set-up of [`DEVICE_CELLS`] cells.
-const SETUP_BYTES: usize = 6 * 1024;
+/// Room for a [`Head`] or a [`SetupCell`].
+const ITEM_BYTES: usize = 192;
 
-/// Reads the set-up file; `None` where it is absent or not whole.
-fn read_setup(buffer: &mut [u8; SETUP_BYTES]) -> Option<(Head, impl Iterator<Item = SetupCell> + Clone)> {
-    let mut file = File::open(SETUP_FILE).ok()?;
-    let mut len = 0;
-    while let Some(rest) = buffer.get_mut(len..).filter(|rest| !rest.is_empty()) {
-        match file.read(rest).ok()? {
-            0 => break,
-            n => len += n,
-        }
+/// The set-up file, read item by item: all of it would be kilobytes of stack.
+#[derive(Clone)]
+struct SetupFile {
+    at: u64,
+}
+
+impl SetupFile {
+    /// The next item; `None` at the end and where it is not whole.
+    fn next<T: DeserializeOwned>(&mut self) -> Option<T> {
+        let mut bytes = [0; ITEM_BYTES];
+        let mut file = File::open(SETUP_FILE).ok()?;
+        file.seek(SeekFrom::Start(self.at)).ok()?;
+        let len = file.read(&mut bytes).ok()?;
+        let (item, rest) = postcard::take_from_bytes(&bytes[..len]).ok()?;
+        self.at += (len - rest.len()) as u64;
+        Some(item)
     }
-    emulation::read_setup(&buffer[..len])
-}
 
-// Each of these is apart, so that its buffer is on the stack only there.
-
-/// The head of the set-up; `None` without a whole one.
-#[inline(never)]
-pub fn head() -> Option<Head> {
-    Some(read_setup(&mut [0; SETUP_BYTES])?.0)
-}
-
-/// Sets an insole up. A refusal leaves it without cells, so that a host hears why.
-#[inline(never)]
-pub fn set_up(insole: &mut DeviceInsole, setup: Setup) -> Result<(), SetupError> {
-    let mut buffer = [0; SETUP_BYTES];
-    let (_, cells) = read_setup(&mut buffer).ok_or(SetupError::NoCells)?;
-    insole.set_up(setup, cells)
-}
-
-/// Replaces calibrations from cell `first` on.
-#[inline(never)]
-pub fn recalibrate(insole: &mut DeviceInsole, first: usize, calibrations: &Part) {
-    let mut buffer = [0; SETUP_BYTES];
-    if let Some((_, cells)) = read_setup(&mut buffer) {
-        insole.recalibrate(cells, first, calibrations);
+    fn is_at_end(&self) -> bool {
+        File::open(SETUP_FILE).and_then(|file| file.metadata()).is_ok_and(|file| file.len() == self.at)
     }
+}
+
+impl Iterator for SetupFile {
+    type Item = SetupCell;
+
+    fn next(&mut self) -> Option<SetupCell> {
+        Self::next(self)
+    }
+}
+
+/// The set-up; `None` where the file is absent or not whole.
+pub fn set_up() -> Option<(Head, impl Iterator<Item = SetupCell> + Clone)> {
+    let mut file = SetupFile { at: 0 };
+    let head = file.next()?;
+    let cells = file.clone();
+    (&mut file).for_each(drop);
+    file.is_at_end().then_some((head, cells))
 }
 
 fn ask(port: &Port, kind: u8, seq: u32) {

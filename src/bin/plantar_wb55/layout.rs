@@ -87,13 +87,14 @@ const fn cell(line: usize, across: usize) -> Cell {
 
 struct Layout {
     cells: [Cell; CELLS],
+    crossings: [u8; CELLS],
     wiring: [[Option<u8>; COLUMNS]; ROWS],
 }
 
 /// Numbers the cells by region, as a frame's codes are ordered, and notes which crossing each one is.
 const fn lay_out() -> Layout {
     let none = Cell { region: Region::Heel, x_mm: 0.0, y_mm: 0.0, area_mm2: 0.0 };
-    let mut layout = Layout { cells: [none; CELLS], wiring: [[None; COLUMNS]; ROWS] };
+    let mut layout = Layout { cells: [none; CELLS], crossings: [0; CELLS], wiring: [[None; COLUMNS]; ROWS] };
     let (mut region, mut count) = (0, 0);
     while region < Region::ALL.len() {
         let mut line = 0;
@@ -106,6 +107,7 @@ const fn lay_out() -> Layout {
                     let column = (ACROSS - cells_on(line)) / 2 + across + ACROSS * (line / ROWS);
                     layout.wiring[line % ROWS][column] = Some(count as u8);
                     layout.cells[count] = cell;
+                    layout.crossings[count] = (line % ROWS * COLUMNS + column) as u8;
                     count += 1;
                 }
                 across += 1;
@@ -125,7 +127,8 @@ pub static WIRING: &[[Option<u8>; COLUMNS]; ROWS] = &LAYOUT.wiring;
 
 /// The cells in the order of a frame.
 pub fn cells() -> impl Iterator<Item = SetupCell> + Clone {
-    LAYOUT.cells.iter().map(|&cell| SetupCell { cell, calibration: UNLOADED })
+    let crossed = LAYOUT.cells.iter().zip(&LAYOUT.crossings);
+    crossed.map(|(&cell, &crossing)| SetupCell { cell, calibration: UNLOADED, crossing })
 }
 
 /// Rules until a wearer brings others. The sensor's full scale is what the feedback resistors are chosen for; its exponent is

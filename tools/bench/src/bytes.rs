@@ -11,8 +11,14 @@ const CENTURY_US: u64 = 100 * 366 * 24 * 3600 * 1_000_000;
 
 pub fn measure(figures: &mut Figures) -> Result<()> {
     let region = LiveRegion { area_mm2: u16::MAX, deformation_um: u16::MAX, model_dn: u16::MAX, measured_dn: u16::MAX };
-    let live =
-        Live { sequence: u32::MAX, t_us: CENTURY_US, saturated: u8::MAX, clamped: u8::MAX, regions: [region; 8] };
+    let live = Live {
+        sequence: u32::MAX,
+        t_us: CENTURY_US,
+        saturated: u8::MAX,
+        clamped: u8::MAX,
+        masked: u8::MAX,
+        regions: [region; 8],
+    };
     let step = Step {
         step: u32::MAX,
         side: Side::Right,

@@ -23,6 +23,7 @@ pub fn step_to_json(step: &Step) -> Value {
             value.insert("ellipse_at_peak".into(), ellipse.into());
             value.insert("saturated".into(), set(step.saturated, i).into());
             value.insert("clamped".into(), set(step.clamped, i).into());
+            value.insert("masked_cells".into(), r.masked_cells.into());
             (region.name().into(), value.into())
         })
         .collect();

@@ -11,6 +11,7 @@ pub use json::{region_ellipse, region_quantities, step_to_json};
 
 use plantar::Side;
 use plantar::calibrate::CellCalibration;
+use plantar::fault::Faults;
 use plantar::insole::Tissue;
 use plantar::link::STEP_QUEUE;
 use plantar::store::{CalibrationId, PART_CELLS};
@@ -251,6 +252,14 @@ impl<C: Carrier> Client<C> {
         &self.axis
     }
 
+    /// What the insole has found of its sensor's faults; what arrives meanwhile is received as usual.
+    pub fn faults(&mut self) -> Result<Faults, Error> {
+        self.ask(ToDevice::GetFaults, |message| match message {
+            ToHost::Faults(faults) => Some(faults.clone()),
+            _ => None,
+        })
+    }
+
     fn ask_time(&mut self) -> Result<(), Error> {
         let is_due = self.asked_time.is_none_or(|asked| asked.elapsed() >= ASK_TIME);
         if is_due {
@@ -300,6 +309,7 @@ impl<C: Carrier> Client<C> {
             ToHost::Hello(_) => self.next_live = None,
             ToHost::Tissue(_)
             | ToHost::Refused(_)
+            | ToHost::Faults(_)
             | ToHost::Identity(_)
             | ToHost::CalibrationPart { .. }
             | ToHost::Update(_) => {}

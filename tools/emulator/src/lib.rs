@@ -2,9 +2,11 @@
 //!
 //! What passes between board and plant is described in [`plantar::emulation`].
 
+mod faults;
 mod plant;
 mod recorded;
 
+pub use faults::{EXAMPLES, Electrical, Faulty, ParseFaultError};
 pub use plant::{Plant, Scan, Walk};
 pub use recorded::{Looped, Recorded};
 

@@ -9,7 +9,7 @@ type Cell = string | number | boolean | null;
 
 const line = (cells: readonly Cell[]) => cells.map((cell) => (cell === null ? "" : Number(cell) === cell ? cell : String(cell))).join(",") + "\n";
 
-const LIVE_COLUMNS = ["area_mm2", "deformation_mm", "model_n", "measured_n", "saturated", "clamped"] as const;
+const LIVE_COLUMNS = ["area_mm2", "deformation_mm", "model_n", "measured_n", "saturated", "clamped", "masked"] as const;
 
 /** A row a live frame: `unix_s` is when it was scanned, on the browser's clock for both feet, empty where it was not asked for;
  * `t_s` is when it arrived, and `device_t_s` the insole's own. */
@@ -44,6 +44,7 @@ const STEP_COLUMNS = [
   "model_error_nrmse_percent",
   "saturated",
   "clamped",
+  "masked_cells",
 ] as const satisfies readonly (keyof StepRegion)[];
 const ELLIPSE_COLUMNS = ["x_mm", "y_mm", "r_a_mm", "r_b_mm", "angle_deg"] as const;
 

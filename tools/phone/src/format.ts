@@ -32,7 +32,8 @@ export function quantityText(region: LiveRegion, quantity: Quantity, has_paramet
   }[quantity]();
   // The model is cut where the contact is larger than its ellipsoid.
   const is_clamped = needs_parameters && region.clamped;
-  return region.saturated ? `${text} ▲` : is_clamped ? `${text} △` : text;
+  // A masked cell reads what its neighbours do.
+  return region.saturated ? `${text} ▲` : region.masked ? `${text} ~` : is_clamped ? `${text} △` : text;
 }
 
 /** The unit in which forces are shown. */

@@ -26,6 +26,7 @@ export interface LiveRegion {
   measured_n: number;
   saturated: boolean;
   clamped: boolean;
+  masked: boolean;
 }
 
 export interface Live {
@@ -59,6 +60,7 @@ export interface StepRegion {
   model_error_nrmse_percent: number;
   saturated: boolean;
   clamped: boolean;
+  masked_cells: number;
 }
 
 /** The same object as `plantar replay --json` writes. */
@@ -88,6 +90,8 @@ export interface Status {
   bad_frames: number;
   /** What the insole could not keep. */
   unkept: number;
+  faults: number;
+  rezeroed: number;
 }
 
 export type ToHost =
@@ -97,7 +101,8 @@ export type ToHost =
   | Status
   | { kind: "tissue"; id: number }
   | { kind: "refused"; reason: string }
-  | { kind: "time"; host_us: number; device_us: number };
+  | { kind: "time"; host_us: number; device_us: number }
+  | { kind: "faults"; found: number; rezeroed: number; list: { fault: string; place: string; found_s: number }[] };
 
 export type Point = [x_mm: number, y_mm: number];
 

@@ -15,7 +15,7 @@ export const walk = read("../public/walk.plantar");
 export const messagesOf = (insole: number) => [...entries(walk)].filter((entry) => entry.insole === insole).map(({ message }) => message);
 
 export function live(values: Partial<Live> = {}, measured_n = 0): Live {
-  const region = { area_mm2: 0, deformation_mm: 0, model_n: 0, measured_n, saturated: false, clamped: false };
+  const region = { area_mm2: 0, deformation_mm: 0, model_n: 0, measured_n, saturated: false, clamped: false, masked: false };
   return { kind: "live", sequence: 0, t_s: 0, regions: Array.from({ length: 8 }, () => ({ ...region })), ...values };
 }
 

@@ -7,7 +7,7 @@ use crate::view::View;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use client::{Client, Framed, step_to_json};
-use emulator::{Board, Recorded, Time};
+use emulator::{Board, Electrical, Faulty, Recorded, Time};
 use parameters::Parameters;
 use plantar::Region;
 use plantar::emulation::Head;
@@ -37,6 +37,12 @@ pub struct Emulate {
     /// In real time, or as fast as the emulator can.
     #[arg(long, value_enum, default_value_t = Speed::Real)]
     speed: Speed,
+    /// A fault of the sensor's circuit, KIND:WHERE[=VALUE][@SECONDS]; give it again for more. Cells are numbered as in a frame, by
+    /// region; rows of the matrix are 16 cells. Kinds: open-cell:17, open-row:3, open-column:5 (no contact), short-cell:17,
+    /// short-row:3, short-column:5 (full scale), stuck:17=12000 (this code always), saturate:17 (full scale once loaded),
+    /// drift:17=50/s (the zero moves by so many codes), crosstalk:3=0.1 (a row's cells read this part of its most loaded one).
+    #[arg(long, value_name = "FAULT")]
+    fault: Vec<Electrical>,
     /// End after this many steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
@@ -96,7 +102,9 @@ impl Emulate {
         let cells = insole.cells.clone();
         let seconds = recording.frames() as f64 / recording.rate_hz;
         let scans = insole.frames(&recording) as u32;
-        let walk = Recorded::new(recording, insole);
+        let zeros: Vec<u16> = cells.iter().map(|cell| cell.calibration.offset).collect();
+        let period_us = insole.setup.period_us;
+        let walk = Faulty::new(Recorded::new(recording, insole), self.fault.clone(), period_us, zeros);
         let time = match self.speed {
             Speed::Real => Time::Real,
             Speed::Max => Time::Max,
@@ -110,9 +118,11 @@ impl Emulate {
         let start = Instant::now();
         let outcome = self.follow(&board, &mut client, &mut view, scans);
         view.close();
+        let faults = client.faults();
         let Outcome { steps, status } = outcome?;
         let counters = client.counters();
         summary::print(&steps);
+        summary::print_faults(&faults?);
         println!(
             "{} frames of {seconds:.1} s in {:.1} s; live frames: {} sent, {} received, {} lost, {} damaged; scans missed: {}, overrun: {}",
             status.frames,
@@ -175,6 +185,7 @@ impl Emulate {
                     ToHost::Tissue(_)
                     | ToHost::Refused(_)
                     | ToHost::Time { .. }
+                    | ToHost::Faults(_)
                     | ToHost::Identity(_)
                     | ToHost::CalibrationPart { .. }
                     | ToHost::Update(_),

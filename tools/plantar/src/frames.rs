@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Columns of one region; each is `<region>_<name>`.
-const REGION_COLUMNS: [&str; 13] = [
+const REGION_COLUMNS: [&str; 14] = [
     "area_mm2",
     "measured_force_n",
     "deformation_mm",
@@ -28,6 +28,7 @@ const REGION_COLUMNS: [&str; 13] = [
     "ellipse_angle_deg",
     "saturated",
     "clamped",
+    "masked_cells",
 ];
 
 /// The rule that areas were counted by, the same in every row.
@@ -99,6 +100,7 @@ impl FrameWriter {
                 ellipse.map(|e| f64::from(e.angle_deg())),
                 Some(f64::from(u8::from(load.frame.saturated))),
                 Some(f64::from(u8::from(load.tissue.clamped))),
+                Some(f64::from(insole.faults().masked_cells[i])),
             ]);
         }
         let ContactRule { on_kpa, off_kpa, full_kpa } = self.rule;

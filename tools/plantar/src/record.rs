@@ -139,6 +139,7 @@ impl Sink for Parts<'_> {
                 ("measured_force_n", (f64::from(r.measured_dn) / 10.0).into()),
                 ("saturated", set(live.saturated).into()),
                 ("clamped", set(live.clamped).into()),
+                ("masked", set(live.masked).into()),
             ]);
         }
         self.close_if_due()
@@ -193,6 +194,7 @@ fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
         ("area_peak_mm2", f64::from(r.area_peak_mm2).into()),
         ("saturated", set(step.saturated).into()),
         ("clamped", set(step.clamped).into()),
+        ("masked_cells", i32::from(r.masked_cells).into()),
         ("contact_on_kpa", f64::from(step.contact_rule.on_kpa).into()),
         ("contact_off_kpa", f64::from(step.contact_rule.off_kpa).into()),
         ("contact_full_kpa", f64::from(step.contact_rule.full_kpa).into()),

@@ -3,6 +3,7 @@
 use crate::setup::rule_in_words;
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use plantar::Region;
+use plantar::fault::Faults;
 use plantar::wire::Step;
 
 /// Short names for narrow columns, in the order of [`Region::ALL`].
@@ -27,7 +28,8 @@ pub fn print(steps: &[Step]) {
         row.extend(step.regions.iter().enumerate().map(|(i, r)| {
             let mark = |bits: u8, mark| if bits >> i & 1 == 1 { mark } else { "" };
             format!(
-                "{}{:.0} / {}{:.0}",
+                "{}{}{:.0} / {}{:.0}",
+                if r.masked_cells > 0 { "~" } else { "" },
                 mark(step.saturated, ">"),
                 f64::from(r.measured_peak_dn) / 10.0,
                 mark(step.clamped, "*"),
@@ -40,6 +42,9 @@ pub fn print(steps: &[Step]) {
     println!("Peak force a step, measured / model:\n{table}");
     if steps.iter().any(|step| step.saturated != 0) {
         println!("> a cell was at the end of its scale: the force is at least this");
+    }
+    if steps.iter().flat_map(|step| &step.regions).any(|region| region.masked_cells > 0) {
+        println!("~ faulty cells are masked and read what their neighbours do");
     }
     if steps.iter().any(|step| step.clamped != 0) {
         println!("* the contact was larger than the ellipsoid: the model is cut there");
@@ -83,6 +88,25 @@ pub fn print(steps: &[Step]) {
     align(&mut table);
     println!("Mean of {} steps, peaks:\n{table}", steps.len());
     println!("Contact: {}.", rule_in_words(&first.contact_rule));
+}
+
+/// Prints the faults of the sensor, where there are any.
+pub fn print_faults(faults: &Faults) {
+    for fault in &faults.list {
+        println!(
+            "sensor fault: {} {}, found at {:.2} s",
+            fault.place,
+            fault.kind.name(),
+            f64::from(fault.found_ms) / 1e3
+        );
+    }
+    let untold = faults.found.saturating_sub(faults.list.len() as u32);
+    if untold > 0 {
+        println!("and {untold} sensor faults more");
+    }
+    if faults.rezeroed > 0 {
+        println!("zeros of cells that drift were followed {} times", faults.rezeroed);
+    }
 }
 
 /// Model against measured force of region number `region` (Eq. 20), %, mean of the steps in which it was loaded.

@@ -150,9 +150,11 @@ impl View {
                 (true, _) => Span::styled("█", Style::new().fg(Color::Cyan)),
                 _ => Span::raw(" "),
             });
-            let flag = match (self.live.saturated >> i & 1, self.live.clamped >> i & 1) {
-                (1, _) => "saturated",
-                (_, 1) => "beyond the ellipsoid",
+            let is_set = |bits: u8| bits >> i & 1 == 1;
+            let flag = match () {
+                _ if is_set(self.live.saturated) => "saturated",
+                _ if is_set(self.live.masked) => "masked cells",
+                _ if is_set(self.live.clamped) => "beyond the ellipsoid",
                 _ => "",
             };
             let numbers = format!(

@@ -122,7 +122,7 @@ fn record_stores_the_session_as_tables() {
     for i in 0..worn.frames(&recording) {
         worn.codes_of(&recording, i, &mut codes);
         let toe_off = insole.frame(i as u32, &codes);
-        live.push(Live::new(i as u32, 0, insole.loads()));
+        live.push(Live::new(i as u32, 0, insole.loads(), insole.masked()));
         if toe_off {
             steps.push(Step::new(&insole.whole_step().expect("a step")));
         }

@@ -76,7 +76,8 @@ impl VirtualInsole {
         order.sort_by_key(|&i| recording.layout.cells[i].region);
         let cells: Vec<_> = order
             .iter()
-            .map(|&i| {
+            .enumerate()
+            .map(|(place, &i)| {
                 let cell = &recording.layout.cells[i];
                 SetupCell {
                     cell: Cell {
@@ -86,6 +87,8 @@ impl VirtualInsole {
                         area_mm2: cell.area_mm2 as f32,
                     },
                     calibration: CellCalibration::IDEAL,
+                    // As the emulated matrix is wired: rows of 16 columns.
+                    crossing: place as u8,
                 }
             })
             .collect();

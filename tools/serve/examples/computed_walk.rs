@@ -58,7 +58,7 @@ fn messages(side: Side, lag_s: f64, peak_n: f64, seed: u64) -> Result<Vec<(u32, 
         let toe_off = insole.frame(frame as u32, &codes);
         let t_us = frame as u64 * u64::from(worn.setup.period_us);
         let t_ms = (t_us as f64 / 1e3 + lag_s * 1e3).round() as u32;
-        said.push((t_ms, ToHost::Live(Live::new(frame as u32, t_us, insole.loads()))));
+        said.push((t_ms, ToHost::Live(Live::new(frame as u32, t_us, insole.loads(), insole.masked()))));
         if toe_off && let Some(step) = insole.whole_step() {
             said.push((t_ms, ToHost::Step(Step::new(&step))));
         }

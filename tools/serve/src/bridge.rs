@@ -72,6 +72,7 @@ fn follow(hub: &Hub, index: usize, mut client: Session) -> Result<std::convert::
                 | ToHost::Tissue(_)
                 | ToHost::Refused(_)
                 | ToHost::Time { .. }
+                | ToHost::Faults(_)
                 | ToHost::Identity(_)
                 | ToHost::CalibrationPart { .. }
                 | ToHost::Update(_),

@@ -2,6 +2,7 @@
 
 use client::step_to_json;
 use plantar::Side;
+use plantar::fault::Faults;
 use plantar::wire::{Hello, Live, Status, ToHost, decode};
 use serde_json::{Value, json};
 
@@ -18,6 +19,7 @@ pub fn decode_to_json(bytes: &[u8]) -> Option<Value> {
         // What an insole keeps is nothing the page asks for.
         ToHost::Identity(_) | ToHost::CalibrationPart { .. } | ToHost::Update(_) => return None,
         ToHost::Time { host_us, device_us } => json!({ "kind": "time", "host_us": host_us, "device_us": device_us }),
+        ToHost::Faults(faults) => faults_to_json(faults),
     })
 }
 
@@ -50,6 +52,7 @@ fn live_to_json(live: &Live) -> Value {
                 "measured_n": f64::from(r.measured_dn) / 10.0,
                 "saturated": live.saturated >> i & 1 == 1,
                 "clamped": live.clamped >> i & 1 == 1,
+                "masked": live.masked >> i & 1 == 1,
             })
         })
         .collect();
@@ -67,5 +70,22 @@ fn status_to_json(status: &Status) -> Value {
         "steps_dropped": status.steps_dropped,
         "bad_frames": status.bad_frames,
         "unkept": status.unkept,
+        "faults": status.faults,
+        "rezeroed": status.rezeroed,
     })
+}
+
+fn faults_to_json(faults: &Faults) -> Value {
+    let list: Vec<_> = faults
+        .list
+        .iter()
+        .map(|fault| {
+            json!({
+                "fault": fault.kind.name(),
+                "place": fault.place.to_string(),
+                "found_s": f64::from(fault.found_ms) / 1000.0,
+            })
+        })
+        .collect();
+    json!({ "kind": "faults", "found": faults.found, "rezeroed": faults.rezeroed, "list": list })
 }

@@ -1,0 +1,294 @@
+//! Faults of the sensor in walks of all kinds: which are found and when, and what masked cells do to the model's force.
+
+use emulator::Electrical;
+use fit::{Options, Study};
+use parameters::{InsoleSize, Parameters};
+use plantar::contact::ContactRule;
+use plantar::emulation::COLUMNS;
+use plantar::fault::{FaultKind, Faults, Place};
+use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
+use plantar::stance::StanceRule;
+use plantar::{Region, Side};
+use recording::{Recording, VirtualInsole, jiku, pedar, synthetic};
+use std::path::PathBuf;
+
+/// A recording without faults.
+pub struct Clean {
+    /// Which.
+    pub name: String,
+    /// What was recorded.
+    pub recording: Recording,
+}
+
+/// Computed walks at three rates.
+pub fn computed() -> Vec<Clean> {
+    let walk = |rate_hz| synthetic::SyntheticWalk { steps: 12, rate_hz, ..Default::default() };
+    let clean = |rate_hz| Clean {
+        name: format!("computed walk, {rate_hz} Hz"),
+        recording: synthetic::walk(&walk(rate_hz)).recording,
+    };
+    [50.0, 100.0, 400.0].map(clean).into()
+}
+
+/// Computed and measured ones; says which are not there.
+pub fn clean() -> Vec<Clean> {
+    let mut all = computed();
+    match std::env::var_os("PLANTAR_JIKU") {
+        None => println!("skipped: PLANTAR_JIKU does not name the data set SpeedPP2DS"),
+        Some(data) => {
+            for walker in 0..10 {
+                let walk = jiku::import(&data, walker, 0..60, &mut |_, _| ()).expect("the data set is there");
+                for rate_hz in [50.0, 100.0] {
+                    let recording = walk.at_rate(rate_hz).and_then(|walk| walk.binned(DEVICE_CELLS));
+                    all.push(Clean {
+                        name: format!("barefoot walker {walker}, {rate_hz} Hz"),
+                        recording: recording.expect("a walk can be binned"),
+                    });
+                }
+            }
+        }
+    }
+    let data = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/pedar");
+    if !data.is_dir() {
+        println!("skipped: no ../shared/data");
+        return all;
+    }
+    for side in [Side::Left, Side::Right] {
+        let walk = pedar::import(data.join("pedar_example.asc"), data.join("geometry.csv"), side, &mut |_, _| ());
+        all.push(Clean { name: format!("in shoe, {}", side.name()), recording: walk.expect("the recording is there") });
+    }
+    all
+}
+
+/// What an insole says of a walk.
+pub struct Outcome {
+    /// The faults at its end.
+    pub faults: Faults,
+    /// When each step was over, s.
+    pub toe_offs_s: Vec<f64>,
+    /// Model force and measured force of each region in each frame, N.
+    pub forces_n: Vec<[(f64, f64); 8]>,
+}
+
+/// Walks with these faults.
+pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>, faults: &[Electrical]) -> Outcome {
+    let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is sound");
+    if let Some(tissue) = tissue {
+        insole.set_tissue(tissue).expect("the parameters are sound");
+    }
+    let zeros: Vec<u16> = worn.cells.iter().map(|cell| cell.calibration.offset).collect();
+    let mut codes = vec![0; zeros.len()];
+    let (mut toe_offs_s, mut forces_n) = (Vec::new(), Vec::new());
+    for i in 0..worn.frames(recording) {
+        let t_s = i as f64 * f64::from(worn.setup.period_us) / 1e6;
+        worn.codes_of(recording, i, &mut codes);
+        faults.iter().for_each(|fault| fault.apply(t_s, &zeros, &mut codes));
+        if insole.frame(i as u32, &codes) {
+            toe_offs_s.push(t_s);
+        }
+        let force =
+            |r: &plantar::insole::RegionLoad<f32>| (f64::from(r.tissue.model_n), f64::from(r.frame.force.force_n));
+        forces_n.push(insole.loads().each_ref().map(force));
+    }
+    Outcome { faults: insole.faults().clone(), toe_offs_s, forces_n }
+}
+
+/// How the faults of a kind fared in one walk.
+pub struct Detection {
+    /// What was injected, as [`Electrical`] reads it.
+    pub what: &'static str,
+    /// How many, and how many were told as what and where they were, by the end of the second whole step after they began.
+    pub injected: usize,
+    /// See `injected`.
+    pub found: usize,
+    /// The longest time that one of them took, s.
+    pub longest_s: f64,
+    /// Faults told that are none.
+    pub false_alarms: usize,
+    /// Those that were not found.
+    pub missed: Vec<Electrical>,
+}
+
+/// What is injected, and how it reads.
+const INJECTED: [(&str, FaultKind, f64); 10] = [
+    ("open-cell", FaultKind::Open, 0.0),
+    ("short-cell", FaultKind::Short, 0.0),
+    ("stuck", FaultKind::Stuck, 12_000.0),
+    ("saturate", FaultKind::Saturated, 0.0),
+    ("drift", FaultKind::Drift, 50.0),
+    ("open-row", FaultKind::Open, 0.0),
+    ("open-column", FaultKind::Open, 0.0),
+    ("short-row", FaultKind::Short, 0.0),
+    ("short-column", FaultKind::Short, 0.0),
+    ("crosstalk", FaultKind::Crosstalk, 0.1),
+];
+
+/// Walks again and again, each time with one fault that begins after a few steps, at a place that the walk loads.
+pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
+    let recording = &clean.recording;
+    let truth = walk(recording, ContactRule::COUNTED, None, &[]);
+    let mut random = fastrand::Rng::with_seed(seed);
+    let loaded = Loaded::new(recording, &truth.toe_offs_s);
+    INJECTED
+        .map(|(what, kind, value)| {
+            let places = loaded.places(what);
+            let mut told =
+                Detection { what, injected: 0, found: 0, longest_s: 0.0, false_alarms: 0, missed: Vec::new() };
+            for _ in 0..count.min(4 * places.len()) {
+                // Some time in the fifth step.
+                let [before, after] = [truth.toe_offs_s[3], truth.toe_offs_s[4]];
+                let from_s = before + random.f64() * (after - before);
+                let fault = Electrical { kind, place: places[random.usize(..places.len())], value, from_s };
+                let outcome = walk(recording, ContactRule::COUNTED, None, &[fault]);
+                // The sixth and the seventh step are the first two whole ones; their swing belongs to them.
+                let end_s = truth.toe_offs_s[6] + SWING_S;
+                let is_it = |found: &&plantar::fault::Fault| found.kind == kind && found.place == fault.place;
+                // A cell of the line that was told before the line.
+                let is_part = |found: &&plantar::fault::Fault| {
+                    let cells: Vec<_> = fault.cells(recording.cells()).collect();
+                    matches!(found.place, Place::Cell(cell) if cells.contains(&cell.into()))
+                };
+                let found_s = outcome.faults.list.iter().find(is_it).map(|found| f64::from(found.found_ms) / 1e3);
+                // A drift that can be followed is no fault.
+                let followed = kind == FaultKind::Drift && outcome.faults.rezeroed > 0;
+                told.injected += 1;
+                told.false_alarms +=
+                    outcome.faults.list.iter().filter(|found| !is_it(found) && !is_part(found)).count();
+                match found_s {
+                    _ if followed => told.found += 1,
+                    Some(found_s) if found_s <= end_s => {
+                        told.found += 1;
+                        told.longest_s = told.longest_s.max(found_s - from_s);
+                    }
+                    _ => told.missed.push(fault),
+                }
+            }
+            told
+        })
+        .into()
+}
+
+/// A swing lasts about so long, s.
+const SWING_S: f64 = 0.45;
+/// Firmly loaded: twice the code of the contact rule's 10 kPa.
+const FIRM_KPA: f32 = 25.0;
+
+/// Which places a walk loads so that a fault shows.
+struct Loaded {
+    /// Per cell, firmly in each of the first eight steps.
+    firm: Vec<bool>,
+    /// Of these, the ones with such cells all around.
+    inner: Vec<bool>,
+}
+
+impl Loaded {
+    fn new(recording: &Recording, toe_offs_s: &[f64]) -> Self {
+        let worn = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let count = worn.cells.len();
+        let mut firm = vec![true; count];
+        let mut from = 0;
+        for toe_off_s in toe_offs_s.iter().take(8) {
+            let to = (toe_off_s * recording.rate_hz) as usize;
+            let mut most = vec![0u16; count];
+            let mut codes = vec![0; count];
+            for i in core::mem::replace(&mut from, to)..to {
+                worn.codes_of(recording, i, &mut codes);
+                most.iter_mut().zip(&codes).for_each(|(most, &code)| *most = code.max(*most));
+            }
+            let law = worn.setup.sensor;
+            let firm_code = crate::code_of(&law, f64::from(FIRM_KPA));
+            firm.iter_mut().zip(&most).for_each(|(firm, &most)| *firm &= most > firm_code);
+        }
+        let cells = &worn.cells;
+        let is_inner = |i: usize| {
+            let this = &cells[i].cell;
+            let pitch_mm = this.area_mm2.sqrt();
+            let around: Vec<_> = (0..count)
+                .filter(|&j| j != i)
+                .map(|j| (j, cells[j].cell.x_mm - this.x_mm, cells[j].cell.y_mm - this.y_mm))
+                .filter(|(_, dx, dy)| dx.abs().max(dy.abs()) <= 1.5 * pitch_mm)
+                .collect();
+            around.len() >= 8 && around.iter().all(|&(j, ..)| firm[j])
+        };
+        let inner = (0..count).map(|i| firm[i] && is_inner(i)).collect();
+        Self { firm, inner }
+    }
+
+    fn places(&self, what: &str) -> Vec<Place> {
+        let firm_on = |on: &dyn Fn(usize) -> bool| (0..self.firm.len()).filter(|&i| on(i) && self.firm[i]).count();
+        let cells = |loaded: &[bool]| (0..loaded.len()).filter(|&i| loaded[i]).map(|i| Place::Cell(i as u16)).collect();
+        let lines = 0..COLUMNS as u8;
+        match what {
+            "open-cell" => cells(&self.inner),
+            // A line is told as one where four of its cells tell.
+            "open-row" | "short-row" | "crosstalk" => {
+                lines.filter(|&row| firm_on(&|i| i / COLUMNS == usize::from(row)) >= 4).map(Place::Row).collect()
+            }
+            "open-column" | "short-column" => lines
+                .filter(|&column| firm_on(&|i| i % COLUMNS == usize::from(column)) >= 4)
+                .map(Place::Column)
+                .collect(),
+            _ => cells(&self.firm),
+        }
+    }
+}
+
+/// The model's force against the force without faults, root mean square over the region's peak, mean of the loaded regions: without
+/// faults, and with each share of the cells masked, the mean and the largest of some draws.
+pub struct ModelError {
+    /// Without faults, %.
+    pub clean_percent: f64,
+    /// Per share of masked cells, %: that share, the mean and the largest error.
+    pub masked: Vec<(u32, f64, f64)>,
+}
+
+/// Masks cells of a walker whose own parameters were identified on the same walk.
+pub fn model_error(clean: &Clean, draws: usize, seed: u64) -> ModelError {
+    let recording = &clean.recording;
+    let contact = ContactRule::COUNTED;
+    let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+    let mut study = Study::new(clean.name.clone(), contact, Options::usual(InsoleSize::default().thickness_m()));
+    study.add("walk".into(), recording, &worn, &mut |_| ()).expect("wearable");
+    study.fit(&|_| ());
+    let mut parameters = Parameters::typical(InsoleSize::default());
+    for (region, fit) in parameters.regions.iter_mut().zip(&study.fits) {
+        if let Ok(fit) = fit {
+            *region = fit.ellipsoid;
+        }
+    }
+    let tissue = parameters.tissue();
+    let truth = walk(recording, contact, Some(&tissue), &[]);
+    // Shorted cells are found in two steps; from the fifth on they are masked.
+    let from = (truth.toe_offs_s[3] * recording.rate_hz) as usize;
+    let error = |outcome: &Outcome| {
+        let regions = (0..Region::ALL.len()).filter_map(|region| {
+            let pairs =
+                || outcome.forces_n.iter().zip(&truth.forces_n).skip(from).map(|(a, b)| (a[region].0, b[region].1));
+            let peak_n = pairs().fold(0.0, |most: f64, (_, n)| most.max(n));
+            let loaded: Vec<f64> = pairs().filter(|&(_, n)| n > 0.0).map(|(model, n)| (model - n).powi(2)).collect();
+            (peak_n > 1.0).then(|| (loaded.iter().sum::<f64>() / loaded.len() as f64).sqrt() / peak_n * 100.0)
+        });
+        let errors: Vec<f64> = regions.collect();
+        errors.iter().sum::<f64>() / errors.len() as f64
+    };
+    let mut random = fastrand::Rng::with_seed(seed);
+    let masked = (1..=5)
+        .map(|percent| {
+            let errors: Vec<f64> = (0..draws)
+                .map(|_| {
+                    let count = recording.cells() * percent as usize / 100;
+                    let cells = random.choose_multiple(0..recording.cells() as u16, count);
+                    let short =
+                        |cell| Electrical { kind: FaultKind::Short, place: Place::Cell(cell), value: 0.0, from_s: 0.0 };
+                    let faults: Vec<_> = cells.into_iter().map(short).collect();
+                    error(&walk(recording, contact, Some(&tissue), &faults))
+                })
+                .collect();
+            let largest = errors.iter().copied().fold(0.0, f64::max);
+            (percent, errors.iter().sum::<f64>() / errors.len() as f64, largest)
+        })
+        .collect();
+    ModelError { clean_percent: error(&truth), masked }
+}

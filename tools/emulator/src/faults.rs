@@ -1,0 +1,162 @@
+//! Electrical faults of a matrix, applied to the codes that it would read.
+
+use crate::{Scan, Walk};
+use plantar::calibrate::FULL_CODE;
+use plantar::emulation::COLUMNS;
+use plantar::fault::{FaultKind, Place};
+use std::fmt;
+use std::str::FromStr;
+use thiserror::Error;
+
+/// A cell that saturates reads this many times its conductance.
+const SATURATING_GAIN: f64 = 100.0;
+
+/// One fault of the circuit, from a time on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Electrical {
+    /// What.
+    pub kind: FaultKind,
+    /// Where, in a matrix with rows of [`COLUMNS`].
+    pub place: Place,
+    /// Stuck: the code. Drift: codes a second. Crosstalk: the share of a row's largest reading that its other cells read. Else 0.
+    pub value: f64,
+    /// Since when, s.
+    pub from_s: f64,
+}
+
+/// Why a text is no fault.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[error("{text}: {why}; write for example {EXAMPLES}")]
+pub struct ParseFaultError {
+    text: String,
+    why: &'static str,
+}
+
+/// One of each kind.
+pub const EXAMPLES: &str = "open-cell:17, open-row:3, open-column:5, short-cell:17, short-row:3, short-column:5, stuck:17=12000, saturate:17, drift:17=50/s, crosstalk:3=0.1, each with @SECONDS where it begins later";
+
+impl FromStr for Electrical {
+    type Err = ParseFaultError;
+
+    fn from_str(text: &str) -> Result<Self, ParseFaultError> {
+        let error = |why| ParseFaultError { text: text.into(), why };
+        let (what, from) = text.split_once('@').unwrap_or((text, "0"));
+        let from_s: f64 = from.parse().map_err(|_| error("@ takes a time in seconds"))?;
+        if !(from_s >= 0.0 && from_s.is_finite()) {
+            return Err(error("a fault begins at 0 s or later"));
+        }
+        let (name, at) = what.split_once(':').ok_or_else(|| error("a fault is KIND:WHERE"))?;
+        let (number, value) = at.split_once('=').map_or((at, None), |(number, value)| (number, Some(value)));
+        let number: u16 = number.parse().map_err(|_| error("cells, rows and columns are numbers from 0"))?;
+        let line = || match u8::try_from(number) {
+            Ok(line) if usize::from(line) < COLUMNS => Ok(line),
+            _ => Err(error("the matrix has rows and columns 0 to 15")),
+        };
+        let (kind, place) = match name {
+            "open-cell" => (FaultKind::Open, Place::Cell(number)),
+            "open-row" => (FaultKind::Open, Place::Row(line()?)),
+            "open-column" => (FaultKind::Open, Place::Column(line()?)),
+            "short-cell" => (FaultKind::Short, Place::Cell(number)),
+            "short-row" => (FaultKind::Short, Place::Row(line()?)),
+            "short-column" => (FaultKind::Short, Place::Column(line()?)),
+            "stuck" => (FaultKind::Stuck, Place::Cell(number)),
+            "saturate" => (FaultKind::Saturated, Place::Cell(number)),
+            "drift" => (FaultKind::Drift, Place::Cell(number)),
+            "crosstalk" => (FaultKind::Crosstalk, Place::Row(line()?)),
+            _ => return Err(error("there is no such kind of fault")),
+        };
+        let value = match (kind, value) {
+            (FaultKind::Open | FaultKind::Short | FaultKind::Saturated, None) => 0.0,
+            (FaultKind::Open | FaultKind::Short | FaultKind::Saturated, Some(_)) => {
+                return Err(error("this kind takes no value"));
+            }
+            (_, None) => return Err(error("this kind takes a value after =")),
+            (FaultKind::Drift, Some(value)) => {
+                let value = value.strip_suffix("/s").unwrap_or(value);
+                value.parse().map_err(|_| error("drift takes codes a second"))?
+            }
+            (_, Some(value)) => value.parse().map_err(|_| error("the value is no number"))?,
+        };
+        let is_in_range = match kind {
+            FaultKind::Stuck => (0.0..=f64::from(FULL_CODE)).contains(&value),
+            FaultKind::Crosstalk => (0.0..=1.0).contains(&value),
+            _ => value.is_finite(),
+        };
+        if !is_in_range {
+            return Err(error("a stuck code is 0 to 65520, crosstalk 0 to 1"));
+        }
+        Ok(Self { kind, place, value, from_s })
+    }
+}
+
+impl fmt::Display for Electrical {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} of {} from {:.2} s", self.kind.name(), self.place, self.from_s)
+    }
+}
+
+impl Electrical {
+    /// The cells that it touches, of so many.
+    pub fn cells(&self, count: usize) -> impl Iterator<Item = usize> + use<> {
+        let place = self.place;
+        (0..count).filter(move |&i| match place {
+            Place::Cell(cell) => i == usize::from(cell),
+            Place::Row(row) => i / COLUMNS == usize::from(row),
+            Place::Column(column) => i % COLUMNS == usize::from(column),
+        })
+    }
+
+    /// What the circuit reads at `t_s` instead of `codes`; `zeros` are the codes of the unloaded cells.
+    pub fn apply(&self, t_s: f64, zeros: &[u16], codes: &mut [u16]) {
+        if t_s < self.from_s {
+            return;
+        }
+        let most = f64::from(FULL_CODE);
+        let above = |codes: &[u16], i: usize| f64::from(codes[i]) - f64::from(zeros[i]);
+        let loads: Vec<(usize, f64)> = self.cells(codes.len()).map(|i| (i, above(codes, i))).collect();
+        for &(i, load) in &loads {
+            let zero = f64::from(zeros[i]);
+            let code = match self.kind {
+                FaultKind::Open => zero,
+                FaultKind::Short => most,
+                FaultKind::Stuck => self.value,
+                FaultKind::Saturated => zero + load * SATURATING_GAIN,
+                FaultKind::Drift => zero + load + self.value * (t_s - self.from_s),
+                FaultKind::Crosstalk => {
+                    let others = loads.iter().filter(|&&(other, _)| other != i).map(|&(_, load)| load);
+                    zero + load + self.value * others.fold(0.0, f64::max)
+                }
+            };
+            codes[i] = code.round().clamp(0.0, most) as u16;
+        }
+    }
+}
+
+/// A walk on a matrix with faults.
+pub struct Faulty<W> {
+    walk: W,
+    faults: Vec<Electrical>,
+    period_s: f64,
+    zeros: Vec<u16>,
+}
+
+impl<W: Walk> Faulty<W> {
+    /// The faults are applied in this order; scans are `period_us` apart and `zeros` are the codes of the unloaded cells.
+    pub fn new(walk: W, faults: Vec<Electrical>, period_us: u32, zeros: Vec<u16>) -> Self {
+        Self { walk, faults, period_s: f64::from(period_us) / 1e6, zeros }
+    }
+}
+
+impl<W: Walk> Walk for Faulty<W> {
+    fn scans(&self) -> u32 {
+        self.walk.scans()
+    }
+
+    fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
+        let scan = self.walk.scan(seq, codes);
+        for fault in &self.faults {
+            fault.apply(f64::from(seq) * self.period_s, &self.zeros, codes);
+        }
+        scan
+    }
+}
