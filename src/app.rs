@@ -9,18 +9,22 @@
 
 use crate::device::EVIDENCE;
 use crate::insole::{DEVICE_CELLS, Insole, Setup};
-use crate::link::{Job, Link};
+use crate::link::{Done, Job, Link};
 use crate::pace::Pace;
 use crate::region::Side;
 use crate::store::{Bonds, Contents, Failed, MAX_BONDS_BYTES, Name, PART_CELLS, Part, Store};
+use crate::update::{self, Header, Progress, Update};
 use crate::watch::Life;
 use crate::wire::{
     Decoder, Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Serial, Status, Step,
     ToDevice, decode, frame,
 };
 use core::cell::{Cell, RefCell};
+use core::future::poll_fn;
+use core::pin::{Pin, pin};
 use core::sync::atomic::{AtomicU32, Ordering};
-use embassy_futures::select::{Either3, select3};
+use core::task::{Context, Poll};
+use embassy_futures::select::{Either3, select, select3};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, NoopRawMutex};
 use embassy_sync::channel::Channel;
@@ -33,6 +37,14 @@ use heapless::{String, Vec};
 
 /// Time after which the link looks up without a cause, so that its progress can be seen.
 const IDLE: Duration = Duration::from_millis(200);
+
+/// What an accepted update leaves for its answer to go out.
+const FAREWELL: Duration = Duration::from_millis(500);
+
+/// An image on trial stays once it was seen to make progress this often in a row.
+const TRIAL_LOOKS: u8 = 5;
+/// Between these looks.
+const TRIAL_EVERY: Duration = Duration::from_secs(1);
 
 /// Steps that wait to be kept.
 const UNKEPT_STEPS: usize = 2;
@@ -184,9 +196,9 @@ async fn scan_frame(
     Ok(())
 }
 
-/// What a board says of itself. `fault` is what went wrong before or during this start.
+/// What a board that runs `image` says of itself. `fault` is what went wrong before or during this start.
 pub fn hello(
-    board: &str,
+    image: &Header,
     setup: &Setup,
     insole: &DeviceInsole,
     reset: Reset,
@@ -195,9 +207,9 @@ pub fn hello(
     Hello {
         major: MAJOR,
         minor: MINOR,
-        // The version of this package and the boards' names are shorter than 16 bytes.
-        firmware: env!("CARGO_PKG_VERSION").try_into().unwrap_or_default(),
-        board: board.try_into().unwrap_or_default(),
+        // Both have at most 16 bytes, as here.
+        firmware: image.version().try_into().unwrap_or_default(),
+        board: image.board().try_into().unwrap_or_default(),
         side: setup.side,
         layout_id: setup.layout_id,
         cells: insole.cells() as u16,
@@ -408,9 +420,9 @@ pub async fn process(
         let frame = frames.receive().await;
         {
             let link = session.link.borrow();
-            if link.tissue().id != insole.tissue_id() {
+            if let Some(tissue) = link.tissue_due().filter(|tissue| tissue.id != insole.tissue_id()) {
                 // The link took none that is refused here.
-                let _ = insole.set_tissue(link.tissue());
+                let _ = insole.set_tissue(tissue);
             }
         }
         let start = stopwatch.start();
@@ -484,10 +496,23 @@ pub async fn calibrate(
 }
 
 /// Keeps steps, acknowledgements, parameters and bonds in the flash chip, for ever. What the chip does not take holds until the
-/// next start, and is counted.
-pub async fn keep(store: &mut Store<impl MultiwriteNorFlash>, session: &Session, restart: fn() -> !) -> ! {
+/// next start, and is counted. Takes in updates of `image`, which runs, and lets it stay once it is proven.
+pub async fn keep(
+    store: &mut Store<impl MultiwriteNorFlash>,
+    session: &Session,
+    image: &Header,
+    restart: fn() -> !,
+) -> ! {
     // The log holds steps after the last one at hand.
     let mut ahead = true;
+    let mut update = Update::new();
+    let mut restart_at = Instant::MAX;
+    // Without a chip nothing can have been swapped.
+    let is_on_trial = match store.flash() {
+        Some(flash) => update::is_on_trial(flash).await == Ok(true),
+        None => false,
+    };
+    let mut trial = is_on_trial.then(|| Trial::new(session));
     loop {
         while let Ok(step) = session.steps.try_receive() {
             let pushed = store.push_step(&step).await;
@@ -518,7 +543,10 @@ pub async fn keep(store: &mut Store<impl MultiwriteNorFlash>, session: &Session,
         }
         let job = session.link.borrow().job();
         if let Some(job) = job {
-            let done = work(store, session, job, restart).await;
+            let done = work(store, session, &mut update, image, job, restart).await;
+            if done == Ok(Done::Update(Progress::Accepted)) {
+                restart_at = Instant::now() + FAREWELL;
+            }
             if done == Err(Refusal::NotKept) {
                 session.count_unkept();
             }
@@ -526,7 +554,42 @@ pub async fn keep(store: &mut Store<impl MultiwriteNorFlash>, session: &Session,
         }
         session.contents.set(store.contents());
         session.changed.iter().for_each(|carrier| carrier.signal(()));
-        session.to_keep.wait().await;
+        let look_at = trial.as_ref().map_or(Instant::MAX, |trial| trial.look_at);
+        select(session.to_keep.wait(), Timer::at(restart_at.min(look_at))).await;
+        if Instant::now() >= restart_at {
+            restart();
+        }
+        if trial.as_mut().is_some_and(|trial| trial.is_passed(session)) {
+            trial = None;
+            if let Some(flash) = store.flash() {
+                // What cannot be confirmed is swapped back, and the host sees the version.
+                let _ = update::confirm(flash).await;
+            }
+        }
+    }
+}
+
+/// Watches an image that was just swapped in.
+struct Trial {
+    looks_left: u8,
+    look_at: Instant,
+    before: [u32; 3],
+}
+
+impl Trial {
+    fn new(session: &Session) -> Self {
+        Self { looks_left: TRIAL_LOOKS, look_at: Instant::now() + TRIAL_EVERY, before: session.scan.life.signs() }
+    }
+
+    /// True once scanning, processing and the link each made progress from look to look.
+    fn is_passed(&mut self, session: &Session) -> bool {
+        if Instant::now() >= self.look_at {
+            let now = session.scan.life.signs();
+            let progressed = now.iter().zip(&self.before).all(|(now, before)| now != before);
+            let looks_left = if progressed { self.looks_left - 1 } else { TRIAL_LOOKS };
+            *self = Self { looks_left, look_at: Instant::now() + TRIAL_EVERY, before: now };
+        }
+        self.looks_left == 0
     }
 }
 
@@ -552,33 +615,51 @@ async fn bring_steps(store: &mut Store<impl MultiwriteNorFlash>, session: &Sessi
 async fn work(
     store: &mut Store<impl MultiwriteNorFlash>,
     session: &Session,
+    update: &mut Update,
+    image: &Header,
     job: Job,
     restart: fn() -> !,
-) -> Result<Option<Identity>, Refusal> {
+) -> Result<Done, Refusal> {
     let identity = session.link.borrow().identity();
     let hello = &session.hello;
     match job {
         Job::Tissue(tissue) => {
             store.put(0, &tissue).await?;
-            Ok(None)
+            Ok(Done::Kept)
         }
         Job::Name(side, serial) => {
             store.put(0, &Name { side, serial }).await?;
-            Ok(Some(Identity { side, serial, ..identity }))
+            Ok(Done::Identity(Identity { side, serial, ..identity }))
         }
         Job::CalibrationPart(part, cells) => {
             store.put_part(part, &cells).await?;
-            Ok(None)
+            Ok(Done::Kept)
         }
         Job::Calibration { layout_id, cells, id } => {
             let fits = layout_id == hello.layout_id && cells == hello.cells;
             if !fits || !store.put_calibration(layout_id, cells, id).await? {
                 return Err(Refusal::Calibration);
             }
-            Ok(Some(Identity { calibration_id: id, ..identity }))
+            Ok(Done::Identity(Identity { calibration_id: id, ..identity }))
         }
         Job::Restart => restart(),
+        Job::Update(request) => {
+            let progress = match store.flash() {
+                Some(flash) => {
+                    let mut handled = pin!(update.handle(flash, image, &update::KEY, &request));
+                    poll_fn(|context| poll_apart(handled.as_mut(), context)).await
+                }
+                None => Err(update::Refusal::Chip),
+            };
+            progress.map(Done::Update).map_err(Refusal::Update)
+        }
     }
+}
+
+/// Polls with a stack frame of its own: what a check of signatures needs of the stack is not reserved all the time.
+#[inline(never)]
+fn poll_apart<F: Future>(work: Pin<&mut F>, context: &mut Context<'_>) -> Poll<F::Output> {
+    work.poll(context)
 }
 
 impl From<Failed> for Refusal {

@@ -17,6 +17,10 @@ pub const MATRIX_FILE: &core::ffi::CStr = c"matrix.bin";
 pub const FLASH_FILE: &core::ffi::CStr = c"flash.bin";
 /// Size of that chip, bytes.
 pub const FLASH_BYTES: usize = 4 << 20;
+/// Exit status of an emulator whose bootloader swapped images: it is to be started again with the one that is active now.
+pub const SWAPPED: i32 = 3;
+/// Name of a file that is there where it was: the start that ended so goes on.
+pub const SWAPPED_FILE: &core::ffi::CStr = c"swapped";
 /// Cells in a row of the emulated matrix; the last row may be shorter.
 pub const COLUMNS: usize = 16;
 /// Asks for a scan.

@@ -44,6 +44,12 @@ pub mod link;
 #[forbid(unsafe_code)]
 pub mod store;
 #[forbid(unsafe_code)]
+pub mod map;
+#[forbid(unsafe_code)]
+pub mod update;
+#[forbid(unsafe_code)]
+pub mod boot;
+#[forbid(unsafe_code)]
 pub mod watch;
 #[forbid(unsafe_code)]
 pub mod emulation;

@@ -9,6 +9,7 @@ use crate::calibrate::CellCalibration;
 use crate::fault::Faults;
 use crate::insole::Tissue;
 use crate::store::Part;
+use crate::update;
 use crate::wire::{Hello, Identity, Live, MAJOR, MAX_LIVE, Refusal, Serial, Status, Step, ToDevice, ToHost, encode};
 use heapless::{Deque, Vec};
 
@@ -29,6 +30,7 @@ enum Answer {
     Faults,
     Identity,
     CalibrationPart(u8),
+    Update(update::Progress),
 }
 
 /// What the insole was told to keep. The answer goes out when it is kept: [`Link::done`].
@@ -51,6 +53,19 @@ pub enum Job {
     },
     /// To start anew.
     Restart,
+    /// A step of a firmware update.
+    Update(update::Request),
+}
+
+/// What became of a [`Job`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Done {
+    /// It is kept.
+    Kept,
+    /// It is kept, and changed what the insole says of itself.
+    Identity(Identity),
+    /// So far is the update.
+    Update(update::Progress),
 }
 
 /// The state of the session and what waits to be sent.
@@ -145,6 +160,7 @@ impl Link {
                 self.begin(Job::Calibration { layout_id, cells, id });
             }
             ToDevice::Restart => self.begin(Job::Restart),
+            ToDevice::Update(request) => self.begin(Job::Update(request)),
         }
     }
 
@@ -160,24 +176,23 @@ impl Link {
         self.job
     }
 
-    /// Tells what became of [`Link::job`]: with an identity where that is a new one.
-    pub fn done(&mut self, kept: Result<Option<Identity>, Refusal>) {
+    /// Tells what became of [`Link::job`].
+    pub fn done(&mut self, done: Result<Done, Refusal>) {
         let Some(job) = self.job.take() else { return };
-        if let (Job::Tissue(tissue), Ok(_) | Err(Refusal::NotKept)) = (job, kept) {
+        if let (Job::Tissue(tissue), Ok(_) | Err(Refusal::NotKept)) = (job, done) {
             self.tissue = tissue;
         }
-        match kept {
-            Err(refusal) => self.answer(Answer::Refused(refusal)),
-            Ok(identity) => {
-                self.identity = identity.unwrap_or(self.identity);
-                match job {
-                    Job::Tissue(_) => self.answer(Answer::Tissue),
-                    Job::Name(..) | Job::Calibration { .. } => self.answer(Answer::Identity),
-                    Job::CalibrationPart(part, _) => self.answer(Answer::CalibrationPart(part)),
-                    Job::Restart => {}
-                }
+        let answer = match (done, job) {
+            (Err(refusal), _) => Answer::Refused(refusal),
+            (Ok(Done::Update(progress)), _) => Answer::Update(progress),
+            (Ok(Done::Identity(identity)), _) => {
+                self.identity = identity;
+                Answer::Identity
             }
-        }
+            (Ok(Done::Kept), Job::CalibrationPart(part, _)) => Answer::CalibrationPart(part),
+            (Ok(Done::Kept), _) => Answer::Tissue,
+        };
+        self.answer(answer);
     }
 
     /// What was kept before this start.
@@ -227,6 +242,13 @@ impl Link {
         if (faults.found, faults.rezeroed) != (self.faults.found, self.faults.rezeroed) {
             self.faults = faults.clone();
         }
+    }
+
+    /// The parameters for the next frame; `None` while those in force are to be announced first: frames before the answer are of
+    /// the ones before.
+    pub fn tissue_due(&self) -> Option<&Tissue> {
+        let is_announcement = |answer: &Answer| matches!(answer, Answer::Tissue | Answer::Refused(Refusal::NotKept));
+        (!self.answers.iter().any(is_announcement)).then_some(&self.tissue)
     }
 
     /// Sets the wall clock.
@@ -327,6 +349,7 @@ impl Link {
                 Answer::Time { host_us, device_us } => ToHost::Time { host_us, device_us },
                 Answer::Identity => ToHost::Identity(self.identity),
                 Answer::CalibrationPart(part) => ToHost::CalibrationPart { part },
+                Answer::Update(progress) => ToHost::Update(progress),
             }
         };
         // Every message fits MAX_MESSAGE, the least that callers bring.

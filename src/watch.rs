@@ -70,6 +70,11 @@ impl Life {
         self.modelled.load(Ordering::Relaxed)
     }
 
+    /// Counts of all three, in the order of [`PARTS`]: each changes while its part is at work.
+    pub fn signs(&self) -> [u32; 3] {
+        [self.scan.load(Ordering::Relaxed), self.modelled(), self.link.load(Ordering::Relaxed)]
+    }
+
     /// The link looked up.
     pub fn link(&self) {
         count(&self.link);
@@ -105,15 +110,13 @@ impl Watch {
     /// frames rests, and so does scanning while its clock sleeps.
     pub fn look(&mut self, life: &Life) -> u32 {
         self.looks = self.looks.saturating_add(1);
-        let modelled = life.modelled();
-        let now = [life.scan.load(Ordering::Relaxed), modelled, life.link.load(Ordering::Relaxed)];
+        let now = life.signs();
         // The parts are started together, and the link lives in any case.
         if now[2] == 0 && self.looks < START_LOOKS {
             return 0;
         }
         self.lived = self.lived.saturating_add(1);
-        let rests =
-            [life.is_asleep.load(Ordering::Relaxed), modelled == life.handed_over.load(Ordering::Relaxed), false];
+        let rests = [life.is_asleep.load(Ordering::Relaxed), now[1] == life.handed_over.load(Ordering::Relaxed), false];
         for (still, ((now, before), rests)) in self.still.iter_mut().zip(now.iter().zip(&self.before).zip(rests)) {
             *still = if now != before || rests { 0 } else { still.saturating_add(1) };
         }

@@ -15,6 +15,7 @@ use crate::region::{Region, Side};
 use crate::stance::Rejected;
 use crate::step::{RegionStep, StepRecord};
 use crate::store::{Contents, Part};
+use crate::update;
 use core::fmt;
 use crc::{CRC_32_ISO_HDLC, Crc};
 use heapless::String;
@@ -64,6 +65,8 @@ pub enum ToHost {
         /// Its number.
         part: u8,
     },
+    /// The answer to [`ToDevice::Update`].
+    Update(update::Progress),
 }
 
 impl ToHost {
@@ -144,6 +147,8 @@ pub enum ToDevice {
     },
     /// Restarts the insole; there is no answer.
     Restart,
+    /// A step of a firmware update; answered by [`ToHost::Update`] or [`ToHost::Refused`].
+    Update(update::Request),
 }
 
 /// Why an insole did not do what it was told; all stays as it was.
@@ -163,6 +168,8 @@ pub enum Refusal {
     Serial,
     /// A calibration out of bounds, of another layout, or whose parts are not all there.
     Calibration,
+    /// The image is not taken.
+    Update(update::Refusal),
 }
 
 impl fmt::Display for Refusal {
@@ -187,6 +194,7 @@ impl fmt::Display for Refusal {
                 COEFFICIENT.start(),
                 COEFFICIENT.end(),
             ),
+            Self::Update(refusal) => refusal.fmt(f),
         }
     }
 }

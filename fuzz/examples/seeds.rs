@@ -9,6 +9,7 @@ use plantar::emulation::Head;
 use plantar::fragment::Splitter;
 use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
 use plantar::stance::StanceRule;
+use plantar::update::Header;
 use plantar::wire::{
     Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, ToDevice, ToHost, encode, frame,
 };
@@ -78,6 +79,8 @@ fn main() {
         "participant",
         b"size = 42\nmass_kg = 70.5\nzero = \"zero.toml\"\nthickness = \"tissue.toml\"\n",
     );
+
+    seed("image", "header", &Header::new("emulated", "1.2.3").bytes());
 
     csv(&recording);
     seed("pedar", "walk", &pedar());

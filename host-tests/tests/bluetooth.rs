@@ -7,9 +7,12 @@ mod common;
 mod phones;
 
 use common::{firmware, replay, synthetic_walk, tissue};
+use firmware_image::{Image, development};
 use phones::{Air, CADENCE, CONTROL, CURRENT_TIME, Insole, LIVE, OURS, PARAMETERS, Phone, STEPS, World, pieces};
 use plantar::contact::ContactRule;
 use plantar::insole::Tissue;
+use plantar::map::HEADER;
+use plantar::update::{CHUNK, Header, Progress, Request};
 use plantar::wire::{Live, MAJOR, MINOR, Refusal, Step, ToDevice, ToHost, decode};
 use plantar::{Region, Side};
 use recording::{Recording, synthetic};
@@ -379,4 +382,25 @@ fn both_insoles_stream_at_once() {
     let mut other = world.air.bonded_phone(2, "Plantar R", 247);
     assert_eq!(other.read(&mut world.air, "2a00"), b"Plantar R");
     stream(&mut world.air, &mut [(&world.insole, &mut phone), (&right, &mut other)]);
+}
+
+#[test]
+fn a_bonded_phone_sends_a_signed_image_and_the_insole_restarts_with_it() {
+    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut phone = world.bonded_phone(247);
+    let mut bytes = vec![0xff; 20 * CHUNK];
+    let header = Header::new("emulated", "99.0.0").bytes();
+    bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
+    let image = Image::sign(bytes, &development().expect("it is there")).expect("it has a header");
+    let mut request = Request::Begin(image.offer());
+    loop {
+        request = match phone.answer(&mut world.air, ToDevice::Update(request)) {
+            ToHost::Update(Progress::Next(number)) if number < image.offer().chunks => {
+                Request::Chunk { number, chunk: image.chunk(number) }
+            }
+            ToHost::Update(Progress::Next(_)) => Request::Finish,
+            other => break assert_eq!(other, ToHost::Update(Progress::Accepted)),
+        }
+    }
+    assert!(world.insole.board.wait().expect("it runs"), "the bootloader swaps");
 }

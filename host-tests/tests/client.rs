@@ -4,7 +4,7 @@ use client::{Client, Error, Framed, LinkCounters, unix_us};
 use host_tests::{TISSUE, faults, framed, live, messages, status, step};
 use plantar::Region;
 use plantar::insole::Tissue;
-use plantar::link::Link;
+use plantar::link::{Done, Link};
 use plantar::wire::{Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Status, ToDevice, ToHost, frame};
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -35,7 +35,7 @@ impl Insole {
     /// What the insole has to say, frame by frame onto the cable.
     fn speak(&mut self) {
         // All is kept at once.
-        self.link.done(Ok(None));
+        self.link.done(Ok(Done::Kept));
         let mut buffer = [0; MAX_MESSAGE];
         while let Some(message) = self.link.next(&self.hello, status, &mut buffer) {
             let mut out = [0; MAX_FRAME];

@@ -99,7 +99,11 @@ impl Session {
             ToHost::Status(status) => received.status = status,
             ToHost::Tissue(tissue) => received.tissues.push((received.live.len(), tissue)),
             ToHost::Refused(refusal) => received.refusals.push(refusal),
-            ToHost::Time { .. } | ToHost::Faults(_) | ToHost::Identity(_) | ToHost::CalibrationPart { .. } => {
+            ToHost::Time { .. }
+            | ToHost::Faults(_)
+            | ToHost::Update(_)
+            | ToHost::Identity(_)
+            | ToHost::CalibrationPart { .. } => {
                 panic!("nobody asked for it")
             }
             ToHost::Hello(hello) => panic!("the insole restarted: {:?}", hello.last_panic),

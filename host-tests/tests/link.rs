@@ -3,8 +3,9 @@
 use host_tests::{TISSUE, hello, live, status, step};
 use plantar::calibrate::CellCalibration;
 use plantar::insole::Tissue;
-use plantar::link::{Job, Link, STEP_QUEUE};
+use plantar::link::{Done, Job, Link, STEP_QUEUE};
 use plantar::store::PART_CELLS;
+use plantar::update::{Progress, Request};
 use plantar::wire::{
     Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Serial, Status, ToDevice, ToHost, decode, encode,
 };
@@ -22,6 +23,7 @@ enum Sent {
     Time { host_us: u64, device_us: u64 },
     Identity(Identity),
     CalibrationPart(u8),
+    Update(Progress),
     Faults(u32),
 }
 
@@ -53,6 +55,7 @@ fn next(link: &mut Link) -> Option<Sent> {
             Sent::Identity(got)
         }
         ToHost::CalibrationPart { part } => Sent::CalibrationPart(part),
+        ToHost::Update(progress) => Sent::Update(progress),
         ToHost::Faults(got) => Sent::Faults(got.found),
     })
 }
@@ -331,8 +334,9 @@ fn accepted_parameters_are_answered_and_named_from_then_on() {
         link.receive(ToDevice::SetTissue(tissue), 0);
         assert_eq!(link.job(), Some(Job::Tissue(tissue)));
         assert_eq!(all(&mut link), [], "not before they are kept");
-        link.done(Ok(None));
+        link.done(Ok(Done::Kept));
         assert_eq!(*link.tissue(), tissue);
+        assert_eq!(link.tissue_due(), None, "frames before the answer are of the ones before");
         assert_eq!(all(&mut link), [Sent::Tissue(tissue.id)]);
     }
     assert!(link.next_live().is_some(), "the stream goes on");
@@ -356,7 +360,7 @@ fn refused_parameters_are_answered_with_the_reason_and_the_old_stay() {
         link.receive_unknown();
         assert_eq!(all(&mut link), [Sent::Refused(Refusal::NotUnderstood)]);
         link.receive(ToDevice::SetTissue(*TISSUE), 0);
-        link.done(Ok(None));
+        link.done(Ok(Done::Kept));
         all(&mut link);
     }
 }
@@ -375,7 +379,7 @@ fn answers_come_in_the_order_of_the_requests_and_after_what_was_before() {
         ToDevice::GetTissue,
     ] {
         link.receive(request, 0);
-        link.done(Ok(None));
+        link.done(Ok(Done::Kept));
     }
     link.receive_unknown();
     let sent = all(&mut link);
@@ -420,13 +424,13 @@ fn what_is_kept_is_answered_when_it_is_and_one_job_waits_at_a_time() {
     assert_eq!(all(&mut link), [Sent::Refused(Refusal::Busy)]);
     assert_eq!(*link.tissue(), Tissue::NONE);
     let identity = Identity { side: Side::Right, serial, calibration_id: 5 };
-    link.done(Ok(Some(identity)));
+    link.done(Ok(Done::Identity(identity)));
     assert_eq!((link.job(), all(&mut link)), (None, vec![Sent::Identity(identity)]));
 
     let cells = [CellCalibration { offset: 3, gain: 1.0 }; PART_CELLS];
     link.receive(ToDevice::SetCalibrationPart { part: 2, cells }, 0);
     assert_eq!(link.job(), Some(Job::CalibrationPart(2, cells)));
-    link.done(Ok(None));
+    link.done(Ok(Done::Kept));
     link.receive(ToDevice::SetTissue(*TISSUE), 0);
     link.done(Err(Refusal::NotKept));
     link.receive(ToDevice::SetCalibration { layout_id: 1, cells: 2, id: 3 }, 0);
@@ -435,8 +439,12 @@ fn what_is_kept_is_answered_when_it_is_and_one_job_waits_at_a_time() {
     assert_eq!(all(&mut link), sent);
     assert_eq!(*link.tissue(), *TISSUE, "they hold until the next start");
     assert_eq!(link.identity(), identity);
+    link.receive(ToDevice::Update(Request::Finish), 0);
+    assert_eq!(link.job(), Some(Job::Update(Request::Finish)));
+    link.done(Ok(Done::Update(Progress::Accepted)));
+    assert_eq!(all(&mut link), [Sent::Update(Progress::Accepted)]);
     // Nothing was asked.
-    link.done(Ok(Some(Identity { calibration_id: 6, ..identity })));
+    link.done(Ok(Done::Identity(Identity { calibration_id: 6, ..identity })));
     assert_eq!((all(&mut link), link.identity()), (vec![], identity));
 }
 

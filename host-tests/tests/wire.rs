@@ -9,6 +9,7 @@ use plantar::model::Gauge;
 use plantar::region::{AreaMoments, ForceMoments, RegionFrame};
 use plantar::stance::Rejected;
 use plantar::store::{Contents, PART_CELLS, Part};
+use plantar::update::{self, Chunk, Header, Offer, Progress, Request, Signature};
 use plantar::wire::{
     Decoder, Hello, Identity, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE, MAX_MESSAGE, MINOR, Refusal, Reset, Serial,
     Status, Step, StepRegion, ToDevice, ToHost, checksum, decode, encode, frame,
@@ -159,6 +160,28 @@ fn any_tissue() -> impl Strategy<Value = Tissue> {
     (any::<u32>(), prop::array::uniform8(gauge)).prop_map(|(id, gauges)| Tissue { id, gauges })
 }
 
+const UPDATE_REFUSALS: [update::Refusal; 9] = [
+    update::Refusal::Board,
+    update::Refusal::Older,
+    update::Refusal::Length,
+    update::Refusal::OnTrial,
+    update::Refusal::NotBegun,
+    update::Refusal::Incomplete,
+    update::Refusal::Header,
+    update::Refusal::Signature,
+    update::Refusal::Chip,
+];
+
+fn any_update() -> impl Strategy<Value = Request> {
+    prop_oneof![
+        (any::<u16>(), any::<Signature>()).prop_map(|(chunks, signature)| {
+            Request::Begin(Offer { header: Header::new("board", "1.2.3"), chunks, signature })
+        }),
+        any::<(u16, Chunk)>().prop_map(|(number, chunk)| Request::Chunk { number, chunk }),
+        Just(Request::Finish),
+    ]
+}
+
 fn any_refusal() -> impl Strategy<Value = Refusal> {
     let regions = Region::ALL.map(Refusal::Tissue);
     prop::sample::select(
@@ -172,6 +195,7 @@ fn any_refusal() -> impl Strategy<Value = Refusal> {
                 Refusal::Calibration,
             ],
             &regions[..],
+            &UPDATE_REFUSALS.map(Refusal::Update),
         ]
         .concat(),
     )
@@ -211,6 +235,8 @@ fn to_host() -> impl Strategy<Value = ToHost> {
             calibration_id
         })),
         any::<u8>().prop_map(|part| ToHost::CalibrationPart { part }),
+        any::<u16>().prop_map(|next| ToHost::Update(Progress::Next(next))),
+        Just(ToHost::Update(Progress::Accepted)),
     ]
 }
 
@@ -233,6 +259,7 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
         }),
         any::<(u32, u16, u32)>().prop_map(|(layout_id, cells, id)| ToDevice::SetCalibration { layout_id, cells, id }),
         Just(ToDevice::Restart),
+        any_update().prop_map(ToDevice::Update),
     ]
 }
 
@@ -253,6 +280,7 @@ fn samples() -> Vec<ToHost> {
         ToHost::Faults(faults()),
         ToHost::Identity(identity()),
         ToHost::CalibrationPart { part: 3 },
+        ToHost::Update(Progress::Next(300)),
     ]
 }
 
@@ -503,8 +531,11 @@ fn longest_messages_fit_their_limits() {
     assert!(framed(&longest_live).len() <= 90, "{}", framed(&longest_live).len());
     assert!(framed(&longest_step).len() <= 320, "{}", framed(&longest_step).len());
     let longest_tissue = Tissue { id: u32::MAX, ..*TISSUE };
-    let to_device = framed(&ToDevice::SetTissue(longest_tissue));
-    assert!(to_device.len() < 256, "{} bytes do not fit the boards' receive buffers", to_device.len());
+    let longest_chunk = Request::Chunk { number: u16::MAX, chunk: [[0xff; 32]; 8] };
+    for message in [ToDevice::SetTissue(longest_tissue), ToDevice::Update(longest_chunk)] {
+        let bytes = framed(&message).len();
+        assert!(bytes <= 288, "{bytes} bytes do not fit the boards' receive buffers");
+    }
     let longest_tissue = ToHost::Tissue(longest_tissue);
     for message in
         [longest_live, longest_step, longest_status, longest_faults, longest_tissue, ToHost::Hello(longest_hello)]
@@ -576,6 +607,12 @@ fn bytes_of_this_version() {
             SET_CALIBRATION,
         ),
         ("restart", framed(&ToDevice::Restart), RESTART),
+        ("update: begin", framed(&ToDevice::Update(Request::Begin(OFFER))), BEGIN),
+        ("update: chunk", framed(&ToDevice::Update(Request::Chunk { number: 300, chunk: [[7; 32]; 8] })), CHUNK),
+        ("update: finish", framed(&ToDevice::Update(Request::Finish)), FINISH),
+        ("update: next", framed(&ToHost::Update(Progress::Next(300))), NEXT),
+        ("update: accepted", framed(&ToHost::Update(Progress::Accepted)), ACCEPTED),
+        ("refused: update", framed(&ToHost::Refused(Refusal::Update(update::Refusal::Signature))), UPDATE_REFUSED),
         ("set clock", framed(&ToDevice::SetClock { unix_us: 1_700_000_000_000_000 }), SET_CLOCK),
         ("faults", framed(&ToHost::Faults(faults())), FAULTS_FOUND),
         ("get faults", framed(&ToDevice::GetFaults), GET_FAULTS),
@@ -589,6 +626,7 @@ fn identity() -> Identity {
     Identity { side: Side::Right, serial: Serial::new("P-0001").expect("printable"), calibration_id: 300 }
 }
 
+const OFFER: Offer = Offer { header: Header::new("board", "1.2.3"), chunks: 300, signature: [[1; 32], [2; 32]] };
 const PART: Part = [CellCalibration { offset: 300, gain: 1.5 }; PART_CELLS];
 
 const HELLO: &str =
@@ -680,3 +718,9 @@ fn a_set_up_that_is_cut_off_is_none() {
         assert!(read_setup(&bytes[..len]).is_none(), "{len} bytes");
     }
 }
+const BEGIN: &str = "020e0e706c616e74617231626f6172640101010101010101010106312e322e330101010101010101010147ac0201010101010101010101010101010101010101010101010101010101010101010202020202020202020202020202020202020202020202020202020202020202eb650d0800";
+const CHUNK: &str = "ff0e01ac02070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070b07070707070720840f5500";
+const FINISH: &str = "070e025d5e543100";
+const NEXT: &str = "020a07ac02b1ad45a200";
+const ACCEPTED: &str = "070a01e3ca31cc00";
+const UPDATE_REFUSED: &str = "080507079d18af2800";

@@ -223,7 +223,7 @@ pub fn boot(
     let mut head = Head { address: [1 + side as u8, 0, 0, 0, 0, 0xc0], ..Head::new(worn.setup) };
     change(&mut head);
     let port = air.order(json!({"do": "radio", "name": side.name()}))["port"].as_u64().expect("a port");
-    let parts = Parts { hci: Some(([127, 0, 0, 1], port as u16).into()), flash };
+    let parts = Parts { hci: Some(([127, 0, 0, 1], port as u16).into()), flash, swapped: false };
     Board::start_with(firmware, &head, &worn.cells, time, walk, &parts).expect("the board boots")
 }
 
@@ -374,7 +374,8 @@ impl Phone {
                 | ToHost::Time { .. }
                 | ToHost::Faults(_)
                 | ToHost::Identity(_)
-                | ToHost::CalibrationPart { .. } => CONTROL,
+                | ToHost::CalibrationPart { .. }
+                | ToHost::Update(_) => CONTROL,
             };
             assert_eq!(of, way);
             return (at, message);

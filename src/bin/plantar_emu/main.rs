@@ -16,6 +16,7 @@ mod port;
 mod radio;
 mod time;
 
+use core::hint::black_box;
 use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::peripheral::{NVIC, SYST};
 use embassy_executor::{InterruptExecutor, Spawner};
@@ -34,6 +35,7 @@ use plantar::device::{self, Start};
 use plantar::emulation::{Head, Mishap};
 use plantar::insole::Insole;
 use plantar::store::{Part, Store};
+use plantar::update::Header;
 use plantar::watch::LOOK_MS;
 use plantar::wire::Reset;
 use port::{End, Port};
@@ -43,6 +45,11 @@ use stm32_metapac::{Interrupt, USART1, USART2, USART3, interrupt};
 use time::{RELOAD, Time};
 
 embassy_time_driver::time_driver_impl!(static TIME: Time = Time::new());
+
+/// What this image is, where the host and the insole before it look.
+#[used]
+#[unsafe(link_section = ".header")]
+static IMAGE: Header = Header::new("emulated", env!("CARGO_PKG_VERSION"));
 
 static LINK: Port = Port::new(USART1);
 static HCI: Port = Port::new(USART2);
@@ -79,6 +86,8 @@ impl Stopwatch for SysTick {
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let start = Start::take(None);
+    // As it lies in the flash, not as the compiler knows it.
+    let image = black_box(&IMAGE);
     // SAFETY: `main` runs once and nothing else takes the core's peripherals.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     TIME.start(&mut core.SYST);
@@ -123,7 +132,7 @@ async fn main(spawner: Spawner) {
         None => insole.recalibrate(layout::cells(), first, part),
     };
     let calibration_id = block_on(app::calibrate(store, insole, recalibrate));
-    let hello = app::hello("emulated", &head.setup, insole, start.reset, start.fault.or(refused));
+    let hello = app::hello(image, &head.setup, insole, start.reset, start.fault.or(refused));
     let matrix = PlantMatrix::open(&PLANT, insole.cells());
     let clock = if head.paced {
         Clock::Plant { port: &PLANT, ticks: 0, first: head.first_scan }
@@ -142,7 +151,7 @@ async fn main(spawner: Spawner) {
     SCAN_EXECUTOR.start(Interrupt::TIM2).spawn(scan(clock, matrix, sender).unwrap());
     spawner.spawn(process(insole, receiver, session).unwrap());
     spawner.spawn(serve(session).unwrap());
-    spawner.spawn(keep(store, session).unwrap());
+    spawner.spawn(keep(store, session, image).unwrap());
     let board = Emulated { address: head.address, bonding: Duration::from_secs(head.bonding_s.into()) };
     let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, board));
     spawner.spawn(ble::run(&FROM_RADIO, &TO_RADIO, insole).unwrap());
@@ -165,8 +174,8 @@ async fn serve(session: &'static Session) {
 }
 
 #[embassy_executor::task]
-async fn keep(store: &'static mut Store<FlashFile>, session: &'static Session) {
-    app::keep(store, session, cortex_m::peripheral::SCB::sys_reset).await
+async fn keep(store: &'static mut Store<FlashFile>, session: &'static Session, image: &'static Header) {
+    app::keep(store, session, image, cortex_m::peripheral::SCB::sys_reset).await
 }
 
 #[embassy_executor::task]

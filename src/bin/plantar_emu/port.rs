@@ -9,7 +9,7 @@ use stm32_metapac::usart::Usart;
 /// A USART with its receive buffer.
 pub struct Port {
     registers: Usart,
-    received: Pipe<CriticalSectionRawMutex, 256>,
+    received: Pipe<CriticalSectionRawMutex, 288>,
 }
 
 impl Port {

@@ -8,6 +8,7 @@ mod mailbox;
 mod matrix;
 mod radio;
 
+use core::hint::black_box;
 use cortex_m::peripheral::DWT;
 use cortex_m::peripheral::syst::SystClkSource;
 use defmt_rtt as _;
@@ -35,6 +36,7 @@ use plantar::ble::{self, HciPipe, OverBluetooth};
 use plantar::device::{self, Start};
 use plantar::insole::Insole;
 use plantar::store::Store;
+use plantar::update::Header;
 use plantar::watch::LOOK_MS;
 use plantar::wire::Reset;
 use radio::Wb55;
@@ -56,6 +58,11 @@ bind_interrupts!(struct Irqs {
 
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 
+/// What this image is, where the host and the insole before it look.
+#[used]
+#[unsafe(link_section = ".header")]
+static IMAGE: Header = Header::new("stm32wb55", env!("CARGO_PKG_VERSION"));
+
 static FROM_RADIO: HciPipe = HciPipe::new();
 static TO_RADIO: HciPipe = HciPipe::new();
 static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
@@ -63,8 +70,9 @@ static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 static INSOLE: ConstStaticCell<DeviceInsole> = ConstStaticCell::new(Insole::new());
 /// At this board's 100 Hz they last 30 ms, more than a step's evaluation takes.
 static FRAMES: ConstStaticCell<[Frame; 3]> = ConstStaticCell::new([Frame::EMPTY; 3]);
-static TO_SEND: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
-static RECEIVED: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
+static TO_SEND: ConstStaticCell<[u8; 192]> = ConstStaticCell::new([0; 192]);
+/// The longest message fits.
+static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
 
 type FrameSender = Sender<'static, CriticalSectionRawMutex, Frame>;
 type FrameReceiver = Receiver<'static, CriticalSectionRawMutex, Frame>;
@@ -131,6 +139,8 @@ fn take_reset_reason() -> Reset {
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let start = Start::take(Some(take_reset_reason()));
+    // As it lies in the flash, not as the compiler knows it.
+    let image = black_box(&IMAGE);
     let mut config = embassy_stm32::Config::default();
     config.rcc = clocks();
     let p = embassy_stm32::init(config);
@@ -194,7 +204,7 @@ async fn main(spawner: Spawner) {
         insole.recalibrate(layout::cells(), first, part);
     });
     let calibration_id = block_on(calibration_id);
-    let hello = app::hello("stm32wb55", &setup, insole, start.reset, start.fault.or(refused));
+    let hello = app::hello(image, &setup, insole, start.reset, start.fault.or(refused));
     let mut link = usart::Config::default();
     link.baudrate = LINK_BIT_HZ;
     // The pins are this port's and the bit rate is within its divider, so it cannot be refused.
@@ -212,7 +222,7 @@ async fn main(spawner: Spawner) {
     SCAN_EXECUTOR.start(interrupt::SAI1).spawn(scan(clock, matrix, sender).unwrap());
     spawner.spawn(process(insole, receiver, session).unwrap());
     spawner.spawn(serve(link, session).unwrap());
-    spawner.spawn(keep(store, session).unwrap());
+    spawner.spawn(keep(store, session, image).unwrap());
     let by_hand = matches!(start.reset, Reset::Power | Reset::Pin);
     let insole = OVER_BLUETOOTH.init(OverBluetooth::new(session, Wb55 { by_hand }));
     spawner.spawn(ble::run(&FROM_RADIO, &TO_RADIO, insole).unwrap());
@@ -236,8 +246,8 @@ async fn serve(link: BufferedUart<'static>, session: &'static Session) {
 }
 
 #[embassy_executor::task]
-async fn keep(store: &'static mut Store<Chip>, session: &'static Session) {
-    app::keep(store, session, cortex_m::peripheral::SCB::sys_reset).await
+async fn keep(store: &'static mut Store<Chip>, session: &'static Session, image: &'static Header) {
+    app::keep(store, session, image, cortex_m::peripheral::SCB::sys_reset).await
 }
 
 #[embassy_executor::task]

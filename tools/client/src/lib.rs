@@ -3,6 +3,7 @@
 mod axis;
 mod carrier;
 mod json;
+mod update;
 
 pub use axis::Axis;
 pub use carrier::{Carrier, Framed};
@@ -204,12 +205,21 @@ impl<C: Carrier> Client<C> {
 
     /// Sends a request and waits for its answer; what arrives meanwhile is received as usual.
     fn ask<T>(&mut self, request: ToDevice, answer: impl Fn(&ToHost) -> Option<T>) -> Result<T, Error> {
+        self.ask_within(ANSWER, request, answer)
+    }
+
+    fn ask_within<T>(
+        &mut self,
+        patience: Duration,
+        request: ToDevice,
+        answer: impl Fn(&ToHost) -> Option<T>,
+    ) -> Result<T, Error> {
         self.send(request)?;
         let asked = Instant::now();
         let mut meanwhile = Vec::new();
         let answered = loop {
-            if asked.elapsed() >= ANSWER {
-                break Err(Error::NoAnswer(ANSWER, self.damaged()));
+            if asked.elapsed() >= patience {
+                break Err(Error::NoAnswer(patience, self.damaged()));
             }
             match self.next() {
                 Err(error) => break Err(error),
@@ -301,7 +311,8 @@ impl<C: Carrier> Client<C> {
             | ToHost::Refused(_)
             | ToHost::Faults(_)
             | ToHost::Identity(_)
-            | ToHost::CalibrationPart { .. } => {}
+            | ToHost::CalibrationPart { .. }
+            | ToHost::Update(_) => {}
         }
         Ok(Some(message))
     }

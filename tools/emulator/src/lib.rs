@@ -10,8 +10,9 @@ pub use faults::{EXAMPLES, Electrical, Faulty, ParseFaultError};
 pub use plant::{Plant, Scan, Walk};
 pub use recorded::{Looped, Recorded};
 
-use plantar::emulation::{FLASH_BYTES, FLASH_FILE, Head, MATRIX_FILE, SETUP_FILE};
+use plantar::emulation::{FLASH_BYTES, FLASH_FILE, Head, MATRIX_FILE, SETUP_FILE, SWAPPED, SWAPPED_FILE};
 use plantar::insole::{DEVICE_CELLS, SetupCell};
+use plantar::map::{ACTIVE, EMULATED_ACTIVE};
 use std::io::{self, Read};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
@@ -22,6 +23,10 @@ use thiserror::Error;
 
 /// QEMU's name for a board with the STM32F405 and nothing else of use.
 const MACHINE: &str = "netduinoplus2";
+/// The bootloader, beside the firmware.
+const BOOTLOADER: &str = "plantar_boot_emu";
+/// What lies in the flash of the controller, in the emulator's directory.
+const ACTIVE_FILE: &str = "active.bin";
 /// The emulator has this long to connect its ports.
 const START: Duration = Duration::from_secs(20);
 
@@ -53,6 +58,9 @@ pub enum Error {
     /// QEMU did not connect in time.
     #[error("the emulator did not connect within {} s", START.as_secs())]
     Silent,
+    /// The firmware file is not what the linker writes.
+    #[error(transparent)]
+    Image(#[from] firmware_image::Error),
     /// A file or socket of the emulation.
     #[error("emulation: {0}")]
     Io(#[from] io::Error),
@@ -63,13 +71,16 @@ pub enum Error {
 pub struct Parts {
     /// Where a Bluetooth controller listens for HCI (H4); without one there is no Bluetooth.
     pub hci: Option<SocketAddr>,
-    /// The flash chip: what [`Board::flash`] gave before this start, or a new one.
+    /// The flash chip: what [`Board::flash`] gave before this start, or a new one. An image that was swapped in is in it, and runs
+    /// instead of the firmware file.
     pub flash: Option<Vec<u8>>,
+    /// What [`Board::wait`] gave before this start.
+    pub swapped: bool,
 }
 
 /// A running board. It stops when this is dropped.
 pub struct Board {
-    _qemu: Qemu,
+    qemu: Qemu,
     plant: Plant,
     link: TcpStream,
     // Dropped last: QEMU and the plant use it.
@@ -77,7 +88,7 @@ pub struct Board {
 }
 
 impl Board {
-    /// Boots `firmware` with a set-up and lets it feel `walk`.
+    /// Boots `firmware`, by the bootloader that was built beside it, with a set-up and lets it feel `walk`.
     pub fn start(
         firmware: &Path,
         head: &Head,
@@ -118,8 +129,9 @@ impl Board {
         walk: impl Walk,
         parts: &Parts,
     ) -> Result<Self, Error> {
-        if !firmware.is_file() {
-            return Err(Error::NoFirmware(firmware.into()));
+        let bootloader = firmware.with_file_name(BOOTLOADER);
+        if let Some(missing) = [firmware, &bootloader].into_iter().find(|file| !file.is_file()) {
+            return Err(Error::NoFirmware(missing.into()));
         }
         let directory = tempfile::tempdir()?;
         let file = |name: &std::ffi::CStr| directory.path().join(name.to_string_lossy().as_ref());
@@ -128,9 +140,16 @@ impl Board {
         }
         std::fs::write(file(MATRIX_FILE), vec![0; 2 * cells])?;
 
-        match &parts.flash {
-            Some(flash) => std::fs::write(file(FLASH_FILE), flash)?,
-            None => std::fs::write(file(FLASH_FILE), vec![0xff; FLASH_BYTES])?,
+        let mut flash = parts.flash.clone().unwrap_or_else(|| vec![0xff; FLASH_BYTES]);
+        let active = &mut flash[EMULATED_ACTIVE.start as usize..EMULATED_ACTIVE.end as usize];
+        if active.iter().all(|byte| *byte == 0xff) {
+            let image = firmware_image::raw(firmware)?;
+            active[..image.len()].copy_from_slice(&image);
+        }
+        std::fs::write(directory.path().join(ACTIVE_FILE), active)?;
+        std::fs::write(file(FLASH_FILE), flash)?;
+        if parts.swapped {
+            std::fs::write(file(SWAPPED_FILE), [])?;
         }
         let hci = parts.hci.map_or("null".into(), |at| format!("tcp:{at},nodelay=on"));
 
@@ -142,7 +161,8 @@ impl Board {
             .args(["-semihosting-config", "enable=on,target=native"])
             .args(["-serial", &link.argument()?, "-serial", &hci, "-serial", &plant.argument()?])
             .arg("-kernel")
-            .arg(std::path::absolute(firmware)?)
+            .arg(std::path::absolute(bootloader)?)
+            .args(["-device", &format!("loader,file={ACTIVE_FILE},addr={:#x},force-raw=on", ACTIVE.start)])
             .current_dir(directory.path())
             .stdin(Stdio::null())
             .stdout(Stdio::null())
@@ -157,7 +177,7 @@ impl Board {
         let link = link.accept(&mut qemu.0)?;
         let plant = plant.accept(&mut qemu.0)?;
         let plant = Plant::start(plant, &file(MATRIX_FILE), walk)?;
-        Ok(Self { _qemu: qemu, plant, link, directory })
+        Ok(Self { qemu, plant, link, directory })
     }
 
     /// The board's link, a byte stream in both directions.
@@ -168,6 +188,11 @@ impl Board {
     /// The contents of the flash chip.
     pub fn flash(&self) -> io::Result<Vec<u8>> {
         std::fs::read(self.directory.path().join(FLASH_FILE.to_string_lossy().as_ref()))
+    }
+
+    /// Waits until the board is off; true where the bootloader swapped images, and the board is to be started again.
+    pub fn wait(&mut self) -> io::Result<bool> {
+        Ok(self.qemu.0.wait()?.code() == Some(SWAPPED))
     }
 
     /// Lets the walk begin; in [`Time::Real`] it began with the board.

@@ -187,7 +187,8 @@ impl Emulate {
                     | ToHost::Time { .. }
                     | ToHost::Faults(_)
                     | ToHost::Identity(_)
-                    | ToHost::CalibrationPart { .. },
+                    | ToHost::CalibrationPart { .. }
+                    | ToHost::Update(_),
                 ) => {}
                 None if heard.elapsed() > SILENCE => {
                     bail!(restarted(client.reconnect(ANSWER).context("the insole has fallen silent")?))

@@ -17,6 +17,7 @@ mod serve;
 mod setup;
 mod summary;
 mod table;
+mod update;
 mod view;
 mod zero;
 
@@ -42,6 +43,7 @@ use std::process::ExitCode;
 ///   plantar monitor --ble left
 ///   plantar record --serial /dev/ttyACM0 --out session
 ///   plantar serve --serial /dev/ttyACM0
+///   plantar update insole.bin --serial /dev/ttyACM0
 #[derive(Parser)]
 #[command(version, verbatim_doc_comment)]
 struct Arguments {
@@ -66,6 +68,7 @@ enum Command {
     /// Tissue parameters.
     #[command(subcommand)]
     Params(params::Params),
+    Update(update::Update),
     /// What an insole keeps of itself.
     #[command(subcommand)]
     Insole(insole::Insole),
@@ -83,6 +86,7 @@ fn main() -> ExitCode {
         Command::Fit(fit) => return status(fit.run()),
         Command::Cohort(cohort) => return status(cohort.run()),
         Command::Emulate(emulate) => emulate.run(),
+        Command::Update(update) => update.run(),
         Command::Monitor(monitor) => monitor.run(),
         Command::Record(record) => record.run(),
         Command::Serve(serve) => serve.run(),

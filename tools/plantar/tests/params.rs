@@ -2,7 +2,7 @@
 
 use plantar::calibrate::CellCalibration;
 use plantar::insole::Tissue;
-use plantar::link::{Job, Link};
+use plantar::link::{Done, Job, Link};
 use plantar::region::Side;
 use plantar::store::CalibrationId;
 use plantar::wire::{self, Decoder, Hello, Identity, MAX_FRAME, MAX_MESSAGE, Reset, Status, ToDevice};
@@ -28,12 +28,14 @@ fn insole() -> (SocketAddr, Arc<Mutex<Link>>) {
                     if let Some(message) = decoder.push(byte).and_then(wire::decode::<ToDevice>) {
                         link.receive(message, 0);
                         let identity = link.identity();
-                        let kept = match link.job() {
-                            Some(Job::Name(side, serial)) => Some(Identity { side, serial, ..identity }),
-                            Some(Job::Calibration { id, .. }) => Some(Identity { calibration_id: id, ..identity }),
-                            _ => None,
+                        let done = match link.job() {
+                            Some(Job::Name(side, serial)) => Done::Identity(Identity { side, serial, ..identity }),
+                            Some(Job::Calibration { id, .. }) => {
+                                Done::Identity(Identity { calibration_id: id, ..identity })
+                            }
+                            _ => Done::Kept,
                         };
-                        link.done(Ok(kept));
+                        link.done(Ok(done));
                     }
                 }
                 let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);

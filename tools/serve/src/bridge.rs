@@ -74,7 +74,8 @@ fn follow(hub: &Hub, index: usize, mut client: Session) -> Result<std::convert::
                 | ToHost::Time { .. }
                 | ToHost::Faults(_)
                 | ToHost::Identity(_)
-                | ToHost::CalibrationPart { .. },
+                | ToHost::CalibrationPart { .. }
+                | ToHost::Update(_),
             ) => {}
             None if heard.elapsed() > SILENCE => {
                 // It may have restarted, and then waits for a hello.

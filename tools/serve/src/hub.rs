@@ -203,6 +203,7 @@ impl Page {
                 | ToDevice::GetTissue
                 | ToDevice::GetIdentity
                 | ToDevice::SetIdentity { .. }
+                | ToDevice::Update(_)
                 | ToDevice::SetCalibrationPart { .. }
                 | ToDevice::SetCalibration { .. }
                 | ToDevice::Restart,

@@ -17,7 +17,7 @@ pub fn decode_to_json(bytes: &[u8]) -> Option<Value> {
         ToHost::Tissue(tissue) => json!({ "kind": "tissue", "id": tissue.id }),
         ToHost::Refused(refusal) => json!({ "kind": "refused", "reason": refusal.to_string() }),
         // What an insole keeps is nothing the page asks for.
-        ToHost::Identity(_) | ToHost::CalibrationPart { .. } => return None,
+        ToHost::Identity(_) | ToHost::CalibrationPart { .. } | ToHost::Update(_) => return None,
         ToHost::Time { host_us, device_us } => json!({ "kind": "time", "host_us": host_us, "device_us": device_us }),
         ToHost::Faults(faults) => faults_to_json(faults),
     })

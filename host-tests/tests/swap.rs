@@ -1,0 +1,278 @@
+//! Updates on a chip in memory: what is taken and refused, and what a loss of power leaves at any moment. The swap is the
+//! bootloaders' own code.
+
+use embassy_boot::{AlignedBuffer, BootError, BootLoader, State};
+use embassy_futures::block_on as now;
+use embassy_sync::mutex::Mutex;
+use firmware_image::{Image, Secret};
+use host_tests::nor_flash::{NorFlashChip, Torn};
+use plantar::boot::{BUFFER, Blocking, config};
+use plantar::emulation::FLASH_BYTES;
+use plantar::map::{EMULATED_ACTIVE, HEADER, MAX_IMAGE, OTHER, SECTOR, STATE};
+use plantar::store::LOG;
+use plantar::update::{Area, CHUNK, Header, Offer, Progress, Refusal, Request, Update, confirm, is_on_trial};
+use proptest::prelude::*;
+use std::sync::LazyLock;
+
+static SECRET: LazyLock<Secret> = LazyLock::new(|| Secret::from_bytes(&[7; 32]));
+static OLD: LazyLock<Image> = LazyLock::new(|| image("1.2.9", 53 * SECTOR as usize + CHUNK));
+static NEW: LazyLock<Image> = LazyLock::new(|| image("1.2.10", 60 * SECTOR as usize));
+
+const TORN: [Torn; 3] = [Torn::Before, Torn::Within, Torn::After];
+
+/// An image that no board would run, signed.
+fn image(version: &str, len: usize) -> Image {
+    let mut random = fastrand::Rng::with_seed(len as u64);
+    let mut bytes: Vec<u8> = std::iter::repeat_with(|| random.u8(..)).take(len).collect();
+    let header = Header::new("board", version).bytes();
+    bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
+    Image::sign(bytes, &SECRET).expect("it has a header")
+}
+
+fn key() -> [u8; 32] {
+    SECRET.verifying_key().to_bytes()
+}
+
+/// A chip with the old image active.
+fn chip() -> NorFlashChip {
+    let mut chip = NorFlashChip::new(FLASH_BYTES);
+    chip.bytes[EMULATED_ACTIVE.start as usize..][..OLD.bytes().len()].copy_from_slice(OLD.bytes());
+    chip
+}
+
+/// Which image is active; a mixture is none.
+fn active(chip: &NorFlashChip) -> Option<&'static Image> {
+    let bytes = &chip.bytes[EMULATED_ACTIVE.start as usize..EMULATED_ACTIVE.end as usize];
+    [&*OLD, &*NEW].into_iter().find(|image| bytes.starts_with(image.bytes()))
+}
+
+/// A start of the board.
+fn boot(chip: &mut NorFlashChip) -> Result<State, BootError> {
+    let chip = Mutex::new(chip);
+    let active = Blocking(Area::<_, CHUNK>::new(&chip, EMULATED_ACTIVE));
+    BootLoader::new(config(&chip, active)).prepare_boot(AlignedBuffer([0; BUFFER]).as_mut())
+}
+
+fn ask(update: &mut Update, chip: &mut NorFlashChip, request: Request) -> Result<Progress, Refusal> {
+    now(update.handle(chip, OLD.header(), &key(), &request))
+}
+
+fn chunk(image: &Image, number: u16) -> Request {
+    Request::Chunk { number, chunk: image.chunk(number) }
+}
+
+fn send(update: &mut Update, chip: &mut NorFlashChip, image: &Image) -> Result<Progress, Refusal> {
+    ask(update, chip, Request::Begin(image.offer()))?;
+    for number in 0..image.offer().chunks {
+        ask(update, chip, chunk(image, number))?;
+    }
+    ask(update, chip, Request::Finish)
+}
+
+/// A chip with the new image accepted.
+fn accepted() -> NorFlashChip {
+    let mut chip = chip();
+    assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Ok(Progress::Accepted));
+    chip.restarted()
+}
+
+#[test]
+fn a_signed_image_is_swapped_in_and_back_unless_it_is_confirmed() {
+    let mut chip = accepted();
+    assert_eq!(boot(&mut chip), Ok(State::Swap));
+    assert!(active(&chip) == Some(&NEW) && now(is_on_trial(&mut chip)) == Ok(true));
+    // While it is on trial the one before is kept.
+    assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Err(Refusal::OnTrial));
+
+    let mut confirmed = chip.clone();
+    assert_eq!(now(confirm(&mut confirmed)), Ok(()));
+    assert_eq!(boot(&mut confirmed), Ok(State::Boot));
+    assert!(active(&confirmed) == Some(&NEW) && now(is_on_trial(&mut confirmed)) == Ok(false));
+
+    boot(&mut chip).expect("the chip works");
+    assert!(active(&chip) == Some(&OLD) && now(is_on_trial(&mut chip)) == Ok(false));
+    // And it can be tried again.
+    assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Ok(Progress::Accepted));
+    boot(&mut chip).expect("the chip works");
+    assert_eq!(active(&chip), Some(&*NEW));
+}
+
+#[test]
+fn what_is_not_signed_older_foreign_too_long_or_not_whole_changes_nothing() {
+    let strange = Image::sign(NEW.bytes().to_vec(), &Secret::from_bytes(&[8; 32])).expect("it has a header");
+    for (image, refusal) in [(&strange, Refusal::Signature), (&image("1.1.99", 8 * CHUNK), Refusal::Older)] {
+        let mut chip = chip();
+        assert_eq!(send(&mut Update::new(), &mut chip, image), Err(refusal));
+        assert!(boot(&mut chip) == Ok(State::Boot) && active(&chip) == Some(&OLD));
+    }
+    for (offer, refusal) in [
+        (Offer { header: Header::new("other", "9.9.9"), ..NEW.offer() }, Refusal::Board),
+        (Offer { header: Header::new("board", "9"), ..NEW.offer() }, Refusal::Older),
+        (Offer { chunks: 0, ..NEW.offer() }, Refusal::Length),
+        (Offer { chunks: (MAX_IMAGE as usize / CHUNK) as u16 + 1, ..NEW.offer() }, Refusal::Length),
+        // The signature holds the header, so a newer version cannot be claimed for it.
+        (Offer { header: Header::new("board", "9.9.9"), ..NEW.offer() }, Refusal::Header),
+        (Offer { signature: [[0; 32]; 2], ..NEW.offer() }, Refusal::Signature),
+        // Cut short.
+        (Offer { chunks: NEW.offer().chunks - 1, ..NEW.offer() }, Refusal::Signature),
+    ] {
+        let (mut update, mut chip) = (Update::new(), chip());
+        let mut answer = ask(&mut update, &mut chip, Request::Begin(offer));
+        for number in 0..offer.chunks {
+            answer = answer.and_then(|_| ask(&mut update, &mut chip, chunk(&NEW, number)));
+        }
+        answer = answer.and_then(|_| ask(&mut update, &mut chip, Request::Finish));
+        assert_eq!(answer, Err(refusal));
+        assert!(boot(&mut chip) == Ok(State::Boot) && active(&chip) == Some(&OLD));
+    }
+    // Nothing begun, or not all there.
+    let (mut update, mut chip) = (Update::new(), chip());
+    assert_eq!(ask(&mut update, &mut chip, chunk(&NEW, 0)), Err(Refusal::NotBegun));
+    assert_eq!(ask(&mut update, &mut chip, Request::Finish), Err(Refusal::NotBegun));
+    assert_eq!(ask(&mut update, &mut chip, Request::Begin(NEW.offer())), Ok(Progress::Next(0)));
+    assert_eq!(ask(&mut update, &mut chip, Request::Finish), Err(Refusal::Incomplete));
+}
+
+#[test]
+fn a_bit_that_flips_on_the_way_or_in_the_chip_is_found() {
+    let mut random = fastrand::Rng::with_seed(3);
+    for _ in 0..8 {
+        let (mut update, mut chip) = (Update::new(), chip());
+        ask(&mut update, &mut chip, Request::Begin(NEW.offer())).expect("it is begun");
+        for number in 0..NEW.offer().chunks {
+            ask(&mut update, &mut chip, chunk(&NEW, number)).expect("it is taken");
+        }
+        let at = random.usize(0..NEW.bytes().len());
+        chip.bytes[OTHER.start as usize + at] ^= 1 << random.u8(0..8);
+        let answer = ask(&mut update, &mut chip, Request::Finish);
+        assert!(matches!(answer, Err(Refusal::Signature | Refusal::Header)), "{answer:?} at {at}");
+        assert!(boot(&mut chip) == Ok(State::Boot) && active(&chip) == Some(&OLD));
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Chunks that are lost, come twice or late, and hosts that begin anew: what was taken is the image.
+    #[test]
+    fn a_disturbed_transfer_goes_on_where_it_was(seed: u64) {
+        let mut random = fastrand::Rng::with_seed(seed);
+        let image = image("2.0.0", random.usize(3..80) * CHUNK);
+        let (mut update, mut chip) = (Update::new(), chip());
+        let chunks = image.offer().chunks;
+        let mut next = 0;
+        while next < chunks {
+            let answer = match random.u8(0..8) {
+                0 => ask(&mut update, &mut chip, Request::Begin(image.offer())),
+                1 => ask(&mut update, &mut chip, chunk(&image, random.u16(0..2 * chunks))),
+                _ => ask(&mut update, &mut chip, chunk(&image, next)),
+            };
+            next = match answer {
+                Ok(Progress::Next(now)) => { prop_assert!(now == next || now == next + 1); now }
+                // A chunk before the first beginning.
+                answer => { prop_assert_eq!(answer, Err(Refusal::NotBegun)); 0 }
+            };
+        }
+        prop_assert_eq!(&chip.bytes[OTHER.start as usize..][..image.bytes().len()], image.bytes());
+        prop_assert_eq!(ask(&mut update, &mut chip, Request::Finish), Ok(Progress::Accepted));
+    }
+}
+
+/// Runs `work` with power failing at every `stride`th operation of it in each way, and gives what is left to `check`; how many.
+fn cuts(
+    before: &NorFlashChip,
+    stride: usize,
+    work: impl Fn(&mut NorFlashChip),
+    mut check: impl FnMut(&mut NorFlashChip, u64, Torn),
+) -> usize {
+    let mut whole = before.restarted();
+    whole.operations = 0;
+    work(&mut whole);
+    let mut count = 0;
+    for at in (0..whole.operations).step_by(stride) {
+        for torn in TORN {
+            let mut chip = before.restarted();
+            (chip.operations, chip.cut) = (0, Some((at, torn)));
+            work(&mut chip);
+            check(&mut chip.restarted(), at, torn);
+            count += 1;
+        }
+    }
+    count
+}
+
+#[test]
+fn a_loss_of_power_during_the_transfer_leaves_the_old_image() {
+    let work = |chip: &mut NorFlashChip| {
+        let _ = send(&mut Update::new(), chip, &NEW);
+    };
+    let count = cuts(&chip(), 7, work, |chip, at, torn| {
+        // The last two operations are the mark to swap.
+        let booted = boot(chip);
+        let is_marked = booted == Ok(State::Swap);
+        assert_eq!(active(chip), Some(if is_marked { &*NEW } else { &*OLD }), "{at} {torn:?}");
+    });
+    println!("{count} cuts");
+}
+
+#[test]
+fn a_loss_of_power_anywhere_in_the_swap_ends_in_the_new_image() {
+    let before = accepted();
+    let work = |chip: &mut NorFlashChip| {
+        let _ = boot(chip);
+    };
+    let count = cuts(&before, 1, work, |chip, at, torn| {
+        // A cut after the last operation finds all done, and that is the second start.
+        let booted = boot(chip);
+        let done = active(chip) == Some(&*OLD) && torn == Torn::After;
+        assert!(booted == Ok(State::Swap) && (active(chip) == Some(&*NEW) || done), "{at} {torn:?}");
+        now(confirm(chip)).expect("the chip works");
+        assert_eq!(boot(chip), Ok(State::Boot), "{at} {torn:?}");
+    });
+    println!("{count} cuts");
+}
+
+#[test]
+fn a_loss_of_power_anywhere_in_the_swap_back_ends_in_the_old_image() {
+    let mut before = accepted();
+    boot(&mut before).expect("the chip works");
+    let work = |chip: &mut NorFlashChip| {
+        let _ = boot(chip);
+    };
+    let count = cuts(&before.restarted(), 1, work, |chip, at, torn| {
+        boot(chip).expect("the chip works");
+        assert_eq!(active(chip), Some(&*OLD), "{at} {torn:?}");
+        assert_eq!(now(is_on_trial(chip)), Ok(false), "{at} {torn:?}");
+    });
+    println!("{count} cuts");
+}
+
+#[test]
+fn a_loss_of_power_while_the_new_image_is_confirmed_leaves_one_of_the_two() {
+    let mut before = accepted();
+    boot(&mut before).expect("the chip works");
+    let work = |chip: &mut NorFlashChip| {
+        let _ = now(confirm(chip));
+    };
+    let count = cuts(&before.restarted(), 1, work, |chip, at, torn| {
+        boot(chip).expect("the chip works");
+        assert!(active(chip).is_some(), "{at} {torn:?}");
+        assert_eq!(send(&mut Update::new(), chip, &NEW), Ok(Progress::Accepted), "{at} {torn:?}");
+        boot(chip).expect("the chip works");
+        assert_eq!(active(chip), Some(&*NEW), "{at} {torn:?}");
+    });
+    println!("{count} cuts");
+}
+
+#[test]
+fn nothing_is_touched_but_what_the_map_gives() {
+    let mut chip = accepted();
+    boot(&mut chip).expect("the chip works");
+    boot(&mut chip).expect("the chip works");
+    for (sector, erasures) in chip.erasures.iter().enumerate() {
+        let at = sector as u32 * SECTOR;
+        let is_ours = [STATE, OTHER, EMULATED_ACTIVE].iter().any(|range| range.contains(&at));
+        assert!(*erasures == 0 || is_ours, "{at:#x}");
+    }
+    const { assert!(LOG.end <= STATE.start) };
+}

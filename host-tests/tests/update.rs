@@ -1,0 +1,319 @@
+//! Updates of the real firmware in QEMU, by the real bootloader: what is signed runs after the restart and stays once it is
+//! proven; what is not, and what fails, leaves the image that was there, whenever power fails.
+//!
+//! A newer image here is the same firmware with another version in its header, from where it tells it.
+
+mod common;
+
+use client::{Client, Error, Framed};
+use common::{firmware, synthetic_walk};
+use emulator::{Board, Looped, Parts, Recorded, Time};
+use firmware_image::{Image, Secret, development, raw};
+use host_tests::nor_flash::NorFlashChip;
+use plantar::contact::ContactRule;
+use plantar::emulation::Head;
+use plantar::map::{EMULATED_ACTIVE, HEADER};
+use plantar::stance::StanceRule;
+use plantar::update::{CHUNK, Header, KEY, Progress, Refusal, Request, Update};
+use plantar::wire::{self, ToDevice};
+use recording::VirtualInsole;
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+const BOARD: &str = "emulated";
+const OLD: &str = env!("CARGO_PKG_VERSION");
+const NEW: &str = "99.0.1";
+/// An insole that starts answers within this time.
+const START: Duration = Duration::from_secs(20);
+
+type Session = Client<Framed<TcpStream>>;
+
+fn signed(mut bytes: Vec<u8>, header: &Header, secret: &Secret) -> Image {
+    let header = header.bytes();
+    bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
+    Image::sign(bytes, secret).expect("it has a header")
+}
+
+fn development_key() -> Secret {
+    development().expect("it is there")
+}
+
+/// The firmware as a newer version.
+fn newer(firmware: &Path) -> Image {
+    signed(raw(firmware).expect("it is built"), &Header::new(BOARD, NEW), &development_key())
+}
+
+/// Something short that does not run.
+fn broken(version: &str) -> Image {
+    signed(vec![0xff; 20 * CHUNK], &Header::new(BOARD, version), &development_key())
+}
+
+/// An insole that is switched on and off, with one flash chip.
+struct Insole {
+    firmware: PathBuf,
+    flash: Option<Vec<u8>>,
+}
+
+impl Insole {
+    fn new() -> Option<Self> {
+        Some(Self { firmware: firmware()?, flash: None })
+    }
+
+    fn start(&self, power_cut: Option<u32>, swapped: bool) -> Board {
+        let walk = synthetic_walk(2, 100.0);
+        let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+        let head = Head { power_cut, ..Head::new(worn.setup) };
+        let cells = worn.cells.clone();
+        let parts = Parts { flash: self.flash.clone(), swapped, ..Parts::default() };
+        Board::start_with(&self.firmware, &head, &cells, Time::Max, Looped(Recorded::new(walk, worn)), &parts)
+            .expect("it boots")
+    }
+
+    /// Waits until the board is off, and keeps its chip; true where it is to be started again.
+    fn wait(&mut self, mut board: Board) -> bool {
+        let swapped = board.wait().expect("it runs");
+        self.flash = Some(board.flash().expect("it is there"));
+        swapped
+    }
+
+    /// Power off, whatever it does.
+    fn switch_off(&mut self, board: Board) {
+        self.flash = Some(board.flash().expect("it is there"));
+    }
+
+    /// The image that is active.
+    fn active(&self) -> &[u8] {
+        let flash = self.flash.as_ref().expect("it ran");
+        &flash[EMULATED_ACTIVE.start as usize..EMULATED_ACTIVE.end as usize]
+    }
+}
+
+fn connect(board: &Board) -> Session {
+    try_connect(board).expect("the insole answers")
+}
+
+/// A session; `None` where the board goes off instead.
+fn try_connect(board: &Board) -> Option<Session> {
+    let link = board.link().expect("the link is there");
+    link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
+    Client::connect(Framed::new(link), START).ok()
+}
+
+fn send(session: &mut Session, image: &Image) -> Result<Progress, Error> {
+    session.update(Request::Begin(image.offer()))?;
+    for number in 0..image.offer().chunks {
+        session.update(Request::Chunk { number, chunk: image.chunk(number) })?;
+    }
+    session.update(Request::Finish)
+}
+
+fn refusal(answer: Result<Progress, Error>) -> Option<Refusal> {
+    match answer {
+        Err(Error::Refused(wire::Refusal::Update(refusal))) => Some(refusal),
+        _ => None,
+    }
+}
+
+/// Puts an accepted image into the chip of an insole as the insole itself does.
+fn accept(insole: &mut Insole, image: &Image) {
+    let board = insole.start(None, false);
+    connect(&board);
+    insole.switch_off(board);
+    let flash = insole.flash.take().expect("it ran");
+    let mut chip = NorFlashChip::new(flash.len());
+    chip.bytes = flash;
+    let mut update = Update::new();
+    let chunks = (0..image.offer().chunks).map(|number| Request::Chunk { number, chunk: image.chunk(number) });
+    for request in [Request::Begin(image.offer())].into_iter().chain(chunks).chain([Request::Finish]) {
+        let running = Header::new(BOARD, OLD);
+        embassy_futures::block_on(update.handle(&mut chip, &running, &KEY, &request)).expect("it is taken");
+    }
+    insole.flash = Some(chip.bytes);
+}
+
+#[test]
+fn an_update_runs_after_the_restart_and_stays_once_it_is_proven() {
+    let Some(mut insole) = Insole::new() else { return };
+    let image = newer(&insole.firmware);
+    let board = insole.start(None, false);
+    let mut session = connect(&board);
+    assert_eq!((session.hello().firmware.as_str(), session.hello().board.as_str()), (OLD, BOARD));
+    assert_eq!(send(&mut session, &image).ok(), Some(Progress::Accepted));
+    assert!(insole.wait(board), "it restarts by itself, and the bootloader swaps");
+    assert!(insole.active().starts_with(image.bytes()));
+
+    let board = insole.start(None, true);
+    let mut session = connect(&board);
+    assert_eq!(session.hello().firmware, NEW);
+    let again = Request::Begin(image.offer());
+    assert_eq!(refusal(session.update(again)), Some(Refusal::OnTrial), "it has not scanned yet");
+    board.play();
+    while refusal(session.update(again)) == Some(Refusal::OnTrial) {}
+    // An older one is refused now, the one before too.
+    let before = raw(&insole.firmware).expect("it is built");
+    let before = signed(before, &Header::new(BOARD, OLD), &development_key());
+    assert_eq!(refusal(session.update(Request::Begin(before.offer()))), Some(Refusal::Older));
+    insole.switch_off(board);
+
+    let board = insole.start(None, false);
+    assert_eq!(connect(&board).hello().firmware, NEW);
+}
+
+#[test]
+fn an_image_that_makes_no_progress_is_swapped_back_at_the_next_start() {
+    let Some(mut insole) = Insole::new() else { return };
+    let image = newer(&insole.firmware);
+    accept(&mut insole, &image);
+    let board = insole.start(None, false);
+    assert!(insole.wait(board));
+    // Nobody asks it for a scan here.
+    let board = insole.start(None, true);
+    let mut session = connect(&board);
+    assert_eq!(session.hello().firmware, NEW);
+    session.send(ToDevice::Restart).expect("the link holds");
+    assert!(insole.wait(board), "the bootloader swaps back");
+    let board = insole.start(None, true);
+    assert_eq!(connect(&board).hello().firmware, OLD);
+}
+
+#[test]
+fn a_signed_image_that_crashes_is_swapped_back() {
+    let Some(mut insole) = Insole::new() else { return };
+    let board = insole.start(None, false);
+    assert_eq!(send(&mut connect(&board), &broken(NEW)).ok(), Some(Progress::Accepted));
+    assert!(insole.wait(board));
+    assert!(insole.active().starts_with(broken(NEW).bytes()));
+    let board = insole.start(None, true);
+    assert!(!insole.wait(board), "it crashes");
+    let board = insole.start(None, false);
+    assert!(insole.wait(board), "the bootloader swaps back");
+    let board = insole.start(None, true);
+    assert_eq!(connect(&board).hello().firmware, OLD);
+}
+
+#[test]
+fn what_is_unsigned_damaged_cut_short_older_foreign_or_too_long_is_refused_and_the_running_image_stays() {
+    let Some(mut insole) = Insole::new() else { return };
+    let board = insole.start(None, false);
+    let mut session = connect(&board);
+    let good = broken(NEW);
+    let offer = good.offer();
+    let stranger = signed(good.bytes().to_vec(), good.header(), &Secret::from_bytes(&[1; 32]));
+    let older = broken("0.0.9");
+    let foreign = signed(good.bytes().to_vec(), &Header::new("stm32wb55", NEW), &development_key());
+    for (image, why) in [(&stranger, Refusal::Signature), (&older, Refusal::Older), (&foreign, Refusal::Board)] {
+        assert_eq!(refusal(send(&mut session, image)), Some(why));
+    }
+    let mut unsigned = offer;
+    unsigned.signature = Default::default();
+    let mut short = offer;
+    short.chunks -= 1;
+    for (offer, flipped, why) in [
+        (unsigned, None, Refusal::Signature),
+        (short, None, Refusal::Signature),
+        (offer, Some(5), Refusal::Signature),
+        (offer, Some(HEADER as usize / CHUNK), Refusal::Header),
+    ] {
+        session.update(Request::Begin(offer)).expect("it may be good");
+        for number in 0..offer.chunks {
+            let mut chunk = good.chunk(number);
+            if flipped == Some(usize::from(number)) {
+                chunk[0][0] ^= 0x10;
+            }
+            session.update(Request::Chunk { number, chunk }).expect("it may be good");
+        }
+        assert_eq!(refusal(session.update(Request::Finish)), Some(why));
+    }
+    let mut long = offer;
+    long.chunks = u16::MAX;
+    assert_eq!(refusal(session.update(Request::Begin(long))), Some(Refusal::Length));
+    // And an update that stops half way is none.
+    session.update(Request::Begin(offer)).expect("it is good");
+    session.update(Request::Chunk { number: 0, chunk: good.chunk(0) }).expect("it is good");
+    assert_eq!(refusal(session.update(Request::Finish)), Some(Refusal::Incomplete));
+
+    assert_eq!(session.reconnect(START).expect("it runs").firmware, OLD);
+    insole.switch_off(board);
+    let board = insole.start(None, false);
+    assert_eq!(connect(&board).hello().firmware, OLD);
+}
+
+#[test]
+fn a_loss_of_power_during_the_transfer_leaves_the_running_image() {
+    let Some(mut insole) = Insole::new() else { return };
+    let image = broken(NEW);
+    let mut cuts = 0;
+    loop {
+        insole.flash = None;
+        let board = insole.start(Some(cuts), false);
+        // Power may fail before the first word.
+        let sent = try_connect(&board).map(|mut session| send(&mut session, &image));
+        let is_whole = matches!(sent, Some(Ok(Progress::Accepted)));
+        insole.wait(board);
+        if is_whole {
+            break;
+        }
+        // The mark to swap may be there although nobody heard of it.
+        let board = insole.start(None, false);
+        match try_connect(&board) {
+            Some(session) => assert_eq!(session.hello().firmware, OLD, "cut {cuts}"),
+            None => {
+                assert!(insole.wait(board), "cut {cuts}");
+                assert!(insole.active().starts_with(image.bytes()), "cut {cuts}");
+            }
+        }
+        cuts += 1;
+    }
+    println!("{cuts} cuts");
+}
+
+/// Writes and erasures of a swap between two cuts that are tried.
+const STRIDE: usize = 29;
+
+#[test]
+fn a_loss_of_power_during_the_swap_ends_in_the_new_image() {
+    let Some(mut insole) = Insole::new() else { return };
+    let image = newer(&insole.firmware);
+    accept(&mut insole, &image);
+    let accepted = insole.flash.clone();
+    let mut cuts = 0;
+    for cut in (0..).step_by(STRIDE) {
+        insole.flash = accepted.clone();
+        let board = insole.start(Some(cut), false);
+        if insole.wait(board) {
+            break;
+        }
+        let board = insole.start(None, false);
+        assert!(insole.wait(board), "cut {cut}");
+        assert!(insole.active().starts_with(image.bytes()), "cut {cut}");
+        let board = insole.start(None, true);
+        assert_eq!(connect(&board).hello().firmware, NEW, "cut {cut}");
+        cuts += 1;
+    }
+    println!("{cuts} cuts");
+}
+
+#[test]
+fn a_loss_of_power_during_the_swap_back_ends_in_the_old_image() {
+    let Some(mut insole) = Insole::new() else { return };
+    accept(&mut insole, &broken(NEW));
+    let board = insole.start(None, false);
+    assert!(insole.wait(board));
+    let swapped = insole.flash.clone();
+    let mut cuts = 0;
+    for cut in (0..).step_by(STRIDE) {
+        insole.flash = swapped.clone();
+        let board = insole.start(Some(cut), false);
+        if insole.wait(board) {
+            break;
+        }
+        let board = insole.start(None, false);
+        let is_swapped = insole.wait(board);
+        assert!(is_swapped, "cut {cut}");
+        let board = insole.start(None, is_swapped);
+        assert_eq!(connect(&board).hello().firmware, OLD, "cut {cut}");
+        cuts += 1;
+    }
+    println!("{cuts} cuts");
+}

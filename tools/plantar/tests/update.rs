@@ -1,0 +1,179 @@
+//! `plantar update` with files and with an insole on the network: the insole's own side of a session and of an update, with a chip
+//! in memory that the bootloader's own code swaps.
+
+use embassy_boot::{AlignedBuffer, BootLoader};
+use embassy_futures::block_on;
+use embassy_sync::mutex::Mutex as Shared;
+use firmware_image::{Image, Secret};
+use host_tests::nor_flash::NorFlashChip;
+use plantar::boot::{BUFFER, Blocking, config};
+use plantar::emulation::FLASH_BYTES;
+use plantar::link::{Done, Job, Link};
+use plantar::map::{EMULATED_ACTIVE, HEADER};
+use plantar::update::{Area, CHUNK, Header, Progress, Update, confirm};
+use plantar::wire::{self, Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Refusal, Status, ToDevice};
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpListener};
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::{Arc, Mutex};
+
+const OLD: &str = "1.2.3";
+const NEW: &str = "1.3.0";
+
+fn secret() -> Secret {
+    Secret::from_bytes(&[9; 32])
+}
+
+fn image(board: &str, version: &str, secret: &Secret) -> Image {
+    let mut bytes: Vec<u8> = (0..40 * CHUNK).map(|i| (i * i / 16) as u8).collect();
+    let header = Header::new(board, version).bytes();
+    bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
+    Image::sign(bytes, secret).expect("it has a header")
+}
+
+/// What becomes of the image that runs.
+#[derive(Clone, Copy, PartialEq)]
+enum Trial {
+    Passes,
+    Crashes,
+}
+
+/// An insole for one host after the other. An update ends the session, and the next finds what runs then.
+struct Insole {
+    chip: NorFlashChip,
+    trial: Trial,
+}
+
+impl Insole {
+    fn start(trial: Trial) -> (SocketAddr, Arc<Mutex<Self>>) {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let address = listener.local_addr().expect("an address");
+        let mut chip = NorFlashChip::new(FLASH_BYTES);
+        let old = image("test", OLD, &secret());
+        chip.bytes[EMULATED_ACTIVE.start as usize..][..old.bytes().len()].copy_from_slice(old.bytes());
+        let insole = Arc::new(Mutex::new(Self { chip, trial }));
+        let shared = insole.clone();
+        std::thread::spawn(move || {
+            for mut host in listener.incoming().map(|host| host.expect("a host")) {
+                shared.lock().expect("no panic").serve(&mut host);
+            }
+        });
+        (address, insole)
+    }
+
+    fn running(&self) -> Header {
+        let at = (EMULATED_ACTIVE.start + HEADER) as usize;
+        Header::read(self.chip.bytes[at..].first_chunk().expect("it is long")).expect("an image is there")
+    }
+
+    fn boot(&mut self) {
+        let chip = Shared::new(&mut self.chip);
+        let active = Blocking(Area::<_, CHUNK>::new(&chip, EMULATED_ACTIVE));
+        BootLoader::new(config(&chip, active))
+            .prepare_boot(AlignedBuffer([0; BUFFER]).as_mut())
+            .expect("the chip works");
+    }
+
+    /// Serves a host until it leaves or the insole restarts.
+    fn serve(&mut self, host: &mut (impl Read + Write)) {
+        let (mut link, mut update, mut decoder) = (Link::new(), Update::new(), Decoder::new());
+        let mut received = [0; 64];
+        let (running, key) = (self.running(), secret().verifying_key().to_bytes());
+        let hello = Hello { firmware: running.version().try_into().expect("it is short"), ..host_tests::hello() };
+        let mut accepted = false;
+        while !accepted && let Ok(count @ 1..) = host.read(&mut received) {
+            for &byte in &received[..count] {
+                if let Some(message) = decoder.push(byte).and_then(wire::decode::<ToDevice>) {
+                    link.receive(message, 0);
+                }
+            }
+            if let Some(Job::Update(request)) = link.job() {
+                let progress = block_on(update.handle(&mut self.chip, &running, &key, &request));
+                accepted = progress == Ok(Progress::Accepted);
+                link.done(progress.map(Done::Update).map_err(Refusal::Update));
+            }
+            let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
+            while let Some(message) = link.next(&hello, Status::default, &mut message) {
+                let len = wire::frame(message, &mut framed);
+                host.write_all(&framed[..len]).expect("the host listens");
+            }
+        }
+        if accepted {
+            self.boot();
+            match self.trial {
+                Trial::Passes => block_on(confirm(&mut self.chip)).expect("the chip works"),
+                Trial::Crashes => self.boot(),
+            }
+        }
+    }
+}
+
+fn update(file: &Path, address: SocketAddr) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_plantar"))
+        .arg("update")
+        .arg(file)
+        .args(["--tcp", &address.to_string()])
+        .output()
+        .expect("the program starts")
+}
+
+fn fail(file: &Path, address: SocketAddr, words: &[&str]) {
+    let output = update(file, address);
+    let said = String::from_utf8(output.stderr).expect("text");
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    for word in words {
+        assert!(said.contains(word), "no \"{word}\" in: {said}");
+    }
+}
+
+#[test]
+fn a_signed_image_is_sent_and_the_version_that_runs_then_is_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("new.bin");
+    let (address, insole) = Insole::start(Trial::Passes);
+    let new = image("test", NEW, &secret());
+    std::fs::write(&file, new.file()).expect("written");
+    let output = update(&file, address);
+    let said = String::from_utf8(output.stdout).expect("text");
+    assert!(output.status.success(), "{said} {}", String::from_utf8_lossy(&output.stderr));
+    assert!(said.contains(&format!("runs {OLD}")) && said.contains(&format!("runs {NEW}, {OLD} before")), "{said}");
+    let insole = insole.lock().expect("no panic");
+    assert!(insole.chip.bytes[EMULATED_ACTIVE.start as usize..].starts_with(new.bytes()));
+}
+
+#[test]
+fn an_image_that_is_swapped_back_is_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("new.bin");
+    let (address, insole) = Insole::start(Trial::Crashes);
+    std::fs::write(&file, image("test", NEW, &secret()).file()).expect("written");
+    fail(&file, address, &["swapped back", OLD, "new.bin"]);
+    assert_eq!(insole.lock().expect("no panic").running().version(), OLD);
+}
+
+#[test]
+fn what_cannot_be_taken_is_refused_with_the_remedy() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("image.bin");
+    let (address, insole) = Insole::start(Trial::Passes);
+    let good = image("test", NEW, &secret()).file();
+    let stranger = image("test", NEW, &Secret::from_bytes(&[1; 32])).file();
+    let mut flipped = good.clone();
+    flipped[777] ^= 4;
+    for (contents, words) in [
+        (image("other", NEW, &secret()).file(), &["other", "test", "choose"][..]),
+        (image("test", "1.2.2", &secret()).file(), &["1.2.2", OLD, "newer"]),
+        (stranger, &["signed", "maker"]),
+        (flipped, &["damaged", "image.bin"]),
+        (good[..good.len() - 300].to_vec(), &["cut short", "image.bin"]),
+        (b"not an image".to_vec(), &["image.bin", "cargo xtask image"]),
+    ] {
+        std::fs::write(&file, contents).expect("written");
+        fail(&file, address, words);
+    }
+    assert_eq!(insole.lock().expect("no panic").running().version(), OLD);
+    fail(&folder.path().join("nowhere.bin"), address, &["nowhere.bin"]);
+    std::fs::write(&file, good).expect("written");
+    fail(&file, "127.0.0.1:1".parse().expect("an address"), &["127.0.0.1:1", "is the insole"]);
+}
