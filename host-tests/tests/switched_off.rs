@@ -46,8 +46,7 @@ fn what_was_sent_and_walked_is_there_after_a_restart_and_after_a_loss_of_power()
         }
     }
     // By command, then by the switch.
-    client.restart().expect("the link holds");
-    client.reconnect(PATIENCE).expect("it is back");
+    client.restart(PATIENCE).expect("it is back");
     let mut boards = vec![board];
     for starts_ago in 1..3 {
         let hello = client.hello().clone();

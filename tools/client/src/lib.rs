@@ -198,9 +198,21 @@ impl<C: Carrier> Client<C> {
         self.ask_identity(ToDevice::SetCalibration { layout_id, cells, id: id.id() })
     }
 
-    /// Restarts the insole; open the session anew after that.
-    pub fn restart(&mut self) -> Result<(), Error> {
-        self.send(ToDevice::Restart)
+    /// Restarts the insole and opens the session anew. A carrier that goes with the insole is an error: then it is to be opened
+    /// again, with [`Client::reconnect_over`].
+    pub fn restart(&mut self, patience: Duration) -> Result<&Hello, Error> {
+        let before_us = self.status()?.uptime_us;
+        self.send(ToDevice::Restart)?;
+        let asked = Instant::now();
+        while asked.elapsed() < patience {
+            self.reconnect(patience)?;
+            // The one before may have answered once more.
+            let grown_us = before_us.saturating_add(asked.elapsed().as_micros() as u64 / 2);
+            if self.status().is_ok_and(|status| status.uptime_us < grown_us) {
+                return Ok(&self.hello);
+            }
+        }
+        Err(Error::NoAnswer(patience, self.damaged()))
     }
 
     /// Sends a request and waits for its answer; what arrives meanwhile is received as usual.

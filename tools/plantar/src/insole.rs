@@ -140,9 +140,8 @@ fn print(identity: &Identity) {
 }
 
 fn restart(carrier: &Carrier, mut client: Session) -> Result<()> {
-    client.restart()?;
     // A cable stays, Bluetooth goes with the insole.
-    if client.reconnect(ANSWER).is_err() {
+    if client.restart(ANSWER).is_err() {
         carrier.reconnect(&mut client).context("the insole was told to restart and did not come back")?;
     }
     Ok(())
