@@ -118,11 +118,10 @@ impl Emulate {
         let start = Instant::now();
         let outcome = self.follow(&board, &mut client, &mut view, scans);
         view.close();
-        let faults = client.faults();
         let Outcome { steps, status } = outcome?;
         let counters = client.counters();
         summary::print(&steps);
-        summary::print_faults(&faults?);
+        summary::print_faults(&mut client);
         println!(
             "{} frames of {seconds:.1} s in {:.1} s; live frames: {} sent, {} received, {} lost, {} damaged; scans missed: {}, overrun: {}",
             status.frames,
