@@ -92,16 +92,21 @@ pub fn print(steps: &[Step]) {
 }
 
 /// Asks an insole for the faults of its sensor and prints them, where there are any.
-pub fn print_faults<C: Carrier>(client: &mut Client<C>) {
+pub fn print_faults_of<C: Carrier>(client: &mut Client<C>) {
     match client.faults() {
-        Ok(faults) => faults_to_lines(&faults, client.hello().cells).iter().for_each(|line| println!("{line}")),
+        Ok(faults) => print_faults(&faults, client.hello().cells.into()),
         // An insole that is lost tells them when it is heard again.
         Err(error) => eprintln!("note: the insole did not tell the faults of its sensor: {error}"),
     }
 }
 
+/// Prints the faults of a sensor with so many cells, where there are any.
+pub fn print_faults(faults: &Faults, cells: usize) {
+    faults_to_lines(faults, cells).iter().for_each(|line| println!("{line}"));
+}
+
 /// A line a fault, then what was done about them.
-fn faults_to_lines(faults: &Faults, cells: u16) -> Vec<String> {
+fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
     let fault = |fault: &Fault| {
         let found_s = f64::from(fault.found_ms) / 1e3;
         format!("sensor fault: {} {}, found after {found_s:.1} s", fault.place, fault.kind.name())
