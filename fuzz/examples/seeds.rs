@@ -4,14 +4,18 @@
 
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
+use plantar::calibrate::CellCalibration;
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;
+use plantar::fault::{Fault, FaultKind, Faults, Place};
 use plantar::fragment::Splitter;
 use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
 use plantar::stance::StanceRule;
+use plantar::store::PART_CELLS;
 use plantar::update::Header;
 use plantar::wire::{
-    Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, ToDevice, ToHost, encode, frame,
+    Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Serial, Status, Step, ToDevice,
+    ToHost, encode, frame,
 };
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{FootZero, Recording, VirtualInsole, Zero};
@@ -26,6 +30,8 @@ fn main() {
     let tissue = parameters.tissue();
     let (live, step) = walked(&recording, &worn, &tissue);
 
+    let serial = Serial::new("R-0001").expect("printable");
+    let fault = Fault { kind: FaultKind::Open, place: Place::Cell(0), found_ms: 1_920 };
     let to_device = [
         ToDevice::Connect { major: MAJOR, minor: MINOR },
         ToDevice::Stream { live: true },
@@ -35,6 +41,12 @@ fn main() {
         ToDevice::GetTissue,
         ToDevice::GetTime { host_us: 1_735_689_600_000_000 },
         ToDevice::SetClock { unix_us: 1_735_689_600_000_000 },
+        ToDevice::GetFaults,
+        ToDevice::GetIdentity,
+        ToDevice::SetIdentity { side: Side::Right, serial },
+        ToDevice::SetCalibrationPart { part: 0, cells: [CellCalibration::IDEAL; PART_CELLS] },
+        ToDevice::SetCalibration { layout_id: worn.setup.layout_id, cells: 8, id: 1 },
+        ToDevice::Restart,
     ]
     .map(|message| encoded(&message));
     let to_host = [
@@ -45,6 +57,14 @@ fn main() {
         ToHost::Step(step),
         ToHost::Refused(Refusal::NotUnderstood),
         ToHost::Time { host_us: 1_735_689_600_000_000, device_us: 12_345_678 },
+        ToHost::Faults(Faults {
+            found: 1,
+            rezeroed: 2,
+            masked_cells: [1, 0, 0, 0, 0, 0, 0, 0],
+            list: [fault].into_iter().collect(),
+        }),
+        ToHost::Identity(Identity { side: Side::Right, serial, calibration_id: 1 }),
+        ToHost::CalibrationPart { part: 0 },
     ]
     .map(|message| encoded(&message));
     for (i, message) in to_device.iter().enumerate() {
@@ -63,7 +83,7 @@ fn main() {
 
     let [connect, stream, acknowledge, status, set_tissue, ..] = to_device.each_ref().map(Vec::as_slice);
     let session =
-        [connect, stream, b"N", b"S", b"L", b"N", b"N", status, b"N", acknowledge, b"S", set_tissue, b"N", b"C"];
+        [connect, stream, b"N", b"S", b"L", b"N", b"N", status, b"N", acknowledge, b"S", set_tissue, b"K", b"N", b"C"];
     seed("link", "session", &pieces(session));
     let full = [connect, stream].into_iter().chain([&b"S"[..], b"L"].into_iter().cycle().take(40));
     seed("link", "full", &pieces(full));

@@ -4,9 +4,10 @@
 use libfuzzer_sys::fuzz_target;
 use plantar::Side;
 use plantar::contact::ContactRule;
+use plantar::fault::Faults;
 use plantar::link::{Link, STEP_QUEUE};
 use plantar::wire::{
-    Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Reset, Status, Step, StepRegion, ToDevice, ToHost, decode,
+    Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepRegion, ToDevice, ToHost, decode,
 };
 use plantar_fuzz::Pieces;
 
@@ -49,6 +50,9 @@ fuzz_target!(|data: &[u8]| {
             [b'N'] => {
                 next(&mut link, &mut expected);
             }
+            // What was told is kept, or is not.
+            [b'K'] => link.done(Ok(None)),
+            [b'F'] => link.done(Err(Refusal::NotKept)),
             [b'C'] => {
                 link.close();
                 expected = Expected { sent: 0, live_due: 0, live_sent: 0, ..expected };
@@ -104,6 +108,8 @@ fn next(link: &mut Link, expected: &mut Expected) -> bool {
         ToHost::Hello(hello) => assert_eq!(hello.tissue_id, link.tissue().id),
         ToHost::Time { device_us, .. } => assert_eq!(device_us, u64::MAX),
         ToHost::Faults(faults) => assert_eq!(faults, Faults::NONE),
+        ToHost::Identity(identity) => assert_eq!(identity, link.identity()),
+        ToHost::CalibrationPart { .. } => {}
         ToHost::Refused(refusal) => assert!(!refusal.to_string().is_empty()),
     }
     true
@@ -139,5 +145,7 @@ fn step(step: u32) -> Step {
         clamped: u8::MAX,
         contact_rule: ContactRule::COVERED,
         regions: [StepRegion { measured_peak_dn: u16::MAX, ..StepRegion::default() }; 8],
+        starts_ago: u32::MAX,
+        start_unix_us: Some(u64::MAX),
     }
 }

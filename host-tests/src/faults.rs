@@ -170,6 +170,21 @@ pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
         .into()
 }
 
+/// One fault of each kind that begins at `from_s`, at a place that the walk loads.
+pub fn one_of_each(recording: &Recording, from_s: f64) -> Vec<Electrical> {
+    let truth = walk(recording, ContactRule::COUNTED, None, &[]);
+    let loaded = Loaded::new(recording, &truth.toe_offs_s);
+    INJECTED
+        .into_iter()
+        .map(|(what, kind, value)| {
+            let places = loaded.places(what);
+            // A drift that the zero does not follow.
+            let value = if kind == FaultKind::Drift { 2_000.0 } else { value };
+            Electrical { kind, place: places[places.len() / 2], value, from_s }
+        })
+        .collect()
+}
+
 /// A swing lasts about so long, s.
 const SWING_S: f64 = 0.45;
 /// Firmly loaded: twice the code of the contact rule's 10 kPa.

@@ -5,13 +5,15 @@
 mod common;
 
 use client::{Client, Framed};
-use common::{firmware, replay, replay_with, synthetic_walk, tissue};
-use emulator::{Board, Recorded, Scan, Time, Walk};
+use common::{firmware, replay, replay_faulty, replay_with, synthetic_walk, tissue};
+use emulator::{Board, Faulty, Recorded, Scan, Time, Walk};
 use fit::quality::Evaluated;
 use fit::{Filter, Options, Study};
+use host_tests::faults::one_of_each;
 use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;
+use plantar::fault::Fault;
 use plantar::insole::{DEVICE_CELLS, Tissue};
 use plantar::stance::StanceRule;
 use plantar::wire::{Live, MAX_FRAME, MAX_MESSAGE, Refusal, Status, Step, ToDevice, ToHost, encode, frame};
@@ -39,6 +41,8 @@ impl Walk for Played {
     }
 }
 
+/// When a fault begins, in the fifth of the steps of a computed walk, s.
+const FAULT_S: f64 = 5.0;
 /// Reads of 50 ms without a message after which the board has stopped.
 const SILENT_READS: usize = 400;
 
@@ -62,13 +66,16 @@ impl Session {
         contact: ContactRule,
         fault: fn(u32) -> Option<Scan>,
     ) -> Option<Self> {
-        let firmware = firmware()?;
         let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+        let walk = Recorded::new(recording.clone(), worn.clone());
+        Self::start_walk(&worn, Played { walk, fault })
+    }
+
+    fn start_walk(worn: &VirtualInsole, walk: impl Walk + Send + 'static) -> Option<Self> {
+        let firmware = firmware()?;
+        let scans = walk.scans();
         let head = Head::new(worn.setup);
-        let cells = worn.cells.clone();
-        let played = Played { walk: Recorded::new(recording.clone(), worn), fault };
-        let scans = played.scans();
-        let board = Board::start(&firmware, &head, &cells, Time::Max, played).expect("the board boots");
+        let board = Board::start(&firmware, &head, &worn.cells, Time::Max, walk).expect("the board boots");
         let link = board.link().expect("the link is there");
         link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
         let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
@@ -408,6 +415,42 @@ fn damaged_and_impossible_parameters_are_refused_and_the_old_ones_go_on() {
     assert_eq!(received.status.bad_frames, 2);
     assert_eq!((received.live, received.steps), replay(&walk, ContactRule::COUNTED, |_| false));
     assert_eq!(session.client.tissue().expect("an answer"), tissue());
+}
+
+/// Each fault is found while walking, told and masked, and all that is sent is what a host computes of the same codes.
+#[test]
+fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
+    let walk = synthetic_walk(10, 100.0);
+    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let zeros: Vec<u16> = worn.cells.iter().map(|cell| cell.calibration.offset).collect();
+    for fault in one_of_each(&walk, FAULT_S) {
+        let played = Recorded::new(walk.clone(), worn.clone());
+        let played = Faulty::new(played, vec![fault], worn.setup.period_us, zeros.clone());
+        let Some(mut session) = Session::start_walk(&worn, played) else { return };
+        session.client.set_tissue(&tissue()).expect("typical parameters are sound");
+        session.client.stream().expect("the stream starts");
+        session.board.play();
+        let received = session.finish();
+        let told = session.client.faults().expect("an answer");
+        let (live, steps, found) = replay_faulty(&walk, &[fault]);
+        assert_eq!(received.steps, steps, "{fault}");
+        assert_eq!(received.live, live, "{fault}");
+        assert_eq!(told, found, "{fault}");
+        assert_eq!(received.status.faults, told.found, "{fault}");
+
+        let is_it = |told: &&Fault| (told.kind, told.place) == (fault.kind, fault.place);
+        let it = told.list.iter().find(is_it).unwrap_or_else(|| panic!("{fault} is not among {:?}", told.list));
+        let found_s = f64::from(it.found_ms) / 1e3;
+        println!("{fault}: found at {found_s:.2} s");
+        assert!(found_s > FAULT_S);
+        let mut masked = [0; 8];
+        fault.cells(worn.cells.len()).for_each(|cell| masked[worn.cells[cell].cell.region as usize] += 1);
+        assert_eq!(told.masked_cells, masked, "{fault}");
+        let bits = masked.iter().enumerate().fold(0, |bits, (i, &cells)| bits | u8::from(cells > 0) << i);
+        assert_eq!((received.live[0].masked, received.live.last().map(|live| live.masked)), (0, Some(bits)));
+        let last = received.steps.last().expect("steps");
+        assert_eq!(last.regions.map(|region| region.masked_cells), masked, "{fault}");
+    }
 }
 
 /// Identified on one half of a walker's steps and pushed, the insole's force in the other half is the fit's own evaluation.

@@ -1,9 +1,11 @@
 //! Faults of the sensor: found while walking, never where there are none, and what masking leaves of the model's force.
 
+use emulator::{EXAMPLES, Electrical};
 use host_tests::faults::{clean, computed, detection, model_error, walk};
 use host_tests::{SETUP, cell};
 use plantar::Region;
 use plantar::contact::ContactRule;
+use plantar::fault::{FaultKind, Place};
 use plantar::insole::{Insole, SetupCell};
 use proptest::prelude::*;
 
@@ -53,6 +55,36 @@ fn masked_cells_cost_little_of_the_models_force() {
             println!("  {percent} % of the cells masked: {mean:.2} %, {times:.2} times; largest {largest:.2} %");
             assert!(times <= 1.5, "{}", clean.name);
         }
+    }
+}
+
+#[test]
+fn faults_are_read_as_the_examples_are_and_errors_say_what_to_write() {
+    let (examples, _) = EXAMPLES.split_once(", each").expect("a list of examples");
+    for text in examples.split(", ") {
+        let fault: Electrical = text.parse().expect("an example");
+        assert_eq!(format!("{text}@1.5").parse(), Ok(Electrical { from_s: 1.5, ..fault }));
+    }
+    let drift = Electrical { kind: FaultKind::Drift, place: Place::Cell(17), value: -50.0, from_s: 2.0 };
+    assert_eq!("drift:17=-50/s@2".parse(), Ok(drift));
+    for (text, why) in [
+        ("open:17", "no such kind"),
+        ("open-cell", "KIND:WHERE"),
+        ("open-cell:x", "numbers from 0"),
+        ("open-row:16", "0 to 15"),
+        ("open-column:300", "0 to 15"),
+        ("open-cell:17=3", "takes no value"),
+        ("stuck:17", "takes a value"),
+        ("stuck:17=x", "no number"),
+        ("stuck:17=65521", "0 to 65520"),
+        ("crosstalk:3=1.5", "0 to 1"),
+        ("drift:17=x/s", "codes a second"),
+        ("drift:17=nan", "codes a second"),
+        ("open-cell:17@-1", "0 s or later"),
+        ("open-cell:17@soon", "in seconds"),
+    ] {
+        let told = text.parse::<Electrical>().expect_err(text).to_string();
+        assert!(told.contains(text) && told.contains(why) && told.contains("write for example"), "{told}");
     }
 }
 

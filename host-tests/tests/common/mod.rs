@@ -1,9 +1,11 @@
 //! What the tests of the firmware share.
 #![allow(dead_code, reason = "not every test needs all of it")]
 
+use emulator::Electrical;
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
 use plantar::contact::ContactRule;
+use plantar::fault::Faults;
 use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
 use plantar::stance::StanceRule;
 use plantar::wire::{Live, Step};
@@ -36,9 +38,26 @@ pub fn replay_with(
     is_missing: fn(u32) -> bool,
     tissues: &[(usize, Tissue)],
 ) -> (Vec<Live>, Vec<Step>) {
+    let (live, steps, _) = replay_codes(recording, contact, is_missing, tissues, &[]);
+    (live, steps)
+}
+
+/// What a host computes of the codes of a sensor with these faults, and what it finds.
+pub fn replay_faulty(recording: &Recording, faults: &[Electrical]) -> (Vec<Live>, Vec<Step>, Faults) {
+    replay_codes(recording, ContactRule::COUNTED, |_| false, &[(0, tissue())], faults)
+}
+
+fn replay_codes(
+    recording: &Recording,
+    contact: ContactRule,
+    is_missing: fn(u32) -> bool,
+    tissues: &[(usize, Tissue)],
+    faults: &[Electrical],
+) -> (Vec<Live>, Vec<Step>, Faults) {
     let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is sound");
+    let zeros: Vec<u16> = worn.cells.iter().map(|cell| cell.calibration.offset).collect();
     let mut codes = vec![0; worn.cells.len()];
     let (mut live, mut steps) = (Vec::new(), Vec::new());
     for i in 0..worn.frames(recording) as u32 {
@@ -49,14 +68,15 @@ pub fn replay_with(
             insole.set_tissue(tissue).expect("the parameters are sound");
         }
         worn.codes_of(recording, i as usize, &mut codes);
-        let toe_off = insole.frame(i, &codes);
         let t_us = u64::from(i) * u64::from(worn.setup.period_us);
+        faults.iter().for_each(|fault| fault.apply(t_us as f64 / 1e6, &zeros, &mut codes));
+        let toe_off = insole.frame(i, &codes);
         live.push(Live::new(live.len() as u32, t_us, insole.loads(), insole.masked()));
         if toe_off {
             steps.push(Step::new(&insole.whole_step().expect("the insole is set up")));
         }
     }
-    (live, steps)
+    (live, steps, insole.faults().clone())
 }
 
 /// A computed walk of a left foot.

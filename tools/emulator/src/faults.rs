@@ -77,13 +77,13 @@ impl FromStr for Electrical {
             }
             (_, Some(value)) => value.parse().map_err(|_| error("the value is no number"))?,
         };
-        let is_in_range = match kind {
-            FaultKind::Stuck => (0.0..=f64::from(FULL_CODE)).contains(&value),
-            FaultKind::Crosstalk => (0.0..=1.0).contains(&value),
-            _ => value.is_finite(),
+        let (is_in_range, why) = match kind {
+            FaultKind::Stuck => ((0.0..=f64::from(FULL_CODE)).contains(&value), "a stuck code is 0 to 65520"),
+            FaultKind::Crosstalk => ((0.0..=1.0).contains(&value), "crosstalk is 0 to 1"),
+            _ => (value.is_finite(), "drift takes codes a second"),
         };
         if !is_in_range {
-            return Err(error("a stuck code is 0 to 65520, crosstalk 0 to 1"));
+            return Err(error(why));
         }
         Ok(Self { kind, place, value, from_s })
     }

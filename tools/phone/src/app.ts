@@ -153,10 +153,12 @@ export class App {
     extendPath(picture.path, live, this.wire.facts);
     live.regions.forEach(({ measured_n, saturated }, i) => {
       this.largest_n = Math.max(this.largest_n, measured_n);
-      if (saturated) this.saturated.add(`${side} ${regionTitle(this.wire.facts.regions[i]?.name ?? "").toLowerCase()}`);
+      if (saturated) this.saturated.add(`${side} ${this.regionWords(i)}`);
     });
     this.is_dirty = true;
   }
+
+  private readonly regionWords = (i: number) => regionTitle(this.wire.facts.regions[i]?.name ?? "").toLowerCase();
 
   private readonly onStep = (step: Step, message: Uint8Array, session: Session): void => {
     const start_unix_s = step.starts_ago === 0 ? session.axis.unix_s(step.start_s) : step.start_unix_s;
@@ -271,6 +273,10 @@ export class App {
     if (this.saturated.size > 0) {
       notes.push(`The sensor reached its end: ${[...this.saturated].join(", ")}. Forces there are at least what is shown.`);
     }
+    const masked = SIDES.flatMap((side) =>
+      (this.pictures[side].live?.regions ?? []).flatMap(({ masked }, i) => (masked ? [`${side} ${this.regionWords(i)}`] : [])),
+    );
+    if (masked.length > 0) notes.push(`Faulty sensor cells are masked (~): ${masked.join(", ")}. They show what their neighbours read.`);
     return notes;
   }
 

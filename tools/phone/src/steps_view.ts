@@ -5,7 +5,7 @@ import { forceText, numberText, unitOf } from "./format";
 import { type Settings, percentOfWeight } from "./settings";
 import type { StoredStep } from "./steps";
 import { cadence_per_min, figures, impulse_n_s, stepsOf, symmetryIndex } from "./walk";
-import { SIDES, type Side } from "./wire";
+import { SIDES, type Side, type Step } from "./wire";
 
 /** Steps of a foot in the trend, and rows in the table. */
 const TREND = 60;
@@ -50,11 +50,13 @@ export function drawSteps(steps: readonly StoredStep[], settings: Settings): voi
     ["td", { class: step.side }, title(step.side)],
     ["td", {}, String(step.step)],
     ["td", {}, step.duration_s.toFixed(2)],
-    ["td", {}, numberText(peak_n, 0)],
+    ["td", {}, hasMaskedCells(step) ? `~ ${numberText(peak_n, 0)}` : numberText(peak_n, 0)],
     ["td", {}, numberText(peak_n === null ? null : percentOfWeight(peak_n, settings), 0)],
     ["td", {}, impulse_n_s(step).toFixed(0)],
   ]));
 }
+
+const hasMaskedCells = (step: Step) => Object.values(step.regions).some(({ masked_cells }) => masked_cells > 0);
 
 const card = (name: string, value: string, words: string): Node => ["div", {}, ["dt", {}, name], ["dd", {}, value, ["small", {}, words]]];
 

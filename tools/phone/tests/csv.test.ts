@@ -23,7 +23,7 @@ test("a live row has the time of both clocks, the side and every region's values
   const rows = liveCsv(entries(walk), wire);
   const head = cells(rows[0]!);
   expect(head.slice(0, 5)).toEqual(["unix_s", "t_s", "side", "sequence", "device_t_s"]);
-  expect(head).toHaveLength(5 + 8 * 6);
+  expect(head).toHaveLength(5 + 8 * 7);
   expect(rows.every((row) => cells(row).length === head.length)).toBe(true);
   const frames = [...entries(walk)].filter(({ message }) => wire.decode(message)?.kind === "live");
   expect(rows).toHaveLength(1 + frames.length);

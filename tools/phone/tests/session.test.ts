@@ -55,7 +55,7 @@ test("gaps are counted, and a status finds what was lost at the ends", () => {
   receive(hello(wire.facts.major));
   for (const sequence of [2, 3, 7]) receive(live({ sequence }));
   expect(session.counters.lost).toBe(3);
-  const counted = { kind: "status", uptime_s: 1, frames_missed: 0, live_sent: 9, steps: 0, steps_dropped: 0, bad_frames: 0 } as const;
+  const counted = { kind: "status", uptime_s: 1, frames_missed: 0, live_sent: 9, steps: 0, steps_dropped: 0, bad_frames: 0, unkept: 0, faults: 0, rezeroed: 0 } as const;
   receive({ ...counted, live_due: 9 });
   expect(session.counters.lost).toBe(6);
   receive({ ...counted, live_due: 9 });

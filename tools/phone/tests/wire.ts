@@ -21,5 +21,6 @@ export function live(values: Partial<Live> = {}, measured_n = 0): Live {
 
 export function step(values: Partial<Step> = {}): Step {
   const contact_rule = { rule: "counted", on_kpa: 10, off_kpa: 7.5, full_kpa: 0 };
-  return { side: "left", step: 0, start_s: 0, duration_s: 0.6, sample_s: 0.01, bridged_frames: 0, contact_rule, regions: {}, ...values };
+  const made = { starts_ago: 0, start_unix_s: null };
+  return { side: "left", step: 0, start_s: 0, duration_s: 0.6, sample_s: 0.01, bridged_frames: 0, ...made, contact_rule, regions: {}, ...values };
 }

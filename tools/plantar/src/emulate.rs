@@ -10,7 +10,7 @@ use client::{Client, Framed, step_to_json};
 use emulator::{Board, Electrical, Faulty, Recorded, Time};
 use parameters::Parameters;
 use plantar::Region;
-use plantar::emulation::Head;
+use plantar::emulation::{COLUMNS, Head};
 use plantar::insole::{DEVICE_CELLS, Insole};
 use plantar::wire::{Hello, Status, Step, ToDevice, ToHost};
 use recording::{Recording, VirtualInsole};
@@ -102,6 +102,14 @@ impl Emulate {
         let cells = insole.cells.clone();
         let seconds = recording.frames() as f64 / recording.rate_hz;
         let scans = insole.frames(&recording) as u32;
+        if let Some(fault) = self.fault.iter().find(|fault| fault.cells(cells.len()).next().is_none()) {
+            bail!(
+                "no {} here: {} has cells 0 to {}, in rows of {COLUMNS}",
+                fault.place,
+                self.recording.display(),
+                cells.len() - 1
+            );
+        }
         let zeros: Vec<u16> = cells.iter().map(|cell| cell.calibration.offset).collect();
         let period_us = insole.setup.period_us;
         let walk = Faulty::new(Recorded::new(recording, insole), self.fault.clone(), period_us, zeros);
@@ -118,11 +126,10 @@ impl Emulate {
         let start = Instant::now();
         let outcome = self.follow(&board, &mut client, &mut view, scans);
         view.close();
-        let faults = client.faults();
         let Outcome { steps, status } = outcome?;
         let counters = client.counters();
         summary::print(&steps);
-        summary::print_faults(&faults?);
+        summary::print_faults_of(&mut client);
         println!(
             "{} frames of {seconds:.1} s in {:.1} s; live frames: {} sent, {} received, {} lost, {} damaged; scans missed: {}, overrun: {}",
             status.frames,

@@ -153,6 +153,7 @@ impl Monitor {
         let outcome = follow(&self.carrier, &mut client, &mut view, &mut steps);
         view.close();
         summary::print(&steps.all);
+        summary::print_faults_of(&mut client);
         outcome
     }
 }

@@ -58,6 +58,7 @@ impl Record {
             eprintln!("note: {} steps were not stored; the insole keeps its last ones", parts.waiting.len());
         }
         summary::print(&parts.all_steps);
+        summary::print_faults_of(&mut client);
         println!("wrote {}: {} frames, {} steps", self.out.display(), parts.frames, parts.all_steps.len());
         followed.and(closed)
     }

@@ -102,7 +102,7 @@ impl Replay {
         if let Some(frames) = frames {
             frames.finish()?;
         }
-        summary::print_faults(insole.faults());
+        summary::print_faults(insole.faults(), recording.cells());
         if let (Some(drawing), Some(path)) = (drawing, &self.picture) {
             drawing.draw(path, recording, worn, steps.first())?;
         }

@@ -1,9 +1,10 @@
 //! Steps as a table for the terminal.
 
 use crate::setup::rule_in_words;
+use client::{Carrier, Client};
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use plantar::Region;
-use plantar::fault::Faults;
+use plantar::fault::{Fault, Faults};
 use plantar::wire::Step;
 
 /// Short names for narrow columns, in the order of [`Region::ALL`].
@@ -90,23 +91,41 @@ pub fn print(steps: &[Step]) {
     println!("Contact: {}.", rule_in_words(&first.contact_rule));
 }
 
-/// Prints the faults of the sensor, where there are any.
-pub fn print_faults(faults: &Faults) {
-    for fault in &faults.list {
-        println!(
-            "sensor fault: {} {}, found at {:.2} s",
-            fault.place,
-            fault.kind.name(),
-            f64::from(fault.found_ms) / 1e3
-        );
+/// Asks an insole for the faults of its sensor and prints them, where there are any.
+pub fn print_faults_of<C: Carrier>(client: &mut Client<C>) {
+    match client.faults() {
+        Ok(faults) => print_faults(&faults, client.hello().cells.into()),
+        // An insole that is lost tells them when it is heard again.
+        Err(error) => eprintln!("note: the insole did not tell the faults of its sensor: {error}"),
     }
+}
+
+/// Prints the faults of a sensor with so many cells, where there are any.
+pub fn print_faults(faults: &Faults, cells: usize) {
+    faults_to_lines(faults, cells).iter().for_each(|line| println!("{line}"));
+}
+
+/// A line a fault, then what was done about them.
+fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
+    let fault = |fault: &Fault| {
+        let found_s = f64::from(fault.found_ms) / 1e3;
+        format!("sensor fault: {} {}, found after {found_s:.1} s", fault.place, fault.kind.name())
+    };
+    let mut lines: Vec<_> = faults.list.iter().map(fault).collect();
     let untold = faults.found.saturating_sub(faults.list.len() as u32);
     if untold > 0 {
-        println!("and {untold} sensor faults more");
+        lines.push(format!("further sensor faults: {untold}"));
+    }
+    let regions = SHORT.iter().zip(&faults.masked_cells).filter(|&(_, &masked)| masked > 0);
+    let regions: Vec<_> = regions.map(|(name, masked)| format!("{name} {masked}")).collect();
+    if !regions.is_empty() {
+        let masked: u32 = faults.masked_cells.iter().map(|&masked| u32::from(masked)).sum();
+        lines.push(format!("{masked} of {cells} cells masked: {}", regions.join(", ")));
     }
     if faults.rezeroed > 0 {
-        println!("zeros of cells that drift were followed {} times", faults.rezeroed);
+        lines.push(format!("zeros of cells that drift were followed {} times", faults.rezeroed));
     }
+    lines
 }
 
 /// Model against measured force of region number `region` (Eq. 20), %, mean of the steps in which it was loaded.
@@ -136,5 +155,30 @@ pub fn table() -> Table {
 pub fn align(table: &mut Table) {
     for column in table.column_iter_mut() {
         column.set_cell_alignment(CellAlignment::Right);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plantar::fault::{FaultKind, Place};
+
+    #[test]
+    fn faults_are_told_with_place_kind_time_and_masked_cells() {
+        assert_eq!(faults_to_lines(&Faults::NONE, 240), [""; 0]);
+        let list = [
+            Fault { kind: FaultKind::Open, place: Place::Cell(17), found_ms: 1_900 },
+            Fault { kind: FaultKind::Short, place: Place::Row(3), found_ms: 12_340 },
+        ];
+        let list = list.into_iter().collect();
+        let faults = Faults { found: 3, rezeroed: 5, masked_cells: [2, 0, 0, 0, 0, 1, 0, 0], list };
+        let lines = [
+            "sensor fault: cell 17 open, found after 1.9 s",
+            "sensor fault: row 3 short, found after 12.3 s",
+            "further sensor faults: 1",
+            "3 of 240 cells masked: Heel 2, Hallux 1",
+            "zeros of cells that drift were followed 5 times",
+        ];
+        assert_eq!(faults_to_lines(&faults, 240), lines);
     }
 }
