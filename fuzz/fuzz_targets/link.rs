@@ -5,7 +5,7 @@ use libfuzzer_sys::fuzz_target;
 use plantar::Side;
 use plantar::contact::ContactRule;
 use plantar::fault::Faults;
-use plantar::link::{Link, STEP_QUEUE};
+use plantar::link::{Done, Link, STEP_QUEUE};
 use plantar::wire::{
     Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepRegion, ToDevice, ToHost, decode,
 };
@@ -51,7 +51,7 @@ fuzz_target!(|data: &[u8]| {
                 next(&mut link, &mut expected);
             }
             // What was told is kept, or is not.
-            [b'K'] => link.done(Ok(None)),
+            [b'K'] => link.done(Ok(Done::Kept)),
             [b'F'] => link.done(Err(Refusal::NotKept)),
             [b'C'] => {
                 link.close();
@@ -109,7 +109,7 @@ fn next(link: &mut Link, expected: &mut Expected) -> bool {
         ToHost::Time { device_us, .. } => assert_eq!(device_us, u64::MAX),
         ToHost::Faults(faults) => assert_eq!(faults, Faults::NONE),
         ToHost::Identity(identity) => assert_eq!(identity, link.identity()),
-        ToHost::CalibrationPart { .. } => {}
+        ToHost::CalibrationPart { .. } | ToHost::Update(_) => {}
         ToHost::Refused(refusal) => assert!(!refusal.to_string().is_empty()),
     }
     true
