@@ -71,7 +71,7 @@ impl Session {
         Self::start_walk(&worn, Played { walk, fault })
     }
 
-    fn start_walk(worn: &VirtualInsole, walk: impl Walk + Send + 'static) -> Option<Self> {
+    fn start_walk(worn: &VirtualInsole, walk: impl Walk + 'static) -> Option<Self> {
         let firmware = firmware()?;
         let scans = walk.scans();
         let head = Head::new(worn.setup);

@@ -200,6 +200,8 @@ impl Insole {
         let message = decode::<ToDevice>(message).expect("a message");
         assert_eq!(number == 4, matches!(message, ToDevice::SetTissue(_) | ToDevice::GetTissue));
         link.receive(message, 0);
+        // Whatever it was told it keeps.
+        link.done(Ok(plantar::link::Done::Kept));
         if let ToDevice::Stream { live: true } = message {
             for number in 0..FRAMES {
                 link.push_live(live(number));

@@ -183,7 +183,7 @@ fn too_many_cells_for_the_device_and_missing_programs_say_what_to_do() {
     fail(&path, "emulate walk.parquet", &["400 cells", "--cells 256"]);
     succeed(&path, &format!("{IMPORT} --cells 256"));
     fail(&path, "emulate walk.parquet --firmware nowhere", &["nowhere", "cargo xtask build"]);
-    fail(&path, "emulate walk.parquet --fault open-cell:4", &["cell 4", "walk.parquet has cells 0 to 3"]);
+    fail(&path, "emulate walk.parquet --fault open-cell:300", &["no cell 300", "walk.parquet has cells 0 to"]);
     fail(&path, "monitor --tcp 127.0.0.1:1", &["127.0.0.1:1"]);
     fail(&path, "monitor --serial /dev/nowhere", &["/dev/nowhere"]);
 }
