@@ -5,7 +5,7 @@
 use host_tests::step;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use plantar::Side;
-use plantar::link::Link;
+use plantar::link::{Link, STEP_QUEUE};
 use plantar::wire::{Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Reset, Status, ToDevice, decode, frame};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
@@ -120,8 +120,8 @@ fn what_a_killed_recorder_acknowledged_is_readable() {
     let parts: Vec<_> = std::fs::read_dir(out.join("steps")).expect("a table").flatten().collect();
     let whole: Vec<_> = parts.iter().filter(|part| !part.file_name().to_string_lossy().starts_with('.')).collect();
     assert!(!whole.is_empty());
-    // Eight steps of eight regions a part.
-    assert_eq!(rows(&whole[0].path()), 64);
+    // All steps that an insole has at hand, eight regions each.
+    assert_eq!(rows(&whole[0].path()), 8 * STEP_QUEUE as i64);
 }
 
 #[test]
@@ -201,11 +201,11 @@ mod serial {
         // It ends by itself: nothing is plugged in again.
         let program =
             plantar(&["record", "--seconds", "3", "--serial", &name, "--out"]).arg(&out).spawn().expect("it runs");
-        assert!(Insole::with_steps(0..8).talk(&mut port, is_acknowledgement));
+        assert!(Insole::with_steps(0..STEP_QUEUE as u32).talk(&mut port, is_acknowledgement));
         drop(port);
         let (output, said) = end(program);
         assert!(output.status.success(), "{said}");
         assert!(said.contains(&name) && said.contains("trying again"), "{said}");
-        assert_eq!(rows(&out.join("steps/part-00000.parquet")), 64);
+        assert_eq!(rows(&out.join("steps/part-00000.parquet")), 8 * STEP_QUEUE as i64);
     }
 }
