@@ -344,7 +344,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         let log = store.survey_log().await;
         let has_starts = matches!(store.get::<Starts>(0).await, Ok(Some(_)));
         let has_entries = matches!(log, Ok(1..));
-        let is_ours = has_starts || has_entries;
+        // A new chip whose first start was cut short has no more than the log's first mark.
+        let is_ours = has_starts || store.contents.next_step != 0;
         if !has_starts && records != Err(Failed::Chip) {
             store.clear(RECORDS, is_ours).await;
         }

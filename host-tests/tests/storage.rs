@@ -50,6 +50,27 @@ fn a_loss_of_power_at_any_moment_leaves_the_old_or_the_new() {
     }
 }
 
+/// The first start of a new chip, cut short anywhere.
+#[test]
+fn a_first_start_that_is_cut_short_loses_nothing_and_says_so() {
+    for torn in [Torn::Before, Torn::Within, Torn::After] {
+        for at in 0.. {
+            let mut chip = chip();
+            chip.cut = Some((at, torn));
+            open(&mut chip);
+            let was_cut = chip.is_off();
+            let mut chip = chip.restarted();
+            let store = open(&mut chip);
+            let contents = store.contents();
+            assert_eq!((contents.erased, contents.next_step), (0, 0), "{torn:?} in operation {at}");
+            assert!((1..=2).contains(&contents.start));
+            if !was_cut {
+                break;
+            }
+        }
+    }
+}
+
 /// A script long enough to use sectors again erases some: else the test above would not see it.
 #[test]
 fn scripts_erase_sectors() {
