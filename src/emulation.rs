@@ -7,6 +7,7 @@
 //! `TICK` twice [`TICK`].
 
 use crate::insole::{Setup, SetupCell};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// Name of the set-up file.
@@ -90,17 +91,48 @@ impl Head {
     }
 }
 
-/// Takes the set-up file apart; `None` where it is not whole.
-pub fn read_setup(bytes: &[u8]) -> Option<(Head, impl Iterator<Item = SetupCell> + Clone)> {
-    let (head, mut rest) = postcard::take_from_bytes::<Head>(bytes).ok()?;
-    let mut whole = rest;
-    while !whole.is_empty() {
-        (_, whole) = postcard::take_from_bytes::<SetupCell>(whole).ok()?;
+/// Longest [`Head`] or [`SetupCell`] in the file, bytes.
+const ITEM_BYTES: usize = 192;
+
+/// Takes the set-up file apart, item by item: all of it would be kilobytes of stack. `read` fills a buffer with what lies from a
+/// place in the file on, and returns how much that is. `None` where the file is absent or not whole.
+pub fn read_setup<F>(read: F) -> Option<(Head, impl Iterator<Item = SetupCell> + Clone)>
+where
+    F: Fn(usize, &mut [u8]) -> Option<usize> + Clone,
+{
+    let mut items = Items { read, at: 0 };
+    let head = items.next()?;
+    let cells = items.clone();
+    while !items.is_at_end() {
+        items.next::<SetupCell>()?;
     }
-    let cells = core::iter::from_fn(move || {
-        let (cell, after) = postcard::take_from_bytes(rest).ok()?;
-        rest = after;
-        Some(cell)
-    });
     Some((head, cells))
+}
+
+#[derive(Clone)]
+struct Items<F> {
+    read: F,
+    at: usize,
+}
+
+impl<F: Fn(usize, &mut [u8]) -> Option<usize>> Items<F> {
+    fn next<T: DeserializeOwned>(&mut self) -> Option<T> {
+        let mut bytes = [0; ITEM_BYTES];
+        let len = (self.read)(self.at, &mut bytes)?;
+        let (item, rest) = postcard::take_from_bytes(bytes.get(..len)?).ok()?;
+        self.at += len - rest.len();
+        Some(item)
+    }
+
+    fn is_at_end(&self) -> bool {
+        (self.read)(self.at, &mut [0]) == Some(0)
+    }
+}
+
+impl<F: Fn(usize, &mut [u8]) -> Option<usize>> Iterator for Items<F> {
+    type Item = SetupCell;
+
+    fn next(&mut self) -> Option<SetupCell> {
+        Self::next(self)
+    }
 }

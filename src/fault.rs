@@ -36,10 +36,16 @@ const REZERO_STEP: i16 = 256;
 const REZERO_MOST: i32 = 2048;
 /// A departure beyond this one is not slow, in codes.
 const SLOW: u16 = 1024;
-/// A row is looked at for crosstalk when a cell of it reads so many codes above zero, 31 kPa,
+/// A row tells of crosstalk when a cell of it reads so many codes above zero, 31 kPa: it is clean when the least loaded one reads
+/// less than this part of that.
 const ROW_LOADED: u16 = 4096;
-/// and is suspect when even its least loaded one reads this part of that.
 const CROSSTALK: u16 = 32;
+/// So many clean looks in a step make a row clean in it; fewer may be none in the next step without a fault.
+const CLEAN_LOOKS: u8 = 2;
+/// So many looks that are not clean make it suspect.
+const SUSPECT_LOOKS: u8 = 3;
+/// Each row that is not known to be clean is looked at as often at all frame rates: all of them in this time, us.
+const ROUND_US: u32 = 40_000;
 /// Cells of a line that tell of it.
 const LEAST_OF_LINE: u32 = 4;
 /// A saturated cell is believed when its neighbours read this part of it or more in the mean.
@@ -397,9 +403,10 @@ pub struct Watch {
     next: Option<usize>,
     /// Silent cells in it.
     silent: u32,
-    /// Rows looked at next, modulo 4; per row the looks in this stance and the clean ones; the stances in a row that were clean,
-    /// and those that were not since.
-    turn: usize,
+    /// Rows looked at in a frame, and the first of them; per row the looks in this step and the clean ones; the steps running that
+    /// were clean, and those that were not since.
+    rows_a_frame: u32,
+    turn: u32,
     row_looks: [u8; LINES],
     row_clean: [u8; LINES],
     rows: [(u8, u8); LINES],
@@ -426,6 +433,7 @@ impl Watch {
             was_cut: false,
             next: None,
             silent: 0,
+            rows_a_frame: 0,
             turn: 0,
             row_looks: [0; LINES],
             row_clean: [0; LINES],
@@ -445,6 +453,7 @@ impl Watch {
         self.still = 1;
         self.settle_frames = (SETTLE_MS * 1000).div_ceil(period_us);
         self.has_lines = cells.len() <= CROSSINGS;
+        self.rows_a_frame = (LINES as u32 * period_us).div_ceil(ROUND_US).min(LINES as u32);
     }
 
     /// What was found since the set-up.
@@ -519,25 +528,38 @@ impl Watch {
         }
     }
 
-    /// Every fourth row: whether some cell of it is unloaded while another one is loaded.
-    fn look_at_rows<R: Real>(&mut self, seen: &Seen<'_, R>) {
-        let mut least_most = [(u16::MAX, 0u16, 0u8); LINES / 4];
+    /// Some rows in turn: whether a cell of theirs is unloaded while another one is loaded. Not those that were clean in this step.
+    fn look_at_rows<R: Real>(&mut self, seen: &mut Seen<'_, R>) {
+        let mut rows = 0u16;
+        for _ in 0..LINES {
+            let row = self.turn as usize % LINES;
+            let is_open = self.row_clean[row] < CLEAN_LOOKS && self.row_masked >> row & 1 == 0;
+            rows |= u16::from(is_open) << row;
+            self.turn += 1;
+            if rows.count_ones() == self.rows_a_frame {
+                break;
+            }
+        }
+        self.turn %= LINES as u32;
+        if rows == 0 {
+            return;
+        }
+        let mut least_most = [(u16::MAX, 0u16, 0u8); LINES];
         for (cell, &code) in seen.cells.iter().zip(seen.codes) {
-            if cell.watch.row() % 4 == self.turn && !cell.watch.is_masked() {
+            let row = cell.watch.row();
+            if rows >> row & 1 == 1 {
                 let above = code.saturating_sub(cell.offset);
-                let (least, most, count) = &mut least_most[cell.watch.row() / 4];
+                let (least, most, count) = &mut least_most[row];
                 (*least, *most) = ((*least).min(above), (*most).max(above));
                 *count = count.saturating_add(1);
             }
         }
-        for (i, (least, most, count)) in least_most.into_iter().enumerate() {
-            let row = 4 * i + self.turn;
+        for (row, (least, most, count)) in least_most.into_iter().enumerate() {
             if u32::from(count) >= LEAST_OF_LINE && (ROW_LOADED..FULL_CODE / 2).contains(&most) {
                 self.row_looks[row] = self.row_looks[row].saturating_add(1);
-                self.row_clean[row] = self.row_clean[row].saturating_add(u8::from(least < most / CROSSTALK));
+                self.row_clean[row] += u8::from(least < most / CROSSTALK);
             }
         }
-        self.turn = (self.turn + 1) % 4;
     }
 
     /// Looks at saturated cells among ones that read little, a few in a frame, not always the same ones first.
@@ -690,7 +712,6 @@ impl Watch {
     fn conclude<R: Real>(&mut self, seen: &mut Seen<'_, R>) {
         let before = self.faults.found;
         if self.has_lines {
-            self.conclude_rows(seen);
             for line in 0..2 * LINES {
                 self.conclude_line(seen, line);
             }
@@ -703,29 +724,36 @@ impl Watch {
             }
             seen.cells[index].begin_anew();
         }
+        if self.faults.found == before {
+            self.conclude_rows(seen);
+        }
         if self.faults.found != before {
+            // Another contact leaves looks at other moments.
+            self.rows = [(0, 0); LINES];
             self.choose_neighbours(seen);
         }
     }
 
+    /// One row at a time, the one that was looked at most: what it adds to the contact leaves fewer looks at others.
     fn conclude_rows<R: Real>(&mut self, seen: &mut Seen<'_, R>) {
+        let mut worst = None;
         for row in 0..LINES {
             let looks = core::mem::take(&mut self.row_looks[row]);
             let clean = core::mem::take(&mut self.row_clean[row]);
             let (cleans, suspects) = &mut self.rows[row];
-            if looks < 3 || self.row_masked >> row & 1 == 1 {
-                continue;
-            }
             if clean > 0 {
-                // A row that is hardly ever clean proves nothing when it is not.
-                *cleans = if u32::from(clean) * 4 >= looks.into() { cleans.saturating_add(1) } else { 0 };
+                // What was suspect and is clean again was covered by the foot, and may be so again.
+                *cleans = if *suspects == 0 { cleans.saturating_add(u8::from(clean >= CLEAN_LOOKS)) } else { 0 };
                 *suspects = 0;
-            } else if *cleans >= 2 {
+            } else if looks >= SUSPECT_LOOKS && *cleans >= 2 {
                 *suspects += 1;
                 if *suspects >= 2 {
-                    self.condemn(seen, FaultKind::Crosstalk, row);
+                    worst = worst.max(Some((looks, row)));
                 }
             }
+        }
+        if let Some((_, row)) = worst {
+            self.condemn(seen, FaultKind::Crosstalk, row);
         }
     }
 
@@ -753,6 +781,14 @@ impl Watch {
         if self.line_silent[line] >= 2 {
             self.silent = self.silent.saturating_sub(silent);
             return self.condemn(seen, FaultKind::Open, line);
+        }
+        if is_silent {
+            // The next step asks the same cells.
+            for watch in seen.cells.iter_mut().map(|cell| &mut cell.watch).filter(|watch| is_on(watch, line)) {
+                if watch.has(SILENT) && watch.count(Count::Firm) > 0 {
+                    watch.set(Count::Firm, watch.count(Count::Firm) + 1);
+                }
+            }
         }
         for kind in [FaultKind::Short, FaultKind::Stuck, FaultKind::Saturated, FaultKind::Drift] {
             let count = accused[kind as usize];

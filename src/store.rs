@@ -7,6 +7,7 @@
 use crate::calibrate::CellCalibration;
 use crate::contact::ContactRule;
 use crate::insole::Tissue;
+use crate::map::SECTOR;
 use crate::region::Side;
 use crate::wire::{Reset, Serial, Step, StepRegion, checksum, decode, encode};
 use core::ops::Range;
@@ -20,8 +21,6 @@ use sequential_storage::queue::{QueueConfig, QueueStorage};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-/// What the chip erases at once, bytes.
-pub const SECTOR: u32 = 4096;
 /// Where records lie.
 pub const RECORDS: Range<u32> = 0..16 * SECTOR;
 /// Where steps lie: room for 3,000, 12 to a sector.
@@ -122,40 +121,27 @@ impl Starts {
     }
 }
 
-impl Record for Name {
-    const KIND: u8 = 1;
-    const VERSION: u8 = 1;
-}
-impl Record for Tissue {
-    const KIND: u8 = 2;
-    const VERSION: u8 = 1;
-}
-impl Record for Calibration {
-    const KIND: u8 = 3;
-    const VERSION: u8 = 1;
-}
-impl Record for Cells {
-    const KIND: u8 = 4;
-    const VERSION: u8 = 1;
-}
-impl Record for Bonds {
-    const KIND: u8 = 5;
-    const VERSION: u8 = 1;
-}
-impl Record for Starts {
-    const KIND: u8 = 6;
-    const VERSION: u8 = 1;
+/// Numbers and versions of all kinds.
+macro_rules! records {
+    ($($record:ty: $kind:literal, $version:literal;)*) => {
+        $(impl Record for $record {
+            const KIND: u8 = $kind;
+            const VERSION: u8 = $version;
+        })*
+
+        /// The version of every kind, to tell what a newer firmware wrote.
+        const VERSIONS: &[(u8, u8)] = &[$(($kind, $version)),*];
+    };
 }
 
-/// The version of every kind, to tell what a newer firmware wrote.
-const VERSIONS: [(u8, u8); 6] = [
-    (Name::KIND, Name::VERSION),
-    (Tissue::KIND, Tissue::VERSION),
-    (Calibration::KIND, Calibration::VERSION),
-    (Cells::KIND, Cells::VERSION),
-    (Bonds::KIND, Bonds::VERSION),
-    (Starts::KIND, Starts::VERSION),
-];
+records! {
+    Name: 1, 1;
+    Tissue: 2, 1;
+    Calibration: 3, 1;
+    Cells: 4, 1;
+    Bonds: 5, 1;
+    Starts: 6, 1;
+}
 
 /// Where a record lies: its kind, its part and its version. Versions lie side by side, so none replaces a newer one.
 type Key = [u8; 3];
@@ -387,11 +373,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     async fn survey_records(&mut self) -> Result<(), Failed> {
-        let mut records = MapStorage::<Key, _, _>::new(
-            self.flash.as_mut().ok_or(Failed::Chip)?,
-            MapConfig::new(RECORDS),
-            Cache::new_uncached(),
-        );
+        let mut records = records(&mut self.flash)?;
         let mut items = records.fetch_all_items(&mut self.buffer).await?;
         while let Some(([kind, _, version], _)) = items.next::<&[u8]>(&mut self.buffer).await? {
             let known = VERSIONS.iter().find(|(known, _)| *known == kind).map_or(0, |(_, version)| *version);
@@ -422,8 +404,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
 
     /// The record of a kind, or part of one; `None` where there is none that this firmware can read.
     pub async fn get<R: Record>(&mut self, part: u8) -> Result<Option<R>, Failed> {
-        let mut records =
-            MapStorage::new(self.flash.as_mut().ok_or(Failed::Chip)?, MapConfig::new(RECORDS), Cache::new_uncached());
+        let mut records = records(&mut self.flash)?;
         for version in (1..=R::VERSION).rev() {
             let found = records.fetch_item::<&[u8]>(&mut self.buffer, &[R::KIND, part, version]).await?;
             if let Some(bytes) = found {
@@ -442,11 +423,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         let mut bytes = [0; BUFFER - size_of::<Key>()];
         let bytes: &[u8] = encode(record, &mut bytes).map_err(|_| Failed::Contents)?;
         for _ in 0..TRIES {
-            let mut records = MapStorage::new(
-                self.flash.as_mut().ok_or(Failed::Chip)?,
-                MapConfig::new(RECORDS),
-                Cache::new_uncached(),
-            );
+            let mut records = records(&mut self.flash)?;
             records.store_item(&mut self.buffer, &[R::KIND, part, R::VERSION], &bytes).await?;
             // A place with a bit that is stuck reads as nothing; the next one is another place.
             if self.get::<R>(part).await?.as_ref() == Some(record) {
@@ -457,8 +434,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     async fn forget_older<R: Record>(&mut self, part: u8) -> Result<(), Failed> {
-        let mut records =
-            MapStorage::new(self.flash.as_mut().ok_or(Failed::Chip)?, MapConfig::new(RECORDS), Cache::new_uncached());
+        let mut records = records(&mut self.flash)?;
         for older in 1..R::VERSION {
             records.remove_item(&mut self.buffer, &[R::KIND, part, older]).await?;
         }
@@ -574,6 +550,12 @@ impl<F: MultiwriteNorFlash> Store<F> {
         })
         .await
     }
+}
+
+type Records<'f, F> = MapStorage<Key, &'f mut F, Cache<Uncached, Uncached, Uncached, Key>>;
+
+fn records<F: MultiwriteNorFlash>(flash: &mut Option<F>) -> Result<Records<'_, F>, Failed> {
+    Ok(MapStorage::new(flash.as_mut().ok_or(Failed::Chip)?, MapConfig::new(RECORDS), Cache::new_uncached()))
 }
 
 /// Lets `work` use the log and keeps what is known of its pages.

@@ -6,6 +6,7 @@ use plantar::emulation::read_setup;
 use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
 use plantar::num::Real;
 use plantar_fuzz::frame;
+use std::io::Read;
 
 /// Bytes of eight gauges.
 const GAUGES: usize = 8 * 6 * 4;
@@ -21,7 +22,10 @@ fuzz_target!(|data: &[u8]| {
 });
 
 fn walk<R: Real>(setup: &[u8], tissue: &Tissue, frames: &[u8]) {
-    let Some((head, cells)) = read_setup(setup) else { return };
+    let Some((head, cells)) = read_setup(|at, buffer| setup.get(at..).and_then(|mut rest| rest.read(buffer).ok()))
+    else {
+        return;
+    };
     let mut insole = Box::new(Insole::<R, DEVICE_CELLS>::new());
     if insole.set_up(head.setup, cells).is_err() {
         assert!(insole.setup().is_none());

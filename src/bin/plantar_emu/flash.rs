@@ -5,7 +5,7 @@ use embedded_storage_async::nor_flash::{
     ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
 use plantar::emulation::{FLASH_BYTES, FLASH_FILE};
-use plantar::store::SECTOR;
+use plantar::map::SECTOR;
 use semihosting::fs::File;
 use semihosting::io::{self, Read, Seek, SeekFrom, Write};
 

@@ -7,56 +7,21 @@ use crate::port::Port;
 use core::sync::atomic::{AtomicU16, Ordering};
 use embassy_time::{Duration, Instant, with_timeout};
 use plantar::app::{FrameClock, Matrix, MatrixTimeout, Ticker};
-use plantar::emulation::{COLUMNS, Head, MATRIX_FILE, Mishap, SCAN, SETUP_FILE, TICK};
+use plantar::emulation::{COLUMNS, Head, MATRIX_FILE, Mishap, SCAN, SETUP_FILE, TICK, read_setup};
 use plantar::insole::{DEVICE_CELLS, SetupCell};
 use semihosting::fs::File;
 use semihosting::io::{Read, Seek, SeekFrom};
-use serde::de::DeserializeOwned;
 
 /// A plant that stays silent for longer has stopped.
 const SILENCE: Duration = Duration::from_millis(400);
 
-/// Room for a [`Head`] or a [`SetupCell`].
-const ITEM_BYTES: usize = 192;
-
-/// The set-up file, read item by item: all of it would be kilobytes of stack.
-#[derive(Clone)]
-struct SetupFile {
-    at: u64,
-}
-
-impl SetupFile {
-    /// The next item; `None` at the end and where it is not whole.
-    fn next<T: DeserializeOwned>(&mut self) -> Option<T> {
-        let mut bytes = [0; ITEM_BYTES];
-        let mut file = File::open(SETUP_FILE).ok()?;
-        file.seek(SeekFrom::Start(self.at)).ok()?;
-        let len = file.read(&mut bytes).ok()?;
-        let (item, rest) = postcard::take_from_bytes(&bytes[..len]).ok()?;
-        self.at += (len - rest.len()) as u64;
-        Some(item)
-    }
-
-    fn is_at_end(&self) -> bool {
-        File::open(SETUP_FILE).and_then(|file| file.metadata()).is_ok_and(|file| file.len() == self.at)
-    }
-}
-
-impl Iterator for SetupFile {
-    type Item = SetupCell;
-
-    fn next(&mut self) -> Option<SetupCell> {
-        Self::next(self)
-    }
-}
-
 /// The set-up; `None` where the file is absent or not whole.
 pub fn set_up() -> Option<(Head, impl Iterator<Item = SetupCell> + Clone)> {
-    let mut file = SetupFile { at: 0 };
-    let head = file.next()?;
-    let cells = file.clone();
-    (&mut file).for_each(drop);
-    file.is_at_end().then_some((head, cells))
+    read_setup(|at, bytes| {
+        let mut file = File::open(SETUP_FILE).ok()?;
+        file.seek(SeekFrom::Start(at as u64)).ok()?;
+        file.read(bytes).ok()
+    })
 }
 
 fn ask(port: &Port, kind: u8, seq: u32) {
@@ -114,10 +79,15 @@ impl Matrix for PlantMatrix {
             self.rows_ready = 0;
             ask(self.port, SCAN, seq);
         }
+        if self.rows_ready > row {
+            // Came along with a row before.
+            return Ok(());
+        }
         with_timeout(SILENCE, self.row_ready(seq, row)).await.map_err(|_| MatrixTimeout)?;
-        let mut bytes = [0; 2 * COLUMNS];
-        let start = (row * COLUMNS).min(DEVICE_CELLS);
-        let end = (start + COLUMNS).min(self.cells).min(DEVICE_CELLS);
+        // All rows that are ready: each look into the file stops the emulator.
+        let mut bytes = [0; 2 * DEVICE_CELLS];
+        let end = (self.rows_ready * COLUMNS).min(self.cells).min(DEVICE_CELLS);
+        let start = (row * COLUMNS).min(end);
         let bytes = &mut bytes[..2 * (end - start)];
         let file = self.file.as_mut().ok_or(MatrixTimeout)?;
         file.seek(SeekFrom::Start(2 * start as u64)).map_err(|_| MatrixTimeout)?;

@@ -1,7 +1,7 @@
 //! The device's single precision against double precision on the same codes.
 
-use crate::Figures;
 use anyhow::Result;
+use figures::Figures;
 use parameters::{InsoleSize, Parameters};
 use plantar::Real;
 use plantar::contact::ContactRule;

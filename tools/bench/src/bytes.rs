@@ -1,7 +1,7 @@
 //! Longest messages, by the longest values that their fields hold.
 
-use crate::Figures;
 use anyhow::Result;
+use figures::Figures;
 use plantar::Side;
 use plantar::contact::ContactRule;
 use plantar::wire::{Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Step, StepRegion, ToHost, encode, frame};

@@ -1,7 +1,7 @@
 //! `plantar cohort` on ten walkers of sixty steps, reading included.
 
-use crate::Figures;
 use anyhow::{Context, Result, bail};
+use figures::Figures;
 use recording::jiku;
 use std::path::Path;
 use std::process::Command;

@@ -1,7 +1,8 @@
 //! Identification: exactness, evaluations and time on steps whose truth is known, beside the paper's search.
 
-use crate::{Figures, python};
+use crate::python;
 use anyhow::{Result, bail};
+use figures::Figures;
 use fit::identify::{Bounds, identify};
 use fit::interval::{five, from_jacobian};
 use fit::quality::Evaluated;

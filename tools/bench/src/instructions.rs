@@ -1,9 +1,9 @@
 //! Instructions of one frame on the emulated Cortex-M4F, raw codes to encoded live message.
 
-use crate::Figures;
 use anyhow::{Result, bail};
 use client::{Client, Framed};
 use emulator::{Board, Scan, Time, Walk};
+use figures::Figures;
 use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
 use plantar::emulation::Head;

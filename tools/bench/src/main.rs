@@ -10,9 +10,9 @@ mod replay;
 mod stack;
 mod walkers;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Parser;
-use serde_json::{Map, Value};
+use figures::Figures;
 use std::path::PathBuf;
 
 /// Measures and prints: instructions a frame in the emulator, f32 against f64, bytes of the messages, replay beside NumPy,
@@ -39,19 +39,6 @@ struct Arguments {
     stack_json: Option<PathBuf>,
 }
 
-/// What was measured, in the order of printing.
-#[derive(Default)]
-pub struct Figures(Map<String, Value>);
-
-impl Figures {
-    /// Prints and keeps a figure.
-    pub fn add(&mut self, key: &str, value: impl Into<Value>, meaning: &str) {
-        let value = value.into();
-        println!("{key:<28} {:>14}  {meaning}", value.to_string());
-        self.0.insert(key.into(), value);
-    }
-}
-
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
     let mut figures = Figures::default();
@@ -68,9 +55,5 @@ fn main() -> Result<()> {
     } else {
         stack::measure(&arguments.firmware, &mut figures)?;
     }
-    for path in [&arguments.json, &arguments.stack_json].into_iter().flatten() {
-        let text = serde_json::to_string_pretty(&figures.0)? + "\n";
-        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    Ok(())
+    [&arguments.json, &arguments.stack_json].into_iter().flatten().try_for_each(|path| figures.write(path))
 }

@@ -1,8 +1,9 @@
 //! Frames a second on one core, recorded pressures to codes, live values and steps as `plantar replay` does it, beside a
 //! straightforward NumPy version of the same stages.
 
-use crate::{Figures, python};
+use crate::python;
 use anyhow::{Result, bail};
+use figures::Figures;
 use parameters::{InsoleSize, Parameters};
 use plantar::contact::ContactRule;
 use plantar::insole::Insole;

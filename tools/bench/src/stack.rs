@@ -1,9 +1,9 @@
 //! The deepest stack of the emulated board in a walk with steps and a live stream.
 
-use crate::Figures;
 use crate::instructions::walk_through;
 use anyhow::{Result, bail};
 use emulator::{Recorded, Time};
+use figures::Figures;
 use plantar::contact::ContactRule;
 use plantar::stance::StanceRule;
 use recording::{VirtualInsole, synthetic};

@@ -1,7 +1,7 @@
 //! Identification on ten barefoot walkers of a plate (SpeedPP2DS): every step predicted from the walker's others.
 
-use crate::Figures;
 use anyhow::Result;
+use figures::Figures;
 use fit::{Options, Quality, Study};
 use parameters::InsoleSize;
 use plantar::Region;

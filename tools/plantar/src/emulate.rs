@@ -188,15 +188,8 @@ impl Emulate {
                     asked = false;
                 }
                 Some(ToHost::Hello(hello)) => bail!(restarted(&hello)),
-                Some(
-                    ToHost::Tissue(_)
-                    | ToHost::Refused(_)
-                    | ToHost::Time { .. }
-                    | ToHost::Faults(_)
-                    | ToHost::Identity(_)
-                    | ToHost::CalibrationPart { .. }
-                    | ToHost::Update(_),
-                ) => {}
+                // Answers to what is not asked here.
+                Some(_) => {}
                 None if heard.elapsed() > SILENCE => {
                     bail!(restarted(client.reconnect(ANSWER).context("the insole has fallen silent")?))
                 }

@@ -67,16 +67,7 @@ fn follow(hub: &Hub, index: usize, mut client: Session) -> Result<std::convert::
             Some(ToHost::Step(step)) => hub.step(index, step),
             Some(ToHost::Status(status)) => hub.status(index, status),
             // The answer to a hello that was said twice, or to what nobody here asks.
-            Some(
-                ToHost::Hello(_)
-                | ToHost::Tissue(_)
-                | ToHost::Refused(_)
-                | ToHost::Time { .. }
-                | ToHost::Faults(_)
-                | ToHost::Identity(_)
-                | ToHost::CalibrationPart { .. }
-                | ToHost::Update(_),
-            ) => {}
+            Some(_) => {}
             None if heard.elapsed() > SILENCE => {
                 // It may have restarted, and then waits for a hello.
                 client.reconnect(ANSWER)?;

@@ -1,8 +1,8 @@
 //! Bit errors on the cable.
 
-use crate::Figures;
 use anyhow::{Result, ensure};
 use fastrand::Rng;
+use figures::Figures;
 use host_tests::{framed, live, status, step};
 use plantar::wire::{Decoder, ToHost, decode};
 

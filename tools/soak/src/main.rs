@@ -4,9 +4,9 @@ mod bits;
 mod power;
 mod walk;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Parser;
-use serde_json::{Map, Value};
+use figures::Figures;
 use std::path::PathBuf;
 
 /// Losses of power at every write, days of walking, bit errors on the cable: prints what came of it.
@@ -23,19 +23,6 @@ struct Arguments {
     json: Option<PathBuf>,
 }
 
-/// What was measured, in the order of printing.
-#[derive(Default)]
-pub struct Figures(Map<String, Value>);
-
-impl Figures {
-    /// Prints and keeps a figure.
-    pub fn add(&mut self, key: &str, value: impl Into<Value>, meaning: &str) {
-        let value = value.into();
-        println!("{key:<28} {:>14}  {meaning}", value.to_string());
-        self.0.insert(key.into(), value);
-    }
-}
-
 fn main() -> Result<()> {
     let Arguments { firmware, short, json } = Arguments::parse();
     let mut figures = Figures::default();
@@ -43,9 +30,5 @@ fn main() -> Result<()> {
     power::in_memory(short, &mut figures)?;
     power::of_the_firmware(&firmware, short, &mut figures)?;
     walk::soak(&firmware, short, &mut figures)?;
-    if let Some(path) = json {
-        let text = serde_json::to_string_pretty(&figures.0)? + "\n";
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    Ok(())
+    json.map_or(Ok(()), |path| figures.write(&path))
 }

@@ -1,7 +1,7 @@
 //! Power that fails in any operation of the flash chip.
 
-use crate::Figures;
 use anyhow::{Error, Result};
+use figures::Figures;
 use host_tests::nor_flash::Torn;
 use host_tests::power::Script;
 use host_tests::switched_off::Bench;

@@ -1,9 +1,9 @@
 //! A day of walking with both feet, as fast as the emulator can, across the ends of all counters.
 
-use crate::Figures;
 use anyhow::{Context, Result, ensure};
 use client::{Client, Framed};
 use emulator::{Board, Parts, Recorded, Scan, Time, Walk};
+use figures::Figures;
 use host_tests::nor_flash::{NorFlashChip, now};
 use host_tests::step;
 use parameters::{InsoleSize, Parameters};
@@ -24,8 +24,10 @@ const SHORT_STEPS: u32 = 400;
 /// Scans and steps until their numbers begin anew.
 const SCANS_LEFT: u32 = 5_000;
 const STEPS_LEFT: u32 = 20;
-/// Scans between looks at the counters.
-const LOOK: u32 = 20_000;
+/// Steps with live frames, after which there are none: each of their bytes is a system call of the emulator.
+const LIVE_STEPS: u32 = 1_000;
+/// Steps between looks at the counters.
+const LOOK: u32 = 200;
 /// Reads of 50 ms without a message after which the board has stopped.
 const SILENT_READS: u32 = 400;
 
@@ -78,7 +80,7 @@ pub fn soak(firmware: &Path, short: bool, figures: &mut Figures) -> Result<()> {
         sum(|foot| foot.status.frames_overrun),
         "frames that processing had no room for, counted",
     );
-    figures.add("walk.live", sum(|foot| foot.live), "live frames received");
+    figures.add("walk.live", sum(|foot| foot.live), "live frames received, in the first 1,000 steps of each foot");
     let deeper = feet.iter().map(|foot| foot.stack_bytes.1 - foot.stack_bytes.0).max();
     figures.add(
         "walk.stack_growth_bytes",
@@ -134,16 +136,10 @@ fn foot(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
         }
     };
 
-    let (mut done, mut live, mut stack_bytes, mut silent, mut last_look) = (0, 0, None, 0, 0);
+    let (mut done, mut live, mut stack_bytes, mut silent) = (0, 0, None, 0);
     let status = loop {
         match client.receive()? {
-            Some(ToHost::Live(_)) => {
-                live += 1;
-                if live - last_look >= LOOK {
-                    last_look = live;
-                    client.send(ToDevice::GetStatus)?;
-                }
-            }
+            Some(ToHost::Live(_)) => live += 1,
             Some(ToHost::Step(step)) => {
                 let wanted = expected();
                 ensure!(
@@ -155,6 +151,12 @@ fn foot(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
                 done += 1;
                 if done == steps {
                     break client.status()?;
+                }
+                if done == LIVE_STEPS {
+                    client.send(ToDevice::Stream { live: false })?;
+                }
+                if done % LOOK == 0 {
+                    client.send(ToDevice::GetStatus)?;
                 }
                 if done % 1000 == 0 {
                     eprintln!("{} foot: {done} of {steps} steps", side.name());
