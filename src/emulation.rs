@@ -7,6 +7,7 @@
 //! `TICK` twice [`TICK`].
 
 use crate::insole::{Setup, SetupCell};
+use crate::map::CHIP_BYTES;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -17,7 +18,7 @@ pub const MATRIX_FILE: &core::ffi::CStr = c"matrix.bin";
 /// Name of the file that is the board's flash chip.
 pub const FLASH_FILE: &core::ffi::CStr = c"flash.bin";
 /// Size of that chip, bytes.
-pub const FLASH_BYTES: usize = 4 << 20;
+pub const FLASH_BYTES: usize = CHIP_BYTES as usize;
 /// Exit status of an emulator whose bootloader swapped images: it is to be started again with the one that is active now.
 pub const SWAPPED: i32 = 3;
 /// Name of a file that is there where it was: the start that ended so goes on.

@@ -12,6 +12,8 @@ pub const ACTIVE: Range<u32> = BOOTLOADER.end..BOOTLOADER.end + 96 * SECTOR;
 /// Longest image, bytes.
 pub const MAX_IMAGE: u32 = ACTIVE.end - ACTIVE.start;
 
+/// Size of the flash chip, a W25Q32, bytes.
+pub const CHIP_BYTES: u32 = 4 << 20;
 /// How far the bootloader is, in the flash chip; what comes before is the store's.
 pub const STATE: Range<u32> = 0x12_0000..0x12_0000 + SECTOR;
 /// The image that arrives, later the one before, in the flash chip: the bootloader swaps it with [`ACTIVE`] by way of one more

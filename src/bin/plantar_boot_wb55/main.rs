@@ -22,11 +22,9 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::mutex::Mutex;
 use embedded_hal_bus::spi::ExclusiveDevice;
 use plantar::boot::{BUFFER, config};
-use plantar::map::{ACTIVE, BOOTLOADER, MAX_IMAGE};
+use plantar::map::{ACTIVE, BOOTLOADER, CHIP_BYTES, MAX_IMAGE};
 use w25::{Q, W25};
 
-/// Of the W25Q32, bytes.
-const CHIP_BYTES: u32 = 4 << 20;
 /// An image on trial that does not start a watchdog of its own within this time is swapped back, us.
 const TRIAL_US: u32 = 20_000_000;
 

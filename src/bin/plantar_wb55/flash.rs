@@ -12,6 +12,7 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::{Peri, bind_interrupts, dma};
 use embassy_time::Delay;
 use embedded_hal_bus::spi::ExclusiveDevice;
+use plantar::map::CHIP_BYTES;
 use w25::{Q, W25};
 
 bind_interrupts!(struct Irqs {
@@ -21,8 +22,6 @@ bind_interrupts!(struct Irqs {
 
 /// At this rate a step is written in half a millisecond. The chip takes 50 MHz, wires on a breadboard do not.
 const BIT_HZ: u32 = 16_000_000;
-/// Size of the chip, bytes.
-const CHIP_BYTES: u32 = 4 << 20;
 
 /// The chip.
 pub type Chip = W25<Q, ExclusiveDevice<Spi<'static, Async, Master>, Output<'static>, Delay>, (), ()>;
