@@ -700,7 +700,7 @@ impl Watch {
             }
             // A hole in a firm contact; a cell at its rim may as well be one that the foot missed.
             // A cell much smaller than those around it, cut by a region's edge, may well be missed by the foot.
-            let is_full_size = 2 * cell.region.whole() >= around.largest;
+            let is_full_size = was_firm > 1 || 2 * cell.region.whole() >= around.largest;
             is_alone = is_full_size && around.is_within() && around.near >= 7 && around.firm == around.near;
         }
         watch.recount(Count::Silent, is_alone);
