@@ -529,7 +529,7 @@ impl Watch {
     }
 
     /// Some rows in turn: whether a cell of theirs is unloaded while another one is loaded. Not those that were clean in this step.
-    fn look_at_rows<R: Real>(&mut self, seen: &mut Seen<'_, R>) {
+    fn look_at_rows<R: Real>(&mut self, seen: &Seen<'_, R>) {
         let mut rows = 0u16;
         for _ in 0..LINES {
             let row = self.turn as usize % LINES;
@@ -727,6 +727,7 @@ impl Watch {
         if self.faults.found == before {
             self.conclude_rows(seen);
         }
+        (self.row_looks, self.row_clean) = ([0; LINES], [0; LINES]);
         if self.faults.found != before {
             // Another contact leaves looks at other moments.
             self.rows = [(0, 0); LINES];
@@ -738,8 +739,7 @@ impl Watch {
     fn conclude_rows<R: Real>(&mut self, seen: &mut Seen<'_, R>) {
         let mut worst = None;
         for row in 0..LINES {
-            let looks = core::mem::take(&mut self.row_looks[row]);
-            let clean = core::mem::take(&mut self.row_clean[row]);
+            let (looks, clean) = (self.row_looks[row], self.row_clean[row]);
             let (cleans, suspects) = &mut self.rows[row];
             if clean > 0 {
                 // What was suspect and is clean again was covered by the foot, and may be so again.
