@@ -73,7 +73,7 @@ pub trait FrameClock {
     /// When frame 0 was due: the beginning of the insole's time.
     fn start(&self) -> Instant;
 
-    /// Waits for the next frame's time and returns its number; numbers that passed meanwhile are left out.
+    /// Waits for the next frame's time and returns its number, which wraps; numbers that passed meanwhile are left out.
     async fn next(&mut self) -> u32;
 }
 
@@ -81,13 +81,14 @@ pub trait FrameClock {
 pub struct Ticker {
     start: Instant,
     period_us: u64,
-    seq: Option<u32>,
+    /// The next frame. Wider than the numbers that are told, which begin anew after 124 days at 400 Hz.
+    next: u64,
 }
 
 impl Ticker {
     /// Starts now.
     pub fn new(period_us: u32) -> Self {
-        Self { start: Instant::now(), period_us: u64::from(period_us), seq: None }
+        Self { start: Instant::now(), period_us: u64::from(period_us), next: 0 }
     }
 }
 
@@ -97,11 +98,11 @@ impl FrameClock for Ticker {
     }
 
     async fn next(&mut self) -> u32 {
-        let passed = (self.start.elapsed().as_micros() / self.period_us) as u32;
-        let seq = self.seq.map_or(0, |last| last.wrapping_add(1).max(passed));
-        Timer::at(self.start + Duration::from_micros(u64::from(seq) * self.period_us)).await;
-        self.seq = Some(seq);
-        seq
+        let passed = self.start.elapsed().as_micros() / self.period_us;
+        let seq = passed.max(self.next);
+        self.next = seq + 1;
+        Timer::at(self.start + Duration::from_micros(seq * self.period_us)).await;
+        seq as u32
     }
 }
 
@@ -505,6 +506,7 @@ pub async fn keep(
 ) -> ! {
     // The log holds steps after the last one at hand.
     let mut ahead = true;
+    let mut is_readable = false;
     let mut update = Update::new();
     let mut restart_at = Instant::MAX;
     // Without a chip nothing can have been swapped.
@@ -516,16 +518,23 @@ pub async fn keep(
     loop {
         while let Ok(step) = session.steps.try_receive() {
             let pushed = store.push_step(&step).await;
-            let mut link = session.link.borrow_mut();
-            match pushed {
+            let is_done = match pushed {
                 Ok(dropped) => {
+                    let mut link = session.link.borrow_mut();
                     link.count_dropped(dropped);
                     ahead |= !link.room().0;
+                    ahead
                 }
-                Err(_) => session.count_unkept(),
-            }
-            if pushed.is_err() || !ahead {
-                link.push_step(step);
+                Err(_) => {
+                    session.count_unkept();
+                    // At hand it would pass over those in the log, which are more.
+                    let is_lost = ahead && is_readable;
+                    session.link.borrow_mut().count_dropped(is_lost.into());
+                    is_lost
+                }
+            };
+            if !is_done {
+                session.link.borrow_mut().push_step(step);
             }
         }
         session.frames_before.set(None);
@@ -535,8 +544,11 @@ pub async fn keep(
         {
             session.count_unkept();
         }
-        if ahead {
-            ahead = bring_steps(store, session).await;
+        if ahead && session.link.borrow().room().0 {
+            let brought = bring_steps(store, session).await;
+            is_readable = brought.is_ok();
+            // What cannot be read now is tried again with the next.
+            ahead = brought.unwrap_or(true);
         }
         if session.bonds_changed.take() && store.put(0, &Bonds(session.bonds())).await.is_err() {
             session.count_unkept();
@@ -594,12 +606,9 @@ impl Trial {
 }
 
 /// Brings steps at hand that come after those that are; tells whether there are more.
-async fn bring_steps(store: &mut Store<impl MultiwriteNorFlash>, session: &Session) -> bool {
-    let (has_room, last) = session.link.borrow().room();
-    if !has_room {
-        return true;
-    }
-    let more = store.steps(last, |step| {
+async fn bring_steps(store: &mut Store<impl MultiwriteNorFlash>, session: &Session) -> Result<bool, Failed> {
+    let (_, last) = session.link.borrow().room();
+    let bring = store.steps(last, |step| {
         let mut link = session.link.borrow_mut();
         let has_room = link.room().0;
         if has_room {
@@ -607,8 +616,7 @@ async fn bring_steps(store: &mut Store<impl MultiwriteNorFlash>, session: &Sessi
         }
         has_room
     });
-    // What cannot be read now is tried again with the next.
-    more.await.unwrap_or(true)
+    bring.await
 }
 
 /// Does what a host wants kept.

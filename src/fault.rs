@@ -678,8 +678,8 @@ impl Watch {
             cell.offset = cell.offset.saturating_add_signed(step);
             cell.contact.shift(step);
             cell.watch.last -= step;
-            // Within the bound, so within 8 bits; every step is more than a unit.
-            cell.watch.rezeroed = (all / i32::from(NOISE)) as i8;
+            // Within the bound, so within 8 bits; rounded, so that what is left out adds up to nothing.
+            cell.watch.rezeroed = ((all + all.signum() * i32::from(NOISE / 2)) / i32::from(NOISE)) as i8;
             self.faults.rezeroed = self.faults.rezeroed.wrapping_add(1);
         }
     }

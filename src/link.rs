@@ -7,8 +7,8 @@
 use crate::Side;
 use crate::calibrate::CellCalibration;
 use crate::fault::Faults;
-use crate::insole::Tissue;
-use crate::store::Part;
+use crate::insole::{DEVICE_CELLS, Tissue};
+use crate::store::{PART_CELLS, Part};
 use crate::update;
 use crate::wire::{Hello, Identity, Live, MAJOR, MAX_LIVE, Refusal, Serial, Status, Step, ToDevice, ToHost, encode};
 use heapless::{Deque, Vec};
@@ -19,6 +19,9 @@ const LIVE_QUEUE: usize = 8;
 pub const STEP_QUEUE: usize = 6;
 /// Answers that wait for the carrier: more than one read of it asks for. Requests beyond are not answered.
 const ANSWER_QUEUE: usize = 16;
+
+/// Parts of a calibration.
+const PARTS: usize = DEVICE_CELLS / PART_CELLS;
 
 /// What a host asked for.
 #[derive(Debug)]
@@ -75,6 +78,8 @@ pub struct Link {
     open: bool,
     hello_due: bool,
     answers: Deque<Answer, ANSWER_QUEUE>,
+    /// Live frames that were sent since the first of `answers` began to wait.
+    waited: u8,
     streaming: bool,
     live: Deque<Vec<u8, MAX_LIVE>, LIVE_QUEUE>,
     live_due: u32,
@@ -101,6 +106,7 @@ impl Link {
             open: false,
             hello_due: false,
             answers: Deque::new(),
+            waited: 0,
             streaming: false,
             live: Deque::new(),
             live_due: 0,
@@ -152,7 +158,9 @@ impl Link {
             ToDevice::GetIdentity => self.answer(Answer::Identity),
             ToDevice::SetIdentity { side, serial } if serial.is_valid() => self.begin(Job::Name(side, serial)),
             ToDevice::SetIdentity { .. } => self.answer(Answer::Refused(Refusal::Serial)),
-            ToDevice::SetCalibrationPart { part, cells } if cells.iter().all(CellCalibration::is_valid) => {
+            ToDevice::SetCalibrationPart { part, cells }
+                if usize::from(part) < PARTS && cells.iter().all(CellCalibration::is_valid) =>
+            {
                 self.begin(Job::CalibrationPart(part, cells));
             }
             ToDevice::SetCalibrationPart { .. } => self.answer(Answer::Refused(Refusal::Calibration)),
@@ -229,6 +237,9 @@ impl Link {
     }
 
     fn answer(&mut self, answer: Answer) {
+        if self.answers.is_empty() {
+            self.waited = 0;
+        }
         let _ = self.answers.push_back(answer);
     }
 
@@ -316,7 +327,8 @@ impl Link {
     }
 
     /// The next message to send, encoded into `buffer`; `None` when there is nothing. Hello first, then steps, then live
-    /// frames; answers come in the order of the requests when all before them is sent.
+    /// frames; answers come in the order of the requests when all before them is sent. Where a slow carrier always has a
+    /// live frame to send, no more of them go before an answer than wait at a time.
     pub fn next<'b>(
         &mut self,
         hello: &Hello,
@@ -328,7 +340,9 @@ impl Link {
         } else if let Some(step) = self.steps.iter().nth(self.steps_sent).filter(|_| self.open) {
             self.steps_sent += 1;
             ToHost::Step(*step)
-        } else if let Some(live) = self.live.pop_front() {
+        } else if let Some(live) = self.live.pop_front_if(|_| self.answers.is_empty() || self.waited < LIVE_QUEUE as u8)
+        {
+            self.waited = self.waited.saturating_add(1);
             self.live_sent = self.live_sent.wrapping_add(1);
             let out = buffer.get_mut(..live.len())?;
             out.copy_from_slice(&live);
@@ -336,15 +350,24 @@ impl Link {
         } else {
             match self.answers.pop_front()? {
                 Answer::Status => ToHost::Status(Status {
-                    live_due: self.live_due,
+                    // Those that wait still may arrive.
+                    live_due: self.live_due.wrapping_sub(self.live.len() as u32),
                     live_sent: self.live_sent,
                     steps_dropped: self.steps_dropped,
                     faults: self.faults.found,
                     rezeroed: self.faults.rezeroed,
                     ..status()
                 }),
-                Answer::Tissue => ToHost::Tissue(self.tissue),
-                Answer::Refused(refusal) => ToHost::Refused(refusal),
+                Answer::Tissue => {
+                    self.live.clear();
+                    ToHost::Tissue(self.tissue)
+                }
+                Answer::Refused(refusal) => {
+                    if refusal == Refusal::NotKept {
+                        self.live.clear();
+                    }
+                    ToHost::Refused(refusal)
+                }
                 Answer::Faults => ToHost::Faults(self.faults.clone()),
                 Answer::Time { host_us, device_us } => ToHost::Time { host_us, device_us },
                 Answer::Identity => ToHost::Identity(self.identity),

@@ -328,14 +328,16 @@ impl<F: MultiwriteNorFlash> Store<F> {
         // A new chip is blank. One that was used for something else, or is damaged beyond repair, would keep nothing.
         let records = store.survey_records().await;
         let log = store.survey_log().await;
-        let has_starts = matches!(store.get::<Starts>(0).await, Ok(Some(_)));
-        let has_entries = matches!(log, Ok(1..));
+        let starts = store.get::<Starts>(0).await;
+        let has_starts = matches!(starts, Ok(Some(_)));
         // A new chip whose first start was cut short has no more than the log's first mark.
         let is_ours = has_starts || store.contents.next_step != 0;
-        if !has_starts && records != Err(Failed::Chip) {
+        // Where anything can be read, the rest may be a newer firmware's.
+        let is_empty = |count| matches!(count, Ok(0) | Err(Failed::Contents));
+        if is_empty(records) && matches!(starts, Ok(None) | Err(Failed::Contents)) {
             store.clear(RECORDS, is_ours).await;
         }
-        if !has_entries && log != Err(Failed::Chip) {
+        if is_empty(log) {
             store.clear(LOG, is_ours).await;
             // From here on the log is never without an entry, so that numbers go on after a start.
             let _ = store.push(&Entry::Acknowledged { next: 0 }).await;
@@ -372,16 +374,19 @@ impl<F: MultiwriteNorFlash> Store<F> {
         }
     }
 
-    async fn survey_records(&mut self) -> Result<(), Failed> {
+    /// The number of items, each version of a record for itself.
+    async fn survey_records(&mut self) -> Result<u32, Failed> {
         let mut records = records(&mut self.flash)?;
         let mut items = records.fetch_all_items(&mut self.buffer).await?;
+        let mut count = 0;
         while let Some(([kind, _, version], _)) = items.next::<&[u8]>(&mut self.buffer).await? {
+            count += 1;
             let known = VERSIONS.iter().find(|(known, _)| *known == kind).map_or(0, |(_, version)| *version);
             if version > known {
                 self.contents.newer_kinds |= 1 << (kind % 32);
             }
         }
-        Ok(())
+        Ok(count)
     }
 
     /// The number of entries.
@@ -514,8 +519,10 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Forgets all steps up to and with this number.
     pub async fn acknowledge(&mut self, step: u32) -> Result<(), Failed> {
         let next = step.wrapping_add(1);
-        if next == self.contents.next_step {
+        // The log stays without an entry otherwise; a step that could not be kept is beyond its last.
+        if !is_after(self.contents.next_step, next) {
             self.push(&Entry::Acknowledged { next }).await?;
+            self.contents.next_step = next;
         }
         let Self { flash, log_cache, buffer, contents } = self;
         with_log(flash, log_cache, async |log| {

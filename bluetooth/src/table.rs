@@ -64,7 +64,7 @@ impl Table {
 
     /// True for what only a bonded phone on an encrypted link may write, subscriptions included.
     pub fn is_guarded(&self, handle: u16) -> bool {
-        handle == self.time.handle || handle >= self.control.handle
+        handle == self.time.handle || Some(handle) == self.time.cccd_handle || handle >= self.control.handle
     }
 
     /// The application's characteristic with this handle of a value.

@@ -5,7 +5,9 @@ use host_tests::{TISSUE, faults, framed, live, messages, status, step};
 use plantar::Region;
 use plantar::insole::Tissue;
 use plantar::link::{Done, Link};
-use plantar::wire::{Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Status, ToDevice, ToHost, frame};
+use plantar::wire::{
+    Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Status, Step, ToDevice, ToHost, frame,
+};
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
@@ -185,6 +187,52 @@ fn a_replayed_step_is_delivered_once() {
     push_steps(&cable, [4]);
     client.reconnect(PATIENCE).expect("an answer");
     assert_eq!(step_numbers(&receive_all(&mut client)), [4]);
+}
+
+/// An insole whose queue is full of steps that it sent would send no more.
+#[test]
+fn a_lost_acknowledgement_is_sent_again() {
+    let (cable, mut client) = connected();
+    push_steps(&cable, [0, 1]);
+    assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1]);
+    client.send(ToDevice::Acknowledge { step: 0 }).expect("the link holds");
+    assert_eq!(cable.insole().link.take_acknowledged(), Some(0));
+    // As if it had not come; step 1 is not stored yet.
+    cable.insole().link = Link::new();
+    push_steps(&cable, [0, 1]);
+    client.reconnect(PATIENCE).expect("an answer");
+    assert_eq!(step_numbers(&receive_all(&mut client)), [0; 0]);
+    assert_eq!(cable.insole().link.take_acknowledged(), Some(0));
+}
+
+#[test]
+fn a_step_that_comes_again_from_an_insole_that_restarted_is_known() {
+    let (cable, mut client) = connected();
+    push_steps(&cable, [0]);
+    assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
+    cable.insole().link = Link::new();
+    cable.insole().link.push_step(Step { starts_ago: 1, ..step(0) });
+    push_steps(&cable, [1]);
+    client.reconnect(PATIENCE).expect("an answer");
+    assert_eq!(step_numbers(&receive_all(&mut client)), [1]);
+}
+
+#[test]
+fn a_carrier_is_let_go_of_before_the_next_is_opened() {
+    let (cable, mut client) = connected();
+    let holders = Rc::strong_count(&cable.0);
+    let opened = client.reconnect_over::<Error>(
+        || {
+            assert_eq!(Rc::strong_count(&cable.0), holders - 1);
+            Err(io::Error::from(io::ErrorKind::NotFound).into())
+        },
+        PATIENCE,
+    );
+    assert!(matches!(opened, Err(Error::Carrier(_))));
+    assert!(matches!(client.receive(), Err(Error::Carrier(_))), "there is none");
+    client.reconnect_over::<Error>(|| Ok(Framed::new(cable.clone())), PATIENCE).expect("an answer");
+    push_steps(&cable, [0]);
+    assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
 }
 
 #[test]

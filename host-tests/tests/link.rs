@@ -388,6 +388,41 @@ fn answers_come_in_the_order_of_the_requests_and_after_what_was_before() {
     assert_eq!(sent[5..], [Sent::Refused(reason), Sent::Tissue(TISSUE.id), Sent::Refused(Refusal::NotUnderstood)]);
 }
 
+/// A carrier that takes one message where two frames come: the queue of live frames is never empty.
+#[test]
+fn a_carrier_that_is_too_slow_for_live_frames_brings_answers() {
+    let mut link = streaming();
+    let sent_of = |link: &mut Link, requests: &[ToDevice]| {
+        requests.iter().for_each(|request| link.receive(*request, 0));
+        link.done(Ok(Done::Kept));
+        let mut sent = Vec::new();
+        for _ in 0..40 {
+            frame(link);
+            frame(link);
+            sent.extend(next(link));
+        }
+        sent
+    };
+    sent_of(&mut link, &[]);
+    let sent = sent_of(&mut link, &[ToDevice::GetStatus, ToDevice::GetTime { host_us: 1 }]);
+    let at = sent.iter().position(|sent| matches!(sent, Sent::Status(_))).expect("an answer");
+    assert!(at <= 8, "after {at} frames");
+    assert!(matches!(sent[at + 1], Sent::Time { .. }));
+    // What the status counts as due is what was sent before it, and what is sent after it is not.
+    let (Sent::Live(before), Sent::Status(status), Sent::Live(after)) = (sent[at - 1], sent[at], sent[at + 2]) else {
+        panic!("{sent:?}")
+    };
+    assert!(before < status.live_due && status.live_due <= after, "{before}, {status:?}, {after}");
+
+    // No frame after the answer is older than it: those are of the parameters before.
+    let first = link.next_live().expect("it streams");
+    let sent = sent_of(&mut link, &[ToDevice::SetTissue(*TISSUE)]);
+    let at = sent.iter().position(|sent| *sent == Sent::Tissue(TISSUE.id)).expect("an answer");
+    assert!(at <= 8, "after {at} frames");
+    let Sent::Live(after) = sent[at + 1] else { panic!("{sent:?}") };
+    assert!(after >= first + 2 * at as u32, "{first} {at} {after}");
+}
+
 #[test]
 fn parameters_are_not_taken_outside_of_a_session() {
     for connect in [None, Some(ToDevice::Connect { major: MAJOR + 1, minor: MINOR })] {
@@ -457,6 +492,12 @@ fn what_makes_no_sense_is_not_kept() {
         cells[7] = calibration;
         link.receive(ToDevice::SetCalibrationPart { part: 0, cells }, 0);
         assert_eq!(all(&mut link), [Sent::Refused(Refusal::Calibration)], "{calibration:?}");
+    }
+    // Beyond the last part is the other calibration's place.
+    for part in [16, 127, 128, 255] {
+        let cells = [CellCalibration::IDEAL; PART_CELLS];
+        link.receive(ToDevice::SetCalibrationPart { part, cells }, 0);
+        assert_eq!(all(&mut link), [Sent::Refused(Refusal::Calibration)], "{part}");
     }
     let mut bytes = [0; MAX_MESSAGE];
     let name = ToDevice::SetIdentity { side: Side::Left, serial: Serial::new("AB").expect("printable") };

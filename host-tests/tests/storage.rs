@@ -8,7 +8,7 @@ use plantar::Side;
 use plantar::calibrate::CellCalibration;
 use plantar::insole::Tissue;
 use plantar::map::SECTOR;
-use plantar::store::{Bonds, Failed, LOG, Name, PART_CELLS, RECORDS, Record, Store};
+use plantar::store::{Bonds, Failed, LOG, Name, PART_CELLS, RECORDS, Record, Starts, Store};
 use plantar::wire::{Reset, Serial, Step, StepRegion};
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
@@ -132,6 +132,20 @@ fn numbers_of_steps_go_on_after_all_were_acknowledged() {
     }
 }
 
+/// The chip did not take the last step, and a host got it from memory.
+#[test]
+fn numbers_of_steps_go_on_after_one_that_could_not_be_kept() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    for number in 0..3 {
+        assert_eq!(now(store.push_step(&step(number))), Ok(0));
+    }
+    assert_eq!(now(store.acknowledge(3)), Ok(()));
+    assert!(numbers(&mut store).is_empty());
+    let store = open(&mut chip);
+    assert_eq!((store.contents().next_step, store.contents().erased), (4, 0));
+}
+
 #[test]
 fn a_full_log_keeps_at_least_the_last_2000_steps_and_counts_what_it_drops() {
     let mut chip = chip();
@@ -192,6 +206,23 @@ fn records_of_newer_firmware_are_reported_and_left_alone() {
         let oldest = log.peek(&mut buffer).await.expect("the chip works");
         assert_eq!(oldest.as_deref(), Some(newer_entry));
     });
+}
+
+/// As after newer firmware that was on trial and is gone again.
+#[test]
+fn nothing_is_erased_where_only_newer_firmware_counted_starts() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    assert_eq!(now(store.put(0, &*TISSUE)), Ok(()));
+    now(async {
+        let mut records = MapStorage::new(&mut chip, MapConfig::new(RECORDS), Cache::new_uncached());
+        let mut buffer = [0; 400];
+        records.store_item(&mut buffer, &[Starts::KIND, 0, Starts::VERSION + 1], &&[1][..]).await.expect("room");
+        records.remove_item(&mut buffer, &[Starts::KIND, 0, Starts::VERSION]).await.expect("the chip works");
+    });
+    let mut store = open(&mut chip);
+    assert_eq!(now(store.get(0)), Ok(Some(*TISSUE)));
+    assert_eq!((store.contents().newer_kinds, store.contents().erased), (1 << Starts::KIND, 0));
 }
 
 #[test]

@@ -124,6 +124,8 @@ async fn listen(adapter: &Adapter, which: &Which) -> Result<Peripheral, Failure>
             // One that is gone again has none.
             if let Ok(Some(properties)) = peripheral.properties().await
                 && which.is(&peripheral.id().to_string(), &properties)
+                // Those that are paired are listed, there or not.
+                && (properties.rssi.is_some() || peripheral.is_connected().await.is_ok_and(|c| c))
             {
                 return Ok(peripheral);
             }

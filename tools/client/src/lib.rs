@@ -70,7 +70,8 @@ pub struct LinkCounters {
 
 /// A session.
 pub struct Client<C> {
-    carrier: C,
+    /// `None` between one and the next.
+    carrier: Option<C>,
     /// By the carriers before this one.
     damaged_before: u32,
     /// Came while something else was awaited.
@@ -83,7 +84,12 @@ pub struct Client<C> {
     axis: Axis,
     asked_time: Option<Instant>,
     /// As many as an insole can send again: those at hand, and those whose acknowledgement was lost.
-    delivered: VecDeque<Step>,
+    delivered: VecDeque<Delivered>,
+}
+
+struct Delivered {
+    step: Step,
+    is_acknowledged: bool,
 }
 
 impl<C: Carrier> Client<C> {
@@ -91,7 +97,7 @@ impl<C: Carrier> Client<C> {
     pub fn connect(mut carrier: C, patience: Duration) -> Result<Self, Error> {
         let hello = greet(&mut carrier, patience)?;
         Ok(Self {
-            carrier,
+            carrier: Some(carrier),
             damaged_before: 0,
             waiting: VecDeque::new(),
             hello,
@@ -107,7 +113,7 @@ impl<C: Carrier> Client<C> {
 
     /// Opens the session anew, as after a silence, and returns what the insole says of itself now. The live stream is off.
     pub fn reconnect(&mut self, patience: Duration) -> Result<&Hello, Error> {
-        self.hello = greet(&mut self.carrier, patience)?;
+        self.hello = greet(carrier(&mut self.carrier)?, patience)?;
         self.waiting.clear();
         self.axis = Axis::new();
         self.next_live = None;
@@ -115,10 +121,16 @@ impl<C: Carrier> Client<C> {
     }
 
     /// As [`Client::reconnect`], over another carrier after one broke.
-    pub fn reconnect_over(&mut self, carrier: C, patience: Duration) -> Result<&Hello, Error> {
+    pub fn reconnect_over<E: From<Error>>(
+        &mut self,
+        open: impl FnOnce() -> Result<C, E>,
+        patience: Duration,
+    ) -> Result<&Hello, E> {
         self.damaged_before = self.damaged();
-        self.carrier = carrier;
-        self.reconnect(patience)
+        // Let go of first: a serial port has one user, and the end of a Bluetooth link would take the next along.
+        self.carrier = None;
+        self.carrier = Some(open()?);
+        Ok(self.reconnect(patience)?)
     }
 
     /// Who answered.
@@ -251,12 +263,19 @@ impl<C: Carrier> Client<C> {
     }
 
     fn damaged(&self) -> u32 {
-        self.damaged_before.wrapping_add(self.carrier.damaged())
+        self.damaged_before.wrapping_add(self.carrier.as_ref().map_or(0, Carrier::damaged))
     }
 
     /// Sends a message.
     pub fn send(&mut self, message: ToDevice) -> Result<(), Error> {
-        Ok(self.carrier.send(message)?)
+        if let ToDevice::Acknowledge { step } = message {
+            // Also where it gets lost on the way: what is stored stays so.
+            for delivered in &mut self.delivered {
+                // Wrapping order.
+                delivered.is_acknowledged |= step.wrapping_sub(delivered.step.step) < u32::MAX / 2;
+            }
+        }
+        Ok(carrier(&mut self.carrier)?.send(message)?)
     }
 
     /// The insole's clock against this computer's, us since 1970, UTC; as long as [`Client::receive`] is called it gets better.
@@ -283,7 +302,7 @@ impl<C: Carrier> Client<C> {
 
     /// The next message; `None` when none came within the carrier's time-out. Asks for the insole's time now and then, and
     /// keeps the answers for [`Client::axis`]. A step comes once, however often it is
-    /// replayed; send [`ToDevice::Acknowledge`] once it is stored.
+    /// replayed; send [`ToDevice::Acknowledge`] once it is stored. One that is replayed after that is acknowledged here.
     pub fn receive(&mut self) -> Result<Option<ToHost>, Error> {
         self.ask_time()?;
         let Some(message) = self.next()? else { return Ok(None) };
@@ -303,14 +322,17 @@ impl<C: Carrier> Client<C> {
                 self.next_live = Some(live.sequence.wrapping_add(1));
             }
             ToHost::Step(step) => {
-                // By content: an insole whose chip was changed counts from 0 again.
-                if self.delivered.contains(step) {
+                if let Some(delivered) = self.delivered.iter().find(|delivered| is_same_step(&delivered.step, step)) {
+                    // An insole that did not hear of it would wait for ever.
+                    if delivered.is_acknowledged {
+                        self.send(ToDevice::Acknowledge { step: step.step })?;
+                    }
                     return Ok(None);
                 }
                 if self.delivered.len() == 2 * STEP_QUEUE {
                     self.delivered.pop_front();
                 }
-                self.delivered.push_back(*step);
+                self.delivered.push_back(Delivered { step: *step, is_acknowledged: false });
             }
             ToHost::Status(status) => {
                 self.frames_sent = status.live_sent;
@@ -332,7 +354,7 @@ impl<C: Carrier> Client<C> {
     fn next(&mut self) -> Result<Option<ToHost>, Error> {
         Ok(match self.waiting.pop_front() {
             Some(message) => Some(message),
-            None => self.carrier.receive()?,
+            None => carrier(&mut self.carrier)?.receive()?,
         })
     }
 
@@ -345,6 +367,18 @@ impl<C: Carrier> Client<C> {
             crc_errors: self.damaged(),
         }
     }
+}
+
+/// True for a step and the same when it is replayed, with the insole started anew since or not.
+///
+/// By content: an insole whose chip was changed counts from 0 again.
+pub fn is_same_step(one: &Step, other: &Step) -> bool {
+    *one == Step { starts_ago: one.starts_ago, ..*other }
+}
+
+/// The carrier, where there is one.
+fn carrier<C>(carrier: &mut Option<C>) -> io::Result<&mut C> {
+    carrier.as_mut().ok_or_else(|| io::ErrorKind::NotConnected.into())
 }
 
 /// This computer's clock, us since 1970, UTC.

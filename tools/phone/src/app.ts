@@ -8,7 +8,7 @@ import { Recorder } from "./recorder";
 import { colours, scaleEnd_n } from "./scale";
 import { Session, type SessionState, totalForce } from "./session";
 import { KG_PER_LB, loadSettings, saveSettings } from "./settings";
-import { DatabaseKeeper, type Keeper, MemoryKeeper, StepStore } from "./steps";
+import { DatabaseKeeper, type Keeper, MemoryKeeper, NoKeeper, StepStore } from "./steps";
 import { drawSteps } from "./steps_view";
 import { BluetoothTransport, explain } from "./transport/bluetooth";
 import { ReplayTransport } from "./transport/replay";
@@ -69,16 +69,21 @@ export class App {
     }
     setInterval(() => this.tick(), WORDS_MS);
     this.tick();
-    this.stepsChanged();
     requestAnimationFrame(this.frame);
   }
 
   /** Brings back the steps of earlier visits, where the browser keeps anything. */
   private async keepSteps(): Promise<void> {
-    const keeper: Keeper = await DatabaseKeeper.open().catch(() => new MemoryKeeper());
-    this.store = new StepStore(this.wire, keeper);
-    await this.store.load();
+    const keeper: Keeper = await DatabaseKeeper.open().catch(() => new NoKeeper());
+    const store = new StepStore(this.wire, keeper);
+    await store.load();
+    this.show(store);
+  }
+
+  private show(store: StepStore): void {
+    this.store = store;
     this.lastEllipses();
+    this.stepsChanged();
   }
 
   private serve(): void {
@@ -91,8 +96,7 @@ export class App {
   private async replay(url: string): Promise<void> {
     try {
       const transport = await ReplayTransport.load(url, this.events);
-      this.store = new StepStore(this.wire, new MemoryKeeper());
-      this.lastEllipses();
+      this.show(new StepStore(this.wire, new MemoryKeeper()));
       this.use(transport);
     } catch (error) {
       this.problem = error instanceof Error ? error.message : "The recording cannot be played.";
@@ -104,7 +108,10 @@ export class App {
     const transport = this.transport instanceof BluetoothTransport ? this.transport : new BluetoothTransport(this.events);
     try {
       this.problem = "";
+      const was_replay = this.transport?.is_replay;
       if (transport !== this.transport) this.use(transport);
+      // What is walked now is the wearer's.
+      if (was_replay) await this.keepSteps();
       await transport.add();
     } catch (error) {
       this.problem = explain(error) ?? "";

@@ -27,8 +27,11 @@ export interface Kept {
 
 export class StepStore {
   readonly steps: StoredStep[] = [];
-  /** What an insole may still replay, oldest first, and whether it is kept. */
-  private readonly recent = new Map<string, { stored: StoredStep; kept: Promise<void> }>();
+  /** What an insole may still replay, oldest first. */
+  private readonly recent = new Set<string>();
+  /** What is not kept yet, oldest first. */
+  private readonly unkept: Kept[] = [];
+  private keeping = Promise.resolve();
 
   constructor(
     private readonly wire: Wire,
@@ -37,42 +40,53 @@ export class StepStore {
 
   /** Brings back what was kept. */
   async load(): Promise<void> {
+    const all = new Set<string>();
     for (const { message, peak_n, start_unix_s } of await this.keeper.load()) {
       const decoded = this.wire.decode(message);
-      // What another version kept is not understood, and left alone.
-      if (decoded?.kind !== "step") continue;
-      const stored = { step: decoded.step, peak_n, start_unix_s };
-      this.steps.push(stored);
-      this.remember(message, stored, Promise.resolve());
+      // What another version kept is not understood, and left alone; two pages of one browser keep a step twice.
+      if (decoded?.kind !== "step" || all.has(key(decoded.step))) continue;
+      all.add(key(decoded.step));
+      this.steps.push({ step: decoded.step, peak_n, start_unix_s });
+      this.remember(decoded.step);
     }
   }
 
-  /** Takes a step with its message; resolves once it is kept, whether it is new or not. */
+  /** Takes a step with its message; resolves once it and all before it are kept, whether it is new or not. */
   add(step: Step, message: Uint8Array, history: readonly ForceAt[], start_unix_s: number | null): Promise<void> {
-    // By content: an insole that restarted counts from 0 again.
-    const known = this.recent.get(key(message));
-    const stored = known?.stored ?? { step, peak_n: peakForce(step, history), start_unix_s };
-    const keep = () => this.keeper.add({ message: message.slice(), peak_n: stored.peak_n, start_unix_s: stored.start_unix_s });
-    if (!known) this.steps.push(stored);
-    const kept = known ? known.kept.catch(keep) : keep();
-    this.remember(message, stored, kept);
-    return kept;
+    if (!this.recent.has(key(step))) {
+      const peak_n = peakForce(step, history);
+      this.steps.push({ step, peak_n, start_unix_s });
+      this.unkept.push({ message: message.slice(), peak_n, start_unix_s });
+      this.remember(step);
+    }
+    this.keeping = this.keeping.catch(() => undefined).then(() => this.keepAll());
+    return this.keeping;
   }
 
   async clear(): Promise<void> {
     this.steps.length = 0;
+    this.unkept.length = 0;
     await this.keeper.clear();
   }
 
-  private remember(message: Uint8Array, stored: StoredStep, kept: Promise<void>): void {
-    this.recent.set(key(message), { stored, kept });
+  /** In their order: the insole takes one for all before it. */
+  private async keepAll(): Promise<void> {
+    for (let next = this.unkept[0]; next; next = this.unkept[0]) {
+      await this.keeper.add(next);
+      if (this.unkept[0] === next) this.unkept.shift();
+    }
+  }
+
+  private remember(step: Step): void {
+    this.recent.add(key(step));
     // Of each foot no more can be replayed.
-    const [oldest] = this.recent.keys();
+    const [oldest] = this.recent;
     if (oldest !== undefined && this.recent.size > 2 * this.wire.facts.step_queue) this.recent.delete(oldest);
   }
 }
 
-const key = (message: Uint8Array) => message.join();
+/** By content: an insole with another flash chip counts from 0 again. One that restarted since is the same. */
+const key = (step: Step) => JSON.stringify({ ...step, starts_ago: 0 });
 
 /** The peak of the whole foot. A step's record has regional peaks only, and these are not at one time. */
 export function peakForce(step: Step, history: readonly ForceAt[]): number | null {
@@ -84,10 +98,17 @@ export function peakForce(step: Step, history: readonly ForceAt[]): number | nul
   return within.reduce((peak, { force_n }) => Math.max(peak, force_n), 0);
 }
 
-/** Nothing outlives the visit. */
+/** Nothing outlives the visit: for what is not a wearer's. */
 export class MemoryKeeper implements Keeper {
   load = () => Promise.resolve([]);
   add = () => Promise.resolve();
+  clear = () => Promise.resolve();
+}
+
+/** Where the browser keeps nothing: the insole is to keep its steps. */
+export class NoKeeper implements Keeper {
+  load = () => Promise.resolve([]);
+  add = () => Promise.reject(new Error("This browser keeps nothing."));
   clear = () => Promise.resolve();
 }
 

@@ -52,6 +52,43 @@ test("a step that cannot be kept says so, shows once, and is kept when it comes 
   expect(shelf.kept).toHaveLength(1);
 });
 
+test("a step that cannot be kept holds up those after it", async () => {
+  const shelf = new Shelf();
+  const store = new StepStore(wire, shelf);
+  const [one, other] = taken;
+  shelf.is_full = true;
+  await expect(store.add(...one!, [], null)).rejects.toThrow("full");
+  await expect(store.add(...other!, [], null)).rejects.toThrow("full");
+  shelf.is_full = false;
+  // The later one is taken for both.
+  await store.add(...other!, [], null);
+  expect(shelf.kept.map(({ message }) => message)).toEqual([one![1], other![1]]);
+  expect(store.steps).toHaveLength(2);
+});
+
+test("a step that comes again from an insole that restarted is known", async () => {
+  const shelf = new Shelf();
+  const store = new StepStore(wire, shelf);
+  const [first, message] = taken[0]!;
+  await store.add(first, message, [], null);
+  await store.add({ ...first, starts_ago: 1 }, message, [], null);
+  expect(shelf.kept).toHaveLength(1);
+  await store.add({ ...first, start_s: first.start_s + 1 }, message, [], null);
+  expect(shelf.kept).toHaveLength(2);
+});
+
+test("what two pages kept counts once", async () => {
+  const shelf = new Shelf();
+  for (const _ of [1, 2]) {
+    const store = new StepStore(wire, shelf);
+    for (const [step, message] of taken) await store.add(step, message, [], null);
+  }
+  expect(shelf.kept).toHaveLength(2 * taken.length);
+  const next = new StepStore(wire, shelf);
+  await next.load();
+  expect(next.steps).toHaveLength(taken.length);
+});
+
 test("the peak of the foot comes from the frames of the step, if they are there", () => {
   const frames = Array.from({ length: 200 }, (_, i) => ({ t_s: i / 100, force_n: i === 150 ? 900 : i }));
   expect(peakForce(step({ start_s: 0.2, duration_s: 0.6 }), frames)).toBe(80);

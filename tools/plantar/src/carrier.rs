@@ -45,7 +45,7 @@ impl Carrier {
 
     /// Opens it anew after the carrier broke; what was received before is still known.
     pub fn reconnect(&self, session: &mut Session) -> Result<()> {
-        session.reconnect_over(self.open()?, ANSWER).with_context(|| self.to_string())?;
+        session.reconnect_over(|| self.open(), ANSWER).with_context(|| self.to_string())?;
         Ok(())
     }
 

@@ -1,14 +1,15 @@
 //! `plantar monitor`: watch an insole over its link.
 
 use crate::carrier::{ANSWER, Carrier, Session};
-use crate::replay::write_json;
 use crate::summary;
 use crate::view::View;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
-use client::{Axis, Error as LinkError};
+use client::{Axis, Error as LinkError, step_to_json};
 use plantar::wire::{Live, Step, ToDevice, ToHost};
-use std::path::PathBuf;
+use std::fs::File;
+use std::io::{self, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Shows the eight regional loads as they come, and a table of the steps at the end.
@@ -22,7 +23,7 @@ pub struct Monitor {
     /// End after this many steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
-    /// Write one object a step to this file, as the steps come.
+    /// Write one object a step to this file, as the steps come. It must be new or empty.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -54,8 +55,18 @@ const RETRY: Duration = Duration::from_secs(1);
 /// Shows and passes on what comes until the user or the sink ends it. An insole that is lost is looked for again.
 pub fn follow(carrier: &Carrier, client: &mut Session, view: &mut View, sink: &mut dyn Sink) -> Result<()> {
     let side = client.hello().side;
+    let same_foot = |client: &Session| {
+        let now = client.hello().side;
+        ensure!(
+            now == side,
+            "{carrier}: this insole is for the {} foot, the one before was for the {}: connect that one again",
+            now.name(),
+            side.name()
+        );
+        Ok(())
+    };
     loop {
-        let Err(error) = follow_session(client, view, sink) else { return Ok(()) };
+        let Err(error) = follow_session(client, view, sink, &same_foot) else { return Ok(()) };
         let is_lost = matches!(error.downcast_ref(), Some(LinkError::Carrier(_) | LinkError::NoAnswer(..)));
         if !is_lost {
             return Err(error);
@@ -71,15 +82,18 @@ pub fn follow(carrier: &Carrier, client: &mut Session, view: &mut View, sink: &m
                 break;
             }
         }
-        if client.hello().side != side {
-            bail!("{carrier}: this insole is for the {} foot, the one before was not", client.hello().side.name());
-        }
+        same_foot(client)?;
         sink.reconnected()?;
         view.back(client.hello());
     }
 }
 
-fn follow_session(client: &mut Session, view: &mut View, sink: &mut dyn Sink) -> Result<()> {
+fn follow_session(
+    client: &mut Session,
+    view: &mut View,
+    sink: &mut dyn Sink,
+    same_foot: &dyn Fn(&Session) -> Result<()>,
+) -> Result<()> {
     client.stream()?;
     let mut heard = Instant::now();
     while !view.wants_to_end()? && !sink.is_full() {
@@ -95,9 +109,10 @@ fn follow_session(client: &mut Session, view: &mut View, sink: &mut dyn Sink) ->
             Some(_) => {}
             None if heard.elapsed() > SILENCE => {
                 // It may have restarted, and then waits for a hello.
-                let hello = client.reconnect(ANSWER).context("the insole has fallen silent")?;
+                client.reconnect(ANSWER).context("the insole has fallen silent")?;
+                same_foot(client)?;
                 sink.reconnected()?;
-                view.restarted(hello);
+                view.restarted(client.hello());
                 client.stream()?;
             }
             None => continue,
@@ -110,9 +125,52 @@ fn follow_session(client: &mut Session, view: &mut View, sink: &mut dyn Sink) ->
     Ok(())
 }
 
+/// A JSON array in a file, whole after each object.
+struct JsonArray<'m> {
+    path: &'m Path,
+    file: File,
+    /// Up to the bracket that closes it.
+    len: u64,
+}
+
+/// Closes the array.
+const END: &[u8] = b"\n]\n";
+
+impl<'m> JsonArray<'m> {
+    fn create(path: &'m Path) -> Result<Self> {
+        let file = serve::create_new(path).with_context(|| format!("cannot write {}", path.display()))?;
+        Ok(Self { path, file, len: 0 })
+    }
+
+    /// Adds an object; one that cannot be written leaves those before it as they are.
+    fn push(&mut self, object: &serde_json::Value) -> Result<()> {
+        let before = if self.len == 0 { "[\n" } else { ",\n" };
+        let added = format!("{before}{object:#}");
+        let written = self.write(&[added.as_bytes(), END].concat());
+        if written.is_ok() {
+            self.len += added.len() as u64;
+        } else if self.len > 0 {
+            let _ = self.file.set_len(self.len).and_then(|()| self.write(END));
+        }
+        written.with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    /// Writes what follows the objects.
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.file.seek(SeekFrom::Start(self.len))?;
+        self.file.write_all(bytes)?;
+        match self.file.sync_data() {
+            // No file but a device.
+            Err(error) if error.kind() == io::ErrorKind::InvalidInput => Ok(()),
+            synced => synced,
+        }
+    }
+}
+
 /// Keeps the steps, for the table at the end, and writes them.
 struct Steps<'m> {
     monitor: &'m Monitor,
+    json: Option<JsonArray<'m>>,
     all: Vec<Step>,
     stored: Option<u32>,
 }
@@ -125,8 +183,8 @@ impl Sink for Steps<'_> {
     fn step(&mut self, step: &Step, _: &Axis) -> Result<()> {
         self.all.push(*step);
         // Stored first: once it is acknowledged the insole forgets it.
-        if let Some(path) = &self.monitor.json {
-            write_json(path, &self.all)?;
+        if let Some(json) = &mut self.json {
+            json.push(&step_to_json(step))?;
         }
         self.stored = Some(step.step);
         Ok(())
@@ -147,9 +205,10 @@ impl Sink for Steps<'_> {
 
 impl Monitor {
     pub fn run(&self) -> Result<()> {
+        let json = self.json.as_deref().map(JsonArray::create).transpose()?;
         let mut client = self.carrier.connect()?;
         let mut view = View::open(client.hello())?;
-        let mut steps = Steps { monitor: self, all: Vec::new(), stored: None };
+        let mut steps = Steps { monitor: self, json, all: Vec::new(), stored: None };
         let outcome = follow(&self.carrier, &mut client, &mut view, &mut steps);
         view.close();
         summary::print(&steps.all);

@@ -8,6 +8,7 @@ use plantar::wire::{MAX_MESSAGE, ToDevice, ToHost, decode};
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex};
 use zbus::blocking::{Connection, connection};
@@ -74,16 +75,16 @@ impl Adapter {
 }
 
 struct Device {
-    connected: bool,
+    connected: Arc<AtomicBool>,
 }
 
 #[interface(name = "org.bluez.Device1")]
 impl Device {
     fn connect(&mut self) {
-        self.connected = true;
+        self.connected.store(true, Ordering::SeqCst);
     }
     fn disconnect(&mut self) {
-        self.connected = false;
+        self.connected.store(false, Ordering::SeqCst);
     }
     #[zbus(property)]
     fn adapter(&self) -> ObjectPath<'_> {
@@ -107,11 +108,15 @@ impl Device {
     }
     #[zbus(property)]
     fn connected(&self) -> bool {
-        self.connected
+        self.connected.load(Ordering::SeqCst)
     }
     #[zbus(property)]
     fn services_resolved(&self) -> bool {
-        self.connected
+        self.connected.load(Ordering::SeqCst)
+    }
+    #[zbus(property, name = "RSSI")]
+    fn rssi(&self) -> i16 {
+        -60
     }
     #[zbus(property)]
     fn paired(&self) -> bool {
@@ -187,6 +192,9 @@ impl Characteristic {
 #[derive(Clone)]
 struct Insole {
     is_bonded: bool,
+    connected: Arc<AtomicBool>,
+    /// The link breaks with the first acknowledgement, before it is heard.
+    breaks: Arc<AtomicBool>,
     link: Arc<Mutex<(Link, Joiner)>>,
     /// Values for the host, in their order.
     values: Sender<(u8, Vec<u8>)>,
@@ -199,6 +207,11 @@ impl Insole {
         let Some(message) = joiner.push(piece).expect("in order") else { return };
         let message = decode::<ToDevice>(message).expect("a message");
         assert_eq!(number == 4, matches!(message, ToDevice::SetTissue(_) | ToDevice::GetTissue));
+        if matches!(message, ToDevice::Acknowledge { .. }) && self.breaks.swap(false, Ordering::SeqCst) {
+            self.connected.store(false, Ordering::SeqCst);
+            link.push_step(step(8));
+            return;
+        }
         link.receive(message, 0);
         // Whatever it was told it keeps.
         link.done(Ok(plantar::link::Done::Kept));
@@ -262,7 +275,13 @@ impl Bus {
         let mut address = String::new();
         BufReader::new(daemon.stdout.take().expect("piped")).read_line(&mut address).expect("an address");
         let (values, to_host) = channel();
-        let insole = Insole { is_bonded, link: Arc::new(Mutex::new((Link::new(), Joiner::new()))), values };
+        let insole = Insole {
+            is_bonded,
+            connected: Arc::default(),
+            breaks: Arc::default(),
+            link: Arc::new(Mutex::new((Link::new(), Joiner::new()))),
+            values,
+        };
         let service = serve(address.trim(), &insole);
         let out = service.clone();
         std::thread::spawn(move || {
@@ -290,7 +309,7 @@ fn serve(address: &str, insole: &Insole) -> Connection {
         .and_then(|b| b.name("org.bluez"))
         .and_then(|b| b.serve_at("/", fdo::ObjectManager))
         .and_then(|b| b.serve_at(ADAPTER, Adapter))
-        .and_then(|b| b.serve_at(DEVICE, Device { connected: false }))
+        .and_then(|b| b.serve_at(DEVICE, Device { connected: insole.connected.clone() }))
         .and_then(|b| b.serve_at(SERVICE, Service))
         .expect("paths");
     for (number, flags) in TABLE {
@@ -323,6 +342,20 @@ fn monitor_receives_every_frame_and_step() {
         said.push(decode::<ToHost>(message).expect("its own"));
     }
     assert!(matches!(said[..], [ToHost::Hello(_)]), "{said:?}");
+}
+
+#[test]
+fn monitor_comes_back_after_a_broken_link() {
+    let Some(bus) = Bus::start(true) else { return };
+    bus.insole.breaks.store(true, Ordering::SeqCst);
+    let folder = tempfile::tempdir().expect("a folder");
+    let json = folder.path().join("steps.json");
+    let output = bus.plantar(&["monitor", "--ble", "left", "--steps", "2", "--json", json.to_str().expect("text")]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("trying again"), "{}", text(&output.stderr));
+    let steps = std::fs::read_to_string(json).expect("written");
+    let expected = [7, 8].map(|number| client::step_to_json(&step(number)));
+    assert_eq!(serde_json::from_str::<Vec<serde_json::Value>>(&steps).expect("JSON"), expected);
 }
 
 #[test]

@@ -14,13 +14,17 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
 /// An insole at the other end of a carrier; steps wait in it.
-struct Insole(Link);
+struct Insole {
+    link: Link,
+    /// It hears what is said to it and does nothing.
+    is_deaf: bool,
+}
 
 impl Insole {
     fn with_steps(steps: impl IntoIterator<Item = u32>) -> Self {
         let mut link = Link::new();
         steps.into_iter().for_each(|number| link.push_step(step(number)));
-        Self(link)
+        Self { link, is_deaf: false }
     }
 
     /// Talks to the host until `enough` of what it says; false where it left before.
@@ -39,10 +43,12 @@ impl Insole {
                 if enough(&message) {
                     return true;
                 }
-                self.0.receive(message, 0);
+                if !self.is_deaf {
+                    self.link.receive(message, 0);
+                }
             }
             let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-            while let Some(message) = self.0.next(&hello(), Status::default, &mut buffer) {
+            while let Some(message) = self.link.next(&hello(), Status::default, &mut buffer) {
                 let len = frame(message, &mut framed);
                 if carrier.write_all(&framed[..len]).is_err() {
                     return false;
@@ -95,7 +101,7 @@ fn monitor_finds_an_insole_again_and_says_so_once() {
     // The link broke before the acknowledgement arrived, and once more before anything was said: no step is lost, none comes
     // twice.
     drop(listener.accept().expect("it connects again").0);
-    insole.0.push_step(step(1));
+    insole.link.push_step(step(1));
     insole.talk(listener.accept().expect("it connects again").0, |_| false);
     let (output, said) = end(program);
     assert!(output.status.success(), "{said}");
@@ -104,6 +110,46 @@ fn monitor_finds_an_insole_again_and_says_so_once() {
     let steps: serde_json::Value = serde_json::from_slice(&std::fs::read(json).expect("a file")).expect("JSON");
     let numbers: Vec<_> = steps.as_array().expect("steps").iter().map(|s| s["step"].as_u64()).collect();
     assert_eq!(numbers, [Some(0), Some(1)]);
+}
+
+/// All steps that an insole has at hand were acknowledged, and it did not hear that: it must be told again to send others.
+#[test]
+fn a_recorder_whose_acknowledgement_was_lost_repeats_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (listener, address) = listen();
+    let program = plantar(&["record", "--tcp", &address, "--steps", "7", "--out"])
+        .arg(folder.path().join("session"))
+        .spawn()
+        .expect("it runs");
+    let mut insole = Insole::with_steps(0..STEP_QUEUE as u32);
+    assert!(insole.talk(listener.accept().expect("it connects").0, is_acknowledgement));
+    let mut again = listener.accept().expect("it connects again").0;
+    assert!(insole.talk(&mut again, is_acknowledgement));
+    insole.link.receive(ToDevice::Acknowledge { step: STEP_QUEUE as u32 - 1 }, 0);
+    insole.link.push_step(step(STEP_QUEUE as u32));
+    insole.talk(&mut again, |_| false);
+    let (output, said) = end(program);
+    assert!(output.status.success(), "{said}");
+}
+
+/// What is in a file may be nowhere else.
+#[test]
+fn a_file_that_holds_something_is_not_written_over() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("yesterday");
+    std::fs::write(&path, "steps").expect("a file");
+    for arguments in [["monitor", "--tcp", "127.0.0.1:9", "--json"], ["serve", "--tcp", "127.0.0.1:9", "--record"]] {
+        let mut command = plantar(&arguments);
+        command.arg(&path);
+        if arguments[0] == "serve" {
+            std::fs::write(folder.path().join("index.html"), "the page").expect("a page");
+            command.arg("--page").arg(folder.path());
+        }
+        let (output, said) = end(command.spawn().expect("it runs"));
+        assert!(!output.status.success());
+        assert!(said.contains("yesterday: it holds something already"), "{said}");
+        assert_eq!(std::fs::read_to_string(&path).expect("a file"), "steps");
+    }
 }
 
 /// Steps are acknowledged once their part is whole, and whole it stays.
@@ -169,6 +215,7 @@ fn nothing_at_an_address_is_named() {
 mod serial {
     use super::*;
     use serialport::{SerialPort, TTYPort};
+    use std::cell::Cell;
 
     /// The insole's end, the host's, which is open and not taken, and its name.
     fn port() -> (TTYPort, TTYPort, String) {
@@ -191,6 +238,28 @@ mod serial {
         let (output, said) = end(plantar(&["monitor", "--serial", &name]).spawn().expect("it runs"));
         assert!(!output.status.success());
         assert!(said.contains(&format!("cannot open {name}")) && said.contains("another program holds it"), "{said}");
+    }
+
+    /// As one that is switched off behind an adapter, which stays.
+    #[test]
+    fn an_insole_that_was_silent_for_long_is_found_on_the_same_port() {
+        let (mut port, _host, name) = port();
+        let program = plantar(&["monitor", "--steps", "2", "--serial", &name]).spawn().expect("it runs");
+        let mut insole = Insole::with_steps([0]);
+        assert!(insole.talk(&mut port, is_acknowledgement));
+        // More hellos than are said before the port is let go of.
+        insole.is_deaf = true;
+        let hellos = Cell::new(0);
+        assert!(insole.talk(&mut port, |message| {
+            hellos.set(hellos.get() + u32::from(matches!(message, ToDevice::Connect { .. })));
+            hellos.get() > 15
+        }));
+        insole.is_deaf = false;
+        insole.link.push_step(step(1));
+        assert!(insole.talk(&mut port, |message| matches!(message, ToDevice::Acknowledge { step: 1 })));
+        let (output, said) = end(program);
+        assert!(output.status.success(), "{said}");
+        assert!(said.contains("trying again"), "{said}");
     }
 
     #[test]

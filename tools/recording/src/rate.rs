@@ -3,7 +3,10 @@
 use crate::check::{self, At};
 use crate::{Error, Recording, Result};
 
-/// The mean rate of increasing times, Hz, after checking that none is far from the median interval.
+/// Fewer frames a second are times in another unit, such as ms: a stance is shorter than two of them.
+const LEAST_HZ: f64 = 2.0;
+
+/// The mean rate of increasing times, Hz, after checking that none is far from the median interval and that they can be seconds.
 pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
     check::times(t_s, place)?;
     let mut steps_s: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -18,7 +21,12 @@ pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
     let (_, median_s, _) = steps_s.select_nth_unstable_by(middle, f64::total_cmp);
     check::steps(t_s, 1.0 / *median_s, place)?;
     // The mean is exact where times are rounded, say to whole milliseconds.
-    Ok(steps_s.len() as f64 / (t_s[t_s.len() - 1] - t_s[0]))
+    let rate_hz = steps_s.len() as f64 / (t_s[t_s.len() - 1] - t_s[0]);
+    if rate_hz < LEAST_HZ {
+        let problem = format!("a frame every {:.3} s", 1.0 / rate_hz);
+        return Err(Error::content(place(At::Whole), problem, "give times in seconds"));
+    }
+    Ok(rate_hz)
 }
 
 pub fn at_rate(recording: &Recording, rate_hz: f64) -> Result<Recording> {

@@ -63,6 +63,11 @@ fn times_rounded_to_milliseconds_give_the_true_rate() {
 }
 
 #[test]
+fn times_in_milliseconds_are_no_seconds() {
+    assert_refused(LAYOUT, "t_s,c0,c1\n0,0,0\n10,0,0\n20,0,0\n", &["frames.csv", "every 10.000 s", "times in seconds"]);
+}
+
+#[test]
 fn progress_ends_at_the_whole_file() {
     let folder = TempDir::new().unwrap();
     let paths = ["layout.csv", "frames.csv"].map(|name| folder.path().join(name));

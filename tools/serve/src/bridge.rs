@@ -46,6 +46,7 @@ pub(crate) fn run(hub: &Hub, index: usize, mut source: Source, client: Session) 
     loop {
         if let Some(client) = session.take() {
             let Err(error) = follow(hub, index, client);
+            hub.lost(index);
             if hub.has_ended() {
                 return;
             }
@@ -68,12 +69,8 @@ fn follow(hub: &Hub, index: usize, mut client: Session) -> Result<std::convert::
             Some(ToHost::Status(status)) => hub.status(index, status),
             // The answer to a hello that was said twice, or to what nobody here asks.
             Some(_) => {}
-            None if heard.elapsed() > SILENCE => {
-                // It may have restarted, and then waits for a hello.
-                client.reconnect(ANSWER)?;
-                client.stream()?;
-                greeted(hub, index, &mut client);
-            }
+            // It may have restarted, and then waits for a hello.
+            None if heard.elapsed() > SILENCE => return Err(Error::NoAnswer(SILENCE, client.counters().crc_errors)),
             None => {
                 send_due(hub, index, &mut client, &mut asked)?;
                 continue;

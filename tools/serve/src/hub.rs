@@ -1,7 +1,7 @@
 //! Between insoles and pages: every page has its own link to every insole.
 
 use crate::stream_file::StreamFile;
-use client::{Axis, unix_us};
+use client::{Axis, is_same_step, unix_us};
 use plantar::insole::Tissue;
 use plantar::link::{Link, STEP_QUEUE};
 use plantar::wire::{Hello, Live, MAX_MESSAGE, Status, Step, ToDevice, ToHost, decode};
@@ -30,13 +30,19 @@ struct Insole {
     axis: Axis,
     /// Counts hellos: numbers of steps are comparable within a session only.
     session: u64,
-    /// Steps that no page has taken, with their session; no more than the insole has at hand.
-    kept: VecDeque<(Step, u64)>,
+    /// Steps that no page has taken; no more than the insole has at hand.
+    kept: VecDeque<Kept>,
     /// Steps that were taken: an insole that did not hear of it sends them again.
     taken: VecDeque<Step>,
     /// What the insole is to be told.
     acknowledge: Option<u32>,
     pages: Vec<(u64, Link)>,
+}
+
+struct Kept {
+    step: Step,
+    session: u64,
+    is_recorded: bool,
 }
 
 /// Pushes into a queue of [`STEP_QUEUE`].
@@ -97,6 +103,11 @@ impl Hub {
         self.changed.send_replace(());
     }
 
+    /// An insole's session ended: pages hear nothing until there is another.
+    pub fn lost(&self, index: usize) {
+        self.insole(index).hello = None;
+    }
+
     pub fn live(&self, index: usize, live: Live) {
         self.record(index, &ToHost::Live(live));
         for (_, link) in &mut self.insole(index).pages {
@@ -111,19 +122,23 @@ impl Hub {
     pub fn step(&self, index: usize, step: Step) {
         let mut insole = self.insole(index);
         let session = insole.session;
-        if insole.taken.contains(&step) {
+        if insole.taken.iter().any(|taken| is_same_step(taken, &step)) {
             insole.acknowledge = Some(step.step);
             return;
         }
-        if let Some((_, known)) = insole.kept.iter_mut().find(|(kept, _)| *kept == step) {
-            *known = session;
+        if let Some(kept) = insole.kept.iter_mut().find(|kept| is_same_step(&kept.step, &step)) {
+            kept.session = session;
+            if kept.is_recorded {
+                insole.acknowledge = Some(step.step);
+            }
             return;
         }
-        push(&mut insole.kept, (step, session));
+        let is_recorded = self.record(index, &ToHost::Step(step));
+        push(&mut insole.kept, Kept { step, session, is_recorded });
         for (_, link) in &mut insole.pages {
             link.push_step(step);
         }
-        if self.record(index, &ToHost::Step(step)) {
+        if is_recorded {
             insole.acknowledge = Some(step.step);
         }
         drop(insole);
@@ -152,8 +167,8 @@ impl Hub {
         for insole in &self.insoles {
             let mut insole = insole.lock().unwrap_or_else(PoisonError::into_inner);
             let mut link = Link::new();
-            for (step, _) in &insole.kept {
-                link.push_step(*step);
+            for kept in &insole.kept {
+                link.push_step(kept.step);
             }
             insole.pages.push((*next, link));
         }
@@ -241,8 +256,8 @@ impl Page {
 
 impl Insole {
     fn taken_by_page(&mut self, step: u32) {
-        let Some(at) = self.kept.iter().position(|(kept, _)| kept.step == step) else { return };
-        if let Some((step, session)) = self.kept.remove(at) {
+        let Some(at) = self.kept.iter().position(|kept| kept.step.step == step) else { return };
+        if let Some(Kept { step, session, .. }) = self.kept.remove(at) {
             push(&mut self.taken, step);
             // The number means another step to an insole that has restarted since.
             if session == self.session {

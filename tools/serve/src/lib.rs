@@ -14,7 +14,7 @@ mod stream_file;
 mod web;
 
 pub use bridge::Source;
-pub use stream_file::{StreamFile, append};
+pub use stream_file::{StreamFile, append, create_new};
 
 use client::Error as LinkError;
 use hub::Hub;
@@ -36,7 +36,7 @@ pub struct Options {
     pub page: PathBuf,
     /// Pages from these origins may connect, beside the one that is served.
     pub origins: Vec<String>,
-    /// Everything that the insoles say goes to this file too.
+    /// Everything that the insoles say goes to this file too, which must be new or empty.
     pub record: Option<PathBuf>,
 }
 

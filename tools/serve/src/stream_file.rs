@@ -15,9 +15,10 @@ pub struct StreamFile {
 }
 
 impl StreamFile {
-    /// Starts an empty file; time counts from now.
+    /// Starts a file, which must be new or empty; time counts from now.
     pub fn create(path: &Path) -> io::Result<Self> {
-        Ok(Self { path: path.into(), out: BufWriter::new(File::create(path)?), start: Instant::now(), broken: false })
+        let out = BufWriter::new(create_new(path)?);
+        Ok(Self { path: path.into(), out, start: Instant::now(), broken: false })
     }
 
     /// Writes a message with the time since the start; true when it is written, steps through to the file. The first
@@ -37,6 +38,15 @@ impl StreamFile {
             self.broken = true;
         }
         written.is_ok()
+    }
+}
+
+/// A file to write, new or empty: what is in one may be nowhere else.
+pub fn create_new(path: &Path) -> io::Result<File> {
+    let file = File::options().write(true).create(true).truncate(false).open(path)?;
+    match file.metadata()?.len() {
+        0 => Ok(file),
+        _ => Err(io::Error::new(io::ErrorKind::AlreadyExists, "it holds something already: name a new file")),
     }
 }
 

@@ -30,6 +30,9 @@ struct Insole {
     /// Steps that were acknowledged to it.
     acknowledged: Vec<u32>,
     side: Side,
+    is_unplugged: bool,
+    /// How often it was looked for in vain.
+    missed: u32,
 }
 
 #[derive(Clone)]
@@ -43,17 +46,34 @@ impl Cable {
             to_host: VecDeque::new(),
             acknowledged: Vec::new(),
             side,
+            is_unplugged: false,
+            missed: 0,
         };
         Self(Arc::new((Mutex::new(insole), Condvar::new())))
     }
 
     fn source(&self) -> Source {
         let cable = self.clone();
-        Source {
-            name: "memory".into(),
-            open: Box::new(move || Ok(Box::new(Framed::new(cable.clone())) as Box<dyn Carrier + Send>)),
-            tissue: None,
+        Source { name: "memory".into(), open: Box::new(move || cable.open()), tissue: None }
+    }
+
+    fn open(&self) -> io::Result<Box<dyn Carrier + Send>> {
+        let mut insole = self.0.0.lock().expect("no test panics here");
+        if insole.is_unplugged {
+            insole.missed += 1;
+            self.0.1.notify_all();
+            return Err(io::ErrorKind::NotFound.into());
         }
+        Ok(Box::new(Framed::new(self.clone())))
+    }
+
+    /// Unplugs the insole and waits until it is looked for.
+    fn unplug(&self) {
+        let mut insole = self.0.0.lock().expect("no test panics here");
+        insole.is_unplugged = true;
+        let is_quiet = |insole: &mut Insole| insole.missed == 0;
+        let waited = self.0.1.wait_timeout_while(insole, PATIENCE, is_quiet).expect("no test panics here");
+        assert!(!waited.1.timed_out());
     }
 
     /// Lets the insole do something, and say what comes of it.
@@ -96,6 +116,9 @@ impl Cable {
 impl Read for Cable {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let insole = self.0.0.lock().expect("no test panics here");
+        if insole.is_unplugged {
+            return Ok(0);
+        }
         let wait = Duration::from_millis(10);
         let is_silent = |insole: &mut Insole| insole.to_host.is_empty();
         let (mut insole, timeout) = self.0.1.wait_timeout_while(insole, wait, is_silent).expect("no test panics here");
@@ -314,6 +337,48 @@ async fn what_is_recorded_needs_no_page() {
     }
     assert!(matches!(&messages[0], ToHost::Hello(hello) if hello.side == Side::Right));
     assert!(messages.contains(&ToHost::Step(step(Side::Right, 0))));
+}
+
+#[tokio::test]
+async fn a_page_hears_nothing_of_an_insole_that_is_unplugged_until_it_is_back() {
+    let cable = Cable::new(Side::Left);
+    let address = serve(&[&cable], None);
+    let mut page = Page::open(address).await;
+    page.hello(0).await;
+    page.status(0).await;
+    cable.unplug();
+    page.send(0, ToDevice::GetStatus).await;
+    page.send(0, ToDevice::GetTime { host_us: 5 }).await;
+    cable.act(|insole| insole.is_unplugged = false);
+    let (_, next) = page.next().await;
+    assert!(matches!(next, ToHost::Hello(_)), "{next:?}");
+    cable.live();
+    page.live(0).await;
+}
+
+/// The acknowledgement was lost with the link, and the insole started anew.
+#[tokio::test]
+async fn a_recorded_step_that_comes_again_is_acknowledged_again_and_recorded_once() {
+    let cable = Cable::new(Side::Left);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("walk.plantar");
+    let address = serve(&[&cable], Some(path.clone()));
+    cable.step(0);
+    assert!(cable.acknowledged(0));
+    cable.unplug();
+    cable.act(|insole| {
+        insole.acknowledged.clear();
+        insole.link = Link::new();
+        insole.link.push_step(Step { starts_ago: 1, ..step(Side::Left, 0) });
+        insole.is_unplugged = false;
+    });
+    assert!(cable.acknowledged(0));
+    // A page sees it once, and nothing else is in its way.
+    let mut page = Page::open(address).await;
+    assert_eq!(page.step(0).await, step(Side::Left, 0));
+    cable.step(1);
+    assert_eq!(page.step(0).await.step, 1);
+    assert!(cable.acknowledged(1));
 }
 
 /// Where nothing can be written, a step is acknowledged once a page has taken it.

@@ -37,7 +37,7 @@ enum Task {
     Test,
     /// Feed every parser with arbitrary bytes; a finding ends it and is named.
     Fuzz(Fuzz),
-    /// Let insoles endure: power that fails in every write, bit errors on the cable, a day of walking, faults of the sensors. For hours.
+    /// Let insoles endure: power that fails in every write, bit errors on the cable, a day of walking. About an hour.
     Soak(Soak),
     /// Compare what is depended on with RustSec's advisories, which are fetched from their repository.
     Advisories,

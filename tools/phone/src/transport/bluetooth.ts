@@ -42,7 +42,7 @@ export class BluetoothTransport implements Transport {
     this.insoles.set(insole, connected);
     device.addEventListener("gattserverdisconnected", () => {
       connected.control = undefined;
-      if (this.closed) return;
+      if (!this.isIn(insole, connected)) return;
       this.events.closed(insole, "out of reach or switched off");
       this.reconnect(insole, connected);
     });
@@ -50,13 +50,20 @@ export class BluetoothTransport implements Transport {
       await this.open(insole, connected);
     } catch (error) {
       this.insoles.delete(insole);
+      // Otherwise nobody else could connect it.
+      device.gatt?.disconnect();
       throw error;
     }
   }
 
+  /** False for an insole that was given up. */
+  private isIn(insole: Insole, connected: Connected): boolean {
+    return !this.closed && this.insoles.get(insole) === connected;
+  }
+
   private reconnect(insole: Insole, connected: Connected): void {
     setTimeout(() => {
-      if (this.closed) return;
+      if (!this.isIn(insole, connected)) return;
       this.open(insole, connected).catch(() => this.reconnect(insole, connected));
     }, RETRY_MS);
   }

@@ -50,6 +50,20 @@ test("a recording shows both feet, their steps and figures", async () => {
   await page.close();
 });
 
+test("a wearer's steps are not mixed with those of a recording", async () => {
+  const page = await open(browser, replay, { viewport: PHONE });
+  await page.evaluate(() => {
+    const bluetooth = { requestDevice: () => Promise.reject(new DOMException("none chosen", "NotFoundError")) };
+    Object.defineProperty(navigator, "bluetooth", { value: bluetooth });
+  });
+  await steps(page, 4);
+  await show(page, "settings");
+  await page.locator("#add").click();
+  // What is kept of the wearer, which is nothing yet.
+  await page.waitForFunction(() => document.querySelectorAll("#table tbody tr").length === 0);
+  await page.close();
+});
+
 test("frames come as fast as the screen asks", async () => {
   const page = await open(browser, replay, { viewport: PHONE });
   await firstLoad_ms(page);
