@@ -22,7 +22,12 @@ struct Expected {
     sent: usize,
     live_due: u32,
     live_sent: u32,
+    /// Live frames before this number were sent, or told to be due.
+    live_told: u32,
 }
+
+/// Live frames that wait at most.
+const LIVE_QUEUE: u32 = 8;
 
 fuzz_target!(|data: &[u8]| {
     let mut link = Link::new();
@@ -55,7 +60,7 @@ fuzz_target!(|data: &[u8]| {
             [b'F'] => link.done(Err(Refusal::NotKept)),
             [b'C'] => {
                 link.close();
-                expected = Expected { sent: 0, live_due: 0, live_sent: 0, ..expected };
+                expected = Expected { sent: 0, live_due: 0, live_sent: 0, live_told: 0, ..expected };
             }
             message => match decode::<ToDevice>(message) {
                 Some(message) => receive(&mut link, message, &mut expected),
@@ -73,7 +78,9 @@ fuzz_target!(|data: &[u8]| {
 fn receive(link: &mut Link, message: ToDevice, expected: &mut Expected) {
     // A closed session streams nothing and takes no acknowledgement: `sent` is 0 then.
     match message {
-        ToDevice::Connect { .. } => (expected.sent, expected.live_due, expected.live_sent) = (0, 0, 0),
+        ToDevice::Connect { .. } => {
+            (expected.sent, expected.live_due, expected.live_sent, expected.live_told) = (0, 0, 0, 0);
+        }
         ToDevice::Acknowledge { step } => {
             let stored =
                 expected.kept[..expected.sent].iter().take_while(|&&kept| step.wrapping_sub(kept) < u32::MAX / 2);
@@ -95,12 +102,16 @@ fn next(link: &mut Link, expected: &mut Expected) -> bool {
             assert_eq!(step.step, expected.kept[expected.sent]);
             expected.sent += 1;
         }
-        ToHost::Live(_) => {
+        ToHost::Live(live) => {
             expected.live_sent += 1;
-            assert!(expected.live_sent <= expected.live_due);
+            assert!((expected.live_told..expected.live_due).contains(&live.sequence));
+            expected.live_told = live.sequence + 1;
         }
         ToHost::Status(status) => {
-            assert_eq!(status.live_due, expected.live_due);
+            // All before are sent or dropped, those that wait come after.
+            assert!((expected.live_told..=expected.live_due).contains(&status.live_due));
+            assert!(expected.live_due - status.live_due <= LIVE_QUEUE);
+            expected.live_told = status.live_due;
             assert_eq!(status.live_sent, expected.live_sent);
             assert_eq!(status.steps_dropped, expected.dropped);
         }
