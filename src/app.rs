@@ -608,15 +608,15 @@ impl Trial {
 /// Brings steps at hand that come after those that are; tells whether there are more.
 async fn bring_steps(store: &mut Store<impl MultiwriteNorFlash>, session: &Session) -> Result<bool, Failed> {
     let (_, last) = session.link.borrow().room();
-    let bring = store.steps(last, |step| {
+    let bring = |step| {
         let mut link = session.link.borrow_mut();
         let has_room = link.room().0;
         if has_room {
             link.push_step(step);
         }
         has_room
-    });
-    bring.await
+    };
+    store.steps(last, bring).await
 }
 
 /// Does what a host wants kept.

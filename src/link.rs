@@ -14,7 +14,7 @@ use crate::wire::{Hello, Identity, Live, MAJOR, MAX_LIVE, Refusal, Serial, Statu
 use heapless::{Deque, Vec};
 
 /// Live frames that wait for the carrier.
-const LIVE_QUEUE: usize = 8;
+pub const LIVE_QUEUE: usize = 8;
 /// Steps at hand that wait for their acknowledgement.
 pub const STEP_QUEUE: usize = 6;
 /// Answers that wait for the carrier: more than one read of it asks for. Requests beyond are not answered.
@@ -34,6 +34,13 @@ enum Answer {
     Identity,
     CalibrationPart(u8),
     Update(update::Progress),
+}
+
+impl Answer {
+    /// Says which parameters hold: frames that still wait are of the ones before.
+    fn is_announcement(&self) -> bool {
+        matches!(self, Self::Tissue | Self::Refused(Refusal::NotKept))
+    }
 }
 
 /// What the insole was told to keep. The answer goes out when it is kept: [`Link::done`].
@@ -258,8 +265,7 @@ impl Link {
     /// The parameters for the next frame; `None` while those in force are to be announced first: frames before the answer are of
     /// the ones before.
     pub fn tissue_due(&self) -> Option<&Tissue> {
-        let is_announcement = |answer: &Answer| matches!(answer, Answer::Tissue | Answer::Refused(Refusal::NotKept));
-        (!self.answers.iter().any(is_announcement)).then_some(&self.tissue)
+        (!self.answers.iter().any(Answer::is_announcement)).then_some(&self.tissue)
     }
 
     /// Sets the wall clock.
@@ -348,7 +354,11 @@ impl Link {
             out.copy_from_slice(&live);
             return Some(out);
         } else {
-            match self.answers.pop_front()? {
+            let answer = self.answers.pop_front()?;
+            if answer.is_announcement() {
+                self.live.clear();
+            }
+            match answer {
                 Answer::Status => ToHost::Status(Status {
                     // Those that wait still may arrive.
                     live_due: self.live_due.wrapping_sub(self.live.len() as u32),
@@ -358,16 +368,8 @@ impl Link {
                     rezeroed: self.faults.rezeroed,
                     ..status()
                 }),
-                Answer::Tissue => {
-                    self.live.clear();
-                    ToHost::Tissue(self.tissue)
-                }
-                Answer::Refused(refusal) => {
-                    if refusal == Refusal::NotKept {
-                        self.live.clear();
-                    }
-                    ToHost::Refused(refusal)
-                }
+                Answer::Tissue => ToHost::Tissue(self.tissue),
+                Answer::Refused(refusal) => ToHost::Refused(refusal),
                 Answer::Faults => ToHost::Faults(self.faults.clone()),
                 Answer::Time { host_us, device_us } => ToHost::Time { host_us, device_us },
                 Answer::Identity => ToHost::Identity(self.identity),

@@ -5,7 +5,7 @@ use libfuzzer_sys::fuzz_target;
 use plantar::Side;
 use plantar::contact::ContactRule;
 use plantar::fault::Faults;
-use plantar::link::{Done, Link, STEP_QUEUE};
+use plantar::link::{Done, LIVE_QUEUE, Link, STEP_QUEUE};
 use plantar::wire::{
     Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepRegion, ToDevice, ToHost, decode,
 };
@@ -26,8 +26,11 @@ struct Expected {
     live_told: u32,
 }
 
-/// Live frames that wait at most.
-const LIVE_QUEUE: u32 = 8;
+impl Expected {
+    fn end_session(&mut self) {
+        (self.sent, self.live_due, self.live_sent, self.live_told) = (0, 0, 0, 0);
+    }
+}
 
 fuzz_target!(|data: &[u8]| {
     let mut link = Link::new();
@@ -60,7 +63,7 @@ fuzz_target!(|data: &[u8]| {
             [b'F'] => link.done(Err(Refusal::NotKept)),
             [b'C'] => {
                 link.close();
-                expected = Expected { sent: 0, live_due: 0, live_sent: 0, live_told: 0, ..expected };
+                expected.end_session();
             }
             message => match decode::<ToDevice>(message) {
                 Some(message) => receive(&mut link, message, &mut expected),
@@ -78,9 +81,7 @@ fuzz_target!(|data: &[u8]| {
 fn receive(link: &mut Link, message: ToDevice, expected: &mut Expected) {
     // A closed session streams nothing and takes no acknowledgement: `sent` is 0 then.
     match message {
-        ToDevice::Connect { .. } => {
-            (expected.sent, expected.live_due, expected.live_sent, expected.live_told) = (0, 0, 0, 0);
-        }
+        ToDevice::Connect { .. } => expected.end_session(),
         ToDevice::Acknowledge { step } => {
             let stored =
                 expected.kept[..expected.sent].iter().take_while(|&&kept| step.wrapping_sub(kept) < u32::MAX / 2);
@@ -110,7 +111,7 @@ fn next(link: &mut Link, expected: &mut Expected) -> bool {
         ToHost::Status(status) => {
             // All before are sent or dropped, those that wait come after.
             assert!((expected.live_told..=expected.live_due).contains(&status.live_due));
-            assert!(expected.live_due - status.live_due <= LIVE_QUEUE);
+            assert!(expected.live_due - status.live_due <= LIVE_QUEUE as u32);
             expected.live_told = status.live_due;
             assert_eq!(status.live_sent, expected.live_sent);
             assert_eq!(status.steps_dropped, expected.dropped);

@@ -44,20 +44,23 @@ export class StepStore {
     for (const { message, peak_n, start_unix_s } of await this.keeper.load()) {
       const decoded = this.wire.decode(message);
       // What another version kept is not understood, and left alone; two pages of one browser keep a step twice.
-      if (decoded?.kind !== "step" || all.has(key(decoded.step))) continue;
-      all.add(key(decoded.step));
+      if (decoded?.kind !== "step") continue;
+      const content = contentOf(decoded.step);
+      if (all.has(content)) continue;
+      all.add(content);
       this.steps.push({ step: decoded.step, peak_n, start_unix_s });
-      this.remember(decoded.step);
+      this.remember(content);
     }
   }
 
   /** Takes a step with its message; resolves once it and all before it are kept, whether it is new or not. */
   add(step: Step, message: Uint8Array, history: readonly ForceAt[], start_unix_s: number | null): Promise<void> {
-    if (!this.recent.has(key(step))) {
+    const content = contentOf(step);
+    if (!this.recent.has(content)) {
       const peak_n = peakForce(step, history);
       this.steps.push({ step, peak_n, start_unix_s });
       this.unkept.push({ message: message.slice(), peak_n, start_unix_s });
-      this.remember(step);
+      this.remember(content);
     }
     this.keeping = this.keeping.catch(() => undefined).then(() => this.keepAll());
     return this.keeping;
@@ -77,16 +80,16 @@ export class StepStore {
     }
   }
 
-  private remember(step: Step): void {
-    this.recent.add(key(step));
+  private remember(content: string): void {
+    this.recent.add(content);
     // Of each foot no more can be replayed.
     const [oldest] = this.recent;
     if (oldest !== undefined && this.recent.size > 2 * this.wire.facts.step_queue) this.recent.delete(oldest);
   }
 }
 
-/** By content: an insole with another flash chip counts from 0 again. One that restarted since is the same. */
-const key = (step: Step) => JSON.stringify({ ...step, starts_ago: 0 });
+/** What a step is known by: an insole with another flash chip counts from 0 again. One that restarted since is the same. */
+const contentOf = (step: Step) => JSON.stringify({ ...step, starts_ago: 0 });
 
 /** The peak of the whole foot. A step's record has regional peaks only, and these are not at one time. */
 export function peakForce(step: Step, history: readonly ForceAt[]): number | null {

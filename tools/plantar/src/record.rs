@@ -45,14 +45,13 @@ impl Record {
         }
         let mut client = self.carrier.connect()?;
         let mut view = View::open(client.hello())?;
-        let side = client.hello().side;
-        let mut parts = Parts::new(self, side);
+        let mut parts = Parts::new(self, client.hello().side);
         let followed = follow(&self.carrier, &mut client, &mut view, &mut parts);
         view.close();
         // What came is stored, however it ended.
         let closed = parts.close();
         if let Some(step) = parts.take_stored()
-            && client.hello().side == side
+            && client.hello().side == parts.side
         {
             // The insole may be gone; then it keeps its steps.
             let _ = client.send(ToDevice::Acknowledge { step });

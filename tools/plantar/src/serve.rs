@@ -40,7 +40,7 @@ pub struct Serve {
     /// The firmware of the emulated board.
     #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
     firmware: PathBuf,
-    /// Write all that the insoles say to this file; the page plays it with ?replay=. Steps are acknowledged once they are
+    /// Write all that the insoles say to this file, new or empty; the page plays it with ?replay=. Steps are acknowledged once they are
     /// written there, otherwise once a page has taken them.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,

@@ -59,11 +59,17 @@ pub(crate) fn run(hub: &Hub, index: usize, mut source: Source, client: Session) 
 }
 
 fn follow(hub: &Hub, index: usize, mut client: Session) -> Result<std::convert::Infallible, Error> {
-    greeted(hub, index, &mut client);
+    // An older insole has none to tell.
+    let tissue = client.tissue().ok();
+    hub.hello(index, client.hello(), tissue);
     let mut heard = Instant::now();
     let mut asked = Instant::now();
     loop {
-        match client.receive()? {
+        let message = client.receive()?;
+        if message.is_some() {
+            heard = Instant::now();
+        }
+        match message {
             Some(ToHost::Live(live)) => hub.live(index, live),
             Some(ToHost::Step(step)) => hub.step(index, step),
             Some(ToHost::Status(status)) => hub.status(index, status),
@@ -71,20 +77,10 @@ fn follow(hub: &Hub, index: usize, mut client: Session) -> Result<std::convert::
             Some(_) => {}
             // It may have restarted, and then waits for a hello.
             None if heard.elapsed() > SILENCE => return Err(Error::NoAnswer(SILENCE, client.counters().crc_errors)),
-            None => {
-                send_due(hub, index, &mut client, &mut asked)?;
-                continue;
-            }
+            None => {}
         }
-        heard = Instant::now();
         send_due(hub, index, &mut client, &mut asked)?;
     }
-}
-
-fn greeted(hub: &Hub, index: usize, client: &mut Session) {
-    // An older insole has none to tell.
-    let tissue = client.tissue().ok();
-    hub.hello(index, client.hello(), tissue);
 }
 
 fn send_due(hub: &Hub, index: usize, client: &mut Session, asked: &mut Instant) -> Result<(), Error> {

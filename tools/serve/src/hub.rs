@@ -128,6 +128,7 @@ impl Hub {
         }
         if let Some(kept) = insole.kept.iter_mut().find(|kept| is_same_step(&kept.step, &step)) {
             kept.session = session;
+            // It did not hear of that.
             if kept.is_recorded {
                 insole.acknowledge = Some(step.step);
             }

@@ -13,6 +13,7 @@ use serve::{Options, Source};
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr};
+use std::path::Path;
 use std::sync::mpsc::channel;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
@@ -318,14 +319,8 @@ async fn a_slow_page_loses_live_frames_that_are_counted_and_no_step() {
     assert_eq!(quick.status(0).await.live_sent, FRAMES);
 }
 
-#[tokio::test]
-async fn what_is_recorded_needs_no_page() {
-    let cable = Cable::new(Side::Right);
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("walk.plantar");
-    serve(&[&cable], Some(path.clone()));
-    cable.step(0);
-    assert!(cable.acknowledged(0));
+/// The messages in a recording of one insole.
+fn recorded(path: &Path) -> Vec<ToHost> {
     let bytes = std::fs::read(path).expect("a recording");
     let mut messages = Vec::new();
     let mut rest = &bytes[..];
@@ -335,6 +330,18 @@ async fn what_is_recorded_needs_no_page() {
         messages.push(decode::<ToHost>(message).expect("a message"));
         rest = tail;
     }
+    messages
+}
+
+#[tokio::test]
+async fn what_is_recorded_needs_no_page() {
+    let cable = Cable::new(Side::Right);
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("walk.plantar");
+    serve(&[&cable], Some(path.clone()));
+    cable.step(0);
+    assert!(cable.acknowledged(0));
+    let messages = recorded(&path);
     assert!(matches!(&messages[0], ToHost::Hello(hello) if hello.side == Side::Right));
     assert!(messages.contains(&ToHost::Step(step(Side::Right, 0))));
 }
@@ -379,6 +386,9 @@ async fn a_recorded_step_that_comes_again_is_acknowledged_again_and_recorded_onc
     cable.step(1);
     assert_eq!(page.step(0).await.step, 1);
     assert!(cable.acknowledged(1));
+    let steps = [0, 1].map(|number| ToHost::Step(step(Side::Left, number)));
+    let is_step = |message: &ToHost| matches!(message, ToHost::Step(_));
+    assert_eq!(recorded(&path).into_iter().filter(is_step).collect::<Vec<_>>(), steps);
 }
 
 /// Where nothing can be written, a step is acknowledged once a page has taken it.
