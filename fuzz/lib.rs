@@ -1,10 +1,11 @@
 //! What several targets share.
 
-use plantar::contact::ContactRule;
-use plantar::insole::{DEVICE_CELLS, Insole};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::insole::Insole;
 use plantar::num::Real;
-use plantar::stance::StanceRule;
-use plantar::wire::{Live, Step};
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::{Live, Step};
 use recording::{MAX_CELLS, Recording, VirtualInsole};
 
 /// Cuts pieces off the front of an input: two bytes tell the length.

@@ -1,23 +1,26 @@
-//! The phones that an insole knows.
+//! The bonded centrals.
 
-use crate::{BONDS_BYTES, Insole, MAX_BONDS};
+use crate::MAX_BONDS;
 use crc::{CRC_32_ISO_HDLC, Crc};
 use heapless::Vec;
+use plantar::firmware::ble::GattServer;
+use plantar::storage::MAX_BONDS_BYTES;
 use serde::{Deserialize, Serialize};
 use trouble_host::prelude::*;
 
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// A bond as it is kept. Bonds are kept as postcard's vector of these, the least recently used first, and its CRC-32.
+/// A bond as it is stored. Bonds are stored as a version and a postcard vector of these, the least recently used first, followed by
+/// the CRC-32 of both.
 #[derive(Serialize, Deserialize)]
-pub struct KeptBond {
+pub struct StoredBond {
     address_kind: u8,
     address: [u8; 6],
     identity_key: Option<[u8; 16]>,
     long_term_key: [u8; 16],
 }
 
-impl KeptBond {
+impl StoredBond {
     fn new(bond: &BondInformation) -> Self {
         Self {
             address_kind: bond.identity.addr.kind.as_raw(),
@@ -36,25 +39,27 @@ impl KeptBond {
     }
 }
 
-/// The version of [`KeptBond`].
-const KEPT_VERSION: u8 = 1;
+/// The version of [`StoredBond`].
+const VERSION: u8 = 1;
 
-pub fn kept(insole: &dyn Insole) -> Vec<KeptBond, MAX_BONDS> {
-    let mut bytes = [0; BONDS_BYTES];
+/// Loads the stored bonds; none where they are damaged.
+pub fn load(insole: &dyn GattServer) -> Vec<StoredBond, MAX_BONDS> {
+    let mut bytes = [0; MAX_BONDS_BYTES];
     let len = insole.load_bonds(&mut bytes);
-    let kept = bytes.get(..len).and_then(<[u8]>::split_last_chunk::<4>);
-    kept.filter(|(bonds, crc)| CRC.checksum(bonds) == u32::from_le_bytes(**crc))
+    let stored = bytes.get(..len).and_then(<[u8]>::split_last_chunk::<4>);
+    stored
+        .filter(|(bonds, crc)| CRC.checksum(bonds) == u32::from_le_bytes(**crc))
         .and_then(|(bonds, _)| postcard::from_bytes(bonds).ok())
-        .filter(|(version, _): &(u8, _)| *version == KEPT_VERSION)
+        .filter(|(version, _): &(u8, _)| *version == VERSION)
         .map_or(Vec::new(), |(_, bonds)| bonds)
 }
 
-/// Keeps the bonds, unless they are kept as they are.
-fn keep(bonds: &[BondInformation], insole: &dyn Insole) {
-    let (mut bytes, mut before) = ([0; BONDS_BYTES], [0; BONDS_BYTES]);
-    let kept: Vec<KeptBond, MAX_BONDS> = bonds.iter().map(KeptBond::new).collect();
+/// Stores the bonds, unless they are unchanged.
+fn store(bonds: &[BondInformation], insole: &dyn GattServer) {
+    let (mut bytes, mut before) = ([0; MAX_BONDS_BYTES], [0; MAX_BONDS_BYTES]);
+    let stored: Vec<StoredBond, MAX_BONDS> = bonds.iter().map(StoredBond::new).collect();
     // Four bonds of at most 40 bytes, and the checksum, fit.
-    let Ok(len) = postcard::to_slice(&(KEPT_VERSION, kept), &mut bytes).map(|used| used.len()) else { return };
+    let Ok(len) = postcard::to_slice(&(VERSION, stored), &mut bytes).map(|used| used.len()) else { return };
     let crc = CRC.checksum(&bytes[..len]).to_le_bytes();
     let Some(place) = bytes.get_mut(len..len + crc.len()) else { return };
     place.copy_from_slice(&crc);
@@ -65,12 +70,16 @@ fn keep(bonds: &[BondInformation], insole: &dyn Insole) {
     }
 }
 
-/// Makes a bond the one that was used last, and keeps the bonds where that changes anything.
-pub fn remember<C: Controller>(stack: &Stack<'_, C, DefaultPacketPool>, bond: BondInformation, insole: &dyn Insole) {
+/// Makes a bond the most recently used one, and stores the bonds where that changes them.
+pub fn remember<C: Controller>(
+    stack: &Stack<'_, C, DefaultPacketPool>,
+    bond: BondInformation,
+    insole: &dyn GattServer,
+) {
     if !bond.is_bonded {
         return;
     }
-    // It is known under this identity, and the new place is the last.
+    // Removed and added again, it becomes the last one.
     let _ = stack.remove_bond_information(bond.identity);
     let _ = stack.add_bond_information(bond);
     let oldest = stack.with_bond_information(|bonds| match bonds {
@@ -80,5 +89,5 @@ pub fn remember<C: Controller>(stack: &Stack<'_, C, DefaultPacketPool>, bond: Bo
     if let Some(oldest) = oldest {
         let _ = stack.remove_bond_information(oldest);
     }
-    stack.with_bond_information(|bonds| keep(bonds, insole));
+    stack.with_bond_information(|bonds| store(bonds, insole));
 }

@@ -1,35 +1,35 @@
-//! What the host may hear of a phone.
+//! A filter between radio and host, for what the host would answer wrongly.
 
-use crate::Insole;
 use bt_hci::ControllerToHostPacket;
 use bt_hci::cmd::{self, AsyncCmd, SyncCmd};
 use bt_hci::controller::{Controller as Hci, ControllerCmdAsync, ControllerCmdSync};
 use bt_hci::data::{AclBroadcastFlag, AclPacket, AclPacketBoundary, IsoPacket, SyncPacket};
 use core::future::Future;
 use embedded_io_async::ErrorType;
+use plantar::firmware::ble::GattServer;
 
-/// Stands between radio and host and lets in only what the host should hear.
+/// The radio as the host may see it.
 pub struct Gate<'a, C> {
     pub radio: &'a C,
-    pub insole: &'a dyn Insole,
+    pub insole: &'a dyn GattServer,
 }
 
 /// L2CAP's channels for attributes and for pairing.
 const ATT_CHANNEL: u16 = 4;
 const PAIRING_CHANNEL: u16 = 6;
 const PAIRING_REQUEST: u8 = 1;
-/// A packet for no channel: passed over.
-const UNHEARD: &[u8] = &[0, 0, 0, 0];
-/// A pairing command that does not exist: the host answers that pairing failed, and forgets nothing.
+/// A packet for no channel, which the host ignores.
+const IGNORED: &[u8] = &[0, 0, 0, 0];
+/// An undefined pairing command: the host answers that pairing failed, and removes no bond.
 const REFUSED: &[u8] = &[2, 0, PAIRING_CHANNEL as u8, 0, 0, 0];
 
 impl<C> Gate<'_, C> {
-    /// What the host hears of the first fragment of a packet: no request to pair where none is allowed, and no packet that
-    /// is empty or hides its first byte in a later fragment.
+    /// The first fragment of a packet as the host may see it: no pairing request while bonding is not allowed, and no packet that
+    /// is empty or has its first byte in a later fragment.
     fn admit<'p>(&self, data: &'p [u8]) -> &'p [u8] {
-        let &[_, _, low, high, ref body @ ..] = data else { return UNHEARD };
+        let &[_, _, low, high, ref body @ ..] = data else { return IGNORED };
         match (u16::from_le_bytes([low, high]), body.first()) {
-            (ATT_CHANNEL | PAIRING_CHANNEL, None) => UNHEARD,
+            (ATT_CHANNEL | PAIRING_CHANNEL, None) => IGNORED,
             (PAIRING_CHANNEL, Some(&PAIRING_REQUEST)) if !self.insole.allows_bonding() => REFUSED,
             _ => data,
         }

@@ -1,9 +1,8 @@
-//! The insole as a Bluetooth LE peripheral: advertising, bonds, and the GATT table of `docs/bluetooth.md`. What the values
-//! mean is the application's, behind [`Insole`].
+//! The insole as a Bluetooth LE peripheral: advertising, bonds, and the GATT table of `docs/bluetooth.md`. The meaning of the values
+//! is in [`plantar::firmware::ble`].
 //!
 //! A package of its own because it is compiled for size, while the data path is compiled for speed: hence no generics.
 #![no_std]
-#![warn(missing_docs)]
 #![forbid(unsafe_code)]
 
 mod bonds;
@@ -14,132 +13,71 @@ use bt_hci_serial::SerialTransport;
 use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, NoopRawMutex};
 use embassy_sync::pipe::Pipe;
-use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Timer};
 use gate::Gate;
+use plantar::firmware::ble::GattServer;
+use plantar::protocol::gatt::{self, GattChannel, WriteError};
 use static_cell::StaticCell;
 use table::{Server, Table};
 use trouble_host::att::{AttClient, AttErrorCode, AttReq};
 use trouble_host::prelude::*;
 
-/// A phone can bond for this long after power-on.
+/// Time after power-on in which a central can bond.
 pub const BONDING_WINDOW: Duration = Duration::from_secs(60);
-/// Phones that are remembered; one more forgets the one that has not been here for longest.
+/// Bonds that are stored; a further one replaces the least recently used.
 pub const MAX_BONDS: usize = 4;
-/// Room for the bonds as [`Insole::save_bonds`] keeps them.
-pub const BONDS_BYTES: usize = 192;
 /// Longest value of a characteristic: the packets' 251 bytes without L2CAP and ATT headers.
 pub const MAX_VALUE: usize = 244;
 
-/// A radio that failed, or a full packet pool, is tried again after this time.
+/// Time before a failed radio, or a full packet pool, is tried again.
 const RADIO_PAUSE: Duration = Duration::from_secs(1);
 const POOL_PAUSE: Duration = Duration::from_millis(10);
-/// Time between two looks whether the phone is still there.
-const LOOK: Duration = Duration::from_millis(200);
+/// Time between two checks whether the central is still connected.
+const CONNECTION_CHECK: Duration = Duration::from_millis(200);
 
 /// HCI as bytes (H4) in one direction between board and host.
 pub type HciPipe = Pipe<CriticalSectionRawMutex, 128>;
 
-/// A characteristic whose values are the application's.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Way {
-    /// Current Time.
-    Time,
-    /// RSC Measurement.
-    Cadence,
-    /// Our control point.
-    Control,
-    /// Our live frames.
-    Live,
-    /// Our steps.
-    Steps,
-    /// The wearer's parameters.
-    Parameters,
-}
-
-/// Why a value was not taken, as a phone gets to hear.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refused {
-    /// Too long, or empty.
-    Length,
-    /// A piece of a message out of order.
-    OutOfOrder,
-    /// Not a message, or not one that this characteristic takes.
-    NotUnderstood,
-    /// Not a time.
-    Value,
-}
-
-/// The application, and what it stands for of the board.
-pub trait Insole {
-    /// The name that is advertised, at most 22 bytes.
-    fn name(&self) -> &str;
-    /// The model.
-    fn model(&self) -> &str;
-    /// The firmware's version.
-    fn firmware(&self) -> &str;
-    /// The random static address, or `None` where the controller has a public one.
-    fn address(&self) -> Option<[u8; 6]>;
-    /// Charge of the battery, percent.
-    fn battery_percent(&self) -> u8;
-    /// The owner allows a phone to bond now.
-    fn allows_bonding(&self) -> bool;
-    /// Reads the bonds that were kept last into `bytes`; their length, 0 where none are.
-    fn load_bonds(&self, bytes: &mut [u8; BONDS_BYTES]) -> usize;
-    /// Keeps `bytes` instead of what was kept before, whole or not at all.
-    fn save_bonds(&self, bytes: &[u8]);
-    /// The wall clock as Current Time.
-    fn current_time(&self) -> [u8; 10];
-    /// Takes a value that a bonded phone wrote.
-    fn write(&self, way: Way, value: &[u8]) -> Result<(), Refused>;
-    /// Signals that there may be something to send.
-    fn changed(&self) -> &Signal<NoopRawMutex, ()>;
-    /// Puts the next value to send into `value`, which is as long as it may be; its characteristic and length.
-    fn next(&self, value: &mut [u8]) -> Option<(Way, usize)>;
-    /// The phone is gone.
-    fn close(&self);
-}
-
 type Connected<'s, 'v> = GattConnection<'s, 'v, DefaultPacketPool>;
 type Radio = ExternalController<SerialTransport<NoopRawMutex, &'static HciPipe, &'static HciPipe>, 4>;
 
-/// Advertises, and serves one phone after the other, for ever. Without a radio it waits, and nothing else does. A task,
-/// because a future would be compiled with its user, for speed.
+/// Advertises, and serves one central after the other. Never returns. Without a radio it waits, and nothing else does. A task,
+/// because a future would be compiled with its caller, for speed.
 #[embassy_executor::task]
-pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insole: &'static dyn Insole) -> ! {
+pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insole: &'static dyn GattServer) -> ! {
     let radio: Radio = ExternalController::new(SerialTransport::new(from_radio, to_radio));
     let built = build_table(insole);
     let mut resources = Resources::new();
     loop {
         let stack = set_up(&radio, insole, &mut resources);
         let mut runner = stack.runner();
-        // A radio that fails is set up anew.
+        // A failed radio is set up again.
         select(runner.run(), serve(&stack, built, insole)).await;
         insole.close();
         Timer::after(RADIO_PAUSE).await;
     }
 }
 
-/// For one phone. A new bond has a place before the oldest leaves.
+/// For one central. A new bond has a place before the oldest one is removed.
 type Resources = HostResources<DefaultPacketPool, 1, 0, 1, { MAX_BONDS + 1 }>;
 
-/// Apart, like [`set_up`], because its stack would be that of everything else too.
+/// Out of line, like [`set_up`], so that its stack is not reserved permanently.
 #[inline(never)]
-fn build_table(insole: &'static dyn Insole) -> &'static (Table, Server<'static>) {
+fn build_table(insole: &'static dyn GattServer) -> &'static (Table, Server<'static>) {
     static TABLE: StaticCell<(Table, Server<'static>)> = StaticCell::new();
     // The task runs once.
     TABLE.init_with(|| Table::build(insole))
 }
 
 #[inline(never)]
-fn set_up<'a>(radio: &'a Radio, insole: &'a dyn Insole, resources: &'a mut Resources) -> Host<'a> {
+fn set_up<'a>(radio: &'a Radio, insole: &'a dyn GattServer, resources: &'a mut Resources) -> Host<'a> {
     let mut builder = trouble_host::new(Gate { radio, insole }, resources);
     if let Some(address) = insole.address() {
         builder = builder.set_random_address(Address::random(address));
     }
     let stack = builder.build();
-    for bond in bonds::kept(insole) {
-        // There is a place for each.
+    for bond in bonds::load(insole) {
+        // There is a place for each bond.
         let _ = stack.add_bond_information(bond.bond());
     }
     stack
@@ -147,13 +85,13 @@ fn set_up<'a>(radio: &'a Radio, insole: &'a dyn Insole, resources: &'a mut Resou
 
 type Host<'s> = Stack<'s, Gate<'s, Radio>, DefaultPacketPool>;
 
-async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: &dyn Insole) -> Result<(), Error> {
+async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: &dyn GattServer) -> Result<(), Error> {
     let mut peripheral = stack.peripheral();
     let (mut advertised, mut scanned) = ([0; 31], [0; 31]);
     let len = AdStructure::encode_slice(
         &[
             AdStructure::Flags(LE_GENERAL_DISCOVERABLE | BR_EDR_NOT_SUPPORTED),
-            AdStructure::CompleteServiceUuids128(&[table::SERVICE.to_le_bytes()]),
+            AdStructure::CompleteServiceUuids128(&[gatt::SERVICE.to_le_bytes()]),
             AdStructure::IncompleteServiceUuids16(&[service::RUNNING_SPEED_AND_CADENCE.to_le_bytes()]),
         ],
         &mut advertised,
@@ -168,19 +106,19 @@ async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: 
         let advertised = peripheral.advertise(&AdvertisementParameters::default(), advertisement).await;
         let advertiser = advertised.map_err(|_| Error::Other)?;
         let Ok(connection) = advertiser.accept().await else { continue };
-        // Who may bond is the gate's to say.
+        // The gate decides which pairing requests the host receives.
         let _ = connection.set_bondable(true);
         let Ok(connection) = connection.with_attribute_server(server) else { continue };
-        let serving = select(listen(&connection, table, stack, insole), async {
+        let serving = select(answer(&connection, table, stack, insole), async {
             if send(&connection, table, insole).await.is_err() {
                 connection.raw().disconnect();
             }
             core::future::pending::<()>().await
         });
-        // The host drops the event of the end where its queue is full.
+        // The host drops the event of a disconnection where its queue is full.
         select(serving, async {
             while connection.raw().is_connected() {
-                Timer::after(LOOK).await;
+                Timer::after(CONNECTION_CHECK).await;
             }
         })
         .await;
@@ -188,7 +126,7 @@ async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: 
     }
 }
 
-/// Why a phone may not do what needs a bond.
+/// Refuses what needs a bond and encryption.
 fn guard(connection: &Connected) -> Result<(), AttErrorCode> {
     let connection = connection.raw();
     let is_encrypted = connection.security_level().is_ok_and(|level| level.encrypted());
@@ -199,18 +137,18 @@ fn guard(connection: &Connected) -> Result<(), AttErrorCode> {
     }
 }
 
-const fn att_error(refused: Refused) -> AttErrorCode {
-    match refused {
-        Refused::Length => AttErrorCode::INVALID_ATTRIBUTE_VALUE_LENGTH,
-        Refused::Value => AttErrorCode::VALUE_NOT_ALLOWED,
-        // The application's own.
-        Refused::OutOfOrder => AttErrorCode::new(0x80),
-        Refused::NotUnderstood => AttErrorCode::new(0x81),
+const fn att_error(error: WriteError) -> AttErrorCode {
+    match error {
+        WriteError::Length => AttErrorCode::INVALID_ATTRIBUTE_VALUE_LENGTH,
+        WriteError::Value => AttErrorCode::VALUE_NOT_ALLOWED,
+        // Application errors.
+        WriteError::OutOfOrder => AttErrorCode::new(0x80),
+        WriteError::NotUnderstood => AttErrorCode::new(0x81),
     }
 }
 
-/// Answers a phone until it is gone.
-async fn listen(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>, insole: &dyn Insole) {
+/// Answers a central until it disconnects.
+async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>, insole: &dyn GattServer) {
     loop {
         let event = match connection.next().await {
             GattConnectionEvent::Disconnected { .. } => return,
@@ -222,7 +160,7 @@ async fn listen(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
             GattConnectionEvent::Gatt { event } => event,
             _ => continue,
         };
-        // Both fit their places in the table.
+        // Both values fit their attributes.
         let _ = connection.set(&table.battery, &insole.battery_percent());
         let _ = connection.set(&table.time, &insole.current_time());
         free_packets::<1>().await;
@@ -231,23 +169,23 @@ async fn listen(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
             GattEvent::Write(event) => {
                 let handle = event.handle();
                 let allowed = if table.is_guarded(handle) { guard(connection) } else { Ok(()) };
-                let way = table.written(handle);
-                let taken = allowed.and_then(|()| match way {
-                    Some(way) => event.with_data(|_, value| insole.write(way, value)).map_err(att_error),
+                let channel = table.written(handle);
+                let accepted = allowed.and_then(|()| match channel {
+                    Some(channel) => event.with_data(|_, value| insole.write(channel, value)).map_err(att_error),
                     None => Ok(()),
                 });
-                match taken {
-                    // What cannot be answered is passed over.
+                match accepted {
+                    // A command has no answer.
                     Err(_) if is_command => {
                         event.into_payload();
                         continue;
                     }
                     Err(code) => event.reject(code),
-                    Ok(()) if way.is_some() => event.accept_unprocessed(),
+                    Ok(()) if channel.is_some() => event.accept_unprocessed(),
                     Ok(()) => event.accept(),
                 }
             }
-            // The host does not know it, and would look for handles in an empty request.
+            // The host does not implement it, and would read handles from an empty request.
             GattEvent::Other(event)
                 if matches!(event.payload().incoming(), AttClient::Request(AttReq::ReadMultiple { .. })) =>
             {
@@ -262,46 +200,46 @@ async fn listen(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
     }
 }
 
-/// Sends what there is to send until the phone is gone.
-async fn send(connection: &Connected<'_, '_>, table: &Table, insole: &dyn Insole) -> Result<(), Error> {
+/// Sends values until the central disconnects.
+async fn send(connection: &Connected<'_, '_>, table: &Table, insole: &dyn GattServer) -> Result<(), Error> {
     let mut value = [0; MAX_VALUE];
     loop {
         insole.changed().wait().await;
-        // A value is what an attribute packet holds besides its header.
-        while let Some((way, len)) = {
+        // An attribute packet has a header of three bytes.
+        while let Some((channel, len)) = {
             let room = usize::from(connection.raw().att_mtu()) - 3;
             insole.next(&mut value[..room.min(MAX_VALUE)])
         } {
             let value = &value[..len];
-            match way {
-                Way::Time => deliver(connection, &table.time, value).await?,
-                way => deliver(connection, table.sent(way), value).await?,
+            match channel {
+                GattChannel::Time => deliver(connection, &table.time, value).await?,
+                channel => deliver(connection, table.sent(channel), value).await?,
             }
         }
     }
 }
 
-/// Waits until so many packets are free.
+/// Waits until `N` packets are free.
 async fn free_packets<const N: usize>() {
     while [(); N].map(|()| DefaultPacketPool::allocate()).iter().any(Option::is_none) {
         Timer::after(POOL_PAUSE).await;
     }
 }
 
-/// Sends a value to a phone that subscribed: as an indication, where the characteristic has them, which ends with the
-/// phone's confirmation; else as a notification.
+/// Sends a value to a central that subscribed: as an indication, which ends with the central's confirmation, where the
+/// characteristic has them; otherwise as a notification.
 async fn deliver<T: AsGatt>(
     connection: &Connected<'_, '_>,
-    way: &Characteristic<T>,
+    characteristic: &Characteristic<T>,
     value: &[u8],
 ) -> Result<(), Error> {
     loop {
-        // A request and its answer find a packet each, whatever goes out.
+        // Leaves a packet each for a request and its answer.
         free_packets::<3>().await;
-        let sent = if way.props.any(&[CharacteristicProp::Indicate]) {
-            way.indicate_raw(connection, value, false).await
+        let sent = if characteristic.props.any(&[CharacteristicProp::Indicate]) {
+            characteristic.indicate_raw(connection, value, false).await
         } else {
-            way.notify_raw(connection, value, false).await
+            characteristic.notify_raw(connection, value, false).await
         };
         match sent {
             Err(Error::OutOfMemory) => Timer::after(POOL_PAUSE).await,

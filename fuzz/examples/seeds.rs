@@ -4,19 +4,18 @@
 
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
-use plantar::calibrate::CellCalibration;
-use plantar::contact::ContactRule;
-use plantar::emulation::Head;
-use plantar::fault::{Fault, FaultKind, Faults, Place};
-use plantar::fragment::Splitter;
-use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
-use plantar::stance::StanceRule;
-use plantar::store::PART_CELLS;
-use plantar::update::Header;
-use plantar::wire::{
-    Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Serial, Status, Step, ToDevice,
-    ToHost, encode, frame,
-};
+use plantar::pipeline::calibrate::CellCalibration;
+use plantar::pipeline::contact::ContactRule;
+use emulation::EmulatorConfig;
+use plantar::faults::{Fault, FaultKind, Faults, Place};
+use plantar::protocol::fragment::Splitter;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::insole::Insole;
+use plantar::pipeline::tissue::Tissue;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::BLOCK_CELLS;
+use plantar::protocol::update::Header;
+use plantar::protocol::{Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Serial, Status, Step, ToDevice, ToHost, encode, frame};
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{FootZero, Recording, VirtualInsole, Zero};
 use std::fs;
@@ -44,7 +43,7 @@ fn main() {
         ToDevice::GetFaults,
         ToDevice::GetIdentity,
         ToDevice::SetIdentity { side: Side::Right, serial },
-        ToDevice::SetCalibrationPart { part: 0, cells: [CellCalibration::IDEAL; PART_CELLS] },
+        ToDevice::SetCalibrationBlock { block: 0, cells: [CellCalibration::IDEAL; BLOCK_CELLS] },
         ToDevice::SetCalibration { layout_id: worn.setup.layout_id, cells: 8, id: 1 },
         ToDevice::Restart,
     ]
@@ -64,7 +63,7 @@ fn main() {
             list: [fault].into_iter().collect(),
         }),
         ToHost::Identity(Identity { side: Side::Right, serial, calibration_id: 1 }),
-        ToHost::CalibrationPart { part: 0 },
+        ToHost::CalibrationBlock { block: 0 },
     ]
     .map(|message| encoded(&message));
     for (i, message) in to_device.iter().enumerate() {
@@ -183,13 +182,13 @@ fn in_pieces(message: &[u8]) -> Vec<Vec<u8>> {
 }
 
 fn set_up_and_walk(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> Vec<u8> {
-    let mut setup = postcard::to_stdvec(&Head { paced: true, ..Head::new(worn.setup) }).expect("it fits");
+    let mut setup = postcard::to_stdvec(&EmulatorConfig { is_paced: true, ..EmulatorConfig::new(worn.setup) }).expect("it fits");
     for cell in &worn.cells {
         setup = postcard::to_extend(cell, setup).expect("it fits");
     }
     let mut input = (setup.len() as u16).to_le_bytes().to_vec();
     input.extend(setup);
-    input.extend(postcard::to_stdvec(&tissue.gauges).expect("it fits"));
+    input.extend(postcard::to_stdvec(&tissue.force_laws).expect("it fits"));
     let mut codes = vec![0; worn.cells.len()];
     for i in 0..worn.frames(recording) {
         worn.codes_of(recording, i, &mut codes);

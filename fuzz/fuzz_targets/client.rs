@@ -3,7 +3,7 @@
 
 use client::{Client, Framed, step_to_json};
 use libfuzzer_sys::fuzz_target;
-use plantar::wire::{MAX_FRAME, ToHost, frame};
+use plantar::protocol::{MAX_FRAME, ToHost, frame};
 use plantar_fuzz::Pieces;
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use plantar::wire::{Decoder, MAX_FRAME, MAX_MESSAGE, frame};
+use plantar::protocol::{Decoder, MAX_FRAME, MAX_MESSAGE, frame};
 
 fuzz_target!(|data: &[u8]| {
     let mut decoder = Decoder::new();

@@ -2,21 +2,23 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use plantar::emulation::read_setup;
-use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
+use emulation::read_setup;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::insole::Insole;
+use plantar::pipeline::tissue::Tissue;
 use plantar::num::Real;
 use plantar_fuzz::frame;
 use std::io::Read;
 
-/// Bytes of eight gauges.
+/// Bytes of eight force_laws.
 const GAUGES: usize = 8 * 6 * 4;
 
 fuzz_target!(|data: &[u8]| {
     let Some((len, rest)) = data.split_first_chunk() else { return };
     let Some((setup, rest)) = rest.split_at_checked(u16::from_le_bytes(*len).into()) else { return };
-    let Some((gauges, frames)) = rest.split_first_chunk::<GAUGES>() else { return };
-    let Ok(gauges) = postcard::from_bytes(gauges) else { return };
-    let tissue = Tissue::new(gauges);
+    let Some((force_laws, frames)) = rest.split_first_chunk::<GAUGES>() else { return };
+    let Ok(force_laws) = postcard::from_bytes(force_laws) else { return };
+    let tissue = Tissue::new(force_laws);
     walk::<f32>(setup, &tissue, frames);
     walk::<f64>(setup, &tissue, frames);
 });

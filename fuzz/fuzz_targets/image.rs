@@ -3,7 +3,7 @@
 
 use firmware_image::Image;
 use libfuzzer_sys::fuzz_target;
-use plantar::update::Header;
+use plantar::protocol::update::Header;
 use std::path::Path;
 
 fuzz_target!(|data: &[u8]| {

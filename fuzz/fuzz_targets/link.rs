@@ -3,12 +3,10 @@
 
 use libfuzzer_sys::fuzz_target;
 use plantar::Side;
-use plantar::contact::ContactRule;
-use plantar::fault::Faults;
-use plantar::link::{Done, LIVE_QUEUE, Link, STEP_QUEUE};
-use plantar::wire::{
-    Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepRegion, ToDevice, ToHost, decode,
-};
+use plantar::pipeline::contact::ContactRule;
+use plantar::faults::Faults;
+use plantar::protocol::session::{CommandResult, LIVE_QUEUE, STEP_QUEUE, Session};
+use plantar::protocol::{Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepRegion, ToDevice, ToHost, decode};
 use plantar_fuzz::Pieces;
 
 /// What the link must have done by its own words.
@@ -33,7 +31,7 @@ impl Expected {
 }
 
 fuzz_target!(|data: &[u8]| {
-    let mut link = Link::new();
+    let mut link = Session::new();
     let mut expected = Expected::default();
     // A message of the host, or one of these in its place.
     for piece in Pieces(data) {
@@ -59,8 +57,8 @@ fuzz_target!(|data: &[u8]| {
                 next(&mut link, &mut expected);
             }
             // What was told is kept, or is not.
-            [b'K'] => link.done(Ok(Done::Kept)),
-            [b'F'] => link.done(Err(Refusal::NotKept)),
+            [b'K'] => link.complete(Ok(CommandResult::Stored)),
+            [b'F'] => link.complete(Err(Refusal::NotStored)),
             [b'C'] => {
                 link.close();
                 expected.end_session();
@@ -78,7 +76,7 @@ fuzz_target!(|data: &[u8]| {
     assert_eq!(expected.kept.len() as u32 + expected.dropped + expected.acknowledged, expected.pushed);
 });
 
-fn receive(link: &mut Link, message: ToDevice, expected: &mut Expected) {
+fn receive(link: &mut Session, message: ToDevice, expected: &mut Expected) {
     // A closed session streams nothing and takes no acknowledgement: `sent` is 0 then.
     match message {
         ToDevice::Connect { .. } => expected.end_session(),
@@ -95,7 +93,7 @@ fn receive(link: &mut Link, message: ToDevice, expected: &mut Expected) {
     link.receive(message, u64::MAX);
 }
 
-fn next(link: &mut Link, expected: &mut Expected) -> bool {
+fn next(link: &mut Session, expected: &mut Expected) -> bool {
     let mut buffer = [0; MAX_MESSAGE];
     let Some(message) = link.next(&hello(), Status::default, &mut buffer) else { return false };
     match decode(message).expect("a message of this version") {
@@ -121,7 +119,7 @@ fn next(link: &mut Link, expected: &mut Expected) -> bool {
         ToHost::Time { device_us, .. } => assert_eq!(device_us, u64::MAX),
         ToHost::Faults(faults) => assert_eq!(faults, Faults::NONE),
         ToHost::Identity(identity) => assert_eq!(identity, link.identity()),
-        ToHost::CalibrationPart { .. } | ToHost::Update(_) => {}
+        ToHost::CalibrationBlock { .. } | ToHost::Update(_) => {}
         ToHost::Refused(refusal) => assert!(!refusal.to_string().is_empty()),
     }
     true
@@ -157,7 +155,7 @@ fn step(step: u32) -> Step {
         clamped: u8::MAX,
         contact_rule: ContactRule::COVERED,
         regions: [StepRegion { measured_peak_dn: u16::MAX, ..StepRegion::default() }; 8],
-        starts_ago: u32::MAX,
+        boots_since: u32::MAX,
         start_unix_us: Some(u64::MAX),
     }
 }

@@ -2,8 +2,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use plantar::fragment::{Joiner, Splitter};
-use plantar::wire::MAX_MESSAGE;
+use plantar::protocol::fragment::{Joiner, Splitter};
+use plantar::protocol::MAX_MESSAGE;
 use plantar_fuzz::Pieces;
 
 fuzz_target!(|data: &[u8]| {

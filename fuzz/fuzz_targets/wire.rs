@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use plantar::wire::{MAX_MESSAGE, ToDevice, ToHost, decode, encode};
+use plantar::protocol::{MAX_MESSAGE, ToDevice, ToHost, decode, encode};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 

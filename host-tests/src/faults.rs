@@ -1,13 +1,15 @@
 //! Faults of the sensor in walks of all kinds: which are found and when, and what masked cells do to the model's force.
 
+use emulation::COLUMNS;
 use emulator::Electrical;
 use fit::{Options, Study};
 use parameters::{InsoleSize, Parameters};
-use plantar::contact::ContactRule;
-use plantar::emulation::COLUMNS;
-use plantar::fault::{FaultKind, Faults, Place};
-use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
-use plantar::stance::StanceRule;
+use plantar::faults::{FaultKind, Faults, Place};
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::tissue::Tissue;
 use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, jiku, pedar, synthetic};
 use std::path::PathBuf;
@@ -88,8 +90,9 @@ pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>
         if insole.frame(i as u32, &codes) {
             toe_offs_s.push(t_s);
         }
-        let force =
-            |r: &plantar::insole::RegionLoad<f32>| (f64::from(r.tissue.model_n), f64::from(r.frame.force.force_n));
+        let force = |r: &plantar::pipeline::live::RegionLoad<f32>| {
+            (f64::from(r.tissue.model_n), f64::from(r.frame.force.force_n))
+        };
         forces_n.push(insole.loads().each_ref().map(force));
     }
     Outcome { faults: insole.faults().clone(), toe_offs_s, forces_n }
@@ -144,9 +147,9 @@ pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
                 let outcome = walk(recording, ContactRule::COUNTED, None, &[fault]);
                 // The sixth and the seventh step are the first two whole ones; their swing belongs to them.
                 let end_s = truth.toe_offs_s[6] + SWING_S;
-                let is_it = |found: &&plantar::fault::Fault| found.kind == kind && found.place == fault.place;
+                let is_it = |found: &&plantar::faults::Fault| found.kind == kind && found.place == fault.place;
                 // A cell of the line that was told before the line.
-                let is_part = |found: &&plantar::fault::Fault| {
+                let is_part = |found: &&plantar::faults::Fault| {
                     let cells: Vec<_> = fault.cells(recording.cells()).collect();
                     matches!(found.place, Place::Cell(cell) if cells.contains(&cell.into()))
                 };

@@ -5,15 +5,18 @@ pub mod nor_flash;
 pub mod power;
 pub mod switched_off;
 
-use plantar::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
-use plantar::contact::{ContactRule, WHOLE};
-use plantar::fault::{Fault, FaultKind, Faults, Place};
-use plantar::insole::{Setup, SetupCell, Tissue};
-use plantar::model::Gauge;
-use plantar::region::{AreaMoments, Cell, RegionCell};
-use plantar::stance::{Rejected, StanceRule};
-use plantar::store::Contents;
-use plantar::wire::{self, Decoder, Hello, Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step, StepRegion};
+use plantar::faults::{Fault, FaultKind, Faults, Place};
+use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
+use plantar::pipeline::contact::{ContactRule, WHOLE};
+use plantar::pipeline::model::ForceLaw;
+use plantar::pipeline::region::{AreaMoments, Cell, RegionCell};
+use plantar::pipeline::setup::{Setup, SetupCell};
+use plantar::pipeline::stance::{Rejected, StanceRule};
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::Contents;
+use plantar::protocol::{
+    self, Decoder, Hello, Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step, StepRegion,
+};
 use plantar::{Region, Side};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -34,12 +37,12 @@ pub const SETUP: Setup = Setup {
 
 /// A soft tissue that no contact of a foot exceeds.
 pub static TISSUE: LazyLock<Tissue> = LazyLock::new(|| {
-    Tissue::new([Gauge { ab_m2: 2e-3, c_m: 0.012, stiffness_pa: 5e5, damping_pa_s: 5e3, n: 1.2, m: 0.8 }; 8])
+    Tissue::new([ForceLaw { ab_m2: 2e-3, c_m: 0.012, stiffness_pa: 5e5, damping_pa_s: 5e3, n: 1.2, m: 0.8 }; 8])
 });
 
 /// A cell with the common law.
 pub fn cell(region: Region, x_mm: f32, y_mm: f32, area_mm2: f32) -> SetupCell {
-    SetupCell { cell: Cell { region, x_mm, y_mm, area_mm2 }, calibration: CellCalibration::IDEAL, crossing: 0 }
+    SetupCell { cell: Cell { region, x_mm, y_mm, area_mm2 }, calibration: CellCalibration::IDEAL, row_column: 0 }
 }
 
 /// A tabulated law.
@@ -76,8 +79,8 @@ pub fn area_moments(area_mm2: f32) -> AreaMoments {
 /// A hello with every field set.
 pub fn hello() -> Hello {
     Hello {
-        major: wire::MAJOR,
-        minor: wire::MINOR,
+        major: protocol::MAJOR,
+        minor: protocol::MINOR,
         firmware: text("0.1.0"),
         board: text("test"),
         side: Side::Right,
@@ -122,7 +125,7 @@ pub fn step(step: u32) -> Step {
         clamped: 0b0000_0100,
         contact_rule: ContactRule { on_kpa: 10.0, off_kpa: 7.5, full_kpa: 50.0 },
         regions: core::array::from_fn(|i| region(i as u16)),
-        starts_ago: 0,
+        boots_since: 0,
         start_unix_us: Some(1_790_000_000_000_000),
     }
 }
@@ -158,7 +161,7 @@ pub fn status() -> Status {
         stack_bytes: 2048,
         faults: 8,
         rezeroed: 9,
-        unkept: 10,
+        not_stored: 10,
         contents: Contents { start: 11, next_step: 12, newer_kinds: 13, newer_steps: 14, erased: 15 },
     }
 }
@@ -176,13 +179,13 @@ pub fn faults() -> Faults {
 /// A message on a byte carrier.
 pub fn framed<T: Serialize>(message: &T) -> Vec<u8> {
     let (mut bytes, mut out) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-    let len = wire::frame(wire::encode(message, &mut bytes).expect("it fits"), &mut out);
+    let len = protocol::frame(protocol::encode(message, &mut bytes).expect("it fits"), &mut out);
     out[..len].to_vec()
 }
 
 /// Every message that a decoder finds in a stream.
 pub fn messages<T: DeserializeOwned>(decoder: &mut Decoder, stream: &[u8]) -> Vec<T> {
-    stream.iter().filter_map(|&byte| decoder.push(byte).and_then(wire::decode)).collect()
+    stream.iter().filter_map(|&byte| decoder.push(byte).and_then(protocol::decode)).collect()
 }
 
 /// A short text of the wire.

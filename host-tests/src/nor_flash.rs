@@ -3,7 +3,7 @@
 use embedded_storage_async::nor_flash::{
     ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
-use plantar::map::SECTOR;
+use plantar::storage::flash_map::SECTOR;
 use std::future::Future;
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};

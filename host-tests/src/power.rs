@@ -4,11 +4,13 @@ use crate::nor_flash::{NorFlashChip, Torn, now};
 use crate::step;
 use fastrand::Rng;
 use plantar::Side;
-use plantar::calibrate::CellCalibration;
-use plantar::insole::Tissue;
-use plantar::model::Gauge;
-use plantar::store::{Bonds, CalibrationId, Failed, LOG, MAX_BONDS_BYTES, Name, PART_CELLS, Part, Record, Store};
-use plantar::wire::{Reset, Serial, Step};
+use plantar::pipeline::calibrate::CellCalibration;
+use plantar::pipeline::model::ForceLaw;
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId};
+use plantar::protocol::{Reset, Serial, Step};
+use plantar::storage::flash_map::LOG;
+use plantar::storage::{Bonds, IdentityRecord, MAX_BONDS_BYTES, Record, StorageError, Store};
 
 /// Cells of the insole, and its layout.
 pub const CELLS: usize = 40;
@@ -57,12 +59,12 @@ impl Kept {
 
 fn tissue(value: u16) -> Tissue {
     let c_m = 0.01 + f32::from(value) * 1e-6;
-    Tissue::new([Gauge { ab_m2: 2e-3, c_m, stiffness_pa: 5e5, damping_pa_s: 5e3, n: 1.2, m: 0.8 }; 8])
+    Tissue::new([ForceLaw { ab_m2: 2e-3, c_m, stiffness_pa: 5e5, damping_pa_s: 5e3, n: 1.2, m: 0.8 }; 8])
 }
 
-fn name(value: u16) -> Name {
+fn name(value: u16) -> IdentityRecord {
     let side = if value.is_multiple_of(2) { Side::Left } else { Side::Right };
-    Name { side, serial: Serial::new(&format!("P{value}")).expect("it is short and printable") }
+    IdentityRecord { side, serial: Serial::new(&format!("P{value}")).expect("it is short and printable") }
 }
 
 fn bonds(value: u16) -> Bonds {
@@ -74,18 +76,18 @@ fn calibrations(value: u16) -> Vec<CellCalibration> {
     (0..CELLS as u16).map(|i| CellCalibration { offset: value % 30_000 + i, gain: 1.0 + f32::from(i) / 64.0 }).collect()
 }
 
-fn parts(value: u16) -> (Vec<Part>, u32) {
+fn parts(value: u16) -> (Vec<CalibrationBlock>, u32) {
     let cells = calibrations(value);
     let mut id = CalibrationId::new();
     id.add(&cells);
     let part =
         |cells: &[CellCalibration]| core::array::from_fn(|i| cells.get(i).copied().unwrap_or(CellCalibration::IDEAL));
-    (cells.chunks(PART_CELLS).map(part).collect(), id.id())
+    (cells.chunks(BLOCK_CELLS).map(part).collect(), id.id())
 }
 
 type Chip<'c> = Store<&'c mut NorFlashChip>;
 
-async fn act(store: &mut Chip<'_>, action: Action, kept: &Kept) -> Result<(), Failed> {
+async fn act(store: &mut Chip<'_>, action: Action, kept: &Kept) -> Result<(), StorageError> {
     match action {
         Action::Tissue(value) => store.put(0, &tissue(value)).await,
         Action::Name(value) => store.put(0, &name(value)).await,
@@ -93,7 +95,7 @@ async fn act(store: &mut Chip<'_>, action: Action, kept: &Kept) -> Result<(), Fa
         Action::Calibration(value) => {
             let (parts, id) = parts(value);
             for (number, part) in (0..).zip(&parts) {
-                store.put_part(number, part).await?;
+                store.put_calibration_block(number, part).await?;
             }
             assert!(store.put_calibration(LAYOUT, CELLS as u16, id).await?, "the parts are all there");
             Ok(())
@@ -119,8 +121,10 @@ async fn holds(store: &mut Chip<'_>, kept: &Kept) -> Result<(), String> {
     let calibration = store.calibration(LAYOUT, CELLS as u16).await.expect("the chip works");
     let mut cells = Vec::new();
     if let Some(calibration) = &calibration {
-        for part in 0..CELLS.div_ceil(PART_CELLS) as u8 {
-            cells.extend(store.part(calibration, part).await.expect("the chip works").expect("it is whole"));
+        for part in 0..CELLS.div_ceil(BLOCK_CELLS) as u8 {
+            cells.extend(
+                store.calibration_block(calibration, part).await.expect("the chip works").expect("it is whole"),
+            );
         }
         cells.truncate(CELLS);
     }
@@ -130,7 +134,7 @@ async fn holds(store: &mut Chip<'_>, kept: &Kept) -> Result<(), String> {
         true
     });
     assert!(!more.await.expect("the chip works"), "all were taken");
-    let is_step = |(number, kept): (u32, &Step)| *kept == Step { starts_ago: kept.starts_ago, ..step(number) };
+    let is_step = |(number, kept): (u32, &Step)| *kept == Step { boots_since: kept.boots_since, ..step(number) };
     let numbers = || steps.iter().map(|step| step.step);
     let contents = store.contents();
     let checks = [

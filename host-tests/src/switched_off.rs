@@ -1,16 +1,16 @@
 //! The real firmware, switched off in the middle of keeping something, and on again.
 
 use client::{Client, Error, Framed};
+use emulation::{EmulatorConfig, FLASH_BYTES};
 use emulator::{Board, Parts, Recorded, Time};
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
-use plantar::calibrate::CellCalibration;
-use plantar::contact::ContactRule;
-use plantar::emulation::{FLASH_BYTES, Head};
-use plantar::insole::Tissue;
-use plantar::stance::StanceRule;
-use plantar::store::CalibrationId;
-use plantar::wire::{Serial, ToDevice, ToHost};
+use plantar::pipeline::calibrate::CellCalibration;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::CalibrationId;
+use plantar::protocol::{Serial, ToDevice, ToHost};
 use recording::{Recording, VirtualInsole, synthetic};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
@@ -89,7 +89,7 @@ impl Bench {
     }
 
     fn switch_on(&self, chip: &[u8], power_cut: Option<u32>) -> (Board, Result<Session, Error>) {
-        let head = Head { power_cut, ..Head::new(self.worn.setup) };
+        let head = EmulatorConfig { power_cut, ..EmulatorConfig::new(self.worn.setup) };
         let walk = Recorded::new(self.recording.clone(), self.worn.clone());
         let parts = Parts { flash: Some(chip.into()), ..Parts::default() };
         let board = Board::start_with(&self.firmware, &head, &self.worn.cells, Time::Max, walk, &parts);
@@ -112,9 +112,9 @@ impl Bench {
 
     fn keep_everything(&self, board: &Board, client: &mut Session, insole: &mut Insole) -> Result<(), Error> {
         let round = self.round;
-        let mut gauges = Parameters::typical(InsoleSize::default()).tissue().gauges;
-        gauges[0].stiffness_pa *= 1.0 + f32::from(round) * 1e-3;
-        let tissue = Tissue::new(gauges);
+        let mut force_laws = Parameters::typical(InsoleSize::default()).tissue().force_laws;
+        force_laws[0].stiffness_pa *= 1.0 + f32::from(round) * 1e-3;
+        let tissue = Tissue::new(force_laws);
         insole.tissue_id.begin(tissue.id);
         client.set_tissue(&tissue)?;
         insole.tissue_id.done();
@@ -190,7 +190,7 @@ impl Bench {
             (whole && (insole.acknowledged.is..=most).contains(&oldest), "oldest step"),
             // One more than arrived may have been made.
             ((insole.arrived..=insole.arrived + 1).contains(&status.contents.next_step), "steps"),
-            (status.contents.erased == 0 && status.unkept == 0, "chip"),
+            (status.contents.erased == 0 && status.not_stored == 0, "chip"),
         ];
         match checks.iter().find(|(holds, _)| !holds) {
             None => Ok(()),

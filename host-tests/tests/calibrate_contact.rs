@@ -2,9 +2,10 @@
 
 use host_tests::{LAW, SETUP, cell, code_of, curve, pressure_of};
 use plantar::Region;
-use plantar::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw, is_saturated, zero_offset};
-use plantar::contact::{ContactCell, ContactRule, WHOLE};
-use plantar::insole::{Insole, SetupCell};
+use plantar::insole::Insole;
+use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw, is_saturated, zero_offset};
+use plantar::pipeline::contact::{ContactCell, ContactRule, WHOLE};
+use plantar::pipeline::setup::SetupCell;
 use proptest::prelude::*;
 
 fn config() -> ProptestConfig {
@@ -36,9 +37,9 @@ impl Probe {
     /// The share in contact after a code.
     fn share_at(&mut self, code: u16) -> u16 {
         let code = u32::from(code);
-        if !self.cell.is_settled(code) {
+        if !self.cell.is_unchanged(code) {
             let above_offset = (code as i32 - i32::from(self.offset)).max(0);
-            self.share += self.cell.settle(code, self.curve.pressure_kpa(above_offset));
+            self.share += self.cell.update(code, self.curve.pressure_kpa(above_offset));
         }
         u16::try_from(self.share).expect("a share is never negative")
     }
@@ -285,7 +286,7 @@ proptest! {
             .collect();
         cells.sort_by_key(|c| c.cell.region);
         let contact = ContactRule { full_kpa, ..ContactRule::COUNTED };
-        let setup = plantar::insole::Setup { sensor: law, contact, ..SETUP };
+        let setup = plantar::pipeline::setup::Setup { sensor: law, contact, ..SETUP };
         let mut narrow = Insole::<f32, 64>::new();
         let mut wide = Insole::<f64, 64>::new();
         narrow.set_up(setup, cells.iter().copied()).expect("set-up");

@@ -1,9 +1,9 @@
 //! What Bluetooth needs of the core: pieces of messages, cadence, the wall clock.
 
-use plantar::clock::{from_current_time, to_current_time};
-use plantar::fragment::{Joiner, Refused, Splitter};
-use plantar::pace::Pace;
-use plantar::wire::MAX_MESSAGE;
+use plantar::pipeline::cadence::Cadence;
+use plantar::protocol::MAX_MESSAGE;
+use plantar::protocol::current_time::{from_current_time, to_current_time};
+use plantar::protocol::fragment::{FragmentError, Joiner, Splitter};
 use proptest::prelude::*;
 
 fn pieces(message: &[u8], room: usize) -> Vec<Vec<u8>> {
@@ -49,13 +49,13 @@ proptest! {
 #[test]
 fn pieces_out_of_order_are_refused_and_the_next_message_is_taken() {
     let mut joiner = Joiner::new();
-    assert_eq!(joiner.push(&[]), Err(Refused::Empty));
-    assert_eq!(joiner.push(&[0x01, 1]), Err(Refused::OutOfOrder));
+    assert_eq!(joiner.push(&[]), Err(FragmentError::Empty));
+    assert_eq!(joiner.push(&[0x01, 1]), Err(FragmentError::OutOfOrder));
     assert_eq!(joiner.push(&[0x00, 1]), Ok(None));
-    assert_eq!(joiner.push(&[0x82, 2]), Err(Refused::OutOfOrder));
-    assert_eq!(joiner.push(&[0x81, 2]), Err(Refused::OutOfOrder), "what was begun is dropped");
+    assert_eq!(joiner.push(&[0x82, 2]), Err(FragmentError::OutOfOrder));
+    assert_eq!(joiner.push(&[0x81, 2]), Err(FragmentError::OutOfOrder), "what was begun is dropped");
     assert_eq!(joiner.push(&[0x00; 200]), Ok(None));
-    assert_eq!(joiner.push(&[0x01; 200]), Err(Refused::TooLong));
+    assert_eq!(joiner.push(&[0x01; 200]), Err(FragmentError::TooLong));
     assert_eq!(joiner.push(&[0x80, 9]), Ok(Some(&[9][..])));
 }
 
@@ -74,13 +74,13 @@ fn the_clock_knows_the_calendar() {
 
 #[test]
 fn cadence_is_that_of_both_feet() {
-    let mut pace = Pace::default();
-    assert_eq!(pace.cadence_per_min(0), 0);
+    let mut pace = Cadence::default();
+    assert_eq!(pace.per_min(0), 0);
     pace.step(500_000);
-    assert_eq!(pace.cadence_per_min(600_000), 0, "one step is no rhythm");
+    assert_eq!(pace.per_min(600_000), 0, "one step is no rhythm");
     pace.step(1_600_000);
-    assert_eq!(pace.cadence_per_min(2_000_000), 109);
-    assert_eq!(pace.cadence_per_min(5_000_000), 0, "the foot rests");
+    assert_eq!(pace.per_min(2_000_000), 109);
+    assert_eq!(pace.per_min(5_000_000), 0, "the foot rests");
     pace.step(9_000_000);
-    assert_eq!(pace.cadence_per_min(9_000_000), 0, "a new walk");
+    assert_eq!(pace.per_min(9_000_000), 0, "a new walk");
 }

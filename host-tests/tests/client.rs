@@ -3,9 +3,9 @@
 use client::{Client, Error, Framed, LinkCounters, unix_us};
 use host_tests::{TISSUE, faults, framed, live, messages, status, step};
 use plantar::Region;
-use plantar::insole::Tissue;
-use plantar::link::{Done, Link};
-use plantar::wire::{
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::session::{CommandResult, Session};
+use plantar::protocol::{
     Decoder, Hello, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Status, Step, ToDevice, ToHost, frame,
 };
 use std::cell::RefCell;
@@ -16,7 +16,7 @@ use std::time::Duration;
 
 /// An insole and the cable to it.
 struct Insole {
-    link: Link,
+    link: Session,
     hello: Hello,
     from_host: Decoder,
     to_host: VecDeque<u8>,
@@ -37,7 +37,7 @@ impl Insole {
     /// What the insole has to say, frame by frame onto the cable.
     fn speak(&mut self) {
         // All is kept at once.
-        self.link.done(Ok(Done::Kept));
+        self.link.complete(Ok(CommandResult::Stored));
         let mut buffer = [0; MAX_MESSAGE];
         while let Some(message) = self.link.next(&self.hello, status, &mut buffer) {
             let mut out = [0; MAX_FRAME];
@@ -63,7 +63,7 @@ impl Cable {
     fn new(hello: Hello) -> Self {
         let (from_host, to_host) = (Decoder::new(), VecDeque::new());
         let insole =
-            Insole { link: Link::new(), hello, from_host, to_host, unplugged: false, drop_next: 0, damage_next: 0 };
+            Insole { link: Session::new(), hello, from_host, to_host, unplugged: false, drop_next: 0, damage_next: 0 };
         Self(Rc::new(RefCell::new(insole)))
     }
 
@@ -198,7 +198,7 @@ fn a_lost_acknowledgement_is_sent_again() {
     client.send(ToDevice::Acknowledge { step: 0 }).expect("the link holds");
     assert_eq!(cable.insole().link.take_acknowledged(), Some(0));
     // As if it had not come; step 1 is not stored yet.
-    cable.insole().link = Link::new();
+    cable.insole().link = Session::new();
     push_steps(&cable, [0, 1]);
     client.reconnect(PATIENCE).expect("an answer");
     assert_eq!(step_numbers(&receive_all(&mut client)), [0; 0]);
@@ -210,8 +210,8 @@ fn a_step_that_comes_again_from_an_insole_that_restarted_is_known() {
     let (cable, mut client) = connected();
     push_steps(&cable, [0]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
-    cable.insole().link = Link::new();
-    cable.insole().link.push_step(Step { starts_ago: 1, ..step(0) });
+    cable.insole().link = Session::new();
+    cable.insole().link.push_step(Step { boots_since: 1, ..step(0) });
     push_steps(&cable, [1]);
     client.reconnect(PATIENCE).expect("an answer");
     assert_eq!(step_numbers(&receive_all(&mut client)), [1]);
@@ -261,10 +261,10 @@ fn steps_of_an_insole_that_restarted_are_delivered() {
     push_steps(&cable, 0..5);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2, 3, 4]);
     client.send(ToDevice::Acknowledge { step: 4 }).expect("sent");
-    cable.insole().link = Link::new();
+    cable.insole().link = Session::new();
     client.reconnect(PATIENCE).expect("an answer");
     // Another walk: other times.
-    let after = |number: u32| plantar::wire::Step { start_us: 1_000_000 * u64::from(number), ..step(number) };
+    let after = |number: u32| plantar::protocol::Step { start_us: 1_000_000 * u64::from(number), ..step(number) };
     (0..3).for_each(|number| cable.insole().link.push_step(after(number)));
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2]);
 }
@@ -428,11 +428,11 @@ fn what_arrives_while_parameters_are_set_is_kept_in_order() {
 fn refused_parameters_are_an_error_with_the_reason() {
     let (cable, mut client) = connected();
     client.set_tissue(&TISSUE).expect("accepted");
-    let mut gauges = TISSUE.gauges;
-    gauges[Region::Toe2 as usize].stiffness_pa = -1.0;
+    let mut force_laws = TISSUE.force_laws;
+    force_laws[Region::Toe2 as usize].stiffness_pa = -1.0;
     for (bad, reason) in [
-        (Tissue::new(gauges), Refusal::Tissue(Region::Toe2)),
-        (Tissue { gauges, ..*TISSUE }, Refusal::TissueId),
+        (Tissue::new(force_laws), Refusal::Tissue(Region::Toe2)),
+        (Tissue { force_laws, ..*TISSUE }, Refusal::TissueId),
         (Tissue::NONE, Refusal::TissueId),
     ] {
         let error = client.set_tissue(&bad).expect_err("refused");

@@ -2,10 +2,10 @@
 
 use host_tests::{LAW, SETUP, cell, code_of, moments};
 use plantar::Region;
-use plantar::contact::WHOLE;
-use plantar::ellipse::Ellipse;
 use plantar::insole::Insole;
-use plantar::region::{AreaMoments, Cell, MAX_REACH_MM, Spread};
+use plantar::pipeline::contact::WHOLE;
+use plantar::pipeline::ellipse::Ellipse;
+use plantar::pipeline::region::{AreaMoments, Cell, MAX_REACH_MM, SecondMoments};
 use proptest::prelude::*;
 
 fn config() -> ProptestConfig {
@@ -124,7 +124,7 @@ proptest! {
         let sum = |value: &dyn Fn(&Cell) -> f64| cells.iter().map(|c| weigh(c) * value(&c.0)).sum::<f64>();
         let area_mm2 = sum(&|_| 1.0);
         prop_assert_eq!(got.area_mm2::<f64>(), area_mm2);
-        let Some(Spread { x_mm, y_mm, variance_x_mm2: xx, variance_y_mm2: yy, covariance_mm2: xy }) = got.spread::<f64>() else {
+        let Some(SecondMoments { x_mm, y_mm, variance_x_mm2: xx, variance_y_mm2: yy, covariance_mm2: xy }) = got.second_moments::<f64>() else {
             prop_assert_eq!(area_mm2, 0.0);
             return Ok(());
         };

@@ -6,17 +6,18 @@ mod common;
 
 use client::{Client, Framed};
 use common::{firmware, replay, replay_faulty, replay_with, synthetic_walk, tissue};
+use emulation::EmulatorConfig;
 use emulator::{Board, Faulty, Recorded, Scan, Time, Walk};
 use fit::quality::Evaluated;
 use fit::{Filter, Options, Study};
 use host_tests::faults::one_of_each;
 use parameters::{InsoleSize, Parameters};
-use plantar::contact::ContactRule;
-use plantar::emulation::Head;
-use plantar::fault::Fault;
-use plantar::insole::{DEVICE_CELLS, Tissue};
-use plantar::stance::StanceRule;
-use plantar::wire::{Live, MAX_FRAME, MAX_MESSAGE, Refusal, Status, Step, ToDevice, ToHost, encode, frame};
+use plantar::faults::Fault;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::{Live, MAX_FRAME, MAX_MESSAGE, Refusal, Status, Step, ToDevice, ToHost, encode, frame};
 use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, jiku, pedar};
 use std::io::Write;
@@ -74,7 +75,7 @@ impl Session {
     fn start_walk(worn: &VirtualInsole, walk: impl Walk + 'static) -> Option<Self> {
         let firmware = firmware()?;
         let scans = walk.scans();
-        let head = Head::new(worn.setup);
+        let head = EmulatorConfig::new(worn.setup);
         let board = Board::start(&firmware, &head, &worn.cells, Time::Max, walk).expect("the board boots");
         let link = board.link().expect("the link is there");
         link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
@@ -110,7 +111,7 @@ impl Session {
             | ToHost::Faults(_)
             | ToHost::Update(_)
             | ToHost::Identity(_)
-            | ToHost::CalibrationPart { .. } => {
+            | ToHost::CalibrationBlock { .. } => {
                 panic!("nobody asked for it")
             }
             ToHost::Hello(hello) => panic!("the insole restarted: {:?}", hello.last_panic),
@@ -153,9 +154,9 @@ struct Received {
 
 /// Another wearer, stiffer everywhere.
 fn other_tissue() -> Tissue {
-    let mut gauges = tissue().gauges;
-    gauges.iter_mut().for_each(|gauge| gauge.stiffness_pa *= 1.5);
-    Tissue::new(gauges)
+    let mut force_laws = tissue().force_laws;
+    force_laws.iter_mut().for_each(|law| law.stiffness_pa *= 1.5);
+    Tissue::new(force_laws)
 }
 
 /// Plays a recording and compares everything that the board sends with a replay.
@@ -296,7 +297,7 @@ fn steps_are_kept_until_they_are_acknowledged() {
 fn a_host_of_another_major_version_is_told_so_and_gets_nothing_else() {
     let walk = synthetic_walk(2, 100.0);
     let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, |_| None) else { return };
-    session.client.send(ToDevice::Connect { major: plantar::wire::MAJOR + 1, minor: 0 }).expect("the link holds");
+    session.client.send(ToDevice::Connect { major: plantar::protocol::MAJOR + 1, minor: 0 }).expect("the link holds");
     session.client.send(ToDevice::Stream { live: true }).expect("the link holds");
     session.board.play();
     let mut heard = Vec::new();
@@ -308,7 +309,7 @@ fn a_host_of_another_major_version_is_told_so_and_gets_nothing_else() {
             None => silent += 1,
         }
     }
-    assert!(matches!(heard.as_slice(), [ToHost::Hello(hello)] if hello.major == plantar::wire::MAJOR), "{heard:?}");
+    assert!(matches!(heard.as_slice(), [ToHost::Hello(hello)] if hello.major == plantar::protocol::MAJOR), "{heard:?}");
 }
 
 #[test]
@@ -330,7 +331,7 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     let mut cells = worn.cells.clone();
     cells.reverse();
     assert_ne!(cells.first().map(|c| c.cell.region), Some(Region::Heel));
-    let head = Head::new(worn.setup);
+    let head = EmulatorConfig::new(worn.setup);
     let board = Board::start(&firmware, &head, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");
     let link = board.link().expect("the link is there");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
@@ -392,7 +393,7 @@ fn damaged_and_impossible_parameters_are_refused_and_the_old_ones_go_on() {
     let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, |_| None) else { return };
     session.client.stream().expect("the stream starts");
     session.board.play();
-    let mut impossible = other_tissue().gauges;
+    let mut impossible = other_tissue().force_laws;
     impossible[Region::Hallux as usize].ab_m2 = f32::NAN;
     let mixed = Tissue { id: other_tissue().id, ..tissue() };
     let mut received = Received::default();
@@ -489,7 +490,7 @@ fn the_insole_gives_the_force_that_the_fit_evaluated() {
             assert_eq!(device.step, step.number);
             for (region, fit) in study.fits.iter().enumerate() {
                 let Ok(fit) = fit else { continue };
-                let Some(ours) = Evaluated::new(&step.regions[region], Filter::Step, &fit.gauge) else { continue };
+                let Some(ours) = Evaluated::new(&step.regions[region], Filter::Step, &fit.law) else { continue };
                 let device = &device.regions[region];
                 let peak_n = ours.model_n.iter().copied().fold(0.0, f64::max);
                 let integral_n_s = ours.model_n.iter().sum::<f64>() * ours.sample_s;

@@ -4,9 +4,10 @@ use emulator::{EXAMPLES, Electrical};
 use host_tests::faults::{clean, computed, detection, model_error, walk};
 use host_tests::{SETUP, cell};
 use plantar::Region;
-use plantar::contact::ContactRule;
-use plantar::fault::{FaultKind, Faults, Place};
-use plantar::insole::{Insole, SetupCell};
+use plantar::faults::{FaultKind, Faults, Place};
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::SetupCell;
 use proptest::prelude::*;
 use recording::synthetic;
 
@@ -102,7 +103,7 @@ proptest! {
     #[test]
     fn any_codes_give_finite_forces(seed in any::<u64>(), busy in 1u32..8) {
         let cells: Vec<SetupCell> = (0..64u8)
-            .map(|i| SetupCell { crossing: i, ..cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0) })
+            .map(|i| SetupCell { row_column: i, ..cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0) })
             .collect();
         let mut insole = Box::new(Insole::<f32, 64>::new());
         insole.set_up(SETUP, cells.into_iter()).expect("set-up");

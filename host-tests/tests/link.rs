@@ -1,12 +1,12 @@
 //! An insole's side of a session, message by message.
 
 use host_tests::{TISSUE, hello, live, status, step};
-use plantar::calibrate::CellCalibration;
-use plantar::insole::Tissue;
-use plantar::link::{Done, Job, Link, STEP_QUEUE};
-use plantar::store::PART_CELLS;
-use plantar::update::{Progress, Request};
-use plantar::wire::{
+use plantar::pipeline::calibrate::CellCalibration;
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::BLOCK_CELLS;
+use plantar::protocol::session::{Command, CommandResult, STEP_QUEUE, Session};
+use plantar::protocol::update::{Progress, Request};
+use plantar::protocol::{
     Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Serial, Status, ToDevice, ToHost, decode, encode,
 };
 use plantar::{Region, Side};
@@ -22,12 +22,12 @@ enum Sent {
     Refused(Refusal),
     Time { host_us: u64, device_us: u64 },
     Identity(Identity),
-    CalibrationPart(u8),
+    CalibrationBlock(u8),
     Update(Progress),
     Faults(u32),
 }
 
-fn next(link: &mut Link) -> Option<Sent> {
+fn next(link: &mut Session) -> Option<Sent> {
     let mut buffer = [0; MAX_MESSAGE];
     let bytes = link.next(&hello(), status, &mut buffer)?;
     Some(match decode(bytes).expect("one whole message") {
@@ -54,45 +54,45 @@ fn next(link: &mut Link) -> Option<Sent> {
             assert_eq!(got, link.identity());
             Sent::Identity(got)
         }
-        ToHost::CalibrationPart { part } => Sent::CalibrationPart(part),
+        ToHost::CalibrationBlock { block } => Sent::CalibrationBlock(block),
         ToHost::Update(progress) => Sent::Update(progress),
         ToHost::Faults(got) => Sent::Faults(got.found),
     })
 }
 
-fn all(link: &mut Link) -> Vec<Sent> {
+fn all(link: &mut Session) -> Vec<Sent> {
     std::iter::from_fn(|| next(link)).collect()
 }
 
-fn steps(link: &mut Link) -> Vec<u32> {
+fn steps(link: &mut Session) -> Vec<u32> {
     all(link).into_iter().filter_map(|sent| if let Sent::Step(number) = sent { Some(number) } else { None }).collect()
 }
 
-fn connect(link: &mut Link) {
+fn connect(link: &mut Session) {
     link.receive(ToDevice::Connect { major: MAJOR, minor: MINOR }, 0);
 }
 
-fn acknowledge(link: &mut Link, step: u32) {
+fn acknowledge(link: &mut Session, step: u32) {
     link.receive(ToDevice::Acknowledge { step }, 0);
 }
 
 /// A frame as the insole makes it: only where somebody listens.
-fn frame(link: &mut Link) {
+fn frame(link: &mut Session) {
     if let Some(number) = link.next_live() {
         link.push_live(live(number));
     }
 }
 
-fn streaming() -> Link {
-    let mut link = Link::new();
+fn streaming() -> Session {
+    let mut link = Session::new();
     connect(&mut link);
     link.receive(ToDevice::Stream { live: true }, 0);
     assert_eq!(all(&mut link), [Sent::Hello]);
     link
 }
 
-fn with_steps(numbers: impl IntoIterator<Item = u32>) -> Link {
-    let mut link = Link::new();
+fn with_steps(numbers: impl IntoIterator<Item = u32>) -> Session {
+    let mut link = Session::new();
     numbers.into_iter().for_each(|number| link.push_step(step(number)));
     link
 }
@@ -308,19 +308,19 @@ fn dropped_steps_are_counted_across_sessions() {
 
 /// Another sound set.
 fn other_tissue() -> Tissue {
-    let mut gauges = TISSUE.gauges;
-    gauges[0].stiffness_pa *= 2.0;
-    Tissue::new(gauges)
+    let mut force_laws = TISSUE.force_laws;
+    force_laws[0].stiffness_pa *= 2.0;
+    Tissue::new(force_laws)
 }
 
 /// Sets that are refused, with the reason.
 fn bad_tissues() -> [(Tissue, Refusal); 4] {
-    let mut gauges = TISSUE.gauges;
-    gauges[Region::Toe2 as usize].c_m = 1.0;
+    let mut force_laws = TISSUE.force_laws;
+    force_laws[Region::Toe2 as usize].c_m = 1.0;
     [
-        (Tissue::new(gauges), Refusal::Tissue(Region::Toe2)),
-        (Tissue { gauges, ..*TISSUE }, Refusal::TissueId),
-        (Tissue { gauges: other_tissue().gauges, ..*TISSUE }, Refusal::TissueId),
+        (Tissue::new(force_laws), Refusal::Tissue(Region::Toe2)),
+        (Tissue { force_laws, ..*TISSUE }, Refusal::TissueId),
+        (Tissue { force_laws: other_tissue().force_laws, ..*TISSUE }, Refusal::TissueId),
         (Tissue::NONE, Refusal::TissueId),
     ]
 }
@@ -332,9 +332,9 @@ fn accepted_parameters_are_answered_and_named_from_then_on() {
     assert_eq!(all(&mut link), [Sent::Tissue(0)], "none yet");
     for tissue in [*TISSUE, other_tissue(), *TISSUE, *TISSUE] {
         link.receive(ToDevice::SetTissue(tissue), 0);
-        assert_eq!(link.job(), Some(Job::Tissue(tissue)));
+        assert_eq!(link.command(), Some(Command::Tissue(tissue)));
         assert_eq!(all(&mut link), [], "not before they are kept");
-        link.done(Ok(Done::Kept));
+        link.complete(Ok(CommandResult::Stored));
         assert_eq!(*link.tissue(), tissue);
         assert_eq!(link.tissue_due(), None, "frames before the answer are of the ones before");
         assert_eq!(all(&mut link), [Sent::Tissue(tissue.id)]);
@@ -360,7 +360,7 @@ fn refused_parameters_are_answered_with_the_reason_and_the_old_stay() {
         link.receive_unknown();
         assert_eq!(all(&mut link), [Sent::Refused(Refusal::NotUnderstood)]);
         link.receive(ToDevice::SetTissue(*TISSUE), 0);
-        link.done(Ok(Done::Kept));
+        link.complete(Ok(CommandResult::Stored));
         all(&mut link);
     }
 }
@@ -379,7 +379,7 @@ fn answers_come_in_the_order_of_the_requests_and_after_what_was_before() {
         ToDevice::GetTissue,
     ] {
         link.receive(request, 0);
-        link.done(Ok(Done::Kept));
+        link.complete(Ok(CommandResult::Stored));
     }
     link.receive_unknown();
     let sent = all(&mut link);
@@ -392,9 +392,9 @@ fn answers_come_in_the_order_of_the_requests_and_after_what_was_before() {
 #[test]
 fn a_carrier_that_is_too_slow_for_live_frames_brings_answers() {
     let mut link = streaming();
-    let sent_of = |link: &mut Link, requests: &[ToDevice]| {
+    let sent_of = |link: &mut Session, requests: &[ToDevice]| {
         requests.iter().for_each(|request| link.receive(*request, 0));
-        link.done(Ok(Done::Kept));
+        link.complete(Ok(CommandResult::Stored));
         let mut sent = Vec::new();
         for _ in 0..40 {
             frame(link);
@@ -426,7 +426,7 @@ fn a_carrier_that_is_too_slow_for_live_frames_brings_answers() {
 #[test]
 fn parameters_are_not_taken_outside_of_a_session() {
     for connect in [None, Some(ToDevice::Connect { major: MAJOR + 1, minor: MINOR })] {
-        let mut link = Link::new();
+        let mut link = Session::new();
         connect.into_iter().for_each(|connect| link.receive(connect, 0));
         link.receive(ToDevice::SetTissue(*TISSUE), 0);
         link.receive(ToDevice::SetTissue(bad_tissues()[0].0), 0);
@@ -453,33 +453,33 @@ fn what_is_kept_is_answered_when_it_is_and_one_job_waits_at_a_time() {
     let serial = Serial::new("P-0001").expect("printable");
     let name = ToDevice::SetIdentity { side: Side::Right, serial };
     link.receive(name, 0);
-    assert_eq!(link.job(), Some(Job::Name(Side::Right, serial)));
+    assert_eq!(link.command(), Some(Command::SetIdentity(Side::Right, serial)));
     // Another has to wait, and changes nothing.
     link.receive(ToDevice::SetTissue(*TISSUE), 0);
     assert_eq!(all(&mut link), [Sent::Refused(Refusal::Busy)]);
     assert_eq!(*link.tissue(), Tissue::NONE);
     let identity = Identity { side: Side::Right, serial, calibration_id: 5 };
-    link.done(Ok(Done::Identity(identity)));
-    assert_eq!((link.job(), all(&mut link)), (None, vec![Sent::Identity(identity)]));
+    link.complete(Ok(CommandResult::Identity(identity)));
+    assert_eq!((link.command(), all(&mut link)), (None, vec![Sent::Identity(identity)]));
 
-    let cells = [CellCalibration { offset: 3, gain: 1.0 }; PART_CELLS];
-    link.receive(ToDevice::SetCalibrationPart { part: 2, cells }, 0);
-    assert_eq!(link.job(), Some(Job::CalibrationPart(2, cells)));
-    link.done(Ok(Done::Kept));
+    let cells = [CellCalibration { offset: 3, gain: 1.0 }; BLOCK_CELLS];
+    link.receive(ToDevice::SetCalibrationBlock { block: 2, cells }, 0);
+    assert_eq!(link.command(), Some(Command::CalibrationBlock(2, cells)));
+    link.complete(Ok(CommandResult::Stored));
     link.receive(ToDevice::SetTissue(*TISSUE), 0);
-    link.done(Err(Refusal::NotKept));
+    link.complete(Err(Refusal::NotStored));
     link.receive(ToDevice::SetCalibration { layout_id: 1, cells: 2, id: 3 }, 0);
-    link.done(Err(Refusal::Calibration));
-    let sent = [Sent::CalibrationPart(2), Sent::Refused(Refusal::NotKept), Sent::Refused(Refusal::Calibration)];
+    link.complete(Err(Refusal::Calibration));
+    let sent = [Sent::CalibrationBlock(2), Sent::Refused(Refusal::NotStored), Sent::Refused(Refusal::Calibration)];
     assert_eq!(all(&mut link), sent);
     assert_eq!(*link.tissue(), *TISSUE, "they hold until the next start");
     assert_eq!(link.identity(), identity);
     link.receive(ToDevice::Update(Request::Finish), 0);
-    assert_eq!(link.job(), Some(Job::Update(Request::Finish)));
-    link.done(Ok(Done::Update(Progress::Accepted)));
+    assert_eq!(link.command(), Some(Command::Update(Request::Finish)));
+    link.complete(Ok(CommandResult::Update(Progress::Accepted)));
     assert_eq!(all(&mut link), [Sent::Update(Progress::Accepted)]);
     // Nothing was asked.
-    link.done(Ok(Done::Identity(Identity { calibration_id: 6, ..identity })));
+    link.complete(Ok(CommandResult::Identity(Identity { calibration_id: 6, ..identity })));
     assert_eq!((all(&mut link), link.identity()), (vec![], identity));
 }
 
@@ -488,16 +488,16 @@ fn what_makes_no_sense_is_not_kept() {
     let mut link = streaming();
     let bad = [f32::NAN, 0.0, -1.0, 1e9].map(|gain| CellCalibration { offset: 3, gain });
     for calibration in bad.into_iter().chain([CellCalibration { offset: u16::MAX, gain: 1.0 }]) {
-        let mut cells = [CellCalibration::IDEAL; PART_CELLS];
+        let mut cells = [CellCalibration::IDEAL; BLOCK_CELLS];
         cells[7] = calibration;
-        link.receive(ToDevice::SetCalibrationPart { part: 0, cells }, 0);
+        link.receive(ToDevice::SetCalibrationBlock { block: 0, cells }, 0);
         assert_eq!(all(&mut link), [Sent::Refused(Refusal::Calibration)], "{calibration:?}");
     }
     // Beyond the last part is the other calibration's place.
-    for part in [16, 127, 128, 255] {
-        let cells = [CellCalibration::IDEAL; PART_CELLS];
-        link.receive(ToDevice::SetCalibrationPart { part, cells }, 0);
-        assert_eq!(all(&mut link), [Sent::Refused(Refusal::Calibration)], "{part}");
+    for block in [16, 127, 128, 255] {
+        let cells = [CellCalibration::IDEAL; BLOCK_CELLS];
+        link.receive(ToDevice::SetCalibrationBlock { block, cells }, 0);
+        assert_eq!(all(&mut link), [Sent::Refused(Refusal::Calibration)], "{block}");
     }
     let mut bytes = [0; MAX_MESSAGE];
     let name = ToDevice::SetIdentity { side: Side::Left, serial: Serial::new("AB").expect("printable") };
@@ -509,13 +509,13 @@ fn what_makes_no_sense_is_not_kept() {
         link.receive(decode(&damaged).expect("a message"), 0);
         assert_eq!(all(&mut link), [Sent::Refused(Refusal::Serial)]);
     }
-    assert_eq!(link.job(), None);
+    assert_eq!(link.command(), None);
 }
 
 #[test]
 fn acknowledged_steps_are_told_once_where_they_are_kept() {
     let mut link = with_steps(10..15);
-    assert_eq!(link.room(), (STEP_QUEUE > 5, Some(14)));
+    assert_eq!((link.has_room(), link.newest_step()), (STEP_QUEUE > 5, Some(14)));
     connect(&mut link);
     acknowledge(&mut link, 12);
     assert_eq!(link.take_acknowledged(), None, "nothing was sent yet");

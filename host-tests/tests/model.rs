@@ -2,9 +2,9 @@
 
 use host_tests::area_moments;
 use plantar::Real;
-use plantar::live::LiveModel;
-use plantar::model::{AB_M2, COEFFICIENT, Ellipsoid, Gauge, LENGTH_M, MAX_EXPONENT};
-use plantar::step::RegionStep;
+use plantar::pipeline::live::LiveModel;
+use plantar::pipeline::model::{AB_M2, COEFFICIENT, Ellipsoid, ForceLaw, LENGTH_M, MAX_EXPONENT};
+use plantar::pipeline::step::RegionStep;
 use proptest::prelude::*;
 use std::f64::consts::PI;
 
@@ -130,11 +130,11 @@ proptest! {
 
     #[test]
     fn gauge_form_is_the_same_force_without_tension(e in ellipsoid(), g in 1e-3..1.0f64, rate_m_s in -1.0..1.0f64) {
-        let (deformation_m, gauge) = (g * e.c_m, e.gauge());
+        let (deformation_m, law) = (g * e.c_m, e.force_law());
         let elastic_n = e.force_n(deformation_m, 0.0);
         let full_n = e.force_n(deformation_m, rate_m_s);
         let scale_n = elastic_n + (full_n - elastic_n).abs();
-        close(gauge.force_n(g, rate_m_s / e.c_m), f64::max(full_n, 0.0), scale_n, 1e-12)?;
+        close(law.force_n(g, rate_m_s / e.c_m), f64::max(full_n, 0.0), scale_n, 1e-12)?;
     }
 
     #[test]
@@ -181,20 +181,20 @@ proptest! {
 
     #[test]
     fn single_precision_agrees_with_double(e in ellipsoid(), share in 1e-3..0.99f64, rate_per_s in -50.0..50.0f64) {
-        let gauge = e.gauge().single();
-        let wide = Gauge::<f64>::of(&gauge);
+        let law = e.force_law().single();
+        let wide = ForceLaw::<f64>::of(&law);
         let (area_m2, rate_per_s) = ((share * section_m2(&e)) as f32, rate_per_s as f32);
-        let g = gauge.area_ratio(area_m2).gauge();
-        let wide_g = wide.area_ratio(f64::from(area_m2)).gauge();
+        let g = law.area_ratio(area_m2).normalised_deformation();
+        let wide_g = wide.area_ratio(f64::from(area_m2)).normalised_deformation();
         close(f64::from(g), wide_g, wide_g, 1e-5)?;
 
         // The rounding of g itself is seen through the slope of the force: the force law is compared at the same g.
         let g_wide = f64::from(g);
         let elastic_n = wide.force_n(g_wide, 0.0);
-        close(f64::from(gauge.force_n(g, 0.0)), elastic_n, elastic_n, 1e-5)?;
+        close(f64::from(law.force_n(g, 0.0)), elastic_n, elastic_n, 1e-5)?;
         let viscous_n = wide.force_n(g_wide, f64::from(rate_per_s.abs())) - elastic_n;
         let full_n = wide.force_n(g_wide, f64::from(rate_per_s));
-        close(f64::from(gauge.force_n(g, rate_per_s)), full_n, elastic_n + viscous_n, 1e-5)?;
+        close(f64::from(law.force_n(g, rate_per_s)), full_n, elastic_n + viscous_n, 1e-5)?;
     }
 }
 
@@ -229,11 +229,15 @@ fn area_ratio_is_guarded() {
         (f64::INFINITY, 1.0, true),
     ];
     for (area_m2, ratio, clamped) in cases {
-        let guarded = [HEEL.area_ratio(area_m2), HEEL.gauge().area_ratio(area_m2)];
+        let guarded = [HEEL.area_ratio(area_m2), HEEL.force_law().area_ratio(area_m2)];
         for got in guarded {
             assert!((got.ratio - ratio).abs() < 1e-15, "area {area_m2}: {got:?}");
             assert_eq!(got.clamped, clamped, "area {area_m2}");
-            assert!((got.gauge() - (1.0 - (1.0 - ratio).sqrt())).abs() < 1e-15, "area {area_m2}: {}", got.gauge());
+            assert!(
+                (got.normalised_deformation() - (1.0 - (1.0 - ratio).sqrt())).abs() < 1e-15,
+                "area {area_m2}: {}",
+                got.normalised_deformation()
+            );
         }
     }
     assert!((HEEL.deformation_m(largest_m2 * 2.0) - HEEL.c_m).abs() < 1e-17, "a clamped contact is all of C");
@@ -244,7 +248,7 @@ fn without_contact_there_is_no_force() {
     for rate in [-10.0, 0.0, 10.0] {
         for deformation in [0.0, -1e-3] {
             assert_eq!(HEEL.force_n(deformation, rate), 0.0);
-            assert_eq!(HEEL.gauge().force_n(deformation, rate), 0.0);
+            assert_eq!(HEEL.force_law().force_n(deformation, rate), 0.0);
         }
     }
 }
@@ -253,22 +257,22 @@ fn without_contact_there_is_no_force() {
 fn tension_is_cut_in_the_gauge_form_only() {
     let (g, rate_m_s) = (0.3, -5.0);
     assert!(HEEL.force_n(g * HEEL.c_m, rate_m_s) < 0.0, "this release pulls");
-    assert_eq!(HEEL.gauge().force_n(g, rate_m_s / HEEL.c_m), 0.0);
+    assert_eq!(HEEL.force_law().force_n(g, rate_m_s / HEEL.c_m), 0.0);
 }
 
 #[test]
 fn unknown_tissue_gives_no_deformation_and_no_force() {
     for area_m2 in [0.0, 1e-6, 1e-3, 1.0] {
-        let ratio = Gauge::<f32>::NONE.area_ratio(area_m2);
+        let ratio = ForceLaw::<f32>::NONE.area_ratio(area_m2);
         assert!(!ratio.clamped);
-        assert_eq!(Gauge::<f32>::NONE.c_m * ratio.gauge(), 0.0);
-        assert_eq!(Gauge::<f32>::NONE.force_n(ratio.gauge(), 100.0), 0.0);
+        assert_eq!(ForceLaw::<f32>::NONE.c_m * ratio.normalised_deformation(), 0.0);
+        assert_eq!(ForceLaw::<f32>::NONE.force_n(ratio.normalised_deformation(), 100.0), 0.0);
     }
 }
 
 #[test]
 fn unusable_parameters_are_refused() {
-    assert!(HEEL.is_valid() && HEEL.gauge().is_valid());
+    assert!(HEEL.is_valid() && HEEL.force_law().is_valid());
     let bad_ellipsoids: [fn(&mut Ellipsoid<f64>); 12] = [
         |e| e.a_m = 0.0,
         |e| e.b_m = -0.01,
@@ -288,7 +292,7 @@ fn unusable_parameters_are_refused() {
         spoil(&mut e);
         assert!(!e.is_valid(), "ellipsoid {i}: {e:?}");
     }
-    let bad_gauges: [fn(&mut Gauge<f64>); 17] = [
+    let bad_gauges: [fn(&mut ForceLaw<f64>); 17] = [
         |g| g.ab_m2 = 0.0,
         |g| g.ab_m2 = f64::NAN,
         |g| g.c_m = -0.01,
@@ -308,36 +312,36 @@ fn unusable_parameters_are_refused() {
         |g| g.n = 10.01,
     ];
     for (i, spoil) in bad_gauges.iter().enumerate() {
-        let mut g = HEEL.gauge();
+        let mut g = HEEL.force_law();
         spoil(&mut g);
-        assert!(!g.is_valid(), "gauge {i}: {g:?}");
+        assert!(!g.is_valid(), "law {i}: {g:?}");
     }
-    assert!(!Gauge::<f32>::NONE.is_valid());
+    assert!(!ForceLaw::<f32>::NONE.is_valid());
 }
 
 /// Every number at either limit; an exponent above -1 is as near to it as single precision comes.
-fn gauges_at_their_limits() -> impl Iterator<Item = Gauge<f32>> {
+fn gauges_at_their_limits() -> impl Iterator<Item = ForceLaw<f32>> {
     let ends = |limit: &std::ops::RangeInclusive<f64>| [*limit.start() as f32, *limit.end() as f32];
     let exponents = [(-1.0f32).next_up(), MAX_EXPONENT as f32];
     let choices = [ends(&AB_M2), ends(&LENGTH_M), ends(&COEFFICIENT), ends(&COEFFICIENT), exponents, exponents];
     (0..1 << 6).map(move |bits: usize| {
         let [ab_m2, c_m, stiffness_pa, damping_pa_s, n, m] = core::array::from_fn(|i| choices[i][bits >> i & 1]);
-        Gauge { ab_m2, c_m, stiffness_pa, damping_pa_s, n, m }
+        ForceLaw { ab_m2, c_m, stiffness_pa, damping_pa_s, n, m }
     })
 }
 
 #[test]
 fn limits_are_within_and_the_next_numbers_are_not() {
-    for gauge in gauges_at_their_limits() {
-        assert!(gauge.is_valid(), "{gauge:?}");
-        let mut beyond = [gauge; 6];
+    for law in gauges_at_their_limits() {
+        assert!(law.is_valid(), "{law:?}");
+        let mut beyond = [law; 6];
         let outwards = |value: f32, limit: f64| if value == limit as f32 { value.next_up() } else { value.next_down() };
-        beyond[0].ab_m2 = outwards(gauge.ab_m2, *AB_M2.end());
-        beyond[1].c_m = outwards(gauge.c_m, *LENGTH_M.end());
-        beyond[2].stiffness_pa = outwards(gauge.stiffness_pa, *COEFFICIENT.end());
-        beyond[3].damping_pa_s = outwards(gauge.damping_pa_s, *COEFFICIENT.end());
-        beyond[4].n = outwards(gauge.n, MAX_EXPONENT);
-        beyond[5].m = outwards(gauge.m, MAX_EXPONENT);
+        beyond[0].ab_m2 = outwards(law.ab_m2, *AB_M2.end());
+        beyond[1].c_m = outwards(law.c_m, *LENGTH_M.end());
+        beyond[2].stiffness_pa = outwards(law.stiffness_pa, *COEFFICIENT.end());
+        beyond[3].damping_pa_s = outwards(law.damping_pa_s, *COEFFICIENT.end());
+        beyond[4].n = outwards(law.n, MAX_EXPONENT);
+        beyond[5].m = outwards(law.m, MAX_EXPONENT);
         for beyond in beyond {
             assert!(!beyond.is_valid(), "{beyond:?}");
         }
@@ -348,16 +352,16 @@ fn limits_are_within_and_the_next_numbers_are_not() {
 #[test]
 fn forces_at_the_limits_of_the_parameters_are_finite_in_single_precision() {
     let areas_mm2: Vec<f32> = (0..256).map(|i| [0.0, 1e5, 1e-3, 600.0, 0.01][i % 5]).collect();
-    for gauge in gauges_at_their_limits() {
+    for law in gauges_at_their_limits() {
         for per_s in [20.0f32, 500.0] {
             let mut live = LiveModel::NEW;
             for &area_mm2 in &areas_mm2 {
-                let tissue = live.update(&gauge, area_mm2, per_s);
-                assert!((0.0..1e11).contains(&tissue.model_n), "{} N of {gauge:?}", tissue.model_n);
-                assert!((0.0..=0.2).contains(&tissue.deformation_m), "{} m of {gauge:?}", tissue.deformation_m);
+                let tissue = live.update(&law, area_mm2, per_s);
+                assert!((0.0..1e11).contains(&tissue.model_n), "{} N of {law:?}", tissue.model_n);
+                assert!((0.0..=0.2).contains(&tissue.deformation_m), "{} m of {law:?}", tissue.deformation_m);
             }
             let forces_n = vec![100.0; areas_mm2.len()];
-            let step = RegionStep::new(&gauge, &areas_mm2, &forces_n, 1.0 / per_s, &area_moments(600.0));
+            let step = RegionStep::new(&law, &areas_mm2, &forces_n, 1.0 / per_s, &area_moments(600.0));
             let numbers = [
                 step.model_peak_n,
                 step.model_integral_n_s,
@@ -365,7 +369,7 @@ fn forces_at_the_limits_of_the_parameters_are_finite_in_single_precision() {
                 step.deformation_peak_m,
                 step.deformation_rate_peak_m_s,
             ];
-            assert!(numbers.iter().all(|v| v.is_finite() && *v >= 0.0), "{numbers:?} of {gauge:?}");
+            assert!(numbers.iter().all(|v| v.is_finite() && *v >= 0.0), "{numbers:?} of {law:?}");
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Parameter files and the set on an insole: either way through, the same bits.
 
 use parameters::{InsoleSize, Parameters};
-use plantar::insole::Tissue;
-use plantar::model::{AB_M2, COEFFICIENT, Gauge, LENGTH_M, MAX_EXPONENT};
+use plantar::pipeline::model::{AB_M2, COEFFICIENT, ForceLaw, LENGTH_M, MAX_EXPONENT};
+use plantar::pipeline::tissue::Tissue;
 use proptest::prelude::*;
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -22,7 +22,7 @@ fn exponent() -> impl Strategy<Value = f32> {
 fn tissue() -> impl Strategy<Value = Tissue> {
     let numbers =
         (within(&AB_M2), within(&LENGTH_M), within(&COEFFICIENT), within(&COEFFICIENT), exponent(), exponent());
-    let gauge = numbers.prop_map(|(ab_m2, c_m, stiffness_pa, damping_pa_s, n, m)| Gauge {
+    let law = numbers.prop_map(|(ab_m2, c_m, stiffness_pa, damping_pa_s, n, m)| ForceLaw {
         ab_m2,
         c_m,
         stiffness_pa,
@@ -30,7 +30,7 @@ fn tissue() -> impl Strategy<Value = Tissue> {
         n,
         m,
     });
-    prop::array::uniform8(gauge).prop_map(Tissue::new)
+    prop::array::uniform8(law).prop_map(Tissue::new)
 }
 
 fn through_a_file(parameters: &Parameters) -> Parameters {

@@ -1,13 +1,16 @@
 //! A whole insole's frame against a reference that starts every frame from nothing, in f64.
 
 use host_tests::{LAW, SETUP, TISSUE, cell, code_of, curve};
-use plantar::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
-use plantar::contact::{ContactRule, WHOLE};
-use plantar::insole::{Insole, RegionLoad, Setup, SetupCell, SetupError, Tissue};
-use plantar::model::Ellipsoid;
-use plantar::region::{MAX_CELL_MM2, MAX_REACH_MM};
-use plantar::stance::StanceRule;
-use plantar::wire::Refusal;
+use plantar::insole::Insole;
+use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
+use plantar::pipeline::contact::{ContactRule, WHOLE};
+use plantar::pipeline::live::RegionLoad;
+use plantar::pipeline::model::Ellipsoid;
+use plantar::pipeline::region::{MAX_CELL_MM2, MAX_REACH_MM};
+use plantar::pipeline::setup::{Setup, SetupCell, SetupError};
+use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::tissue::{Tissue, TissueError};
+use plantar::protocol::Refusal;
 use plantar::{Real, Region};
 use proptest::prelude::*;
 use std::collections::HashSet;
@@ -369,14 +372,14 @@ fn bad_cells_are_refused_by_number() {
 fn bad_tissue_is_refused_with_its_reason_and_changes_nothing() {
     let mut insole = Insole::<f32, 4>::new();
     insole.set_tissue(&TISSUE).expect("tissue");
-    let mut gauges = TISSUE.gauges;
-    gauges[Region::Hallux as usize].ab_m2 = 0.0;
+    let mut force_laws = TISSUE.force_laws;
+    force_laws[Region::Hallux as usize].ab_m2 = 0.0;
     for (bad, reason) in [
-        (Tissue::new(gauges), Refusal::Tissue(Region::Hallux)),
-        (Tissue { gauges, ..*TISSUE }, Refusal::TissueId),
-        (Tissue { id: TISSUE.id + 1, ..*TISSUE }, Refusal::TissueId),
-        (Tissue::NONE, Refusal::TissueId),
-        (Tissue::new(Tissue::NONE.gauges), Refusal::Tissue(Region::Heel)),
+        (Tissue::new(force_laws), TissueError::Region(Region::Hallux)),
+        (Tissue { force_laws, ..*TISSUE }, TissueError::Id),
+        (Tissue { id: TISSUE.id + 1, ..*TISSUE }, TissueError::Id),
+        (Tissue::NONE, TissueError::Id),
+        (Tissue::new(Tissue::NONE.force_laws), TissueError::Region(Region::Heel)),
     ] {
         assert_eq!(bad.check(), Err(reason));
         assert_eq!(insole.set_tissue(&bad), Err(reason));
@@ -389,12 +392,12 @@ fn bad_tissue_is_refused_with_its_reason_and_changes_nothing() {
 fn any_changed_bit_is_another_id() {
     let ids: HashSet<u32> = (0..8 * 6 * 32)
         .map(|bit| {
-            let mut gauges = TISSUE.gauges;
-            let g = &mut gauges[bit / 192];
+            let mut force_laws = TISSUE.force_laws;
+            let g = &mut force_laws[bit / 192];
             let values = [&mut g.ab_m2, &mut g.c_m, &mut g.stiffness_pa, &mut g.damping_pa_s, &mut g.n, &mut g.m];
             let value = values.into_iter().nth(bit / 32 % 6).expect("six numbers");
             *value = f32::from_bits(value.to_bits() ^ 1 << (bit % 32));
-            Tissue::new(gauges).id
+            Tissue::new(force_laws).id
         })
         .collect();
     assert_eq!(ids.len(), 8 * 6 * 32);
@@ -405,12 +408,12 @@ fn any_changed_bit_is_another_id() {
 fn errors_read_as_sentences() {
     assert_eq!(SetupError::Cell(3).to_string().split(' ').take(2).collect::<Vec<_>>(), ["cell", "3"]);
     assert!(SetupError::RegionOrder(9).to_string().contains("cell 9"));
-    let out_of_bounds = Refusal::Tissue(Region::Toes35).to_string();
+    let out_of_bounds = Refusal::from(TissueError::Region(Region::Toes35)).to_string();
     assert!(
         out_of_bounds.contains(Region::Toes35.name()) && out_of_bounds.contains("1e-8 to 4e-2 m2"),
         "{out_of_bounds}"
     );
-    assert!(Refusal::TissueId.to_string().contains("again"));
+    assert!(Refusal::from(TissueError::Id).to_string().contains("again"));
     assert!(Refusal::NotUnderstood.to_string().contains("update"));
 }
 

@@ -2,11 +2,11 @@
 
 use host_tests::{TISSUE, area_moments};
 use plantar::Real;
-use plantar::model::Gauge;
-use plantar::region::{AreaMoments, ForceMoments, RegionFrame};
-use plantar::smooth;
-use plantar::stance::{BRIDGED_FRAMES, Rejected, STANCE_SAMPLES, Stance, StanceLimits, StanceRule};
-use plantar::step::RegionStep;
+use plantar::pipeline::model::ForceLaw;
+use plantar::pipeline::region::{AreaMoments, ForceMoments, RegionFrame};
+use plantar::pipeline::smooth;
+use plantar::pipeline::stance::{BRIDGED_FRAMES, Rejected, STANCE_SAMPLES, Stance, StanceLimits, StanceRule};
+use plantar::pipeline::step::RegionStep;
 use proptest::prelude::*;
 use std::f64::consts::PI;
 
@@ -308,7 +308,7 @@ proptest! {
         ln_stiffness in 11.0..15.0f64,
         rate_hz in 50.0..400.0f64,
     ) {
-        let gauge = Gauge { stiffness_pa: f64::from(ln_stiffness.exp() as f32), ..Gauge::<f64>::of(&TISSUE.gauges[0]) };
+        let law = ForceLaw { stiffness_pa: f64::from(ln_stiffness.exp() as f32), ..ForceLaw::<f64>::of(&TISSUE.force_laws[0]) };
         let bell = |i: usize, skew: f64| (PI * ((i as f64 + 0.5) / count as f64).powf(skew)).sin();
         let count_before = before.min(STANCE_SAMPLES - count);
         let count_after = after.min(STANCE_SAMPLES - count - count_before);
@@ -321,13 +321,13 @@ proptest! {
             .collect();
         let sample_s = f64::from((1.0 / rate_hz) as f32);
 
-        let truth = transcription(&gauge, &area_mm2, &force_n, sample_s);
-        let wide = RegionStep::new(&gauge, &area_mm2, &force_n, sample_s, &area_moments(100.0));
+        let truth = transcription(&law, &area_mm2, &force_n, sample_s);
+        let wide = RegionStep::new(&law, &area_mm2, &force_n, sample_s, &area_moments(100.0));
         compare(&wide, &truth, 1e-8)?;
         prop_assert!(wide.ellipse_at_peak.is_some());
 
         let narrow_of = |samples: &[f64]| samples.iter().map(|&v| v as f32).collect::<Vec<f32>>();
-        let narrow_gauge = Gauge::<f32> { stiffness_pa: gauge.stiffness_pa as f32, ..TISSUE.gauges[0] };
+        let narrow_gauge = ForceLaw::<f32> { stiffness_pa: law.stiffness_pa as f32, ..TISSUE.force_laws[0] };
         let narrow = RegionStep::new(
             &narrow_gauge, &narrow_of(&area_mm2), &narrow_of(&force_n), sample_s as f32, &area_moments(100.0),
         );
@@ -352,7 +352,7 @@ struct Truth {
 }
 
 /// Section 2.3 and Eq. 13 to 20 as they are written, with the force law in its five numbers.
-fn transcription(gauge: &Gauge<f64>, area_mm2: &[f64], force_n: &[f64], sample_s: f64) -> Truth {
+fn transcription(law: &ForceLaw<f64>, area_mm2: &[f64], force_n: &[f64], sample_s: f64) -> Truth {
     let contact: Vec<usize> = (0..area_mm2.len()).filter(|&i| area_mm2[i] > 0.0).collect();
     let (first, last) = (contact[0], contact[contact.len() - 1]);
     let (raw_mm2, measured_n) = (&area_mm2[first..=last], &force_n[first..=last]);
@@ -360,7 +360,7 @@ fn transcription(gauge: &Gauge<f64>, area_mm2: &[f64], force_n: &[f64], sample_s
     let averaged = naive_moving_average(raw_mm2);
     let smooth_mm2 = if count < 4 { averaged } else { projection(&averaged, (count / 2).min(6)) };
 
-    let ratio: Vec<f64> = smooth_mm2.iter().map(|a| a * 1e-6 / (PI * gauge.ab_m2)).collect();
+    let ratio: Vec<f64> = smooth_mm2.iter().map(|a| a * 1e-6 / (PI * law.ab_m2)).collect();
     let g: Vec<f64> = ratio.iter().map(|a| 1.0 - (1.0 - a.clamp(0.0, 1.0)).sqrt()).collect();
     let rate_per_s = |i: usize| {
         // Eq. 16 looks forward; there is nothing after the last sample.
@@ -372,10 +372,10 @@ fn transcription(gauge: &Gauge<f64>, area_mm2: &[f64], force_n: &[f64], sample_s
         if g <= 0.0 {
             return 0.0;
         }
-        let elastic = gauge.stiffness_pa * g.powf(gauge.n + 2.0) * (1.0 - g / 3.0);
+        let elastic = law.stiffness_pa * g.powf(law.n + 2.0) * (1.0 - g / 3.0);
         let shape = (6.0 - 4.0 * g + g * g) / (3.0 * (2.0 - g));
-        let viscous = gauge.damping_pa_s * g.powf(gauge.m + 1.0) * rate_per_s(i) * shape;
-        (PI * gauge.ab_m2 * (elastic + viscous)).max(0.0)
+        let viscous = law.damping_pa_s * g.powf(law.m + 1.0) * rate_per_s(i) * shape;
+        (PI * law.ab_m2 * (elastic + viscous)).max(0.0)
     };
     let model_n: Vec<f64> = (0..count).map(model_n).collect();
     let peak = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
@@ -388,8 +388,8 @@ fn transcription(gauge: &Gauge<f64>, area_mm2: &[f64], force_n: &[f64], sample_s
         measured_integral_n_s: measured_n.iter().sum::<f64>() * sample_s,
         model_integral_n_s: model_n.iter().sum::<f64>() * sample_s,
         area_peak_mm2: peak(raw_mm2),
-        deformation_peak_m: gauge.c_m * peak(&g),
-        deformation_rate_peak_m_s: gauge.c_m * (0..count).map(rate_per_s).fold(0.0, f64::max),
+        deformation_peak_m: law.c_m * peak(&g),
+        deformation_rate_peak_m_s: law.c_m * (0..count).map(rate_per_s).fold(0.0, f64::max),
         contact_s: count as f64 * sample_s,
         time_to_peak_s: peak_at as f64 * sample_s,
         model_error: (squares / count as f64).sqrt() / measured_peak_n,
@@ -428,10 +428,10 @@ fn compare<R: Real>(got: &RegionStep<R>, want: &Truth, tolerance: f64) -> Result
 #[test]
 fn a_step_by_hand() {
     // Four frames of contact, a line in the area: smoothing keeps a line but for the ends of the average.
-    let gauge = Gauge { ab_m2: 1e-3, c_m: 0.01, stiffness_pa: 0.0, damping_pa_s: 0.0, n: 1.0, m: 1.0 };
+    let law = ForceLaw { ab_m2: 1e-3, c_m: 0.01, stiffness_pa: 0.0, damping_pa_s: 0.0, n: 1.0, m: 1.0 };
     let area_mm2 = [0.0, 100.0, 200.0, 200.0, 100.0, 0.0];
     let force_n = [5.0, 10.0, 40.0, 20.0, 10.0, 5.0];
-    let step = RegionStep::<f64>::new(&gauge, &area_mm2, &force_n, 0.02, &AreaMoments::NONE);
+    let step = RegionStep::<f64>::new(&law, &area_mm2, &force_n, 0.02, &AreaMoments::NONE);
     let near = |got: f64, want: f64| (got - want).abs() < 1e-12;
     assert!(near(step.measured_peak_n, 40.0) && near(step.area_peak_mm2, 200.0), "{step:?}");
     assert!(near(step.contact_s, 0.08) && near(step.time_to_peak_s, 0.02), "{step:?}");
@@ -444,10 +444,10 @@ fn a_step_by_hand() {
 
 #[test]
 fn a_region_without_contact_has_no_step() {
-    let gauge = TISSUE.gauges[0];
+    let law = TISSUE.force_laws[0];
     let none = RegionStep::<f32>::default();
-    assert_eq!(RegionStep::new(&gauge, &[0.0; 30], &[9.0; 30], 0.01, &area_moments(10.0)), none);
-    assert_eq!(RegionStep::new(&gauge, &[], &[], 0.01, &area_moments(10.0)), none);
+    assert_eq!(RegionStep::new(&law, &[0.0; 30], &[9.0; 30], 0.01, &area_moments(10.0)), none);
+    assert_eq!(RegionStep::new(&law, &[], &[], 0.01, &area_moments(10.0)), none);
 }
 
 /// One walker at four frame rates: contact area and force of one region.
@@ -456,7 +456,7 @@ fn frame_rate_does_not_change_the_step() {
     let stance_s = 0.68;
     let area_mm2 = |t: f64| 1800.0 * (PI * t / stance_s).sin().powf(0.7);
     let force_n = |t: f64| 600.0 * (PI * t / stance_s).sin() * (1.0 + 0.3 * (3.0 * PI * t / stance_s).sin());
-    let gauge = Gauge::<f32> { stiffness_pa: 1.5e6, ..TISSUE.gauges[0] };
+    let law = ForceLaw::<f32> { stiffness_pa: 1.5e6, ..TISSUE.force_laws[0] };
     let step_at = |rate_hz: u32| {
         let period_us = 1_000_000 / rate_hz;
         let limits = StanceLimits::<f32>::new(&StanceRule::WALKING, period_us);
@@ -474,7 +474,7 @@ fn frame_rate_does_not_change_the_step() {
         assert!(ended, "{rate_hz} Hz");
         let (area_mm2, force_n) = stance.curves(0);
         let sample_s = stance.stride() as f32 * period_us as f32 * 1e-6;
-        RegionStep::new(&gauge, area_mm2, force_n, sample_s, stance.moments_at_peak(0))
+        RegionStep::new(&law, area_mm2, force_n, sample_s, stance.moments_at_peak(0))
     };
     let reference = step_at(400);
     // The truth of what was measured: the force itself.

@@ -5,11 +5,13 @@ use host_tests::nor_flash::{NorFlashChip, Torn, now};
 use host_tests::power::Script;
 use host_tests::{TISSUE, step};
 use plantar::Side;
-use plantar::calibrate::CellCalibration;
-use plantar::insole::Tissue;
-use plantar::map::SECTOR;
-use plantar::store::{Bonds, Failed, LOG, Name, PART_CELLS, RECORDS, Record, Starts, Store};
-use plantar::wire::{Reset, Serial, Step, StepRegion};
+use plantar::pipeline::calibrate::CellCalibration;
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::BLOCK_CELLS;
+use plantar::protocol::{Reset, Serial, Step, StepRegion};
+use plantar::storage::flash_map::SECTOR;
+use plantar::storage::flash_map::{LOG, RECORDS};
+use plantar::storage::{Bonds, BootCounters, IdentityRecord, Record, StorageError, Store};
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
@@ -92,18 +94,19 @@ fn what_older_firmware_kept_is_read() {
     assert_eq!((contents.start, contents.next_step, contents.newer_kinds, contents.newer_steps), (2, 20, 0, 0));
     assert_eq!(now(store.get::<Tissue>(0)), Ok(Some(*TISSUE)));
     let serial = Serial::new("P-0001").expect("printable");
-    assert_eq!(now(store.get::<Name>(0)), Ok(Some(Name { side: Side::Right, serial })));
+    assert_eq!(now(store.get::<IdentityRecord>(0)), Ok(Some(IdentityRecord { side: Side::Right, serial })));
     assert_eq!(now(store.get::<Bonds>(0)), Ok(Some(Bonds([1, 2, 3, 4, 5].into_iter().collect()))));
     let calibration = now(store.calibration(7, 40)).expect("the chip works").expect("one is in force");
     for part in 0..3u16 {
-        let cells = now(store.part(&calibration, part as u8)).expect("the chip works").expect("it is there");
-        for (i, cell) in (part * PART_CELLS as u16..40).zip(cells) {
+        let cells =
+            now(store.calibration_block(&calibration, part as u8)).expect("the chip works").expect("it is there");
+        for (i, cell) in (part * BLOCK_CELLS as u16..40).zip(cells) {
             assert_eq!(cell, CellCalibration { offset: 100 + i, gain: 1.0 + f32::from(i) / 64.0 });
         }
     }
     let wanted = (5..20).map(|number| {
         let regions = step(number).regions.map(|region| StepRegion { masked_cells: 0, ..region });
-        Step { regions, starts_ago: 1, start_unix_us: None, ..step(number) }
+        Step { regions, boots_since: 1, start_unix_us: None, ..step(number) }
     });
     assert_eq!(steps(&mut store), wanted.collect::<Vec<_>>());
     // Numbers go on, old and new steps are acknowledged together.
@@ -185,7 +188,9 @@ fn records_of_newer_firmware_are_reported_and_left_alone() {
     assert_eq!(now(store.get::<Tissue>(0)), Ok(None));
     // This firmware keeps its own beside them, until sectors are used again and again.
     for i in 0..5000 {
-        let tissue = Tissue::new([plantar::model::Gauge { c_m: 0.01 + i as f32 * 1e-6, ..TISSUE.gauges[0] }; 8]);
+        let tissue = Tissue::new(
+            [plantar::pipeline::model::ForceLaw { c_m: 0.01 + i as f32 * 1e-6, ..TISSUE.force_laws[0] }; 8],
+        );
         assert_eq!(now(store.put(0, &tissue)), Ok(()));
         assert_eq!(now(store.get(0)), Ok(Some(tissue)));
     }
@@ -217,25 +222,31 @@ fn nothing_is_erased_where_only_newer_firmware_counted_starts() {
     now(async {
         let mut records = MapStorage::new(&mut chip, MapConfig::new(RECORDS), Cache::new_uncached());
         let mut buffer = [0; 400];
-        records.store_item(&mut buffer, &[Starts::KIND, 0, Starts::VERSION + 1], &&[1][..]).await.expect("room");
-        records.remove_item(&mut buffer, &[Starts::KIND, 0, Starts::VERSION]).await.expect("the chip works");
+        records
+            .store_item(&mut buffer, &[BootCounters::KIND, 0, BootCounters::VERSION + 1], &&[1][..])
+            .await
+            .expect("room");
+        records
+            .remove_item(&mut buffer, &[BootCounters::KIND, 0, BootCounters::VERSION])
+            .await
+            .expect("the chip works");
     });
     let mut store = open(&mut chip);
     assert_eq!(now(store.get(0)), Ok(Some(*TISSUE)));
-    assert_eq!((store.contents().newer_kinds, store.contents().erased), (1 << Starts::KIND, 0));
+    assert_eq!((store.contents().newer_kinds, store.contents().erased), (1 << BootCounters::KIND, 0));
 }
 
 #[test]
 fn a_calibration_of_another_layout_or_in_pieces_is_not_used() {
     let mut chip = chip();
     let mut store = open(&mut chip);
-    let part = [CellCalibration { offset: 5, gain: 2.0 }; PART_CELLS];
-    let mut id = plantar::store::CalibrationId::new();
+    let part = [CellCalibration { offset: 5, gain: 2.0 }; BLOCK_CELLS];
+    let mut id = plantar::protocol::CalibrationId::new();
     id.add(&part);
     id.add(&part);
-    assert_eq!(now(store.put_part(0, &part)), Ok(()));
+    assert_eq!(now(store.put_calibration_block(0, &part)), Ok(()));
     assert_eq!(now(store.put_calibration(7, 32, id.id())), Ok(false), "half of it is missing");
-    assert_eq!(now(store.put_part(1, &part)), Ok(()));
+    assert_eq!(now(store.put_calibration_block(1, &part)), Ok(()));
     assert_eq!(now(store.put_calibration(7, 32, id.id() ^ 1)), Ok(false), "another checksum");
     assert_eq!(now(store.calibration(7, 32)), Ok(None));
     assert_eq!(now(store.put_calibration(7, 32, id.id())), Ok(true));
@@ -290,11 +301,11 @@ fn a_dead_chip_is_told() {
     chip.cut = Some((0, Torn::Before));
     let _ = now(chip.erase(0, SECTOR));
     let mut store = open(&mut chip);
-    assert_eq!(now(store.get::<Tissue>(0)), Err(Failed::Chip));
-    assert_eq!(now(store.put(0, &*TISSUE)), Err(Failed::Chip));
-    assert_eq!(now(store.push_step(&step(0))), Err(Failed::Chip));
-    assert_eq!(now(store.acknowledge(0)), Err(Failed::Chip));
-    assert_eq!(now(store.steps(None, |_| true)), Err(Failed::Chip));
+    assert_eq!(now(store.get::<Tissue>(0)), Err(StorageError::Chip));
+    assert_eq!(now(store.put(0, &*TISSUE)), Err(StorageError::Chip));
+    assert_eq!(now(store.push_step(&step(0))), Err(StorageError::Chip));
+    assert_eq!(now(store.acknowledge(0)), Err(StorageError::Chip));
+    assert_eq!(now(store.steps(None, |_| true)), Err(StorageError::Chip));
 }
 
 #[test]

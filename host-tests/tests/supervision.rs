@@ -7,12 +7,14 @@ mod common;
 use addr2line::Loader;
 use client::{Carrier, Framed};
 use common::{firmware, synthetic_walk};
+use emulation::{EmulatorConfig, InjectedFault, PlannedFault};
 use emulator::{Board, Looped, Recorded, Scan, Time, Walk};
-use plantar::contact::ContactRule;
-use plantar::emulation::{Head, Mishap, Planned};
-use plantar::stance::StanceRule;
-use plantar::watch::{LIVED_LOOKS, LOOK_MS, Life, START_LOOKS, STILL_LOOKS, Watch};
-use plantar::wire::{Hello, MAJOR, MINOR, Reset, Status, ToDevice, ToHost};
+use plantar::firmware::supervise::{
+    CHECK_PERIOD_MS, HEALTHY_CHECKS, Heartbeats, STALLED_CHECKS, START_CHECKS, Watchdog,
+};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::{Hello, MAJOR, MINOR, Reset, Status, ToDevice, ToHost};
 use recording::VirtualInsole;
 use std::net::TcpStream;
 use std::path::PathBuf;
@@ -48,15 +50,19 @@ struct Watched {
 
 impl Watched {
     /// With a walk that never ends; time is this machine's.
-    fn start(mishap: Option<Planned>) -> Option<Self> {
-        Self::start_with(|head| Head { mishap, ..head }, Time::Real, None::<Mute>)
+    fn start(fault: Option<PlannedFault>) -> Option<Self> {
+        Self::start_with(|head| EmulatorConfig { fault, ..head }, Time::Real, None::<Mute>)
     }
 
-    fn start_with(head: impl Fn(Head) -> Head, time: Time, walk: Option<impl Walk>) -> Option<Self> {
+    fn start_with(
+        head: impl Fn(EmulatorConfig) -> EmulatorConfig,
+        time: Time,
+        walk: Option<impl Walk>,
+    ) -> Option<Self> {
         let firmware = firmware()?;
         let recording = synthetic_walk(3, 100.0);
         let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
-        let head = head(Head::new(worn.setup));
+        let head = head(EmulatorConfig::new(worn.setup));
         let cells = worn.cells.clone();
         let board = match walk {
             Some(walk) => Board::start(&firmware, &head, &cells, time, walk),
@@ -148,12 +154,12 @@ fn told(hello: &Hello) -> &str {
     hello.last_panic.as_deref().unwrap_or_default()
 }
 
-fn once(what: Mishap, after_ms: u32) -> Option<Planned> {
-    Some(Planned { what, after_ms, is_repeated: false })
+fn once(kind: InjectedFault, after_ms: u32) -> Option<PlannedFault> {
+    Some(PlannedFault { kind, after_ms, is_repeated: false })
 }
 
 /// A mishap in the midst of a walk: the board comes back and tells of it; gives what it told.
-fn assert_recovers(what: Mishap, reset: Reset, begins: &str, function: &str) {
+fn assert_recovers(what: InjectedFault, reset: Reset, begins: &str, function: &str) {
     const AFTER_MS: u32 = 1500;
     let Some(mut board) = Watched::start(once(what, AFTER_MS)) else { return };
     let first = board.hello(|_| true);
@@ -176,38 +182,40 @@ fn assert_recovers(what: Mishap, reset: Reset, begins: &str, function: &str) {
 
 #[test]
 fn a_scan_that_goes_round_for_ever_is_found() {
-    assert_recovers(Mishap::ScanWedged, Reset::Watchdog, "wedged: scan", "read_row");
+    assert_recovers(InjectedFault::ScanStalled, Reset::Watchdog, "wedged: scan", "read_row");
 }
 
 #[test]
 fn a_model_that_goes_round_for_ever_is_found() {
-    assert_recovers(Mishap::ModelWedged, Reset::Watchdog, "wedged: model link", "process");
+    assert_recovers(InjectedFault::ModelStalled, Reset::Watchdog, "wedged: model link", "process");
 }
 
 #[test]
 fn a_link_that_goes_round_for_ever_is_found() {
-    assert_recovers(Mishap::LinkWedged, Reset::Watchdog, "wedged: model link", "serve");
+    assert_recovers(InjectedFault::LinkStalled, Reset::Watchdog, "wedged: model link", "serve");
 }
 
 #[test]
 fn a_stack_that_is_too_deep_is_caught() {
-    assert_recovers(Mishap::StackOverflow, Reset::Panic, "stack overflow", "too_deep");
+    assert_recovers(InjectedFault::StackOverflow, Reset::Panic, "stack overflow", "too_deep");
 }
 
 #[test]
 fn a_fault_is_caught() {
-    assert_recovers(Mishap::Fault, Reset::Panic, "fault", "may_happen");
+    assert_recovers(InjectedFault::Fault, Reset::Panic, "fault", "may_happen");
 }
 
 #[test]
 fn a_panic_is_caught() {
-    assert_recovers(Mishap::Panic, Reset::Panic, "panic", "may_happen");
+    assert_recovers(InjectedFault::Panic, Reset::Panic, "panic", "may_happen");
 }
 
 /// Every start that reads its set-up panics: the one that does not read it talks, scans, and goes on doing so.
 #[test]
 fn a_board_that_fails_again_and_again_falls_back_to_what_is_built_in() {
-    let Some(mut board) = Watched::start(Some(Planned { what: Mishap::Panic, after_ms: 0, is_repeated: true })) else {
+    let Some(mut board) =
+        Watched::start(Some(PlannedFault { kind: InjectedFault::Panic, after_ms: 0, is_repeated: true }))
+    else {
         return;
     };
     let hello = board.hello(|_| true);
@@ -223,8 +231,10 @@ fn a_board_that_fails_again_and_again_falls_back_to_what_is_built_in() {
 /// Failures that are far between are no reason to forget the set-up.
 #[test]
 fn starts_that_lived_do_not_count_as_failed() {
-    let after_ms = LIVED_LOOKS * LOOK_MS + 500;
-    let Some(mut board) = Watched::start(Some(Planned { what: Mishap::Panic, after_ms, is_repeated: true })) else {
+    let after_ms = HEALTHY_CHECKS * CHECK_PERIOD_MS + 500;
+    let Some(mut board) =
+        Watched::start(Some(PlannedFault { kind: InjectedFault::Panic, after_ms, is_repeated: true }))
+    else {
         return;
     };
     let layout_id = board.hello(|_| true).layout_id;
@@ -253,7 +263,7 @@ fn without_a_set_up_the_board_has_the_built_in_insole_and_says_so() {
 }
 
 /// Longer than anything may stand still, by the board's clock, and then as much again.
-const LONG_US: u64 = 2 * 1000 * (LOOK_MS * STILL_LOOKS as u32) as u64;
+const LONG_US: u64 = 2 * 1000 * (CHECK_PERIOD_MS * STALLED_CHECKS as u32) as u64;
 
 fn assert_lives_on(mut board: Watched) -> Status {
     board.hello(|_| true);
@@ -288,29 +298,29 @@ fn a_matrix_that_does_not_answer_is_no_fault() {
 fn looks_find_who_stopped_and_when() {
     for stopped in 0..3 {
         for lived in 1..30 {
-            let (life, mut watch) = (Life::new(), Watch::new());
+            let (life, mut watch) = (Heartbeats::new(), Watchdog::new());
             let mut looks = 0;
             let wedged = loop {
                 let runs = |part| part != stopped || looks < lived;
                 // The scan leaves frames even where nobody takes them.
                 if runs(0) {
-                    life.scan();
-                    life.hand_over();
+                    life.scan_progressed();
+                    life.frame_queued();
                 }
                 if runs(1) && runs(0) {
-                    life.model();
+                    life.frame_processed();
                 }
                 if runs(2) {
-                    life.link();
+                    life.link_progressed();
                 }
                 looks += 1;
-                match watch.look(&life) {
-                    0 => assert!(looks <= lived + u32::from(STILL_LOOKS)),
+                match watch.check(&life) {
+                    0 => assert!(looks <= lived + u32::from(STALLED_CHECKS)),
                     wedged => break wedged,
                 }
             };
-            assert_eq!((wedged, looks), (1 << stopped, lived + u32::from(STILL_LOOKS)), "{stopped}");
-            assert_eq!(watch.looks(), looks);
+            assert_eq!((wedged, looks), (1 << stopped, lived + u32::from(STALLED_CHECKS)), "{stopped}");
+            assert_eq!(watch.checks(), looks);
         }
     }
 }
@@ -318,25 +328,29 @@ fn looks_find_who_stopped_and_when() {
 /// A start may wait for the flash chip, but not for ever, and has not succeeded meanwhile.
 #[test]
 fn a_start_that_never_begins_is_found() {
-    let (life, mut watch) = (Life::new(), Watch::new());
-    let found = (1..).find(|_| watch.look(&life) != 0);
-    assert_eq!(found, Some(START_LOOKS - 1 + u32::from(STILL_LOOKS)));
-    assert!(watch.lived() < LIVED_LOOKS);
+    let (life, mut watch) = (Heartbeats::new(), Watchdog::new());
+    let found = (1..).find(|_| watch.check(&life) != 0);
+    assert_eq!(found, Some(START_CHECKS - 1 + u32::from(STALLED_CHECKS)));
+    assert!(watch.healthy_checks() < HEALTHY_CHECKS);
 }
 
 #[test]
 fn who_has_nothing_to_do_rests() {
-    let (life, mut watch) = (Life::new(), Watch::new());
-    life.sleep(true);
+    let (life, mut watch) = (Heartbeats::new(), Watchdog::new());
+    // A frame clock that waits leaves heartbeats.
+    let waits = || {
+        life.scan_progressed();
+        life.link_progressed();
+    };
     for _ in 0..1000 {
-        life.link();
-        assert_eq!(watch.look(&life), 0);
+        waits();
+        assert_eq!(watch.check(&life), 0);
     }
-    // A frame that nobody takes.
-    life.hand_over();
+    // A frame that is not processed.
+    life.frame_queued();
     let found = (1..).find(|_| {
-        life.link();
-        watch.look(&life) != 0
+        waits();
+        watch.check(&life) != 0
     });
-    assert_eq!(found, Some(STILL_LOOKS));
+    assert_eq!(found, Some(STALLED_CHECKS));
 }

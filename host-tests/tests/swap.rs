@@ -4,13 +4,16 @@
 use embassy_boot::{AlignedBuffer, BootError, BootLoader, State};
 use embassy_futures::block_on as now;
 use embassy_sync::mutex::Mutex;
+use emulation::ACTIVE_IMAGE;
+use emulation::FLASH_BYTES;
 use firmware_image::{Image, Secret};
 use host_tests::nor_flash::{NorFlashChip, Torn};
-use plantar::boot::{BUFFER, Blocking, config};
-use plantar::emulation::FLASH_BYTES;
-use plantar::map::{EMULATED_ACTIVE, HEADER, MAX_IMAGE, OTHER, SECTOR, STATE};
-use plantar::store::LOG;
-use plantar::update::{Area, CHUNK, Header, Offer, Progress, Refusal, Request, Update, confirm, is_on_trial};
+use plantar::protocol::update::{CHUNK, Header, Offer, Progress, Refusal, Request};
+use plantar::storage::boot::{BUFFER, Blocking, config};
+use plantar::storage::flash_map::LOG;
+use plantar::storage::flash_map::{HEADER, MAX_IMAGE, OTHER, SECTOR, STATE};
+use plantar::storage::partition::Partition;
+use plantar::storage::update::{Update, confirm, is_on_trial};
 use proptest::prelude::*;
 use std::sync::LazyLock;
 
@@ -36,20 +39,20 @@ fn key() -> [u8; 32] {
 /// A chip with the old image active.
 fn chip() -> NorFlashChip {
     let mut chip = NorFlashChip::new(FLASH_BYTES);
-    chip.bytes[EMULATED_ACTIVE.start as usize..][..OLD.bytes().len()].copy_from_slice(OLD.bytes());
+    chip.bytes[ACTIVE_IMAGE.start as usize..][..OLD.bytes().len()].copy_from_slice(OLD.bytes());
     chip
 }
 
 /// Which image is active; a mixture is none.
 fn active(chip: &NorFlashChip) -> Option<&'static Image> {
-    let bytes = &chip.bytes[EMULATED_ACTIVE.start as usize..EMULATED_ACTIVE.end as usize];
+    let bytes = &chip.bytes[ACTIVE_IMAGE.start as usize..ACTIVE_IMAGE.end as usize];
     [&*OLD, &*NEW].into_iter().find(|image| bytes.starts_with(image.bytes()))
 }
 
 /// A start of the board.
 fn boot(chip: &mut NorFlashChip) -> Result<State, BootError> {
     let chip = Mutex::new(chip);
-    let active = Blocking(Area::<_, CHUNK>::new(&chip, EMULATED_ACTIVE));
+    let active = Blocking(Partition::<_, CHUNK>::new(&chip, ACTIVE_IMAGE));
     BootLoader::new(config(&chip, active)).prepare_boot(AlignedBuffer([0; BUFFER]).as_mut())
 }
 
@@ -271,7 +274,7 @@ fn nothing_is_touched_but_what_the_map_gives() {
     boot(&mut chip).expect("the chip works");
     for (sector, erasures) in chip.erasures.iter().enumerate() {
         let at = sector as u32 * SECTOR;
-        let is_ours = [STATE, OTHER, EMULATED_ACTIVE].iter().any(|range| range.contains(&at));
+        let is_ours = [STATE, OTHER, ACTIVE_IMAGE].iter().any(|range| range.contains(&at));
         assert!(*erasures == 0 || is_ours, "{at:#x}");
     }
     const { assert!(LOG.end <= STATE.start) };

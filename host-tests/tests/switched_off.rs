@@ -4,12 +4,12 @@ mod common;
 
 use client::{Client, Framed};
 use common::{firmware, synthetic_walk, tissue};
+use emulation::EmulatorConfig;
 use emulator::{Board, Parts, Recorded, Time};
 use plantar::Side;
-use plantar::contact::ContactRule;
-use plantar::emulation::Head;
-use plantar::stance::StanceRule;
-use plantar::wire::{Reset, Serial, ToHost};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::{Reset, Serial, ToHost};
 use recording::VirtualInsole;
 use std::net::TcpStream;
 use std::time::Duration;
@@ -30,7 +30,8 @@ fn what_was_sent_and_walked_is_there_after_a_restart_and_after_a_loss_of_power()
     let boot = |flash| {
         let parts = Parts { flash, ..Parts::default() };
         let walk = Recorded::new(walk.clone(), worn.clone());
-        Board::start_with(&firmware, &Head::new(worn.setup), &worn.cells, Time::Max, walk, &parts).expect("it boots")
+        Board::start_with(&firmware, &EmulatorConfig::new(worn.setup), &worn.cells, Time::Max, walk, &parts)
+            .expect("it boots")
     };
     let board = boot(None);
     let mut client = session(&board);
@@ -50,10 +51,10 @@ fn what_was_sent_and_walked_is_there_after_a_restart_and_after_a_loss_of_power()
     // One who knows the steps already would not get them again.
     client = session(&board);
     let mut boards = vec![board];
-    for starts_ago in 1..3 {
+    for boots_since in 1..3 {
         let hello = client.hello().clone();
         assert_eq!((hello.tissue_id, hello.side), (tissue().id, Side::Right));
-        assert_eq!(hello.reset, if starts_ago == 1 { Reset::Software } else { Reset::Power });
+        assert_eq!(hello.reset, if boots_since == 1 { Reset::Software } else { Reset::Power });
         let mut again = Vec::new();
         while again.len() < 3 {
             if let Some(ToHost::Step(step)) = client.receive().expect("the link holds") {
@@ -61,10 +62,10 @@ fn what_was_sent_and_walked_is_there_after_a_restart_and_after_a_loss_of_power()
             }
         }
         for (made, again) in made.iter().zip(&again) {
-            assert_eq!(*again, plantar::wire::Step { starts_ago, ..*made });
+            assert_eq!(*again, plantar::protocol::Step { boots_since, ..*made });
         }
         let status = client.status().expect("an answer");
-        assert_eq!((status.contents.start, status.contents.next_step), (starts_ago + 1, 3));
+        assert_eq!((status.contents.start, status.contents.next_step), (boots_since + 1, 3));
         let flash = boards.pop().expect("one is on").flash().expect("the chip can be read");
         boards.push(boot(Some(flash)));
         client = session(&boards[0]);

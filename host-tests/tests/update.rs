@@ -7,15 +7,17 @@ mod common;
 
 use client::{Client, Error, Framed};
 use common::{firmware, synthetic_walk};
+use emulation::ACTIVE_IMAGE;
+use emulation::EmulatorConfig;
 use emulator::{Board, Looped, Parts, Recorded, Time};
 use firmware_image::{Image, Secret, development, raw};
 use host_tests::nor_flash::NorFlashChip;
-use plantar::contact::ContactRule;
-use plantar::emulation::Head;
-use plantar::map::{EMULATED_ACTIVE, HEADER};
-use plantar::stance::StanceRule;
-use plantar::update::{CHUNK, Header, KEY, Progress, Refusal, Request, Update};
-use plantar::wire::{self, ToDevice};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::update::{CHUNK, Header, Progress, Refusal, Request};
+use plantar::protocol::{self, ToDevice};
+use plantar::storage::flash_map::HEADER;
+use plantar::storage::update::{KEY, Update};
 use recording::VirtualInsole;
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
@@ -63,7 +65,7 @@ impl Insole {
     fn start(&self, power_cut: Option<u32>, swapped: bool) -> Board {
         let walk = synthetic_walk(2, 100.0);
         let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-        let head = Head { power_cut, ..Head::new(worn.setup) };
+        let head = EmulatorConfig { power_cut, ..EmulatorConfig::new(worn.setup) };
         let cells = worn.cells.clone();
         let parts = Parts { flash: self.flash.clone(), swapped, ..Parts::default() };
         Board::start_with(&self.firmware, &head, &cells, Time::Max, Looped(Recorded::new(walk, worn)), &parts)
@@ -85,7 +87,7 @@ impl Insole {
     /// The image that is active.
     fn active(&self) -> &[u8] {
         let flash = self.flash.as_ref().expect("it ran");
-        &flash[EMULATED_ACTIVE.start as usize..EMULATED_ACTIVE.end as usize]
+        &flash[ACTIVE_IMAGE.start as usize..ACTIVE_IMAGE.end as usize]
     }
 }
 
@@ -110,7 +112,7 @@ fn send(session: &mut Session, image: &Image) -> Result<Progress, Error> {
 
 fn refusal(answer: Result<Progress, Error>) -> Option<Refusal> {
     match answer {
-        Err(Error::Refused(wire::Refusal::Update(refusal))) => Some(refusal),
+        Err(Error::Refused(protocol::Refusal::Update(refusal))) => Some(refusal),
         _ => None,
     }
 }

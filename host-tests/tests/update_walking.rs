@@ -6,13 +6,13 @@ mod common;
 
 use client::{Client, Framed};
 use common::{firmware, synthetic_walk};
+use emulation::EmulatorConfig;
 use emulator::{Board, Looped, Recorded, Time};
 use firmware_image::{Image, development, raw};
-use plantar::contact::ContactRule;
-use plantar::emulation::Head;
-use plantar::stance::StanceRule;
-use plantar::update::{Progress, Request};
-use plantar::wire::{Status, ToDevice, ToHost};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::update::{Progress, Request};
+use plantar::protocol::{Status, ToDevice, ToHost};
 use recording::VirtualInsole;
 use std::time::Duration;
 
@@ -24,7 +24,7 @@ fn a_transfer_beside_walking_loses_no_frame_and_no_step() {
     let Some(firmware) = firmware() else { return };
     let walk = synthetic_walk(8, 100.0);
     let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let (head, cells) = (Head::new(worn.setup), worn.cells.clone());
+    let (head, cells) = (EmulatorConfig::new(worn.setup), worn.cells.clone());
     let walk = Looped(Recorded::new(walk, worn));
     let board = Board::start(&firmware, &head, &cells, Time::Real, walk).expect("it boots");
     let link = board.link().expect("the link is there");

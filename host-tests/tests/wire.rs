@@ -1,18 +1,21 @@
 //! Messages and frames: what goes in comes out, and nothing else does.
 
 use host_tests::{TISSUE, cell, faults, framed, hello, live, messages, status, step, text};
-use plantar::calibrate::CellCalibration;
-use plantar::contact::ContactRule;
-use plantar::fault::{FAULTS, Fault, FaultKind, Faults, Place};
-use plantar::insole::{Insole, Setup, Tissue};
-use plantar::model::Gauge;
-use plantar::region::{AreaMoments, ForceMoments, RegionFrame};
-use plantar::stance::Rejected;
-use plantar::store::{Contents, PART_CELLS, Part};
-use plantar::update::{self, Chunk, Header, Offer, Progress, Request, Signature};
-use plantar::wire::{
+use plantar::checksum::crc32;
+use plantar::faults::{Fault, FaultKind, Faults, MAX_FAULTS, Place};
+use plantar::insole::Insole;
+use plantar::pipeline::calibrate::CellCalibration;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::model::ForceLaw;
+use plantar::pipeline::region::{AreaMoments, ForceMoments, RegionFrame};
+use plantar::pipeline::setup::Setup;
+use plantar::pipeline::stance::Rejected;
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::update::{self, Chunk, Header, Offer, Progress, Request, Signature};
+use plantar::protocol::{BLOCK_CELLS, CalibrationBlock, Contents};
+use plantar::protocol::{
     Decoder, Hello, Identity, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE, MAX_MESSAGE, MINOR, Refusal, Reset, Serial,
-    Status, Step, StepRegion, ToDevice, ToHost, checksum, decode, encode, frame,
+    Status, Step, StepRegion, ToDevice, ToHost, decode, encode, frame,
 };
 use plantar::{Region, Side};
 use proptest::prelude::*;
@@ -104,7 +107,10 @@ fn any_step() -> impl Strategy<Value = Step> {
     let numbers = any::<((u32, u64, u32, u32, u16, u8, u8), (u32, Option<u64>))>();
     (numbers, side(), contact_rule(), regions).prop_map(
         |(
-            ((step, start_us, duration_us, sample_us, bridged_frames, saturated, clamped), (starts_ago, start_unix_us)),
+            (
+                (step, start_us, duration_us, sample_us, bridged_frames, saturated, clamped),
+                (boots_since, start_unix_us),
+            ),
             side,
             contact_rule,
             regions,
@@ -120,7 +126,7 @@ fn any_step() -> impl Strategy<Value = Step> {
                 clamped,
                 contact_rule,
                 regions,
-                starts_ago,
+                boots_since,
                 start_unix_us,
             }
         },
@@ -143,14 +149,14 @@ fn any_status() -> impl Strategy<Value = Status> {
         stack_bytes: v[13],
         faults: v[14],
         rezeroed: v[15],
-        unkept: v[16],
+        not_stored: v[16],
         contents: Contents { start: v[17], next_step: v[18], newer_kinds: v[19], newer_steps: v[20], erased: v[21] },
     })
 }
 
 fn any_tissue() -> impl Strategy<Value = Tissue> {
     let number = any::<f32>().prop_filter("a number equals itself", |v| !v.is_nan());
-    let gauge = prop::array::uniform6(number).prop_map(|[ab_m2, c_m, stiffness_pa, damping_pa_s, n, m]| Gauge {
+    let law = prop::array::uniform6(number).prop_map(|[ab_m2, c_m, stiffness_pa, damping_pa_s, n, m]| ForceLaw {
         ab_m2,
         c_m,
         stiffness_pa,
@@ -158,7 +164,7 @@ fn any_tissue() -> impl Strategy<Value = Tissue> {
         n,
         m,
     });
-    (any::<u32>(), prop::array::uniform8(gauge)).prop_map(|(id, gauges)| Tissue { id, gauges })
+    (any::<u32>(), prop::array::uniform8(law)).prop_map(|(id, force_laws)| Tissue { id, force_laws })
 }
 
 const UPDATE_REFUSALS: [update::Refusal; 9] = [
@@ -190,7 +196,7 @@ fn any_refusal() -> impl Strategy<Value = Refusal> {
             &[
                 Refusal::NotUnderstood,
                 Refusal::TissueId,
-                Refusal::NotKept,
+                Refusal::NotStored,
                 Refusal::Busy,
                 Refusal::Serial,
                 Refusal::Calibration,
@@ -210,7 +216,7 @@ fn any_faults() -> impl Strategy<Value = Faults> {
     ];
     let fault = (prop::sample::select(FaultKind::ALL.to_vec()), place, any::<u32>())
         .prop_map(|(kind, place, found_ms)| Fault { kind, place, found_ms });
-    (any::<(u32, u32, [u8; 8])>(), prop::collection::vec(fault, 0..=FAULTS)).prop_map(
+    (any::<(u32, u32, [u8; 8])>(), prop::collection::vec(fault, 0..=MAX_FAULTS)).prop_map(
         |((found, rezeroed, masked_cells), list)| Faults {
             found,
             rezeroed,
@@ -235,7 +241,7 @@ fn to_host() -> impl Strategy<Value = ToHost> {
             serial,
             calibration_id
         })),
-        any::<u8>().prop_map(|part| ToHost::CalibrationPart { part }),
+        any::<u8>().prop_map(|block| ToHost::CalibrationBlock { block }),
         any::<u16>().prop_map(|next| ToHost::Update(Progress::Next(next))),
         Just(ToHost::Update(Progress::Accepted)),
     ]
@@ -254,9 +260,9 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
         Just(ToDevice::GetFaults),
         Just(ToDevice::GetIdentity),
         (side(), serial()).prop_map(|(side, serial)| ToDevice::SetIdentity { side, serial }),
-        (any::<u8>(), prop::array::uniform16((any::<u16>(), 0.1f32..10.0))).prop_map(|(part, cells)| {
+        (any::<u8>(), prop::array::uniform16((any::<u16>(), 0.1f32..10.0))).prop_map(|(block, cells)| {
             let cells = cells.map(|(offset, gain)| CellCalibration { offset, gain });
-            ToDevice::SetCalibrationPart { part, cells }
+            ToDevice::SetCalibrationBlock { block, cells }
         }),
         any::<(u32, u16, u32)>().prop_map(|(layout_id, cells, id)| ToDevice::SetCalibration { layout_id, cells, id }),
         Just(ToDevice::Restart),
@@ -280,7 +286,7 @@ fn samples() -> Vec<ToHost> {
         ToHost::Time { host_us: 5, device_us: 6 },
         ToHost::Faults(faults()),
         ToHost::Identity(identity()),
-        ToHost::CalibrationPart { part: 3 },
+        ToHost::CalibrationBlock { block: 3 },
         ToHost::Update(Progress::Next(300)),
     ]
 }
@@ -493,7 +499,7 @@ fn longest_messages_fit_their_limits() {
         saturated: u8::MAX,
         clamped: u8::MAX,
         regions: [step_region([u16::MAX; 15]); 8],
-        starts_ago: u32::MAX,
+        boots_since: u32::MAX,
         start_unix_us: Some(u64::MAX),
         ..step(0)
     });
@@ -512,7 +518,7 @@ fn longest_messages_fit_their_limits() {
         stack_bytes: u32::MAX,
         faults: u32::MAX,
         rezeroed: u32::MAX,
-        unkept: u32::MAX,
+        not_stored: u32::MAX,
         contents: Contents {
             start: u32::MAX,
             next_step: u32::MAX,
@@ -526,7 +532,7 @@ fn longest_messages_fit_their_limits() {
         found: u32::MAX,
         rezeroed: u32::MAX,
         masked_cells: [u8::MAX; 8],
-        list: [most; FAULTS].into_iter().collect(),
+        list: [most; MAX_FAULTS].into_iter().collect(),
     });
     assert!(encoded(&longest_live).len() <= MAX_LIVE);
     assert!(framed(&longest_live).len() <= 90, "{}", framed(&longest_live).len());
@@ -560,7 +566,7 @@ fn first_bytes_tell_the_message() {
 #[test]
 fn checksum_is_the_common_crc_32() {
     // The check value of CRC-32/ISO-HDLC.
-    assert_eq!(checksum(b"123456789"), 0xCBF4_3926);
+    assert_eq!(crc32(b"123456789"), 0xCBF4_3926);
 }
 
 fn hex(bytes: &[u8]) -> String {
@@ -568,7 +574,7 @@ fn hex(bytes: &[u8]) -> String {
 }
 
 /// The bytes of version 2.0 on a byte carrier. A change of Hello or Connect is forbidden; a change of another line raises
-/// `wire::MAJOR`, a new message `wire::MINOR`. Other hosts and insoles have these bytes built in.
+/// `protocol::MAJOR`, a new message `protocol::MINOR`. Other hosts and insoles have these bytes built in.
 #[test]
 fn bytes_of_this_version() {
     assert_eq!((MAJOR, MINOR), (2, 0), "new version: add its bytes here");
@@ -589,19 +595,19 @@ fn bytes_of_this_version() {
         ("get tissue", framed(&ToDevice::GetTissue), GET_TISSUE),
         ("time", framed(&ToHost::Time { host_us: 1_000, device_us: 300 }), TIME),
         ("get time", framed(&ToDevice::GetTime { host_us: 1_000 }), GET_TIME),
-        ("refused: not kept", framed(&ToHost::Refused(Refusal::NotKept)), NOT_KEPT),
+        ("refused: not kept", framed(&ToHost::Refused(Refusal::NotStored)), NOT_KEPT),
         ("refused: busy", framed(&ToHost::Refused(Refusal::Busy)), BUSY),
         ("refused: serial", framed(&ToHost::Refused(Refusal::Serial)), SERIAL),
         ("refused: calibration", framed(&ToHost::Refused(Refusal::Calibration)), CALIBRATION),
         ("identity", framed(&ToHost::Identity(identity())), IDENTITY_KEPT),
-        ("calibration part", framed(&ToHost::CalibrationPart { part: 3 }), PART_KEPT),
+        ("calibration part", framed(&ToHost::CalibrationBlock { block: 3 }), PART_KEPT),
         ("get identity", framed(&ToDevice::GetIdentity), GET_IDENTITY),
         (
             "set identity",
             framed(&ToDevice::SetIdentity { side: identity().side, serial: identity().serial }),
             SET_IDENTITY,
         ),
-        ("set calibration part", framed(&ToDevice::SetCalibrationPart { part: 3, cells: PART }), SET_PART),
+        ("set calibration part", framed(&ToDevice::SetCalibrationBlock { block: 3, cells: PART }), SET_PART),
         (
             "set calibration",
             framed(&ToDevice::SetCalibration { layout_id: 7, cells: 240, id: 0x1234_5678 }),
@@ -615,8 +621,8 @@ fn bytes_of_this_version() {
         ("update: accepted", framed(&ToHost::Update(Progress::Accepted)), ACCEPTED),
         ("refused: update", framed(&ToHost::Refused(Refusal::Update(update::Refusal::Signature))), UPDATE_REFUSED),
         ("set clock", framed(&ToDevice::SetClock { unix_us: 1_700_000_000_000_000 }), SET_CLOCK),
-        ("faults", framed(&ToHost::Faults(faults())), FAULTS_FOUND),
-        ("get faults", framed(&ToDevice::GetFaults), GET_FAULTS),
+        ("faults", framed(&ToHost::Faults(faults())), MAX_FAULTS_FOUND),
+        ("get faults", framed(&ToDevice::GetFaults), GET_MAX_FAULTS),
     ];
     for (name, bytes, expected) in golden {
         assert_eq!(hex(&bytes), expected, "{name}");
@@ -628,7 +634,7 @@ fn identity() -> Identity {
 }
 
 const OFFER: Offer = Offer { header: Header::new("board", "1.2.3"), chunks: 300, signature: [[1; 32], [2; 32]] };
-const PART: Part = [CellCalibration { offset: 300, gain: 1.5 }; PART_CELLS];
+const PART: CalibrationBlock = [CellCalibration { offset: 300, gain: 1.5 }; BLOCK_CELLS];
 
 const HELLO: &str =
     "0102011705302e312e30047465737401f8acd19101c801904e4d010320410103f0400101011104010961742061206c696e65f2c164b700";
@@ -658,8 +664,8 @@ const SET_IDENTITY: &str = "090a01502d3030303101010101010101010105344ec81f00";
 const SET_PART: &str = "050b03ac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020107c03fa4b7df0900";
 const SET_CALIBRATION: &str = "0e0c07f001f8acd19101346e354900";
 const RESTART: &str = "060d3093b3ac00";
-const FAULTS_FOUND: &str = "0d070308010203040506070803060103e05d040eac02c865010205b06ddd96d1eb00";
-const GET_FAULTS: &str = "0608bf67d9dc00";
+const MAX_FAULTS_FOUND: &str = "0d070308010203040506070803060103e05d040eac02c865010205b06ddd96d1eb00";
+const GET_MAX_FAULTS: &str = "0608bf67d9dc00";
 const SET_CLOCK: &str = "0e078080f9c0c1c48203c9aa264a00";
 
 /// Values beyond the wire's units are cut to them, whatever their size.
@@ -700,17 +706,17 @@ fn live_values_are_rounded_and_cut() {
 /// The emulated board's set-up is taken whole or not at all.
 #[test]
 fn a_set_up_that_is_cut_off_is_none() {
-    use plantar::emulation::{Head, read_setup};
+    use emulation::{EmulatorConfig, read_setup};
     let setup = Setup {
         side: Side::Left,
         layout_id: 1,
         period_us: 10_000,
-        sensor: plantar::calibrate::SensorLaw { full_kpa: 1000.0, exponent: 0.8 },
+        sensor: plantar::pipeline::calibrate::SensorLaw { full_kpa: 1000.0, exponent: 0.8 },
         contact: ContactRule::COUNTED,
-        stance: plantar::stance::StanceRule::WALKING,
+        stance: plantar::pipeline::stance::StanceRule::WALKING,
     };
     let cells = [cell(Region::Heel, 10.0, 10.0, 100.0), cell(Region::Hallux, 10.0, 200.0, 100.0)];
-    let mut bytes = encoded(&Head::new(setup));
+    let mut bytes = encoded(&EmulatorConfig::new(setup));
     let head_len = bytes.len();
     bytes.extend(cells.iter().flat_map(encoded));
     let file = |len: usize| {

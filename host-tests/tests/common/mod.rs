@@ -4,11 +4,13 @@
 use emulator::Electrical;
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
-use plantar::contact::ContactRule;
-use plantar::fault::Faults;
-use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
-use plantar::stance::StanceRule;
-use plantar::wire::{Live, Step};
+use plantar::faults::Faults;
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::{Live, Step};
 use recording::{Recording, VirtualInsole, synthetic};
 use std::path::PathBuf;
 

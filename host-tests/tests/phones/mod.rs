@@ -2,15 +2,15 @@
 #![allow(dead_code, reason = "not every test needs all of it")]
 
 use crate::common::firmware;
+use emulation::EmulatorConfig;
 use emulator::{Board, Parts, Recorded, Scan, Time, Walk};
 use host_tests::nor_flash::{NorFlashChip, now};
-use plantar::contact::ContactRule;
-use plantar::emulation::Head;
-use plantar::fragment::{Joiner, Splitter};
-use plantar::insole::Tissue;
-use plantar::stance::StanceRule;
-use plantar::store::{Bonds, Store};
-use plantar::wire::{MAJOR, MINOR, Reset, Status, ToDevice, ToHost, decode, encode};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::fragment::{Joiner, Splitter};
+use plantar::protocol::{MAJOR, MINOR, Reset, Status, ToDevice, ToHost, decode, encode};
+use plantar::storage::{Bonds, Store};
 use recording::{Recording, VirtualInsole};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, VecDeque};
@@ -178,7 +178,7 @@ impl Insole {
         air: &mut Air,
         firmware: &Path,
         recording: Recording,
-        change: impl FnOnce(&mut Head),
+        change: impl FnOnce(&mut EmulatorConfig),
         flash: Option<Vec<u8>>,
     ) -> Self {
         let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
@@ -216,11 +216,11 @@ pub fn boot(
     worn: &VirtualInsole,
     time: Time,
     walk: impl Walk,
-    change: impl FnOnce(&mut Head),
+    change: impl FnOnce(&mut EmulatorConfig),
     flash: Option<Vec<u8>>,
 ) -> Board {
     let side = worn.setup.side;
-    let mut head = Head { address: [1 + side as u8, 0, 0, 0, 0, 0xc0], ..Head::new(worn.setup) };
+    let mut head = EmulatorConfig { address: [1 + side as u8, 0, 0, 0, 0, 0xc0], ..EmulatorConfig::new(worn.setup) };
     change(&mut head);
     let port = air.order(json!({"do": "radio", "name": side.name()}))["port"].as_u64().expect("a port");
     let parts = Parts { hci: Some(([127, 0, 0, 1], port as u16).into()), flash, swapped: false };
@@ -242,7 +242,7 @@ impl World {
     }
 
     /// Switches the board off and on.
-    pub fn restart(&mut self, change: fn(&mut Head)) {
+    pub fn restart(&mut self, change: fn(&mut EmulatorConfig)) {
         let flash = self.insole.board.flash().expect("the chip can be read");
         let firmware = firmware().expect("it was there");
         let recording = self.insole.recording.clone();
@@ -374,7 +374,7 @@ impl Phone {
                 | ToHost::Time { .. }
                 | ToHost::Faults(_)
                 | ToHost::Identity(_)
-                | ToHost::CalibrationPart { .. }
+                | ToHost::CalibrationBlock { .. }
                 | ToHost::Update(_) => CONTROL,
             };
             assert_eq!(of, way);

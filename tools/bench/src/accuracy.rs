@@ -4,9 +4,11 @@ use anyhow::Result;
 use figures::Figures;
 use parameters::{InsoleSize, Parameters};
 use plantar::Real;
-use plantar::contact::ContactRule;
-use plantar::insole::{DEVICE_CELLS, Insole, Tissue};
-use plantar::stance::StanceRule;
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::tissue::Tissue;
 use recording::{Recording, VirtualInsole, synthetic};
 
 /// Largest differences.
@@ -113,10 +115,10 @@ fn tight_tissue(walk: &Recording, typical: &Tissue) -> Result<Tissue> {
             *largest = largest.max(load.frame.area.area_mm2());
         }
     }
-    let mut gauges = typical.gauges;
-    for (gauge, largest) in gauges.iter_mut().zip(largest_mm2) {
-        gauge.ab_m2 = (1.01e-6 * largest / std::f64::consts::PI) as f32;
-        (gauge.n, gauge.m, gauge.damping_pa_s) = (1.5, 1.0, 20e3);
+    let mut force_laws = typical.force_laws;
+    for (law, largest) in force_laws.iter_mut().zip(largest_mm2) {
+        law.ab_m2 = (1.01e-6 * largest / std::f64::consts::PI) as f32;
+        (law.n, law.m, law.damping_pa_s) = (1.5, 1.0, 20e3);
     }
-    Ok(Tissue::new(gauges))
+    Ok(Tissue::new(force_laws))
 }

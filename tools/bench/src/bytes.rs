@@ -3,8 +3,8 @@
 use anyhow::Result;
 use figures::Figures;
 use plantar::Side;
-use plantar::contact::ContactRule;
-use plantar::wire::{Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Step, StepRegion, ToHost, encode, frame};
+use plantar::pipeline::contact::ContactRule;
+use plantar::protocol::{Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Step, StepRegion, ToHost, encode, frame};
 
 /// Time after a hundred years of walking, us: longer than any insole runs.
 const CENTURY_US: u64 = 100 * 366 * 24 * 3600 * 1_000_000;
@@ -30,7 +30,7 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
         clamped: u8::MAX,
         contact_rule: ContactRule::COUNTED,
         regions: [StepRegion::default(); 8],
-        starts_ago: u32::MAX,
+        boots_since: u32::MAX,
         start_unix_us: Some(2 * CENTURY_US),
     };
     for (key, message, meaning) in [

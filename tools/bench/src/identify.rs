@@ -6,7 +6,7 @@ use figures::Figures;
 use fit::identify::{Bounds, identify};
 use fit::interval::{five, from_jacobian};
 use fit::quality::Evaluated;
-use fit::synthetic::{Noise, curves, gauge};
+use fit::synthetic::{Noise, curves, law};
 use fit::{Filter, Samples, paper};
 use std::path::Path;
 use std::time::Instant;
@@ -59,7 +59,7 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     let start = Instant::now();
     let compiled = samples.iter().map(|s| {
         let (ellipsoid, _) = paper::identify(s);
-        ellipsoid.gauge()
+        ellipsoid.force_law()
     });
     let compiled: Vec<_> = compiled.collect();
     let seconds = start.elapsed().as_secs_f64();
@@ -84,7 +84,7 @@ fn exact(figures: &mut Figures) {
         let samples = Samples::new([&curves], Filter::Step);
         let found = identify(&samples, &Bounds::USUAL);
         nrmse = nrmse.max(found.squares.sqrt());
-        let t = gauge(region);
+        let t = law(region);
         let truth = [t.ab_m2, t.stiffness_pa, t.damping_pa_s, t.n, t.m];
         let errors =
             five(&found, samples.area_max_m2).into_iter().zip(truth).map(|(got, truth)| (got / truth - 1.0).abs());
@@ -99,7 +99,7 @@ fn coverage(figures: &mut Figures) {
     let mut least = 1.0f64;
     let mut all = 0.0;
     for region in 0..8 {
-        let t = gauge(region);
+        let t = law(region);
         let truth = [t.ab_m2, t.stiffness_pa, t.damping_pa_s, t.n, t.m];
         let mut held = [0.0; 5];
         for seed in 0..COVERAGE_REPEATS {

@@ -2,13 +2,13 @@
 
 use anyhow::{Result, bail};
 use client::{Client, Framed};
+use emulation::EmulatorConfig;
 use emulator::{Board, Scan, Time, Walk};
 use figures::Figures;
 use parameters::{InsoleSize, Parameters};
-use plantar::contact::ContactRule;
-use plantar::emulation::Head;
-use plantar::stance::StanceRule;
-use plantar::wire::{Status, ToDevice, ToHost};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::{Status, ToDevice, ToHost};
 use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, synthetic};
 use std::path::Path;
@@ -75,7 +75,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
 /// Lets the emulated board feel a whole walk, with a live stream, and returns its counters.
 pub fn walk_through(firmware: &Path, worn: &VirtualInsole, time: Time, walk: impl Walk) -> Result<Status> {
     let scans = walk.scans();
-    let head = Head::new(worn.setup);
+    let head = EmulatorConfig::new(worn.setup);
     let board = Board::start(firmware, &head, &worn.cells, time, walk)?;
     let link = board.link()?;
     link.set_read_timeout(Some(Duration::from_millis(50)))?;

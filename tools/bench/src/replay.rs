@@ -5,10 +5,10 @@ use crate::python;
 use anyhow::{Result, bail};
 use figures::Figures;
 use parameters::{InsoleSize, Parameters};
-use plantar::contact::ContactRule;
 use plantar::insole::Insole;
-use plantar::model::Gauge;
-use plantar::stance::StanceRule;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::model::ForceLaw;
+use plantar::pipeline::stance::StanceRule;
 use recording::{MAX_CELLS, VirtualInsole, synthetic};
 use std::hint::black_box;
 use std::path::Path;
@@ -61,10 +61,10 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
         .iter()
         .flat_map(|c| [c.x_mm as f32, c.y_mm as f32, c.area_mm2 as f32, c.region as u8 as f32, 1.0]);
     write("cells.f32", geometry.flat_map(f32::to_le_bytes).collect())?;
-    let gauges = tissue.gauges.iter().flat_map(|&Gauge { ab_m2, c_m, stiffness_pa, damping_pa_s, n, m }| {
+    let force_laws = tissue.force_laws.iter().flat_map(|&ForceLaw { ab_m2, c_m, stiffness_pa, damping_pa_s, n, m }| {
         [ab_m2, c_m, stiffness_pa, damping_pa_s, n, m]
     });
-    write("gauges.f32", gauges.flat_map(f32::to_le_bytes).collect())?;
+    write("force_laws.f32", force_laws.flat_map(f32::to_le_bytes).collect())?;
     let sensor = worn.setup.sensor;
     let arguments = [sensor.full_kpa, sensor.exponent, walk.rate_hz as f32].map(|v| v.to_string());
     let numbers = python::run(python, "replay_numpy.py", directory.path(), &arguments)?.concat();

@@ -4,8 +4,8 @@ use crate::instructions::walk_through;
 use anyhow::{Result, bail};
 use emulator::{Recorded, Time};
 use figures::Figures;
-use plantar::contact::ContactRule;
-use plantar::stance::StanceRule;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
 use recording::{VirtualInsole, synthetic};
 use std::path::Path;
 

@@ -5,8 +5,8 @@ use figures::Figures;
 use fit::{Options, Quality, Study};
 use parameters::InsoleSize;
 use plantar::Region;
-use plantar::contact::ContactRule;
-use plantar::stance::StanceRule;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
 use recording::{Recording, VirtualInsole, jiku};
 use std::path::Path;
 

@@ -13,8 +13,8 @@ use btleplug::api::{
 use btleplug::platform::{Adapter, Manager, Peripheral};
 use client::Carrier;
 use futures_util::{Stream, StreamExt, stream};
-use plantar::fragment::{Joiner, Splitter};
-use plantar::wire::{ToDevice, ToHost, decode, encode};
+use plantar::protocol::fragment::{Joiner, Splitter};
+use plantar::protocol::{ToDevice, ToHost, decode, encode};
 use std::io;
 use std::pin::Pin;
 use std::time::Duration;

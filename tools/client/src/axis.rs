@@ -1,6 +1,6 @@
 //! An insole's clock against the host's, so that several insoles share one axis.
 
-use plantar::wire::Step;
+use plantar::protocol::Step;
 use std::collections::VecDeque;
 
 /// Of the answers within this time only the quickest question counts.
@@ -10,7 +10,7 @@ const WINDOWS: usize = 60;
 /// Two crystals of 50 ppm differ by no more.
 const MAX_DRIFT: f64 = 100e-6;
 
-/// Offset and drift of an insole's clock, from [`plantar::wire::ToDevice::GetTime`] and its answers.
+/// Offset and drift of an insole's clock, from [`plantar::protocol::ToDevice::GetTime`] and its answers.
 ///
 /// A question that is asked at host time `a` finds the insole's clock at `d`: the clock is ahead by `d - a`, less the time on
 /// the way. That is never negative, so the line that fits closest below all of `d - a` is the clock (Moon, Skelly and Towsley
@@ -76,7 +76,7 @@ impl Axis {
 
     /// When a step began, the host's time, us. Of a step from before the insole's last start only its own clock can tell.
     pub fn step_us(&self, step: &Step) -> Option<u64> {
-        if step.starts_ago == 0 { self.host_us(step.start_us) } else { step.start_unix_us }
+        if step.boots_since == 0 { self.host_us(step.start_us) } else { step.start_unix_us }
     }
 
     /// What the insole's clock shows at `host_us`; `None` before the first answer.

@@ -1,6 +1,6 @@
 //! Whole messages over whatever carries them.
 
-use plantar::wire::{self, Decoder, MAX_FRAME, MAX_MESSAGE, ToDevice, ToHost};
+use plantar::protocol::{self, Decoder, MAX_FRAME, MAX_MESSAGE, ToDevice, ToHost};
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 
@@ -51,8 +51,8 @@ impl<B: Read + Write> Framed<B> {
 impl<B: Read + Write> Carrier for Framed<B> {
     fn send(&mut self, message: ToDevice) -> io::Result<()> {
         let (mut bytes, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-        let message = wire::encode(&message, &mut bytes).map_err(io::Error::other)?;
-        let len = wire::frame(message, &mut framed);
+        let message = protocol::encode(&message, &mut bytes).map_err(io::Error::other)?;
+        let len = protocol::frame(message, &mut framed);
         self.bytes.write_all(&framed[..len])
     }
 
@@ -67,7 +67,7 @@ impl<B: Read + Write> Carrier for Framed<B> {
             };
             for &byte in &self.buffer[..count] {
                 let Some(bytes) = self.decoder.push(byte) else { continue };
-                match wire::decode(bytes) {
+                match protocol::decode(bytes) {
                     Some(message) => self.waiting.push_back(message),
                     None => self.unknown = self.unknown.wrapping_add(1),
                 }

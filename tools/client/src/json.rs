@@ -1,7 +1,7 @@
 //! A step as people and programs read it: names with units, values in the wire's resolution.
 
 use plantar::Region;
-use plantar::wire::{Step, StepRegion};
+use plantar::protocol::{Step, StepRegion};
 use serde_json::{Map, Value, json};
 
 /// One object per step; regions by name under `regions`. Values are what the wire carries, so a step that a device sent and
@@ -34,8 +34,8 @@ pub fn step_to_json(step: &Step) -> Value {
         "duration_s": f64::from(step.duration_us) / 1e6,
         "sample_s": f64::from(step.sample_us) / 1e6,
         "bridged_frames": step.bridged_frames,
-        "starts_ago": step.starts_ago,
-        "start_unix_s": step.start_unix_us.filter(|_| step.starts_ago > 0).map(|us| us as f64 / 1e6),
+        "starts_ago": step.boots_since,
+        "start_unix_s": step.start_unix_us.filter(|_| step.boots_since > 0).map(|us| us as f64 / 1e6),
         "contact_rule": contact_rule_to_json(step),
         "regions": regions,
     })

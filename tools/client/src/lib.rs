@@ -10,12 +10,12 @@ pub use carrier::{Carrier, Framed};
 pub use json::{region_ellipse, region_quantities, step_to_json};
 
 use plantar::Side;
-use plantar::calibrate::CellCalibration;
-use plantar::fault::Faults;
-use plantar::insole::Tissue;
-use plantar::link::STEP_QUEUE;
-use plantar::store::{CalibrationId, PART_CELLS};
-use plantar::wire::{Hello, Identity, MAJOR, MINOR, Refusal, Serial, Status, Step, ToDevice, ToHost};
+use plantar::faults::Faults;
+use plantar::pipeline::calibrate::CellCalibration;
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::session::STEP_QUEUE;
+use plantar::protocol::{BLOCK_CELLS, CalibrationId};
+use plantar::protocol::{Hello, Identity, MAJOR, MINOR, Refusal, Serial, Status, Step, ToDevice, ToHost};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::io;
@@ -199,11 +199,11 @@ impl<C: Carrier> Client<C> {
     pub fn calibrate(&mut self, cells: &[CellCalibration]) -> Result<Identity, Error> {
         let mut id = CalibrationId::new();
         id.add(cells);
-        for (number, chunk) in (0..).zip(cells.chunks(PART_CELLS)) {
-            let mut part = [CellCalibration::IDEAL; PART_CELLS];
+        for (number, chunk) in (0..).zip(cells.chunks(BLOCK_CELLS)) {
+            let mut part = [CellCalibration::IDEAL; BLOCK_CELLS];
             part[..chunk.len()].copy_from_slice(chunk);
-            self.ask(ToDevice::SetCalibrationPart { part: number, cells: part }, |message| {
-                matches!(message, ToHost::CalibrationPart { part } if *part == number).then_some(())
+            self.ask(ToDevice::SetCalibrationBlock { block: number, cells: part }, |message| {
+                matches!(message, ToHost::CalibrationBlock { block } if *block == number).then_some(())
             })?;
         }
         let (layout_id, cells) = (self.hello.layout_id, cells.len() as u16);
@@ -345,7 +345,7 @@ impl<C: Carrier> Client<C> {
             | ToHost::Refused(_)
             | ToHost::Faults(_)
             | ToHost::Identity(_)
-            | ToHost::CalibrationPart { .. }
+            | ToHost::CalibrationBlock { .. }
             | ToHost::Update(_) => {}
         }
         Ok(Some(message))
@@ -373,7 +373,7 @@ impl<C: Carrier> Client<C> {
 ///
 /// By content: an insole whose chip was changed counts from 0 again.
 pub fn is_same_step(one: &Step, other: &Step) -> bool {
-    *one == Step { starts_ago: one.starts_ago, ..*other }
+    *one == Step { boots_since: one.boots_since, ..*other }
 }
 
 /// The carrier, where there is one.

@@ -1,8 +1,8 @@
 //! Sends an image to an insole, one answered request after the other.
 
 use crate::{Carrier, Client, Error};
-use plantar::update::{Progress, Request};
-use plantar::wire::{Refusal, ToDevice, ToHost};
+use plantar::protocol::update::{Progress, Request};
+use plantar::protocol::{Refusal, ToDevice, ToHost};
 use std::time::Duration;
 
 /// An insole answers a piece within this time, and looks through a whole image within the other.

@@ -1,9 +1,9 @@
 //! Electrical faults of a matrix, applied to the codes that it would read.
 
 use crate::{Scan, Walk};
-use plantar::calibrate::FULL_CODE;
-use plantar::emulation::COLUMNS;
-use plantar::fault::{FaultKind, Place};
+use emulation::COLUMNS;
+use plantar::faults::{FaultKind, Place};
+use plantar::pipeline::calibrate::FULL_CODE;
 use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;

@@ -1,6 +1,6 @@
 //! Runs the emulated board in QEMU: starts it, plays scans into its matrix, hands out its link.
 //!
-//! What passes between board and plant is described in [`plantar::emulation`].
+//! What passes between board and plant is described in [`emulation`].
 
 mod faults;
 mod plant;
@@ -10,9 +10,10 @@ pub use faults::{EXAMPLES, Electrical, Faulty, ParseFaultError};
 pub use plant::{Plant, Scan, Walk};
 pub use recorded::{Looped, Recorded};
 
-use plantar::emulation::{FLASH_BYTES, FLASH_FILE, Head, MATRIX_FILE, SETUP_FILE, SWAPPED, SWAPPED_FILE};
-use plantar::insole::{DEVICE_CELLS, SetupCell};
-use plantar::map::{ACTIVE, EMULATED_ACTIVE};
+use emulation::ACTIVE_IMAGE;
+use emulation::{EmulatorConfig, FLASH_BYTES, FLASH_FILE, MATRIX_FILE, SETUP_FILE, SWAPPED, SWAPPED_FILE};
+use plantar::pipeline::setup::{DEVICE_CELLS, SetupCell};
+use plantar::storage::flash_map::ACTIVE;
 use std::io::{self, Read};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
@@ -24,7 +25,7 @@ use thiserror::Error;
 /// QEMU's name for a board with the STM32F405 and nothing else of use.
 const MACHINE: &str = "netduinoplus2";
 /// The bootloader, beside the firmware.
-const BOOTLOADER: &str = "plantar_boot_emu";
+const BOOTLOADER: &str = "emulated-bootloader";
 /// What lies in the flash of the controller, in the emulator's directory.
 const ACTIVE_FILE: &str = "active.bin";
 /// The emulator has this long to connect its ports.
@@ -91,7 +92,7 @@ impl Board {
     /// Boots `firmware`, by the bootloader that was built beside it, with a set-up and lets it feel `walk`.
     pub fn start(
         firmware: &Path,
-        head: &Head,
+        head: &EmulatorConfig,
         cells: &[SetupCell],
         time: Time,
         walk: impl Walk,
@@ -102,13 +103,13 @@ impl Board {
     /// The same with other parts.
     pub fn start_with(
         firmware: &Path,
-        head: &Head,
+        head: &EmulatorConfig,
         cells: &[SetupCell],
         time: Time,
         walk: impl Walk,
         parts: &Parts,
     ) -> Result<Self, Error> {
-        let head = Head { paced: time != Time::Real, ..*head };
+        let head = EmulatorConfig { is_paced: time != Time::Real, ..*head };
         let mut setup = postcard::to_stdvec(&head).map_err(io::Error::other)?;
         for cell in cells {
             setup = postcard::to_extend(cell, setup).map_err(io::Error::other)?;
@@ -141,7 +142,7 @@ impl Board {
         std::fs::write(file(MATRIX_FILE), vec![0; 2 * cells])?;
 
         let mut flash = parts.flash.clone().unwrap_or_else(|| vec![0xff; FLASH_BYTES]);
-        let active = &mut flash[EMULATED_ACTIVE.start as usize..EMULATED_ACTIVE.end as usize];
+        let active = &mut flash[ACTIVE_IMAGE.start as usize..ACTIVE_IMAGE.end as usize];
         if active.iter().all(|byte| *byte == 0xff) {
             let image = firmware_image::raw(firmware)?;
             active[..image.len()].copy_from_slice(&image);

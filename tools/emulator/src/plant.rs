@@ -1,6 +1,6 @@
 //! The sensor plant: answers the board's requests for scans and time.
 
-use plantar::emulation::{COLUMNS, SCAN, TICK};
+use emulation::{COLUMNS, SCAN, TICK};
 use std::fs::OpenOptions;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::net::TcpStream;

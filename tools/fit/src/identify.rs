@@ -8,7 +8,7 @@ use crate::bounded::{self, Residuals};
 use crate::law::{Column, Deformation, Shape};
 use crate::samples::Samples;
 use nalgebra::DVector;
-use plantar::model::Gauge;
+use plantar::pipeline::model::ForceLaw;
 
 /// Within what the parameters are sought. Ours: the paper's own (its Appendix A) are not published.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,8 +78,8 @@ impl Identified {
     }
 
     /// What a device evaluates; `c_m` only scales the deformation that it shows.
-    pub fn gauge(&self, area_max_m2: f64, c_m: f64) -> Gauge<f64> {
-        Gauge {
+    pub fn law(&self, area_max_m2: f64, c_m: f64) -> ForceLaw<f64> {
+        ForceLaw {
             ab_m2: self.shape.ab_m2(area_max_m2),
             c_m,
             stiffness_pa: self.stiffness_pa,

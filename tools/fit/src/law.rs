@@ -1,4 +1,4 @@
-//! Eq. 13 in the gauge form over many samples at once, with its derivatives.
+//! Eq. 13 in the law form over many samples at once, with its derivatives.
 //!
 //! A B enters by `reach`, the largest area over pi A B: `reach < 1` is the constraint pi A B >= max Ae.
 

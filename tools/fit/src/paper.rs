@@ -7,7 +7,7 @@
 
 use crate::Samples;
 use crate::pins::Pins;
-use plantar::model::{Ellipsoid, Gauge};
+use plantar::pipeline::model::{Ellipsoid, ForceLaw};
 use std::cell::Cell;
 
 /// From this many starts the best minimum is taken.
@@ -78,7 +78,7 @@ fn ellipsoid(x: &[f64]) -> Ellipsoid<f64> {
 /// Eq. 18 with Eq. 19 as printed, over the squared peak force.
 fn squares(samples: &Samples, ellipsoid: &Ellipsoid<f64>) -> f64 {
     let mut sum = 0.0;
-    for (i, (g, rate_per_s)) in samples.deformation(&ellipsoid.gauge()).enumerate() {
+    for (i, (g, rate_per_s)) in samples.deformation(&ellipsoid.force_law()).enumerate() {
         let force_n = ellipsoid.force_n(ellipsoid.c_m * g, ellipsoid.c_m * rate_per_s);
         let force_n = if force_n < 0.0 { force_n + PENALTY_PER_N * force_n * force_n } else { force_n };
         let residual = (force_n - samples.force_n[i]) * samples.weight[i];
@@ -88,10 +88,10 @@ fn squares(samples: &Samples, ellipsoid: &Ellipsoid<f64>) -> f64 {
 }
 
 /// What pins the eight: they were searched directly.
-pub(crate) fn pins(ellipsoid: &Ellipsoid<f64>, gauge: &Gauge<f64>, g_max: f64) -> Pins {
+pub(crate) fn pins(ellipsoid: &Ellipsoid<f64>, law: &ForceLaw<f64>, g_max: f64) -> Pins {
     Pins {
         aspect: ellipsoid.a_m / ellipsoid.b_m,
         thickness_m: ellipsoid.d0_m,
-        compression: gauge.c_m * g_max / ellipsoid.d0_m,
+        compression: law.c_m * g_max / ellipsoid.d0_m,
     }
 }

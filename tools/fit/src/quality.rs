@@ -1,8 +1,8 @@
 //! How well a set of parameters does, by the device's own evaluation of them.
 
 use crate::{Filter, RegionCurves, Samples};
-use plantar::model::Gauge;
-use plantar::smooth;
+use plantar::pipeline::model::ForceLaw;
+use plantar::pipeline::smooth;
 
 /// An area this close to the step's largest is at it.
 const AT_LARGEST: f64 = 0.97;
@@ -79,7 +79,7 @@ pub struct Evaluated {
 
 impl Evaluated {
     /// Evaluates one step; `None` without contact.
-    pub fn new(curves: &RegionCurves, filter: Filter, gauge: &Gauge<f64>) -> Option<Self> {
+    pub fn new(curves: &RegionCurves, filter: Filter, law: &ForceLaw<f64>) -> Option<Self> {
         let samples = Samples::new([curves], filter);
         let range = samples.steps.first()?.clone();
         let mut smoothed_n = samples.force_n.clone();
@@ -88,7 +88,7 @@ impl Evaluated {
             sample_s: 1.0 / samples.per_s.first()?,
             area_mm2: samples.raw_area_m2.iter().map(|area| area * 1e6).collect(),
             filtered_mm2: samples.share[range].iter().map(|s| s * samples.area_max_m2 * 1e6).collect(),
-            model_n: samples.deformation(gauge).map(|(g, rate_per_s)| gauge.force_n(g, rate_per_s)).collect(),
+            model_n: samples.deformation(law).map(|(g, rate_per_s)| law.force_n(g, rate_per_s)).collect(),
             smoothed_n,
             measured_n: samples.force_n,
         })

@@ -8,7 +8,7 @@ use crate::screen::{Unfit, usable};
 use crate::steps::MeanEllipse;
 use crate::{Method, Options, RegionCurves, Samples, Step, paper, steps, verdict};
 use plantar::Side;
-use plantar::model::{Ellipsoid, Gauge, LENGTH_M, is_within};
+use plantar::pipeline::model::{Ellipsoid, ForceLaw, LENGTH_M, is_within};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,7 +20,7 @@ pub struct RegionFit {
     /// The largest area of them, filtered or not, m2.
     pub area_max_m2: f64,
     /// What a device evaluates.
-    pub gauge: Gauge<f64>,
+    pub law: ForceLaw<f64>,
     /// The paper's eight.
     pub ellipsoid: Ellipsoid<f64>,
     /// What pinned three of them.
@@ -51,7 +51,7 @@ pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(Region
     let curves = &steps[used[0]].regions[region];
     let best = search([curves], options);
     let pins = best.pins(pins_of(&[curves], region, options));
-    let evaluated = Evaluated::new(curves, options.filter, &best.gauge).ok_or(Unfit::NeverLoaded)?;
+    let evaluated = Evaluated::new(curves, options.filter, &best.law).ok_or(Unfit::NeverLoaded)?;
     let one = std::slice::from_ref(&evaluated);
     let quality = Quality::new(one, one, &[]);
     let uncertainty = best.identified.map(|i| interval::from_jacobian(&best.samples, &options.bounds, &i));
@@ -73,9 +73,9 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
         interval::add_bootstrap(&mut uncertainty, &curves, options, &identified, area_max_m2);
         uncertainty
     });
-    let evaluate = |curves: &RegionCurves, gauge: &Gauge<f64>| Evaluated::new(curves, options.filter, gauge);
-    let fitted: Vec<_> = curves.iter().filter_map(|c| evaluate(c, &best.gauge)).collect();
-    let own: Vec<_> = curves.par_iter().filter_map(|c| evaluate(c, &search([*c], options).gauge)).collect();
+    let evaluate = |curves: &RegionCurves, law: &ForceLaw<f64>| Evaluated::new(curves, options.filter, law);
+    let fitted: Vec<_> = curves.iter().filter_map(|c| evaluate(c, &best.law)).collect();
+    let own: Vec<_> = curves.par_iter().filter_map(|c| evaluate(c, &search([*c], options).law)).collect();
     let unseen = unseen(&curves, &best, options);
     let quality = Quality::new(&fitted, &own, &unseen);
     let fit = best.into_fit(used, pins, uncertainty, quality)?;
@@ -93,20 +93,20 @@ fn unseen(curves: &[&RegionCurves], near: &Found, options: &Options) -> Vec<f64>
         count if count <= LEFT_OUT_ALONE => count,
         _ => SHARES,
     };
-    let gauges: Vec<_> = (0..shares)
+    let force_laws: Vec<_> = (0..shares)
         .into_par_iter()
         .map(|share| {
             again(curves.iter().enumerate().filter(|(i, _)| i % shares != share).map(|(_, c)| *c), near, options)
         })
         .collect();
-    let evaluated = curves.iter().enumerate().map(|(i, c)| Evaluated::new(c, options.filter, &gauges[i % shares]));
+    let evaluated = curves.iter().enumerate().map(|(i, c)| Evaluated::new(c, options.filter, &force_laws[i % shares]));
     evaluated.map(|evaluated| evaluated.map_or(f64::NAN, |e| e.nrmse())).collect()
 }
 
 /// What a search found.
 struct Found {
     samples: Samples,
-    gauge: Gauge<f64>,
+    law: ForceLaw<f64>,
     identified: Option<Identified>,
     /// The paper's search finds all eight.
     ellipsoid: Option<Ellipsoid<f64>>,
@@ -121,32 +121,32 @@ fn search<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, options: &Opti
     match options.method {
         Method::Projection => {
             let identified = project(&samples, &options.bounds);
-            let gauge = identified.gauge(samples.area_max_m2, ANY_C_M);
+            let law = identified.law(samples.area_max_m2, ANY_C_M);
             let evaluations = identified.evaluations;
-            Found { samples, gauge, identified: Some(identified), ellipsoid: None, evaluations }
+            Found { samples, law, identified: Some(identified), ellipsoid: None, evaluations }
         }
         Method::Paper => {
             let (ellipsoid, evaluations) = paper::identify(&samples);
-            Found { samples, gauge: ellipsoid.gauge(), identified: None, ellipsoid: Some(ellipsoid), evaluations }
+            Found { samples, law: ellipsoid.force_law(), identified: None, ellipsoid: Some(ellipsoid), evaluations }
         }
     }
 }
 
 /// A fit to nearly the same steps.
-fn again<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, near: &Found, options: &Options) -> Gauge<f64> {
-    let Some(identified) = &near.identified else { return search(curves, options).gauge };
+fn again<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, near: &Found, options: &Options) -> ForceLaw<f64> {
+    let Some(identified) = &near.identified else { return search(curves, options).law };
     let samples = Samples::new(curves, options.filter);
     let start = identified.rebased(near.samples.area_max_m2, samples.area_max_m2, &options.bounds);
-    refine(&samples, &options.bounds, &start).gauge(samples.area_max_m2, ANY_C_M)
+    refine(&samples, &options.bounds, &start).law(samples.area_max_m2, ANY_C_M)
 }
 
 impl Found {
     fn g_max(&self) -> f64 {
-        self.gauge.area_ratio(self.samples.area_max_m2).gauge()
+        self.law.area_ratio(self.samples.area_max_m2).normalised_deformation()
     }
 
     fn pins(&self, pinned: Pins) -> Pins {
-        self.ellipsoid.map_or(pinned, |ellipsoid| paper::pins(&ellipsoid, &self.gauge, self.g_max()))
+        self.ellipsoid.map_or(pinned, |ellipsoid| paper::pins(&ellipsoid, &self.law, self.g_max()))
     }
 
     fn into_fit(
@@ -156,10 +156,10 @@ impl Found {
         uncertainty: Option<Uncertainty>,
         quality: Quality,
     ) -> Result<RegionFit, Unfit> {
-        let gauge = Gauge { c_m: pins.c_m(self.g_max()), ..self.gauge };
-        let ellipsoid = self.ellipsoid.unwrap_or_else(|| pins.ellipsoid(&gauge));
+        let law = ForceLaw { c_m: pins.c_m(self.g_max()), ..self.law };
+        let ellipsoid = self.ellipsoid.unwrap_or_else(|| pins.ellipsoid(&law));
         let lengths = [ellipsoid.a_m, ellipsoid.b_m, ellipsoid.c_m, ellipsoid.d0_m];
-        if !gauge.is_valid() || !lengths.iter().all(|&length| is_within(length, &LENGTH_M)) {
+        if !law.is_valid() || !lengths.iter().all(|&length| is_within(length, &LENGTH_M)) {
             return Err(Unfit::OutOfRange);
         }
         let levels = self.samples.steps.iter().map(|step| {
@@ -170,7 +170,7 @@ impl Found {
             area_levels: steps::median(levels) as usize,
             steps,
             area_max_m2: self.samples.area_max_m2,
-            gauge,
+            law,
             ellipsoid,
             pins,
             uncertainty,
@@ -214,8 +214,8 @@ fn recordings_ratio(
         if own.len() < COMPARED_STEPS || others.len() < COMPARED_STEPS {
             return None;
         }
-        let error = |gauge: &Gauge<f64>| {
-            let errors = own.iter().filter_map(|c| Some(Evaluated::new(c, options.filter, gauge)?.nrmse()));
+        let error = |law: &ForceLaw<f64>| {
+            let errors = own.iter().filter_map(|c| Some(Evaluated::new(c, options.filter, law)?.nrmse()));
             steps::median(errors)
         };
         let from_own = error(&again(own.iter().copied(), near, options));

@@ -1,8 +1,8 @@
 //! One region's steps as the fit sees them: area through the device's filter, force as measured.
 
 use crate::{Filter, RegionCurves};
-use plantar::model::Gauge;
-use plantar::smooth;
+use plantar::pipeline::model::ForceLaw;
+use plantar::pipeline::smooth;
 use std::ops::Range;
 
 /// One region over the contact phases of some steps.
@@ -109,8 +109,9 @@ impl Samples {
     }
 
     /// g and its rate (1/s) of every sample in an ellipsoid, by the device's own formulas.
-    pub(crate) fn deformation(&self, gauge: &Gauge<f64>) -> impl Iterator<Item = (f64, f64)> {
-        let g: Vec<f64> = self.share.iter().map(|s| gauge.area_ratio(s * self.area_max_m2).gauge()).collect();
+    pub(crate) fn deformation(&self, law: &ForceLaw<f64>) -> impl Iterator<Item = (f64, f64)> {
+        let g: Vec<f64> =
+            self.share.iter().map(|s| law.area_ratio(s * self.area_max_m2).normalised_deformation()).collect();
         (0..self.len()).map(move |i| {
             let (later, earlier) = self.difference[i];
             (g[i], (g[later as usize] - g[earlier as usize]) * self.per_s[i])

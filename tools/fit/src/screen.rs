@@ -32,7 +32,7 @@ pub enum Unfit {
     ConstantArea,
     /// The area is at its largest for this share of the contact.
     SaturatedArea(f64),
-    /// What was found is beyond what an insole takes: see [`plantar::model::Gauge::is_valid`].
+    /// What was found is beyond what an insole takes: see [`plantar::pipeline::model::ForceLaw::is_valid`].
     OutOfRange,
     /// The recordings disagree: error of one predicted from the other over that predicted from itself.
     MixedPeople(f64),

@@ -3,7 +3,7 @@
 use crate::quality::largest;
 use plantar::Side;
 use plantar::insole::Insole;
-use plantar::stance::Rejected;
+use plantar::pipeline::stance::Rejected;
 use recording::{MAX_CELLS, Recording, VirtualInsole};
 use std::fmt;
 
@@ -171,7 +171,7 @@ pub fn isolate(
     worn: &VirtualInsole,
     index: usize,
     progress: &mut dyn FnMut(usize),
-) -> Result<(Vec<Step>, Vec<LeftOut>), plantar::insole::SetupError> {
+) -> Result<(Vec<Step>, Vec<LeftOut>), plantar::pipeline::setup::SetupError> {
     let mut insole = Box::new(Insole::<f64, MAX_CELLS>::new());
     insole.set_up(worn.setup, worn.cells.iter().copied())?;
     let mut codes = vec![0; worn.cells.len()];

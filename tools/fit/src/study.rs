@@ -2,8 +2,8 @@
 
 use crate::steps::{self, LeftOut};
 use crate::{Options, RegionFit, Step, Unfit};
-use plantar::contact::ContactRule;
-use plantar::insole::SetupError;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::SetupError;
 use plantar::{Region, Side};
 use recording::{Layout, Recording, VirtualInsole};
 

@@ -2,9 +2,10 @@
 //! device's filters, written here a second time and plainly.
 
 use crate::{Filter, RegionCurves, Step};
-use plantar::model::Gauge;
-use plantar::stance::STANCE_SAMPLES;
-use plantar::{Side, smooth};
+use plantar::Side;
+use plantar::pipeline::model::ForceLaw;
+use plantar::pipeline::smooth;
+use plantar::pipeline::stance::STANCE_SAMPLES;
 use std::f64::consts::PI;
 
 /// Per region: A B (mm2), K (kPa), G (kPa s), n, m; and share of stance in contact, largest area over pi A B.
@@ -23,9 +24,9 @@ pub const TRUTH: [([f64; 5], [f64; 3]); 8] = [
 const STANCE_S: f64 = 0.7;
 
 /// What [`TRUTH`] says of a region.
-pub fn gauge(region: usize) -> Gauge<f64> {
+pub fn law(region: usize) -> ForceLaw<f64> {
     let [ab_mm2, k, g, n, m] = TRUTH[region].0;
-    Gauge { ab_m2: ab_mm2 * 1e-6, c_m: 0.01, stiffness_pa: k * 1e3, damping_pa_s: g * 1e3, n, m }
+    ForceLaw { ab_m2: ab_mm2 * 1e-6, c_m: 0.01, stiffness_pa: k * 1e3, damping_pa_s: g * 1e3, n, m }
 }
 
 /// Normal deviates.
@@ -81,7 +82,7 @@ pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64
         sample_s: stride as f64 / rate_hz,
         ..RegionCurves::default()
     };
-    let mut force = forces(&curves, filter, &gauge(region));
+    let mut force = forces(&curves, filter, &law(region));
     let peak_n = force.iter().copied().fold(0.0, f64::max);
     for (force, area) in force.iter_mut().zip(curves.of(filter).0) {
         if *area > 0.0 {
@@ -96,12 +97,12 @@ pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64
 }
 
 /// Model force at every sample of the filter's curves, N.
-pub fn forces(curves: &RegionCurves, filter: Filter, gauge: &Gauge<f64>) -> Vec<f64> {
+pub fn forces(curves: &RegionCurves, filter: Filter, law: &ForceLaw<f64>) -> Vec<f64> {
     let (area_mm2, _, sample_s) = curves.of(filter);
     let mut force_n = vec![0.0; area_mm2.len()];
     let Some(first) = area_mm2.iter().position(|a| *a > 0.0) else { return force_n };
     let last = area_mm2.iter().rposition(|a| *a > 0.0).unwrap_or(first);
-    let g_of = |mm2: f64| gauge.area_ratio(mm2.max(0.0) * 1e-6).gauge();
+    let g_of = |mm2: f64| law.area_ratio(mm2.max(0.0) * 1e-6).normalised_deformation();
     match filter {
         Filter::Step => {
             let mut area = area_mm2[first..=last].to_vec();
@@ -113,7 +114,7 @@ pub fn forces(curves: &RegionCurves, filter: Filter, gauge: &Gauge<f64>) -> Vec<
                 if i + 1 < g.len() {
                     rate = (g[i + 1] - g[i]) / sample_s;
                 }
-                force_n[first + i] = gauge.force_n(g[i], rate);
+                force_n[first + i] = law.force_n(g[i], rate);
             }
         }
         Filter::Live => {
@@ -121,7 +122,7 @@ pub fn forces(curves: &RegionCurves, filter: Filter, gauge: &Gauge<f64>) -> Vec<
             let mean = |i: isize| (at(i - 2) + at(i - 1) + at(i)) / 3.0;
             for (i, force_n) in force_n.iter_mut().enumerate().take(last + 1).skip(first) {
                 let (g, before) = (g_of(mean(i as isize)), g_of(mean(i as isize - 1)));
-                *force_n = gauge.force_n(g, (g - before) / sample_s);
+                *force_n = law.force_n(g, (g - before) / sample_s);
             }
         }
     }

@@ -58,7 +58,7 @@ pub(crate) fn verdict(fit: &RegionFit) -> String {
 pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
     let mut warnings = Vec::new();
     let Some(uncertainty) = &fit.uncertainty else { return warnings };
-    let undamped = fit.gauge.damping_pa_s == 0.0;
+    let undamped = fit.law.damping_pa_s == 0.0;
     if undamped {
         warnings.push("no damping was found: G is 0, and m means nothing".into());
     }
@@ -76,7 +76,7 @@ pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
             fit.area_levels
         ));
     }
-    let flatness = fit.gauge.c_m / fit.pins.thickness_m;
+    let flatness = fit.law.c_m / fit.pins.thickness_m;
     if flatness > FLAT {
         warnings.push(format!(
             "C is {flatness:.1} times the tissue's thickness: force follows area as under a nearly flat body; A, B and C are the \

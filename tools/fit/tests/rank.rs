@@ -1,10 +1,10 @@
 //! What a force trace can tell of the paper's eight parameters: five numbers, and which three it cannot.
 
 use fit::pins::Pins;
-use fit::synthetic::gauge;
+use fit::synthetic::law;
 use nalgebra::DMatrix;
 use plantar::Region;
-use plantar::model::Ellipsoid;
+use plantar::pipeline::model::Ellipsoid;
 
 const PINS: Pins = Pins { aspect: 0.8, thickness_m: 0.012, compression: 0.457 };
 const SAMPLES: usize = 60;
@@ -22,8 +22,8 @@ fn force_n(e: &Ellipsoid<f64>, largest_m2: f64) -> Vec<f64> {
 }
 
 fn ellipsoid(region: usize) -> (Ellipsoid<f64>, f64) {
-    let gauge = gauge(region);
-    (PINS.ellipsoid(&gauge), 0.75 * std::f64::consts::PI * gauge.ab_m2)
+    let law = law(region);
+    (PINS.ellipsoid(&law), 0.75 * std::f64::consts::PI * law.ab_m2)
 }
 
 /// In the order of Eq. 17.
@@ -76,10 +76,10 @@ fn aspect_c_and_d0_leave_the_force_unchanged() {
             Pins { compression: 0.2, ..PINS },
             Pins { aspect: 0.5, thickness_m: 0.006, compression: 0.6 },
         ] {
-            let mut gauge = e.gauge();
-            gauge.c_m = other.c_m(0.5);
-            let same = other.ellipsoid(&gauge);
-            assert!(same.gauge().c_m != e.c_m || other.aspect != PINS.aspect);
+            let mut law = e.force_law();
+            law.c_m = other.c_m(0.5);
+            let same = other.ellipsoid(&law);
+            assert!(same.force_law().c_m != e.c_m || other.aspect != PINS.aspect);
             for (got, expected) in force_n(&same, largest_m2).iter().zip(&expected) {
                 assert!((got - expected).abs() < 1e-10 * peak, "region {region}, {other:?}: {got} for {expected}");
             }
@@ -90,14 +90,14 @@ fn aspect_c_and_d0_leave_the_force_unchanged() {
 #[test]
 fn pins_are_found_again_in_the_eight() {
     for region in 0..8 {
-        let truth = gauge(region);
+        let truth = law(region);
         let g_max = 0.6;
-        let gauge = plantar::model::Gauge { c_m: PINS.c_m(g_max), ..truth };
-        let e = PINS.ellipsoid(&gauge);
+        let law = plantar::pipeline::model::ForceLaw { c_m: PINS.c_m(g_max), ..truth };
+        let e = PINS.ellipsoid(&law);
         assert!((e.a_m / e.b_m / PINS.aspect - 1.0).abs() < 1e-12);
         assert!((e.c_m * g_max / e.d0_m / PINS.compression - 1.0).abs() < 1e-12);
         assert_eq!(e.d0_m, PINS.thickness_m);
-        let back = e.gauge();
+        let back = e.force_law();
         for (got, expected) in [
             (back.ab_m2, truth.ab_m2),
             (back.stiffness_pa, truth.stiffness_pa),

@@ -139,8 +139,8 @@ fn a_fit_has_no_trouble_with_the_papers_method() {
         let fit = fit.as_ref().expect("fitted");
         assert!(fit.ellipsoid.is_valid() && fit.uncertainty.is_none());
         // Whatever it found is what it reports.
-        let gauge = fit.ellipsoid.gauge();
-        let evaluated = fit::quality::Evaluated::new(&steps[0].regions[0], Filter::Step, &gauge);
+        let law = fit.ellipsoid.force_law();
+        let evaluated = fit::quality::Evaluated::new(&steps[0].regions[0], Filter::Step, &law);
         assert!(evaluated.is_some() && fit.quality.fitted < 0.5, "{:?}", fit.quality);
     }
 }

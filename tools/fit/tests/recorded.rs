@@ -3,12 +3,12 @@
 use fit::quality::Evaluated;
 use fit::steps::Why;
 use fit::{Filter, Options, Study, Unfit};
-use plantar::contact::ContactRule;
 use plantar::insole::Insole;
-use plantar::model::Gauge;
-use plantar::region::AreaMoments;
-use plantar::stance::StanceRule;
-use plantar::step::RegionStep;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::model::ForceLaw;
+use plantar::pipeline::region::AreaMoments;
+use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::step::RegionStep;
 use plantar::{Region, Side};
 use recording::{MAX_CELLS, Recording, VirtualInsole, jiku, pedar};
 use std::path::{Path, PathBuf};
@@ -96,8 +96,8 @@ fn the_fits_own_evaluation_is_the_insoles() {
     let Some(walk) = walker(2, 0..8) else { return };
     for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
         let study = study(std::slice::from_ref(&walk), contact);
-        let gauges: Vec<_> =
-            study.fits.iter().map(|f| f.as_ref().map_or(Gauge::NONE, |f| Gauge { c_m: 0.01, ..f.gauge })).collect();
+        let force_laws: Vec<_> =
+            study.fits.iter().map(|f| f.as_ref().map_or(ForceLaw::NONE, |f| ForceLaw { c_m: 0.01, ..f.law })).collect();
         let worn = VirtualInsole::new(&walk, contact, StanceRule::WALKING);
         let mut insole = Box::new(Insole::<f64, MAX_CELLS>::new());
         insole.set_up(worn.setup, worn.cells.iter().copied()).expect("wearable");
@@ -110,10 +110,10 @@ fn the_fits_own_evaluation_is_the_insoles() {
             }
             let number = insole.whole_step().expect("a step").step;
             let step = study.steps.iter().find(|step| step.number == number).expect("the same steps");
-            for (region, gauge) in gauges.iter().enumerate().filter(|(_, gauge)| **gauge != Gauge::NONE) {
+            for (region, law) in force_laws.iter().enumerate().filter(|(_, law)| **law != ForceLaw::NONE) {
                 let (area_mm2, force_n, sample_s) = insole.curves(region);
-                let ours = RegionStep::new(gauge, area_mm2, force_n, sample_s, &AreaMoments::NONE);
-                let Some(evaluated) = Evaluated::new(&step.regions[region], Filter::Step, gauge) else { continue };
+                let ours = RegionStep::new(law, area_mm2, force_n, sample_s, &AreaMoments::NONE);
+                let Some(evaluated) = Evaluated::new(&step.regions[region], Filter::Step, law) else { continue };
                 let peak_n = evaluated.model_n.iter().copied().fold(0.0, f64::max);
                 assert!((peak_n - ours.model_peak_n).abs() < 1e-9 * (1.0 + peak_n));
                 assert!((evaluated.nrmse() - ours.model_error).abs() < 1e-12);

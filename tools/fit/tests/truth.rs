@@ -3,7 +3,7 @@
 use fit::identify::{Bounds, identify, identify_from};
 use fit::interval::{five, from_jacobian};
 use fit::quality::Evaluated;
-use fit::synthetic::{Noise, curves, gauge};
+use fit::synthetic::{Noise, curves, law};
 use fit::{Filter, Samples};
 use plantar::Region;
 
@@ -16,15 +16,15 @@ fn exact_steps_give_their_parameters_back() {
                 let curves = curves(region, rate_hz, filter, 1.0, 0.0, &mut Noise::new(1));
                 let samples = Samples::new([&curves], filter);
                 let found = identify(&samples, &Bounds::USUAL);
-                let truth = gauge(region);
+                let truth = law(region);
                 let expected = [truth.ab_m2, truth.stiffness_pa, truth.damping_pa_s, truth.n, truth.m];
                 let got = five(&found, samples.area_max_m2);
                 let place = format!("{filter:?}, {rate_hz} Hz, region {region}: {got:?} for {expected:?}");
                 for (got, expected) in got.iter().zip(expected) {
                     assert!((got / expected - 1.0).abs() < 1e-6, "{place}");
                 }
-                let gauge = found.gauge(samples.area_max_m2, 0.01);
-                let error = Evaluated::new(&curves, filter, &gauge).expect("contact").nrmse();
+                let law = found.law(samples.area_max_m2, 0.01);
+                let error = Evaluated::new(&curves, filter, &law).expect("contact").nrmse();
                 assert!(error < 1e-8, "{place}: {error}");
                 most_evaluations = most_evaluations.max(found.evaluations);
             }
@@ -38,7 +38,7 @@ const REPEATS: u64 = 200;
 
 /// How often the true values lie in the Jacobian's intervals, of noise whose neighbours have the correlation `alike`.
 fn held(region: usize, alike: f64) -> [u32; 5] {
-    let truth = gauge(region);
+    let truth = law(region);
     let expected = [truth.ab_m2, truth.stiffness_pa, truth.damping_pa_s, truth.n, truth.m];
     let mut held = [0; 5];
     for seed in 0..REPEATS {

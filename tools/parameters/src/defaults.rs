@@ -2,7 +2,7 @@
 //! person.
 
 use crate::Parameters;
-use plantar::model::Ellipsoid;
+use plantar::pipeline::model::Ellipsoid;
 use serde::Deserialize;
 use std::fmt;
 use std::str::FromStr;
@@ -56,7 +56,7 @@ impl Default for InsoleSize {
     }
 }
 
-/// Size 42, per region heel to toes: A, B, d0 in mm; K in kPa, G in kPa s, n, m of the gauge form.
+/// Size 42, per region heel to toes: A, B, d0 in mm; K in kPa, G in kPa s, n, m of the law form.
 ///
 /// A B holds the contact of nine in ten of ten barefoot walkers on a plate (SpeedPP2DS); K, G, n, m are one least-squares fit
 /// a region over all of them together, off by about a fifth of each one's peak force. In a shoe the foot spreads further:

@@ -9,9 +9,9 @@ pub use participant::Participant;
 pub use thickness::Thickness;
 
 use plantar::Region;
-use plantar::contact::ContactRule;
-use plantar::insole::Tissue;
-use plantar::model::{COEFFICIENT, Ellipsoid, Gauge, LENGTH_M, MAX_EXPONENT, is_within};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::model::{COEFFICIENT, Ellipsoid, ForceLaw, LENGTH_M, MAX_EXPONENT, is_within};
+use plantar::pipeline::tissue::Tissue;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -161,8 +161,8 @@ impl Parameters {
     /// [`Parameters::tissue`] to the bit, also through a file: double precision errs far less than half of a last bit of
     /// single precision.
     pub fn from_tissue(tissue: &Tissue) -> Self {
-        let regions = tissue.gauges.map(|gauge| {
-            let g = Gauge::<f64>::of(&gauge);
+        let regions = tissue.force_laws.map(|law| {
+            let g = ForceLaw::<f64>::of(&law);
             let radius_m = g.ab_m2.sqrt();
             Ellipsoid {
                 a_m: radius_m,
@@ -238,7 +238,7 @@ impl Parameters {
 
     /// What a device evaluates.
     pub fn tissue(&self) -> Tissue {
-        Tissue::new(self.regions.each_ref().map(|ellipsoid| ellipsoid.gauge().single()))
+        Tissue::new(self.regions.each_ref().map(|ellipsoid| ellipsoid.force_law().single()))
     }
 }
 
@@ -288,12 +288,12 @@ impl FileRegion {
             c: self.c_n_s_m3,
             m: self.m,
         };
-        let gauge = ellipsoid.gauge();
-        if !gauge.single().is_valid() {
+        let law = ellipsoid.force_law();
+        if !law.single().is_valid() {
             return Err(format!(
                 "makes K = k C^(n+1) / d0^n = {:e} Pa and G = c C^(m+1) / d0^m = {:e} Pa s, more than {:e}: check k_n_m3, c_n_s_m3, n and m",
-                gauge.stiffness_pa,
-                gauge.damping_pa_s,
+                law.stiffness_pa,
+                law.damping_pa_s,
                 COEFFICIENT.end()
             ));
         }

@@ -13,7 +13,7 @@ use fit::steps::isolate;
 use fit::{Options, Step, Unfit, fit_step};
 use parameters::{InsoleSize, Participant};
 use plantar::Region;
-use plantar::contact::ContactRule;
+use plantar::pipeline::contact::ContactRule;
 use rayon::prelude::*;
 use recording::Recording;
 use std::fs;

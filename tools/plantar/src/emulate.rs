@@ -7,19 +7,20 @@ use crate::view::View;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use client::{Client, Framed, step_to_json};
+use emulation::{COLUMNS, EmulatorConfig};
 use emulator::{Board, Electrical, Faulty, Recorded, Time};
 use parameters::Parameters;
 use plantar::Region;
-use plantar::emulation::{COLUMNS, Head};
-use plantar::insole::{DEVICE_CELLS, Insole};
-use plantar::wire::{Hello, Status, Step, ToDevice, ToHost};
+use plantar::insole::Insole;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::protocol::{Hello, Status, Step, ToDevice, ToHost};
 use recording::{Recording, VirtualInsole};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Where `cargo xtask build` puts it.
-pub const FIRMWARE: &str = "target/thumbv7em-none-eabihf/firmware/plantar_emu";
+pub const FIRMWARE: &str = "target/thumbv7em-none-eabihf/firmware/emulated";
 /// An insole that streams is never silent for this long.
 const SILENCE: Duration = Duration::from_secs(10);
 
@@ -98,7 +99,7 @@ impl Emulate {
         let parameters = self.wearer.parameters()?;
         let Worn { recording, insole } = Worn::new(&self.recording, &parameters, &self.contact, &self.zero)?;
         let tissue = parameters.tissue();
-        let head = Head::new(insole.setup);
+        let head = EmulatorConfig::new(insole.setup);
         let cells = insole.cells.clone();
         let seconds = recording.frames() as f64 / recording.rate_hz;
         let scans = insole.frames(&recording) as u32;

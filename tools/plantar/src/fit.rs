@@ -9,7 +9,7 @@ use fit::interval::{FIVE, Interval, RESAMPLES};
 use fit::pins::COMPRESSION;
 use fit::{Bounds, Filter, Method, Options, RegionFit, Study};
 use parameters::{Identified, InsoleSize, Parameters, Thickness};
-use plantar::wire::checksum;
+use plantar::checksum::crc32;
 use plantar::{Region, Side};
 use recording::Recording;
 use serde_json::{Map, Value, json};
@@ -182,7 +182,7 @@ impl Fit {
 /// Adds one recording's steps; `known` are the check sums of those before: given twice, a step would be predicted from itself.
 fn add(study: &mut Study, path: &Path, zero: &Zeroed, known: &mut Vec<u32>) -> Result<()> {
     let recording = Recording::read(path)?;
-    let sum = checksum(&recording.pressure_kpa.iter().flat_map(|kpa| kpa.to_le_bytes()).collect::<Vec<_>>());
+    let sum = crc32(&recording.pressure_kpa.iter().flat_map(|kpa| kpa.to_le_bytes()).collect::<Vec<_>>());
     if let Some(before) = known.iter().position(|known| *known == sum) {
         bail!("{} is the same recording as {}: give each once", path.display(), study.sources[before].name);
     }
@@ -253,7 +253,7 @@ fn print(study: &Study) {
 
 /// A B (mm2), K (kPa), G (kPa s), n, m, each with the wider interval.
 fn five_in_words(fit: &RegionFit) -> Vec<String> {
-    let g = &fit.gauge;
+    let g = &fit.law;
     let units = [1e6, 1e-3, 1e-3, 1.0, 1.0];
     match &fit.uncertainty {
         Some(uncertainty) => uncertainty
@@ -369,7 +369,7 @@ fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
         Ok(fit) => fit,
         Err(reason) => return json!({ "fitted": false, "reason": reason.to_string() }),
     };
-    let (g, e, q) = (&fit.gauge, &fit.ellipsoid, &fit.quality);
+    let (g, e, q) = (&fit.law, &fit.ellipsoid, &fit.quality);
     let intervals = fit.uncertainty.as_ref().map(|uncertainty| {
         let names = ["ab_m2", "stiffness_pa", "damping_pa_s", "n", "m"];
         let of = |i: &Interval| json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.told });

@@ -4,8 +4,8 @@ use crate::carrier::{ANSWER, Carrier, Session};
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Subcommand, ValueEnum};
 use plantar::Side;
-use plantar::calibrate::CellCalibration;
-use plantar::wire::{Identity, Serial};
+use plantar::pipeline::calibrate::CellCalibration;
+use plantar::protocol::{Identity, Serial};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -110,7 +110,7 @@ fn show(carrier: &Carrier) -> Result<()> {
     }
     let warnings = [
         (
-            status.unkept > 0,
+            status.not_stored > 0,
             "it could not keep something: its flash chip fails, and what was sent holds until it restarts",
         ),
         (

@@ -6,7 +6,7 @@ use crate::view::View;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use client::{Axis, Error as LinkError, step_to_json};
-use plantar::wire::{Live, Step, ToDevice, ToHost};
+use plantar::protocol::{Live, Step, ToDevice, ToHost};
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};

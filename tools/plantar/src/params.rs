@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use clap::Subcommand;
 use parameters::{InsoleSize, Parameters};
 use plantar::Region;
-use plantar::insole::Tissue;
+use plantar::pipeline::tissue::Tissue;
 use std::path::{Path, PathBuf};
 
 #[derive(Subcommand)]
@@ -126,7 +126,7 @@ fn show_file(parameters: &Parameters) {
 
 fn show(tissue: &Tissue) {
     println!("Parameters {} as an insole computes with them:", name(tissue.id));
-    let regions = Region::ALL.iter().zip(&tissue.gauges).map(|(region, g)| {
+    let regions = Region::ALL.iter().zip(&tissue.force_laws).map(|(region, g)| {
         vec![
             region.name().to_string(),
             format!("{:.1}", g.stiffness_pa * 1e-3),

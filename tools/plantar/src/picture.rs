@@ -3,7 +3,7 @@
 use crate::setup::rule_in_words;
 use anyhow::{Context, Result, anyhow};
 use plantar::insole::Insole;
-use plantar::wire::Step;
+use plantar::protocol::Step;
 use plantar::{Real, Region, Side};
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -34,8 +34,9 @@ pub struct Drawing {
 impl Drawing {
     /// Takes the insole's last frame.
     pub fn push<R: Real, const N: usize>(&mut self, insole: &Insole<R, N>) {
-        let forces =
-            |load: &plantar::insole::RegionLoad<R>| (load.frame.force.force_n.to_f64(), load.tissue.model_n.to_f64());
+        let forces = |load: &plantar::pipeline::live::RegionLoad<R>| {
+            (load.frame.force.force_n.to_f64(), load.tissue.model_n.to_f64())
+        };
         self.forces.push(insole.loads().each_ref().map(forces));
     }
 

@@ -8,7 +8,7 @@ use crate::view::View;
 use anyhow::{Result, bail};
 use clap::Args;
 use client::{Axis, region_ellipse, region_quantities};
-use plantar::wire::{Live, Step, ToDevice};
+use plantar::protocol::{Live, Step, ToDevice};
 use plantar::{Region, Side};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -36,7 +36,7 @@ pub struct Record {
 
 /// A part is closed after this time, or when this many steps wait: an insole sends no more before they are acknowledged.
 const PART: Duration = Duration::from_secs(30);
-const PART_STEPS: usize = plantar::link::STEP_QUEUE;
+const PART_STEPS: usize = plantar::protocol::session::STEP_QUEUE;
 
 impl Record {
     pub fn run(&self) -> Result<()> {
@@ -192,7 +192,7 @@ fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
         ("duration_s", (f64::from(step.duration_us) / 1e6).into()),
         ("sample_s", (f64::from(step.sample_us) / 1e6).into()),
         ("bridged_frames", i32::from(step.bridged_frames).into()),
-        ("starts_ago", Value::Whole(i32::try_from(step.starts_ago).ok())),
+        ("starts_ago", Value::Whole(i32::try_from(step.boots_since).ok())),
         ("region", region.into()),
         ("area_peak_mm2", f64::from(r.area_peak_mm2).into()),
         ("saturated", set(step.saturated).into()),

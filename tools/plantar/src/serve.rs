@@ -6,8 +6,8 @@ use crate::setup::{Contact, Wearer, Zeroed};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use client::{Carrier, Framed};
+use emulation::EmulatorConfig;
 use emulator::{Board, Looped, Recorded, Time};
-use plantar::emulation::Head;
 use serve::{MAX_INSOLES, Options, Source};
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -80,7 +80,7 @@ impl Serve {
         for path in &self.emulate {
             let parameters = self.wearer.parameters()?;
             let Worn { recording, insole } = Worn::new(path, &parameters, &self.contact, &self.zero)?;
-            let head = Head::new(insole.setup);
+            let head = EmulatorConfig::new(insole.setup);
             let cells = insole.cells.clone();
             let walk = Looped(Recorded::new(recording, insole));
             let board = Board::start(&self.firmware, &head, &cells, Time::Real, walk)?;

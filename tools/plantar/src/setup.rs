@@ -3,8 +3,8 @@
 use anyhow::{Result, bail};
 use clap::Args;
 use parameters::{Identified, InsoleSize, Parameters};
-use plantar::contact::ContactRule;
-use plantar::insole::PERIOD_US;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::PERIOD_US;
 use recording::{Recording, VirtualInsole, Zero};
 use std::path::PathBuf;
 
@@ -109,7 +109,7 @@ pub fn rule_in_words(rule: &ContactRule) -> String {
 
 /// The insole that feels `recording` under a rule.
 pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole> {
-    let worn = VirtualInsole::new(recording, rule, plantar::stance::StanceRule::WALKING);
+    let worn = VirtualInsole::new(recording, rule, plantar::pipeline::stance::StanceRule::WALKING);
     if !PERIOD_US.contains(&worn.setup.period_us) {
         bail!(
             "{:.2} frames a second: 20 to 500 are understood; import the recording again with --rate 100",

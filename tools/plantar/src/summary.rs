@@ -4,8 +4,8 @@ use crate::setup::rule_in_words;
 use client::{Carrier, Client};
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use plantar::Region;
-use plantar::fault::{Fault, Faults};
-use plantar::wire::Step;
+use plantar::faults::{Fault, Faults};
+use plantar::protocol::Step;
 
 /// Short names for narrow columns, in the order of [`Region::ALL`].
 pub const SHORT: [&str; 8] = ["Heel", "P.midfoot", "A.midfoot", "Met 1-2", "Met 3-5", "Hallux", "Toe 2", "Toes 3-5"];
@@ -64,7 +64,7 @@ pub fn print(steps: &[Step]) {
     ]);
     for (i, region) in Region::ALL.iter().enumerate() {
         let loaded: Vec<_> = steps.iter().map(|s| &s.regions[i]).filter(|r| r.contact_ms > 0).collect();
-        let mean = |value: fn(&plantar::wire::StepRegion) -> f64| {
+        let mean = |value: fn(&plantar::protocol::StepRegion) -> f64| {
             loaded.iter().map(|r| value(r)).sum::<f64>() / loaded.len() as f64
         };
         if loaded.is_empty() {
@@ -161,7 +161,7 @@ pub fn align(table: &mut Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plantar::fault::{FaultKind, Place};
+    use plantar::faults::{FaultKind, Place};
 
     #[test]
     fn faults_are_told_with_place_kind_time_and_masked_cells() {

@@ -6,8 +6,8 @@ use clap::Args;
 use client::Error;
 use firmware_image::Image;
 use indicatif::{ProgressBar, ProgressStyle};
-use plantar::update::{CHUNK, Header, Progress, Refusal, Request};
-use plantar::wire;
+use plantar::protocol;
+use plantar::protocol::update::{CHUNK, Header, Progress, Refusal, Request};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -101,10 +101,10 @@ impl Update {
         loop {
             match session.update(Request::Begin(image.offer())) {
                 Ok(_) => return Ok(()),
-                Err(Error::Refused(wire::Refusal::Update(Refusal::OnTrial))) if start.elapsed() < TRIAL => {
+                Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) if start.elapsed() < TRIAL => {
                     std::thread::sleep(PAUSE);
                 }
-                Err(Error::Refused(wire::Refusal::Update(Refusal::OnTrial))) => bail!(
+                Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) => bail!(
                     "{} runs and does not measure: the insole goes back to the version before when it is switched off and on",
                     image.header().version()
                 ),

@@ -3,7 +3,7 @@
 use crate::summary::SHORT;
 use anyhow::Result;
 use client::LinkCounters;
-use plantar::wire::{Hello, Live, Step};
+use plantar::protocol::{Hello, Live, Step};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyModifiers};
 use ratatui::layout::{Constraint, Layout};
 use ratatui::style::{Color, Style, Stylize};

@@ -3,8 +3,8 @@
 use anyhow::{Result, bail};
 use clap::Args;
 use plantar::Side;
-use plantar::contact::ContactRule;
-use plantar::stance::StanceRule;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
 use recording::{FootZero, Recording, StandingTrial, VirtualInsole};
 use std::ops::Range;
 use std::path::{Path, PathBuf};

@@ -2,9 +2,9 @@
 #![cfg(target_os = "linux")]
 
 use host_tests::{hello, live, status, step};
-use plantar::fragment::{Joiner, Splitter};
-use plantar::link::Link;
-use plantar::wire::{MAX_MESSAGE, ToDevice, ToHost, decode};
+use plantar::protocol::fragment::{Joiner, Splitter};
+use plantar::protocol::session::Session;
+use plantar::protocol::{MAX_MESSAGE, ToDevice, ToHost, decode};
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Output, Stdio};
@@ -195,7 +195,7 @@ struct Insole {
     connected: Arc<AtomicBool>,
     /// The link breaks with the first acknowledgement, before it is heard.
     breaks: Arc<AtomicBool>,
-    link: Arc<Mutex<(Link, Joiner)>>,
+    link: Arc<Mutex<(Session, Joiner)>>,
     /// Values for the host, in their order.
     values: Sender<(u8, Vec<u8>)>,
 }
@@ -214,7 +214,7 @@ impl Insole {
         }
         link.receive(message, 0);
         // Whatever it was told it keeps.
-        link.done(Ok(plantar::link::Done::Kept));
+        link.complete(Ok(plantar::protocol::session::CommandResult::Stored));
         if let ToDevice::Stream { live: true } = message {
             for number in 0..FRAMES {
                 link.push_live(live(number));
@@ -226,7 +226,7 @@ impl Insole {
         self.speak(link);
     }
 
-    fn speak(&self, link: &mut Link) {
+    fn speak(&self, link: &mut Session) {
         let mut buffer = [0; MAX_MESSAGE];
         while let Some(message) = link.next(&hello(), status, &mut buffer) {
             let number = match decode::<ToHost>(message).expect("its own") {
@@ -279,7 +279,7 @@ impl Bus {
             is_bonded,
             connected: Arc::default(),
             breaks: Arc::default(),
-            link: Arc::new(Mutex::new((Link::new(), Joiner::new()))),
+            link: Arc::new(Mutex::new((Session::new(), Joiner::new()))),
             values,
         };
         let service = serve(address.trim(), &insole);
@@ -335,7 +335,7 @@ fn monitor_receives_every_frame_and_step() {
     assert_eq!(serde_json::from_str::<Vec<serde_json::Value>>(&steps).expect("JSON"), [expected]);
     // Acknowledged: it is not sent again.
     let link = &mut bus.insole.link.lock().expect("no panic").0;
-    link.receive(ToDevice::Connect { major: plantar::wire::MAJOR, minor: plantar::wire::MINOR }, 0);
+    link.receive(ToDevice::Connect { major: plantar::protocol::MAJOR, minor: plantar::protocol::MINOR }, 0);
     let mut said = Vec::new();
     let mut buffer = [0; MAX_MESSAGE];
     while let Some(message) = link.next(&hello(), status, &mut buffer) {

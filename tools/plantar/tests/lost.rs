@@ -5,8 +5,8 @@
 use host_tests::step;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use plantar::Side;
-use plantar::link::{Link, STEP_QUEUE};
-use plantar::wire::{Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Reset, Status, ToDevice, decode, frame};
+use plantar::protocol::session::{STEP_QUEUE, Session};
+use plantar::protocol::{Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Reset, Status, ToDevice, decode, frame};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpListener;
@@ -15,14 +15,14 @@ use std::process::{Child, Command, Output, Stdio};
 
 /// An insole at the other end of a carrier; steps wait in it.
 struct Insole {
-    link: Link,
+    link: Session,
     /// It hears what is said to it and does nothing.
     is_deaf: bool,
 }
 
 impl Insole {
     fn with_steps(steps: impl IntoIterator<Item = u32>) -> Self {
-        let mut link = Link::new();
+        let mut link = Session::new();
         steps.into_iter().for_each(|number| link.push_step(step(number)));
         Self { link, is_deaf: false }
     }

@@ -2,15 +2,16 @@
 //!
 //! The firmware is the file that `PLANTAR_FIRMWARE` names; without it these tests say so and pass.
 
+use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
 use parquet::file::reader::SerializedFileReader;
 use parquet::record::{Field, Row};
 use plantar::Region;
-use plantar::contact::ContactRule;
-use plantar::emulation::Head;
-use plantar::insole::{DEVICE_CELLS, Insole};
-use plantar::stance::StanceRule;
-use plantar::wire::{Decoder, Live, Step, ToHost, decode};
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::{Decoder, Live, Step, ToHost, decode};
 use recording::{Recording, VirtualInsole, synthetic};
 use std::fs::File;
 use std::io::{Read, Write, copy};
@@ -48,7 +49,7 @@ fn with_insole(arguments: &[&str]) -> Option<Output> {
     };
     let walk = walk();
     let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let head = Head::new(worn.setup);
+    let head = EmulatorConfig::new(worn.setup);
     let cells = worn.cells.clone();
     let board =
         Board::start(firmware.as_ref(), &head, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");

@@ -1,22 +1,22 @@
 //! `plantar params` and `plantar insole` with files and with an insole on the network: the insole's own side of a session, without the rest.
 
-use plantar::calibrate::CellCalibration;
-use plantar::insole::Tissue;
-use plantar::link::{Done, Job, Link};
-use plantar::region::Side;
-use plantar::store::CalibrationId;
-use plantar::wire::{self, Decoder, Hello, Identity, MAX_FRAME, MAX_MESSAGE, Reset, Status, ToDevice};
+use plantar::pipeline::calibrate::CellCalibration;
+use plantar::pipeline::region::Side;
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::CalibrationId;
+use plantar::protocol::session::{Command, CommandResult, Session};
+use plantar::protocol::{self, Decoder, Hello, Identity, MAX_FRAME, MAX_MESSAGE, Reset, Status, ToDevice};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{self, Output};
 use std::sync::{Arc, Mutex};
 
 /// Answers one host after the other for as long as the test runs.
-fn insole() -> (SocketAddr, Arc<Mutex<Link>>) {
+fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address");
-    let link = Arc::new(Mutex::new(Link::new()));
+    let link = Arc::new(Mutex::new(Session::new()));
     let insole = link.clone();
     std::thread::spawn(move || {
         for mut host in listener.incoming().map(|host| host.expect("a host")) {
@@ -25,22 +25,24 @@ fn insole() -> (SocketAddr, Arc<Mutex<Link>>) {
             while let Ok(count @ 1..) = host.read(&mut received) {
                 let mut link = insole.lock().expect("no panic");
                 for &byte in &received[..count] {
-                    if let Some(message) = decoder.push(byte).and_then(wire::decode::<ToDevice>) {
+                    if let Some(message) = decoder.push(byte).and_then(protocol::decode::<ToDevice>) {
                         link.receive(message, 0);
                         let identity = link.identity();
-                        let done = match link.job() {
-                            Some(Job::Name(side, serial)) => Done::Identity(Identity { side, serial, ..identity }),
-                            Some(Job::Calibration { id, .. }) => {
-                                Done::Identity(Identity { calibration_id: id, ..identity })
+                        let done = match link.command() {
+                            Some(Command::SetIdentity(side, serial)) => {
+                                CommandResult::Identity(Identity { side, serial, ..identity })
                             }
-                            _ => Done::Kept,
+                            Some(Command::Calibration { id, .. }) => {
+                                CommandResult::Identity(Identity { calibration_id: id, ..identity })
+                            }
+                            _ => CommandResult::Stored,
                         };
-                        link.done(Ok(done));
+                        link.complete(Ok(done));
                     }
                 }
                 let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
                 while let Some(message) = link.next(&hello(), Status::default, &mut message) {
-                    let len = wire::frame(message, &mut framed);
+                    let len = protocol::frame(message, &mut framed);
                     host.write_all(&framed[..len]).expect("the host listens");
                 }
             }
@@ -58,7 +60,7 @@ fn params(folder: &Path, arguments: &str) -> Output {
 }
 
 fn plantar(folder: &Path, arguments: &str) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_plantar"))
+    process::Command::new(env!("CARGO_BIN_EXE_plantar"))
         .args(arguments.split_whitespace())
         .current_dir(folder)
         .output()

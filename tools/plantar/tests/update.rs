@@ -4,18 +4,21 @@
 use embassy_boot::{AlignedBuffer, BootLoader};
 use embassy_futures::block_on;
 use embassy_sync::mutex::Mutex as Shared;
+use emulation::ACTIVE_IMAGE;
+use emulation::FLASH_BYTES;
 use firmware_image::{Image, Secret};
 use host_tests::nor_flash::NorFlashChip;
-use plantar::boot::{BUFFER, Blocking, config};
-use plantar::emulation::FLASH_BYTES;
-use plantar::link::{Done, Job, Link};
-use plantar::map::{EMULATED_ACTIVE, HEADER};
-use plantar::update::{Area, CHUNK, Header, Progress, Update, confirm};
-use plantar::wire::{self, Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Refusal, Status, ToDevice};
+use plantar::protocol::session::{Command, CommandResult, Session};
+use plantar::protocol::update::{CHUNK, Header, Progress};
+use plantar::protocol::{self, Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Refusal, Status, ToDevice};
+use plantar::storage::boot::{BUFFER, Blocking, config};
+use plantar::storage::flash_map::HEADER;
+use plantar::storage::partition::Partition;
+use plantar::storage::update::{Update, confirm};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{self, Output};
 use std::sync::{Arc, Mutex};
 
 const OLD: &str = "1.2.3";
@@ -51,7 +54,7 @@ impl Insole {
         let address = listener.local_addr().expect("an address");
         let mut chip = NorFlashChip::new(FLASH_BYTES);
         let old = image("test", OLD, &secret());
-        chip.bytes[EMULATED_ACTIVE.start as usize..][..old.bytes().len()].copy_from_slice(old.bytes());
+        chip.bytes[ACTIVE_IMAGE.start as usize..][..old.bytes().len()].copy_from_slice(old.bytes());
         let insole = Arc::new(Mutex::new(Self { chip, trial }));
         let shared = insole.clone();
         std::thread::spawn(move || {
@@ -63,13 +66,13 @@ impl Insole {
     }
 
     fn running(&self) -> Header {
-        let at = (EMULATED_ACTIVE.start + HEADER) as usize;
+        let at = (ACTIVE_IMAGE.start + HEADER) as usize;
         Header::read(self.chip.bytes[at..].first_chunk().expect("it is long")).expect("an image is there")
     }
 
     fn boot(&mut self) {
         let chip = Shared::new(&mut self.chip);
-        let active = Blocking(Area::<_, CHUNK>::new(&chip, EMULATED_ACTIVE));
+        let active = Blocking(Partition::<_, CHUNK>::new(&chip, ACTIVE_IMAGE));
         BootLoader::new(config(&chip, active))
             .prepare_boot(AlignedBuffer([0; BUFFER]).as_mut())
             .expect("the chip works");
@@ -77,25 +80,25 @@ impl Insole {
 
     /// Serves a host until it leaves or the insole restarts.
     fn serve(&mut self, host: &mut (impl Read + Write)) {
-        let (mut link, mut update, mut decoder) = (Link::new(), Update::new(), Decoder::new());
+        let (mut link, mut update, mut decoder) = (Session::new(), Update::new(), Decoder::new());
         let mut received = [0; 64];
         let (running, key) = (self.running(), secret().verifying_key().to_bytes());
         let hello = Hello { firmware: running.version().try_into().expect("it is short"), ..host_tests::hello() };
         let mut accepted = false;
         while !accepted && let Ok(count @ 1..) = host.read(&mut received) {
             for &byte in &received[..count] {
-                if let Some(message) = decoder.push(byte).and_then(wire::decode::<ToDevice>) {
+                if let Some(message) = decoder.push(byte).and_then(protocol::decode::<ToDevice>) {
                     link.receive(message, 0);
                 }
             }
-            if let Some(Job::Update(request)) = link.job() {
+            if let Some(Command::Update(request)) = link.command() {
                 let progress = block_on(update.handle(&mut self.chip, &running, &key, &request));
                 accepted = progress == Ok(Progress::Accepted);
-                link.done(progress.map(Done::Update).map_err(Refusal::Update));
+                link.complete(progress.map(CommandResult::Update).map_err(Refusal::Update));
             }
             let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
             while let Some(message) = link.next(&hello, Status::default, &mut message) {
-                let len = wire::frame(message, &mut framed);
+                let len = protocol::frame(message, &mut framed);
                 host.write_all(&framed[..len]).expect("the host listens");
             }
         }
@@ -110,7 +113,7 @@ impl Insole {
 }
 
 fn update(file: &Path, address: SocketAddr) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_plantar"))
+    process::Command::new(env!("CARGO_BIN_EXE_plantar"))
         .arg("update")
         .arg(file)
         .args(["--tcp", &address.to_string()])
@@ -139,7 +142,7 @@ fn a_signed_image_is_sent_and_the_version_that_runs_then_is_told() {
     assert!(output.status.success(), "{said} {}", String::from_utf8_lossy(&output.stderr));
     assert!(said.contains(&format!("runs {OLD}")) && said.contains(&format!("runs {NEW}, {OLD} before")), "{said}");
     let insole = insole.lock().expect("no panic");
-    assert!(insole.chip.bytes[EMULATED_ACTIVE.start as usize..].starts_with(new.bytes()));
+    assert!(insole.chip.bytes[ACTIVE_IMAGE.start as usize..].starts_with(new.bytes()));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The rules every recording keeps, whether it was read, imported or is about to be written.
 
 use crate::{Error, Layout, MAX_CELLS, Recording, Result};
-use plantar::region::{MAX_CELL_MM2, MIN_CELL_MM2};
+use plantar::pipeline::region::{MAX_CELL_MM2, MIN_CELL_MM2};
 
 /// What a message points at; the caller turns it into a file with a line, row or column.
 #[derive(Clone, Copy)]

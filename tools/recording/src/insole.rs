@@ -1,12 +1,12 @@
 //! A recording worn as an insole: its cells in the device's order, its pressures as the codes of a sensor.
 
 use crate::Recording;
-use plantar::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
-use plantar::contact::ContactRule;
-use plantar::insole::{Setup, SetupCell};
-use plantar::region::Cell;
-use plantar::stance::StanceRule;
-use plantar::wire::checksum;
+use plantar::checksum::crc32;
+use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::region::Cell;
+use plantar::pipeline::setup::{Setup, SetupCell};
+use plantar::pipeline::stance::StanceRule;
 
 /// Exponent of the virtual sensor's power law: conductance of a resistive cell rises a little less than in proportion to
 /// pressure. Our choice.
@@ -88,7 +88,7 @@ impl VirtualInsole {
                     },
                     calibration: CellCalibration::IDEAL,
                     // As the emulated matrix is wired: rows of 16 columns.
-                    crossing: place as u8,
+                    row_column: place as u8,
                 }
             })
             .collect();
@@ -99,7 +99,7 @@ impl VirtualInsole {
             .collect();
         let setup = Setup {
             side: recording.side,
-            layout_id: checksum(&geometry),
+            layout_id: crc32(&geometry),
             period_us: (1e6 / recording.rate_hz).round() as u32,
             sensor,
             contact,

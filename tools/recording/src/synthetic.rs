@@ -7,7 +7,7 @@
 
 use crate::insole::{EXPONENT, FULL_KPA};
 use crate::{Cell, Layout, Recording, template};
-use plantar::calibrate::FULL_CODE;
+use plantar::pipeline::calibrate::FULL_CODE;
 use plantar::{Region, Side};
 use std::f64::consts::PI;
 

@@ -1,7 +1,7 @@
-//! Regions for cells whose source names none: [`plantar::template`] laid over the cells themselves.
+//! Regions for cells whose source names none: [`plantar::pipeline::template`] laid over the cells themselves.
 
 use crate::Cell;
-use plantar::template::region_at;
+use plantar::pipeline::template::region_at;
 
 /// Where the widths of heel and forefoot are taken, fractions of the foot's length.
 const HEEL_BAND: [f64; 2] = [0.05, 0.25];

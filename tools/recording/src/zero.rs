@@ -3,9 +3,9 @@
 use crate::table::at_line;
 use crate::{Error, Recording, Result, StandingTrial, VirtualInsole};
 use plantar::Side;
-use plantar::calibrate::zero_offset;
-use plantar::contact::ContactRule;
-use plantar::stance::StanceRule;
+use plantar::pipeline::calibrate::zero_offset;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
 use serde::Deserialize;
 use std::fmt::Write;
 use std::path::Path;
@@ -30,7 +30,7 @@ pub struct Zero {
 /// The zero of one insole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FootZero {
-    /// Identifies the cells, as [`plantar::insole::Setup::layout_id`].
+    /// Identifies the cells, as [`plantar::pipeline::setup::Setup::layout_id`].
     pub layout_id: u32,
     /// What each unloaded cell reads, kPa, in the order of [`VirtualInsole::cells`].
     ///

@@ -1,7 +1,7 @@
 //! The template puts known places of a foot into their regions.
 
 use plantar::Region;
-use plantar::template::region_at;
+use plantar::pipeline::template::region_at;
 use recording::template::assign;
 use recording::{Cell, synthetic};
 

@@ -1,9 +1,9 @@
 //! A standing trial gives every cell its zero, and an insole with that zero reads as one without offsets.
 
-use plantar::calibrate::{FULL_CODE, zero_offset};
-use plantar::contact::ContactRule;
 use plantar::insole::Insole;
-use plantar::stance::StanceRule;
+use plantar::pipeline::calibrate::{FULL_CODE, zero_offset};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
 use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
 use recording::{FootZero, MAX_CELLS, Recording, StandingTrial, VirtualInsole, Zero};
 use std::path::Path;

@@ -46,7 +46,7 @@ fn evaluate(study: &Study, step: usize, region: usize) -> Option<(f64, Evaluated
     let curves = &study.steps.get(step)?.regions[region];
     let (area_mm2, _, sample_s) = curves.of(study.options.filter);
     let first = area_mm2.iter().position(|area| *area > 0.0)?;
-    Some((first as f64 * sample_s, Evaluated::new(curves, study.options.filter, &fit.gauge)?))
+    Some((first as f64 * sample_s, Evaluated::new(curves, study.options.filter, &fit.law)?))
 }
 
 fn middle<T>(mut all: Vec<T>, error: impl Fn(&T) -> f64) -> Option<T> {

@@ -6,7 +6,7 @@ use crate::region::{TITLES, colour, fit_of, fitted};
 use fit::interval::{FIVE, Interval, RESAMPLED_STEPS};
 use fit::{Method, RegionFit, Study};
 use maud::{Markup, html};
-use plantar::model::Gauge;
+use plantar::pipeline::model::ForceLaw;
 
 pub const WIDTH: f64 = 260.0;
 pub const HEIGHT: f64 = TOP + 8.0 * ROW + 22.0;
@@ -52,11 +52,11 @@ impl Parameter {
 
 /// A parameter of a region: its value, in SI, and where there are any its intervals.
 fn value(fit: &RegionFit, parameter: usize) -> (f64, Option<&Interval>) {
-    (values(&fit.gauge)[parameter], fit.uncertainty.as_ref().map(|uncertainty| &uncertainty.intervals[parameter]))
+    (values(&fit.law)[parameter], fit.uncertainty.as_ref().map(|uncertainty| &uncertainty.intervals[parameter]))
 }
 
-fn values(gauge: &Gauge<f64>) -> [f64; 5] {
-    [gauge.ab_m2, gauge.stiffness_pa, gauge.damping_pa_s, gauge.n, gauge.m]
+fn values(law: &ForceLaw<f64>) -> [f64; 5] {
+    [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m]
 }
 
 /// One chart a parameter.
@@ -85,7 +85,7 @@ fn chart(study: &Study, parameter: usize) -> Drawing {
                 @let y = TOP + (region as f64 + 0.5) * ROW;
                 text.end x=(LEFT - 8.0) y=(y + 4.0) { (TITLES[region]) }
                 @match fit_of(study, region) {
-                    Ok(fit) if parameter == DAMPING_EXPONENT && fit.gauge.damping_pa_s == 0.0 =>
+                    Ok(fit) if parameter == DAMPING_EXPONENT && fit.law.damping_pa_s == 0.0 =>
                         text.small.soft x=(LEFT + 5.0) y=(y + 3.5) { "no damping: G is 0" },
                     Ok(fit) => g.(colour(region)) { (row(&scale, shown, value(fit, parameter), y)) },
                     // The whole reason is in the tables.
@@ -187,10 +187,10 @@ pub fn five(study: &Study) -> Markup {
             @for region in 0..8 {
                 tbody {
                     @match fit_of(study, region) {
-                        Ok(RegionFit { uncertainty: None, gauge, .. }) => tr {
+                        Ok(RegionFit { uncertainty: None, law, .. }) => tr {
                             th scope="row" { (TITLES[region]) }
                             td.kind { "none" }
-                            @for (value, shown) in values(gauge).into_iter().zip(&SHOWN) {
+                            @for (value, shown) in values(law).into_iter().zip(&SHOWN) {
                                 td { (number(value * shown.factor)) }
                             }
                         },

@@ -111,7 +111,7 @@ fn a_study_without_steps_or_fit_says_so() {
 fn unusual_fits_are_shown() {
     let mut undamped = STUDY.clone();
     for fit in undamped.fits.iter_mut().flatten() {
-        fit.gauge.damping_pa_s = 0.0;
+        fit.law.damping_pa_s = 0.0;
         if let Some(uncertainty) = &mut fit.uncertainty {
             let damping = &mut uncertainty.intervals[2];
             (damping.value, damping.jacobian, damping.bootstrap) = (0.0, [0.0, 5e3], None);

@@ -2,10 +2,11 @@
 
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
-use plantar::contact::ContactRule;
-use plantar::insole::{DEVICE_CELLS, Insole};
-use plantar::stance::StanceRule;
-use plantar::wire::{Hello, Live, MAJOR, MINOR, Reset, Step, ToHost};
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::{Hello, Live, MAJOR, MINOR, Reset, Step, ToHost};
 use recording::VirtualInsole;
 use recording::synthetic::{SyntheticWalk, walk};
 use std::error::Error;

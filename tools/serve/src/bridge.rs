@@ -2,8 +2,8 @@
 
 use crate::hub::Hub;
 use client::{Carrier, Client, Error};
-use plantar::insole::Tissue;
-use plantar::wire::{ToDevice, ToHost};
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::{ToDevice, ToHost};
 use std::io;
 use std::time::{Duration, Instant};
 

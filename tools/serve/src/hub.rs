@@ -2,9 +2,9 @@
 
 use crate::stream_file::StreamFile;
 use client::{Axis, is_same_step, unix_us};
-use plantar::insole::Tissue;
-use plantar::link::{Link, STEP_QUEUE};
-use plantar::wire::{Hello, Live, MAX_MESSAGE, Status, Step, ToDevice, ToHost, decode};
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::session::{STEP_QUEUE, Session};
+use plantar::protocol::{Hello, Live, MAX_MESSAGE, Status, Step, ToDevice, ToHost, decode};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -36,7 +36,7 @@ struct Insole {
     taken: VecDeque<Step>,
     /// What the insole is to be told.
     acknowledge: Option<u32>,
-    pages: Vec<(u64, Link)>,
+    pages: Vec<(u64, Session)>,
 }
 
 struct Kept {
@@ -167,7 +167,7 @@ impl Hub {
         *next += 1;
         for insole in &self.insoles {
             let mut insole = insole.lock().unwrap_or_else(PoisonError::into_inner);
-            let mut link = Link::new();
+            let mut link = Session::new();
             for kept in &insole.kept {
                 link.push_step(kept.step);
             }
@@ -180,10 +180,10 @@ impl Hub {
 /// For messages that ask for no time.
 const NO_CLOCK_US: u64 = 0;
 
-const CONNECT: ToDevice = ToDevice::Connect { major: plantar::wire::MAJOR, minor: plantar::wire::MINOR };
+const CONNECT: ToDevice = ToDevice::Connect { major: plantar::protocol::MAJOR, minor: plantar::protocol::MINOR };
 
 /// Opens a page's session; its link knows the parameters that the insole has.
-fn greet(link: &mut Link, connect: ToDevice, tissue: Option<Tissue>) {
+fn greet(link: &mut Session, connect: ToDevice, tissue: Option<Tissue>) {
     link.receive(connect, NO_CLOCK_US);
     link.restore(tissue, link.identity());
 }
@@ -220,7 +220,7 @@ impl Page {
                 | ToDevice::GetIdentity
                 | ToDevice::SetIdentity { .. }
                 | ToDevice::Update(_)
-                | ToDevice::SetCalibrationPart { .. }
+                | ToDevice::SetCalibrationBlock { .. }
                 | ToDevice::SetCalibration { .. }
                 | ToDevice::Restart,
             )

@@ -1,7 +1,7 @@
 //! Serves the page for a phone and bridges one or two insoles to it.
 //!
 //! To a page the bridge is an insole: it answers hello, streams, keeps steps until they are acknowledged; per page and
-//! insole there is one [`plantar::link::Link`], the firmware's own. A page that is slow loses live frames, which its
+//! insole there is one [`plantar::protocol::session::Session`], the firmware's own. A page that is slow loses live frames, which its
 //! status counts, and nobody else does. A step is acknowledged to the insole once one page has taken it, or once it is
 //! written where there is a recording.
 //!

@@ -1,6 +1,6 @@
 //! A recorded stream: per message the time in ms (u32), the insole (u8), the length (u16), little endian, and the message.
 
-use plantar::wire::{MAX_MESSAGE, ToHost, encode};
+use plantar::protocol::{MAX_MESSAGE, ToHost, encode};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};

@@ -3,9 +3,9 @@
 use client::{Carrier, Framed, unix_us};
 use futures_util::{SinkExt, StreamExt};
 use plantar::Side;
-use plantar::insole::Tissue;
-use plantar::link::Link;
-use plantar::wire::{
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::session::Session;
+use plantar::protocol::{
     Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, ToDevice, ToHost, decode,
     encode, frame,
 };
@@ -25,7 +25,7 @@ const PATIENCE: Duration = Duration::from_secs(30);
 
 /// An insole and its cable.
 struct Insole {
-    link: Link,
+    link: Session,
     from_host: Decoder,
     to_host: VecDeque<u8>,
     /// Steps that were acknowledged to it.
@@ -42,7 +42,7 @@ struct Cable(Arc<(Mutex<Insole>, Condvar)>);
 impl Cable {
     fn new(side: Side) -> Self {
         let insole = Insole {
-            link: Link::new(),
+            link: Session::new(),
             from_host: Decoder::new(),
             to_host: VecDeque::new(),
             acknowledged: Vec::new(),
@@ -375,8 +375,8 @@ async fn a_recorded_step_that_comes_again_is_acknowledged_again_and_recorded_onc
     cable.unplug();
     cable.act(|insole| {
         insole.acknowledged.clear();
-        insole.link = Link::new();
-        insole.link.push_step(Step { starts_ago: 1, ..step(Side::Left, 0) });
+        insole.link = Session::new();
+        insole.link.push_step(Step { boots_since: 1, ..step(Side::Left, 0) });
         insole.is_unplugged = false;
     });
     assert!(cable.acknowledged(0));

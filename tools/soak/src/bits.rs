@@ -4,7 +4,7 @@ use anyhow::{Result, ensure};
 use fastrand::Rng;
 use figures::Figures;
 use host_tests::{framed, live, status, step};
-use plantar::wire::{Decoder, ToHost, decode};
+use plantar::protocol::{Decoder, ToHost, decode};
 
 /// One bit in so many is wrong.
 const BITS_AN_ERROR: f64 = 1e4;

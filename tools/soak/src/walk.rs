@@ -2,18 +2,19 @@
 
 use anyhow::{Context, Result, ensure};
 use client::{Client, Framed};
+use emulation::{EmulatorConfig, FLASH_BYTES};
 use emulator::{Board, Parts, Recorded, Scan, Time, Walk};
 use figures::Figures;
 use host_tests::nor_flash::{NorFlashChip, now};
 use host_tests::step;
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
-use plantar::contact::ContactRule;
-use plantar::emulation::{FLASH_BYTES, Head};
-use plantar::insole::{DEVICE_CELLS, Insole};
-use plantar::stance::StanceRule;
-use plantar::store::Store;
-use plantar::wire::{Reset, Status, Step, ToDevice, ToHost};
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::{Reset, Status, Step, ToDevice, ToHost};
+use plantar::storage::Store;
 use recording::{VirtualInsole, synthetic};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -108,7 +109,7 @@ fn foot(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
     .ok()
     .context("the chip works")?;
 
-    let head = Head { first_scan: first, ..Head::new(worn.setup) };
+    let head = EmulatorConfig { first_scan: first, ..EmulatorConfig::new(worn.setup) };
     let parts = Parts { flash: Some(chip.bytes), ..Parts::default() };
     let board = Board::start_with(firmware, &head, &worn.cells, Time::Max, again(), &parts)?;
     let link = board.link()?;
@@ -178,7 +179,7 @@ fn foot(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
     let counters = client.counters();
     let lost = lost.unwrap_or(counters.frames_lost);
     ensure!(lost == 0 && counters.crc_errors == 0, "{lost} live frames were lost: {counters:?}");
-    ensure!(status.steps_dropped == 0 && status.unkept == 0, "steps were dropped: {status:?}");
+    ensure!(status.steps_dropped == 0 && status.not_stored == 0, "steps were dropped: {status:?}");
     let accounted = status.frames + status.frames_missed + status.frames_overrun;
     ensure!(
         board.plant().scans().wrapping_sub(first) - accounted <= 10,

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail};
 use firmware_image::{Image, Secret, development, hex, raw, secret};
-use plantar::update::KEY;
+use plantar::storage::update::KEY;
 use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::Path;

@@ -130,8 +130,10 @@ const FUZZ_MINUTES: f64 = 2.0;
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// probe-rs's name for the real board's controller, as in `.cargo/config.toml`.
 const CHIP: &str = "STM32WB55RGVx";
-/// The boards: feature and binary `plantar_<board>`, and `boot_<board>` and `plantar_boot_<board>` of its bootloader.
-pub const BOARDS: [&str; 2] = ["emu", "wb55"];
+/// The boards: the package and binary `<board>` in `boards/<board>`, with the bootloader `<board>-bootloader`.
+pub const BOARDS: [&str; 2] = [EMULATED, "wb55"];
+/// The board that the host runs.
+const EMULATED: &str = "emulated";
 
 fn main() -> ExitCode {
     let done = match Arguments::parse().task {
@@ -187,22 +189,20 @@ fn built(path: &str) -> PathBuf {
 }
 
 fn firmware(board: &str) -> PathBuf {
-    built(&format!("{TARGET}/firmware/plantar_{board}"))
+    built(&format!("{TARGET}/firmware/{board}"))
 }
 
 fn bootloader(board: &str) -> String {
-    format!("boot_{board}")
+    format!("{board}-bootloader")
 }
 
 /// Builds application and bootloader.
 fn build_firmware(board: &str) -> Result<()> {
-    [bootloader(board).as_str(), board].into_iter().try_for_each(|feature| cargo_firmware("build", feature, &[]))
+    [bootloader(board).as_str(), board].into_iter().try_for_each(|package| cargo_firmware("build", package, &[]))
 }
 
-fn cargo_firmware(command: &str, feature: &str, arguments: &[&str]) -> Result<()> {
-    let binary = format!("plantar_{feature}");
-    let common =
-        [command, "--locked", "--profile", "firmware", "--target", TARGET, "--features", feature, "--bin", &binary];
+fn cargo_firmware(command: &str, package: &str, arguments: &[&str]) -> Result<()> {
+    let common = [command, "--locked", "--profile", "firmware", "--target", TARGET, "--package", package];
     run("cargo", &[&common, arguments].concat())
 }
 
@@ -222,7 +222,7 @@ impl Demo {
     fn run(&self) -> Result<()> {
         setup::rust()?;
         setup::qemu()?;
-        build_firmware("emu")?;
+        build_firmware(EMULATED)?;
         build_host("plantar-cli")?;
         let with_page = !self.no_page && self.json.is_none() && std::io::stdout().is_terminal();
         if with_page {
@@ -240,7 +240,7 @@ impl Demo {
             }
         };
         let worn = |command: &mut Command| {
-            command.arg("--firmware").arg(firmware("emu"));
+            command.arg("--firmware").arg(firmware(EMULATED));
             if let Some(parameters) = &parameters {
                 command.arg("--params").arg(parameters);
             }
@@ -329,7 +329,7 @@ fn test() -> Result<()> {
         build_firmware(board)?;
     }
     let deny = ["--", "--deny", "warnings"];
-    run("cargo", &[&["clippy", "--locked", "--release", "--workspace", "--all-targets"], &deny[..]].concat())?;
+    run("cargo", &[&["clippy", "--locked", "--release", "--all-targets"], &deny[..]].concat())?;
     for board in BOARDS {
         cargo_firmware("clippy", board, &deny)?;
         cargo_firmware("clippy", &bootloader(board), &deny)?;
@@ -339,12 +339,12 @@ fn test() -> Result<()> {
     }
     page::build()?;
     build_host("plantar-cli")?;
-    page::test(&built("release/plantar"), &firmware("emu"))?;
+    page::test(&built("release/plantar"), &firmware(EMULATED))?;
     run_command(
         Command::new("cargo")
             // What a test says of itself, such as that it was skipped, is shown.
-            .args(["test", "--locked", "--release", "--workspace", "--no-fail-fast", "--", "--show-output"])
-            .env("PLANTAR_FIRMWARE", firmware("emu"))
+            .args(["test", "--locked", "--release", "--no-fail-fast", "--", "--show-output"])
+            .env("PLANTAR_FIRMWARE", firmware(EMULATED))
             .env("PLANTAR_JIKU", &python.jiku)
             .env("PLANTAR_PYTHON", &python.interpreter),
     )?;
@@ -360,12 +360,12 @@ const LIMITS: [(&str, f64, f64); 24] = [
     ("device_vs_host_area_rel", 0.0, 1e-4),
     ("live_frame_bytes", 0.0, 90.0),
     ("step_record_bytes", 0.0, 320.0),
-    ("flash_bytes.emu", 0.0, 327_680.0),
-    ("flash_bytes.wb55", 0.0, 327_680.0),
-    ("flash_bytes.boot_emu", 0.0, 32_768.0),
-    ("flash_bytes.boot_wb55", 0.0, 32_768.0),
-    ("ram_bytes.emu", 0.0, 65_536.0),
-    ("ram_bytes.wb55", 0.0, 65_536.0),
+    ("flash_bytes.emulated", 0.0, 368_640.0),
+    ("flash_bytes.wb55", 0.0, 368_640.0),
+    ("flash_bytes.emulated-bootloader", 0.0, 32_768.0),
+    ("flash_bytes.wb55-bootloader", 0.0, 32_768.0),
+    ("ram_bytes.emulated", 0.0, 98_304.0),
+    ("ram_bytes.wb55", 0.0, 98_304.0),
     ("fit_evaluations", 0.0, 600.0),
     ("fit_exact_nrmse", 0.0, 0.01),
     ("fit_exact_parameters", 0.0, 1e-4),
@@ -413,7 +413,7 @@ fn bench() -> Result<Map<String, Value>> {
 fn run_bench(options: &[(&str, &Path)]) -> Result<()> {
     build_host("bench")?;
     let mut command = Command::new(built("release/bench"));
-    command.arg("--firmware").arg(firmware("emu"));
+    command.arg("--firmware").arg(firmware(EMULATED));
     for (name, path) in options {
         command.arg(name).arg(path);
     }
@@ -439,8 +439,8 @@ fn sizes() -> Result<Map<String, Value>> {
     };
     for board in BOARDS {
         let size = size::of(&firmware(board))?;
-        add(format!("flash_bytes.{board}"), size.flash_bytes, "of 327,680: code, constants and initial values");
-        add(format!("ram_bytes.{board}"), size.ram_bytes + stack_bytes, "of 65,536: static and deepest stack");
+        add(format!("flash_bytes.{board}"), size.flash_bytes, "of 368,640: code, constants and initial values");
+        add(format!("ram_bytes.{board}"), size.ram_bytes + stack_bytes, "of 98,304: static and deepest stack");
     }
     for board in BOARDS.map(bootloader) {
         let size = size::of(&firmware(&board))?;
@@ -463,10 +463,10 @@ impl Soak {
     fn run(&self) -> Result<()> {
         setup::rust()?;
         setup::qemu()?;
-        build_firmware("emu")?;
+        build_firmware(EMULATED)?;
         build_host("soak")?;
         let mut command = Command::new(built("release/soak"));
-        command.arg("--firmware").arg(firmware("emu"));
+        command.arg("--firmware").arg(firmware(EMULATED));
         if self.short {
             command.arg("--short");
         }

@@ -12,8 +12,8 @@ pub use sole::{REGION_COUNT, RegionShape, outline_mm, region_shapes};
 
 use client::Axis;
 use plantar::Region;
-use plantar::link::STEP_QUEUE;
-use plantar::wire::{MAJOR, MAX_MESSAGE, MINOR, ToDevice, encode};
+use plantar::protocol::session::STEP_QUEUE;
+use plantar::protocol::{MAJOR, MAX_MESSAGE, MINOR, ToDevice, encode};
 use serde_json::json;
 use std::sync::{Mutex, PoisonError};
 

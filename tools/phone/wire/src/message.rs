@@ -2,8 +2,8 @@
 
 use client::step_to_json;
 use plantar::Side;
-use plantar::fault::Faults;
-use plantar::wire::{Hello, Live, Status, ToHost, decode};
+use plantar::faults::Faults;
+use plantar::protocol::{Hello, Live, Status, ToHost, decode};
 use serde_json::{Value, json};
 
 /// The message as JSON; `None` where the bytes are no message of this version.
@@ -17,7 +17,7 @@ pub fn decode_to_json(bytes: &[u8]) -> Option<Value> {
         ToHost::Tissue(tissue) => json!({ "kind": "tissue", "id": tissue.id }),
         ToHost::Refused(refusal) => json!({ "kind": "refused", "reason": refusal.to_string() }),
         // What an insole keeps is nothing the page asks for.
-        ToHost::Identity(_) | ToHost::CalibrationPart { .. } | ToHost::Update(_) => return None,
+        ToHost::Identity(_) | ToHost::CalibrationBlock { .. } | ToHost::Update(_) => return None,
         ToHost::Time { host_us, device_us } => json!({ "kind": "time", "host_us": host_us, "device_us": device_us }),
         ToHost::Faults(faults) => faults_to_json(faults),
     })
@@ -69,7 +69,7 @@ fn status_to_json(status: &Status) -> Value {
         "steps": status.steps,
         "steps_dropped": status.steps_dropped,
         "bad_frames": status.bad_frames,
-        "unkept": status.unkept,
+        "unkept": status.not_stored,
         "faults": status.faults,
         "rezeroed": status.rezeroed,
     })

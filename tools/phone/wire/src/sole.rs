@@ -3,7 +3,7 @@
 //! An insole does not say where its cells lie, so this is a picture of a foot and not of the wearer's.
 
 use plantar::Region;
-use plantar::template::region_at;
+use plantar::pipeline::template::region_at;
 
 /// Regions.
 pub const REGION_COUNT: usize = Region::ALL.len();

@@ -2,7 +2,7 @@
 
 use phone_wire::{decode_to_json, outline_mm, region_shapes};
 use plantar::Region;
-use plantar::wire::{Live, LiveRegion, Refusal, ToHost, encode};
+use plantar::protocol::{Live, LiveRegion, Refusal, ToHost, encode};
 use recording::synthetic;
 
 fn bytes(message: &ToHost) -> Vec<u8> {

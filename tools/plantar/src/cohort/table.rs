@@ -7,7 +7,7 @@ use parameters::InsoleSize;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use plantar::Region;
-use plantar::contact::ContactRule;
+use plantar::pipeline::contact::ContactRule;
 use std::collections::HashMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -62,7 +62,7 @@ pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, 
     let fit = fit.ok();
     let fit = fit.as_ref();
     let five = fit.map(|fit| {
-        let g = &fit.gauge;
+        let g = &fit.law;
         [g.ab_m2, g.stiffness_pa, g.damping_pa_s, g.n, g.m]
     });
     for (i, [value, low, high, at_bound]) in FIVE_COLUMNS.into_iter().enumerate() {

@@ -2,8 +2,8 @@
 #![allow(dead_code, reason = "each test uses a part")]
 
 use fit::{Options, Study};
-use plantar::contact::ContactRule;
-use plantar::stance::StanceRule;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
 use plantar::{Region, Side};
 use recording::synthetic::{SyntheticWalk, walk};
 use recording::{Recording, VirtualInsole};

@@ -1,0 +1,43 @@
+//! The bootloader of the emulated board: swaps images where a swap is due, and starts the active one.
+//!
+//! The emulator's flash is read-only: the active image is in the file of the flash chip, and the host loads it from there when it
+//! starts the emulator. So after a swap the emulator exits, and the host starts it again.
+#![no_std]
+#![no_main]
+
+use cortex_m::peripheral::SCB;
+use cortex_m_rt::entry;
+use embassy_boot::{AlignedBuffer, BootError, BootLoader, State};
+use embassy_sync::mutex::Mutex;
+use emulation::{ACTIVE_IMAGE, FlashFile, SWAPPED, SWAPPED_FILE};
+use plantar::protocol::update::CHUNK;
+use plantar::storage::boot::{BUFFER, Blocking, config};
+use plantar::storage::flash_map::ACTIVE;
+use plantar::storage::partition::Partition;
+use semihosting::fs;
+
+#[entry]
+fn main() -> ! {
+    let is_continued = fs::remove_file(SWAPPED_FILE).is_ok();
+    // Without a chip there is nothing to swap.
+    if !is_continued && swap() == Ok(State::Swap) {
+        semihosting::process::exit(SWAPPED);
+    }
+    // SAFETY: the host loaded an image there, and nothing else runs yet.
+    unsafe {
+        (*SCB::PTR).vtor.write(ACTIVE.start);
+        cortex_m::asm::bootload(ACTIVE.start as *const u32)
+    }
+}
+
+fn swap() -> Result<State, BootError> {
+    let power_cut = emulation::configuration().and_then(|(config, _)| config.power_cut);
+    let chip = Mutex::new(FlashFile::open(power_cut));
+    let active = Blocking(Partition::<_, CHUNK>::new(&chip, ACTIVE_IMAGE));
+    BootLoader::new(config(&chip, active)).prepare_boot(AlignedBuffer([0; BUFFER]).as_mut())
+}
+
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo) -> ! {
+    SCB::sys_reset()
+}

@@ -1,0 +1,36 @@
+//! Bluetooth of the emulated board: a controller on the host, by HCI over USART2.
+
+use embassy_time::{Duration, Instant};
+use embedded_io_async::{Read, Write};
+use plantar::firmware::board::BluetoothBoard;
+
+/// The Bluetooth configuration of the emulated board.
+pub struct Emulated {
+    pub address: [u8; 6],
+    pub bonding: Duration,
+}
+
+impl BluetoothBoard for Emulated {
+    fn address(&self) -> Option<[u8; 6]> {
+        Some(self.address)
+    }
+
+    fn battery_percent(&self) -> u8 {
+        // The emulated board has no battery.
+        100
+    }
+
+    fn allows_bonding(&self) -> bool {
+        Instant::now().as_micros() < self.bonding.as_micros()
+    }
+}
+
+/// Copies bytes from one end to the other. Never returns.
+pub async fn pump(mut from: impl Read, mut to: impl Write) -> ! {
+    let mut bytes = [0; 32];
+    loop {
+        let len = from.read(&mut bytes).await.unwrap_or(0);
+        // Neither end can fail.
+        let _ = to.write_all(&bytes[..len]).await;
+    }
+}

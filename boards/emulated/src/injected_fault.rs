@@ -1,0 +1,52 @@
+//! Injects faults on request, so that tests observe the recovery. They occur in the board's side of the traits.
+
+use core::cell::Cell;
+use core::hint::black_box;
+use embassy_sync::blocking_mutex::CriticalSectionMutex;
+use embassy_time::Instant;
+use embedded_io_async::{ErrorType, Read};
+use emulation::{InjectedFault, PlannedFault};
+
+static PLANNED: CriticalSectionMutex<Cell<Option<PlannedFault>>> = CriticalSectionMutex::new(Cell::new(None));
+
+/// Plans a fault.
+pub fn plan(planned: Option<PlannedFault>) {
+    PLANNED.lock(|place| place.set(planned));
+}
+
+/// Injects one of these faults here, where it is planned and due.
+pub fn inject(here: &[InjectedFault]) {
+    let planned = PLANNED.lock(Cell::get).filter(|planned| here.contains(&planned.kind));
+    let Some(planned) = planned.filter(|planned| Instant::now().as_millis() >= planned.after_ms.into()) else { return };
+    match planned.kind {
+        InjectedFault::ScanStalled | InjectedFault::ModelStalled | InjectedFault::LinkStalled => loop {
+            cortex_m::asm::nop();
+        },
+        InjectedFault::StackOverflow => {
+            black_box(too_deep(planned.after_ms));
+        }
+        InjectedFault::Fault => cortex_m::asm::udf(),
+        InjectedFault::Panic => panic!("planned"),
+    }
+}
+
+/// Recurses deeper than any stack.
+#[inline(never)]
+fn too_deep(n: u32) -> u32 {
+    let room = black_box([n; 8]);
+    if room[1] == u32::MAX { 0 } else { too_deep(room[0] & 0xffff).wrapping_add(room[2]) }
+}
+
+/// The port that the link reads from, which may stall.
+pub struct MayStall<R>(pub R);
+
+impl<R: ErrorType> ErrorType for MayStall<R> {
+    type Error = R::Error;
+}
+
+impl<R: Read> Read for MayStall<R> {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Self::Error> {
+        inject(&[InjectedFault::LinkStalled]);
+        self.0.read(buffer).await
+    }
+}

@@ -1,0 +1,247 @@
+//! The emulated board: an STM32F405 in QEMU (`-M netduinoplus2`) with the link on USART1, a Bluetooth controller on USART2 and the
+//! sensor plant on USART3.
+//!
+//! The emulator has no reset and clock control, no ADC and no cycle counter, so this board brings its own small USART and takes time
+//! from a timer; everything above the board traits is the code of the real board.
+#![no_std]
+#![no_main]
+
+mod bluetooth;
+mod injected_fault;
+mod plant;
+mod port;
+mod time;
+
+use ::bluetooth::HciPipe;
+use bluetooth::{Emulated, pump};
+use core::hint::black_box;
+use core::sync::atomic::{AtomicU32, Ordering};
+use cortex_m::peripheral::{NVIC, SYST};
+use defmt_semihosting as _;
+use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_futures::block_on;
+use embassy_futures::join::join;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::zerocopy_channel::{Receiver, Sender};
+use embassy_time::{Duration, Instant};
+use emulation::{EmulatorConfig, FlashFile, InjectedFault};
+use heapless::String;
+use injected_fault::{MayStall, inject};
+use plant::{Clock, FRAME_TAKEN, PlantMatrix};
+use plantar::Side;
+use plantar::firmware::ble::GattSession;
+use plantar::firmware::board::{Stopwatch, Ticker};
+use plantar::firmware::scan::{Frame, ScanCounters};
+use plantar::firmware::shared::Shared;
+use plantar::firmware::start::{BootReport, Configuration, Memory, Started, start};
+use plantar::firmware::supervise::CHECK_PERIOD_MS;
+use plantar::firmware::{DeviceInsole, layout, persist, process, scan, serve};
+use plantar::pipeline::setup::{Setup, SetupCell};
+use plantar::protocol::update::Header;
+use plantar::protocol::{MAX_FAULT_TEXT, Reset};
+use plantar::sequence::is_after;
+use plantar::storage::Store;
+use port::{End, Port};
+use static_cell::StaticCell;
+use stm32_metapac::{Interrupt, USART1, USART2, USART3, interrupt};
+use time::{RELOAD, Time};
+
+embassy_time_driver::time_driver_impl!(static TIME: Time = Time::new());
+defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
+
+/// The header of this image, at a fixed place for the host and for the image that it replaces.
+#[used]
+#[unsafe(link_section = ".header")]
+static IMAGE: Header = Header::new("emulated", env!("PLANTAR_VERSION"));
+
+static LINK: Port = Port::new(USART1);
+static HCI: Port = Port::new(USART2);
+static FROM_RADIO: HciPipe = HciPipe::new();
+static TO_RADIO: HciPipe = HciPipe::new();
+static PLANT: Port = Port::new(USART3);
+static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+static EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
+/// At 400 Hz the frames last 20 ms, longer than the evaluation of a step.
+const FRAMES: usize = 8;
+static MEMORY: Memory<FlashFile, FRAMES> = Memory::new();
+
+/// The faults that are injected into processing.
+const PROCESSING: [InjectedFault; 4] =
+    [InjectedFault::ModelStalled, InjectedFault::StackOverflow, InjectedFault::Fault, InjectedFault::Panic];
+
+/// Measures with SysTick itself, so less than a millisecond.
+struct SysTick;
+
+impl Stopwatch for SysTick {
+    fn start(&self) -> u32 {
+        FRAME_TAKEN.signal(());
+        inject(&PROCESSING);
+        SYST::get_current()
+    }
+
+    fn cycles_since(&self, start: u32) -> u32 {
+        let now = SYST::get_current();
+        if now <= start { start - now } else { start + RELOAD + 1 - now }
+    }
+}
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    let boot = cortex_m_platform::boot_report(None);
+    // Read from flash, not from what the compiler knows, because a tool may have patched it.
+    let image = black_box(&IMAGE);
+    // SAFETY: `main` runs once and nothing else takes the core's peripherals.
+    let mut core = unsafe { cortex_m::Peripherals::steal() };
+    TIME.start(&mut core.SYST);
+    for port in [&LINK, &HCI, &PLANT] {
+        port.start();
+    }
+    // Scanning above all but the timer and the ports that feed it; everything else below it.
+    for (interrupt, priority) in [
+        (Interrupt::USART1, 0x40),
+        (Interrupt::USART2, 0x40),
+        (Interrupt::USART3, 0x40),
+        (Interrupt::TIM2, 0x80),
+        (Interrupt::TIM3, 0xc0),
+    ] {
+        // SAFETY: no critical section of this program works by priority.
+        unsafe { core.NVIC.set_priority(interrupt, priority) };
+    }
+    // SAFETY: what the handlers use is set up above.
+    unsafe {
+        NVIC::unmask(Interrupt::USART1);
+        NVIC::unmask(Interrupt::USART2);
+        NVIC::unmask(Interrupt::USART3);
+    }
+
+    // The task has static memory of its own and is spawned once, so spawning cannot fail.
+    EXECUTOR.start(Interrupt::TIM3).spawn(run(boot, image).unwrap());
+    // The executors run in interrupts. `wfi` stops the emulator's processor until the next one, where the `wfe` of a thread executor
+    // would keep the host busy.
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+/// Starts the firmware and spawns its loops.
+#[embassy_executor::task]
+async fn run(boot: BootReport, image: &'static Header) {
+    let spawner = unsafe { Spawner::for_current_executor().await };
+    let stored = emulation::configuration().filter(|_| !boot.is_fallback);
+    let config = stored.as_ref().map_or_else(|| EmulatorConfig::new(layout::setup(Side::Left)), |(config, _)| *config);
+    injected_fault::plan(config.fault.filter(|planned| planned.is_repeated || boot.reset == Reset::Power));
+    inject(&[InjectedFault::Panic]);
+    let chip = (!boot.is_fallback).then(|| FlashFile::open(config.power_cut));
+    // Nothing else runs yet, so what is awaited may block: its state is on the stack then, and not in the memory of this task.
+    let started = match stored {
+        Some((_, cells)) => block_on(start_with(chip, boot, image, config.setup, cells, None)),
+        None => {
+            let fault = "no complete setup.bin: the built-in insole".try_into().ok();
+            block_on(start_with(chip, boot, image, config.setup, layout::cells(), fault))
+        }
+    };
+    let Started { insole, store, shared, to_process, scanned, period_us } = started;
+    let matrix = PlantMatrix::open(&PLANT, insole.cells());
+    let clock = if config.is_paced {
+        let (counters, queue, first) = (&SCAN_COUNTERS, FRAMES as u32, config.first_scan);
+        Clock::Paced { port: &PLANT, counters, queue, tick: 0, first }
+    } else {
+        Clock::Ticker(Ticker::new(period_us))
+    };
+    static GATT: StaticCell<GattSession<'static, Emulated>> = StaticCell::new();
+    let board = Emulated { address: config.address, bonding: Duration::from_secs(config.bonding_s.into()) };
+    let gatt = GATT.init(GattSession::new(shared, board));
+    // Each task has static memory of its own and is spawned once, so spawning cannot fail.
+    SCAN_EXECUTOR.start(Interrupt::TIM2).spawn(run_scan(clock, matrix, to_process).unwrap());
+    spawner.spawn(run_process(insole, scanned, shared).unwrap());
+    spawner.spawn(run_serve(shared).unwrap());
+    spawner.spawn(run_persist(store, shared, image).unwrap());
+    spawner.spawn(::bluetooth::run(&FROM_RADIO, &TO_RADIO, gatt).unwrap());
+    spawner.spawn(pump_radio().unwrap());
+}
+
+async fn start_with(
+    chip: Option<FlashFile>,
+    boot: BootReport,
+    image: &Header,
+    setup: Setup,
+    cells: impl Iterator<Item = SetupCell> + Clone,
+    fault: Option<String<MAX_FAULT_TEXT>>,
+) -> Started<FlashFile> {
+    let configuration = Configuration { setup, cells, fault };
+    start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, cortex_m_platform::stack_bytes).await
+}
+
+#[embassy_executor::task]
+async fn run_scan(clock: Clock, matrix: PlantMatrix, frames: Sender<'static, CriticalSectionRawMutex, Frame>) {
+    scan::scan(clock, matrix, frames, &SCAN_COUNTERS).await
+}
+
+#[embassy_executor::task]
+async fn run_process(
+    insole: &'static mut DeviceInsole,
+    frames: Receiver<'static, CriticalSectionRawMutex, Frame>,
+    shared: &'static Shared,
+) {
+    process::process(insole, frames, shared, SysTick).await
+}
+
+#[embassy_executor::task]
+async fn run_serve(shared: &'static Shared) {
+    serve::serve(MayStall(End(&LINK)), End(&LINK), shared).await
+}
+
+#[embassy_executor::task]
+async fn run_persist(store: &'static mut Store<FlashFile>, shared: &'static Shared, image: &'static Header) {
+    persist::persist(store, shared, image, cortex_m::peripheral::SCB::sys_reset).await
+}
+
+#[embassy_executor::task]
+async fn pump_radio() {
+    join(pump(End(&HCI), &FROM_RADIO), pump(&TO_RADIO, End(&HCI))).await;
+}
+
+#[interrupt]
+fn USART1() {
+    LINK.on_interrupt();
+}
+
+#[interrupt]
+fn USART2() {
+    HCI.on_interrupt();
+}
+
+#[interrupt]
+fn USART3() {
+    PLANT.on_interrupt();
+}
+
+/// An unused timer: its interrupt runs the scan executor.
+#[interrupt]
+unsafe fn TIM2() {
+    // SAFETY: the executor was started before this interrupt was unmasked.
+    unsafe { SCAN_EXECUTOR.on_interrupt() }
+}
+
+/// An unused timer: its interrupt runs the executor of all other tasks.
+#[interrupt]
+unsafe fn TIM3() {
+    // SAFETY: the executor was started before this interrupt was unmasked.
+    unsafe { EXECUTOR.on_interrupt() }
+}
+
+cortex_m_platform::on_systick!(tick);
+
+/// Runs once a millisecond, or less often on a busy host.
+extern "C" fn tick(frame: u32) {
+    static NEXT_CHECK_MS: AtomicU32 = AtomicU32::new(CHECK_PERIOD_MS);
+    TIME.on_interrupt();
+    // 32 bits of milliseconds are seven weeks.
+    let now_ms = Instant::now().as_millis() as u32;
+    let next_ms = NEXT_CHECK_MS.load(Ordering::Relaxed);
+    if !is_after(next_ms, now_ms) {
+        NEXT_CHECK_MS.store(now_ms.wrapping_add(CHECK_PERIOD_MS), Ordering::Relaxed);
+        cortex_m_platform::check(frame, &SCAN_COUNTERS.heartbeats);
+    }
+}

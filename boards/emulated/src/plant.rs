@@ -1,0 +1,154 @@
+//! The board's side of the sensor plant: the matrix and, where the plant paces the scans, the frame clock.
+//!
+//! Codes are in a file and only the handshake uses USART3: the emulated USART receives some 10 KB/s, and a walk has 50.
+
+use crate::injected_fault::inject;
+use crate::port::Port;
+use core::pin::pin;
+use core::sync::atomic::{AtomicU16, Ordering};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use embassy_time::{Duration, Instant, with_timeout};
+use emulation::{COLUMNS, InjectedFault, MATRIX_FILE, SCAN, TICK};
+use plantar::firmware::board::{FrameClock, Matrix, MatrixTimeout, Ticker};
+use plantar::firmware::scan::ScanCounters;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use semihosting::fs::File;
+use semihosting::io::{Read, Seek, SeekFrom};
+
+/// A plant that does not answer within this time has stopped.
+const ANSWER: Duration = Duration::from_millis(400);
+/// Time between heartbeats while a paced clock waits.
+const HEARTBEAT: Duration = Duration::from_millis(100);
+
+fn request(port: &Port, kind: u8, seq: u32) {
+    let [a, b, c, d] = seq.to_le_bytes();
+    port.write(&[kind, a, b, c, d]);
+}
+
+/// The first byte of an answer of which the second byte is missing; [`NOTHING`] without one. A caller may time out between them.
+static HALF: AtomicU16 = AtomicU16::new(NOTHING);
+const NOTHING: u16 = u16::MAX;
+
+async fn answer(port: &Port) -> [u8; 2] {
+    let mut byte = [0; 1];
+    if HALF.load(Ordering::Relaxed) == NOTHING {
+        while port.read(&mut byte).await == 0 {}
+        HALF.store(byte[0].into(), Ordering::Relaxed);
+    }
+    while port.read(&mut byte).await == 0 {}
+    [HALF.swap(NOTHING, Ordering::Relaxed) as u8, byte[0]]
+}
+
+/// The matrix that the plant plays.
+pub struct PlantMatrix {
+    port: &'static Port,
+    file: Option<File>,
+    cells: usize,
+    rows_ready: usize,
+}
+
+impl PlantMatrix {
+    /// Without the file of codes the matrix never answers.
+    pub fn open(port: &'static Port, cells: usize) -> Self {
+        Self { port, file: File::open(MATRIX_FILE).ok(), cells, rows_ready: 0 }
+    }
+
+    async fn row_ready(&mut self, seq: u32, row: usize) {
+        while self.rows_ready <= row {
+            let [number, rows] = answer(self.port).await;
+            // A late answer to an earlier request is ignored.
+            if number == seq as u8 {
+                self.rows_ready = usize::from(rows);
+            }
+        }
+    }
+}
+
+impl Matrix for PlantMatrix {
+    fn rows(&self) -> usize {
+        self.cells.div_ceil(COLUMNS)
+    }
+
+    async fn read_row(&mut self, seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout> {
+        inject(&[InjectedFault::ScanStalled]);
+        if row == 0 {
+            self.rows_ready = 0;
+            request(self.port, SCAN, seq);
+        }
+        if self.rows_ready > row {
+            // It was read together with an earlier row.
+            return Ok(());
+        }
+        with_timeout(ANSWER, self.row_ready(seq, row)).await.map_err(|_| MatrixTimeout)?;
+        // Reads all rows that are ready, because each access to the file stops the emulator.
+        let mut bytes = [0; 2 * DEVICE_CELLS];
+        let end = (self.rows_ready * COLUMNS).min(self.cells).min(DEVICE_CELLS);
+        let start = (row * COLUMNS).min(end);
+        let bytes = &mut bytes[..2 * (end - start)];
+        let file = self.file.as_mut().ok_or(MatrixTimeout)?;
+        file.seek(SeekFrom::Start(2 * start as u64)).map_err(|_| MatrixTimeout)?;
+        file.read_exact(bytes).map_err(|_| MatrixTimeout)?;
+        for (code, pair) in codes[start..end].iter_mut().zip(bytes.chunks_exact(2)) {
+            *code = u16::from_le_bytes([pair[0], pair[1]]);
+        }
+        Ok(())
+    }
+}
+
+/// Signalled when processing takes a frame from the queue: the one before it is done.
+pub static FRAME_TAKEN: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+
+/// The frame clock of the emulated board.
+pub enum Clock {
+    /// The board's own time.
+    Ticker(Ticker),
+    /// The plant paces the scans: each waits for the plant, and for room in the queue of frames, so that none is dropped.
+    Paced {
+        port: &'static Port,
+        counters: &'static ScanCounters,
+        /// Length of the queue of frames.
+        queue: u32,
+        /// Number of the next tick, from 0.
+        tick: u32,
+        /// Number of the first scan.
+        first: u32,
+    },
+}
+
+impl FrameClock for Clock {
+    fn start(&self) -> Instant {
+        match self {
+            Self::Ticker(ticker) => ticker.start(),
+            // Paced frames are independent of the board's own time.
+            Self::Paced { .. } => Instant::MIN,
+        }
+    }
+
+    async fn next(&mut self) -> u32 {
+        match self {
+            Self::Ticker(ticker) => ticker.next().await,
+            Self::Paced { port, counters, queue, tick, first } => {
+                while counters.heartbeats.pending_frames() >= *queue {
+                    alive(counters, FRAME_TAKEN.wait()).await;
+                }
+                let this = *tick;
+                *tick = this.wrapping_add(1);
+                request(port, TICK, this);
+                while alive(counters, answer(port)).await != [TICK, TICK] {}
+                first.wrapping_add(this)
+            }
+        }
+    }
+}
+
+/// Waits with heartbeats: a plant that pauses is no stalled scan.
+async fn alive<T>(counters: &ScanCounters, wait: impl Future<Output = T>) -> T {
+    let mut wait = pin!(wait);
+    loop {
+        counters.heartbeats.scan_progressed();
+        if let Ok(done) = with_timeout(HEARTBEAT, wait.as_mut()).await {
+            return done;
+        }
+    }
+}

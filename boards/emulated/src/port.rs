@@ -1,0 +1,78 @@
+//! USARTs of the emulated STM32F405. Reception is by interrupt; the emulated transmitter takes every byte at once and, up to
+//! QEMU 7, has no interrupt.
+
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::pipe::Pipe;
+use embedded_io_async::{ErrorType, Read, Write};
+use stm32_metapac::usart::Usart;
+
+/// A USART with its receive buffer.
+pub struct Port {
+    registers: Usart,
+    received: Pipe<CriticalSectionRawMutex, 288>,
+}
+
+impl Port {
+    pub const fn new(registers: Usart) -> Self {
+        Self { registers, received: Pipe::new() }
+    }
+
+    /// Enables the port; its interrupt must then call [`Port::on_interrupt`]. The emulator ignores bit rates.
+    pub fn start(&self) {
+        self.registers.cr1().write(|w| {
+            w.set_ue(true);
+            w.set_re(true);
+            w.set_te(true);
+            w.set_rxneie(true);
+        });
+    }
+
+    pub fn on_interrupt(&self) {
+        if self.received.is_full() {
+            // The emulator holds back further bytes.
+            self.registers.cr1().modify(|w| w.set_rxneie(false));
+        } else if self.registers.sr().read().rxne() {
+            let byte = self.registers.dr().read().dr() as u8;
+            // There is room, and this is the only writer.
+            let _ = self.received.try_write(&[byte]);
+        }
+    }
+
+    pub async fn read(&self, buffer: &mut [u8]) -> usize {
+        let len = self.received.read(buffer).await;
+        cortex_m::interrupt::free(|_| self.registers.cr1().modify(|w| w.set_rxneie(true)));
+        len
+    }
+
+    /// Sends all bytes.
+    pub fn write(&self, bytes: &[u8]) {
+        for &byte in bytes {
+            while !self.registers.sr().read().txe() {}
+            self.registers.dr().write(|w| w.set_dr(byte.into()));
+        }
+    }
+}
+
+/// One end of a port for the link.
+pub struct End(pub &'static Port);
+
+impl ErrorType for End {
+    type Error = core::convert::Infallible;
+}
+
+impl Read for End {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Self::Error> {
+        Ok(self.0.read(buffer).await)
+    }
+}
+
+impl Write for End {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
+        self.0.write(bytes);
+        Ok(bytes.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), Self::Error> {
+        Ok(())
+    }
+}

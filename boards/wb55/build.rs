@@ -1,0 +1,12 @@
+//! Links the application of the STM32WB55.
+
+use build_support::{Program, Region, link};
+
+/// The memory that the radio's core shares: it expects the tables at the beginning of SRAM2A unless option byte IPCCDBA says
+/// otherwise.
+const MAILBOX: Region = Region { name: "MAILBOX", origin: 0x2003_0000, bytes: 10 << 10 };
+
+fn main() {
+    // SRAM1 has 192 KiB; the firmware uses as much as the smallest board has.
+    link(Program::Application, 0x2000_0000..0x2002_0000, &[MAILBOX]);
+}

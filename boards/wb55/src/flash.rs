@@ -1,0 +1,46 @@
+//! The flash chip: a W25Q32 (4 MiB) on SPI2, with DMA.
+//!
+//! The controller's own flash is not used while the radio runs: erasing it stops the core for milliseconds, and needs a protocol with
+//! the radio's core.
+
+use embassy_stm32::gpio::{Output, Pull};
+use embassy_stm32::mode::Async;
+use embassy_stm32::peripherals::{DMA1_CH2, DMA1_CH3, PB13, PB14, PB15, SPI2};
+use embassy_stm32::spi::mode::Master;
+use embassy_stm32::spi::{self, Spi};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::{Peri, bind_interrupts, dma};
+use embassy_time::Delay;
+use embedded_hal_bus::spi::ExclusiveDevice;
+use plantar::storage::flash_map::CHIP_BYTES;
+use w25::{Q, W25};
+
+bind_interrupts!(struct Irqs {
+    DMA1_CHANNEL2 => dma::InterruptHandler<DMA1_CH2>;
+    DMA1_CHANNEL3 => dma::InterruptHandler<DMA1_CH3>;
+});
+
+/// At this rate a step is written in half a millisecond. The chip allows 50 MHz, wires on a breadboard do not.
+const BIT_HZ: u32 = 16_000_000;
+
+/// The chip.
+pub type Chip = W25<Q, ExclusiveDevice<Spi<'static, Async, Master>, Output<'static>, Delay>, (), ()>;
+
+/// Waits until the chip is ready. A missing chip reads 0, which means ready; every write then fails.
+pub async fn open(
+    spi: Peri<'static, SPI2>,
+    clock: Peri<'static, PB13>,
+    to_chip: Peri<'static, PB15>,
+    from_chip: Peri<'static, PB14>,
+    send: Peri<'static, DMA1_CH2>,
+    receive: Peri<'static, DMA1_CH3>,
+    select: Output<'static>,
+) -> Chip {
+    let mut config = spi::Config::default();
+    config.frequency = Hertz(BIT_HZ);
+    config.miso_pull = Pull::Down;
+    let spi = Spi::new(spi, clock, to_chip, from_chip, send, receive, Irqs, config);
+    // Neither a pin of this controller nor SPI as its master can fail. Their errors lack Debug or cost kilobytes of text.
+    let device = ExclusiveDevice::new(spi, select, Delay).unwrap_or_else(|_| unreachable!());
+    W25::new_no_pins(device, CHIP_BYTES).await.unwrap_or_else(|_| unreachable!())
+}

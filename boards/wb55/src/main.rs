@@ -1,0 +1,253 @@
+//! The reference board: an STM32WB55RG with the matrix on ADC1 and the link on USART1; `docs/hardware.md` has the wiring.
+#![no_std]
+#![no_main]
+
+mod flash;
+mod matrix;
+mod radio;
+
+use bluetooth::HciPipe;
+use core::hint::black_box;
+use cortex_m::peripheral::DWT;
+use cortex_m::peripheral::syst::SystClkSource;
+use defmt_rtt as _;
+use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_futures::block_on;
+use embassy_stm32::adc::AdcChannel;
+use embassy_stm32::gpio::{AnyPin, Input, Level, Output, Pull, Speed};
+use embassy_stm32::interrupt::{InterruptExt, Priority};
+use embassy_stm32::pac;
+use embassy_stm32::pac::iwdg::vals::Key;
+use embassy_stm32::peripherals::{IPCC, USART1};
+use embassy_stm32::rcc::{self, mux};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::usart::{self, BufferedUart};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{Peri, bind_interrupts, interrupt};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::zerocopy_channel::{Receiver, Sender};
+use embassy_time::Instant;
+use flash::Chip;
+use matrix::ResistiveMatrix;
+use plantar::Side;
+use plantar::firmware::ble::GattSession;
+use plantar::firmware::board::{Stopwatch, Ticker};
+use plantar::firmware::scan::{Frame, ScanCounters};
+use plantar::firmware::shared::Shared;
+use plantar::firmware::start::{Configuration, Memory, Started, start};
+use plantar::firmware::supervise::CHECK_PERIOD_MS;
+use plantar::firmware::{DeviceInsole, layout, persist, process, scan, serve};
+use plantar::protocol::Reset;
+use plantar::protocol::update::Header;
+use plantar::storage::Store;
+use radio::Wb55;
+use static_cell::{ConstStaticCell, StaticCell};
+
+/// Bit rate of the link. A live frame is at most 90 bytes framed: 9 kB/s at 100 Hz and 36 kB/s at 400 Hz of the 46 kB/s that
+/// this carries. PCLK2 / 139 is 0.08 % off.
+const LINK_BIT_HZ: u32 = 460_800;
+
+/// The core's clock, kHz.
+const CORE_KHZ: u32 = 64_000;
+
+/// The board resets after this time without a check by the supervision.
+const WATCHDOG_US: u32 = 1_000_000;
+
+bind_interrupts!(struct Irqs {
+    USART1 => usart::BufferedInterruptHandler<USART1>;
+});
+
+defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
+
+/// The header of this image, at a fixed place for the host and for the image that it replaces.
+#[used]
+#[unsafe(link_section = ".header")]
+static IMAGE: Header = Header::new("stm32wb55", env!("PLANTAR_VERSION"));
+
+static FROM_RADIO: HciPipe = HciPipe::new();
+static TO_RADIO: HciPipe = HciPipe::new();
+static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
+/// At the 100 Hz of this board three frames last 30 ms, longer than the evaluation of a step.
+static MEMORY: Memory<Chip, 3> = Memory::new();
+static TO_SEND: ConstStaticCell<[u8; 192]> = ConstStaticCell::new([0; 192]);
+/// The longest message fits.
+static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
+
+/// Counts the core's cycles, including those of interrupts.
+struct CycleCounter;
+
+impl Stopwatch for CycleCounter {
+    fn start(&self) -> u32 {
+        DWT::cycle_count()
+    }
+
+    fn cycles_since(&self, start: u32) -> u32 {
+        DWT::cycle_count().wrapping_sub(start)
+    }
+}
+
+/// 64 MHz, the maximum of this core, from the 32 MHz crystal: the radio needs it in any case, and it makes frame times accurate. The
+/// converter runs at the same 64 MHz, its maximum too.
+fn clocks() -> rcc::Config {
+    let mut clocks = rcc::Config::new();
+    clocks.hse =
+        Some(rcc::Hse { freq: Hertz(32_000_000), mode: rcc::HseMode::Oscillator, prescaler: rcc::HsePrescaler::DIV1 });
+    clocks.pll = Some(rcc::Pll {
+        source: rcc::PllSource::HSE,
+        prediv: rcc::PllPreDiv::DIV2,
+        mul: rcc::PllMul::MUL12,
+        divp: None,
+        divq: None,
+        divr: Some(rcc::PllRDiv::DIV3), // 32 MHz / 2 * 12 / 3
+    });
+    clocks.sys = rcc::Sysclk::PLL1_R;
+    // The maximum of the radio's core is 32 MHz.
+    clocks.core2_ahb_pre = rcc::AHBPrescaler::DIV2;
+    clocks.msi = None;
+    // The random number generator of the radio's core needs it.
+    clocks.hsi48 = Some(rcc::Hsi48Config { sync_from_usb: false });
+    clocks.ls = rcc::LsConfig::off();
+    // The sleep clock of the radio is HSE / 1024, which saves a second crystal.
+    clocks.mux.rfwkpsel = mux::Rfwkpsel::HSE_DIV_1024;
+    clocks.mux.adcsel = mux::Adcsel::SYS;
+    clocks
+}
+
+/// Why the board started; clears the flags. Every reset also sets the pin's flag, so the pin comes last.
+fn take_reset_reason() -> Reset {
+    let flags = pac::RCC.csr().read();
+    pac::RCC.csr().modify(|w| w.set_rmvf(true));
+    // Left set, it would clear the flags of the next reset, too.
+    pac::RCC.csr().modify(|w| w.set_rmvf(false));
+    if flags.iwdgrstf() || flags.wwdgrstf() {
+        Reset::Watchdog
+    } else if flags.sftrstf() {
+        Reset::Software
+    } else if flags.borrstf() {
+        Reset::Power
+    } else if flags.oblrstf() || flags.lpwrrstf() || !flags.pinrstf() {
+        Reset::Unknown
+    } else {
+        Reset::Pin
+    }
+}
+
+#[embassy_executor::main]
+async fn main(spawner: Spawner) {
+    let boot = cortex_m_platform::boot_report(Some(take_reset_reason()));
+    // Read from flash, not from what the compiler knows, because a tool may have patched it.
+    let image = black_box(&IMAGE);
+    let mut config = embassy_stm32::Config::default();
+    config.rcc = clocks();
+    let p = embassy_stm32::init(config);
+    // SAFETY: `main` runs once and nothing else takes the core's peripherals.
+    let mut core = unsafe { cortex_m::Peripherals::steal() };
+    core.DCB.enable_trace();
+    core.DWT.enable_cycle_counter();
+    IndependentWatchdog::new(p.IWDG, WATCHDOG_US).unleash();
+    core.SYST.set_clock_source(SystClkSource::Core);
+    core.SYST.set_reload(CORE_KHZ * CHECK_PERIOD_MS - 1);
+    core.SYST.clear_current();
+    core.SYST.enable_counter();
+    core.SYST.enable_interrupt();
+    // Scanning above the thread, below the timer, DMA and the port, which have the highest priority by default.
+    interrupt::SAI1.set_priority(Priority::P6);
+
+    // The strap is connected to ground on a right insole.
+    let strap = Input::new(p.PA10, Pull::Up);
+    let line = |pin: Peri<'static, AnyPin>| Output::new(pin, Level::Low, Speed::Low);
+    let columns = [
+        p.PC0.degrade_adc(),
+        p.PC1.degrade_adc(),
+        p.PC2.degrade_adc(),
+        p.PC3.degrade_adc(),
+        p.PA0.degrade_adc(),
+        p.PA1.degrade_adc(),
+        p.PA2.degrade_adc(),
+        p.PA3.degrade_adc(),
+        p.PA4.degrade_adc(),
+        p.PA5.degrade_adc(),
+        p.PA6.degrade_adc(),
+        p.PA7.degrade_adc(),
+        p.PC4.degrade_adc(),
+        p.PC5.degrade_adc(),
+        p.PA8.degrade_adc(),
+        p.PA9.degrade_adc(),
+    ];
+    let address = [line(p.PC6.into()), line(p.PC10.into()), line(p.PC12.into()), line(p.PB8.into())];
+    let matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, line(p.PB9.into()));
+    let side = if strap.is_low() { Side::Right } else { Side::Left };
+    let select = Output::new(p.PB12, Level::High, Speed::Medium);
+    let is_by_hand = matches!(boot.reset, Reset::Power | Reset::Pin);
+    // Nothing else runs yet, so what is awaited may block: its state is on the stack then, and not in the memory of this task.
+    let chip = if boot.is_fallback {
+        None
+    } else {
+        Some(block_on(flash::open(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH2, p.DMA1_CH3, select)))
+    };
+    let configuration = Configuration { setup: layout::setup(side), cells: layout::cells(), fault: None };
+    let stack_bytes = cortex_m_platform::stack_bytes;
+    let started = block_on(start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, stack_bytes));
+    let Started { insole, store, shared, to_process, scanned, period_us } = started;
+    let mut link = usart::Config::default();
+    link.baudrate = LINK_BIT_HZ;
+    // The pins belong to this port and its divider reaches the bit rate, so the configuration cannot be refused.
+    let link = BufferedUart::new(p.USART1, p.PB7, p.PB6, TO_SEND.take(), RECEIVED.take(), Irqs, link).unwrap();
+    static GATT: StaticCell<GattSession<'static, Wb55>> = StaticCell::new();
+    let gatt = GATT.init(GattSession::new(shared, Wb55 { is_by_hand }));
+
+    // Each task has static memory of its own and is spawned once, so spawning cannot fail.
+    let clock = Ticker::new(period_us);
+    SCAN_EXECUTOR.start(interrupt::SAI1).spawn(run_scan(clock, matrix, to_process).unwrap());
+    spawner.spawn(run_process(insole, scanned, shared).unwrap());
+    spawner.spawn(run_serve(link, shared).unwrap());
+    spawner.spawn(run_persist(store, shared, image).unwrap());
+    spawner.spawn(bluetooth::run(&FROM_RADIO, &TO_RADIO, gatt).unwrap());
+    spawner.spawn(run_radio(p.IPCC).unwrap());
+}
+
+#[embassy_executor::task]
+async fn run_scan(clock: Ticker, matrix: ResistiveMatrix, frames: Sender<'static, CriticalSectionRawMutex, Frame>) {
+    scan::scan(clock, matrix, frames, &SCAN_COUNTERS).await
+}
+
+#[embassy_executor::task]
+async fn run_process(
+    insole: &'static mut DeviceInsole,
+    frames: Receiver<'static, CriticalSectionRawMutex, Frame>,
+    shared: &'static Shared,
+) {
+    process::process(insole, frames, shared, CycleCounter).await
+}
+
+#[embassy_executor::task]
+async fn run_serve(link: BufferedUart<'static>, shared: &'static Shared) {
+    let (tx, rx) = link.split();
+    serve::serve(rx, tx, shared).await
+}
+
+#[embassy_executor::task]
+async fn run_persist(store: &'static mut Store<Chip>, shared: &'static Shared, image: &'static Header) {
+    persist::persist(store, shared, image, cortex_m::peripheral::SCB::sys_reset).await
+}
+
+#[embassy_executor::task]
+async fn run_radio(ipcc: Peri<'static, IPCC>) {
+    radio::run(ipcc, &FROM_RADIO, &TO_RADIO).await;
+}
+
+/// An unused peripheral: its interrupt runs the scan executor.
+#[interrupt]
+unsafe fn SAI1() {
+    // SAFETY: the executor was started before this interrupt was unmasked.
+    unsafe { SCAN_EXECUTOR.on_interrupt() }
+}
+
+cortex_m_platform::on_systick!(tick);
+
+/// The supervision feeds the hardware watchdog, which resets the board where no interrupt runs any more.
+extern "C" fn tick(frame: u32) {
+    cortex_m_platform::check(frame, &SCAN_COUNTERS.heartbeats);
+    pac::IWDG.kr().write(|w| w.set_key(Key::RESET));
+}

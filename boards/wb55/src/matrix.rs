@@ -1,0 +1,105 @@
+//! The resistive matrix: a row at ground through an analogue switch, all columns through ADC1 into memory by DMA.
+//!
+//! Time of a row at 64 MHz, see `docs/hardware.md`: 30 us settling, 16 columns x 16 conversions x 25 cycles = 100 us
+//! converting, 15 us allowed for set-up and wake-ups; 16 rows take 2.32 ms, with the first conversion that is thrown away
+//! 2.34 ms of the 2.5 ms of a frame at 400 Hz. A scan that takes longer makes the next one late or left out and counted.
+
+use embassy_stm32::adc::vals::{OversamplingRatio, OversamplingShift, Rovsm, Trovs};
+use embassy_stm32::adc::{Adc, AdcConfig, AnyAdcChannel, SampleTime};
+use embassy_stm32::gpio::Output;
+use embassy_stm32::peripherals::{ADC1, DMA1_CH1};
+use embassy_stm32::{Peri, bind_interrupts, dma};
+use embassy_time::{Duration, Timer, with_timeout};
+use plantar::firmware::board::{Matrix, MatrixTimeout};
+use plantar::firmware::layout::{COLUMNS, ROWS, WIRING};
+use plantar::pipeline::calibrate::FULL_CODE;
+use plantar::pipeline::setup::DEVICE_CELLS;
+
+bind_interrupts!(struct Irqs {
+    DMA1_CHANNEL1 => dma::InterruptHandler<DMA1_CH1>;
+});
+
+/// From a row's change until 1/4096 of the step is left, amplifier 1.6 us, row line 2 us and feedback 1.1 us in a chain need
+/// 21 us (`docs/hardware.md`); the rest is reserve for longer lines.
+const SETTLE: Duration = Duration::from_micros(30);
+
+/// Sampling of one conversion, 195 ns at 64 MHz: two time constants of the 100 ohm and 1 nF at each input, and only the first
+/// of 16 conversions finds another column's charge. Converting takes another 12.5 cycles (RM0434, ADC timing).
+const SAMPLE: SampleTime = SampleTime::CYCLES12_5;
+
+/// Ten times what a row's conversions take. After it the frame is given up and counted as missed.
+const CONVERSION_TIMEOUT: Duration = Duration::from_millis(1);
+
+/// Codes from here on are the amplifier's end, 33 mV below the supply of 3.3 V, and count as full scale.
+const CLIPPED: u16 = FULL_CODE - FULL_CODE / 100;
+
+/// Row switch and converter.
+pub struct ResistiveMatrix {
+    adc: Adc<'static, ADC1>,
+    dma: Peri<'static, DMA1_CH1>,
+    columns: [AnyAdcChannel<'static, ADC1>; COLUMNS],
+    /// Least significant bit first.
+    address: [Output<'static>; 4],
+    enable: Output<'static>,
+}
+
+impl ResistiveMatrix {
+    /// Calibrates the converter and sets it to sums of 16.
+    pub fn new(
+        adc: Peri<'static, ADC1>,
+        dma: Peri<'static, DMA1_CH1>,
+        columns: [AnyAdcChannel<'static, ADC1>; COLUMNS],
+        address: [Output<'static>; 4],
+        enable: Output<'static>,
+    ) -> Self {
+        let config = AdcConfig {
+            oversampling_ratio: Some(OversamplingRatio::RATIO16),
+            oversampling_shift: Some(OversamplingShift::SHIFT0),
+            oversampling_mode: Some((Rovsm::CONTINUED, Trovs::AUTOMATIC, true)),
+            ..Default::default()
+        };
+        Self { adc: Adc::new_with_config(adc, config), dma, columns, address, enable }
+    }
+
+    /// Disconnects all rows, then connects one.
+    fn select(&mut self, row: usize) {
+        self.enable.set_low();
+        for (bit, line) in self.address.iter_mut().enumerate() {
+            line.set_level((row >> bit & 1 == 1).into());
+        }
+        self.enable.set_high();
+    }
+
+    /// The first `N` columns; the core sleeps meanwhile.
+    async fn convert<const N: usize>(&mut self) -> Result<[u16; N], MatrixTimeout> {
+        let mut codes = [0; N];
+        let sequence = self.columns.iter_mut().take(N).map(|column| (column, SAMPLE));
+        let read = self.adc.read(self.dma.reborrow(), Irqs, sequence, &mut codes);
+        with_timeout(CONVERSION_TIMEOUT, read).await.map_err(|_| MatrixTimeout)?;
+        Ok(codes)
+    }
+}
+
+impl Matrix for ResistiveMatrix {
+    fn rows(&self) -> usize {
+        ROWS
+    }
+
+    async fn read_row(&mut self, _seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout> {
+        if row == 0 {
+            // The first conversion after a pause of more than 1 ms may be wrong (an erratum of this family of converters).
+            self.convert::<1>().await?;
+        }
+        self.select(row);
+        Timer::after(SETTLE).await;
+        let converted = self.convert::<COLUMNS>().await;
+        // Between rows and frames no cell draws current.
+        self.enable.set_low();
+        for (&cell, code) in WIRING.get(row).into_iter().flatten().zip(converted?) {
+            if let Some(cell) = cell {
+                codes[usize::from(cell)] = if code < CLIPPED { code } else { FULL_CODE };
+            }
+        }
+        Ok(())
+    }
+}

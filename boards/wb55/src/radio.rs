@@ -1,0 +1,234 @@
+//! Bluetooth of the STM32WB55: HCI to the radio's core through memory that both cores share.
+//!
+//! The packets of the mailbox are H4 packets, so this is the same byte stream as that of a serial controller. While the flag of a
+//! channel is set, its queue belongs to the receiver, and otherwise to the sender.
+
+use bluetooth::{BONDING_WINDOW, HciPipe};
+use core::mem::MaybeUninit;
+use core::ptr::{addr_of, addr_of_mut};
+use embassy_futures::join::join;
+use embassy_futures::select::{Either, select};
+use embassy_stm32::ipcc::{
+    Config, Ipcc, IpccRxChannel, IpccTxChannel, ReceiveInterruptHandler, TransmitInterruptHandler,
+};
+use embassy_stm32::peripherals::IPCC;
+use embassy_stm32::{Peri, bind_interrupts, uid};
+use embassy_time::Instant;
+use embedded_io_async::Read;
+use heapless::Vec;
+use plantar::firmware::board::BluetoothBoard;
+use wb55_mailbox::{
+    BLE_INIT_OPCODE, Ble, BleInit, COMMAND, EVENT, H4_COMMAND, H4_DATA, H4_EVENT, H4_SYSTEM_COMMAND, Memory, Node,
+    POOL_BYTES, POOLED, References, Shared, System,
+};
+
+bind_interrupts!(struct Irqs {
+    IPCC_C1_RX => ReceiveInterruptHandler;
+    IPCC_C1_TX => TransmitInterruptHandler;
+});
+
+#[unsafe(link_section = ".mailbox")]
+static mut SHARED: MaybeUninit<Shared> = MaybeUninit::uninit();
+
+/// The address of a field of [`SHARED`].
+macro_rules! at {
+    ($($field:tt)+) => {{
+        // SAFETY: only an address is taken.
+        unsafe { addr_of!((*addr_of!(SHARED).cast::<Shared>()).$($field)+) as u32 }
+    }};
+}
+
+/// Packets that can be in use at a time: those of the pool and the spare ones.
+type Packets = Vec<u32, { POOLED + 2 }>;
+
+/// Reads a word that the other core may have written.
+fn read(at: u32) -> u32 {
+    // SAFETY: every address here is that of a whole word in SHARED; volatile because the other core writes to it.
+    unsafe { (at as *const u32).read_volatile() }
+}
+
+fn write(at: u32, word: u32) {
+    // SAFETY: as in `read`.
+    unsafe { (at as *mut u32).write_volatile(word) }
+}
+
+/// Offsets of the two words of a node.
+const NEXT: u32 = 0;
+const PREVIOUS: u32 = 4;
+const H4: u32 = size_of::<Node>() as u32;
+
+/// Empties a queue that belongs to this core.
+fn drain(queue: u32) -> Option<Packets> {
+    let mut packets = Packets::new();
+    let mut packet = read(queue + NEXT);
+    while packet != queue && packets.push(packet).is_ok() {
+        packet = read(packet + NEXT);
+    }
+    // All packets were taken.
+    write(queue + NEXT, queue);
+    write(queue + PREVIOUS, queue);
+    Some(packets).filter(|packets| !packets.is_empty())
+}
+
+/// Appends a packet to a queue.
+fn append(queue: u32, packet: u32) {
+    let last = read(queue + PREVIOUS);
+    write(packet + NEXT, queue);
+    write(packet + PREVIOUS, last);
+    write(last + NEXT, packet);
+    write(queue + PREVIOUS, packet);
+}
+
+/// The bytes of a packet that belongs to this core.
+fn bytes(packet: u32) -> &'static [u8] {
+    let h4 = (packet + H4) as *const u8;
+    // SAFETY: the packet is in SHARED and is not written before it is returned, after the last use of these bytes.
+    unsafe {
+        let len = match *h4 {
+            H4_DATA => 5 + usize::from(u16::from_le_bytes([*h4.add(3), *h4.add(4)])),
+            _ => 3 + usize::from(*h4.add(2)),
+        };
+        // No packet is longer, whatever its header claims.
+        core::slice::from_raw_parts(h4, len.min(EVENT))
+    }
+}
+
+/// Copies a packet to a buffer that belongs to this core.
+fn fill(buffer: u32, packet: &[u8]) {
+    // SAFETY: every buffer has room for the longest packet of its kind.
+    unsafe { core::ptr::copy_nonoverlapping(packet.as_ptr(), (buffer + H4) as *mut u8, packet.len()) }
+}
+
+/// Initialises the tables, with empty queues.
+fn init_tables() {
+    let unused = at!(unused);
+    let references = References {
+        device_info: at!(device_info),
+        ble: at!(ble),
+        thread: unused,
+        system: at!(system),
+        memory: at!(memory),
+        traces: unused,
+        mac: unused,
+        zigbee: unused,
+        lld_tests: unused,
+        ble_lld: unused,
+    };
+    let ble = Ble { command: at!(ble_command), status: at!(ble_status), events: at!(ble_events), data: at!(ble_data) };
+    let system = System { command: at!(system_command), events: at!(system_events) };
+    let memory = Memory {
+        spare_ble: at!(spare_ble),
+        spare_system: at!(spare_system),
+        pool: at!(pool),
+        pool_bytes: POOL_BYTES as u32,
+        free: at!(free),
+        traces_pool: 0,
+        traces_bytes: 0,
+    };
+    // SAFETY: the radio's core does not run yet, and zeros are valid for all fields.
+    unsafe {
+        let shared = (*addr_of_mut!(SHARED)).as_mut_ptr();
+        shared.write_bytes(0, 1);
+        addr_of_mut!((*shared).references).write_volatile(references);
+        addr_of_mut!((*shared).ble).write_volatile(ble);
+        addr_of_mut!((*shared).system).write_volatile(system);
+        addr_of_mut!((*shared).memory).write_volatile(memory);
+    }
+    for queue in [at!(free), at!(ble_events), at!(system_events)] {
+        write(queue + NEXT, queue);
+        write(queue + PREVIOUS, queue);
+    }
+}
+
+/// Starts the radio's core, then passes packets in both directions. Never returns. A radio's core without firmware never answers, and
+/// there is no Bluetooth then.
+pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &HciPipe) -> ! {
+    init_tables();
+    let [(ble_command, ble_events), (mut system_command, mut system_events), _, (release, _), _, (data, _)] =
+        Ipcc::new(ipcc, Irqs, Config::default()).split();
+    // Its first event reports that it runs. The packet is not returned: there are enough.
+    let _started = system_events.receive(|| drain(at!(system_events))).await;
+    system_command
+        .send(|| {
+            let [low, high] = BLE_INIT_OPCODE.to_le_bytes();
+            let parameters = BleInit::PERIPHERAL.bytes();
+            fill(at!(system_command), &[H4_SYSTEM_COMMAND, low, high, parameters.len() as u8]);
+            fill(at!(system_command) + 4, parameters);
+        })
+        .await;
+    // The flag is cleared when the command is done.
+    system_command.flush().await;
+    join(receive(ble_events, system_events, release, from_radio), send(ble_command, data, to_radio)).await.0
+}
+
+/// Passes packets from the radio's core to the host.
+async fn receive(
+    mut ble_events: IpccRxChannel<'_>,
+    mut system_events: IpccRxChannel<'_>,
+    mut release: IpccTxChannel<'_>,
+    host: &HciPipe,
+) -> ! {
+    loop {
+        let ble = ble_events.receive(|| drain(at!(ble_events)));
+        let system = system_events.receive(|| drain(at!(system_events)));
+        let (Either::First(packets) | Either::Second(packets)) = select(ble, system).await;
+        for packet in packets {
+            let h4 = bytes(packet);
+            // System events are not for the host.
+            if matches!(h4[0], H4_EVENT | H4_DATA) {
+                host.write_all(h4).await;
+            }
+            // Answers have buffers of their own, which are not returned.
+            if ![at!(ble_command), at!(ble_status)].contains(&packet) {
+                release.send(|| append(at!(free), packet)).await;
+            }
+        }
+    }
+}
+
+/// Passes packets from the host to the radio's core.
+async fn send(mut command: IpccTxChannel<'_>, mut data: IpccTxChannel<'_>, mut host: &HciPipe) -> ! {
+    let mut packet = [0; COMMAND];
+    loop {
+        // A pipe neither ends nor fails, and no packet of the host is longer than its kind allows.
+        let _ = host.read_exact(&mut packet[..4]).await;
+        let (kind, len) = match packet[0] {
+            H4_DATA => {
+                let _ = host.read_exact(&mut packet[4..5]).await;
+                (H4_DATA, 5 + usize::from(u16::from_le_bytes([packet[3], packet[4]])))
+            }
+            _ => (H4_COMMAND, 4 + usize::from(packet[3])),
+        };
+        let (buffer, channel) =
+            if kind == H4_DATA { (at!(ble_data), &mut data) } else { (at!(ble_command), &mut command) };
+        let head = if kind == H4_DATA { 5 } else { 4 };
+        let Some(rest) = packet.get_mut(head..len) else { continue };
+        let _ = host.read_exact(rest).await;
+        channel.send(|| fill(buffer, &packet[..len])).await;
+    }
+}
+
+/// What Bluetooth needs from this board.
+pub struct Wb55 {
+    /// The start was caused by power or the reset pin, so by a person who holds the insole.
+    pub is_by_hand: bool,
+}
+
+impl BluetoothBoard for Wb55 {
+    fn address(&self) -> Option<[u8; 6]> {
+        let id = uid::uid();
+        let mut address = core::array::from_fn(|i| id[i] ^ id[i + 6]);
+        // The two highest bits mark a random static address.
+        address[5] |= 0xc0;
+        Some(address)
+    }
+
+    fn battery_percent(&self) -> u8 {
+        // Not measured.
+        100
+    }
+
+    fn allows_bonding(&self) -> bool {
+        self.is_by_hand && Instant::now().as_micros() < BONDING_WINDOW.as_micros()
+    }
+}

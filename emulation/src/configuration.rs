@@ -1,0 +1,15 @@
+//! The configuration of the emulated board, from the file on the host.
+
+use super::{EmulatorConfig, SETUP_FILE, read_setup};
+use plantar::pipeline::setup::SetupCell;
+use semihosting::fs::File;
+use semihosting::io::{Read, Seek, SeekFrom};
+
+/// The configuration; `None` where the file is absent or incomplete.
+pub fn configuration() -> Option<(EmulatorConfig, impl Iterator<Item = SetupCell> + Clone)> {
+    read_setup(|at, bytes| {
+        let mut file = File::open(SETUP_FILE).ok()?;
+        file.seek(SeekFrom::Start(at as u64)).ok()?;
+        file.read(bytes).ok()
+    })
+}

@@ -1,0 +1,109 @@
+//! The NOR flash chip of the emulated board: a file on the host, with a supply that a test can interrupt in the middle of an
+//! operation.
+
+use super::{FLASH_BYTES, FLASH_FILE};
+use embedded_storage_async::nor_flash::{
+    ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
+use plantar::storage::flash_map::SECTOR;
+use semihosting::fs::File;
+use semihosting::io::{self, Read, Seek, SeekFrom, Write};
+
+/// The chip. Its operations take no time.
+pub struct FlashFile {
+    /// `None` where there is no chip.
+    file: Option<File>,
+    /// Writes and erases before power fails.
+    operations_left: Option<u32>,
+}
+
+/// The chip did not answer, or does not have the address.
+#[derive(Debug)]
+pub struct NoAnswer;
+
+impl From<io::Error> for NoAnswer {
+    fn from(_: io::Error) -> Self {
+        Self
+    }
+}
+
+impl NorFlashError for NoAnswer {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+impl FlashFile {
+    /// Opens the chip; power fails in operation number `cut_at`, from 0.
+    pub fn open(cut_at: Option<u32>) -> Self {
+        Self { file: File::options().read(true).write(true).open(FLASH_FILE).ok(), operations_left: cut_at }
+    }
+
+    fn at(&mut self, offset: u32, len: usize) -> Result<&mut File, NoAnswer> {
+        let file = self.file.as_mut().filter(|_| offset as usize + len <= FLASH_BYTES).ok_or(NoAnswer)?;
+        file.seek(SeekFrom::Start(offset.into()))?;
+        Ok(file)
+    }
+
+    /// How many of `len` bytes an operation changes before power fails.
+    fn reach(&mut self, len: usize) -> usize {
+        if self.operations_left == Some(0) { len / 2 } else { len }
+    }
+
+    fn end_operation(&mut self) {
+        match &mut self.operations_left {
+            Some(0) => semihosting::process::exit(0),
+            Some(left) => *left -= 1,
+            None => {}
+        }
+    }
+}
+
+impl ErrorType for FlashFile {
+    type Error = NoAnswer;
+}
+
+impl ReadNorFlash for FlashFile {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NoAnswer> {
+        Ok(self.at(offset, bytes.len())?.read_exact(bytes)?)
+    }
+
+    fn capacity(&self) -> usize {
+        FLASH_BYTES
+    }
+}
+
+impl NorFlash for FlashFile {
+    const WRITE_SIZE: usize = 1;
+    const ERASE_SIZE: usize = SECTOR as usize;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NoAnswer> {
+        for sector in (from..to).step_by(SECTOR as usize) {
+            let reach = self.reach(SECTOR as usize);
+            let file = self.at(sector, SECTOR as usize)?;
+            for _ in (0..reach).step_by(64) {
+                file.write_all(&[0xff; 64])?;
+            }
+            self.end_operation();
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NoAnswer> {
+        let bytes = &bytes[..self.reach(bytes.len())];
+        let mut kept = [0; 64];
+        for (offset, bytes) in (offset..).step_by(kept.len()).zip(bytes.chunks(kept.len())) {
+            let kept = &mut kept[..bytes.len()];
+            self.read(offset, kept).await?;
+            // Writing clears bits.
+            kept.iter_mut().zip(bytes).for_each(|(kept, byte)| *kept &= byte);
+            self.at(offset, kept.len())?.write_all(kept)?;
+        }
+        self.end_operation();
+        Ok(())
+    }
+}
+
+impl MultiwriteNorFlash for FlashFile {}

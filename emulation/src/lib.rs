@@ -1,0 +1,156 @@
+//! What the emulated board and the sensor plant on the host agree on.
+//!
+//! The plant puts three files into the emulator's working directory: [`SETUP_FILE`], a `postcard` [`EmulatorConfig`] followed by its
+//! cells as [`SetupCell`]; [`MATRIX_FILE`], the codes of the current scan, little endian, in the order of the cells; and
+//! [`FLASH_FILE`], which the board writes to. The board writes its log, encoded by `defmt`, to the
+//! standard output.
+//!
+//! Over USART3 the board sends requests of five bytes, [`SCAN`] or [`TICK`] and a scan number (little endian). The plant answers with
+//! two bytes: to `SCAN` the low byte of the number and how many rows are in the file by now, once or several times; to `TICK` twice
+//! [`TICK`].
+#![no_std]
+
+#[cfg(feature = "device")]
+mod configuration;
+#[cfg(feature = "device")]
+mod flash;
+
+#[cfg(feature = "device")]
+pub use configuration::configuration;
+#[cfg(feature = "device")]
+pub use flash::{FlashFile, NoAnswer};
+
+use core::ops::Range;
+use plantar::pipeline::setup::{Setup, SetupCell};
+use plantar::storage::flash_map::{CHIP_BYTES, MAX_IMAGE};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+/// Name of the set-up file.
+pub const SETUP_FILE: &core::ffi::CStr = c"setup.bin";
+/// Name of the file with the codes of the current scan.
+pub const MATRIX_FILE: &core::ffi::CStr = c"matrix.bin";
+/// Name of the file with the contents of the board's flash chip.
+pub const FLASH_FILE: &core::ffi::CStr = c"flash.bin";
+/// Size of that chip, bytes.
+pub const FLASH_BYTES: usize = CHIP_BYTES as usize;
+/// The place of the active image in that chip: the controller's flash is read-only in the emulator.
+pub const ACTIVE_IMAGE: Range<u32> = 0x20_0000..0x20_0000 + MAX_IMAGE;
+/// Exit status after the bootloader swapped images: the emulator must be started again with the image that is active now.
+pub const SWAPPED: i32 = 3;
+/// Name of a file that exists after such an exit: the next start continues with the application.
+pub const SWAPPED_FILE: &core::ffi::CStr = c"swapped";
+/// Cells in a row of the emulated matrix; the last row may be shorter.
+pub const COLUMNS: usize = 16;
+/// Requests a scan.
+pub const SCAN: u8 = b'S';
+/// Requests the time of the next scan; only where the plant paces the scans.
+pub const TICK: u8 = b'T';
+
+/// A fault to inject into the board's software.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum InjectedFault {
+    /// Scanning enters an endless loop, in its interrupt.
+    ScanStalled,
+    /// Processing enters an endless loop, in a frame.
+    ModelStalled,
+    /// The link enters an endless loop.
+    LinkStalled,
+    /// Processing recurses without end.
+    StackOverflow,
+    /// Processing executes an undefined instruction.
+    Fault,
+    /// Processing panics, or the start where the fault is due by then.
+    Panic,
+}
+
+/// When to inject a fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PlannedFault {
+    /// What to inject.
+    pub kind: InjectedFault,
+    /// How long after the start, ms.
+    pub after_ms: u32,
+    /// Also after a reset; otherwise only after power-on.
+    pub is_repeated: bool,
+}
+
+/// The configuration of the emulated board: the head of the set-up file.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EmulatorConfig {
+    /// The rules of the insole.
+    pub setup: Setup,
+    /// The plant paces the scans: the board asks before each scan, and scans as fast as the plant answers.
+    pub is_paced: bool,
+    /// Time after the start in which a central can bond, s.
+    pub bonding_s: u16,
+    /// The random static Bluetooth address: the emulated controller has no unique number to derive it from.
+    pub address: [u8; 6],
+    /// Number of the first scan, where the plant paces the scans.
+    pub first_scan: u32,
+    /// Number of the flash operation (write or erase, from 0) in which power fails.
+    pub power_cut: Option<u32>,
+    /// The fault to inject.
+    pub fault: Option<PlannedFault>,
+}
+
+impl EmulatorConfig {
+    /// A board with its own clock and without faults.
+    pub fn new(setup: Setup) -> Self {
+        Self {
+            setup,
+            is_paced: false,
+            bonding_s: 60,
+            address: [1, 0, 0, 0, 0, 0xc0],
+            first_scan: 0,
+            power_cut: None,
+            fault: None,
+        }
+    }
+}
+
+/// Longest [`EmulatorConfig`] or [`SetupCell`] in the file, bytes.
+const ITEM_BYTES: usize = 192;
+
+/// Decodes the set-up file item by item, because all of it would take kilobytes of stack. `read` fills a buffer from an offset in
+/// the file, and returns how many bytes it read. `None` where the file is absent or incomplete.
+pub fn read_setup<F>(read: F) -> Option<(EmulatorConfig, impl Iterator<Item = SetupCell> + Clone)>
+where
+    F: Fn(usize, &mut [u8]) -> Option<usize> + Clone,
+{
+    let mut items = Items { read, at: 0 };
+    let config = items.next()?;
+    let cells = items.clone();
+    while !items.is_at_end() {
+        items.next::<SetupCell>()?;
+    }
+    Some((config, cells))
+}
+
+#[derive(Clone)]
+struct Items<F> {
+    read: F,
+    at: usize,
+}
+
+impl<F: Fn(usize, &mut [u8]) -> Option<usize>> Items<F> {
+    fn next<T: DeserializeOwned>(&mut self) -> Option<T> {
+        let mut bytes = [0; ITEM_BYTES];
+        let len = (self.read)(self.at, &mut bytes)?;
+        let (item, rest) = postcard::take_from_bytes(bytes.get(..len)?).ok()?;
+        self.at += len - rest.len();
+        Some(item)
+    }
+
+    fn is_at_end(&self) -> bool {
+        (self.read)(self.at, &mut [0]) == Some(0)
+    }
+}
+
+impl<F: Fn(usize, &mut [u8]) -> Option<usize>> Iterator for Items<F> {
+    type Item = SetupCell;
+
+    fn next(&mut self) -> Option<SetupCell> {
+        Self::next(self)
+    }
+}

@@ -1,0 +1,120 @@
+//! What build scripts share: the linker's memory regions of a board, and the version of a build.
+
+use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, HEADER, HEADER_BYTES};
+use std::fmt::Write;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::{env, fs};
+
+/// Size of the stack, bytes: twice the deepest use that was measured, while pairing.
+const STACK_BYTES: u32 = 20 << 10;
+/// Size of the crash record with the stack of the fault handler, bytes.
+const EVIDENCE_BYTES: u32 = 1 << 10;
+
+/// The two programs of a board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Program {
+    /// The application, which the bootloader starts.
+    Application,
+    /// The bootloader.
+    Bootloader,
+}
+
+/// A further memory region, with a section of the same name in lower case after a dot.
+#[derive(Clone, Copy, Debug)]
+pub struct Region {
+    /// Name in capitals, such as `MAILBOX`.
+    pub name: &'static str,
+    /// First address.
+    pub origin: u32,
+    /// Size, bytes.
+    pub bytes: u32,
+}
+
+/// Links the binaries of the package under build as `program` of a board with this RAM: writes `regions.x`, which the `memory.x` of
+/// the workspace includes, and passes the scripts of `cortex-m-rt` and `defmt` to the linker. Also sets the environment variable
+/// `PLANTAR_VERSION`, see [`version`].
+pub fn link(program: Program, ram: Range<u32>, regions: &[Region]) {
+    let flash = match program {
+        Program::Application => ACTIVE,
+        Program::Bootloader => BOOTLOADER,
+    };
+    let ram_start = ram.start + STACK_BYTES;
+    let evidence = ram.end - EVIDENCE_BYTES;
+    let mut text = String::new();
+    let mut region = |name: &str, origin: u32, end: u32| {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{name} : ORIGIN = {origin:#x}, LENGTH = {:#x}", end - origin);
+    };
+    region("FLASH", flash.start, flash.end);
+    region("STACK", ram.start, ram_start);
+    region("RAM", ram_start, evidence);
+    region("EVIDENCE", evidence, ram.end);
+    let mut sections = String::from("SECTIONS\n{\n");
+    for Region { name, origin, bytes } in regions {
+        region(name, *origin, origin + bytes);
+        let section = name.to_lowercase();
+        let _ = writeln!(sections, "  .{section} (NOLOAD) : ALIGN(4) {{ KEEP(*(.{section})) }} > {name}");
+    }
+    sections.push_str("} INSERT AFTER .uninit;\n");
+    let folder = out_dir();
+    write(&folder.join("regions.x"), &text);
+    println!("cargo:rustc-link-search={}", folder.display());
+    if program == Program::Application {
+        let header = flash.start + HEADER;
+        let script = format!(
+            "_stext = {:#x};\nSECTIONS {{ .header {header:#x} : {{ KEEP(*(.header)) }} > FLASH }} INSERT AFTER .vector_table\n",
+            header + HEADER_BYTES
+        );
+        write(&folder.join("header.x"), &script);
+        println!("cargo:rustc-link-arg-bins=-Theader.x");
+        println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
+    }
+    if !regions.is_empty() {
+        write(&folder.join("sections.x"), &sections);
+        println!("cargo:rustc-link-arg-bins=-Tsections.x");
+    }
+    println!("cargo:rustc-link-arg-bins=-Tlink.x");
+    println!("cargo:rustc-link-arg-bins=--nmagic");
+    println!("cargo:rerun-if-changed={}", root().join("memory.x").display());
+    version();
+}
+
+/// Sets the environment variable `PLANTAR_VERSION` for the package under build: the version of the package and, where the sources
+/// are a git checkout, the commit, as in `0.2.0+1a2b3c4`. Numbers alone decide which of two versions is newer.
+pub fn version() {
+    // Cargo always sets it.
+    let version = env::var("CARGO_PKG_VERSION").unwrap_or_default();
+    let commit = git(&["rev-parse", "--short=7", "HEAD"]).map_or(String::new(), |commit| format!("+{commit}"));
+    println!("cargo:rustc-env=PLANTAR_VERSION={version}{commit}");
+    // The log of HEAD changes with every commit and checkout.
+    if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]) {
+        println!("cargo:rerun-if-changed={}", root().join(log).display());
+    }
+    println!("cargo:rerun-if-changed=build.rs");
+}
+
+/// The first line that git prints; `None` without git or a checkout.
+fn git(arguments: &[&str]) -> Option<String> {
+    let output = Command::new("git").args(arguments).current_dir(root()).output().ok()?;
+    let text = String::from_utf8(output.stdout).ok()?;
+    output.status.success().then(|| text.trim().to_owned()).filter(|text| !text.is_empty())
+}
+
+/// The workspace.
+fn root() -> PathBuf {
+    // This package is two folders below.
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap_or(Path::new(".")).into()
+}
+
+fn out_dir() -> PathBuf {
+    // Cargo always sets it.
+    PathBuf::from(env::var_os("OUT_DIR").unwrap_or_default())
+}
+
+/// # Panics
+/// Where the file cannot be written, which ends the build with the reason.
+fn write(path: &Path, text: &str) {
+    fs::write(path, text).unwrap_or_else(|error| panic!("cannot write {}: {error}", path.display()));
+}

@@ -1,0 +1,265 @@
+//! What all Cortex-M boards share below the safe code: the deepest use of the stack, the supervision interrupt, and a crash record
+//! in RAM that outlives the reset.
+#![no_std]
+
+use core::cell::Cell;
+use core::mem::MaybeUninit;
+use core::ptr::{addr_of, addr_of_mut};
+use cortex_m::peripheral::SCB;
+use embassy_sync::blocking_mutex::CriticalSectionMutex;
+use heapless::String;
+use plantar::firmware::start::BootReport;
+use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Heartbeats, PARTS, Watchdog};
+use plantar::protocol::{MAX_FAULT_TEXT, Reset};
+
+/// Starts in a row that failed within [`HEALTHY_CHECKS`], after which stored data are not used.
+const FAILED_STARTS: u32 = 3;
+
+/// Distinguishes a crash record from the contents of RAM after power-on.
+const MAGIC: u32 = 0x504c_414f;
+
+/// Return addresses in a crash record: as many as the text has room for.
+const CALLS: usize = 9;
+
+/// What ended a run: 0 where unknown, or one of these.
+const PANIC: u32 = 1;
+const FAULT: u32 = 2;
+const OVERFLOW: u32 = 3;
+/// Combined with the bits of [`Watchdog::check`].
+const STALLED: u32 = 1 << 8;
+
+#[repr(C)]
+#[derive(Clone, Copy)]
+struct CrashRecord {
+    magic: u32,
+    /// Starts in a row that failed, including this one until it is healthy.
+    failed_starts: u32,
+    cause: u32,
+    /// Duration of the run, checks.
+    checks: u32,
+    calls: [u32; CALLS],
+}
+
+#[unsafe(link_section = ".evidence")]
+static mut RECORD: MaybeUninit<CrashRecord> = MaybeUninit::uninit();
+
+static WATCHDOG: CriticalSectionMutex<Cell<Watchdog>> = CriticalSectionMutex::new(Cell::new(Watchdog::new()));
+
+fn read_record() -> CrashRecord {
+    // SAFETY: integers are valid for any content of RAM. Only this file uses RECORD: before interrupts are enabled, in the
+    // supervision interrupt, and with interrupts disabled before a reset.
+    unsafe { addr_of!(RECORD).cast::<CrashRecord>().read_volatile() }
+}
+
+fn write_record(record: CrashRecord) {
+    // SAFETY: as above.
+    unsafe { addr_of_mut!(RECORD).cast::<CrashRecord>().write_volatile(record) };
+}
+
+/// The ends of the stack, the lower one first.
+fn stack() -> (u32, u32) {
+    unsafe extern "C" {
+        static _stack_end: u32;
+        static _stack_start: u32;
+    }
+    (addr_of!(_stack_end) as u32, addr_of!(_stack_start) as u32)
+}
+
+/// A word of the stack between its ends.
+fn word(at: u32) -> u32 {
+    // SAFETY: the callers stay between the ends, which the linker aligns; the stack pointer is aligned too.
+    unsafe { (at as *const u32).read_volatile() }
+}
+
+/// Records why the run ends and where the program was, the innermost call first: `pc`, and the return addresses on the stack from
+/// `from` on, some of which may be stale. Then resets. Panic messages and locations would take a fifth of the flash;
+/// `cargo xtask explain` finds the source lines in the firmware's file.
+fn save_crash_record_and_reset(cause: u32, pc: Option<u32>, from: u32) -> ! {
+    cortex_m::interrupt::disable();
+    let mut calls = [0; CALLS];
+    let found = (from..stack().1).step_by(4).filter_map(|at| call_before(word(at)));
+    for (place, call) in calls.iter_mut().zip(pc.into_iter().chain(found)) {
+        *place = call;
+    }
+    let checks = WATCHDOG.lock(|watchdog| watchdog.get().checks());
+    write_record(CrashRecord { cause, checks, calls, ..read_record() });
+    SCB::sys_reset()
+}
+
+/// The same in an exception, with the address of the registers that it put on the stack.
+fn save_exception_and_reset(cause: u32, frame: u32) -> ! {
+    /// Size of these registers, and the offset of the program counter, bytes.
+    const FRAME: u32 = 32;
+    const PC: u32 = 24;
+    save_crash_record_and_reset(cause, Some(word(frame + PC)), frame + FRAME)
+}
+
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo) -> ! {
+    save_crash_record_and_reset(PANIC, None, cortex_m::register::msp::read())
+}
+
+/// The hard fault. The stack may be its cause, so the handler runs on another one, at the end of the region EVIDENCE.
+#[unsafe(naked)]
+#[unsafe(export_name = "HardFault")]
+extern "C" fn hard_fault() -> ! {
+    core::arch::naked_asm!(
+        "mov r0, sp",
+        "movw r1, :lower16:_evidence_end",
+        "movt r1, :upper16:_evidence_end",
+        "mov sp, r1",
+        "b {fault}",
+        fault = sym fault,
+    )
+}
+
+extern "C" fn fault(frame: u32) -> ! {
+    /// The most that one instruction pushes: a fault this near to the end of the stack was that push.
+    const PUSH: u32 = 128;
+    let (low, top) = stack();
+    if (low + PUSH..top).contains(&frame) {
+        save_exception_and_reset(FAULT, frame)
+    } else {
+        // The registers did not fit the stack.
+        save_crash_record_and_reset(OVERFLOW, None, low)
+    }
+}
+
+/// Defines the exception `SysTick`: it calls the function `$tick` with the address of the registers that the exception put on the
+/// stack.
+#[macro_export]
+macro_rules! on_systick {
+    ($tick:path) => {
+        #[unsafe(naked)]
+        #[unsafe(export_name = "SysTick")]
+        extern "C" fn systick() {
+            core::arch::naked_asm!("mov r0, sp", "b {tick}", tick = sym $tick)
+        }
+    };
+}
+
+/// Checks that scan, processing and link make progress, and resets the board where one is stalled. To be called every
+/// [`CHECK_PERIOD_MS`] in the exception `SysTick`, with the address that [`on_systick`] passed.
+pub fn check(frame: u32, heartbeats: &Heartbeats) {
+    let (stalled, healthy_checks) = WATCHDOG.lock(|cell| {
+        let mut watchdog = cell.get();
+        let stalled = watchdog.check(heartbeats);
+        cell.set(watchdog);
+        (stalled, watchdog.healthy_checks())
+    });
+    if stalled != 0 {
+        save_exception_and_reset(STALLED | stalled, frame);
+    }
+    if healthy_checks == HEALTHY_CHECKS {
+        write_record(CrashRecord { failed_starts: 0, ..read_record() });
+    }
+}
+
+/// How this start came about; `flags` is the reset reason that the controller reports, where it reports one. To be called once,
+/// before interrupts are enabled.
+pub fn boot_report(flags: Option<Reset>) -> BootReport {
+    let before = Some(read_record()).filter(|record| record.magic == MAGIC);
+    let cause = before.map_or(0, |before| before.cause);
+    let reset = match (cause, flags, before) {
+        (PANIC | FAULT | OVERFLOW, ..) => Reset::Panic,
+        (STALLED.., ..) => Reset::Watchdog,
+        (_, Some(flags), _) => flags,
+        (_, None, Some(_)) => Reset::Software,
+        (_, None, None) => Reset::Power,
+    };
+    // A run that the user ended did not fail.
+    let failed_starts =
+        before.filter(|_| matches!(reset, Reset::Panic | Reset::Watchdog)).map_or(0, |before| before.failed_starts);
+    let is_fallback = failed_starts >= FAILED_STARTS;
+    let next_failed = failed_starts.saturating_add(1);
+    write_record(CrashRecord { magic: MAGIC, failed_starts: next_failed, cause: 0, checks: 0, calls: [0; CALLS] });
+    let mut text = Text::default();
+    if is_fallback {
+        text.push("fallback after ").push_number(failed_starts).push(" failed starts: ");
+    }
+    match before {
+        Some(before) if cause != 0 => text.push_record(&before),
+        _ if reset == Reset::Watchdog => text.push("stalled with interrupts disabled"),
+        _ => &mut text,
+    };
+    BootReport { reset, fault: Some(text.0).filter(|text| !text.is_empty()), is_fallback }
+}
+
+/// A text without the formatting of `core`, which is not for a handler of faults.
+#[derive(Default)]
+struct Text(String<MAX_FAULT_TEXT>);
+
+impl Text {
+    fn push(&mut self, words: &str) -> &mut Self {
+        // The longest text without addresses is shorter.
+        let _ = self.0.push_str(words);
+        self
+    }
+
+    fn push_number(&mut self, number: u32) -> &mut Self {
+        let mut unit = 1_000_000_000;
+        while unit > 0 {
+            if number >= unit || unit == 1 {
+                self.push_digit(number / unit % 10);
+            }
+            unit /= 10;
+        }
+        self
+    }
+
+    fn push_digit(&mut self, digit: u32) {
+        let _ = char::from_digit(digit, 16).map(|digit| self.0.push(digit));
+    }
+
+    /// What ended a run: why, when, and as many return addresses as there is room for.
+    fn push_record(&mut self, record: &CrashRecord) -> &mut Self {
+        self.push(match record.cause {
+            PANIC => "panic",
+            FAULT => "fault",
+            OVERFLOW => "stack overflow",
+            _ => "stalled:",
+        });
+        let stalled =
+            PARTS.iter().enumerate().filter(|(bit, _)| record.cause >= STALLED && record.cause >> bit & 1 == 1);
+        stalled.for_each(|(_, part)| {
+            self.push(" ").push(part);
+        });
+        let per_s = 1000 / CHECK_PERIOD_MS;
+        self.push(" after ")
+            .push_number(record.checks / per_s)
+            .push(".")
+            .push_number(record.checks % per_s)
+            .push(" s at");
+        for &call in record.calls.iter().take_while(|&&call| call != 0) {
+            if self.0.len() + 9 > MAX_FAULT_TEXT {
+                break;
+            }
+            self.push(" ");
+            (0..8).rev().for_each(|digit| self.push_digit(call >> (4 * digit) & 0xf));
+        }
+        self
+    }
+}
+
+/// The address of the call that returns to `word`, where it is a return address.
+fn call_before(word: u32) -> Option<u32> {
+    unsafe extern "C" {
+        static __stext: u16;
+        static __etext: u16;
+    }
+    let (start, end) = (addr_of!(__stext) as u32, addr_of!(__etext) as u32);
+    // Bit 0 marks Thumb code.
+    let back = word.checked_sub(1).filter(|back| back % 2 == 0 && (start + 4..end).contains(back))? as *const u16;
+    // SAFETY: the two halfwords before `back` are code.
+    let (first, second) = unsafe { (back.sub(2).read(), back.sub(1).read()) };
+    let is_branch_with_link = first & 0xf800 == 0xf000 && second & 0xd000 == 0xd000;
+    let is_branch_to_register = second & 0xff87 == 0x4780;
+    (is_branch_with_link || is_branch_to_register).then_some(back as u32 - 2)
+}
+
+/// Deepest use of the stack so far, bytes: the part that no longer holds the pattern that `cortex-m-rt` painted at the start.
+pub fn stack_bytes() -> u32 {
+    let (low, top) = stack();
+    let painted = (low..top).step_by(4).take_while(|&at| word(at) == cortex_m_rt::STACK_PAINT_VALUE).count();
+    top - low - 4 * painted as u32
+}

@@ -1,0 +1,178 @@
+//! The memory that the two cores of the STM32WB55 share, in the layout that the radio's core expects: ST's application note AN5289 and
+//! the headers of its open middleware (STM32CubeWB: mbox_def.h, tl.h, shci.h). `tests/tables.rs` checks offsets and sizes.
+//!
+//! Addresses are numbers, so that the layout on a host is the same.
+#![no_std]
+#![allow(missing_docs, reason = "the fields have the names and the meaning of ST's headers")]
+
+/// Longest command, event and data with their H4 byte, bytes.
+pub const COMMAND: usize = 1 + 3 + 255;
+pub const EVENT: usize = 1 + 2 + 255;
+pub const DATA: usize = 1 + 4 + 251;
+/// Packets for received events and data (ST's examples have five), in whole words each.
+pub const POOLED: usize = 4;
+pub const POOL_BYTES: usize = POOLED * 4 * (size_of::<Node>() + EVENT).div_ceil(4);
+
+/// H4 bytes: those of Bluetooth, and ST's for the system.
+pub const H4_COMMAND: u8 = 1;
+pub const H4_DATA: u8 = 2;
+pub const H4_EVENT: u8 = 4;
+pub const H4_SYSTEM_COMMAND: u8 = 0x10;
+
+/// The command that starts Bluetooth on the radio's core: SHCI_OPCODE_C2_BLE_INIT.
+pub const BLE_INIT_OPCODE: u16 = 0xfc66;
+
+/// The addresses of the tables.
+#[repr(C)]
+pub struct References {
+    pub device_info: u32,
+    pub ble: u32,
+    pub thread: u32,
+    pub system: u32,
+    pub memory: u32,
+    pub traces: u32,
+    pub mac: u32,
+    pub zigbee: u32,
+    pub lld_tests: u32,
+    pub ble_lld: u32,
+}
+
+/// Bluetooth's buffers and queue.
+#[repr(C)]
+pub struct Ble {
+    pub command: u32,
+    pub status: u32,
+    pub events: u32,
+    pub data: u32,
+}
+
+/// The buffer and queue of system commands and events.
+#[repr(C)]
+pub struct System {
+    pub command: u32,
+    pub events: u32,
+}
+
+/// The memory for packets.
+#[repr(C)]
+pub struct Memory {
+    pub spare_ble: u32,
+    pub spare_system: u32,
+    pub pool: u32,
+    pub pool_bytes: u32,
+    pub free: u32,
+    pub traces_pool: u32,
+    pub traces_bytes: u32,
+}
+
+/// A queue, or the link of a packet in one: a ring of addresses.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct Node {
+    pub next: u32,
+    pub previous: u32,
+}
+
+/// A packet with its H4 byte.
+#[repr(C, align(4))]
+pub struct Packet<const N: usize> {
+    pub node: Node,
+    pub h4: [u8; N],
+}
+
+/// All shared memory; the references come first.
+#[repr(C)]
+pub struct Shared {
+    pub references: References,
+    /// Versions, which the radio's core writes.
+    pub device_info: [u32; 8],
+    pub ble: Ble,
+    pub system: System,
+    pub memory: Memory,
+    /// The tables of unused functions, of which the longest has four words.
+    pub unused: [u32; 4],
+    pub free: Node,
+    pub ble_events: Node,
+    pub system_events: Node,
+    pub ble_command: Packet<COMMAND>,
+    /// Command Status has four bytes.
+    pub ble_status: Packet<7>,
+    pub ble_data: Packet<DATA>,
+    pub system_command: Packet<COMMAND>,
+    pub spare_ble: Packet<EVENT>,
+    pub spare_system: Packet<EVENT>,
+    pub pool: [u32; POOL_BYTES / 4],
+}
+
+/// Parameters of [`BLE_INIT_OPCODE`]. The radio runs its link layer only, so the parameters of ST's own host are 0.
+#[repr(C, packed)]
+pub struct BleInit {
+    pub unused_buffer: [u32; 2],
+    pub host_attributes: [u16; 3],
+    pub links: u8,
+    /// Packets of 251 bytes.
+    pub extended_length: u8,
+    pub host_blocks: [u8; 2],
+    pub host_mtu: u16,
+    /// Accuracy of the sleep clock: as a peripheral in ppm, as a central by class.
+    pub peripheral_ppm: u16,
+    pub central_accuracy: u8,
+    /// Bit 2: the sleep clock is HSE / 1024.
+    pub sleep_clock: u8,
+    /// Longest connection event, 625/256 us.
+    pub most_event: u32,
+    /// Start-up time of the crystal, 625/256 us.
+    pub crystal_start: u16,
+    pub viterbi: u8,
+    /// Bit 0: the link layer only.
+    pub options: u8,
+    pub hardware: u8,
+    pub host_channels: u8,
+    pub least_dbm: i8,
+    pub most_dbm: i8,
+    pub receiver_model: u8,
+    pub advertising_sets: u8,
+    pub advertising_bytes: u16,
+    /// Transmit and receive path, 0.1 dB.
+    pub path_decidb: [i16; 2],
+    /// 11 is 5.2.
+    pub core_version: u8,
+    pub more_options: u8,
+    pub host_bearers: u8,
+}
+
+impl BleInit {
+    /// For one central; the timing is that of ST's examples.
+    pub const PERIPHERAL: Self = Self {
+        unused_buffer: [0; 2],
+        host_attributes: [0; 3],
+        links: 1,
+        extended_length: 1,
+        host_blocks: [0; 2],
+        host_mtu: 0,
+        peripheral_ppm: 500,
+        central_accuracy: 0,
+        sleep_clock: 1 << 2,
+        most_event: u32::MAX,
+        crystal_start: 0x148,
+        viterbi: 1,
+        options: 1,
+        hardware: 0,
+        host_channels: 0,
+        least_dbm: -40,
+        most_dbm: 6,
+        receiver_model: 0,
+        advertising_sets: 0,
+        advertising_bytes: 0,
+        path_decidb: [0; 2],
+        core_version: 11,
+        more_options: 0,
+        host_bearers: 0,
+    };
+
+    /// The parameters as they are sent.
+    pub fn bytes(&self) -> &[u8] {
+        // SAFETY: the struct is packed, so it consists of initialised integers without padding.
+        unsafe { core::slice::from_raw_parts((&raw const *self).cast(), size_of::<Self>()) }
+    }
+}

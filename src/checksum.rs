@@ -1,0 +1,10 @@
+//! The CRC-32 of frames on a byte carrier, of stored items, and of identifiers that are made from content.
+
+use crc::{CRC_32_ISO_HDLC, Crc};
+
+const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
+/// CRC-32 (ISO-HDLC, as in Ethernet and zlib) of `bytes`.
+pub fn crc32(bytes: &[u8]) -> u32 {
+    CRC.checksum(bytes)
+}

@@ -1,0 +1,231 @@
+//! The state of fault detection, and when each part of it runs.
+
+use super::lines::LineSearch;
+use super::masking::Masking;
+use super::neighbourhood::{ADJACENT, FrameContext};
+use super::review::Review;
+use super::rows::RowSearch;
+use super::{Fault, FaultKind, Faults, MATRIX_CELLS, Place, SETTLE_MS};
+use crate::num::Real;
+use crate::pipeline::calibrate::{Curve, is_saturated};
+use crate::pipeline::cell::{AREA_SHIFT, InsoleCell};
+use crate::pipeline::marks::{IMPLAUSIBLE_SATURATION, MASKED};
+use heapless::Vec;
+
+/// Saturated cells that are compared with their neighbours in one frame.
+const SATURATED_PER_FRAME: usize = 4;
+/// A saturation is plausible where the mean of the neighbours is at least this fraction of it.
+const PLAUSIBLE_FRACTION: u32 = 4;
+
+/// The state of the detection, and what it found.
+#[derive(Debug)]
+pub(crate) struct FaultDetector {
+    /// Area of all cells, in the units of [`crate::pipeline::cell::area_units`].
+    total_area: i32,
+    /// Area in contact, without masked cells.
+    pub(super) contact_area: i32,
+    pub(super) settle_frames: u32,
+    pub(super) has_lines: bool,
+    /// Frames since the contact became small and constant, 0 while the foot is down; and the area at that time.
+    settled_frames: u32,
+    settled_area: i32,
+    /// The foot was down since the last review.
+    has_stance: bool,
+    /// A stance interrupted the last review.
+    is_interrupted: bool,
+    /// The next cell of a running review.
+    next_cell: Option<usize>,
+    pub(super) review: Review,
+    pub(super) rows: RowSearch,
+    pub(super) lines: LineSearch,
+    pub(super) masking: Masking,
+    pub(super) faults: Faults,
+}
+
+impl FaultDetector {
+    /// No faults; all zeros, so that a static one takes no flash.
+    pub(crate) const fn new() -> Self {
+        Self {
+            total_area: 0,
+            contact_area: 0,
+            settle_frames: 0,
+            has_lines: false,
+            settled_frames: 0,
+            settled_area: 0,
+            has_stance: false,
+            is_interrupted: false,
+            next_cell: None,
+            review: Review::new(),
+            rows: RowSearch::new(),
+            lines: LineSearch::new(),
+            masking: Masking::new(),
+            faults: Faults::NONE,
+        }
+    }
+
+    /// Starts from the beginning with these cells.
+    pub(crate) fn set_up<R: Real>(&mut self, cells: &[InsoleCell<R>], period_us: u32) {
+        *self = Self::new();
+        self.total_area = cells.iter().map(|cell| cell.region.whole() >> AREA_SHIFT).sum();
+        self.settled_frames = 1;
+        self.settle_frames = (SETTLE_MS * 1000).div_ceil(period_us);
+        self.has_lines = cells.len() <= MATRIX_CELLS;
+        self.rows.set_period(period_us);
+    }
+
+    /// The faults detected since the set-up.
+    pub(crate) fn faults(&self) -> &Faults {
+        &self.faults
+    }
+
+    /// Bit i: region i has masked cells.
+    pub(crate) fn masked(&self) -> u8 {
+        self.masking.regions
+    }
+
+    /// Takes the change of the contact area; true where most of the insole is in contact. Such a frame needs no further work.
+    #[inline(always)]
+    pub(crate) fn is_foot_down(&mut self, change: i32) -> bool {
+        self.contact_area += change;
+        let is_down = self.contact_area > self.total_area / 2;
+        if is_down {
+            self.settled_frames = 0;
+        }
+        is_down
+    }
+
+    /// True where [`FaultDetector::interpolate`] has something to do.
+    #[inline(always)]
+    pub(crate) fn has_masks(&self) -> bool {
+        self.masking.has_masks()
+    }
+
+    /// Lets masked cells read the mean of their neighbours: updates the region sums of this frame.
+    pub(crate) fn interpolate<R: Real>(&self, curve: &Curve, frame: &mut FrameContext<'_, R>) {
+        self.masking.interpolate(curve, frame);
+    }
+
+    /// Takes a frame with a saturated cell, or with at most half of the insole in contact.
+    pub(crate) fn frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, is_saturated: bool) {
+        if is_saturated {
+            check_saturation(frame);
+        }
+        if self.contact_area <= self.total_area / 2 {
+            self.light_frame(frame);
+        }
+    }
+
+    /// A frame with most cells unloaded, which leaves time for the search.
+    #[inline(never)]
+    fn light_frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) {
+        let area = self.contact_area;
+        if area > 0 && self.has_lines {
+            self.rows.inspect(frame);
+        }
+        if self.settled_frames == 0 {
+            // A stance began: a review that it interrupts is abandoned.
+            self.is_interrupted |= self.next_cell.is_some();
+            (self.has_stance, self.next_cell) = (true, None);
+        }
+        if area > self.total_area / 4 {
+            self.settled_frames = 0;
+            return;
+        }
+        if self.settled_frames == 0 || (area - self.settled_area).abs() > self.total_area / 32 {
+            (self.settled_frames, self.settled_area) = (0, area);
+        }
+        self.settled_frames = self.settled_frames.saturating_add(1);
+        if self.settled_frames <= self.settle_frames {
+            return;
+        }
+        if self.has_stance && self.next_cell.is_none() {
+            self.has_stance = false;
+            if core::mem::take(&mut self.is_interrupted) {
+                // The reviewed half of the cells has counted this step already: no step may count twice.
+                frame.cells.iter_mut().for_each(InsoleCell::begin_step);
+                return;
+            }
+            self.review = Review::new();
+            self.next_cell = Some(0);
+        }
+        if let Some(first) = self.next_cell {
+            self.next_cell = self.review_cells(frame, first);
+            if self.next_cell.is_none() {
+                self.conclude(frame);
+            }
+        }
+    }
+
+    /// After all cells were reviewed: faults of lines first, then those of single cells.
+    fn conclude<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) {
+        let before = self.faults.found;
+        if self.has_lines {
+            self.conclude_lines(frame);
+        }
+        for index in 0..frame.cells.len() {
+            let marks = &frame.cells[index].marks;
+            if let (false, Some(kind)) = (marks.is_masked(), marks.diagnosis()) {
+                self.report(frame, kind, Place::Cell(index as u16));
+                self.mask(frame, index);
+            }
+            frame.cells[index].begin_step();
+        }
+        if self.faults.found == before
+            && let Some(row) = self.rows.conclude()
+        {
+            self.mark_line_faulty(frame, FaultKind::Crosstalk, row);
+        }
+        self.rows.begin_step();
+        if self.faults.found != before {
+            // With other cells in contact, rows are inspected at other moments.
+            self.rows.forget();
+            self.masking.choose_neighbours(frame);
+        }
+    }
+
+    /// Adds a fault to the list; where it is full, the fault is only counted.
+    pub(super) fn report<R: Real>(&mut self, frame: &FrameContext<'_, R>, kind: FaultKind, place: Place) {
+        self.faults.found = self.faults.found.wrapping_add(1);
+        let found_ms = (u64::from(frame.seq) * u64::from(frame.period_us) / 1000) as u32;
+        let _ = self.faults.list.push(Fault { kind, place, found_ms });
+    }
+
+    /// Masks a cell, unless it is masked.
+    pub(super) fn mask<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, index: usize) {
+        if frame.cells[index].marks.is_masked() {
+            return;
+        }
+        self.rows.exclude(frame.cells[index].marks.row());
+        let masked_cells = &mut self.faults.masked_cells[frame.region(index)];
+        *masked_cells = masked_cells.saturating_add(1);
+        self.contact_area += self.masking.mask(frame, index);
+    }
+}
+
+/// Compares saturated cells with their neighbours: a few in each frame, starting at another cell each time.
+#[cold]
+#[inline(never)]
+fn check_saturation<R: Real>(frame: &mut FrameContext<'_, R>) {
+    let (cells, codes) = (&mut *frame.cells, frame.codes);
+    let start = frame.seq as usize % cells.len().max(1);
+    let is_new = |&i: &usize| is_saturated(codes[i].into()) && !cells[i].marks.has(IMPLAUSIBLE_SATURATION | MASKED);
+    let new: Vec<usize, SATURATED_PER_FRAME> =
+        (start..cells.len()).chain(0..start).filter(is_new).take(SATURATED_PER_FRAME).collect();
+    for index in new {
+        let region = frame.region_cells(index);
+        let this = frame.cells[index].region;
+        let reach = ADJACENT * this.side();
+        let (mut sum, mut count) = (0, 0);
+        for i in region.filter(|&i| i != index) {
+            let cell = &frame.cells[i];
+            let (dx, dy) = cell.region.offset_from(&this);
+            if !cell.marks.is_masked() && dx.abs().max(dy.abs()) * 10 <= reach {
+                sum += u32::from(codes[i].saturating_sub(cell.offset));
+                count += 1;
+            }
+        }
+        if count >= 2 && sum / count < u32::from(codes[index]) / PLAUSIBLE_FRACTION {
+            frame.cells[index].marks.add(IMPLAUSIBLE_SATURATION);
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! Kinds of faults, their places, and the report of what was found.
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+/// Faults that are listed; further ones are counted and masked.
+pub const MAX_FAULTS: usize = 16;
+
+/// What is wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FaultKind {
+    /// No response to load.
+    Open,
+    /// Full scale without load.
+    Short,
+    /// A constant reading, whatever the load.
+    Stuck,
+    /// Full scale while the neighbouring cells read little.
+    Saturated,
+    /// A zero that moves faster or farther than it may be corrected.
+    Drift,
+    /// All cells of a row read a part of the row's load.
+    Crosstalk,
+}
+
+impl FaultKind {
+    /// All kinds, in the order of the wire.
+    pub const ALL: [Self; 6] = [Self::Open, Self::Short, Self::Stuck, Self::Saturated, Self::Drift, Self::Crosstalk];
+
+    /// One word, lower case.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Open => "open",
+            Self::Short => "short",
+            Self::Stuck => "stuck",
+            Self::Saturated => "saturated",
+            Self::Drift => "drift",
+            Self::Crosstalk => "crosstalk",
+        }
+    }
+}
+
+/// Where a fault is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Place {
+    /// This cell, by its index in a frame.
+    Cell(u16),
+    /// This row of the matrix.
+    Row(u8),
+    /// This column of the matrix.
+    Column(u8),
+}
+
+impl core::fmt::Display for Place {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Cell(cell) => write!(f, "cell {cell}"),
+            Self::Row(row) => write!(f, "row {row}"),
+            Self::Column(column) => write!(f, "column {column}"),
+        }
+    }
+}
+
+/// One fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Fault {
+    /// What is wrong.
+    pub kind: FaultKind,
+    /// Where.
+    pub place: Place,
+    /// When it was detected, ms since the first scan.
+    pub found_ms: u32,
+}
+
+/// The faults detected since the set-up.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Faults {
+    /// Number of all faults, listed or not.
+    pub found: u32,
+    /// Number of zero corrections of cells.
+    pub rezeroed: u32,
+    /// Masked cells of each region, 255 for more.
+    pub masked_cells: [u8; 8],
+    /// The first faults.
+    pub list: Vec<Fault, MAX_FAULTS>,
+}
+
+impl Faults {
+    /// No faults.
+    pub const NONE: Self = Self { found: 0, rezeroed: 0, masked_cells: [0; 8], list: Vec::new() };
+
+    /// Bit i: region i has masked cells.
+    pub fn masked(&self) -> u8 {
+        self.masked_cells.iter().enumerate().fold(0, |bits, (i, &cells)| bits | u8::from(cells > 0) << i)
+    }
+}

@@ -1,0 +1,116 @@
+//! Faults of whole rows and columns, concluded from their cells.
+
+use super::detector::FaultDetector;
+use super::neighbourhood::FrameContext;
+use super::{FaultKind, MIN_LINE_CELLS, Place};
+use crate::num::Real;
+use crate::pipeline::marks::{Count, LINES, NO_RESPONSE};
+
+/// Steps in a row in which a line must be open.
+const STEPS: u8 = 2;
+
+/// The state of the search for faulty lines.
+#[derive(Debug)]
+pub(super) struct LineSearch {
+    /// Steps in a row in which exactly this line did not respond: rows, then columns.
+    open_steps: [u8; 2 * LINES],
+}
+
+impl LineSearch {
+    pub(super) const fn new() -> Self {
+        Self { open_steps: [0; 2 * LINES] }
+    }
+}
+
+/// The evidence of the unmasked cells of a line.
+#[derive(Default)]
+struct LineEvidence {
+    cells: u32,
+    /// Cells without a response, and those of them that carried load before.
+    unresponsive: u32,
+    unresponsive_loaded: u32,
+    /// Cells that responded and carried load before.
+    responsive_loaded: u32,
+    /// Cells by diagnosis, and those without one.
+    diagnosed: [u32; FaultKind::ALL.len()],
+    healthy: u32,
+}
+
+impl LineEvidence {
+    fn new<R>(frame: &FrameContext<'_, R>, line: usize) -> Self {
+        let mut evidence = Self::default();
+        let marks = frame.cells.iter().map(|cell| &cell.marks);
+        for marks in marks.filter(|marks| marks.is_on(line) && !marks.is_masked()) {
+            let carried_load = marks.count(Count::Loaded) > 0;
+            let is_unresponsive = marks.has(NO_RESPONSE);
+            evidence.cells += 1;
+            evidence.unresponsive += u32::from(is_unresponsive);
+            evidence.unresponsive_loaded += u32::from(is_unresponsive && carried_load);
+            evidence.responsive_loaded += u32::from(!is_unresponsive && carried_load);
+            match marks.diagnosis() {
+                Some(kind) => evidence.diagnosed[kind as usize] += 1,
+                None => evidence.healthy += 1,
+            }
+        }
+        evidence
+    }
+
+    /// True where the line did not respond; `unresponsive` is the number of such cells that carried load, on any line.
+    fn is_open(&self, unresponsive: u32) -> bool {
+        let others = unresponsive.saturating_sub(self.unresponsive_loaded);
+        let is_only_here = self.unresponsive_loaded >= MIN_LINE_CELLS && 4 * others <= self.unresponsive_loaded;
+        let is_most = self.unresponsive > MIN_LINE_CELLS && 4 * self.unresponsive >= 3 * self.cells;
+        self.responsive_loaded == 0 && (is_only_here || is_most)
+    }
+
+    /// The fault that most cells of the line show.
+    fn common_diagnosis(&self) -> Option<FaultKind> {
+        let all = self.healthy + self.diagnosed.iter().sum::<u32>();
+        [FaultKind::Short, FaultKind::Stuck, FaultKind::Saturated, FaultKind::Drift].into_iter().find(|&kind| {
+            let count = self.diagnosed[kind as usize];
+            count >= MIN_LINE_CELLS && 4 * (all - count) <= count
+        })
+    }
+}
+
+impl FaultDetector {
+    /// After all cells were reviewed: faults of all lines.
+    pub(super) fn conclude_lines<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) {
+        for line in 0..2 * LINES {
+            self.conclude_line(frame, line);
+        }
+    }
+
+    fn conclude_line<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, line: usize) {
+        let evidence = LineEvidence::new(frame, line);
+        let is_open = evidence.is_open(self.review.unresponsive);
+        let open_steps = &mut self.lines.open_steps[line];
+        *open_steps = if is_open { *open_steps + 1 } else { 0 };
+        if *open_steps >= STEPS {
+            self.review.unresponsive = self.review.unresponsive.saturating_sub(evidence.unresponsive_loaded);
+            return self.mark_line_faulty(frame, FaultKind::Open, line);
+        }
+        if is_open {
+            // The next step must count the same cells again.
+            for marks in frame.cells.iter_mut().map(|cell| &mut cell.marks).filter(|marks| marks.is_on(line)) {
+                if marks.has(NO_RESPONSE) && marks.count(Count::Loaded) > 0 {
+                    marks.set_count(Count::Loaded, marks.count(Count::Loaded) + 1);
+                }
+            }
+        }
+        if let Some(kind) = evidence.common_diagnosis() {
+            self.mark_line_faulty(frame, kind, line);
+        }
+    }
+
+    /// Reports a line, rows first, and masks its cells.
+    pub(super) fn mark_line_faulty<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, kind: FaultKind, line: usize) {
+        let place = if line < LINES { Place::Row(line as u8) } else { Place::Column((line - LINES) as u8) };
+        self.report(frame, kind, place);
+        for index in 0..frame.cells.len() {
+            if frame.cells[index].marks.is_on(line) {
+                self.mask(frame, index);
+            }
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! Masked cells: what reads in their place.
+
+use super::MAX_INTERPOLATED;
+use super::neighbourhood::{FrameContext, NEARBY};
+use crate::num::Real;
+use crate::pipeline::calibrate::Curve;
+use crate::pipeline::cell::area_units;
+use heapless::Vec;
+
+/// A masked cell and the cells that it is interpolated from.
+#[derive(Clone, Copy, Debug)]
+struct Mask {
+    cell: u16,
+    offset: u16,
+    /// The nearest healthy cells, filled up with the cell itself where there are fewer.
+    neighbours: [u16; 4],
+}
+
+/// All masked cells.
+#[derive(Debug)]
+pub(super) struct Masking {
+    masks: Vec<Mask, MAX_INTERPOLATED>,
+    /// Bit i: region i has masked cells.
+    pub(super) regions: u8,
+}
+
+impl Masking {
+    pub(super) const fn new() -> Self {
+        Self { masks: Vec::new(), regions: 0 }
+    }
+
+    #[inline(always)]
+    pub(super) fn has_masks(&self) -> bool {
+        !self.masks.is_empty()
+    }
+
+    /// Masks a cell; returns the change of [`area_units`]. Beyond [`MAX_INTERPOLATED`] cells it reads nothing.
+    pub(super) fn mask<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, index: usize) -> i32 {
+        let region = frame.region(index);
+        let cell = &mut frame.cells[index];
+        cell.marks.set_masked();
+        self.regions |= 1 << region;
+        let mask = Mask { cell: index as u16, offset: cell.offset, neighbours: [index as u16; 4] };
+        // From here on the pass over the cells reads no load in it.
+        cell.offset = u16::MAX;
+        let share = cell.contact.update(0, 0.0);
+        cell.contact.disable();
+        let moments = &mut frame.loads[region].frame.area;
+        let before = area_units(moments);
+        moments.change(&cell.region, share);
+        let _ = self.masks.push(mask);
+        area_units(moments) - before
+    }
+
+    /// Lets masked cells read the mean of their neighbours: updates the region sums of this frame.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn interpolate<R: Real>(&self, curve: &Curve, frame: &mut FrameContext<'_, R>) {
+        for mask in &self.masks {
+            let (mut sum, mut count) = (0, 0);
+            for neighbour in mask.neighbours.into_iter().filter(|&neighbour| neighbour != mask.cell).map(usize::from) {
+                sum += u32::from(frame.codes[neighbour].saturating_sub(frame.cells[neighbour].offset));
+                count += 1;
+            }
+            // The mean of 16-bit numbers fits 16 bits.
+            let above = sum.checked_div(count).unwrap_or(0) as u16;
+            let code = u32::from(mask.offset.saturating_add(above));
+            let index = usize::from(mask.cell);
+            let region = frame.region(index);
+            let (cell, load) = (&mut frame.cells[index], &mut frame.loads[region].frame);
+            load.area.change(&cell.region, cell.contact.update(code, curve.pressure_kpa(i32::from(above))));
+            cell.contact.disable();
+            if above > 0 {
+                load.force.add(&cell.region, curve.pressure_kpa(i32::from(above)));
+            }
+        }
+    }
+
+    /// Chooses up to four nearest healthy cells for each masked one.
+    pub(super) fn choose_neighbours<R: Real>(&mut self, frame: &FrameContext<'_, R>) {
+        for mask in &mut self.masks {
+            let index = usize::from(mask.cell);
+            let this = &frame.cells[index].region;
+            let reach = NEARBY * this.side();
+            let mut nearest = [(i64::MAX, mask.cell); 4];
+            for i in frame.region_cells(index) {
+                let cell = &frame.cells[i];
+                let (dx, dy) = cell.region.offset_from(this);
+                if cell.marks.is_masked() || dx.abs().max(dy.abs()) * 10 > reach {
+                    continue;
+                }
+                let distance = i64::from(dx) * i64::from(dx) + i64::from(dy) * i64::from(dy);
+                let at = nearest.iter().position(|&(other, _)| distance < other);
+                if let Some(at) = at {
+                    nearest[at..].rotate_right(1);
+                    nearest[at] = (distance, i as u16);
+                }
+            }
+            mask.neighbours = nearest.map(|(_, cell)| cell);
+        }
+    }
+}

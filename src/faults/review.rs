@@ -1,0 +1,143 @@
+//! The review of single cells in swing.
+
+use super::detector::FaultDetector;
+use super::neighbourhood::{FrameContext, Neighbourhood};
+use super::{FaultKind, Faults};
+use crate::num::Real;
+use crate::pipeline::calibrate::is_saturated;
+use crate::pipeline::cell::InsoleCell;
+use crate::pipeline::marks::{
+    CellMarks, Count, DRIFT, IMPLAUSIBLE_SATURATION, LOADED, NO_RESPONSE, NOISE, RESPONDED, STUCK, UNCHANGED,
+};
+
+/// Largest correction of a zero in one swing and in sum, codes: 1 kPa and 13 kPa at 1000 kPa full scale.
+const MAX_STEP: i16 = 256;
+const MAX_SUM: i32 = 2048;
+/// Largest reading in swing that can be a slow drift, codes.
+const MAX_SLOW: u16 = 1024;
+
+/// What a running review has found.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Review {
+    /// Cells without a response that carried load before.
+    pub(super) unresponsive: u32,
+}
+
+impl Review {
+    pub(super) const fn new() -> Self {
+        Self { unresponsive: 0 }
+    }
+}
+
+impl FaultDetector {
+    /// Reviews some cells from index `first` on; returns the next one, or `None` after the last.
+    pub(super) fn review_cells<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, first: usize) -> Option<usize> {
+        let count = frame.cells.len();
+        let end = count.min(first + count.div_ceil(self.settle_frames as usize));
+        for index in first..end {
+            let code = frame.codes[index];
+            let marks = &frame.cells[index].marks;
+            if marks.is_masked() {
+                continue;
+            }
+            let needs_neighbourhood = !marks.has(RESPONDED) || marks.has(UNCHANGED);
+            let around = needs_neighbourhood.then(|| Neighbourhood::new(frame, index));
+            let cell = &mut frame.cells[index];
+            review_swing(cell, code, around.as_ref(), &mut self.faults);
+            self.review.unresponsive += u32::from(review_stance(cell, around.as_ref()));
+        }
+        (end < count).then_some(end)
+    }
+}
+
+/// The unloaded reading: full scale, stuck, or a drift of the zero, which is corrected within limits.
+fn review_swing<R: Real>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Neighbourhood>, faults: &mut Faults) {
+    let above = i32::from(code) - i32::from(cell.offset);
+    let reading = above.clamp(i16::MIN.into(), i16::MAX.into()) as i16;
+    let reading_before = core::mem::replace(&mut cell.marks.swing_reading, reading);
+    let is_far_below = above < -i32::from(MAX_SLOW);
+    let is_full = is_saturated(code.into());
+    cell.marks.count_if(Count::OffScale, is_far_below || is_full);
+    if cell.contact.is_loaded() && !is_full {
+        // A tight shoe presses on cells in swing too, but then their code changes from step to step.
+        let is_loaded = u32::from(code) >= cell.contact.load_threshold(cell.offset);
+        if cell.marks.has(UNCHANGED) && (is_loaded || around.is_some_and(Neighbourhood::is_mostly_loaded)) {
+            cell.marks.add(STUCK);
+        }
+        cell.marks.add(UNCHANGED);
+        cell.contact.notify_on_change(code);
+    } else {
+        cell.marks.clear(UNCHANGED);
+    }
+
+    let (size, size_before) = (reading.unsigned_abs(), reading_before.unsigned_abs());
+    // Far readings must also grow: a constant one is a residual load, not a drift.
+    let least = if size > 8 * NOISE { size_before + size_before / 4 } else { size_before };
+    let is_drift = (reading < 0) == (reading_before < 0)
+        && size_before > NOISE / 2
+        && size_before <= MAX_SLOW
+        && size > NOISE
+        && size > least;
+    if !is_drift {
+        return;
+    }
+    let step = reading.clamp(-MAX_STEP, MAX_STEP);
+    let sum = i32::from(cell.marks.rezeroed) * i32::from(NOISE) + i32::from(step);
+    if size > MAX_SLOW || sum.abs() > MAX_SUM {
+        cell.marks.add(DRIFT);
+    } else if !cell.contact.is_loaded() {
+        cell.offset = cell.offset.saturating_add_signed(step);
+        cell.contact.shift(step);
+        cell.marks.swing_reading -= step;
+        // Within the limit, so within 8 bits; rounded, so that the remainders cancel out.
+        cell.marks.rezeroed = ((sum + sum.signum() * i32::from(NOISE / 2)) / i32::from(NOISE)) as i8;
+        faults.rezeroed = faults.rezeroed.wrapping_add(1);
+    }
+}
+
+/// The evidence of the stance. True where a cell did not respond that carried load before.
+fn review_stance<R: Real>(cell: &mut InsoleCell<R>, around: Option<&Neighbourhood>) -> bool {
+    let marks = &mut cell.marks;
+    let loaded_steps = marks.count(Count::Loaded);
+    marks.clear(NO_RESPONSE);
+    let (mut is_isolated, mut carried_load) = (false, false);
+    if marks.has(LOADED) {
+        marks.set_count(Count::Loaded, loaded_steps + 1);
+    } else if let (false, Some(around)) = (marks.has(RESPONDED), around) {
+        marks.set_count(Count::Loaded, loaded_steps.saturating_sub(1));
+        carried_load = loaded_steps > 1;
+        if carried_load || around.is_between_loaded() {
+            marks.add(NO_RESPONSE);
+        }
+        // A hole in a loaded contact. The foot may have missed a cell at its rim, and a cell that a region's boundary cut much
+        // smaller than its neighbours. One that carried load before counts, whatever its area.
+        let is_full_size = carried_load || 2 * cell.region.whole() >= around.largest;
+        let is_hole = around.is_surrounded() && around.adjacent >= 7 && around.loaded == around.adjacent;
+        is_isolated = is_full_size && is_hole;
+    }
+    marks.count_if(Count::NoResponse, is_isolated);
+    let is_implausible = marks.has(IMPLAUSIBLE_SATURATION);
+    marks.count_if(Count::ImplausibleSaturation, is_implausible);
+    carried_load
+}
+
+impl CellMarks {
+    /// The fault that the steps so far have shown.
+    pub(super) fn diagnosis(&self) -> Option<FaultKind> {
+        if self.has(STUCK) {
+            Some(FaultKind::Stuck)
+        } else if self.has(DRIFT) {
+            Some(FaultKind::Drift)
+        } else if self.count(Count::OffScale) >= 2 {
+            // Far below zero is not full scale.
+            Some(if self.swing_reading < 0 { FaultKind::Stuck } else { FaultKind::Short })
+        } else if self.count(Count::ImplausibleSaturation) >= 2 {
+            Some(FaultKind::Saturated)
+        } else if self.count(Count::NoResponse) >= 2 {
+            // An open cell reads its zero.
+            Some(if self.swing_reading.unsigned_abs() > NOISE { FaultKind::Stuck } else { FaultKind::Open })
+        } else {
+            None
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! Crosstalk: a row of which every cell reads a part of the row's load.
+//!
+//! A row without crosstalk shows it whenever one of its cells is loaded and another is not. Rows are inspected in turn while the
+//! foot is partly in contact. A row that was clean in earlier steps and no longer is has crosstalk.
+
+use super::MIN_LINE_CELLS;
+use super::neighbourhood::FrameContext;
+use crate::pipeline::calibrate::FULL_CODE;
+use crate::pipeline::marks::LINES;
+
+/// A row is conclusive when one of its cells reads at least this much above zero, codes (31 kPa at 1000 kPa full scale).
+const CONCLUSIVE_LOAD: u16 = 4096;
+/// A row is clean when its least loaded cell reads less than this fraction of its most loaded one.
+const CLEAN_FRACTION: u16 = 32;
+/// Clean inspections in a step that make a row clean in it; fewer may be none in the next step without a fault.
+const CLEAN_INSPECTIONS: u8 = 2;
+/// Inspections in a step, none of them clean, that make a row suspect.
+const SUSPECT_INSPECTIONS: u8 = 3;
+/// Steps in a row that must be clean before, and suspect after that.
+const STEPS: u8 = 2;
+/// Time in which every row that is not known to be clean is inspected once, at any frame rate, us.
+const ROUND_US: u32 = 40_000;
+
+/// One row in the running step and the steps before.
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    /// Conclusive inspections in this step, and those of them that were clean.
+    inspections: u8,
+    clean: u8,
+    /// Clean steps so far, and suspect ones in a row since.
+    clean_steps: u8,
+    suspect_steps: u8,
+    /// It has masked cells, which prove nothing.
+    is_excluded: bool,
+}
+
+impl Row {
+    const NEW: Self = Self { inspections: 0, clean: 0, clean_steps: 0, suspect_steps: 0, is_excluded: false };
+}
+
+/// The search for crosstalk.
+#[derive(Debug)]
+pub(super) struct RowSearch {
+    rows: [Row; LINES],
+    rows_per_frame: u32,
+    /// The next row to inspect.
+    next: usize,
+}
+
+impl RowSearch {
+    pub(super) const fn new() -> Self {
+        Self { rows: [Row::NEW; LINES], rows_per_frame: 0, next: 0 }
+    }
+
+    pub(super) fn set_period(&mut self, period_us: u32) {
+        self.rows_per_frame = (LINES as u32 * period_us).div_ceil(ROUND_US).min(LINES as u32);
+    }
+
+    /// Inspects some rows in turn, without those that are clean in this step.
+    pub(super) fn inspect<R>(&mut self, frame: &FrameContext<'_, R>) {
+        let mut due = 0u16;
+        for _ in 0..LINES {
+            let row = &self.rows[self.next];
+            let is_due = row.clean < CLEAN_INSPECTIONS && !row.is_excluded;
+            due |= u16::from(is_due) << self.next;
+            self.next = (self.next + 1) % LINES;
+            if due.count_ones() == self.rows_per_frame {
+                break;
+            }
+        }
+        if due == 0 {
+            return;
+        }
+        let mut readings = [(u16::MAX, 0u16, 0u8); LINES];
+        for (cell, &code) in frame.cells.iter().zip(frame.codes) {
+            let row = cell.marks.row();
+            if due >> row & 1 == 1 {
+                let above = code.saturating_sub(cell.offset);
+                let (least, most, count) = &mut readings[row];
+                (*least, *most) = ((*least).min(above), (*most).max(above));
+                *count = count.saturating_add(1);
+            }
+        }
+        for (row, (least, most, count)) in self.rows.iter_mut().zip(readings) {
+            if u32::from(count) >= MIN_LINE_CELLS && (CONCLUSIVE_LOAD..FULL_CODE / 2).contains(&most) {
+                row.inspections = row.inspections.saturating_add(1);
+                row.clean += u8::from(least < most / CLEAN_FRACTION);
+            }
+        }
+    }
+
+    /// Ends a step: the row with crosstalk that was inspected most. One row at a time, because what it adds to the contact
+    /// leaves fewer inspections of others.
+    pub(super) fn conclude(&mut self) -> Option<usize> {
+        let mut worst = None;
+        for (index, row) in self.rows.iter_mut().enumerate() {
+            if row.clean > 0 {
+                // A suspect row that is clean again was covered by the foot, and may be so again.
+                let is_clean = u8::from(row.clean >= CLEAN_INSPECTIONS);
+                row.clean_steps = if row.suspect_steps == 0 { row.clean_steps.saturating_add(is_clean) } else { 0 };
+                row.suspect_steps = 0;
+            } else if row.inspections >= SUSPECT_INSPECTIONS && row.clean_steps >= STEPS {
+                row.suspect_steps += 1;
+                if row.suspect_steps >= STEPS {
+                    worst = worst.max(Some((row.inspections, index)));
+                }
+            }
+        }
+        worst.map(|(_, index)| index)
+    }
+
+    /// Forgets the inspections of the last step.
+    pub(super) fn begin_step(&mut self) {
+        for row in &mut self.rows {
+            (row.inspections, row.clean) = (0, 0);
+        }
+    }
+
+    /// Forgets the steps before.
+    pub(super) fn forget(&mut self) {
+        for row in &mut self.rows {
+            (row.clean_steps, row.suspect_steps) = (0, 0);
+        }
+    }
+
+    /// A cell of this row is masked: it may be the one that showed that the row is clean.
+    pub(super) fn exclude(&mut self, row: usize) {
+        if let Some(row) = self.rows.get_mut(row) {
+            row.is_excluded = true;
+        }
+    }
+}

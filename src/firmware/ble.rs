@@ -1,0 +1,190 @@
+//! The session over Bluetooth LE: the meaning of the GATT values, the same on every board.
+//!
+//! The messages are those of the serial port, [`crate::protocol`], without frames: each value of a characteristic is a fragment of
+//! a message ([`crate::protocol::fragment`]). The stack below implements [`GattServer`]'s other side: advertising, bonds and the
+//! attribute table (package `bluetooth`).
+
+use super::board::BluetoothBoard;
+use super::shared::{Carrier, Shared};
+use crate::protocol::fragment::{FragmentError, Joiner, Splitter};
+use crate::protocol::gatt::{self, GattChannel, WriteError};
+use crate::protocol::{ToDevice, current_time, decode};
+use crate::storage::MAX_BONDS_BYTES;
+use core::cell::{Cell, RefCell};
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::signal::Signal;
+use heapless::Vec;
+
+/// What the Bluetooth stack asks of the application and the board. Not generic, so that the stack is compiled once, for size.
+pub trait GattServer {
+    /// The advertised name, at most 22 bytes.
+    fn name(&self) -> &str;
+    /// The model number of Device Information.
+    fn model(&self) -> &str;
+    /// The firmware revision of Device Information.
+    fn firmware(&self) -> &str;
+    /// See [`BluetoothBoard::address`].
+    fn address(&self) -> Option<[u8; 6]>;
+    /// See [`BluetoothBoard::battery_percent`].
+    fn battery_percent(&self) -> u8;
+    /// See [`BluetoothBoard::allows_bonding`].
+    fn allows_bonding(&self) -> bool;
+    /// Copies the stored bonds into `bytes` and returns their length, 0 where none are stored.
+    fn load_bonds(&self, bytes: &mut [u8; MAX_BONDS_BYTES]) -> usize;
+    /// Replaces the stored bonds, whole or not at all.
+    fn save_bonds(&self, bytes: &[u8]);
+    /// The wall clock as the value of Current Time.
+    fn current_time(&self) -> [u8; 10];
+    /// Takes a value that a bonded central wrote.
+    ///
+    /// # Errors
+    /// What the central receives as an attribute error.
+    fn write(&self, channel: GattChannel, value: &[u8]) -> Result<(), WriteError>;
+    /// Signals that there may be something to send.
+    fn changed(&self) -> &Signal<NoopRawMutex, ()>;
+    /// Writes the next value to send into `value`, which is as long as the link allows; its characteristic and length.
+    fn next(&self, value: &mut [u8]) -> Option<(GattChannel, usize)>;
+    /// Ends the session: the central is gone.
+    fn close(&self);
+}
+
+/// The insole as a GATT server.
+pub struct GattSession<'a, B> {
+    shared: &'a Shared,
+    board: B,
+    /// The message that is being received, and its characteristic.
+    joiner: RefCell<(GattChannel, Joiner)>,
+    /// The message that is being sent, and its characteristic.
+    splitter: RefCell<(GattChannel, Splitter)>,
+    /// The cadence and the number of clock settings that were sent last.
+    notified: Cell<((u32, u8), u32)>,
+}
+
+impl<'a, B> GattSession<'a, B> {
+    /// Before the first connection.
+    pub fn new(shared: &'a Shared, board: B) -> Self {
+        Self {
+            shared,
+            board,
+            joiner: RefCell::new((GattChannel::Control, Joiner::new())),
+            splitter: RefCell::new((GattChannel::Control, Splitter::new())),
+            notified: Cell::new((shared.cadence(), shared.clock_sets())),
+        }
+    }
+
+    fn join(&self, channel: GattChannel, fragment: &[u8]) -> Result<(), WriteError> {
+        let (joining, joiner) = &mut *self.joiner.borrow_mut();
+        // A message that was begun on one characteristic does not continue on another.
+        if core::mem::replace(joining, channel) != channel {
+            *joiner = Joiner::new();
+        }
+        let message = joiner.push(fragment).map_err(|error| match error {
+            FragmentError::OutOfOrder => WriteError::OutOfOrder,
+            FragmentError::Empty | FragmentError::TooLong => WriteError::Length,
+        })?;
+        let Some(message) = message else { return Ok(()) };
+        let message: ToDevice = decode(message).ok_or(WriteError::NotUnderstood)?;
+        if GattChannel::of_request(&message) != channel {
+            return Err(WriteError::NotUnderstood);
+        }
+        self.shared.receive(Carrier::Bluetooth, Some(message));
+        Ok(())
+    }
+
+    /// The next value of a standard characteristic: cadence and time are notified when they change.
+    fn next_standard(&self, value: &mut [u8]) -> Option<(GattChannel, usize)> {
+        let (cadence, clock_sets) = self.notified.get();
+        let now = self.shared.cadence();
+        if now != cadence {
+            self.notified.set((now, clock_sets));
+            // RSC Measurement without optional fields; speed 0, because it is unknown.
+            return write_value(value, GattChannel::Cadence, &[0, 0, 0, now.1]);
+        }
+        if self.shared.clock_sets() != clock_sets {
+            self.notified.set((cadence, self.shared.clock_sets()));
+            return write_value(value, GattChannel::Time, &current_time::to_current_time(self.shared.unix_us()));
+        }
+        None
+    }
+}
+
+fn write_value(value: &mut [u8], channel: GattChannel, bytes: &[u8]) -> Option<(GattChannel, usize)> {
+    value.get_mut(..bytes.len())?.copy_from_slice(bytes);
+    Some((channel, bytes.len()))
+}
+
+impl<B: BluetoothBoard> GattServer for GattSession<'_, B> {
+    fn name(&self) -> &str {
+        gatt::name(self.shared.hello.side)
+    }
+
+    fn model(&self) -> &str {
+        &self.shared.hello.board
+    }
+
+    fn firmware(&self) -> &str {
+        &self.shared.hello.firmware
+    }
+
+    fn address(&self) -> Option<[u8; 6]> {
+        self.board.address()
+    }
+
+    fn battery_percent(&self) -> u8 {
+        self.board.battery_percent()
+    }
+
+    fn allows_bonding(&self) -> bool {
+        self.board.allows_bonding()
+    }
+
+    fn load_bonds(&self, bytes: &mut [u8; MAX_BONDS_BYTES]) -> usize {
+        let bonds = self.shared.bonds();
+        // Bonds are at most MAX_BONDS_BYTES long.
+        bytes[..bonds.len()].copy_from_slice(&bonds);
+        bonds.len()
+    }
+
+    fn save_bonds(&self, bytes: &[u8]) {
+        // The stack's bonds are at most MAX_BONDS_BYTES long.
+        self.shared.set_bonds(Vec::from_slice(bytes).unwrap_or_default());
+    }
+
+    fn current_time(&self) -> [u8; 10] {
+        current_time::to_current_time(self.shared.unix_us())
+    }
+
+    fn write(&self, channel: GattChannel, value: &[u8]) -> Result<(), WriteError> {
+        let accepted = match channel {
+            GattChannel::Time => current_time::from_current_time(value)
+                .map(|unix_us| self.shared.set_clock(unix_us))
+                .ok_or(WriteError::Value),
+            channel => self.join(channel, value),
+        };
+        accepted.inspect_err(|_| self.shared.count_bad_frame())
+    }
+
+    fn changed(&self) -> &Signal<NoopRawMutex, ()> {
+        self.shared.changed(Carrier::Bluetooth)
+    }
+
+    fn next(&self, value: &mut [u8]) -> Option<(GattChannel, usize)> {
+        let (channel, splitter) = &mut *self.splitter.borrow_mut();
+        if splitter.is_done() {
+            if let Some(next) = self.next_standard(value) {
+                return Some(next);
+            }
+            let message = self.shared.next(Carrier::Bluetooth, splitter.buffer())?;
+            *channel = GattChannel::of_answer(message);
+            let len = message.len();
+            splitter.start(len);
+        }
+        splitter.next(value).map(|len| (*channel, len))
+    }
+
+    fn close(&self) {
+        self.shared.close(Carrier::Bluetooth);
+        self.joiner.borrow_mut().1 = Joiner::new();
+        self.splitter.borrow_mut().1 = Splitter::new();
+    }
+}

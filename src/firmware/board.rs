@@ -1,0 +1,78 @@
+//! What the loops need from a board.
+
+use crate::pipeline::setup::DEVICE_CELLS;
+use embassy_time::{Duration, Instant, Timer};
+
+/// Decides when to scan.
+pub trait FrameClock {
+    /// When frame 0 was due: the origin of the insole's time.
+    fn start(&self) -> Instant;
+
+    /// Waits for the time of the next frame and returns its number, which wraps. Frames that became due while nobody waited are
+    /// skipped.
+    async fn next(&mut self) -> u32;
+}
+
+/// Frame times from the system clock: frame `n` is due `n` periods after the first.
+pub struct Ticker {
+    start: Instant,
+    period_us: u64,
+    /// The next frame. Wider than the reported number, which wraps after 124 days at 400 Hz.
+    next: u64,
+}
+
+impl Ticker {
+    /// Starts now, with the first frame due immediately.
+    pub fn new(period_us: u32) -> Self {
+        Self { start: Instant::now(), period_us: u64::from(period_us), next: 0 }
+    }
+}
+
+impl FrameClock for Ticker {
+    fn start(&self) -> Instant {
+        self.start
+    }
+
+    async fn next(&mut self) -> u32 {
+        let due = self.start.elapsed().as_micros() / self.period_us;
+        let seq = due.max(self.next);
+        self.next = seq + 1;
+        Timer::at(self.start + Duration::from_micros(seq * self.period_us)).await;
+        seq as u32
+    }
+}
+
+/// The sensor matrix did not answer in time.
+pub struct MatrixTimeout;
+
+/// The sensor matrix.
+pub trait Matrix {
+    /// Number of rows.
+    fn rows(&self) -> usize;
+
+    /// Reads one row in scan number `seq`, and writes the codes of its cells to their places in the frame.
+    ///
+    /// # Errors
+    /// Where the matrix does not answer; the frame is then given up and counted as missed.
+    async fn read_row(&mut self, seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout>;
+}
+
+/// Counts processor cycles within one frame.
+pub trait Stopwatch {
+    /// A mark to measure from; called at the beginning of every processed frame.
+    fn start(&self) -> u32;
+    /// Cycles since `start`, which is less than a millisecond ago.
+    fn cycles_since(&self, start: u32) -> u32;
+}
+
+/// What Bluetooth needs from a board.
+pub trait BluetoothBoard {
+    /// The random static address, or `None` where the controller has a public one.
+    fn address(&self) -> Option<[u8; 6]>;
+
+    /// Charge of the battery, percent.
+    fn battery_percent(&self) -> u8;
+
+    /// True while the owner allows a central to bond: shortly after power-on, or while a button is held.
+    fn allows_bonding(&self) -> bool;
+}

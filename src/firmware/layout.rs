@@ -1,0 +1,146 @@
+//! The reference insole: the positions of 240 cells in an outline of EU size 42, and their wiring to a matrix of 16 by 16.
+//!
+//! Lengthwise there are 32 lines of up to 8 cells. Electrically they are folded into 16 by 16: row `r` drives the lines `r`
+//! and `r + 16`; the columns 0 to 7 read the lines of the rear half, 8 to 15 those of the front half, both from medial to
+//! lateral. A square matrix needs the fewest wires, a foot is nearly three times as long as wide, and so cells are nearly
+//! square. Left and right are mirror images in the same foot coordinates.
+
+use crate::pipeline::calibrate::{CellCalibration, FULL_CODE, SensorLaw};
+use crate::pipeline::contact::ContactRule;
+use crate::pipeline::region::{Cell, Region, Side};
+use crate::pipeline::setup::{Setup, SetupCell};
+use crate::pipeline::stance::StanceRule;
+use crate::pipeline::template::region_at;
+
+/// Time between frames, us: 100 Hz, the rate of common clinical systems.
+pub const PERIOD_US: u32 = 10_000;
+
+/// Electrical rows and columns.
+pub const ROWS: usize = 16;
+/// See [`ROWS`].
+pub const COLUMNS: usize = 16;
+/// Number of cells; 16 crossings at the ends of the foot are outside of the outline.
+pub const CELLS: usize = 240;
+
+/// Size 42, first version.
+const LAYOUT_ID: u32 = 4201;
+const LENGTH_MM: f32 = 270.0;
+/// Lines across the foot and cells on a full line.
+const LINES: usize = 2 * ROWS;
+const ACROSS: usize = COLUMNS / 2;
+
+/// Rows are at ground and columns at 1/11 of the supply, so an unloaded cell reads 1/11 of full scale: an initial value, to be
+/// replaced by the measured zero of each insole.
+const UNLOADED: CellCalibration = CellCalibration { offset: FULL_CODE / 11, gain: 1.0 };
+
+/// Medial and lateral edge, mm, at a fraction of the length; straight between. Drawn after a common insole of this size, not
+/// measured on one.
+const OUTLINE: [(f32, f32, f32); 13] = [
+    (0.00, 30.0, 60.0),
+    (0.05, 20.0, 70.0),
+    (0.12, 14.0, 77.0),
+    (0.22, 14.0, 79.0),
+    (0.35, 19.0, 83.0),
+    (0.48, 16.0, 90.0),
+    (0.60, 7.0, 96.0),
+    (0.68, 2.0, 98.0),
+    (0.74, 0.0, 97.0),
+    (0.82, 2.0, 91.0),
+    (0.90, 7.0, 79.0),
+    (0.96, 16.0, 62.0),
+    (1.00, 26.0, 46.0),
+];
+
+/// Cells on a line: fewer where the outline closes.
+const fn cells_on(line: usize) -> usize {
+    match line {
+        0 | 30 => 4,
+        1 => 6,
+        31 => 2,
+        _ => ACROSS,
+    }
+}
+
+/// The outline's medial and lateral edge at a fraction of its length, mm.
+const fn edges_mm(y_fraction: f32) -> (f32, f32) {
+    let mut i = 1;
+    while i < OUTLINE.len() - 1 && OUTLINE[i].0 < y_fraction {
+        i += 1;
+    }
+    let (from, to) = (OUTLINE[i - 1], OUTLINE[i]);
+    let t = (y_fraction - from.0) / (to.0 - from.0);
+    (from.1 + t * (to.1 - from.1), from.2 + t * (to.2 - from.2))
+}
+
+/// Cell number `across` of a line, from the medial edge. It answers for the surface half way to its neighbours.
+const fn cell(line: usize, across: usize) -> Cell {
+    let x_fraction = (across as f32 + 0.5) / cells_on(line) as f32;
+    let y_fraction = (line as f32 + 0.5) / LINES as f32;
+    let (medial_mm, lateral_mm) = edges_mm(y_fraction);
+    let width_mm = lateral_mm - medial_mm;
+    Cell {
+        region: region_at(x_fraction, y_fraction),
+        x_mm: medial_mm + x_fraction * width_mm,
+        y_mm: y_fraction * LENGTH_MM,
+        area_mm2: (width_mm / cells_on(line) as f32) * (LENGTH_MM / LINES as f32),
+    }
+}
+
+struct Layout {
+    cells: [Cell; CELLS],
+    row_columns: [u8; CELLS],
+    wiring: [[Option<u8>; COLUMNS]; ROWS],
+}
+
+/// Numbers the cells by region, in the order of the codes in a frame, and records the row and column of each.
+const fn lay_out() -> Layout {
+    let none = Cell { region: Region::Heel, x_mm: 0.0, y_mm: 0.0, area_mm2: 0.0 };
+    let mut layout = Layout { cells: [none; CELLS], row_columns: [0; CELLS], wiring: [[None; COLUMNS]; ROWS] };
+    let (mut region, mut count) = (0, 0);
+    while region < Region::ALL.len() {
+        let mut line = 0;
+        while line < LINES {
+            let mut across = 0;
+            while across < cells_on(line) {
+                let cell = cell(line, across);
+                if cell.region as usize == region {
+                    // A short line lies on the middle columns.
+                    let column = (ACROSS - cells_on(line)) / 2 + across + ACROSS * (line / ROWS);
+                    layout.wiring[line % ROWS][column] = Some(count as u8);
+                    layout.cells[count] = cell;
+                    layout.row_columns[count] = (line % ROWS * COLUMNS + column) as u8;
+                    count += 1;
+                }
+                across += 1;
+            }
+            line += 1;
+        }
+        region += 1;
+    }
+    assert!(count == CELLS, "the lines hold CELLS cells");
+    layout
+}
+
+static LAYOUT: Layout = lay_out();
+
+/// The cell at each row and column, by its index in a frame.
+pub static WIRING: &[[Option<u8>; COLUMNS]; ROWS] = &LAYOUT.wiring;
+
+/// The cells in the order of a frame.
+pub fn cells() -> impl Iterator<Item = SetupCell> + Clone {
+    let cells = LAYOUT.cells.iter().zip(&LAYOUT.row_columns);
+    cells.map(|(&cell, &row_column)| SetupCell { cell, calibration: UNLOADED, row_column })
+}
+
+/// The default rules. The feedback resistors are chosen for this full scale; the exponent is that of a typical piezoresistive sheet,
+/// to be replaced by a calibration.
+pub fn setup(side: Side) -> Setup {
+    Setup {
+        side,
+        layout_id: LAYOUT_ID,
+        period_us: PERIOD_US,
+        sensor: SensorLaw { full_kpa: 1000.0, exponent: 0.8 },
+        contact: ContactRule::COUNTED,
+        stance: StanceRule::WALKING,
+    }
+}

@@ -1,0 +1,27 @@
+//! The firmware's loops over a few board traits, independent of any chip, executor or simulator.
+//!
+//! A board initialises its hardware, calls [`start::start`], and spawns the loops. [`scan::scan`] belongs on an interrupt executor:
+//! its deadline is one frame time, and a miss is a frame that is skipped and counted. [`process::process`], [`serve::serve`] and
+//! [`persist::persist`] share the thread executor. Processing has as many frame times as the board's queue holds before frames are
+//! dropped and counted; persisting has the time of [`shared::STEP_QUEUE`] steps before one is dropped and counted; the link has no
+//! deadline. [`supervise`] checks that scan, processing and link make progress.
+
+#![allow(async_fn_in_trait, reason = "boards implement these traits for executors that do not move tasks")]
+
+pub mod board;
+pub mod layout;
+pub mod scan;
+pub mod shared;
+pub mod process;
+pub mod serve;
+pub mod ble;
+pub mod persist;
+mod trial;
+pub mod supervise;
+pub mod start;
+
+use crate::insole::Insole;
+use crate::pipeline::setup::DEVICE_CELLS;
+
+/// The insole of a device.
+pub type DeviceInsole = Insole<f32, DEVICE_CELLS>;

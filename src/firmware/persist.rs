@@ -1,0 +1,225 @@
+//! Persists steps, acknowledgements, parameters and bonds, and executes the commands of a host.
+
+use super::shared::Shared;
+use super::trial::Trial;
+use crate::log;
+use crate::protocol::session::{Command, CommandResult};
+use crate::protocol::update::{Header, Progress, Refusal as UpdateRefusal};
+use crate::protocol::{Identity, Refusal, Step};
+use crate::storage::update::{self, Update};
+use crate::storage::{Bonds, IdentityRecord, StorageError, Store};
+use core::future::poll_fn;
+use core::pin::{Pin, pin};
+use core::task::{Context, Poll};
+use embassy_futures::select::select;
+use embassy_time::{Duration, Instant, Timer};
+use embedded_storage_async::nor_flash::MultiwriteNorFlash;
+
+/// Time between an accepted update and the restart, in which its answer is sent.
+const RESTART_DELAY: Duration = Duration::from_millis(500);
+
+/// The state of persisting.
+struct Persist<'a> {
+    shared: &'a Shared,
+    /// The log may hold steps after the newest one in RAM.
+    has_more_in_log: bool,
+    is_log_readable: bool,
+    update: Update,
+    restart_at: Instant,
+    trial: Option<Trial>,
+}
+
+/// Persists steps, acknowledgements, parameters and bonds. Never returns. What the chip does not store is in force until the next
+/// start, and is counted. Receives updates of the running `image`, and confirms it after its trial.
+pub async fn persist(
+    store: &mut Store<impl MultiwriteNorFlash>,
+    shared: &Shared,
+    image: &Header,
+    restart: fn() -> !,
+) -> ! {
+    // Without a chip nothing can have been swapped.
+    let is_on_trial = match store.flash() {
+        Some(flash) => update::is_on_trial(flash).await == Ok(true),
+        None => false,
+    };
+    let mut state = Persist {
+        shared,
+        has_more_in_log: true,
+        is_log_readable: false,
+        update: Update::new(),
+        restart_at: Instant::MAX,
+        trial: is_on_trial.then(|| Trial::new(&shared.scan.heartbeats)),
+    };
+    if is_on_trial {
+        log::info!("update: this image is on trial");
+    }
+    loop {
+        state.store_steps(store).await;
+        state.store_acknowledgement(store).await;
+        if state.has_more_in_log && shared.session.borrow().has_room() {
+            state.refill_from_log(store).await;
+        }
+        if shared.bonds_changed.take() && store.put(0, &Bonds(shared.bonds())).await.is_err() {
+            shared.count_not_stored();
+        }
+        state.execute_command(store, image, restart).await;
+        shared.contents.set(store.contents());
+        shared.signal_changed();
+        let next_check = state.trial.as_ref().map_or(Instant::MAX, Trial::next_check);
+        select(shared.to_persist.wait(), Timer::at(state.restart_at.min(next_check))).await;
+        if Instant::now() >= state.restart_at {
+            restart();
+        }
+        state.check_trial(store).await;
+    }
+}
+
+impl Persist<'_> {
+    async fn store_steps(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
+        while let Ok(step) = self.shared.steps.try_receive() {
+            if !self.store_step(store, &step).await {
+                self.shared.session.borrow_mut().push_step(step);
+            }
+        }
+        self.shared.frames_before.set(None);
+    }
+
+    /// Stores a step. False where the session must hold it, because it is the next one to send.
+    async fn store_step(&mut self, store: &mut Store<impl MultiwriteNorFlash>, step: &Step) -> bool {
+        match store.push_step(step).await {
+            Ok(dropped) => {
+                let mut session = self.shared.session.borrow_mut();
+                session.count_dropped(dropped);
+                self.has_more_in_log |= !session.has_room();
+                self.has_more_in_log
+            }
+            Err(_) => {
+                self.shared.count_not_stored();
+                // In RAM this step would overtake those in the log, which are more.
+                let is_lost = self.has_more_in_log && self.is_log_readable;
+                self.shared.session.borrow_mut().count_dropped(is_lost.into());
+                is_lost
+            }
+        }
+    }
+
+    async fn store_acknowledgement(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
+        let acknowledged = self.shared.session.borrow_mut().take_acknowledged();
+        if let Some(step) = acknowledged
+            && store.acknowledge(step).await.is_err()
+        {
+            self.shared.count_not_stored();
+        }
+    }
+
+    /// Loads the steps after those in RAM from the log, as many as there is room for.
+    async fn refill_from_log(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
+        let newest = self.shared.session.borrow().newest_step();
+        let push = |step| {
+            let mut session = self.shared.session.borrow_mut();
+            let has_room = session.has_room();
+            if has_room {
+                session.push_step(step);
+            }
+            has_room
+        };
+        let has_more = store.steps(newest, push).await;
+        self.is_log_readable = has_more.is_ok();
+        // A failed read is repeated with the next event.
+        self.has_more_in_log = has_more.unwrap_or(true);
+    }
+
+    /// Executes the pending command of a host, if there is one, and completes it.
+    async fn execute_command(
+        &mut self,
+        store: &mut Store<impl MultiwriteNorFlash>,
+        image: &Header,
+        restart: fn() -> !,
+    ) {
+        let Some(command) = self.shared.session.borrow().command() else { return };
+        let result = self.execute(store, image, command, restart).await;
+        if result == Ok(CommandResult::Update(Progress::Accepted)) {
+            log::info!("update: the image is accepted, restarting");
+            self.restart_at = Instant::now() + RESTART_DELAY;
+        }
+        if result == Err(Refusal::NotStored) {
+            self.shared.count_not_stored();
+        }
+        self.shared.session.borrow_mut().complete(result);
+    }
+
+    async fn execute(
+        &mut self,
+        store: &mut Store<impl MultiwriteNorFlash>,
+        image: &Header,
+        command: Command,
+        restart: fn() -> !,
+    ) -> Result<CommandResult, Refusal> {
+        let identity = self.shared.session.borrow().identity();
+        let hello = &self.shared.hello;
+        match command {
+            Command::Tissue(tissue) => {
+                store.put(0, &tissue).await?;
+                log::info!("settings: parameters {:x} are stored", tissue.id);
+                Ok(CommandResult::Stored)
+            }
+            Command::SetIdentity(side, serial) => {
+                store.put(0, &IdentityRecord { side, serial }).await?;
+                log::info!("settings: side and serial number are stored");
+                Ok(CommandResult::Identity(Identity { side, serial, ..identity }))
+            }
+            Command::CalibrationBlock(block, cells) => {
+                store.put_calibration_block(block, &cells).await?;
+                Ok(CommandResult::Stored)
+            }
+            Command::Calibration { layout_id, cells, id } => {
+                let is_of_layout = layout_id == hello.layout_id && cells == hello.cells;
+                if !is_of_layout || !store.put_calibration(layout_id, cells, id).await? {
+                    return Err(Refusal::Calibration);
+                }
+                log::info!("settings: calibration {:x} is stored", id);
+                Ok(CommandResult::Identity(Identity { calibration_id: id, ..identity }))
+            }
+            Command::Restart => {
+                log::info!("restart: requested by the host");
+                restart()
+            }
+            Command::Update(request) => {
+                let progress = match store.flash() {
+                    Some(flash) => {
+                        let mut handled = pin!(self.update.handle(flash, image, &update::KEY, &request));
+                        poll_fn(|context| poll_separately(handled.as_mut(), context)).await
+                    }
+                    None => Err(UpdateRefusal::Chip),
+                };
+                progress.map(CommandResult::Update).map_err(Refusal::Update)
+            }
+        }
+    }
+
+    async fn check_trial(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
+        if !self.trial.as_mut().is_some_and(|trial| trial.is_passed(&self.shared.scan.heartbeats)) {
+            return;
+        }
+        self.trial = None;
+        if let Some(flash) = store.flash() {
+            // An image that cannot be confirmed is swapped back at the next start, and the host sees the old version.
+            match update::confirm(flash).await {
+                Ok(()) => log::info!("update: the image is confirmed"),
+                Err(_) => log::error!("update: the image could not be confirmed"),
+            }
+        }
+    }
+}
+
+/// Polls in a stack frame of its own, so that the stack which the verification of a signature needs is not reserved permanently.
+#[inline(never)]
+fn poll_separately<F: Future>(work: Pin<&mut F>, context: &mut Context<'_>) -> Poll<F::Output> {
+    work.poll(context)
+}
+
+impl From<StorageError> for Refusal {
+    fn from(_: StorageError) -> Self {
+        Self::NotStored
+    }
+}

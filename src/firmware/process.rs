@@ -1,0 +1,86 @@
+//! Turns frames into live messages and steps.
+
+use super::DeviceInsole;
+use super::board::Stopwatch;
+use super::scan::Frame;
+use super::shared::Shared;
+use crate::log;
+use crate::pipeline::step::RegionStep;
+use crate::protocol::{Live, Step};
+use embassy_futures::yield_now;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::zerocopy_channel::Receiver;
+
+/// Processes frames. Never returns.
+pub async fn process(
+    insole: &mut DeviceInsole,
+    mut frames: Receiver<'_, CriticalSectionRawMutex, Frame>,
+    shared: &Shared,
+    stopwatch: impl Stopwatch,
+) -> ! {
+    let period_us = insole.setup().map_or(0, |setup| u64::from(setup.period_us));
+    loop {
+        let frame = frames.receive().await;
+        adopt_tissue(insole, shared);
+        let start = stopwatch.start();
+        let seq = frame.seq;
+        let is_toe_off = insole.frame(seq, &frame.codes);
+        {
+            let mut session = shared.session.borrow_mut();
+            if let Some(sequence) = session.next_live() {
+                session.push_live(Live::new(sequence, u64::from(seq) * period_us, insole.loads(), insole.masked()));
+            }
+        }
+        let cycles = stopwatch.cycles_since(start);
+        frames.receive_done();
+        shared.frame_us.set(u64::from(seq) * period_us);
+        {
+            let mut counters = shared.counters.borrow_mut();
+            if insole.on_ground() {
+                let (least, most) = counters.frame_cycles;
+                counters.frame_cycles = (least.min(cycles), most.max(cycles));
+            }
+            counters.rejected = insole.rejected();
+        }
+        shared.session.borrow_mut().set_faults(insole.faults());
+        if is_toe_off {
+            complete_step(insole, shared).await;
+        }
+        shared.scan.heartbeats.frame_processed();
+        shared.signal_changed();
+        // Lets the link run, also while frames are queued.
+        yield_now().await;
+    }
+}
+
+/// Uses new parameters from this frame on, once the session has announced them.
+fn adopt_tissue(insole: &mut DeviceInsole, shared: &Shared) {
+    let session = shared.session.borrow();
+    if let Some(tissue) = session.tissue_due().filter(|tissue| tissue.id != insole.tissue_id()) {
+        // The session accepts no parameters that are refused here.
+        let _ = insole.set_tissue(tissue);
+        log::info!("settings: parameters {:x} are in force", tissue.id);
+    }
+}
+
+/// Evaluates the step that just ended, and queues it to be stored. Other tasks run between two regions.
+async fn complete_step(insole: &mut DeviceInsole, shared: &Shared) {
+    let mut regions = [RegionStep::default(); 8];
+    for (region, step) in regions.iter_mut().enumerate() {
+        *step = insole.step_region(region);
+        yield_now().await;
+    }
+    let Some(step) = insole.step(regions) else { return };
+    let frames_before = shared.frames_before.get().unwrap_or(shared.scan.heartbeats.processed());
+    shared.frames_before.set(Some(frames_before));
+    let start_unix_us = shared.session.borrow().unix_us(step.start_us);
+    if shared.steps.try_send(Step { start_unix_us, ..Step::new(&step) }).is_err() {
+        log::warn!("storage: step {} was dropped before it could be stored", step.step);
+        shared.session.borrow_mut().count_dropped(1);
+    }
+    shared.to_persist.signal(());
+    let mut cadence = shared.cadence.get();
+    cadence.step(step.start_us);
+    shared.cadence.set(cadence);
+    shared.counters.borrow_mut().steps += 1;
+}

@@ -1,0 +1,93 @@
+//! Scans the matrix frame by frame.
+
+use super::board::{FrameClock, Matrix, MatrixTimeout};
+use super::supervise::Heartbeats;
+use crate::pipeline::setup::DEVICE_CELLS;
+use core::sync::atomic::{AtomicU32, Ordering};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::zerocopy_channel::Sender;
+
+/// One scan of the matrix.
+pub struct Frame {
+    pub(super) seq: u32,
+    pub(super) codes: [u16; DEVICE_CELLS],
+}
+
+impl Frame {
+    /// All zeros.
+    pub const EMPTY: Self = Self { seq: 0, codes: [0; DEVICE_CELLS] };
+}
+
+/// What scanning counts; read at a lower priority, so atomic.
+#[derive(Default)]
+pub struct ScanCounters {
+    /// Frame times without a complete scan.
+    pub(super) missed: AtomicU32,
+    /// Scans that were dropped because processing was behind.
+    pub(super) overrun: AtomicU32,
+    /// When the first scan was due, us since the start.
+    pub(super) began_us: AtomicU32,
+    /// Progress of scan, processing and link.
+    pub heartbeats: Heartbeats,
+}
+
+impl ScanCounters {
+    /// All zeros.
+    pub const fn new() -> Self {
+        Self {
+            missed: AtomicU32::new(0),
+            overrun: AtomicU32::new(0),
+            began_us: AtomicU32::new(0),
+            heartbeats: Heartbeats::new(),
+        }
+    }
+}
+
+fn add(counter: &AtomicU32, count: u32) {
+    // Every counter has one writer.
+    counter.store(counter.load(Ordering::Relaxed).wrapping_add(count), Ordering::Relaxed);
+}
+
+/// Scans at the clock's frame times. Never waits for processing: without a free frame the scan is skipped and counted. Never
+/// returns.
+pub async fn scan(
+    mut clock: impl FrameClock,
+    mut matrix: impl Matrix,
+    mut frames: Sender<'_, CriticalSectionRawMutex, Frame>,
+    counters: &ScanCounters,
+) -> ! {
+    // Scanning begins within the hour that 32 bits hold.
+    counters.began_us.store(clock.start().as_micros() as u32, Ordering::Relaxed);
+    let mut last = None;
+    loop {
+        let seq = clock.next().await;
+        counters.heartbeats.scan_progressed();
+        let elapsed = seq.wrapping_sub(last.replace(seq).unwrap_or(seq.wrapping_sub(1)));
+        add(&counters.missed, elapsed.wrapping_sub(1));
+        let Some(frame) = frames.try_send() else {
+            add(&counters.overrun, 1);
+            continue;
+        };
+        match scan_frame(&mut matrix, seq, &mut frame.codes, &counters.heartbeats).await {
+            Ok(()) => {
+                frame.seq = seq;
+                frames.send_done();
+                counters.heartbeats.frame_queued();
+            }
+            Err(MatrixTimeout) => add(&counters.missed, 1),
+        }
+    }
+}
+
+async fn scan_frame(
+    matrix: &mut impl Matrix,
+    seq: u32,
+    codes: &mut [u16; DEVICE_CELLS],
+    heartbeats: &Heartbeats,
+) -> Result<(), MatrixTimeout> {
+    for row in 0..matrix.rows() {
+        matrix.read_row(seq, row, codes).await?;
+        heartbeats.scan_progressed();
+    }
+    Ok(())
+}

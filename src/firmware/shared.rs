@@ -1,0 +1,220 @@
+//! What processing, carriers and storage share.
+
+use super::scan::ScanCounters;
+use crate::log;
+use crate::pipeline::cadence::Cadence;
+use crate::pipeline::stance::Rejected;
+use crate::protocol::session::Session;
+use crate::protocol::{Contents, Hello, Identity, Status, Step, ToDevice};
+use crate::storage::{Bonds, IdentityRecord, MAX_BONDS_BYTES, Store};
+use core::cell::{Cell, RefCell};
+use core::sync::atomic::Ordering;
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::channel::Channel;
+use embassy_sync::signal::Signal;
+use embassy_time::Instant;
+use embedded_storage_async::nor_flash::MultiwriteNorFlash;
+use heapless::Vec;
+
+/// Steps that can wait to be stored.
+pub const STEP_QUEUE: usize = 2;
+
+/// A way to a host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Carrier {
+    /// The serial port.
+    Serial,
+    /// Bluetooth LE.
+    Bluetooth,
+}
+
+/// The state that the loops on the thread executor share.
+///
+/// There is one session at a time, with the host that sent [`ToDevice::Connect`] last, over either carrier. Messages of other hosts
+/// are ignored until they connect again. So a step waits in one queue, and leaves it when one host has it.
+pub struct Shared {
+    pub(super) session: RefCell<Session>,
+    carrier: Cell<Carrier>,
+    /// One for each carrier.
+    changed: [Signal<NoopRawMutex, ()>; 2],
+    pub(super) cadence: Cell<Cadence>,
+    /// Time of the last processed frame since the first scan.
+    pub(super) frame_us: Cell<u64>,
+    pub(super) hello: Hello,
+    pub(super) counters: RefCell<ProcessCounters>,
+    pub(super) scan: &'static ScanCounters,
+    /// Returns the deepest use of the stack so far, bytes.
+    stack_bytes: fn() -> u32,
+    /// Steps that [`super::persist::persist`] has not taken yet.
+    pub(super) steps: Channel<NoopRawMutex, Step, STEP_QUEUE>,
+    /// The bonded centrals.
+    bonds: RefCell<Vec<u8, MAX_BONDS_BYTES>>,
+    pub(super) bonds_changed: Cell<bool>,
+    /// Number of frames before the first of the steps that are not stored yet.
+    pub(super) frames_before: Cell<Option<u32>>,
+    /// There may be something to persist.
+    pub(super) to_persist: Signal<NoopRawMutex, ()>,
+    pub(super) contents: Cell<Contents>,
+    /// What could not be stored.
+    not_stored: Cell<u32>,
+}
+
+/// What processing and the carriers count.
+pub(super) struct ProcessCounters {
+    pub(super) steps: u32,
+    pub(super) rejected: Rejected,
+    pub(super) bad_frames: u32,
+    pub(super) frame_cycles: (u32, u32),
+}
+
+impl Shared {
+    /// Before the first connection.
+    pub fn new(hello: Hello, scan: &'static ScanCounters, stack_bytes: fn() -> u32) -> Self {
+        let counters =
+            ProcessCounters { steps: 0, rejected: Rejected::default(), bad_frames: 0, frame_cycles: (u32::MAX, 0) };
+        Self {
+            session: RefCell::new(Session::new()),
+            carrier: Cell::new(Carrier::Serial),
+            changed: [Signal::new(), Signal::new()],
+            cadence: Cell::default(),
+            frame_us: Cell::default(),
+            hello,
+            counters: RefCell::new(counters),
+            scan,
+            stack_bytes,
+            steps: Channel::new(),
+            bonds: RefCell::default(),
+            bonds_changed: Cell::default(),
+            frames_before: Cell::default(),
+            to_persist: Signal::new(),
+            contents: Cell::default(),
+            not_stored: Cell::default(),
+        }
+    }
+
+    /// Restores the persisted parameters, bonds and identity after a start.
+    pub async fn restore(
+        &self,
+        store: &mut Store<impl MultiwriteNorFlash>,
+        identity: IdentityRecord,
+        calibration_id: u32,
+    ) {
+        self.contents.set(store.contents());
+        let tissue = store.get(0).await.unwrap_or_default();
+        let bonds: Option<Bonds> = store.get(0).await.unwrap_or_default();
+        let identity = Identity { side: identity.side, serial: identity.serial, calibration_id };
+        self.session.borrow_mut().restore(tissue, identity);
+        self.bonds.replace(bonds.map(|Bonds(bytes)| bytes).unwrap_or_default());
+    }
+
+    /// Time since the first scan, us: the time of live frames and steps.
+    fn now_us(&self) -> u64 {
+        Instant::now().as_micros().saturating_sub(self.scan.began_us.load(Ordering::Relaxed).into())
+    }
+
+    /// Takes a message that came over a carrier; `None` is one that is not understood.
+    pub fn receive(&self, carrier: Carrier, message: Option<ToDevice>) {
+        if matches!(message, Some(ToDevice::Connect { .. })) {
+            log::info!("link: a host connects over {}", carrier);
+            self.carrier.set(carrier);
+        }
+        let mut session = self.session.borrow_mut();
+        match message {
+            _ if self.carrier.get() != carrier => {}
+            Some(message) => session.receive(message, self.now_us()),
+            None => session.receive_unknown(),
+        }
+        self.to_persist.signal(());
+    }
+
+    /// The bonded centrals, as [`Shared::set_bonds`] received them.
+    pub fn bonds(&self) -> Vec<u8, MAX_BONDS_BYTES> {
+        self.bonds.borrow().clone()
+    }
+
+    /// Replaces the bonded centrals and stores them.
+    pub fn set_bonds(&self, bonds: Vec<u8, MAX_BONDS_BYTES>) {
+        log::info!("bond: the list of bonded centrals changes");
+        self.bonds.replace(bonds);
+        self.bonds_changed.set(true);
+        self.to_persist.signal(());
+    }
+
+    pub(super) fn count_not_stored(&self) {
+        log::error!("storage: an item could not be stored");
+        self.not_stored.set(self.not_stored.get().wrapping_add(1));
+    }
+
+    /// Counts a frame or value from a host that could not be decoded.
+    pub(super) fn count_bad_frame(&self) {
+        let mut counters = self.counters.borrow_mut();
+        counters.bad_frames = counters.bad_frames.wrapping_add(1);
+    }
+
+    /// The next message to send over a carrier.
+    pub fn next<'b>(&self, carrier: Carrier, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
+        let mut session = self.session.borrow_mut();
+        (self.carrier.get() == carrier).then(|| session.next(&self.hello, || self.status(), buffer)).flatten()
+    }
+
+    /// Ends the session of a carrier that lost its host.
+    pub fn close(&self, carrier: Carrier) {
+        if self.carrier.get() == carrier {
+            log::info!("link: {} lost its host", carrier);
+            self.session.borrow_mut().close();
+        }
+    }
+
+    /// Signals that there may be something to send over a carrier.
+    pub fn changed(&self, carrier: Carrier) -> &Signal<NoopRawMutex, ()> {
+        match carrier {
+            Carrier::Serial => &self.changed[0],
+            Carrier::Bluetooth => &self.changed[1],
+        }
+    }
+
+    /// Signals all carriers that there may be something to send.
+    pub(super) fn signal_changed(&self) {
+        self.changed.iter().for_each(|carrier| carrier.signal(()));
+    }
+
+    /// Number of steps, and cadence in steps of both feet per minute.
+    pub(super) fn cadence(&self) -> (u32, u8) {
+        let cadence = self.cadence.get();
+        (cadence.steps, cadence.per_min(self.frame_us.get()))
+    }
+
+    /// The wall clock, us since 1970, where it is set.
+    pub(super) fn unix_us(&self) -> Option<u64> {
+        self.session.borrow().unix_us(self.now_us())
+    }
+
+    /// Sets the wall clock, us since 1970.
+    pub(super) fn set_clock(&self, unix_us: u64) {
+        self.session.borrow_mut().set_clock(unix_us, self.now_us());
+    }
+
+    /// How often the wall clock was set; wraps.
+    pub(super) fn clock_sets(&self) -> u32 {
+        self.session.borrow().clock_sets()
+    }
+
+    fn status(&self) -> Status {
+        let counters = self.counters.borrow();
+        Status {
+            uptime_us: Instant::now().as_micros(),
+            frames: self.frames_before.get().unwrap_or(self.scan.heartbeats.processed()),
+            frames_missed: self.scan.missed.load(Ordering::Relaxed),
+            frames_overrun: self.scan.overrun.load(Ordering::Relaxed),
+            steps: counters.steps,
+            rejected: counters.rejected,
+            bad_frames: counters.bad_frames,
+            frame_cycles: counters.frame_cycles,
+            stack_bytes: (self.stack_bytes)(),
+            not_stored: self.not_stored.get(),
+            contents: self.contents.get(),
+            ..Status::default()
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! The start that every board shares: from a flash chip and a configuration to the state that the loops run on.
+
+use super::DeviceInsole;
+use super::scan::{Frame, ScanCounters};
+use super::shared::Shared;
+use crate::insole::Insole;
+use crate::log;
+use crate::pipeline::setup::{Setup, SetupCell};
+use crate::protocol::update::Header;
+use crate::protocol::{BLOCK_CELLS, Hello, MAJOR, MAX_FAULT_TEXT, MINOR, Reset, Serial};
+use crate::storage::{IdentityRecord, Store};
+use core::fmt::{Display, Write};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
+use embedded_storage_async::nor_flash::MultiwriteNorFlash;
+use heapless::String;
+use static_cell::{ConstStaticCell, StaticCell};
+
+/// How a start came about.
+pub struct BootReport {
+    /// Why the board started.
+    pub reset: Reset,
+    /// What ended the previous run, where it did not end on purpose.
+    pub fault: Option<String<MAX_FAULT_TEXT>>,
+    /// Several starts in a row failed: stored data are not used.
+    pub is_fallback: bool,
+}
+
+/// A board's configuration: what its insole looks like.
+pub struct Configuration<C> {
+    /// The rules. The stored side replaces its side.
+    pub setup: Setup,
+    /// The cells.
+    pub cells: C,
+    /// Why this is not the configuration that it should be, if so.
+    pub fault: Option<String<MAX_FAULT_TEXT>>,
+}
+
+/// The static memory of the loops. `FRAMES` is the length of the frame queue: its time is what the evaluation of a step may take.
+pub struct Memory<F, const FRAMES: usize> {
+    insole: ConstStaticCell<DeviceInsole>,
+    frames: ConstStaticCell<[Frame; FRAMES]>,
+    channel: StaticCell<Channel<'static, CriticalSectionRawMutex, Frame>>,
+    store: StaticCell<Store<F>>,
+    shared: StaticCell<Shared>,
+}
+
+impl<F, const FRAMES: usize> Memory<F, FRAMES> {
+    /// All zeros, so that it takes no flash.
+    pub const fn new() -> Self {
+        Self {
+            insole: ConstStaticCell::new(Insole::new()),
+            frames: ConstStaticCell::new([Frame::EMPTY; FRAMES]),
+            channel: StaticCell::new(),
+            store: StaticCell::new(),
+            shared: StaticCell::new(),
+        }
+    }
+}
+
+impl<F, const FRAMES: usize> Default for Memory<F, FRAMES> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// What the loops run on.
+pub struct Started<F: 'static> {
+    /// For [`super::process::process`].
+    pub insole: &'static mut DeviceInsole,
+    /// For [`super::persist::persist`].
+    pub store: &'static mut Store<F>,
+    /// For all loops but the scan.
+    pub shared: &'static Shared,
+    /// For [`super::scan::scan`].
+    pub to_process: Sender<'static, CriticalSectionRawMutex, Frame>,
+    /// For [`super::process::process`].
+    pub scanned: Receiver<'static, CriticalSectionRawMutex, Frame>,
+    /// Time between frames, us.
+    pub period_us: u32,
+}
+
+/// Opens the store on `chip`, configures the insole, restores the persisted state, and composes the hello. `image` is the header of
+/// the running image, `stack_bytes` returns the deepest use of the stack so far.
+///
+/// # Panics
+/// When called twice with the same memory.
+pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
+    memory: &'static Memory<F, FRAMES>,
+    chip: Option<F>,
+    boot: BootReport,
+    image: &Header,
+    configuration: Configuration<impl Iterator<Item = SetupCell> + Clone>,
+    counters: &'static ScanCounters,
+    stack_bytes: fn() -> u32,
+) -> Started<F> {
+    log::info!("start: firmware {}, reset: {}", image.version(), boot.reset.name());
+    if let Some(fault) = &boot.fault {
+        log::error!("start: the previous run ended by: {}", fault.as_str());
+    }
+    let Configuration { mut setup, cells, fault } = configuration;
+    let store = memory.store.init(Store::open(chip, boot.reset).await);
+    let contents = store.contents();
+    log::info!("storage: boot {}, next step {}", contents.start, contents.next_step);
+    if contents.erased > 0 {
+        log::error!("storage: {} areas were damaged and had to be erased", contents.erased);
+    }
+    let stored_identity = store.get(0).await.ok().flatten();
+    let identity = stored_identity.unwrap_or(IdentityRecord { side: setup.side, serial: Serial::NONE });
+    setup.side = identity.side;
+    let insole = memory.insole.take();
+    insole.count_steps_from(contents.next_step);
+    let refused = insole.set_up(setup, cells.clone()).err().map(truncated);
+    let calibration_id = restore_calibration(store, insole, cells).await;
+    log::info!("settings: layout {}, calibration {:x}", setup.layout_id, calibration_id);
+    let hello = hello(image, &setup, insole, boot.reset, boot.fault.or(fault).or(refused));
+    let (to_process, scanned) = memory.channel.init(Channel::new(memory.frames.take())).split();
+    let shared = memory.shared.init(Shared::new(hello, counters, stack_bytes));
+    shared.restore(store, identity, calibration_id).await;
+    Started { insole, store, shared, to_process, scanned, period_us: setup.period_us }
+}
+
+/// The hello of a board that runs `image`. `fault` is what went wrong before or during this start.
+fn hello(
+    image: &Header,
+    setup: &Setup,
+    insole: &DeviceInsole,
+    reset: Reset,
+    fault: Option<String<MAX_FAULT_TEXT>>,
+) -> Hello {
+    Hello {
+        major: MAJOR,
+        minor: MINOR,
+        // Both have at most 16 bytes, as here.
+        firmware: image.version().try_into().unwrap_or_default(),
+        board: image.board().try_into().unwrap_or_default(),
+        side: setup.side,
+        layout_id: setup.layout_id,
+        cells: insole.cells() as u16,
+        period_us: setup.period_us,
+        // The session replaces it by the identifier of the set in force.
+        tissue_id: 0,
+        contact_rule: setup.contact,
+        reset,
+        last_panic: fault,
+    }
+}
+
+/// Applies the stored calibration to the insole; returns its identifier, 0 without one.
+async fn restore_calibration(
+    store: &mut Store<impl MultiwriteNorFlash>,
+    insole: &mut DeviceInsole,
+    cells: impl Iterator<Item = SetupCell> + Clone,
+) -> u32 {
+    let layout_id = insole.setup().map_or(0, |setup| setup.layout_id);
+    let stored = store.calibration(layout_id, insole.cells() as u16).await;
+    let Some(calibration) = stored.ok().flatten() else { return 0 };
+    for first in (0..insole.cells()).step_by(BLOCK_CELLS) {
+        // All blocks were complete just now.
+        let block = store.calibration_block(&calibration, (first / BLOCK_CELLS) as u8).await;
+        let Ok(Some(block)) = block else { return 0 };
+        insole.recalibrate(cells.clone(), first, &block);
+    }
+    calibration.id
+}
+
+/// A text for the hello; truncated where it is too long.
+pub fn truncated(text: impl Display) -> String<MAX_FAULT_TEXT> {
+    struct Truncated(String<MAX_FAULT_TEXT>);
+
+    impl Write for Truncated {
+        fn write_str(&mut self, text: &str) -> core::fmt::Result {
+            text.chars().try_for_each(|c| self.0.push(c)).map_err(|_| core::fmt::Error)
+        }
+    }
+
+    let mut truncated = Truncated(String::new());
+    // An error here is the truncation.
+    let _ = write!(truncated, "{text}");
+    truncated.0
+}

@@ -1,0 +1,85 @@
+//! One cell through the stages: calibrate, contact, region; and the evidence of faults that it collects.
+
+use super::calibrate::{Curve, is_saturated};
+use super::contact::{ContactCell, ContactRule};
+use super::marks::CellMarks;
+use super::region::{AreaMoments, ForceMoments, RegionCell, RegionFrame};
+use super::setup::{Division, SetupCell};
+use crate::num::Real;
+
+/// The parameters and the state of one cell.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct InsoleCell<R> {
+    pub(crate) offset: u16,
+    pub(crate) contact: ContactCell,
+    pub(crate) region: RegionCell<R>,
+    pub(crate) marks: CellMarks,
+}
+
+impl<R: Real> InsoleCell<R> {
+    /// A cell without contact.
+    pub(crate) fn new(cell: &SetupCell, contact: &ContactRule, curve: &Curve, division: &Division) -> Self {
+        let SetupCell { cell, calibration, row_column } = cell;
+        let (x_mm, y_mm) = division.origins_mm[cell.region as usize];
+        Self {
+            offset: calibration.offset,
+            contact: ContactCell::new(contact, curve, calibration),
+            region: RegionCell::new(cell, calibration.gain, x_mm, y_mm),
+            marks: CellMarks::new(*row_column),
+        }
+    }
+
+    /// Updates contact and region with a code that changes them; returns the change of [`area_units`]. Out of line, because few
+    /// cells change in a frame.
+    #[cold]
+    #[inline(never)]
+    fn update(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) -> i32 {
+        let curve_kpa = curve.pressure_kpa((code as i32 - i32::from(self.offset)).max(0));
+        let before = area_units(&frame.area);
+        frame.area.change(&self.region, self.contact.update(code, curve_kpa));
+        self.marks.note(code, self.offset, &mut self.contact);
+        frame.saturated |= is_saturated(code);
+        area_units(&frame.area) - before
+    }
+}
+
+impl<R> InsoleCell<R> {
+    /// Forgets the evidence of the last step.
+    pub(crate) fn begin_step(&mut self) {
+        self.marks.begin_step(self.offset, &mut self.contact);
+    }
+}
+
+/// Calibrates a region's cells, sums their force and updates the area where a cell's contact changed; returns the change of
+/// [`area_units`]. The hottest loop of the device, in a function of its own so that it has all registers.
+#[inline(never)]
+pub(crate) fn sum_region<R: Real>(
+    curve: &Curve,
+    cells: &mut [InsoleCell<R>],
+    codes: &[u16],
+    frame: &mut RegionFrame<R>,
+) -> i32 {
+    let (mut force, mut change) = (ForceMoments::NONE, 0);
+    frame.saturated = false;
+    for (cell, &code) in cells.iter_mut().zip(codes) {
+        let (code, offset) = (u32::from(code), u32::from(cell.offset));
+        if !cell.contact.is_unchanged(code) {
+            change += cell.update(code, curve, frame);
+        }
+        let above_offset = code as i32 - offset as i32;
+        if above_offset > 0 {
+            force.add(&cell.region, curve.pressure_kpa(above_offset));
+        }
+    }
+    frame.force = force;
+    change
+}
+
+/// Right shift that brings the area units of all regions together into 32 bits.
+pub(crate) const AREA_SHIFT: u32 = 4;
+
+/// Contact area of a region, in units of which the sum over all regions fits 32 bits.
+#[inline(always)]
+pub(crate) fn area_units(moments: &AreaMoments) -> i32 {
+    moments.units() >> AREA_SHIFT
+}

@@ -1,0 +1,144 @@
+//! What one cell noted of its own readings since the last review: the evidence that [`crate::faults`] decides on.
+
+use super::contact::ContactCell;
+
+/// Rows of the matrix, and columns.
+pub(crate) const LINES: usize = 16;
+/// Largest departure of an unloaded cell from its zero that counts as noise, codes: 0.07 kPa at 1000 kPa full scale.
+pub(crate) const NOISE: u16 = 32;
+
+/// The cell responded since the last review: it read more than noise above its zero.
+pub(crate) const RESPONDED: u8 = 1;
+/// It exceeded the load threshold, [`ContactCell::load_threshold`].
+pub(crate) const LOADED: u8 = 2;
+/// It was saturated while its neighbours read little.
+pub(crate) const IMPLAUSIBLE_SATURATION: u8 = 4;
+/// It read the same code in swing as in the swing before.
+pub(crate) const UNCHANGED: u8 = 8;
+/// It is masked.
+pub(crate) const MASKED: u8 = 16;
+/// It did not respond in a step in which a response was expected.
+pub(crate) const NO_RESPONSE: u8 = 32;
+/// It was found stuck.
+pub(crate) const STUCK: u8 = 64;
+/// Its zero was found drifting.
+pub(crate) const DRIFT: u8 = 128;
+
+/// A quantity that is counted over the steps; the value is the position of its two bits in [`CellMarks::counts`].
+#[derive(Clone, Copy)]
+pub(crate) enum Count {
+    /// Recent steps in which the cell exceeded the load threshold.
+    Loaded = 0,
+    /// Steps in a row without an expected response.
+    NoResponse = 2,
+    /// Swings in a row at full scale, or far below zero.
+    OffScale = 4,
+    /// Steps in a row with an implausible saturation.
+    ImplausibleSaturation = 6,
+}
+
+/// The evidence on one cell, in six bytes because every cell carries it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CellMarks {
+    /// Reading above the zero in the last reviewed swing, codes.
+    pub(crate) swing_reading: i16,
+    /// Sum of the zero corrections so far, in units of [`NOISE`] codes.
+    pub(crate) rezeroed: i8,
+    /// Position in the matrix: row times [`LINES`] plus column.
+    row_column: u8,
+    flags: u8,
+    /// Four counts of up to 3, two bits each; see [`Count`].
+    counts: u8,
+}
+
+impl CellMarks {
+    pub(crate) const fn new(row_column: u8) -> Self {
+        Self { swing_reading: 0, rezeroed: 0, row_column, flags: 0, counts: 0 }
+    }
+
+    /// Notes a code that changed the contact or exceeded a notification threshold, and arms the next notification.
+    pub(crate) fn note(&mut self, code: u32, offset: u16, contact: &mut ContactCell) {
+        self.clear(UNCHANGED);
+        if code > u32::from(offset) + u32::from(NOISE) {
+            self.add(if code >= contact.load_threshold(offset) { RESPONDED | LOADED } else { RESPONDED });
+        }
+        self.arm_notification(offset, contact);
+    }
+
+    /// Asks the contact stage to report the first code that would add to the evidence.
+    fn arm_notification(&self, offset: u16, contact: &mut ContactCell) {
+        if contact.is_loaded() {
+            if !self.has(LOADED) {
+                contact.notify_at(contact.load_threshold(offset));
+            }
+        } else if !self.has(RESPONDED) {
+            contact.notify_at(u32::from(offset) + u32::from(NOISE) + 1);
+        }
+    }
+
+    /// Forgets the evidence of the last step; a masked cell has none.
+    pub(crate) fn begin_step(&mut self, offset: u16, contact: &mut ContactCell) {
+        if self.is_masked() {
+            return;
+        }
+        self.clear(RESPONDED | LOADED | IMPLAUSIBLE_SATURATION);
+        if contact.is_loaded() {
+            self.add(RESPONDED);
+        } else {
+            self.arm_notification(offset, contact);
+        }
+    }
+
+    pub(crate) fn is_masked(&self) -> bool {
+        self.has(MASKED)
+    }
+
+    /// Marks the cell as masked, which ends all other evidence.
+    pub(crate) fn set_masked(&mut self) {
+        self.flags = MASKED;
+    }
+
+    /// True where no evidence of a fault is pending.
+    pub(crate) fn is_sound(&self) -> bool {
+        !self.has(MASKED | STUCK | UNCHANGED) && self.count(Count::OffScale) == 0
+    }
+
+    /// True where any of these flags is set.
+    pub(crate) fn has(&self, flags: u8) -> bool {
+        self.flags & flags != 0
+    }
+
+    pub(crate) fn add(&mut self, flags: u8) {
+        self.flags |= flags;
+    }
+
+    pub(crate) fn clear(&mut self, flags: u8) {
+        self.flags &= !flags;
+    }
+
+    pub(crate) fn count(&self, count: Count) -> u8 {
+        self.counts >> count as u8 & 3
+    }
+
+    pub(crate) fn set_count(&mut self, count: Count, value: u8) {
+        self.counts = self.counts & !(3 << count as u8) | value.min(3) << count as u8;
+    }
+
+    /// Increments the count where `again`, else resets it.
+    pub(crate) fn count_if(&mut self, count: Count, again: bool) {
+        self.set_count(count, if again { self.count(count) + 1 } else { 0 });
+    }
+
+    pub(crate) fn row(&self) -> usize {
+        usize::from(self.row_column) / LINES
+    }
+
+    fn column(&self) -> usize {
+        usize::from(self.row_column) % LINES
+    }
+
+    /// True where the cell is on this row or, from [`LINES`] on, column.
+    pub(crate) fn is_on(&self, line: usize) -> bool {
+        line == self.row() || line == LINES + self.column()
+    }
+}

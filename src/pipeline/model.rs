@@ -1,0 +1,248 @@
+//! The viscoelastic ellipsoid: contact area and its rate to tissue deformation and force.
+//!
+//! DeBerardinis, Dufek, Trabia, "A viscoelastic ellipsoidal model of the mechanics of plantar tissues", J. Biomech. 92
+//! (2019) 137-145; equation numbers are that paper's. SI units: m, m2, N, s, k in N/m3, c in N s/m3.
+
+use crate::num::Real;
+use core::ops::RangeInclusive;
+use serde::{Deserialize, Serialize};
+
+/// Shortest and longest radius or thickness, m: any foot, and no slip of a unit.
+pub const LENGTH_M: RangeInclusive<f64> = 1e-4..=0.2;
+/// A B of two such radii, m2.
+pub const AB_M2: RangeInclusive<f64> = 1e-8..=0.04;
+/// K, Pa, and G, Pa s: up to a thousand times a sole's and no negative ones. With all at their limits a force stays below
+/// 1e11 N, whose square single precision holds.
+pub const COEFFICIENT: RangeInclusive<f64> = 0.0..=1e9;
+/// n and m lie above -1, so that pressure vanishes with deformation, and go up to here: a steeper law is a step.
+pub const MAX_EXPONENT: f64 = 10.0;
+
+/// True within these limits in single precision, in which parameters are sent; a limit itself is within.
+pub fn is_within(value: f64, limits: &RangeInclusive<f64>) -> bool {
+    (*limits.start() as f32..=*limits.end() as f32).contains(&(value as f32))
+}
+
+/// The paper's eight parameters of one region (Eq. 17).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ellipsoid<R> {
+    /// Radius along X (medial-lateral), m.
+    pub a_m: R,
+    /// Radius along Y (heel-toe), m.
+    pub b_m: R,
+    /// Vertical radius, m.
+    pub c_m: R,
+    /// Original tissue thickness, m.
+    pub d0_m: R,
+    /// Stiffness coefficient, N/m3.
+    pub k: R,
+    /// Stiffness exponent.
+    pub n: R,
+    /// Damping coefficient, N s/m3.
+    pub c: R,
+    /// Damping exponent.
+    pub m: R,
+}
+
+impl<R: Real> Ellipsoid<R> {
+    /// `Ae / (pi A B)`, the share of the ellipsoid's largest section in contact, guarded to 0..=1: see [`AreaRatio`].
+    pub fn area_ratio(&self, area_m2: R) -> AreaRatio<R> {
+        AreaRatio::new(area_m2, self.a_m * self.b_m)
+    }
+
+    /// Deformation at the centre from contact area, m (Eq. 14).
+    pub fn deformation_m(&self, area_m2: R) -> R {
+        self.c_m * self.area_ratio(area_m2).normalised_deformation()
+    }
+
+    /// Deformation rate from area and area rate, m/s (Eq. 15 with the factor 1/2 that differentiating Eq. 14 gives and the
+    /// printed form lacks). Area must be below pi A B.
+    pub fn deformation_rate_m_s(&self, area_m2: R, area_rate_m2_s: R) -> R {
+        let section_m2 = R::of(core::f64::consts::PI) * self.a_m * self.b_m;
+        let a = area_m2 / section_m2;
+        self.c_m * area_rate_m2_s / (R::of(2.0) * section_m2 * (R::ONE - a).sqrt())
+    }
+
+    /// Deformation rate between two samples `dt_s` apart, m/s (Eq. 16).
+    pub fn deformation_rate_between_m_s(&self, area_m2: R, next_area_m2: R, dt_s: R) -> R {
+        (self.deformation_m(next_area_m2) - self.deformation_m(area_m2)) / dt_s
+    }
+
+    /// Radii of the contact ellipse at a deformation, m (Eq. 1, 2).
+    pub fn contact_radii_m(&self, deformation_m: R) -> (R, R) {
+        let height = (R::of(2.0) * self.c_m * deformation_m - deformation_m * deformation_m).sqrt() / self.c_m;
+        (self.a_m * height, self.b_m * height)
+    }
+
+    /// Deformation at the point `q` (0 at the centre, 1 at the rim) of the contact ellipse, m (Eq. 3).
+    pub fn local_deformation_m(&self, deformation_m: R, q: R) -> R {
+        deformation_m - self.c_m + self.depth_m(deformation_m, q)
+    }
+
+    /// Rate of [`Ellipsoid::local_deformation_m`], m/s (Eq. 4). The paper differentiates at fixed `q`, not at a fixed point
+    /// of the tissue: against a rigid indentation the damping is half at light contact and equal at full contact.
+    pub fn local_deformation_rate_m_s(&self, deformation_m: R, rate_m_s: R, q: R) -> R {
+        rate_m_s * (R::ONE - q * q * (self.c_m - deformation_m) / self.depth_m(deformation_m, q))
+    }
+
+    fn depth_m(&self, deformation_m: R, q: R) -> R {
+        let chord = R::of(2.0) * self.c_m * deformation_m - deformation_m * deformation_m;
+        (self.c_m * self.c_m - q * q * chord).sqrt()
+    }
+
+    /// Stiffness at a deformation, N/m3 (Eq. 5).
+    pub fn stiffness(&self, deformation_m: R) -> R {
+        self.k * power(deformation_m / self.d0_m, self.n)
+    }
+
+    /// Damping at a deformation, N s/m3 (Eq. 6).
+    pub fn damping(&self, deformation_m: R) -> R {
+        self.c * power(deformation_m / self.d0_m, self.m)
+    }
+
+    /// Vertical force, N, as the formula gives it: negative where damping outweighs stiffness on release (Eq. 13).
+    pub fn force_n(&self, deformation_m: R, rate_m_s: R) -> R {
+        if deformation_m <= R::ZERO {
+            return R::ZERO;
+        }
+        let (three, six) = (R::of(3.0), R::of(6.0));
+        let (d, c) = (deformation_m, self.c_m);
+        let elastic = self.stiffness(d) * d * (R::ONE - d / (three * c));
+        let shape = (six * c * c - R::of(4.0) * c * d + d * d) / (three * c * (R::of(2.0) * c - d));
+        let viscous = self.damping(d) * rate_m_s * shape;
+        R::of(core::f64::consts::PI) * self.a_m * self.b_m * d / c * (elastic + viscous)
+    }
+
+    /// The same force law in its five identifiable numbers.
+    pub fn force_law(&self) -> ForceLaw<R> {
+        ForceLaw {
+            ab_m2: self.a_m * self.b_m,
+            c_m: self.c_m,
+            stiffness_pa: self.k * self.c_m * power(self.c_m / self.d0_m, self.n),
+            damping_pa_s: self.c * self.c_m * power(self.c_m / self.d0_m, self.m),
+            n: self.n,
+            m: self.m,
+        }
+    }
+
+    /// True when every number is finite, lengths are positive and the coefficients not negative.
+    pub fn is_valid(&self) -> bool {
+        let positive = [self.a_m, self.b_m, self.c_m, self.d0_m].iter().all(|&v| v > R::ZERO && v.to_f64().is_finite());
+        let coefficients = [self.k, self.c].iter().all(|&v| v >= R::ZERO && v.to_f64().is_finite());
+        let exponents = [self.n, self.m].iter().all(|&v| v > -R::ONE && v.to_f64().is_finite());
+        positive && coefficients && exponents
+    }
+}
+
+/// `base^exponent` for a base >= 0.
+fn power<R: Real>(base: R, exponent: R) -> R {
+    if base <= R::ZERO {
+        return if exponent == R::ZERO { R::ONE } else { R::ZERO };
+    }
+    (base.ln() * exponent).exp()
+}
+
+/// `Ae / (pi A B)` within 0..=1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AreaRatio<R> {
+    /// The ratio.
+    pub ratio: R,
+    /// The area exceeded pi A B: the ratio was cut to 1, the ellipsoid is too small for this contact.
+    pub clamped: bool,
+}
+
+impl<R: Real> AreaRatio<R> {
+    #[inline(always)]
+    fn new(area_m2: R, ab_m2: R) -> Self {
+        let ratio = area_m2 / (R::of(core::f64::consts::PI) * ab_m2);
+        if ratio >= R::ONE {
+            Self { ratio: R::ONE, clamped: ab_m2 > R::ZERO }
+        } else if ratio > R::ZERO {
+            Self { ratio, clamped: false }
+        } else {
+            // Also a NaN is no contact.
+            Self { ratio: R::ZERO, clamped: false }
+        }
+    }
+
+    /// `g = 1 - sqrt(1 - a)`, deformation over C, in a form that keeps its digits at light contact.
+    #[inline(always)]
+    pub fn normalised_deformation(self) -> R {
+        self.ratio / (R::ONE + (R::ONE - self.ratio).sqrt())
+    }
+}
+
+/// The identifiable form of the force law (Eq. 13), which the device evaluates: with the normalised deformation `g = delta / C`,
+/// `K = k C^(n+1) / d0^n` and `G = c C^(m+1) / d0^m`, a force trace determines A B, K, G, n and m. C only scales the deformation
+/// that is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
+pub struct ForceLaw<R> {
+    /// A B, m2.
+    pub ab_m2: R,
+    /// C, m.
+    pub c_m: R,
+    /// K, Pa.
+    pub stiffness_pa: R,
+    /// G, Pa s.
+    pub damping_pa_s: R,
+    /// Stiffness exponent.
+    pub n: R,
+    /// Damping exponent.
+    pub m: R,
+}
+
+impl<R: Real> ForceLaw<R> {
+    /// No tissue known: areas stay valid, deformation and model force are 0.
+    pub const NONE: Self =
+        Self { ab_m2: R::ZERO, c_m: R::ZERO, stiffness_pa: R::ZERO, damping_pa_s: R::ZERO, n: R::ZERO, m: R::ZERO };
+
+    /// From single-precision parameters.
+    pub fn of(g: &ForceLaw<f32>) -> Self {
+        Self {
+            ab_m2: R::of_f32(g.ab_m2),
+            c_m: R::of_f32(g.c_m),
+            stiffness_pa: R::of_f32(g.stiffness_pa),
+            damping_pa_s: R::of_f32(g.damping_pa_s),
+            n: R::of_f32(g.n),
+            m: R::of_f32(g.m),
+        }
+    }
+
+    /// In single precision, as a device holds it.
+    pub fn single(&self) -> ForceLaw<f32> {
+        ForceLaw {
+            ab_m2: self.ab_m2.to_f32(),
+            c_m: self.c_m.to_f32(),
+            stiffness_pa: self.stiffness_pa.to_f32(),
+            damping_pa_s: self.damping_pa_s.to_f32(),
+            n: self.n.to_f32(),
+            m: self.m.to_f32(),
+        }
+    }
+
+    /// `Ae / (pi A B)`, guarded.
+    #[inline(always)]
+    pub fn area_ratio(&self, area_m2: R) -> AreaRatio<R> {
+        AreaRatio::new(area_m2, self.ab_m2)
+    }
+
+    /// Vertical force at `g = deformation / C` and its rate in 1/s, N; a tensile force is cut to 0, as tissue cannot pull.
+    pub fn force_n(&self, g: R, g_rate_per_s: R) -> R {
+        if g <= R::ZERO {
+            return R::ZERO;
+        }
+        let ln_g = g.ln();
+        let three = R::of(3.0);
+        let elastic = self.stiffness_pa * (ln_g * (self.n + R::of(2.0))).exp() * (R::ONE - g / three);
+        let shape = (R::of(6.0) - R::of(4.0) * g + g * g) / (three * (R::of(2.0) - g));
+        let viscous = self.damping_pa_s * (ln_g * (self.m + R::ONE)).exp() * g_rate_per_s * shape;
+        (R::of(core::f64::consts::PI) * self.ab_m2 * (elastic + viscous)).max(R::ZERO)
+    }
+
+    /// True when every number is within its limits: [`AB_M2`], [`LENGTH_M`] for C, [`COEFFICIENT`], [`MAX_EXPONENT`].
+    pub fn is_valid(&self) -> bool {
+        is_within(self.ab_m2.to_f64(), &AB_M2)
+            && is_within(self.c_m.to_f64(), &LENGTH_M)
+            && [self.stiffness_pa, self.damping_pa_s].iter().all(|v| is_within(v.to_f64(), &COEFFICIENT))
+            && [self.n, self.m].iter().all(|&v| v > -R::ONE && v <= R::of(MAX_EXPONENT))
+    }
+}

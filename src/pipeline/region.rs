@@ -1,0 +1,287 @@
+//! Cells to regions: area, measured force, centre of pressure and second moments in one pass over the cells.
+
+use super::contact::WHOLE;
+use crate::num::Real;
+use serde::{Deserialize, Serialize};
+
+/// The eight plantar regions of the paper (Fig. 1), in wire order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub enum Region {
+    /// Heel.
+    Heel,
+    /// Heel-side half of the midfoot.
+    PosteriorMidfoot,
+    /// Toe-side half of the midfoot.
+    AnteriorMidfoot,
+    /// Heads of metatarsals 1 and 2.
+    Metatarsals12,
+    /// Heads of metatarsals 3 to 5.
+    Metatarsals35,
+    /// Big toe.
+    Hallux,
+    /// Second toe.
+    Toe2,
+    /// Third to fifth toe.
+    Toes35,
+}
+
+impl Region {
+    /// All regions, heel to toes; the position is the region's index everywhere.
+    pub const ALL: [Region; 8] = [
+        Region::Heel,
+        Region::PosteriorMidfoot,
+        Region::AnteriorMidfoot,
+        Region::Metatarsals12,
+        Region::Metatarsals35,
+        Region::Hallux,
+        Region::Toe2,
+        Region::Toes35,
+    ];
+
+    /// The name used in files and on screens, in snake case.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Region::Heel => "heel",
+            Region::PosteriorMidfoot => "posterior_midfoot",
+            Region::AnteriorMidfoot => "anterior_midfoot",
+            Region::Metatarsals12 => "metatarsals_12",
+            Region::Metatarsals35 => "metatarsals_35",
+            Region::Hallux => "hallux",
+            Region::Toe2 => "toe_2",
+            Region::Toes35 => "toes_35",
+        }
+    }
+
+    /// The region with this [`Region::name`].
+    pub fn from_name(name: &str) -> Option<Region> {
+        Region::ALL.into_iter().find(|r| r.name() == name)
+    }
+}
+
+/// Which foot an insole is worn on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Side {
+    /// The left.
+    Left,
+    /// The right.
+    Right,
+}
+
+impl Side {
+    /// `left` or `right`, as in files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Left => "left",
+            Self::Right => "right",
+        }
+    }
+}
+
+/// One cell of a layout in foot coordinates: x to the lateral side, y from heel to toe, origin at the back of the heel on
+/// the medial edge.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Cell {
+    /// Its region.
+    pub region: Region,
+    /// Centroid, mm.
+    pub x_mm: f32,
+    /// See `x_mm`.
+    pub y_mm: f32,
+    /// Sensitive area, mm2, positive.
+    pub area_mm2: f32,
+}
+
+/// Units of a cell's area and coordinates in a mm2 and a mm: fine enough that rounding them is below the accuracy of any
+/// layout, coarse enough that all sums stay whole numbers in 64 bits.
+const PER_MM2: f32 = 16.0;
+const PER_MM: f32 = 64.0;
+/// Units of area moments in a mm2 wholly in contact.
+const SHARES_PER_MM2: f32 = PER_MM2 * WHOLE as f32;
+
+/// Smallest area of a cell, mm2: one unit.
+pub const MIN_CELL_MM2: f32 = 1.0 / PER_MM2;
+/// Largest area of a cell, mm2.
+pub const MAX_CELL_MM2: f32 = 4_000.0;
+/// Largest area of a region, mm2: many times a foot.
+pub const MAX_REGION_MM2: f32 = 500_000.0;
+/// Largest distance of a cell from its region's reference point along an axis, mm.
+pub const MAX_REACH_MM: f32 = 500.0;
+
+/// A cell as the sums of its region need it, with coordinates from the region's reference point so that single precision
+/// suffices.
+#[derive(Clone, Copy, Debug)]
+pub struct RegionCell<R> {
+    /// Centroid from the reference point, mm.
+    x_mm: R,
+    y_mm: R,
+    /// Force at a pressure of 1 kPa on the common curve, N.
+    n_per_kpa: R,
+    x: i16,
+    y: i16,
+    area: u16,
+}
+
+impl<R: Real> RegionCell<R> {
+    /// `cell` seen from `(x_mm, y_mm)`, within [`MAX_REACH_MM`] of it and of at most [`MAX_CELL_MM2`], reading `gain` times
+    /// the common curve.
+    pub fn new(cell: &Cell, gain: f32, x_mm: f32, y_mm: f32) -> Self {
+        let (dx_mm, dy_mm) = (cell.x_mm - x_mm, cell.y_mm - y_mm);
+        Self {
+            x_mm: R::of_f32(dx_mm),
+            y_mm: R::of_f32(dy_mm),
+            // 1 kPa on 1 mm2 is 1e-3 N.
+            n_per_kpa: R::of_f32(cell.area_mm2) * R::of_f32(gain) * R::of(1e-3),
+            x: (dx_mm * PER_MM).round_i16(),
+            y: (dy_mm * PER_MM).round_i16(),
+            area: (cell.area_mm2 * PER_MM2).round_u16(),
+        }
+    }
+
+    /// The whole cell in the units of [`AreaMoments::units`].
+    pub(crate) fn whole(&self) -> i32 {
+        i32::from(self.area) * i32::from(WHOLE)
+    }
+
+    /// The side of a square as large as the cell, in the units of [`RegionCell::offset_from`].
+    pub(crate) fn side(&self) -> i32 {
+        // Square roots of the units' ratios: 64 units a mm, 16 a mm2.
+        (PER_MM as i32) * u32::from(self.area).isqrt() as i32 / 4
+    }
+
+    /// Position of the cell relative to another one of its region, in whole units of length, [`PER_MM`].
+    pub(crate) fn offset_from(&self, other: &Self) -> (i32, i32) {
+        (i32::from(self.x) - i32::from(other.x), i32::from(self.y) - i32::from(other.y))
+    }
+}
+
+/// Zeroth to second moments of a region's contact area about its reference point.
+///
+/// Whole numbers, so that adding and taking away cells never drifts and every machine has the same area.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AreaMoments {
+    area: i32,
+    x: i64,
+    y: i64,
+    xx: i64,
+    xy: i64,
+    yy: i64,
+}
+
+impl AreaMoments {
+    /// Nothing in contact.
+    pub const NONE: Self = Self { area: 0, x: 0, y: 0, xx: 0, xy: 0, yy: 0 };
+
+    /// Takes a change of a cell's share in contact, in units of [`WHOLE`]. The part in contact keeps the cell's centre and
+    /// extent: a square of the cell's area, variance area / 12 an axis.
+    pub fn change<R>(&mut self, cell: &RegionCell<R>, share: i32) {
+        let area = share * i32::from(cell.area);
+        let (x, y) = (i32::from(cell.x), i32::from(cell.y));
+        let own_variance = i32::from(cell.area) * (PER_MM * PER_MM / PER_MM2) as i32 / 12;
+        let weighted = |moment: i32| i64::from(area) * i64::from(moment);
+        self.area += area;
+        self.x += weighted(x);
+        self.y += weighted(y);
+        self.xx += weighted(x * x + own_variance);
+        self.xy += weighted(x * y);
+        self.yy += weighted(y * y + own_variance);
+    }
+
+    /// Contact area in whole units, comparable with [`RegionCell::whole`].
+    #[inline(always)]
+    pub(crate) fn units(&self) -> i32 {
+        self.area
+    }
+
+    /// Contact area, mm2.
+    #[inline(always)]
+    pub fn area_mm2<R: Real>(&self) -> R {
+        R::of_i32(self.area) * R::of(f64::from(1.0 / SHARES_PER_MM2))
+    }
+
+    /// Mean position and covariance of the contact area; `None` without contact.
+    pub fn second_moments<R: Real>(&self) -> Option<SecondMoments<R>> {
+        if self.area <= 0 {
+            return None;
+        }
+        // About the whole unit next to the mean, in whole numbers: single precision would lose a far contact's variance in the
+        // difference of large squares.
+        let area = i64::from(self.area);
+        let (centre_x, centre_y) = (self.x / area, self.y / area);
+        let (x, y) = (self.x - centre_x * area, self.y - centre_y * area);
+        let xx = self.xx - centre_x * (self.x + x);
+        let yy = self.yy - centre_y * (self.y + y);
+        let xy = self.xy - centre_x * self.y - centre_y * x;
+        let per_area = R::ONE / R::of_i32(self.area);
+        let mean = |sum: i64| R::of_i64(sum) * per_area;
+        let (dx, dy) = (mean(x), mean(y));
+        let (mm, mm2) = (R::of(f64::from(1.0 / PER_MM)), R::of(f64::from(1.0 / (PER_MM * PER_MM))));
+        Some(SecondMoments {
+            x_mm: (R::of_i64(centre_x) + dx) * mm,
+            y_mm: (R::of_i64(centre_y) + dy) * mm,
+            variance_x_mm2: (mean(xx) - dx * dx) * mm2,
+            variance_y_mm2: (mean(yy) - dy * dy) * mm2,
+            covariance_mm2: (mean(xy) - dx * dy) * mm2,
+        })
+    }
+}
+
+/// Mean position and covariance of a contact area.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SecondMoments<R> {
+    /// Mean position from the reference point, mm.
+    pub x_mm: R,
+    /// See `x_mm`.
+    pub y_mm: R,
+    /// Variance along x, mm2.
+    pub variance_x_mm2: R,
+    /// Variance along y, mm2.
+    pub variance_y_mm2: R,
+    /// Covariance, mm2.
+    pub covariance_mm2: R,
+}
+
+/// Measured force of a region and its first moments about the reference point. Every cell counts, in contact or not.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ForceMoments<R> {
+    /// Force, N.
+    pub force_n: R,
+    /// Moment along x, N mm.
+    pub x_n_mm: R,
+    /// Moment along y, N mm.
+    pub y_n_mm: R,
+}
+
+impl<R: Real> ForceMoments<R> {
+    /// No force.
+    pub const NONE: Self = Self { force_n: R::ZERO, x_n_mm: R::ZERO, y_n_mm: R::ZERO };
+
+    /// Adds a cell that reads `curve_kpa` on the common curve.
+    #[inline(always)]
+    pub fn add(&mut self, cell: &RegionCell<R>, curve_kpa: R) {
+        let force_n = curve_kpa * cell.n_per_kpa;
+        self.force_n += force_n;
+        self.x_n_mm += force_n * cell.x_mm;
+        self.y_n_mm += force_n * cell.y_mm;
+    }
+
+    /// Centre of pressure from the reference point, mm; `None` without force.
+    pub fn centre_of_pressure_mm(&self) -> Option<(R, R)> {
+        (self.force_n > R::ZERO).then(|| (self.x_n_mm / self.force_n, self.y_n_mm / self.force_n))
+    }
+}
+
+/// What the cells say of one region in one frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RegionFrame<R> {
+    /// Moments of the contact area.
+    pub area: AreaMoments,
+    /// Measured force.
+    pub force: ForceMoments<R>,
+    /// A cell was at the end of its scale: area stands, force is a lower bound.
+    pub saturated: bool,
+}
+
+impl<R: Real> RegionFrame<R> {
+    /// Unloaded.
+    pub const NONE: Self = Self { area: AreaMoments::NONE, force: ForceMoments::NONE, saturated: false };
+}

@@ -1,0 +1,64 @@
+//! The wearer's tissue parameters.
+
+use super::model::ForceLaw;
+use super::region::Region;
+use crate::checksum::crc32;
+use core::fmt;
+use serde::{Deserialize, Serialize};
+
+/// The force law of each region, with an identifier made from the content.
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
+pub struct Tissue {
+    /// Identifies the set in every hello: the CRC-32 of the force laws; 0 for none.
+    pub id: u32,
+    /// One for each region, in the order of [`Region::ALL`].
+    pub force_laws: [ForceLaw<f32>; 8],
+}
+
+impl Tissue {
+    /// No parameters: areas and measured forces are valid, deformation and model force are 0.
+    pub const NONE: Self = Self { id: 0, force_laws: [ForceLaw::NONE; 8] };
+
+    /// A set with its identifier.
+    pub fn new(force_laws: [ForceLaw<f32>; 8]) -> Self {
+        let mut bytes = [0; 8 * 6 * size_of::<f32>()];
+        let numbers = force_laws.iter().flat_map(|g| [g.ab_m2, g.c_m, g.stiffness_pa, g.damping_pa_s, g.n, g.m]);
+        for (place, number) in bytes.chunks_exact_mut(size_of::<f32>()).zip(numbers) {
+            place.copy_from_slice(&number.to_le_bytes());
+        }
+        // 0 stands for no parameters.
+        Self { id: crc32(&bytes).max(1), force_laws }
+    }
+
+    /// Checks a set that was received or loaded.
+    ///
+    /// # Errors
+    /// [`TissueError::Id`] where the set is damaged or [`Tissue::NONE`], [`TissueError::Region`] where a value is out of bounds.
+    pub fn check(&self) -> Result<(), TissueError> {
+        if self.id != Self::new(self.force_laws).id {
+            return Err(TissueError::Id);
+        }
+        let bad = Region::ALL.into_iter().zip(&self.force_laws).find(|(_, law)| !law.is_valid());
+        bad.map_or(Ok(()), |(region, _)| Err(TissueError::Region(region)))
+    }
+}
+
+/// Why a set of parameters is not used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TissueError {
+    /// The identifier is not the checksum of the values.
+    Id,
+    /// The parameters of this region are out of bounds; see [`ForceLaw::is_valid`].
+    Region(Region),
+}
+
+impl fmt::Display for TissueError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Id => f.write_str("the parameters do not match their identifier"),
+            Self::Region(region) => write!(f, "the parameters of {} are out of bounds", region.name()),
+        }
+    }
+}
+
+impl core::error::Error for TissueError {}

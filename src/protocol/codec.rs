@@ -1,0 +1,101 @@
+//! Messages to bytes and back.
+
+use crate::checksum::crc32;
+use serde::{Deserialize, Serialize};
+
+/// Longest message, bytes.
+pub const MAX_MESSAGE: usize = 320;
+/// Longest frame on a byte carrier: message, CRC, COBS overhead and the final zero, bytes.
+pub const MAX_FRAME: usize = MAX_MESSAGE + 4 + (MAX_MESSAGE + 4) / 254 + 1 + 1;
+
+/// A message does not fit its buffer, which cannot happen with [`MAX_MESSAGE`] bytes.
+pub type EncodeError = postcard::Error;
+
+/// Encodes a message without a frame; returns the used part of `buffer`.
+///
+/// # Errors
+/// Where `buffer` is too short.
+pub fn encode<'b, T: Serialize>(message: &T, buffer: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
+    postcard::to_slice(message, buffer)
+}
+
+/// Decodes exactly one message without a frame; `None` for anything else.
+pub fn decode<'b, T: Deserialize<'b>>(bytes: &'b [u8]) -> Option<T> {
+    match postcard::take_from_bytes(bytes) {
+        Ok((message, [])) => Some(message),
+        _ => None,
+    }
+}
+
+/// Frames an encoded message of at most [`MAX_MESSAGE`] bytes for a byte carrier; returns the number of bytes used.
+pub fn frame(message: &[u8], out: &mut [u8; MAX_FRAME]) -> usize {
+    let mut encoder = cobs::CobsEncoder::new(out);
+    // Neither push nor finish can fail: MAX_FRAME has room for MAX_MESSAGE. A longer message is cut here, so that the receiver
+    // finds a bad CRC instead of this device panicking.
+    let message = &message[..message.len().min(MAX_MESSAGE)];
+    let _ = encoder.push(message);
+    let _ = encoder.push(&crc32(message).to_le_bytes());
+    let end = encoder.finalize();
+    out[end] = 0;
+    end + 1
+}
+
+/// Finds messages in a stream of bytes. A damaged frame is counted and ends at the next zero byte.
+///
+/// ```
+/// use plantar::protocol::{Decoder, MAX_FRAME, ToDevice, decode, encode, frame};
+///
+/// let (mut message, mut framed) = ([0; 32], [0; MAX_FRAME]);
+/// let len = frame(encode(&ToDevice::GetStatus, &mut message).unwrap(), &mut framed);
+/// let mut decoder = Decoder::new();
+/// let received = framed[..len].iter().find_map(|&byte| decoder.push(byte).and_then(decode));
+/// assert_eq!(received, Some(ToDevice::GetStatus));
+/// ```
+#[derive(Debug)]
+pub struct Decoder {
+    buffer: [u8; MAX_FRAME],
+    len: usize,
+    /// Frames that were too long or had a wrong COBS encoding or CRC.
+    pub bad_frames: u32,
+}
+
+impl Decoder {
+    /// A decoder at the start of a stream.
+    pub const fn new() -> Self {
+        Self { buffer: [0; MAX_FRAME], len: 0, bad_frames: 0 }
+    }
+
+    /// Takes one byte; returns the message, without its frame, where the byte completes one.
+    pub fn push(&mut self, byte: u8) -> Option<&[u8]> {
+        if byte != 0 {
+            // A length one past the end marks a frame that is too long.
+            if let Some(slot) = self.buffer.get_mut(self.len) {
+                *slot = byte;
+            }
+            self.len = (self.len + 1).min(MAX_FRAME + 1);
+            return None;
+        }
+        let len = core::mem::take(&mut self.len);
+        if len == 0 {
+            return None;
+        }
+        let message_len = self.buffer.get_mut(..len).and_then(unframe);
+        if message_len.is_none() {
+            self.bad_frames = self.bad_frames.wrapping_add(1);
+        }
+        message_len.map(|len| &self.buffer[..len])
+    }
+}
+
+impl Default for Decoder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Decodes in place and checks the CRC; the length of the message.
+fn unframe(frame: &mut [u8]) -> Option<usize> {
+    let len = cobs::decode_in_place(frame).ok()?;
+    let (message, crc) = frame.get(..len)?.split_last_chunk::<4>()?;
+    (crc32(message) == u32::from_le_bytes(*crc)).then_some(message.len())
+}

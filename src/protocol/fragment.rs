@@ -1,0 +1,126 @@
+//! Messages in fragments, for a carrier with packets shorter than a message.
+//!
+//! A fragment is one header byte and a part of the message. Bit 7 of the header marks the last fragment, bits 0 to 6 number the
+//! fragments from 0. The carrier neither loses, repeats nor reorders fragments, so an unexpected number is an error of the sender.
+
+use super::MAX_MESSAGE;
+use core::fmt;
+use heapless::Vec;
+
+/// Marks the last fragment of a message.
+const LAST: u8 = 0x80;
+
+/// Splits a message into fragments.
+#[derive(Debug)]
+pub struct Splitter {
+    message: [u8; MAX_MESSAGE],
+    len: usize,
+    sent: usize,
+    next: u8,
+}
+
+impl Splitter {
+    /// A splitter without a message.
+    pub const fn new() -> Self {
+        Self { message: [0; MAX_MESSAGE], len: 0, sent: 0, next: 0 }
+    }
+
+    /// The place for the next message, before [`Splitter::start`].
+    pub fn buffer(&mut self) -> &mut [u8; MAX_MESSAGE] {
+        &mut self.message
+    }
+
+    /// Begins with the message of `len` bytes in the buffer.
+    pub fn start(&mut self, len: usize) {
+        *self = Self { len: len.min(MAX_MESSAGE), sent: 0, next: 0, ..*self };
+    }
+
+    /// True where all fragments of the message were returned.
+    pub fn is_done(&self) -> bool {
+        self.sent == self.len
+    }
+
+    /// Writes the next fragment, as long as `fragment` has room for (at least 4 bytes); its length.
+    pub fn next(&mut self, fragment: &mut [u8]) -> Option<usize> {
+        let rest = self.message.get(self.sent..self.len).filter(|rest| !rest.is_empty())?;
+        let (header, room) = fragment.split_first_mut()?;
+        let len = rest.len().min(room.len());
+        room[..len].copy_from_slice(&rest[..len]);
+        self.sent += len;
+        *header = self.next | if self.is_done() { LAST } else { 0 };
+        // The longest message in the shortest fragments has fewer than 128.
+        self.next = (self.next + 1) & !LAST;
+        Some(len + 1)
+    }
+}
+
+impl Default for Splitter {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Why a fragment was not accepted. What was joined so far is discarded: the next message starts with fragment 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FragmentError {
+    /// The fragment has no header.
+    Empty,
+    /// The fragment does not have the next number.
+    OutOfOrder,
+    /// The message is longer than [`MAX_MESSAGE`].
+    TooLong,
+}
+
+impl fmt::Display for FragmentError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Empty => "a fragment of a message without its header",
+            Self::OutOfOrder => "a fragment of a message out of order",
+            Self::TooLong => "a message longer than the protocol allows",
+        })
+    }
+}
+
+impl core::error::Error for FragmentError {}
+
+/// Joins the fragments of the messages of one characteristic.
+#[derive(Debug, Default)]
+pub struct Joiner {
+    message: Vec<u8, MAX_MESSAGE>,
+    next: u8,
+    whole: bool,
+}
+
+impl Joiner {
+    /// A joiner before the first fragment.
+    pub const fn new() -> Self {
+        Self { message: Vec::new(), next: 0, whole: false }
+    }
+
+    /// Takes a fragment; returns the message where it was the last one. Fragment 0 always starts a message.
+    ///
+    /// # Errors
+    /// Where the fragment does not continue the message.
+    pub fn push(&mut self, fragment: &[u8]) -> Result<Option<&[u8]>, FragmentError> {
+        let joined = self.join(fragment);
+        if joined.is_err() {
+            *self = Self::new();
+        }
+        joined.map(|()| self.whole.then_some(self.message.as_slice()))
+    }
+
+    fn join(&mut self, fragment: &[u8]) -> Result<(), FragmentError> {
+        let (header, part) = fragment.split_first().ok_or(FragmentError::Empty)?;
+        let number = header & !LAST;
+        if number == 0 || self.whole {
+            *self = Self::new();
+        }
+        if number != self.next {
+            return Err(FragmentError::OutOfOrder);
+        }
+        self.message.extend_from_slice(part).map_err(|_| FragmentError::TooLong)?;
+        self.next = number + 1;
+        self.whole = header & LAST != 0;
+        Ok(())
+    }
+}

@@ -1,0 +1,80 @@
+//! The GATT service of an insole: UUIDs, advertised names, and the rules that connect characteristics with messages.
+//! `docs/bluetooth.md` has the whole table.
+
+use super::{ToDevice, ToHost};
+use crate::pipeline::region::Side;
+
+/// The insole service and, with another number, its characteristics: `dca8c3xx-cb96-463f-8bec-f2094e1ccf7b`, a random UUID.
+const fn uuid(number: u128) -> u128 {
+    0xdca8_c300_cb96_463f_8bec_f209_4e1c_cf7b + (number << 96)
+}
+
+/// The insole service.
+pub const SERVICE: u128 = uuid(0);
+/// Requests and their answers.
+pub const CONTROL: u128 = uuid(1);
+/// Live frames.
+pub const LIVE: u128 = uuid(2);
+/// Steps.
+pub const STEPS: u128 = uuid(3);
+/// The wearer's parameters.
+pub const PARAMETERS: u128 = uuid(4);
+
+/// The advertised name of an insole.
+pub const fn name(side: Side) -> &'static str {
+    match side {
+        Side::Left => "Plantar L",
+        Side::Right => "Plantar R",
+    }
+}
+
+/// A characteristic with values that the firmware writes or reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GattChannel {
+    /// Current Time, of the standard service.
+    Time,
+    /// RSC Measurement, of the standard service Running Speed and Cadence.
+    Cadence,
+    /// [`CONTROL`].
+    Control,
+    /// [`LIVE`].
+    Live,
+    /// [`STEPS`].
+    Steps,
+    /// [`PARAMETERS`].
+    Parameters,
+}
+
+impl GattChannel {
+    /// The characteristic that a request is written to.
+    pub const fn of_request(request: &ToDevice) -> Self {
+        match request {
+            ToDevice::SetTissue(_) | ToDevice::GetTissue => Self::Parameters,
+            _ => Self::Control,
+        }
+    }
+
+    /// The characteristic that an encoded [`ToHost`] is sent on.
+    pub fn of_answer(message: &[u8]) -> Self {
+        match message.first() {
+            Some(&ToHost::LIVE) => Self::Live,
+            Some(&ToHost::STEP) => Self::Steps,
+            // A request that is not understood is refused by an attribute error, so a refusal concerns a value to be stored.
+            Some(&(ToHost::TISSUE | ToHost::REFUSED)) => Self::Parameters,
+            _ => Self::Control,
+        }
+    }
+}
+
+/// Why a written value was not accepted; the central receives it as an attribute error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WriteError {
+    /// Too long, or empty.
+    Length,
+    /// A fragment of a message out of order.
+    OutOfOrder,
+    /// No message, or not one that this characteristic takes.
+    NotUnderstood,
+    /// Not a time.
+    Value,
+}

@@ -1,0 +1,70 @@
+//! The first message of every session.
+
+use crate::pipeline::contact::ContactRule;
+use crate::pipeline::region::Side;
+use heapless::String;
+use serde::{Deserialize, Serialize};
+
+/// Longest text of [`Hello::last_panic`], bytes.
+pub const MAX_FAULT_TEXT: usize = 96;
+
+/// Identifies the insole. This message never changes, nor do [`ContactRule`] and [`Reset`] within it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Hello {
+    /// Major protocol version of the insole.
+    pub major: u8,
+    /// Minor protocol version of the insole.
+    pub minor: u8,
+    /// Firmware version.
+    pub firmware: String<16>,
+    /// Board name.
+    pub board: String<16>,
+    /// Foot.
+    pub side: Side,
+    /// Identifies the layout.
+    pub layout_id: u32,
+    /// Number of cells.
+    pub cells: u16,
+    /// Time between frames, us.
+    pub period_us: u32,
+    /// Identifies the wearer's parameters; 0 without any.
+    pub tissue_id: u32,
+    /// The rule that areas are counted by.
+    pub contact_rule: ContactRule,
+    /// Why the insole last started.
+    pub reset: Reset,
+    /// What ended the previous run, when, and the program's addresses at that time, as `cargo xtask explain` reads them, and
+    /// whether this start is a fallback; or why the set-up of this start was refused.
+    pub last_panic: Option<String<MAX_FAULT_TEXT>>,
+}
+
+/// Why an insole started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Reset {
+    /// Power came on, or dipped.
+    Power,
+    /// The reset pin.
+    Pin,
+    /// Requested by the software.
+    Software,
+    /// Scan, model or link stalled.
+    Watchdog,
+    /// After a panic, a hard fault or a stack overflow; see [`Hello::last_panic`].
+    Panic,
+    /// None of these.
+    Unknown,
+}
+
+impl Reset {
+    /// One word, lower case.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Power => "power",
+            Self::Pin => "pin",
+            Self::Software => "software",
+            Self::Watchdog => "watchdog",
+            Self::Panic => "panic",
+            Self::Unknown => "unknown",
+        }
+    }
+}

@@ -1,0 +1,131 @@
+//! The two directions of messages, and their version.
+
+use super::update;
+use super::{CalibrationBlock, Hello, Identity, Live, Refusal, Serial, Status, Step};
+use crate::faults::Faults;
+use crate::pipeline::region::Side;
+use crate::pipeline::tissue::Tissue;
+use serde::{Deserialize, Serialize};
+
+/// Major protocol version of this build.
+pub const MAJOR: u8 = 2;
+/// Minor protocol version of this build.
+pub const MINOR: u8 = 0;
+
+/// A message from the insole.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "messages exist one at a time, in place")]
+pub enum ToHost {
+    /// The answer to [`ToDevice::Connect`].
+    Hello(Hello),
+    /// One frame of a running stream.
+    Live(Live),
+    /// A step that is not acknowledged yet.
+    Step(Step),
+    /// Counters, on request.
+    Status(Status),
+    /// The wearer's parameters in force: on request, and when new ones are accepted. Live frames after this message use them.
+    Tissue(Tissue),
+    /// The answer to a request that cannot be executed.
+    Refused(Refusal),
+    /// The answer to [`ToDevice::GetTime`].
+    Time {
+        /// The host's time, as it was sent.
+        host_us: u64,
+        /// When the request arrived: time since the first scan, as in [`Live::t_us`], us.
+        device_us: u64,
+    },
+    /// The answer to [`ToDevice::GetFaults`].
+    Faults(Faults),
+    /// The stored identity of the insole: on request, and when a new one is stored.
+    Identity(Identity),
+    /// A block of a calibration is stored.
+    CalibrationBlock {
+        /// Its number.
+        block: u8,
+    },
+    /// The answer to [`ToDevice::Update`].
+    Update(update::Progress),
+}
+
+impl ToHost {
+    /// First byte of an encoded [`ToHost::Live`].
+    pub const LIVE: u8 = 1;
+    /// First byte of an encoded [`ToHost::Step`].
+    pub const STEP: u8 = 2;
+    /// First byte of an encoded [`ToHost::Tissue`].
+    pub const TISSUE: u8 = 4;
+    /// First byte of an encoded [`ToHost::Refused`].
+    pub const REFUSED: u8 = 5;
+}
+
+/// A message to the insole.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "messages exist one at a time, in place")]
+pub enum ToDevice {
+    /// Opens a session: the insole answers with a hello and, to a host of its own major version, replays the steps that were never
+    /// acknowledged.
+    Connect {
+        /// The host's [`MAJOR`].
+        major: u8,
+        /// The host's [`MINOR`].
+        minor: u8,
+    },
+    /// Turns the live stream on or off.
+    Stream {
+        /// True for on.
+        live: bool,
+    },
+    /// All steps up to and including this number arrived and are stored.
+    Acknowledge {
+        /// Step number.
+        step: u32,
+    },
+    /// Asks for [`Status`].
+    GetStatus,
+    /// Replaces the wearer's parameters; answered by [`ToHost::Tissue`] once they are stored, or by [`ToHost::Refused`].
+    SetTissue(Tissue),
+    /// Asks for [`ToHost::Tissue`].
+    GetTissue,
+    /// Asks for [`ToHost::Time`]. From several answers a host computes offset and drift of the insole's clock.
+    GetTime {
+        /// The host's time; returned unchanged.
+        host_us: u64,
+    },
+    /// Sets the wall clock until the insole restarts.
+    SetClock {
+        /// Time since 1970, UTC, us.
+        unix_us: u64,
+    },
+    /// Asks for [`ToHost::Faults`].
+    GetFaults,
+    /// Asks for [`ToHost::Identity`].
+    GetIdentity,
+    /// Sets the insole's identity from its next start on; answered by [`ToHost::Identity`] once it is stored.
+    SetIdentity {
+        /// The foot.
+        side: Side,
+        /// The serial number.
+        serial: Serial,
+    },
+    /// A block of a calibration, to be stored but not used yet; answered by [`ToHost::CalibrationBlock`].
+    SetCalibrationBlock {
+        /// Its number: it begins with cell `block` times [`super::BLOCK_CELLS`].
+        block: u8,
+        /// Calibrations of its cells; those beyond the last cell are ignored.
+        cells: CalibrationBlock,
+    },
+    /// Uses the calibration of which the blocks were stored, from the next start on; answered by [`ToHost::Identity`].
+    SetCalibration {
+        /// The layout that it was measured on, as in [`Hello::layout_id`].
+        layout_id: u32,
+        /// Number of cells.
+        cells: u16,
+        /// Its checksum; see [`super::CalibrationId`].
+        id: u32,
+    },
+    /// Restarts the insole; there is no answer.
+    Restart,
+    /// A step of a firmware update; answered by [`ToHost::Update`] or [`ToHost::Refused`].
+    Update(update::Request),
+}

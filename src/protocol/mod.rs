@@ -1,0 +1,32 @@
+//! Messages between insole and host, and the session that exchanges them.
+//!
+//! A message is `postcard`; its first byte tells which. On a packet carrier one packet is one message; on a byte carrier a frame
+//! is the message and its CRC-32 (little endian), COBS-encoded and ended by a zero byte; over GATT a message travels in fragments.
+//!
+//! Version rule: framing, [`Hello`] and [`ToDevice::Connect`] never change. A change of any other message raises [`MAJOR`]; a
+//! message added at the end of an enum raises [`MINOR`]. Peers of different majors exchange hellos only.
+
+mod calibration;
+mod codec;
+pub mod current_time;
+pub mod fragment;
+pub mod gatt;
+mod hello;
+mod identity;
+mod live;
+mod messages;
+mod refusal;
+pub mod session;
+mod status;
+mod step;
+pub mod update;
+
+pub use calibration::{BLOCK_CELLS, CALIBRATION_BLOCKS, CalibrationBlock, CalibrationId};
+pub use codec::{Decoder, EncodeError, MAX_FRAME, MAX_MESSAGE, decode, encode, frame};
+pub use hello::{Hello, MAX_FAULT_TEXT, Reset};
+pub use identity::{Identity, Serial};
+pub use live::{Live, LiveRegion, MAX_LIVE};
+pub use messages::{MAJOR, MINOR, ToDevice, ToHost};
+pub use refusal::Refusal;
+pub use status::{Contents, Status};
+pub use step::{Step, StepRegion};

@@ -1,0 +1,73 @@
+//! Why an insole did not execute a request.
+
+use super::update;
+use crate::pipeline::model::{AB_M2, COEFFICIENT, LENGTH_M, MAX_EXPONENT};
+use crate::pipeline::region::Region;
+use crate::pipeline::tissue::TissueError;
+use core::fmt;
+use serde::{Deserialize, Serialize};
+
+/// Why a request was not executed; everything stays as it was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Refusal {
+    /// A frame arrived intact and holds no message that this firmware knows.
+    NotUnderstood,
+    /// The identifier of the parameters is not the checksum of their values.
+    TissueId,
+    /// The parameters of this region are out of bounds; see [`crate::pipeline::model::ForceLaw::is_valid`].
+    Tissue(Region),
+    /// The flash chip failed: the value is in force until the next start only.
+    NotStored,
+    /// The last request of this kind is not answered yet.
+    Busy,
+    /// A serial number with characters other than printable ASCII.
+    Serial,
+    /// A calibration that is out of bounds, of another layout, or incomplete.
+    Calibration,
+    /// The image is not accepted.
+    Update(update::Refusal),
+}
+
+impl From<TissueError> for Refusal {
+    fn from(error: TissueError) -> Self {
+        match error {
+            TissueError::Id => Self::TissueId,
+            TissueError::Region(region) => Self::Tissue(region),
+        }
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotUnderstood => f.write_str("a message was not understood: update the insole's firmware"),
+            Self::NotStored => f.write_str(
+                "the insole could not store the value because its flash chip failed: it is in force until the insole restarts",
+            ),
+            Self::Busy => f.write_str("the insole is still executing the previous request: wait for its answer"),
+            Self::Serial => f.write_str("a serial number has up to 16 printable ASCII characters and no spaces"),
+            Self::Calibration => f.write_str(
+                "the calibration is out of bounds, of another layout, or incomplete: it needs one line for each cell, \
+                 gains from 0.1 to 10 and offsets in the lower half of the scale",
+            ),
+            Self::TissueId => {
+                f.write_str("the parameters do not match their identifier, so some were damaged: send them again")
+            }
+            Self::Tissue(region) => write!(
+                f,
+                "the parameters of {} are out of bounds: A B must be {:e} to {:e} m2, C {:e} to {:e} m, \
+                 K and G {} to {:e} Pa and Pa s, n and m above -1 and at most {MAX_EXPONENT}",
+                region.name(),
+                AB_M2.start(),
+                AB_M2.end(),
+                LENGTH_M.start(),
+                LENGTH_M.end(),
+                COEFFICIENT.start(),
+                COEFFICIENT.end(),
+            ),
+            Self::Update(refusal) => refusal.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for Refusal {}

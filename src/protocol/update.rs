@@ -1,0 +1,163 @@
+//! The messages of a firmware update, and the header of an image.
+
+use core::fmt;
+use serde::{Deserialize, Serialize};
+/// An image arrives in pieces of this length, and is a whole number of them, bytes. The flash chip writes as many at once.
+pub const CHUNK: usize = 256;
+/// A piece of an image; nested, because serde implements no longer arrays.
+pub type Chunk = [[u8; 32]; CHUNK / 32];
+/// An ed25519 signature of an image's SHA-512; nested as above.
+pub type Signature = [[u8; 32]; 2];
+
+const MAGIC: [u8; 8] = *b"plantar1";
+
+/// The header of an image, [`crate::storage::flash_map::HEADER`] bytes after its beginning.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Header {
+    magic: [u8; 8],
+    pub(crate) board: [u8; 16],
+    version: [u8; 16],
+}
+
+impl Header {
+    /// Length of [`Header::bytes`].
+    pub const BYTES: usize = size_of::<Self>();
+
+    /// The header of an image for a board. Name and version (`1.2.3` or `1.2.3+build`) have at most 16 bytes.
+    pub const fn new(board: &str, version: &str) -> Self {
+        const fn padded(text: &str) -> [u8; 16] {
+            let (text, mut bytes) = (text.as_bytes(), [0; 16]);
+            bytes.split_at_mut(text.len()).0.copy_from_slice(text);
+            bytes
+        }
+        Self { magic: MAGIC, board: padded(board), version: padded(version) }
+    }
+
+    /// Decodes a header; `None` where `bytes` hold none.
+    pub fn read(bytes: &[u8; Self::BYTES]) -> Option<Self> {
+        let (magic, rest) = bytes.split_first_chunk()?;
+        let (board, rest) = rest.split_first_chunk()?;
+        let header = Self { magic: *magic, board: *board, version: rest.try_into().ok()? };
+        (header.magic == MAGIC && header.number().is_some()).then_some(header)
+    }
+
+    /// The header as it is stored in the image.
+    pub fn bytes(&self) -> [u8; Self::BYTES] {
+        let mut bytes = [0; Self::BYTES];
+        let (magic, rest) = bytes.split_at_mut(self.magic.len());
+        let (board, version) = rest.split_at_mut(self.board.len());
+        magic.copy_from_slice(&self.magic);
+        board.copy_from_slice(&self.board);
+        version.copy_from_slice(&self.version);
+        bytes
+    }
+
+    /// The board that the image is for.
+    pub fn board(&self) -> &str {
+        text(&self.board)
+    }
+
+    /// The version of the image.
+    pub fn version(&self) -> &str {
+        text(&self.version)
+    }
+
+    /// The three numbers of the version, for comparison. What follows a plus sign, as in `1.2.3+build`, does not count.
+    pub fn number(&self) -> Option<[u16; 3]> {
+        let (release, _build) = self.version().split_once('+').unwrap_or((self.version(), ""));
+        let mut parts = release.split('.');
+        let mut number = [0; 3];
+        for part in &mut number {
+            *part = parts.next()?.parse().ok()?;
+        }
+        parts.next().is_none().then_some(number)
+    }
+}
+
+fn text(bytes: &[u8; 16]) -> &str {
+    let len = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
+    core::str::from_utf8(&bytes[..len]).unwrap_or_default()
+}
+
+/// An image that a host offers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Offer {
+    /// Its header.
+    pub header: Header,
+    /// Its length, chunks.
+    pub chunks: u16,
+    /// Its signature.
+    pub signature: Signature,
+}
+
+/// A step of an update.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "requests live one at a time, in place")]
+pub enum Request {
+    /// Asks whether the insole accepts this image. The transfer of the same image continues where it was interrupted.
+    Begin(Offer),
+    /// A piece of the image.
+    Chunk {
+        /// Its number, from 0.
+        number: u16,
+        /// Its content.
+        chunk: Chunk,
+    },
+    /// Ends the transfer: the insole checks the signature and restarts with the new image.
+    Finish,
+}
+
+/// The progress of an update.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Progress {
+    /// The insole expects the chunk with this number, or [`Request::Finish`] after the last one.
+    Next(u16),
+    /// The signature is valid, and the insole restarts.
+    Accepted,
+}
+
+/// Why an image was not accepted; the running one stays.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Refusal {
+    /// The image is for another board.
+    Board,
+    /// The running image is newer.
+    Older,
+    /// The image is empty or too long.
+    Length,
+    /// The running image is still on trial.
+    OnTrial,
+    /// No transfer was begun, as after a restart.
+    NotBegun,
+    /// Chunks are missing.
+    Incomplete,
+    /// The image is not the one that was offered.
+    Header,
+    /// The image is damaged, or not signed with the key that this insole accepts.
+    Signature,
+    /// The flash chip failed.
+    Chip,
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Board => "the image is for another board: choose the one for this insole",
+            Self::Older => "the image is older than the running firmware: choose a newer one",
+            Self::Length => "the image is empty or longer than the insole has room for",
+            Self::OnTrial => {
+                "the running firmware was just updated and is still on trial: wait half a minute, then try again"
+            }
+            Self::NotBegun => "the insole restarted during the transfer: send the image again",
+            Self::Incomplete => "parts of the image are missing: send it again",
+            Self::Header => "the image is not the one that was announced: send it again",
+            Self::Signature => {
+                "the image is damaged, or not signed with the key that this insole accepts: ask its manufacturer for a signed one"
+            }
+            Self::Chip => "the flash chip of the insole failed: it keeps running, and must be repaired before it can be updated",
+        })
+    }
+}
+
+impl core::error::Error for Refusal {}

@@ -1,0 +1,34 @@
+//! Wrapping sequence numbers: the one comparison that firmware, host and page share.
+//!
+//! Numbers count modulo 2^32. Of two numbers, the one that is reached from the other in less than half of the circle is the later
+//! one, as in RFC 1982 (serial number arithmetic).
+
+/// True where number `a` comes after number `b`.
+pub const fn is_after(a: u32, b: u32) -> bool {
+    a != b && a.wrapping_sub(b) < 1 << 31
+}
+
+/// How many numbers were skipped between `expected` and `received`; 0 where `received` comes before `expected`, as after a restart.
+pub const fn skipped(expected: u32, received: u32) -> u32 {
+    if is_after(received, expected) { received.wrapping_sub(expected) } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{is_after, skipped};
+
+    #[test]
+    fn the_later_number_is_the_nearer_one_ahead() {
+        assert!(is_after(1, 0) && !is_after(0, 1) && !is_after(7, 7));
+        assert!(is_after(0, u32::MAX) && !is_after(u32::MAX, 0));
+        assert!(is_after(1 << 31, 1) && !is_after((1 << 31) + 1, 1));
+    }
+
+    #[test]
+    fn a_gap_counts_forwards_only() {
+        assert_eq!(skipped(10, 10), 0);
+        assert_eq!(skipped(10, 13), 3);
+        assert_eq!(skipped(u32::MAX, 1), 2);
+        assert_eq!(skipped(10, 3), 0);
+    }
+}

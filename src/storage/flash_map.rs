@@ -1,0 +1,32 @@
+//! Addresses in flash, which bootloaders, application, build scripts and host programs agree on.
+
+use core::ops::Range;
+
+/// Bytes that the flash chip erases at once; the STM32WB55's own flash, too.
+pub const SECTOR: u32 = 4096;
+
+/// The bootloader, in the controller's own flash.
+pub const BOOTLOADER: Range<u32> = 0x0800_0000..0x0800_8000;
+/// The running application, in the controller's own flash. Only the bootloader writes it.
+pub const ACTIVE: Range<u32> = BOOTLOADER.end..BOOTLOADER.end + 96 * SECTOR;
+/// Longest image, bytes.
+pub const MAX_IMAGE: u32 = ACTIVE.end - ACTIVE.start;
+
+/// Size of the flash chip, a W25Q32, bytes.
+pub const CHIP_BYTES: u32 = 4 << 20;
+/// Records, in the flash chip.
+pub const RECORDS: Range<u32> = 0..16 * SECTOR;
+/// The step log, in the flash chip: room for 3,000 steps, 12 in each sector.
+pub const LOG: Range<u32> = RECORDS.end..RECORDS.end + 256 * SECTOR;
+/// The state of the bootloader, in the flash chip.
+pub const STATE: Range<u32> = 0x12_0000..0x12_0000 + SECTOR;
+/// The image that is being received, later the previous one, in the flash chip: the bootloader swaps it with [`ACTIVE`] by way of
+/// one more sector.
+pub const OTHER: Range<u32> = 0x14_0000..0x14_0000 + MAX_IMAGE + SECTOR;
+
+/// Offset of the [`crate::protocol::update::Header`] in an image: after the longest vector table.
+pub const HEADER: u32 = 0x200;
+/// Room for the header, bytes.
+pub const HEADER_BYTES: u32 = 64;
+
+const _: () = assert!(LOG.end <= STATE.start && STATE.end <= OTHER.start && OTHER.end <= CHIP_BYTES);

@@ -1,0 +1,48 @@
+//! The entries of the step log.
+
+use super::BUFFER;
+use super::migration::EntryV1;
+use crate::protocol::{Step, decode, encode};
+use serde::{Deserialize, Serialize};
+
+/// An entry of the step log.
+#[derive(Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "entries exist one at a time, in place")]
+pub(super) enum Entry {
+    Step {
+        /// The boot that recorded the step.
+        boot: u32,
+        step: Step,
+    },
+    /// All steps before this number are acknowledged.
+    Acknowledged { next: u32 },
+}
+
+/// Version of [`Entry`], its first byte.
+const VERSION: u8 = 2;
+
+impl Entry {
+    /// Decodes an entry of this or an older version.
+    pub(super) fn decode(bytes: &[u8]) -> Option<Self> {
+        match bytes.split_first()? {
+            (&VERSION, entry) => decode(entry),
+            (1, entry) => decode::<EntryV1>(entry).map(Self::from),
+            _ => None,
+        }
+    }
+
+    pub(super) fn encode<'b>(&self, buffer: &'b mut [u8; BUFFER]) -> &'b [u8] {
+        buffer[0] = VERSION;
+        // BUFFER has room for the longest entry, so the length is never 0.
+        let len = encode(self, &mut buffer[1..]).map_or(0, |entry| 1 + entry.len());
+        &buffer[..len]
+    }
+
+    /// The number of the next step after this entry.
+    pub(super) fn next_step(&self) -> u32 {
+        match self {
+            Self::Step { step, .. } => step.step.wrapping_add(1),
+            Self::Acknowledged { next } => *next,
+        }
+    }
+}

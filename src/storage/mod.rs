@@ -1,0 +1,41 @@
+//! Persistent data in a NOR flash chip: records that are replaced, a log of steps that no host has acknowledged, and firmware
+//! images.
+//!
+//! Records and log are `sequential-storage`'s, which spreads the wear, protects every item by a CRC-32 and recovers from a loss of
+//! power during any write: an item is there whole or not at all. Every record and step carries the version of its format.
+//! `docs/storage.md` has the map, the wear and the rules.
+
+pub mod boot;
+pub mod flash_map;
+mod log;
+mod migration;
+pub mod partition;
+mod records;
+mod store;
+pub mod update;
+
+pub use records::{Bonds, BootCounters, CalibrationRecord, CellsRecord, IdentityRecord, MAX_BONDS_BYTES, Record};
+pub use store::Store;
+
+use sequential_storage::Error;
+
+/// Why something could not be stored or read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StorageError {
+    /// The chip did not execute an operation, or is not there.
+    Chip,
+    /// No room is left, or the stored data are inconsistent.
+    Contents,
+}
+
+impl<E> From<Error<E>> for StorageError {
+    fn from(error: Error<E>) -> Self {
+        match error {
+            Error::Storage { .. } => Self::Chip,
+            _ => Self::Contents,
+        }
+    }
+}
+
+/// Room for the longest item: a step with what the log and the chip's words add, bytes.
+const BUFFER: usize = 352;

@@ -1,0 +1,89 @@
+//! Ranges of the flash chip in the form that `embassy-boot` expects.
+
+use super::flash_map::STATE;
+use crate::protocol::update::CHUNK;
+use core::ops::Range;
+use embassy_futures::yield_now;
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::mutex::Mutex;
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+
+/// Bytes of a word in [`STATE`]: a loss of power leaves no other valid word.
+pub const STATE_WORD: usize = 8;
+
+/// [`STATE`] as a partition.
+pub fn state_partition<F>(chip: &Mutex<NoopRawMutex, F>) -> Partition<'_, F, STATE_WORD> {
+    Partition::new(chip, STATE)
+}
+
+/// A range of the flash chip, written `WRITE` bytes at a time. Short reads are served from a buffered page, and other tasks run
+/// between pages.
+pub struct Partition<'a, F, const WRITE: usize> {
+    chip: &'a Mutex<NoopRawMutex, F>,
+    range: Range<u32>,
+    page: [u8; CHUNK],
+    page_at: Option<u32>,
+}
+
+impl<'a, F, const WRITE: usize> Partition<'a, F, WRITE> {
+    /// The partition with these addresses.
+    pub fn new(chip: &'a Mutex<NoopRawMutex, F>, range: Range<u32>) -> Self {
+        Self { chip, range, page: [0; CHUNK], page_at: None }
+    }
+
+    /// The address of `len` bytes.
+    fn at(&self, offset: u32, len: u32) -> Result<u32, NorFlashErrorKind> {
+        let room = (self.range.end - self.range.start).checked_sub(offset).ok_or(NorFlashErrorKind::OutOfBounds)?;
+        if len <= room { Ok(self.range.start + offset) } else { Err(NorFlashErrorKind::OutOfBounds) }
+    }
+}
+
+impl<F, const WRITE: usize> ErrorType for Partition<'_, F, WRITE> {
+    type Error = NorFlashErrorKind;
+}
+
+impl<F: ReadNorFlash, const WRITE: usize> ReadNorFlash for Partition<'_, F, WRITE> {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        let mut at = self.at(offset, bytes.len() as u32)?;
+        if bytes.len() >= CHUNK {
+            return self.chip.lock().await.read(at, bytes).await.map_err(|error| error.kind());
+        }
+        for byte in bytes {
+            let within = at as usize % CHUNK;
+            let page_at = at - within as u32;
+            if self.page_at != Some(page_at) {
+                self.page_at = None;
+                self.chip.lock().await.read(page_at, &mut self.page).await.map_err(|error| error.kind())?;
+                self.page_at = Some(page_at);
+                yield_now().await;
+            }
+            *byte = self.page[within];
+            at += 1;
+        }
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.range.len()
+    }
+}
+
+impl<F: NorFlash, const WRITE: usize> NorFlash for Partition<'_, F, WRITE> {
+    const WRITE_SIZE: usize = WRITE;
+    const ERASE_SIZE: usize = F::ERASE_SIZE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        self.page_at = None;
+        let start = self.at(from, to.saturating_sub(from))?;
+        let end = start + to.saturating_sub(from);
+        self.chip.lock().await.erase(start, end).await.map_err(|error| error.kind())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        self.page_at = None;
+        let at = self.at(offset, bytes.len() as u32)?;
+        self.chip.lock().await.write(at, bytes).await.map_err(|error| error.kind())
+    }
+}

@@ -1,0 +1,98 @@
+//! The records, each with the number of its kind and the version of its format.
+
+use super::migration;
+use crate::pipeline::region::Side;
+use crate::pipeline::tissue::Tissue;
+use crate::protocol::{CalibrationBlock, Reset, Serial};
+use heapless::Vec;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+/// Longest bonds, bytes.
+pub const MAX_BONDS_BYTES: usize = 192;
+
+/// A kind of record.
+pub trait Record: Serialize + DeserializeOwned + PartialEq {
+    /// Number of the kind, never reused.
+    const KIND: u8;
+    /// Version of the format, from 1.
+    const VERSION: u8;
+
+    /// Reads what an older version wrote.
+    fn migrate(version: u8, bytes: &[u8]) -> Option<Self> {
+        migration::record(version, bytes)
+    }
+}
+
+/// The foot and the serial number; in force from the next start on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct IdentityRecord {
+    /// The foot.
+    pub side: Side,
+    /// The serial number.
+    pub serial: Serial,
+}
+
+/// Which calibration is in force from the next start on; its cells are in [`CellsRecord`]s.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CalibrationRecord {
+    /// The layout that it was measured on.
+    pub layout_id: u32,
+    /// Number of cells.
+    pub cells: u16,
+    /// Checksum of the cells' calibrations, from [`crate::protocol::CalibrationId`].
+    pub id: u32,
+    /// Which of two slots holds it: the next one is written to the other slot.
+    pub slot: u8,
+}
+
+/// A block of a calibration.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CellsRecord(pub CalibrationBlock);
+
+/// The bonded centrals, in the format of the package `bluetooth`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Bonds(pub Vec<u8, MAX_BONDS_BYTES>);
+
+/// Number of boots for each [`Reset`], in their order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct BootCounters(pub [u32; 6]);
+
+impl BootCounters {
+    /// Counts a boot.
+    pub fn count(&mut self, reset: Reset) {
+        if let Some(count) = self.0.get_mut(reset as usize) {
+            *count = count.wrapping_add(1);
+        }
+    }
+
+    /// Number of all boots, which is the number of the running one.
+    pub fn total(&self) -> u32 {
+        self.0.iter().fold(0, |sum, count| sum.wrapping_add(*count))
+    }
+}
+
+/// Assigns numbers and versions to all kinds.
+macro_rules! records {
+    ($($record:ty: $kind:literal, $version:literal;)*) => {
+        $(impl Record for $record {
+            const KIND: u8 = $kind;
+            const VERSION: u8 = $version;
+        })*
+
+        /// The version of every kind, to recognise records of a newer firmware.
+        pub(super) const VERSIONS: &[(u8, u8)] = &[$(($kind, $version)),*];
+    };
+}
+
+records! {
+    IdentityRecord: 1, 1;
+    Tissue: 2, 1;
+    CalibrationRecord: 3, 1;
+    CellsRecord: 4, 1;
+    Bonds: 5, 1;
+    BootCounters: 6, 1;
+}
+
+/// Key of a record: kind, part and version. Versions have separate keys, so that none replaces a newer one.
+pub(super) type Key = [u8; 3];

@@ -1,0 +1,316 @@
+//! The store: records and the step log in the flash chip.
+
+use super::flash_map::{LOG, RECORDS, SECTOR};
+use super::log::Entry;
+use super::records::{BootCounters, CalibrationRecord, CellsRecord, Key, Record, VERSIONS};
+use super::{BUFFER, StorageError};
+use crate::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId, Contents, Reset, Step, decode, encode};
+use crate::sequence::is_after;
+use core::ops::Range;
+use embedded_storage_async::nor_flash::MultiwriteNorFlash;
+use sequential_storage::Error;
+use sequential_storage::cache::page_states::CalculatedPageStates;
+use sequential_storage::cache::{Cache, Uncached};
+use sequential_storage::map::{MapConfig, MapStorage};
+use sequential_storage::queue::{QueueConfig, QueueStorage};
+
+/// Attempts to write a record that can be read back.
+const WRITE_ATTEMPTS: usize = 3;
+
+/// Distinguishes the blocks in one slot from those in the other: a bit above all block numbers.
+const OTHER_SLOT: u8 = 0x80;
+
+type LogCache = Cache<CalculatedPageStates, Uncached, Uncached>;
+
+fn empty_cache() -> LogCache {
+    Cache::new(CalculatedPageStates::new(((LOG.end - LOG.start) / SECTOR) as usize), Uncached, Uncached)
+}
+
+/// The flash chip and its contents.
+pub struct Store<F> {
+    flash: Option<F>,
+    log_cache: LogCache,
+    buffer: [u8; BUFFER],
+    contents: Contents,
+}
+
+impl<F: MultiwriteNorFlash> Store<F> {
+    /// Surveys the chip and counts this boot. Without a chip, or where it fails, the contents are unknown and nothing is stored.
+    pub async fn open(flash: Option<F>, reset: Reset) -> Self {
+        let mut store = Self { flash, log_cache: empty_cache(), buffer: [0; BUFFER], contents: Contents::default() };
+        // A new chip is blank. One with foreign data, or damaged beyond repair, would store nothing.
+        let records = store.survey_records().await;
+        let log = store.survey_log().await;
+        let boots = store.get::<BootCounters>(0).await;
+        let has_boots = matches!(boots, Ok(Some(_)));
+        // A new chip, on which the first boot was interrupted, has at most the first entry of the log.
+        let is_ours = has_boots || store.contents.next_step != 0;
+        // Where anything can be read, the rest may have been written by a newer firmware.
+        let is_empty = |count| matches!(count, Ok(0) | Err(StorageError::Contents));
+        if is_empty(records) && matches!(boots, Ok(None) | Err(StorageError::Contents)) {
+            store.clear(RECORDS, is_ours).await;
+        }
+        if is_empty(log) {
+            store.clear(LOG, is_ours).await;
+            // From here on the log always has an entry, so that numbering continues after a restart.
+            let _ = store.push(&Entry::Acknowledged { next: 0 }).await;
+        }
+        let mut boots = store.get::<BootCounters>(0).await.ok().flatten().unwrap_or_default();
+        boots.count(reset);
+        store.contents.start = boots.total();
+        // A chip that fails here fails again at the next write, which is reported.
+        let _ = store.put(0, &boots).await;
+        store
+    }
+
+    /// The contents, as surveyed and changed since.
+    pub fn contents(&self) -> Contents {
+        self.contents
+    }
+
+    /// The chip, for areas outside the store.
+    pub fn flash(&mut self) -> Option<&mut F> {
+        self.flash.as_mut()
+    }
+
+    /// Erases the range unless it is blank. A chip that fails here fails again at the next write, which is reported.
+    async fn clear(&mut self, range: Range<u32>, is_ours: bool) {
+        let Some(flash) = &mut self.flash else { return };
+        let mut bytes = [0; 128];
+        for at in range.clone().step_by(bytes.len()) {
+            if flash.read(at, &mut bytes).await.is_ok() && bytes.iter().any(|byte| *byte != 0xff) {
+                self.contents.erased += u32::from(is_ours);
+                self.log_cache = empty_cache();
+                let _ = flash.erase(range.start, range.end).await;
+                return;
+            }
+        }
+    }
+
+    /// Number of stored items; each version of a record counts.
+    async fn survey_records(&mut self) -> Result<u32, StorageError> {
+        let mut records = records(&mut self.flash)?;
+        let mut items = records.fetch_all_items(&mut self.buffer).await?;
+        let mut count = 0;
+        while let Some(([kind, _, version], _)) = items.next::<&[u8]>(&mut self.buffer).await? {
+            count += 1;
+            let known = VERSIONS.iter().find(|(known, _)| *known == kind).map_or(0, |(_, version)| *version);
+            if version > known {
+                self.contents.newer_kinds |= 1 << (kind % 32);
+            }
+        }
+        Ok(count)
+    }
+
+    /// Number of log entries.
+    async fn survey_log(&mut self) -> Result<u32, StorageError> {
+        let Self { flash, log_cache, buffer, contents } = self;
+        with_log(flash, log_cache, async |log| {
+            let mut entries = log.iter().await?;
+            let mut count = 0;
+            while let Some(entry) = entries.next(buffer).await? {
+                count += 1;
+                match Entry::decode(&entry) {
+                    Some(entry) => contents.next_step = entry.next_step(),
+                    None => contents.newer_steps += 1,
+                }
+            }
+            Ok(count)
+        })
+        .await
+    }
+
+    /// Part `part` of the record of a kind; `None` where there is none that this firmware can read.
+    pub async fn get<R: Record>(&mut self, part: u8) -> Result<Option<R>, StorageError> {
+        let mut records = records(&mut self.flash)?;
+        for version in (1..=R::VERSION).rev() {
+            let found = records.fetch_item::<&[u8]>(&mut self.buffer, &[R::KIND, part, version]).await?;
+            if let Some(bytes) = found {
+                return Ok(if version == R::VERSION { decode(bytes) } else { R::migrate(version, bytes) });
+            }
+        }
+        Ok(None)
+    }
+
+    /// Replaces part `part` of the record of a kind. A loss of power leaves the old or the new one.
+    pub async fn put<R: Record>(&mut self, part: u8, record: &R) -> Result<(), StorageError> {
+        // An unchanged record is not written, which saves wear.
+        if self.get::<R>(part).await?.as_ref() == Some(record) {
+            return Ok(());
+        }
+        let mut bytes = [0; BUFFER - size_of::<Key>()];
+        let bytes: &[u8] = encode(record, &mut bytes).map_err(|_| StorageError::Contents)?;
+        for _ in 0..WRITE_ATTEMPTS {
+            let mut records = records(&mut self.flash)?;
+            records.store_item(&mut self.buffer, &[R::KIND, part, R::VERSION], &bytes).await?;
+            // A location with a stuck bit reads as no item; the next attempt uses another location.
+            if self.get::<R>(part).await?.as_ref() == Some(record) {
+                return self.remove_older::<R>(part).await;
+            }
+        }
+        Err(StorageError::Chip)
+    }
+
+    async fn remove_older<R: Record>(&mut self, part: u8) -> Result<(), StorageError> {
+        let mut records = records(&mut self.flash)?;
+        for older in 1..R::VERSION {
+            records.remove_item(&mut self.buffer, &[R::KIND, part, older]).await?;
+        }
+        Ok(())
+    }
+
+    /// Stores a block of the next calibration, which is not in force before [`Store::put_calibration`].
+    pub async fn put_calibration_block(&mut self, block: u8, cells: &CalibrationBlock) -> Result<(), StorageError> {
+        let slot = self.free_slot().await?;
+        self.put(slot | block, &CellsRecord(*cells)).await
+    }
+
+    /// Puts the calibration made of the stored blocks in force. False where the checksum of its cells is not `id`.
+    pub async fn put_calibration(&mut self, layout_id: u32, cells: u16, id: u32) -> Result<bool, StorageError> {
+        let calibration = CalibrationRecord { layout_id, cells, id, slot: self.free_slot().await? };
+        let found = self.calibration_id(&calibration).await?;
+        if found == Some(id) {
+            self.put(0, &calibration).await?;
+        }
+        Ok(found == Some(id))
+    }
+
+    /// The calibration in force, where it is complete and belongs to this layout.
+    pub async fn calibration(&mut self, layout_id: u32, cells: u16) -> Result<Option<CalibrationRecord>, StorageError> {
+        let Some(calibration) = self.get::<CalibrationRecord>(0).await? else { return Ok(None) };
+        let fits = calibration.layout_id == layout_id && calibration.cells == cells;
+        Ok((fits && self.calibration_id(&calibration).await? == Some(calibration.id)).then_some(calibration))
+    }
+
+    /// A block of a calibration.
+    pub async fn calibration_block(
+        &mut self,
+        calibration: &CalibrationRecord,
+        block: u8,
+    ) -> Result<Option<CalibrationBlock>, StorageError> {
+        Ok(self.get::<CellsRecord>(calibration.slot | block).await?.map(|CellsRecord(cells)| cells))
+    }
+
+    /// The slot that the calibration in force does not use.
+    async fn free_slot(&mut self) -> Result<u8, StorageError> {
+        let in_force = self.get::<CalibrationRecord>(0).await?;
+        Ok(in_force.map_or(0, |calibration| calibration.slot ^ OTHER_SLOT))
+    }
+
+    async fn calibration_id(&mut self, calibration: &CalibrationRecord) -> Result<Option<u32>, StorageError> {
+        let mut id = CalibrationId::new();
+        let mut left = usize::from(calibration.cells);
+        for block in 0..left.div_ceil(BLOCK_CELLS) as u8 {
+            let Some(cells) = self.calibration_block(calibration, block).await? else { return Ok(None) };
+            id.add(&cells[..left.min(BLOCK_CELLS)]);
+            left -= left.min(BLOCK_CELLS);
+        }
+        Ok(Some(id.id()))
+    }
+
+    /// Appends a step to the log. A full log drops its oldest steps; returns how many.
+    pub async fn push_step(&mut self, step: &Step) -> Result<u32, StorageError> {
+        let entry = Entry::Step { boot: self.contents.start, step: *step };
+        let dropped = self.push(&entry).await?;
+        self.contents.next_step = entry.next_step();
+        Ok(dropped)
+    }
+
+    async fn push(&mut self, entry: &Entry) -> Result<u32, StorageError> {
+        let mut bytes = [0; BUFFER];
+        let bytes = entry.encode(&mut bytes);
+        let Self { flash, log_cache, buffer, .. } = self;
+        with_log(flash, log_cache, async |log| {
+            match log.push(bytes, false).await {
+                Err(Error::FullStorage) => {}
+                pushed => return pushed.map(|()| 0),
+            }
+            let before = oldest(log, buffer).await?;
+            log.push(bytes, true).await?;
+            let after = oldest(log, buffer).await?;
+            Ok(before.zip(after).map_or(0, |(before, after)| after.wrapping_sub(before)))
+        })
+        .await
+    }
+
+    /// Removes all steps up to and including this number.
+    pub async fn acknowledge(&mut self, step: u32) -> Result<(), StorageError> {
+        let next = step.wrapping_add(1);
+        // Without this entry the log could become empty; a step that could not be stored is beyond its last one.
+        if !is_after(self.contents.next_step, next) {
+            self.push(&Entry::Acknowledged { next }).await?;
+            self.contents.next_step = next;
+        }
+        let Self { flash, log_cache, buffer, contents } = self;
+        with_log(flash, log_cache, async |log| {
+            let mut entries = log.iter().await?;
+            while let Some(entry) = entries.next(buffer).await? {
+                match Entry::decode(&entry) {
+                    Some(Entry::Step { step: stored, .. }) if is_after(stored.step, step) => break,
+                    Some(Entry::Acknowledged { next }) if next == contents.next_step => break,
+                    Some(_) => drop(entry.pop().await?),
+                    None => {}
+                }
+            }
+            Ok(())
+        })
+        .await
+    }
+
+    /// Passes the steps after number `after`, or all, to `take`, oldest first and each with the number of boots since it was
+    /// recorded, until `take` returns false. True where steps remain.
+    pub async fn steps(
+        &mut self,
+        after: Option<u32>,
+        mut take: impl FnMut(Step) -> bool,
+    ) -> Result<bool, StorageError> {
+        let Self { flash, log_cache, buffer, contents } = self;
+        with_log(flash, log_cache, async |log| {
+            let mut entries = log.iter().await?;
+            while let Some(entry) = entries.next(buffer).await? {
+                let Some(Entry::Step { boot, step }) = Entry::decode(&entry) else { continue };
+                let is_new = after.is_none_or(|after| is_after(step.step, after));
+                if is_new && !take(Step { boots_since: contents.start.wrapping_sub(boot), ..step }) {
+                    return Ok(true);
+                }
+            }
+            Ok(false)
+        })
+        .await
+    }
+}
+
+type Records<'f, F> = MapStorage<Key, &'f mut F, Cache<Uncached, Uncached, Uncached, Key>>;
+
+fn records<F: MultiwriteNorFlash>(flash: &mut Option<F>) -> Result<Records<'_, F>, StorageError> {
+    Ok(MapStorage::new(flash.as_mut().ok_or(StorageError::Chip)?, MapConfig::new(RECORDS), Cache::new_uncached()))
+}
+
+/// Gives `work` access to the log, and preserves the cached state of its pages.
+async fn with_log<F: MultiwriteNorFlash, T>(
+    flash: &mut Option<F>,
+    cache: &mut LogCache,
+    work: impl AsyncFnOnce(&mut QueueStorage<&mut F, LogCache>) -> Result<T, Error<F::Error>>,
+) -> Result<T, StorageError> {
+    let flash = flash.as_mut().ok_or(StorageError::Chip)?;
+    let mut log = QueueStorage::new(flash, QueueConfig::new(LOG), core::mem::replace(cache, empty_cache()));
+    let done = work(&mut log).await;
+    if done.is_ok() {
+        *cache = log.destroy().1;
+    }
+    Ok(done?)
+}
+
+/// Number of the oldest step in the log.
+async fn oldest<F: MultiwriteNorFlash>(
+    log: &mut QueueStorage<&mut F, LogCache>,
+    buffer: &mut [u8],
+) -> Result<Option<u32>, Error<F::Error>> {
+    let mut entries = log.iter().await?;
+    while let Some(entry) = entries.next(buffer).await? {
+        if let Some(Entry::Step { step, .. }) = Entry::decode(&entry) {
+            return Ok(Some(step.step));
+        }
+    }
+    Ok(None)
+}

@@ -1,0 +1,155 @@
+//! Receives a firmware image, and lets the bootloader swap it with the running one once its signature is verified.
+//!
+//! The bootloader, `embassy-boot`, swaps at the next start, and swaps back at the one after unless the new image confirmed itself.
+//! `docs/update.md` has the whole procedure.
+
+use super::flash_map::{HEADER, MAX_IMAGE, OTHER, SECTOR};
+use super::partition::{Partition, STATE_WORD, state_partition};
+use crate::protocol::update::{CHUNK, Chunk, Header, Offer, Progress, Refusal, Request};
+use embassy_boot::{FirmwareState, FirmwareUpdater, FirmwareUpdaterConfig, FirmwareUpdaterError, State};
+use embassy_sync::mutex::Mutex;
+use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
+
+/// The public key that images must be signed with: the build takes it from `PLANTAR_UPDATE_KEY`, in hex. The default is the
+/// development key, of which the secret half is public (`docs/security.md`).
+pub const KEY: [u8; 32] = from_hex(match option_env!("PLANTAR_UPDATE_KEY") {
+    Some(key) => key,
+    None => "68335e1b188bb8cd9c390c584b54e2ad61f1604f71091415177d09ab23c3970c",
+});
+
+const fn from_hex(text: &str) -> [u8; 32] {
+    const fn digit(digit: u8) -> u8 {
+        match (digit as char).to_digit(16) {
+            Some(value) => value as u8,
+            None => panic!("PLANTAR_UPDATE_KEY holds a character that is not a hex digit"),
+        }
+    }
+    let (digits, mut bytes, mut i) = (text.as_bytes(), [0; 32], 0);
+    assert!(digits.len() == 64, "PLANTAR_UPDATE_KEY must have 64 hex digits");
+    while i < bytes.len() {
+        bytes[i] = digit(digits[2 * i]) << 4 | digit(digits[2 * i + 1]);
+        i += 1;
+    }
+    bytes
+}
+
+/// The state of a transfer.
+#[derive(Debug, Default)]
+pub struct Update {
+    offer: Option<Offer>,
+    next: u16,
+}
+
+impl Update {
+    /// No transfer begun.
+    pub const fn new() -> Self {
+        Self { offer: None, next: 0 }
+    }
+
+    /// Executes a request. `running` is the header of the running image, `key` the public key that signatures are verified with.
+    ///
+    /// # Errors
+    /// The [`Refusal`] to send to the host.
+    pub async fn handle<F: NorFlash>(
+        &mut self,
+        flash: &mut F,
+        running: &Header,
+        key: &[u8; 32],
+        request: &Request,
+    ) -> Result<Progress, Refusal> {
+        match request {
+            Request::Begin(offer) => self.begin(flash, running, offer).await,
+            Request::Chunk { number, chunk } => self.chunk(flash, *number, chunk).await,
+            Request::Finish => self.finish(flash, key).await,
+        }
+    }
+
+    async fn begin<F: NorFlash>(
+        &mut self,
+        flash: &mut F,
+        running: &Header,
+        offer: &Offer,
+    ) -> Result<Progress, Refusal> {
+        if offer.header.board != running.board {
+            return Err(Refusal::Board);
+        }
+        if offer.header.number() < running.number() {
+            return Err(Refusal::Older);
+        }
+        if !(1..=MAX_IMAGE).contains(&(u32::from(offer.chunks) * CHUNK as u32)) {
+            return Err(Refusal::Length);
+        }
+        // The previous image occupies the place of the new one.
+        if is_on_trial(flash).await? {
+            return Err(Refusal::OnTrial);
+        }
+        if self.offer.as_ref() != Some(offer) {
+            *self = Self { offer: Some(*offer), next: 0 };
+        }
+        Ok(Progress::Next(self.next))
+    }
+
+    async fn chunk<F: NorFlash>(&mut self, flash: &mut F, number: u16, chunk: &Chunk) -> Result<Progress, Refusal> {
+        let offer = self.offer.as_ref().ok_or(Refusal::NotBegun)?;
+        // Any other was answered already, or comes after one that was lost.
+        if number == self.next && number < offer.chunks {
+            let at = OTHER.start + u32::from(number) * CHUNK as u32;
+            if at.is_multiple_of(SECTOR) {
+                flash.erase(at, at + SECTOR).await.map_err(|error| error.kind())?;
+            }
+            flash.write(at, chunk.as_flattened()).await.map_err(|error| error.kind())?;
+            self.next += 1;
+        }
+        Ok(Progress::Next(self.next))
+    }
+
+    async fn finish<F: NorFlash>(&mut self, flash: &mut F, key: &[u8; 32]) -> Result<Progress, Refusal> {
+        let offer = self.offer.ok_or(Refusal::NotBegun)?;
+        if self.next < offer.chunks {
+            return Err(Refusal::Incomplete);
+        }
+        // Sending more chunks cannot correct an error from here on.
+        *self = Self::new();
+        let mut header = [0; Header::BYTES];
+        flash.read(OTHER.start + HEADER, &mut header).await.map_err(|error| error.kind())?;
+        if Header::read(&header) != Some(offer.header) {
+            return Err(Refusal::Header);
+        }
+        let chip = Mutex::new(flash);
+        let mut word = [0; STATE_WORD];
+        let config =
+            FirmwareUpdaterConfig { dfu: Partition::<_, CHUNK>::new(&chip, OTHER), state: state_partition(&chip) };
+        let signature = *offer.signature.as_flattened().as_array().ok_or(Refusal::Signature)?;
+        let len = u32::from(offer.chunks) * CHUNK as u32;
+        FirmwareUpdater::new(config, &mut word).verify_and_mark_updated(key, &signature, len).await?;
+        Ok(Progress::Accepted)
+    }
+}
+
+/// True where the bootloader swaps the running image back unless it is confirmed.
+pub async fn is_on_trial<F: NorFlash>(flash: &mut F) -> Result<bool, Refusal> {
+    let (chip, mut word) = (Mutex::new(flash), [0; STATE_WORD]);
+    Ok(FirmwareState::new(state_partition(&chip), &mut word).get_state().await? == State::Swap)
+}
+
+/// Confirms the running image.
+pub async fn confirm<F: NorFlash>(flash: &mut F) -> Result<(), Refusal> {
+    let (chip, mut word) = (Mutex::new(flash), [0; STATE_WORD]);
+    Ok(FirmwareState::new(state_partition(&chip), &mut word).mark_booted().await?)
+}
+
+impl From<NorFlashErrorKind> for Refusal {
+    fn from(_: NorFlashErrorKind) -> Self {
+        Self::Chip
+    }
+}
+
+impl From<FirmwareUpdaterError> for Refusal {
+    fn from(error: FirmwareUpdaterError) -> Self {
+        match error {
+            FirmwareUpdaterError::Flash(_) => Self::Chip,
+            FirmwareUpdaterError::Signature(_) => Self::Signature,
+            FirmwareUpdaterError::BadState => Self::OnTrial,
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! Images: what is signed comes back, what was changed does not.
+
+use firmware_image::{DEVELOPMENT_KEY, Error, Image, Secret, development, raw, secret};
+use plantar::protocol::update::{CHUNK, Header};
+use plantar::storage::flash_map::HEADER;
+use plantar::storage::update::KEY;
+
+/// Something with a header that no board would run.
+fn image(secret: &Secret) -> Image {
+    let mut bytes: Vec<u8> = std::iter::repeat_with(|| fastrand::u8(..)).take(10 * CHUNK).collect();
+    let header = Header::new("emulated", "1.2.3").bytes();
+    bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
+    Image::sign(bytes, secret).expect("it has a header")
+}
+
+#[test]
+fn a_file_holds_the_image_and_any_change_of_it_is_found() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("image.bin");
+    let image = image(&Secret::from_bytes(&[7; 32]));
+    let file = image.file();
+    std::fs::write(&path, &file).expect("written");
+    let read = Image::read(&path).expect("it is whole");
+    assert_eq!(read, image);
+    assert_eq!((read.header().board(), read.header().version(), read.offer().chunks), ("emulated", "1.2.3", 10));
+    let chunks: Vec<u8> = (0..10).flat_map(|number| image.chunk(number).as_flattened().to_vec()).collect();
+    assert_eq!(chunks, image.bytes());
+
+    for bit in (0..8 * file.len()).step_by(97) {
+        let mut flipped = file.clone();
+        flipped[bit / 8] ^= 1 << (bit % 8);
+        std::fs::write(&path, &flipped).expect("written");
+        assert!(Image::read(&path).is_err(), "bit {bit}");
+    }
+    for len in [0, 1, 95, 96, HEADER as usize, file.len() - CHUNK, file.len() - 1] {
+        std::fs::write(&path, &file[..len]).expect("written");
+        let error = Image::read(&path).expect_err("it is cut short").to_string();
+        assert!(error.contains("cut short") && error.contains("image.bin"), "{error}");
+    }
+}
+
+#[test]
+fn an_unbuilt_firmware_and_a_missing_key_say_what_to_do() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("firmware");
+    assert!(matches!(raw(&path), Err(Error::Read(..))));
+    std::fs::write(&path, b"\x7fELF").expect("written");
+    assert!(raw(&path).expect_err("it is none").to_string().contains("cargo xtask build"));
+    assert!(secret(&path).expect_err("it is none").to_string().contains("cargo xtask key"));
+    std::fs::write(&path, DEVELOPMENT_KEY).expect("written");
+    assert_eq!(secret(&path).ok(), development());
+}
+
+#[test]
+fn the_development_key_is_the_one_that_insoles_take_unless_told_another() {
+    if option_env!("PLANTAR_UPDATE_KEY").is_none() {
+        assert_eq!(development().map(|secret| secret.verifying_key().to_bytes()), Some(KEY));
+    }
+}
