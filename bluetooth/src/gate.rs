@@ -5,12 +5,16 @@ use bt_hci::cmd::{self, AsyncCmd, SyncCmd};
 use bt_hci::controller::{Controller as Hci, ControllerCmdAsync, ControllerCmdSync};
 use bt_hci::data::{AclBroadcastFlag, AclPacket, AclPacketBoundary, IsoPacket, SyncPacket};
 use core::future::Future;
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::signal::Signal;
 use embedded_io_async::ErrorType;
 use plantar::firmware::ble::GattServer;
 
 /// The radio as the host may see it.
 pub struct Gate<'a, C> {
     pub radio: &'a C,
+    /// Signalled by every packet from the radio.
+    pub answered: &'a Signal<NoopRawMutex, ()>,
     pub insole: &'a dyn GattServer,
 }
 
@@ -60,7 +64,9 @@ impl<C: Hci> Hci for Gate<'_, C> {
     }
 
     async fn read<'a>(&self, buffer: &'a mut Self::Buffer<'_>) -> Result<ControllerToHostPacket<'a>, Self::Error> {
-        Ok(match self.radio.read(buffer).await? {
+        let packet = self.radio.read(buffer).await?;
+        self.answered.signal(());
+        Ok(match packet {
             ControllerToHostPacket::Acl(acl) if acl.boundary_flag() != AclPacketBoundary::Continuing => {
                 ControllerToHostPacket::Acl(AclPacket::new(
                     acl.handle(),

@@ -10,9 +10,10 @@ mod gate;
 mod table;
 
 use bt_hci_serial::SerialTransport;
-use embassy_futures::select::select;
+use embassy_futures::select::{select, select3};
 use embassy_sync::blocking_mutex::raw::{CriticalSectionRawMutex, NoopRawMutex};
 use embassy_sync::pipe::Pipe;
+use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Timer};
 use gate::Gate;
 use plantar::firmware::ble::GattServer;
@@ -48,11 +49,18 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
     let radio: Radio = ExternalController::new(SerialTransport::new(from_radio, to_radio));
     let built = build_table(insole);
     let mut resources = Resources::new();
+    let answered = Signal::new();
     loop {
-        let stack = set_up(&radio, insole, &mut resources);
-        let mut runner = stack.runner();
+        answered.reset();
+        let stack = set_up(&radio, &answered, insole, &mut resources);
+        let (mut rx, mut control, mut tx) = stack.runner().split();
         // A failed radio is set up again.
-        select(runner.run(), serve(&stack, built, insole)).await;
+        select3(rx.run(), control.run(), async {
+            // Sender and server wait for a missing radio in a busy loop.
+            answered.wait().await;
+            select(tx.run(), serve(&stack, built, insole)).await
+        })
+        .await;
         insole.close();
         Timer::after(RADIO_PAUSE).await;
     }
@@ -70,8 +78,13 @@ fn build_table(insole: &'static dyn GattServer) -> &'static (Table, Server<'stat
 }
 
 #[inline(never)]
-fn set_up<'a>(radio: &'a Radio, insole: &'a dyn GattServer, resources: &'a mut Resources) -> Host<'a> {
-    let mut builder = trouble_host::new(Gate { radio, insole }, resources);
+fn set_up<'a>(
+    radio: &'a Radio,
+    answered: &'a Signal<NoopRawMutex, ()>,
+    insole: &'a dyn GattServer,
+    resources: &'a mut Resources,
+) -> Host<'a> {
+    let mut builder = trouble_host::new(Gate { radio, answered, insole }, resources);
     if let Some(address) = insole.address() {
         builder = builder.set_random_address(Address::random(address));
     }
