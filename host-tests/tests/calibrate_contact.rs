@@ -1,12 +1,12 @@
 //! Codes to pressure and to contact, against the sensor's law in f64.
 
-use host_tests::{LAW, SETUP, cell, code_of, curve, pressure_of};
 use plantar::Region;
 use plantar::insole::Insole;
 use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw, is_saturated, zero_offset};
 use plantar::pipeline::contact::{ContactCell, ContactRule, WHOLE};
 use plantar::pipeline::setup::SetupCell;
 use proptest::prelude::*;
+use testkit::{LAW, SETUP, cell, code_of, curve, pressure_of};
 
 fn config() -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }

@@ -1,7 +1,6 @@
 //! The host's side of a session, against an insole in memory.
 
 use client::{Client, Error, Framed, LinkCounters, unix_us};
-use host_tests::{TISSUE, faults, framed, live, messages, status, step};
 use plantar::Region;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::session::{CommandResult, Session};
@@ -13,6 +12,7 @@ use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::rc::Rc;
 use std::time::Duration;
+use testkit::{TISSUE, faults, framed, live, messages, status, step};
 
 /// An insole and the cable to it.
 struct Insole {
@@ -115,7 +115,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Without parameters, as an insole starts.
 fn hello() -> Hello {
-    Hello { tissue_id: 0, ..host_tests::hello() }
+    Hello { tissue_id: 0, ..testkit::hello() }
 }
 
 fn connected() -> (Cable, Client<Framed<Cable>>) {

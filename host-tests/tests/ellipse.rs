@@ -1,12 +1,12 @@
 //! Contact ellipses: known shapes in, their centre, radii and angle out.
 
-use host_tests::{LAW, SETUP, cell, code_of, moments};
 use plantar::Region;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::WHOLE;
 use plantar::pipeline::ellipse::Ellipse;
 use plantar::pipeline::region::{AreaMoments, Cell, MAX_REACH_MM, SecondMoments};
 use proptest::prelude::*;
+use testkit::{LAW, SETUP, cell, code_of, moments};
 
 fn config() -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }

@@ -10,7 +10,6 @@ use emulation::EmulatorConfig;
 use emulator::{Board, Faulty, Recorded, Scan, Time, Walk};
 use fit::quality::Evaluated;
 use fit::{Filter, Options, Study};
-use host_tests::faults::one_of_each;
 use parameters::{InsoleSize, Parameters};
 use plantar::faults::Fault;
 use plantar::pipeline::contact::ContactRule;
@@ -24,6 +23,7 @@ use std::io::Write;
 use std::net::TcpStream;
 use std::path::PathBuf;
 use std::time::Duration;
+use testkit::faults::one_of_each;
 
 /// A recording whose scans may answer less than all.
 struct Played {

@@ -1,8 +1,6 @@
 //! Faults of the sensor: found while walking, never where there are none, and what masking leaves of the model's force.
 
 use emulator::{EXAMPLES, Electrical};
-use host_tests::faults::{clean, computed, detection, model_error, walk};
-use host_tests::{SETUP, cell};
 use plantar::Region;
 use plantar::faults::{FaultKind, Faults, Place};
 use plantar::insole::Insole;
@@ -10,6 +8,8 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::SetupCell;
 use proptest::prelude::*;
 use recording::synthetic;
+use testkit::faults::{clean, computed, detection, model_error, walk};
+use testkit::{SETUP, cell};
 
 #[test]
 fn no_fault_is_told_of_a_clean_recording() {

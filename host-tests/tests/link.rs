@@ -1,6 +1,5 @@
 //! An insole's side of a session, message by message.
 
-use host_tests::{TISSUE, hello, live, status, step};
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::BLOCK_CELLS;
@@ -10,6 +9,7 @@ use plantar::protocol::{
     Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Serial, Status, ToDevice, ToHost, decode, encode,
 };
 use plantar::{Region, Side};
+use testkit::{TISSUE, hello, live, status, step};
 
 /// What the host gets, in short.
 #[derive(Clone, Copy, Debug, PartialEq)]

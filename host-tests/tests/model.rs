@@ -1,12 +1,12 @@
 //! The ellipsoid against geometry, quadrature and finite differences, all in f64.
 
-use host_tests::area_moments;
 use plantar::Real;
 use plantar::pipeline::live::LiveModel;
 use plantar::pipeline::model::{AB_M2, COEFFICIENT, Ellipsoid, ForceLaw, LENGTH_M, MAX_EXPONENT};
 use plantar::pipeline::step::RegionStep;
 use proptest::prelude::*;
 use std::f64::consts::PI;
+use testkit::area_moments;
 
 fn config() -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }

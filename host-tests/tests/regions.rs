@@ -1,6 +1,5 @@
 //! A whole insole's frame against a reference that starts every frame from nothing, in f64.
 
-use host_tests::{LAW, SETUP, TISSUE, cell, code_of, curve};
 use plantar::insole::Insole;
 use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
 use plantar::pipeline::contact::{ContactRule, WHOLE};
@@ -14,6 +13,7 @@ use plantar::protocol::Refusal;
 use plantar::{Real, Region};
 use proptest::prelude::*;
 use std::collections::HashSet;
+use testkit::{LAW, SETUP, TISSUE, cell, code_of, curve};
 
 fn config() -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }

@@ -1,6 +1,5 @@
 //! Stances as stories of total force, and their numbers against a direct transcription of the paper's pipeline in f64.
 
-use host_tests::{TISSUE, area_moments};
 use plantar::Real;
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::region::{AreaMoments, ForceMoments, RegionFrame};
@@ -9,6 +8,7 @@ use plantar::pipeline::stance::{BRIDGED_FRAMES, Rejected, STANCE_SAMPLES, Stance
 use plantar::pipeline::step::RegionStep;
 use proptest::prelude::*;
 use std::f64::consts::PI;
+use testkit::{TISSUE, area_moments};
 
 fn config() -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }

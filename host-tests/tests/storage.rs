@@ -1,9 +1,6 @@
 //! What an insole keeps, on a flash chip in memory.
 
 use embedded_storage_async::nor_flash::NorFlash;
-use host_tests::nor_flash::{NorFlashChip, Torn, now};
-use host_tests::power::Script;
-use host_tests::{TISSUE, step};
 use plantar::Side;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::tissue::Tissue;
@@ -15,6 +12,9 @@ use plantar::storage::{Bonds, BootCounters, IdentityRecord, Record, StorageError
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
+use testkit::nor_flash::{NorFlashChip, Torn, now};
+use testkit::power::Script;
+use testkit::{TISSUE, step};
 
 type Chip<'c> = Store<&'c mut NorFlashChip>;
 

@@ -7,7 +7,6 @@ use embassy_sync::mutex::Mutex;
 use emulation::ACTIVE_IMAGE;
 use emulation::FLASH_BYTES;
 use firmware_image::{Image, Secret};
-use host_tests::nor_flash::{NorFlashChip, Torn};
 use plantar::protocol::update::{CHUNK, Header, Offer, Progress, Refusal, Request};
 use plantar::storage::boot::{BUFFER, Blocking, config};
 use plantar::storage::flash_map::LOG;
@@ -16,6 +15,7 @@ use plantar::storage::partition::Partition;
 use plantar::storage::update::{Update, confirm, is_on_trial};
 use proptest::prelude::*;
 use std::sync::LazyLock;
+use testkit::nor_flash::{NorFlashChip, Torn};
 
 static SECRET: LazyLock<Secret> = LazyLock::new(|| Secret::from_bytes(&[7; 32]));
 static OLD: LazyLock<Image> = LazyLock::new(|| image("1.2.9", 53 * SECTOR as usize + CHUNK));

@@ -11,7 +11,6 @@ use emulation::ACTIVE_IMAGE;
 use emulation::EmulatorConfig;
 use emulator::{Board, Looped, Parts, Recorded, Time};
 use firmware_image::{Image, Secret, development, raw};
-use host_tests::nor_flash::NorFlashChip;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
 use plantar::protocol::update::{CHUNK, Header, Progress, Refusal, Request};
@@ -22,6 +21,7 @@ use recording::VirtualInsole;
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use testkit::nor_flash::NorFlashChip;
 
 const BOARD: &str = "emulated";
 const OLD: &str = env!("CARGO_PKG_VERSION");

@@ -1,6 +1,5 @@
 //! Messages and frames: what goes in comes out, and nothing else does.
 
-use host_tests::{TISSUE, cell, faults, framed, hello, live, messages, status, step, text};
 use plantar::checksum::crc32;
 use plantar::faults::{Fault, FaultKind, Faults, MAX_FAULTS, Place};
 use plantar::insole::Insole;
@@ -21,6 +20,7 @@ use plantar::{Region, Side};
 use proptest::prelude::*;
 use std::io::Read;
 use std::slice::from_ref;
+use testkit::{TISSUE, cell, faults, framed, hello, live, messages, status, step, text};
 
 fn config() -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }
@@ -672,7 +672,7 @@ const SET_CLOCK: &str = "0e078080f9c0c1c48203c9aa264a00";
 #[test]
 fn live_values_are_rounded_and_cut() {
     let mut insole = Insole::<f64, 1>::new();
-    insole.set_up(Setup { ..host_tests::SETUP }, [cell(Region::Heel, 0.0, 0.0, 25.0)].into_iter()).expect("set-up");
+    insole.set_up(Setup { ..testkit::SETUP }, [cell(Region::Heel, 0.0, 0.0, 25.0)].into_iter()).expect("set-up");
     let mut loads = *insole.loads();
     // Newton and its tenth on the wire.
     let cases = [

@@ -4,7 +4,6 @@
 use crate::common::firmware;
 use emulation::EmulatorConfig;
 use emulator::{Board, Parts, Recorded, Scan, Time, Walk};
-use host_tests::nor_flash::{NorFlashChip, now};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
 use plantar::pipeline::tissue::Tissue;
@@ -20,6 +19,7 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
+use testkit::nor_flash::{NorFlashChip, now};
 
 /// Whoever is silent for longer has stopped.
 pub const PATIENCE: Duration = Duration::from_secs(60);

@@ -3,6 +3,8 @@
 use plantar::protocol::{self, Decoder, MAX_FRAME, MAX_MESSAGE, ToDevice, ToHost};
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
+use std::sync::LazyLock;
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 /// Carries whole messages both ways.
 pub trait Carrier {
@@ -12,8 +14,31 @@ pub trait Carrier {
     /// The next message; `None` when none came within a second or so. An error ends the session.
     fn receive(&mut self) -> io::Result<Option<ToHost>>;
 
-    /// What arrived damaged, or held no message of this version.
+    /// Number of messages that arrived damaged, or held no message of this version.
     fn damaged(&self) -> u32;
+
+    /// A monotonic clock, us: this computer's, or the virtual one of a simulated carrier.
+    fn now_us() -> u64
+    where
+        Self: Sized,
+    {
+        static START: LazyLock<Instant> = LazyLock::new(Instant::now);
+        START.elapsed().as_micros() as u64
+    }
+
+    /// The wall clock, us since 1970, UTC.
+    fn unix_us() -> u64
+    where
+        Self: Sized,
+    {
+        unix_us()
+    }
+}
+
+/// This computer's clock, us since 1970, UTC.
+pub fn unix_us() -> u64 {
+    // A clock before 1970 is as wrong as 1970.
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64)
 }
 
 impl<C: Carrier + ?Sized> Carrier for Box<C> {

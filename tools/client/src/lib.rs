@@ -6,7 +6,7 @@ mod json;
 mod update;
 
 pub use axis::Axis;
-pub use carrier::{Carrier, Framed};
+pub use carrier::{Carrier, Framed, unix_us};
 pub use json::{region_ellipse, region_quantities, step_to_json};
 
 use plantar::Side;
@@ -19,13 +19,15 @@ use plantar::protocol::{Hello, Identity, MAJOR, MINOR, Refusal, Serial, Status, 
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::io;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 use thiserror::Error;
 
 /// A connected insole answers within this time.
 const ANSWER: Duration = Duration::from_secs(2);
 /// Between questions for the insole's time.
 const ASK_TIME: Duration = Duration::from_millis(250);
+/// Between repetitions of the connection request.
+const GREETING: Duration = Duration::from_millis(500);
 
 /// Why there is no session, or no longer one.
 #[derive(Debug, Error)]
@@ -82,7 +84,8 @@ pub struct Client<C> {
     frames_lost: u32,
     next_live: Option<u32>,
     axis: Axis,
-    asked_time: Option<Instant>,
+    /// When the insole's time was last requested, by [`Carrier::now_us`].
+    time_asked_us: Option<u64>,
     /// As many as an insole can send again: those at hand, and those whose acknowledgement was lost.
     delivered: VecDeque<Delivered>,
 }
@@ -106,7 +109,7 @@ impl<C: Carrier> Client<C> {
             frames_lost: 0,
             next_live: None,
             axis: Axis::new(),
-            asked_time: None,
+            time_asked_us: None,
             delivered: VecDeque::new(),
         })
     }
@@ -140,8 +143,8 @@ impl<C: Carrier> Client<C> {
 
     /// Sets the insole's clock and learns its time, turns the live stream on and waits until it is; what arrives meanwhile is received as usual.
     pub fn stream(&mut self) -> Result<(), Error> {
-        self.send(ToDevice::SetClock { unix_us: unix_us() })?;
-        let question = ToDevice::GetTime { host_us: unix_us() };
+        self.send(ToDevice::SetClock { unix_us: C::unix_us() })?;
+        let question = ToDevice::GetTime { host_us: C::unix_us() };
         let (asked_us, device_us) = self.ask(question, |message| match *message {
             ToHost::Time { host_us, device_us } => Some((host_us, device_us)),
             _ => None,
@@ -215,11 +218,11 @@ impl<C: Carrier> Client<C> {
     pub fn restart(&mut self, patience: Duration) -> Result<&Hello, Error> {
         let before_us = self.status()?.uptime_us;
         self.send(ToDevice::Restart)?;
-        let asked = Instant::now();
-        while asked.elapsed() < patience {
+        let asked_us = C::now_us();
+        while elapsed::<C>(asked_us) < patience {
             self.reconnect(patience)?;
             // The one before may have answered once more.
-            let grown_us = before_us.saturating_add(asked.elapsed().as_micros() as u64 / 2);
+            let grown_us = before_us.saturating_add(elapsed::<C>(asked_us).as_micros() as u64 / 2);
             if self.status().is_ok_and(|status| status.uptime_us < grown_us) {
                 return Ok(&self.hello);
             }
@@ -239,10 +242,10 @@ impl<C: Carrier> Client<C> {
         answer: impl Fn(&ToHost) -> Option<T>,
     ) -> Result<T, Error> {
         self.send(request)?;
-        let asked = Instant::now();
+        let asked_us = C::now_us();
         let mut meanwhile = Vec::new();
         let answered = loop {
-            if asked.elapsed() >= patience {
+            if elapsed::<C>(asked_us) >= patience {
                 break Err(Error::NoAnswer(patience, self.damaged()));
             }
             match self.next() {
@@ -292,10 +295,10 @@ impl<C: Carrier> Client<C> {
     }
 
     fn ask_time(&mut self) -> Result<(), Error> {
-        let is_due = self.asked_time.is_none_or(|asked| asked.elapsed() >= ASK_TIME);
+        let is_due = self.time_asked_us.is_none_or(|asked_us| elapsed::<C>(asked_us) >= ASK_TIME);
         if is_due {
-            self.asked_time = Some(Instant::now());
-            self.send(ToDevice::GetTime { host_us: unix_us() })?;
+            self.time_asked_us = Some(C::now_us());
+            self.send(ToDevice::GetTime { host_us: C::unix_us() })?;
         }
         Ok(())
     }
@@ -381,19 +384,18 @@ fn carrier<C>(carrier: &mut Option<C>) -> io::Result<&mut C> {
     carrier.as_mut().ok_or_else(|| io::ErrorKind::NotConnected.into())
 }
 
-/// This computer's clock, us since 1970, UTC.
-pub fn unix_us() -> u64 {
-    // A clock before 1970 is as wrong as 1970.
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64)
+/// Time since `since_us` by the carrier's clock.
+fn elapsed<C: Carrier>(since_us: u64) -> Duration {
+    Duration::from_micros(C::now_us().saturating_sub(since_us))
 }
 
 /// Says hello, and again twice a second until the insole answers.
-fn greet(carrier: &mut impl Carrier, patience: Duration) -> Result<Hello, Error> {
-    let start = Instant::now();
-    while start.elapsed() < patience {
+fn greet<C: Carrier>(carrier: &mut C, patience: Duration) -> Result<Hello, Error> {
+    let start_us = C::now_us();
+    while elapsed::<C>(start_us) < patience {
         carrier.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;
-        let asked = Instant::now();
-        while asked.elapsed() < Duration::from_millis(500) && start.elapsed() < patience {
+        let asked_us = C::now_us();
+        while elapsed::<C>(asked_us) < GREETING && elapsed::<C>(start_us) < patience {
             // What came before the hello belongs to an earlier session.
             let Some(ToHost::Hello(hello)) = carrier.receive()? else { continue };
             if hello.major != MAJOR {

@@ -1,7 +1,6 @@
 //! `--ble` against Linux's Bluetooth service as this test plays it, with an insole's own link behind it.
 #![cfg(target_os = "linux")]
 
-use host_tests::{hello, live, status, step};
 use plantar::protocol::fragment::{Joiner, Splitter};
 use plantar::protocol::session::Session;
 use plantar::protocol::{MAX_MESSAGE, ToDevice, ToHost, decode};
@@ -11,6 +10,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex};
+use testkit::{hello, live, status, step};
 use zbus::blocking::{Connection, connection};
 use zbus::fdo;
 use zbus::interface;

@@ -2,7 +2,6 @@
 //!
 //! The insole is the firmware's own link on a socket or a pseudo-terminal.
 
-use host_tests::step;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use plantar::Side;
 use plantar::protocol::session::{STEP_QUEUE, Session};
@@ -12,6 +11,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
+use testkit::step;
 
 /// An insole at the other end of a carrier; steps wait in it.
 struct Insole {
@@ -59,7 +59,7 @@ impl Insole {
 }
 
 fn hello() -> Hello {
-    Hello { side: Side::Left, tissue_id: 0, reset: Reset::Power, last_panic: None, ..host_tests::hello() }
+    Hello { side: Side::Left, tissue_id: 0, reset: Reset::Power, last_panic: None, ..testkit::hello() }
 }
 
 fn is_acknowledgement(message: &ToDevice) -> bool {

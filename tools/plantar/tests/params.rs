@@ -52,7 +52,7 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
 }
 
 fn hello() -> Hello {
-    Hello { side: Side::Left, tissue_id: 0, reset: Reset::Power, last_panic: None, ..host_tests::hello() }
+    Hello { side: Side::Left, tissue_id: 0, reset: Reset::Power, last_panic: None, ..testkit::hello() }
 }
 
 fn params(folder: &Path, arguments: &str) -> Output {
@@ -180,7 +180,7 @@ fn an_insole_is_named_calibrated_and_shown() {
     let write = |lines: &[String]| {
         std::fs::write(folder.join("cells.csv"), format!("cell,offset,gain\n{}", lines.join("\n"))).expect("room");
     };
-    let cells = host_tests::hello().cells;
+    let cells = testkit::hello().cells;
     let good: Vec<String> = (0..cells).map(|cell| format!("{cell},{},1.5", 100 + cell)).collect();
     for (at, line, words) in [
         (3, "4,100,1", "cells are in order"),

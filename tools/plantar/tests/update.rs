@@ -7,7 +7,6 @@ use embassy_sync::mutex::Mutex as Shared;
 use emulation::ACTIVE_IMAGE;
 use emulation::FLASH_BYTES;
 use firmware_image::{Image, Secret};
-use host_tests::nor_flash::NorFlashChip;
 use plantar::protocol::session::{Command, CommandResult, Session};
 use plantar::protocol::update::{CHUNK, Header, Progress};
 use plantar::protocol::{self, Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Refusal, Status, ToDevice};
@@ -20,6 +19,7 @@ use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{self, Output};
 use std::sync::{Arc, Mutex};
+use testkit::nor_flash::NorFlashChip;
 
 const OLD: &str = "1.2.3";
 const NEW: &str = "1.3.0";
@@ -83,7 +83,7 @@ impl Insole {
         let (mut link, mut update, mut decoder) = (Session::new(), Update::new(), Decoder::new());
         let mut received = [0; 64];
         let (running, key) = (self.running(), secret().verifying_key().to_bytes());
-        let hello = Hello { firmware: running.version().try_into().expect("it is short"), ..host_tests::hello() };
+        let hello = Hello { firmware: running.version().try_into().expect("it is short"), ..testkit::hello() };
         let mut accepted = false;
         while !accepted && let Ok(count @ 1..) = host.read(&mut received) {
             for &byte in &received[..count] {

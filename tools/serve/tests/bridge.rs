@@ -152,11 +152,11 @@ fn insole_us() -> u64 {
 }
 
 fn hello(side: Side) -> Hello {
-    Hello { side, tissue_id: 0, reset: Reset::Power, last_panic: None, ..host_tests::hello() }
+    Hello { side, tissue_id: 0, reset: Reset::Power, last_panic: None, ..testkit::hello() }
 }
 
 fn step(side: Side, number: u32) -> Step {
-    Step { side, start_us: u64::from(number) * 1_000_000, ..host_tests::step(number) }
+    Step { side, start_us: u64::from(number) * 1_000_000, ..testkit::step(number) }
 }
 
 /// Serves these insoles until the test ends.

@@ -3,8 +3,8 @@
 use anyhow::{Result, ensure};
 use fastrand::Rng;
 use figures::Figures;
-use host_tests::{framed, live, status, step};
 use plantar::protocol::{Decoder, ToHost, decode};
+use testkit::{framed, live, status, step};
 
 /// One bit in so many is wrong.
 const BITS_AN_ERROR: f64 = 1e4;

@@ -2,10 +2,10 @@
 
 use anyhow::{Error, Result};
 use figures::Figures;
-use host_tests::nor_flash::Torn;
-use host_tests::power::Script;
-use host_tests::switched_off::Bench;
 use std::path::Path;
+use testkit::nor_flash::Torn;
+use testkit::power::Script;
+use testkit::switched_off::Bench;
 
 /// The store on a chip in memory: power fails before, within and after operations of scripts.
 pub fn in_memory(short: bool, figures: &mut Figures) -> Result<()> {

@@ -5,8 +5,6 @@ use client::{Client, Framed};
 use emulation::{EmulatorConfig, FLASH_BYTES};
 use emulator::{Board, Parts, Recorded, Scan, Time, Walk};
 use figures::Figures;
-use host_tests::nor_flash::{NorFlashChip, now};
-use host_tests::step;
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
 use plantar::insole::Insole;
@@ -18,6 +16,8 @@ use plantar::storage::Store;
 use recording::{VirtualInsole, synthetic};
 use std::path::Path;
 use std::time::{Duration, Instant};
+use testkit::nor_flash::{NorFlashChip, now};
+use testkit::step;
 
 /// Steps of a day, both feet together.
 const STEPS: u32 = 50_000;

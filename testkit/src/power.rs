@@ -1,7 +1,7 @@
 //! A day in the life of a flash chip, and what must be true of it after a loss of power at any moment.
 
+use crate::fixtures::step;
 use crate::nor_flash::{NorFlashChip, Torn, now};
-use crate::step;
 use fastrand::Rng;
 use plantar::Side;
 use plantar::pipeline::calibrate::CellCalibration;

@@ -1,9 +1,4 @@
-//! What the tests in `tests/` share.
-
-pub mod faults;
-pub mod nor_flash;
-pub mod power;
-pub mod switched_off;
+//! Set-ups, messages and reference laws that tests share.
 
 use plantar::faults::{Fault, FaultKind, Faults, Place};
 use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};

@@ -1,0 +1,317 @@
+//! The parts of a simulated insole: matrix, flash chip, serial cable and the radio link.
+
+use crate::fixtures::text;
+use crate::nor_flash::{NorFlashChip, PowerOff};
+use crate::virtual_time::now_us;
+use embassy_time::Timer;
+use embedded_io_async::ErrorType;
+use embedded_storage_async::nor_flash::{self, MultiwriteNorFlash, NorFlash, ReadNorFlash};
+use plantar::firmware::ble::GattServer;
+use plantar::firmware::board::{BluetoothBoard, Matrix, MatrixTimeout, Stopwatch};
+use plantar::insole::Insole;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::protocol::gatt::GattChannel;
+use plantar::protocol::{MAX_FAULT_TEXT, Step};
+use plantar::storage::flash_map::SECTOR;
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::future::poll_fn;
+use std::rc::Rc;
+use std::task::{Poll, Waker};
+
+use crate::walk::Wearer;
+
+/// Duration of a write and of an erase of the flash chip, us: typical values of a W25Q32.
+const WRITE_US: u64 = 700;
+const ERASE_US: u64 = 45_000;
+
+/// Rows of the matrix.
+pub const ROWS: usize = 16;
+
+/// The flash chip of an insole, which outlives its resets.
+#[derive(Clone)]
+pub struct SharedChip(pub Rc<RefCell<NorFlashChip>>);
+
+impl nor_flash::ErrorType for SharedChip {
+    type Error = PowerOff;
+}
+
+impl ReadNorFlash for SharedChip {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerOff> {
+        crate::nor_flash::now(self.0.borrow_mut().read(offset, bytes))
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.borrow().capacity()
+    }
+}
+
+impl NorFlash for SharedChip {
+    const WRITE_SIZE: usize = 1;
+    const ERASE_SIZE: usize = SECTOR as usize;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerOff> {
+        for sector in (from..to).step_by(SECTOR as usize) {
+            Timer::after_micros(ERASE_US).await;
+            crate::nor_flash::now(self.0.borrow_mut().erase(sector, sector + SECTOR))?;
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerOff> {
+        Timer::after_micros(WRITE_US).await;
+        crate::nor_flash::now(self.0.borrow_mut().write(offset, bytes))
+    }
+}
+
+impl MultiwriteNorFlash for SharedChip {}
+
+/// What the pipeline computes of the frames that a boot scanned, as a reference for the steps that arrive.
+pub struct Reference {
+    insole: Box<Insole<f32, DEVICE_CELLS>>,
+    /// The steps of this boot, numbered from 0.
+    pub steps: Vec<Step>,
+    /// Frames of this boot.
+    pub frames: u32,
+}
+
+impl Reference {
+    /// Configured like `wearer`'s insole.
+    ///
+    /// # Panics
+    /// Where the configuration is refused.
+    pub fn new(wearer: &Wearer) -> Self {
+        let mut insole = Box::new(Insole::new());
+        insole.set_up(wearer.setup(), wearer.cells()).expect("a computed insole is valid");
+        Self { insole, steps: Vec::new(), frames: 0 }
+    }
+
+    fn frame(&mut self, seq: u32, codes: &[u16]) {
+        self.frames += 1;
+        if self.insole.frame(seq, codes) {
+            let step = self.insole.whole_step().expect("the insole is set up");
+            self.steps.push(Step::new(&step));
+        }
+    }
+}
+
+/// The matrix under a wearer's foot.
+pub struct HostMatrix {
+    /// The wearer.
+    pub wearer: Rc<RefCell<Wearer>>,
+    /// The reference of the running boot.
+    pub reference: Rc<RefCell<Reference>>,
+}
+
+impl Matrix for HostMatrix {
+    fn rows(&self) -> usize {
+        ROWS
+    }
+
+    async fn read_row(&mut self, seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout> {
+        let mut wearer = self.wearer.borrow_mut();
+        if row == 0 {
+            wearer.codes_at(now_us(), codes);
+        }
+        if wearer.is_row_missing(row) {
+            return Err(MatrixTimeout);
+        }
+        if row + 1 == ROWS {
+            self.reference.borrow_mut().frame(seq, codes);
+        }
+        Ok(())
+    }
+}
+
+/// Computing takes no virtual time.
+pub struct NoStopwatch;
+
+impl Stopwatch for NoStopwatch {
+    fn start(&self) -> u32 {
+        0
+    }
+
+    fn cycles_since(&self, _: u32) -> u32 {
+        0
+    }
+}
+
+/// A serial cable between insole and host.
+#[derive(Default)]
+pub struct Cable {
+    /// Bytes on their way to the host.
+    pub to_host: VecDeque<u8>,
+    to_insole: VecDeque<u8>,
+    reader: Option<Waker>,
+    /// The cable is cut: bytes are lost in both directions.
+    pub is_cut: bool,
+    /// Time of one byte to the host, us.
+    pub byte_us: f64,
+    /// Every so many bytes to the host one is damaged; 0 for none.
+    pub damaged_every: u32,
+    bytes: u32,
+}
+
+impl Cable {
+    /// Sends bytes to the insole.
+    pub fn write(&mut self, bytes: &[u8]) {
+        if !self.is_cut {
+            self.to_insole.extend(bytes);
+            self.reader.take().into_iter().for_each(Waker::wake);
+        }
+    }
+
+    fn receive(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.bytes = self.bytes.wrapping_add(1);
+            let is_damaged = self.damaged_every > 0 && self.bytes.is_multiple_of(self.damaged_every);
+            if !self.is_cut {
+                self.to_host.push_back(if is_damaged { byte ^ 0x10 } else { *byte });
+            }
+        }
+    }
+}
+
+/// The insole's end of a cable.
+#[derive(Clone)]
+pub struct CableEnd(pub Rc<RefCell<Cable>>);
+
+impl ErrorType for CableEnd {
+    type Error = std::convert::Infallible;
+}
+
+impl embedded_io_async::Read for CableEnd {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Self::Error> {
+        poll_fn(|context| {
+            let mut cable = self.0.borrow_mut();
+            let len = buffer.len().min(cable.to_insole.len());
+            if len == 0 {
+                cable.reader = Some(context.waker().clone());
+                return Poll::Pending;
+            }
+            buffer.iter_mut().zip(cable.to_insole.drain(..len)).for_each(|(place, byte)| *place = byte);
+            Poll::Ready(Ok(len))
+        })
+        .await
+    }
+}
+
+impl embedded_io_async::Write for CableEnd {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
+        let time_us = self.0.borrow().byte_us * bytes.len() as f64;
+        Timer::after_micros(time_us as u64).await;
+        self.0.borrow_mut().receive(bytes);
+        Ok(bytes.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), Self::Error> {
+        Ok(())
+    }
+}
+
+/// A radio link between insole and central, at the level of GATT values.
+pub struct Air {
+    /// The insole's side, while it runs.
+    pub server: Option<Rc<dyn GattServer>>,
+    /// When the insole started, us.
+    pub origin_us: u64,
+    /// Values on their way to the central.
+    pub to_central: VecDeque<(GattChannel, Vec<u8>)>,
+    /// A central is connected.
+    pub is_connected: bool,
+    sender: Option<Waker>,
+    /// Longest value, bytes.
+    pub max_value: usize,
+    /// Time between two values, us.
+    pub value_us: u64,
+}
+
+impl Default for Air {
+    fn default() -> Self {
+        Self {
+            server: None,
+            origin_us: 0,
+            to_central: VecDeque::new(),
+            is_connected: false,
+            sender: None,
+            max_value: 244,
+            value_us: 1_500,
+        }
+    }
+}
+
+impl Air {
+    /// Connects or disconnects the central.
+    pub fn set_connected(&mut self, is_connected: bool) {
+        self.is_connected = is_connected;
+        self.to_central.clear();
+        self.sender.take().into_iter().for_each(Waker::wake);
+    }
+}
+
+/// The work of the Bluetooth stack: sends values while a central is connected, and ends the session when it is gone.
+pub async fn run_gatt(server: Rc<dyn GattServer>, air: Rc<RefCell<Air>>) {
+    loop {
+        until(&air, |air| air.is_connected).await;
+        let sending = async {
+            loop {
+                server.changed().wait().await;
+                let mut value = [0; 244];
+                loop {
+                    let (room, value_us) = (air.borrow().max_value, air.borrow().value_us);
+                    let Some((channel, len)) = server.next(&mut value[..room]) else { break };
+                    Timer::after_micros(value_us).await;
+                    air.borrow_mut().to_central.push_back((channel, value[..len].to_vec()));
+                }
+            }
+        };
+        embassy_futures::select::select(sending, until(&air, |air| !air.is_connected)).await;
+        server.close();
+    }
+}
+
+/// Waits until the state of the link is this.
+async fn until(air: &RefCell<Air>, is: impl Fn(&Air) -> bool) {
+    poll_fn(|context| {
+        let mut air = air.borrow_mut();
+        if is(&air) {
+            return Poll::Ready(());
+        }
+        air.sender = Some(context.waker().clone());
+        Poll::Pending
+    })
+    .await
+}
+
+/// A board with Bluetooth that always allows bonding.
+pub struct HostBluetooth;
+
+impl BluetoothBoard for HostBluetooth {
+    fn address(&self) -> Option<[u8; 6]> {
+        None
+    }
+
+    fn battery_percent(&self) -> u8 {
+        100
+    }
+
+    fn allows_bonding(&self) -> bool {
+        true
+    }
+}
+
+/// The text of a crash record.
+pub fn crash_text(reset: super::executor::Reset) -> Option<heapless::String<MAX_FAULT_TEXT>> {
+    use super::executor::Reset;
+    match reset {
+        Reset::Software => None,
+        Reset::Watchdog(parts) => {
+            let names = plantar::firmware::supervise::PARTS.iter().enumerate();
+            let stalled = names.filter(|(bit, _)| parts >> bit & 1 == 1).map(|(_, name)| *name);
+            Some(text(&format!("stalled: {}", stalled.collect::<Vec<_>>().join(" "))))
+        }
+        Reset::Panic => Some(text("panic")),
+    }
+}

@@ -1,0 +1,106 @@
+//! An executor for the tasks of one simulated insole.
+
+use crate::virtual_time::with_origin;
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::task::{Context, Poll, Wake, Waker};
+
+struct Task {
+    name: &'static str,
+    future: Pin<Box<dyn Future<Output = ()>>>,
+    is_woken: Arc<Woken>,
+    waker: Waker,
+    is_stalled: bool,
+}
+
+struct Woken(AtomicBool);
+
+impl Wake for Woken {
+    fn wake(self: Arc<Self>) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Why a simulated processor starts again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reset {
+    /// The firmware requested it.
+    Software,
+    /// The supervision found a stalled part; bits as [`plantar::firmware::supervise::Watchdog::check`] returns them.
+    Watchdog(u32),
+    /// The firmware panicked.
+    Panic,
+}
+
+/// Ends the running task and all others of its insole with this reset.
+pub fn reset(reset: Reset) -> ! {
+    resume_unwind(Box::new(reset))
+}
+
+/// Runs tasks in the order in which they were spawned.
+pub struct Executor {
+    tasks: Vec<Task>,
+    origin_us: u64,
+}
+
+impl Executor {
+    /// Without tasks. Their clock starts at `origin_us`.
+    pub fn new(origin_us: u64) -> Self {
+        Self { tasks: Vec::new(), origin_us }
+    }
+
+    /// Adds a task.
+    pub fn spawn(&mut self, name: &'static str, future: impl Future<Output = ()> + 'static) {
+        let is_woken = Arc::new(Woken(AtomicBool::new(true)));
+        let waker = Waker::from(is_woken.clone());
+        self.tasks.push(Task { name, future: Box::pin(future), is_woken, waker, is_stalled: false });
+    }
+
+    /// Stops running the task with this name, as if it were in an endless loop.
+    pub fn stall(&mut self, name: &str) {
+        self.tasks.iter_mut().filter(|task| task.name == name).for_each(|task| task.is_stalled = true);
+    }
+
+    /// Runs each task that was woken once; true where one ran.
+    ///
+    /// # Errors
+    /// The reset that a task caused.
+    ///
+    /// # Panics
+    /// With the panic of a task that is not a [`Reset`].
+    pub fn run_woken(&mut self, mut is_off: impl FnMut() -> bool) -> Result<bool, Reset> {
+        let mut has_run = false;
+        let mut index = 0;
+        while let Some(task) = self.tasks.get_mut(index) {
+            index += 1;
+            if task.is_stalled || !task.is_woken.0.swap(false, Ordering::Relaxed) {
+                continue;
+            }
+            has_run = true;
+            let mut context = Context::from_waker(&task.waker);
+            let poll = || with_origin(self.origin_us, || task.future.as_mut().poll(&mut context));
+            match catch_unwind(AssertUnwindSafe(poll)) {
+                Ok(Poll::Pending) => {}
+                Ok(Poll::Ready(())) => {
+                    index -= 1;
+                    self.tasks.remove(index);
+                }
+                Err(payload) => return Err(reset_of(payload)),
+            }
+            if is_off() {
+                break;
+            }
+        }
+        Ok(has_run)
+    }
+}
+
+fn reset_of(payload: Box<dyn Any + Send>) -> Reset {
+    match payload.downcast::<Reset>() {
+        Ok(reset) => *reset,
+        Err(payload) => resume_unwind(payload),
+    }
+}

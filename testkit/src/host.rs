@@ -1,0 +1,348 @@
+//! A host: the real client over a simulated cable or radio link.
+
+use crate::virtual_time::{now_us, with_origin};
+use crate::world::SharedWorld;
+use client::{Carrier, Client, Framed};
+use plantar::protocol::fragment::{Joiner, Splitter};
+use plantar::protocol::gatt::GattChannel;
+use plantar::protocol::{Hello, Live, Status, Step, ToDevice, ToHost, decode, encode};
+use std::io::{self, Read, Write};
+use std::time::Duration;
+
+/// Longest wait for a message, us.
+const WAIT_US: u64 = 200_000;
+/// A connected insole without any message for this time is connected to again, us. The host asks for its time more often.
+const SILENCE_US: u64 = 2_000_000;
+/// Time for an answer to a connection request.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Wall clock at the virtual time 0, us since 1970.
+const UNIX_ORIGIN_US: u64 = 1_790_000_000_000_000;
+
+/// How a host reaches an insole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Over {
+    /// The serial cable.
+    Serial,
+    /// The radio link.
+    Bluetooth,
+}
+
+/// The host's end of a serial cable.
+pub struct SerialPort {
+    world: SharedWorld,
+    insole: usize,
+}
+
+impl Read for SerialPort {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let mut world = self.world.borrow_mut();
+        let cable = world.insoles[self.insole].cable.clone();
+        let has_bytes = world.run(now_us() + WAIT_US, |_| !cable.borrow().to_host.is_empty());
+        if !has_bytes {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        let mut cable = cable.borrow_mut();
+        let len = buffer.len().min(cable.to_host.len());
+        buffer.iter_mut().zip(cable.to_host.drain(..len)).for_each(|(place, byte)| *place = byte);
+        Ok(len)
+    }
+}
+
+impl Write for SerialPort {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.world.borrow().insoles[self.insole].cable.borrow_mut().write(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// A central with a bond.
+pub struct Central {
+    world: SharedWorld,
+    insole: usize,
+    splitter: Splitter,
+    joiners: Vec<(GattChannel, Joiner)>,
+    damaged: u32,
+}
+
+impl Central {
+    /// Connects to an insole.
+    ///
+    /// # Errors
+    /// Where the insole is off.
+    fn connect(world: SharedWorld, insole: usize) -> io::Result<Self> {
+        {
+            let mut world = world.borrow_mut();
+            let air = world.insoles[insole].air.clone();
+            if !world.run(now_us() + WAIT_US, |_| air.borrow().server.is_some()) {
+                return Err(io::ErrorKind::NotFound.into());
+            }
+            air.borrow_mut().set_connected(true);
+            // The stack takes up the connection.
+            world.run_for(1_000);
+        }
+        let channels = [GattChannel::Control, GattChannel::Live, GattChannel::Steps, GattChannel::Parameters];
+        let joiners = channels.map(|channel| (channel, Joiner::new())).into();
+        Ok(Self { world, insole, splitter: Splitter::new(), joiners, damaged: 0 })
+    }
+
+    fn is_connected(&self) -> bool {
+        self.world.borrow().insoles[self.insole].air.borrow().is_connected
+    }
+}
+
+impl Carrier for Central {
+    fn send(&mut self, message: ToDevice) -> io::Result<()> {
+        if !self.is_connected() {
+            return Err(io::ErrorKind::NotConnected.into());
+        }
+        let channel = GattChannel::of_request(&message);
+        let len = encode(&message, self.splitter.buffer()).map_err(io::Error::other)?.len();
+        self.splitter.start(len);
+        let world = self.world.borrow();
+        let air = world.insoles[self.insole].air.clone();
+        let (server, origin_us, room) = {
+            let air = air.borrow();
+            (air.server.clone().ok_or(io::ErrorKind::NotConnected)?, air.origin_us, air.max_value)
+        };
+        let mut value = [0; 244];
+        while let Some(len) = self.splitter.next(&mut value[..room]) {
+            with_origin(origin_us, || server.write(channel, &value[..len]))
+                .map_err(|error| io::Error::other(format!("{error:?}")))?;
+        }
+        server.changed().signal(());
+        Ok(())
+    }
+
+    fn receive(&mut self) -> io::Result<Option<ToHost>> {
+        let mut world = self.world.borrow_mut();
+        let air = world.insoles[self.insole].air.clone();
+        let end_us = now_us() + WAIT_US;
+        loop {
+            let is_over = |air: &crate::board::Air| !air.to_central.is_empty() || !air.is_connected;
+            if !world.run(end_us, |_| is_over(&air.borrow())) {
+                return Ok(None);
+            }
+            let Some((channel, value)) = air.borrow_mut().to_central.pop_front() else {
+                return Err(io::ErrorKind::NotConnected.into());
+            };
+            let Some((_, joiner)) = self.joiners.iter_mut().find(|(of, _)| *of == channel) else { continue };
+            match joiner.push(&value).ok().flatten().map(decode) {
+                None => {}
+                Some(None) => self.damaged += 1,
+                Some(message) => return Ok(message),
+            }
+        }
+    }
+
+    fn damaged(&self) -> u32 {
+        self.damaged
+    }
+
+    fn now_us() -> u64 {
+        now_us()
+    }
+
+    fn unix_us() -> u64 {
+        UNIX_ORIGIN_US + now_us()
+    }
+}
+
+/// Either link.
+pub enum Link {
+    /// Over the cable.
+    Serial(Box<Framed<SerialPort>>),
+    /// Over the radio.
+    Bluetooth(Box<Central>),
+}
+
+impl Link {
+    /// Opens a link to an insole.
+    ///
+    /// # Errors
+    /// Where an insole in radio range is off.
+    pub fn open(world: &SharedWorld, insole: usize, over: Over) -> io::Result<Self> {
+        Ok(match over {
+            Over::Serial => Self::Serial(Box::new(Framed::new(SerialPort { world: world.clone(), insole }))),
+            Over::Bluetooth => Self::Bluetooth(Box::new(Central::connect(world.clone(), insole)?)),
+        })
+    }
+}
+
+impl Carrier for Link {
+    fn send(&mut self, message: ToDevice) -> io::Result<()> {
+        match self {
+            Self::Serial(link) => link.send(message),
+            Self::Bluetooth(link) => link.send(message),
+        }
+    }
+
+    fn receive(&mut self) -> io::Result<Option<ToHost>> {
+        match self {
+            Self::Serial(link) => link.receive(),
+            Self::Bluetooth(link) => link.receive(),
+        }
+    }
+
+    fn damaged(&self) -> u32 {
+        match self {
+            Self::Serial(link) => link.damaged(),
+            Self::Bluetooth(link) => link.damaged(),
+        }
+    }
+
+    fn now_us() -> u64 {
+        now_us()
+    }
+
+    fn unix_us() -> u64 {
+        UNIX_ORIGIN_US + now_us()
+    }
+}
+
+/// A host that follows one insole: stores its steps, acknowledges them, and connects again when the link is lost.
+pub struct Host {
+    world: SharedWorld,
+    insole: usize,
+    over: Over,
+    /// The session; `None` before the first connection.
+    pub client: Option<Client<Link>>,
+    /// The host wants a session.
+    pub is_following: bool,
+    /// The host asks for live frames.
+    pub wants_live: bool,
+    /// The host acknowledges steps.
+    pub acknowledges: bool,
+    /// The link broke and is to be opened again.
+    is_broken: bool,
+    last_message_us: u64,
+    /// The steps that arrived, in their order.
+    pub steps: Vec<Step>,
+    /// The live frames that arrived.
+    pub live: u64,
+    /// The last live frame.
+    pub last_live: Option<Live>,
+    /// Every hello.
+    pub hellos: Vec<Hello>,
+    /// What the client reported, in words.
+    pub errors: Vec<String>,
+}
+
+impl Host {
+    /// A host without a session.
+    pub fn new(world: &SharedWorld, insole: usize) -> Self {
+        Self {
+            world: world.clone(),
+            insole,
+            over: Over::Serial,
+            client: None,
+            is_following: false,
+            wants_live: false,
+            acknowledges: true,
+            is_broken: false,
+            last_message_us: 0,
+            steps: Vec::new(),
+            live: 0,
+            last_live: None,
+            hellos: Vec::new(),
+            errors: Vec::new(),
+        }
+    }
+
+    /// Follows the insole from now on.
+    pub fn connect(&mut self, over: Over, live: bool) {
+        (self.over, self.wants_live, self.is_following) = (over, live, true);
+        self.is_broken = true;
+    }
+
+    /// Ends the session.
+    pub fn disconnect(&mut self) {
+        self.is_following = false;
+        if self.over == Over::Bluetooth {
+            self.world.borrow().insoles[self.insole].air.borrow_mut().set_connected(false);
+        } else if let Some(client) = &mut self.client {
+            // A cable has no end of a session; the stream is turned off.
+            let _ = client.send(ToDevice::Stream { live: false });
+        }
+    }
+
+    /// Receives one message or waits a short time; connects again where the link is lost.
+    pub fn poll(&mut self) {
+        if !self.is_following {
+            self.world.borrow_mut().run_for(WAIT_US);
+            return;
+        }
+        if self.is_broken || now_us() - self.last_message_us > SILENCE_US {
+            self.open();
+            return;
+        }
+        let Some(client) = &mut self.client else { return };
+        match client.receive() {
+            Ok(Some(message)) => {
+                self.last_message_us = now_us();
+                self.take(message);
+            }
+            Ok(None) => {}
+            Err(error) => self.fail(&error),
+        }
+    }
+
+    fn fail(&mut self, error: &client::Error) {
+        self.errors.push(error.to_string());
+        self.is_broken = true;
+    }
+
+    fn open(&mut self) {
+        let open = || Link::open(&self.world, self.insole, self.over).map_err(client::Error::Carrier);
+        let hello = match &mut self.client {
+            Some(client) => client.reconnect_over(open, PATIENCE).cloned(),
+            None => open().and_then(|link| Client::connect(link, PATIENCE)).map(|client| {
+                let hello = client.hello().clone();
+                self.client = Some(client);
+                hello
+            }),
+        };
+        match hello {
+            Ok(hello) => {
+                self.hellos.push(hello);
+                self.is_broken = false;
+                self.last_message_us = now_us();
+                if self.wants_live && let Some(client) = &mut self.client {
+                    if let Err(error) = client.stream() {
+                        self.fail(&error);
+                    }
+                }
+            }
+            Err(error) => {
+                self.fail(&error);
+                self.world.borrow_mut().run_for(WAIT_US);
+            }
+        }
+    }
+
+    fn take(&mut self, message: ToHost) {
+        match message {
+            ToHost::Live(live) => {
+                self.live += 1;
+                self.last_live = Some(live);
+            }
+            ToHost::Step(step) => {
+                self.steps.push(step);
+                if self.acknowledges && let Some(client) = &mut self.client {
+                    if let Err(error) = client.send(ToDevice::Acknowledge { step: step.step }) {
+                        self.fail(&error);
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// The insole's counters; `None` where it does not answer.
+    pub fn status(&mut self) -> Option<Status> {
+        self.client.as_mut()?.status().ok()
+    }
+}

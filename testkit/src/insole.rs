@@ -1,0 +1,312 @@
+//! A simulated insole: the firmware's loops on a host board, through resets and losses of power.
+
+use crate::board::{
+    Air, Cable, CableEnd, HostBluetooth, HostMatrix, NoStopwatch, Reference, SharedChip, crash_text, run_gatt,
+};
+use crate::executor::{Executor, Reset as Cause, reset};
+use crate::nor_flash::{NorFlashChip, Torn};
+use crate::virtual_time::{now_us, with_origin};
+use crate::walk::{Codes, Wearer};
+use embassy_boot::{AlignedBuffer, BootLoader};
+use embassy_sync::mutex::Mutex;
+use embassy_time::Timer;
+use emulation::{ACTIVE_IMAGE, FLASH_BYTES};
+use firmware_image::Image;
+use plantar::firmware::ble::GattSession;
+use plantar::firmware::board::Ticker;
+use plantar::firmware::scan::ScanCounters;
+use plantar::firmware::start::{BootReport, Configuration, Memory, Started, start};
+use plantar::firmware::supervise::{CHECK_PERIOD_MS, Watchdog};
+use plantar::firmware::{persist, process, scan, serve};
+use plantar::protocol::Reset;
+use plantar::protocol::update::{CHUNK, Header};
+use plantar::storage::boot::{BUFFER, Blocking, config};
+use plantar::storage::flash_map::{HEADER, HEADER_BYTES};
+use plantar::storage::partition::Partition;
+use std::cell::RefCell;
+use std::rc::Rc;
+
+/// Length of the queue of frames, as on the reference board.
+const FRAMES: usize = 3;
+/// Failed starts in a row after which stored data are not used.
+const FAILED_STARTS: u32 = 3;
+/// Time from a reset to the start of the firmware, us.
+const RESET_US: u64 = 20_000;
+
+/// Name of the board in images.
+pub const BOARD: &str = "host";
+/// Marks an image that stalls its model, after the header.
+const STALLS: u8 = 0xee;
+
+/// An image for the host board.
+///
+/// # Panics
+/// Where the version is longer than 16 bytes.
+pub fn image(version: &str, is_working: bool) -> Image {
+    let mut bytes = vec![0xa5; 40 * CHUNK];
+    let header = Header::new(BOARD, version).bytes();
+    bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
+    bytes[(HEADER + HEADER_BYTES) as usize] = if is_working { 0 } else { STALLS };
+    let secret = firmware_image::development().expect("the development key is valid");
+    Image::sign(bytes, &secret).expect("the image has a header")
+}
+
+/// One boot of an insole.
+pub struct Boot {
+    /// Why it started.
+    pub reset: Reset,
+    /// What the pipeline computes of the frames that it scanned.
+    pub reference: Rc<RefCell<Reference>>,
+    /// It ended by a loss of power, a crash or a stalled part, which may lose the last steps.
+    pub is_cut_short: bool,
+    /// When it began, us.
+    pub from_us: u64,
+}
+
+/// An insole with its wearer and its links.
+pub struct HostInsole {
+    /// The wearer.
+    pub wearer: Rc<RefCell<Wearer>>,
+    /// The flash chip.
+    pub chip: SharedChip,
+    /// The serial cable.
+    pub cable: Rc<RefCell<Cable>>,
+    /// The radio link.
+    pub air: Rc<RefCell<Air>>,
+    /// All boots so far.
+    pub boots: Vec<Boot>,
+    executor: Option<Executor>,
+    failed_starts: u32,
+    /// When to start, where it is off, and how.
+    restart: Option<(u64, Reset, Option<Cause>)>,
+}
+
+impl HostInsole {
+    /// An insole that was just built: an empty flash chip, and power comes on now.
+    pub fn new(codes: Rc<Codes>) -> Self {
+        let mut chip = NorFlashChip::new(FLASH_BYTES);
+        let active = image(env!("CARGO_PKG_VERSION"), true);
+        chip.bytes[ACTIVE_IMAGE.start as usize..][..active.bytes().len()].copy_from_slice(active.bytes());
+        Self {
+            wearer: Rc::new(RefCell::new(Wearer::new(codes))),
+            chip: SharedChip(Rc::new(RefCell::new(chip))),
+            cable: Rc::default(),
+            air: Rc::default(),
+            boots: Vec::new(),
+            executor: None,
+            failed_starts: 0,
+            restart: Some((now_us(), Reset::Power, None)),
+        }
+    }
+
+    /// True while the firmware runs.
+    pub fn is_on(&self) -> bool {
+        self.executor.is_some()
+    }
+
+    /// When the insole starts next, where it is off and will start, us.
+    pub fn starts_at_us(&self) -> Option<u64> {
+        self.restart.map(|(at_us, ..)| at_us)
+    }
+
+    /// Removes power for this time.
+    pub fn cut_power(&mut self, off_us: u64) {
+        self.end(true);
+        self.failed_starts = 0;
+        self.restart = Some((now_us() + off_us, Reset::Power, None));
+    }
+
+    /// Lets power fail within the `operations`-th write or erase of the flash chip from now on.
+    pub fn cut_power_in_operation(&mut self, operations: u64) {
+        let mut chip = self.chip.0.borrow_mut();
+        let at = chip.operations + operations;
+        chip.cut = Some((at, Torn::Within));
+    }
+
+    /// Stops one of the loops, as if it were in an endless loop: `scan`, `model` or `link`.
+    pub fn stall(&mut self, part: &str) {
+        self.executor.iter_mut().for_each(|executor| executor.stall(part));
+    }
+
+    /// Resets the insole as after a panic.
+    pub fn crash(&mut self) {
+        if self.is_on() {
+            self.reset(Cause::Panic);
+        }
+    }
+
+    fn end(&mut self, is_cut_short: bool) {
+        self.executor = None;
+        let mut air = self.air.borrow_mut();
+        air.server = None;
+        air.set_connected(false);
+        // What was on its way is lost.
+        let mut cable = self.cable.borrow_mut();
+        cable.to_host.clear();
+        if let Some(boot) = self.boots.last_mut() {
+            boot.is_cut_short |= is_cut_short;
+        }
+    }
+
+    fn reset(&mut self, cause: Cause) {
+        self.end(cause != Cause::Software);
+        let kind = match cause {
+            Cause::Software => Reset::Software,
+            Cause::Watchdog(_) => Reset::Watchdog,
+            Cause::Panic => Reset::Panic,
+        };
+        self.restart = Some((now_us() + RESET_US, kind, Some(cause)));
+    }
+
+    /// Runs what is due now; true where something ran.
+    pub fn run(&mut self) -> bool {
+        if let Some((at_us, kind, cause)) = self.restart
+            && at_us <= now_us()
+        {
+            self.restart = None;
+            self.boot(kind, cause);
+        }
+        let Some(executor) = &mut self.executor else { return false };
+        let chip = self.chip.clone();
+        match executor.run_woken(|| chip.0.borrow().is_off()) {
+            Err(cause) => {
+                self.reset(cause);
+                true
+            }
+            Ok(_) if self.chip.0.borrow().is_off() => {
+                // The supply comes back after a second.
+                let chip = self.chip.0.borrow().restarted();
+                self.chip.0.replace(chip);
+                self.cut_power(1_000_000);
+                true
+            }
+            Ok(has_run) => has_run,
+        }
+    }
+
+    fn boot(&mut self, kind: Reset, cause: Option<Cause>) {
+        self.failed_starts = match kind {
+            Reset::Watchdog | Reset::Panic => self.failed_starts + 1,
+            _ => 0,
+        };
+        let is_fallback = self.failed_starts > FAILED_STARTS;
+        // The bootloader.
+        {
+            let mut chip = self.chip.0.borrow_mut();
+            let chip = Mutex::new(&mut *chip);
+            let active = Blocking(Partition::<_, CHUNK>::new(&chip, ACTIVE_IMAGE));
+            // A chip that fails here fails again in the firmware.
+            let _ = BootLoader::new(config(&chip, active)).prepare_boot(AlignedBuffer([0; BUFFER]).as_mut());
+        }
+        let (header, is_working) = {
+            let chip = self.chip.0.borrow();
+            let active = &chip.bytes[ACTIVE_IMAGE.start as usize..ACTIVE_IMAGE.end as usize];
+            let header = active[HEADER as usize..].first_chunk().and_then(Header::read);
+            (header.expect("the active image is whole"), active[(HEADER + HEADER_BYTES) as usize] != STALLS)
+        };
+        let reference = Rc::new(RefCell::new(Reference::new(&self.wearer.borrow())));
+        let from_us = now_us();
+        self.boots.push(Boot { reset: kind, reference: reference.clone(), is_cut_short: false, from_us });
+        let parts = Parts {
+            chip: (!is_fallback).then(|| self.chip.clone()),
+            report: BootReport { reset: kind, fault: cause.and_then(crash_text), is_fallback },
+            image: Box::leak(Box::new(header)),
+            matrix: HostMatrix { wearer: self.wearer.clone(), reference },
+            cable: self.cable.clone(),
+            air: self.air.clone(),
+        };
+        let mut executor = Executor::new(from_us);
+        parts.spawn(&mut executor, from_us);
+        if !is_working {
+            executor.stall("model");
+        }
+        self.executor = Some(executor);
+    }
+}
+
+/// What a boot starts with.
+struct Parts {
+    chip: Option<SharedChip>,
+    report: BootReport,
+    image: &'static Header,
+    matrix: HostMatrix,
+    cable: Rc<RefCell<Cable>>,
+    air: Rc<RefCell<Air>>,
+}
+
+/// The loops wait for the start of the firmware here.
+type Slot<T> = Rc<RefCell<Option<T>>>;
+
+fn slot<T>() -> Slot<T> {
+    Rc::default()
+}
+
+/// Waits until a slot is filled.
+async fn take<T>(slot: Slot<T>) -> T {
+    loop {
+        if let Some(value) = slot.borrow_mut().take() {
+            return value;
+        }
+        Timer::after_millis(1).await;
+    }
+}
+
+impl Parts {
+    /// Spawns the loops, each of which waits for the start. The static memory of a boot is leaked, as a test has few of them.
+    fn spawn(self, executor: &mut Executor, from_us: u64) {
+        let Self { chip, report, image, matrix, cable, air } = self;
+        let counters: &'static ScanCounters = Box::leak(Box::new(ScanCounters::new()));
+        let memory: &'static Memory<SharedChip, FRAMES> = Box::leak(Box::new(Memory::new()));
+        let (setup, cells) = (matrix.wearer.borrow().setup(), matrix.wearer.borrow().cells());
+        let slots = (slot(), slot(), slot(), slot(), slot());
+        let (for_scan, for_process, for_serve, for_persist, for_gatt) = slots.clone();
+        executor.spawn("start", async move {
+            let configuration = Configuration { setup, cells, fault: None };
+            let started = start(memory, chip, report, image, configuration, counters, || 0).await;
+            let Started { insole, store, shared, to_process, scanned, period_us } = started;
+            for_scan.replace(Some((Ticker::new(period_us), to_process)));
+            for_process.replace(Some((insole, scanned, shared)));
+            for_serve.replace(Some(shared));
+            for_persist.replace(Some((store, shared)));
+            for_gatt.replace(Some(shared));
+        });
+        let (for_scan, for_process, for_serve, for_persist, for_gatt) = slots;
+        executor.spawn("scan", async move {
+            let (clock, to_process) = take(for_scan).await;
+            scan::scan(clock, matrix, to_process, counters).await
+        });
+        executor.spawn("model", async move {
+            let (insole, scanned, shared) = take(for_process).await;
+            process::process(insole, scanned, shared, NoStopwatch).await
+        });
+        let end = CableEnd(cable);
+        executor.spawn("link", async move {
+            let shared = take(for_serve).await;
+            serve::serve(end.clone(), end, shared).await
+        });
+        executor.spawn("persist", async move {
+            let (store, shared) = take(for_persist).await;
+            persist::persist(store, shared, image, || reset(Cause::Software)).await
+        });
+        executor.spawn("gatt", async move {
+            let shared = take(for_gatt).await;
+            let server = with_origin(from_us, || Rc::new(GattSession::new(shared, HostBluetooth)));
+            {
+                let mut air = air.borrow_mut();
+                air.server = Some(server.clone());
+                air.origin_us = from_us;
+            }
+            run_gatt(server, air).await
+        });
+        executor.spawn("supervision", async move {
+            let mut watchdog = Watchdog::new();
+            loop {
+                Timer::after_millis(CHECK_PERIOD_MS.into()).await;
+                let stalled = watchdog.check(&counters.heartbeats);
+                if stalled != 0 {
+                    reset(Cause::Watchdog(stalled));
+                }
+            }
+        });
+    }
+}

@@ -1,0 +1,20 @@
+//! What tests share: fixtures, a NOR flash chip with power cuts, walks with sensor faults, and the firmware on a host board in
+//! virtual time, with the real client at the other end of its links.
+
+use critical_section as _; // the implementation of critical sections that the firmware links
+
+pub mod board;
+pub mod executor;
+pub mod faults;
+pub mod fixtures;
+pub mod host;
+pub mod insole;
+pub mod nor_flash;
+pub mod power;
+pub mod scenario;
+pub mod switched_off;
+pub mod virtual_time;
+pub mod walk;
+pub mod world;
+
+pub use fixtures::*;

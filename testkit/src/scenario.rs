@@ -1,0 +1,644 @@
+//! Scenarios: what happens to simulated insoles and their hosts, as data, and what is expected of them.
+//!
+//! A scenario is a TOML file with a title, a list of events with their times, and the expected outcome; `host-tests/scenarios` has
+//! examples of every event. Whatever happens, the invariants of [`Outcome::verify`] must hold.
+
+use crate::host::{Host, Over};
+use crate::insole::image;
+use crate::virtual_time::now_us;
+use crate::world::{Physical, SharedWorld, World};
+use emulator::Electrical;
+use parameters::{InsoleSize, Parameters};
+use plantar::firmware::shared::STEP_QUEUE;
+use plantar::protocol::update::{Progress, Request};
+use plantar::protocol::{Serial, Status, Step, StepRegion, ToDevice};
+use plantar::sequence::is_after;
+use serde::Deserialize;
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::time::Duration;
+use thiserror::Error;
+use toml::Spanned;
+
+/// Time in which everything that is due arrives after the last event, s.
+const SETTLE_S: f64 = 4.0;
+
+/// Why a scenario cannot run.
+#[derive(Debug, Error)]
+pub enum ScenarioError {
+    /// The file is not a scenario: an unknown event, a missing value. The message names line and column.
+    #[error("{0}")]
+    Syntax(#[from] toml::de::Error),
+    /// The events are in an impossible order.
+    #[error("line {line}: {reason}")]
+    Order {
+        /// Line of the event, from 1.
+        line: usize,
+        /// What is impossible, and the remedy.
+        reason: String,
+    },
+}
+
+/// A scenario.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scenario {
+    /// One sentence.
+    pub title: String,
+    /// One insole, or a pair.
+    #[serde(default = "one")]
+    pub insoles: usize,
+    /// Frames per second.
+    #[serde(default = "hundred")]
+    pub rate_hz: f64,
+    /// When the last effect of the events is over, s.
+    pub duration_s: f64,
+    /// What happens, by time.
+    #[serde(default, rename = "at")]
+    pub events: Vec<Spanned<Entry>>,
+    /// The expected outcome.
+    #[serde(default)]
+    pub expect: Expect,
+}
+
+fn one() -> usize {
+    1
+}
+
+fn hundred() -> f64 {
+    100.0
+}
+
+/// An event and its time.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Entry {
+    /// Time since power came on, s.
+    pub s: f64,
+    /// The insole that it concerns: 0 is the left one.
+    #[serde(default)]
+    pub insole: usize,
+    /// What happens.
+    pub event: Event,
+}
+
+/// What happens. The events up to `panic` are physical; the others are actions of the host.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Event {
+    /// The wearer walks.
+    Walk {
+        /// Steps of this foot.
+        steps: u32,
+    },
+    /// Power is off.
+    PowerCut {
+        /// Duration, s.
+        off_s: f64,
+    },
+    /// Power fails within a write or erase of the flash chip.
+    PowerCutInWrite {
+        /// Operations that still succeed.
+        operations: u64,
+    },
+    /// The cable is cut.
+    CableCut {
+        /// Duration, s.
+        for_s: f64,
+    },
+    /// The cable becomes slow, or fast with 0.
+    CableRate {
+        /// Bytes per second.
+        bytes_per_s: f64,
+    },
+    /// Bytes to the host are damaged from now on, or no longer with 0.
+    Damage {
+        /// One of so many.
+        every_bytes: u32,
+    },
+    /// The radio link is lost.
+    RadioLost,
+    /// The matrix does not answer.
+    MissFrames {
+        /// For so many frames.
+        frames: u32,
+        /// From this row on.
+        #[serde(default)]
+        from_row: usize,
+    },
+    /// The sensor has a fault from now on, as in `open-cell:17`.
+    SensorFault(String),
+    /// A loop of the firmware stalls.
+    Stall(Part),
+    /// The firmware panics.
+    Panic,
+
+    /// The host follows the insole.
+    Connect {
+        /// The link.
+        over: OverName,
+        /// With live frames.
+        #[serde(default)]
+        live: bool,
+    },
+    /// The host ends its session.
+    Disconnect,
+    /// The host acknowledges steps, or stores them without.
+    Acknowledge(bool),
+    /// Values of the radio link are at most so long.
+    ValueLength(usize),
+    /// The host sets the wearer's parameters: typical ones.
+    SetParameters,
+    /// The host sets the serial number.
+    SetSerial(String),
+    /// The host restarts the insole.
+    Restart,
+    /// The host sends a firmware image.
+    Update {
+        /// Its version.
+        version: String,
+        /// False for an image that stalls.
+        #[serde(default = "yes")]
+        works: bool,
+    },
+}
+
+fn yes() -> bool {
+    true
+}
+
+/// A loop of the firmware.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Part {
+    /// Scanning.
+    Scan,
+    /// Processing.
+    Model,
+    /// The serial link.
+    Link,
+}
+
+/// A link by name.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OverName {
+    /// The cable.
+    Serial,
+    /// The radio.
+    Bluetooth,
+}
+
+/// The expected outcome; what is absent is not checked.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Expect {
+    /// Steps that arrive, each once, of all insoles.
+    pub steps: Option<usize>,
+    /// Steps that are lost with the power or in a crash, at most.
+    #[serde(default)]
+    pub lost_at_most: usize,
+    /// Why the first insole started, each time.
+    pub resets: Option<Vec<String>>,
+    /// Faults that the first insole reports.
+    pub faults: Option<Vec<String>>,
+    /// Whether live frames were lost.
+    pub loses_live: Option<bool>,
+    /// Frames without a complete scan since the last start.
+    pub frames_missed: Option<u32>,
+    /// Contacts that did not become steps since the last start: short, long, broken.
+    pub rejected: Option<[u32; 3]>,
+    /// Version that the first insole runs in the end.
+    pub version: Option<String>,
+    /// Serial number of the first insole in the end.
+    pub serial: Option<String>,
+    /// Whether the first insole has parameters in the end.
+    pub parameters: Option<bool>,
+    /// A text in one of the errors that the host saw.
+    pub error: Option<String>,
+    /// A text in the last hello's report of the previous run.
+    pub last_fault: Option<String>,
+}
+
+impl Scenario {
+    /// Reads a scenario.
+    ///
+    /// # Errors
+    /// Where the text is not a scenario, or its events are in an impossible order; the message names the line.
+    pub fn parse(text: &str) -> Result<Self, ScenarioError> {
+        let scenario: Self = toml::from_str(text)?;
+        let mut checker = OrderCheck::new(&scenario);
+        for entry in &scenario.events {
+            checker.check(entry.get_ref()).map_err(|reason| {
+                let line = 1 + text[..entry.span().start].matches('\n').count();
+                ScenarioError::Order { line, reason }
+            })?;
+        }
+        Ok(scenario)
+    }
+
+    /// Runs the scenario.
+    pub fn run(&self) -> Outcome {
+        let start_us = now_us();
+        let at_us = |s: f64| start_us + (s * 1e6) as u64;
+        let world: SharedWorld = Rc::new(RefCell::new(World::new(self.insoles, self.rate_hz)));
+        let mut hosts: Vec<_> = (0..self.insoles).map(|insole| Host::new(&world, insole)).collect();
+        let mut actions = Vec::new();
+        for entry in self.events.iter().map(Spanned::get_ref) {
+            match physical(&entry.event) {
+                Some(event) => world.borrow_mut().schedule(at_us(entry.s), entry.insole, event),
+                None => actions.push(entry),
+            }
+        }
+        for entry in actions {
+            follow(&world, &mut hosts, at_us(entry.s));
+            act(&world, &mut hosts[entry.insole], entry.insole, &entry.event);
+        }
+        follow(&world, &mut hosts, at_us(self.duration_s));
+        follow(&world, &mut hosts, at_us(self.duration_s + SETTLE_S));
+        Outcome::new(&world, hosts)
+    }
+}
+
+/// Lets the hosts receive until this time.
+pub fn follow(world: &SharedWorld, hosts: &mut [Host], until_us: u64) {
+    world.borrow_mut().horizon_us = until_us;
+    while now_us() < until_us {
+        hosts.iter_mut().for_each(Host::poll);
+    }
+    world.borrow_mut().horizon_us = u64::MAX;
+}
+
+fn physical(event: &Event) -> Option<Physical> {
+    let us = |s: f64| (s * 1e6) as u64;
+    Some(match event {
+        Event::Walk { steps } => Physical::Walk { steps: *steps },
+        Event::PowerCut { off_s } => Physical::PowerCut { off_us: us(*off_s) },
+        Event::PowerCutInWrite { operations } => Physical::PowerCutInWrite { operations: *operations },
+        Event::CableCut { for_s } => Physical::CableCut { for_us: us(*for_s) },
+        Event::CableRate { bytes_per_s } => Physical::CableRate { bytes_per_s: *bytes_per_s },
+        Event::Damage { every_bytes } => Physical::Damage { every_bytes: *every_bytes },
+        Event::RadioLost => Physical::RadioLost,
+        Event::MissFrames { frames, from_row } => Physical::MissFrames { frames: *frames, from_row: *from_row },
+        // `OrderCheck` has parsed it.
+        Event::SensorFault(fault) => Physical::SensorFault(fault.parse().ok()?),
+        Event::Stall(Part::Scan) => Physical::Stall("scan"),
+        Event::Stall(Part::Model) => Physical::Stall("model"),
+        Event::Stall(Part::Link) => Physical::Stall("link"),
+        Event::Panic => Physical::Panic,
+        _ => return None,
+    })
+}
+
+/// Executes an action of a host. What goes wrong is among [`Host::errors`].
+fn act(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) {
+    let done = match event {
+        Event::Connect { over, live } => {
+            let over = match over {
+                OverName::Serial => Over::Serial,
+                OverName::Bluetooth => Over::Bluetooth,
+            };
+            host.connect(over, *live);
+            Ok(())
+        }
+        Event::Disconnect => {
+            host.disconnect();
+            Ok(())
+        }
+        Event::Acknowledge(acknowledges) => {
+            host.acknowledges = *acknowledges;
+            Ok(())
+        }
+        Event::ValueLength(bytes) => {
+            world.borrow().insoles[insole].air.borrow_mut().max_value = *bytes;
+            Ok(())
+        }
+        _ => request(host, event),
+    };
+    if let Err(error) = done {
+        host.errors.push(error.to_string());
+    }
+}
+
+/// Sends what a host requests, and waits for the answer.
+fn request(host: &mut Host, event: &Event) -> Result<(), client::Error> {
+    let Some(client) = &mut host.client else { return Ok(()) };
+    match event {
+        Event::SetParameters => client.set_tissue(&Parameters::typical(InsoleSize::default()).tissue()),
+        Event::SetSerial(serial) => {
+            let identity = client.identity()?;
+            let serial = Serial::new(serial).unwrap_or(Serial::NONE);
+            client.set_identity(identity.side, serial).map(drop)
+        }
+        Event::Restart => client.send(ToDevice::Restart),
+        Event::Update { version, works } => {
+            let image = image(version, *works);
+            let Progress::Next(first) = client.update(Request::Begin(image.offer()))? else { return Ok(()) };
+            for number in first..image.offer().chunks {
+                client.update(Request::Chunk { number, chunk: image.chunk(number) })?;
+            }
+            client.update(Request::Finish).map(drop)
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Finds events that cannot follow the ones before.
+struct OrderCheck {
+    insoles: usize,
+    last_s: f64,
+    end_s: f64,
+    walks_until_s: Vec<f64>,
+    off_until_s: Vec<f64>,
+    is_following: Vec<bool>,
+}
+
+impl OrderCheck {
+    fn new(scenario: &Scenario) -> Self {
+        let n = scenario.insoles;
+        Self {
+            insoles: n,
+            last_s: 0.0,
+            end_s: scenario.duration_s,
+            walks_until_s: vec![0.0; n],
+            off_until_s: vec![0.0; n],
+            is_following: vec![false; n],
+        }
+    }
+
+    fn check(&mut self, Entry { s, insole, event }: &Entry) -> Result<(), String> {
+        let (s, insole) = (*s, *insole);
+        if s < self.last_s {
+            return Err(format!("an event at {s} s follows one at {} s: sort the events by time", self.last_s));
+        }
+        if s > self.end_s {
+            return Err(format!("an event at {s} s is after the end at {} s: extend duration_s", self.end_s));
+        }
+        if insole >= self.insoles {
+            return Err(format!("there is no insole {insole}: set insoles = 2, or use a lower number"));
+        }
+        self.last_s = s;
+        let is_off = s < self.off_until_s[insole];
+        let is_action = physical(event).is_none() && !matches!(event, Event::SensorFault(_));
+        match event {
+            Event::Walk { .. } if s < self.walks_until_s[insole] => {
+                return Err("the wearer still walks: let the walk end first".into());
+            }
+            // A step takes about a second.
+            Event::Walk { steps } => self.walks_until_s[insole] = s + f64::from(*steps),
+            Event::PowerCut { .. } | Event::Stall(_) | Event::Panic if is_off => {
+                return Err("the insole is off: wait until power is back".into());
+            }
+            Event::PowerCut { off_s } => self.off_until_s[insole] = s + off_s,
+            Event::SensorFault(text) => {
+                text.parse::<Electrical>().map_err(|error| error.to_string())?;
+            }
+            Event::Connect { .. } => self.is_following[insole] = true,
+            Event::Acknowledge(_) | Event::ValueLength(_) => {}
+            Event::Disconnect if !self.is_following[insole] => {
+                return Err("the host is not connected: connect first".into());
+            }
+            Event::Disconnect => self.is_following[insole] = false,
+            _ if is_action && !self.is_following[insole] => {
+                return Err("the host is not connected: connect before it requests anything".into());
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+/// One insole at the end of a scenario.
+pub struct InsoleOutcome {
+    /// The host with what it received.
+    pub host: Host,
+    /// The counters of the last boot; `None` where nobody is connected.
+    pub status: Option<Status>,
+    /// Steps that the pipeline computed, by boot, and whether the boot was cut short.
+    computed: Vec<(Vec<Step>, bool)>,
+    /// Frames that the last boot scanned.
+    frames: u32,
+    /// Frame times of the last boot so far.
+    elapsed_frames: u32,
+    /// Why the insole started, each time.
+    pub resets: Vec<String>,
+}
+
+/// What a scenario led to.
+pub struct Outcome {
+    /// Each insole.
+    pub insoles: Vec<InsoleOutcome>,
+}
+
+impl Outcome {
+    /// Reads the counters and collects what arrived.
+    pub fn new(world: &SharedWorld, hosts: Vec<Host>) -> Self {
+        let collect = |(index, mut host): (usize, Host)| {
+            let status = if host.is_following { host.status() } else { None };
+            let world = world.borrow();
+            let insole = &world.insoles[index];
+            let computed = insole.boots.iter().map(|boot| {
+                let steps = boot.reference.borrow().steps.clone();
+                (steps, boot.is_cut_short)
+            });
+            let last = insole.boots.last();
+            let period_us = u64::from(insole.wearer.borrow().setup().period_us);
+            InsoleOutcome {
+                status,
+                computed: computed.collect(),
+                frames: last.map_or(0, |boot| boot.reference.borrow().frames),
+                elapsed_frames: last.map_or(0, |boot| ((now_us() - boot.from_us) / period_us) as u32),
+                resets: insole.boots.iter().map(|boot| boot.reset.name().to_owned()).collect(),
+                host,
+            }
+        };
+        Self { insoles: hosts.into_iter().enumerate().map(collect).collect() }
+    }
+
+    /// Checks what must hold whatever happens: every step that was computed arrives once, in order and unchanged, except the last ones
+    /// of a boot that was cut short; numbers increase; counters add up. Returns the number of lost steps.
+    ///
+    /// # Errors
+    /// What does not hold.
+    pub fn verify(&self) -> Result<usize, String> {
+        let mut lost = 0;
+        for (index, insole) in self.insoles.iter().enumerate() {
+            lost += insole.verify_steps().map_err(|error| format!("insole {index}: {error}"))?;
+            if let Some(status) = &insole.status {
+                insole.verify_counters(status).map_err(|error| format!("insole {index}: {error}"))?;
+            }
+        }
+        Ok(lost)
+    }
+
+    /// Compares with the expected outcome.
+    ///
+    /// # Errors
+    /// Every difference.
+    pub fn compare(&mut self, expect: &Expect) -> Result<(), String> {
+        let mut differences = Vec::new();
+        let mut differ = |what: &str, expected: String, found: String| {
+            if expected != found {
+                differences.push(format!("{what}: expected {expected}, found {found}"));
+            }
+        };
+        let all: usize = self.insoles.iter().map(|insole| insole.host.steps.len()).sum();
+        if let Some(steps) = expect.steps {
+            differ("steps", steps.to_string(), all.to_string());
+        }
+        match self.verify() {
+            Ok(lost) if lost <= expect.lost_at_most => {}
+            Ok(lost) => differ("lost steps", format!("at most {}", expect.lost_at_most), lost.to_string()),
+            Err(error) => differ("invariants", "hold".into(), error),
+        }
+        let first = &mut self.insoles[0];
+        if let Some(resets) = &expect.resets {
+            differ("resets", format!("{resets:?}"), format!("{:?}", first.resets));
+        }
+        if let Some(faults) = &expect.faults {
+            let found = first.host.client.as_mut().and_then(|client| client.faults().ok());
+            let found: Vec<_> = found
+                .iter()
+                .flat_map(|faults| &faults.list)
+                .map(|fault| format!("{} {}", fault.kind.name(), fault.place))
+                .collect();
+            differ("faults", format!("{faults:?}"), format!("{found:?}"));
+        }
+        if let Some(loses) = expect.loses_live {
+            let lost = first.host.client.as_ref().map_or(0, |client| client.counters().frames_lost);
+            differ("loses live frames", loses.to_string(), (lost > 0).to_string());
+        }
+        let status = first.status.unwrap_or_default();
+        if let Some(missed) = expect.frames_missed {
+            differ("missed frames", missed.to_string(), status.frames_missed.to_string());
+        }
+        if let Some(rejected) = expect.rejected {
+            let found = [status.rejected.short, status.rejected.long, status.rejected.broken];
+            differ("rejected contacts", format!("{rejected:?}"), format!("{found:?}"));
+        }
+        let hello = first.host.hellos.last();
+        if let Some(version) = &expect.version {
+            differ("version", version.clone(), hello.map_or(String::new(), |hello| hello.firmware.as_str().into()));
+        }
+        if let Some(text) = &expect.last_fault {
+            let fault = hello.and_then(|hello| hello.last_panic.as_deref()).unwrap_or("none");
+            differ("last fault", text.clone(), if fault.contains(text) { text.clone() } else { fault.into() });
+        }
+        if let Some(serial) = &expect.serial {
+            let identity = first.host.client.as_mut().and_then(|client| client.identity().ok());
+            let found = identity.map_or(String::new(), |identity| identity.serial.as_str().into());
+            differ("serial number", serial.clone(), found);
+        }
+        if let Some(parameters) = expect.parameters {
+            let tissue = first.host.client.as_mut().and_then(|client| client.tissue().ok());
+            differ("has parameters", parameters.to_string(), tissue.is_some_and(|tissue| tissue.id != 0).to_string());
+        }
+        if let Some(text) = &expect.error {
+            let has = first.host.errors.iter().any(|error| error.contains(text));
+            differ("error", text.clone(), if has { text.clone() } else { format!("{:?}", first.host.errors) });
+        }
+        if differences.is_empty() { Ok(()) } else { Err(differences.join("\n")) }
+    }
+}
+
+/// The measured content of a step, without its number, the boots since, the wall clock and the model, which parameters change.
+fn measured(step: &Step) -> Step {
+    let regions = step.regions.map(|region| StepRegion {
+        model_peak_dn: 0,
+        model_integral_cns: 0,
+        deformation_peak_um: 0,
+        deformation_rate_peak_dmm_s: 0,
+        model_error_bp: 0,
+        ..region
+    });
+    Step { step: 0, boots_since: 0, start_unix_us: None, clamped: 0, regions, ..*step }
+}
+
+impl InsoleOutcome {
+    /// The number of lost steps.
+    fn verify_steps(&self) -> Result<usize, String> {
+        for pair in self.host.steps.windows(2) {
+            if !is_after(pair[1].step, pair[0].step) {
+                return Err(format!("step {} arrived after step {}", pair[1].step, pair[0].step));
+            }
+        }
+        let mut arrived = self.host.steps.iter().map(measured).peekable();
+        let mut lost = 0;
+        for (boot, (computed, is_cut_short)) in self.computed.iter().enumerate() {
+            let mut missing = Vec::new();
+            for (index, step) in computed.iter().enumerate() {
+                if arrived.next_if(|arrived| *arrived == measured(step)).is_none() {
+                    missing.push(index);
+                }
+            }
+            // Without a host, or before it acknowledges, steps wait in the insole.
+            let is_last = boot + 1 == self.computed.len();
+            let may_lose = if *is_cut_short { STEP_QUEUE + 1 } else { 0 };
+            let from = computed.len().saturating_sub(may_lose);
+            let is_waiting = !self.host.is_following || !self.host.acknowledges;
+            if let Some(index) = missing.iter().find(|index| **index < from && !(is_waiting && is_last)) {
+                return Err(format!("step {index} of boot {boot} did not arrive; {} in all", missing.len()));
+            }
+            lost += missing.len();
+        }
+        match arrived.next() {
+            None => Ok(lost),
+            Some(step) => Err(format!("a step at {} us arrived that the pipeline did not compute", step.start_us)),
+        }
+    }
+
+    fn verify_counters(&self, status: &Status) -> Result<(), String> {
+        let computed = self.computed.last().map_or(0, |(steps, _)| steps.len()) as u32;
+        let same = |what: &str, counter: u32, found: u32, tolerance: u32| {
+            if counter.abs_diff(found) > tolerance {
+                return Err(format!("{what}: the insole counts {counter}, the test {found}"));
+            }
+            Ok(())
+        };
+        same("steps", status.steps, computed, 0)?;
+        // A frame may be under way.
+        same("frames", status.frames + status.frames_overrun, self.frames + status.frames_overrun, 1)?;
+        // The start takes some frame times.
+        let frames = status.frames + status.frames_missed + status.frames_overrun;
+        same("frame times", frames, self.elapsed_frames, 12)?;
+        let counters = self.host.client.as_ref().map(|client| client.counters()).unwrap_or_default();
+        if status.live_due.abs_diff(counters.frames_received.wrapping_add(counters.frames_lost)) > status.live_due {
+            return Err(format!("live frames: {} were due, {counters:?}", status.live_due));
+        }
+        Ok(())
+    }
+}
+
+/// Connects, walks, and lets a foot's steps arrive: the load of a speed measurement and of a long soak.
+pub struct LongWalk {
+    /// Steps of each foot.
+    pub steps: u32,
+    /// Frames per second.
+    pub rate_hz: f64,
+}
+
+impl LongWalk {
+    /// Walks with both feet, with storage, one foot over the cable and the other over the radio, live frames on both. `progress` is
+    /// called every virtual minute with the steps that arrived.
+    pub fn run(&self, mut progress: impl FnMut(usize)) -> (Outcome, Duration) {
+        let start_us = now_us();
+        let world: SharedWorld = Rc::new(RefCell::new(World::new(2, self.rate_hz)));
+        let mut hosts: Vec<_> = (0..2).map(|insole| Host::new(&world, insole)).collect();
+        hosts[0].connect(Over::Serial, true);
+        hosts[1].connect(Over::Bluetooth, true);
+        follow(&world, &mut hosts, start_us + 1_000_000);
+        let ends = [0, 1].map(|insole: usize| {
+            let wearer = world.borrow().insoles[insole].wearer.clone();
+            let mut wearer = wearer.borrow_mut();
+            wearer.walk(now_us(), self.steps)
+        });
+        let end_us = ends.into_iter().fold(0, u64::max);
+        while now_us() < end_us {
+            follow(&world, &mut hosts, (now_us() + 60_000_000).min(end_us));
+            progress(hosts.iter().map(|host| host.steps.len()).sum());
+        }
+        follow(&world, &mut hosts, end_us + (SETTLE_S * 1e6) as u64);
+        let walked = Duration::from_micros(now_us() - start_us);
+        (Outcome::new(&world, hosts), walked)
+    }
+}

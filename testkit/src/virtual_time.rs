@@ -1,0 +1,57 @@
+//! Virtual time: the `embassy-time` driver of tests. Time passes only when a test advances it.
+//!
+//! Every thread has a clock of its own, so that tests run in parallel. A simulated insole counts its time from its own start: its
+//! tasks run within [`with_origin`].
+
+use embassy_time_driver::Driver;
+use embassy_time_queue_utils::Queue;
+use std::cell::{Cell, RefCell};
+use std::task::Waker;
+
+thread_local! {
+    static NOW_US: Cell<u64> = const { Cell::new(0) };
+    static ORIGIN_US: Cell<u64> = const { Cell::new(0) };
+    static TIMERS: RefCell<Queue> = const { RefCell::new(Queue::new()) };
+}
+
+struct VirtualTime;
+
+embassy_time_driver::time_driver_impl!(static DRIVER: VirtualTime = VirtualTime);
+
+impl Driver for VirtualTime {
+    fn now(&self) -> u64 {
+        now_us() - ORIGIN_US.get()
+    }
+
+    fn schedule_wake(&self, at: u64, waker: &Waker) {
+        let at = at.saturating_add(ORIGIN_US.get());
+        TIMERS.with_borrow_mut(|timers| timers.schedule_wake(at, waker));
+    }
+}
+
+/// Time since the thread began, us.
+pub fn now_us() -> u64 {
+    NOW_US.get()
+}
+
+/// Runs `work` with a clock that started at `origin_us`.
+pub fn with_origin<T>(origin_us: u64, work: impl FnOnce() -> T) -> T {
+    let before = ORIGIN_US.replace(origin_us);
+    let done = work();
+    ORIGIN_US.set(before);
+    done
+}
+
+/// Wakes the tasks with timers that are due; returns when the next one is due, us.
+pub fn wake_due() -> u64 {
+    TIMERS.with_borrow_mut(|timers| timers.next_expiration(now_us()))
+}
+
+/// Advances the clock to this time.
+///
+/// # Panics
+/// Where the time is in the past.
+pub fn advance_to(at_us: u64) {
+    assert!(at_us >= now_us(), "time does not go back");
+    NOW_US.set(at_us);
+}

@@ -1,0 +1,136 @@
+//! The wearer of a simulated insole: walks that begin when a test says so, and sensor faults.
+
+use emulator::Electrical;
+use plantar::Side;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::{DEVICE_CELLS, Setup, SetupCell};
+use plantar::pipeline::stance::StanceRule;
+use recording::synthetic::SyntheticWalk;
+use recording::{VirtualInsole, synthetic};
+use std::rc::Rc;
+
+/// Steps of the computed walk that is repeated.
+const LOOP_STEPS: usize = 8;
+
+/// A computed walk as codes.
+pub struct Codes {
+    worn: VirtualInsole,
+    cells: usize,
+    frames: Vec<u16>,
+    /// The frame in the swing after each step.
+    step_ends: Vec<usize>,
+}
+
+impl Codes {
+    /// A walk of a foot, sampled at this rate.
+    ///
+    /// # Panics
+    /// Where the swings of the computed walk are not unloaded.
+    pub fn new(side: Side, rate_hz: f64) -> Self {
+        let walk = SyntheticWalk { steps: LOOP_STEPS, side, rate_hz, ..SyntheticWalk::default() };
+        let recording = synthetic::walk(&walk).recording;
+        let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let cells = worn.cells.len();
+        let mut frames = vec![0; cells * recording.frames()];
+        for (i, codes) in frames.chunks_exact_mut(cells).enumerate() {
+            worn.codes_of(&recording, i, codes);
+        }
+        // Each step ends in the last unloaded frame before the next one begins.
+        let is_loaded = |i: usize| frames[i * cells..(i + 1) * cells].iter().any(|&code| code > 0);
+        let begins = (1..recording.frames()).filter(|&i| is_loaded(i) && !is_loaded(i - 1));
+        let mut step_ends: Vec<_> = begins.skip(1).collect();
+        step_ends.push(recording.frames());
+        assert_eq!(step_ends.len(), LOOP_STEPS, "the swing after each step is unloaded");
+        Self { worn, cells, frames, step_ends }
+    }
+
+    fn frames(&self) -> usize {
+        self.frames.len() / self.cells
+    }
+
+    /// Frames of a walk of so many steps.
+    fn walk_frames(&self, steps: u32) -> usize {
+        let (loops, rest) = (steps as usize / LOOP_STEPS, steps as usize % LOOP_STEPS);
+        loops * self.frames() + rest.checked_sub(1).map_or(0, |last| self.step_ends[last])
+    }
+}
+
+/// One walk: from `from_us` on, for so many frames.
+#[derive(Clone, Copy)]
+struct Bout {
+    from_us: u64,
+    frames: usize,
+}
+
+/// The foot in one insole.
+pub struct Wearer {
+    codes: Rc<Codes>,
+    bout: Option<Bout>,
+    faults: Vec<Electrical>,
+    /// Frames that are left in which the matrix does not answer from a row on.
+    missing: Option<(u32, usize)>,
+    is_frame_missing: bool,
+}
+
+impl Wearer {
+    /// Sits still.
+    pub fn new(codes: Rc<Codes>) -> Self {
+        Self { codes, bout: None, faults: Vec::new(), missing: None, is_frame_missing: false }
+    }
+
+    /// The rules of the insole.
+    pub fn setup(&self) -> Setup {
+        self.codes.worn.setup
+    }
+
+    /// The cells of the insole.
+    pub fn cells(&self) -> impl Iterator<Item = SetupCell> + Clone + use<> {
+        self.codes.worn.cells.clone().into_iter()
+    }
+
+    /// Begins a walk; returns when it ends, us.
+    pub fn walk(&mut self, now_us: u64, steps: u32) -> u64 {
+        let frames = self.codes.walk_frames(steps);
+        self.bout = Some(Bout { from_us: now_us, frames });
+        now_us + frames as u64 * u64::from(self.setup().period_us)
+    }
+
+    /// Adds a fault of the sensor, which begins now.
+    pub fn add_fault(&mut self, fault: Electrical, now_us: u64) {
+        self.faults.push(Electrical { from_s: now_us as f64 / 1e6, ..fault });
+    }
+
+    /// Lets the matrix stop answering from this row on, for so many frames.
+    pub fn miss_frames(&mut self, frames: u32, from_row: usize) {
+        self.missing = Some((frames, from_row));
+    }
+
+    /// The codes of all cells now; called once a frame.
+    pub fn codes_at(&mut self, now_us: u64, codes: &mut [u16; DEVICE_CELLS]) {
+        let Codes { cells, frames, .. } = &*self.codes;
+        let period_us = u64::from(self.codes.worn.setup.period_us);
+        let bout = self.bout.map(|bout| (bout, ((now_us - bout.from_us) / period_us) as usize));
+        match bout.filter(|(bout, frame)| *frame < bout.frames) {
+            Some((_, frame)) => {
+                let at = frame % (frames.len() / cells) * cells;
+                codes[..*cells].copy_from_slice(&frames[at..at + cells]);
+            }
+            None => codes[..*cells].fill(0),
+        }
+        for fault in &self.faults {
+            fault.apply(now_us as f64 / 1e6, &[0; DEVICE_CELLS][..*cells], &mut codes[..*cells]);
+        }
+        self.is_frame_missing = match &mut self.missing {
+            Some((frames @ 1.., _)) => {
+                *frames -= 1;
+                true
+            }
+            _ => false,
+        };
+    }
+
+    /// True where the matrix does not answer with this row of the frame.
+    pub fn is_row_missing(&self, row: usize) -> bool {
+        self.is_frame_missing && self.missing.is_some_and(|(_, from_row)| row >= from_row)
+    }
+}

@@ -1,0 +1,157 @@
+//! Simulated insoles in virtual time, and the physical events that happen to them.
+
+use crate::insole::HostInsole;
+use crate::virtual_time::{advance_to, now_us, wake_due};
+use crate::walk::Codes;
+use emulator::Electrical;
+use plantar::Side;
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+/// Something physical that happens to an insole or its links.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Physical {
+    /// The wearer walks so many steps.
+    Walk {
+        /// Steps of this foot.
+        steps: u32,
+    },
+    /// Power is off for this time.
+    PowerCut {
+        /// Duration, us.
+        off_us: u64,
+    },
+    /// Power fails within a write or erase of the flash chip, the `operations`-th from now on, and comes back after a second.
+    PowerCutInWrite {
+        /// Operations that still succeed.
+        operations: u64,
+    },
+    /// The cable is cut for this time.
+    CableCut {
+        /// Duration, us.
+        for_us: u64,
+    },
+    /// The cable carries so many bytes a second from now on; 0 for any number.
+    CableRate {
+        /// Bytes a second.
+        bytes_per_s: f64,
+    },
+    /// One of so many bytes to the host is damaged from now on; 0 for none.
+    Damage {
+        /// Bytes from one damaged byte to the next.
+        every_bytes: u32,
+    },
+    /// The radio link is lost.
+    RadioLost,
+    /// The matrix stops answering from a row on, for so many frames.
+    MissFrames {
+        /// Frames.
+        frames: u32,
+        /// The first row that does not answer.
+        from_row: usize,
+    },
+    /// The sensor has a fault from now on.
+    SensorFault(Electrical),
+    /// One of the loops enters an endless loop: `scan`, `model` or `link`.
+    Stall(&'static str),
+    /// The firmware panics.
+    Panic,
+    /// The end of a cut cable.
+    CableRepaired,
+}
+
+/// An event and its time.
+#[derive(Clone, Copy, Debug)]
+struct Due {
+    at_us: u64,
+    insole: usize,
+    event: Physical,
+}
+
+/// All insoles of a test.
+pub struct World {
+    /// The insoles: the left one first.
+    pub insoles: Vec<HostInsole>,
+    /// By time.
+    due: VecDeque<Due>,
+    /// No wait goes beyond this time, us.
+    pub horizon_us: u64,
+}
+
+/// A world that hosts and tests share.
+pub type SharedWorld = Rc<RefCell<World>>;
+
+impl World {
+    /// A left and, if `count` is 2, a right insole that scan at this rate.
+    pub fn new(count: usize, rate_hz: f64) -> Self {
+        let codes = |side| Rc::new(Codes::new(side, rate_hz));
+        let insoles = [Side::Left, Side::Right].into_iter().take(count).map(|side| HostInsole::new(codes(side)));
+        Self { insoles: insoles.collect(), due: VecDeque::new(), horizon_us: u64::MAX }
+    }
+
+    /// Schedules an event.
+    pub fn schedule(&mut self, at_us: u64, insole: usize, event: Physical) {
+        let index = self.due.partition_point(|due| due.at_us <= at_us);
+        self.due.insert(index, Due { at_us, insole, event });
+    }
+
+    /// Runs until `is_done` returns true, or until `until_us`; true where it is done.
+    pub fn run(&mut self, until_us: u64, mut is_done: impl FnMut(&mut Self) -> bool) -> bool {
+        let until_us = until_us.min(self.horizon_us);
+        loop {
+            self.run_due();
+            let mut next_timer_us;
+            while {
+                next_timer_us = wake_due();
+                self.insoles.iter_mut().fold(false, |ran, insole| insole.run() | ran)
+            } {}
+            if is_done(self) {
+                return true;
+            }
+            if now_us() >= until_us {
+                return false;
+            }
+            let starts = self.insoles.iter().filter_map(HostInsole::starts_at_us);
+            let due = self.due.front().map(|due| due.at_us);
+            let next_us = starts.chain(due).fold(until_us.min(next_timer_us), u64::min);
+            advance_to(next_us.max(now_us()));
+        }
+    }
+
+    /// Runs for this time.
+    pub fn run_for(&mut self, time_us: u64) {
+        self.run(now_us() + time_us, |_| false);
+    }
+
+    fn run_due(&mut self) {
+        while let Some(due) = self.due.pop_front_if(|due| due.at_us <= now_us()) {
+            self.execute(due);
+        }
+    }
+
+    fn execute(&mut self, Due { insole: index, event, .. }: Due) {
+        let insole = &mut self.insoles[index];
+        match event {
+            Physical::Walk { steps } => {
+                insole.wearer.borrow_mut().walk(now_us(), steps);
+            }
+            Physical::PowerCut { off_us } => insole.cut_power(off_us),
+            Physical::PowerCutInWrite { operations } => insole.cut_power_in_operation(operations),
+            Physical::CableCut { for_us } => {
+                insole.cable.borrow_mut().is_cut = true;
+                self.schedule(now_us() + for_us, index, Physical::CableRepaired);
+            }
+            Physical::CableRepaired => insole.cable.borrow_mut().is_cut = false,
+            Physical::CableRate { bytes_per_s } => {
+                insole.cable.borrow_mut().byte_us = if bytes_per_s > 0.0 { 1e6 / bytes_per_s } else { 0.0 };
+            }
+            Physical::Damage { every_bytes } => insole.cable.borrow_mut().damaged_every = every_bytes,
+            Physical::RadioLost => insole.air.borrow_mut().set_connected(false),
+            Physical::MissFrames { frames, from_row } => insole.wearer.borrow_mut().miss_frames(frames, from_row),
+            Physical::SensorFault(fault) => insole.wearer.borrow_mut().add_fault(fault, now_us()),
+            Physical::Stall(part) => insole.stall(part),
+            Physical::Panic => insole.crash(),
+        }
+    }
+}
