@@ -3,6 +3,7 @@
 use crate::virtual_time::{now_us, with_origin};
 use crate::world::SharedWorld;
 use client::{Carrier, Client, Framed};
+use parameters::{InsoleSize, Parameters};
 use plantar::protocol::fragment::{Joiner, Splitter};
 use plantar::protocol::gatt::GattChannel;
 use plantar::protocol::{Hello, Live, Status, Step, ToDevice, ToHost, decode, encode};
@@ -10,7 +11,7 @@ use std::io::{self, Read, Write};
 use std::time::Duration;
 
 /// Longest wait for a message, us.
-const WAIT_US: u64 = 200_000;
+const WAIT_US: u64 = 50_000;
 /// A connected insole without any message for this time is connected to again, us. The host asks for its time more often.
 const SILENCE_US: u64 = 2_000_000;
 /// Time for an answer to a connection request.
@@ -310,7 +311,9 @@ impl Host {
                 self.hellos.push(hello);
                 self.is_broken = false;
                 self.last_message_us = now_us();
-                if self.wants_live && let Some(client) = &mut self.client {
+                if self.wants_live
+                    && let Some(client) = &mut self.client
+                {
                     if let Err(error) = client.stream() {
                         self.fail(&error);
                     }
@@ -331,13 +334,30 @@ impl Host {
             }
             ToHost::Step(step) => {
                 self.steps.push(step);
-                if self.acknowledges && let Some(client) = &mut self.client {
+                if self.acknowledges
+                    && let Some(client) = &mut self.client
+                {
                     if let Err(error) = client.send(ToDevice::Acknowledge { step: step.step }) {
                         self.fail(&error);
                     }
                 }
             }
             _ => {}
+        }
+    }
+
+    /// Sets typical parameters. A failure is among [`Host::errors`].
+    pub fn set_parameters(&mut self) {
+        let tissue = Parameters::typical(InsoleSize::default()).tissue();
+        if let Some(Err(error)) = self.client.as_mut().map(|client| client.set_tissue(&tissue)) {
+            self.fail(&error);
+        }
+    }
+
+    /// Restarts the insole. A failure is among [`Host::errors`].
+    pub fn restart(&mut self) {
+        if let Some(Err(error)) = self.client.as_mut().map(|client| client.send(ToDevice::Restart)) {
+            self.fail(&error);
         }
     }
 

@@ -16,7 +16,7 @@ use plantar::firmware::ble::GattSession;
 use plantar::firmware::board::Ticker;
 use plantar::firmware::scan::ScanCounters;
 use plantar::firmware::start::{BootReport, Configuration, Memory, Started, start};
-use plantar::firmware::supervise::{CHECK_PERIOD_MS, Watchdog};
+use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Watchdog};
 use plantar::firmware::{persist, process, scan, serve};
 use plantar::protocol::Reset;
 use plantar::protocol::update::{CHUNK, Header};
@@ -30,6 +30,8 @@ use std::rc::Rc;
 const FRAMES: usize = 3;
 /// Failed starts in a row after which stored data are not used.
 const FAILED_STARTS: u32 = 3;
+/// Duration of a successful run, us.
+const HEALTHY_US: u64 = (HEALTHY_CHECKS * CHECK_PERIOD_MS) as u64 * 1_000;
 /// Time from a reset to the start of the firmware, us.
 const RESET_US: u64 = 20_000;
 
@@ -185,8 +187,9 @@ impl HostInsole {
     }
 
     fn boot(&mut self, kind: Reset, cause: Option<Cause>) {
+        let run_us = self.boots.last().map_or(0, |boot| now_us() - boot.from_us);
         self.failed_starts = match kind {
-            Reset::Watchdog | Reset::Panic => self.failed_starts + 1,
+            Reset::Watchdog | Reset::Panic if run_us < HEALTHY_US => self.failed_starts + 1,
             _ => 0,
         };
         let is_fallback = self.failed_starts > FAILED_STARTS;

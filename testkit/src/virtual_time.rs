@@ -24,8 +24,10 @@ impl Driver for VirtualTime {
     }
 
     fn schedule_wake(&self, at: u64, waker: &Waker) {
-        let at = at.saturating_add(ORIGIN_US.get());
-        TIMERS.with_borrow_mut(|timers| timers.schedule_wake(at, waker));
+        // The end of time is never reached; timers for it would fill the queue as insoles restart.
+        if let Some(at) = at.checked_add(ORIGIN_US.get()).filter(|at| *at != u64::MAX) {
+            TIMERS.with_borrow_mut(|timers| timers.schedule_wake(at, waker));
+        }
     }
 }
 
@@ -40,6 +42,11 @@ pub fn with_origin<T>(origin_us: u64, work: impl FnOnce() -> T) -> T {
     let done = work();
     ORIGIN_US.set(before);
     done
+}
+
+/// Forgets all timers of this thread, which belong to a world that is gone.
+pub fn forget_timers() {
+    TIMERS.replace(Queue::new());
 }
 
 /// Wakes the tasks with timers that are due; returns when the next one is due, us.

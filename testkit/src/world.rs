@@ -1,7 +1,7 @@
 //! Simulated insoles in virtual time, and the physical events that happen to them.
 
 use crate::insole::HostInsole;
-use crate::virtual_time::{advance_to, now_us, wake_due};
+use crate::virtual_time::{advance_to, forget_timers, now_us, wake_due};
 use crate::walk::Codes;
 use emulator::Electrical;
 use plantar::Side;
@@ -75,19 +75,18 @@ pub struct World {
     pub insoles: Vec<HostInsole>,
     /// By time.
     due: VecDeque<Due>,
-    /// No wait goes beyond this time, us.
-    pub horizon_us: u64,
 }
 
 /// A world that hosts and tests share.
 pub type SharedWorld = Rc<RefCell<World>>;
 
 impl World {
-    /// A left and, if `count` is 2, a right insole that scan at this rate.
+    /// A left and, if `count` is 2, a right insole that scan at this rate. A thread has one world at a time.
     pub fn new(count: usize, rate_hz: f64) -> Self {
+        forget_timers();
         let codes = |side| Rc::new(Codes::new(side, rate_hz));
         let insoles = [Side::Left, Side::Right].into_iter().take(count).map(|side| HostInsole::new(codes(side)));
-        Self { insoles: insoles.collect(), due: VecDeque::new(), horizon_us: u64::MAX }
+        Self { insoles: insoles.collect(), due: VecDeque::new() }
     }
 
     /// Schedules an event.
@@ -98,14 +97,9 @@ impl World {
 
     /// Runs until `is_done` returns true, or until `until_us`; true where it is done.
     pub fn run(&mut self, until_us: u64, mut is_done: impl FnMut(&mut Self) -> bool) -> bool {
-        let until_us = until_us.min(self.horizon_us);
         loop {
             self.run_due();
-            let mut next_timer_us;
-            while {
-                next_timer_us = wake_due();
-                self.insoles.iter_mut().fold(false, |ran, insole| insole.run() | ran)
-            } {}
+            let next_timer_us = self.run_ready();
             if is_done(self) {
                 return true;
             }
@@ -117,6 +111,20 @@ impl World {
             let next_us = starts.chain(due).fold(until_us.min(next_timer_us), u64::min);
             advance_to(next_us.max(now_us()));
         }
+    }
+
+    /// Runs all tasks until none is ready; returns when the next timer is due, us.
+    ///
+    /// # Panics
+    /// Where a task never waits, so that no time would pass.
+    fn run_ready(&mut self) -> u64 {
+        for _ in 0..100_000 {
+            let next_timer_us = wake_due();
+            if !self.insoles.iter_mut().fold(false, |ran, insole| insole.run() | ran) {
+                return next_timer_us;
+            }
+        }
+        panic!("a task of the firmware never waits");
     }
 
     /// Runs for this time.

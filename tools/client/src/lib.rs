@@ -3,12 +3,14 @@
 mod axis;
 mod carrier;
 mod json;
+mod order;
 mod update;
 
 pub use axis::Axis;
 pub use carrier::{Carrier, Framed, unix_us};
 pub use json::{region_ellipse, region_quantities, step_to_json};
 
+use order::{Arrival, StepOrder};
 use plantar::Side;
 use plantar::faults::Faults;
 use plantar::pipeline::calibrate::CellCalibration;
@@ -86,8 +88,10 @@ pub struct Client<C> {
     axis: Axis,
     /// When the insole's time was last requested, by [`Carrier::now_us`].
     time_asked_us: Option<u64>,
-    /// As many as an insole can send again: those at hand, and those whose acknowledgement was lost.
+    /// As many as an insole can send again: those in its RAM, and those of which the acknowledgement was lost.
     delivered: VecDeque<Delivered>,
+    order: StepOrder,
+    is_streaming: bool,
 }
 
 struct Delivered {
@@ -111,6 +115,8 @@ impl<C: Carrier> Client<C> {
             axis: Axis::new(),
             time_asked_us: None,
             delivered: VecDeque::new(),
+            order: StepOrder::default(),
+            is_streaming: false,
         })
     }
 
@@ -120,6 +126,8 @@ impl<C: Carrier> Client<C> {
         self.waiting.clear();
         self.axis = Axis::new();
         self.next_live = None;
+        self.is_streaming = false;
+        self.order.begin();
         Ok(&self.hello)
     }
 
@@ -271,6 +279,9 @@ impl<C: Carrier> Client<C> {
 
     /// Sends a message.
     pub fn send(&mut self, message: ToDevice) -> Result<(), Error> {
+        if let ToDevice::Stream { live } = message {
+            self.is_streaming = live;
+        }
         if let ToDevice::Acknowledge { step } = message {
             // Also where it gets lost on the way: what is stored stays so.
             for delivered in &mut self.delivered {
@@ -308,6 +319,10 @@ impl<C: Carrier> Client<C> {
     /// replayed; send [`ToDevice::Acknowledge`] once it is stored. One that is replayed after that is acknowledged here.
     pub fn receive(&mut self) -> Result<Option<ToHost>, Error> {
         self.ask_time()?;
+        if self.order.requested_us().is_some_and(|us| elapsed::<C>(us) >= ANSWER) {
+            // The request or its answer was lost, too.
+            self.request_replay()?;
+        }
         let Some(message) = self.next()? else { return Ok(None) };
         match &message {
             ToHost::Time { host_us, device_us } => {
@@ -332,6 +347,14 @@ impl<C: Carrier> Client<C> {
                     }
                     return Ok(None);
                 }
+                match self.order.arrive(step.step) {
+                    Arrival::InOrder => {}
+                    Arrival::Awaited => return Ok(None),
+                    Arrival::Gap => {
+                        self.request_replay()?;
+                        return Ok(None);
+                    }
+                }
                 if self.delivered.len() == 2 * STEP_QUEUE {
                     self.delivered.pop_front();
                 }
@@ -342,8 +365,13 @@ impl<C: Carrier> Client<C> {
                 // A status comes after all that was due: this also finds what was lost before the first frame or after the last.
                 self.frames_lost = self.frames_lost.max(status.live_due.saturating_sub(self.frames_received));
             }
-            // What follows is another session.
-            ToHost::Hello(_) => self.next_live = None,
+            ToHost::Hello(_) => {
+                // The stream of another session begins.
+                self.next_live = None;
+                if self.order.begin() {
+                    return Ok(None);
+                }
+            }
             ToHost::Tissue(_)
             | ToHost::Refused(_)
             | ToHost::Faults(_)
@@ -352,6 +380,17 @@ impl<C: Carrier> Client<C> {
             | ToHost::Update(_) => {}
         }
         Ok(Some(message))
+    }
+
+    /// Opens the session again, so that the insole sends its steps from the oldest unacknowledged one on.
+    fn request_replay(&mut self) -> Result<(), Error> {
+        let is_streaming = self.is_streaming;
+        self.order.request(C::now_us());
+        self.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;
+        if is_streaming {
+            self.send(ToDevice::Stream { live: true })?;
+        }
+        Ok(())
     }
 
     fn next(&mut self) -> Result<Option<ToHost>, Error> {
