@@ -332,7 +332,8 @@ fn a_cycle_is_found_and_named() {
 
 #[test]
 fn used_paths_are_found_in_imports_and_in_code() {
-    let source = "use core::fmt;\nuse super::{a, b::{self, C as D}};\n// use crate::not;\nfn f() -> crate::e::F {\n    super::g()\n}\n\
+    let source = "use core::fmt;\nuse super::{a, b::{self, C as D}};\n// use crate::not;\n\
+                  fn f() -> crate::e::F {\n    super::g()\n}\n\
                   #[cfg(test)]\nmod tests {\n    use crate::not;\n}\n";
     let found: Vec<_> = used_paths(source).iter().map(|path| path.join("::")).collect();
     assert_eq!(found, ["super::a", "super::b::self", "super::b::C", "crate::e::F", "super::g"]);
