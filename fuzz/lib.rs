@@ -1,14 +1,14 @@
-//! What several targets share.
+//! Functions that several targets share.
 
-use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::insole::Insole;
 use plantar::num::Real;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::stance::StanceRule;
 use plantar::protocol::{Live, Step};
 use recording::{MAX_CELLS, Recording, VirtualInsole};
 
-/// Cuts pieces off the front of an input: two bytes tell the length.
+/// Splits an input into pieces, each preceded by its length in two bytes.
 pub struct Pieces<'d>(pub &'d [u8]);
 
 impl<'d> Iterator for Pieces<'d> {
@@ -22,10 +22,10 @@ impl<'d> Iterator for Pieces<'d> {
     }
 }
 
-/// Frames that are replayed of a recording: enough for a step, few enough to be quick.
+/// Frames of a recording that are replayed: enough for a step, and few enough for many executions.
 const REPLAYED_FRAMES: usize = 128;
 
-/// What was read is whole, and an insole either refuses it or computes finite numbers from it.
+/// Checks that a recording that was read is consistent, and that an insole either refuses it or computes finite numbers from it.
 pub fn check_recording(recording: &Recording) {
     assert_eq!(recording.pressure_kpa.len(), recording.frames() * recording.cells());
     assert!((1..=MAX_CELLS).contains(&recording.cells()) && recording.frames() > 0);
@@ -44,7 +44,7 @@ pub fn check_recording(recording: &Recording) {
     }
 }
 
-/// Passes one frame through an insole: whatever the codes, every number that leaves it is finite.
+/// Passes one frame through an insole and checks that every result is finite, whatever the codes.
 pub fn frame<R: Real, const N: usize>(insole: &mut Insole<R, N>, seq: u32, codes: &[u16]) {
     let is_step = insole.frame(seq, codes);
     for (region, load) in insole.loads().iter().enumerate() {
@@ -81,8 +81,8 @@ pub fn frame<R: Real, const N: usize>(insole: &mut Insole<R, N>, seq: u32, codes
     }
 }
 
-/// Lets a panic within the crate `name` unwind: its caller catches it and says that the file is damaged. Any other still ends
-/// the process, as libFuzzer wants it.
+/// Lets a panic within the crate `name` unwind: its caller catches it and reports the file as damaged. Any other panic still aborts
+/// the process, as libFuzzer requires.
 pub fn tolerate_panics_of(name: &'static str) {
     let abort = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

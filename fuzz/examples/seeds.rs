@@ -1,21 +1,24 @@
-//! Writes the seeds in `corpus/`, one folder a target, from computed data: `cargo run --example seeds` here.
+//! Writes the seeds in `corpus/`, one folder for each target, from computed data: `cargo run --example seeds` in this workspace.
 //!
-//! `jiku` is not among them: nothing in this project writes HDF5. Its seed holds a computed trial too and was written by h5py.
+//! Those of `jiku` are not included, because nothing in this project writes HDF5: h5py wrote them, also from computed trials.
 
+use emulation::EmulatorConfig;
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
+use plantar::faults::{Fault, FaultKind, Faults, Place};
+use plantar::insole::Insole;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
-use emulation::EmulatorConfig;
-use plantar::faults::{Fault, FaultKind, Faults, Place};
-use plantar::protocol::fragment::Splitter;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::insole::Insole;
-use plantar::pipeline::tissue::Tissue;
 use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::BLOCK_CELLS;
+use plantar::protocol::fragment::Splitter;
 use plantar::protocol::update::Header;
-use plantar::protocol::{Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Serial, Status, Step, ToDevice, ToHost, encode, frame};
+use plantar::protocol::{
+    Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Serial, Status, Step, ToDevice,
+    ToHost, encode, frame,
+};
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{FootZero, Recording, VirtualInsole, Zero};
 use std::fs;
@@ -130,13 +133,13 @@ fn framed(message: &[u8]) -> Vec<u8> {
     out[..len].to_vec()
 }
 
-/// As `plantar_fuzz::Pieces` takes them apart.
+/// Joins pieces in the format that `plantar_fuzz::Pieces` splits.
 fn pieces<'p>(pieces: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
     // No message is as long as u16::MAX.
     pieces.into_iter().flat_map(|piece| [&(piece.len() as u16).to_le_bytes(), piece].concat()).collect()
 }
 
-/// A live frame and the step of a walk.
+/// The last live frame of a stance and the step.
 fn walked(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> (Live, Step) {
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(worn.setup, worn.cells.iter().copied()).expect("wearable");
@@ -172,7 +175,7 @@ fn hello(worn: &VirtualInsole, tissue_id: u32) -> Hello {
     }
 }
 
-/// The values in which a phone with the least MTU writes a message.
+/// The fragments of a message for the smallest MTU.
 fn in_pieces(message: &[u8]) -> Vec<Vec<u8>> {
     let mut splitter = Splitter::new();
     splitter.buffer()[..message.len()].copy_from_slice(message);
@@ -182,7 +185,8 @@ fn in_pieces(message: &[u8]) -> Vec<Vec<u8>> {
 }
 
 fn set_up_and_walk(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> Vec<u8> {
-    let mut setup = postcard::to_stdvec(&EmulatorConfig { is_paced: true, ..EmulatorConfig::new(worn.setup) }).expect("it fits");
+    let mut setup =
+        postcard::to_stdvec(&EmulatorConfig { is_paced: true, ..EmulatorConfig::new(worn.setup) }).expect("it fits");
     for cell in &worn.cells {
         setup = postcard::to_extend(cell, setup).expect("it fits");
     }
@@ -214,7 +218,7 @@ fn csv(recording: &Recording) {
     seed("frames", "walk", frames.as_bytes());
 }
 
-/// Two sensors a foot.
+/// An export with two sensors for each foot.
 fn pedar() -> Vec<u8> {
     let mut text = "side,sensor,area_mm2,x1_mm,y1_mm,x2_mm,y2_mm,x3_mm,y3_mm,x4_mm,y4_mm\n".to_string();
     for (side, x_mm) in [("left", 0), ("right", 100)] {

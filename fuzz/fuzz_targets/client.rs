@@ -1,4 +1,4 @@
-//! The host's side of a session under any insole: it ends with an error or in good order, and its counters hold.
+//! The host's side of a session with any insole: it ends with an error or normally, and its counters are consistent.
 #![no_main]
 
 use client::{Client, Framed, step_to_json};
@@ -9,12 +9,12 @@ use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::time::Duration;
 
-/// Says what it will, whatever it hears.
+/// An insole that sends the given bytes, whatever it receives.
 struct Insole(VecDeque<u8>);
 
 impl Read for Insole {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        // 0 at the end: the carrier broke.
+        // 0 at the end, as from a broken carrier.
         self.0.read(buffer)
     }
 }
@@ -37,7 +37,7 @@ fuzz_target!(|data: &[u8]| {
         said.extend(&framed[..len]);
     }
     let Ok(mut client) = Client::connect(Framed::new(Insole(said)), Duration::MAX) else { return };
-    // What does not answer has broken by then.
+    // A request that is not answered ends with an error, because the carrier breaks.
     let _ = client.stream();
     let _ = client.tissue();
     let mut live = 0;

@@ -1,4 +1,4 @@
-//! A stream of bytes: each frame in it is a message or counted, and what follows a damaged one arrives.
+//! A stream of bytes: each frame in it is a message or is counted as bad, and the frame after a damaged one is received.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,4 @@
-//! The frames of a CSV import, for a fixed layout.
+//! The frames file of a CSV import, with a fixed layout.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

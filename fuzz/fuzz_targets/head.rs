@@ -1,22 +1,22 @@
-//! An insole's set-up, its wearer's parameters, and frames of any codes: refused, or every number is finite.
+//! An insole's set-up, its wearer's parameters, and frames of any codes: they are refused, or every result is finite.
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
 use emulation::read_setup;
-use plantar::pipeline::setup::DEVICE_CELLS;
+use libfuzzer_sys::fuzz_target;
 use plantar::insole::Insole;
-use plantar::pipeline::tissue::Tissue;
 use plantar::num::Real;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::tissue::Tissue;
 use plantar_fuzz::frame;
 use std::io::Read;
 
-/// Bytes of eight force_laws.
-const GAUGES: usize = 8 * 6 * 4;
+/// Size of eight force laws, bytes.
+const FORCE_LAWS: usize = 8 * 6 * 4;
 
 fuzz_target!(|data: &[u8]| {
     let Some((len, rest)) = data.split_first_chunk() else { return };
     let Some((setup, rest)) = rest.split_at_checked(u16::from_le_bytes(*len).into()) else { return };
-    let Some((force_laws, frames)) = rest.split_first_chunk::<GAUGES>() else { return };
+    let Some((force_laws, frames)) = rest.split_first_chunk::<FORCE_LAWS>() else { return };
     let Ok(force_laws) = postcard::from_bytes(force_laws) else { return };
     let tissue = Tissue::new(force_laws);
     walk::<f32>(setup, &tissue, frames);
@@ -33,10 +33,10 @@ fn walk<R: Real>(setup: &[u8], tissue: &Tissue, frames: &[u8]) {
         assert!(insole.setup().is_none());
         return;
     }
-    // Refused parameters leave none.
+    // After a refusal the insole has no parameters.
     let _ = insole.set_tissue(tissue);
     let mut seq = 0u32;
-    // Per frame how many are missing before it, and a byte a cell.
+    // For each frame the number of missing frames before it, and one byte for each cell.
     for bytes in frames.chunks_exact(1 + insole.cells()) {
         seq = seq.wrapping_add(1).wrapping_add(bytes[0].into());
         let codes: Vec<_> = bytes[1..].iter().map(|&byte| u16::from_le_bytes([byte, byte])).collect();

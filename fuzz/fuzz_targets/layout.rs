@@ -1,4 +1,4 @@
-//! The layout of a CSV import, with as many unloaded frames as make a recording.
+//! The layout file of a CSV import, with the fewest unloaded frames that make a recording.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,39 +1,41 @@
-//! An insole's side of a session under any host: messages fit, counters hold, no step is lost uncounted.
+//! An insole's side of a session with any host: messages fit, counters are consistent, and every lost step is counted.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
 use plantar::Side;
-use plantar::pipeline::contact::ContactRule;
 use plantar::faults::Faults;
+use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::{CommandResult, LIVE_QUEUE, STEP_QUEUE, Session};
-use plantar::protocol::{Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepRegion, ToDevice, ToHost, decode};
+use plantar::protocol::{
+    Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepRegion, ToDevice, ToHost, decode,
+};
 use plantar_fuzz::Pieces;
 
-/// What the link must have done by its own words.
+/// What the session must have done by its own messages.
 #[derive(Default)]
 struct Expected {
     pushed: u32,
     dropped: u32,
     acknowledged: u32,
-    kept: Vec<u32>,
-    /// How many of `kept` were sent in this session.
+    unacknowledged: Vec<u32>,
+    /// How many of `unacknowledged` were sent in this session.
     sent: usize,
     live_due: u32,
     live_sent: u32,
-    /// Live frames before this number were sent, or told to be due.
-    live_told: u32,
+    /// All live frames before this number were sent, or counted as due in a status.
+    live_passed: u32,
 }
 
 impl Expected {
     fn end_session(&mut self) {
-        (self.sent, self.live_due, self.live_sent, self.live_told) = (0, 0, 0, 0);
+        (self.sent, self.live_due, self.live_sent, self.live_passed) = (0, 0, 0, 0);
     }
 }
 
 fuzz_target!(|data: &[u8]| {
     let mut link = Session::new();
     let mut expected = Expected::default();
-    // A message of the host, or one of these in its place.
+    // A piece is a message from the host, or one of these events.
     for piece in Pieces(data) {
         match piece {
             [b'L'] => {
@@ -45,10 +47,10 @@ fuzz_target!(|data: &[u8]| {
             }
             [b'S'] => {
                 link.push_step(step(expected.pushed));
-                expected.kept.push(expected.pushed);
+                expected.unacknowledged.push(expected.pushed);
                 expected.pushed += 1;
-                if expected.kept.len() > STEP_QUEUE {
-                    expected.kept.remove(0);
+                if expected.unacknowledged.len() > STEP_QUEUE {
+                    expected.unacknowledged.remove(0);
                     expected.sent = expected.sent.saturating_sub(1);
                     expected.dropped += 1;
                 }
@@ -56,7 +58,7 @@ fuzz_target!(|data: &[u8]| {
             [b'N'] => {
                 next(&mut link, &mut expected);
             }
-            // What was told is kept, or is not.
+            // The pending command succeeds or fails.
             [b'K'] => link.complete(Ok(CommandResult::Stored)),
             [b'F'] => link.complete(Err(Refusal::NotStored)),
             [b'C'] => {
@@ -69,22 +71,23 @@ fuzz_target!(|data: &[u8]| {
             },
         }
     }
-    // A host that comes at last gets every step that it has not stored, in order.
+    // A host that connects at the end receives every step that it has not acknowledged, in order.
     receive(&mut link, ToDevice::Connect { major: MAJOR, minor: MINOR }, &mut expected);
     while next(&mut link, &mut expected) {}
-    assert_eq!(expected.sent, expected.kept.len());
-    assert_eq!(expected.kept.len() as u32 + expected.dropped + expected.acknowledged, expected.pushed);
+    assert_eq!(expected.sent, expected.unacknowledged.len());
+    assert_eq!(expected.unacknowledged.len() as u32 + expected.dropped + expected.acknowledged, expected.pushed);
 });
 
 fn receive(link: &mut Session, message: ToDevice, expected: &mut Expected) {
-    // A closed session streams nothing and takes no acknowledgement: `sent` is 0 then.
+    // A closed session has no stream and accepts no acknowledgement: `sent` is 0 then.
     match message {
         ToDevice::Connect { .. } => expected.end_session(),
         ToDevice::Acknowledge { step } => {
-            let stored =
-                expected.kept[..expected.sent].iter().take_while(|&&kept| step.wrapping_sub(kept) < u32::MAX / 2);
+            let stored = expected.unacknowledged[..expected.sent]
+                .iter()
+                .take_while(|&&waiting| step.wrapping_sub(waiting) < u32::MAX / 2);
             let stored = stored.count();
-            expected.kept.drain(..stored);
+            expected.unacknowledged.drain(..stored);
             expected.sent -= stored;
             expected.acknowledged += stored as u32;
         }
@@ -98,19 +101,19 @@ fn next(link: &mut Session, expected: &mut Expected) -> bool {
     let Some(message) = link.next(&hello(), Status::default, &mut buffer) else { return false };
     match decode(message).expect("a message of this version") {
         ToHost::Step(step) => {
-            assert_eq!(step.step, expected.kept[expected.sent]);
+            assert_eq!(step.step, expected.unacknowledged[expected.sent]);
             expected.sent += 1;
         }
         ToHost::Live(live) => {
             expected.live_sent += 1;
-            assert!((expected.live_told..expected.live_due).contains(&live.sequence));
-            expected.live_told = live.sequence + 1;
+            assert!((expected.live_passed..expected.live_due).contains(&live.sequence));
+            expected.live_passed = live.sequence + 1;
         }
         ToHost::Status(status) => {
-            // All before are sent or dropped, those that wait come after.
-            assert!((expected.live_told..=expected.live_due).contains(&status.live_due));
+            // All before were sent or dropped, the queued ones follow.
+            assert!((expected.live_passed..=expected.live_due).contains(&status.live_due));
             assert!(expected.live_due - status.live_due <= LIVE_QUEUE as u32);
-            expected.live_told = status.live_due;
+            expected.live_passed = status.live_due;
             assert_eq!(status.live_sent, expected.live_sent);
             assert_eq!(status.steps_dropped, expected.dropped);
         }

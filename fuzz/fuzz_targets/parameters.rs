@@ -1,4 +1,4 @@
-//! The TOML files: parameters, thickness, participant, zero. What was read can be written, and is read again.
+//! The TOML files: parameters, thickness, participant, zero. A file that was read can be written, and reads back the same.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,4 @@
-//! A pedar export and its geometry, parted by a zero byte.
+//! A pedar export and its geometry, separated by a zero byte.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

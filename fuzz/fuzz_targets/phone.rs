@@ -1,4 +1,4 @@
-//! Messages as the page reads them: text that is JSON.
+//! Messages as the page decodes them: the result is valid JSON.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,9 +1,10 @@
-//! Pieces of messages, as a phone writes them: joined or refused, and a message goes through any size of piece unchanged.
+//! Fragments of messages, as a central writes them: they are joined or refused, and a message is the same after fragments of any
+//! size.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use plantar::protocol::fragment::{Joiner, Splitter};
 use plantar::protocol::MAX_MESSAGE;
+use plantar::protocol::fragment::{Joiner, Splitter};
 use plantar_fuzz::Pieces;
 
 fuzz_target!(|data: &[u8]| {
@@ -22,7 +23,7 @@ fuzz_target!(|data: &[u8]| {
     let mut splitter = Splitter::new();
     splitter.buffer()[..message.len()].copy_from_slice(message);
     splitter.start(message.len());
-    // From the least that a value may hold to more than a message.
+    // From the shortest value of a characteristic to longer than a message.
     let mut piece = vec![0; usize::from(size).max(4)];
     loop {
         let len = splitter.next(&mut piece).expect("more to come");

@@ -1,4 +1,4 @@
-//! Unframed messages: what was read can be written, takes no more bytes, and reads back the same.
+//! Messages without framing: a message that was decoded can be encoded, in no more bytes, and decodes to the same.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -16,9 +16,9 @@ fn read_and_write<T: Serialize + DeserializeOwned>(data: &[u8]) {
     let mut buffers = [[0; MAX_MESSAGE]; 2];
     let [once, twice] = &mut buffers;
     let once = encode(&message, once).expect("every message fits");
-    // A sender may write numbers longer than need be.
+    // A sender may encode numbers with more bytes than necessary.
     assert!(once.len() <= data.len());
     let again: T = decode(once).expect("what was written is read");
-    // Bytes, as a NaN differs from itself.
+    // Compared as bytes, because a NaN is not equal to itself.
     assert_eq!(once, encode(&again, twice).expect("it fits"));
 }
