@@ -7,6 +7,7 @@ pub mod calibrate;
 pub mod contact;
 pub mod region;
 pub mod template;
+pub mod outline;
 pub mod ellipse;
 pub mod model;
 pub mod tissue;
