@@ -63,7 +63,7 @@ fn method(method: Method) -> &'static str {
 fn bounds(study: &Study) -> String {
     let bounds = &study.options.bounds;
     // pi A B over the largest area.
-    let [most, least] = bounds.reach.map(f64::recip);
+    let [most, least] = bounds.max_ratio.map(f64::recip);
     let range = |[low, high]: [f64; 2], factor: f64| format!("{} to {}", tick(low * factor), tick(high * factor));
     format!(
         "π A B {} times the largest area, K {} kPa, G {} kPa s, n {}, m {}; ours, the paper's are not published",

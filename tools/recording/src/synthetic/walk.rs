@@ -52,8 +52,8 @@ impl Default for SyntheticWalk {
 pub struct Walk {
     /// The readings of the insole.
     pub recording: Recording,
-    /// True contact area of each region, mm²: the part of its ellipse that lies on its cells. One array for each frame, in the order
-    /// of [`Region::ALL`].
+    /// True contact area of each region, mm²: the part of its ellipse that lies on its cells. One array for each frame, in the
+    /// order of [`Region::ALL`].
     pub contact_mm2: Vec<[f64; 8]>,
     /// True force on each region, N; one array for each frame, in the order of [`Region::ALL`].
     pub force_n: Vec<[f64; 8]>,
