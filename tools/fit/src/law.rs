@@ -30,7 +30,7 @@ pub(crate) struct Deformation {
     section_m2: Vec<f64>,
     /// Derivative of ln(pi A B) by `max_ratio`.
     ln_section_by_max_ratio: f64,
-    /// ln g; 0 where there is no contact.
+    /// ln g; 0 without contact.
     ln_g: Vec<f64>,
     g: Vec<f64>,
     g_by_max_ratio: Vec<f64>,

@@ -10,7 +10,7 @@ use std::ops::Range;
 pub struct Samples {
     /// The largest area, filtered or not, m2: pi A B is at least this.
     pub area_max_m2: f64,
-    /// Filtered area over [`Samples::area_max_m2`], 0 to 1; one more than there are forces, the last one unloaded.
+    /// Filtered area over [`Samples::area_max_m2`], 0 to 1. One value more than forces: the last one is unloaded.
     pub(crate) share: Vec<f64>,
     /// For each sample, the indices of the later and the earlier sample from which its deformation rate is computed.
     pub(crate) difference: Vec<(u32, u32)>,

@@ -50,7 +50,7 @@ pub(crate) fn verdict(fit: &RegionFit) -> String {
             q.floor * 100.0
         );
     }
-    format!("approximate: {error}; a non-decreasing function of area could reach {:.0} %", q.floor * 100.0)
+    format!("approximate: {error}, and {:.0} % for the best non-decreasing function of area", q.floor * 100.0)
 }
 
 /// Limitations of a fit.

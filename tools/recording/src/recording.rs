@@ -35,7 +35,7 @@ impl Recording {
     /// The pressures of frame `i`, kPa, one for each cell.
     ///
     /// # Panics
-    /// When there is no frame `i`.
+    /// Where the recording has no frame `i`.
     pub fn frame(&self, i: usize) -> &[f32] {
         let cells = self.cells();
         &self.pressure_kpa[i * cells..(i + 1) * cells]
@@ -44,7 +44,7 @@ impl Recording {
     /// Force on all cells in frame `i`, N: the sum of pressure times area.
     ///
     /// # Panics
-    /// When there is no frame `i`.
+    /// Where the recording has no frame `i`.
     pub fn force_n(&self, i: usize) -> f64 {
         self.layout.force_n(self.frame(i))
     }

@@ -113,7 +113,7 @@ impl StandingTrial {
 
 /// The force on the foot as cumulative sums, for means over any range of frames.
 struct Force {
-    /// Sum over all previous frames, N; one more than there are frames.
+    /// Sums over all previous frames, N, from 0 for the first frame to the sum over all frames.
     sums_n: Vec<f64>,
 }
 
