@@ -7,7 +7,9 @@ use plantar::pipeline::template::region_at;
 const HEEL_BAND: [f64; 2] = [0.05, 0.25];
 const FOREFOOT_BAND: [f64; 2] = [0.60, 0.78];
 
-/// Assigns each cell its region by [`region_at`]. Length and edges of the foot are those of the cells.
+/// Assigns each cell its region by [`region_at`]. The length of the foot is that of the cells. The edges run straight from those of
+/// the heel to those of the forefoot, so that a foot may be oblique on its sheet; in front of the forefoot the width is that of the
+/// forefoot.
 ///
 /// `cells` must be those under the foot, in foot coordinates; their present regions are replaced. Without cells nothing happens.
 pub fn assign(cells: &mut [Cell]) {
