@@ -1,5 +1,5 @@
-//! One insole: strings the stages and the fault detection together. Parameters are set once or replaced while running; state is
-//! kept apart.
+//! One insole: connects the stages of the pipeline and the fault detection. Parameters are separate from state and can be replaced
+//! while running.
 
 use crate::faults::{FaultDetector, Faults, FrameContext};
 use crate::num::Real;
@@ -14,10 +14,11 @@ use crate::pipeline::step::{RegionStep, StepRecord};
 use crate::pipeline::tissue::{Tissue, TissueError};
 use heapless::Vec;
 
-/// An insole with at most `N` cells: parameters, state and the stages between raw codes and steps.
+/// An insole with at most `N` cells: the parameters and the state of all stages between raw codes and steps. The front page of this
+/// crate has an example.
 #[derive(Debug)]
 pub struct Insole<R, const N: usize> {
-    /// Its period is 0 until the insole is set up.
+    /// Its frame period is 0 until the insole is set up.
     setup: Setup,
     curve: Curve,
     cells: Vec<InsoleCell<R>, N>,
@@ -36,7 +37,7 @@ pub struct Insole<R, const N: usize> {
 }
 
 impl<R: Real, const N: usize> Insole<R, N> {
-    /// An insole without cells, all zeros, so that a static one takes no flash; see [`Insole::set_up`].
+    /// An insole without cells; see [`Insole::set_up`]. All zeros, so that a static one occupies no flash.
     pub const fn new() -> Self {
         const {
             assert!(N <= 4096, "cells are numbered in u16 and a step is a summary, not an image");
@@ -59,7 +60,10 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Replaces geometry, calibration and rules; state starts anew, tissue stays. The iterator is walked twice.
+    /// Replaces geometry, calibration and rules. Resets the state; the tissue parameters remain. Iterates over `cells` twice.
+    ///
+    /// # Errors
+    /// Where the configuration is invalid; the previous one then stays in force.
     pub fn set_up<I>(&mut self, setup: Setup, cells: I) -> Result<(), SetupError>
     where
         I: Iterator<Item = SetupCell> + Clone,
@@ -70,7 +74,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.curve.set(&setup.sensor);
         self.cells.clear();
         for cell in cells {
-            // There is room for all: `check_setup` counted them.
+            // `check_setup` has checked that all cells fit.
             let _ = self.cells.push(InsoleCell::new(&cell, &setup.contact, &self.curve, &division));
         }
         self.detector.set_up(&self.cells, setup.period_us);
@@ -84,8 +88,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
         Ok(())
     }
 
-    /// Replaces the calibrations from cell `first` on of an insole that was set up with `cells`. Before the first frame only: the
-    /// cells' contact starts anew. Calibrations that are not valid are passed over.
+    /// Replaces the calibrations from cell `first` on, in an insole that was set up with `cells`. To be called before the first
+    /// frame only, because it resets the contact of these cells. Invalid calibrations are skipped.
     pub fn recalibrate(
         &mut self,
         cells: impl Iterator<Item = SetupCell>,
@@ -99,12 +103,16 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Counts steps from this number on.
+    /// Sets the number of the next step.
     pub fn count_steps_from(&mut self, next: u32) {
         self.steps = next;
     }
 
-    /// Replaces the wearer's parameters from the next frame on; a running stance is evaluated with the new ones.
+    /// Replaces the tissue parameters of the wearer from the next frame on. A stance that is in progress is evaluated with the new
+    /// ones.
+    ///
+    /// # Errors
+    /// Where the set is damaged or out of range; the previous one then stays in force.
     pub fn set_tissue(&mut self, tissue: &Tissue) -> Result<(), TissueError> {
         tissue.check()?;
         self.tissue_id = tissue.id;
@@ -115,7 +123,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         Ok(())
     }
 
-    /// What was set up; `None` before.
+    /// The configuration; `None` before [`Insole::set_up`].
     pub fn setup(&self) -> Option<&Setup> {
         (self.setup.period_us > 0).then_some(&self.setup)
     }
@@ -125,14 +133,14 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.cells.len()
     }
 
-    /// Identifies the wearer's parameters; 0 without any.
+    /// Identifies the tissue parameters; 0 without parameters.
     pub fn tissue_id(&self) -> u32 {
         self.tissue_id
     }
 
-    /// Takes frame number `seq` of raw codes, one a cell; true when it confirms toe off: then [`Insole::step_region`] and
-    /// [`Insole::step`] give the step until the next frame. Without a set-up, or with fewer codes than cells, nothing
-    /// happens.
+    /// Processes frame number `seq` with one raw code for each cell. True where it confirms toe off: then [`Insole::step_region`]
+    /// and [`Insole::step`] return the step until the next frame. Has no effect before [`Insole::set_up`], and with fewer codes
+    /// than cells. Sequence numbers wrap; a difference of more than 1 means missing frames.
     #[inline(never)]
     pub fn frame(&mut self, seq: u32, codes: &[u16]) -> bool {
         if self.setup().is_none() || codes.len() < self.cells() {
@@ -152,13 +160,13 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.stance.push(&self.limits, seq, self.loads.each_ref().map(|load| &load.frame))
     }
 
-    /// The one pass over the cells, region by region, and the fault detection.
+    /// The pass over the cells, region by region, and the fault detection.
     fn sum_cells(&mut self, seq: u32, all_codes: &[u16]) {
         let mut change = 0;
         let (mut cells, mut codes) = (self.cells.as_mut_slice(), all_codes);
         let mut start = 0;
         for (load, &end) in self.loads.iter_mut().zip(&self.division.ends) {
-            // Ends rise and the last one is the number of cells, of which there are codes.
+            // The ends increase, the last one is the number of cells, and `frame` has checked the number of codes.
             let (region_cells, other_cells) = cells.split_at_mut(end - start);
             let (region_codes, other_codes) = codes.split_at(end - start);
             change += sum_region(&self.curve, region_cells, region_codes, &mut load.frame);
@@ -171,7 +179,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Interpolates masked cells and runs the fault detection. Out of line, as a loaded frame without faults needs neither.
+    /// Interpolates masked cells and runs the fault detection. Out of line, because a loaded frame without faults needs neither.
     #[cold]
     #[inline(never)]
     fn detect_faults(&mut self, seq: u32, codes: &[u16], is_saturated: bool) {
@@ -188,7 +196,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.detector.frame(&mut frame, is_saturated);
     }
 
-    /// The faults detected since the set-up.
+    /// The faults that were detected since [`Insole::set_up`].
     pub fn faults(&self) -> &Faults {
         self.detector.faults()
     }
@@ -198,47 +206,48 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.detector.masked()
     }
 
-    /// The regions in the last frame.
+    /// Measured and modelled quantities of the regions in the last frame, in the order of [`crate::Region::ALL`].
     pub fn loads(&self) -> &[RegionLoad<R>; 8] {
         &self.loads
     }
 
-    /// Contact ellipse of region number `region` in the last frame, foot coordinates.
+    /// Contact ellipse of a region in the last frame, foot coordinates; `None` without contact.
     pub fn ellipse(&self, region: usize) -> Option<Ellipse<R>> {
         Ellipse::from_moments(&self.loads[region].frame.area).map(|e| self.in_foot(region, e))
     }
 
-    /// Centre of pressure of region number `region` in the last frame, foot coordinates, mm.
+    /// Centre of pressure of a region in the last frame, foot coordinates, mm; `None` without force.
     pub fn centre_of_pressure_mm(&self, region: usize) -> Option<(R, R)> {
         let (x_mm, y_mm) = self.loads[region].frame.force.centre_of_pressure_mm()?;
         let origin = self.division.origins_mm[region];
         Some((x_mm + R::of_f32(origin.0), y_mm + R::of_f32(origin.1)))
     }
 
+    /// Converts from the reference point of a region to foot coordinates.
     fn in_foot(&self, region: usize, ellipse: Ellipse<R>) -> Ellipse<R> {
         let (x_mm, y_mm) = self.division.origins_mm[region];
         ellipse.moved(R::of_f32(x_mm), R::of_f32(y_mm))
     }
 
-    /// True from heel strike until toe off is confirmed.
+    /// True from heel strike until toe off is confirmed, and in contacts that will not become steps.
     pub fn on_ground(&self) -> bool {
         self.stance.on_ground()
     }
 
-    /// Contacts so far that did not become steps.
+    /// Number of contacts so far that did not become steps.
     pub fn rejected(&self) -> Rejected {
         self.stance.rejected()
     }
 
-    /// Curves of region number `region` in the stance that just ended: contact area (mm2), measured force (N), and the time
+    /// The curves of a region in the stance that ended with the last frame: contact area (mm2), measured force (N), and the time
     /// between samples (s).
     pub fn curves(&self, region: usize) -> (&[R], &[R], R) {
         let (area_mm2, force_n) = self.stance.curves(region);
         (area_mm2, force_n, R::of_u32(self.stance.stride()) / self.per_period_s)
     }
 
-    /// Evaluates region number `region` of the stance that just ended: up to 256 model evaluations, so a device lets other
-    /// work run between two regions.
+    /// Evaluates a region of the stance that ended with the last frame. This takes up to 256 evaluations of the model, so a device
+    /// should let other tasks run between two regions.
     pub fn step_region(&self, region: usize) -> RegionStep<R> {
         let (area_mm2, force_n, sample_s) = self.curves(region);
         let step =
@@ -250,7 +259,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// The step of the stance that just ended, from its eight regions, and counts it. `None` before any set-up.
+    /// Assembles the step of the stance that ended with the last frame from its eight regions, and increments the step number.
+    /// `None` before [`Insole::set_up`].
     pub fn step(&mut self, regions: [RegionStep<R>; 8]) -> Option<StepRecord<R>> {
         let setup = *self.setup()?;
         let step = self.steps;
@@ -268,7 +278,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         })
     }
 
-    /// The step of the stance that just ended, all at once.
+    /// Evaluates all regions and assembles the step, as [`Insole::step_region`] and [`Insole::step`].
     pub fn whole_step(&mut self) -> Option<StepRecord<R>> {
         let regions = core::array::from_fn(|region| self.step_region(region));
         self.step(regions)

@@ -1,14 +1,23 @@
-//! The one place of arithmetic: [`Real`] is `f32` on the device and `f32` or `f64` on a host.
+//! The arithmetic of the data path: [`Real`] is `f32` on a device, and `f32` or `f64` on a host.
 //!
-//! Transcendental functions come from `libm` on every target, never from `std`, so that a host in `f32` computes the very
-//! bits that the device computes. The square root is the FPU's own instruction where there is one: both are correctly
-//! rounded, so the bits agree there too.
+//! Transcendental functions are those of `libm` on all targets, never those of `std`, so that a host in `f32` computes exactly the
+//! same bits as a device. The square root is the instruction of the FPU where one exists. It is correctly rounded, like that of
+//! `libm`, so the results are equal, too.
 
 use core::fmt::Debug;
 use core::iter::Sum;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 /// A real number of the data path.
+///
+/// ```
+/// use plantar::Real;
+///
+/// fn hypotenuse<R: Real>(a: R, b: R) -> R {
+///     (a * a + b * b).sqrt()
+/// }
+/// assert_eq!((hypotenuse(3.0_f32, 4.0), hypotenuse(3.0_f64, 4.0)), (5.0, 5.0));
+/// ```
 pub trait Real:
     Copy
     + Debug
@@ -24,41 +33,41 @@ pub trait Real:
     + Sum
     + 'static
 {
-    /// 0.
+    /// The number 0.
     const ZERO: Self;
-    /// 1.
+    /// The number 1.
     const ONE: Self;
 
-    /// From a constant or a parameter; rounds to nearest.
+    /// From a constant or a parameter; rounded to nearest.
     fn of(value: f64) -> Self;
     /// From a parameter stored in single precision; exact.
     fn of_f32(value: f32) -> Self;
     /// From a count or a code; exact below 2^24.
     fn of_u32(value: u32) -> Self;
-    /// From a whole number; rounds to nearest.
+    /// From an integer; rounded to nearest.
     fn of_i32(value: i32) -> Self;
-    /// From a whole number; rounds to nearest.
+    /// From an integer; rounded to nearest.
     fn of_i64(value: i64) -> Self;
-    /// For output.
+    /// In double precision; exact.
     fn to_f64(self) -> f64;
-    /// For output.
+    /// In single precision; rounded to nearest.
     fn to_f32(self) -> f32;
-    /// Nearest integer within 0..=65535, NaN to 0: for the scaled integers of the wire.
+    /// Nearest integer within 0..=65535, 0 for NaN: for the scaled integers of the protocol.
     fn round_u16(self) -> u16;
-    /// Nearest integer within -32768..=32767, NaN to 0.
+    /// Nearest integer within -32768..=32767, 0 for NaN.
     fn round_i16(self) -> i16;
-    /// Square root, correctly rounded; NaN below 0.
+    /// Square root, correctly rounded; NaN for negative numbers.
     fn sqrt(self) -> Self;
     /// Natural logarithm.
     fn ln(self) -> Self;
     /// Exponential.
     fn exp(self) -> Self;
 
-    /// The larger; the other one where this is NaN.
+    /// The larger number; `other` where this one is NaN.
     fn max(self, other: Self) -> Self {
         if self > other { self } else { other }
     }
-    /// The smaller; the other one where this is NaN.
+    /// The smaller number; `other` where this one is NaN.
     fn min(self, other: Self) -> Self {
         if self < other { self } else { other }
     }
@@ -133,7 +142,7 @@ impl Real for f32 {
     }
     #[inline(always)]
     fn round_u16(self) -> u16 {
-        // To u32 and then down: the FPU converts to 32 bits, saturating, in one instruction.
+        // By way of u32: the FPU converts to 32 bits with saturation in one instruction.
         ((self + 0.5) as u32).min(u32::from(u16::MAX)) as u16
     }
     fn round_i16(self) -> i16 {
@@ -153,7 +162,7 @@ impl Real for f32 {
 
 #[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
 mod fpu {
-    // Out of line: inline assembly has no single-precision register class on this target.
+    // A function, because inline assembly has no single-precision register class on this target.
     core::arch::global_asm!(
         ".fpu fpv4-sp-d16",
         ".section .text.plantar_sqrt, \"ax\", %progbits",
@@ -172,7 +181,8 @@ mod fpu {
 
     #[inline(always)]
     pub fn sqrt(x: f32) -> f32 {
-        // SAFETY: the routine above takes and returns s0 as this ABI says, touches nothing else and is defined for all x.
+        // SAFETY: the routine takes its argument and returns its result in s0, as this ABI requires, changes no other register and
+        // no memory, and is defined for all x.
         unsafe { plantar_sqrt(x) }
     }
 }

@@ -1,4 +1,4 @@
-//! The bonded centrals.
+//! Bonds with centrals, and their storage.
 
 use crate::MAX_BONDS;
 use crc::{CRC_32_ISO_HDLC, Crc};
@@ -10,8 +10,8 @@ use trouble_host::prelude::*;
 
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// A bond as it is stored. Bonds are stored as a version and a postcard vector of these, the least recently used first, followed by
-/// the CRC-32 of both.
+/// The stored form of a bond. The bonds are stored as [`VERSION`] and a `postcard` vector of these, the least recently used first,
+/// followed by the CRC-32 of both (little endian).
 #[derive(Serialize, Deserialize)]
 pub struct StoredBond {
     address_kind: u8,
@@ -30,19 +30,20 @@ impl StoredBond {
         }
     }
 
+    /// The bond for the Bluetooth host.
     pub fn bond(&self) -> BondInformation {
         let addr = Address::new(AddrKind::new(self.address_kind), BdAddr::new(self.address));
         let irk = self.identity_key.and_then(IdentityResolvingKey::from_le_bytes);
         let key = LongTermKey::from_le_bytes(self.long_term_key);
-        // All bonds are Just Works: encrypted, not authenticated.
+        // All bonds were made by Just Works pairing: encrypted, not authenticated.
         BondInformation::new(Identity { addr, irk }, key, SecurityLevel::Encrypted, true)
     }
 }
 
-/// The version of [`StoredBond`].
+/// Version of the stored form.
 const VERSION: u8 = 1;
 
-/// Loads the stored bonds; none where they are damaged.
+/// Loads the stored bonds; an empty vector where they are damaged or of another version.
 pub fn load(insole: &dyn GattServer) -> Vec<StoredBond, MAX_BONDS> {
     let mut bytes = [0; MAX_BONDS_BYTES];
     let len = insole.load_bonds(&mut bytes);
@@ -54,11 +55,11 @@ pub fn load(insole: &dyn GattServer) -> Vec<StoredBond, MAX_BONDS> {
         .map_or(Vec::new(), |(_, bonds)| bonds)
 }
 
-/// Stores the bonds, unless they are unchanged.
+/// Stores the bonds, unless they are already stored.
 fn store(bonds: &[BondInformation], insole: &dyn GattServer) {
     let (mut bytes, mut before) = ([0; MAX_BONDS_BYTES], [0; MAX_BONDS_BYTES]);
     let stored: Vec<StoredBond, MAX_BONDS> = bonds.iter().map(StoredBond::new).collect();
-    // Four bonds of at most 40 bytes, and the checksum, fit.
+    // Neither step fails: four bonds of at most 40 bytes and the checksum fit.
     let Ok(len) = postcard::to_slice(&(VERSION, stored), &mut bytes).map(|used| used.len()) else { return };
     let crc = CRC.checksum(&bytes[..len]).to_le_bytes();
     let Some(place) = bytes.get_mut(len..len + crc.len()) else { return };
@@ -70,7 +71,8 @@ fn store(bonds: &[BondInformation], insole: &dyn GattServer) {
     }
 }
 
-/// Makes a bond the most recently used one, and stores the bonds where that changes them.
+/// Makes a bond the most recently used one, removes the least recently used one where there are too many, and stores the bonds
+/// where they changed.
 pub fn remember<C: Controller>(
     stack: &Stack<'_, C, DefaultPacketPool>,
     bond: BondInformation,
@@ -79,7 +81,7 @@ pub fn remember<C: Controller>(
     if !bond.is_bonded {
         return;
     }
-    // Removed and added again, it becomes the last one.
+    // Removed and added again, the bond becomes the last one.
     let _ = stack.remove_bond_information(bond.identity);
     let _ = stack.add_bond_information(bond);
     let oldest = stack.with_bond_information(|bonds| match bonds {

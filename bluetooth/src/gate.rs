@@ -1,4 +1,4 @@
-//! A filter between radio and host, for what the host would answer wrongly.
+//! A filter between radio and Bluetooth host: it removes packets to which the host would respond incorrectly.
 
 use bt_hci::ControllerToHostPacket;
 use bt_hci::cmd::{self, AsyncCmd, SyncCmd};
@@ -10,26 +10,30 @@ use embassy_sync::signal::Signal;
 use embedded_io_async::ErrorType;
 use plantar::firmware::ble::GattServer;
 
-/// The radio as the host may see it.
+/// A controller that filters received packets.
 pub struct Gate<'a, C> {
+    /// The controller of the radio.
     pub radio: &'a C,
     /// Signalled by every packet from the radio.
     pub answered: &'a Signal<NoopRawMutex, ()>,
+    /// Decides whether bonding is allowed.
     pub insole: &'a dyn GattServer,
 }
 
-/// L2CAP's channels for attributes and for pairing.
+/// L2CAP channel of the attribute protocol.
 const ATT_CHANNEL: u16 = 4;
+/// L2CAP channel of the security manager.
 const PAIRING_CHANNEL: u16 = 6;
+/// Code of the command Pairing Request.
 const PAIRING_REQUEST: u8 = 1;
-/// A packet for no channel, which the host ignores.
+/// An empty packet for no channel, which the host ignores.
 const IGNORED: &[u8] = &[0, 0, 0, 0];
-/// An undefined pairing command: the host answers that pairing failed, and removes no bond.
+/// An undefined pairing command: the host responds that pairing failed, and does not remove a bond.
 const REFUSED: &[u8] = &[2, 0, PAIRING_CHANNEL as u8, 0, 0, 0];
 
 impl<C> Gate<'_, C> {
-    /// The first fragment of a packet as the host may see it: no pairing request while bonding is not allowed, and no packet that
-    /// is empty or has its first byte in a later fragment.
+    /// Filters the first fragment of a packet: replaces pairing requests while bonding is not allowed, and packets that are empty
+    /// or have their first byte in a later fragment.
     fn admit<'p>(&self, data: &'p [u8]) -> &'p [u8] {
         let &[_, _, low, high, ref body @ ..] = data else { return IGNORED };
         match (u16::from_le_bytes([low, high]), body.first()) {

@@ -1,7 +1,8 @@
-//! The insole as a Bluetooth LE peripheral: advertising, bonds, and the GATT table of `docs/bluetooth.md`. The meaning of the values
-//! is in [`plantar::firmware::ble`].
+//! The insole as a Bluetooth LE peripheral: advertising, bonds, and the GATT table of `docs/bluetooth.md`. The values of the
+//! characteristics are defined in [`plantar::firmware::ble`].
 //!
-//! A package of its own because it is compiled for size, while the data path is compiled for speed: hence no generics.
+//! This is a separate package because it is compiled for size, while the data path is compiled for speed. Its entry point, [`run`],
+//! is not generic: generic code would be compiled with its caller.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -25,58 +26,63 @@ use trouble_host::prelude::*;
 
 /// Time after power-on in which a central can bond.
 pub const BONDING_WINDOW: Duration = Duration::from_secs(60);
-/// Bonds that are stored; a further one replaces the least recently used.
+/// Largest number of stored bonds. A further one replaces the least recently used.
 pub const MAX_BONDS: usize = 4;
-/// Longest value of a characteristic: the packets' 251 bytes without L2CAP and ATT headers.
+/// Longest value of a characteristic, bytes: a packet of 251 bytes without its L2CAP and ATT headers.
 pub const MAX_VALUE: usize = 244;
 
-/// Time before a failed radio, or a full packet pool, is tried again.
-const RADIO_PAUSE: Duration = Duration::from_secs(1);
-const POOL_PAUSE: Duration = Duration::from_millis(10);
+/// Time before a radio that failed is set up again.
+const RADIO_RETRY: Duration = Duration::from_secs(1);
+/// Time before a packet is requested again from an exhausted pool.
+const POOL_RETRY: Duration = Duration::from_millis(10);
 /// Time between two checks whether the central is still connected.
 const CONNECTION_CHECK: Duration = Duration::from_millis(200);
 
-/// HCI as bytes (H4) in one direction between board and host.
+/// The HCI byte stream (H4) between radio and Bluetooth host, in one direction.
 pub type HciPipe = Pipe<CriticalSectionRawMutex, 128>;
 
+/// A connection with a central.
 type Connected<'s, 'v> = GattConnection<'s, 'v, DefaultPacketPool>;
+/// The controller behind its HCI byte streams.
 type Radio = ExternalController<SerialTransport<NoopRawMutex, &'static HciPipe, &'static HciPipe>, 4>;
 
-/// Advertises, and serves one central after the other. Never returns. Without a radio it waits, and nothing else does. A task,
-/// because a future would be compiled with its caller, for speed.
+/// Advertises, and serves one central at a time. Never returns. Where the radio does not respond, this task waits and no other task
+/// is affected. It is a task and not an async function, because the future of a function would be compiled with its caller, for
+/// speed.
 #[embassy_executor::task]
 pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insole: &'static dyn GattServer) -> ! {
     let radio: Radio = ExternalController::new(SerialTransport::new(from_radio, to_radio));
-    let built = build_table(insole);
+    let table = build_table(insole);
     let mut resources = Resources::new();
     let answered = Signal::new();
     loop {
         answered.reset();
         let stack = set_up(&radio, &answered, insole, &mut resources);
         let (mut rx, mut control, mut tx) = stack.runner().split();
-        // A failed radio is set up again.
+        // All end where the radio fails; it is then set up again.
         select3(rx.run(), control.run(), async {
             // Sender and server wait for a missing radio in a busy loop.
             answered.wait().await;
-            select(tx.run(), serve(&stack, built, insole)).await
+            select(tx.run(), serve(&stack, table, insole)).await
         })
         .await;
         insole.close();
-        Timer::after(RADIO_PAUSE).await;
+        Timer::after(RADIO_RETRY).await;
     }
 }
 
-/// For one central. A new bond has a place before the oldest one is removed.
+/// Resources of the Bluetooth host for one central. The additional bond is the new one, before the oldest is removed.
 type Resources = HostResources<DefaultPacketPool, 1, 0, 1, { MAX_BONDS + 1 }>;
 
-/// Out of line, like [`set_up`], so that its stack is not reserved permanently.
+/// Builds the GATT table. Out of line, like [`set_up`], so that its stack is not reserved permanently.
 #[inline(never)]
 fn build_table(insole: &'static dyn GattServer) -> &'static (Table, Server<'static>) {
     static TABLE: StaticCell<(Table, Server<'static>)> = StaticCell::new();
-    // The task runs once.
+    // Not initialised twice, because the task runs once.
     TABLE.init_with(|| Table::build(insole))
 }
 
+/// Sets up the Bluetooth host with the address and the bonds of the insole.
 #[inline(never)]
 fn set_up<'a>(
     radio: &'a Radio,
@@ -90,14 +96,16 @@ fn set_up<'a>(
     }
     let stack = builder.build();
     for bond in bonds::load(insole) {
-        // There is a place for each bond.
+        // The host has room for all stored bonds.
         let _ = stack.add_bond_information(bond.bond());
     }
     stack
 }
 
+/// The Bluetooth host.
 type Host<'s> = Stack<'s, Gate<'s, Radio>, DefaultPacketPool>;
 
+/// Advertises and serves centrals. Returns where the radio fails.
 async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: &dyn GattServer) -> Result<(), Error> {
     let mut peripheral = stack.peripheral();
     let (mut advertised, mut scanned) = ([0; 31], [0; 31]);
@@ -119,7 +127,7 @@ async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: 
         let advertised = peripheral.advertise(&AdvertisementParameters::default(), advertisement).await;
         let advertiser = advertised.map_err(|_| Error::Other)?;
         let Ok(connection) = advertiser.accept().await else { continue };
-        // The gate decides which pairing requests the host receives.
+        // Always bondable for the host: the gate rejects pairing requests while bonding is not allowed.
         let _ = connection.set_bondable(true);
         let Ok(connection) = connection.with_attribute_server(server) else { continue };
         let serving = select(answer(&connection, table, stack, insole), async {
@@ -128,7 +136,7 @@ async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: 
             }
             core::future::pending::<()>().await
         });
-        // The host drops the event of a disconnection where its queue is full.
+        // The host drops the event of a disconnection where its queue is full, so the connection is checked, too.
         select(serving, async {
             while connection.raw().is_connected() {
                 Timer::after(CONNECTION_CHECK).await;
@@ -139,7 +147,10 @@ async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: 
     }
 }
 
-/// Refuses what needs a bond and encryption.
+/// Checks that the central is bonded and the link encrypted.
+///
+/// # Errors
+/// The ATT error that makes the central pair or encrypt.
 fn guard(connection: &Connected) -> Result<(), AttErrorCode> {
     let connection = connection.raw();
     let is_encrypted = connection.security_level().is_ok_and(|level| level.encrypted());
@@ -150,17 +161,18 @@ fn guard(connection: &Connected) -> Result<(), AttErrorCode> {
     }
 }
 
+/// The ATT error for a value that was not accepted.
 const fn att_error(error: WriteError) -> AttErrorCode {
     match error {
         WriteError::Length => AttErrorCode::INVALID_ATTRIBUTE_VALUE_LENGTH,
         WriteError::Value => AttErrorCode::VALUE_NOT_ALLOWED,
-        // Application errors.
+        // Error codes of the application; see docs/bluetooth.md.
         WriteError::OutOfOrder => AttErrorCode::new(0x80),
         WriteError::NotUnderstood => AttErrorCode::new(0x81),
     }
 }
 
-/// Answers a central until it disconnects.
+/// Processes the requests of a central until it disconnects.
 async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>, insole: &dyn GattServer) {
     loop {
         let event = match connection.next().await {
@@ -173,7 +185,7 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
             GattConnectionEvent::Gatt { event } => event,
             _ => continue,
         };
-        // Both values fit their attributes.
+        // Setting cannot fail: the values have the types of their attributes.
         let _ = connection.set(&table.battery, &insole.battery_percent());
         let _ = connection.set(&table.time, &insole.current_time());
         free_packets::<1>().await;
@@ -188,7 +200,7 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
                     None => Ok(()),
                 });
                 match accepted {
-                    // A command has no answer.
+                    // A command has no response, not even an error.
                     Err(_) if is_command => {
                         event.into_payload();
                         continue;
@@ -198,7 +210,7 @@ async fn answer(connection: &Connected<'_, '_>, table: &Table, stack: &Host<'_>,
                     Ok(()) => event.accept(),
                 }
             }
-            // The host does not implement it, and would read handles from an empty request.
+            // The host does not implement Read Multiple, and would read handles from an empty request.
             GattEvent::Other(event)
                 if matches!(event.payload().incoming(), AttClient::Request(AttReq::ReadMultiple { .. })) =>
             {
@@ -218,7 +230,7 @@ async fn send(connection: &Connected<'_, '_>, table: &Table, insole: &dyn GattSe
     let mut value = [0; MAX_VALUE];
     loop {
         insole.changed().wait().await;
-        // An attribute packet has a header of three bytes.
+        // A notification has a header of three bytes.
         while let Some((channel, len)) = {
             let room = usize::from(connection.raw().att_mtu()) - 3;
             insole.next(&mut value[..room.min(MAX_VALUE)])
@@ -235,19 +247,19 @@ async fn send(connection: &Connected<'_, '_>, table: &Table, insole: &dyn GattSe
 /// Waits until `N` packets are free.
 async fn free_packets<const N: usize>() {
     while [(); N].map(|()| DefaultPacketPool::allocate()).iter().any(Option::is_none) {
-        Timer::after(POOL_PAUSE).await;
+        Timer::after(POOL_RETRY).await;
     }
 }
 
-/// Sends a value to a central that subscribed: as an indication, which ends with the central's confirmation, where the
-/// characteristic has them; otherwise as a notification.
+/// Sends a value to a central that has subscribed: as an indication where the characteristic has indications, otherwise as a
+/// notification. With an indication, returns after the confirmation of the central.
 async fn deliver<T: AsGatt>(
     connection: &Connected<'_, '_>,
     characteristic: &Characteristic<T>,
     value: &[u8],
 ) -> Result<(), Error> {
     loop {
-        // Leaves a packet each for a request and its answer.
+        // One packet for the value; the others remain for a request and its response.
         free_packets::<3>().await;
         let sent = if characteristic.props.any(&[CharacteristicProp::Indicate]) {
             characteristic.indicate_raw(connection, value, false).await
@@ -255,7 +267,7 @@ async fn deliver<T: AsGatt>(
             characteristic.notify_raw(connection, value, false).await
         };
         match sent {
-            Err(Error::OutOfMemory) => Timer::after(POOL_PAUSE).await,
+            Err(Error::OutOfMemory) => Timer::after(POOL_RETRY).await,
             sent => return sent,
         }
     }

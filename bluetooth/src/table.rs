@@ -1,19 +1,23 @@
-//! The GATT table.
+//! The GATT table of `docs/bluetooth.md`.
 
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use plantar::firmware::ble::GattServer;
 use plantar::protocol::gatt::{self, GattChannel};
 use trouble_host::prelude::*;
 
+/// Largest number of attributes.
 const ATTRIBUTES: usize = 40;
 
-/// A characteristic of which the table stores no value.
+/// A characteristic without a stored value: its values are sent or received when they occur.
 type Stream = Characteristic<[u8; 0]>;
+/// The attribute server of the Bluetooth host.
 pub type Server<'v> = AttributeServer<'v, NoopRawMutex, DefaultPacketPool, ATTRIBUTES, 1>;
 
-/// The characteristics in the table.
+/// The characteristics with values that change.
 pub struct Table {
+    /// Battery Level, percent.
     pub battery: Characteristic<u8>,
+    /// Current Time.
     pub time: Characteristic<[u8; 10]>,
     cadence: Stream,
     control: Stream,
@@ -23,12 +27,13 @@ pub struct Table {
 }
 
 impl Table {
+    /// Builds the table with the names and versions of the insole.
     pub fn build(insole: &dyn GattServer) -> (Self, Server<'_>) {
         use CharacteristicProp::{Indicate, Notify, Read, Write};
         use trouble_host::prelude::{characteristic as c, service as s};
         let mut table = AttributeTable::new();
         let appearance = &appearance::running_walking_sensor::IN_SHOE_RUNNING_WALKING_SENSOR;
-        // The name is short enough.
+        // Fails for names of more than 22 bytes only, which the insole does not have.
         let _ = GapConfig::Peripheral(PeripheralConfig { name: insole.name(), appearance }).build(&mut table);
 
         let mut information = table.add_service(Service::new(s::DEVICE_INFORMATION));
@@ -41,12 +46,12 @@ impl Table {
         let time = time.add_characteristic_small(c::CURRENT_TIME, [Read, Write, Notify], [0; 10]).build();
         let mut running = table.add_service(Service::new(s::RUNNING_SPEED_AND_CADENCE));
         let cadence = running.add_characteristic_small(c::RSC_MEASUREMENT, [Notify], []).build();
-        // No optional features.
+        // No optional feature of Running Speed and Cadence.
         running.add_characteristic_ro(c::RSC_FEATURE, &[0u8; 2]).build();
         // The insole service comes last: everything from its first handle on needs a bond.
-        let mut ours = table.add_service(Service::new(Uuid::from(gatt::SERVICE)));
+        let mut insole_service = table.add_service(Service::new(Uuid::from(gatt::SERVICE)));
         let mut stream = |uuid: u128, props: &[CharacteristicProp]| {
-            ours.add_characteristic_small(Uuid::from(uuid), props, []).build()
+            insole_service.add_characteristic_small(Uuid::from(uuid), props, []).build()
         };
         let control = stream(gatt::CONTROL, &[Write, Indicate]);
         let live = stream(gatt::LIVE, &[Notify]);
@@ -60,7 +65,7 @@ impl Table {
         handle == self.time.handle || Some(handle) == self.time.cccd_handle || handle >= self.control.handle
     }
 
-    /// The application's characteristic with this value handle.
+    /// The channel of a value handle that a central may write; `None` for other handles.
     pub fn written(&self, handle: u16) -> Option<GattChannel> {
         let channels = [(&self.control, GattChannel::Control), (&self.parameters, GattChannel::Parameters)];
         match channels.into_iter().find(|(stream, _)| stream.handle == handle) {
@@ -69,7 +74,8 @@ impl Table {
         }
     }
 
-    /// The characteristic that values are sent on. Current Time has another type.
+    /// The characteristic on which the values of a channel are sent. Current Time, which has another type, must be sent on
+    /// [`Table::time`].
     pub fn sent(&self, channel: GattChannel) -> &Stream {
         match channel {
             GattChannel::Cadence | GattChannel::Time => &self.cadence,

@@ -1,8 +1,8 @@
 //! Sensor faults, detected while walking, and the masking of faulty cells.
 //!
 //! Detection has two parts, and both stay out of the way of a loaded frame. In stance, a cell records what its contact does
-//! ([`crate::pipeline::cell`]), in the rarely executed code that runs when the contact changes. In swing, once the contact has
-//! been small and constant for [`SETTLE_MS`], all cells are reviewed, a few in each frame: their records of the stance, and their
+//! (`pipeline/cell.rs`), in the rarely executed code that runs when the contact changes. In swing, once the contact has
+//! been small and constant for `SETTLE_MS`, all cells are reviewed, a few in each frame: their records of the stance, and their
 //! unloaded reading. A fault is reported once two steps have shown it; `docs/faults.md` has the rules.
 //!
 //! A masked cell reads the mean of the nearest healthy cells of its region, or nothing where there are none.

@@ -7,6 +7,7 @@
 
 use crate::pipeline::calibrate::{CellCalibration, FULL_CODE, SensorLaw};
 use crate::pipeline::contact::ContactRule;
+use crate::pipeline::outline::REFERENCE_INSOLE;
 use crate::pipeline::region::{Cell, Region, Side};
 use crate::pipeline::setup::{Setup, SetupCell};
 use crate::pipeline::stance::StanceRule;
@@ -24,7 +25,7 @@ pub const CELLS: usize = 240;
 
 /// Size 42, first version.
 const LAYOUT_ID: u32 = 4201;
-const LENGTH_MM: f32 = 270.0;
+const LENGTH_MM: f32 = REFERENCE_INSOLE.length_mm() as f32;
 /// Lines across the foot and cells on a full line.
 const LINES: usize = 2 * ROWS;
 const ACROSS: usize = COLUMNS / 2;
@@ -32,24 +33,6 @@ const ACROSS: usize = COLUMNS / 2;
 /// Rows are at ground and columns at 1/11 of the supply, so an unloaded cell reads 1/11 of full scale: an initial value, to be
 /// replaced by the measured zero of each insole.
 const UNLOADED: CellCalibration = CellCalibration { offset: FULL_CODE / 11, gain: 1.0 };
-
-/// Medial and lateral edge, mm, at a fraction of the length; straight between. Drawn after a common insole of this size, not
-/// measured on one.
-const OUTLINE: [(f32, f32, f32); 13] = [
-    (0.00, 30.0, 60.0),
-    (0.05, 20.0, 70.0),
-    (0.12, 14.0, 77.0),
-    (0.22, 14.0, 79.0),
-    (0.35, 19.0, 83.0),
-    (0.48, 16.0, 90.0),
-    (0.60, 7.0, 96.0),
-    (0.68, 2.0, 98.0),
-    (0.74, 0.0, 97.0),
-    (0.82, 2.0, 91.0),
-    (0.90, 7.0, 79.0),
-    (0.96, 16.0, 62.0),
-    (1.00, 26.0, 46.0),
-];
 
 /// Cells on a line: fewer where the outline closes.
 const fn cells_on(line: usize) -> usize {
@@ -61,23 +44,12 @@ const fn cells_on(line: usize) -> usize {
     }
 }
 
-/// The outline's medial and lateral edge at a fraction of its length, mm.
-const fn edges_mm(y_fraction: f32) -> (f32, f32) {
-    let mut i = 1;
-    while i < OUTLINE.len() - 1 && OUTLINE[i].0 < y_fraction {
-        i += 1;
-    }
-    let (from, to) = (OUTLINE[i - 1], OUTLINE[i]);
-    let t = (y_fraction - from.0) / (to.0 - from.0);
-    (from.1 + t * (to.1 - from.1), from.2 + t * (to.2 - from.2))
-}
-
 /// Cell number `across` of a line, from the medial edge. It answers for the surface half way to its neighbours.
 const fn cell(line: usize, across: usize) -> Cell {
     let x_fraction = (across as f32 + 0.5) / cells_on(line) as f32;
     let y_fraction = (line as f32 + 0.5) / LINES as f32;
-    let (medial_mm, lateral_mm) = edges_mm(y_fraction);
-    let width_mm = lateral_mm - medial_mm;
+    let [medial_mm, lateral_mm] = REFERENCE_INSOLE.edges_mm(y_fraction as f64 * REFERENCE_INSOLE.length_mm());
+    let (medial_mm, width_mm) = (medial_mm as f32, lateral_mm as f32 - medial_mm as f32);
     Cell {
         region: region_at(x_fraction, y_fraction),
         x_mm: medial_mm + x_fraction * width_mm,

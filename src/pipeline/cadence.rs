@@ -1,19 +1,31 @@
-//! Cadence from the steps of one foot.
+//! Cadence, estimated from the steps of one foot.
 
-/// Largest time between the heel strikes of two steps of one walk, us.
+/// Largest time between the heel strikes of successive steps of one foot within a walk, us.
 const PAUSE_US: u64 = 3_000_000;
 
-/// The state of the estimate.
+/// The cadence of both feet, from the stride time of one: the other foot makes as many steps.
+///
+/// ```
+/// use plantar::pipeline::cadence::Cadence;
+///
+/// let mut cadence = Cadence::default();
+/// cadence.step(5_000_000);
+/// assert_eq!(cadence.per_min(5_100_000), 0);
+/// // A stride of 1.2 s: two steps.
+/// cadence.step(6_200_000);
+/// assert_eq!(cadence.per_min(6_300_000), 100);
+/// assert_eq!(cadence.per_min(60_000_000), 0);
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cadence {
-    /// Number of steps so far; wraps.
+    /// Number of steps of this foot so far; wraps.
     pub steps: u32,
     start_us: u64,
     cadence_per_min: u8,
 }
 
 impl Cadence {
-    /// Adds a step that started at `start_us`.
+    /// Adds a step with its heel strike at `start_us`, us.
     pub fn step(&mut self, start_us: u64) {
         let interval_us = start_us.saturating_sub(self.start_us);
         let is_walk = self.steps > 0 && (1..=PAUSE_US).contains(&interval_us);
@@ -23,7 +35,7 @@ impl Cadence {
         self.steps = self.steps.wrapping_add(1);
     }
 
-    /// Steps of both feet per minute; 0 at rest and after the first step.
+    /// Steps of both feet per minute at the time `now_us`, up to 255; 0 at rest and after the first step of a walk.
     pub fn per_min(&self, now_us: u64) -> u8 {
         if now_us.saturating_sub(self.start_us) > PAUSE_US { 0 } else { self.cadence_per_min }
     }

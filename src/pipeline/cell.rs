@@ -1,4 +1,4 @@
-//! One cell through the stages: calibrate, contact, region; and the evidence of faults that it collects.
+//! One cell in the stages calibration, contact and region, and the evidence of faults that it collects.
 
 use super::calibrate::{Curve, is_saturated};
 use super::contact::{ContactCell, ContactRule};
@@ -29,7 +29,7 @@ impl<R: Real> InsoleCell<R> {
         }
     }
 
-    /// Updates contact and region with a code that changes them; returns the change of [`area_units`]. Out of line, because few
+    /// Updates contact and region with a code that may change them; returns the change of [`area_units`]. Out of line, because few
     /// cells change in a frame.
     #[cold]
     #[inline(never)]
@@ -44,14 +44,14 @@ impl<R: Real> InsoleCell<R> {
 }
 
 impl<R> InsoleCell<R> {
-    /// Forgets the evidence of the last step.
+    /// Discards the evidence of the last step.
     pub(crate) fn begin_step(&mut self) {
         self.marks.begin_step(self.offset, &mut self.contact);
     }
 }
 
-/// Calibrates a region's cells, sums their force and updates the area where a cell's contact changed; returns the change of
-/// [`area_units`]. The hottest loop of the device, in a function of its own so that it has all registers.
+/// Calibrates the cells of a region, sums their forces, and updates the area where the contact of a cell changed. Returns the
+/// change of [`area_units`]. This is the hottest loop of the device, in a function of its own so that all registers are available.
 #[inline(never)]
 pub(crate) fn sum_region<R: Real>(
     curve: &Curve,
@@ -75,10 +75,10 @@ pub(crate) fn sum_region<R: Real>(
     change
 }
 
-/// Right shift that brings the area units of all regions together into 32 bits.
+/// Right shift with which the sum of the area units over all regions fits into 32 bits.
 pub(crate) const AREA_SHIFT: u32 = 4;
 
-/// Contact area of a region, in units of which the sum over all regions fits 32 bits.
+/// Contact area of a region, in units with which the sum over all regions fits into 32 bits.
 #[inline(always)]
 pub(crate) fn area_units(moments: &AreaMoments) -> i32 {
     moments.units() >> AREA_SHIFT

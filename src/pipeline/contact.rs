@@ -1,33 +1,34 @@
-//! Which cells carry load, and what share of each.
+//! Contact: the share of each cell that is in contact.
 //!
-//! Contact is decided on codes, not on pressures: the thresholds are turned into one pair of codes a cell beforehand, so
-//! that a device in `f32` and a host in `f64` never disagree about a cell.
+//! Codes are compared with thresholds, not pressures: the thresholds of each cell are converted to codes in advance, so that a
+//! device in `f32` and a host in `f64` have the same cells in contact.
 
 use super::calibrate::{CellCalibration, Curve, FULL_CODE};
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
-/// The rule that turns pressures into contact area. Area depends on where this line is drawn: state it with every result.
+/// The rule that determines contact area from pressures. Areas depend on it, so each result must state it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ContactRule {
-    /// A cell comes into contact at this pressure, kPa.
+    /// A cell comes into contact at this pressure, kPa, at most 1000.
     pub on_kpa: f32,
-    /// and leaves it below this one, kPa; at most `on_kpa`.
+    /// A cell loses contact below this pressure, kPa; above 0 and at most `on_kpa`.
     pub off_kpa: f32,
-    /// 0: a cell in contact counts whole (the paper's way). Otherwise a cell counts by the share `sqrt(p / full_kpa)`, at
-    /// most 1: the weak readings around a contact are those of partly covered cells. Deformation rises from 0 at the rim in
-    /// proportion to the distance from it (Eq. 3), so a cell of which the share s is covered reads s^2 of what a just covered
-    /// one does. The larger `full_kpa` is, the more the area follows pressure.
+    /// 0: a cell in contact counts with its whole area, as in the paper. Otherwise, `on_kpa` to 2000 kPa: a cell counts with the
+    /// share `sqrt(p / full_kpa)` of its area, at most 1, because low readings at the edge of a contact are those of partly covered
+    /// cells. Deformation rises from 0 at the edge in proportion to the distance from it (Eq. 3), so a cell of which the share s is
+    /// covered reads s^2 of the pressure of a cell that is just covered. The larger `full_kpa` is, the more the area depends on
+    /// pressure.
     pub full_kpa: f32,
 }
 
 impl ContactRule {
-    /// Counted cells, 10 kPa on and 7.5 kPa off.
+    /// Counted cells, in contact from 10 kPa until they fall below 7.5 kPa.
     pub const COUNTED: Self = Self { on_kpa: 10.0, off_kpa: 7.5, full_kpa: 0.0 };
-    /// The same thresholds, edge cells by their share, whole from 150 kPa: see docs/identification.md for how it was chosen.
+    /// Covered shares, with the same thresholds and whole cells from 150 kPa. docs/identification.md has the reason for this value.
     pub const COVERED: Self = Self { full_kpa: 150.0, ..Self::COUNTED };
 
-    /// True when the pressures are finite, positive and in order.
+    /// True where the pressures are in range and in order.
     pub fn is_valid(&self) -> bool {
         self.off_kpa > 0.0
             && self.off_kpa <= self.on_kpa
@@ -36,28 +37,41 @@ impl ContactRule {
     }
 }
 
-/// The share of a cell that is wholly in contact; shares are counted in these units.
+/// The share of a cell that is wholly in contact. Shares are whole numbers, 0 to this.
 pub const WHOLE: u16 = 256;
 
-/// One cell: its thresholds as raw codes, and what share of it is in contact now.
+/// One cell: its thresholds as raw codes, and its present share in contact.
+///
+/// ```
+/// use plantar::pipeline::calibrate::{CellCalibration, Curve, SensorLaw};
+/// use plantar::pipeline::contact::{ContactCell, ContactRule, WHOLE};
+///
+/// let mut curve = Curve::new();
+/// curve.set(&SensorLaw { full_kpa: 1000.0, exponent: 1.0 });
+/// let mut cell = ContactCell::new(&ContactRule::COUNTED, &curve, &CellCalibration::IDEAL);
+/// let mut change = |kpa: f32| cell.update(u32::from(curve.first_code_at(kpa)), kpa);
+/// assert_eq!([change(9.0), change(10.0)], [0, i32::from(WHOLE)]);
+/// // It loses contact below 7.5 kPa.
+/// assert_eq!([change(8.0), change(7.0)], [0, -i32::from(WHOLE)]);
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct ContactCell {
     on: u16,
     off: u16,
-    /// From this code on the cell counts whole.
+    /// From this code on, the cell counts with its whole area; 0 for counted cells.
     full: u16,
-    /// Squared shares of [`WHOLE`] per kPa on the common curve; unused where `full` is below `off`.
+    /// Square of the share, in units of [`WHOLE`], per kPa on the common curve; unused where `full` is below `off`.
     squared_shares_per_kpa: f32,
     share: u16,
-    /// The codes that leave the share as it is: `low` and how many.
+    /// Codes from `low` on, `span` of them, do not change the share.
     low: u16,
     span: u16,
 }
 
 impl ContactCell {
-    /// An unloaded cell; its thresholds lie above its offset.
+    /// An unloaded cell. Its thresholds are codes that include its offset.
     pub fn new(rule: &ContactRule, curve: &Curve, cell: &CellCalibration) -> Self {
-        // One code below the threshold, so that a pressure which was quantised at exactly the threshold is in contact.
+        // One code below the threshold, so that a pressure of exactly the threshold is in contact after quantisation.
         let code_at = |kpa: f32| {
             let code = curve.first_code_at(kpa / cell.gain).saturating_sub(1).max(1);
             code.saturating_add(cell.offset).min(FULL_CODE)
@@ -70,16 +84,18 @@ impl ContactCell {
         Self { on, off: code_at(rule.off_kpa), full, squared_shares_per_kpa, share: 0, low: 0, span: on }
     }
 
-    /// True where this code neither changes the share nor is to be reported nor is saturated: [`ContactCell::update`] is not due.
+    /// True where the code neither changes the share, nor is saturated, nor requires a notification, so that
+    /// [`ContactCell::update`] need not be called.
     #[inline(always)]
     pub fn is_unchanged(&self, code: u32) -> bool {
         // A code below `low` wraps to a number above any span.
         code.wrapping_sub(u32::from(self.low)) < u32::from(self.span)
     }
 
-    /// Takes a code, which reads `curve_kpa` on the common curve, and returns the change of the share.
+    /// Processes a code, with `curve_kpa` its pressure on the common curve, kPa, and returns the change of the share, in units of
+    /// [`WHOLE`].
     ///
-    /// Single precision and whole shares on every machine: the area is the same number wherever it is computed.
+    /// Computed in single precision and whole numbers on every machine, so that the area is the same on all.
     pub fn update(&mut self, code: u32, curve_kpa: f32) -> i32 {
         let before = self.share;
         let threshold = if before > 0 { self.off } else { self.on };
@@ -99,31 +115,31 @@ impl ContactCell {
         self.share > 0
     }
 
-    /// The load threshold: twice the code of a contact, above the unloaded cell's.
+    /// The code of the load threshold: its reading above the offset is twice that of the contact threshold.
     pub(crate) fn load_threshold(&self, offset: u16) -> u32 {
         (2 * u32::from(self.on)).saturating_sub(offset.into())
     }
 
-    /// Makes codes from `code` on count as changed, too.
+    /// Requests [`ContactCell::update`] for codes from `code` on, in addition to those that change the share.
     pub(crate) fn notify_at(&mut self, code: u32) {
-        // Not above the span, which fits.
+        // The minimum with a u16 fits into a u16.
         self.span = code.saturating_sub(self.low.into()).min(self.span.into()) as u16;
     }
 
-    /// Makes every code count as changed that differs from this one by more than [`SAME_CODE`].
+    /// Requests [`ContactCell::update`] for codes that differ from this one by more than [`SAME_CODE`].
     pub(crate) fn notify_on_change(&mut self, code: u16) {
         (self.low, self.span) = (code.saturating_sub(SAME_CODE), 2 * SAME_CODE + 1);
     }
 
-    /// Makes no code count as changed: [`ContactCell::update`] is called in every frame, or never.
+    /// Requests [`ContactCell::update`] for no code.
     pub(crate) fn disable(&mut self) {
         (self.low, self.span) = (0, u16::MAX);
     }
 
-    /// Moves the thresholds of a cell out of contact with its offset.
+    /// Shifts the thresholds of a cell that is out of contact, after its offset was changed by as many codes.
     pub(crate) fn shift(&mut self, codes: i16) {
         for threshold in [&mut self.on, &mut self.off, &mut self.full] {
-            // A full of 0 stands for counted cells.
+            // 0 in `full` stands for counted cells.
             if *threshold > 0 {
                 *threshold = threshold.saturating_add_signed(codes).clamp(1, FULL_CODE);
             }
@@ -132,5 +148,5 @@ impl ContactCell {
     }
 }
 
-/// Largest difference of two codes that count as the same: far less than the changes of a loaded cell.
+/// Largest difference between codes that count as equal: far less than the changes of a loaded cell.
 const SAME_CODE: u16 = 2;

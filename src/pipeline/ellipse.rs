@@ -1,46 +1,66 @@
-//! The uniform ellipse with a region's area moments.
+//! The contact ellipse: the uniform ellipse with the area moments of a region.
 //!
-//! A uniform ellipse has the variance r^2 / 4 along each principal axis, so equal moments give centre, radii and angle in
-//! closed form. A cell brings its own extent with it, so even one cell has a finite ellipse.
+//! A uniform ellipse has the variance r^2 / 4 along each principal axis, so centre, radii and angle follow from the moments in
+//! closed form. The moments include the extent of each cell, so that even a single cell has an ellipse with positive radii.
 
 use super::region::{AreaMoments, SecondMoments};
 use crate::num::Real;
 
 /// An ellipse in the ground plane.
+///
+/// ```
+/// use plantar::Region;
+/// use plantar::pipeline::contact::WHOLE;
+/// use plantar::pipeline::ellipse::Ellipse;
+/// use plantar::pipeline::region::{AreaMoments, Cell, RegionCell};
+///
+/// // Cells of 1 mm2 in an ellipse with radii of 10 and 20 mm and its centre at (3, 5) mm.
+/// let mut moments = AreaMoments::NONE;
+/// for (x, y) in (-20..20).flat_map(|x| (-20..20).map(move |y| (x as f32 + 0.5, y as f32 + 0.5))) {
+///     if (x / 10.0).powi(2) + (y / 20.0).powi(2) <= 1.0 {
+///         let cell = Cell { region: Region::Heel, x_mm: x + 3.0, y_mm: y + 5.0, area_mm2: 1.0 };
+///         moments.change(&RegionCell::<f64>::new(&cell, 1.0, 0.0, 0.0), WHOLE.into());
+///     }
+/// }
+/// let ellipse: Ellipse<f64> = Ellipse::from_moments(&moments).unwrap();
+/// assert_eq!((ellipse.x_mm, ellipse.y_mm, ellipse.angle_deg()), (3.0, 5.0, 0.0));
+/// assert!((ellipse.r_a_mm - 10.0).abs() < 0.1 && (ellipse.r_b_mm - 20.0).abs() < 0.1);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ellipse<R> {
-    /// Centre, mm, in the coordinates of the moments it came from.
+    /// Centre, mm, in the coordinates of the moments: from [`Ellipse::from_moments`] relative to the reference point of the region.
     pub x_mm: R,
     /// See `x_mm`.
     pub y_mm: R,
-    /// Radius along the paper's X (nearer to the medial-lateral axis), mm.
+    /// Radius along X of the paper: of the principal axis nearer to the medial-lateral axis, mm.
     pub r_a_mm: R,
-    /// Radius along the paper's Y (nearer to the heel-toe axis), mm.
+    /// Radius along Y of the paper: of the principal axis nearer to the heel-toe axis, mm.
     pub r_b_mm: R,
-    /// cos and sin of twice the angle from the x axis to the first radius; (1, 0) for a circle.
+    /// Cosine and sine of twice the angle from the x axis to the axis of `r_a_mm`; (1, 0) for a circle.
     double_angle: (R, R),
 }
 
 impl<R: Real> Ellipse<R> {
-    /// From area moments; `None` where nothing is in contact.
+    /// The ellipse with these moments; `None` without contact.
     pub fn from_moments(moments: &AreaMoments) -> Option<Self> {
         let SecondMoments { x_mm, y_mm, variance_x_mm2, variance_y_mm2, covariance_mm2 } =
             moments.second_moments::<R>()?;
-        // Eigenvalues of the covariance: mean plus and minus spread.
+        // The eigenvalues of the covariance matrix are mean +- deviation.
         let half = R::of(0.5);
         let (mean, half_difference) =
             ((variance_x_mm2 + variance_y_mm2) * half, (variance_x_mm2 - variance_y_mm2) * half);
-        let spread = (half_difference * half_difference + covariance_mm2 * covariance_mm2).sqrt();
-        let long = R::of(2.0) * (mean + spread).sqrt();
-        // det / (mean + spread): the difference of near equals would lose half of the digits for a slim ellipse.
+        let deviation = (half_difference * half_difference + covariance_mm2 * covariance_mm2).sqrt();
+        let long = R::of(2.0) * (mean + deviation).sqrt();
+        // The smaller eigenvalue as determinant over the larger: for a slim ellipse, mean - deviation would lose half of the
+        // digits.
         let determinant = (variance_x_mm2 * variance_y_mm2 - covariance_mm2 * covariance_mm2).max(R::ZERO);
-        let short = R::of(2.0) * (determinant / (mean + spread)).sqrt();
-        // r_a belongs to the axis within 45 degrees of x. Cells on a grid often give exactly 45, or a circle: rounding must not
-        // decide there.
+        let short = R::of(2.0) * (determinant / (mean + deviation)).sqrt();
+        // `r_a_mm` belongs to the axis within 45 degrees of x. On a grid of cells, exactly 45 degrees and circles are frequent; the
+        // tolerance makes them independent of rounding.
         let (r_a_mm, r_b_mm, sign) =
             if half_difference >= -R::of(1e-4) * mean { (long, short, R::ONE) } else { (short, long, -R::ONE) };
-        let double_angle = if spread > R::of(1e-4) * mean {
-            ((sign * half_difference).max(R::ZERO) / spread, sign * covariance_mm2 / spread)
+        let double_angle = if deviation > R::of(1e-4) * mean {
+            ((sign * half_difference).max(R::ZERO) / deviation, sign * covariance_mm2 / deviation)
         } else {
             (R::ONE, R::ZERO)
         };
@@ -52,11 +72,11 @@ impl<R: Real> Ellipse<R> {
         Self { x_mm: self.x_mm + dx_mm, y_mm: self.y_mm + dy_mm, ..self }
     }
 
-    /// Angle from the x axis to the first radius, -45 to 45 degrees, counter-clockwise seen from above with x to the right
-    /// and y forwards.
+    /// Angle from the x axis to the axis of `r_a_mm`, -45 to 45 degrees, counter-clockwise seen from above with x to the right and
+    /// y forwards.
     ///
-    /// `micromath`'s arc tangent: its error of 0.0028 rad is 0.08 degrees here, below what cells of some millimetres resolve,
-    /// and nothing is computed from the angle.
+    /// The arc tangent is that of `micromath`. Its error of 0.0028 rad is 0.08 degrees here, below the resolution of cells of a few
+    /// millimetres, and no other quantity depends on the angle.
     pub fn angle_deg(&self) -> f32 {
         let (cos, sin) = self.double_angle;
         micromath::F32(sin.to_f32()).atan2(micromath::F32(cos.to_f32())).0.to_degrees() * 0.5

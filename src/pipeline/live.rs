@@ -1,13 +1,25 @@
-//! The model while walking: causal, one frame after the other, for the screen.
+//! The live model: causal, frame by frame, for display.
 //!
-//! Area is the mean of the last three frames, deformation rate the backward difference of Eq. 16. That costs one frame of
-//! delay; the step's own numbers come from [`super::step`], which smooths over the whole stance.
+//! The area is the mean of the last three frames, the deformation rate the backward difference of Eq. 16. This delays the result by
+//! one frame. The values of a step record are computed by [`super::step`], which smooths over the whole stance.
 
 use super::model::ForceLaw;
 use super::region::RegionFrame;
 use crate::num::Real;
 
-/// One region's state between frames.
+/// The state of one region between frames.
+///
+/// ```
+/// use plantar::pipeline::live::LiveModel;
+/// use plantar::pipeline::model::ForceLaw;
+///
+/// let law = ForceLaw { ab_m2: 1e-3, c_m: 0.01, stiffness_pa: 1e5, ..ForceLaw::NONE };
+/// let mut live = LiveModel::NEW;
+/// // An area of 3/4 pi A B deforms by C / 2 (Eq. 14), as soon as it was constant for three frames.
+/// let area_mm2 = 0.75 * core::f64::consts::PI * 1e3;
+/// let tissue = [0; 3].map(|_| live.update(&law, area_mm2, 100.0))[2];
+/// assert!((tissue.deformation_m - 0.005).abs() < 1e-12 && !tissue.clamped);
+/// ```
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LiveModel<R> {
     previous_area_mm2: [R; 2],
@@ -15,37 +27,37 @@ pub struct LiveModel<R> {
     previous_g: R,
 }
 
-/// What the model says of one region in one frame.
+/// Tissue deformation and model force of one region in one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LiveTissue<R> {
-    /// Tissue deformation, m.
+    /// Tissue deformation, m, not negative.
     pub deformation_m: R,
     /// Model force, N, not negative.
     pub model_n: R,
-    /// Contact area exceeded pi A B: deformation and force are lower bounds.
+    /// The contact area exceeded pi A B: deformation and force are lower bounds.
     pub clamped: bool,
 }
 
 impl<R: Real> LiveTissue<R> {
-    /// Unloaded.
+    /// The unloaded region.
     pub const NONE: Self = Self { deformation_m: R::ZERO, model_n: R::ZERO, clamped: false };
 }
 
 impl<R: Real> LiveModel<R> {
-    /// Before the first frame.
+    /// The state before the first frame.
     pub const NEW: Self = Self { previous_area_mm2: [R::ZERO; 2], previous_smoothed_m2: R::ZERO, previous_g: R::ZERO };
 
-    /// Changes to other parameters, without a jump in the deformation rate.
+    /// Adapts the state to a new force law, so that the deformation rate has no jump.
     pub fn rebase(&mut self, law: &ForceLaw<R>) {
         self.previous_g = law.area_ratio(self.previous_smoothed_m2).normalised_deformation();
     }
 
-    /// Takes this frame's contact area; `per_s` is one over the time since the last frame.
+    /// Processes the contact area of a frame, mm2. `per_s` is one over the time since the previous frame, 1/s.
     #[inline(always)]
     pub fn update(&mut self, law: &ForceLaw<R>, area_mm2: R, per_s: R) -> LiveTissue<R> {
         let [before, last] = self.previous_area_mm2;
         self.previous_area_mm2 = [last, area_mm2];
-        // A third for the mean and mm2 to m2 in one factor.
+        // One factor for the mean of three and for mm2 to m2.
         let smoothed_m2 = (before + last + area_mm2) * R::of(1e-6 / 3.0);
         self.previous_smoothed_m2 = smoothed_m2;
         let ratio = law.area_ratio(smoothed_m2);
@@ -56,16 +68,16 @@ impl<R: Real> LiveModel<R> {
     }
 }
 
-/// One region in one frame.
+/// Measured and modelled quantities of one region in one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RegionLoad<R> {
-    /// What the cells say.
+    /// The measured quantities.
     pub frame: RegionFrame<R>,
-    /// What the model says.
+    /// Those of the model.
     pub tissue: LiveTissue<R>,
 }
 
 impl<R: Real> RegionLoad<R> {
-    /// Unloaded.
+    /// The unloaded region.
     pub const NONE: Self = Self { frame: RegionFrame::NONE, tissue: LiveTissue::NONE };
 }

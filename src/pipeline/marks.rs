@@ -1,27 +1,27 @@
-//! What one cell noted of its own readings since the last review: the evidence that [`crate::faults`] decides on.
+//! The evidence of one cell on its own readings since the last review. [`crate::faults`] derives faults from it.
 
 use super::contact::ContactCell;
 
-/// Rows of the matrix, and columns.
+/// Number of rows of the matrix, and of columns.
 pub(crate) const LINES: usize = 16;
-/// Largest departure of an unloaded cell from its zero that counts as noise, codes: 0.07 kPa at 1000 kPa full scale.
+/// Largest deviation of an unloaded cell from its zero that counts as noise, codes: 0.07 kPa at 1000 kPa full scale.
 pub(crate) const NOISE: u16 = 32;
 
 /// The cell responded since the last review: it read more than noise above its zero.
 pub(crate) const RESPONDED: u8 = 1;
-/// It exceeded the load threshold, [`ContactCell::load_threshold`].
+/// The cell exceeded the load threshold, [`ContactCell::load_threshold`].
 pub(crate) const LOADED: u8 = 2;
-/// It was saturated while its neighbours read little.
+/// The cell was saturated while its neighbours read little.
 pub(crate) const IMPLAUSIBLE_SATURATION: u8 = 4;
-/// It read the same code in swing as in the swing before.
+/// The cell read the same code in swing as in the previous swing.
 pub(crate) const UNCHANGED: u8 = 8;
-/// It is masked.
+/// The cell is masked.
 pub(crate) const MASKED: u8 = 16;
-/// It did not respond in a step in which a response was expected.
+/// The cell did not respond in a step in which a response was expected.
 pub(crate) const NO_RESPONSE: u8 = 32;
-/// It was found stuck.
+/// The cell was found to be stuck.
 pub(crate) const STUCK: u8 = 64;
-/// Its zero was found drifting.
+/// The zero of the cell was found to drift.
 pub(crate) const DRIFT: u8 = 128;
 
 /// A quantity that is counted over the steps; the value is the position of its two bits in [`CellMarks::counts`].
@@ -29,15 +29,15 @@ pub(crate) const DRIFT: u8 = 128;
 pub(crate) enum Count {
     /// Recent steps in which the cell exceeded the load threshold.
     Loaded = 0,
-    /// Steps in a row without an expected response.
+    /// Successive steps without an expected response.
     NoResponse = 2,
-    /// Swings in a row at full scale, or far below zero.
+    /// Successive swings at full scale, or far below zero.
     OffScale = 4,
-    /// Steps in a row with an implausible saturation.
+    /// Successive steps with an implausible saturation.
     ImplausibleSaturation = 6,
 }
 
-/// The evidence on one cell, in six bytes because every cell carries it.
+/// The evidence on one cell. It has six bytes, because each cell has one.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CellMarks {
     /// Reading above the zero in the last reviewed swing, codes.
@@ -56,7 +56,7 @@ impl CellMarks {
         Self { swing_reading: 0, rezeroed: 0, row_column, flags: 0, counts: 0 }
     }
 
-    /// Notes a code that changed the contact or exceeded a notification threshold, and arms the next notification.
+    /// Records a code that changed the contact or exceeded a notification threshold, and arms the next notification.
     pub(crate) fn note(&mut self, code: u32, offset: u16, contact: &mut ContactCell) {
         self.clear(UNCHANGED);
         if code > u32::from(offset) + u32::from(NOISE) {
@@ -65,7 +65,7 @@ impl CellMarks {
         self.arm_notification(offset, contact);
     }
 
-    /// Asks the contact stage to report the first code that would add to the evidence.
+    /// Requests a notification by the contact stage for the first code that would add to the evidence.
     fn arm_notification(&self, offset: u16, contact: &mut ContactCell) {
         if contact.is_loaded() {
             if !self.has(LOADED) {
@@ -76,7 +76,7 @@ impl CellMarks {
         }
     }
 
-    /// Forgets the evidence of the last step; a masked cell has none.
+    /// Discards the evidence of the last step. A masked cell has none.
     pub(crate) fn begin_step(&mut self, offset: u16, contact: &mut ContactCell) {
         if self.is_masked() {
             return;
@@ -93,7 +93,7 @@ impl CellMarks {
         self.has(MASKED)
     }
 
-    /// Marks the cell as masked, which ends all other evidence.
+    /// Marks the cell as masked, which discards all other evidence.
     pub(crate) fn set_masked(&mut self) {
         self.flags = MASKED;
     }
@@ -124,7 +124,7 @@ impl CellMarks {
         self.counts = self.counts & !(3 << count as u8) | value.min(3) << count as u8;
     }
 
-    /// Increments the count where `again`, else resets it.
+    /// Increments the count where `again`; resets it otherwise.
     pub(crate) fn count_if(&mut self, count: Count, again: bool) {
         self.set_count(count, if again { self.count(count) + 1 } else { 0 });
     }

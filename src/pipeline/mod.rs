@@ -1,12 +1,27 @@
-//! The stages of the data path, in the order that the data passes them: raw codes in, regional loads and steps out.
+//! The stages of the data path, in the order in which the data passes them: from raw codes to regional loads and steps.
 //!
-//! A stage knows only the stages before it. Parameters are plain data and can be replaced while running; state is kept apart;
-//! no stage does I/O.
+//! A stage depends only on the stages before it. Parameters are plain data, separate from state, and can be replaced while running.
+//! No stage performs I/O or allocates memory. All are generic over [`Real`](crate::Real).
+//!
+//! | stage | module | result |
+//! |---|---|---|
+//! | calibration | [`calibrate`] | pressure of a cell, kPa |
+//! | contact | [`contact`] | share of a cell that is in contact |
+//! | regions | [`region`] | area, force, centre of pressure and second moments of a region |
+//! | ellipse | [`ellipse`] | contact ellipse |
+//! | model | [`model`], [`live`] | tissue deformation and model force of a frame |
+//! | stance | [`stance`] | heel strike, toe off, and the curves between them |
+//! | smoothing | [`smooth`] | curves as the step evaluation needs them |
+//! | step | [`step`] | step record of a region |
+//! | cadence | [`cadence`] | steps per minute |
+//!
+//! [`setup`] and [`tissue`] are the configuration of the stages. [`outline`] and [`template`] describe soles.
 
 pub mod calibrate;
 pub mod contact;
 pub mod region;
 pub mod template;
+pub mod outline;
 pub mod ellipse;
 pub mod model;
 pub mod tissue;

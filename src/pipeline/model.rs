@@ -1,23 +1,24 @@
-//! The viscoelastic ellipsoid: contact area and its rate to tissue deformation and force.
+//! The viscoelastic ellipsoid model: tissue deformation and force from contact area and area rate.
 //!
-//! DeBerardinis, Dufek, Trabia, "A viscoelastic ellipsoidal model of the mechanics of plantar tissues", J. Biomech. 92
-//! (2019) 137-145; equation numbers are that paper's. SI units: m, m2, N, s, k in N/m3, c in N s/m3.
+//! DeBerardinis, Dufek, Trabia, "A viscoelastic ellipsoidal model of the mechanics of plantar tissues", J. Biomech. 92 (2019)
+//! 137-145; equation numbers are those of this paper. SI units: m, m2, N, s, k in N/m3, c in N s/m3. docs/model.md has the
+//! equations as implemented.
 
 use crate::num::Real;
 use core::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 
-/// Shortest and longest radius or thickness, m: any foot, and no slip of a unit.
+/// Range of radii and thicknesses, m: wide enough for any foot, and narrow enough to detect a wrong unit.
 pub const LENGTH_M: RangeInclusive<f64> = 1e-4..=0.2;
-/// A B of two such radii, m2.
+/// Range of A B, the product of two radii, m2.
 pub const AB_M2: RangeInclusive<f64> = 1e-8..=0.04;
-/// K, Pa, and G, Pa s: up to a thousand times a sole's and no negative ones. With all at their limits a force stays below
-/// 1e11 N, whose square single precision holds.
+/// Range of K, Pa, and G, Pa s: up to a thousand times that of a sole. With all parameters at their limits, a force is below 1e11
+/// N, and its square is within single precision.
 pub const COEFFICIENT: RangeInclusive<f64> = 0.0..=1e9;
-/// n and m lie above -1, so that pressure vanishes with deformation, and go up to here: a steeper law is a step.
+/// Largest exponent n or m; a steeper law is almost a step function. Both are above -1, so that pressure vanishes with deformation.
 pub const MAX_EXPONENT: f64 = 10.0;
 
-/// True within these limits in single precision, in which parameters are sent; a limit itself is within.
+/// True where `value` is within the inclusive limits after rounding to single precision, in which parameters are sent.
 pub fn is_within(value: f64, limits: &RangeInclusive<f64>) -> bool {
     (*limits.start() as f32..=*limits.end() as f32).contains(&(value as f32))
 }
@@ -25,11 +26,11 @@ pub fn is_within(value: f64, limits: &RangeInclusive<f64>) -> bool {
 /// The paper's eight parameters of one region (Eq. 17).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ellipsoid<R> {
-    /// Radius along X (medial-lateral), m.
+    /// A: radius along X (medial-lateral), m.
     pub a_m: R,
-    /// Radius along Y (heel-toe), m.
+    /// B: radius along Y (heel-toe), m.
     pub b_m: R,
-    /// Vertical radius, m.
+    /// C: vertical radius, m.
     pub c_m: R,
     /// Original tissue thickness, m.
     pub d0_m: R,
@@ -44,7 +45,7 @@ pub struct Ellipsoid<R> {
 }
 
 impl<R: Real> Ellipsoid<R> {
-    /// `Ae / (pi A B)`, the share of the ellipsoid's largest section in contact, guarded to 0..=1: see [`AreaRatio`].
+    /// `Ae / (pi A B)`, contact area over the largest section of the ellipsoid, limited to 0..=1; see [`AreaRatio`].
     pub fn area_ratio(&self, area_m2: R) -> AreaRatio<R> {
         AreaRatio::new(area_m2, self.a_m * self.b_m)
     }
@@ -54,15 +55,15 @@ impl<R: Real> Ellipsoid<R> {
         self.c_m * self.area_ratio(area_m2).normalised_deformation()
     }
 
-    /// Deformation rate from area and area rate, m/s (Eq. 15 with the factor 1/2 that differentiating Eq. 14 gives and the
-    /// printed form lacks). Area must be below pi A B.
+    /// Deformation rate from area and area rate, m/s (Eq. 15, with the factor 1/2 that follows from differentiation of Eq. 14 and
+    /// that is missing in print). The area must be below pi A B.
     pub fn deformation_rate_m_s(&self, area_m2: R, area_rate_m2_s: R) -> R {
         let section_m2 = R::of(core::f64::consts::PI) * self.a_m * self.b_m;
         let a = area_m2 / section_m2;
         self.c_m * area_rate_m2_s / (R::of(2.0) * section_m2 * (R::ONE - a).sqrt())
     }
 
-    /// Deformation rate between two samples `dt_s` apart, m/s (Eq. 16).
+    /// Deformation rate between two samples with `dt_s` between them, m/s (Eq. 16).
     pub fn deformation_rate_between_m_s(&self, area_m2: R, next_area_m2: R, dt_s: R) -> R {
         (self.deformation_m(next_area_m2) - self.deformation_m(area_m2)) / dt_s
     }
@@ -78,8 +79,8 @@ impl<R: Real> Ellipsoid<R> {
         deformation_m - self.c_m + self.depth_m(deformation_m, q)
     }
 
-    /// Rate of [`Ellipsoid::local_deformation_m`], m/s (Eq. 4). The paper differentiates at fixed `q`, not at a fixed point
-    /// of the tissue: against a rigid indentation the damping is half at light contact and equal at full contact.
+    /// Rate of [`Ellipsoid::local_deformation_m`], m/s (Eq. 4). The paper differentiates at fixed `q`, not at a fixed point of the
+    /// tissue: compared with a rigid indentation, the damping is half at light contact and equal at full contact.
     pub fn local_deformation_rate_m_s(&self, deformation_m: R, rate_m_s: R, q: R) -> R {
         rate_m_s * (R::ONE - q * q * (self.c_m - deformation_m) / self.depth_m(deformation_m, q))
     }
@@ -99,7 +100,7 @@ impl<R: Real> Ellipsoid<R> {
         self.c * power(deformation_m / self.d0_m, self.m)
     }
 
-    /// Vertical force, N, as the formula gives it: negative where damping outweighs stiffness on release (Eq. 13).
+    /// Vertical force, N (Eq. 13), without a cut: negative on release where damping exceeds stiffness.
     pub fn force_n(&self, deformation_m: R, rate_m_s: R) -> R {
         if deformation_m <= R::ZERO {
             return R::ZERO;
@@ -112,7 +113,7 @@ impl<R: Real> Ellipsoid<R> {
         R::of(core::f64::consts::PI) * self.a_m * self.b_m * d / c * (elastic + viscous)
     }
 
-    /// The same force law in its five identifiable numbers.
+    /// The identifiable form of the same force.
     pub fn force_law(&self) -> ForceLaw<R> {
         ForceLaw {
             ab_m2: self.a_m * self.b_m,
@@ -124,7 +125,7 @@ impl<R: Real> Ellipsoid<R> {
         }
     }
 
-    /// True when every number is finite, lengths are positive and the coefficients not negative.
+    /// True where all numbers are finite, lengths positive, coefficients not negative and exponents above -1.
     pub fn is_valid(&self) -> bool {
         let positive = [self.a_m, self.b_m, self.c_m, self.d0_m].iter().all(|&v| v > R::ZERO && v.to_f64().is_finite());
         let coefficients = [self.k, self.c].iter().all(|&v| v >= R::ZERO && v.to_f64().is_finite());
@@ -133,7 +134,7 @@ impl<R: Real> Ellipsoid<R> {
     }
 }
 
-/// `base^exponent` for a base >= 0.
+/// `base^exponent` for a base of at least 0.
 fn power<R: Real>(base: R, exponent: R) -> R {
     if base <= R::ZERO {
         return if exponent == R::ZERO { R::ONE } else { R::ZERO };
@@ -144,9 +145,9 @@ fn power<R: Real>(base: R, exponent: R) -> R {
 /// `Ae / (pi A B)` within 0..=1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AreaRatio<R> {
-    /// The ratio.
+    /// The ratio, 0 to 1.
     pub ratio: R,
-    /// The area exceeded pi A B: the ratio was cut to 1, the ellipsoid is too small for this contact.
+    /// The area was at least pi A B: the ratio was limited to 1, because the ellipsoid is too small for this contact.
     pub clamped: bool,
 }
 
@@ -159,21 +160,37 @@ impl<R: Real> AreaRatio<R> {
         } else if ratio > R::ZERO {
             Self { ratio, clamped: false }
         } else {
-            // Also a NaN is no contact.
+            // A NaN counts as no contact, too.
             Self { ratio: R::ZERO, clamped: false }
         }
     }
 
-    /// `g = 1 - sqrt(1 - a)`, deformation over C, in a form that keeps its digits at light contact.
+    /// The normalised deformation, deformation over C: `g = 1 - sqrt(1 - a)` (Eq. 14), 0 to 1, in a form without cancellation at
+    /// light contact.
     #[inline(always)]
     pub fn normalised_deformation(self) -> R {
         self.ratio / (R::ONE + (R::ONE - self.ratio).sqrt())
     }
 }
 
-/// The identifiable form of the force law (Eq. 13), which the device evaluates: with the normalised deformation `g = delta / C`,
-/// `K = k C^(n+1) / d0^n` and `G = c C^(m+1) / d0^m`, a force trace determines A B, K, G, n and m. C only scales the deformation
-/// that is shown.
+/// The identifiable form of the force law (Eq. 13), which a device evaluates: with the normalised deformation `g = delta / C`,
+/// `K = k C^(n+1) / d0^n` and `G = c C^(m+1) / d0^m`,
+///
+/// `F = pi A B [K g^(n+2) (1 - g/3) + G g^(m+1) g' (6 - 4g + g^2) / (3 (2 - g))]`.
+///
+/// A force trace determines A B, K, G, n and m. C only scales the displayed deformation.
+///
+/// ```
+/// use core::f64::consts::PI;
+/// use plantar::pipeline::model::ForceLaw;
+///
+/// let law = ForceLaw { ab_m2: 1e-3, c_m: 0.01, stiffness_pa: 3e5, ..ForceLaw::NONE };
+/// // Eq. 14: with 3/4 of the largest section in contact, the deformation is C / 2.
+/// let g = law.area_ratio(0.75 * PI * 1e-3).normalised_deformation();
+/// assert!((g - 0.5).abs() < 1e-12);
+/// // Eq. 13 with n = 0 and without damping: F = pi A B K g^2 (1 - g/3).
+/// assert!((law.force_n(g, 0.0) - PI * 1e-3 * 3e5 * 0.25 * (1.0 - 0.5 / 3.0)).abs() < 1e-9);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct ForceLaw<R> {
     /// A B, m2.
@@ -191,23 +208,23 @@ pub struct ForceLaw<R> {
 }
 
 impl<R: Real> ForceLaw<R> {
-    /// No tissue known: areas stay valid, deformation and model force are 0.
+    /// No parameters: deformation and model force are 0.
     pub const NONE: Self =
         Self { ab_m2: R::ZERO, c_m: R::ZERO, stiffness_pa: R::ZERO, damping_pa_s: R::ZERO, n: R::ZERO, m: R::ZERO };
 
-    /// From single-precision parameters.
-    pub fn of(g: &ForceLaw<f32>) -> Self {
+    /// From parameters in single precision; exact.
+    pub fn of(law: &ForceLaw<f32>) -> Self {
         Self {
-            ab_m2: R::of_f32(g.ab_m2),
-            c_m: R::of_f32(g.c_m),
-            stiffness_pa: R::of_f32(g.stiffness_pa),
-            damping_pa_s: R::of_f32(g.damping_pa_s),
-            n: R::of_f32(g.n),
-            m: R::of_f32(g.m),
+            ab_m2: R::of_f32(law.ab_m2),
+            c_m: R::of_f32(law.c_m),
+            stiffness_pa: R::of_f32(law.stiffness_pa),
+            damping_pa_s: R::of_f32(law.damping_pa_s),
+            n: R::of_f32(law.n),
+            m: R::of_f32(law.m),
         }
     }
 
-    /// In single precision, as a device holds it.
+    /// Rounded to single precision, as a device stores it.
     pub fn single(&self) -> ForceLaw<f32> {
         ForceLaw {
             ab_m2: self.ab_m2.to_f32(),
@@ -219,13 +236,14 @@ impl<R: Real> ForceLaw<R> {
         }
     }
 
-    /// `Ae / (pi A B)`, guarded.
+    /// `Ae / (pi A B)` of a contact area, m2, limited to 0..=1.
     #[inline(always)]
     pub fn area_ratio(&self, area_m2: R) -> AreaRatio<R> {
         AreaRatio::new(area_m2, self.ab_m2)
     }
 
-    /// Vertical force at `g = deformation / C` and its rate in 1/s, N; a tensile force is cut to 0, as tissue cannot pull.
+    /// Vertical force, N, at a normalised deformation, 0 to 1, and its rate, 1/s (Eq. 13). A tensile force is cut to 0, as tissue
+    /// cannot pull.
     pub fn force_n(&self, g: R, g_rate_per_s: R) -> R {
         if g <= R::ZERO {
             return R::ZERO;
@@ -238,7 +256,7 @@ impl<R: Real> ForceLaw<R> {
         (R::of(core::f64::consts::PI) * self.ab_m2 * (elastic + viscous)).max(R::ZERO)
     }
 
-    /// True when every number is within its limits: [`AB_M2`], [`LENGTH_M`] for C, [`COEFFICIENT`], [`MAX_EXPONENT`].
+    /// True where all numbers are within their limits: [`AB_M2`], [`LENGTH_M`] for C, [`COEFFICIENT`], [`MAX_EXPONENT`].
     pub fn is_valid(&self) -> bool {
         is_within(self.ab_m2.to_f64(), &AB_M2)
             && is_within(self.c_m.to_f64(), &LENGTH_M)

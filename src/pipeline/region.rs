@@ -1,10 +1,10 @@
-//! Cells to regions: area, measured force, centre of pressure and second moments in one pass over the cells.
+//! Regions: area, measured force, centre of pressure and second moments, in one pass over the cells.
 
 use super::contact::WHOLE;
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
-/// The eight plantar regions of the paper (Fig. 1), in wire order.
+/// The eight plantar regions of the paper (Fig. 1), in the order of the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Region {
     /// Heel.
@@ -26,7 +26,7 @@ pub enum Region {
 }
 
 impl Region {
-    /// All regions, heel to toes; the position is the region's index everywhere.
+    /// All regions, from heel to toes. The position of a region in this array is its index everywhere.
     pub const ALL: [Region; 8] = [
         Region::Heel,
         Region::PosteriorMidfoot,
@@ -38,7 +38,7 @@ impl Region {
         Region::Toes35,
     ];
 
-    /// The name used in files and on screens, in snake case.
+    /// Name in files and output, in snake case.
     pub const fn name(self) -> &'static str {
         match self {
             Region::Heel => "heel",
@@ -52,7 +52,7 @@ impl Region {
         }
     }
 
-    /// The region with this [`Region::name`].
+    /// The region with this [`Region::name`]; `None` for other names.
     pub fn from_name(name: &str) -> Option<Region> {
         Region::ALL.into_iter().find(|r| r.name() == name)
     }
@@ -61,14 +61,14 @@ impl Region {
 /// Which foot an insole is worn on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Side {
-    /// The left.
+    /// The left foot.
     Left,
-    /// The right.
+    /// The right foot.
     Right,
 }
 
 impl Side {
-    /// `left` or `right`, as in files.
+    /// Name in files and output: `left` or `right`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Left => "left",
@@ -77,53 +77,55 @@ impl Side {
     }
 }
 
-/// One cell of a layout in foot coordinates: x to the lateral side, y from heel to toe, origin at the back of the heel on
-/// the medial edge.
+/// One cell of a layout in foot coordinates: x to the lateral side, y from heel to toes, origin at the back of the heel on the
+/// medial edge.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cell {
-    /// Its region.
+    /// Region.
     pub region: Region,
     /// Centroid, mm.
     pub x_mm: f32,
     /// See `x_mm`.
     pub y_mm: f32,
-    /// Sensitive area, mm2, positive.
+    /// Sensitive area, mm2, [`MIN_CELL_MM2`] to [`MAX_CELL_MM2`].
     pub area_mm2: f32,
 }
 
-/// Units of a cell's area and coordinates in a mm2 and a mm: fine enough that rounding them is below the accuracy of any
-/// layout, coarse enough that all sums stay whole numbers in 64 bits.
+/// Units of a cell's area in 1 mm2, and of its coordinates in 1 mm: fine enough that rounding is below the accuracy of any layout,
+/// coarse enough that all sums are whole numbers of 64 bits.
 const PER_MM2: f32 = 16.0;
 const PER_MM: f32 = 64.0;
-/// Units of area moments in a mm2 wholly in contact.
+/// Units of [`AreaMoments`] in 1 mm2 that is wholly in contact.
 const SHARES_PER_MM2: f32 = PER_MM2 * WHOLE as f32;
 
 /// Smallest area of a cell, mm2: one unit.
 pub const MIN_CELL_MM2: f32 = 1.0 / PER_MM2;
 /// Largest area of a cell, mm2.
 pub const MAX_CELL_MM2: f32 = 4_000.0;
-/// Largest area of a region, mm2: many times a foot.
+/// Largest area of a region, mm2: many times that of a foot.
 pub const MAX_REGION_MM2: f32 = 500_000.0;
 /// Largest distance of a cell from its region's reference point along an axis, mm.
 pub const MAX_REACH_MM: f32 = 500.0;
 
-/// A cell as the sums of its region need it, with coordinates from the region's reference point so that single precision
-/// suffices.
+/// A cell in the form that the sums of its region require. Coordinates are relative to the reference point of the region, so that
+/// single precision suffices.
 #[derive(Clone, Copy, Debug)]
 pub struct RegionCell<R> {
-    /// Centroid from the reference point, mm.
+    /// Centroid relative to the reference point, mm.
     x_mm: R,
     y_mm: R,
     /// Force at a pressure of 1 kPa on the common curve, N.
     n_per_kpa: R,
+    /// Centroid relative to the reference point, units of [`PER_MM`].
     x: i16,
     y: i16,
+    /// Area, units of [`PER_MM2`].
     area: u16,
 }
 
 impl<R: Real> RegionCell<R> {
-    /// `cell` seen from `(x_mm, y_mm)`, within [`MAX_REACH_MM`] of it and of at most [`MAX_CELL_MM2`], reading `gain` times
-    /// the common curve.
+    /// A cell of a region with the reference point `(x_mm, y_mm)`, at most [`MAX_REACH_MM`] away along each axis. `gain` is the
+    /// pressure of the cell over that of the common curve.
     pub fn new(cell: &Cell, gain: f32, x_mm: f32, y_mm: f32) -> Self {
         let (dx_mm, dy_mm) = (cell.x_mm - x_mm, cell.y_mm - y_mm);
         Self {
@@ -137,26 +139,42 @@ impl<R: Real> RegionCell<R> {
         }
     }
 
-    /// The whole cell in the units of [`AreaMoments::units`].
+    /// Area of the whole cell, in the units of [`AreaMoments::units`].
     pub(crate) fn whole(&self) -> i32 {
         i32::from(self.area) * i32::from(WHOLE)
     }
 
-    /// The side of a square as large as the cell, in the units of [`RegionCell::offset_from`].
+    /// Side of a square with the area of the cell, in the units of [`RegionCell::offset_from`].
     pub(crate) fn side(&self) -> i32 {
-        // Square roots of the units' ratios: 64 units a mm, 16 a mm2.
+        // 4 is the root of the 16 units of area in 1 mm2.
         (PER_MM as i32) * u32::from(self.area).isqrt() as i32 / 4
     }
 
-    /// Position of the cell relative to another one of its region, in whole units of length, [`PER_MM`].
+    /// Position of the cell relative to another one of its region, in units of [`PER_MM`].
     pub(crate) fn offset_from(&self, other: &Self) -> (i32, i32) {
         (i32::from(self.x) - i32::from(other.x), i32::from(self.y) - i32::from(other.y))
     }
 }
 
-/// Zeroth to second moments of a region's contact area about its reference point.
+/// Zeroth to second moments of the contact area of a region about its reference point.
 ///
-/// Whole numbers, so that adding and taking away cells never drifts and every machine has the same area.
+/// They are whole numbers, so that adding and removing cells accumulates no error, and all machines compute the same area.
+///
+/// ```
+/// use plantar::Region;
+/// use plantar::pipeline::contact::WHOLE;
+/// use plantar::pipeline::region::{AreaMoments, Cell, RegionCell};
+///
+/// // A cell of 100 mm2, half of it in contact, 3 mm lateral of the reference point at (40, 20) mm.
+/// let cell = Cell { region: Region::Heel, x_mm: 43.0, y_mm: 20.0, area_mm2: 100.0 };
+/// let mut moments = AreaMoments::NONE;
+/// moments.change(&RegionCell::<f64>::new(&cell, 1.0, 40.0, 20.0), i32::from(WHOLE) / 2);
+/// assert_eq!(moments.area_mm2::<f64>(), 50.0);
+/// let second = moments.second_moments::<f64>().unwrap();
+/// assert_eq!((second.x_mm, second.y_mm), (3.0, 0.0));
+/// // A square has a variance of its area / 12 along each axis.
+/// assert!((second.variance_x_mm2 - 100.0 / 12.0).abs() < 1e-3);
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AreaMoments {
     area: i32,
@@ -168,11 +186,11 @@ pub struct AreaMoments {
 }
 
 impl AreaMoments {
-    /// Nothing in contact.
+    /// No contact.
     pub const NONE: Self = Self { area: 0, x: 0, y: 0, xx: 0, xy: 0, yy: 0 };
 
-    /// Takes a change of a cell's share in contact, in units of [`WHOLE`]. The part in contact keeps the cell's centre and
-    /// extent: a square of the cell's area, variance area / 12 an axis.
+    /// Adds a change of the share of a cell in contact, in units of [`WHOLE`]. The part in contact is assumed to have the centre
+    /// and the extent of the cell: a square of the cell's area, with a variance of area / 12 along each axis.
     pub fn change<R>(&mut self, cell: &RegionCell<R>, share: i32) {
         let area = share * i32::from(cell.area);
         let (x, y) = (i32::from(cell.x), i32::from(cell.y));
@@ -186,7 +204,7 @@ impl AreaMoments {
         self.yy += weighted(y * y + own_variance);
     }
 
-    /// Contact area in whole units, comparable with [`RegionCell::whole`].
+    /// Contact area, in the units of [`RegionCell::whole`].
     #[inline(always)]
     pub(crate) fn units(&self) -> i32 {
         self.area
@@ -203,8 +221,8 @@ impl AreaMoments {
         if self.area <= 0 {
             return None;
         }
-        // About the whole unit next to the mean, in whole numbers: single precision would lose a far contact's variance in the
-        // difference of large squares.
+        // In whole numbers about the unit next to the mean: for a contact far from the reference point, single precision would lose
+        // the variance in the difference of large squares.
         let area = i64::from(self.area);
         let (centre_x, centre_y) = (self.x / area, self.y / area);
         let (x, y) = (self.x - centre_x * area, self.y - centre_y * area);
@@ -228,7 +246,7 @@ impl AreaMoments {
 /// Mean position and covariance of a contact area.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SecondMoments<R> {
-    /// Mean position from the reference point, mm.
+    /// Mean position relative to the reference point of the region, mm.
     pub x_mm: R,
     /// See `x_mm`.
     pub y_mm: R,
@@ -240,7 +258,7 @@ pub struct SecondMoments<R> {
     pub covariance_mm2: R,
 }
 
-/// Measured force of a region and its first moments about the reference point. Every cell counts, in contact or not.
+/// Measured force of a region and its first moments about the reference point. All cells count, in contact or not.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ForceMoments<R> {
     /// Force, N.
@@ -255,7 +273,7 @@ impl<R: Real> ForceMoments<R> {
     /// No force.
     pub const NONE: Self = Self { force_n: R::ZERO, x_n_mm: R::ZERO, y_n_mm: R::ZERO };
 
-    /// Adds a cell that reads `curve_kpa` on the common curve.
+    /// Adds the force of a cell with a pressure of `curve_kpa` on the common curve, kPa.
     #[inline(always)]
     pub fn add(&mut self, cell: &RegionCell<R>, curve_kpa: R) {
         let force_n = curve_kpa * cell.n_per_kpa;
@@ -264,24 +282,24 @@ impl<R: Real> ForceMoments<R> {
         self.y_n_mm += force_n * cell.y_mm;
     }
 
-    /// Centre of pressure from the reference point, mm; `None` without force.
+    /// Centre of pressure relative to the reference point, mm; `None` without force.
     pub fn centre_of_pressure_mm(&self) -> Option<(R, R)> {
         (self.force_n > R::ZERO).then(|| (self.x_n_mm / self.force_n, self.y_n_mm / self.force_n))
     }
 }
 
-/// What the cells say of one region in one frame.
+/// The measured quantities of one region in one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RegionFrame<R> {
     /// Moments of the contact area.
     pub area: AreaMoments,
     /// Measured force.
     pub force: ForceMoments<R>,
-    /// A cell was at the end of its scale: area stands, force is a lower bound.
+    /// A cell was saturated: the area is valid, the force is a lower bound.
     pub saturated: bool,
 }
 
 impl<R: Real> RegionFrame<R> {
-    /// Unloaded.
+    /// The unloaded region.
     pub const NONE: Self = Self { area: AreaMoments::NONE, force: ForceMoments::NONE, saturated: false };
 }

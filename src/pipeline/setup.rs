@@ -1,4 +1,4 @@
-//! What is configured about an insole: geometry, calibration and rules, and the checks that refuse a configuration.
+//! The configuration of an insole: geometry, calibration and rules; and its checks.
 
 use super::calibrate::{CellCalibration, SensorLaw};
 use super::contact::ContactRule;
@@ -7,34 +7,34 @@ use super::stance::StanceRule;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
-/// Cells that a device holds; a host may hold more.
+/// Largest number of cells of a device; a host may have more.
 pub const DEVICE_CELLS: usize = 256;
 
-/// Shortest and longest time between frames, us: 500 Hz to 20 Hz. Devices run at 50 to 400 Hz, recordings beyond.
+/// Range of the time between frames, us: 500 Hz to 20 Hz. Devices run at 50 to 400 Hz.
 pub const PERIOD_US: core::ops::RangeInclusive<u32> = 2_000..=50_000;
 
-/// Cells lie within this distance of the origin along an axis, mm: any sheet, in any unit that was meant.
-const FARTHEST_MM: f32 = 10_000.0;
+/// Largest coordinate of a cell, mm; a larger one means another unit.
+const MAX_COORDINATE_MM: f32 = 10_000.0;
 
-/// Everything that is set about an insole except its cells and its wearer's tissue.
+/// The configuration of an insole, except its cells and the tissue parameters of its wearer.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Setup {
     /// The foot.
     pub side: Side,
-    /// Identifies the layout in every hello.
+    /// Identifies the layout in each hello.
     pub layout_id: u32,
     /// Time between frames, us, within [`PERIOD_US`].
     pub period_us: u32,
-    /// The cells' common law.
+    /// The sensor law, common to all cells.
     pub sensor: SensorLaw,
-    /// What counts as contact.
+    /// The contact rule.
     pub contact: ContactRule,
-    /// What counts as a step.
+    /// The stance rule.
     pub stance: StanceRule,
 }
 
 impl Setup {
-    /// All zero.
+    /// No configuration, all zeros.
     pub(crate) const NONE: Self = Self {
         side: Side::Left,
         layout_id: 0,
@@ -45,37 +45,38 @@ impl Setup {
     };
 }
 
-/// One cell as it is set up: where it lies and how it reads. Cells come in the order of their codes in a frame, grouped by
-/// region in the order of [`super::region::Region::ALL`].
+/// The configuration of one cell. Cells are in the order of their codes in a frame, grouped by region in the order of
+/// [`super::region::Region::ALL`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SetupCell {
-    /// Where it lies.
+    /// Position, area and region.
     pub cell: Cell,
-    /// How it reads.
+    /// Calibration.
     pub calibration: CellCalibration,
-    /// Position in the matrix, row times 16 plus column: lets faults of a whole line be recognised. Ignored in an insole of more
-    /// than [`crate::faults::MATRIX_CELLS`] cells.
+    /// Position in the matrix, row times 16 plus column, by which faults of a whole line are recognised. Ignored in an insole with
+    /// more than [`crate::faults::MATRIX_CELLS`] cells.
     pub row_column: u8,
 }
 
-/// Why a set-up was refused; the one before stays in force.
+/// The reason why a configuration was rejected. The previous one stays in force.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SetupError {
     /// The frame period is outside of [`PERIOD_US`].
     Period,
-    /// Sensor law out of range.
+    /// The sensor law is out of range.
     Sensor,
-    /// Contact rule out of range or order.
+    /// The contact rule is out of range or order.
     Contact,
-    /// Stance rule out of range or order.
+    /// The stance rule is out of range or order.
     Stance,
-    /// More cells than this device holds.
+    /// The configuration has more cells than this device can hold.
     TooManyCells,
-    /// No cells at all.
+    /// The configuration has no cells.
     NoCells,
-    /// This cell is not finite or metres away, has no or too much area, lies too far from its region, or has a bad calibration.
+    /// The cell with this index has coordinates that are not finite or are metres away, an area out of range, too large a distance
+    /// from its region, or an invalid calibration.
     Cell(u16),
-    /// This cell's region comes before the one of the cell before it.
+    /// The cell with this index belongs to a region before that of the previous cell.
     RegionOrder(u16),
 }
 
@@ -100,12 +101,13 @@ impl fmt::Display for SetupError {
 }
 
 impl core::error::Error for SetupError {}
-/// How the cells divide into regions.
+
+/// The division of the cells into regions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Division {
     /// One past the last cell of each region.
     pub(crate) ends: [usize; 8],
-    /// The middle of each region in foot coordinates, mm: the reference point of its moments.
+    /// Reference point of each region, foot coordinates, mm: the middle of its extent.
     pub(crate) origins_mm: [(f32, f32); 8],
 }
 
@@ -113,7 +115,7 @@ impl Division {
     pub(crate) const NONE: Self = Self { ends: [0; 8], origins_mm: [(0.0, 0.0); 8] };
 }
 
-/// Checks a whole configuration for an insole of at most `capacity` cells; how the cells divide into regions.
+/// Checks a configuration for an insole of at most `capacity` cells. Returns the division of the cells into regions.
 ///
 /// # Errors
 /// The first [`SetupError`] in the order of its variants.
@@ -134,7 +136,10 @@ pub(crate) fn check_setup(
     }
 }
 
-/// The division of these cells, or what is wrong with them.
+/// Checks the cells and divides them into regions.
+///
+/// # Errors
+/// The first invalid cell, or a wrong number of cells.
 fn divide(cells: impl Iterator<Item = SetupCell>, capacity: usize) -> Result<Division, SetupError> {
     let mut counts = [0usize; 8];
     let mut areas_mm2 = [0.0f32; 8];
@@ -148,7 +153,7 @@ fn divide(cells: impl Iterator<Item = SetupCell>, capacity: usize) -> Result<Div
             return Err(SetupError::TooManyCells);
         }
         let has_area = (MIN_CELL_MM2..=MAX_CELL_MM2).contains(&cell.area_mm2);
-        let is_near = cell.x_mm.abs() <= FARTHEST_MM && cell.y_mm.abs() <= FARTHEST_MM;
+        let is_near = cell.x_mm.abs() <= MAX_COORDINATE_MM && cell.y_mm.abs() <= MAX_COORDINATE_MM;
         if !is_near || !has_area || !calibration.is_valid() {
             return Err(SetupError::Cell(number));
         }

@@ -1,12 +1,12 @@
-//! The paper's smoothing of a stance (its section 2.3): a three-point moving average, then a polynomial of 5th order over
-//! the contact phase, fitted by least squares in the orthogonal (Gram) basis so that single precision is enough.
+//! The smoothing of a stance as in section 2.3 of the paper: a three-point moving average, then a polynomial of 5th order over the
+//! contact phase. The polynomial is fitted by least squares in the orthogonal (Gram) basis, for which single precision suffices.
 
 use crate::num::Real;
 
-/// Degree of the paper's polynomial.
+/// Degree of the polynomial.
 pub const DEGREE: usize = 5;
 
-/// Replaces every sample by the mean of itself and its neighbours; the two ends have one neighbour.
+/// Replaces each sample by the mean of itself and its neighbours. The first and the last sample have one neighbour.
 pub fn moving_average<R: Real>(samples: &mut [R]) {
     let Some(&first) = samples.first() else { return };
     let mut before = first;
@@ -27,8 +27,19 @@ pub fn moving_average<R: Real>(samples: &mut [R]) {
     }
 }
 
-/// Replaces samples on a uniform clock by their least-squares polynomial of 5th order. Short curves get a lower order, at
-/// most half as many coefficients as samples: through fewer the polynomial would swing instead of smooth.
+/// Replaces uniformly sampled values by their least-squares polynomial of 5th order. With fewer than 12 samples the order is lower,
+/// so that there are at least two samples for each coefficient; otherwise the polynomial would oscillate. Fewer than 4 samples are
+/// not changed.
+///
+/// ```
+/// use plantar::pipeline::smooth::polynomial;
+///
+/// // A polynomial of 5th order is reproduced.
+/// let exact: [f64; 20] = core::array::from_fn(|i| (i as f64 - 7.0).powi(5));
+/// let mut smoothed = exact;
+/// polynomial(&mut smoothed);
+/// assert!(exact.iter().zip(smoothed).all(|(exact, smoothed)| (exact - smoothed).abs() < 1e-6));
+/// ```
 pub fn polynomial<R: Real>(samples: &mut [R]) {
     let count = samples.len();
     if count < 4 {
@@ -50,15 +61,18 @@ pub fn polynomial<R: Real>(samples: &mut [R]) {
     }
 }
 
-/// Monic polynomials orthogonal on `count` evenly spaced points of -1..=1 (discrete Chebyshev polynomials):
-/// P(k+1) = x P(k) - b(k) P(k-1), b(k) = k^2 (N^2 - k^2) / (4 (4 k^2 - 1)) in units of the spacing squared.
+/// Monic polynomials that are orthogonal on N evenly spaced points of -1..=1 (discrete Chebyshev polynomials):
+/// P(k+1) = x P(k) - b(k) P(k-1), with b(k) = k^2 (N^2 - k^2) / (4 (4 k^2 - 1)) in units of the squared spacing.
 struct Gram<R> {
+    /// Distance between two points.
     spacing: R,
     b: [R; DEGREE + 1],
+    /// One over the squared norm of each polynomial.
     per_norm: [R; DEGREE + 1],
 }
 
 impl<R: Real> Gram<R> {
+    /// The basis on `count` points, at least 2.
     fn new(count: usize) -> Self {
         let n = count as f64;
         let spacing = 2.0 / (n - 1.0);
@@ -76,7 +90,7 @@ impl<R: Real> Gram<R> {
         Self { spacing: R::of(spacing), b, per_norm }
     }
 
-    /// All polynomials at point `i`.
+    /// The values of all polynomials at point `i`.
     fn at(&self, i: usize) -> [R; DEGREE + 1] {
         let x = self.spacing * R::of_u32(i as u32) - R::ONE;
         let mut values = [R::ONE; DEGREE + 1];

@@ -1,36 +1,37 @@
-//! Heel strike and toe off from the total force, and the curves of the stance between them.
+//! Stance detection: heel strike and toe off from the total force, and the curves of the stance between them.
 
 use super::region::{AreaMoments, RegionFrame};
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
-/// Samples that a stance keeps. A longer one keeps every second, then every fourth frame, and so on.
+/// Largest number of samples of a curve. Of a longer stance every second frame is stored, then every fourth, and so on.
 pub const STANCE_SAMPLES: usize = 256;
 
-/// Frames that may be missing in a row within a stance; they are bridged by straight lines. More spoil the step.
+/// Largest number of successive frames that may be missing within a stance. They are bridged by linear interpolation. With more
+/// missing frames the contact does not become a step.
 pub const BRIDGED_FRAMES: u32 = 5;
 
-/// When a foot is taken to be on the ground.
+/// The rule that determines stance from the total force.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StanceRule {
-    /// Heel strike: the total force reaches this, N.
+    /// Heel strike: the total force reaches this value, N, at most 1000.
     pub strike_n: f32,
-    /// Toe off: it falls below this, N; at most `strike_n`.
+    /// Toe off: the total force falls below this value, N; above 0 and at most `strike_n`.
     pub release_n: f32,
-    /// Shorter contacts are no steps, ms.
+    /// Shorter contacts are not steps, ms; below `max_stance_ms`.
     pub min_stance_ms: u16,
-    /// Shorter gaps do not end a stance, ms.
+    /// Shorter gaps do not end a stance, ms; above 0.
     pub min_swing_ms: u16,
     /// Longer contacts are standing, not steps, ms.
     pub max_stance_ms: u16,
 }
 
 impl StanceRule {
-    /// Barefoot or in a shoe, from slow to fast walking.
+    /// Slow to fast walking, barefoot or in a shoe.
     pub const WALKING: Self =
         Self { strike_n: 30.0, release_n: 20.0, min_stance_ms: 150, min_swing_ms: 40, max_stance_ms: 2500 };
 
-    /// True when forces and times are finite, positive and in order.
+    /// True where forces and times are in range and in order.
     pub fn is_valid(&self) -> bool {
         self.release_n > 0.0
             && self.release_n <= self.strike_n
@@ -40,18 +41,18 @@ impl StanceRule {
     }
 }
 
-/// Contacts that did not become steps.
+/// Number of contacts that did not become steps, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Rejected {
     /// Shorter than [`StanceRule::min_stance_ms`].
     pub short: u32,
     /// Longer than [`StanceRule::max_stance_ms`].
     pub long: u32,
-    /// Broken by more than [`BRIDGED_FRAMES`] missing frames.
+    /// Interrupted by more than [`BRIDGED_FRAMES`] missing frames.
     pub broken: u32,
 }
 
-/// A [`StanceRule`] at a frame rate.
+/// A [`StanceRule`] with durations in frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StanceLimits<R> {
     strike_n: R,
@@ -65,7 +66,7 @@ impl<R: Real> StanceLimits<R> {
     pub(crate) const NONE: Self =
         Self { strike_n: R::ZERO, release_n: R::ZERO, min_stance_frames: 0, min_swing_frames: 0, max_stance_frames: 0 };
 
-    /// The rule for frames `period_us` apart; durations are rounded to whole frames, at least one.
+    /// The rule at a frame period, us. Durations are rounded to whole frames, at least one.
     pub fn new(rule: &StanceRule, period_us: u32) -> Self {
         let frames = |ms: u16| ((u32::from(ms) * 1000 + period_us / 2) / period_us).max(1);
         Self {
@@ -78,43 +79,64 @@ impl<R: Real> StanceLimits<R> {
     }
 }
 
+/// The phase of gait.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     /// Before the first frame.
     Unknown,
     Swing,
     Stance,
-    /// A contact that will not become a step, until it ends.
+    /// A contact that will not become a step.
     Ignored,
-    /// Toe off is confirmed; the curves wait to be read.
+    /// Toe off is confirmed, and the curves are valid.
     Ended,
 }
 
-/// The state of stance detection and the curves of the running or last stance.
+/// The state of stance detection and the curves of the present or last stance.
+///
+/// ```
+/// use plantar::pipeline::region::{ForceMoments, RegionFrame};
+/// use plantar::pipeline::stance::{Stance, StanceLimits, StanceRule};
+///
+/// let limits = StanceLimits::<f64>::new(&StanceRule::WALKING, 10_000);
+/// let mut stance = Stance::new();
+/// // 600 N under one region from frame 50 to frame 109, at 100 Hz.
+/// let toe_off = (0..200).find(|&seq| {
+///     let force_n = if (50..110).contains(&seq) { 600.0 } else { 0.0 };
+///     let loaded = RegionFrame { force: ForceMoments { force_n, ..ForceMoments::NONE }, ..RegionFrame::NONE };
+///     let regions = [loaded, RegionFrame::NONE];
+///     stance.push(&limits, seq, core::array::from_fn(|region| &regions[region.min(1)]))
+/// });
+/// // Toe off is confirmed after 40 ms.
+/// assert_eq!((toe_off, stance.start_seq(), stance.frames()), (Some(113), 50, 60));
+/// assert_eq!(stance.curves(0).1, [600.0; 60]);
+/// ```
 #[derive(Debug)]
 pub struct Stance<R> {
     phase: Phase,
     start_seq: u32,
     last_seq: u32,
-    /// Frames stored since heel strike, and the one after the last loaded frame.
+    /// Number of frames since heel strike, bridged ones included, and up to the last loaded one.
     pushed: u32,
     loaded: u32,
-    /// Frames bridged since heel strike, and up to the last loaded frame.
+    /// Number of bridged frames since heel strike, and up to the last loaded one.
     bridged_so_far: u32,
     bridged: u32,
-    /// Every how many frames one is kept, and how many were.
+    /// Number of frames between two samples of the curves, and number of samples.
     stride: u32,
     len: usize,
     area_mm2: [[R; STANCE_SAMPLES]; 8],
     force_n: [[R; STANCE_SAMPLES]; 8],
+    /// Area, mm2, and force, N, of each region in the last frame.
     last: [(R, R); 8],
+    /// Largest measured force of each region, N, and its area moments in that frame.
     at_peak: [(R, AreaMoments); 8],
     saturated: u8,
     rejected: Rejected,
 }
 
 impl<R: Real> Stance<R> {
-    /// Before the first frame.
+    /// The state before the first frame.
     pub const fn new() -> Self {
         Self {
             phase: Phase::Unknown,
@@ -135,25 +157,26 @@ impl<R: Real> Stance<R> {
         }
     }
 
-    /// As new, in place: the curves are large and need no clearing.
+    /// Returns to the state before the first frame, in place: the curves are large and need not be cleared.
     pub fn reset(&mut self) {
         self.phase = Phase::Unknown;
         self.len = 0;
         self.rejected = Rejected::default();
     }
 
-    /// Takes frame number `seq`; true when it confirms toe off. The curves then stay until the next frame is pushed.
+    /// Processes frame number `seq`. True where it confirms toe off; then the curves are valid until the next call. Sequence
+    /// numbers wrap, and a difference of more than 1 means missing frames.
     pub fn push(&mut self, limits: &StanceLimits<R>, seq: u32, regions: [&RegionFrame<R>; 8]) -> bool {
         let total_n: R = regions.iter().map(|r| r.force.force_n).sum();
         let missing = seq.wrapping_sub(self.last_seq).wrapping_sub(1);
         self.last_seq = seq;
         match self.phase {
-            // A foot that is on the ground already has no heel strike to start from.
+            // The foot was on the ground before the first frame, so the heel strike is unknown.
             Phase::Unknown if total_n >= limits.release_n => {
                 self.ignore();
                 false
             }
-            // Nor has one whose heel strike is among many missing frames.
+            // The heel strike is among too many missing frames.
             Phase::Swing | Phase::Ended if missing > BRIDGED_FRAMES && total_n >= limits.release_n => {
                 self.rejected.broken += 1;
                 self.ignore();
@@ -208,6 +231,7 @@ impl<R: Real> Stance<R> {
         }
     }
 
+    /// Heel strike in frame `seq`.
     fn begin(&mut self, seq: u32) {
         self.phase = Phase::Stance;
         self.start_seq = seq;
@@ -217,17 +241,18 @@ impl<R: Real> Stance<R> {
         self.saturated = 0;
     }
 
+    /// The present contact will not become a step.
     fn ignore(&mut self) {
         self.phase = Phase::Ignored;
         (self.pushed, self.loaded) = (0, 0);
     }
 
-    /// Straight lines across missing frames.
+    /// Adds linearly interpolated frames for the `missing` ones before `regions`.
     fn bridge(&mut self, missing: u32, regions: &[&RegionFrame<R>; 8]) {
         let from = self.last;
         for i in 1..=missing {
             let part = R::of_u32(i) / R::of_u32(missing + 1);
-            self.keep(|region| {
+            self.store_sample(|region| {
                 let (area, force) = from[region];
                 let to = regions[region];
                 (area + (to.area.area_mm2::<R>() - area) * part, force + (to.force.force_n - force) * part)
@@ -236,18 +261,19 @@ impl<R: Real> Stance<R> {
         }
     }
 
+    /// Adds a measured frame.
     fn store(&mut self, regions: &[&RegionFrame<R>; 8]) {
-        let kept = self.keep(|region| (regions[region].area.area_mm2(), regions[region].force.force_n));
+        let is_stored = self.store_sample(|region| (regions[region].area.area_mm2(), regions[region].force.force_n));
         for (i, (region, peak)) in regions.iter().zip(&mut self.at_peak).enumerate() {
-            if kept && region.force.force_n > peak.0 {
+            if is_stored && region.force.force_n > peak.0 {
                 *peak = (region.force.force_n, region.area);
             }
             self.saturated |= u8::from(region.saturated) << i;
         }
     }
 
-    /// Keeps one frame of area and force, or passes over it by the stride; true where it is kept.
-    fn keep(&mut self, sample: impl Fn(usize) -> (R, R)) -> bool {
+    /// Stores area and force of a frame, unless the stride skips it. True where the frame is stored.
+    fn store_sample(&mut self, sample: impl Fn(usize) -> (R, R)) -> bool {
         if self.len == STANCE_SAMPLES {
             for curve in self.area_mm2.iter_mut().chain(&mut self.force_n) {
                 for i in 0..STANCE_SAMPLES / 2 {
@@ -257,52 +283,52 @@ impl<R: Real> Stance<R> {
             self.len = STANCE_SAMPLES / 2;
             self.stride *= 2;
         }
-        let kept = self.pushed.is_multiple_of(self.stride);
+        let is_stored = self.pushed.is_multiple_of(self.stride);
         for region in 0..8 {
             let (area, force) = sample(region);
             self.last[region] = (area, force);
-            if kept {
+            if is_stored {
                 self.area_mm2[region][self.len] = area;
                 self.force_n[region][self.len] = force;
             }
         }
-        self.len += usize::from(kept);
+        self.len += usize::from(is_stored);
         self.pushed += 1;
-        kept
+        is_stored
     }
 
-    /// True from heel strike until toe off is confirmed, also in a contact that will not become a step.
+    /// True from heel strike until toe off is confirmed, and in contacts that will not become steps.
     pub fn on_ground(&self) -> bool {
         matches!(self.phase, Phase::Stance | Phase::Ignored)
     }
 
-    /// The stance's curve of contact area (mm2) and of measured force (N) of region number `region`, one sample every
-    /// [`Stance::stride`] frames.
+    /// The curves of contact area (mm2) and measured force (N) of a region over the stance, one sample every [`Stance::stride`]
+    /// frames.
     pub fn curves(&self, region: usize) -> (&[R], &[R]) {
         (&self.area_mm2[region][..self.len], &self.force_n[region][..self.len])
     }
 
-    /// Area moments of region number `region` in the frame of its largest measured force.
+    /// Area moments of a region, about its reference point, in the stored frame of its largest measured force.
     pub fn moments_at_peak(&self, region: usize) -> &AreaMoments {
         &self.at_peak[region].1
     }
 
-    /// Sequence number of the first loaded frame.
+    /// Sequence number of the frame of heel strike.
     pub fn start_seq(&self) -> u32 {
         self.start_seq
     }
 
-    /// Frames from heel strike to toe off.
+    /// Number of frames from heel strike to toe off.
     pub fn frames(&self) -> u32 {
         self.loaded
     }
 
-    /// Frames among them that were missing and bridged.
+    /// Number of these frames that were missing and bridged.
     pub fn bridged(&self) -> u32 {
         self.bridged
     }
 
-    /// Frames between two samples of the curves.
+    /// Number of frames between two samples of the curves, a power of 2.
     pub fn stride(&self) -> u32 {
         self.stride
     }
@@ -312,7 +338,7 @@ impl<R: Real> Stance<R> {
         self.saturated
     }
 
-    /// Contacts so far that did not become steps.
+    /// Number of contacts so far that did not become steps.
     pub fn rejected(&self) -> Rejected {
         self.rejected
     }

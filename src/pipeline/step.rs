@@ -1,4 +1,5 @@
-//! A finished stance to a step: the paper's per-step pipeline on the area curves, and the model scored against the cells.
+//! Step evaluation: after a stance, smooths the area curves as in the paper, evaluates the model, and compares it with the measured
+//! force.
 
 use super::contact::ContactRule;
 use super::ellipse::Ellipse;
@@ -8,11 +9,24 @@ use super::smooth;
 use super::stance::STANCE_SAMPLES;
 use crate::num::Real;
 
-/// One region's part in a step.
+/// One region in a step.
+///
+/// ```
+/// use plantar::pipeline::model::ForceLaw;
+/// use plantar::pipeline::region::AreaMoments;
+/// use plantar::pipeline::step::RegionStep;
+///
+/// // 200 N on 400 mm2 for 50 samples at 100 Hz, without parameters of the tissue.
+/// let step = RegionStep::<f64>::new(&ForceLaw::NONE, &[400.0; 50], &[200.0; 50], 0.01, &AreaMoments::NONE);
+/// assert_eq!((step.measured_peak_n, step.area_peak_mm2, step.contact_s), (200.0, 400.0, 0.5));
+/// assert!((step.measured_integral_n_s - 100.0).abs() < 1e-9);
+/// // The model force is 0, so the error (Eq. 20) is 100 %.
+/// assert_eq!((step.model_peak_n, step.model_error), (0.0, 1.0));
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RegionStep<R> {
-    /// Largest force that the cells measured in a sample of the curve (every frame up to 256 of them, see
-    /// [`StepRecord::sample_us`]), N.
+    /// Largest measured force in the samples of the curve, N. A sample is a frame in stances of up to 256 frames; see
+    /// [`StepRecord::sample_us`].
     pub measured_peak_n: R,
     /// Largest model force, N.
     pub model_peak_n: R,
@@ -20,56 +34,62 @@ pub struct RegionStep<R> {
     pub measured_integral_n_s: R,
     /// Force-time integral of the model force, N s.
     pub model_integral_n_s: R,
-    /// Largest contact area in a sample of the curve, unsmoothed, mm2.
+    /// Largest contact area in the samples of the curve, not smoothed, mm2.
     pub area_peak_mm2: R,
     /// Largest tissue deformation of the model, m.
     pub deformation_peak_m: R,
-    /// Largest loading rate of the deformation, m/s.
+    /// Largest deformation rate of the model, m/s.
     pub deformation_rate_peak_m_s: R,
-    /// From the region's first to its last frame in contact, s.
+    /// Time from the first to the last sample of the region in contact, s.
     pub contact_s: R,
-    /// From its first frame in contact to its largest measured force, s.
+    /// Time from the first sample in contact to the largest measured force, s.
     pub time_to_peak_s: R,
-    /// Contact ellipse in the frame of the largest measured force, foot coordinates; `None` without contact then.
+    /// Contact ellipse in the sample of the largest measured force; `None` without contact. From [`RegionStep::new`] its centre is
+    /// relative to the reference point of the region, from [`Insole::step_region`](crate::insole::Insole::step_region) in foot
+    /// coordinates.
     pub ellipse_at_peak: Option<Ellipse<R>>,
-    /// Root mean square of model minus measured (unsmoothed) force over the contact, over the largest measured force
-    /// (Eq. 20); 0.1 is 10 %.
+    /// NRMSE (Eq. 20): root mean square of model minus measured force over the contact, divided by the largest measured force. The
+    /// measured force is not smoothed. 0.1 is 10 %.
     pub model_error: R,
-    /// The smoothed area exceeded pi A B somewhere: deformation and model force are cut there.
+    /// The smoothed area exceeded pi A B in some samples, where deformation and model force are lower bounds.
     pub clamped: bool,
-    /// Cells that were masked at toe off; 255 for more.
+    /// Number of cells that were masked at toe off, at most 255.
     pub masked_cells: u8,
 }
 
-/// A step with the rule that its areas were counted by.
+/// A step, with the contact rule of its areas.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepRecord<R> {
     /// The foot.
     pub side: Side,
-    /// Counts steps from 0 since start.
+    /// Number of the step; see [`Insole::count_steps_from`](crate::insole::Insole::count_steps_from).
     pub step: u32,
-    /// Time of the first loaded frame since the first scan, us.
+    /// Time of heel strike, us: its sequence number times the frame period.
     pub start_us: u64,
-    /// Heel strike to toe off, us.
+    /// Stance time, from heel strike to toe off, us.
     pub duration_us: u32,
     /// Time between samples of the curves, us.
     pub sample_us: u32,
-    /// Frames that were missing and bridged.
+    /// Number of frames that were missing and bridged.
     pub bridged_frames: u16,
-    /// Bit i: a cell of region i was saturated: its forces are lower bounds.
+    /// Bit i: a cell of region i was saturated, so that its forces are lower bounds.
     pub saturated: u8,
-    /// The rule that areas were counted by.
+    /// The contact rule.
     pub contact_rule: ContactRule,
     /// The regions, in the order of [`crate::Region::ALL`].
     pub regions: [RegionStep<R>; 8],
 }
 
 impl<R: Real> RegionStep<R> {
-    /// The paper's pipeline on one region: `area_mm2` and `force_n` are the stance's curves of equal length (at most
-    /// [`STANCE_SAMPLES`]) with `sample_s` between samples; `at_peak` are the moments in foot coordinates.
+    /// Evaluates a region. `area_mm2` and `force_n` are the curves of the stance, of equal length, at most [`STANCE_SAMPLES`], with
+    /// `sample_s` between samples. `at_peak` are the area moments at the largest measured force, about the reference point of the
+    /// region; so the centre of [`RegionStep::ellipse_at_peak`] is relative to this point.
     ///
-    /// Area: three-point mean, polynomial of 5th order over the contact phase, cut at 0; deformation by Eq. 14, its rate by
-    /// Eq. 16, force by Eq. 13 cut at 0.
+    /// The area is smoothed over the contact phase by a three-point mean and a polynomial of 5th order. The deformation follows
+    /// from Eq. 14, its rate from Eq. 16, and the force from Eq. 13. Negative areas and forces are cut to 0.
+    ///
+    /// # Panics
+    /// Where `force_n` is shorter than the contact, or a curve is longer than [`STANCE_SAMPLES`].
     pub fn new(law: &ForceLaw<R>, area_mm2: &[R], force_n: &[R], sample_s: R, at_peak: &AreaMoments) -> Self {
         let in_contact = |&area: &R| area > R::ZERO;
         let (Some(first), Some(last)) = (area_mm2.iter().position(in_contact), area_mm2.iter().rposition(in_contact))
@@ -94,7 +114,7 @@ impl<R: Real> RegionStep<R> {
         let (mut squares, mut peak_at) = (R::ZERO, 0u32);
         let mut rate_per_s = R::ZERO;
         for (i, (&g_here, &measured)) in g.iter().zip(measured_n).enumerate() {
-            // Eq. 16 looks forward; the last sample keeps the rate before it.
+            // Eq. 16 is a forward difference; the last sample has the rate of the one before.
             if let Some(&next) = g.get(i + 1) {
                 rate_per_s = (next - g_here) * per_sample;
             }

@@ -1,9 +1,7 @@
-//! Regions for cells whose layout names none, from where they lie under the foot.
+//! The template: the regions of cells from their position under the foot, for layouts without regions.
 //!
-//! The template is drawn in fractions of the foot: y from the back of the heel (0) to the tip of the
-//! toes (1), x from the medial edge (0) to the lateral edge (1) of the foot at that y. The edges run
-//! straight from the heel's to the forefoot's, so a foot may stand obliquely on its sheet; beyond the
-//! forefoot the width stays that of the forefoot.
+//! The template is defined in fractions of the foot: y from the back of the heel (0) to the tip of the toes (1), x from the medial
+//! edge (0) to the lateral edge (1) of the foot at that y.
 //!
 //! ```text
 //!  y = 1   hallux | toe 2 | toes 3-5
@@ -17,28 +15,36 @@
 //!  y = 0   heel
 //! ```
 //!
-//! It was drawn over barefoot and in-shoe pressure of a dozen feet. It is a convention for comparing
-//! feet, not anatomy: a layout that knows better should bring its own regions. It expects a sheet about
-//! as long as the foot; on one that reaches far beyond the toes, they fall under the metatarsals.
+//! It was drawn after barefoot and in-shoe pressures of a dozen feet. It is a convention for comparing feet, not anatomy; a layout
+//! with known anatomical regions should state them. The template assumes a sheet about as long as the foot. On a sheet that extends
+//! far beyond the toes, the toes are assigned to the metatarsals.
 
 use super::region::Region;
 
-/// The heel ends and the posterior midfoot begins, fraction of the foot's length.
+/// Boundary between heel and posterior midfoot, fraction of the length of the foot.
 const HEEL_END: f32 = 0.29;
-/// The posterior midfoot ends and the anterior midfoot begins.
+/// Boundary between posterior and anterior midfoot.
 const MIDFOOT_MIDDLE: f32 = 0.42;
-/// The metatarsals begin, at the medial and at the lateral edge.
+/// Start of the metatarsals, at the medial and at the lateral edge.
 const METATARSALS_START: [f32; 2] = [0.60, 0.50];
-/// The toes begin, at the medial and at the lateral edge.
+/// Start of the toes, at the medial and at the lateral edge.
 const TOES_START: [f32; 2] = [0.825, 0.72];
-/// The toes' boundary stays level from the medial edge to here, then slants: fraction of the width.
+/// The boundary of the toes is level from the medial edge to this fraction of the width, and slants from there.
 const TOES_LEVEL_UNTIL: f32 = 0.60;
-/// Metatarsal 2 ends and metatarsal 3 begins.
+/// Boundary between metatarsals 2 and 3, fraction of the width.
 const METATARSALS_SPLIT: f32 = 0.45;
-/// The hallux ends and toe 2 begins; toe 2 ends and toe 3 begins.
+/// Boundaries between hallux and toe 2, and between toes 2 and 3.
 const TOES_SPLIT: [f32; 2] = [0.40, 0.58];
 
-/// The region at a fraction of the width (0 medial, 1 lateral) and of the length (0 heel, 1 toes).
+/// The region at a fraction of the width (0 medial, 1 lateral) and of the length (0 heel, 1 toes). Outside of 0..=1 it is the
+/// nearest region.
+///
+/// ```
+/// use plantar::{Region, pipeline::template::region_at};
+///
+/// assert_eq!(region_at(0.5, 0.1), Region::Heel);
+/// assert_eq!(region_at(0.2, 0.9), Region::Hallux);
+/// ```
 pub const fn region_at(x_fraction: f32, y_fraction: f32) -> Region {
     let slant = (x_fraction - TOES_LEVEL_UNTIL) / (1.0 - TOES_LEVEL_UNTIL);
     if y_fraction < HEEL_END {
@@ -58,6 +64,7 @@ pub const fn region_at(x_fraction: f32, y_fraction: f32) -> Region {
     }
 }
 
+/// Linear interpolation between the edges.
 const fn between([medial, lateral]: [f32; 2], x_fraction: f32) -> f32 {
     medial + (lateral - medial) * x_fraction.clamp(0.0, 1.0)
 }

@@ -1,4 +1,4 @@
-//! The wearer's tissue parameters.
+//! The tissue parameters of the wearer.
 
 use super::model::ForceLaw;
 use super::region::Region;
@@ -6,12 +6,23 @@ use crate::checksum::crc32;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
-/// The force law of each region, with an identifier made from the content.
+/// The force laws of all regions, with an identifier that is derived from their content.
+///
+/// ```
+/// use plantar::pipeline::model::ForceLaw;
+/// use plantar::pipeline::tissue::{Tissue, TissueError};
+///
+/// let law = ForceLaw { ab_m2: 1e-3, c_m: 0.01, stiffness_pa: 3e5, ..ForceLaw::NONE };
+/// let mut tissue = Tissue::new([law; 8]);
+/// assert_eq!(tissue.check(), Ok(()));
+/// tissue.force_laws[2].stiffness_pa = 4e5;
+/// assert_eq!(tissue.check(), Err(TissueError::Id));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Tissue {
-    /// Identifies the set in every hello: the CRC-32 of the force laws; 0 for none.
+    /// Identifies the set in each hello: the CRC-32 of the force laws; 0 for no parameters.
     pub id: u32,
-    /// One for each region, in the order of [`Region::ALL`].
+    /// The force laws in the order of [`Region::ALL`].
     pub force_laws: [ForceLaw<f32>; 8],
 }
 
@@ -33,7 +44,7 @@ impl Tissue {
     /// Checks a set that was received or loaded.
     ///
     /// # Errors
-    /// [`TissueError::Id`] where the set is damaged or [`Tissue::NONE`], [`TissueError::Region`] where a value is out of bounds.
+    /// [`TissueError::Id`] where the set is damaged or [`Tissue::NONE`]; [`TissueError::Region`] where a value is out of range.
     pub fn check(&self) -> Result<(), TissueError> {
         if self.id != Self::new(self.force_laws).id {
             return Err(TissueError::Id);
@@ -43,12 +54,12 @@ impl Tissue {
     }
 }
 
-/// Why a set of parameters is not used.
+/// The reason why a set of parameters is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TissueError {
     /// The identifier is not the checksum of the values.
     Id,
-    /// The parameters of this region are out of bounds; see [`ForceLaw::is_valid`].
+    /// The parameters of this region are out of range; see [`ForceLaw::is_valid`].
     Region(Region),
 }
 

@@ -1,31 +1,35 @@
-//! Least squares within bounds: Levenberg-Marquardt over the parameters that are free, the others held at their bound.
+//! Least squares within bounds: Levenberg-Marquardt over the free parameters; the others are held at their bounds.
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
-/// Residuals and their derivatives at one point.
+/// A least-squares problem: residuals and their derivatives at a point.
 pub(crate) trait Residuals {
-    /// Computes both at `x`, which lies within the bounds.
+    /// Moves to the point `x`, which is within the bounds.
     fn set(&mut self, x: &[f64]);
-    /// One a sample.
+    /// The residuals, one for each sample.
     fn residuals(&self) -> DVector<f64>;
-    /// Derivative by parameter `i`, one a sample.
+    /// Their derivatives by parameter `i`, one for each sample.
     fn derivative(&self, i: usize) -> DVector<f64>;
 }
 
-/// Where a search ended.
+/// The result of a search.
 #[derive(Clone, Debug)]
 pub(crate) struct Minimum {
+    /// The parameters.
     pub x: Vec<f64>,
+    /// Sum of the squared residuals.
     pub squares: f64,
+    /// Number of evaluations of the residuals.
     pub evaluations: usize,
 }
 
-/// Rounds of holding and releasing; each ends at the minimum for its free parameters, and two or three suffice.
+/// Largest number of rounds. Each ends at the minimum over its free parameters; then parameters are held or released. Two or three
+/// suffice.
 const ROUNDS: usize = 8;
 
-/// Searches from `x` until a step changes parameters or squares by less than `tolerance`; `least` and `most` bound every
-/// parameter. Deterministic.
+/// Searches from `x` until a step changes parameters or squares by less than the relative `tolerance`. `least` and `most` are the
+/// bounds of the parameters. Deterministic.
 pub(crate) fn minimise(
     problem: &mut impl Residuals,
     x: &[f64],
@@ -45,7 +49,7 @@ pub(crate) fn minimise(
         let (round, report) = search.minimize(round);
         evaluations += report.number_of_evaluations;
         let ended = round.x;
-        // The last step that was tried may not be the one that was taken.
+        // The last step that the search tried may not be the one that it accepted.
         problem.set(&ended);
         evaluations += 1;
         let residuals = problem.residuals();
@@ -56,7 +60,7 @@ pub(crate) fn minimise(
             let is_free = if x[i] > least[i] && x[i] < most[i] {
                 true
             } else {
-                // At a bound: free where the squares fall inwards.
+                // At a bound: released where the squares decrease inwards.
                 let slope = problem.derivative(i).dot(&residuals);
                 if x[i] <= least[i] { slope < 0.0 } else { slope > 0.0 }
             };
@@ -70,7 +74,7 @@ pub(crate) fn minimise(
     Minimum { x, squares, evaluations }
 }
 
-/// The search sees the free parameters only. A step past a bound is evaluated at it.
+/// A round of the search, over the free parameters. A step beyond a bound is evaluated at the bound.
 struct Round<'p, P> {
     problem: &'p mut P,
     x: Vec<f64>,
@@ -81,6 +85,7 @@ struct Round<'p, P> {
 }
 
 impl<P> Round<'_, P> {
+    /// The indices of the free parameters.
     fn free(&self) -> impl Iterator<Item = usize> {
         (0..self.free.len()).filter(|&i| self.free[i])
     }
@@ -113,7 +118,7 @@ impl<P: Residuals> LeastSquaresProblem<f64, Dyn, Dyn> for Round<'_, P> {
             .free()
             .map(|i| {
                 let column = self.problem.derivative(i);
-                // Beyond the bound nothing changes any more.
+                // Beyond a bound the residuals are constant.
                 if self.unclamped[i] == self.x[i] { column } else { column * 0.0 }
             })
             .collect();

@@ -1,8 +1,8 @@
-//! The five parameters that a force trace can tell, by variable projection.
+//! Identification of the five parameters that a force trace determines, by variable projection.
 //!
-//! For a given shape (reach, n, m) the force is linear in K and G: their best values within bounds follow from a two by two
-//! system. A grid over the shape, then a search over it from the best points, then one over all five with the law as the
-//! device evaluates it, tensile force cut. Nothing is random.
+//! For a given shape (`max_ratio`, n, m) the force is linear in K and G, and their best values within bounds follow from a 2 x 2
+//! system. Three stages: a grid over the shape; searches over the shape from the best points of the grid; a search over all five
+//! parameters with the force as the device evaluates it, with tensile force cut to 0. The result is deterministic.
 
 use crate::bounded::{self, Residuals};
 use crate::law::{Column, Deformation, Shape};
@@ -10,11 +10,11 @@ use crate::samples::Samples;
 use nalgebra::DVector;
 use plantar::pipeline::model::ForceLaw;
 
-/// Within what the parameters are sought. Ours: the paper's own (its Appendix A) are not published.
+/// Bounds of the parameters. They are this project's choice, because those of the paper (its Appendix A) are not published.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
-    /// Largest area over pi A B, below 1.
-    pub reach: [f64; 2],
+    /// Largest area over pi A B, above 0 and below 1.
+    pub max_ratio: [f64; 2],
     /// K, Pa.
     pub stiffness_pa: [f64; 2],
     /// G, Pa s.
@@ -26,13 +26,13 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// The least stiffness exponent at all: below -1 force would not vanish with contact.
+    /// Smallest stiffness exponent that can be searched: at -1 and below, force would not vanish with contact.
     pub const LEAST_N: f64 = -0.95;
 
-    /// The usual ones. pi A B is at least the largest area and at most 8.3 times that: towards a flatter ellipsoid force becomes
-    /// a power of area, in which A B and K cannot be told apart any more.
+    /// The default bounds. pi A B is 1 to 8.3 times the largest area. For a flatter ellipsoid, force approaches a power of area, in
+    /// which A B and K cannot be separated.
     pub const USUAL: Self = Self {
-        reach: [0.12, 0.999_999],
+        max_ratio: [0.12, 0.999_999],
         stiffness_pa: [1e4, 1e7],
         damping_pa_s: [0.0, 1e6],
         n: [0.0, 5.0],
@@ -40,30 +40,31 @@ impl Bounds {
     };
 }
 
-/// What was identified.
+/// The identified parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Identified {
-    /// reach, n and m.
+    /// `max_ratio`, n and m.
     pub shape: Shape,
     /// K, Pa.
     pub stiffness_pa: f64,
     /// G, Pa s.
     pub damping_pa_s: f64,
-    /// Sum over the steps of their squared NRMSE (Eq. 18 over the peak force, see [`Samples`]).
+    /// Sum of the squared NRMSE of the steps (Eq. 18 divided by the peak force, see [`Samples`]).
     pub squares: f64,
-    /// How often the model was evaluated over all samples.
+    /// Number of evaluations of the model over all samples.
     pub evaluations: usize,
 }
 
 impl Identified {
+    /// The parameters in the order of the search: `max_ratio`, n, m, K, G.
     pub(crate) fn x(&self) -> [f64; 5] {
-        [self.shape.reach, self.shape.n, self.shape.m, self.stiffness_pa, self.damping_pa_s]
+        [self.shape.max_ratio, self.shape.n, self.shape.m, self.stiffness_pa, self.damping_pa_s]
     }
 
     fn from(minimum: &bounded::Minimum, evaluations: usize) -> Self {
         let x = &minimum.x;
         Self {
-            shape: Shape { reach: x[0], n: x[1], m: x[2] },
+            shape: Shape { max_ratio: x[0], n: x[1], m: x[2] },
             stiffness_pa: x[3],
             damping_pa_s: x[4],
             squares: minimum.squares,
@@ -71,13 +72,13 @@ impl Identified {
         }
     }
 
-    /// The same A B for samples of another largest area.
+    /// The same parameters for samples with the largest area `to_m2` instead of `from_m2`, m2.
     pub(crate) fn rebased(&self, from_m2: f64, to_m2: f64, bounds: &Bounds) -> Self {
-        let reach = (to_m2 / from_m2 * self.shape.reach).clamp(bounds.reach[0], bounds.reach[1]);
-        Self { shape: Shape { reach, ..self.shape }, ..*self }
+        let max_ratio = (to_m2 / from_m2 * self.shape.max_ratio).clamp(bounds.max_ratio[0], bounds.max_ratio[1]);
+        Self { shape: Shape { max_ratio, ..self.shape }, ..*self }
     }
 
-    /// What a device evaluates; `c_m` only scales the deformation that it shows.
+    /// The force law that a device evaluates. C, `c_m`, only scales the displayed deformation.
     pub fn law(&self, area_max_m2: f64, c_m: f64) -> ForceLaw<f64> {
         ForceLaw {
             ab_m2: self.shape.ab_m2(area_max_m2),
@@ -90,41 +91,41 @@ impl Identified {
     }
 }
 
-const REACH_GRID: [f64; 5] = [0.28, 0.64, 0.88, 0.98, 0.999];
-/// Shares of the bounds.
+/// The grid over the shape. The exponents are fractions of their bounds.
+const MAX_RATIO_GRID: [f64; 5] = [0.28, 0.64, 0.88, 0.98, 0.999];
 const N_GRID: [f64; 5] = [0.0, 0.1, 0.25, 0.5, 0.8];
 const M_GRID: [f64; 3] = [0.05, 0.25, 0.6];
-/// Points of the grid from which the shape is sought on.
+/// Number of points of the grid from which searches over the shape start.
 const STARTS: usize = 3;
 
-/// Relative tolerances of a search.
+/// Relative tolerances of a search: of a new fit, and of a refinement.
 const EXACT: f64 = 1e-12;
 const REFINED: f64 = 1e-6;
 
-/// Fits one region.
+/// Identifies the parameters of one region.
 pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {
     let (starts, mut evaluations) = grid(samples, bounds);
-    let mut projected = Projected::new(samples, bounds);
+    let mut projected = ProjectedForce::new(samples, bounds);
     let [least, most] = limits(bounds);
     let mut best: Option<bounded::Minimum> = None;
     for start in starts {
-        let x = [start.reach, start.n, start.m];
+        let x = [start.max_ratio, start.n, start.m];
         let minimum = bounded::minimise(&mut projected, &x, &least[..3], &most[..3], EXACT);
         evaluations += minimum.evaluations;
         if best.as_ref().is_none_or(|best| minimum.squares < best.squares) {
             best = Some(minimum);
         }
     }
-    // There is always a start.
+    // The grid always has a best point.
     let shape = best.map_or(vec![0.5, 1.0, 1.0], |best| best.x);
     projected.set(&shape);
     let x = [shape[0], shape[1], shape[2], projected.linear[0], projected.linear[1]];
-    let minimum = bounded::minimise(&mut Cut::new(samples), &x, &least, &most, EXACT);
+    let minimum = bounded::minimise(&mut CutForce::new(samples), &x, &least, &most, EXACT);
     Identified::from(&minimum, evaluations + 1)
 }
 
-/// The search over all five alone, from one point within the bounds: `start` are shares of them, 0 to 1, in the order reach,
-/// n, m, K, G; K in logarithms. It may end in a lesser minimum: for comparison.
+/// The search over all five parameters alone, from one point, for comparison. `start` has fractions of the bounds, 0 to 1, in the
+/// order `max_ratio`, n, m, K (in logarithms), G. It may end in a local minimum.
 pub fn identify_from(samples: &Samples, bounds: &Bounds, start: [f64; 5]) -> Identified {
     let [least, most] = limits(bounds);
     let at = |i: usize| match i {
@@ -132,30 +133,31 @@ pub fn identify_from(samples: &Samples, bounds: &Bounds, start: [f64; 5]) -> Ide
         _ => least[i] + start[i] * (most[i] - least[i]),
     };
     let x: [f64; 5] = std::array::from_fn(at);
-    let minimum = bounded::minimise(&mut Cut::new(samples), &x, &least, &most, EXACT);
+    let minimum = bounded::minimise(&mut CutForce::new(samples), &x, &least, &most, EXACT);
     Identified::from(&minimum, 0)
 }
 
-/// Goes on from parameters that are near already.
+/// Refines parameters that are already close to the minimum.
 pub(crate) fn refine(samples: &Samples, bounds: &Bounds, near: &Identified) -> Identified {
     let [least, most] = limits(bounds);
-    let minimum = bounded::minimise(&mut Cut::new(samples), &near.x(), &least, &most, REFINED);
+    let minimum = bounded::minimise(&mut CutForce::new(samples), &near.x(), &least, &most, REFINED);
     Identified::from(&minimum, 0)
 }
 
+/// Lower and upper bounds in the order of the search: `max_ratio`, n, m, K, G.
 pub(crate) fn limits(bounds: &Bounds) -> [[f64; 5]; 2] {
-    [0, 1].map(|i| [bounds.reach[i], bounds.n[i], bounds.m[i], bounds.stiffness_pa[i], bounds.damping_pa_s[i]])
+    [0, 1].map(|i| [bounds.max_ratio[i], bounds.n[i], bounds.m[i], bounds.stiffness_pa[i], bounds.damping_pa_s[i]])
 }
 
-/// The best points of a grid over the shape, and how many there were.
+/// The best points of the grid over the shape, and the number of its points.
 fn grid(samples: &Samples, bounds: &Bounds) -> (Vec<Shape>, usize) {
     let at = |range: [f64; 2], share: f64| range[0] + share * (range[1] - range[0]);
     let mut deformation = Deformation::default();
     let mut elastic: [Column; N_GRID.len()] = Default::default();
     let mut viscous: [Column; M_GRID.len()] = Default::default();
     let mut points = Vec::new();
-    for reach in REACH_GRID {
-        deformation.set(samples, reach);
+    for max_ratio in MAX_RATIO_GRID {
+        deformation.set(samples, max_ratio);
         for (column, share) in elastic.iter_mut().zip(N_GRID) {
             deformation.elastic(at(bounds.n, share), column);
         }
@@ -165,23 +167,23 @@ fn grid(samples: &Samples, bounds: &Bounds) -> (Vec<Shape>, usize) {
         for (elastic, n) in elastic.iter().zip(N_GRID) {
             for (viscous, m) in viscous.iter().zip(M_GRID) {
                 let (_, squares) = linear(&elastic.force, &viscous.force, &samples.target, bounds);
-                points.push((squares, Shape { reach, n: at(bounds.n, n), m: at(bounds.m, m) }));
+                points.push((squares, Shape { max_ratio, n: at(bounds.n, n), m: at(bounds.m, m) }));
             }
         }
     }
     let count = points.len();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // One start a reach: points that differ only in the exponents end in the same place.
+    // One start for each `max_ratio`: starts that differ only in the exponents lead to the same minimum.
     let mut starts: Vec<Shape> = Vec::new();
     for (_, point) in points {
-        if starts.len() < STARTS && starts.iter().all(|start| start.reach != point.reach) {
+        if starts.len() < STARTS && starts.iter().all(|start| start.max_ratio != point.max_ratio) {
             starts.push(point);
         }
     }
     (starts, count)
 }
 
-/// K and G within bounds with the least squares, and the squares: the free solution, or the best on the bounds' edges.
+/// K and G with the least squares within bounds, and the sum of squares: the unconstrained solution, or the best at a bound.
 fn linear(elastic: &[f64], viscous: &[f64], force_n: &[f64], bounds: &Bounds) -> ([f64; 2], f64) {
     let (mut ee, mut ev, mut vv, mut ef, mut vf, mut ff) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     for ((&e, &v), &f) in elastic.iter().zip(viscous).zip(force_n) {
@@ -208,17 +210,18 @@ fn linear(elastic: &[f64], viscous: &[f64], force_n: &[f64], bounds: &Bounds) ->
     candidates.fold(([k_range[0], g_range[0]], f64::INFINITY), |best, next| if next.1 < best.1 { next } else { best })
 }
 
-/// The force as the formula gives it, over the shape, with K and G projected out.
-struct Projected<'s> {
+/// The force without cut, as a function of the shape, with K and G projected out.
+struct ProjectedForce<'s> {
     samples: &'s Samples,
     bounds: &'s Bounds,
     deformation: Deformation,
     elastic: Column,
     viscous: Column,
+    /// K and G.
     linear: [f64; 2],
 }
 
-impl<'s> Projected<'s> {
+impl<'s> ProjectedForce<'s> {
     fn new(samples: &'s Samples, bounds: &'s Bounds) -> Self {
         Self {
             samples,
@@ -231,7 +234,7 @@ impl<'s> Projected<'s> {
     }
 }
 
-impl Residuals for Projected<'_> {
+impl Residuals for ProjectedForce<'_> {
     fn set(&mut self, x: &[f64]) {
         self.deformation.set(self.samples, x[0]);
         self.deformation.elastic(x[1], &mut self.elastic);
@@ -245,11 +248,11 @@ impl Residuals for Projected<'_> {
         DVector::from_iterator(self.samples.len(), force.zip(&self.samples.target).map(|(f, measured)| f - measured))
     }
 
-    /// Kaufman's form: what K and G would take up at once is taken out.
+    /// The derivative in Kaufman's approximation: without the part that a change of K and G compensates.
     fn derivative(&self, i: usize) -> DVector<f64> {
         let [k, g] = self.linear;
         let mut column: Vec<f64> = match i {
-            0 => self.elastic.by_reach.iter().zip(&self.viscous.by_reach).map(|(e, v)| k * e + g * v).collect(),
+            0 => self.elastic.by_max_ratio.iter().zip(&self.viscous.by_max_ratio).map(|(e, v)| k * e + g * v).collect(),
             1 => self.elastic.by_exponent.iter().map(|e| k * e).collect(),
             _ => self.viscous.by_exponent.iter().map(|v| g * v).collect(),
         };
@@ -276,8 +279,8 @@ impl Residuals for Projected<'_> {
     }
 }
 
-/// The force as the device gives it, over all five parameters: tensile force is cut to 0.
-pub(crate) struct Cut<'s> {
+/// The force as the device evaluates it, with tensile force cut to 0, as a function of all five parameters.
+pub(crate) struct CutForce<'s> {
     samples: &'s Samples,
     deformation: Deformation,
     elastic: Column,
@@ -286,7 +289,8 @@ pub(crate) struct Cut<'s> {
     force: Vec<f64>,
 }
 
-impl<'s> Cut<'s> {
+impl<'s> CutForce<'s> {
+    /// At no point yet: [`Residuals::set`] moves to one.
     pub fn new(samples: &'s Samples) -> Self {
         Self {
             samples,
@@ -299,7 +303,7 @@ impl<'s> Cut<'s> {
     }
 }
 
-impl Residuals for Cut<'_> {
+impl Residuals for CutForce<'_> {
     fn set(&mut self, x: &[f64]) {
         self.x.copy_from_slice(x);
         self.deformation.set(self.samples, x[0]);
@@ -319,7 +323,7 @@ impl Residuals for Cut<'_> {
         let [_, _, _, k, g] = self.x;
         let (e, v) = (&self.elastic, &self.viscous);
         let value = |j: usize| match i {
-            0 => k * e.by_reach[j] + g * v.by_reach[j],
+            0 => k * e.by_max_ratio[j] + g * v.by_max_ratio[j],
             1 => k * e.by_exponent[j],
             2 => g * v.by_exponent[j],
             3 => e.force[j],

@@ -1,8 +1,11 @@
-//! Identifies a person's viscoelastic ellipsoids from recorded steps (the paper's section 2.5), without any I/O.
+//! Identification of a person's viscoelastic ellipsoids from recorded steps (section 2.5 of the paper), without I/O.
 //!
-//! [`steps::isolate`] takes steps out of recordings with the insole's own code; [`fit`] finds the five parameters that force
-//! can tell in every region ([`identify`]), pins the other three of the paper's eight ([`pins`]), and says how sure
-//! ([`interval`]) and how good ([`quality`]) they are. [`paper`] is the paper's own search, for comparison.
+//! "The paper" is DeBerardinis, Dufek, Trabia, "A viscoelastic ellipsoidal model of the mechanics of plantar tissues", J. Biomech.
+//! 92 (2019) 137-145; equation numbers are those of it.
+//!
+//! [`steps::isolate`] extracts the steps of recordings with the code of the insole. [`fit`] identifies, for each region, the five
+//! parameters that a force trace determines ([`identify`]), and pins the other three of the paper's eight ([`pins`]). It reports
+//! confidence intervals ([`interval`]) and errors ([`quality`]). [`paper`] is the search of the paper, for comparison.
 
 pub mod identify;
 pub mod interval;
@@ -24,24 +27,24 @@ pub use identify::Bounds;
 pub use quality::Quality;
 pub use region::{RegionFit, fit_step};
 pub use samples::Samples;
-pub use screen::{LEAST_FORCE_N, LEAST_SAMPLES, Unfit};
+pub use screen::{MIN_FORCE_N, MIN_SAMPLES, Unfit};
 pub use steps::{Filter, RegionCurves, Step};
 pub use study::Study;
 
 use plantar::Region;
 use rayon::prelude::*;
 
-/// How to search.
+/// A method of search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// Five parameters, variable projection, no random start.
+    /// Five parameters by variable projection, deterministic.
     Projection,
-    /// The paper's: eight variables, ten starts.
+    /// The method of the paper: eight variables, the best of ten random starts.
     Paper,
 }
 
 impl Method {
-    /// In a word, for files and messages.
+    /// Name in files and messages.
     pub fn name(self) -> &'static str {
         match self {
             Self::Projection => "projection",
@@ -50,25 +53,25 @@ impl Method {
     }
 }
 
-/// What to fit through and within.
+/// The options of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// The filter that the device will run.
+    /// The filter of the contact area; must be the one that the device applies.
     pub filter: Filter,
-    /// How to search.
+    /// The method of search.
     pub method: Method,
-    /// Within what; not used by [`Method::Paper`].
+    /// Bounds of the parameters; not used by [`Method::Paper`].
     pub bounds: Bounds,
-    /// Per region, in the order of [`Region::ALL`]: thickness of the unloaded tissue, m.
+    /// Thickness of the unloaded tissue, m, in the order of [`Region::ALL`].
     pub thickness_m: [f64; 8],
-    /// Largest deformation over thickness.
+    /// Largest deformation over thickness, 0 to 1.
     pub compression: f64,
-    /// How often steps are resampled for the second kind of interval; 0 for not at all, [`interval::RESAMPLES`] for good.
+    /// Number of bootstrap resamples of the steps; 0 for no bootstrap intervals, [`interval::RESAMPLES`] for accurate ones.
     pub resamples: u64,
 }
 
 impl Options {
-    /// The usual ones, without resampling.
+    /// The default options, without bootstrap intervals.
     pub const fn usual(thickness_m: [f64; 8]) -> Self {
         Self {
             filter: Filter::Step,
@@ -81,13 +84,17 @@ impl Options {
     }
 }
 
-/// Recordings that predict each other this much worse than themselves in [`MIXED_REGIONS`] regions are of two people: so it
-/// is for two thirds of all pairs of the ten walkers of SpeedPP2DS, and for none of their own halves.
+/// Recordings are taken to be of two people where the error of predicting one from the other, over that of predicting it from
+/// itself, exceeds this ratio in at least [`MIXED_REGIONS`] regions. That holds for two thirds of the pairs of the ten walkers of
+/// SpeedPP2DS, and for no pair of halves of one walker's steps.
 const MIXED_RATIO: f64 = 1.8;
 /// See [`MIXED_RATIO`].
 const MIXED_REGIONS: usize = 2;
 
-/// Fits every region, in the order of [`Region::ALL`]. `progress` is told the regions that are done, in any order.
+/// Fits all regions, in the order of [`Region::ALL`]. `progress` receives each region when it is done, in any order.
+///
+/// # Errors
+/// For each region, the reason where it could not be fitted.
 pub fn fit(steps: &[Step], options: &Options, progress: &(dyn Fn(Region) + Sync)) -> [Result<RegionFit, Unfit>; 8] {
     let mut fits: Vec<_> = (0..8)
         .into_par_iter()

@@ -1,19 +1,19 @@
-//! The paper's own identification, for comparison: eight variables within bounds, the sum of Eq. 18 with the term of Eq. 19,
-//! a general solver from several starts.
+//! The identification of the paper, for comparison: eight variables within bounds, the sum of Eq. 18 with the term of Eq. 19, a
+//! general solver from several starts.
 //!
-//! Its bounds (Appendix A) and P are not published: those here are ours. k and c are searched in logarithms, without which
-//! the solver rarely arrives. pi A B >= max Ae is not stated in the paper and not enforced here; where it does not hold the
-//! device flags the step as clamped.
+//! The paper's bounds (its Appendix A) and P are not published; the values here are this project's choice. k and c are searched in
+//! logarithms, because otherwise the solver rarely converges. The constraint pi A B >= max Ae is not stated in the paper and is
+//! not enforced here; where it does not hold, the device flags the step as clamped.
 
 use crate::Samples;
 use crate::pins::Pins;
 use plantar::pipeline::model::{Ellipsoid, ForceLaw};
 use std::cell::Cell;
 
-/// From this many starts the best minimum is taken.
+/// Number of starts; the best minimum is the result.
 pub const STARTS: u64 = 10;
 
-/// A, B, C, d0 in m, ln k, n, ln c, m.
+/// Bounds of A, B, C, d0 (m), ln k, n, ln c, m.
 const BOUNDS: [(f64, f64); 8] = [
     (0.002, 0.08),
     (0.002, 0.08),
@@ -26,15 +26,17 @@ const BOUNDS: [(f64, f64); 8] = [
 ];
 /// P of Eq. 19, 1/N.
 const PENALTY_PER_N: f64 = 1.0;
+/// Largest number of iterations of a search.
 const ITERATIONS: usize = 200;
-/// Relative change of the squares at which a search ends, and the step of a difference as a share of a variable's bounds.
+/// Relative change of the squares at which a search ends.
 const TOLERANCE: f64 = 1e-9;
+/// Step of the finite differences, as a fraction of the range of a variable.
 const DIFFERENCE: f64 = 1e-7;
 
 type Constraint = fn(&[f64], Option<&mut [f64]>, &mut ()) -> f64;
 const UNCONSTRAINED: &[Constraint] = &[];
 
-/// The best ellipsoid found, and how often the model was evaluated.
+/// The best ellipsoid, and the number of evaluations of the model.
 pub fn identify(samples: &Samples) -> (Ellipsoid<f64>, usize) {
     let evaluations = Cell::new(0);
     let objective = |x: &[f64]| {
@@ -55,11 +57,11 @@ pub fn identify(samples: &Samples) -> (Ellipsoid<f64>, usize) {
     };
     let mut best = (f64::INFINITY, BOUNDS.map(|(least, most)| (least + most) / 2.0).to_vec());
     for seed in 0..STARTS {
-        let mut chance = fastrand::Rng::with_seed(seed);
-        let start = BOUNDS.map(|(least, most)| least + chance.f64() * (most - least));
+        let mut random = fastrand::Rng::with_seed(seed);
+        let start = BOUNDS.map(|(least, most)| least + random.f64() * (most - least));
         let tolerances = slsqp::StopTols { ftol_rel: TOLERANCE, ..Default::default() };
         let ended = slsqp::minimize(with_gradient, &start, &BOUNDS, UNCONSTRAINED, (), ITERATIONS, Some(tolerances));
-        // A search that fails still ends somewhere.
+        // A search that does not converge returns its last point.
         let (x, value) = match ended {
             Ok((_, x, value)) => (x, value),
             Err((_, x, value)) => (x, value),
@@ -71,11 +73,12 @@ pub fn identify(samples: &Samples) -> (Ellipsoid<f64>, usize) {
     (ellipsoid(&best.1), evaluations.get())
 }
 
+/// The ellipsoid of a point in the space of [`BOUNDS`].
 fn ellipsoid(x: &[f64]) -> Ellipsoid<f64> {
     Ellipsoid { a_m: x[0], b_m: x[1], c_m: x[2], d0_m: x[3], k: x[4].exp(), n: x[5], c: x[6].exp(), m: x[7] }
 }
 
-/// Eq. 18 with Eq. 19 as printed, over the squared peak force.
+/// Eq. 18 with the term of Eq. 19 as printed, divided by the squared peak force.
 fn squares(samples: &Samples, ellipsoid: &Ellipsoid<f64>) -> f64 {
     let mut sum = 0.0;
     for (i, (g, rate_per_s)) in samples.deformation(&ellipsoid.force_law()).enumerate() {
@@ -87,7 +90,7 @@ fn squares(samples: &Samples, ellipsoid: &Ellipsoid<f64>) -> f64 {
     sum
 }
 
-/// What pins the eight: they were searched directly.
+/// The pins that correspond to an ellipsoid that was searched directly.
 pub(crate) fn pins(ellipsoid: &Ellipsoid<f64>, law: &ForceLaw<f64>, g_max: f64) -> Pins {
     Pins {
         aspect: ellipsoid.a_m / ellipsoid.b_m,

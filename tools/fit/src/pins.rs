@@ -1,31 +1,31 @@
-//! All eight of the paper's parameters from the five that force can tell.
+//! The paper's eight parameters from the five that a force trace determines.
 //!
-//! The force does not change when C, d0 or A/B do and the rest follows (rank 5 of 8): these three are taken from elsewhere.
+//! The force is the same for all values of A/B, C and d0 if the other parameters follow (the Jacobian has rank 5 of 8). These three
+//! are pinned: determined by other measurements.
 
 use plantar::pipeline::model::{Ellipsoid, ForceLaw};
 
-/// Peak compression that C is pinned by where nothing better is known: 45.7 % of the thickness, measured under metatarsal
-/// heads (Cavanagh 1999).
+/// Default largest compression, which pins C: 45.7 % of the thickness, measured under metatarsal heads (Cavanagh 1999).
 pub const COMPRESSION: f64 = 0.457;
 
-/// What pins A/B, C and d0 of one region.
+/// The values that pin A/B, C and d0 of one region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pins {
-    /// A over B, of the measured contact ellipse.
+    /// A over B: the ratio of the radii of the measured contact ellipse.
     pub aspect: f64,
     /// d0, m.
     pub thickness_m: f64,
-    /// Largest deformation over d0, 0 to 1.
+    /// Largest deformation over d0, 0 to 1; pins C.
     pub compression: f64,
 }
 
 impl Pins {
-    /// C, m: the deformation is `compression` of d0 where the law is `g_max`.
+    /// C, m, such that the deformation at the normalised deformation `g_max` is `compression` times d0.
     pub fn c_m(&self, g_max: f64) -> f64 {
         self.compression * self.thickness_m / g_max
     }
 
-    /// The ellipsoid with the force of `law`: K = k C^(n+1) / d0^n and G = c C^(m+1) / d0^m, solved for k and c.
+    /// The ellipsoid with the force of `law`. Solves K = k C^(n+1) / d0^n and G = c C^(m+1) / d0^m for k and c.
     pub fn ellipsoid(&self, law: &ForceLaw<f64>) -> Ellipsoid<f64> {
         let (c_m, d0_m) = (law.c_m, self.thickness_m);
         let coefficient = |value: f64, exponent: f64| value * (d0_m / c_m).powf(exponent) / c_m;

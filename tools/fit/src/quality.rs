@@ -1,38 +1,40 @@
-//! How well a set of parameters does, by the device's own evaluation of them.
+//! The errors of a set of parameters, evaluated as the device does.
 
 use crate::{Filter, RegionCurves, Samples};
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::smooth;
 
-/// An area this close to the step's largest is at it.
+/// An area of at least this fraction of the largest one in the step counts as the largest.
 const AT_LARGEST: f64 = 0.97;
-/// A force that is this far below its peak has changed.
+/// A force that is below its peak by more than this fraction counts as changed.
 const CHANGED: f64 = 0.35;
 
-/// How well the parameters do; NRMSE (Eq. 20) as a share, mean over the steps.
+/// The errors of the parameters of a region, mean over its steps. NRMSE (Eq. 20) as a fraction: 0.1 is 10 %.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// All steps with the parameters that were fitted to all, against the raw force.
+    /// NRMSE of all steps with the parameters that were fitted to all, against the measured force.
     pub fitted: f64,
-    /// The same against the force through the paper's quintic.
+    /// The same against the smoothed force: through the polynomial of 5th order of the paper.
     pub fitted_smoothed: f64,
-    /// Every step with parameters fitted to it alone, against the raw force.
+    /// NRMSE of each step with parameters that were fitted to it alone, against the measured force.
     pub own: f64,
     /// The same against the smoothed force.
     pub own_smoothed: f64,
-    /// Every step with parameters fitted to the others, against the raw force; needs two steps.
+    /// NRMSE of each step with parameters that were fitted to the other steps, against the measured force. `None` for a single
+    /// step.
     pub predicted: Option<f64>,
-    /// Best rising function of area, each step alone: no law without damping does better; one with damping may.
+    /// NRMSE of the best non-decreasing function of the area of each step. No law without damping has a smaller error; a law with
+    /// damping may.
     pub floor: f64,
-    /// Largest model over largest measured force, less 1.
+    /// Largest model force over largest measured force, less 1.
     pub peak_bias: f64,
-    /// Share of the contact in which area is at its largest while force still changes.
+    /// Fraction of the contact in which the area is at its largest while the force changes.
     pub saturated: f64,
 }
 
 impl Quality {
-    /// From all steps with the parameters fitted to all, and with those fitted to each alone; and the errors of the steps with
-    /// those fitted to the others.
+    /// From all steps evaluated with the parameters that were fitted to all, and with those fitted to each alone, and from the
+    /// errors of the steps with parameters that were fitted to the others.
     pub(crate) fn new(fitted: &[Evaluated], own: &[Evaluated], predicted: &[f64]) -> Self {
         let mean = |of: fn(&Evaluated) -> f64, all: &[Evaluated]| all.iter().map(of).sum::<f64>() / all.len() as f64;
         Self {
@@ -48,7 +50,7 @@ impl Quality {
     }
 }
 
-/// Share of the contact in which area is at its largest while force is not at its peak.
+/// Fraction of the contact in which the area is at its largest while the force is well below its peak.
 fn saturated(steps: &[Evaluated]) -> f64 {
     let (mut at_largest, mut all) = (0usize, 0usize);
     for step in steps {
@@ -60,25 +62,25 @@ fn saturated(steps: &[Evaluated]) -> f64 {
     at_largest as f64 / (all as f64).max(1.0)
 }
 
-/// One region of one step, evaluated. All curves run over the region's contact phase.
+/// The curves of one region in one step, measured and of the model, over the contact phase of the region.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluated {
     /// Time between samples, s.
     pub sample_s: f64,
     /// Contact area as measured, mm2.
     pub area_mm2: Vec<f64>,
-    /// Contact area through the filter, mm2.
+    /// Filtered contact area, mm2.
     pub filtered_mm2: Vec<f64>,
     /// Measured force, N.
     pub measured_n: Vec<f64>,
-    /// Measured force through the paper's quintic, N.
+    /// Measured force, smoothed by the polynomial of 5th order of the paper, N.
     pub smoothed_n: Vec<f64>,
     /// Model force, N.
     pub model_n: Vec<f64>,
 }
 
 impl Evaluated {
-    /// Evaluates one step; `None` without contact.
+    /// Evaluates the model in one step; `None` without contact.
     pub fn new(curves: &RegionCurves, filter: Filter, law: &ForceLaw<f64>) -> Option<Self> {
         let samples = Samples::new([curves], filter);
         let range = samples.steps.first()?.clone();
@@ -94,7 +96,7 @@ impl Evaluated {
         })
     }
 
-    /// Root mean square of model minus measured force over the largest measured force (Eq. 20).
+    /// NRMSE: root mean square of model minus measured force over the largest measured force (Eq. 20).
     pub fn nrmse(&self) -> f64 {
         nrmse(&self.model_n, &self.measured_n)
     }
@@ -104,9 +106,10 @@ impl Evaluated {
         nrmse(&self.model_n, &self.smoothed_n)
     }
 
-    /// The same for the best rising function of the filtered area: no law without damping does better; one with damping may.
+    /// The same for the best non-decreasing function of the filtered area. No law without damping has a smaller error; a law with
+    /// damping may.
     pub fn floor(&self) -> f64 {
-        nrmse(&best_rising(&self.filtered_mm2, &self.measured_n), &self.measured_n)
+        nrmse(&best_non_decreasing(&self.filtered_mm2, &self.measured_n), &self.measured_n)
     }
 
     /// Largest model force over largest measured force, less 1.
@@ -115,22 +118,24 @@ impl Evaluated {
     }
 }
 
-/// Root mean square difference over the largest of `measured`.
+/// Root mean square difference over the largest value of `measured`.
 fn nrmse(model: &[f64], measured: &[f64]) -> f64 {
     let squares: f64 = model.iter().zip(measured).map(|(a, b)| (a - b) * (a - b)).sum();
     (squares / measured.len() as f64).sqrt() / largest(measured)
 }
 
+/// The largest value; 0 without a positive one.
 pub(crate) fn largest(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }
 
-/// The rising function of `x` with the least squares to `y`, at each x: pools neighbours that fall.
-fn best_rising(x: &[f64], y: &[f64]) -> Vec<f64> {
+/// The non-decreasing function of `x` with the least squares to `y`, at each x (isotonic regression by pooling adjacent
+/// violators).
+fn best_non_decreasing(x: &[f64], y: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..x.len()).collect();
-    // Of equal areas the largest force first: then pooling what does not rise makes them one.
+    // For equal x the largest y comes first, so that these samples are pooled.
     order.sort_by(|&a, &b| x[a].total_cmp(&x[b]).then(y[b].total_cmp(&y[a])));
-    // Mean of y, and which samples it is the mean of.
+    // Mean of y, and the samples that are pooled to it.
     let mut pools: Vec<(f64, Vec<usize>)> = Vec::new();
     for i in order {
         pools.push((y[i], vec![i]));
@@ -138,7 +143,7 @@ fn best_rising(x: &[f64], y: &[f64]) -> Vec<f64> {
             if before < after {
                 break;
             }
-            // Two were matched.
+            // The pattern has two pools.
             let Some((mean, members)) = pools.pop() else { break };
             let Some((below, all)) = pools.last_mut() else { break };
             let (count, more) = (all.len() as f64, members.len() as f64);
@@ -160,11 +165,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_floor_is_the_best_of_all_rising_functions() {
-        // By hand: 3 and 1 fall and are pooled to 2; equal areas have one value.
-        assert_eq!(best_rising(&[1.0, 2.0, 3.0, 4.0], &[0.0, 3.0, 1.0, 5.0]), [0.0, 2.0, 2.0, 5.0]);
-        assert_eq!(best_rising(&[2.0, 1.0, 2.0], &[4.0, 1.0, 6.0]), [5.0, 1.0, 5.0]);
-        assert_eq!(best_rising(&[1.0, 2.0, 3.0], &[6.0, 3.0, 0.0]), [3.0, 3.0, 3.0]);
-        assert_eq!(best_rising(&[1.0, 2.0, 2.0], &[5.0, 1.0, 20.0]), [5.0, 10.5, 10.5]);
+    fn the_floor_is_the_best_non_decreasing_function() {
+        // By hand: 3 and 1 decrease and are pooled to 2; equal areas have one value.
+        assert_eq!(best_non_decreasing(&[1.0, 2.0, 3.0, 4.0], &[0.0, 3.0, 1.0, 5.0]), [0.0, 2.0, 2.0, 5.0]);
+        assert_eq!(best_non_decreasing(&[2.0, 1.0, 2.0], &[4.0, 1.0, 6.0]), [5.0, 1.0, 5.0]);
+        assert_eq!(best_non_decreasing(&[1.0, 2.0, 3.0], &[6.0, 3.0, 0.0]), [3.0, 3.0, 3.0]);
+        assert_eq!(best_non_decreasing(&[1.0, 2.0, 2.0], &[5.0, 1.0, 20.0]), [5.0, 10.5, 10.5]);
     }
 }

@@ -1,4 +1,4 @@
-//! One region: search, pins, intervals, quality.
+//! The fit of one region: search, pins, intervals and quality.
 
 use crate::identify::{Identified, identify as project, refine};
 use crate::interval::{self, Uncertainty};
@@ -12,39 +12,42 @@ use plantar::pipeline::model::{Ellipsoid, ForceLaw, LENGTH_M, is_within};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// One region's result.
+/// The result of one region.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RegionFit {
-    /// Which of the steps were used, by their place.
+    /// Indices of the steps that were used.
     pub steps: Vec<usize>,
-    /// The largest area of them, filtered or not, m2.
+    /// Largest area in these steps, filtered or not, m2.
     pub area_max_m2: f64,
-    /// What a device evaluates.
+    /// The force law that a device evaluates.
     pub law: ForceLaw<f64>,
-    /// The paper's eight.
+    /// The paper's eight parameters.
     pub ellipsoid: Ellipsoid<f64>,
-    /// What pinned three of them.
+    /// The values that pinned three of the eight.
     pub pins: Pins,
-    /// Intervals of the five; none for [`Method::Paper`].
+    /// Confidence intervals of the five identifiable parameters; `None` for [`Method::Paper`].
     pub uncertainty: Option<Uncertainty>,
-    /// How good.
+    /// Errors.
     pub quality: Quality,
-    /// NRMSE of each of the steps with parameters fitted to the others, as a share; none of a single step.
+    /// NRMSE of each step with parameters that were fitted to the other steps, as a fraction; empty for a single step.
     pub unseen: Vec<f64>,
-    /// Different areas in a step, the median of the steps.
+    /// Number of different areas in a step, median of the steps.
     pub area_levels: usize,
-    /// Median error of one recording's steps predicted from the other recordings, over that from itself: the worst of them.
-    /// `None` without ten steps in each of two recordings of a foot.
+    /// Median error of one recording's steps predicted from the other recordings, over that predicted from itself; the largest over
+    /// the recordings. `None` without ten steps in each of two recordings of a foot.
     pub recordings_ratio: Option<f64>,
-    /// How often the model was evaluated over all samples in the fit to all steps.
+    /// Number of evaluations of the model over all samples in the fit to all steps.
     pub evaluations: usize,
-    /// What to do with it, in a sentence.
+    /// Assessment of the fit, in a sentence.
     pub verdict: String,
-    /// What else to know, in sentences.
+    /// Limitations of the fit, in sentences.
     pub warnings: Vec<String>,
 }
 
-/// The parameters of one region in one step alone: the paper's way, to be averaged.
+/// Fits one region to one step alone, as the paper does before it averages.
+///
+/// # Errors
+/// The reason where the region cannot be fitted to the step.
 pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(RegionFit, Evaluated), Unfit> {
     let steps = std::slice::from_ref(step);
     let used = usable(steps, region, options.filter)?;
@@ -58,7 +61,10 @@ pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(Region
     Ok((best.into_fit(used, pins, uncertainty, quality)?, evaluated))
 }
 
-/// The parameters of one region in all steps that carry enough.
+/// Fits one region to all steps that pass the screening.
+///
+/// # Errors
+/// The reason where no step passes or the result is out of range.
 pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Result<RegionFit, Unfit> {
     let used = usable(steps, region, options.filter)?;
     let curves: Vec<&RegionCurves> = used.iter().map(|&i| &steps[i].regions[region]).collect();
@@ -82,40 +88,42 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     Ok(RegionFit { unseen, recordings_ratio, ..fit })
 }
 
-/// Up to so many steps each is left out alone; of more, a share of them at a time.
+/// Cross-validation: up to this number of steps, each step is left out on its own.
 const LEFT_OUT_ALONE: usize = 60;
-const SHARES: usize = 20;
+/// With more steps, they are left out in this number of groups.
+const GROUPS: usize = 20;
 
-/// The error of every step with parameters fitted to the others; none of a single step.
+/// The NRMSE of each step with parameters that were fitted to the other steps; empty for a single step.
 fn unseen(curves: &[&RegionCurves], near: &Found, options: &Options) -> Vec<f64> {
-    let shares = match curves.len() {
+    let groups = match curves.len() {
         0 | 1 => return Vec::new(),
         count if count <= LEFT_OUT_ALONE => count,
-        _ => SHARES,
+        _ => GROUPS,
     };
-    let force_laws: Vec<_> = (0..shares)
+    let force_laws: Vec<_> = (0..groups)
         .into_par_iter()
-        .map(|share| {
-            again(curves.iter().enumerate().filter(|(i, _)| i % shares != share).map(|(_, c)| *c), near, options)
+        .map(|group| {
+            refit(curves.iter().enumerate().filter(|(i, _)| i % groups != group).map(|(_, c)| *c), near, options)
         })
         .collect();
-    let evaluated = curves.iter().enumerate().map(|(i, c)| Evaluated::new(c, options.filter, &force_laws[i % shares]));
+    let evaluated = curves.iter().enumerate().map(|(i, c)| Evaluated::new(c, options.filter, &force_laws[i % groups]));
     evaluated.map(|evaluated| evaluated.map_or(f64::NAN, |e| e.nrmse())).collect()
 }
 
-/// What a search found.
+/// The result of a search.
 struct Found {
     samples: Samples,
     law: ForceLaw<f64>,
     identified: Option<Identified>,
-    /// The paper's search finds all eight.
+    /// All eight parameters, where the search of the paper found them.
     ellipsoid: Option<Ellipsoid<f64>>,
     evaluations: usize,
 }
 
-/// C is pinned later: the force does not depend on it.
+/// C, m, before it is pinned: the force does not depend on it.
 const ANY_C_M: f64 = 0.01;
 
+/// Searches the parameters with the method of the options.
 fn search<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, options: &Options) -> Found {
     let samples = Samples::new(curves, options.filter);
     match options.method {
@@ -132,8 +140,8 @@ fn search<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, options: &Opti
     }
 }
 
-/// A fit to nearly the same steps.
-fn again<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, near: &Found, options: &Options) -> ForceLaw<f64> {
+/// Fits to a part of the steps, starting from the fit to all of them.
+fn refit<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, near: &Found, options: &Options) -> ForceLaw<f64> {
     let Some(identified) = &near.identified else { return search(curves, options).law };
     let samples = Samples::new(curves, options.filter);
     let start = identified.rebased(near.samples.area_max_m2, samples.area_max_m2, &options.bounds);
@@ -141,10 +149,12 @@ fn again<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, near: &Found, o
 }
 
 impl Found {
+    /// Normalised deformation at the largest area.
     fn g_max(&self) -> f64 {
         self.law.area_ratio(self.samples.area_max_m2).normalised_deformation()
     }
 
+    /// `pinned`, or the values that correspond to an ellipsoid that was searched directly.
     fn pins(&self, pinned: Pins) -> Pins {
         self.ellipsoid.map_or(pinned, |ellipsoid| paper::pins(&ellipsoid, &self.law, self.g_max()))
     }
@@ -187,16 +197,17 @@ impl Found {
     }
 }
 
+/// The pins from the contact ellipses of the steps and from the options.
 fn pins_of(curves: &[&RegionCurves], region: usize, options: &Options) -> Pins {
     let aspect = MeanEllipse::of_steps(curves.iter().copied()).map_or(1.0, |e| e.r_a_mm / e.r_b_mm);
     Pins { aspect, thickness_m: options.thickness_m[region], compression: options.compression }
 }
 
-/// Steps of each recording that it takes to compare recordings: of fewer, one person's differ too much by chance.
+/// Smallest number of steps in a recording for a comparison; with fewer, recordings of one person differ by chance.
 const COMPARED_STEPS: usize = 10;
 
-/// How much worse a recording's steps are predicted from the other recordings of the same foot than from themselves, the
-/// worst of them; `None` where there is nothing to compare. `recordings` are those of the curves, with their foot.
+/// Median error of a recording's steps predicted from the other recordings of the same foot, over that predicted from itself; the
+/// largest over the recordings, `None` where none can be compared. `recordings` has the recording and the foot of each curve.
 fn recordings_ratio(
     curves: &[&RegionCurves],
     recordings: &[(usize, Side)],
@@ -218,8 +229,8 @@ fn recordings_ratio(
             let errors = own.iter().filter_map(|c| Some(Evaluated::new(c, options.filter, law)?.nrmse()));
             steps::median(errors)
         };
-        let from_own = error(&again(own.iter().copied(), near, options));
-        Some(error(&again(others, near, options)) / from_own)
+        let from_own = error(&refit(own.iter().copied(), near, options));
+        Some(error(&refit(others, near, options)) / from_own)
     });
     ratios.max_by(f64::total_cmp)
 }

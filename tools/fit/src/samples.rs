@@ -1,35 +1,36 @@
-//! One region's steps as the fit sees them: area through the device's filter, force as measured.
+//! The data of a fit: the steps of one region, with area through the filter of the device and force as measured.
 
 use crate::{Filter, RegionCurves};
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::smooth;
 use std::ops::Range;
 
-/// One region over the contact phases of some steps.
+/// The samples of one region over the contact phases of some steps.
 #[derive(Clone, Debug)]
 pub struct Samples {
     /// The largest area, filtered or not, m2: pi A B is at least this.
     pub area_max_m2: f64,
-    /// Filtered area over [`Samples::area_max_m2`]; one sample more than there are forces, an unloaded one.
+    /// Filtered area over [`Samples::area_max_m2`], 0 to 1. One value more than forces: the last one is unloaded.
     pub(crate) share: Vec<f64>,
-    /// Whose difference over time is the deformation rate: later and earlier sample.
+    /// For each sample, the indices of the later and the earlier sample from which its deformation rate is computed.
     pub(crate) difference: Vec<(u32, u32)>,
+    /// One over the time between these, 1/s.
     pub(crate) per_s: Vec<f64>,
     /// Measured force, N.
     pub force_n: Vec<f64>,
-    /// What a sample's residual is multiplied by: one over the step's peak force and the root of its samples, so that every
-    /// step counts alike and the sum of squares is that of the steps' NRMSE (Eq. 20). For one step it is Eq. 18.
+    /// Weight of the residual of a sample, 1/N: one over the peak force of the step and the root of its number of samples. All
+    /// steps have the same weight, and the sum of squares is that of the steps' squared NRMSE (Eq. 20). For one step it is Eq. 18.
     pub(crate) weight: Vec<f64>,
     /// Measured force times weight.
     pub(crate) target: Vec<f64>,
     /// Unfiltered area, m2.
     pub raw_area_m2: Vec<f64>,
-    /// The samples of each step.
+    /// The range of samples of each step.
     pub steps: Vec<Range<usize>>,
 }
 
 impl Samples {
-    /// Filters the curves of one region; steps without contact give none.
+    /// Filters the curves of one region. Steps without contact add no samples.
     pub fn new<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, filter: Filter) -> Self {
         let mut samples = Self {
             area_max_m2: 0.0,
@@ -73,7 +74,7 @@ impl Samples {
             Filter::Step => {
                 smooth::moving_average(&mut filtered);
                 smooth::polynomial(&mut filtered);
-                // Eq. 16 looks forward; the last sample keeps the rate before it.
+                // Eq. 16 is a forward difference; the last sample has the rate of the one before.
                 let forward = (start..end).map(|i| if i + 1 < end { (i + 1, i) } else { (i, i.max(start + 1) - 1) });
                 self.difference.extend(forward.map(|(later, earlier)| (later as u32, earlier as u32)));
             }
@@ -82,7 +83,7 @@ impl Samples {
                     let at = |back: usize| (first + i).checked_sub(back).map_or(0.0, |i| area_mm2[i]);
                     *area = (at(2) + at(1) + at(0)) / 3.0;
                 }
-                // Before contact it was unloaded: the sample that `new` puts behind the last.
+                // Before contact the region was unloaded: the index of the sample that `new` appends.
                 let backward = (start..end).map(|i| (i, if i > start { i - 1 } else { usize::MAX }));
                 self.difference.extend(backward.map(|(l, e)| (l as u32, u32::try_from(e).unwrap_or(u32::MAX))));
             }
@@ -98,7 +99,7 @@ impl Samples {
         self.steps.push(start..end);
     }
 
-    /// Samples of force.
+    /// Number of samples of force.
     pub fn len(&self) -> usize {
         self.force_n.len()
     }
@@ -108,7 +109,7 @@ impl Samples {
         self.force_n.is_empty()
     }
 
-    /// g and its rate (1/s) of every sample in an ellipsoid, by the device's own formulas.
+    /// Normalised deformation g and its rate (1/s) of each sample, by the formulas of the device.
     pub(crate) fn deformation(&self, law: &ForceLaw<f64>) -> impl Iterator<Item = (f64, f64)> {
         let g: Vec<f64> =
             self.share.iter().map(|s| law.area_ratio(s * self.area_max_m2).normalised_deformation()).collect();
@@ -118,8 +119,8 @@ impl Samples {
         })
     }
 
-    /// Sample by sample: filtered area (m2), later and earlier sample of the rate, one over the time between them (1/s),
-    /// measured force (N). A sample number beyond the last stands for the unloaded tissue before contact.
+    /// For each sample: filtered area (m2), indices of the later and the earlier sample of its rate, one over the time between them
+    /// (1/s), measured force (N). An index beyond the last sample stands for the unloaded tissue before contact.
     pub fn table(&self) -> impl Iterator<Item = [f64; 5]> {
         (0..self.len()).map(|i| {
             let (later, earlier) = self.difference[i];
@@ -128,8 +129,8 @@ impl Samples {
         })
     }
 
-    /// Correlation of neighbouring residuals within the steps; they are one a sample.
-    pub(crate) fn likeness(&self, residuals: &[f64]) -> f64 {
+    /// Correlation of neighbouring residuals within the steps; `residuals` has one for each sample.
+    pub(crate) fn autocorrelation(&self, residuals: &[f64]) -> f64 {
         let (mut products, mut squares) = (0.0, 0.0);
         for step in &self.steps {
             let residuals = &residuals[step.clone()];

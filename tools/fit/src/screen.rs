@@ -1,40 +1,40 @@
-//! Which steps a region can be fitted to, and why none.
+//! Screening: the steps to which a region can be fitted, or the reason why none qualifies.
 
 use crate::{Filter, RegionCurves, Samples, Step, quality};
 use std::cmp::Ordering;
 use std::fmt;
 
-/// Fewer samples in contact than this do not carry five parameters.
-pub const LEAST_SAMPLES: usize = 12;
-/// A region that never carries more, N, counts as unloaded: the force below which a whole foot does.
-pub const LEAST_FORCE_N: f64 = 20.0;
-/// An area that stays at its largest for this share of the contact tells nothing of how force grows with it.
+/// Smallest number of samples in contact; fewer cannot determine five parameters.
+pub const MIN_SAMPLES: usize = 12;
+/// Smallest peak force of a region, N: the force below which a whole foot counts as in swing.
+pub const MIN_FORCE_N: f64 = 20.0;
+/// Largest fraction of the contact in which the area is at its maximum; beyond it, force cannot be related to area.
 const SATURATED_SHARE: f64 = 0.8;
-/// An area this close to the largest is at it.
+/// An area of at least this fraction of the maximum counts as the maximum.
 const SATURATED_AREA: f64 = 0.98;
 
-/// Why a region could not be fitted.
+/// The reason why a region could not be fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Unfit {
-    /// No step at all.
+    /// No step.
     NoSteps,
     /// No cell of the region was ever in contact.
     NeverLoaded,
-    /// In contact but without force.
+    /// The region was in contact, but its force was 0.
     ZeroForce,
-    /// The largest force of any step, N, is below [`LEAST_FORCE_N`].
+    /// The largest force of all steps, N, is below [`MIN_FORCE_N`].
     HardlyLoaded(f64),
-    /// The longest contact has this many samples, fewer than [`LEAST_SAMPLES`].
+    /// The longest contact has this number of samples, fewer than [`MIN_SAMPLES`].
     TooFewFrames(usize),
-    /// A cell was at the end of its scale in every step.
+    /// A cell was saturated in every step.
     Clipped,
     /// The area never changes.
     ConstantArea,
-    /// The area is at its largest for this share of the contact.
+    /// The area is at its maximum for this fraction of the contact.
     SaturatedArea(f64),
-    /// What was found is beyond what an insole takes: see [`plantar::pipeline::model::ForceLaw::is_valid`].
+    /// The parameters are outside of the range that an insole accepts: see [`plantar::pipeline::model::ForceLaw::is_valid`].
     OutOfRange,
-    /// The recordings disagree: error of one predicted from the other over that predicted from itself.
+    /// The recordings disagree: the error of predicting one from the other, over that of predicting it from itself.
     MixedPeople(f64),
 }
 
@@ -43,31 +43,36 @@ impl fmt::Display for Unfit {
         match self {
             Self::NoSteps => f.write_str("no whole step: record a walk of several steps"),
             Self::NeverLoaded => {
-                f.write_str("never loaded: no cell of it came into contact; check layout and threshold")
+                f.write_str("never loaded: no cell came into contact; check the layout and the contact threshold")
             }
-            Self::ZeroForce => f.write_str("in contact but without force: check calibration and zero"),
+            Self::ZeroForce => f.write_str("in contact but without force: check the calibration and the zero"),
             Self::HardlyLoaded(peak_n) => {
-                write!(f, "hardly loaded: at most {peak_n:.1} N in any step, {LEAST_FORCE_N} N are needed")
+                write!(f, "hardly loaded: at most {peak_n:.1} N in any step; at least {MIN_FORCE_N} N are needed")
             }
             Self::TooFewFrames(samples) => {
-                write!(f, "too few frames: {samples} in contact, {LEAST_SAMPLES} are needed; record at a higher rate")
+                write!(
+                    f,
+                    "too few frames: {samples} in contact, at least {MIN_SAMPLES} are needed; record at a higher rate"
+                )
             }
             Self::Clipped => {
-                f.write_str("clipped: a cell was at the end of its scale in every step; use a sensor of a higher range")
+                f.write_str("clipped: a cell was saturated in every step; use a sensor with a larger range")
             }
-            Self::ConstantArea => f.write_str("constant area: contact never grows or shrinks, so nothing can be told"),
+            Self::ConstantArea => f.write_str(
+                "constant area: the contact area never changes, so force cannot be related to it; use smaller cells",
+            ),
             Self::SaturatedArea(share) => write!(
                 f,
-                "saturated area: all of it is in contact for {:.0} % of the time; use smaller cells or --contact-full",
+                "saturated area: the area is at its maximum for {:.0} % of the contact; use smaller cells or --contact-full",
                 share * 100.0
             ),
             Self::OutOfRange => f.write_str(
-                "out of range: what was found is beyond what an insole takes; check thickness and compression",
+                "out of range: the parameters exceed the range that an insole accepts; check thickness and compression",
             ),
             Self::MixedPeople(ratio) => write!(
                 f,
-                "the recordings disagree: one predicts the other {ratio:.1} times worse than itself; are they of one person, in the same \
-                 shoes, on the same kind of sensor?"
+                "the recordings disagree: predicting one from the other has {ratio:.1} times the error of predicting it from \
+                 itself; check that all are of one person, in the same shoes and on the same kind of sensor"
             ),
         }
     }
@@ -75,12 +80,15 @@ impl fmt::Display for Unfit {
 
 impl std::error::Error for Unfit {}
 
-/// The steps in which a region carries enough to be fitted, or why none does.
+/// The indices of the steps to which a region can be fitted.
+///
+/// # Errors
+/// The reason where no step qualifies.
 pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Vec<usize>, Unfit> {
     if steps.is_empty() {
         return Err(Unfit::NoSteps);
     }
-    // A later reason is the more telling one: the best step got furthest.
+    // Of the reasons of all steps, the one of the step that passed the most checks is reported.
     let mut reasons = Vec::new();
     let mut used = Vec::new();
     for (i, step) in steps.iter().enumerate() {
@@ -102,6 +110,7 @@ pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Ve
     if used.is_empty() { Err(furthest.unwrap_or(Unfit::NoSteps)) } else { Ok(used) }
 }
 
+/// Checks one step.
 fn check(curves: &RegionCurves, filter: Filter) -> Result<(), Unfit> {
     let samples = Samples::new([curves], filter);
     let area = &samples.raw_area_m2;
@@ -112,10 +121,10 @@ fn check(curves: &RegionCurves, filter: Filter) -> Result<(), Unfit> {
     if peak_n <= 0.0 {
         return Err(Unfit::ZeroForce);
     }
-    if peak_n < LEAST_FORCE_N {
+    if peak_n < MIN_FORCE_N {
         return Err(Unfit::HardlyLoaded(peak_n));
     }
-    if samples.len() < LEAST_SAMPLES {
+    if samples.len() < MIN_SAMPLES {
         return Err(Unfit::TooFewFrames(samples.len()));
     }
     if curves.saturated {

@@ -1,4 +1,4 @@
-//! Steps out of recordings, isolated by the insole's own code, and which contacts were left out and why.
+//! Extraction of the steps of a recording by the code of the insole, with the contacts that were excluded and the reasons.
 
 use crate::quality::largest;
 use plantar::Side;
@@ -7,17 +7,17 @@ use plantar::pipeline::stance::Rejected;
 use recording::{MAX_CELLS, Recording, VirtualInsole};
 use std::fmt;
 
-/// Through which of the device's filters area is seen.
+/// The filters of the device for the contact area.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
-    /// The step record's: three-point mean and a quintic over the contact phase, rate by Eq. 16.
+    /// That of the step record: three-point mean and a polynomial of 5th order over the contact phase, rate by Eq. 16.
     Step,
-    /// The live stream's: mean of three frames, rate by the backward difference.
+    /// That of the live stream: mean of three frames, rate by the backward difference.
     Live,
 }
 
 impl Filter {
-    /// In a word, for files and messages.
+    /// Name in files and messages.
     pub fn name(self) -> &'static str {
         match self {
             Self::Step => "step",
@@ -26,24 +26,24 @@ impl Filter {
     }
 }
 
-/// One region's curves in one step.
+/// The curves of one region in one step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RegionCurves {
-    /// What the step filter works on: contact area, mm2.
+    /// Contact area, mm2: the input of the step filter.
     pub area_mm2: Vec<f64>,
     /// Measured force at the same times, N.
     pub force_n: Vec<f64>,
-    /// Time between these samples, s: the frame time, or a multiple in a long stance.
+    /// Time between these samples, s: the frame period, or a multiple of it in a long stance.
     pub sample_s: f64,
-    /// What the live filter works on: area of every frame, mm2.
+    /// Contact area of every frame, mm2: the input of the live filter.
     pub frame_area_mm2: Vec<f64>,
     /// Measured force of every frame, N.
     pub frame_force_n: Vec<f64>,
     /// Time between frames, s.
     pub frame_s: f64,
-    /// A cell of this region was at the end of its scale.
+    /// A cell of the region was saturated.
     pub saturated: bool,
-    /// Contact ellipse, mean over the stance weighted by force; `None` without contact.
+    /// Contact ellipse, mean over the stance, weighted by force; `None` without contact.
     pub ellipse: Option<MeanEllipse>,
 }
 
@@ -63,11 +63,12 @@ pub struct MeanEllipse {
 }
 
 impl MeanEllipse {
-    /// The mean of ellipses with their weights; radii in logarithms, so that the mean aspect does not favour either.
-    pub fn of(weighed: impl IntoIterator<Item = (f64, Self)>) -> Option<Self> {
+    /// The weighted mean of ellipses, `None` without weight. The mean of the radii is geometric, so that the mean aspect ratio does
+    /// not favour an axis.
+    pub fn of(weighted: impl IntoIterator<Item = (f64, Self)>) -> Option<Self> {
         let mut sum = Self::default();
         let mut all = 0.0;
-        for (weight, e) in weighed {
+        for (weight, e) in weighted {
             sum.x_mm += weight * e.x_mm;
             sum.y_mm += weight * e.y_mm;
             sum.r_a_mm += weight * e.r_a_mm.ln();
@@ -84,14 +85,14 @@ impl MeanEllipse {
         })
     }
 
-    /// The mean over steps, each weighed by its peak force.
+    /// The mean over steps, weighted by their peak forces.
     pub fn of_steps<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>) -> Option<Self> {
         Self::of(curves.into_iter().filter_map(|curve| Some((largest(&curve.force_n), curve.ellipse?))))
     }
 }
 
 impl RegionCurves {
-    /// Area (mm2), force (N) and the time between samples (s) that a filter works on.
+    /// The input of a filter: area (mm2), force (N) and the time between samples (s).
     pub fn of(&self, filter: Filter) -> (&[f64], &[f64], f64) {
         match filter {
             Filter::Step => (&self.area_mm2, &self.force_n, self.sample_s),
@@ -103,39 +104,39 @@ impl RegionCurves {
 /// One step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
-    /// Which of the recordings.
+    /// Index of the recording.
     pub recording: usize,
-    /// Counts the steps of that recording, as the insole does.
+    /// Number of the step in that recording, counted by the insole from 0.
     pub number: u32,
     /// The foot.
     pub side: Side,
-    /// Heel strike, s on the recording's clock.
+    /// Time of heel strike in the recording, s.
     pub start_s: f64,
-    /// Heel strike to toe off, s.
+    /// Stance time, heel strike to toe off, s.
     pub duration_s: f64,
     /// Largest force on the whole foot, N.
     pub peak_n: f64,
-    /// In the order of [`plantar::Region::ALL`].
+    /// The curves, in the order of [`plantar::Region::ALL`].
     pub regions: [RegionCurves; 8],
 }
 
-/// A contact that is not used.
+/// A contact that was excluded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeftOut {
-    /// Which of the recordings.
+    /// Index of the recording.
     pub recording: usize,
-    /// When it was seen, s on the recording's clock.
+    /// Time of the contact in the recording, s.
     pub at_s: f64,
-    /// Why.
+    /// The reason.
     pub why: Why,
 }
 
-/// Why a contact is not used.
+/// The reason why a contact was excluded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Why {
-    /// On the ground from the first frame on: heel strike is missing.
+    /// The foot is on the ground from the first frame on, so the heel strike is missing.
     NoHeelStrike,
-    /// On the ground until the last frame: toe off is missing.
+    /// The foot is on the ground until the last frame, so the toe off is missing.
     NoToeOff,
     /// Shorter than a step.
     Short,
@@ -143,7 +144,7 @@ pub enum Why {
     Long,
     /// Frames are missing in it.
     Broken,
-    /// The foot was loaded only in part: peak force over the recording's median.
+    /// The foot was loaded partially: peak force over the median of the recording.
     Partial(f64),
 }
 
@@ -162,56 +163,60 @@ impl fmt::Display for Why {
     }
 }
 
-/// A step with less than this share of the median peak force was loaded only in part.
+/// A step with a peak force below this fraction of the median was loaded partially.
 const PARTIAL: f64 = 0.6;
 
-/// The steps of a recording worn as `worn`, and the contacts that were left out. `progress` is told frames done.
+/// The steps of a recording, which is number `index` of the study, and its excluded contacts. `insole` is the insole of the
+/// recording. `progress` receives the number of frames processed.
+///
+/// # Errors
+/// Where the insole cannot be set up.
 pub fn isolate(
     recording: &Recording,
-    worn: &VirtualInsole,
+    insole: &VirtualInsole,
     index: usize,
     progress: &mut dyn FnMut(usize),
 ) -> Result<(Vec<Step>, Vec<LeftOut>), plantar::pipeline::setup::SetupError> {
-    let mut insole = Box::new(Insole::<f64, MAX_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied())?;
-    let mut codes = vec![0; worn.cells.len()];
+    let mut device = Box::new(Insole::<f64, MAX_CELLS>::new());
+    device.set_up(insole.setup, insole.cells.iter().copied())?;
+    let mut codes = vec![0; insole.cells.len()];
     let (mut steps, mut left_out) = (Vec::new(), Vec::new());
     let mut contact = Contact::default();
-    let (mut rejected, mut starts_loaded) = (insole.rejected(), false);
-    let period_s = f64::from(worn.setup.period_us) * 1e-6;
+    let (mut rejected, mut starts_loaded) = (device.rejected(), false);
+    let period_s = f64::from(insole.setup.period_us) * 1e-6;
     let first_s = recording.t_s.first().copied().unwrap_or(0.0);
-    let longest = (u32::from(worn.setup.stance.max_stance_ms) * 1000 / worn.setup.period_us) as usize
-        + (u32::from(worn.setup.stance.min_swing_ms) * 1000 / worn.setup.period_us) as usize;
-    let count = worn.frames(recording);
+    let longest = (u32::from(insole.setup.stance.max_stance_ms) * 1000 / insole.setup.period_us) as usize
+        + (u32::from(insole.setup.stance.min_swing_ms) * 1000 / insole.setup.period_us) as usize;
+    let count = insole.frames(recording);
     for i in 0..count {
-        worn.codes_of(recording, i, &mut codes);
-        let was_on_ground = insole.on_ground();
-        let toe_off = insole.frame(i as u32, &codes);
-        if insole.on_ground() && !was_on_ground {
+        insole.codes_of(recording, i, &mut codes);
+        let was_on_ground = device.on_ground();
+        let toe_off = device.frame(i as u32, &codes);
+        if device.on_ground() && !was_on_ground {
             contact.clear();
             contact.start = i;
             starts_loaded = i == 0;
         }
-        // A contact that is longer than a step is not looked at again.
-        if insole.on_ground() && contact.frames.len() <= longest {
-            contact.push(&insole);
+        // A contact that is longer than a step will not become one: its further frames are not needed.
+        if device.on_ground() && contact.frames.len() <= longest {
+            contact.push(&device);
         }
         let mut leave = |why, frame: usize| {
             left_out.push(LeftOut { recording: index, at_s: first_s + frame as f64 * period_s, why });
         };
-        if let Some(why) = new_rejection(&rejected, &insole.rejected()) {
+        if let Some(why) = new_rejection(&rejected, &device.rejected()) {
             leave(why, contact.start);
         }
-        rejected = insole.rejected();
-        if was_on_ground && !insole.on_ground() && !toe_off && starts_loaded {
+        rejected = device.rejected();
+        if was_on_ground && !device.on_ground() && !toe_off && starts_loaded {
             leave(Why::NoHeelStrike, 0);
             starts_loaded = false;
         }
-        if toe_off && let Some(record) = insole.whole_step() {
-            let frames = (record.duration_us / worn.setup.period_us) as usize;
+        if toe_off && let Some(record) = device.whole_step() {
+            let frames = (record.duration_us / insole.setup.period_us) as usize;
             let regions = std::array::from_fn(|region| {
                 let curves = contact.region(region, frames, period_s);
-                let (area_mm2, force_n, sample_s) = insole.curves(region);
+                let (area_mm2, force_n, sample_s) = device.curves(region);
                 RegionCurves {
                     area_mm2: area_mm2.to_vec(),
                     force_n: force_n.to_vec(),
@@ -234,7 +239,7 @@ pub fn isolate(
             progress(i.min(recording.frames()));
         }
     }
-    if insole.on_ground() {
+    if device.on_ground() {
         let why = if starts_loaded { Why::NoHeelStrike } else { Why::NoToeOff };
         left_out.push(LeftOut { recording: index, at_s: first_s + contact.start as f64 * period_s, why });
     }
@@ -251,6 +256,7 @@ pub fn isolate(
     Ok((steps, left_out))
 }
 
+/// The reason of a rejection by the insole since `before`.
 fn new_rejection(before: &Rejected, now: &Rejected) -> Option<Why> {
     if now.short != before.short {
         Some(Why::Short)
@@ -263,7 +269,7 @@ fn new_rejection(before: &Rejected, now: &Rejected) -> Option<Why> {
     }
 }
 
-/// The middle of some numbers; 0 of none.
+/// The median; 0 without values.
 pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_by(f64::total_cmp);
@@ -273,7 +279,7 @@ pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     }
 }
 
-/// The frames of a running contact.
+/// The frames of the present contact.
 #[derive(Default)]
 struct Contact {
     start: usize,
@@ -300,15 +306,17 @@ impl Contact {
         }));
     }
 
+    /// Largest force on the whole foot in the first `frames`, N.
     fn peak_n(&self, frames: usize) -> f64 {
         let total = |frame: &[(f64, f64, Option<MeanEllipse>); 8]| frame.iter().map(|(_, force, _)| force).sum::<f64>();
         self.frames.iter().take(frames).map(total).fold(0.0, f64::max)
     }
 
+    /// The curves of a region over the first `frames`, without those of the step filter.
     fn region(&self, region: usize, frames: usize, frame_s: f64) -> RegionCurves {
         let frames = &self.frames[..frames.min(self.frames.len())];
-        let weighed = frames.iter().filter_map(|frame| Some((frame[region].1, frame[region].2?)));
-        let ellipse = MeanEllipse::of(weighed);
+        let weighted = frames.iter().filter_map(|frame| Some((frame[region].1, frame[region].2?)));
+        let ellipse = MeanEllipse::of(weighted);
         RegionCurves {
             frame_area_mm2: frames.iter().map(|frame| frame[region].0).collect(),
             frame_force_n: frames.iter().map(|frame| frame[region].1).collect(),

@@ -1,4 +1,4 @@
-//! All of one person's recordings and what was identified from them.
+//! A study of one person: the recordings, their steps, and the identified parameters.
 
 use crate::steps::{self, LeftOut};
 use crate::{Options, RegionFit, Step, Unfit};
@@ -10,9 +10,9 @@ use recording::{Layout, Recording, VirtualInsole};
 /// One recording of a [`Study`], without its pressures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Source {
-    /// What the user calls it: its file.
+    /// Name for display: the file.
     pub name: String,
-    /// Where it comes from, in sentences.
+    /// Provenance, in sentences.
     pub origin: String,
     /// The foot.
     pub side: Side,
@@ -22,27 +22,27 @@ pub struct Source {
     pub layout: Layout,
 }
 
-/// One person's steps and, once [`Study::fit`] ran, parameters.
+/// The steps of one person and, after [`Study::fit`], the parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Study {
-    /// Whose they are.
+    /// Name of the person.
     pub participant: String,
-    /// The recordings, in the order they were added.
+    /// The recordings, in the order in which they were added.
     pub sources: Vec<Source>,
-    /// The rule that areas were counted by; parameters hold for this rule.
+    /// The contact rule of the areas. The parameters hold for this rule alone.
     pub contact: ContactRule,
-    /// The steps that may be used.
+    /// The steps that a fit may use.
     pub steps: Vec<Step>,
-    /// The contacts that were left out.
+    /// The contacts that were excluded.
     pub left_out: Vec<LeftOut>,
-    /// What was fitted through and within.
+    /// The options of the fit.
     pub options: Options,
-    /// Per region in the order of [`Region::ALL`]; empty before the fit.
+    /// The result of each region in the order of [`Region::ALL`]; empty before the fit.
     pub fits: Vec<Result<RegionFit, Unfit>>,
 }
 
 impl Study {
-    /// No recording yet.
+    /// A study without recordings.
     pub fn new(participant: String, contact: ContactRule, options: Options) -> Self {
         Self {
             participant,
@@ -55,15 +55,19 @@ impl Study {
         }
     }
 
-    /// Takes the steps out of a recording worn as `worn`. `progress` is told frames done.
+    /// Adds a recording and extracts its steps. `insole` is the insole of the recording. `progress` receives the number of frames
+    /// processed.
+    ///
+    /// # Errors
+    /// Where the insole cannot be set up; the study is then unchanged.
     pub fn add(
         &mut self,
         name: String,
         recording: &Recording,
-        worn: &VirtualInsole,
+        insole: &VirtualInsole,
         progress: &mut dyn FnMut(usize),
     ) -> Result<(), SetupError> {
-        let (steps, left_out) = steps::isolate(recording, worn, self.sources.len(), progress)?;
+        let (steps, left_out) = steps::isolate(recording, insole, self.sources.len(), progress)?;
         self.steps.extend(steps);
         self.left_out.extend(left_out);
         self.sources.push(Source {
@@ -76,7 +80,7 @@ impl Study {
         Ok(())
     }
 
-    /// Fits all regions. `progress` is told the regions that are done, in any order.
+    /// Fits all regions. `progress` receives each region when it is done, in any order.
     pub fn fit(&mut self, progress: &(dyn Fn(Region) + Sync)) {
         self.fits = crate::fit(&self.steps, &self.options, progress).into();
     }

@@ -1,5 +1,5 @@
-//! Steps whose truth is known, for tests and benchmarks: areas of a plausible shape, forces by the core's own law through the
-//! device's filters, written here a second time and plainly.
+//! Computed steps with a known truth, for tests and benchmarks: areas of a plausible shape, and forces by the force law of the core
+//! through the filters of the device, which are written here a second time in a plain form.
 
 use crate::{Filter, RegionCurves, Step};
 use plantar::Side;
@@ -8,7 +8,8 @@ use plantar::pipeline::smooth;
 use plantar::pipeline::stance::STANCE_SAMPLES;
 use std::f64::consts::PI;
 
-/// Per region: A B (mm2), K (kPa), G (kPa s), n, m; and share of stance in contact, largest area over pi A B.
+/// For each region: A B (mm2), K (kPa), G (kPa s), n, m; and start and end of the contact as fractions of stance, largest area over
+/// pi A B.
 pub const TRUTH: [([f64; 5], [f64; 3]); 8] = [
     ([1150.0, 480.0, 20.0, 1.2, 0.8], [0.0, 0.6, 0.75]),
     ([600.0, 400.0, 16.0, 0.8, 1.0], [0.05, 0.7, 0.6]),
@@ -23,42 +24,43 @@ pub const TRUTH: [([f64; 5], [f64; 3]); 8] = [
 /// Heel strike to toe off, s.
 const STANCE_S: f64 = 0.7;
 
-/// What [`TRUTH`] says of a region.
+/// The force law of a region according to [`TRUTH`].
 pub fn law(region: usize) -> ForceLaw<f64> {
     let [ab_mm2, k, g, n, m] = TRUTH[region].0;
     ForceLaw { ab_m2: ab_mm2 * 1e-6, c_m: 0.01, stiffness_pa: k * 1e3, damping_pa_s: g * 1e3, n, m }
 }
 
-/// Normal deviates.
+/// A source of normal deviates.
 pub struct Noise {
-    chance: fastrand::Rng,
-    alike: f64,
+    random: fastrand::Rng,
+    autocorrelation: f64,
     last: f64,
 }
 
 impl Noise {
-    /// Independent ones; equal seeds give equal noise.
+    /// Independent deviates; equal seeds result in equal noise.
     pub fn new(seed: u64) -> Self {
-        Self::alike(seed, 0.0)
+        Self::autocorrelated(seed, 0.0)
     }
 
-    /// Neighbours with this correlation.
-    pub fn alike(seed: u64, alike: f64) -> Self {
-        Self { chance: fastrand::Rng::with_seed(seed), alike, last: 0.0 }
+    /// Deviates with this correlation of neighbours, 0 to below 1.
+    pub fn autocorrelated(seed: u64, autocorrelation: f64) -> Self {
+        Self { random: fastrand::Rng::with_seed(seed), autocorrelation, last: 0.0 }
     }
 
     /// The next deviate, of variance 1.
     pub fn normal(&mut self) -> f64 {
         // Irwin and Hall: the sum of twelve uniform deviates.
-        let fresh = (0..12).map(|_| self.chance.f64()).sum::<f64>() - 6.0;
-        self.last = self.alike * self.last + (1.0 - self.alike * self.alike).sqrt() * fresh;
+        let fresh = (0..12).map(|_| self.random.f64()).sum::<f64>() - 6.0;
+        let correlation = self.autocorrelation;
+        self.last = correlation * self.last + (1.0 - correlation * correlation).sqrt() * fresh;
         self.last
     }
 }
 
-/// One region's step: area rises faster than it falls; `size` scales the largest area, `noise` is the force's standard deviation
-/// over its peak.
-pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64, chance: &mut Noise) -> RegionCurves {
+/// The curves of a region in one step, with an area that rises faster than it falls. `size` scales the largest area; `noise` is the
+/// standard deviation of the force over its peak.
+pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64, source: &mut Noise) -> RegionCurves {
     let ([ab_mm2, ..], [start, end, share]) = TRUTH[region];
     let area = |t_s: f64| {
         let phase = (t_s / STANCE_S - start) / (end - start);
@@ -70,7 +72,7 @@ pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64
     };
     let frames = (STANCE_S * rate_hz).round() as usize;
     let every_frame: Vec<f64> = (0..frames).map(|i| area(i as f64 / rate_hz)).collect();
-    // As the device keeps a stance.
+    // A device stores every second frame of a stance that is too long for its memory.
     let stride = if frames > STANCE_SAMPLES { 2 } else { 1 };
     let of_stride: Vec<f64> = every_frame.iter().copied().step_by(stride).collect();
     let mut curves = RegionCurves {
@@ -86,7 +88,7 @@ pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64
     let peak_n = force.iter().copied().fold(0.0, f64::max);
     for (force, area) in force.iter_mut().zip(curves.of(filter).0) {
         if *area > 0.0 {
-            *force += noise * peak_n * chance.normal();
+            *force += noise * peak_n * source.normal();
         }
     }
     match filter {
@@ -96,7 +98,7 @@ pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64
     curves
 }
 
-/// Model force at every sample of the filter's curves, N.
+/// Model force at each sample of the input of `filter`, N.
 pub fn forces(curves: &RegionCurves, filter: Filter, law: &ForceLaw<f64>) -> Vec<f64> {
     let (area_mm2, _, sample_s) = curves.of(filter);
     let mut force_n = vec![0.0; area_mm2.len()];
@@ -129,9 +131,9 @@ pub fn forces(curves: &RegionCurves, filter: Filter, law: &ForceLaw<f64>) -> Vec
     force_n
 }
 
-/// Whole steps of slightly different size.
+/// Steps with all regions, of slightly different size.
 pub fn walk(steps: usize, rate_hz: f64, filter: Filter, noise: f64, seed: u64) -> Vec<Step> {
-    let mut chance = Noise::new(seed);
+    let mut source = Noise::new(seed);
     (0..steps)
         .map(|number| {
             let size = 1.0 + 0.02 * (number as f64 % 5.0 - 2.0);
@@ -142,7 +144,7 @@ pub fn walk(steps: usize, rate_hz: f64, filter: Filter, noise: f64, seed: u64) -
                 start_s: number as f64,
                 duration_s: STANCE_S,
                 peak_n: 800.0,
-                regions: std::array::from_fn(|region| curves(region, rate_hz, filter, size, noise, &mut chance)),
+                regions: std::array::from_fn(|region| curves(region, rate_hz, filter, size, noise, &mut source)),
             }
         })
         .collect()

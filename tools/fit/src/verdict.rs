@@ -1,94 +1,93 @@
-//! Figures in plain words.
+//! Assessment of a fit in plain words.
 
 use crate::RegionFit;
 use crate::interval::{FIVE, Interval};
 
-/// Estimates with a stronger correlation make up for each other.
+/// Estimates with a larger absolute correlation cannot be separated.
 const INSEPARABLE: f64 = 0.95;
 
-/// C over d0 from which an ellipsoid is no image of a fat pad any more.
+/// Ratio of C to d0 above which the ellipsoid does not resemble a fat pad.
 const FLAT: f64 = 2.0;
 
-/// Fewer different areas than this in a step hardly draw a curve.
+/// With fewer different areas in a step, the curve of the area is too coarse.
 const FEW_AREAS: usize = 8;
 
-/// Where the sentences of a verdict begin, by what a reader would call them: area is flat for this share of the contact; the
-/// error is this small; unseen steps err by so many times each one's own; the floor is this share of the error, and each
-/// step's own error this share of the floor.
+/// Thresholds of the verdicts. The area is at its largest for this fraction of the contact.
 const SATURATES: f64 = 0.2;
+/// The error is below this.
 const FOLLOWS: f64 = 0.1;
+/// The predicted error is this many times that of parameters fitted to each step alone.
 const STEPS_DIFFER: f64 = 1.5;
+/// The floor is this fraction of the predicted error.
 const NEAR_FLOOR: f64 = 0.6;
+/// The error of parameters fitted to each step alone is this fraction of the floor.
 const AT_FLOOR: f64 = 0.9;
 
-/// What to do with a fit.
+/// Whether and for which purpose the parameters can be used.
 pub(crate) fn verdict(fit: &RegionFit) -> String {
     let q = &fit.quality;
     let predicted = q.predicted.unwrap_or(q.own);
-    let percent = predicted * 100.0;
-    let errs = if q.predicted.is_some() { "steps it has not seen err" } else { "its own step errs" };
+    let of = if q.predicted.is_some() { "steps that were not used for the fit" } else { "the only step" };
+    let error = format!("error {:.0} % on {of}", predicted * 100.0);
     if q.saturated > SATURATES {
         return format!(
-            "area saturates: the model cannot follow push-off here ({errs} by {percent:.0} %); take forces from the cells"
+            "the contact area saturates, so the model cannot follow push-off ({error}); use the measured force instead"
         );
     }
     if predicted < FOLLOWS {
-        return format!("follows the force: {errs} by {percent:.0} %");
+        return format!("follows the force: {error}");
     }
     if predicted > STEPS_DIFFER * q.own {
         return format!(
-            "steps differ: {errs} by {percent:.0} %, each alone by {:.0} %; compare means over steps, not single ones",
+            "steps differ: {error}, {:.0} % with parameters of each step alone; compare means over steps, not single steps",
             q.own * 100.0
         );
     }
     if q.floor > NEAR_FLOOR * predicted && q.own > AT_FLOOR * q.floor {
         return format!(
-            "as good as this area allows ({errs} by {percent:.0} %, the best rising function of area by {:.0} %): smaller cells \
-             or a finer contact rule would help, other parameters hardly",
+            "limited by the contact area: {error}, and {:.0} % for the best non-decreasing function of area; smaller cells or a \
+             finer contact rule would reduce it, other parameters would not",
             q.floor * 100.0
         );
     }
-    format!(
-        "a rough guide: {errs} by {percent:.0} %, where a rising function of area could err by {:.0} %",
-        q.floor * 100.0
-    )
+    format!("approximate: {error}, and {:.0} % for the best non-decreasing function of area", q.floor * 100.0)
 }
 
-/// What else to know.
+/// Limitations of a fit.
 pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
     let mut warnings = Vec::new();
     let Some(uncertainty) = &fit.uncertainty else { return warnings };
     let undamped = fit.law.damping_pa_s == 0.0;
     if undamped {
-        warnings.push("no damping was found: G is 0, and m means nothing".into());
+        warnings.push("no damping was identified: G is 0, and m has no meaning".into());
     }
-    let beyond = |(interval, name): &(&Interval, &str)| interval.at_bound && !(undamped && *name == "G");
-    let at_bound: Vec<_> = uncertainty.intervals.iter().zip(FIVE).filter(beyond).map(|(_, name)| name).collect();
+    let is_limited = |(interval, name): &(&Interval, &str)| interval.at_bound && !(undamped && *name == "G");
+    let at_bound: Vec<_> = uncertainty.intervals.iter().zip(FIVE).filter(is_limited).map(|(_, name)| name).collect();
     if !at_bound.is_empty() {
         warnings.push(format!(
-            "{} at a bound of the search: the data would go on beyond it, so the value says where the bound is",
+            "{} at a bound of the search: the best value lies beyond it, so the estimate is the bound",
             at_bound.join(", ")
         ));
     }
     if fit.area_levels < FEW_AREAS {
         warnings.push(format!(
-            "area took {} values only: the cells are too large for this region, and intervals too narrow",
+            "the contact area has only {} different values: the cells are too large for this region, and the intervals too narrow",
             fit.area_levels
         ));
     }
     let flatness = fit.law.c_m / fit.pins.thickness_m;
     if flatness > FLAT {
         warnings.push(format!(
-            "C is {flatness:.1} times the tissue's thickness: force follows area as under a nearly flat body; A, B and C are the \
-             model's numbers here, not anatomy"
+            "C is {flatness:.1} times the thickness of the tissue: force depends on area as under a nearly flat body; A, B and C \
+             are parameters of the model here, not anatomical dimensions"
         ));
     }
-    let tied = |i: usize| (0..FIVE.len()).any(|j| j != i && uncertainty.correlation[i][j].abs() > INSEPARABLE);
-    let tied: Vec<_> = (0..FIVE.len()).filter(|&i| tied(i)).map(|i| FIVE[i]).collect();
-    if !tied.is_empty() {
+    let is_correlated = |i: usize| (0..FIVE.len()).any(|j| j != i && uncertainty.correlation[i][j].abs() > INSEPARABLE);
+    let correlated: Vec<_> = (0..FIVE.len()).filter(|&i| is_correlated(i)).map(|i| FIVE[i]).collect();
+    if !correlated.is_empty() {
         warnings.push(format!(
-            "{} make up for each other (correlation above {INSEPARABLE}): compare the force they give, not each alone",
-            tied.join(", ")
+            "{} compensate each other (correlation above {INSEPARABLE}): compare the resulting force, not single parameters",
+            correlated.join(", ")
         ));
     }
     let wider = uncertainty.intervals.iter().zip(FIVE).filter(|(interval, _)| {
@@ -98,7 +97,7 @@ pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
     let wider: Vec<_> = wider.map(|(_, name)| name).collect();
     if !wider.is_empty() {
         warnings.push(format!(
-            "{}: steps differ by more than their scatter tells; trust the interval from resampled steps",
+            "{}: steps differ by more than the scatter within them explains; use the interval from resampled steps",
             wider.join(", ")
         ));
     }

@@ -1,4 +1,4 @@
-//! What a force trace can tell of the paper's eight parameters: five numbers, and which three it cannot.
+//! Identifiability of the paper's eight parameters from a force trace: five numbers are, and three directions are not.
 
 use fit::pins::Pins;
 use fit::synthetic::law;
@@ -10,7 +10,7 @@ const PINS: Pins = Pins { aspect: 0.8, thickness_m: 0.012, compression: 0.457 };
 const SAMPLES: usize = 60;
 const SAMPLE_S: f64 = 0.01;
 
-/// Force over a stance by the paper's own Eq. 13, 14 and 16, N.
+/// Force over a stance by Eq. 13, 14 and 16 of the paper, N.
 fn force_n(e: &Ellipsoid<f64>, largest_m2: f64) -> Vec<f64> {
     let area_m2 = |i: usize| largest_m2 * (std::f64::consts::PI * (i as f64 + 0.5) / SAMPLES as f64).sin().powf(0.8);
     (0..SAMPLES - 1)
@@ -26,7 +26,7 @@ fn ellipsoid(region: usize) -> (Ellipsoid<f64>, f64) {
     (PINS.ellipsoid(&law), 0.75 * std::f64::consts::PI * law.ab_m2)
 }
 
-/// In the order of Eq. 17.
+/// An ellipsoid with one of the parameters, in the order of Eq. 17, multiplied by `factor`.
 fn with(e: &Ellipsoid<f64>, parameter: usize, factor: f64) -> Ellipsoid<f64> {
     let mut scaled = *e;
     let values = [
@@ -39,12 +39,12 @@ fn with(e: &Ellipsoid<f64>, parameter: usize, factor: f64) -> Ellipsoid<f64> {
         &mut scaled.c,
         &mut scaled.m,
     ];
-    *values.into_iter().nth(parameter).expect("eight") *= factor;
+    *values.into_iter().nth(parameter).expect("eight parameters") *= factor;
     scaled
 }
 
 #[test]
-fn the_jacobian_by_the_eight_has_rank_five_in_every_region() {
+fn the_jacobian_by_the_eight_parameters_has_rank_five_in_every_region() {
     for (region, name) in Region::ALL.iter().enumerate() {
         let (e, largest_m2) = ellipsoid(region);
         let step = 1e-5;
@@ -57,13 +57,13 @@ fn the_jacobian_by_the_eight_has_rank_five_in_every_region() {
             .collect();
         let mut values: Vec<f64> = DMatrix::from_columns(&columns).singular_values().iter().copied().collect();
         values.sort_by(|a, b| b.total_cmp(a));
-        // The fifth stands far above the error of the differences, the sixth is that error.
+        // The fifth is far above the error of the finite differences, and the sixth is that error.
         assert!(values[4] > 1e-6 * values[0], "{}: {values:?}", name.name());
         assert!(values[5] < 1e-8 * values[0], "{}: {values:?}", name.name());
     }
 }
 
-/// The three directions by name: A/B, C with k and c, d0 with k and c.
+/// The three directions: A/B, C with k and c, d0 with k and c.
 #[test]
 fn aspect_c_and_d0_leave_the_force_unchanged() {
     for region in 0..8 {
@@ -88,7 +88,7 @@ fn aspect_c_and_d0_leave_the_force_unchanged() {
 }
 
 #[test]
-fn pins_are_found_again_in_the_eight() {
+fn an_ellipsoid_has_its_pins_and_its_force_law() {
     for region in 0..8 {
         let truth = law(region);
         let g_max = 0.6;

@@ -1,4 +1,4 @@
-//! What cannot be fitted is named, and the other regions are fitted all the same.
+//! The reasons why a region is not fitted; the other regions are fitted nevertheless.
 
 use fit::interval::RESAMPLES;
 use fit::synthetic::{Noise, curves, walk};
@@ -7,7 +7,7 @@ use plantar::Side;
 
 const OPTIONS: Options = Options::usual([0.012; 8]);
 
-/// Six steps whose heel is replaced.
+/// Six steps with the curves of the heel replaced.
 fn with_heel(heel: impl Fn(RegionCurves) -> RegionCurves) -> Vec<Step> {
     let mut steps = walk(6, 100.0, Filter::Step, 0.01, 1);
     for step in &mut steps {
@@ -19,7 +19,7 @@ fn with_heel(heel: impl Fn(RegionCurves) -> RegionCurves) -> Vec<Step> {
 fn reason(steps: &[Step]) -> Unfit {
     let fits = fit(steps, &OPTIONS, &|_| ());
     assert!(fits[1..].iter().all(Result::is_ok), "the other regions are fitted");
-    fits[0].clone().expect_err("the heel is not")
+    fits[0].clone().expect_err("the heel is not fitted")
 }
 
 fn all(area_mm2: &mut [f64], value: f64) {
@@ -27,7 +27,7 @@ fn all(area_mm2: &mut [f64], value: f64) {
 }
 
 #[test]
-fn every_reason_is_named() {
+fn each_reason_is_recognised() {
     let never = with_heel(|c| RegionCurves { area_mm2: vec![0.0; c.area_mm2.len()], ..c });
     assert_eq!(reason(&never), Unfit::NeverLoaded);
     let zero = with_heel(|c| RegionCurves { force_n: vec![0.0; c.force_n.len()], ..c });
@@ -54,17 +54,17 @@ fn every_reason_is_named() {
     assert!(fit(&[], &OPTIONS, &|_| ()).iter().all(|f| f == &Err(Unfit::NoSteps)));
 }
 
-/// A thickness that makes the ellipsoid larger than an insole takes.
+/// With this thickness the ellipsoid is larger than an insole accepts.
 #[test]
-fn parameters_that_no_insole_takes_are_not_written() {
+fn parameters_outside_of_the_range_of_an_insole_are_rejected() {
     let steps = walk(3, 100.0, Filter::Step, 0.01, 1);
     let fits = fit(&steps, &Options { thickness_m: [5.0; 8], ..OPTIONS }, &|_| ());
     assert!(fits.iter().all(|f| f == &Err(Unfit::OutOfRange)));
 }
 
-/// Of many steps a share is left out at a time; the error on the steps left out is that of the noise.
+/// The error on steps that were not used for the fit is that of the noise.
 #[test]
-fn many_steps_are_left_out_in_shares() {
+fn many_steps_are_cross_validated_in_groups() {
     let steps = walk(70, 50.0, Filter::Step, 0.03, 1);
     for fit in fit(&steps, &OPTIONS, &|_| ()) {
         let fit = fit.expect("fitted");
@@ -74,9 +74,8 @@ fn many_steps_are_left_out_in_shares() {
     }
 }
 
-/// A step that is of no use does not spoil the others.
 #[test]
-fn unusable_steps_are_left_out_of_a_region() {
+fn steps_that_fail_the_screening_are_not_used_for_a_region() {
     let mut steps = walk(6, 100.0, Filter::Step, 0.01, 1);
     steps[2].regions[0].saturated = true;
     steps[4].regions[0].force_n.iter_mut().for_each(|f| *f *= 0.01);
@@ -85,9 +84,9 @@ fn unusable_steps_are_left_out_of_a_region() {
     assert_eq!(fits[1].as_ref().expect("fitted").steps.len(), 6);
 }
 
-/// Another tissue in the second recording shows, another noise does not.
+/// Recordings disagree where the tissue differs, and not where only the noise does.
 #[test]
-fn recordings_of_two_people_are_told_apart() {
+fn recordings_of_two_people_are_recognised() {
     let one = walk(10, 100.0, Filter::Step, 0.02, 1);
     let mut other = walk(10, 100.0, Filter::Step, 0.02, 2);
     other.iter_mut().for_each(|step| step.recording = 1);
@@ -95,10 +94,10 @@ fn recordings_of_two_people_are_told_apart() {
     let fits = fit(&same, &OPTIONS, &|_| ());
     assert!(fits.iter().all(|f| f.as_ref().is_ok_and(|f| f.recordings_ratio.is_some_and(|r| r < 1.3))));
 
-    let mut chance = Noise::new(3);
+    let mut noise = Noise::new(3);
     for step in &mut other {
         for region in 0..3 {
-            let mut stiffer = curves(region, 100.0, Filter::Step, 1.0, 0.02, &mut chance);
+            let mut stiffer = curves(region, 100.0, Filter::Step, 1.0, 0.02, &mut noise);
             stiffer.force_n.iter_mut().for_each(|f| *f *= 1.6);
             step.regions[region] = stiffer;
         }
@@ -107,12 +106,12 @@ fn recordings_of_two_people_are_told_apart() {
     for (region, fit) in fits.iter().enumerate() {
         assert_eq!(matches!(fit, Err(Unfit::MixedPeople(_))), region < 3, "region {region}");
     }
-    // One person's feet may differ.
+    // The two feet of a person may differ.
     other.iter_mut().for_each(|step| step.side = Side::Left);
     assert!(fit(&[one, other].concat(), &OPTIONS, &|_| ()).iter().all(Result::is_ok));
 }
 
-/// The same steps give the same numbers, resampled ones included, on however many threads.
+/// The same steps result in the same numbers, those of the bootstrap included, with any number of threads.
 #[test]
 fn a_fit_is_repeatable_and_its_bootstrap_agrees_with_the_jacobian() {
     let steps = walk(12, 100.0, Filter::Step, 0.01, 4);
@@ -120,7 +119,7 @@ fn a_fit_is_repeatable_and_its_bootstrap_agrees_with_the_jacobian() {
     let once = fit(&steps, &options, &|_| ());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     assert_eq!(once, pool.install(|| fit(&steps, &options, &|_| ())));
-    // White noise is all that steps differ by here, so both kinds of interval measure the same.
+    // The steps differ by white noise alone, so that both kinds of interval have the same width.
     for (region, fit) in once.iter().enumerate() {
         let uncertainty = fit.as_ref().expect("fitted").uncertainty.as_ref().expect("intervals");
         for interval in &uncertainty.intervals {
@@ -132,13 +131,12 @@ fn a_fit_is_repeatable_and_its_bootstrap_agrees_with_the_jacobian() {
 }
 
 #[test]
-fn a_fit_has_no_trouble_with_the_papers_method() {
+fn the_method_of_the_paper_results_in_valid_ellipsoids() {
     let steps = walk(1, 100.0, Filter::Step, 0.01, 4);
     let fits = fit(&steps, &Options { method: Method::Paper, ..OPTIONS }, &|_| ());
     for fit in &fits {
         let fit = fit.as_ref().expect("fitted");
         assert!(fit.ellipsoid.is_valid() && fit.uncertainty.is_none());
-        // Whatever it found is what it reports.
         let law = fit.ellipsoid.force_law();
         let evaluated = fit::quality::Evaluated::new(&steps[0].regions[0], Filter::Step, &law);
         assert!(evaluated.is_some() && fit.quality.fitted < 0.5, "{:?}", fit.quality);

@@ -1,4 +1,4 @@
-//! Recorded steps: what was found once is found again.
+//! Recorded steps: the errors of the fits are those of an independent reference, and of the code of the insole.
 
 use fit::quality::Evaluated;
 use fit::steps::Why;
@@ -17,8 +17,8 @@ fn study(recordings: &[Recording], contact: ContactRule) -> Study {
     let options = Options::usual([0.012; 8]);
     let mut study = Study::new("somebody".into(), contact, options);
     for recording in recordings {
-        let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
-        study.add("a walk".into(), recording, &worn, &mut |_| ()).expect("wearable");
+        let insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+        study.add("a walk".into(), recording, &insole, &mut |_| ()).expect("a valid insole");
     }
     study.fit(&|_| ());
     study
@@ -44,8 +44,8 @@ fn pedar_feet() -> Option<[Recording; 2]> {
     )
 }
 
-/// Mean NRMSE in % of each region against the raw force, as SciPy's trust region reflective least squares found it for the
-/// same filtered areas and bounds: the best of 24 random starts. `None` where the region is not fitted.
+/// Mean NRMSE in % of each region against the measured force, of SciPy's trust region reflective least squares for the same
+/// filtered areas and bounds: the best of 24 random starts. `None` where the region is not fitted.
 type Golden = [Option<f64>; 8];
 
 const LEFT_SHOE: Golden =
@@ -55,7 +55,7 @@ const RIGHT_SHOE: Golden =
 const BAREFOOT: Golden =
     [Some(11.83), Some(21.48), Some(11.51), Some(13.91), Some(20.68), Some(14.95), Some(13.93), Some(9.90)];
 
-/// One search without random starts does as well as the best of 24, within a twentieth of a percentage point.
+/// Asserts that the search without random starts is at most a twentieth of a percentage point worse than the best of 24.
 fn assert_golden(study: &Study, golden: &Golden) {
     for ((region, fit), golden) in Region::ALL.iter().zip(&study.fits).zip(golden) {
         match (fit, golden) {
@@ -70,11 +70,11 @@ fn assert_golden(study: &Study, golden: &Golden) {
 }
 
 #[test]
-fn steps_in_shoes() {
+fn steps_in_shoes_are_fitted_as_well_as_by_the_reference() {
     let Some([left, right]) = pedar_feet() else { return };
     let studies = [left, right].map(|foot| study(&[foot], ContactRule::COUNTED));
     assert_eq!(studies.each_ref().map(|s| s.steps.len()), [9, 8]);
-    // The walker stands before the first step, and stops in the middle of one.
+    // The recording begins while the person stands and ends within a step.
     assert_eq!(studies.each_ref().map(|s| s.left_out.len()), [1, 2]);
     assert_eq!(studies[1].left_out.iter().map(|l| l.why).collect::<Vec<_>>(), [Why::NoHeelStrike, Why::NoToeOff]);
     assert_golden(&studies[0], &LEFT_SHOE);
@@ -83,28 +83,28 @@ fn steps_in_shoes() {
 }
 
 #[test]
-fn barefoot_steps() {
+fn barefoot_steps_are_fitted_as_well_as_by_the_reference() {
     let Some(walk) = walker(0, 0..6) else { return };
     let study = study(&[walk], ContactRule::COUNTED);
     assert_eq!((study.steps.len(), study.left_out.len()), (6, 0));
     assert_golden(&study, &BAREFOOT);
 }
 
-/// What each fit says of itself is what the core computes with its parameters from the recording.
+/// The errors of each fit are those that the core computes from the recording with the same parameters.
 #[test]
-fn the_fits_own_evaluation_is_the_insoles() {
+fn the_errors_of_a_fit_are_those_of_the_insole() {
     let Some(walk) = walker(2, 0..8) else { return };
     for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
         let study = study(std::slice::from_ref(&walk), contact);
         let force_laws: Vec<_> =
             study.fits.iter().map(|f| f.as_ref().map_or(ForceLaw::NONE, |f| ForceLaw { c_m: 0.01, ..f.law })).collect();
-        let worn = VirtualInsole::new(&walk, contact, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&walk, contact, StanceRule::WALKING);
         let mut insole = Box::new(Insole::<f64, MAX_CELLS>::new());
-        insole.set_up(worn.setup, worn.cells.iter().copied()).expect("wearable");
-        let mut codes = vec![0; worn.cells.len()];
+        insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a valid insole");
+        let mut codes = vec![0; virtual_insole.cells.len()];
         let mut compared = 0;
-        for i in 0..worn.frames(&walk) {
-            worn.codes_of(&walk, i, &mut codes);
+        for i in 0..virtual_insole.frames(&walk) {
+            virtual_insole.codes_of(&walk, i, &mut codes);
             if !insole.frame(i as u32, &codes) {
                 continue;
             }
@@ -112,11 +112,11 @@ fn the_fits_own_evaluation_is_the_insoles() {
             let step = study.steps.iter().find(|step| step.number == number).expect("the same steps");
             for (region, law) in force_laws.iter().enumerate().filter(|(_, law)| **law != ForceLaw::NONE) {
                 let (area_mm2, force_n, sample_s) = insole.curves(region);
-                let ours = RegionStep::new(law, area_mm2, force_n, sample_s, &AreaMoments::NONE);
+                let computed = RegionStep::new(law, area_mm2, force_n, sample_s, &AreaMoments::NONE);
                 let Some(evaluated) = Evaluated::new(&step.regions[region], Filter::Step, law) else { continue };
                 let peak_n = evaluated.model_n.iter().copied().fold(0.0, f64::max);
-                assert!((peak_n - ours.model_peak_n).abs() < 1e-9 * (1.0 + peak_n));
-                assert!((evaluated.nrmse() - ours.model_error).abs() < 1e-12);
+                assert!((peak_n - computed.model_peak_n).abs() < 1e-9 * (1.0 + peak_n));
+                assert!((evaluated.nrmse() - computed.model_error).abs() < 1e-12);
                 compared += 1;
             }
         }
@@ -125,7 +125,7 @@ fn the_fits_own_evaluation_is_the_insoles() {
 }
 
 #[test]
-fn two_walkers_in_one_set_are_noticed_and_one_walkers_halves_are_not() {
+fn recordings_of_two_walkers_are_rejected_and_those_of_one_walker_are_not() {
     let (Some(one), Some(more), Some(other)) = (walker(1, 0..10), walker(1, 20..30), walker(4, 0..10)) else { return };
     let mixed = study(&[one.clone(), other], ContactRule::COUNTED);
     let mixed_regions = mixed.fits.iter().filter(|f| matches!(f, Err(Unfit::MixedPeople(_)))).count();

@@ -1,4 +1,4 @@
-//! Identification against parameters that are known.
+//! Identification of known parameters.
 
 use fit::identify::{Bounds, identify, identify_from};
 use fit::interval::{five, from_jacobian};
@@ -8,7 +8,7 @@ use fit::{Filter, Samples};
 use plantar::Region;
 
 #[test]
-fn exact_steps_give_their_parameters_back() {
+fn parameters_of_exact_steps_are_recovered() {
     let mut most_evaluations = 0;
     for filter in [Filter::Step, Filter::Live] {
         for rate_hz in [50.0, 100.0, 200.0, 400.0] {
@@ -36,59 +36,60 @@ fn exact_steps_give_their_parameters_back() {
 
 const REPEATS: u64 = 200;
 
-/// How often the true values lie in the Jacobian's intervals, of noise whose neighbours have the correlation `alike`.
-fn held(region: usize, alike: f64) -> [u32; 5] {
+/// Number of repeats in which the Jacobian's intervals contain the true values, for noise with this correlation of neighbours.
+fn covered(region: usize, autocorrelation: f64) -> [u32; 5] {
     let truth = law(region);
     let expected = [truth.ab_m2, truth.stiffness_pa, truth.damping_pa_s, truth.n, truth.m];
-    let mut held = [0; 5];
+    let mut covered = [0; 5];
     for seed in 0..REPEATS {
-        let curves = curves(region, 100.0, Filter::Step, 1.0, 0.01, &mut Noise::alike(seed, alike));
+        let curves = curves(region, 100.0, Filter::Step, 1.0, 0.01, &mut Noise::autocorrelated(seed, autocorrelation));
         let samples = Samples::new([&curves], Filter::Step);
         let found = identify(&samples, &Bounds::USUAL);
         let uncertainty = from_jacobian(&samples, &Bounds::USUAL, &found);
-        for ((interval, expected), held) in uncertainty.intervals.iter().zip(expected).zip(&mut held) {
+        for ((interval, expected), covered) in uncertainty.intervals.iter().zip(expected).zip(&mut covered) {
             let [low, high] = interval.jacobian;
-            *held += u32::from(low <= expected && expected <= high);
+            *covered += u32::from(low <= expected && expected <= high);
         }
     }
-    held
+    covered
 }
 
 #[test]
-fn intervals_hold_the_truth() {
+fn intervals_contain_the_truth() {
     for (region, name) in Region::ALL.iter().enumerate() {
-        let held = held(region, 0.0);
-        println!("{}: {held:?} of {REPEATS}", name.name());
-        assert!(held.iter().all(|held| (180..=198).contains(held)), "{}: {held:?}", name.name());
+        let covered = covered(region, 0.0);
+        println!("{}: {covered:?} of {REPEATS}", name.name());
+        assert!(covered.iter().all(|covered| (180..=198).contains(covered)), "{}: {covered:?}", name.name());
     }
 }
 
-/// A model that misses leaves residuals whose neighbours are alike, and intervals that took them for independent would hold
-/// the truth in half of the repeats only.
+/// The residuals of a model with a systematic error are correlated. Intervals that assumed independent residuals would contain the
+/// truth in half of the repeats only.
 #[test]
-fn intervals_know_that_neighbouring_residuals_are_alike() {
-    for (alike, least) in [(0.5, 160), (0.8, 160)] {
+fn intervals_account_for_the_correlation_of_residuals() {
+    for (autocorrelation, least) in [(0.5, 160), (0.8, 160)] {
         for (region, name) in Region::ALL.iter().enumerate() {
-            let held = held(region, alike);
-            println!("{}, {alike}: {held:?} of {REPEATS}", name.name());
-            assert!(held.iter().all(|held| *held >= least), "{}, {alike}: {held:?}", name.name());
+            let covered = covered(region, autocorrelation);
+            let place = format!("{}, correlation {autocorrelation}", name.name());
+            println!("{place}: {covered:?} of {REPEATS}");
+            assert!(covered.iter().all(|covered| *covered >= least), "{place}: {covered:?}");
         }
     }
 }
 
-/// 60 random starts of the same search over all five, the best of them: no worse than it by a thousandth of a percentage point.
+/// The error is at most a thousandth of a percentage point above the best of 60 random starts of the search over all five.
 #[test]
-fn noisy_steps_are_fitted_as_well_as_from_the_best_of_sixty_starts() {
+fn a_fit_to_noisy_steps_is_as_good_as_the_best_of_sixty_random_starts() {
     for filter in [Filter::Step, Filter::Live] {
         for region in 0..8 {
             let curves = curves(region, 100.0, filter, 1.0, 0.01, &mut Noise::new(9));
             let samples = Samples::new([&curves], filter);
             let found = identify(&samples, &Bounds::USUAL);
-            let mut chance = fastrand::Rng::with_seed(region as u64);
+            let mut random = fastrand::Rng::with_seed(region as u64);
             let best =
-                (0..60).map(|_| identify_from(&samples, &Bounds::USUAL, std::array::from_fn(|_| chance.f64())).squares);
+                (0..60).map(|_| identify_from(&samples, &Bounds::USUAL, std::array::from_fn(|_| random.f64())).squares);
             let best = best.fold(f64::INFINITY, f64::min);
-            // For one step the squares are NRMSE squared.
+            // For one step, the sum of squares is the squared NRMSE.
             let worse = 100.0 * (found.squares.sqrt() - best.sqrt());
             assert!(worse <= 0.001, "{filter:?}, region {region}: {worse} percentage points");
         }

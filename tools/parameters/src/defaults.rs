@@ -1,5 +1,5 @@
-//! Typical parameters by insole size. They are nobody's own: good for a first look at a stream, not for a statement about a
-//! person.
+//! Typical parameters by insole size. They were not identified from the wearer: suitable for a first view of a stream, not for a
+//! statement about a person.
 
 use crate::Parameters;
 use plantar::pipeline::model::Ellipsoid;
@@ -7,7 +7,7 @@ use serde::Deserialize;
 use std::fmt;
 use std::str::FromStr;
 
-/// European shoe size, 35 to 46 as in the paper's Table 1.
+/// European shoe size, 35 to 46 as in Table 1 of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "i64")]
 pub struct InsoleSize(u8);
@@ -37,8 +37,8 @@ impl InsoleSize {
         self.0
     }
 
-    /// Typical thickness of the unloaded tissue, m, per region in the order of [`plantar::Region::ALL`]: within the ranges that
-    /// were measured at heel and metatarsal heads (docs/identification.md), in proportion to the size.
+    /// Typical thickness of the unloaded tissue, m, in the order of [`plantar::Region::ALL`]; proportional to the size. At heel and
+    /// metatarsal heads it is within published ranges (docs/identification.md).
     pub fn thickness_m(self) -> [f64; 8] {
         SIZE_42.map(|[_, _, d0_mm, ..]| d0_mm * f64::from(self.0) / 42.0 * 1e-3)
     }
@@ -56,11 +56,11 @@ impl Default for InsoleSize {
     }
 }
 
-/// Size 42, per region heel to toes: A, B, d0 in mm; K in kPa, G in kPa s, n, m of the law form.
+/// Size 42, for each region from heel to toes: A, B, d0 in mm; K in kPa, G in kPa s, n, m of the force law.
 ///
-/// A B holds the contact of nine in ten of ten barefoot walkers on a plate (SpeedPP2DS); K, G, n, m are one least-squares fit
-/// a region over all of them together, off by about a fifth of each one's peak force. In a shoe the foot spreads further:
-/// there the contact often exceeds A B, which is flagged.
+/// pi A B exceeds the contact area of nine of ten barefoot walkers on a plate (SpeedPP2DS). K, G, n and m are the least-squares fit
+/// to all of them together, with an error of about a fifth of the peak force of each. In a shoe the foot spreads further, and the
+/// contact area often exceeds pi A B, which is flagged.
 const SIZE_42: [[f64; 7]; 8] = [
     [31.5, 39.5, 16.0, 481.0, 19.9, 0.0, 0.5],
     [28.5, 19.0, 12.0, 201.0, 3.9, 0.0, 0.5],
@@ -72,18 +72,19 @@ const SIZE_42: [[f64; 7]; 8] = [
     [12.0, 15.8, 7.0, 258.0, 0.0, 0.0, 0.5],
 ];
 
-/// Share of its thickness by which tissue is taken to be compressed at most (45.7 % under the metatarsal heads, Cavanagh
-/// 1999), and the share of C that this is where contact covers 90 % of pi A B (Eq. 14). Together they pin C.
-const LARGEST_STRAIN: f64 = 0.457;
-const LARGEST_GAUGE: f64 = 0.68;
+/// Assumed largest deformation over thickness: 45.7 %, measured under the metatarsal heads (Cavanagh 1999). Pins C together with
+/// [`MAX_NORMALISED_DEFORMATION`].
+const MAX_STRAIN: f64 = 0.457;
+/// Normalised deformation g (deformation over C) where the contact area is 90 % of pi A B (Eq. 14).
+const MAX_NORMALISED_DEFORMATION: f64 = 0.68;
 
 impl Parameters {
-    /// Typical values for a size: lengths in proportion to the size, material the same for all.
+    /// Typical values for a size: lengths are proportional to the size, K, G, n and m are the same for all sizes.
     pub fn typical(size: InsoleSize) -> Self {
         let scale = f64::from(size.0) / 42.0;
         let regions = SIZE_42.map(|[a_mm, b_mm, d0_mm, stiffness_kpa, damping_kpa_s, n, m]| {
             let d0_m = d0_mm * scale * 1e-3;
-            let c_m = LARGEST_STRAIN * d0_m / LARGEST_GAUGE;
+            let c_m = MAX_STRAIN * d0_m / MAX_NORMALISED_DEFORMATION;
             Ellipsoid {
                 a_m: a_mm * scale * 1e-3,
                 b_m: b_mm * scale * 1e-3,

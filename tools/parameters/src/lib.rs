@@ -21,28 +21,28 @@ use thiserror::Error;
 /// Version of the file format.
 const VERSION: u32 = 1;
 
-/// Why a parameter file cannot be used.
+/// The reason why a parameter file cannot be used.
 #[derive(Debug, Error)]
 pub enum Error {
-    /// The file cannot be read or written.
+    /// The file cannot be read or written, and the reason of the operating system.
     #[error("{0}: {1}; check the path and its permissions")]
     Io(PathBuf, std::io::Error),
-    /// The file is no TOML of this form; the text names line and column.
+    /// The file is not TOML of the required form. The message names line and column where they are known.
     #[error("{file}: {problem}")]
     Form {
         /// The file.
         file: PathBuf,
-        /// What `toml` says.
+        /// The violated rule.
         problem: String,
     },
-    /// A value that no tissue has.
+    /// A region is missing, unknown, or has a value out of range.
     #[error("{file}: [regions.{region}] {problem}")]
     Region {
         /// The file.
         file: PathBuf,
-        /// The region's name.
+        /// Name of the region in the file.
         region: String,
-        /// What is wrong and what is needed.
+        /// The violated rule and the accepted values.
         problem: String,
     },
 }
@@ -50,26 +50,26 @@ pub enum Error {
 /// A wearer's parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameters {
-    /// Whose they are, or what they stand for.
+    /// Name of the wearer, or a description of the set.
     pub subject: String,
-    /// Identified from the wearer's own steps.
+    /// True where the parameters were identified from steps of the wearer.
     pub personal: bool,
-    /// How they were identified, where that is known.
+    /// The conditions of the identification, where they are known.
     pub identified: Option<Identified>,
-    /// In the order of [`Region::ALL`], SI units.
+    /// The ellipsoids in the order of [`Region::ALL`], SI units.
     pub regions: [Ellipsoid<f64>; 8],
 }
 
-/// What parameters were identified through: they hold for areas that are counted and filtered in this way.
+/// The conditions of an identification. The parameters hold for areas with the same contact rule and filter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identified {
-    /// `step` or `live`: the filter of area.
+    /// The filter of the area: `step` or `live`.
     pub filter: String,
-    /// The rule that areas were counted by.
+    /// The contact rule of the areas.
     pub contact: ContactRule,
-    /// `left`, `right` or `both`: the foot.
+    /// The foot: `left`, `right` or `both`.
     pub side: String,
-    /// How many steps.
+    /// Number of steps.
     pub steps: u32,
 }
 
@@ -94,7 +94,7 @@ struct FileIdentified {
     steps: u32,
 }
 
-/// One region as it stands in a file: lengths in mm.
+/// One region in a file: lengths in mm.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FileRegion {
@@ -109,19 +109,25 @@ struct FileRegion {
 }
 
 impl Parameters {
-    /// Reads a file and checks every value.
+    /// Reads a file and checks all values.
+    ///
+    /// # Errors
+    /// Where the file cannot be read, is not of the required form and version, or a region is missing, unknown or out of range.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::Io(path.into(), e))?;
         Self::parse(&text, path)
     }
 
-    /// As [`Parameters::read`], from text; `path` is for messages.
+    /// As [`Parameters::read`], from text; messages name `path`.
+    ///
+    /// # Errors
+    /// As [`Parameters::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
         let form = |problem: String| Error::Form { file: path.into(), problem };
         let file: File = toml::from_str(text).map_err(|e| form(e.to_string().trim_end().into()))?;
         if file.version != VERSION {
             return Err(form(format!(
-                "version {} is not known; this program reads version {VERSION}: update it",
+                "version {} of the format is unknown; this program reads version {VERSION}; update plantar",
                 file.version
             )));
         }
@@ -130,19 +136,19 @@ impl Parameters {
         if let Some((name, region)) = file.regions.iter().find(|(name, _)| Region::from_name(name).is_none()) {
             let names: Vec<_> = Region::ALL.iter().map(|r| r.name()).collect();
             let line = line(region.span().start);
-            return Err(wrong(name, format!("(line {line}) is no region; the regions are {}", names.join(", "))));
+            return Err(wrong(name, format!("(line {line}) is not a region; the regions are {}", names.join(", "))));
         }
         let mut regions = [None; 8];
         for (slot, region) in regions.iter_mut().zip(Region::ALL) {
             let Some(found) = file.regions.get(region.name()) else {
-                return Err(wrong(region.name(), "is missing; all eight regions are needed".into()));
+                return Err(wrong(region.name(), "is missing; provide all eight regions".into()));
             };
             let line = line(found.span().start);
             let ellipsoid = found.get_ref().check().map_err(|p| wrong(region.name(), format!("(line {line}) {p}")))?;
             *slot = Some(ellipsoid);
         }
-        // Every slot was filled or the function left.
-        let regions = regions.map(|region| region.expect("filled above"));
+        // The loop returned unless it filled every slot.
+        let regions = regions.map(|region| region.expect("the loop fills every slot"));
         let identified = file.identified.map(|i| Identified {
             filter: i.filter,
             contact: ContactRule { on_kpa: i.contact_on_kpa, off_kpa: i.contact_off_kpa, full_kpa: i.contact_full_kpa },
@@ -151,28 +157,30 @@ impl Parameters {
         });
         if identified.as_ref().is_some_and(|i| !i.contact.is_valid()) {
             return Err(form(
-                "[identified] the contact rule is out of range: needs 0 < off <= on <= full, or full 0".into(),
+                "[identified] the contact rule is out of range: needs 0 < contact_off_kpa <= contact_on_kpa, and contact_full_kpa \
+                 of 0 or at least contact_on_kpa"
+                    .into(),
             ));
         }
         Ok(Self { subject: file.subject, personal: file.personal, identified, regions })
     }
 
-    /// What an insole holds, in the paper's numbers: A = B, d0 = C. The force is the same, and so is
-    /// [`Parameters::tissue`] to the bit, also through a file: double precision errs far less than half of a last bit of
-    /// single precision.
+    /// The force laws of an insole as ellipsoids with A = B and d0 = C, which a force law does not determine. The force is the
+    /// same, and [`Parameters::tissue`] is equal to `tissue` to the bit, also after a file was written and read: the rounding
+    /// errors of double precision are far below half of a last bit of single precision.
     pub fn from_tissue(tissue: &Tissue) -> Self {
         let regions = tissue.force_laws.map(|law| {
-            let g = ForceLaw::<f64>::of(&law);
-            let radius_m = g.ab_m2.sqrt();
+            let law = ForceLaw::<f64>::of(&law);
+            let radius_m = law.ab_m2.sqrt();
             Ellipsoid {
                 a_m: radius_m,
                 b_m: radius_m,
-                c_m: g.c_m,
-                d0_m: g.c_m,
-                k: g.stiffness_pa / g.c_m,
-                n: g.n,
-                c: g.damping_pa_s / g.c_m,
-                m: g.m,
+                c_m: law.c_m,
+                d0_m: law.c_m,
+                k: law.stiffness_pa / law.c_m,
+                n: law.n,
+                c: law.damping_pa_s / law.c_m,
+                m: law.m,
             }
         });
         Self {
@@ -183,17 +191,20 @@ impl Parameters {
         }
     }
 
-    /// Writes a commented file.
+    /// Writes the commented file.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), Error> {
         std::fs::write(path, self.to_toml()).map_err(|e| Error::Io(path.into(), e))
     }
 
-    /// The commented file.
+    /// The text of the commented file.
     pub fn to_toml(&self) -> String {
         self.to_toml_with(&|_, _| None)
     }
 
-    /// The commented file; `note` may say something of a region's value, by the value's name in the file.
+    /// The text of the commented file. `note` may return a comment on a value of a region, by the name of the value in the file.
     pub fn to_toml_with(&self, note: &dyn Fn(Region, &str) -> Option<String>) -> String {
         let mut text = String::from(
             "# Plantar tissue parameters: one viscoelastic ellipsoid for each region of one foot.\n\
@@ -201,16 +212,22 @@ impl Parameters {
              # d0_mm             thickness of the unloaded tissue\n\
              # k_n_m3, n         stiffness k (d/d0)^n, N/m3\n\
              # c_n_s_m3, m       damping c (d/d0)^m, N s/m3\n\
-             # Force alone does not tell a from b, nor c_mm and d0_mm from k and c: see docs/model.md.\n\n",
+             # A force trace determines a_mm * b_mm but not a_mm / b_mm, and neither c_mm nor d0_mm: see docs/model.md.\n\n",
         );
         // Writing to a String does not fail.
         let _ = writeln!(text, "version = {VERSION}");
         let _ = writeln!(text, "subject = {}", quoted(&self.subject));
-        let kind =
-            if self.personal { "identified from this person's steps" } else { "NOT known to be this person's own" };
+        let kind = if self.personal {
+            "identified from steps of this person"
+        } else {
+            "NOT identified from steps of this person"
+        };
         let _ = writeln!(text, "personal = {} # {kind}", self.personal);
         if let Some(Identified { filter, contact, side, steps }) = &self.identified {
-            let _ = writeln!(text, "\n# They hold for areas of this foot through this filter, counted by this rule.");
+            let _ = writeln!(
+                text,
+                "\n# The parameters hold for areas of this foot with this filter and this contact rule."
+            );
             let (side, filter) = (quoted(side), quoted(filter));
             let _ = writeln!(text, "[identified]\nside = {side}\nsteps = {steps}\nfilter = {filter}");
             let _ = writeln!(text, "contact_on_kpa = {:?}\ncontact_off_kpa = {:?}", contact.on_kpa, contact.off_kpa);
@@ -236,13 +253,13 @@ impl Parameters {
         text
     }
 
-    /// What a device evaluates.
+    /// The force laws that a device evaluates.
     pub fn tissue(&self) -> Tissue {
         Tissue::new(self.regions.each_ref().map(|ellipsoid| ellipsoid.force_law().single()))
     }
 }
 
-/// A TOML string; Rust's own escapes are not TOML's.
+/// A quoted TOML string; the escapes of Rust's `Debug` are not those of TOML.
 fn quoted(text: &str) -> String {
     let mut quoted = String::from('"');
     for c in text.chars() {
@@ -257,6 +274,10 @@ fn quoted(text: &str) -> String {
 }
 
 impl FileRegion {
+    /// The ellipsoid in SI units.
+    ///
+    /// # Errors
+    /// The violated rule, where a value is out of range.
     fn check(&self) -> Result<Ellipsoid<f64>, String> {
         let lengths = [("a_mm", self.a_mm), ("b_mm", self.b_mm), ("c_mm", self.c_mm), ("d0_mm", self.d0_mm)];
         let mm = 1e-3;
@@ -264,18 +285,18 @@ impl FileRegion {
             if !is_within(value * mm, &LENGTH_M) {
                 let (least, most) = (LENGTH_M.start() / mm, LENGTH_M.end() / mm);
                 return Err(format!(
-                    "{name} = {value}: a length from {least} to {most} mm is needed, so that pi A B is positive"
+                    "{name} = {value}: expected a length from {least} to {most} mm, so that pi A B is positive"
                 ));
             }
         }
         for (name, value) in [("k_n_m3", self.k_n_m3), ("c_n_s_m3", self.c_n_s_m3)] {
             if !(value >= 0.0 && value.is_finite()) {
-                return Err(format!("{name} = {value}: a finite value not below 0 is needed"));
+                return Err(format!("{name} = {value}: expected a finite value of at least 0"));
             }
         }
         for (name, value) in [("n", self.n), ("m", self.m)] {
             if !(value > -1.0 && value <= MAX_EXPONENT) {
-                return Err(format!("{name} = {value}: an exponent above -1 and up to {MAX_EXPONENT} is needed"));
+                return Err(format!("{name} = {value}: expected an exponent above -1 and up to {MAX_EXPONENT}"));
             }
         }
         let ellipsoid = Ellipsoid {
@@ -291,7 +312,8 @@ impl FileRegion {
         let law = ellipsoid.force_law();
         if !law.single().is_valid() {
             return Err(format!(
-                "makes K = k C^(n+1) / d0^n = {:e} Pa and G = c C^(m+1) / d0^m = {:e} Pa s, more than {:e}: check k_n_m3, c_n_s_m3, n and m",
+                "results in K = k C^(n+1) / d0^n = {:e} Pa and G = c C^(m+1) / d0^m = {:e} Pa s, more than {:e}; check \
+                 k_n_m3, c_n_s_m3, n and m",
                 law.stiffness_pa,
                 law.damping_pa_s,
                 COEFFICIENT.end()

@@ -1,32 +1,38 @@
-//! What is known of a person who takes part in a study.
+//! Data of a participant of a study.
 
 use crate::{Error, InsoleSize};
 use serde::{Deserialize, Deserializer, de};
 use std::path::{Path, PathBuf};
 
-/// A `participant.toml`; every line of it may be missing.
+/// The content of a `participant.toml`. All entries are optional.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Participant {
-    /// Shoe size.
+    /// European shoe size.
     pub size: Option<InsoleSize>,
-    /// Body mass, kg.
+    /// Body mass, 10 to 300 kg.
     #[serde(default, deserialize_with = "mass_kg")]
     pub mass_kg: Option<f64>,
-    /// What their unloaded cells read, a file.
+    /// Path of the zero of the insoles.
     pub zero: Option<PathBuf>,
-    /// Their measured tissue thickness, a file.
+    /// Path of the measured tissue thickness.
     pub thickness: Option<PathBuf>,
 }
 
 impl Participant {
-    /// Reads a file and checks every value. Paths in it are relative to it.
+    /// Reads a file and checks all values. Paths in the file are relative to its folder.
+    ///
+    /// # Errors
+    /// Where the file cannot be read, is not TOML of this form, or a value is out of range.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::Io(path.into(), e))?;
         Self::parse(&text, path)
     }
 
-    /// As [`Participant::read`], from text; `path` is for messages and for paths in it.
+    /// As [`Participant::read`], from text. Messages name `path`, and paths in the text are relative to its folder.
+    ///
+    /// # Errors
+    /// As [`Participant::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
         let mut participant: Self = toml::from_str(text)
             .map_err(|e| Error::Form { file: path.into(), problem: e.to_string().trim_end().into() })?;
@@ -40,6 +46,6 @@ impl Participant {
 fn mass_kg<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
     match f64::deserialize(from)? {
         kg if (10.0..=300.0).contains(&kg) => Ok(Some(kg)),
-        kg => Err(de::Error::custom(format!("{kg}: the person's mass in kg, 10 to 300, is needed"))),
+        kg => Err(de::Error::custom(format!("mass_kg = {kg}: expected the mass of the person in kg, 10 to 300"))),
     }
 }

@@ -1,12 +1,13 @@
-//! Virtual insoles: the same load on fewer cells.
+//! Reduction of a recording to fewer cells with the same load.
 
 use crate::{Cell, Error, Layout, Recording, Result};
 use plantar::Region;
 use std::collections::BTreeMap;
 
-/// The pitch is searched in steps of this many mm.
+/// Step of the search for the pitch of the grid, mm.
 const PITCH_STEP_MM: f64 = 0.1;
 
+/// See [`Recording::binned`].
 pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
     if recording.cells() <= max_cells {
         return Ok(recording.clone());
@@ -15,7 +16,7 @@ pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
     let cells = &recording.layout.cells;
     if loaded.len() <= max_cells {
         let groups: Vec<_> = loaded.iter().map(|&i| vec![i]).collect();
-        let done = format!("Reduced to the {} cells ever loaded.", groups.len());
+        let done = format!("Reduced to the {} cells that carry load in some frame.", groups.len());
         return Ok(merged(recording, &groups, &done));
     }
     let regions = Region::ALL.into_iter().filter(|&region| loaded.iter().any(|&i| cells[i].region == region)).count();
@@ -30,7 +31,7 @@ pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
         .map(|k| f64::from(k) * PITCH_STEP_MM)
         .map(|pitch_mm| (pitch_mm, squares(cells, &loaded, pitch_mm)))
         .find(|(_, groups)| groups.len() <= max_cells)
-        .expect("one square in the end holds the whole foot, and its regions fit");
+        .expect("a square as large as the foot leaves one cell for each region, and these fit");
     let done = format!(
         "Merged {} loaded cells into {} on a {pitch_mm:.1} mm grid within each region.",
         loaded.len(),
@@ -39,7 +40,7 @@ pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
     Ok(merged(recording, &groups, &done))
 }
 
-/// The cells that carry load in some frame; all of them if none does.
+/// The cells that carry load in some frame; all cells where none does.
 fn loaded_cells(recording: &Recording) -> Vec<usize> {
     let cells = recording.cells();
     let mut ever = vec![false; cells];
@@ -54,7 +55,7 @@ fn loaded_cells(recording: &Recording) -> Vec<usize> {
     (0..cells).filter(|&i| ever[i]).collect()
 }
 
-/// The cells by region and square of a grid that starts at the least coordinates, in heel-to-toe order.
+/// Groups the chosen cells by region and by square of a grid with its origin at their least coordinates, from heel to toe.
 fn squares(cells: &[Cell], chosen: &[usize], pitch_mm: f64) -> Vec<Vec<usize>> {
     let least = |along: fn(&Cell) -> f64| chosen.iter().map(|&i| along(&cells[i])).fold(f64::INFINITY, f64::min);
     let (x0_mm, y0_mm) = (least(|c| c.x_mm), least(|c| c.y_mm));
@@ -68,7 +69,7 @@ fn squares(cells: &[Cell], chosen: &[usize], pitch_mm: f64) -> Vec<Vec<usize>> {
     groups.into_values().collect()
 }
 
-/// The recording with each group of cells as one cell.
+/// Merges each group of cells to one cell.
 fn merged(recording: &Recording, groups: &[Vec<usize>], done: &str) -> Recording {
     let cells = &recording.layout.cells;
     let merged_cells: Vec<Cell> = groups

@@ -1,17 +1,20 @@
-//! The rules every recording keeps, whether it was read, imported or is about to be written.
+//! The rules of recordings. They are checked on reading, importing and writing.
 
 use crate::{Error, Layout, MAX_CELLS, Recording, Result};
 use plantar::pipeline::region::{MAX_CELL_MM2, MIN_CELL_MM2};
 
-/// What a message points at; the caller turns it into a file with a line, row or column.
+/// The place of a violation; the caller translates it to a file with a line, row or column.
 #[derive(Clone, Copy)]
 pub enum At {
+    /// The recording as a whole.
     Whole,
+    /// A frame, counted from 0.
     Frame(usize),
+    /// The pressure of one cell in one frame.
     Value { frame: usize, cell: usize },
 }
 
-/// Checks everything about a recording.
+/// Checks all rules.
 pub fn recording(recording: &Recording, place: &dyn Fn(At) -> String) -> Result<()> {
     layout(&recording.layout, &place(At::Whole))?;
     let (frames, cells) = (recording.frames(), recording.cells());
@@ -19,29 +22,29 @@ pub fn recording(recording: &Recording, place: &dyn Fn(At) -> String) -> Result<
         return Err(Error::content(
             place(At::Whole),
             format!("{} pressures for {frames} frames of {cells} cells", recording.pressure_kpa.len()),
-            "give one pressure per frame and cell",
+            "provide one pressure for each frame and cell",
         ));
     }
     clock(&recording.t_s, recording.rate_hz, place)?;
     pressures(&recording.pressure_kpa, cells, place)
 }
 
-/// Cells lie within this distance of the origin along an axis, mm; further is another unit.
-const FARTHEST_MM: f64 = 10_000.0;
-/// Times beyond this, s, are another unit: three hundred years.
-const LATEST_S: f64 = 1e10;
-/// Pressures beyond this, kPa, are another unit: ten times what a hard edge under a heel gives.
-const LARGEST_KPA: f32 = 50_000.0;
+/// Largest coordinate of a cell, mm; a larger one means another unit.
+const MAX_COORDINATE_MM: f64 = 10_000.0;
+/// Largest time, s, three hundred years; a larger one means another unit.
+const MAX_TIME_S: f64 = 1e10;
+/// Largest pressure, kPa, ten times that of a hard edge under a heel; a larger one means another unit.
+const MAX_KPA: f32 = 50_000.0;
 
 /// Checks the number of cells and their geometry.
 pub fn layout(layout: &Layout, place: &str) -> Result<()> {
     cell_count(layout.cells.len(), place)?;
     for (i, cell) in layout.cells.iter().enumerate() {
-        if !(cell.x_mm.abs() <= FARTHEST_MM && cell.y_mm.abs() <= FARTHEST_MM) {
+        if !(cell.x_mm.abs() <= MAX_COORDINATE_MM && cell.y_mm.abs() <= MAX_COORDINATE_MM) {
             return Err(Error::content(
                 place,
                 format!("cell {i} lies at ({}, {}) mm", cell.x_mm, cell.y_mm),
-                "give every cell coordinates in mm, within 10 m",
+                "state the coordinates of each cell in mm, within 10 m",
             ));
         }
         let (least_mm2, most_mm2) = (f64::from(MIN_CELL_MM2), f64::from(MAX_CELL_MM2));
@@ -49,14 +52,14 @@ pub fn layout(layout: &Layout, place: &str) -> Result<()> {
             return Err(Error::content(
                 place,
                 format!("cell {i} has an area of {} mm²", cell.area_mm2),
-                format!("give every cell its area in mm2, {least_mm2} to {most_mm2}"),
+                format!("state the area of each cell in mm2, {least_mm2} to {most_mm2}"),
             ));
         }
     }
     Ok(())
 }
 
-/// Checks that there are cells and not too many.
+/// Checks that the number of cells is 1 to [`MAX_CELLS`].
 pub fn cell_count(cells: usize, place: &str) -> Result<()> {
     if cells == 0 {
         return Err(Error::content(place, "no cells", "describe at least one cell"));
@@ -65,30 +68,30 @@ pub fn cell_count(cells: usize, place: &str) -> Result<()> {
         return Err(Error::content(
             place,
             format!("{cells} cells, at most {MAX_CELLS} are supported"),
-            "merge neighbouring cells first",
+            "merge neighbouring cells before the import",
         ));
     }
     Ok(())
 }
 
-/// Checks that time increases in steps of `1 / rate_hz`, give or take half a frame.
+/// Checks that time increases in steps of `1 / rate_hz`, within half a frame.
 fn clock(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> {
     if t_s.is_empty() {
         return Err(Error::content(place(At::Whole), "no frames", "record at least one frame"));
     }
     if !(rate_hz.is_finite() && rate_hz > 0.0) {
-        return Err(Error::content(place(At::Whole), format!("a rate of {rate_hz} Hz"), "give a positive rate"));
+        return Err(Error::content(place(At::Whole), format!("a rate of {rate_hz} Hz"), "state a positive rate"));
     }
     times(t_s, place)?;
     steps(t_s, rate_hz, place)?;
-    // Steps that are each within their half frame may still add up to another rate.
+    // Steps within half a frame each may still add up to another rate.
     let steps = (t_s.len() - 1) as f64;
     let span_s = t_s[t_s.len() - 1] - t_s[0];
     if (span_s * rate_hz - steps).abs() > (0.01 * steps).max(0.5) {
         return Err(Error::content(
             place(At::Whole),
             format!("the frames come at {:.3} Hz, the stated rate is {rate_hz:.3} Hz", steps / span_s),
-            "state the rate of the frames",
+            "correct the stated rate",
         ));
     }
     Ok(())
@@ -96,15 +99,15 @@ fn clock(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> 
 
 /// Checks that all times are finite and in seconds.
 pub fn times(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<()> {
-    let Some(i) = t_s.iter().position(|t| !(-LATEST_S..=LATEST_S).contains(t)) else { return Ok(()) };
+    let Some(i) = t_s.iter().position(|t| !(-MAX_TIME_S..=MAX_TIME_S).contains(t)) else { return Ok(()) };
     Err(Error::content(
         place(At::Frame(i)),
-        format!("time {} is not a finite number of seconds up to {LATEST_S:e}", t_s[i]),
-        "give every frame its time in seconds",
+        format!("time {} is not a finite number of seconds up to {MAX_TIME_S:e}", t_s[i]),
+        "state the time of each frame in seconds",
     ))
 }
 
-/// Checks that every frame follows the one before after `1 / rate_hz`, give or take half of it.
+/// Checks that each frame follows the previous one after `1 / rate_hz`, within half of it.
 pub fn steps(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> {
     for (i, pair) in t_s.windows(2).enumerate() {
         let step_s = pair[1] - pair[0];
@@ -113,14 +116,14 @@ pub fn steps(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<
         } else if step_s < 0.0 {
             format!("time runs backwards from {} s to {} s", pair[0], pair[1])
         } else if (step_s * rate_hz - 1.0).abs() > 0.5 {
-            format!("{step_s:.6} s after the frame before, where {rate_hz:.6} Hz asks for {:.6} s", 1.0 / rate_hz)
+            format!("{step_s:.6} s after the frame before, expected {:.6} s at {rate_hz:.6} Hz", 1.0 / rate_hz)
         } else {
             continue;
         };
         return Err(Error::content(
             place(At::Frame(i + 1)),
             problem,
-            "split the recording there, or resample it to uniform time",
+            "split the recording at this frame, or resample it to uniform time",
         ));
     }
     Ok(())
@@ -128,9 +131,9 @@ pub fn steps(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<
 
 /// Checks that all pressures are finite and not negative.
 fn pressures(pressure_kpa: &[f32], cells: usize, place: &dyn Fn(At) -> String) -> Result<()> {
-    let valid = |kpa: f32| (0.0..=LARGEST_KPA).contains(&kpa);
+    let valid = |kpa: f32| (0.0..=MAX_KPA).contains(&kpa);
     for (frame, row) in pressure_kpa.chunks_exact(cells).enumerate() {
-        // Without an early exit this runs over whole vectors; a bad row is searched again.
+        // Without an early exit the check is vectorised; only an invalid row is searched again.
         if row.iter().fold(true, |all, &kpa| all & valid(kpa)) {
             continue;
         }
@@ -138,7 +141,7 @@ fn pressures(pressure_kpa: &[f32], cells: usize, place: &dyn Fn(At) -> String) -
             return Err(Error::content(
                 place(At::Value { frame, cell }),
                 format!("pressure {} kPa", row[cell]),
-                format!("pressures are finite numbers in kPa, 0 to {LARGEST_KPA}; repair or remove the frame"),
+                format!("pressures must be finite, 0 to {MAX_KPA} kPa; repair or remove the frame"),
             ));
         }
     }

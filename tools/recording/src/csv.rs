@@ -1,8 +1,8 @@
 //! Import from two CSV files: the cells and the frames.
 //!
-//! The layout has the header `cell,x_mm,y_mm,area_mm2` and optionally `region`; cells are numbered from 0
-//! without holes, in foot coordinates ([`Cell`]). Without regions the [`template`] assigns them.
-//! The frames have the header `t_s,c0,c1,...`: time in seconds and every cell's pressure in kPa.
+//! The layout has the header `cell,x_mm,y_mm,area_mm2` and optionally `region`. Cells are numbered from 0 without gaps, in foot
+//! coordinates ([`Cell`]). Where the layout has no regions, [`template`] assigns them. The frames have the header `t_s,c0,c1,...`:
+//! time in seconds and the pressure of each cell in kPa.
 
 use crate::check::{self, At};
 use crate::table::{self, at_line, check_later, check_width, file_name, number, unreadable};
@@ -13,15 +13,15 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// Two cells may share this much of the smaller one: sensors are drawn with some tolerance.
+/// Largest overlap of two cells, as a fraction of the smaller one: layouts are drawn with some tolerance.
 const MAX_OVERLAP: f64 = 0.25;
-/// Rows between two calls of the progress callback.
+/// Number of rows between two calls of `progress`.
 const ROWS_PER_REPORT: usize = 1000;
 
-/// Imports one foot. `progress` is told the bytes done and in total while the frames are read.
+/// Imports one foot. `progress` receives the bytes of the frames read so far and in total.
 ///
 /// # Errors
-/// When a file cannot be read or a line breaks the format; the message names file, line and remedy.
+/// Where a file cannot be read or a line violates the format. The message names file, line and remedy.
 pub fn import(
     layout_path: impl AsRef<Path>,
     frames_path: impl AsRef<Path>,
@@ -38,10 +38,10 @@ pub fn import(
     Ok(recording)
 }
 
-/// As [`import`], from text; messages call it `layout.csv` and `frames.csv`.
+/// As [`import`], from text. Messages name it `layout.csv` and `frames.csv`.
 ///
 /// # Errors
-/// When a line breaks the format.
+/// Where a line violates the format.
 pub fn parse(layout: impl Read, frames: impl Read, side: Side) -> Result<Recording> {
     read(layout, Path::new("layout.csv"), frames, Path::new("frames.csv"), side, &mut |_| {})
 }
@@ -86,7 +86,7 @@ fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {
         let Ok(id) = record[columns.cell].parse::<usize>() else {
             return Err(Error::content(
                 place(),
-                format!("`{}` is no cell number", &record[columns.cell]),
+                format!("`{}` is not a cell number", &record[columns.cell]),
                 "number the cells 0, 1, 2, ...",
             ));
         };
@@ -95,11 +95,11 @@ fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {
             return Err(Error::content(
                 place(),
                 format!("cell {id} has an area of {area_mm2} mm²"),
-                "give every cell a positive area",
+                "state a positive area for each cell",
             ));
         }
         let region = match columns.region {
-            // Replaced by the template once all cells are known.
+            // Replaced by the template after all cells are read.
             None => Region::Heel,
             Some(column) => Region::from_name(&record[column]).ok_or_else(|| {
                 Error::content(
@@ -156,7 +156,7 @@ fn layout_columns(header: &StringRecord, path: &Path) -> Result<LayoutColumns> {
     })
 }
 
-/// Rows come sorted by cell number and must be 0, 1, 2, ...
+/// Checks that the cell numbers of sorted rows are 0, 1, 2, ...
 fn check_numbering(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
     for (expected, &(id, line, _)) in rows.iter().enumerate() {
         if id < expected {
@@ -170,15 +170,15 @@ fn check_numbering(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
         if id > expected {
             return Err(Error::content(
                 at_line(path, line),
-                format!("cell {id} is here, but cell {expected} is nowhere"),
-                "number the cells 0, 1, 2, ... without holes",
+                format!("cell {id} follows, but cell {expected} is missing"),
+                "number the cells 0, 1, 2, ... without gaps",
             ));
         }
     }
     Ok(())
 }
 
-/// Cells are compared as upright squares of their area.
+/// Checks that cells do not overlap. They are compared as squares of their area, parallel to the axes.
 fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
     let mut by_x: Vec<_> = rows.iter().collect();
     by_x.sort_by(|(_, _, a), (_, _, b)| a.x_mm.total_cmp(&b.x_mm));
@@ -204,7 +204,7 @@ fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
                          by {:.0} % of the smaller",
                         100.0 * part
                     ),
-                    "correct their positions or areas",
+                    "correct the positions or areas of these cells",
                 ));
             }
         }
@@ -212,7 +212,7 @@ fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Frames as read: every value checked, uniform time not yet.
+/// Frames as read. Each value is checked; uniformity of time is not.
 struct Frames {
     t_s: Vec<f64>,
     lines: Vec<u64>,
@@ -261,7 +261,7 @@ fn check_frames_header(header: &StringRecord, path: &Path, layout_path: &Path, c
         if name != expected {
             return problem(
                 format!("column {} is `{name}`, expected `{expected}`", i + 1),
-                "the header is t_s,c0,c1,... with one column per cell",
+                "the header is t_s,c0,c1,... with one column for each cell",
             );
         }
     }
@@ -272,7 +272,7 @@ fn check_frames_header(header: &StringRecord, path: &Path, layout_path: &Path, c
                 header.len().saturating_sub(1),
                 layout_path.display()
             ),
-            "give the layout and the frames the same cells",
+            "use a layout and frames of the same cells",
         );
     }
     Ok(())

@@ -3,15 +3,27 @@ use std::path::{Path, PathBuf};
 /// The result of reading, writing or converting a recording.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Why a recording could not be read, written or converted. Every message says where and what to do.
+/// Why a recording could not be read, written or converted. Every message names the place and a remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The operating system refused to open, read or write the file.
-    #[error("{}: {reason}; check the path, its permissions and the room on the disk", file.display())]
-    Io { file: PathBuf, reason: std::io::Error },
-    /// The content breaks a rule. `place` names the file and, where there is one, the line, row or column.
+    /// The operating system refused to open, read or write a file.
+    #[error("{}: {reason}; check the path, its permissions and the free disk space", file.display())]
+    Io {
+        /// The file.
+        file: PathBuf,
+        /// The operating system's reason.
+        reason: std::io::Error,
+    },
+    /// The content violates a rule.
     #[error("{place}: {problem}; {remedy}")]
-    Content { place: String, problem: String, remedy: String },
+    Content {
+        /// The file and, where known, the line, row or column.
+        place: String,
+        /// The violated rule.
+        problem: String,
+        /// An action that resolves it.
+        remedy: String,
+    },
 }
 
 impl Error {
@@ -19,7 +31,7 @@ impl Error {
         Error::Content { place: place.into(), problem: problem.into(), remedy: remedy.into() }
     }
 
-    /// Turns an I/O error into one that names `file`.
+    /// Returns a conversion that adds the name of `file` to an I/O error.
     pub(crate) fn io(file: &Path) -> impl FnOnce(std::io::Error) -> Self {
         move |reason| Error::Io { file: file.to_owned(), reason }
     }

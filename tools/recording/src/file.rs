@@ -1,4 +1,4 @@
-//! The Parquet file of one foot: a column per cell, the rest as JSON in the file's metadata.
+//! The Parquet file of one foot: a column for the time and one for each cell; everything else is JSON in the metadata.
 
 use crate::check::{self, At};
 use crate::pages::SoundPages;
@@ -21,17 +21,18 @@ use std::fs::{self, File};
 use std::path::Path;
 use std::sync::Arc;
 
-/// The key of our JSON in the file's metadata.
+/// Key of the JSON in the metadata of the file.
 const KEY: &str = "plantar";
-/// What a Parquet file begins and ends with.
+/// First and last bytes of a Parquet file.
 const MAGIC: &[u8] = b"PAR1";
-/// The version of that JSON and of the columns.
+/// Version of the JSON and of the columns.
 const VERSION: u32 = 1;
-/// Row groups are this long, so that a reader needs one group's memory at a time.
+/// Number of frames in a row group. A reader needs the memory of one group at a time.
 const FRAMES_PER_GROUP: usize = 16_384;
-/// The most pressures of one recording, 8 GiB: equal values take next to no room in a file. Fuzzing has many files to read.
+/// Largest number of pressures in a recording, 8 GiB. A small file can claim that many, because equal values are compressed. When
+/// fuzzing, fewer, because many files are read.
 const MAX_VALUES: u64 = if cfg!(fuzzing) { 1 << 22 } else { 1 << 31 };
-/// Columns are turned into rows this many at a time: one cache line of f32.
+/// Number of columns that are transposed to rows at a time: one cache line of f32.
 const COLUMNS_PER_BLOCK: usize = 16;
 
 #[derive(Serialize, Deserialize)]
@@ -44,12 +45,13 @@ struct Metadata<'a> {
     layout: Cow<'a, Layout>,
 }
 
-/// What every version of [`Metadata`] has.
+/// The part of [`Metadata`] that is common to all versions.
 #[derive(Deserialize)]
 struct Version {
     version: u32,
 }
 
+/// See [`Recording::write`].
 pub fn write(recording: &Recording, path: &Path) -> Result<()> {
     check::recording(recording, &|at| match at {
         At::Whole => path.display().to_string(),
@@ -63,7 +65,7 @@ pub fn write(recording: &Recording, path: &Path) -> Result<()> {
         source: Cow::Borrowed(&recording.source),
         layout: Cow::Borrowed(&recording.layout),
     };
-    let json = serde_json::to_string(&metadata).expect("numbers and strings have a JSON form");
+    let json = serde_json::to_string(&metadata).expect("numbers and strings can be written as JSON");
     let file = File::create(path).map_err(Error::io(path))?;
     write_columns(recording, json, file).map_err(|e| Error::io(path)(std::io::Error::other(e)))
 }
@@ -114,7 +116,7 @@ fn schema(cells: usize) -> std::result::Result<Type, ParquetError> {
     Type::group_type_builder("recording").with_fields(fields).build()
 }
 
-/// The name of a file column: time first, then the cells.
+/// Name of a column: time first, then the cells.
 fn column_name(index: usize) -> String {
     match index {
         0 => "t_s".to_owned(),
@@ -122,30 +124,36 @@ fn column_name(index: usize) -> String {
     }
 }
 
+/// See [`Recording::read`].
 pub fn read(path: &Path) -> Result<Recording> {
     parse(fs::read(path).map_err(Error::io(path))?, path)
 }
 
+/// See [`Recording::parse`].
 pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<Recording> {
     let bytes = Bytes::from(bytes);
-    // The Parquet library gives up on some damaged files by a panic.
+    // The Parquet library panics on some damaged files.
     std::panic::catch_unwind(|| decode(bytes, path)).unwrap_or_else(|_| {
         let file = path.display().to_string();
-        Err(Error::content(file, "the file is damaged", "take a copy of it, or import the measurement again"))
+        Err(Error::content(file, "the file is damaged", "copy it again, or import the measurement again"))
     })
 }
 
 fn decode(bytes: Bytes, path: &Path) -> Result<Recording> {
     let file = path.display().to_string();
-    let begins_well = bytes.starts_with(MAGIC);
-    let ends_well = bytes.ends_with(MAGIC);
-    let reader = SerializedFileReader::new(bytes).map_err(|error| match (begins_well, ends_well) {
+    let has_start = bytes.starts_with(MAGIC);
+    let has_end = bytes.ends_with(MAGIC);
+    let reader = SerializedFileReader::new(bytes).map_err(|error| match (has_start, has_end) {
         (true, false) => Error::content(
             &file,
             "the file is cut off, its end is missing",
             "copy it again, or import the measurement again",
         ),
-        _ => Error::content(&file, format!("not a Parquet file ({error})"), "make one with `plantar import csv`"),
+        _ => Error::content(
+            &file,
+            format!("not a Parquet file ({error})"),
+            "create a recording with `plantar import csv`",
+        ),
     })?;
     let metadata = metadata(&reader, &file)?;
     let cells = metadata.layout.cells.len();
@@ -183,7 +191,7 @@ fn metadata(reader: &SerializedFileReader<Bytes>, file: &str) -> Result<Metadata
             Error::content(
                 file,
                 format!("Parquet, but without the metadata `{KEY}` that describes the cells"),
-                "make a recording of it with `plantar import csv`",
+                "create a recording with `plantar import csv`",
             )
         })?;
     let broken = |error: serde_json::Error| {
@@ -197,7 +205,7 @@ fn metadata(reader: &SerializedFileReader<Bytes>, file: &str) -> Result<Metadata
     if version > VERSION {
         return Err(Error::content(
             file,
-            format!("version {version} of the format, this program knows up to {VERSION}"),
+            format!("version {version} of the format is unknown; this program reads up to version {VERSION}"),
             "update plantar",
         ));
     }
@@ -209,7 +217,7 @@ fn check_columns(schema: &SchemaDescriptor, cells: usize, file: &str) -> Result<
     if schema.num_columns() != cells + 1 {
         return Err(Error::content(
             file,
-            format!("{} columns, the layout of {cells} cells asks for {}", schema.num_columns(), cells + 1),
+            format!("{} columns, the layout of {cells} cells requires {}", schema.num_columns(), cells + 1),
             reimport,
         ));
     }
@@ -230,7 +238,7 @@ fn check_columns(schema: &SchemaDescriptor, cells: usize, file: &str) -> Result<
     Ok(())
 }
 
-/// The times and the pressures, row-major.
+/// Reads the times, s, and the pressures, kPa, row-major.
 fn read_columns(reader: &SerializedFileReader<Bytes>, cells: usize, file: &str) -> Result<(Vec<f64>, Vec<f32>)> {
     let damaged = |error: ParquetError| {
         Error::content(file, format!("damaged Parquet data ({error})"), "copy or import the file again")
@@ -239,7 +247,7 @@ fn read_columns(reader: &SerializedFileReader<Bytes>, cells: usize, file: &str) 
     if frames > MAX_VALUES / cells as u64 {
         return Err(Error::content(
             file,
-            format!("{frames} frames of {cells} cells, more than fit into memory"),
+            format!("{frames} frames of {cells} cells, more than this program can hold in memory"),
             "split the recording, or copy or import the file again",
         ));
     }
@@ -268,7 +276,7 @@ fn read_columns(reader: &SerializedFileReader<Bytes>, cells: usize, file: &str) 
     Ok((t_s, pressure_kpa))
 }
 
-/// A damaged group may claim any number.
+/// Number of rows; a damaged group may claim a negative one.
 fn rows(group: &RowGroupMetaData) -> usize {
     group.num_rows().max(0) as usize
 }
@@ -302,7 +310,7 @@ fn column<T: DataType>(
             return Err(Error::content(
                 format!("{}, row {}", place(), row + null + 1),
                 "no value",
-                "give every cell a pressure in every frame",
+                "provide a pressure for each cell in each frame",
             ));
         }
         if records == 0 {

@@ -1,4 +1,4 @@
-//! A recording worn as an insole: its cells in the device's order, its pressures as the codes of a sensor.
+//! A virtual insole: the cells of a recording in the order of a device, its pressures as codes of a sensor.
 
 use crate::Recording;
 use plantar::checksum::crc32;
@@ -8,44 +8,44 @@ use plantar::pipeline::region::Cell;
 use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::stance::StanceRule;
 
-/// Exponent of the virtual sensor's power law: conductance of a resistive cell rises a little less than in proportion to
-/// pressure. Our choice.
+/// Exponent of the virtual sensor's power law: the conductance of a resistive cell rises slightly less than in proportion to
+/// pressure. The value is this project's choice.
 pub(crate) const EXPONENT: f32 = 0.8;
-/// Full scale of the virtual sensor, kPa; doubled until it holds the recording.
+/// Full scale of the virtual sensor, kPa; doubled until it exceeds the largest pressure of the recording.
 pub(crate) const FULL_KPA: f32 = 1000.0;
 
-/// A virtual insole that feels what was recorded.
+/// A virtual insole that converts recorded pressures to codes.
 #[derive(Clone, Debug)]
 pub struct VirtualInsole {
-    /// What a device or a replay is set up with.
+    /// Configuration for a device or a replay.
     pub setup: Setup,
     /// The cells in the order of the codes.
     pub cells: Vec<SetupCell>,
-    /// Per cell of the recording its place in the insole.
+    /// For each cell of the recording, its index in the insole.
     places: Vec<usize>,
     law: LawTable,
     curve: Curve,
 }
 
-/// The sensor's law as a table over the leading bits of a pressure, within a hundredth of a code: a long recording would
-/// spend most of its time in `powf`.
+/// The sensor law as a table over the leading bits of a pressure, accurate to a hundredth of a code. With `powf` for each
+/// pressure, a long recording would spend most of its time there.
 #[derive(Clone, Debug)]
 struct LawTable {
-    /// Per step of the leading bits: code at pressure 0, and slope per kPa.
+    /// For each value of the leading bits: code extrapolated to pressure 0, and slope per kPa.
     steps: Vec<(f32, f32)>,
-    /// Leading bits of the table's first step.
+    /// Leading bits of the first entry.
     first: u32,
 }
 
-/// Bits of a pressure that the table leaves to interpolation: 2^9 steps an octave.
+/// Trailing bits of a pressure, over which the table interpolates: 2^9 entries an octave.
 const INTERPOLATED_BITS: u32 = f32::MANTISSA_DIGITS - 1 - 9;
-/// Below this pressure, kPa, a code is less than a half.
-const LEAST_KPA: f32 = 1e-4;
+/// Pressure, kPa, below which a code is less than a half and rounds to 0.
+const MIN_KPA: f32 = 1e-4;
 
 impl LawTable {
     fn new(law: &SensorLaw) -> Self {
         let code = |kpa: f64| f64::from(FULL_CODE) * (kpa / f64::from(law.full_kpa)).powf(f64::from(law.exponent));
-        let first = LEAST_KPA.to_bits() >> INTERPOLATED_BITS;
+        let first = MIN_KPA.to_bits() >> INTERPOLATED_BITS;
         let last = law.full_kpa.to_bits() >> INTERPOLATED_BITS;
         let kpa_at = |step: u32| f64::from(f32::from_bits(step << INTERPOLATED_BITS));
         let steps = (first..=last).map(|step| {
@@ -58,14 +58,14 @@ impl LawTable {
 
     fn code(&self, kpa: f32) -> u16 {
         let step = (kpa.to_bits() >> INTERPOLATED_BITS).wrapping_sub(self.first) as usize;
-        // A pressure beyond the table is below half a code, as the full scale holds the largest one.
+        // A pressure outside of the table is below half a code, because the full scale exceeds the largest pressure.
         self.steps.get(step).map_or(0, |(base, slope)| (base + slope * kpa + 0.5) as u16)
     }
 }
 
 impl VirtualInsole {
-    /// The insole of a recording. Its calibration is ideal, so what differs from the recorded pressures is the sensor's
-    /// resolution: below 0.1 % above 1 % of full scale. [`crate::Zero::wear`] gives the cells offsets.
+    /// The insole of a recording. Its calibration is ideal: pressures differ from the recorded ones by the resolution of the
+    /// sensor alone, less than 0.1 % above 1 % of full scale. [`crate::Zero::wear`] sets the offsets of the cells.
     pub fn new(recording: &Recording, contact: ContactRule, stance: StanceRule) -> Self {
         let largest_kpa = recording.pressure_kpa.iter().fold(0.0f32, |a, &b| a.max(b));
         let mut sensor = SensorLaw { full_kpa: FULL_KPA, exponent: EXPONENT };
@@ -87,7 +87,7 @@ impl VirtualInsole {
                         area_mm2: cell.area_mm2 as f32,
                     },
                     calibration: CellCalibration::IDEAL,
-                    // As the emulated matrix is wired: rows of 16 columns.
+                    // The wiring of the emulated matrix: rows of 16 columns.
                     row_column: place as u8,
                 }
             })
@@ -114,18 +114,18 @@ impl VirtualInsole {
         Self { law: LawTable::new(&setup.sensor), setup, cells, places, curve }
     }
 
-    /// Frames that this insole feels: those of the recording, whose last one is then held long enough to confirm a toe off.
+    /// Number of frames to process: those of the recording, and repetitions of the last one, as many as confirm a toe off.
     pub fn frames(&self, recording: &Recording) -> usize {
         let confirm_us = u32::from(self.setup.stance.min_swing_ms) * 1000;
         recording.frames() + confirm_us.div_ceil(self.setup.period_us) as usize + 1
     }
 
-    /// The codes of frame `i` of [`VirtualInsole::frames`].
+    /// Writes the codes of frame `i`, less than [`VirtualInsole::frames`], into `codes`, one for each cell of the insole.
     pub fn codes_of(&self, recording: &Recording, i: usize, codes: &mut [u16]) {
         self.codes(recording.frame(i.min(recording.frames() - 1)), codes);
     }
 
-    /// The codes of one frame of the recording, one a cell of the insole, by the sensor's own law.
+    /// Writes the codes of these pressures, kPa, in the order of the recording, into `codes`, one for each cell of the insole.
     pub fn codes(&self, pressure_kpa: &[f32], codes: &mut [u16]) {
         codes.fill(0);
         let mut load = |kpa: f32, place: usize| {
@@ -133,7 +133,7 @@ impl VirtualInsole {
                 codes[place] = self.law.code(kpa);
             }
         };
-        // Most cells are unloaded most of the time: pass over them eight at a time.
+        // Most cells are unloaded most of the time: skip them eight at a time.
         let (kpa_by_8, kpa_left) = pressure_kpa.as_chunks::<8>();
         let (places_by_8, places_left) = self.places.as_chunks::<8>();
         for (kpa, places) in kpa_by_8.iter().zip(places_by_8) {
@@ -144,7 +144,8 @@ impl VirtualInsole {
         kpa_left.iter().zip(places_left).for_each(|(&kpa, &place)| load(kpa, place));
     }
 
-    /// What the device measures in one frame of the recording, kPa, in the recording's order: offsets are subtracted.
+    /// The pressures that a device measures where these are applied, kPa, in the order of the recording: quantised, less the
+    /// offsets.
     pub fn measured_kpa(&self, pressure_kpa: &[f32]) -> Vec<f32> {
         let mut codes = vec![0; self.cells.len()];
         self.codes(pressure_kpa, &mut codes);
@@ -155,12 +156,12 @@ impl VirtualInsole {
         self.places.iter().map(measured).collect()
     }
 
-    /// The code of an ideal cell at a pressure.
+    /// The code of a cell without offset at a pressure.
     pub(crate) fn code(&self, kpa: f32) -> u16 {
         self.law.code(kpa)
     }
 
-    /// The pressure whose [`VirtualInsole::code`] this is, by the law itself: a [`Curve`] is too coarse near zero.
+    /// The inverse of [`VirtualInsole::code`], kPa, by the law itself: a [`Curve`] is too coarse near zero.
     pub(crate) fn pressure_kpa(&self, code: u16) -> f32 {
         let SensorLaw { full_kpa, exponent } = self.setup.sensor;
         (f64::from(full_kpa) * (f64::from(code) / f64::from(FULL_CODE)).powf(1.0 / f64::from(exponent))) as f32
@@ -172,7 +173,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_table_is_the_law_to_the_code() {
+    fn the_table_agrees_with_the_law_to_within_rounding() {
         for exponent in [0.5, 0.8, 1.3] {
             let law = SensorLaw { full_kpa: 1000.0, exponent };
             let table = LawTable::new(&law);

@@ -1,9 +1,9 @@
-//! Import of the open data set SpeedPP2DS (Pataky and Crompton) from the package `jiku-data`: barefoot
-//! steps of ten walkers on a pressure plate at 500 Hz, one HDF5 file per walker.
+//! Import of the open data set SpeedPP2DS (Pataky and Crompton) from the package `jiku-data`: barefoot steps of ten walkers on a
+//! pressure plate at 500 Hz, one HDF5 file for each walker.
 //!
-//! Every trial is one step, stored with resampled rows; the import undoes that. The plate says nothing
-//! about force units; 0.1 N per native cell gives plausible body masses. The stored images have the
-//! big toe at small columns, as a right foot has from above, so all steps are taken as right.
+//! Each trial is one step, stored with resampled rows; the import recovers the native rows. The data set does not state the unit
+//! of force; 0.1 N for a unit of a native cell results in plausible body masses. The stored images have the hallux at small
+//! columns, as a right foot seen from above, so all steps are imported as right feet.
 
 mod native;
 mod registration;
@@ -17,35 +17,35 @@ use registration::Shift;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Walkers in the data set.
+/// Number of walkers in the data set.
 pub const WALKERS: usize = 10;
-/// Trials of each walker.
+/// Number of trials of each walker.
 pub const TRIALS: usize = 60;
-/// The plate's rate, Hz.
+/// Frame rate of the plate, Hz.
 pub const RATE_HZ: f64 = 500.0;
-/// Unloaded time put before and after every step, s.
+/// Unloaded time that is inserted before and after each step, s.
 pub const SWING_S: f64 = 0.4;
 
-/// A native cell reaches this far along the foot, mm.
+/// Extent of a native cell along the foot, mm.
 const CELL_LENGTH_MM: f64 = 7.62;
-/// A native cell reaches this far across the foot, mm.
+/// Extent of a native cell across the foot, mm.
 const CELL_WIDTH_MM: f64 = 5.08;
-/// The force of one stored unit, N.
+/// Force of one stored unit, N; assumed.
 const UNIT_N: f64 = 0.1;
 
-/// Strings one walker's trials together into one recording of a walk that never was: every trial is a
-/// separate step over the plate, and between steps come [`SWING_S`] without load.
+/// Concatenates the trials of one walker to one recording. It is not a continuous walk: each trial is a separate step over the
+/// plate, and [`SWING_S`] without load is inserted between steps.
 ///
-/// Each step is shifted by whole native cells to where it overlaps the steps before it best, so no
-/// reading is interpolated; it is not rotated. The layout has every cell that is loaded in some frame.
-/// Trials that are empty, or still loaded in their last frame, are left out; `source` names them.
+/// Each step is shifted by whole native cells to the best overlap with the previous steps, so that no reading is interpolated. It
+/// is not rotated. The layout has all cells that are loaded in some frame. Trials that are empty, or still loaded in their last
+/// frame, are left out; [`Recording::source`] names them.
 ///
-/// `dir` is the data set's folder or its `data_y`; trials count from 0, in the order wanted.
-/// `progress` is told the bytes of the file done and in total.
+/// `dir` is the folder of the data set or its `data_y`. Trials are numbered from 0 and imported in the given order. `progress`
+/// receives the bytes of the file read so far and in total.
 ///
 /// # Errors
-/// When the walker or a trial does not exist, a file cannot be read, the rows of a trial were not
-/// resampled as expected, or no trial is usable.
+/// Where the walker or a trial does not exist, a file cannot be read, the rows of a trial were not resampled as expected, or no
+/// trial is usable.
 pub fn import(
     dir: impl AsRef<Path>,
     walker: usize,
@@ -59,7 +59,7 @@ pub fn import(
     read(file, &path, walker, &trials, &mut |share| progress((total_bytes as f64 * share) as u64, total_bytes))
 }
 
-/// As [`import`], from a walker's file; messages call it `subj000.h5`.
+/// As [`import`], from the content of a walker's file. Messages name it `subj000.h5`.
 ///
 /// # Errors
 /// As [`import`].
@@ -67,7 +67,7 @@ pub fn parse(bytes: &[u8], trials: &[usize]) -> Result<Recording> {
     read(Hdf5File::from_bytes(bytes), Path::new("subj000.h5"), 0, trials, &mut |_| {})
 }
 
-/// `progress` is told the share that is done.
+/// `progress` receives the fraction that is done.
 fn read(
     file: std::result::Result<Hdf5File, hdf5_reader::error::Error>,
     path: &Path,
@@ -110,9 +110,9 @@ fn read(
     check::cell_count(grid.columns.len(), &path.display().to_string())?;
     let mut source = format!(
         "SpeedPP2DS (Pataky and Crompton, jiku-data), {}: {} separate barefoot steps on a pressure \
-         plate (trials {}), strung together with {SWING_S} s without load before and after each; \
-         native rows recovered, {UNIT_N} N per unit assumed, steps shifted by whole cells onto each \
-         other, taken as right feet, regions by template.",
+         plate (trials {}), concatenated with {SWING_S} s without load before and after each; \
+         native rows recovered, {UNIT_N} N for a unit assumed, steps aligned by shifts of whole cells, \
+         imported as right feet, regions by template.",
         file_name(path),
         steps.len(),
         taken.join(", ")
@@ -120,7 +120,7 @@ fn read(
     if !left_out.is_empty() {
         source += &format!(" Trials left out: {}.", left_out.join(", "));
     }
-    let pressure_kpa = string_together(&steps, &shifts, &grid);
+    let pressure_kpa = concatenate(&steps, &shifts, &grid);
     let frames = pressure_kpa.len() / grid.columns.len();
     Ok(Recording {
         side: Side::Right,
@@ -132,6 +132,7 @@ fn read(
     })
 }
 
+/// The file of a walker, in `dir` or in its folder `data_y`.
 fn walker_file(dir: &Path, walker: usize) -> Result<PathBuf> {
     if walker >= WALKERS {
         return Err(Error::content(
@@ -145,14 +146,14 @@ fn walker_file(dir: &Path, walker: usize) -> Result<PathBuf> {
         Error::content(
             dir.display().to_string(),
             format!("no file {name}"),
-            "name the folder SpeedPP2DS of an installed jiku-data",
+            "state the folder SpeedPP2DS of an installed jiku-data",
         )
     })
 }
 
-/// The plate's cells that any step loads, in the frame common to all steps.
+/// The cells of the plate that any step loads, in coordinates common to all steps.
 struct Grid {
-    /// The column in a frame of the cell at (row, column) of the plate, heel to toe.
+    /// The index in a frame of the cell at (row, column) of the plate, from heel to toes.
     columns: BTreeMap<(isize, isize), usize>,
 }
 
@@ -192,7 +193,7 @@ impl Grid {
 }
 
 /// All frames, row-major, kPa: swing, step, swing, step, ..., swing.
-fn string_together(steps: &[Step], shifts: &[Shift], grid: &Grid) -> Vec<f32> {
+fn concatenate(steps: &[Step], shifts: &[Shift], grid: &Grid) -> Vec<f32> {
     let kpa_per_unit = (UNIT_N / (CELL_LENGTH_MM * CELL_WIDTH_MM) * 1e3) as f32;
     let cells = grid.columns.len();
     let swing = (SWING_S * RATE_HZ).round() as usize * cells;

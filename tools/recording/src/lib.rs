@@ -1,9 +1,9 @@
-//! Plantar pressure recordings: one in-memory type, one file format, and the ways into it.
+//! Plantar pressure recordings: one in-memory type, one file format, and the importers.
 //!
-//! A [`Recording`] is what one foot's sensors read over time. It is kept in a Parquet file
-//! ([`Recording::read`], [`Recording::write`]) and comes from one of the importers
-//! ([`csv`], [`pedar`], [`jiku`]) or from a computed walk whose truth is known ([`synthetic`]).
-//! [`template`] finds the region of cells whose source names none. A [`StandingTrial`] gives an insole its [`Zero`].
+//! A [`Recording`] is the pressure under one foot over time. It is stored in a Parquet file ([`Recording::read`],
+//! [`Recording::write`]) and comes from one of the importers ([`csv`], [`pedar`], [`jiku`]) or from a computed walk with a known
+//! truth ([`synthetic`]). Where the source names no regions, [`template`] assigns them. [`VirtualInsole`] turns a recording into
+//! the codes of a sensor. A [`StandingTrial`] yields the [`Zero`] of an insole.
 
 pub mod csv;
 pub mod jiku;

@@ -1,4 +1,4 @@
-//! Regions and sides in files: by their lower-case names, not by their Rust identifiers.
+//! Serialisation of regions and sides by their lower-case names, as files have them, instead of their Rust identifiers.
 
 /// `#[serde(with = "names::region")]`: [`plantar::Region::name`].
 pub mod region {
@@ -28,15 +28,17 @@ pub mod side {
         match String::deserialize(from)?.as_str() {
             "left" => Ok(Side::Left),
             "right" => Ok(Side::Right),
-            other => Err(D::Error::custom(format!("unknown side `{other}`, one of left, right"))),
+            other => Err(D::Error::custom(format!("unknown side `{other}`, expected left or right"))),
         }
     }
 }
 
+/// A message for a name that no region has.
 pub fn unknown_region(name: &str) -> String {
-    format!("unknown region `{name}`, one of {}", all_regions())
+    format!("unknown region `{name}`, expected one of {}", all_regions())
 }
 
+/// The names of all regions, separated by commas.
 pub fn all_regions() -> String {
     plantar::Region::ALL.map(plantar::Region::name).join(", ")
 }

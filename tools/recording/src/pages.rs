@@ -1,12 +1,14 @@
-//! Pages of a column that claim no more values than they can hold: the Parquet library makes room for what a page claims.
+//! A check of Parquet pages before they are decoded: the library allocates memory for as many values as a page header claims, so
+//! a damaged header could exhaust it.
 
 use parquet::column::page::{Page, PageMetadata, PageReader};
 use parquet::errors::{ParquetError, Result};
 
-/// Passes on the pages of a column that are sound.
+/// Reads the pages of a column and rejects pages that claim more values than they can hold.
 pub struct SoundPages {
+    /// The pages as the file has them.
     pub pages: Box<dyn PageReader>,
-    /// Rows of the group.
+    /// Number of rows in the row group.
     pub rows: usize,
     /// Size of a value of the column, bytes.
     pub value_bytes: usize,

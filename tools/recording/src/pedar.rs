@@ -1,8 +1,8 @@
-//! Import of pedar in-shoe measurements: the ASCII export (`.asc`) and the insole's geometry.
+//! Import of pedar in-shoe measurements: the ASCII export (`.asc`) and the geometry of the insole.
 //!
-//! The export holds both feet: time, the left sensors, the right sensors, in kPa. The geometry is a CSV
-//! with the header `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm`: the corners of every sensor, both
-//! insoles seen from above side by side, heels at small y, the right insole at larger x.
+//! The export has both feet: time in seconds, the left sensors and the right sensors in kPa. The geometry is a CSV file with the
+//! header `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm`: the corners of each sensor, both insoles seen from above side by
+//! side, heels at small y, the right insole at larger x.
 
 use crate::check::{self, At};
 use crate::table::{self, at_line, check_later, check_width, file_name, number, pressure_kpa, unreadable};
@@ -11,20 +11,20 @@ use plantar::{Region, Side};
 use std::fs;
 use std::path::Path;
 
-/// How far a polygon's area may be from the stated one; sensors are drawn with straight edges.
+/// Largest relative difference between the stated area and that of the polygon: real sensors have curved edges.
 const AREA_TOLERANCE: f64 = 0.25;
-/// Lines between two calls of the progress callback.
+/// Number of lines between two calls of `progress`.
 const LINES_PER_REPORT: usize = 1000;
-/// The first word of the line that names the columns.
+/// First word of the line that names the columns.
 const TIME_COLUMN: &str = "time[secs]";
 
 const GEOMETRY_HEADER: [&str; 11] =
     ["side", "sensor", "area_mm2", "x1_mm", "y1_mm", "x2_mm", "y2_mm", "x3_mm", "y3_mm", "x4_mm", "y4_mm"];
 
-/// Imports one foot of a measurement. `progress` is told the bytes done and in total.
+/// Imports one foot of a measurement. `progress` receives the bytes read so far and in total.
 ///
 /// # Errors
-/// When a file cannot be read or a line breaks the format; the message names file, line and remedy.
+/// Where a file cannot be read or a line violates the format. The message names file, line and remedy.
 pub fn import(
     asc_path: impl AsRef<Path>,
     geometry_path: impl AsRef<Path>,
@@ -37,10 +37,10 @@ pub fn import(
     read(&asc, asc_path, &geometry, geometry_path, side, progress)
 }
 
-/// As [`import`], from text; messages call it `measurement.asc` and `geometry.csv`.
+/// As [`import`], from text. Messages name it `measurement.asc` and `geometry.csv`.
 ///
 /// # Errors
-/// When a line breaks the format.
+/// Where a line violates the format.
 pub fn parse(asc: &[u8], geometry: &[u8], side: Side) -> Result<Recording> {
     read(asc, Path::new("measurement.asc"), geometry, Path::new("geometry.csv"), side, &mut |_, _| {})
 }
@@ -74,7 +74,7 @@ fn read(
     })
 }
 
-/// The cells of one insole in foot coordinates, by sensor number.
+/// The cells of one insole in foot coordinates, in the order of the sensor numbers.
 fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
     let mut reader = table::open(text);
     let header = reader.headers().map_err(|e| unreadable(path, e))?.clone();
@@ -102,7 +102,7 @@ fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
             return Err(Error::content(
                 place(),
                 format!("sensor `{}`, expected {}", &record[1], cells.len() + 1),
-                "list each side's sensors as 1, 2, 3, ... without holes",
+                "number the sensors of each side 1, 2, 3, ... without gaps",
             ));
         }
         let mut values = [0.0; 9];
@@ -110,7 +110,7 @@ fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
             *value = number(&record[i + 2], &header[i + 2], &place)?;
         }
         let [area_mm2, coordinates @ ..] = values;
-        // Seen from above, the medial side of a right foot is at small x, of a left foot at large x.
+        // Seen from above, the medial side of a right foot is at small x, that of a left foot at large x.
         let lateral = match side {
             Side::Left => -1.0,
             Side::Right => 1.0,
@@ -122,7 +122,7 @@ fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
             return Err(Error::content(
                 place(),
                 format!("area {area_mm2} mm², but the corners enclose {polygon_mm2:.0} mm²"),
-                "correct the area or the corners, in order around the sensor",
+                "correct the area, or list the corners in order around the sensor",
             ));
         }
         corners.extend(polygon);
@@ -145,7 +145,7 @@ fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
     Ok(cells)
 }
 
-/// The shoelace formula; the corners may run either way round.
+/// Centroid and area of a polygon by the shoelace formula, for either orientation.
 fn centroid_and_area(polygon: &[[f64; 2]; 4]) -> ([f64; 2], f64) {
     let (mut doubled_mm2, mut x, mut y) = (0.0, 0.0, 0.0);
     for (i, &[x1, y1]) in polygon.iter().enumerate() {
@@ -158,7 +158,7 @@ fn centroid_and_area(polygon: &[[f64; 2]; 4]) -> ([f64; 2], f64) {
     ([x / (3.0 * doubled_mm2), y / (3.0 * doubled_mm2)], doubled_mm2.abs() / 2.0)
 }
 
-/// Frames as read: every value checked, uniform time not yet.
+/// Frames as read. Each value is checked; uniformity of time is not.
 struct Frames {
     t_s: Vec<f64>,
     lines: Vec<u64>,
@@ -173,7 +173,7 @@ fn read_frames(
     side: Side,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Frames> {
-    // Its header may hold names in any encoding; the numbers are ASCII.
+    // The header of the file may contain names in any encoding; the numbers are ASCII.
     let text = String::from_utf8_lossy(bytes);
     let mut lines = (1..).zip(text.lines());
     check_header(&mut lines, path, geometry_path, sensors)?;
@@ -208,7 +208,7 @@ fn read_frames(
     Ok(frames)
 }
 
-/// Consumes the lines up to the one that names the columns; checks the unit and the sensors.
+/// Consumes the lines up to the one that names the columns. Checks the unit and the sensors.
 fn check_header<'a>(
     lines: &mut impl Iterator<Item = (u64, &'a str)>,
     path: &Path,
@@ -235,7 +235,7 @@ fn check_header<'a>(
                          right foot, as in {}",
                         geometry_path.display()
                     ),
-                    "export both feet with all sensors, and use this insole size's geometry",
+                    "export both feet with all sensors, and use the geometry of this insole size",
                 ));
             }
             return Ok(());

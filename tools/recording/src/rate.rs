@@ -1,12 +1,16 @@
-//! The rate of frames, and changing it.
+//! The frame rate of a recording, and resampling.
 
 use crate::check::{self, At};
 use crate::{Error, Recording, Result};
 
-/// Fewer frames a second are times in another unit, such as ms: a stance is shorter than two of them.
-const LEAST_HZ: f64 = 2.0;
+/// Lowest plausible rate, Hz: a stance would have fewer than two frames. A lower rate means that times are in another unit, such
+/// as ms.
+const MIN_HZ: f64 = 2.0;
 
-/// The mean rate of increasing times, Hz, after checking that none is far from the median interval and that they can be seconds.
+/// The mean rate of increasing times, Hz.
+///
+/// # Errors
+/// Where fewer than two times exist, an interval differs much from the median interval, or the times cannot be seconds.
 pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
     check::times(t_s, place)?;
     let mut steps_s: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -20,15 +24,16 @@ pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
     let middle = (steps_s.len() - 1) / 2;
     let (_, median_s, _) = steps_s.select_nth_unstable_by(middle, f64::total_cmp);
     check::steps(t_s, 1.0 / *median_s, place)?;
-    // The mean is exact where times are rounded, say to whole milliseconds.
+    // The mean interval, unlike the median, is exact where times are rounded, for example to whole milliseconds.
     let rate_hz = steps_s.len() as f64 / (t_s[t_s.len() - 1] - t_s[0]);
-    if rate_hz < LEAST_HZ {
+    if rate_hz < MIN_HZ {
         let problem = format!("a frame every {:.3} s", 1.0 / rate_hz);
         return Err(Error::content(place(At::Whole), problem, "give times in seconds"));
     }
     Ok(rate_hz)
 }
 
+/// See [`Recording::at_rate`].
 pub fn at_rate(recording: &Recording, rate_hz: f64) -> Result<Recording> {
     let t_s = &recording.t_s;
     let span_s = match (t_s.first(), t_s.last()) {
@@ -37,13 +42,13 @@ pub fn at_rate(recording: &Recording, rate_hz: f64) -> Result<Recording> {
             return Err(Error::content("resampling", "no frames", "record at least one frame"));
         }
     };
-    // A frame that rounding puts a hair after the end still counts.
+    // A frame that lies after the end by no more than rounding still counts.
     let steps = (span_s * rate_hz + 1e-6).floor();
     if !(rate_hz > 0.0 && steps < f64::from(u32::MAX)) {
         return Err(Error::content(
             "resampling",
             format!("cannot resample to {rate_hz} Hz"),
-            "give a positive rate that leaves a usable number of frames",
+            "choose a positive rate that results in at most 2^32 - 1 frames",
         ));
     }
     let frames = steps as usize + 1;

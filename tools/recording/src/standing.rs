@@ -1,54 +1,55 @@
-//! Finds the parts of a standing trial: sit with both feet lifted, stand still, sit and lift both feet again (DeBerardinis
-//! et al. 2019, section 2.4: 5, 10 and 5 seconds).
+//! Segmentation of a standing trial: sit with both feet lifted, stand still, sit and lift both feet again (DeBerardinis et al.
+//! 2019, section 2.4: 5, 10 and 5 seconds).
 //!
-//! People are late and unloaded cells do not read zero, so neither times nor forces are known beforehand. What is known is
-//! that the force rests at its highest while standing and at its lowest, before and after, while the feet are lifted. The
-//! force alone does not tell lifted feet from feet that rest on the floor all the time.
+//! People do not keep exact times, and unloaded cells do not read zero, so neither times nor forces are known in advance. The
+//! segmentation relies on two facts: the force is constant and highest while standing, and constant and lowest while the feet
+//! are lifted, before and after. From the force alone, lifted feet cannot be distinguished from feet that rest on the floor
+//! throughout the trial.
 
 use crate::{Error, Recording, Result};
 use std::ops::Range;
 
-/// Standing still lasts at least this long, s.
+/// Shortest time of standing still, s.
 const STAND_S: f64 = 5.0;
-/// Both times with lifted feet last together at least this long, s.
+/// Shortest time with lifted feet in total, s.
 const LIFTED_S: f64 = 3.0;
-/// and each at least this long, s.
+/// Shortest time with lifted feet before standing, and after it, s.
 const LIFTED_ONCE_S: f64 = 1.0;
-/// Left out at both ends of every part, s: the foot is still moving.
+/// Omitted at both ends of each part, s: the foot is still moving.
 const GUARD_S: f64 = 0.5;
-/// The force is averaged over this time before it is compared, s.
+/// Window of the moving average that is applied to the force, s.
 const SMOOTH_S: f64 = 0.1;
 
-/// Standing and lifted feet differ by at least this force on one foot, N.
-const LEAST_SPAN_N: f64 = 50.0;
-// The rest as fractions of that difference.
-/// Sway, about the mean force of standing.
+/// Smallest difference between standing and lifted, on one foot, N.
+const MIN_SPAN_N: f64 = 50.0;
+// The following are fractions of that difference.
+/// Largest sway about the mean force of standing.
 const SWAY: f64 = 0.25;
-/// Standing begins and ends this close to its mean force.
+/// Standing begins and ends where the force is this close to its mean.
 const SETTLED: f64 = 0.03;
-/// A lifted foot's force stays this close above its lowest; a foot resting on the floor while sitting takes two to four
-/// times as much.
+/// While a foot is lifted, its force is at most this much above its lowest. A foot that rests on the floor while sitting carries
+/// two to four times as much.
 const LIFTED: f64 = 0.05;
-/// The two times with lifted feet agree to this.
+/// Largest difference between the two times with lifted feet.
 const DRIFT: f64 = 0.1;
 
 const REMEDY: &str = "record it again: sit and lift both feet for 5 s, stand still for 10 s, sit and lift both for 5 s";
 
-/// The frames of one foot's standing trial by what the foot does; transitions belong to none.
+/// The parts of one foot's standing trial as ranges of frames. Transitions belong to no part.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StandingTrial {
-    /// The foot is lifted: before and after standing.
+    /// The foot is lifted, before and after standing.
     pub lifted: [Range<usize>; 2],
     /// The person stands still.
     pub standing: Range<usize>,
 }
 
 impl StandingTrial {
-    /// Finds the parts of a trial; `place` names the recording in messages.
+    /// Finds the parts of a trial. Messages name the recording `place`.
     ///
     /// # Errors
-    /// When the foot is not lifted for at least 3 s in all, 1 s each time, or does not stand still for at least 5 s between,
-    /// besides 0.5 s at the ends of each.
+    /// Where the foot is not lifted for at least 3 s in total and 1 s each time, or does not stand still for at least 5 s in
+    /// between. Half a second at both ends of each part does not count.
     pub fn find(recording: &Recording, place: &str) -> Result<Self> {
         let wrong = |problem: String| Error::content(place, problem, REMEDY);
         let force = Force::of(recording);
@@ -63,13 +64,13 @@ impl StandingTrial {
             return Err(wrong(format!("{:.1} s are too short for a standing trial", seconds(frames))));
         }
 
-        // Means over so long that no step, stumble or jump decides.
+        // Means over times that are long enough to exclude steps, stumbles and jumps.
         let low_n = force.means_n(0..frames, frames_in(LIFTED_ONCE_S)).fold(f64::INFINITY, f64::min);
         let high_n = force.means_n(0..frames, frames_in(STAND_S)).fold(0.0, f64::max);
         let span_n = high_n - low_n;
-        if span_n < LEAST_SPAN_N {
+        if span_n < MIN_SPAN_N {
             return Err(wrong(format!(
-                "no difference between lifted and standing: apart from brief moments the foot reads {low_n:.0} to {high_n:.0} N"
+                "no difference between lifted and standing: except for brief moments the foot reads {low_n:.0} to {high_n:.0} N"
             )));
         }
 
@@ -82,7 +83,7 @@ impl StandingTrial {
         let standing = guarded(start..end);
         if standing.len() < frames_in(STAND_S) {
             return Err(wrong(format!(
-                "the longest time of standing still has {:.1} s, and {STAND_S} s are needed",
+                "the longest time of standing still has {:.1} s, at least {STAND_S} s are needed",
                 seconds(standing.len())
             )));
         }
@@ -91,7 +92,7 @@ impl StandingTrial {
             let once = frames_in(LIFTED_ONCE_S);
             let lowest_n = force.means_n(within.clone(), once).fold(f64::INFINITY, f64::min);
             let lifted = guarded(longest_run(within, |i| smooth_n(i) <= lowest_n + LIFTED * span_n));
-            // Without a whole second the lowest mean is infinite.
+            // Where `within` is shorter than a second, the lowest mean is infinite.
             if lowest_n <= low_n + DRIFT * span_n && lifted.len() >= once {
                 return Ok(lifted);
             }
@@ -102,7 +103,7 @@ impl StandingTrial {
         let lifted_frames = lifted[0].len() + lifted[1].len();
         if lifted_frames < frames_in(LIFTED_S) {
             return Err(wrong(format!(
-                "the foot is lifted for {:.1} s in all, and {LIFTED_S} s are needed",
+                "the foot is lifted for {:.1} s in total, at least {LIFTED_S} s are needed",
                 seconds(lifted_frames)
             )));
         }
@@ -110,9 +111,9 @@ impl StandingTrial {
     }
 }
 
-/// The force on the foot, ready for means over any frames.
+/// The force on the foot as cumulative sums, for means over any range of frames.
 struct Force {
-    /// The sum over all frames before each, N.
+    /// Sums over all previous frames, N, from 0 for the first frame to the sum over all frames.
     sums_n: Vec<f64>,
 }
 
@@ -130,18 +131,18 @@ impl Force {
         (self.sums_n[frames.end] - self.sums_n[frames.start]) / frames.len() as f64
     }
 
-    /// The mean over up to `reach` frames on both sides of frame `i`.
+    /// Mean over frame `i` and up to `reach` frames on both sides of it.
     fn around_n(&self, i: usize, reach: usize) -> f64 {
         self.mean_n(i.saturating_sub(reach)..(i + reach + 1).min(self.sums_n.len() - 1))
     }
 
-    /// The means over every `length` successive frames of `within`.
+    /// Means over all runs of `length` successive frames in `within`.
     fn means_n(&self, within: Range<usize>, length: usize) -> impl Iterator<Item = f64> {
         (within.start..(within.end + 1).saturating_sub(length)).map(move |i| self.mean_n(i..i + length))
     }
 }
 
-/// The first of the longest stretches of frames that all hold.
+/// The longest run of frames for which the condition holds; the first of several.
 fn longest_run(within: Range<usize>, holds: impl Fn(usize) -> bool) -> Range<usize> {
     let mut longest = within.start..within.start;
     let mut start = within.start;

@@ -1,26 +1,26 @@
-//! Tables in text files, with errors that name file and line.
+//! Parsing of text tables, with errors that name file and line.
 
 use crate::{Error, Result};
 use csv::{Reader, ReaderBuilder, Trim};
 use std::io::Read;
 use std::path::Path;
 
-/// A CSV reader that leaves the number of fields to [`check_width`].
+/// A CSV reader that accepts any number of fields; [`check_width`] checks it with a better message.
 pub fn open<R: Read>(from: R) -> Reader<R> {
     ReaderBuilder::new().trim(Trim::All).flexible(true).from_reader(from)
 }
 
-/// `file:line`, as compilers and editors write it.
+/// The place of a line, `file:line`.
 pub fn at_line(file: &Path, line: u64) -> String {
     format!("{}:{line}", file.display())
 }
 
-/// The file's own name, for provenance.
+/// The name of a file without its folder, for provenance.
 pub fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// What the CSV reader itself stumbles over: I/O, or text that is no UTF-8.
+/// Converts an error of the CSV reader itself: I/O, or text that is not UTF-8.
 pub fn unreadable(file: &Path, error: csv::Error) -> Error {
     let place = match error.position() {
         Some(position) => at_line(file, position.line()),
@@ -29,7 +29,7 @@ pub fn unreadable(file: &Path, error: csv::Error) -> Error {
     Error::content(place, error.to_string(), "save the file as plain CSV in UTF-8")
 }
 
-/// The finite number in a field.
+/// Parses a finite number.
 pub fn number(field: &str, column: &str, place: &dyn Fn() -> String) -> Result<f64> {
     match field.parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
@@ -41,7 +41,7 @@ pub fn number(field: &str, column: &str, place: &dyn Fn() -> String) -> Result<f
     }
 }
 
-/// The pressure in a field, kPa: finite and not negative.
+/// Parses a pressure, kPa, finite and not negative.
 pub fn pressure_kpa(field: &str, column: &str, place: &dyn Fn() -> String) -> Result<f32> {
     let kpa = number(field, column, place)? as f32;
     if (0.0..=f32::MAX).contains(&kpa) {
@@ -54,7 +54,7 @@ pub fn pressure_kpa(field: &str, column: &str, place: &dyn Fn() -> String) -> Re
     ))
 }
 
-/// Checks that a line's time follows the one before.
+/// Checks that the time of a line is later than that of the previous line.
 pub fn check_later(now_s: f64, before_s: Option<f64>, place: &dyn Fn() -> String) -> Result<()> {
     let problem = match before_s {
         Some(before_s) if now_s == before_s => format!("time {now_s} s is repeated"),
@@ -63,7 +63,7 @@ pub fn check_later(now_s: f64, before_s: Option<f64>, place: &dyn Fn() -> String
         }
         _ => return Ok(()),
     };
-    Err(Error::content(place(), problem, "sort the frames by time and keep each once"))
+    Err(Error::content(place(), problem, "sort the frames by time and remove duplicates"))
 }
 
 /// Checks that a line has as many fields as the header.

@@ -1,22 +1,24 @@
-//! Regions for cells whose source names none: [`plantar::pipeline::template`] laid over the cells themselves.
+//! Regions for cells from a source without regions: fits [`plantar::pipeline::template`] to the extent of the cells.
 
 use crate::Cell;
 use plantar::pipeline::template::region_at;
 
-/// Where the widths of heel and forefoot are taken, fractions of the foot's length.
+/// Bands in which the widths of heel and forefoot are measured, fractions of the foot's length.
 const HEEL_BAND: [f64; 2] = [0.05, 0.25];
 const FOREFOOT_BAND: [f64; 2] = [0.60, 0.78];
 
-/// Gives every cell its region by [`region_at`], with length and edges taken from the cells themselves.
+/// Assigns each cell its region by [`region_at`]. The length of the foot is that of the cells. The edges run straight from those of
+/// the heel to those of the forefoot, so that a foot may be oblique on its sheet; in front of the forefoot the width is that of the
+/// forefoot.
 ///
-/// The cells must be those under the foot, in foot coordinates; their present regions are ignored.
+/// `cells` must be those under the foot, in foot coordinates; their present regions are replaced. Without cells nothing happens.
 pub fn assign(cells: &mut [Cell]) {
     let length = extent(cells, |c| c.y_mm);
     let y_frac = |y_mm: f64| (y_mm - length.low_mm) / (length.high_mm - length.low_mm);
     let edges = |band: [f64; 2]| {
         let within: Vec<Cell> =
             cells.iter().filter(|c| (band[0]..=band[1]).contains(&y_frac(c.y_mm))).copied().collect();
-        // A sheet without cells there is taken as a rectangle.
+        // A sheet without cells in the band is treated as a rectangle.
         extent(if within.is_empty() { cells } else { &within }, |c| c.x_mm)
     };
     let (heel, forefoot) = (edges(HEEL_BAND), edges(FOREFOOT_BAND));
@@ -31,7 +33,7 @@ pub fn assign(cells: &mut [Cell]) {
     }
 }
 
-/// How far cells reach along one axis.
+/// The extent of cells along one axis.
 struct Extent {
     low_mm: f64,
     high_mm: f64,

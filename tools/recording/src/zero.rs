@@ -1,4 +1,4 @@
-//! The zero of an insole: what its cells read while nothing loads them, as a commented TOML file.
+//! The zero of an insole: the readings of its unloaded cells, as a commented TOML file.
 
 use crate::table::at_line;
 use crate::{Error, Recording, Result, StandingTrial, VirtualInsole};
@@ -13,29 +13,30 @@ use toml::Spanned;
 
 /// Version of the file format.
 const VERSION: u32 = 1;
-/// Offsets on one line of a file.
+/// Number of offsets on a line of the file.
 const PER_LINE: usize = 8;
 
+/// The remedy for a file that cannot be used.
 const MEASURE: &str = "measure it again with `plantar zero`";
 
-/// The zero of one foot's insole or of both.
+/// The zero of one insole or of both.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Zero {
-    /// The left insole's.
+    /// Of the left insole.
     pub left: Option<FootZero>,
-    /// The right insole's.
+    /// Of the right insole.
     pub right: Option<FootZero>,
 }
 
 /// The zero of one insole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FootZero {
-    /// Identifies the cells, as [`plantar::pipeline::setup::Setup::layout_id`].
+    /// Identifies the cells; the value of [`plantar::pipeline::setup::Setup::layout_id`].
     pub layout_id: u32,
-    /// What each unloaded cell reads, kPa, in the order of [`VirtualInsole::cells`].
+    /// Reading of each unloaded cell, kPa, not negative, in the order of [`VirtualInsole::cells`].
     ///
-    /// A sensor adds its offset to the code, not to the pressure; but the code that belongs to a pressure depends on the full
-    /// scale, and a virtual insole chooses that by its recording. The pressure holds for all of them.
+    /// A sensor adds its offset to the code, not to the pressure. But the code of a pressure depends on the full scale, which a
+    /// virtual insole chooses by its recording, while the pressure is the same for all recordings.
     pub offset_kpa: Vec<f32>,
 }
 
@@ -58,13 +59,13 @@ impl Zero {
     /// Reads a file.
     ///
     /// # Errors
-    /// When the file cannot be read, is no TOML of this form or version, or holds what no cell reads; the message names file
-    /// and line.
+    /// Where the file cannot be read, is not TOML of this form and version, or contains an offset that is negative or not finite.
+    /// The message names file and line.
     pub fn read(path: &Path) -> Result<Self> {
         Self::parse(&std::fs::read_to_string(path).map_err(Error::io(path))?, path)
     }
 
-    /// As [`Zero::read`], from text; `path` is for messages.
+    /// As [`Zero::read`], from text; messages name `path`.
     ///
     /// # Errors
     /// As [`Zero::read`].
@@ -73,11 +74,12 @@ impl Zero {
         let file: File = toml::from_str(text)
             .map_err(|e| Error::content(place(e.span().map_or(0, |span| span.start)), e.message(), MEASURE))?;
         if file.version != VERSION {
-            let problem = format!("version {} is not known; this program reads version {VERSION}", file.version);
-            return Err(Error::content(path.display().to_string(), problem, "update it"));
+            let problem =
+                format!("version {} of the format is unknown; this program reads version {VERSION}", file.version);
+            return Err(Error::content(path.display().to_string(), problem, "update plantar"));
         }
         if file.left.is_none() && file.right.is_none() {
-            return Err(Error::content(path.display().to_string(), "neither [left] nor [right] is there", MEASURE));
+            return Err(Error::content(path.display().to_string(), "neither [left] nor [right] is present", MEASURE));
         }
         let foot = |foot: FileFoot| {
             if let Some(bad) = foot.offset_kpa.iter().find(|kpa| !(0.0..f32::INFINITY).contains(kpa.get_ref())) {
@@ -90,21 +92,21 @@ impl Zero {
         Ok(Self { left: file.left.map(foot).transpose()?, right: file.right.map(foot).transpose()? })
     }
 
-    /// Writes a commented file.
+    /// Writes the commented file.
     ///
     /// # Errors
-    /// When the file cannot be written.
+    /// Where the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
         std::fs::write(path, self.to_toml()).map_err(Error::io(path))
     }
 
-    /// The commented file.
+    /// The text of the commented file.
     pub fn to_toml(&self) -> String {
         let mut text = format!(
-            "# Plantar zero: what the cells of an insole read while nothing loads them, from a standing trial.\n\
-             # layout_id   the cells it was measured with\n\
-             # offset_kpa  one number a cell, kPa, by region from heel to toes, within a region as in the recording;\n\
-             #             subtracted as the code of the sensor at that pressure\n\n\
+            "# Plantar zero: readings of the unloaded cells of an insole, from a standing trial.\n\
+             # layout_id   identifies the cells\n\
+             # offset_kpa  one number for each cell, kPa, by region from heel to toes, within a region as in the recording;\n\
+             #             the code of the sensor at this pressure is subtracted\n\n\
              version = {VERSION}\n"
         );
         for (side, foot) in [(Side::Left, &self.left), (Side::Right, &self.right)] {
@@ -120,7 +122,7 @@ impl Zero {
         text
     }
 
-    /// The place of one foot's zero.
+    /// The zero of one foot, to be set.
     pub fn foot_mut(&mut self, side: Side) -> &mut Option<FootZero> {
         match side {
             Side::Left => &mut self.left,
@@ -128,10 +130,10 @@ impl Zero {
         }
     }
 
-    /// Gives the cells of `insole` their offsets; `place` names this zero in messages.
+    /// Sets the offsets of the cells of `insole`. Messages name this zero `place`.
     ///
     /// # Errors
-    /// When this zero is of the other foot, of other cells, or takes more than half of a cell's scale.
+    /// Where this zero is of the other foot or of other cells, or an offset exceeds half of a cell's scale.
     pub fn wear(&self, insole: &mut VirtualInsole, place: &str) -> Result<()> {
         let (foot, other) = match insole.setup.side {
             Side::Left => (&self.left, Side::Right),
@@ -149,13 +151,13 @@ impl Zero {
 }
 
 impl FootZero {
-    /// The zero of the insole that recorded a trial, by the device's own [`zero_offset`]; `place` names the recording in
-    /// messages.
+    /// The zero of the insole that recorded a standing trial, by the device's [`zero_offset`]. Messages name the recording
+    /// `place`.
     ///
     /// # Errors
-    /// When the lifted foot takes more than half of a cell's scale.
+    /// Where a cell of the lifted foot reads more than half of its scale.
     pub fn measure(recording: &Recording, trial: &StandingTrial, place: &str) -> Result<Self> {
-        // Neither rule matters for codes.
+        // Codes depend on neither rule.
         let mut insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING);
         let cells = recording.cells();
         let mut codes = Vec::new();
@@ -172,7 +174,7 @@ impl FootZero {
         Ok(zero)
     }
 
-    /// As [`Zero::wear`], whichever foot it is.
+    /// As [`Zero::wear`], for an insole of either side.
     ///
     /// # Errors
     /// As [`Zero::wear`].
@@ -182,7 +184,7 @@ impl FootZero {
             return Err(Error::content(
                 place,
                 format!("{found} offsets for other cells than the {cells} of this recording"),
-                "import the standing trial and this recording from one layout, with the same --cells",
+                "import the standing trial and this recording with the same layout and the same --cells",
             ));
         }
         for (i, &kpa) in self.offset_kpa.iter().enumerate() {
@@ -196,7 +198,7 @@ impl FootZero {
                         "the cell at x {:.0} mm, y {:.0} mm reads {kpa:.0} kPa unloaded, more than half of its scale",
                         cell.cell.x_mm, cell.cell.y_mm
                     ),
-                    "look for a short circuit, or leave the cell out of the layout",
+                    "check the cell for a short circuit, or remove it from the layout",
                 ));
             }
         }

@@ -1,4 +1,4 @@
-//! Binning and resampling keep what they promise to keep.
+//! Quantities that binning and resampling conserve.
 
 use plantar::{Region, Side};
 use recording::synthetic::{self, SyntheticWalk};
@@ -59,13 +59,13 @@ fn binning_first_drops_cells_that_are_never_loaded() {
 }
 
 #[test]
-fn binning_an_unloaded_recording_keeps_its_area() {
+fn binning_an_unloaded_recording_conserves_its_area() {
     let merged = two_cells(vec![0.0], 100.0, vec![0.0, 0.0]).binned(1).unwrap();
     assert_eq!(merged.layout.cells[0].area_mm2, 400.0);
 }
 
 #[test]
-fn binning_leaves_alone_what_fits() {
+fn binning_does_not_change_a_recording_with_few_enough_cells() {
     let full = two_cells(vec![0.0], 100.0, vec![0.0, 80.0]);
     assert_eq!(full.binned(2).unwrap(), full);
 }
@@ -78,7 +78,7 @@ fn binning_never_merges_regions() {
 }
 
 #[test]
-fn resampling_follows_a_straight_line_exactly() {
+fn resampling_reproduces_a_straight_line() {
     let times = |n: usize, rate_hz: f64| (0..n).map(move |k| 2.0 + k as f64 / rate_hz);
     let ramp = |t_s: f64| [(10.0 * (t_s - 2.0)) as f32, (30.0 - 5.0 * t_s) as f32];
     let slow = two_cells(times(31, 30.0).collect(), 30.0, times(31, 30.0).flat_map(ramp).collect());
@@ -96,7 +96,7 @@ fn resampling_follows_a_straight_line_exactly() {
 }
 
 #[test]
-fn resampling_keeps_the_impulse_of_a_walk() {
+fn resampling_conserves_the_impulse_of_a_walk() {
     let impulse_ns = |r: &Recording| (0..r.frames()).map(|i| r.force_n(i)).sum::<f64>() / r.rate_hz;
     let slow = synthetic::walk(&SyntheticWalk::default()).recording;
     let fast = slow.at_rate(333.0).unwrap();
@@ -104,7 +104,7 @@ fn resampling_keeps_the_impulse_of_a_walk() {
 }
 
 #[test]
-fn resampling_refuses_a_rate_that_is_none() {
+fn resampling_rejects_a_rate_that_is_not_positive() {
     let full = two_cells(vec![0.0, 0.01], 100.0, vec![0.0; 4]);
     for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         let error = full.at_rate(rate_hz).unwrap_err().to_string();

@@ -1,4 +1,4 @@
-//! The CSV import: good files arrive whole, bad ones are named with file, line and remedy.
+//! The CSV import: valid files are imported; for others the error names file, line and remedy.
 
 use plantar::{Region, Side};
 use recording::{Recording, Result, csv};
@@ -27,7 +27,7 @@ fn assert_refused(layout: &str, frames: &str, expected: &[&str]) {
 }
 
 #[test]
-fn good_files_are_imported() {
+fn valid_files_are_imported() {
     let recording = import(LAYOUT, FRAMES).unwrap();
     assert_eq!(recording.side, Side::Left);
     assert_eq!(recording.pressure_kpa, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
@@ -53,7 +53,7 @@ fn without_regions_the_template_assigns_them() {
 }
 
 #[test]
-fn times_rounded_to_milliseconds_give_the_true_rate() {
+fn times_rounded_to_milliseconds_result_in_the_true_rate() {
     let mut frames = String::from("t_s,c0,c1\n");
     for k in 0..300 {
         writeln!(frames, "{:.3},0,0", f64::from(k) / 300.0).unwrap();
@@ -63,12 +63,12 @@ fn times_rounded_to_milliseconds_give_the_true_rate() {
 }
 
 #[test]
-fn times_in_milliseconds_are_no_seconds() {
+fn times_in_milliseconds_are_rejected() {
     assert_refused(LAYOUT, "t_s,c0,c1\n0,0,0\n10,0,0\n20,0,0\n", &["frames.csv", "every 10.000 s", "times in seconds"]);
 }
 
 #[test]
-fn progress_ends_at_the_whole_file() {
+fn progress_ends_at_the_size_of_the_file() {
     let folder = TempDir::new().unwrap();
     let paths = ["layout.csv", "frames.csv"].map(|name| folder.path().join(name));
     std::fs::write(&paths[0], LAYOUT).unwrap();
@@ -87,7 +87,7 @@ fn progress_ends_at_the_whole_file() {
 }
 
 #[test]
-fn layout_columns_must_be_known_and_complete() {
+fn unknown_and_missing_layout_columns_are_rejected() {
     let refused = |from: &str, to: &str, expected: &[&str]| {
         assert_refused(&LAYOUT.replace(from, to), FRAMES, expected);
     };
@@ -99,7 +99,7 @@ fn layout_columns_must_be_known_and_complete() {
 }
 
 #[test]
-fn layout_rows_must_be_sound() {
+fn invalid_layout_rows_are_rejected() {
     let refused = |from: &str, to: &str, expected: &[&str]| {
         assert_refused(&LAYOUT.replace(from, to), FRAMES, expected);
     };
@@ -110,13 +110,13 @@ fn layout_rows_must_be_sound() {
     refused("15,5,100", "15,5,-4", &["layout.csv:3", "positive area"]);
     refused("toe_2", "thumb", &["layout.csv:3", "`thumb`", "use one of heel, posterior_midfoot", "toes_35"]);
     refused("1,15", "0,15", &["layout.csv:3", "cell 0 is already on line 2"]);
-    refused("1,15", "2,15", &["layout.csv:3", "cell 1 is nowhere"]);
-    refused("1,15", "one,15", &["layout.csv:3", "`one` is no cell number"]);
+    refused("1,15", "2,15", &["layout.csv:3", "cell 1 is missing"]);
+    refused("1,15", "one,15", &["layout.csv:3", "`one` is not a cell number"]);
     assert_refused("cell,x_mm,y_mm,area_mm2\n", FRAMES, &["layout.csv", "at least one cell"]);
 }
 
 #[test]
-fn overlapping_cells_are_both_named() {
+fn an_overlap_is_rejected_with_both_cells() {
     let overlapping = LAYOUT.replace("1,15", "1,12");
     assert_refused(&overlapping, FRAMES, &["layout.csv:3", "cell 0 (line 2)", "cell 1 (line 3)", "30 %"]);
     let touching = LAYOUT.replace("1,15", "1,13");
@@ -124,7 +124,7 @@ fn overlapping_cells_are_both_named() {
 }
 
 #[test]
-fn too_many_cells_are_refused() {
+fn too_many_cells_are_rejected() {
     let mut layout = String::from("cell,x_mm,y_mm,area_mm2\n");
     for cell in 0..4097 {
         writeln!(layout, "{cell},{},{},1", cell % 64, cell / 64).unwrap();
@@ -133,7 +133,7 @@ fn too_many_cells_are_refused() {
 }
 
 #[test]
-fn frame_columns_must_be_the_cells() {
+fn frame_columns_other_than_the_cells_are_rejected() {
     let refused = |from: &str, to: &str, expected: &[&str]| {
         assert_refused(LAYOUT, &FRAMES.replace(from, to), expected);
     };
@@ -143,7 +143,7 @@ fn frame_columns_must_be_the_cells() {
 }
 
 #[test]
-fn frame_rows_must_be_sound() {
+fn invalid_frame_rows_are_rejected() {
     let refused = |from: &str, to: &str, expected: &[&str]| {
         assert_refused(LAYOUT, &FRAMES.replace(from, to), expected);
     };
@@ -160,26 +160,26 @@ fn frame_rows_must_be_sound() {
 }
 
 #[test]
-fn a_gap_in_time_is_named_by_its_line() {
-    // A blank line counts as a line, though not as a frame.
+fn a_gap_in_time_is_rejected_with_its_line() {
+    // A blank line counts as a line but not as a frame.
     let frames = FRAMES.replace("0.01,3,4\n", "0.01,3,4\n\n") + "0.06,1,1\n0.07,1,1\n";
     assert_refused(LAYOUT, &frames, &["frames.csv:6", "0.040000 s after", "split the recording"]);
 }
 
 #[test]
-fn frames_are_needed() {
+fn fewer_than_two_frames_are_rejected() {
     assert_refused(LAYOUT, "t_s,c0,c1\n", &["frames.csv", "no frames", "at least two"]);
     assert_refused(LAYOUT, "t_s,c0,c1\n0,1,1\n", &["frames.csv", "single frame"]);
 }
 
 #[test]
-fn a_missing_file_is_named() {
+fn the_error_names_a_missing_file() {
     let error = csv::import("nowhere.csv", "nothing.csv", Side::Left, &mut |_, _| {}).unwrap_err().to_string();
     assert!(error.starts_with("nowhere.csv: "), "{error}");
 }
 
 #[test]
-fn times_are_in_seconds() {
+fn times_that_cannot_be_seconds_are_rejected() {
     let frames = "t_s,c0,c1\n-1e308,0,0\n1e308,0,0\n";
     assert_refused(LAYOUT, frames, &["frames.csv:2", "-1", "finite number of seconds up to 1e10"]);
 }

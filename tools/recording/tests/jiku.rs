@@ -1,4 +1,4 @@
-//! The SpeedPP2DS import, where the data set is installed: `PLANTAR_JIKU` names its folder.
+//! The import of SpeedPP2DS, where the data set is installed and `PLANTAR_JIKU` names its folder.
 
 use plantar::Region;
 use recording::{Recording, jiku};
@@ -7,7 +7,7 @@ use std::path::PathBuf;
 fn folder() -> Option<PathBuf> {
     let folder = std::env::var_os("PLANTAR_JIKU").map(PathBuf::from);
     if folder.is_none() {
-        println!("skipped: PLANTAR_JIKU names no SpeedPP2DS folder");
+        println!("skipped: PLANTAR_JIKU does not name the folder SpeedPP2DS of jiku-data");
     }
     folder
 }
@@ -16,7 +16,7 @@ fn import(folder: &PathBuf, walker: usize, trials: impl IntoIterator<Item = usiz
     jiku::import(folder, walker, trials, &mut |_, _| {}).unwrap()
 }
 
-/// The peak force of every step, N; steps are apart when nothing is loaded for a tenth of a second.
+/// The peak force of each step, N. Steps are separated by at least a tenth of a second without load.
 fn step_peaks_n(recording: &Recording) -> Vec<f64> {
     let mut peaks_n = Vec::new();
     let mut unloaded = usize::MAX;
@@ -36,7 +36,7 @@ fn step_peaks_n(recording: &Recording) -> Vec<f64> {
 }
 
 #[test]
-fn steps_weigh_what_walkers_weigh() {
+fn peak_forces_are_plausible_for_the_mass_of_a_person() {
     let Some(folder) = folder() else {
         return;
     };
@@ -51,7 +51,7 @@ fn steps_weigh_what_walkers_weigh() {
 }
 
 #[test]
-fn a_walk_is_laid_out_and_told_as_promised() {
+fn a_walk_has_the_documented_layout_and_provenance() {
     let Some(folder) = folder() else {
         return;
     };
@@ -79,18 +79,18 @@ fn a_walk_is_laid_out_and_told_as_promised() {
 }
 
 #[test]
-fn steps_lie_on_each_other() {
+fn steps_are_aligned() {
     let Some(folder) = folder() else {
         return;
     };
-    // Without registration the union of ten steps is far larger than one of them.
+    // Without registration, the union of ten steps would be far larger than one step.
     let alone = import(&folder, 1, [0]).cells();
     let together = import(&folder, 1, 0..10).cells();
     assert!(together < alone * 3 / 2, "{alone} {together}");
 }
 
 #[test]
-fn what_does_not_exist_is_named() {
+fn errors_name_the_missing_file_walker_or_trial() {
     let nowhere = PathBuf::from("no-such-folder");
     let refused = |folder: &PathBuf, walker, trials: Vec<usize>| {
         jiku::import(folder, walker, trials, &mut |_, _| {}).unwrap_err().to_string()
@@ -105,14 +105,14 @@ fn what_does_not_exist_is_named() {
 }
 
 #[test]
-fn a_file_that_is_no_hdf5_is_refused() {
+fn a_file_that_is_not_hdf5_is_rejected() {
     let folder = tempfile::TempDir::new().unwrap();
     std::fs::write(folder.path().join("subj000.h5"), "no data").unwrap();
     let error = jiku::import(folder.path(), 0, [0], &mut |_, _| {}).unwrap_err().to_string();
     assert!(error.contains("subj000.h5: not a readable HDF5 file"), "{error}");
 }
 
-/// One computed trial, twice.
+/// A file with a computed trial, twice.
 const COMPUTED: &[u8] = include_bytes!("../../../fuzz/corpus/jiku/contiguous");
 
 #[test]
@@ -121,13 +121,13 @@ fn a_computed_trial_is_read() {
     assert_eq!(step_peaks_n(&walk).len(), 2);
 }
 
-/// What a file claims is not what it holds.
+/// A damaged header claims more values than the file has.
 #[test]
-fn a_trial_of_impossible_size_is_refused() {
+fn a_trial_of_impossible_size_is_rejected() {
     let mut bytes = COMPUTED.to_vec();
     let dimensions = [6u64, 2, 8].map(u64::to_le_bytes).concat();
     let at = bytes.windows(dimensions.len()).position(|window| window == dimensions).unwrap();
     bytes[at + 5] = 1;
     let error = jiku::parse(&bytes, &[0]).unwrap_err().to_string();
-    assert!(error.contains("values, a trial has less"), "{error}");
+    assert!(error.contains("values, a trial has at most"), "{error}");
 }

@@ -1,4 +1,4 @@
-//! The file format: what is written comes back, and what is wrong is named.
+//! The file format: a written recording reads back equal; for invalid files the error names the place.
 
 use parquet::data_type::{DoubleType, FloatType};
 use parquet::file::metadata::KeyValue;
@@ -17,7 +17,7 @@ const TWO_CELLS: &str = r#"{"version":1,"side":"right","rate_hz":100,"source":"T
     "cells":[{"x_mm":5,"y_mm":5,"area_mm2":100,"region":"heel"},
              {"x_mm":15,"y_mm":5,"area_mm2":100,"region":"toe_2"}]}}"#;
 
-/// A file as another program might write it: a row group of required columns.
+/// Writes a file as another program might: one row group of required columns.
 fn write(path: &Path, metadata: Option<&str>, names: [&str; 3], t_s: &[f64], columns_kpa: [&[f32]; 2]) {
     let [time, first, second] = names;
     let schema = parse_message_type(&format!(
@@ -56,7 +56,7 @@ fn assert_refused(path: &Path, expected: &[&str]) {
     }
 }
 
-/// Frames of two cells at 100 Hz unless the times say otherwise.
+/// Asserts that frames of two cells, stated to be at 100 Hz, are rejected.
 #[track_caller]
 fn assert_frames_refused(t_s: &[f64], first_kpa: &[f32], second_kpa: &[f32], expected: &[&str]) {
     let (_folder, path) = in_folder();
@@ -68,7 +68,7 @@ fn assert_frames_refused(t_s: &[f64], first_kpa: &[f32], second_kpa: &[f32], exp
 #[test]
 fn a_written_recording_reads_back_equal() {
     let (_folder, path) = in_folder();
-    // Longer than one row group, and a number of cells that no block size divides.
+    // Longer than one row group, with a number of cells that is no multiple of a block.
     let mut written = synthetic::walk(&SyntheticWalk {
         side: Side::Left,
         cells: 37,
@@ -84,7 +84,7 @@ fn a_written_recording_reads_back_equal() {
 }
 
 #[test]
-fn a_plain_file_with_the_metadata_is_read() {
+fn a_file_of_another_writer_with_the_metadata_is_read() {
     let (_folder, path) = in_folder();
     write(
         &path,
@@ -100,7 +100,7 @@ fn a_plain_file_with_the_metadata_is_read() {
 }
 
 #[test]
-fn a_file_that_is_missing_or_no_parquet_is_refused() {
+fn a_file_that_is_missing_or_not_parquet_is_rejected() {
     let (_folder, path) = in_folder();
     assert_refused(&path, &["check the path"]);
     std::fs::write(&path, "t_s,c0\n0,1\n").unwrap();
@@ -108,7 +108,7 @@ fn a_file_that_is_missing_or_no_parquet_is_refused() {
 }
 
 #[test]
-fn truncated_files_are_refused() {
+fn truncated_files_are_rejected() {
     let (_folder, path) = in_folder();
     let walk = synthetic::walk(&SyntheticWalk { steps: 1, ..SyntheticWalk::default() });
     walk.recording.write(&path).unwrap();
@@ -119,9 +119,9 @@ fn truncated_files_are_refused() {
     }
 }
 
-/// A damaged bit may pass unseen or be refused; it never brings the program down.
+/// A damaged bit may remain undetected or be rejected; the program never panics.
 #[test]
-fn damaged_files_are_read_or_refused() {
+fn damaged_files_are_read_or_rejected() {
     let (_folder, path) = in_folder();
     let walk = synthetic::walk(&SyntheticWalk { steps: 1, cells: 8, ..SyntheticWalk::default() });
     walk.recording.write(&path).unwrap();
@@ -136,16 +136,16 @@ fn damaged_files_are_read_or_refused() {
     }
 }
 
-/// The Parquet library makes room for as many values as a page claims.
+/// The Parquet library allocates memory for as many values as a page claims.
 #[test]
-fn pages_claim_no_more_than_they_hold() {
+fn pages_that_claim_more_values_than_they_hold_are_rejected() {
     let (_folder, path) = in_folder();
     let mut recording = synthetic::walk(&SyntheticWalk { cells: 8, ..SyntheticWalk::default() }).recording;
     recording.t_s.truncate(24);
     recording.pressure_kpa.truncate(24 * 8);
     recording.write(&path).unwrap();
     let mut bytes = std::fs::read(&path).unwrap();
-    // The dictionary of the times: its number of values, twice as large in the file, its plain encoding, not sorted.
+    // In the header of the dictionary of the times: its number of values, which the file has doubled, between other fields.
     let at = bytes.windows(4).position(|window| window == [0x4c, 0x15, 2 * 24, 0x15]).unwrap();
     bytes[at + 2] = 2 * 25;
     std::fs::write(&path, bytes).unwrap();
@@ -153,7 +153,7 @@ fn pages_claim_no_more_than_they_hold() {
 }
 
 #[test]
-fn metadata_must_be_there_and_known() {
+fn missing_or_invalid_metadata_is_rejected() {
     let refused = |metadata: Option<&str>, expected: &[&str]| {
         let (_folder, path) = in_folder();
         let names = ["t_s", "c0_kpa", "c1_kpa"];
@@ -170,7 +170,7 @@ fn metadata_must_be_there_and_known() {
 }
 
 #[test]
-fn columns_must_match_the_cells() {
+fn columns_other_than_the_cells_are_rejected() {
     let three =
         TWO_CELLS.replace("\"cells\":[", "\"cells\":[{\"x_mm\":50,\"y_mm\":5,\"area_mm2\":9,\"region\":\"heel\"},");
     let refused = |metadata: &str, names: [&str; 3], expected: &[&str]| {
@@ -178,12 +178,12 @@ fn columns_must_match_the_cells() {
         write(&path, Some(metadata), names, &[0.0], [&[0.0], &[0.0]]);
         assert_refused(&path, expected);
     };
-    refused(&three, ["t_s", "c0_kpa", "c1_kpa"], &["3 columns", "asks for 4"]);
+    refused(&three, ["t_s", "c0_kpa", "c1_kpa"], &["3 columns", "requires 4"]);
     refused(TWO_CELLS, ["t_s", "c1_kpa", "c0_kpa"], &["column 2", "expected `c0_kpa`"]);
 }
 
 #[test]
-fn impossible_pressures_are_refused() {
+fn impossible_pressures_are_rejected() {
     let t_s = [0.0, 0.01];
     for bad in [f32::NAN, f32::INFINITY, -1.0] {
         assert_frames_refused(
@@ -196,7 +196,7 @@ fn impossible_pressures_are_refused() {
 }
 
 #[test]
-fn time_must_run_evenly_forward() {
+fn times_that_are_not_uniform_and_increasing_are_rejected() {
     let zeros = [0.0; 4];
     let refused = |t_s: [f64; 4], expected: &[&str]| {
         assert_frames_refused(&t_s, &zeros, &zeros, expected);
@@ -210,7 +210,7 @@ fn time_must_run_evenly_forward() {
 }
 
 #[test]
-fn jitter_within_half_a_frame_is_read() {
+fn jitter_of_less_than_half_a_frame_is_accepted() {
     let (_folder, path) = in_folder();
     let zeros = [0.0; 4];
     write(&path, Some(TWO_CELLS), ["t_s", "c0_kpa", "c1_kpa"], &[0.0, 0.014, 0.019, 0.03], [&zeros, &zeros]);

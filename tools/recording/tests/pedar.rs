@@ -1,4 +1,4 @@
-//! The pedar import, on a real measurement where it is present and on small files of its kind.
+//! The pedar import, with a real measurement where it is present, and with small files in its format.
 
 use plantar::{Region, Side};
 use recording::{Recording, Result, pedar};
@@ -32,7 +32,7 @@ fn region_forces_n(recording: &Recording, frames: std::ops::Range<usize>) -> [f6
 }
 
 #[test]
-fn a_standing_walker_weighs_what_people_weigh() {
+fn the_force_while_standing_is_plausible_for_the_mass_of_a_person() {
     let Some([left, right]) = both_feet() else {
         return;
     };
@@ -45,7 +45,7 @@ fn a_standing_walker_weighs_what_people_weigh() {
 }
 
 #[test]
-fn both_insoles_share_one_frame() {
+fn both_insoles_have_the_same_foot_coordinates() {
     let Some([left, right]) = both_feet() else {
         return;
     };
@@ -62,14 +62,14 @@ fn both_insoles_share_one_frame() {
             assert!(cells.iter().any(|c| c.region == region), "no {region:?}");
         }
     }
-    // The insoles mirror each other.
+    // The insoles are mirror images.
     for (a, b) in left.layout.cells.iter().zip(&right.layout.cells) {
         assert!((a.x_mm - b.x_mm).abs() < 3.0 && (a.y_mm - b.y_mm).abs() < 3.0);
     }
 }
 
 #[test]
-fn the_arch_is_spared_on_the_medial_side_and_the_heel_bears_the_stander() {
+fn while_standing_the_heel_carries_most_and_the_medial_arch_little() {
     let Some(feet) = both_feet() else {
         return;
     };
@@ -91,12 +91,12 @@ fn the_arch_is_spared_on_the_medial_side_and_the_heel_bears_the_stander() {
 }
 
 #[test]
-fn a_walking_foot_rolls_from_heel_to_toes() {
+fn steps_begin_at_the_heel_and_end_at_the_forefoot() {
     let Some([left, right]) = both_feet() else {
         return;
     };
     for foot in [&left, &right] {
-        // A shoe presses on the foot during swing too, so a step is what lies above that.
+        // A shoe presses on the foot during swing, too. The threshold is above that pressure.
         let loaded = |i: usize| foot.force_n(i) > 200.0;
         let mut lands_on_heel = Vec::new();
         let mut leaves_from_front = Vec::new();
@@ -135,7 +135,7 @@ fn import(asc: &str, geometry: &str, side: Side) -> Result<Recording> {
 }
 
 #[test]
-fn each_foot_gets_its_columns_mirrored_to_lateral() {
+fn each_foot_has_its_own_columns_and_x_to_the_lateral_side() {
     let left = import(ASC, GEOMETRY, Side::Left).unwrap();
     let right = import(ASC, GEOMETRY, Side::Right).unwrap();
     assert_eq!(left.pressure_kpa, [1.0, 2.0, 5.0, 6.0, 9.0, 10.0]);
@@ -155,7 +155,7 @@ fn assert_refused(asc: &str, geometry: &str, expected: &[&str]) {
 }
 
 #[test]
-fn bad_measurements_are_named_by_line() {
+fn invalid_measurements_are_rejected_with_the_line() {
     let refused = |from: &str, to: &str, expected: &[&str]| {
         assert_refused(&ASC.replace(from, to), GEOMETRY, expected);
     };
@@ -171,7 +171,7 @@ fn bad_measurements_are_named_by_line() {
 }
 
 #[test]
-fn bad_geometries_are_named_by_line() {
+fn invalid_geometries_are_rejected_with_the_line() {
     let refused = |from: &str, to: &str, expected: &[&str]| {
         assert_refused(ASC, &GEOMETRY.replace(from, to), expected);
     };

@@ -1,4 +1,4 @@
-//! The synthetic walk is what it says it is.
+//! The computed walk agrees with its parameters and its truth.
 
 use plantar::Region;
 use recording::synthetic::{self, SyntheticWalk, Walk};
@@ -8,7 +8,7 @@ fn walk() -> Walk {
 }
 
 #[test]
-fn an_insole_has_exactly_the_cells_asked_for() {
+fn an_insole_has_exactly_the_requested_number_of_cells() {
     for cells in [8, 99, 239, 240, 241, 1000] {
         let layout = synthetic::insole(cells);
         assert_eq!(layout.cells.len(), cells);
@@ -40,7 +40,7 @@ fn the_cells_add_up_to_the_true_force() {
 }
 
 #[test]
-fn the_force_has_two_humps_of_the_peak_asked_for() {
+fn the_force_has_two_humps_of_the_requested_peak() {
     let walk = synthetic::walk(&SyntheticWalk { steps: 1, variation: 0.0, ..SyntheticWalk::default() });
     let total_n: Vec<f64> = walk.force_n.iter().map(|f| f.iter().sum()).collect();
     let peaks = (1..total_n.len() - 1)
@@ -52,15 +52,15 @@ fn the_force_has_two_humps_of_the_peak_asked_for() {
     }
     let dip_n = total_n[peaks[0]..peaks[1]].iter().copied().fold(f64::INFINITY, f64::min);
     assert!((0.7..0.8).contains(&(dip_n / 800.0)));
-    // Stance and swing last what they should.
+    // Stance and swing have the requested durations.
     let loaded = total_n.iter().filter(|&&n| n > 0.0).count();
     assert!((62..=65).contains(&loaded), "{loaded} frames");
     assert_eq!(total_n.iter().position(|&n| n > 0.0), Some(41));
 }
 
 #[test]
-fn the_contact_seen_is_the_true_ellipse() {
-    // With small cells, counting those loaded to half the pressure at the edge is the area.
+fn the_contact_area_of_small_cells_is_that_of_the_true_ellipse() {
+    // With small cells, the area is that of the cells that read more than half of the pressure at the edge.
     let walk = synthetic::walk(&SyntheticWalk { cells: 3000, steps: 1, ..SyntheticWalk::default() });
     let recording = &walk.recording;
     for i in (45..100).step_by(10) {
@@ -74,9 +74,9 @@ fn the_contact_seen_is_the_true_ellipse() {
                 cells.filter(|(cell, _)| cell.region == region)
             };
             let most_kpa = own().map(|(_, &kpa)| kpa).fold(0.0, f32::max);
-            let seen_mm2: f64 =
+            let counted_mm2: f64 =
                 own().filter(|&(_, &kpa)| kpa > 0.5 * 0.4 * most_kpa).map(|(cell, _)| cell.area_mm2).sum();
-            let ratio = seen_mm2 / truth_mm2;
+            let ratio = counted_mm2 / truth_mm2;
             assert!((0.92..1.08).contains(&ratio), "{region:?} frame {i}: {ratio}");
         }
     }
@@ -95,7 +95,7 @@ fn load_rolls_from_heel_to_toes() {
 }
 
 #[test]
-fn equal_seeds_walk_equally_and_steps_vary() {
+fn equal_seeds_result_in_equal_walks_and_other_seeds_do_not() {
     assert!(walk() == walk());
     let other = synthetic::walk(&SyntheticWalk { seed: 2, ..SyntheticWalk::default() });
     assert!(walk().recording.pressure_kpa != other.recording.pressure_kpa);

@@ -1,4 +1,4 @@
-//! A standing trial gives every cell its zero, and an insole with that zero reads as one without offsets.
+//! A standing trial yields the zero of each cell, and an insole with that zero reads like one without offsets.
 
 use plantar::insole::Insole;
 use plantar::pipeline::calibrate::{FULL_CODE, zero_offset};
@@ -8,17 +8,17 @@ use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
 use recording::{FootZero, MAX_CELLS, Recording, StandingTrial, VirtualInsole, Zero};
 use std::path::Path;
 
-/// The virtual sensor's law at its usual full scale, as its documentation states it.
+/// The law of the virtual sensor at its default full scale, written again from its documentation.
 fn code(kpa: f32) -> f64 {
     f64::from(FULL_CODE) * (f64::from(kpa) / 1000.0).powf(0.8)
 }
 
-/// Offsets up to 20 kPa, none of them alike.
+/// Offsets up to 20 kPa, all different.
 fn offsets(cells: usize) -> Vec<f32> {
     (0..cells).map(|i| 20.0 * ((i * 37) % cells) as f32 / cells as f32).collect()
 }
 
-/// A trial as cells with offsets and some noise read it.
+/// A trial with offsets and some noise.
 fn trial(of: &SyntheticStanding) -> Recording {
     let mut recording = synthetic::standing(of);
     let offset_kpa = offsets(of.cells);
@@ -48,10 +48,10 @@ fn cut(recording: &Recording, s: std::ops::Range<f64>) -> Recording {
 }
 
 #[test]
-fn intervals_are_found_whenever_people_do_what_they_should() {
+fn the_parts_of_a_proper_trial_are_found_at_any_rate_and_duration() {
     for rate_hz in [50.0, 100.0, 400.0] {
         for (lifted_s, stand_s) in [([5.0, 5.0], 10.0), ([8.0, 8.0], 14.0), ([2.5, 12.0], 6.5)] {
-            // Much sway at the ends of standing looks like getting up; the guard time covers it.
+            // Much sway at the ends of standing resembles getting up; the guard time covers it.
             for (sway, tolerance_s) in [(0.0, 0.2), (0.05, 0.2), (0.1, 0.5)] {
                 let of = SyntheticStanding { cells: 60, rate_hz, lifted_s, stand_s, sway, ..Default::default() };
                 let recording = trial(&of);
@@ -72,9 +72,9 @@ fn intervals_are_found_whenever_people_do_what_they_should() {
     }
 }
 
-/// The mean is rounded up, so it lies up to one code above the truth; noise adds its standard error.
+/// The mean is rounded up, so it is at most one code above the truth; noise adds its standard error.
 #[test]
-fn offsets_come_back_to_the_code_in_spite_of_noise() {
+fn offsets_are_recovered_to_the_code_in_spite_of_noise() {
     let of = SyntheticStanding::default();
     for noise_codes in [0.0, 2.0, 8.0] {
         let mut recording = synthetic::standing(&of);
@@ -90,7 +90,7 @@ fn offsets_come_back_to_the_code_in_spite_of_noise() {
         for (cell, (region, kpa)) in insole.cells.iter().zip(truth) {
             assert_eq!(cell.cell.region, region);
             let above = f64::from(cell.calibration.offset) - code(kpa);
-            // Codes end at 0: noise about a zero of nothing lifts its mean.
+            // Codes are not negative: noise about an offset of 0 raises the mean.
             let most = if kpa > 0.0 { 1.0 + error } else { 1.0 + 0.5 * noise_codes };
             assert!(
                 (-0.52 - error..=most + 0.02).contains(&above),
@@ -100,9 +100,9 @@ fn offsets_come_back_to_the_code_in_spite_of_noise() {
     }
 }
 
-/// Without noise the file gives back, on any scale that holds the zero, the very code that an unloaded cell has there.
+/// Without noise, the offset that follows from the file is the code of the unloaded cell, at every full scale that holds it.
 #[test]
-fn a_zero_is_exact_on_its_own_scale_and_on_others() {
+fn a_zero_is_exact_at_its_own_full_scale_and_at_others() {
     let of = SyntheticStanding { sway: 0.0, ..Default::default() };
     let mut recording = synthetic::standing(&of);
     synthetic::read_with(&mut recording, &offsets(of.cells), 0.0, 1);
@@ -118,7 +118,7 @@ fn a_zero_is_exact_on_its_own_scale_and_on_others() {
         let mut unloaded = vec![0; insole.cells.len()];
         insole.codes(walk.frame(0), &mut unloaded);
         for (cell, &code) in insole.cells.iter().zip(&unloaded) {
-            // The zero was measured in whole codes of 1000 kPa; 1/4 of them on 8000 kPa.
+            // The zero was measured in whole codes at 1000 kPa, which are fractions of a code at 8000 kPa.
             assert!(cell.calibration.offset.abs_diff(code) <= u16::from(largest_kpa > 0.0));
             assert_eq!(zero_offset([code]), Some(code));
         }
@@ -126,7 +126,7 @@ fn a_zero_is_exact_on_its_own_scale_and_on_others() {
 }
 
 #[test]
-fn the_standing_force_is_the_weight_that_stands() {
+fn the_mean_force_while_standing_is_the_applied_one() {
     let of = SyntheticStanding { standing_n: 412.0, ..Default::default() };
     let recording = trial(&of);
     let (found, zero) = measured(&recording);
@@ -135,10 +135,10 @@ fn the_standing_force_is_the_weight_that_stands() {
     let frames = found.standing.len() as f64;
     let measured_n = |i| recording.layout.force_n(&insole.measured_kpa(recording.frame(i)));
     let mean_n = found.standing.clone().map(measured_n).sum::<f64>() / frames;
-    // Sway of 3 % over three whole periods and some cancels to 0.3 %.
+    // A sway of 3 % over slightly more than three periods averages to 0.3 %.
     assert!((mean_n - 412.0).abs() < 0.01 * 412.0, "{mean_n} N");
     for i in found.lifted.iter().cloned().flatten() {
-        assert!(measured_n(i) < 1.0, "{} N of nothing", measured_n(i));
+        assert!(measured_n(i) < 1.0, "{} N on the lifted foot", measured_n(i));
     }
 }
 
@@ -157,7 +157,7 @@ fn replay(recording: &Recording, insole: &VirtualInsole) -> (Vec<[(f64, f64); 8]
 }
 
 #[test]
-fn a_walk_of_cells_with_offsets_gives_with_its_zero_what_cells_without_give() {
+fn a_walk_with_offsets_and_its_zero_equals_a_walk_without_offsets() {
     let ideal = synthetic::walk(&SyntheticWalk::default()).recording;
     let mut recorded = ideal.clone();
     synthetic::read_with(&mut recorded, &offsets(240), 0.0, 1);
@@ -171,20 +171,20 @@ fn a_walk_of_cells_with_offsets_gives_with_its_zero_what_cells_without_give() {
     let cell_mm2 = ideal.layout.cells[0].area_mm2;
     let mut other_areas = 0;
     for (expected, found) in expected.iter().flatten().zip(found.iter().flatten()) {
-        // Zeros are right to a code or two; a code is 0.01 kPa at 10 to 200 kPa, 1 mN on a cell.
+        // Zeros are accurate to two codes; a code is 0.01 kPa at 10 to 200 kPa, or 1 mN on a cell.
         assert!((expected.1 - found.1).abs() <= 0.05, "{} N, not {}", found.1, expected.1);
-        // A pressure within these codes of the contact rule may fall on its other side; the walk is symmetric, so in pairs.
+        // A pressure within these codes of the contact threshold may be on its other side; in pairs, as the walk is symmetric.
         assert!((expected.0 - found.0).abs() <= 2.001 * cell_mm2, "{} mm2, not {}", found.0, expected.0);
         other_areas += usize::from((expected.0 - found.0).abs() > 1.0);
     }
     assert!(other_areas * 1000 < expected.len() * 8, "{other_areas} areas differ");
-    // The zero is what does it.
+    // Without the zero the forces differ.
     let (raw, _) = replay(&recorded, &before);
     assert!(raw[0].iter().map(|r| r.1).sum::<f64>() > 150.0);
 }
 
 #[test]
-fn what_is_no_standing_trial_is_refused_with_the_reason() {
+fn other_recordings_are_rejected_with_the_reason() {
     let of = |lifted_s, stand_s| trial(&SyntheticStanding { cells: 60, lifted_s, stand_s, ..Default::default() });
     let good = of([5.0, 5.0], 10.0);
     let (stand, sit) = (cut(&good, 6.0..16.0), cut(&good, 0.0..5.0));
@@ -215,9 +215,9 @@ fn what_is_no_standing_trial_is_refused_with_the_reason() {
     }
 }
 
-/// People rest their feet on the floor before they lift them, and again before they stand up.
+/// People rest their feet on the floor before they lift them, and before they stand up.
 #[test]
-fn feet_that_rest_on_the_floor_are_not_lifted() {
+fn feet_that_rest_on_the_floor_do_not_count_as_lifted() {
     let mut recording = synthetic::standing(&SyntheticStanding { lifted_s: [12.0, 12.0], ..Default::default() });
     let standing = recording.frame(1800).to_vec();
     for i in (0..300).chain(800..1200).chain(2400..2700) {
@@ -234,7 +234,7 @@ fn feet_that_rest_on_the_floor_are_not_lifted() {
 }
 
 #[test]
-fn a_zero_of_other_cells_or_beyond_half_a_scale_is_refused() {
+fn a_zero_of_other_cells_or_above_half_of_the_scale_is_rejected() {
     let recording = synthetic::standing(&SyntheticStanding::default());
     let (_, zero) = measured(&recording);
     let refused = |zero: &FootZero, words: &[&str]| {
@@ -262,7 +262,7 @@ fn a_zero_of_other_cells_or_beyond_half_a_scale_is_refused() {
 }
 
 #[test]
-fn a_malformed_file_is_refused_with_the_line() {
+fn a_malformed_file_is_rejected_with_the_line() {
     let zero = FootZero { layout_id: 7, offset_kpa: vec![0.25; 20] };
     let good = Zero { left: Some(zero), right: None }.to_toml();
     let line = |text: &str| good.lines().position(|line| line.contains(text)).expect(text) + 1;

@@ -1,4 +1,4 @@
-//! NRMSE (Eq. 20) by region: as bars (the paper's Fig. 7) and as a table (its Table 2).
+//! NRMSE (Eq. 20) by region: as bars (Fig. 7 of the paper) and as a table (its Table 2).
 
 use crate::drawing::{self, Drawing, Scale, paragraph, tick};
 use crate::format::{NONE, percent, signed_percent};
@@ -6,14 +6,16 @@ use crate::region::{PAPER_NRMSE, TITLES, colour, fit_of, fitted};
 use fit::{Quality, Study};
 use maud::{Markup, html};
 
+/// Width of the drawing.
 pub const WIDTH: f64 = 430.0;
+/// Margins, height of a bar, height of a region.
 const LEFT: f64 = 104.0;
 const RIGHT: f64 = 30.0;
 const BAR: f64 = 9.0;
 const ROW: f64 = 4.0 * BAR + 15.0;
 const TOP: f64 = 4.0;
 
-/// The four errors, and the class of each one's bar.
+/// The four errors and the CSS classes of their bars.
 const ERRORS: [(&str, &str); 4] =
     [("fitted", "fill"), ("own", "fill own"), ("predicted", "fill predicted"), ("floor", "fill floor")];
 
@@ -21,7 +23,7 @@ fn errors(quality: &Quality) -> [Option<f64>; 4] {
     [Some(quality.fitted), Some(quality.own), quality.predicted, Some(quality.floor)]
 }
 
-/// Four bars a region, and the paper's figure as a mark.
+/// Four bars for each region, and the value of the paper as a mark.
 pub fn bars(study: &Study) -> Drawing {
     let all = fitted(study).flat_map(|(_, fit)| errors(&fit.quality)).flatten().map(|share| share * 100.0);
     let largest = all.chain(PAPER_NRMSE).filter(|percent| percent.is_finite()).fold(0.0, f64::max);
@@ -30,7 +32,7 @@ pub fn bars(study: &Study) -> Drawing {
     Drawing {
         width: WIDTH,
         height: bottom + 34.0,
-        label: "NRMSE by region: fitted, own, predicted, floor, and the paper's figure for one participant".into(),
+        label: "NRMSE by region: fitted, own, predicted, floor, and the value of the paper for one participant".into(),
         body: html! {
             @for value in scale.ticks(6) {
                 path.grid d={ "M" (scale.at(value)) " " (TOP) "V" (bottom) } {}
@@ -63,24 +65,24 @@ fn bar(class: &str, y: f64, end: f64) -> Markup {
     html! { rect class=(class) x=(LEFT) y=(y + 0.5) width=(width) height=(BAR - 1.0) {} }
 }
 
-/// The paper's figure points at the bars from above.
+/// The mark for the value of the paper: a triangle above the bars.
 fn mark(x: f64, bars: f64) -> Markup {
     html! { path.fill d=(format!("M{x:.1} {:.1}l-4 -7h8z", bars - 0.5)) {} }
 }
 
-/// What the bars and the mark mean.
+/// The legend of the bars and the mark.
 pub fn key() -> Vec<Drawing> {
     let bars =
         ERRORS.map(|(name, class)| (html! { rect class=(class) x="1" y="5" width="22" height=(BAR - 1.0) {} }, name));
-    let paper = (mark(12.0, 13.0), "paper, one person");
+    let paper = (mark(12.0, 13.0), "paper (Table 2)");
     drawing::key(bars.into_iter().chain([paper]))
 }
 
-/// The same numbers and more.
+/// The table with these and further errors.
 pub fn table(study: &Study) -> Markup {
     html! {
         table #nrmse {
-            caption { "NRMSE (Eq. 20) in % of the region's peak force, mean over its steps" }
+            caption { "NRMSE (Eq. 20) in % of the peak force of the region, mean over its steps" }
             thead {
                 tr {
                     th scope="col" rowspan="2" { "Region" }

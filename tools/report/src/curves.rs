@@ -1,4 +1,4 @@
-//! Area and force of one typical step per region (the paper's Figs. 5 and 6), and the sum over the regions (Fig. 6i).
+//! Area and force of a typical step for each region (Figs. 5 and 6 of the paper), and the sum over the regions (Fig. 6i).
 
 use crate::drawing::{self, Curves, Drawing, Scale, unfitted};
 use crate::format::percent;
@@ -7,40 +7,46 @@ use fit::Study;
 use fit::quality::Evaluated;
 use maud::html;
 
+/// Width of a chart.
 pub const WIDTH: f64 = 260.0;
+/// Height of a chart of area.
 pub const AREA_HEIGHT: f64 = 128.0;
+/// Height of a chart of force.
 pub const FORCE_HEIGHT: f64 = 162.0;
 const LEFT: f64 = 38.0;
 const TOP: f64 = 22.0;
 const BOTTOM: f64 = 32.0;
 
-/// The step of a region whose error is the median of its steps'.
+/// The step of a region with the median error.
 pub struct Typical {
-    /// Its place in [`Study::steps`].
+    /// Index in [`Study::steps`].
     pub step: usize,
-    /// Start of the contact after heel strike, s.
+    /// Time from heel strike to the start of the region's contact, s.
     start_s: f64,
     curves: Evaluated,
 }
 
 impl Typical {
-    /// Picks the step; in its place why there is none.
+    /// Selects the step.
+    ///
+    /// # Errors
+    /// The reason where the region was not fitted.
     pub fn of(study: &Study, region: usize) -> Result<Self, String> {
         let fit = fit_of(study, region)?;
         let steps = fit.steps.iter().filter_map(|&step| {
             let (start_s, curves) = evaluate(study, step, region)?;
             Some(Self { step, start_s, curves })
         });
-        middle(steps.collect(), Self::nrmse).ok_or_else(|| "no step to show".into())
+        median(steps.collect(), Self::nrmse).ok_or_else(|| "no step to show".into())
     }
 
-    /// Error of the force, as a share.
+    /// NRMSE of the model force, as a fraction.
     pub fn nrmse(&self) -> f64 {
         self.curves.nrmse()
     }
 }
 
-/// A region's curves in a step with the parameters of all steps, and when they start after heel strike, s.
+/// The start of a region's contact after heel strike, s, and its curves in a step with the parameters fitted to all steps.
 fn evaluate(study: &Study, step: usize, region: usize) -> Option<(f64, Evaluated)> {
     let fit = fit_of(study, region).ok()?;
     let curves = &study.steps.get(step)?.regions[region];
@@ -49,29 +55,31 @@ fn evaluate(study: &Study, step: usize, region: usize) -> Option<(f64, Evaluated
     Some((first as f64 * sample_s, Evaluated::new(curves, study.options.filter, &fit.law)?))
 }
 
-fn middle<T>(mut all: Vec<T>, error: impl Fn(&T) -> f64) -> Option<T> {
+/// The element with the median error.
+fn median<T>(mut all: Vec<T>, error: impl Fn(&T) -> f64) -> Option<T> {
     all.sort_by(|a, b| error(a).total_cmp(&error(b)));
     (!all.is_empty()).then(|| all.swap_remove((all.len() - 1) / 2))
 }
 
-/// The forces of the fitted regions added, in the step whose error is the median.
+/// The sum of the forces over the fitted regions, in the step with the median error.
 pub struct Sum {
-    /// Its place in [`Study::steps`].
+    /// Index in [`Study::steps`].
     pub step: usize,
     sample_s: f64,
-    /// Of the whole foot, N.
+    /// Measured force on the whole foot, N.
     whole_n: Vec<f64>,
-    /// Of the fitted regions, N.
+    /// Measured force on the fitted regions, N.
     measured_n: Vec<f64>,
+    /// Model force on the fitted regions, N.
     model_n: Vec<f64>,
 }
 
 impl Sum {
-    /// `None` where nothing was fitted.
+    /// Selects the step; `None` where no region was fitted.
     pub fn of(study: &Study) -> Option<Self> {
         fitted(study).next()?;
         let sums = (0..study.steps.len()).filter_map(|step| Self::of_step(study, step));
-        middle(sums.collect(), Self::nrmse)
+        median(sums.collect(), Self::nrmse)
     }
 
     fn of_step(study: &Study, step: usize) -> Option<Self> {
@@ -90,31 +98,34 @@ impl Sum {
         sum.nrmse().is_finite().then_some(sum)
     }
 
-    /// Error of the sum over the whole stance, as a share.
+    /// NRMSE of the sum over the whole stance, as a fraction.
     pub fn nrmse(&self) -> f64 {
         let squares: f64 = self.model_n.iter().zip(&self.measured_n).map(|(a, b)| (a - b) * (a - b)).sum();
         (squares / self.measured_n.len() as f64).sqrt() / largest([&self.measured_n])
     }
 
-    /// The largest force of the fitted regions over that of the whole foot.
+    /// Largest measured force on the fitted regions over that on the whole foot.
     pub fn share(&self) -> f64 {
         largest([&self.measured_n]) / largest([&self.whole_n])
     }
 }
 
+/// Adds `values` to `sum` from index `start` on.
 fn add(sum: &mut [f64], start: usize, values: &[f64]) {
     sum.iter_mut().skip(start).zip(values).for_each(|(sum, value)| *sum += value);
 }
 
+/// The largest value of several curves; 0 without a positive one.
 fn largest<'v>(curves: impl IntoIterator<Item = &'v Vec<f64>>) -> f64 {
     curves.into_iter().flatten().copied().fold(0.0, f64::max)
 }
 
-/// What all charts share: the time from heel strike to the longest toe off, s.
+/// Length of the time axis of all charts: the longest stance time, s.
 pub fn duration_s(study: &Study) -> f64 {
     study.steps.iter().map(|step| step.duration_s).fold(0.1, f64::max)
 }
 
+/// The scales of a chart with values up to `largest`.
 fn chart(study: &Study, height: f64, largest: f64) -> Curves {
     Curves {
         x: Scale::linear([0.0, duration_s(study)], [LEFT, WIDTH - 6.0]),
@@ -122,7 +133,7 @@ fn chart(study: &Study, height: f64, largest: f64) -> Curves {
     }
 }
 
-/// Contact area as measured and through the filter.
+/// The chart of contact area, measured and smoothed; `None` where the region was not fitted.
 pub fn area(study: &Study, region: usize, typical: &Result<Typical, String>) -> Option<Drawing> {
     let Typical { start_s, curves, .. } = typical.as_ref().ok()?;
     let chart = chart(study, AREA_HEIGHT, largest([&curves.area_mm2, &curves.filtered_mm2]));
@@ -141,7 +152,8 @@ pub fn area(study: &Study, region: usize, typical: &Result<Typical, String>) -> 
     })
 }
 
-/// Force as measured, through the paper's quintic, and of the model; the reason where there is none.
+/// The chart of force, measured, smoothed by the polynomial of the paper, and of the model; or the reason why the region was not
+/// fitted.
 pub fn force(study: &Study, region: usize, typical: &Result<Typical, String>) -> Drawing {
     let Typical { start_s, curves, .. } = match typical {
         Ok(typical) => typical,
@@ -163,7 +175,7 @@ pub fn force(study: &Study, region: usize, typical: &Result<Typical, String>) ->
     }
 }
 
-/// The sum over the fitted regions, measured and of the model.
+/// The chart of the sum over the fitted regions, measured and of the model.
 pub fn sum(study: &Study, sum: Option<&Sum>) -> Drawing {
     let Some(sum) = sum else { return unfitted(WIDTH, FORCE_HEIGHT, "Sum of the regions", "no region was fitted") };
     let chart = chart(study, FORCE_HEIGHT, largest([&sum.whole_n, &sum.model_n]));
@@ -184,15 +196,15 @@ pub fn sum(study: &Study, sum: Option<&Sum>) -> Drawing {
     }
 }
 
-/// What the marks mean.
+/// The legend of the marks.
 pub fn key() -> Vec<Drawing> {
     drawing::key([
         (html! { path.points d="M3 9h0M9 9h0M15 9h0M21 9h0" {} }, "measured"),
-        (html! { path.line d="M0 9h24" {} }, "force, smoothed"),
+        (html! { path.line d="M0 9h24" {} }, "measured force, smoothed"),
         (
             html! { @for region in 0..4 { path.model.(colour(region)) d={ "M" (6 * region) " 9h6" } {} } },
-            "area, smoothed; force, model",
+            "area, smoothed; model force",
         ),
-        (html! { path.line.dashed d="M0 9h24" {} }, "whole foot where some regions are not fitted"),
+        (html! { path.line.dashed d="M0 9h24" {} }, "whole foot, if regions are not fitted"),
     ])
 }

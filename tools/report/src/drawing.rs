@@ -1,36 +1,39 @@
-//! SVG drawings, and the scales and axes of those that are charts. Units are those of the view box, about a pixel on a screen.
+//! SVG drawings, and scales and axes of charts. Lengths are in units of the view box, about a pixel on a screen.
 
 use crate::format::{lines, number};
 use maud::{Markup, html};
 use std::fmt::Write;
 
-/// What the page and the picture have in common: the colours of the classes.
+/// The style sheet of the drawings, in the page and in the picture.
 pub const STYLE: &str = include_str!("drawing.css");
 
-/// A drawing that can stand alone or in a larger one.
+/// A drawing, for use on its own or within a larger one.
 pub struct Drawing {
+    /// Size in units of the view box.
     pub width: f64,
+    /// See `width`.
     pub height: f64,
-    /// What it shows, for those who do not see it.
+    /// Text alternative.
     pub label: String,
+    /// The elements.
     pub body: Markup,
 }
 
 impl Drawing {
-    /// Alone, as wide as there is room.
+    /// The drawing on its own, as wide as its place in the page.
     pub fn svg(&self) -> Markup {
         html! {
             svg.drawing viewBox={ "0 0 " (self.width) " " (self.height) } role="img" aria-label=(self.label) { (self.body) }
         }
     }
 
-    /// With its upper left corner at this place of a larger one.
+    /// The drawing within a larger one, with its upper left corner at `(x, y)`.
     pub fn at(&self, x: f64, y: f64) -> Markup {
         html! { g transform={ "translate(" (x) " " (y) ")" } { (self.body) } }
     }
 }
 
-/// What marks mean, one drawing each: a mark, drawn in 26 by 18 units, and its meaning.
+/// The entries of a legend: a mark, drawn in 26 x 18 units, and its meaning.
 pub fn key(marks: impl IntoIterator<Item = (Markup, &'static str)>) -> Vec<Drawing> {
     let item = |(mark, meaning): (Markup, &'static str)| Drawing {
         width: 42.0 + 6.6 * meaning.len() as f64,
@@ -41,7 +44,7 @@ pub fn key(marks: impl IntoIterator<Item = (Markup, &'static str)>) -> Vec<Drawi
     marks.into_iter().map(item).collect()
 }
 
-/// A key in one row.
+/// A legend in one row, with its upper left corner at `(x, y)`.
 pub fn key_row(key: &[Drawing], mut x: f64, y: f64) -> Markup {
     html! {
         @for item in key {
@@ -51,7 +54,7 @@ pub fn key_row(key: &[Drawing], mut x: f64, y: f64) -> Markup {
     }
 }
 
-/// Text of several lines, the first at `y`.
+/// Text in lines of at most `characters`, the baseline of the first at `y`.
 pub fn paragraph(text: &str, x: f64, y: f64, characters: usize, class: &str) -> Markup {
     html! {
         text class=(class) y=(y) {
@@ -62,7 +65,7 @@ pub fn paragraph(text: &str, x: f64, y: f64, characters: usize, class: &str) -> 
     }
 }
 
-/// What is drawn where a region was not fitted.
+/// The drawing for a region that was not fitted.
 pub fn unfitted(width: f64, height: f64, what: &str, reason: &str) -> Drawing {
     Drawing {
         width,
@@ -76,10 +79,10 @@ pub fn unfitted(width: f64, height: f64, what: &str, reason: &str) -> Drawing {
     }
 }
 
-/// From values to places.
+/// A mapping from values to positions.
 pub struct Scale {
     values: [f64; 2],
-    places: [f64; 2],
+    positions: [f64; 2],
     kind: Kind,
 }
 
@@ -87,29 +90,31 @@ pub struct Scale {
 enum Kind {
     Linear,
     Logarithmic,
-    /// And 0 has a place of its own, [`ZERO`] before the least value.
+    /// Logarithmic, and 0 has a position [`ZERO`] units before the smallest value.
     LogarithmicAndZero,
 }
 
+/// Distance between the position of 0 and the start of a logarithmic scale.
 const ZERO: f64 = 16.0;
 
 impl Scale {
-    pub fn linear(values: [f64; 2], places: [f64; 2]) -> Self {
-        Self { values, places, kind: Kind::Linear }
+    /// A linear scale from the range of values to the range of positions.
+    pub fn linear(values: [f64; 2], positions: [f64; 2]) -> Self {
+        Self { values, positions, kind: Kind::Linear }
     }
 
-    /// Both values are positive. With `zero` the first of the places is that of 0.
+    /// A logarithmic scale; both values are positive. With `zero`, the first position is that of 0.
     pub fn logarithmic(values: [f64; 2], [first, last]: [f64; 2], zero: bool) -> Self {
         match zero {
-            true => Self { values, places: [first + ZERO, last], kind: Kind::LogarithmicAndZero },
-            false => Self { values, places: [first, last], kind: Kind::Logarithmic },
+            true => Self { values, positions: [first + ZERO, last], kind: Kind::LogarithmicAndZero },
+            false => Self { values, positions: [first, last], kind: Kind::Logarithmic },
         }
     }
 
-    /// The place of a value; of one beyond the scale, its end.
+    /// The position of a value; that of the end of the scale for values outside.
     pub fn at(&self, value: f64) -> f64 {
         if self.is_zero(value) {
-            return self.places[0] - ZERO;
+            return self.positions[0] - ZERO;
         }
         let [low, high] = self.values;
         let value = value.clamp(low, high);
@@ -117,19 +122,19 @@ impl Scale {
             Kind::Linear => (value - low) / (high - low),
             _ => (value / low).ln() / (high / low).ln(),
         };
-        self.places[0] + share * (self.places[1] - self.places[0])
+        self.positions[0] + share * (self.positions[1] - self.positions[0])
     }
 
     fn is_zero(&self, value: f64) -> bool {
         self.kind == Kind::LogarithmicAndZero && value <= 0.0
     }
 
-    /// True for a value that is not on the scale.
+    /// True for values outside of the scale.
     pub fn is_beyond(&self, value: f64) -> bool {
         !(self.values[0]..=self.values[1]).contains(&value) && !self.is_zero(value)
     }
 
-    /// Round values, about `wanted` of them.
+    /// About `wanted` round values within the scale.
     pub fn ticks(&self, wanted: usize) -> Vec<f64> {
         let [low, high] = self.values;
         let round = |digits: &[f64]| -> Vec<f64> {
@@ -153,7 +158,7 @@ impl Scale {
     }
 }
 
-/// A tick as short as it can be told.
+/// A number without trailing zeros, for ticks.
 pub fn tick(value: f64) -> String {
     let text = number(value);
     if text.contains('.') && !text.contains('×') {
@@ -165,14 +170,16 @@ pub fn tick(value: f64) -> String {
 
 /// A chart of curves over time.
 pub struct Curves {
+    /// Time, s.
     pub x: Scale,
+    /// The quantity.
     pub y: Scale,
 }
 
 impl Curves {
-    /// Grid, ticks, and what the axes are.
+    /// Grid, ticks and titles of the axes.
     pub fn axes(&self, x_title: &str, y_title: &str) -> Markup {
-        let ([left, right], [bottom, top]) = (self.x.places, self.y.places);
+        let ([left, right], [bottom, top]) = (self.x.positions, self.y.positions);
         html! {
             @for value in self.y.ticks(3) {
                 @let y = self.y.at(value);
@@ -190,12 +197,12 @@ impl Curves {
         }
     }
 
-    /// A curve whose samples begin at `start` and are `every` apart.
+    /// A line through samples that begin at time `start`, with `every` between them, as an SVG path.
     pub fn line(&self, start: f64, every: f64, values: &[f64]) -> String {
         self.path(start, every, values, |i| if i == 0 { "M" } else { "L" }, "")
     }
 
-    /// The same as points.
+    /// The same samples as points.
     pub fn points(&self, start: f64, every: f64, values: &[f64]) -> String {
         self.path(start, every, values, |_| "M", "h0")
     }
@@ -204,7 +211,7 @@ impl Curves {
         let mut path = String::new();
         for (i, value) in values.iter().enumerate() {
             let (x, y) = (self.x.at(start + i as f64 * every), self.y.at(*value));
-            // Writing to a string never fails.
+            // Writing to a String does not fail.
             let _ = write!(path, "{}{x:.1} {y:.1}{after}", before(i));
         }
         path

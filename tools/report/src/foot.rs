@@ -1,4 +1,4 @@
-//! The soles from above: cells by region, the contact ellipses and the ellipsoids that were fitted.
+//! The soles from above: cells coloured by region, contact ellipses and fitted ellipsoids.
 
 use crate::drawing::{self, Drawing, paragraph};
 use crate::region::{TITLES, colour, fit_of};
@@ -12,24 +12,25 @@ use std::fmt::Write;
 
 /// Units of the drawing per mm.
 const SCALE: f64 = 1.5;
-/// Around the cells, mm.
+/// Margin around the cells, mm.
 const MARGIN_MM: f64 = 10.0;
-/// The length of the scale bar, mm.
+/// Length of the scale bar, mm.
 const BAR_MM: f64 = 50.0;
-/// Above the feet and below them.
+/// Height above the feet and below them.
 const HEAD: f64 = 20.0;
 const FOOTER: f64 = 34.0;
+/// Size of an entry of the legend.
 const LEGEND_WIDTH: f64 = 212.0;
 const LEGEND_ROW: f64 = 52.0;
-/// A cell is drawn at this share of its length and width: neighbours stay apart.
+/// Cells are drawn with this fraction of their length and width, so that gaps separate neighbours.
 const CELL_SHARE: f64 = 0.85;
 
-/// The first recording of a side that has cells.
+/// The first recording of a foot that has cells.
 pub fn source(study: &Study, side: Side) -> Option<&Source> {
     study.sources.iter().find(|source| source.side == side && !source.layout.cells.is_empty())
 }
 
-/// Both feet in one frame, or the one that was recorded; nothing without a recording.
+/// Both feet, or the recorded one; `None` without a recording.
 pub fn foot(study: &Study) -> Option<Drawing> {
     let feet: Vec<&Source> = [Side::Left, Side::Right].into_iter().filter_map(|side| source(study, side)).collect();
     let cells = || feet.iter().flat_map(|foot| &foot.layout.cells);
@@ -41,7 +42,7 @@ pub fn foot(study: &Study) -> Option<Drawing> {
     let frame = Frame { x_mm: extent(|cell| cell.x_mm), y_mm: extent(|cell| cell.y_mm) };
     let (width, height) = (SCALE * frame.width_mm(), SCALE * frame.height_mm());
     let below = HEAD + height + FOOTER;
-    // Beside one foot there is room for the legend.
+    // The legend is beside a single foot, and below two.
     let (columns, x, y) = if feet.len() == 1 { (1, width + 16.0, HEAD + 12.0) } else { (2, 4.0, below + 14.0) };
     let legend_height = LEGEND_ROW * (8 / columns) as f64 - 14.0;
     let names: Vec<&str> = feet.iter().map(|foot| foot.side.name()).collect();
@@ -66,7 +67,7 @@ pub fn foot(study: &Study) -> Option<Drawing> {
     })
 }
 
-/// What the lines mean.
+/// The legend of the lines.
 pub fn key() -> Vec<Drawing> {
     drawing::key([
         (html! { ellipse.contact cx="12" cy="9" rx="11" ry="6" {} }, "contact ellipse, mean over steps"),
@@ -74,7 +75,7 @@ pub fn key() -> Vec<Drawing> {
     ])
 }
 
-/// What part of the common coordinates is shown.
+/// The displayed part of the foot coordinates, which both feet share.
 struct Frame {
     x_mm: [f64; 2],
     y_mm: [f64; 2],
@@ -89,7 +90,7 @@ impl Frame {
         self.y_mm[1] - self.y_mm[0]
     }
 
-    /// One foot in mm, toes up; the left one's lateral side is on the left. What reaches beyond the frame is cut.
+    /// Draws one foot in mm, toes up, with the lateral side of a left foot on the left. Content outside of the frame is clipped.
     fn draw(&self, study: &Study, foot: &Source, x: f64) -> Markup {
         let mirror = if foot.side == Side::Left { -1.0 } else { 1.0 };
         let (width_mm, height_mm) = (self.width_mm(), self.height_mm());
@@ -118,22 +119,22 @@ impl Frame {
     }
 }
 
-/// The cells of one region.
+/// The cells of one region, as an SVG path.
 fn cells(foot: &Source, region: usize, pitch_mm: Option<[f64; 2]>) -> String {
     let mut path = String::new();
     for cell in foot.layout.cells.iter().filter(|cell| cell.region as usize == region) {
         let side_mm = cell.area_mm2.sqrt();
-        // On a grid that the cell fills it has the grid's shape; of others only the area is known.
+        // A cell that fills its place on a grid is drawn with the shape of that place; of other cells only the area is known.
         let fills = |[x_mm, y_mm]: &[f64; 2]| (x_mm * y_mm / cell.area_mm2 - 1.0).abs() < 0.05;
         let [x_mm, y_mm] = pitch_mm.filter(fills).unwrap_or([side_mm, side_mm]).map(|mm| CELL_SHARE * mm);
         let (left, low) = (cell.x_mm - x_mm / 2.0, cell.y_mm - y_mm / 2.0);
-        // Writing to a string never fails.
+        // Writing to a String does not fail.
         let _ = write!(path, "M{left:.2} {low:.2}h{x_mm:.2}v{y_mm:.2}h-{x_mm:.2}z");
     }
     path
 }
 
-/// The least distances of cells along both axes.
+/// The smallest distances of cells along both axes, mm.
 fn pitch_mm(cells: &[Cell]) -> Option<[f64; 2]> {
     let least = |along: fn(&Cell) -> f64| {
         let mut places: Vec<f64> = cells.iter().map(along).collect();
@@ -144,12 +145,12 @@ fn pitch_mm(cells: &[Cell]) -> Option<[f64; 2]> {
     Some([least(|cell| cell.x_mm)?, least(|cell| cell.y_mm)?])
 }
 
-/// The mean over the steps of one side.
+/// The mean contact ellipse over the steps of one foot.
 fn mean_ellipse(study: &Study, side: Side, region: usize) -> Option<MeanEllipse> {
     MeanEllipse::of_steps(study.steps.iter().filter(|step| step.side == side).map(|step| &step.regions[region]))
 }
 
-/// An ellipse at the place of `at`, turned as it is.
+/// An ellipse with these radii at the centre and angle of `at`.
 fn outline(at: &MeanEllipse, a_mm: f64, b_mm: f64, class: &str) -> Markup {
     let place = format!("translate({:.2} {:.2}) rotate({:.1})", at.x_mm, at.y_mm, at.angle_deg);
     html! { ellipse class=(class) rx=(format!("{a_mm:.2}")) ry=(format!("{b_mm:.2}")) transform=(place) {} }

@@ -1,9 +1,9 @@
-//! Numbers as people read them.
+//! Formatting of numbers and text.
 
-/// What stands for a number that there is not.
+/// Stands for a missing number.
 pub const NONE: &str = "–";
 
-/// Three significant digits; very large and very small ones with a power of ten.
+/// Three significant digits; with a power of ten for very large and very small numbers.
 pub fn number(value: f64) -> String {
     if !value.is_finite() {
         return NONE.into();
@@ -27,22 +27,22 @@ fn superscript(exponent: &str) -> String {
     exponent.chars().map(|c| c.to_digit(10).map_or('⁻', |digit| DIGITS[digit as usize])).collect()
 }
 
-/// A share in percent, one decimal, without the sign %.
+/// A fraction in percent with one decimal, without the sign %.
 pub fn percent(share: f64) -> String {
     if share.is_finite() { format!("{:.1}", share * 100.0) } else { NONE.into() }
 }
 
-/// The same with its sign.
+/// As [`percent`], with a plus sign for positive numbers.
 pub fn signed_percent(share: f64) -> String {
     if share.is_finite() { format!("{:+.1}", share * 100.0).replace('-', "−") } else { NONE.into() }
 }
 
-/// `1 step`, `2 steps`.
+/// A count with its noun in singular or plural: `1 step`, `2 steps`.
 pub fn count(count: usize, of: &str) -> String {
     format!("{count} {of}{}", if count == 1 { "" } else { "s" })
 }
 
-/// Breaks text between words into lines of at most `most` characters where words allow.
+/// Breaks text between words into lines of at most `most` characters; a longer word has a line of its own.
 pub fn lines(text: &str, most: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn three_digits_at_any_size() {
+    fn numbers_of_any_size_have_three_significant_digits() {
         let cases = [
             (0.0, "0"),
             (0.001234, "0.00123"),

@@ -1,9 +1,8 @@
-//! The report of one person's identification, for people who judge it: a web page without anything from outside, and a
-//! picture. Neither reads nor writes a file.
+//! The report on the identification of one person's parameters, for readers who assess it: a self-contained web page, and a
+//! picture. Neither reads or writes files.
 //!
-//! Every figure is drawn once, as SVG whose colours are classes: the page shows them in light, dark and print, the picture in
-//! light. They are written directly and not through a chart library: its SVG has whole pixels and fixed colours.
-#![warn(missing_docs)]
+//! Each figure is drawn once, as SVG with CSS classes for colours: the page shows it in light, dark and print colours, the picture
+//! in light ones. The SVG is written directly, because the output of chart libraries has whole pixels and fixed colours.
 
 mod region;
 mod format;
@@ -21,7 +20,8 @@ pub use picture::{Error, Result, png};
 
 use fit::Study;
 
-/// The report as one HTML file: nothing is loaded, nothing runs. A study without steps or before its fit still gives one.
+/// The report as one HTML file, which loads no other resource and contains no scripts. A study without steps or before its fit
+/// has a report, too.
 pub fn html(study: &Study) -> String {
     page::page(study).into_string()
 }

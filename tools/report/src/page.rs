@@ -1,4 +1,4 @@
-//! The page: its sections in order, and the summary that says what can be trusted.
+//! The web page: its sections in order, and the summary.
 
 use crate::drawing::{Drawing, STYLE};
 use crate::format::{NONE, count, percent};
@@ -7,7 +7,7 @@ use crate::{bars, curves, foot, parameters, protocol, reading};
 use fit::Study;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-/// All of it.
+/// The whole page.
 pub fn page(study: &Study) -> Markup {
     let title = format!("Plantar tissue of {}", study.participant);
     html! {
@@ -17,7 +17,7 @@ pub fn page(study: &Study) -> Markup {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
-                // No favicon is asked for.
+                // An empty icon, so that the browser does not request one.
                 link rel="icon" href="data:,";
                 title { (title) }
                 style { (PreEscaped(STYLE)) (PreEscaped(include_str!("style.css"))) }
@@ -26,27 +26,28 @@ pub fn page(study: &Study) -> Markup {
                 main {
                     header {
                         h1 { (title) }
-                        p { "Viscoelastic ellipsoids of eight plantar regions, identified from contact area and force while walking" }
+                        p { "Viscoelastic ellipsoids of eight plantar regions, identified from contact area and force in walking" }
                     }
                     (summary(study))
                     (section("protocol", "Participant and protocol", protocol::protocol(study)))
-                    (section("foot", "Where the regions are", foot_figure(study)))
-                    (section("curves", "Area and force of a typical step", curve_figures(study)))
+                    (section("foot", "Position of the regions", foot_figure(study)))
+                    (section("curves", "Area and force in a typical step", curve_figures(study)))
                     (section("errors", "Errors by region", error_figure(study)))
                     (section("parameters", "Parameters by region", parameter_figures(study)))
                     (section("table", "Table of errors", wide("Table of errors", bars::table(study))))
-                    (section("reading", "How to read this", reading::reading(study.options.method)))
+                    (section("reading", "How to read this report", reading::reading(study.options.method)))
                 }
             }
         }
     }
 }
 
+/// A section with its heading.
 fn section(id: &str, title: &str, content: Markup) -> Markup {
     html! { section id=(id) aria-labelledby={ (id) "-title" } { h2 id={ (id) "-title" } { (title) } (content) } }
 }
 
-/// A table that may be wider than a telephone.
+/// A table that can be scrolled where it is wider than the screen.
 fn wide(label: &str, table: Markup) -> Markup {
     html! { div.wide tabindex="0" role="region" aria-label=(label) { (table) } }
 }
@@ -55,7 +56,7 @@ fn summary(study: &Study) -> Markup {
     let fitted: Vec<_> = fitted(study).collect();
     html! {
         section #summary aria-labelledby="summary-title" {
-            h2 #summary-title { "Can I trust this?" }
+            h2 #summary-title { "Can the parameters be used?" }
             p { (fitted.len()) " of 8 regions were fitted, from " (count(study.steps.len(), "step")) ". " (errors(study)) }
             table.words {
                 caption.hidden { "Verdict by region" }
@@ -88,22 +89,29 @@ fn summary(study: &Study) -> Markup {
     }
 }
 
-/// How large errors are, in a sentence.
+/// The size of the errors, in sentences.
 fn errors(study: &Study) -> String {
     let mut predicted: Vec<(f64, usize)> =
         fitted(study).filter_map(|(region, fit)| Some((fit.quality.predicted?, region))).collect();
     predicted.sort_by(|a, b| a.0.total_cmp(&b.0));
     let Some(sum) = curves::Sum::of(study) else { return String::new() };
-    let of_sum = format!("The sum over the fitted regions errs by {} % in a typical step.", percent(sum.nrmse()));
+    let of_sum = format!(
+        "In a typical step, the sum of the model forces over the fitted regions has an NRMSE of {} %.",
+        percent(sum.nrmse())
+    );
     match &predicted[..] {
         [] => {
-            format!("One step cannot be predicted from others, so how well a new one would be is not known. {of_sum}")
+            format!("With a single step, the error for a new step cannot be estimated. {of_sum}")
         }
         [(only, region)] => {
-            format!("It predicts unseen steps of the {} with {} %. {of_sum}", TITLES[*region], percent(*only))
+            format!(
+                "The NRMSE of steps that were not used for the fit is {} % ({}). {of_sum}",
+                percent(*only),
+                TITLES[*region]
+            )
         }
         [(least, best), .., (most, worst)] => format!(
-            "A step that was not used is predicted with an error between {} % ({}) and {} % ({}) of the region's peak force. \
+            "The NRMSE of steps that were not used for the fit is between {} % ({}) and {} % ({}) of the peak force of the region. \
              {of_sum}",
             percent(*least),
             TITLES[*best],
@@ -114,16 +122,17 @@ fn errors(study: &Study) -> String {
 }
 
 fn foot_figure(study: &Study) -> Markup {
-    let Some(drawing) = foot::foot(study) else { return html! { p { "No cells: there is no recording." } } };
+    let Some(drawing) = foot::foot(study) else { return html! { p { "No recording, so no cells can be shown." } } };
     html! {
         (key(&foot::key()))
         figure.beside {
             (drawing.svg())
             figcaption {
-                "Soles from above, toes up. Cells are coloured by region; of each foot they are those of its first recording. \
-                 The contact ellipse is the mean over the steps of that foot, weighted by force. Dashed, in the region's colour: \
-                 the outline of the fitted ellipsoid, at the place and angle of the contact. One ellipsoid a region holds for \
-                 both feet. It may be much larger than any contact; what reaches beyond the picture is cut."
+                "Soles seen from above, toes up. Cells are coloured by region; they are those of the first recording of each foot. \
+                 Solid: the contact ellipse, mean over the steps of that foot, weighted by force. Dashed, in the colour of \
+                 the region: the outline of the fitted ellipsoid, drawn at the centre and angle of the contact ellipse. \
+                 Each region has one ellipsoid for both feet. An ellipsoid may be much larger than any contact; the drawing \
+                 is clipped at the border."
             }
         }
     }
@@ -133,8 +142,8 @@ fn curve_figures(study: &Study) -> Markup {
     let sum = curves::Sum::of(study);
     html! {
         p {
-            "Of each region the step whose error is the median of its steps, with the parameters fitted to all steps. \
-             All charts share one time axis; each has its own force and area axis."
+            "For each region, the step with the median error, with the parameters that were fitted to all steps. \
+             All charts have the same time axis; the axes of force and area differ."
         }
         (key(&curves::key()))
         div.panels {
@@ -154,8 +163,8 @@ fn curve_figures(study: &Study) -> Markup {
                     figcaption {
                         (step(study, sum.step)) ". "
                         @if fitted(study).count() < 8 {
-                            "Points and model: the fitted regions, with " (percent(sum.share())) " % of the whole foot's peak \
-                             force (dashed)."
+                            "Points and model: sum of the fitted regions, which carry " (percent(sum.share())) " % of the peak \
+                             force on the whole foot (dashed)."
                         } @else {
                             "All eight regions."
                         }
@@ -166,16 +175,17 @@ fn curve_figures(study: &Study) -> Markup {
     }
 }
 
-/// Which step.
+/// The name of a step.
 fn step(study: &Study, step: usize) -> String {
     let step = &study.steps[step];
     let name = study.sources.get(step.recording).map_or("", |source| &source.name);
     format!("Step {} of {name}, {} foot, at {:.2} s", step.number, step.side.name(), step.start_s)
 }
 
-/// How large a key is, rem per unit of its drawing.
+/// Size of a legend, rem per unit of its drawing.
 const KEY: f64 = 0.075;
 
+/// A legend in the page.
 fn key(items: &[Drawing]) -> Markup {
     html! { div.key { @for item in items { span style=(format!("width:{:.1}rem", KEY * item.width)) { (item.svg()) } } } }
 }
@@ -186,9 +196,9 @@ fn error_figure(study: &Study) -> Markup {
         figure.beside {
             (bars::bars(study).svg())
             figcaption {
-                "NRMSE by region, raw force, mean over the steps: fitted to all, each step's own, predicted from the others, and \
-                 the floor of any elastic law. The triangle above the bars is the paper's Table 2, one participant: a reference, \
-                 not a norm."
+                "NRMSE by region against the measured force, mean over the steps: parameters fitted to all steps, to each step \
+                 alone (own), to the other steps (predicted), and the smallest error of any elastic law (floor). Triangles: \
+                 Table 2 of the paper, one participant; a reference, not a norm."
             }
         }
     }
@@ -200,11 +210,11 @@ fn parameter_figures(study: &Study) -> Markup {
         figure {
             div.panels { @for chart in parameters::charts(study) { (chart.svg()) } }
             figcaption {
-                "The five parameters that force can tell, by region, with their 95 % intervals. A B, K and G are on logarithmic \
-                 axes. K and G are stiffness and damping where deformation equals C."
+                "The five identifiable parameters by region, with their 95 % confidence intervals. A B, K and G have logarithmic \
+                 axes. K and G are stiffness and damping at a deformation of C."
             }
         }
-        (wide("The five parameters", parameters::five(study)))
+        (wide("The five identifiable parameters", parameters::five(study)))
         (wide("The eight parameters", parameters::eight(study)))
         (parameters::warnings(study))
     }

@@ -1,4 +1,4 @@
-//! The parameters by region (the paper's Fig. 8): the five that force can tell with their intervals, and all eight.
+//! The parameters by region (Fig. 8 of the paper): the five identifiable ones with their intervals, and all eight.
 
 use crate::drawing::{self, Drawing, Scale, tick};
 use crate::format::{NONE, number};
@@ -8,20 +8,22 @@ use fit::{Method, RegionFit, Study};
 use maud::{Markup, html};
 use plantar::pipeline::model::ForceLaw;
 
+/// Width of a chart.
 pub const WIDTH: f64 = 260.0;
+/// Height of a chart.
 pub const HEIGHT: f64 = TOP + 8.0 * ROW + 22.0;
 const LEFT: f64 = 112.0;
 const RIGHT: f64 = 14.0;
 const TOP: f64 = 26.0;
 const ROW: f64 = 21.0;
 
-/// One of [`FIVE`] as it is shown.
+/// The display of one of [`FIVE`].
 struct Parameter {
     name: &'static str,
     unit: &'static str,
-    /// From SI.
+    /// Factor from SI to `unit`.
     factor: f64,
-    /// Over decades.
+    /// Drawn on a logarithmic axis.
     logarithmic: bool,
     /// May be 0.
     zero: bool,
@@ -36,30 +38,33 @@ const SHOWN: [Parameter; 5] = [
     Parameter { name: "damping exponent", unit: "", factor: 1.0, logarithmic: false, zero: true },
 ];
 
-/// The last of [`FIVE`] means nothing without damping.
+/// Index in [`FIVE`] of the damping exponent m, which has no meaning without damping.
 const DAMPING_EXPONENT: usize = 4;
 
 impl Parameter {
+    /// Title of the chart.
     fn title(&self, symbol: &str) -> String {
         let unit = if self.unit.is_empty() { String::new() } else { format!(", {}", self.unit) };
         format!("{symbol}{unit}: {}", self.name)
     }
 
+    /// A range in SI in the displayed unit.
     fn scaled(&self, range: [f64; 2]) -> [f64; 2] {
         range.map(|value| value * self.factor)
     }
 }
 
-/// A parameter of a region: its value, in SI, and where there are any its intervals.
+/// A parameter of a region: its value in SI, and its intervals, if any.
 fn value(fit: &RegionFit, parameter: usize) -> (f64, Option<&Interval>) {
     (values(&fit.law)[parameter], fit.uncertainty.as_ref().map(|uncertainty| &uncertainty.intervals[parameter]))
 }
 
+/// In the order of [`FIVE`], SI.
 fn values(law: &ForceLaw<f64>) -> [f64; 5] {
     [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m]
 }
 
-/// One chart a parameter.
+/// One chart for each parameter.
 pub fn charts(study: &Study) -> [Drawing; 5] {
     std::array::from_fn(|parameter| chart(study, parameter))
 }
@@ -72,7 +77,7 @@ fn chart(study: &Study, parameter: usize) -> Drawing {
     Drawing {
         width: WIDTH,
         height: HEIGHT,
-        label: format!("{title}, by region with 95 % intervals"),
+        label: format!("{title}, by region with 95 % confidence intervals"),
         body: html! {
             text.strong x="2" y="13" { (title) }
             @for value in scale.ticks(3) {
@@ -88,7 +93,7 @@ fn chart(study: &Study, parameter: usize) -> Drawing {
                     Ok(fit) if parameter == DAMPING_EXPONENT && fit.law.damping_pa_s == 0.0 =>
                         text.small.soft x=(LEFT + 5.0) y=(y + 3.5) { "no damping: G is 0" },
                     Ok(fit) => g.(colour(region)) { (row(&scale, shown, value(fit, parameter), y)) },
-                    // The whole reason is in the tables.
+                    // The tables have the complete reason.
                     Err(reason) => text.small.soft x=(LEFT + 5.0) y=(y + 3.5) {
                         "not fitted: " (reason.split([':', '(']).next().unwrap_or_default())
                     },
@@ -98,10 +103,10 @@ fn chart(study: &Study, parameter: usize) -> Drawing {
     }
 }
 
-/// From the least to the largest interval, but at most a decade beyond the estimates.
+/// The scale covers all intervals, but extends at most a decade beyond the estimates.
 fn scale(study: &Study, parameter: usize) -> Scale {
     let shown = &SHOWN[parameter];
-    let places = [LEFT, WIDTH - RIGHT];
+    let positions = [LEFT, WIDTH - RIGHT];
     let mut ends = [f64::MAX, f64::MIN];
     let mut estimates = ends;
     let widen = |ends: &mut [f64; 2], value: f64| {
@@ -122,15 +127,15 @@ fn scale(study: &Study, parameter: usize) -> Scale {
     match (ends[0] <= ends[1], shown.logarithmic) {
         (true, true) => {
             let low = ends[0].max(estimates[0] / 10.0) / 1.2;
-            Scale::logarithmic([low, (ends[1].min(estimates[1] * 10.0) * 1.2).max(4.0 * low)], places, shown.zero)
+            Scale::logarithmic([low, (ends[1].min(estimates[1] * 10.0) * 1.2).max(4.0 * low)], positions, shown.zero)
         }
-        (true, false) => Scale::linear([ends[0].min(0.0), (1.05 * ends[1]).max(0.1)], places),
-        (false, true) => Scale::logarithmic([1.0, 1000.0], places, shown.zero),
-        (false, false) => Scale::linear([0.0, 5.0], places),
+        (true, false) => Scale::linear([ends[0].min(0.0), (1.05 * ends[1]).max(0.1)], positions),
+        (false, true) => Scale::logarithmic([1.0, 1000.0], positions, shown.zero),
+        (false, false) => Scale::linear([0.0, 5.0], positions),
     }
 }
 
-/// Above the interval from the Jacobian, below that from resampled steps, the estimate between them.
+/// The estimate, the interval from the Jacobian above it, and that from resampled steps below it.
 fn row(scale: &Scale, shown: &Parameter, (value, interval): (f64, Option<&Interval>), y: f64) -> Markup {
     let x = scale.at(value * shown.factor);
     html! {
@@ -146,7 +151,7 @@ fn row(scale: &Scale, shown: &Parameter, (value, interval): (f64, Option<&Interv
     }
 }
 
-/// An interval; an arrow where it goes on beyond the scale.
+/// An interval, with an arrow where it extends beyond the scale.
 fn bar(scale: &Scale, [low, high]: [f64; 2], y: f64, class: &str) -> Markup {
     let (left, right) = (scale.at(low), scale.at(high));
     html! {
@@ -156,24 +161,24 @@ fn bar(scale: &Scale, [low, high]: [f64; 2], y: f64, class: &str) -> Markup {
     }
 }
 
-/// What the marks mean.
+/// The legend of the marks.
 pub fn key() -> Vec<Drawing> {
     drawing::key([
         (html! { circle.fill cx="12" cy="9" r="3.2" {} }, "estimate"),
         (html! { path.hollow d="M12 4l5 5l-5 5l-5 -5z" {} }, "estimate at a bound"),
         (html! { path.jacobian d="M0 9h24" {} }, "95 %, Jacobian"),
         (html! { path.line d="M0 9h24" {} }, "95 %, resampled steps"),
-        (html! { path.fill d="M9 9l5 -3v6z" {} }, "goes on beyond"),
+        (html! { path.fill d="M9 9l5 -3v6z" {} }, "beyond the axis"),
     ])
 }
 
-/// The five with both intervals.
+/// The table of the five parameters with both intervals.
 pub fn five(study: &Study) -> Markup {
     html! {
         table.dense {
             caption {
-                "The five parameters that force can tell: estimate (95 % interval); * estimate at a bound. Resampling needs "
-                (RESAMPLED_STEPS) " steps."
+                "The five identifiable parameters: estimate (95 % confidence interval); * estimate at a bound of the search. \
+                 Resampling requires at least " (RESAMPLED_STEPS) " steps."
             }
             thead {
                 tr {
@@ -220,7 +225,7 @@ pub fn five(study: &Study) -> Markup {
     }
 }
 
-/// The value and, on a line of its own where room is short, its interval.
+/// The value and its interval, which wraps to a new line where space is short.
 fn cell(interval: &Interval, shown: &Parameter, range: Option<[f64; 2]>) -> Markup {
     let Some(range) = range else { return html! { (NONE) } };
     let [low, high] = shown.scaled(range).map(number);
@@ -230,7 +235,7 @@ fn cell(interval: &Interval, shown: &Parameter, range: Option<[f64; 2]>) -> Mark
     }
 }
 
-/// All eight of the paper's, and what each rests on.
+/// The table of the paper's eight parameters, and the basis of each.
 pub fn eight(study: &Study) -> Markup {
     let heads = [
         ("A", "mm", "medial-lateral radius", "identified A B, measured A/B"),
@@ -245,7 +250,7 @@ pub fn eight(study: &Study) -> Markup {
     let searched = study.options.method == Method::Paper;
     html! {
         table.dense {
-            caption { "The paper's eight parameters (Eq. 17) and what each rests on" }
+            caption { "The paper's eight parameters (Eq. 17) and the basis of each" }
             thead {
                 tr {
                     th scope="col" rowspan="2" { "Region" }
@@ -253,7 +258,7 @@ pub fn eight(study: &Study) -> Markup {
                         th scope="col" title=(name) { (symbol) @if !unit.is_empty() { ", " (unit) } }
                     }
                     th scope="col" rowspan="2" { "A/B" }
-                    th scope="col" rowspan="2" { "Peak com-" br; "pression, %" }
+                    th scope="col" rowspan="2" { "Largest com-" br; "pression, %" }
                 }
                 tr.basis { @for (_, _, _, basis) in heads { td { (if searched { "searched" } else { basis }) } } }
             }
@@ -278,12 +283,12 @@ pub fn eight(study: &Study) -> Markup {
     }
 }
 
-/// What else to know of each region, in plain words.
+/// The limitations of the fit of each region.
 pub fn warnings(study: &Study) -> Markup {
     let warned: Vec<_> = fitted(study).map(|(region, fit)| (region, &fit.warnings)).collect();
     html! {
         @if warned.iter().any(|(_, warnings)| !warnings.is_empty()) {
-            h3.spaced { "Read with care" }
+            h3.spaced { "Limitations of these parameters" }
             dl.warnings {
                 @for (region, warnings) in warned.iter().filter(|(_, warnings)| !warnings.is_empty()) {
                     div {

@@ -1,4 +1,4 @@
-//! The report as one picture: foot, forces, errors, parameters.
+//! The report as one picture: foot, forces, errors and parameters.
 
 use crate::drawing::{Drawing, STYLE, key_row};
 use crate::format::count;
@@ -9,46 +9,50 @@ use maud::{Markup, PreEscaped, html};
 use resvg::{tiny_skia, usvg};
 use std::sync::Arc;
 
-/// Why there is no picture.
+/// The reason why the picture could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// Text cannot be drawn.
+    /// No font is installed, so text cannot be drawn.
     #[error(
-        "no fonts are installed, so the picture would have no text: install some, e.g. fonts-dejavu-core on Debian"
+        "no fonts are installed, so the picture would have no text; install some, for example fonts-dejavu-core on Debian"
     )]
     NoFonts,
     /// The drawing is not valid.
     #[error("cannot draw the picture: {0}")]
     Drawing(#[from] usvg::Error),
-    /// It has no size, or could not be packed.
-    #[error("cannot write the picture: {0}")]
+    /// The drawing has no size, or the PNG could not be encoded.
+    #[error("cannot encode the picture: {0}")]
     Encoding(String),
 }
 
-/// The usual.
+/// The result of making a picture.
 pub type Result<T> = std::result::Result<T, Error>;
 
 /// Pixels per unit of the drawing.
 const PIXELS: f32 = 2.0;
+// The following are in units of the drawing.
 const MARGIN: f64 = 24.0;
 const GAP: f64 = 18.0;
 const HEADER: f64 = 70.0;
-/// Above a panel, for its title.
+/// Height of the title above a panel.
 const TITLE: f64 = 22.0;
 const LEGEND: f64 = 28.0;
 
-/// The picture as PNG. Its text is drawn with the machine's fonts.
+/// The picture as PNG, with text in a font of the operating system.
+///
+/// # Errors
+/// Where no font is installed, or the drawing cannot be rendered or encoded.
 pub fn png(study: &Study) -> Result<Vec<u8>> {
     let options = usvg::Options { fontdb: Arc::new(fonts()?), ..usvg::Options::default() };
     let tree = usvg::Tree::from_str(&svg(study).into_string(), &options)?;
     let size = tree.size().to_int_size().scale_by(PIXELS);
     let pixels = size.and_then(|size| tiny_skia::Pixmap::new(size.width(), size.height()));
-    let mut pixels = pixels.ok_or_else(|| Error::Encoding("it has no size".into()))?;
+    let mut pixels = pixels.ok_or_else(|| Error::Encoding("the drawing has no size".into()))?;
     resvg::render(&tree, tiny_skia::Transform::from_scale(PIXELS, PIXELS), &mut pixels.as_mut());
     pixels.encode_png().map_err(|error| Error::Encoding(error.to_string()))
 }
 
-/// The machine's, with one that exists as the plain one.
+/// The fonts of the operating system, with an installed one as the default sans-serif font.
 fn fonts() -> Result<usvg::fontdb::Database> {
     const PLAIN: [&str; 6] = ["DejaVu Sans", "Noto Sans", "Liberation Sans", "Arial", "Helvetica", "Segoe UI"];
     let mut fonts = usvg::fontdb::Database::new();
@@ -60,6 +64,7 @@ fn fonts() -> Result<usvg::fontdb::Database> {
     Ok(fonts)
 }
 
+/// The picture as SVG.
 fn svg(study: &Study) -> Markup {
     let foot = foot::foot(study);
     let foot_width = foot.as_ref().map_or(0.0, |foot| foot.width + 2.0 * GAP);
@@ -98,7 +103,7 @@ fn svg(study: &Study) -> Markup {
     }
 }
 
-/// Three panels a row.
+/// A grid of panels, three in a row.
 struct Grid {
     x: f64,
     y: f64,
@@ -120,7 +125,7 @@ impl Grid {
     }
 }
 
-/// XML has no place for control characters.
+/// Removes control characters, which XML does not allow.
 fn printable(name: &str) -> String {
     name.chars().filter(|c| !c.is_control()).collect()
 }

@@ -1,4 +1,4 @@
-//! Who walked, what was recorded, what was left out, and by which rules.
+//! The protocol: participant, recordings, excluded contacts and the options of the fit.
 
 use crate::drawing::tick;
 use crate::format::{count, number};
@@ -6,7 +6,7 @@ use crate::region::TITLES;
 use fit::{Filter, Method, Study};
 use maud::{Markup, html};
 
-/// The whole section but its heading.
+/// The content of the section.
 pub fn protocol(study: &Study) -> Markup {
     html! {
         dl.facts {
@@ -18,8 +18,8 @@ pub fn protocol(study: &Study) -> Markup {
             dt { "Method" } dd { (method(study.options.method)) }
             @if study.options.method == Method::Projection {
                 dt { "Bounds" } dd { (bounds(study)) }
-                dt { "Peak compression" }
-                dd { (number(study.options.compression * 100.0)) " % of the thickness, pinned: it sets C" }
+                dt { "Largest compression" }
+                dd { (number(study.options.compression * 100.0)) " % of the thickness; assumed, determines C" }
             }
             dt { "Software" } dd { "Plantar " (env!("CARGO_PKG_VERSION")) }
         }
@@ -32,11 +32,12 @@ pub fn protocol(study: &Study) -> Markup {
 fn contact(study: &Study) -> String {
     let rule = &study.contact;
     let whole = match rule.full_kpa {
-        0.0 => "counts whole".into(),
-        full_kpa => format!("counts by the share √(p / {full_kpa} kPa), at most whole"),
+        0.0 => "counts with its whole area".into(),
+        full_kpa => format!("counts with the fraction √(p / {full_kpa} kPa) of its area, at most 1"),
     };
     format!(
-        "a cell comes into contact at {} kPa, leaves it below {} kPa and {whole}; the parameters hold for this rule",
+        "a cell is in contact from {} kPa until its pressure falls below {} kPa, and {whole}; the parameters are valid for this \
+         rule only",
         rule.on_kpa, rule.off_kpa
     )
 }
@@ -44,29 +45,31 @@ fn contact(study: &Study) -> String {
 fn filter(filter: Filter) -> &'static str {
     match filter {
         Filter::Step => {
-            "the step record's: area through a three-point mean and a fifth-order polynomial over the contact, its rate by \
-             Eq. 16; force as measured"
+            "that of the step record: contact area smoothed by a three-point mean and a polynomial of fifth order over the \
+             contact phase, deformation rate by Eq. 16; force as measured"
         }
         Filter::Live => {
-            "the live stream's: area through the mean of three frames, its rate by the backward difference; force as measured"
+            "that of the live stream: mean contact area of three frames, deformation rate by the backward difference; force as \
+             measured"
         }
     }
 }
 
 fn method(method: Method) -> &'static str {
     match method {
-        Method::Projection => "five parameters by variable projection from a grid of starts, nothing random",
-        Method::Paper => "the paper's: eight variables by a general solver from ten starts",
+        Method::Projection => "five parameters by variable projection from a grid of starts; deterministic",
+        Method::Paper => "that of the paper: eight variables by a general solver from ten random starts",
     }
 }
 
 fn bounds(study: &Study) -> String {
     let bounds = &study.options.bounds;
-    // pi A B over the largest area.
-    let [most, least] = bounds.reach.map(f64::recip);
+    // The reciprocal of the ratio: pi A B over the largest area.
+    let [most, least] = bounds.max_ratio.map(f64::recip);
     let range = |[low, high]: [f64; 2], factor: f64| format!("{} to {}", tick(low * factor), tick(high * factor));
     format!(
-        "π A B {} times the largest area, K {} kPa, G {} kPa s, n {}, m {}; ours, the paper's are not published",
+        "π A B {} times the largest contact area, K {} kPa, G {} kPa s, n {}, m {}; chosen by this software, those of the paper \
+         are not published",
         range([least, most], 1.0),
         range(bounds.stiffness_pa, 1e-3),
         range(bounds.damping_pa_s, 1e-3),
@@ -109,10 +112,10 @@ fn sources(study: &Study) -> Markup {
 
 fn left_out(study: &Study) -> Markup {
     html! {
-        @if study.left_out.is_empty() { p { "No contact was left out." } } @else {
+        @if study.left_out.is_empty() { p { "No contact was excluded." } } @else {
             table.words {
-                caption { "Contacts left out" }
-                thead { tr { th scope="col" { "Recording" } th.figure scope="col" { "At, s" } th scope="col" { "Reason" } } }
+                caption { "Excluded contacts" }
+                thead { tr { th scope="col" { "Recording" } th.figure scope="col" { "Time, s" } th scope="col" { "Reason" } } }
                 tbody {
                     @for contact in &study.left_out {
                         tr {
@@ -132,7 +135,7 @@ fn thickness(study: &Study) -> Markup {
         @if study.options.method == Method::Projection {
             div.wide tabindex="0" role="region" aria-label="Pinned thickness" {
                 table.across {
-                    caption { "Thickness of the unloaded tissue d₀, mm, pinned: not measured on this person unless entered so" }
+                    caption { "Thickness d₀ of the unloaded tissue, mm: typical for the shoe size unless it was measured" }
                     thead { tr { @for title in TITLES { th scope="col" { (title) } } } }
                     tbody { tr { @for m in study.options.thickness_m { td { (tick(m * 1e3)) } } } }
                 }

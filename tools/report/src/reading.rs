@@ -1,57 +1,66 @@
-//! How to read the report: the method and its limits.
+//! Instructions for reading the report: the method and its limitations.
 
 use fit::Method;
 use maud::{Markup, html};
 
-/// The whole section but its heading.
+/// The content of the section.
 pub fn reading(method: Method) -> Markup {
     html! {
         p {
             strong { "Method. " }
-            "The tissue under each of eight regions is an ellipsoid with radii A, B and C pressed against the ground. Contact \
-             area gives its deformation (Eq. 14; the rate by Eq. 16, with the factor ½ that Eq. 15 lacks in print), and \
-             deformation gives force by a stiffness and a damping that rise with it (Eqs. 5, 6 and 13). The parameters are \
-             those with the least squares between model and measured force over the contact (Eq. 18, each step over its peak)."
+            "The tissue of each of eight plantar regions is modelled as an ellipsoid with radii A, B and C that is pressed \
+             against the ground. Its deformation follows from the contact area (Eq. 14) and its deformation rate from \
+             differences between samples (Eq. 16; Eq. 15 as printed lacks a factor ½). The force follows from deformation and \
+             rate with a stiffness and a damping that increase with deformation (Eqs. 5, 6 and 13). The parameters minimise the \
+             sum of squared differences between model and measured force over the contact (Eq. 18, each step normalised by its \
+             peak force)."
             @match method {
                 Method::Projection =>
-                    " Tensile force is cut rather than penalised as in Eq. 19, and π A B is at least the largest area.",
+                    " Tensile model force is set to zero instead of penalised as in Eq. 19, and π A B is constrained to be at \
+                     least the largest contact area.",
                 Method::Paper =>
-                    " All eight were searched as in the paper, with the penalty of Eq. 19; π A B may be less than the largest area.",
+                    " All eight parameters were searched as in the paper, with the penalty of Eq. 19; π A B may be smaller than \
+                     the largest contact area.",
             }
         }
         p {
             strong { "What is identifiable. " }
-            "Of the paper's eight parameters (Eq. 17) a force trace tells five: the product A B, the exponents n and m, and"
+            "Of the paper's eight parameters (Eq. 17), force and contact area determine five: the product A B, the exponents n \
+             and m, and"
             " K = k C" sup { "n+1" } " / d₀" sup { "n" } " and G = c C" sup { "m+1" } " / d₀" sup { "m" }
-            ". The force is the same for every A/B, C and d₀ once the others follow. "
+            ". The ratio A/B, C and d₀ can be changed without a change of the force if the other parameters are adapted. "
             @match method {
                 Method::Projection =>
-                    "These three come from elsewhere: A/B from the measured contact ellipse, d₀ from the thickness entered, C \
-                     from the peak compression; A, B, C, d₀, k and c hold only together with these pins. ",
-                Method::Paper => "Where the search left these three is chance. ",
+                    "These three are pinned by other data: A/B by the measured contact ellipse, d₀ by the given thickness, C by \
+                     the assumed largest compression. The values of A, B, C, d₀, k and c are valid only together with these pins. ",
+                Method::Paper => "The search determines these three arbitrarily. ",
             }
-            "Compare people by the five."
+            "Compare people by the five identifiable parameters."
         }
         p {
             strong { "Intervals. " }
-            "Jacobian: what the scatter of force around the model leaves open, were it independent from sample to sample. \
-             Resampled: the middle 95 % of fits to steps drawn again; it has what differs from step to step. Where they \
-             disagree trust the wider one."
+            "Jacobian: the 95 % confidence interval from the scatter of the measured force about the model, corrected for the \
+             correlation of neighbouring samples. Resampled (bootstrap): the middle 95 % of the fits to steps drawn with \
+             replacement; it includes the differences between steps. Where the two disagree, use the wider one."
         }
         p {
             strong { "Errors. " }
-            "NRMSE is the root mean square of model minus measured force over the region's largest measured force (Eq. 20). "
+            "NRMSE is the root mean square of model minus measured force, divided by the largest measured force of the region in \
+             the step (Eq. 20). "
             em { "Fitted" } ": one set of parameters for all steps. "
-            em { "Own" } ": parameters of each step alone, as the paper scores. "
-            em { "Predicted" } ": parameters from the other steps; the honest one for a new step. "
-            em { "Floor" } ": the best rising function of area, so no elastic law of this area does better; damping can. "
-            em { "Raw" } " is against force as measured, " em { "smoothed" } " against force through a fifth-order polynomial."
+            em { "Own" } ": parameters fitted to each step alone, as in the paper. "
+            em { "Predicted" } ": parameters fitted to the other steps (cross-validation); the error to expect for a new step. "
+            em { "Floor" } ": the best non-decreasing function of contact area in each step. No elastic law of this area has a \
+             smaller error; a law with damping can have one. "
+            em { "Raw" } ": against the force as measured. "
+            em { "Smoothed" } ": against the force smoothed by a polynomial of fifth order."
         }
         p {
             strong { "Limits. " }
-            "Area depends on the contact threshold and on the cells: parameters of another rule or sensor are not comparable. \
-             Force is normal force only. The eight regions are a convention for comparing feet, not anatomy. \
-             This is not a medical device; it diagnoses nothing."
+            "Contact area depends on the contact threshold and on the size of the cells: parameters that were identified with \
+             another contact rule or sensor are not comparable. The force is the normal force; shear is not measured. The eight \
+             regions are a convention for comparing feet, not anatomical structures. This is not a medical device; it must not be \
+             used for diagnosis."
         }
         p {
             strong { "Source. " }
@@ -59,7 +68,7 @@ pub fn reading(method: Method) -> Markup {
                 "J. DeBerardinis, J. S. Dufek, M. B. Trabia, "
                 "Journal of Biomechanics 92 (2019) 137–145."
             }
-            " Its errors shown here as reference are those of its Table 2: the right foot of one participant."
+            " The errors shown for reference are those of its Table 2, for the right foot of one participant."
         }
     }
 }

@@ -1,8 +1,8 @@
-//! The eight regions as the report names them, and what became of each.
+//! The titles of the eight regions in the report, and their fits.
 
 use fit::{RegionFit, Study};
 
-/// In the order of [`plantar::Region::ALL`].
+/// Titles in the order of [`plantar::Region::ALL`].
 pub const TITLES: [&str; 8] = [
     "Heel",
     "Posterior midfoot",
@@ -14,15 +14,18 @@ pub const TITLES: [&str; 8] = [
     "Toes 3–5",
 ];
 
-/// The paper's Table 2: NRMSE, %, of one participant's right foot.
+/// Table 2 of the paper: NRMSE of the right foot of one participant, %.
 pub const PAPER_NRMSE: [f64; 8] = [22.1, 6.1, 8.2, 18.1, 11.7, 24.5, 13.9, 20.9];
 
-/// The class that sets a region's colour, as the paper's Fig. 1 names them.
+/// The CSS class that sets the colour of a region, after Fig. 1 of the paper.
 pub fn colour(region: usize) -> String {
     format!("c{region}")
 }
 
-/// A region's fit, or why there is none.
+/// The fit of a region.
+///
+/// # Errors
+/// The reason where the region was not fitted.
 pub fn fit_of(study: &Study, region: usize) -> Result<&RegionFit, String> {
     match study.fits.get(region) {
         Some(Ok(fit)) => Ok(fit),
@@ -31,7 +34,7 @@ pub fn fit_of(study: &Study, region: usize) -> Result<&RegionFit, String> {
     }
 }
 
-/// The regions that were fitted.
+/// The fitted regions with their indices.
 pub fn fitted(study: &Study) -> impl Iterator<Item = (usize, &RegionFit)> {
     (0..8).filter_map(|region| Some((region, fit_of(study, region).ok()?)))
 }

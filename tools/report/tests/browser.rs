@@ -1,4 +1,4 @@
-//! The page in a real browser, where one is installed: Chromium by `PLANTAR_CHROMIUM` or on the path.
+//! The page in Chromium, where it is installed: the program in `PLANTAR_CHROMIUM` or on the path.
 
 mod common;
 
@@ -17,7 +17,7 @@ fn browser() -> Option<PathBuf> {
     names.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|path| path.is_file())
 }
 
-/// Opens the page with a profile of its own.
+/// Opens the page with a new profile.
 fn open(browser: &Path, folder: &Path, arguments: &[&str]) -> Output {
     let profile = tempfile::tempdir().expect("a folder for the profile");
     let output = Command::new(browser)
@@ -34,9 +34,9 @@ fn open(browser: &Path, folder: &Path, arguments: &[&str]) -> Output {
 }
 
 #[test]
-fn a_browser_shows_and_prints_the_page() {
+fn a_browser_displays_and_prints_the_page() {
     let Some(browser) = browser() else {
-        println!("skipped: no Chromium; install it or name it in PLANTAR_CHROMIUM");
+        println!("skipped: Chromium was not found; install it, or set PLANTAR_CHROMIUM to its path");
         return;
     };
     let folder = tempfile::tempdir().expect("a folder");

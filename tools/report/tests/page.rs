@@ -1,11 +1,11 @@
-//! The page as text: what it must hold, whatever it looks like.
+//! The page as text: its content, independent of its appearance.
 
 mod common;
 
 use common::{FILE, PARTICIPANT, STUDY, TITLES, empty};
 use fit::{Method, Study};
 
-/// The text between tags of one table row after another, without what is only white space.
+/// The texts between the tags of each table row, without white space.
 fn rows(html: &str) -> Vec<Vec<String>> {
     let cells = |row: &str| {
         let texts = row.split('<').filter_map(|tag| tag.split_once('>')).map(|(_, text)| text.trim().to_owned());
@@ -15,7 +15,7 @@ fn rows(html: &str) -> Vec<Vec<String>> {
 }
 
 fn table(html: &str, id: &str) -> String {
-    let (_, rest) = html.split_once(&format!("id=\"{id}\"")).expect("the table is there");
+    let (_, rest) = html.split_once(&format!("id=\"{id}\"")).expect("the table is present");
     rest.split_once("</table>").expect("it ends").0.to_owned()
 }
 
@@ -24,7 +24,7 @@ fn escaped(text: &str) -> String {
 }
 
 #[test]
-fn sections_and_regions_are_there_in_order() {
+fn sections_and_regions_are_present_in_order() {
     for study in [&STUDY, &empty()] {
         let html = report::html(study);
         assert!(html.starts_with("<!DOCTYPE html>"));
@@ -43,7 +43,7 @@ fn sections_and_regions_are_there_in_order() {
 }
 
 #[test]
-fn the_table_of_errors_has_the_study_s_numbers() {
+fn the_table_of_errors_has_the_numbers_of_the_study() {
     let rows = rows(&table(&report::html(&STUDY), "nrmse"));
     let paper = [22.1, 6.1, 8.2, 18.1, 11.7, 24.5, 13.9, 20.9];
     let mut numbers = 0;
@@ -58,7 +58,7 @@ fn the_table_of_errors_has_the_study_s_numbers() {
         let Ok(fit) = fit else { continue };
         assert_eq!(row[1], fit.steps.len().to_string());
         let q = &fit.quality;
-        let predicted = q.predicted.expect("there are several steps");
+        let predicted = q.predicted.expect("the study has several steps");
         let shares = [q.fitted, q.fitted_smoothed, q.own, q.own_smoothed, predicted, q.floor, q.peak_bias];
         for (i, share) in shares.into_iter().enumerate() {
             is(2 + i, share * 100.0);
@@ -69,12 +69,12 @@ fn the_table_of_errors_has_the_study_s_numbers() {
 }
 
 #[test]
-fn what_was_left_out_is_there_with_its_reason() {
+fn excluded_contacts_and_regions_are_listed_with_their_reasons() {
     let html = report::html(&STUDY);
     let unfit: Vec<_> = STUDY.fits.iter().filter_map(|fit| fit.as_ref().err()).collect();
     assert_eq!(unfit.len(), 2, "{unfit:?}");
     for reason in unfit {
-        // Summary, three tables, and the label of the drawing.
+        // In the summary, in three tables, and in the label of the drawing.
         assert!(html.matches(&escaped(&reason.to_string())).count() >= 5, "{reason}");
     }
     assert!(!STUDY.left_out.is_empty());
@@ -88,17 +88,17 @@ fn what_was_left_out_is_there_with_its_reason() {
 }
 
 #[test]
-fn nothing_comes_from_outside_and_text_stays_text() {
+fn the_page_loads_nothing_and_escapes_text() {
     let html = report::html(&STUDY);
     for outside in ["http:", "https:", "<script", "src=", "@import", "url(", "<i>walk"] {
         assert!(!html.contains(outside), "{outside}");
     }
-    assert_eq!(html.matches("href=").count(), 1, "the empty icon only");
+    assert_eq!(html.matches("href=").count(), 1, "only the empty icon");
     assert!(html.contains(&escaped(PARTICIPANT)) && html.contains(&escaped(FILE)));
 }
 
 #[test]
-fn a_study_without_steps_or_fit_says_so() {
+fn a_study_without_steps_or_fit_has_a_report() {
     let mut nothing = empty();
     assert!(report::html(&nothing).contains("not fitted yet"));
     nothing.fit(&|_| ());
@@ -108,7 +108,7 @@ fn a_study_without_steps_or_fit_says_so() {
 }
 
 #[test]
-fn unusual_fits_are_shown() {
+fn fits_without_damping_or_intervals_are_shown() {
     let mut undamped = STUDY.clone();
     for fit in undamped.fits.iter_mut().flatten() {
         fit.law.damping_pa_s = 0.0;

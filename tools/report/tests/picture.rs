@@ -1,4 +1,4 @@
-//! The picture: its size, and that something is on it.
+//! The picture: its size, and that it is not blank.
 
 mod common;
 

@@ -1,14 +1,14 @@
-//! One trial on the plate's own grid.
+//! One trial on the native grid of the plate.
 //!
-//! The stored rows are 5.08 mm apart, interpolated linearly from native rows 7.62 mm apart, so every
-//! three stored rows r0, r1, r2 (and the next r0') come from two native ones, n0 and n1:
+//! The stored rows are 5.08 mm apart, interpolated linearly from native rows 7.62 mm apart. So three stored rows r0, r1, r2 (and
+//! the next r0') result from two native ones, n0 and n1:
 //!
 //! ```text
 //! r0 = n0    r1 = n0/3 + n1 2/3    r2 = n1 2/3 + n0'/3    r0' = n0'
 //! ```
 //!
-//! Hence n0 = r0, and n1 twice over: (3 r1 - r0)/2 and (3 r2 - r0')/2. How many rows precede the first
-//! full three differs between trials; it is where both estimates agree to within the rounding.
+//! Hence n0 = r0, and n1 has two estimates: (3 r1 - r0)/2 and (3 r2 - r0')/2. The number of rows before the first full group of
+//! three differs between trials. It is the number with which both estimates agree to within rounding.
 
 use super::TRIALS;
 use crate::{Error, Result};
@@ -16,14 +16,14 @@ use hdf5_reader::Hdf5File;
 use std::ops::Range;
 use std::path::Path;
 
-/// How far the doubled estimates may lie apart: the stored integers are rounded to half a unit, which
-/// each estimate triples.
+/// Largest difference between the doubled estimates: the stored integers are rounded to half a unit, which each estimate
+/// triples.
 const TOLERANCE: i32 = 3;
 
-/// A trial has some 60 x 40 x 500 values. A damaged file may claim any number and need not hold them.
-const MOST_VALUES: u64 = 1 << 22;
+/// Largest number of values in a trial; real ones have about 60 x 40 x 500. A damaged file may claim any number.
+const MAX_VALUES: u64 = 1 << 22;
 
-/// A (row, column) of one step's native grid.
+/// A row and a column of the native grid of one step.
 pub type Place = (usize, usize);
 
 /// One step over the plate, from its first to its last loaded frame.
@@ -36,7 +36,7 @@ pub struct Step {
 }
 
 impl Step {
-    /// From rows x columns x stored frames.
+    /// A step from its units, rows x columns x stored frames.
     pub fn new(columns: usize, stored_frames: usize, units: Vec<u16>) -> Self {
         let mut loaded = stored_frames..0;
         for series in units.chunks_exact(stored_frames) {
@@ -48,17 +48,17 @@ impl Step {
         Self { columns, stored_frames, loaded, units }
     }
 
-    /// Whether nothing was ever loaded.
+    /// True where no cell is loaded in any frame.
     pub fn is_empty(&self) -> bool {
         self.loaded.is_empty()
     }
 
-    /// Whether the foot was still on the plate when the trial ended.
+    /// True where the foot was still on the plate when the trial ended.
     pub fn is_cut_off(&self) -> bool {
         self.loaded.end == self.stored_frames
     }
 
-    /// Frames from the first to the last loaded one.
+    /// Number of frames from the first to the last loaded one.
     pub fn frames(&self) -> usize {
         self.loaded.len()
     }
@@ -72,14 +72,17 @@ impl Step {
             .map(|(i, _)| (i / self.columns, i % self.columns))
     }
 
-    /// What one cell read over the loaded frames, stored units.
+    /// The readings of one cell over the loaded frames, stored units.
     pub fn series(&self, (row, column): Place) -> &[u16] {
         let start = (row * self.columns + column) * self.stored_frames;
         &self.units[start..][self.loaded.clone()]
     }
 }
 
-/// Reads one trial.
+/// Reads one trial, numbered from 0.
+///
+/// # Errors
+/// Where the trial does not exist, cannot be read, or its rows were not resampled as expected.
 pub fn read(file: &Hdf5File, path: &Path, trial: usize) -> Result<Step> {
     let node = format!("/img{trial:03}");
     let place = || format!("{}: {node}", path.display());
@@ -95,8 +98,12 @@ pub fn read(file: &Hdf5File, path: &Path, trial: usize) -> Result<Step> {
     };
     let dataset = file.dataset(&node).map_err(unreadable)?;
     let values = dataset.num_elements().map_err(unreadable)?;
-    if values > MOST_VALUES {
-        return Err(Error::content(place(), format!("{values} values, a trial has less"), "install jiku-data again"));
+    if values > MAX_VALUES {
+        return Err(Error::content(
+            place(),
+            format!("{values} values, a trial has at most {MAX_VALUES}"),
+            "install jiku-data again",
+        ));
     }
     let stored = dataset.read_array::<u16>().map_err(unreadable)?;
     let &[rows, columns, frames] = stored.shape() else {
@@ -113,42 +120,45 @@ pub fn read(file: &Hdf5File, path: &Path, trial: usize) -> Result<Step> {
     let values: Vec<u16> = stored.iter().copied().collect();
     match native_rows(&values, rows, row_length) {
         Ok(units) => Ok(Step::new(columns, frames, units)),
-        Err(apart_units) => Err(Error::content(
+        Err(difference_units) => Err(Error::content(
             place(),
             format!(
                 "trial {trial} was not resampled from 7.62 mm rows: the estimates of a native row \
-                 differ by {apart_units:.1} units"
+                 differ by {difference_units:.1} units"
             ),
-            "leave this trial out",
+            "omit this trial",
         )),
     }
 }
 
-/// The native rows, or how many units the estimates differ by at best.
+/// The native rows.
+///
+/// # Errors
+/// Where the estimates do not agree: their smallest difference, units.
 fn native_rows(values: &[u16], rows: usize, row_length: usize) -> std::result::Result<Vec<u16>, f64> {
     let aligned = [0, 1, 2].map(|phase| Aligned::new(values, rows, row_length, phase));
     let mut best = (i32::MAX, &aligned[0]);
     for candidate in &aligned {
-        let apart = candidate.disagreement();
-        if apart < best.0 {
-            best = (apart, candidate);
+        let difference = candidate.disagreement();
+        if difference < best.0 {
+            best = (difference, candidate);
         }
     }
     match best {
-        (apart, aligned) if apart <= TOLERANCE => Ok(aligned.native_rows()),
-        (apart, _) => Err(f64::from(apart) / 2.0),
+        (difference, aligned) if difference <= TOLERANCE => Ok(aligned.native_rows()),
+        (difference, _) => Err(f64::from(difference) / 2.0),
     }
 }
 
-/// The stored rows in threes, with unloaded rows before and after to fill up.
+/// The stored rows in groups of three, padded with unloaded rows before and after.
 struct Aligned {
     row_length: usize,
-    /// As many rows of padding and values as make whole threes, and one more row.
+    /// Padding and values, as many rows as complete the groups, and one more row.
     values: Vec<u16>,
 }
 
 impl Aligned {
-    /// `phase` rows precede the first full three.
+    /// An alignment with `phase` rows before the first full group.
     fn new(values: &[u16], rows: usize, row_length: usize, phase: usize) -> Self {
         let before = (3 - phase) % 3;
         let threes = (before + rows).div_ceil(3);
@@ -158,14 +168,14 @@ impl Aligned {
         Self { row_length, values: padded }
     }
 
-    /// The rows r0, r1, r2 and r0' of every three.
+    /// The rows r0, r1, r2 and r0' of each group.
     fn threes(&self) -> impl Iterator<Item = [&[u16]; 4]> {
         let row = |i: usize| &self.values[i * self.row_length..(i + 1) * self.row_length];
         let threes = self.values.len() / self.row_length / 3;
         (0..threes).map(move |i| std::array::from_fn(|k| row(3 * i + k)))
     }
 
-    /// The furthest that the two doubled estimates of a native row lie apart.
+    /// Largest difference between the two doubled estimates of a native row.
     fn disagreement(&self) -> i32 {
         self.threes()
             .filter(is_within_foot)
@@ -180,7 +190,7 @@ impl Aligned {
         for rows in self.threes() {
             native.extend_from_slice(rows[0]);
             if is_within_foot(&rows) {
-                // Both are doubled: their mean is a quarter of the sum, rounded.
+                // Both estimates are doubled: their mean is a quarter of the sum, rounded.
                 let mean = |(a, b): (i32, i32)| ((a + b + 2) / 4).clamp(0, i32::from(u16::MAX)) as u16;
                 native.extend(estimates(rows).map(mean));
             } else {
@@ -191,13 +201,13 @@ impl Aligned {
     }
 }
 
-/// The images were trimmed to the foot and padded after the resampling, so the row before the foot may
-/// lack its share of r0': three unloaded rows say nothing.
+/// True where a group has a loaded row. The images were trimmed to the foot and padded after resampling, so the row before the
+/// foot may lack its share of r0': a group of unloaded rows is no evidence.
 fn is_within_foot(rows: &[&[u16]; 4]) -> bool {
     rows[..3].iter().any(|row| row.iter().any(|&u| u > 0))
 }
 
-/// Twice n1, estimated from r1 and from r2.
+/// Twice n1, estimated from r1 and from r2, for each value of a row.
 fn estimates([r0, r1, r2, next_r0]: [&[u16]; 4]) -> impl Iterator<Item = (i32, i32)> {
     let doubled = |third: u16, end: u16| 3 * i32::from(third) - i32::from(end);
     (0..r0.len()).map(move |i| (doubled(r1[i], r0[i]), doubled(r2[i], next_r0[i])))
@@ -207,7 +217,7 @@ fn estimates([r0, r1, r2, next_r0]: [&[u16]; 4]) -> impl Iterator<Item = (i32, i
 mod tests {
     use super::*;
 
-    /// Native rows of four values, large and small, with unloaded rows around them.
+    /// Native rows of four values, large and small, with unloaded rows before and after.
     fn native() -> Vec<[u16; 4]> {
         let value = |row: u16, column: u16| (row * 977 + column * 331) % 1500;
         let mut rows = vec![[0; 4]; 2];
@@ -216,7 +226,7 @@ mod tests {
         rows
     }
 
-    /// As stored: linear interpolation at 2/3 of the native spacing, rounded.
+    /// The stored rows: linear interpolation at 2/3 of the native spacing, rounded.
     fn stored(native: &[[u16; 4]]) -> Vec<[u16; 4]> {
         (0..(native.len() - 1) * 3 / 2)
             .map(|i| {
@@ -244,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn native_rows_come_back_from_every_phase() {
+    fn native_rows_are_recovered_from_every_phase() {
         let native = native();
         for padding in 0..3 {
             let mut rows = vec![[0; 4]; padding];
@@ -254,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn native_rows_come_back_from_an_image_trimmed_before_resampling() {
+    fn native_rows_are_recovered_from_an_image_trimmed_before_resampling() {
         let native = native();
         for padding in 3..6 {
             let mut rows = vec![[0; 4]; padding];
@@ -264,14 +274,14 @@ mod tests {
     }
 
     #[test]
-    fn rows_that_were_not_resampled_are_noticed() {
+    fn rows_that_were_not_resampled_are_rejected() {
         let native = native();
-        let apart = native_rows(native.as_flattened(), native.len(), 4).unwrap_err();
-        assert!(apart > 100.0, "{apart}");
+        let difference = native_rows(native.as_flattened(), native.len(), 4).unwrap_err();
+        assert!(difference > 100.0, "{difference}");
     }
 
     #[test]
-    fn empty_and_cut_off_steps_are_known() {
+    fn empty_and_cut_off_steps_are_recognised() {
         assert!(Step::new(1, 4, vec![0; 8]).is_empty());
         let step = Step::new(1, 4, vec![0, 0, 7, 0, 0, 5, 0, 0]);
         assert!(!step.is_empty() && !step.is_cut_off());

@@ -1,9 +1,9 @@
-//! Where one step lies on another: the shift by whole cells with the best overlap of the footprints.
+//! Registration of steps: the shift by whole cells with the best overlap of the footprints.
 
 use super::native::{Place, Step};
 use std::collections::BTreeMap;
 
-/// The images are roughly centred, so no step is further off than this many cells.
+/// Largest shift along an axis, cells: the images are roughly centred.
 const REACH: isize = 6;
 
 /// A translation of a step's cells.
@@ -14,12 +14,13 @@ pub struct Shift {
 }
 
 impl Shift {
+    /// The shifted place.
     pub fn apply(self, (row, column): Place) -> (isize, isize) {
         (row as isize + self.rows, column as isize + self.columns)
     }
 }
 
-/// The shift of every step; the first stays where it is.
+/// The shift of each step relative to the first, which is not shifted.
 pub fn shifts(steps: &[Step]) -> Vec<Shift> {
     let mut common = BTreeMap::<(isize, isize), f64>::new();
     let mut shifts = Vec::with_capacity(steps.len());
@@ -34,7 +35,7 @@ pub fn shifts(steps: &[Step]) -> Vec<Shift> {
     shifts
 }
 
-/// The root of every cell's peak, so that the outline counts and not the highest peaks alone.
+/// The loaded cells, each weighted by the root of its peak, so that the outline counts and not the highest peaks alone.
 fn footprint(step: &Step) -> Vec<(Place, f64)> {
     step.loaded_cells()
         .map(|place| {
@@ -44,6 +45,7 @@ fn footprint(step: &Step) -> Vec<(Place, f64)> {
         .collect()
 }
 
+/// The shift of `print` with the largest overlap with the previous steps.
 fn best_shift(print: &[(Place, f64)], common: &BTreeMap<(isize, isize), f64>) -> Shift {
     let overlap = |shift: Shift| -> f64 {
         print.iter().filter_map(|&(place, weight)| Some(weight * common.get(&shift.apply(place))?)).sum()
@@ -67,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_shifted_step_comes_back_onto_the_first() {
+    fn a_shifted_step_is_aligned_with_the_first() {
         let at = |row: usize, column: usize| {
             let mut units = vec![0; 20 * 20];
             for (r, c, peak) in [(0, 0, 90), (1, 0, 400), (1, 1, 250), (4, 2, 30)] {

@@ -1,5 +1,5 @@
-//! A computed walk of both feet, one region of which is never loaded and one hardly, identified once.
-#![allow(dead_code, reason = "each test uses a part")]
+//! A study of a computed walk of both feet, with one region that is never loaded and one that is hardly loaded.
+#![allow(dead_code, reason = "each test uses a part of it")]
 
 use fit::{Options, Study};
 use plantar::pipeline::contact::ContactRule;
@@ -20,14 +20,14 @@ pub const TITLES: [&str; 8] = [
     "Toes 3–5",
 ];
 
-/// A name that would break the page were it not escaped.
+/// A name that would break the page if it were not escaped.
 pub const PARTICIPANT: &str = "<script>alert('P & 1')</script>";
 pub const FILE: &str = "\"left\" <i>walk</i>.parquet";
 
 pub static STUDY: LazyLock<Study> = LazyLock::new(|| {
     let mut study = empty();
     add(&mut study, FILE, &recorded(Side::Left));
-    // Heel strike of the first step of this one is missing.
+    // In this recording, the heel strike of the first step is missing.
     let mut right = recorded(Side::Right);
     let cut = 60 * right.cells();
     right.pressure_kpa.drain(..cut);
@@ -44,8 +44,8 @@ pub fn empty() -> Study {
 }
 
 fn add(study: &mut Study, name: &str, recording: &Recording) {
-    let worn = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING);
-    study.add(name.into(), recording, &worn, &mut |_| ()).expect("a valid insole");
+    let insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING);
+    study.add(name.into(), recording, &insole, &mut |_| ()).expect("a valid insole");
 }
 
 fn recorded(side: Side) -> Recording {

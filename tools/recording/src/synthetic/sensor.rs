@@ -1,0 +1,28 @@
+//! The offsets and the noise of real cells.
+
+use super::Random;
+use crate::Recording;
+use crate::insole::{EXPONENT, FULL_KPA};
+use plantar::pipeline::calibrate::FULL_CODE;
+
+/// Replaces the pressures by the readings of cells with these offsets, kPa, and with uniform noise of up to `noise_codes` codes, of
+/// a sensor with a full scale of 1000 kPa.
+///
+/// As in a real sensor, both are added to the code. For a power law this is not a sum of pressures: with an offset of 5 kPa, a
+/// pressure of 100 kPa reads 112 kPa.
+///
+/// # Panics
+/// Where the number of offsets is not that of the cells.
+pub fn read_with(recording: &mut Recording, offset_kpa: &[f32], noise_codes: f64, seed: u64) {
+    assert_eq!(offset_kpa.len(), recording.cells(), "one offset for each cell");
+    let (full_kpa, full_code, exponent) = (f64::from(FULL_KPA), f64::from(FULL_CODE), f64::from(EXPONENT));
+    let code = |kpa: f32| full_code * (f64::from(kpa) / full_kpa).powf(exponent);
+    let offsets: Vec<f64> = offset_kpa.iter().map(|&kpa| code(kpa)).collect();
+    let mut random = Random(seed);
+    for frame in recording.pressure_kpa.chunks_exact_mut(offsets.len()) {
+        for (kpa, offset) in frame.iter_mut().zip(&offsets) {
+            let noise = noise_codes * (random.around_one(1.0) - 1.0);
+            *kpa = (full_kpa * ((code(*kpa) + offset + noise).max(0.0) / full_code).powf(1.0 / exponent)) as f32;
+        }
+    }
+}

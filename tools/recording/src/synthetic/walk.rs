@@ -1,0 +1,207 @@
+//! A computed walk: each region is loaded over an ellipse that grows and shrinks while the load passes over it, the heel first, the
+//! toes last. A cell reads its covered share times a smooth dome of pressure. The force on the whole foot has the two humps of
+//! walking.
+
+use super::pad::{Pad, PadCell};
+use super::{Random, insole};
+use crate::{Layout, Recording};
+use plantar::{Region, Side};
+use std::f64::consts::PI;
+
+/// The parameters of a computed walk.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SyntheticWalk {
+    /// The foot.
+    pub side: Side,
+    /// Number of cells of the [`insole`].
+    pub cells: usize,
+    /// Number of steps.
+    pub steps: usize,
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// Stance time, s.
+    pub stance_s: f64,
+    /// Swing time before and after each step, s.
+    pub swing_s: f64,
+    /// Peak force on the whole foot, N.
+    pub peak_n: f64,
+    /// Largest relative deviation of a step's peak force and stance time, 0 to below 1.
+    pub variation: f64,
+    /// Seed of the variation; equal seeds result in equal walks.
+    pub seed: u64,
+}
+
+impl Default for SyntheticWalk {
+    fn default() -> Self {
+        Self {
+            side: Side::Right,
+            cells: 240,
+            steps: 10,
+            rate_hz: 100.0,
+            stance_s: 0.65,
+            swing_s: 0.4,
+            peak_n: 800.0,
+            variation: 0.03,
+            seed: 1,
+        }
+    }
+}
+
+/// A computed recording and its truth.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Walk {
+    /// The readings of the insole.
+    pub recording: Recording,
+    /// True contact area of each region, mm²: the part of its ellipse that lies on its cells. One array for each frame, in the
+    /// order of [`Region::ALL`].
+    pub contact_mm2: Vec<[f64; 8]>,
+    /// True force on each region, N; one array for each frame, in the order of [`Region::ALL`].
+    pub force_n: Vec<[f64; 8]>,
+}
+
+/// The part of stance in which a region is loaded, as fractions of it, and the weight of the region in the total force.
+struct Phase {
+    start: f64,
+    end: f64,
+    weight: f64,
+}
+
+/// In the order of [`Region::ALL`].
+const PHASES: [Phase; 8] = [
+    phase(0.00, 0.62, 1.00),
+    phase(0.06, 0.70, 0.10),
+    phase(0.08, 0.78, 0.14),
+    phase(0.12, 0.97, 0.55),
+    phase(0.10, 0.95, 0.60),
+    phase(0.25, 1.00, 0.35),
+    phase(0.32, 0.99, 0.08),
+    phase(0.30, 0.98, 0.12),
+];
+
+const fn phase(start: f64, end: f64, weight: f64) -> Phase {
+    Phase { start, end, weight }
+}
+
+/// Contact area rises with force to this power; below 1, so that pressure rises too.
+const AREA_EXPONENT: f64 = 0.6;
+/// The pressure of the dome falls by this fraction from the centre to the edge.
+const DOME_FALL: f64 = 0.6;
+
+/// Computes a walk.
+///
+/// # Panics
+/// Where the rate or a duration is not a positive number, the variation is not within 0..1, or the number of cells is 0.
+pub fn walk(walk: &SyntheticWalk) -> Walk {
+    assert!(
+        [walk.rate_hz, walk.stance_s, walk.swing_s].iter().all(|value| value.is_finite() && *value > 0.0),
+        "rate and durations are positive"
+    );
+    assert!((0.0..1.0).contains(&walk.variation), "the variation is a fraction");
+    let layout = insole(walk.cells);
+    let pads = Region::ALL.map(|region| Pad::of(&layout, region));
+    let largest_shares = largest_shares();
+    let mut random = Random(walk.seed);
+    let mut frames = Frames { pressure_kpa: Vec::new(), contact_mm2: Vec::new(), force_n: Vec::new() };
+    let mut start_s = walk.swing_s;
+    for _ in 0..walk.steps {
+        let stance_s = walk.stance_s * random.around_one(walk.variation);
+        let peak_n = walk.peak_n * random.around_one(walk.variation);
+        loop {
+            let elapsed = (frames.contact_mm2.len() as f64 / walk.rate_hz - start_s) / stance_s;
+            if elapsed >= 1.0 {
+                break;
+            }
+            frames.push(&layout, &pads, &largest_shares, elapsed, peak_n);
+        }
+        start_s += stance_s + walk.swing_s;
+    }
+    while (frames.contact_mm2.len() as f64) < start_s * walk.rate_hz {
+        frames.push(&layout, &pads, &largest_shares, -1.0, 0.0);
+    }
+    let count = frames.contact_mm2.len();
+    Walk {
+        recording: Recording {
+            side: walk.side,
+            layout,
+            rate_hz: walk.rate_hz,
+            source: format!("Synthetic walk of {} steps, seed {}: computed, not measured.", walk.steps, walk.seed),
+            t_s: (0..count).map(|k| k as f64 / walk.rate_hz).collect(),
+            pressure_kpa: frames.pressure_kpa,
+        },
+        contact_mm2: frames.contact_mm2,
+        force_n: frames.force_n,
+    }
+}
+
+/// The frames so far.
+struct Frames {
+    pressure_kpa: Vec<f32>,
+    contact_mm2: Vec<[f64; 8]>,
+    force_n: Vec<[f64; 8]>,
+}
+
+impl Frames {
+    /// Adds the frame at `elapsed`, a fraction of stance; outside of 0..1 no region is loaded.
+    fn push(&mut self, layout: &Layout, pads: &[Pad; 8], largest_shares: &[f64; 8], elapsed: f64, peak_n: f64) {
+        let start = self.pressure_kpa.len();
+        self.pressure_kpa.resize(start + layout.cells.len(), 0.0);
+        let frame = &mut self.pressure_kpa[start..];
+        let mut contact_mm2 = [0.0; 8];
+        let mut force_n = [0.0; 8];
+        let shares = shares(elapsed);
+        for (region, pad) in pads.iter().enumerate() {
+            // The squared size of the ellipse is its area relative to full size.
+            let size = (shares[region] / largest_shares[region]).powf(AREA_EXPONENT);
+            let dome = |cell: &PadCell| 1.0 - DOME_FALL * (cell.centre / size).min(1.0);
+            // The covered area, and the area that would carry the same force without the dome.
+            let (mut covered_mm2, mut bearing_mm2) = (0.0, 0.0);
+            for cell in &pad.cells {
+                let area_mm2 = cell.covered(size) * layout.cells[cell.index].area_mm2;
+                covered_mm2 += area_mm2;
+                bearing_mm2 += area_mm2 * dome(cell);
+            }
+            // An ellipse that is smaller than the spacing of the points covers no area.
+            if covered_mm2 > 0.0 {
+                contact_mm2[region] = covered_mm2;
+                force_n[region] = shares[region] * peak_n;
+                let kpa = force_n[region] / bearing_mm2 * 1e3;
+                for cell in &pad.cells {
+                    frame[cell.index] = (kpa * cell.covered(size) * dome(cell)) as f32;
+                }
+            }
+        }
+        self.contact_mm2.push(contact_mm2);
+        self.force_n.push(force_n);
+    }
+}
+
+/// The force on each region as a share of the peak force on the whole foot.
+fn shares(elapsed: f64) -> [f64; 8] {
+    let weights = PHASES.map(|phase| {
+        let within = (elapsed - phase.start) / (phase.end - phase.start);
+        match within {
+            0.0..=1.0 => phase.weight * (PI * within).sin().powi(2),
+            _ => 0.0,
+        }
+    });
+    let sum: f64 = weights.iter().sum();
+    if sum == 0.0 {
+        return weights;
+    }
+    // sin(x) + 0.3 sin(3 x): two humps with a dip of 76 % between them, scaled to a peak of 1.
+    let sine = (PI * elapsed).sin();
+    let total = (1.9 * sine - 1.2 * sine.powi(3)) / 0.920_2;
+    weights.map(|weight| total * weight / sum)
+}
+
+/// The largest share of each region during stance.
+fn largest_shares() -> [f64; 8] {
+    const SAMPLES: usize = 1000;
+    let mut largest = [0.0_f64; 8];
+    for sample in 0..=SAMPLES {
+        for (largest, share) in largest.iter_mut().zip(shares(sample as f64 / SAMPLES as f64)) {
+            *largest = largest.max(share);
+        }
+    }
+    largest
+}
