@@ -7,7 +7,7 @@ mod update;
 
 pub use axis::Axis;
 pub use carrier::{Carrier, Framed};
-pub use json::{region_ellipse, region_quantities, step_to_json};
+pub use json::step_to_json;
 
 use plantar::Side;
 use plantar::faults::Faults;
