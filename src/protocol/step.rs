@@ -1,137 +1,157 @@
 //! The step record on the wire.
 
+use super::quantities::{bits, quantities};
 use crate::num::Real;
 use crate::pipeline::contact::ContactRule;
 use crate::pipeline::region::Side;
 use crate::pipeline::step::{RegionStep, StepRecord};
+use postcard::fixint::le;
 use serde::{Deserialize, Serialize};
 
-/// A [`StepRecord`] in scaled integers.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Step {
-    /// Number of the step; continues after a start as long as the flash chip is the same.
-    pub step: u32,
-    /// Foot.
-    pub side: Side,
-    /// Time of the first loaded frame since the first scan, us.
-    pub start_us: u64,
-    /// Heel strike to toe off, us.
-    pub duration_us: u32,
-    /// Time between samples that the step was computed from, us.
-    pub sample_us: u32,
-    /// Frames that were missing and bridged.
-    pub bridged_frames: u16,
-    /// Bit i: a cell of region i was saturated: its forces are lower bounds.
-    pub saturated: u8,
-    /// Bit i: region i's contact exceeded its ellipsoid.
-    pub clamped: u8,
-    /// The rule that areas were counted by.
-    pub contact_rule: ContactRule,
-    /// The regions, in the order of [`crate::Region::ALL`].
-    pub regions: [StepRegion; 8],
-    /// Boots of the insole since the one that recorded this step; `start_us` counts from that one.
-    pub boots_since: u32,
-    /// `start_us` on the wall clock, us since 1970, UTC; `None` where the clock was not set.
-    pub start_unix_us: Option<u64>,
+quantities! {
+    /// A [`StepRecord`] in scaled integers.
+    #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct Step {
+        /// Number of the step; continues after a restart as long as the flash chip is the same.
+        step: u32 = record.step
+            => step [1 per "count"],
+            "Counted by the insole at each toe off.";
+        /// Foot.
+        side: Side = record.side;
+        /// Time of the first loaded frame since the first scan.
+        start_us: u64 = record.start_us
+            => start_s [1_000_000 per "s"],
+            "Heel strike: the total force reaches the threshold.";
+        /// Time from heel strike to toe off.
+        duration_us: u32 = record.duration_us
+            => duration_s [1_000_000 per "s"],
+            "Toe off: the total force falls below the threshold.";
+        /// Time between the samples that the step was computed from.
+        sample_us: u32 = record.sample_us
+            => sample_s [1_000_000 per "s"],
+            "Frame time; a multiple of it for a stance of more than 256 frames.";
+        /// Number of frames that were missing and bridged by straight lines.
+        bridged_frames: u16 = record.bridged_frames
+            => bridged_frames [1 per "count"],
+            "Gaps in the numbers of scanned frames.";
+        /// A cell was saturated, so the forces are lower bounds.
+        saturated: u8 = record.saturated,
+            flags "The code of a cell reached the end of the scale.";
+        /// The contact exceeded the ellipsoid, so deformation and model force are lower bounds.
+        clamped: u8 = bits(&record.regions, |region| region.clamped),
+            flags "The smoothed contact area exceeded pi A B.";
+        /// The rule that areas were counted by.
+        contact_rule: ContactRule = record.contact_rule;
+        /// The regions, in the order of [`crate::Region::ALL`].
+        regions: [StepRegion; 8] = record.regions.each_ref().map(StepRegion::new);
+        /// Boots of the insole since the one that recorded this step; the start time counts from that one.
+        boots_since: u32 = 0
+            => starts_ago [1 per "count"],
+            "Counted by the insole.";
+        /// `start_us` on the wall clock, us since 1970, UTC; `None` where the clock was not set.
+        start_unix_us: Option<u64> = None;
+    }
+
+    /// Rounds a step of the running boot to the units of the wire.
+    pub fn new<R: Real>(record: &StepRecord<R>);
 }
 
-/// One region of a [`Step`].
-#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
-pub struct StepRegion {
-    /// Largest measured force, 0.1 N.
-    #[serde(with = "postcard::fixint::le")]
-    pub measured_peak_dn: u16,
-    /// Largest model force, 0.1 N.
-    #[serde(with = "postcard::fixint::le")]
-    pub model_peak_dn: u16,
-    /// Force-time integral of the measured force, 0.01 N s.
-    #[serde(with = "postcard::fixint::le")]
-    pub measured_integral_cns: u16,
-    /// Force-time integral of the model force, 0.01 N s.
-    #[serde(with = "postcard::fixint::le")]
-    pub model_integral_cns: u16,
-    /// Largest contact area, mm2.
-    #[serde(with = "postcard::fixint::le")]
-    pub area_peak_mm2: u16,
-    /// Largest deformation, um.
-    #[serde(with = "postcard::fixint::le")]
-    pub deformation_peak_um: u16,
-    /// Largest loading rate of the deformation, 0.1 mm/s.
-    #[serde(with = "postcard::fixint::le")]
-    pub deformation_rate_peak_dmm_s: u16,
-    /// Contact time, ms.
-    #[serde(with = "postcard::fixint::le")]
-    pub contact_ms: u16,
-    /// Time from first contact to the largest measured force, ms.
-    #[serde(with = "postcard::fixint::le")]
-    pub time_to_peak_ms: u16,
-    /// Centre of the contact ellipse at the largest measured force, foot coordinates, 0.1 mm.
-    #[serde(with = "postcard::fixint::le")]
-    pub ellipse_x_dmm: i16,
-    /// See `ellipse_x_dmm`.
-    #[serde(with = "postcard::fixint::le")]
-    pub ellipse_y_dmm: i16,
-    /// Its radii, 0.01 mm; 0 without contact.
-    #[serde(with = "postcard::fixint::le")]
-    pub ellipse_r_a_cmm: u16,
-    /// See `ellipse_r_a_cmm`.
-    #[serde(with = "postcard::fixint::le")]
-    pub ellipse_r_b_cmm: u16,
-    /// Its angle, 0.1 degrees.
-    #[serde(with = "postcard::fixint::le")]
-    pub ellipse_angle_ddeg: i16,
-    /// Model against measured force (Eq. 20), 0.01 %.
-    #[serde(with = "postcard::fixint::le")]
-    pub model_error_bp: u16,
-    /// Masked cells at toe off; 255 for more.
-    pub masked_cells: u8,
+quantities! {
+    /// One region of a [`Step`].
+    #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
+    pub struct StepRegion {
+        /// Largest measured force.
+        #[serde(with = "le")]
+        measured_peak_dn: u16 = (region.measured_peak_n * R::of(10.0)).round_u16()
+            => measured_force_peak_n [10 per "N"],
+            "Sum over the cells of pressure times area.";
+        /// Largest model force.
+        #[serde(with = "le")]
+        model_peak_dn: u16 = (region.model_peak_n * R::of(10.0)).round_u16()
+            => model_force_peak_n [10 per "N"],
+            "Eq. 13 with Eq. 14 and 16, on the smoothed contact area.";
+        /// Force-time integral of the measured force.
+        #[serde(with = "le")]
+        measured_integral_cns: u16 = (region.measured_integral_n_s * R::of(100.0)).round_u16()
+            => measured_force_integral_n_s [100 per "N s"],
+            "Sum of the samples times the time between them.";
+        /// Force-time integral of the model force.
+        #[serde(with = "le")]
+        model_integral_cns: u16 = (region.model_integral_n_s * R::of(100.0)).round_u16()
+            => model_force_integral_n_s [100 per "N s"],
+            "Sum of the samples times the time between them.";
+        /// Largest contact area.
+        #[serde(with = "le")]
+        area_peak_mm2: u16 = (region.area_peak_mm2 * R::of(1.0)).round_u16()
+            => area_peak_mm2 [1 per "mm2"],
+            "Area of the cells in contact by the contact rule, not smoothed.";
+        /// Largest tissue deformation of the model.
+        #[serde(with = "le")]
+        deformation_peak_um: u16 = (region.deformation_peak_m * R::of(1e6)).round_u16()
+            => deformation_peak_mm [1000 per "mm"],
+            "Eq. 14, on the smoothed contact area.";
+        /// Largest rate of the deformation under increasing load.
+        #[serde(with = "le")]
+        deformation_rate_peak_dmm_s: u16 = (region.deformation_rate_peak_m_s * R::of(1e4)).round_u16()
+            => deformation_rate_peak_mm_s [10 per "mm/s"],
+            "Eq. 16.";
+        /// Time from the region's first to its last sample in contact.
+        #[serde(with = "le")]
+        contact_ms: u16 = (region.contact_s * R::of(1e3)).round_u16()
+            => contact_time_s [1000 per "s"],
+            "Samples with a contact area above 0.";
+        /// Time from the region's first sample in contact to its largest measured force.
+        #[serde(with = "le")]
+        time_to_peak_ms: u16 = (region.time_to_peak_s * R::of(1e3)).round_u16()
+            => time_to_peak_s [1000 per "s"],
+            "First sample with the largest measured force.";
+        /// Centre of the contact ellipse at the largest measured force, to the lateral side in foot coordinates.
+        #[serde(with = "le")]
+        ellipse_x_dmm: i16 = region.ellipse_at_peak.map_or(0, |ellipse| (ellipse.x_mm * R::of(10.0)).round_i16())
+            => ellipse_x_mm as "ellipse_at_peak.x_mm" [10 per "mm"] if ellipse_r_a_cmm,
+            "Mean of the contact area.";
+        /// Centre of the contact ellipse at the largest measured force, from heel to toe in foot coordinates.
+        #[serde(with = "le")]
+        ellipse_y_dmm: i16 = region.ellipse_at_peak.map_or(0, |ellipse| (ellipse.y_mm * R::of(10.0)).round_i16())
+            => ellipse_y_mm as "ellipse_at_peak.y_mm" [10 per "mm"] if ellipse_r_a_cmm,
+            "Mean of the contact area.";
+        /// Radius of the ellipse along the axis nearer to the medial-lateral one; 0 without contact.
+        #[serde(with = "le")]
+        ellipse_r_a_cmm: u16 = region.ellipse_at_peak.map_or(0, |ellipse| (ellipse.r_a_mm * R::of(100.0)).round_u16())
+            => ellipse_r_a_mm as "ellipse_at_peak.r_a_mm" [100 per "mm"] if ellipse_r_a_cmm,
+            "Uniform ellipse with the second moments of the contact area.";
+        /// Radius of the ellipse along the axis nearer to the heel-toe one; 0 without contact.
+        #[serde(with = "le")]
+        ellipse_r_b_cmm: u16 = region.ellipse_at_peak.map_or(0, |ellipse| (ellipse.r_b_mm * R::of(100.0)).round_u16())
+            => ellipse_r_b_mm as "ellipse_at_peak.r_b_mm" [100 per "mm"] if ellipse_r_a_cmm,
+            "Uniform ellipse with the second moments of the contact area.";
+        /// Angle from the x axis to the first radius, counter-clockwise seen from above with x to the right and y forwards.
+        #[serde(with = "le")]
+        ellipse_angle_ddeg: i16 = region.ellipse_at_peak.map_or(0, |ellipse| (ellipse.angle_deg() * 10.0).round_i16())
+            => ellipse_angle_deg as "ellipse_at_peak.angle_deg" [10 per "deg"] if ellipse_r_a_cmm,
+            "Uniform ellipse with the second moments of the contact area.";
+        /// Root mean square of model minus measured force over the contact, relative to the largest measured force.
+        #[serde(with = "le")]
+        model_error_bp: u16 = (region.model_error * R::of(1e4)).round_u16()
+            => model_error_nrmse_percent [100 per "%"],
+            "Eq. 20, against the unsmoothed measured force.";
+        /// Number of masked cells at toe off; 255 for more.
+        masked_cells: u8 = region.masked_cells
+            => masked_cells [1 per "count"],
+            "Cells that the fault detector replaces by their neighbours.";
+    }
+
+    /// Rounds a region to the units of the wire.
+    fn new<R: Real>(region: &RegionStep<R>);
 }
 
 impl Step {
-    /// Rounds a step of the running boot to the units of the wire.
-    pub fn new<R: Real>(record: &StepRecord<R>) -> Self {
-        let clamped = record.regions.iter().enumerate().fold(0, |bits, (i, r)| bits | u8::from(r.clamped) << i);
-        Self {
-            step: record.step,
-            side: record.side,
-            start_us: record.start_us,
-            duration_us: record.duration_us,
-            sample_us: record.sample_us,
-            bridged_frames: record.bridged_frames,
-            saturated: record.saturated,
-            clamped,
-            contact_rule: record.contact_rule,
-            regions: record.regions.each_ref().map(StepRegion::new),
-            boots_since: 0,
-            start_unix_us: None,
-        }
-    }
-}
-
-impl StepRegion {
-    fn new<R: Real>(region: &RegionStep<R>) -> Self {
-        let scaled = |value: R, units: f64| (value * R::of(units)).round_u16();
-        let mut wire = Self {
-            measured_peak_dn: scaled(region.measured_peak_n, 10.0),
-            model_peak_dn: scaled(region.model_peak_n, 10.0),
-            measured_integral_cns: scaled(region.measured_integral_n_s, 100.0),
-            model_integral_cns: scaled(region.model_integral_n_s, 100.0),
-            area_peak_mm2: scaled(region.area_peak_mm2, 1.0),
-            deformation_peak_um: scaled(region.deformation_peak_m, 1e6),
-            deformation_rate_peak_dmm_s: scaled(region.deformation_rate_peak_m_s, 1e4),
-            contact_ms: scaled(region.contact_s, 1e3),
-            time_to_peak_ms: scaled(region.time_to_peak_s, 1e3),
-            model_error_bp: scaled(region.model_error, 1e4),
-            masked_cells: region.masked_cells,
-            ..Self::default()
-        };
-        if let Some(ellipse) = &region.ellipse_at_peak {
-            wire.ellipse_x_dmm = (ellipse.x_mm * R::of(10.0)).round_i16();
-            wire.ellipse_y_dmm = (ellipse.y_mm * R::of(10.0)).round_i16();
-            wire.ellipse_r_a_cmm = scaled(ellipse.r_a_mm, 100.0);
-            wire.ellipse_r_b_cmm = scaled(ellipse.r_b_mm, 100.0);
-            wire.ellipse_angle_ddeg = (ellipse.angle_deg() * 10.0).round_i16();
-        }
-        wire
+    /// The step without the field that changes when an insole repeats it after a restart.
+    ///
+    /// Equal contents are the same step. The number alone does not identify a step: an insole with a new flash chip numbers its
+    /// steps from 0 again.
+    #[must_use]
+    pub fn content(&self) -> Self {
+        Self { boots_since: 0, ..*self }
     }
 }

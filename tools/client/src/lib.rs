@@ -8,7 +8,7 @@ mod update;
 
 pub use axis::Axis;
 pub use carrier::{Carrier, Framed, unix_us};
-pub use json::{region_ellipse, region_quantities, step_to_json};
+pub use json::step_to_json;
 
 use order::{Arrival, StepOrder};
 use plantar::Side;

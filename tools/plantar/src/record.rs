@@ -7,8 +7,8 @@ use crate::table::{self, Row, Value};
 use crate::view::View;
 use anyhow::{Result, bail};
 use clap::Args;
-use client::{Axis, region_ellipse, region_quantities};
-use plantar::protocol::{Live, Step, ToDevice};
+use client::Axis;
+use plantar::protocol::{Flag, Live, LiveRegion, Quantity, Step, StepRegion, ToDevice};
 use plantar::{Region, Side};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -128,22 +128,13 @@ impl Sink for Parts<'_> {
     fn live(&mut self, live: &Live, axis: &Axis) -> Result<()> {
         self.frames += 1;
         for (i, (region, r)) in Region::ALL.iter().zip(&live.regions).enumerate() {
-            let set = |bits: u8| bits >> i & 1 == 1;
-            self.live.push(vec![
-                ("session", self.session.into()),
-                ("side", self.side.name().into()),
-                ("sequence", Value::Whole(i32::try_from(live.sequence).ok())),
-                ("t_s", (live.t_us as f64 / 1e6).into()),
-                ("unix_s", Value::Real(axis.host_us(live.t_us).map(seconds))),
-                ("region", region.name().into()),
-                ("area_mm2", f64::from(r.area_mm2).into()),
-                ("deformation_mm", (f64::from(r.deformation_um) / 1e3).into()),
-                ("model_force_n", (f64::from(r.model_dn) / 10.0).into()),
-                ("measured_force_n", (f64::from(r.measured_dn) / 10.0).into()),
-                ("saturated", set(live.saturated).into()),
-                ("clamped", set(live.clamped).into()),
-                ("masked", set(live.masked).into()),
-            ]);
+            let mut row: Row = vec![("session", self.session.into()), ("side", self.side.name().into())];
+            row.extend(columns(Live::QUANTITIES, live));
+            row.push(("unix_s", Value::Real(axis.host_us(live.t_us).map(seconds))));
+            row.push(("region", region.name().into()));
+            row.extend(columns(LiveRegion::QUANTITIES, r));
+            row.extend(flag_columns(Live::FLAGS, live, i));
+            self.live.push(row);
         }
         self.close_if_due()
     }
@@ -183,26 +174,40 @@ fn seconds(us: u64) -> f64 {
 
 fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
     let r = &step.regions[i];
-    let set = |bits: u8| bits >> i & 1 == 1;
-    let mut row: Row = vec![
-        ("session", session.into()),
-        ("side", step.side.name().into()),
-        ("step", Value::Whole(i32::try_from(step.step).ok())),
-        ("start_s", (step.start_us as f64 / 1e6).into()),
-        ("duration_s", (f64::from(step.duration_us) / 1e6).into()),
-        ("sample_s", (f64::from(step.sample_us) / 1e6).into()),
-        ("bridged_frames", i32::from(step.bridged_frames).into()),
-        ("starts_ago", Value::Whole(i32::try_from(step.boots_since).ok())),
-        ("region", region.into()),
-        ("area_peak_mm2", f64::from(r.area_peak_mm2).into()),
-        ("saturated", set(step.saturated).into()),
-        ("clamped", set(step.clamped).into()),
-        ("masked_cells", i32::from(r.masked_cells).into()),
+    let (nested, quantities): (Vec<_>, Vec<_>) = StepRegion::QUANTITIES.iter().partition(|q| q.path().0.is_some());
+    let (counts, quantities): (Vec<_>, Vec<_>) = quantities.into_iter().partition(|q| q.is_count());
+    let (whole, scaled): (Vec<_>, Vec<_>) = quantities.into_iter().partition(|q| q.per_unit == 1);
+    let mut row: Row = vec![("session", session.into()), ("side", step.side.name().into())];
+    row.extend(columns(Step::QUANTITIES, step));
+    row.push(("region", region.into()));
+    row.extend(columns(whole, r));
+    row.extend(flag_columns(Step::FLAGS, step, i));
+    row.extend(columns(counts, r));
+    row.extend([
         ("contact_on_kpa", f64::from(step.contact_rule.on_kpa).into()),
         ("contact_off_kpa", f64::from(step.contact_rule.off_kpa).into()),
         ("contact_full_kpa", f64::from(step.contact_rule.full_kpa).into()),
-    ];
-    row.extend(region_quantities(r).map(|(name, value)| (name, value.into())));
-    row.extend(region_ellipse(r).map(|(name, value)| (name, Value::Real(value))));
+    ]);
+    row.extend(columns(scaled, r));
+    row.extend(columns(nested, r));
     row
+}
+
+fn columns<T: 'static>(
+    quantities: impl IntoIterator<Item = &'static Quantity<T>>,
+    of: &T,
+) -> impl Iterator<Item = (&'static str, Value)> {
+    quantities.into_iter().map(move |quantity| {
+        let whole = || (quantity.value)(of).and_then(|value| i32::try_from(value).ok());
+        let value = if quantity.is_count() { Value::Whole(whole()) } else { Value::Real(quantity.in_unit(of)) };
+        (quantity.name, value)
+    })
+}
+
+fn flag_columns<T: 'static>(
+    flags: &'static [Flag<T>],
+    of: &T,
+    region: usize,
+) -> impl Iterator<Item = (&'static str, Value)> {
+    flags.iter().map(move |flag| (flag.name, flag.is_set(of, region).into()))
 }

@@ -5,7 +5,7 @@ use client::{Carrier, Client};
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use plantar::Region;
 use plantar::faults::{Fault, Faults};
-use plantar::protocol::Step;
+use plantar::protocol::{Step, StepRegion};
 
 /// Short names for narrow columns, in the order of [`Region::ALL`].
 pub const SHORT: [&str; 8] = ["Heel", "P.midfoot", "A.midfoot", "Met 1-2", "Met 3-5", "Hallux", "Toe 2", "Toes 3-5"];
@@ -21,20 +21,17 @@ pub fn print(steps: &[Step]) {
     header.extend(SHORT.iter().map(|name| format!("{name} N")));
     table.set_header(header);
     for step in steps {
-        let mut row = vec![
-            step.step.to_string(),
-            format!("{:.2}", step.start_us as f64 / 1e6),
-            format!("{:.2}", f64::from(step.duration_us) / 1e6),
-        ];
+        let mut row =
+            vec![step.step.to_string(), format!("{:.2}", step.start_s()), format!("{:.2}", step.duration_s())];
         row.extend(step.regions.iter().enumerate().map(|(i, r)| {
             let mark = |bits: u8, mark| if bits >> i & 1 == 1 { mark } else { "" };
             format!(
                 "{}{}{:.0} / {}{:.0}",
                 if r.masked_cells > 0 { "~" } else { "" },
                 mark(step.saturated, ">"),
-                f64::from(r.measured_peak_dn) / 10.0,
+                r.measured_force_peak_n(),
                 mark(step.clamped, "*"),
-                f64::from(r.model_peak_dn) / 10.0
+                r.model_force_peak_n()
             )
         }));
         table.add_row(row);
@@ -64,25 +61,19 @@ pub fn print(steps: &[Step]) {
     ]);
     for (i, region) in Region::ALL.iter().enumerate() {
         let loaded: Vec<_> = steps.iter().map(|s| &s.regions[i]).filter(|r| r.contact_ms > 0).collect();
-        let mean = |value: fn(&plantar::protocol::StepRegion) -> f64| {
-            loaded.iter().map(|r| value(r)).sum::<f64>() / loaded.len() as f64
-        };
+        let mean = |value: fn(&StepRegion) -> f64| loaded.iter().map(|r| value(r)).sum::<f64>() / loaded.len() as f64;
         if loaded.is_empty() {
             table.add_row([region.name(), "-", "-", "-", "-", "-", "-", "-"]);
             continue;
         }
         table.add_row([
             region.name().to_string(),
-            format!("{:.1}", mean(|r| f64::from(r.measured_peak_dn) / 10.0)),
-            format!("{:.1}", mean(|r| f64::from(r.model_peak_dn) / 10.0)),
-            format!("{:.0}", mean(|r| f64::from(r.area_peak_mm2))),
-            format!(
-                "{:.1} x {:.1}",
-                mean(|r| f64::from(r.ellipse_r_a_cmm) / 100.0),
-                mean(|r| f64::from(r.ellipse_r_b_cmm) / 100.0)
-            ),
-            format!("{:.2}", mean(|r| f64::from(r.deformation_peak_um) / 1000.0)),
-            format!("{:.2}", mean(|r| f64::from(r.contact_ms) / 1000.0)),
+            format!("{:.1}", mean(StepRegion::measured_force_peak_n)),
+            format!("{:.1}", mean(StepRegion::model_force_peak_n)),
+            format!("{:.0}", mean(StepRegion::area_peak_mm2)),
+            format!("{:.1} x {:.1}", mean(StepRegion::ellipse_r_a_mm), mean(StepRegion::ellipse_r_b_mm)),
+            format!("{:.2}", mean(StepRegion::deformation_peak_mm)),
+            format!("{:.2}", mean(StepRegion::contact_time_s)),
             model_error_percent(steps, i).map_or("-".into(), |percent| format!("{percent:.1}")),
         ]);
     }
@@ -131,7 +122,7 @@ fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
 /// Model against measured force of region number `region` (Eq. 20), %, mean of the steps in which it was loaded.
 pub fn model_error_percent(steps: &[Step], region: usize) -> Option<f64> {
     let loaded: Vec<_> = steps.iter().map(|s| &s.regions[region]).filter(|r| r.contact_ms > 0).collect();
-    let sum: f64 = loaded.iter().map(|r| f64::from(r.model_error_bp) / 100.0).sum();
+    let sum: f64 = loaded.iter().map(|r| r.model_error_nrmse_percent()).sum();
     (!loaded.is_empty()).then(|| sum / loaded.len() as f64)
 }
 

@@ -1,0 +1,181 @@
+//! Quantities of steps and live frames: the description from which the wire structures, the columns of files, the page's types
+//! and `docs/quantities.md` are derived. `step.rs` and `live.rs` hold the declarations.
+
+/// A quantity of a `T`: how the wire carries it and how files name it.
+#[derive(Debug)]
+pub struct Quantity<T: 'static> {
+    /// Field of `T`.
+    pub field: &'static str,
+    /// Integer type of the field.
+    pub wire_type: &'static str,
+    /// Column in Parquet and CSV files, with its unit.
+    pub name: &'static str,
+    /// Key in JSON objects; a dot separates the keys of nested objects.
+    pub key: &'static str,
+    /// Unit in files; [`COUNT`] for a number of things.
+    pub unit: &'static str,
+    /// Integer steps of the field per unit.
+    pub per_unit: u32,
+    /// Description, one sentence.
+    pub meaning: &'static str,
+    /// Equation or definition.
+    pub source: &'static str,
+    /// The field's value; `None` where `T` has none.
+    pub value: fn(&T) -> Option<i64>,
+}
+
+/// [`Quantity::unit`] of a number of things.
+pub const COUNT: &str = "count";
+
+impl<T> Quantity<T> {
+    /// True for a number of things.
+    pub fn is_count(&self) -> bool {
+        self.unit == COUNT
+    }
+
+    /// The value in [`Quantity::unit`], exact to the resolution of the wire; `None` where `of` has none.
+    pub fn in_unit(&self, of: &T) -> Option<f64> {
+        (self.value)(of).map(|value| value as f64 / f64::from(self.per_unit))
+    }
+
+    /// The object that holds the quantity in JSON, where [`Quantity::key`] is nested, and its key there.
+    pub fn path(&self) -> (Option<&'static str>, &'static str) {
+        self.key.split_once('.').map_or((None, self.key), |(object, key)| (Some(object), key))
+    }
+}
+
+/// A property that each region of a `T` has or has not.
+#[derive(Debug)]
+pub struct Flag<T: 'static> {
+    /// Column in files, key in JSON objects, and field of `T`.
+    pub name: &'static str,
+    /// Description, one sentence.
+    pub meaning: &'static str,
+    /// Definition.
+    pub source: &'static str,
+    /// Bit i: region i has it.
+    pub regions: fn(&T) -> u8,
+}
+
+impl<T> Flag<T> {
+    /// True where region number `region` has the property.
+    pub fn is_set(&self, of: &T, region: usize) -> bool {
+        (self.regions)(of) >> region & 1 == 1
+    }
+}
+
+/// Bit i: `is_set` of region i.
+pub(super) fn bits<T>(regions: &[T; 8], is_set: fn(&T) -> bool) -> u8 {
+    regions.iter().enumerate().fold(0, |bits, (i, region)| bits | u8::from(is_set(region)) << i)
+}
+
+/// Declares a wire structure, its conversion from the pipeline's type, and the description of its fields. A field is declared as
+///
+/// ```text
+/// /// Meaning, one sentence on one line.
+/// field: integer type = expression that computes it
+///     => name_in_files as "key.in_json" [steps per "unit"] if other_field,
+///     "Equation or definition.";
+/// ```
+///
+/// `as` is omitted where the name is also the key. `if` names a field that is 0 where the quantity is absent. A field with one bit
+/// for each region is described by `, flags "Definition.";`. A field without a description is not a quantity.
+///
+/// `fn new` names the inputs of the expressions. With `fn numbers` the structure can also be read as an array.
+macro_rules! quantities {
+    (
+        $(#[$about:meta])*
+        pub struct $struct:ident {
+            $(
+                #[doc = $meaning:literal]
+                $(#[$attribute:meta])*
+                $field:ident: $type:ty = $value:expr
+                    $(=> $name:ident $(as $key:literal)? [$per_unit:literal per $unit:literal] $(if $present:ident)?,
+                    $source:literal)?
+                    $(, flags $flag_source:literal)?;
+            )*
+        }
+
+        $(#[$about_new:meta])*
+        $visibility:vis fn new<$real:ident: Real>($($input:ident: $input_type:ty),+);
+        $($numbers:tt)*
+    ) => {
+        $(#[$about])*
+        pub struct $struct {
+            $(
+                #[doc = $meaning]
+                $(#[doc = concat!("\n\nOn the wire: ", $per_unit, " per ", $unit, ". Source: ", $source)])?
+                $(#[doc = concat!("\n\nOn the wire: bit i is region i. Source: ", $flag_source)])?
+                $(#[$attribute])*
+                pub $field: $type,
+            )*
+        }
+
+        impl $struct {
+            $(#[$about_new])*
+            $visibility fn new<$real: Real>($($input: $input_type),+) -> Self {
+                Self { $($field: $value,)* }
+            }
+
+            $($(
+                #[doc = concat!($meaning, " In ", $unit, ".")]
+                pub fn $name(&self) -> f64 {
+                    self.$field as f64 / f64::from($per_unit)
+                }
+            )?)*
+
+            /// The quantities, in the order of the wire.
+            pub const QUANTITIES: &'static [$crate::protocol::Quantity<Self>] = &[
+                $($(
+                    $crate::protocol::Quantity {
+                        field: stringify!($field),
+                        wire_type: stringify!($type),
+                        name: stringify!($name),
+                        key: quantities!(@key $name $($key)?),
+                        unit: $unit,
+                        per_unit: $per_unit,
+                        meaning: $meaning.trim_ascii(),
+                        source: $source,
+                        value: |it| {
+                            $(if it.$present == 0 {
+                                return None;
+                            })?
+                            Some(it.$field as i64)
+                        },
+                    },
+                )?)*
+            ];
+
+            /// The properties of each region, in the order of the wire.
+            pub const FLAGS: &'static [$crate::protocol::Flag<Self>] = &[
+                $($(
+                    $crate::protocol::Flag {
+                        name: stringify!($field),
+                        meaning: $meaning.trim_ascii(),
+                        source: $flag_source,
+                        regions: |it| it.$field,
+                    },
+                )?)*
+            ];
+        }
+
+        quantities! { @numbers $struct [$($field)*] $($numbers)* }
+    };
+    (@key $name:ident) => { stringify!($name) };
+    (@key $name:ident $key:literal) => { $key };
+    (@numbers $struct:ident [$($field:ident)*]) => {};
+    (@numbers $struct:ident [$($field:ident)*] fn numbers(&self) -> [$number:ty];) => {
+        impl $struct {
+            const NUMBERS: usize = Self::QUANTITIES.len();
+
+            fn numbers(&self) -> [$number; Self::NUMBERS] {
+                [$(self.$field,)*]
+            }
+
+            fn from_numbers([$($field,)*]: [$number; Self::NUMBERS]) -> Self {
+                Self { $($field,)* }
+            }
+        }
+    };
+}
+pub(super) use quantities;

@@ -1,0 +1,97 @@
+//! `docs/quantities.md` and the JSON of a step have exactly the quantities that the protocol declares.
+
+use client::step_to_json;
+use plantar::pipeline::contact::ContactRule;
+use plantar::protocol::{Flag, Live, LiveRegion, Quantity, Step, StepRegion};
+use plantar::{Region, Side};
+use std::fmt::Write;
+
+const DOCUMENT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/quantities.md");
+
+const INTRODUCTION: &str = "# Quantities
+
+This file is generated from the declarations in `src/protocol/step.rs` and `src/protocol/live.rs` by
+`UPDATE_DOCS=1 cargo test --release --package client --test quantities`. A test checks that it is up to date.
+
+*Column* is the name in Parquet and CSV files, *key* the one in JSON objects, where `a.b` is the key `b` in the object `a`. The page's
+CSV of live frames has one column for each region and key, such as `heel_area_mm2`. A value is a whole number on the wire, so it has a
+resolution and a largest value. Quantities of the contact ellipse are null without contact. Equations are those of [model.md](model.md).
+";
+
+#[test]
+fn the_document_lists_the_declared_quantities() {
+    let mut document = String::from(INTRODUCTION);
+    write_section(&mut document, "A step", Step::QUANTITIES, &[] as &[Flag<Step>]);
+    write_section(&mut document, "A region of a step", StepRegion::QUANTITIES, Step::FLAGS);
+    write_section(&mut document, "A live frame", Live::QUANTITIES, &[] as &[Flag<Live>]);
+    write_section(&mut document, "A region of a live frame", LiveRegion::QUANTITIES, Live::FLAGS);
+    if std::env::var_os("UPDATE_DOCS").is_some() {
+        std::fs::write(DOCUMENT, &document).expect("the folder docs exists");
+    }
+    let stored = std::fs::read_to_string(DOCUMENT).unwrap_or_default();
+    assert!(stored == document, "docs/quantities.md is out of date: run this test with UPDATE_DOCS=1");
+}
+
+fn write_section<T, U>(document: &mut String, title: &str, quantities: &[Quantity<T>], flags: &[Flag<U>]) {
+    let head =
+        "| column | key | unit | resolution | largest | meaning | source | wire |\n|---|---|---|---|---|---|---|---|";
+    let quantities = quantities.iter().map(|quantity| {
+        let Quantity { field, wire_type, name, key, unit, per_unit, meaning, source, .. } = quantity;
+        let resolution = 1.0 / f64::from(*per_unit);
+        let largest = largest(wire_type, *per_unit);
+        format!(
+            "`{name}` | `{key}` | {unit} | {resolution} | {largest} | {meaning} | {source} | `{field}: {wire_type}`"
+        )
+    });
+    let flags = flags.iter().map(|Flag { name, meaning, source, .. }| {
+        format!("`{name}` | `{name}` | true or false | | | {meaning} | {source} | one bit of `{name}: u8`")
+    });
+    let rows: Vec<_> = quantities.chain(flags).map(|row| format!("| {row} |")).collect();
+    write!(document, "\n## {title}\n\n{head}\n{}\n", rows.join("\n")).expect("a string grows");
+}
+
+fn largest(wire_type: &str, per_unit: u32) -> String {
+    let largest: u32 = match wire_type {
+        "u8" => u8::MAX.into(),
+        "i16" => i16::MAX as u32,
+        "u16" => u16::MAX.into(),
+        "u32" => u32::MAX,
+        "u64" => return "none".into(),
+        _ => panic!("{wire_type} is no integer type of a quantity"),
+    };
+    (f64::from(largest) / f64::from(per_unit)).to_string()
+}
+
+#[test]
+fn json_has_every_quantity_once() {
+    let region = StepRegion { ellipse_r_a_cmm: 1, ..StepRegion::default() };
+    let step = Step {
+        step: 0,
+        side: Side::Left,
+        start_us: 0,
+        duration_us: 0,
+        sample_us: 0,
+        bridged_frames: 0,
+        saturated: 0,
+        clamped: 0,
+        contact_rule: ContactRule::COUNTED,
+        regions: [region; 8],
+        boots_since: 0,
+        start_unix_us: None,
+    };
+    let json = step_to_json(&step);
+    for quantity in Step::QUANTITIES {
+        assert!(json.get(quantity.key).is_some(), "{}", quantity.key);
+    }
+    let heel = &json["regions"][Region::Heel.name()];
+    for quantity in StepRegion::QUANTITIES {
+        let pointer = format!("/{}", quantity.key.replace('.', "/"));
+        assert!(heel.pointer(&pointer).is_some(), "{}", quantity.key);
+    }
+    for flag in Step::FLAGS {
+        assert_eq!(heel[flag.name], false);
+    }
+    let ellipse = heel["ellipse_at_peak"].as_object().expect("the region had contact").len();
+    let keys = heel.as_object().expect("an object").len() - 1 + ellipse;
+    assert_eq!(keys, StepRegion::QUANTITIES.len() + Step::FLAGS.len());
+}
