@@ -9,7 +9,7 @@ use super::{Fault, FaultKind, Faults, MATRIX_CELLS, Place, SETTLE_MS};
 use crate::num::Real;
 use crate::pipeline::calibrate::{Curve, is_saturated};
 use crate::pipeline::cell::{AREA_SHIFT, InsoleCell};
-use crate::pipeline::marks::{IMPLAUSIBLE_SATURATION, MASKED};
+use crate::pipeline::marks::{IMPLAUSIBLE_SATURATION, LINES, MASKED};
 use heapless::Vec;
 
 /// Saturated cells that are compared with their neighbours in one frame.
@@ -23,9 +23,9 @@ pub(crate) struct FaultDetector {
     /// Area of all cells, in the units of [`crate::pipeline::cell::area_units`].
     total_area: i32,
     /// Area in contact, without masked cells.
-    pub(super) contact_area: i32,
-    pub(super) settle_frames: u32,
-    pub(super) has_lines: bool,
+    contact_area: i32,
+    settle_frames: u32,
+    has_lines: bool,
     /// Frames since the contact became small and constant, 0 while the foot is down; and the area at that time.
     settled_frames: u32,
     settled_area: i32,
@@ -35,11 +35,11 @@ pub(crate) struct FaultDetector {
     is_interrupted: bool,
     /// The next cell of a running review.
     next_cell: Option<usize>,
-    pub(super) review: Review,
-    pub(super) rows: RowSearch,
-    pub(super) lines: LineSearch,
-    pub(super) masking: Masking,
-    pub(super) faults: Faults,
+    review: Review,
+    rows: RowSearch,
+    lines: LineSearch,
+    masking: Masking,
+    faults: Faults,
 }
 
 impl FaultDetector {
@@ -149,7 +149,7 @@ impl FaultDetector {
             self.next_cell = Some(0);
         }
         if let Some(first) = self.next_cell {
-            self.next_cell = self.review_cells(frame, first);
+            self.next_cell = self.review.cells(frame, first, self.settle_frames, &mut self.faults);
             if self.next_cell.is_none() {
                 self.conclude(frame);
             }
@@ -160,7 +160,11 @@ impl FaultDetector {
     fn conclude<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) {
         let before = self.faults.found;
         if self.has_lines {
-            self.conclude_lines(frame);
+            for line in 0..2 * LINES {
+                if let Some(kind) = self.lines.conclude(frame, line, &mut self.review.unresponsive) {
+                    self.mark_line_faulty(frame, kind, line);
+                }
+            }
         }
         for index in 0..frame.cells.len() {
             let marks = &frame.cells[index].marks;
@@ -183,15 +187,26 @@ impl FaultDetector {
         }
     }
 
+    /// Reports a line, rows first, and masks its cells.
+    fn mark_line_faulty<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, kind: FaultKind, line: usize) {
+        let place = if line < LINES { Place::Row(line as u8) } else { Place::Column((line - LINES) as u8) };
+        self.report(frame, kind, place);
+        for index in 0..frame.cells.len() {
+            if frame.cells[index].marks.is_on(line) {
+                self.mask(frame, index);
+            }
+        }
+    }
+
     /// Adds a fault to the list; where it is full, the fault is only counted.
-    pub(super) fn report<R: Real>(&mut self, frame: &FrameContext<'_, R>, kind: FaultKind, place: Place) {
+    fn report<R: Real>(&mut self, frame: &FrameContext<'_, R>, kind: FaultKind, place: Place) {
         self.faults.found = self.faults.found.wrapping_add(1);
         let found_ms = (u64::from(frame.seq) * u64::from(frame.period_us) / 1000) as u32;
         let _ = self.faults.list.push(Fault { kind, place, found_ms });
     }
 
     /// Masks a cell, unless it is masked.
-    pub(super) fn mask<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, index: usize) {
+    fn mask<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, index: usize) {
         if frame.cells[index].marks.is_masked() {
             return;
         }

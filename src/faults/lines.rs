@@ -1,9 +1,7 @@
 //! Faults of whole rows and columns, concluded from their cells.
 
-use super::detector::FaultDetector;
 use super::neighbourhood::FrameContext;
-use super::{FaultKind, MIN_LINE_CELLS, Place};
-use crate::num::Real;
+use super::{FaultKind, MIN_LINE_CELLS};
 use crate::pipeline::marks::{Count, LINES, NO_RESPONSE};
 
 /// Steps in a row in which a line must be open.
@@ -19,6 +17,33 @@ pub(super) struct LineSearch {
 impl LineSearch {
     pub(super) const fn new() -> Self {
         Self { open_steps: [0; 2 * LINES] }
+    }
+
+    /// The fault of a line, rows first, after all cells were reviewed. `unresponsive` is the number of cells without a response that
+    /// carried load; those of an open line are subtracted.
+    pub(super) fn conclude<R>(
+        &mut self,
+        frame: &mut FrameContext<'_, R>,
+        line: usize,
+        unresponsive: &mut u32,
+    ) -> Option<FaultKind> {
+        let evidence = LineEvidence::new(frame, line);
+        let is_open = evidence.is_open(*unresponsive);
+        let open_steps = &mut self.open_steps[line];
+        *open_steps = if is_open { *open_steps + 1 } else { 0 };
+        if *open_steps >= STEPS {
+            *unresponsive = unresponsive.saturating_sub(evidence.unresponsive_loaded);
+            return Some(FaultKind::Open);
+        }
+        if is_open {
+            // The next step must count the same cells again.
+            for marks in frame.cells.iter_mut().map(|cell| &mut cell.marks).filter(|marks| marks.is_on(line)) {
+                if marks.has(NO_RESPONSE) && marks.count(Count::Loaded) > 0 {
+                    marks.set_count(Count::Loaded, marks.count(Count::Loaded) + 1);
+                }
+            }
+        }
+        evidence.common_diagnosis()
     }
 }
 
@@ -70,47 +95,5 @@ impl LineEvidence {
             let count = self.diagnosed[kind as usize];
             count >= MIN_LINE_CELLS && 4 * (all - count) <= count
         })
-    }
-}
-
-impl FaultDetector {
-    /// After all cells were reviewed: faults of all lines.
-    pub(super) fn conclude_lines<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) {
-        for line in 0..2 * LINES {
-            self.conclude_line(frame, line);
-        }
-    }
-
-    fn conclude_line<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, line: usize) {
-        let evidence = LineEvidence::new(frame, line);
-        let is_open = evidence.is_open(self.review.unresponsive);
-        let open_steps = &mut self.lines.open_steps[line];
-        *open_steps = if is_open { *open_steps + 1 } else { 0 };
-        if *open_steps >= STEPS {
-            self.review.unresponsive = self.review.unresponsive.saturating_sub(evidence.unresponsive_loaded);
-            return self.mark_line_faulty(frame, FaultKind::Open, line);
-        }
-        if is_open {
-            // The next step must count the same cells again.
-            for marks in frame.cells.iter_mut().map(|cell| &mut cell.marks).filter(|marks| marks.is_on(line)) {
-                if marks.has(NO_RESPONSE) && marks.count(Count::Loaded) > 0 {
-                    marks.set_count(Count::Loaded, marks.count(Count::Loaded) + 1);
-                }
-            }
-        }
-        if let Some(kind) = evidence.common_diagnosis() {
-            self.mark_line_faulty(frame, kind, line);
-        }
-    }
-
-    /// Reports a line, rows first, and masks its cells.
-    pub(super) fn mark_line_faulty<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, kind: FaultKind, line: usize) {
-        let place = if line < LINES { Place::Row(line as u8) } else { Place::Column((line - LINES) as u8) };
-        self.report(frame, kind, place);
-        for index in 0..frame.cells.len() {
-            if frame.cells[index].marks.is_on(line) {
-                self.mask(frame, index);
-            }
-        }
     }
 }

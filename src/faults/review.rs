@@ -1,6 +1,5 @@
 //! The review of single cells in swing.
 
-use super::detector::FaultDetector;
 use super::neighbourhood::{FrameContext, Neighbourhood};
 use super::{FaultKind, Faults};
 use crate::num::Real;
@@ -27,13 +26,17 @@ impl Review {
     pub(super) const fn new() -> Self {
         Self { unresponsive: 0 }
     }
-}
 
-impl FaultDetector {
-    /// Reviews some cells from index `first` on; returns the next one, or `None` after the last.
-    pub(super) fn review_cells<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, first: usize) -> Option<usize> {
+    /// Reviews some cells from index `first` on, all of them within `frames` frames; returns the next one, or `None` after the last.
+    pub(super) fn cells<R: Real>(
+        &mut self,
+        frame: &mut FrameContext<'_, R>,
+        first: usize,
+        frames: u32,
+        faults: &mut Faults,
+    ) -> Option<usize> {
         let count = frame.cells.len();
-        let end = count.min(first + count.div_ceil(self.settle_frames as usize));
+        let end = count.min(first + count.div_ceil(frames as usize));
         for index in first..end {
             let code = frame.codes[index];
             let marks = &frame.cells[index].marks;
@@ -43,8 +46,8 @@ impl FaultDetector {
             let needs_neighbourhood = !marks.has(RESPONDED) || marks.has(UNCHANGED);
             let around = needs_neighbourhood.then(|| Neighbourhood::new(frame, index));
             let cell = &mut frame.cells[index];
-            review_swing(cell, code, around.as_ref(), &mut self.faults);
-            self.review.unresponsive += u32::from(review_stance(cell, around.as_ref()));
+            review_swing(cell, code, around.as_ref(), faults);
+            self.unresponsive += u32::from(review_stance(cell, around.as_ref()));
         }
         (end < count).then_some(end)
     }

@@ -46,3 +46,12 @@ impl Entry {
         }
     }
 }
+
+impl From<EntryV1> for Entry {
+    fn from(entry: EntryV1) -> Self {
+        match entry {
+            EntryV1::Step { boot, step } => Self::Step { boot, step: step.into() },
+            EntryV1::Acknowledged { next } => Self::Acknowledged { next },
+        }
+    }
+}

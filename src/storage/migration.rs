@@ -1,6 +1,5 @@
 //! Older formats of stored data.
 
-use super::log::Entry;
 use crate::pipeline::contact::ContactRule;
 use crate::pipeline::region::Side;
 use crate::protocol::{Step, StepRegion, decode};
@@ -14,26 +13,27 @@ pub(super) fn record<R>(_version: u8, _bytes: &[u8]) -> Option<R> {
 /// Bytes of a [`StepRegion`] in version 1, which lacks the number of masked cells, its last byte.
 const REGION_V1_BYTES: usize = 30;
 
-/// Version 1 of [`Entry`], in which steps have no wall clock and no masked cells.
+/// Version 1 of the entries of the step log.
 #[derive(Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "it exists for a moment")]
 pub(super) enum EntryV1 {
-    Step {
-        boot: u32,
-        step: u32,
-        side: Side,
-        start_us: u64,
-        duration_us: u32,
-        sample_us: u32,
-        bridged_frames: u16,
-        saturated: u8,
-        clamped: u8,
-        contact_rule: ContactRule,
-        regions: [[u8; REGION_V1_BYTES]; 8],
-    },
-    Acknowledged {
-        next: u32,
-    },
+    Step { boot: u32, step: StepV1 },
+    Acknowledged { next: u32 },
+}
+
+/// Version 1 of a step, without the wall clock and masked cells.
+#[derive(Deserialize)]
+pub(super) struct StepV1 {
+    step: u32,
+    side: Side,
+    start_us: u64,
+    duration_us: u32,
+    sample_us: u32,
+    bridged_frames: u16,
+    saturated: u8,
+    clamped: u8,
+    contact_rule: ContactRule,
+    regions: [[u8; REGION_V1_BYTES]; 8],
 }
 
 fn region_from_v1(bytes: [u8; REGION_V1_BYTES]) -> StepRegion {
@@ -43,39 +43,21 @@ fn region_from_v1(bytes: [u8; REGION_V1_BYTES]) -> StepRegion {
     decode(&without_masked).unwrap_or_default()
 }
 
-impl From<EntryV1> for Entry {
-    fn from(entry: EntryV1) -> Self {
-        match entry {
-            EntryV1::Step {
-                boot,
-                step,
-                side,
-                start_us,
-                duration_us,
-                sample_us,
-                bridged_frames,
-                saturated,
-                clamped,
-                contact_rule,
-                regions,
-            } => Self::Step {
-                boot,
-                step: Step {
-                    step,
-                    side,
-                    start_us,
-                    duration_us,
-                    sample_us,
-                    bridged_frames,
-                    saturated,
-                    clamped,
-                    contact_rule,
-                    regions: regions.map(region_from_v1),
-                    boots_since: 0,
-                    start_unix_us: None,
-                },
-            },
-            EntryV1::Acknowledged { next } => Self::Acknowledged { next },
+impl From<StepV1> for Step {
+    fn from(old: StepV1) -> Self {
+        Self {
+            step: old.step,
+            side: old.side,
+            start_us: old.start_us,
+            duration_us: old.duration_us,
+            sample_us: old.sample_us,
+            bridged_frames: old.bridged_frames,
+            saturated: old.saturated,
+            clamped: old.clamped,
+            contact_rule: old.contact_rule,
+            regions: old.regions.map(region_from_v1),
+            boots_since: 0,
+            start_unix_us: None,
         }
     }
 }

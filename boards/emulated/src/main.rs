@@ -127,6 +127,7 @@ fn main() -> ! {
 /// Starts the firmware and spawns its loops.
 #[embassy_executor::task]
 async fn run(boot: BootReport, image: &'static Header) {
+    // SAFETY: this task runs on an executor of this program, so its context is that of an `embassy-executor` task.
     let spawner = unsafe { Spawner::for_current_executor().await };
     let stored = emulation::configuration().filter(|_| !boot.is_fallback);
     let config = stored.as_ref().map_or_else(|| EmulatorConfig::new(layout::setup(Side::Left)), |(config, _)| *config);
