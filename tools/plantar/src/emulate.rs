@@ -1,6 +1,6 @@
 //! `plantar emulate`: plays a recording into the real firmware.
 
-use crate::setup::{self, Contact, Wearer, Zeroed};
+use crate::setup::{self, ContactArgs, WearerArgs, ZeroArgs};
 use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, bail};
@@ -29,11 +29,11 @@ pub struct Emulate {
     /// The recording; of at most 256 cells (`plantar import ... --cells 256`).
     recording: PathBuf,
     #[command(flatten)]
-    wearer: Wearer,
+    wearer: WearerArgs,
     #[command(flatten)]
-    contact: Contact,
+    contact: ContactArgs,
     #[command(flatten)]
-    zero: Zeroed,
+    zero: ZeroArgs,
     /// In real time, or as fast as the emulator runs.
     #[arg(long, value_enum, default_value_t = Speed::Real)]
     speed: Speed,
@@ -69,7 +69,7 @@ pub struct EmulatedInsole {
 
 impl EmulatedInsole {
     /// Reads a recording for the emulated board, and prints its source.
-    pub fn new(path: &Path, parameters: &Parameters, contact: &Contact, zero: &Zeroed) -> Result<Self> {
+    pub fn new(path: &Path, parameters: &Parameters, contact: &ContactArgs, zero: &ZeroArgs) -> Result<Self> {
         let recording = Recording::read(path)?;
         if recording.cells() > DEVICE_CELLS {
             bail!(
@@ -80,7 +80,7 @@ impl EmulatedInsole {
         }
         println!("{}", recording.source);
         let mut insole = setup::insole(&recording, contact.rule(parameters.identified.as_ref())?)?;
-        zero.wear(&mut insole)?;
+        zero.apply(&mut insole)?;
         // An invalid set-up is refused here with its reason; the board could not report it.
         let accepted = Insole::<f32, DEVICE_CELLS>::new().set_up(insole.setup, insole.cells.iter().copied());
         accepted.with_context(|| format!("{} cannot be played into an insole", path.display()))?;

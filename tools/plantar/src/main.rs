@@ -45,7 +45,7 @@ use std::process::ExitCode;
 ///   plantar serve --serial /dev/ttyACM0
 ///   plantar update insole.bin --serial /dev/ttyACM0
 #[derive(Parser)]
-#[command(version, verbatim_doc_comment)]
+#[command(name = "plantar", version = env!("PLANTAR_VERSION"), verbatim_doc_comment)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,

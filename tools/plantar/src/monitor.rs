@@ -71,7 +71,7 @@ pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sin
                 sink.reconnected()?;
                 match start {
                     SessionStart::Greeted => view.restarted(hello),
-                    SessionStart::Connected | SessionStart::Reconnected => view.back(hello),
+                    SessionStart::Connected | SessionStart::Reconnected => view.reconnected(hello),
                 }
             }
             Event::Lost(error) if error.is_link_failure() => {

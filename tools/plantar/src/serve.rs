@@ -2,7 +2,7 @@
 
 use crate::carrier::{open_error, open_serial, open_tcp};
 use crate::emulate::{EmulatedInsole, FIRMWARE};
-use crate::setup::{Contact, Wearer, Zeroed};
+use crate::setup::{ContactArgs, WearerArgs, ZeroArgs};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use client::{Carrier, Framed, READ_TIMEOUT};
@@ -31,11 +31,11 @@ pub struct Serve {
     #[arg(long, value_name = "RECORDING")]
     emulate: Vec<PathBuf>,
     #[command(flatten)]
-    wearer: Wearer,
+    wearer: WearerArgs,
     #[command(flatten)]
-    contact: Contact,
+    contact: ContactArgs,
     #[command(flatten)]
-    zero: Zeroed,
+    zero: ZeroArgs,
     /// The firmware of the emulated board.
     #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
     firmware: PathBuf,

@@ -21,7 +21,7 @@ pub fn protocol(study: &Study) -> Markup {
                 dt { "Peak compression" }
                 dd { (number(study.options.compression * 100.0)) " % of the thickness, pinned: it sets C" }
             }
-            dt { "Software" } dd { "Plantar " (env!("CARGO_PKG_VERSION")) }
+            dt { "Software" } dd { "Plantar " (env!("PLANTAR_VERSION")) }
         }
         (sources(study))
         (left_out(study))
