@@ -7,7 +7,7 @@ mod common;
 mod phones;
 
 use common::{firmware, replay, synthetic_walk, tissue};
-use firmware_image::{Image, development};
+use firmware_image::{Image, development_key};
 use phones::{Air, CADENCE, CONTROL, CURRENT_TIME, Insole, LIVE, OURS, PARAMETERS, Phone, STEPS, World, pieces};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::Tissue;
@@ -391,7 +391,7 @@ fn a_bonded_phone_sends_a_signed_image_and_the_insole_restarts_with_it() {
     let mut bytes = vec![0xff; 20 * CHUNK];
     let header = Header::new("emulated", "99.0.0").bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
-    let image = Image::sign(bytes, &development().expect("it is there")).expect("it has a header");
+    let image = Image::sign(bytes, &development_key().expect("it is there")).expect("it has a header");
     let mut request = Request::Begin(image.offer());
     loop {
         request = match phone.answer(&mut world.air, ToDevice::Update(request)) {

@@ -221,7 +221,7 @@ fn a_step_that_comes_again_from_an_insole_that_restarted_is_known() {
 fn a_carrier_is_let_go_of_before_the_next_is_opened() {
     let (cable, mut client) = connected();
     let holders = Rc::strong_count(&cable.0);
-    let opened = client.reconnect_over::<Error>(
+    let opened = client.reconnect_over(
         || {
             assert_eq!(Rc::strong_count(&cable.0), holders - 1);
             Err(io::Error::from(io::ErrorKind::NotFound).into())
@@ -230,7 +230,7 @@ fn a_carrier_is_let_go_of_before_the_next_is_opened() {
     );
     assert!(matches!(opened, Err(Error::Carrier(_))));
     assert!(matches!(client.receive(), Err(Error::Carrier(_))), "there is none");
-    client.reconnect_over::<Error>(|| Ok(Framed::new(cable.clone())), PATIENCE).expect("an answer");
+    client.reconnect_over(|| Ok(Framed::new(cable.clone())), PATIENCE).expect("an answer");
     push_steps(&cable, [0]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
 }

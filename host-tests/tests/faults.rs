@@ -1,6 +1,6 @@
 //! Faults of the sensor: found while walking, never where there are none, and what masking leaves of the model's force.
 
-use emulator::{EXAMPLES, Electrical};
+use emulator::{FAULT_EXAMPLES, SensorFault};
 use plantar::Region;
 use plantar::faults::{FaultKind, Faults, Place};
 use plantar::insole::Insole;
@@ -68,12 +68,12 @@ fn masked_cells_cost_little_of_the_models_force() {
 
 #[test]
 fn faults_are_read_as_the_examples_are_and_errors_say_what_to_write() {
-    let (examples, _) = EXAMPLES.split_once(", each").expect("a list of examples");
+    let (examples, _) = FAULT_EXAMPLES.split_once(", each").expect("a list of examples");
     for text in examples.split(", ") {
-        let fault: Electrical = text.parse().expect("an example");
-        assert_eq!(format!("{text}@1.5").parse(), Ok(Electrical { from_s: 1.5, ..fault }));
+        let fault: SensorFault = text.parse().expect("an example");
+        assert_eq!(format!("{text}@1.5").parse(), Ok(SensorFault { from_s: 1.5, ..fault }));
     }
-    let drift = Electrical { kind: FaultKind::Drift, place: Place::Cell(17), value: -50.0, from_s: 2.0 };
+    let drift = SensorFault { kind: FaultKind::Drift, place: Place::Cell(17), value: -50.0, from_s: 2.0 };
     assert_eq!("drift:17=-50/s@2".parse(), Ok(drift));
     for (text, why) in [
         ("open:17", "no such kind"),
@@ -91,7 +91,7 @@ fn faults_are_read_as_the_examples_are_and_errors_say_what_to_write() {
         ("open-cell:17@-1", "0 s or later"),
         ("open-cell:17@soon", "in seconds"),
     ] {
-        let told = text.parse::<Electrical>().expect_err(text).to_string();
+        let told = text.parse::<SensorFault>().expect_err(text).to_string();
         assert!(told.contains(text) && told.contains(why) && told.contains("write for example"), "{told}");
     }
 }

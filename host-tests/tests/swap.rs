@@ -6,7 +6,7 @@ use embassy_futures::block_on as now;
 use embassy_sync::mutex::Mutex;
 use emulation::ACTIVE_IMAGE;
 use emulation::FLASH_BYTES;
-use firmware_image::{Image, Secret};
+use firmware_image::{Image, SigningKey};
 use plantar::protocol::update::{CHUNK, Header, Offer, Progress, Refusal, Request};
 use plantar::storage::boot::{BUFFER, Blocking, config};
 use plantar::storage::flash_map::LOG;
@@ -17,7 +17,7 @@ use proptest::prelude::*;
 use std::sync::LazyLock;
 use testkit::nor_flash::{NorFlashChip, Torn};
 
-static SECRET: LazyLock<Secret> = LazyLock::new(|| Secret::from_bytes(&[7; 32]));
+static SECRET: LazyLock<SigningKey> = LazyLock::new(|| SigningKey::from_bytes(&[7; 32]));
 static OLD: LazyLock<Image> = LazyLock::new(|| image("1.2.9", 53 * SECTOR as usize + CHUNK));
 static NEW: LazyLock<Image> = LazyLock::new(|| image("1.2.10", 60 * SECTOR as usize));
 
@@ -102,7 +102,7 @@ fn a_signed_image_is_swapped_in_and_back_unless_it_is_confirmed() {
 
 #[test]
 fn what_is_not_signed_older_foreign_too_long_or_not_whole_changes_nothing() {
-    let strange = Image::sign(NEW.bytes().to_vec(), &Secret::from_bytes(&[8; 32])).expect("it has a header");
+    let strange = Image::sign(NEW.bytes().to_vec(), &SigningKey::from_bytes(&[8; 32])).expect("it has a header");
     for (image, refusal) in [(&strange, Refusal::Signature), (&image("1.1.99", 8 * CHUNK), Refusal::Older)] {
         let mut chip = chip();
         assert_eq!(send(&mut Update::new(), &mut chip, image), Err(refusal));

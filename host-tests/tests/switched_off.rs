@@ -5,7 +5,7 @@ mod common;
 use client::{Client, Framed};
 use common::{firmware, synthetic_walk, tissue};
 use emulation::EmulatorConfig;
-use emulator::{Board, Parts, Recorded, Time};
+use emulator::{Board, Hardware, Recorded, Time};
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
@@ -28,9 +28,9 @@ fn what_was_sent_and_walked_is_there_after_a_restart_and_after_a_loss_of_power()
     let walk = synthetic_walk(3, 100.0);
     let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
     let boot = |flash| {
-        let parts = Parts { flash, ..Parts::default() };
+        let hardware = Hardware { flash, ..Hardware::default() };
         let walk = Recorded::new(walk.clone(), worn.clone());
-        Board::start_with(&firmware, &EmulatorConfig::new(worn.setup), &worn.cells, Time::Max, walk, &parts)
+        Board::start_with(&firmware, &EmulatorConfig::new(worn.setup), &worn.cells, Time::Max, walk, &hardware)
             .expect("it boots")
     };
     let board = boot(None);

@@ -9,8 +9,8 @@ use client::{Client, Error, Framed};
 use common::{firmware, synthetic_walk};
 use emulation::ACTIVE_IMAGE;
 use emulation::EmulatorConfig;
-use emulator::{Board, Looped, Parts, Recorded, Time};
-use firmware_image::{Image, Secret, development, raw};
+use emulator::{Board, Hardware, Looped, Recorded, Time};
+use firmware_image::{Image, SigningKey, development_key, flash_image};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
 use plantar::protocol::update::{CHUNK, Header, Progress, Refusal, Request};
@@ -31,24 +31,24 @@ const START: Duration = Duration::from_secs(20);
 
 type Session = Client<Framed<TcpStream>>;
 
-fn signed(mut bytes: Vec<u8>, header: &Header, secret: &Secret) -> Image {
+fn signed(mut bytes: Vec<u8>, header: &Header, secret: &SigningKey) -> Image {
     let header = header.bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
     Image::sign(bytes, secret).expect("it has a header")
 }
 
-fn development_key() -> Secret {
-    development().expect("it is there")
+fn development() -> SigningKey {
+    development_key().expect("it is there")
 }
 
 /// The firmware as a newer version.
 fn newer(firmware: &Path) -> Image {
-    signed(raw(firmware).expect("it is built"), &Header::new(BOARD, NEW), &development_key())
+    signed(flash_image(firmware).expect("it is built"), &Header::new(BOARD, NEW), &development())
 }
 
 /// Something short that does not run.
 fn broken(version: &str) -> Image {
-    signed(vec![0xff; 20 * CHUNK], &Header::new(BOARD, version), &development_key())
+    signed(vec![0xff; 20 * CHUNK], &Header::new(BOARD, version), &development())
 }
 
 /// An insole that is switched on and off, with one flash chip.
@@ -67,8 +67,8 @@ impl Insole {
         let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
         let head = EmulatorConfig { power_cut, ..EmulatorConfig::new(worn.setup) };
         let cells = worn.cells.clone();
-        let parts = Parts { flash: self.flash.clone(), swapped, ..Parts::default() };
-        Board::start_with(&self.firmware, &head, &cells, Time::Max, Looped(Recorded::new(walk, worn)), &parts)
+        let hardware = Hardware { flash: self.flash.clone(), swapped, ..Hardware::default() };
+        Board::start_with(&self.firmware, &head, &cells, Time::Max, Looped(Recorded::new(walk, worn)), &hardware)
             .expect("it boots")
     }
 
@@ -153,8 +153,8 @@ fn an_update_runs_after_the_restart_and_stays_once_it_is_proven() {
     board.play();
     while refusal(session.update(again)) == Some(Refusal::OnTrial) {}
     // An older one is refused now, the one before too.
-    let before = raw(&insole.firmware).expect("it is built");
-    let before = signed(before, &Header::new(BOARD, OLD), &development_key());
+    let before = flash_image(&insole.firmware).expect("it is built");
+    let before = signed(before, &Header::new(BOARD, OLD), &development());
     assert_eq!(refusal(session.update(Request::Begin(before.offer()))), Some(Refusal::Older));
     insole.switch_off(board);
 
@@ -201,9 +201,9 @@ fn what_is_unsigned_damaged_cut_short_older_foreign_or_too_long_is_refused_and_t
     let mut session = connect(&board);
     let good = broken(NEW);
     let offer = good.offer();
-    let stranger = signed(good.bytes().to_vec(), good.header(), &Secret::from_bytes(&[1; 32]));
+    let stranger = signed(good.bytes().to_vec(), good.header(), &SigningKey::from_bytes(&[1; 32]));
     let older = broken("0.0.9");
-    let foreign = signed(good.bytes().to_vec(), &Header::new("stm32wb55", NEW), &development_key());
+    let foreign = signed(good.bytes().to_vec(), &Header::new("stm32wb55", NEW), &development());
     for (image, why) in [(&stranger, Refusal::Signature), (&older, Refusal::Older), (&foreign, Refusal::Board)] {
         assert_eq!(refusal(send(&mut session, image)), Some(why));
     }

@@ -8,7 +8,7 @@ use client::{Client, Framed};
 use common::{firmware, synthetic_walk};
 use emulation::EmulatorConfig;
 use emulator::{Board, Looped, Recorded, Time};
-use firmware_image::{Image, development, raw};
+use firmware_image::{Image, development_key, flash_image};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
 use plantar::protocol::update::{Progress, Request};
@@ -32,8 +32,8 @@ fn a_transfer_beside_walking_loses_no_frame_and_no_step() {
     let mut session = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
     session.stream().expect("the stream starts");
 
-    let secret = development().expect("it is there");
-    let image = Image::sign(raw(&firmware).expect("it is built"), &secret).expect("it has a header");
+    let secret = development_key().expect("it is there");
+    let image = Image::sign(flash_image(&firmware).expect("it is built"), &secret).expect("it has a header");
     let mut offer = image.offer();
     // Looked through and refused at the end: so frames can be counted afterwards.
     offer.chunks = CHUNKS;

@@ -1,7 +1,7 @@
 //! Faults of the sensor in walks of all kinds: which are found and when, and what masked cells do to the model's force.
 
 use emulation::COLUMNS;
-use emulator::Electrical;
+use emulator::SensorFault;
 use fit::{Options, Study};
 use parameters::{InsoleSize, Parameters};
 use plantar::faults::{FaultKind, Faults, Place};
@@ -73,7 +73,7 @@ pub struct Outcome {
 }
 
 /// Walks with these faults.
-pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>, faults: &[Electrical]) -> Outcome {
+pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>, faults: &[SensorFault]) -> Outcome {
     let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is sound");
@@ -100,7 +100,7 @@ pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>
 
 /// How the faults of a kind fared in one walk.
 pub struct Detection {
-    /// What was injected, as [`Electrical`] reads it.
+    /// What was injected, as [`SensorFault`] reads it.
     pub what: &'static str,
     /// How many, and how many were told as what and where they were, by the end of the second whole step after they began.
     pub injected: usize,
@@ -111,7 +111,7 @@ pub struct Detection {
     /// Faults told that are none.
     pub false_alarms: usize,
     /// Those that were not found.
-    pub missed: Vec<Electrical>,
+    pub missed: Vec<SensorFault>,
 }
 
 /// What is injected, and how it reads.
@@ -143,7 +143,7 @@ pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
                 // Some time in the fifth step.
                 let [before, after] = [truth.toe_offs_s[3], truth.toe_offs_s[4]];
                 let from_s = before + random.f64() * (after - before);
-                let fault = Electrical { kind, place: places[random.usize(..places.len())], value, from_s };
+                let fault = SensorFault { kind, place: places[random.usize(..places.len())], value, from_s };
                 let outcome = walk(recording, ContactRule::COUNTED, None, &[fault]);
                 // The sixth and the seventh step are the first two whole ones; their swing belongs to them.
                 let end_s = truth.toe_offs_s[6] + SWING_S;
@@ -174,7 +174,7 @@ pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
 }
 
 /// One fault of each kind that begins at `from_s`, at a place that the walk loads.
-pub fn one_of_each(recording: &Recording, from_s: f64) -> Vec<Electrical> {
+pub fn one_of_each(recording: &Recording, from_s: f64) -> Vec<SensorFault> {
     let truth = walk(recording, ContactRule::COUNTED, None, &[]);
     let loaded = Loaded::new(recording, &truth.toe_offs_s);
     INJECTED
@@ -183,7 +183,7 @@ pub fn one_of_each(recording: &Recording, from_s: f64) -> Vec<Electrical> {
             let places = loaded.places(what);
             // A drift that the zero does not follow.
             let value = if kind == FaultKind::Drift { 2_000.0 } else { value };
-            Electrical { kind, place: places[places.len() / 2], value, from_s }
+            SensorFault { kind, place: places[places.len() / 2], value, from_s }
         })
         .collect()
 }
@@ -298,8 +298,12 @@ pub fn model_error(clean: &Clean, draws: usize, seed: u64) -> ModelError {
                 .map(|_| {
                     let count = recording.cells() * percent as usize / 100;
                     let cells = random.choose_multiple(0..recording.cells() as u16, count);
-                    let short =
-                        |cell| Electrical { kind: FaultKind::Short, place: Place::Cell(cell), value: 0.0, from_s: 0.0 };
+                    let short = |cell| SensorFault {
+                        kind: FaultKind::Short,
+                        place: Place::Cell(cell),
+                        value: 0.0,
+                        from_s: 0.0,
+                    };
                     let faults: Vec<_> = cells.into_iter().map(short).collect();
                     error(&walk(recording, contact, Some(&tissue), &faults))
                 })

@@ -49,7 +49,7 @@ pub fn image(version: &str, is_working: bool) -> Image {
     let header = Header::new(BOARD, version).bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
     bytes[(HEADER + HEADER_BYTES) as usize] = if is_working { 0 } else { STALLS };
-    let secret = firmware_image::development().expect("the development key is valid");
+    let secret = firmware_image::development_key().expect("the development key is valid");
     Image::sign(bytes, &secret).expect("the image has a header")
 }
 

@@ -7,7 +7,7 @@ use crate::host::{Host, Over};
 use crate::insole::image;
 use crate::virtual_time::now_us;
 use crate::world::{Physical, SharedWorld, World};
-use emulator::Electrical;
+use emulator::SensorFault;
 use parameters::{InsoleSize, Parameters};
 use plantar::firmware::shared::STEP_QUEUE;
 use plantar::protocol::update::{Progress, Request};
@@ -389,7 +389,7 @@ impl OrderCheck {
             }
             Event::PowerCut { off_s } => self.off_until_s[insole] = s + off_s,
             Event::SensorFault(text) => {
-                text.parse::<Electrical>().map_err(|error| error.to_string())?;
+                text.parse::<SensorFault>().map_err(|error| error.to_string())?;
             }
             Event::Connect { .. } => self.is_following[insole] = true,
             Event::Acknowledge(_) | Event::ValueLength(_) => {}

@@ -2,7 +2,7 @@
 
 use client::{Client, Error, Framed};
 use emulation::{EmulatorConfig, FLASH_BYTES};
-use emulator::{Board, Parts, Recorded, Time};
+use emulator::{Board, Hardware, Recorded, Time};
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
 use plantar::pipeline::calibrate::CellCalibration;
@@ -91,8 +91,8 @@ impl Bench {
     fn switch_on(&self, chip: &[u8], power_cut: Option<u32>) -> (Board, Result<Session, Error>) {
         let head = EmulatorConfig { power_cut, ..EmulatorConfig::new(self.worn.setup) };
         let walk = Recorded::new(self.recording.clone(), self.worn.clone());
-        let parts = Parts { flash: Some(chip.into()), ..Parts::default() };
-        let board = Board::start_with(&self.firmware, &head, &self.worn.cells, Time::Max, walk, &parts);
+        let hardware = Hardware { flash: Some(chip.into()), ..Hardware::default() };
+        let board = Board::start_with(&self.firmware, &head, &self.worn.cells, Time::Max, walk, &hardware);
         let board = board.expect("the board boots");
         let link = board.link().expect("the link is there");
         link.set_read_timeout(Some(Duration::from_millis(20))).expect("a socket takes a time-out");

@@ -1,6 +1,6 @@
 //! The wearer of a simulated insole: walks that begin when a test says so, and sensor faults.
 
-use emulator::Electrical;
+use emulator::SensorFault;
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::{DEVICE_CELLS, Setup, SetupCell};
@@ -66,7 +66,7 @@ struct Bout {
 pub struct Wearer {
     codes: Rc<Codes>,
     bout: Option<Bout>,
-    faults: Vec<Electrical>,
+    faults: Vec<SensorFault>,
     /// Frames that are left in which the matrix does not answer from a row on.
     missing: Option<(u32, usize)>,
     is_frame_missing: bool,
@@ -96,8 +96,8 @@ impl Wearer {
     }
 
     /// Adds a fault of the sensor, which begins now.
-    pub fn add_fault(&mut self, fault: Electrical, now_us: u64) {
-        self.faults.push(Electrical { from_s: now_us as f64 / 1e6, ..fault });
+    pub fn add_fault(&mut self, fault: SensorFault, now_us: u64) {
+        self.faults.push(SensorFault { from_s: now_us as f64 / 1e6, ..fault });
     }
 
     /// Lets the matrix stop answering from this row on, for so many frames.

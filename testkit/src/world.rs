@@ -3,7 +3,7 @@
 use crate::insole::HostInsole;
 use crate::virtual_time::{advance_to, forget_timers, now_us, wake_due};
 use crate::walk::Codes;
-use emulator::Electrical;
+use emulator::SensorFault;
 use plantar::Side;
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -52,7 +52,7 @@ pub enum Physical {
         from_row: usize,
     },
     /// The sensor has a fault from now on.
-    SensorFault(Electrical),
+    SensorFault(SensorFault),
     /// One of the loops enters an endless loop: `scan`, `model` or `link`.
     Stall(&'static str),
     /// The firmware panics.

@@ -1,7 +1,7 @@
 //! What the tests of the firmware share.
 #![allow(dead_code, reason = "not every test needs all of it")]
 
-use emulator::Electrical;
+use emulator::SensorFault;
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
 use plantar::faults::Faults;
@@ -45,7 +45,7 @@ pub fn replay_with(
 }
 
 /// What a host computes of the codes of a sensor with these faults, and what it finds.
-pub fn replay_faulty(recording: &Recording, faults: &[Electrical]) -> (Vec<Live>, Vec<Step>, Faults) {
+pub fn replay_faulty(recording: &Recording, faults: &[SensorFault]) -> (Vec<Live>, Vec<Step>, Faults) {
     replay_codes(recording, ContactRule::COUNTED, |_| false, &[(0, tissue())], faults)
 }
 
@@ -54,7 +54,7 @@ fn replay_codes(
     contact: ContactRule,
     is_missing: fn(u32) -> bool,
     tissues: &[(usize, Tissue)],
-    faults: &[Electrical],
+    faults: &[SensorFault],
 ) -> (Vec<Live>, Vec<Step>, Faults) {
     let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());

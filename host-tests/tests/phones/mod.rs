@@ -3,7 +3,7 @@
 
 use crate::common::firmware;
 use emulation::EmulatorConfig;
-use emulator::{Board, Parts, Recorded, Scan, Time, Walk};
+use emulator::{Board, Hardware, Recorded, Scan, Time, Walk};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
 use plantar::pipeline::tissue::Tissue;
@@ -223,8 +223,8 @@ pub fn boot(
     let mut head = EmulatorConfig { address: [1 + side as u8, 0, 0, 0, 0, 0xc0], ..EmulatorConfig::new(worn.setup) };
     change(&mut head);
     let port = air.order(json!({"do": "radio", "name": side.name()}))["port"].as_u64().expect("a port");
-    let parts = Parts { hci: Some(([127, 0, 0, 1], port as u16).into()), flash, swapped: false };
-    Board::start_with(firmware, &head, &worn.cells, time, walk, &parts).expect("the board boots")
+    let hardware = Hardware { hci: Some(([127, 0, 0, 1], port as u16).into()), flash, swapped: false };
+    Board::start_with(firmware, &head, &worn.cells, time, walk, &hardware).expect("the board boots")
 }
 
 /// A left insole and its air.

@@ -1,7 +1,7 @@
 //! The device's single precision against double precision on the same codes.
 
 use anyhow::Result;
-use figures::Figures;
+use bench::Figures;
 use parameters::{InsoleSize, Parameters};
 use plantar::Real;
 use plantar::insole::Insole;
@@ -11,7 +11,7 @@ use plantar::pipeline::stance::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use recording::{Recording, VirtualInsole, synthetic};
 
-/// Largest differences.
+/// Largest relative differences.
 #[derive(Default)]
 struct Worst {
     force: f64,
@@ -31,9 +31,9 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
     figures.add(
         "device_vs_host_force_rel",
         worst.force,
-        "f32 against f64: largest difference of a force over its region's peak",
+        "f32 against f64: largest difference of a force, relative to its region's peak",
     );
-    figures.add("device_vs_host_area_rel", worst.area, "the same of areas and ellipse radii, relative");
+    figures.add("device_vs_host_area_rel", worst.area, "the same for areas and ellipse radii, relative");
     Ok(())
 }
 
@@ -76,7 +76,7 @@ fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut 
                 let forces = [
                     (f64::from(s.model_peak_n), d.model_peak_n, d.model_peak_n),
                     (f64::from(s.measured_peak_n), d.measured_peak_n, d.measured_peak_n),
-                    // An integral against the peak over the contact.
+                    // An integral is compared with the peak force times the contact time.
                     (f64::from(s.model_integral_n_s), d.model_integral_n_s, d.model_peak_n * d.contact_s),
                     (f64::from(s.measured_integral_n_s), d.measured_integral_n_s, d.measured_peak_n * d.contact_s),
                 ];
@@ -101,7 +101,7 @@ fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut 
     Ok(())
 }
 
-/// Ellipsoids whose section is one percent larger than the largest contact, and soft: where single precision has it hardest.
+/// Soft ellipsoids with a section one percent larger than the largest contact: the least accurate case in single precision.
 fn tight_tissue(walk: &Recording, typical: &Tissue) -> Result<Tissue> {
     let worn = VirtualInsole::new(walk, ContactRule::COUNTED, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());

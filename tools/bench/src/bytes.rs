@@ -1,12 +1,12 @@
-//! Longest messages, by the longest values that their fields hold.
+//! Sizes of the longest messages: every field has the value with the longest encoding.
 
 use anyhow::Result;
-use figures::Figures;
+use bench::Figures;
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::{Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Step, StepRegion, ToHost, encode, frame};
 
-/// Time after a hundred years of walking, us: longer than any insole runs.
+/// A hundred years, us: longer than any insole runs.
 const CENTURY_US: u64 = 100 * 366 * 24 * 3600 * 1_000_000;
 
 pub fn measure(figures: &mut Figures) -> Result<()> {
@@ -41,7 +41,7 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
         let message = encode(&message, &mut buffer)?;
         figures.add(key, message.len(), meaning);
         let on_uart = frame(message, &mut framed);
-        figures.add(&format!("{key}.uart"), on_uart, "the same with CRC, COBS and its end");
+        figures.add(&format!("{key}.uart"), on_uart, "the same with CRC, COBS and delimiter");
     }
     Ok(())
 }

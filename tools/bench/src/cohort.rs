@@ -1,7 +1,7 @@
-//! `plantar cohort` on ten walkers of sixty steps, reading included.
+//! Time of `plantar cohort` for ten walkers with sixty steps each, including reading.
 
 use anyhow::{Context, Result, bail};
-use figures::Figures;
+use bench::Figures;
 use recording::jiku;
 use std::path::Path;
 use std::process::Command;
@@ -16,7 +16,7 @@ pub fn measure(plantar: &Path, data: &Path, figures: &mut Figures) -> Result<()>
         jiku::import(data, walker, 0..jiku::TRIALS, &mut |_, _| ())?.write(folder.join("walk.parquet"))?;
     }
     let start = Instant::now();
-    let ran = Command::new(plantar)
+    let output = Command::new(plantar)
         .arg("cohort")
         .arg(&people)
         .arg("--out")
@@ -24,18 +24,18 @@ pub fn measure(plantar: &Path, data: &Path, figures: &mut Figures) -> Result<()>
         .output()
         .with_context(|| format!("cannot run {}", plantar.display()))?;
     let seconds = start.elapsed().as_secs_f64();
-    if !ran.status.success() {
-        bail!("the cohort failed: {}", String::from_utf8_lossy(&ran.stderr));
+    if !output.status.success() {
+        bail!("the cohort failed: {}", String::from_utf8_lossy(&output.stderr));
     }
-    let said = String::from_utf8(ran.stdout)?;
+    let stdout = String::from_utf8(output.stdout)?;
     let steps = jiku::WALKERS * jiku::TRIALS;
-    if !said.contains(&format!("{steps} steps")) {
-        bail!("the cohort did not fit {steps} steps: {said}");
+    if !stdout.contains(&format!("{steps} steps")) {
+        bail!("the cohort did not fit {steps} steps: {stdout}");
     }
     figures.add(
         "cohort_s",
         (seconds * 100.0).round() / 100.0,
-        &format!("of 60: {steps} steps of ten walkers, all cores"),
+        &format!("at most 60: s for {steps} steps of ten walkers, all cores"),
     );
     Ok(())
 }

@@ -1,8 +1,8 @@
-//! Identification: exactness, evaluations and time on steps whose truth is known, beside the paper's search.
+//! Identification: accuracy, evaluations and time on steps with known parameters, compared with the paper's search.
 
 use crate::python;
 use anyhow::{Result, bail};
-use figures::Figures;
+use bench::Figures;
 use fit::identify::{Bounds, identify};
 use fit::interval::{five, from_jacobian};
 use fit::quality::Evaluated;
@@ -12,12 +12,12 @@ use std::path::Path;
 use std::time::Instant;
 
 const RATE_HZ: f64 = 100.0;
-/// Standard deviation of the noisy steps' force over its peak.
+/// Standard deviation of the noise, relative to the peak force.
 const NOISE: f64 = 0.01;
-/// The best of so many runs: others shared the core.
+/// The best of so many runs counts, because other processes share the core.
 const RUNS: usize = 20;
 const COVERAGE_REPEATS: u64 = 200;
-/// A search succeeds that ends this close to the best NRMSE known.
+/// A search succeeds where its NRMSE is at most this much above the best known one.
 const SUCCESS: f64 = 0.001;
 
 pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
@@ -38,23 +38,31 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     }
     let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
     let evaluations = most(&mut found.iter().map(|f| f.evaluations as f64));
-    figures.add("fit_evaluations", evaluations, "of 600: model evaluations of one region and step, the most of eight");
+    figures.add(
+        "fit_evaluations",
+        evaluations,
+        "at most 600: model evaluations of one region and step, the most of eight regions",
+    );
     let fit_ms = most(&mut best_s.iter().map(|s| s * 1e3));
-    figures.add("fit_ms", round(fit_ms, 3), "of 2: the same in ms on one core, the slowest of eight");
+    figures.add("fit_ms", round(fit_ms, 3), "at most 2: time for it on one core in ms, the slowest of eight regions");
 
-    // For one step the squares are NRMSE squared.
+    // For one step, the sum of squares is the square of the NRMSE.
     let ours: Vec<f64> = found.iter().map(|f| f.squares.sqrt()).collect();
     let own_s: f64 = best_s.iter().sum::<f64>() / 8.0;
     let scipy = scipy(python, &samples)?;
     figures.add(
         "paper_evaluations",
         scipy.evaluations,
-        "the paper's search, ten starts through SciPy's SLSQP: mean of eight regions",
+        "the paper's search with SciPy's SLSQP, ten starts: mean of eight regions",
     );
     let succeeded = scipy.nrmse.iter().zip(&ours).filter(|(theirs, ours)| **theirs < *ours + SUCCESS).count();
-    figures.add("paper_success", succeeded, "of 8: its regions within 0.1 percentage points of the best known");
+    figures.add("paper_success", succeeded, "of 8: its regions within 0.1 percentage points of the best known NRMSE");
     let ratio = scipy.seconds / (succeeded as f64) / own_s;
-    figures.add("fit_over_paper", round(ratio, 1), "at least 100: its time a successful region over this one's");
+    figures.add(
+        "fit_over_paper",
+        round(ratio, 1),
+        "at least 100: its time per successful region over that of this identification",
+    );
 
     let start = Instant::now();
     let compiled = samples.iter().map(|s| {
@@ -76,7 +84,7 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     Ok(())
 }
 
-/// Steps without noise give their parameters back.
+/// The parameters of steps without noise are found exactly.
 fn exact(figures: &mut Figures) {
     let (mut nrmse, mut parameters) = (0.0f64, 0.0f64);
     for region in 0..8 {
@@ -94,33 +102,33 @@ fn exact(figures: &mut Figures) {
     figures.add("fit_exact_parameters", parameters, "below 1e-4: relative error of the five there, the worst of forty");
 }
 
-/// Share of repeats in which a true value lies in its 95 % interval: the parameter with the least.
+/// Fraction of repeats in which a true value lies in its 95 % interval.
 fn coverage(figures: &mut Figures) {
     let mut least = 1.0f64;
     let mut all = 0.0;
     for region in 0..8 {
         let t = law(region);
         let truth = [t.ab_m2, t.stiffness_pa, t.damping_pa_s, t.n, t.m];
-        let mut held = [0.0; 5];
+        let mut covered = [0.0; 5];
         for seed in 0..COVERAGE_REPEATS {
             let curves = curves(region, RATE_HZ, Filter::Step, 1.0, NOISE, &mut Noise::new(seed));
             let samples = Samples::new([&curves], Filter::Step);
             let found = identify(&samples, &Bounds::USUAL);
             let uncertainty = from_jacobian(&samples, &Bounds::USUAL, &found);
-            for ((interval, truth), held) in uncertainty.intervals.iter().zip(truth).zip(&mut held) {
+            for ((interval, truth), covered) in uncertainty.intervals.iter().zip(truth).zip(&mut covered) {
                 let [low, high] = interval.jacobian;
-                *held += f64::from(u8::from((low..=high).contains(&truth))) / COVERAGE_REPEATS as f64;
+                *covered += f64::from(u8::from((low..=high).contains(&truth))) / COVERAGE_REPEATS as f64;
             }
         }
-        least = held.into_iter().fold(least, f64::min);
-        all += held.iter().sum::<f64>() / 40.0;
+        least = covered.into_iter().fold(least, f64::min);
+        all += covered.iter().sum::<f64>() / 40.0;
     }
     figures.add(
         "fit_coverage",
         round(all, 4),
         "0.90 to 0.99: true values inside their 95 % interval, noisy steps, all regions",
     );
-    figures.add("fit_coverage_least", round(least, 4), "the same of the one parameter of one region with the least");
+    figures.add("fit_coverage_least", round(least, 4), "the same for the parameter and region with the least coverage");
 }
 
 struct Scipy {
@@ -140,7 +148,7 @@ fn scipy(python: &Path, samples: &[Samples]) -> Result<Scipy> {
     }
     let mut scipy = Scipy { seconds: 0.0, evaluations: 0.0, nrmse: Vec::new() };
     for numbers in python::run(python, "identify_scipy.py", directory.path(), &[])? {
-        let [seconds, evaluations, nrmse] = numbers[..] else { bail!("the SciPy version said: {numbers:?}") };
+        let [seconds, evaluations, nrmse] = numbers[..] else { bail!("the SciPy version printed: {numbers:?}") };
         scipy.seconds += seconds;
         scipy.evaluations += evaluations / samples.len() as f64;
         scipy.nrmse.push(nrmse);

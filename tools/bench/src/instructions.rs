@@ -1,10 +1,10 @@
-//! Instructions of one frame on the emulated Cortex-M4F, raw codes to encoded live message.
+//! Instructions of one frame on the emulated Cortex-M4F, from raw codes to the encoded live message.
 
 use anyhow::{Result, bail};
-use client::{Client, Framed};
+use bench::Figures;
+use client::{Client, Framed, READ_TIMEOUT};
 use emulation::EmulatorConfig;
 use emulator::{Board, Scan, Time, Walk};
-use figures::Figures;
 use parameters::{InsoleSize, Parameters};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
@@ -16,12 +16,12 @@ use std::time::Duration;
 
 const CELLS: usize = 240;
 const SCANS: u32 = 200;
-/// Reads of 50 ms without a message after which the board has stopped.
-const SILENT_READS: u32 = 400;
-/// One instruction takes a nanosecond of the emulator's time, a SysTick cycle 1/168 MHz.
+/// Timeouts of the carrier without a message after which the board counts as stalled.
+const MAX_TIMEOUTS: u32 = 400;
+/// An instruction takes one nanosecond of emulated time, a SysTick cycle 1/168 MHz.
 const NS_PER_CYCLE: f64 = 1000.0 / 168.0;
 
-/// A foot that comes down in the second frame and stays: the same frame over and over, every cell of every region loaded.
+/// A foot that loads every cell of every region from the second frame on, always with the same codes.
 struct Loaded(Vec<u16>);
 
 impl Walk for Loaded {
@@ -65,34 +65,34 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
             }
         }
         let status = walk_through(firmware, &worn, Time::Counted, Loaded(codes))?;
-        // The least: others were interrupted by scanning.
+        // The least, because scanning interrupted other frames.
         let (least, _) = status.frame_cycles;
         figures.add(key, (f64::from(least) * NS_PER_CYCLE).round(), meaning);
     }
     Ok(())
 }
 
-/// Lets the emulated board feel a whole walk, with a live stream, and returns its counters.
-pub fn walk_through(firmware: &Path, worn: &VirtualInsole, time: Time, walk: impl Walk) -> Result<Status> {
+/// Plays a whole walk into the emulated board, with a live stream, and returns the board's counters.
+pub fn walk_through(firmware: &Path, insole: &VirtualInsole, time: Time, walk: impl Walk) -> Result<Status> {
     let scans = walk.scans();
-    let head = EmulatorConfig::new(worn.setup);
-    let board = Board::start(firmware, &head, &worn.cells, time, walk)?;
+    let config = EmulatorConfig::new(insole.setup);
+    let board = Board::start(firmware, &config, &insole.cells, time, walk)?;
     let link = board.link()?;
-    link.set_read_timeout(Some(Duration::from_millis(50)))?;
+    link.set_read_timeout(Some(READ_TIMEOUT))?;
     let mut client = Client::connect(Framed::new(link), Duration::from_secs(20))?;
     client.set_tissue(&Parameters::typical(InsoleSize::default()).tissue())?;
     client.stream()?;
     board.play();
     loop {
         client.send(ToDevice::GetStatus)?;
-        let mut silent = 0;
+        let mut timeouts = 0;
         let status = loop {
             match client.receive()? {
                 Some(ToHost::Status(status)) => break status,
                 Some(ToHost::Hello(hello)) => bail!("the board restarted: {:?}", hello.last_panic),
-                Some(_) => silent = 0,
-                None if silent > SILENT_READS => bail!("the board has fallen silent"),
-                None => silent += 1,
+                Some(_) => timeouts = 0,
+                None if timeouts > MAX_TIMEOUTS => bail!("the board sends nothing any more"),
+                None => timeouts += 1,
             }
         };
         if status.frames >= scans {

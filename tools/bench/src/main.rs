@@ -11,12 +11,12 @@ mod stack;
 mod walkers;
 
 use anyhow::Result;
+use bench::Figures;
 use clap::Parser;
-use figures::Figures;
 use std::path::PathBuf;
 
-/// Measures and prints: instructions a frame in the emulator, f32 against f64, bytes of the messages, replay beside NumPy,
-/// identification beside SciPy.
+/// Measures and prints instructions per frame in the emulator, f32 against f64, sizes of the messages, replay compared with NumPy,
+/// and identification compared with SciPy.
 #[derive(Parser)]
 struct Arguments {
     /// The firmware of the emulated board.
@@ -25,13 +25,13 @@ struct Arguments {
     /// A Python with NumPy and SciPy.
     #[arg(long, required_unless_present = "stack_json")]
     python: Option<PathBuf>,
-    /// The folder SpeedPP2DS of the package jiku-data: also measure identification on its walkers.
+    /// The folder SpeedPP2DS of the package jiku-data; with it, identification is also measured on its walkers.
     #[arg(long, requires = "plantar")]
     jiku: Option<PathBuf>,
-    /// The command line `plantar`, for the time that a cohort takes.
+    /// The command line `plantar`, to measure the time of a cohort.
     #[arg(long)]
     plantar: Option<PathBuf>,
-    /// Also write the figures to this file, one flat object.
+    /// Also write the figures to this file, one flat JSON object.
     #[arg(long)]
     json: Option<PathBuf>,
     /// Measure only the deepest stack of the emulated board in a walk, and write it to this file.

@@ -1,21 +1,21 @@
-//! The comparisons' Python scripts: a folder of data in, numbers out.
+//! Runs the Python scripts of the comparisons: their input is a folder of data, their output numbers.
 
 use anyhow::{Context, Result, bail};
 use std::path::Path;
 use std::process::Command;
 
-/// Runs a script of this package on the data in `folder`; the numbers it prints, line by line.
+/// Runs a script of this package on the data in `folder`; returns the numbers that it prints, line by line.
 pub fn run(python: &Path, script: &str, folder: &Path, arguments: &[String]) -> Result<Vec<Vec<f64>>> {
-    let ran = Command::new(python)
+    let output = Command::new(python)
         .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join(script))
         .arg(folder)
         .args(arguments)
         .output()
-        .with_context(|| format!("cannot run {}: `cargo xtask setup` makes it", python.display()))?;
-    if !ran.status.success() {
-        bail!("{script} failed: {}", String::from_utf8_lossy(&ran.stderr));
+        .with_context(|| format!("cannot run {}: install it with `cargo xtask setup`", python.display()))?;
+    if !output.status.success() {
+        bail!("{script} failed: {}", String::from_utf8_lossy(&output.stderr));
     }
-    let said = String::from_utf8(ran.stdout)?;
+    let stdout = String::from_utf8(output.stdout)?;
     let line = |line: &str| line.split_whitespace().map(str::parse).collect::<Result<_, _>>();
-    said.lines().map(line).collect::<Result<_, _>>().with_context(|| format!("{script} said: {said}"))
+    stdout.lines().map(line).collect::<Result<_, _>>().with_context(|| format!("{script} printed: {stdout}"))
 }

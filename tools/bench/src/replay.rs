@@ -1,9 +1,9 @@
-//! Frames a second on one core, recorded pressures to codes, live values and steps as `plantar replay` does it, beside a
-//! straightforward NumPy version of the same stages.
+//! Frames per second on one core, from recorded pressures to codes, live values and steps as `plantar replay` computes them;
+//! compared with a vectorised NumPy version of the same stages.
 
 use crate::python;
 use anyhow::{Result, bail};
-use figures::Figures;
+use bench::Figures;
 use parameters::{InsoleSize, Parameters};
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
@@ -15,7 +15,7 @@ use std::path::Path;
 use std::time::Instant;
 
 const STEPS: usize = 300;
-/// The best of so many runs: others shared the core.
+/// The best of so many runs counts, because other processes share the core.
 const RUNS: usize = 20;
 
 pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
@@ -68,8 +68,10 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     let sensor = worn.setup.sensor;
     let arguments = [sensor.full_kpa, sensor.exponent, walk.rate_hz as f32].map(|v| v.to_string());
     let numbers = python::run(python, "replay_numpy.py", directory.path(), &arguments)?.concat();
-    let [seconds, numpy_steps, numpy_peaks @ ..] = &numbers[..] else { bail!("the NumPy version said: {numbers:?}") };
-    // Both did the same work, or the comparison is worth nothing.
+    let [seconds, numpy_steps, numpy_peaks @ ..] = &numbers[..] else {
+        bail!("the NumPy version printed: {numbers:?}")
+    };
+    // The comparison is valid only where both did the same work.
     if *numpy_steps as usize != steps {
         bail!("NumPy found {numpy_steps} steps, the core {steps}");
     }
@@ -84,6 +86,6 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
         numpy_per_s.round(),
         "NumPy, the same pressures, vectorised over all frames at once",
     );
-    figures.add("replay_over_numpy", (per_s / numpy_per_s * 100.0).round() / 100.0, "how many times as fast");
+    figures.add("replay_over_numpy", (per_s / numpy_per_s * 100.0).round() / 100.0, "the ratio of the two");
     Ok(())
 }

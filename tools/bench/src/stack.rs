@@ -2,8 +2,8 @@
 
 use crate::instructions::walk_through;
 use anyhow::{Result, bail};
+use bench::Figures;
 use emulator::{Recorded, Time};
-use figures::Figures;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
 use recording::{VirtualInsole, synthetic};

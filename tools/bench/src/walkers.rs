@@ -1,7 +1,7 @@
-//! Identification on ten barefoot walkers of a plate (SpeedPP2DS): every step predicted from the walker's others.
+//! Identification for ten barefoot walkers on a pressure plate (SpeedPP2DS): each step is predicted from the walker's other steps.
 
 use anyhow::Result;
-use figures::Figures;
+use bench::Figures;
 use fit::{Options, Quality, Study};
 use parameters::InsoleSize;
 use plantar::Region;
@@ -10,7 +10,7 @@ use plantar::pipeline::stance::StanceRule;
 use recording::{Recording, VirtualInsole, jiku};
 use std::path::Path;
 
-/// NRMSE in % of the best of the earlier analyses of such steps, predicted: what each region is held against.
+/// Predicted NRMSE of each region in the best of the earlier analyses of such steps, %.
 const REFERENCE: [f64; 8] = [13.6, 23.5, 23.5, 26.5, 27.2, 18.4, 21.0, 19.5];
 
 pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
@@ -41,15 +41,15 @@ pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
         figures.add(
             &format!("nrmse.{name}.predicted"),
             predicted,
-            &format!("of {}: each step from the walker's others, {walkers} walkers", REFERENCE[i]),
+            &format!("at most {}: each step from the walker's others, {walkers} walkers", REFERENCE[i]),
         );
         figures.add(
             &format!("nrmse.{name}.floor"),
             mean(&counted, |q| Some(q.floor)),
-            "best rising function of its area",
+            "best increasing function of its area",
         );
         let finer = mean(&covered, |q| q.predicted);
-        figures.add(&format!("nrmse.{name}.covered"), finer, "predicted, edge cells by their share (150 kPa)");
+        figures.add(&format!("nrmse.{name}.covered"), finer, "predicted, with fractional contact (150 kPa)");
         totals[0] += predicted / 8.0;
         totals[1] += finer / 8.0;
     }
@@ -59,9 +59,9 @@ pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
         (counted * 100.0).round() / 100.0,
         &format!("mean of the regions, {steps} steps"),
     );
-    figures.add("nrmse.mean.covered", (covered * 100.0).round() / 100.0, "the same, edge cells by their share");
+    figures.add("nrmse.mean.covered", (covered * 100.0).round() / 100.0, "the same, with fractional contact");
     let less = (1.0 - covered / counted) * 100.0;
-    figures.add("nrmse.mean.less", (less * 10.0).round() / 10.0, "at least 15: by how many % that is lower");
+    figures.add("nrmse.mean.less", (less * 10.0).round() / 10.0, "at least 15: % by which that is lower");
     Ok(())
 }
 

@@ -1,20 +1,29 @@
-//! Whole messages over whatever carries them.
+//! Carriers: whole messages over a byte stream or a packet link.
 
 use plantar::protocol::{self, Decoder, MAX_FRAME, MAX_MESSAGE, ToDevice, ToHost};
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::sync::LazyLock;
-use std::time::{Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
-/// Carries whole messages both ways.
+/// A good timeout for reading from a carrier: short enough for a program to react to its user in between.
+pub const READ_TIMEOUT: Duration = Duration::from_millis(50);
+
+/// Carries whole messages in both directions.
 pub trait Carrier {
     /// Sends a message.
+    ///
+    /// # Errors
+    /// An error ends the session.
     fn send(&mut self, message: ToDevice) -> io::Result<()>;
 
-    /// The next message; `None` when none came within a second or so. An error ends the session.
+    /// The next message; `None` where none arrived within a timeout of a second at most.
+    ///
+    /// # Errors
+    /// An error ends the session.
     fn receive(&mut self) -> io::Result<Option<ToHost>>;
 
-    /// Number of messages that arrived damaged, or held no message of this version.
+    /// Number of frames that arrived damaged or without a message of this version.
     fn damaged(&self) -> u32;
 
     /// A monotonic clock, us: this computer's, or the virtual one of a simulated carrier.
@@ -31,14 +40,8 @@ pub trait Carrier {
     where
         Self: Sized,
     {
-        unix_us()
+        crate::unix_us()
     }
-}
-
-/// This computer's clock, us since 1970, UTC.
-pub fn unix_us() -> u64 {
-    // A clock before 1970 is as wrong as 1970.
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64)
 }
 
 impl<C: Carrier + ?Sized> Carrier for Box<C> {
@@ -55,19 +58,19 @@ impl<C: Carrier + ?Sized> Carrier for Box<C> {
     }
 }
 
-/// Messages in frames over bytes: a serial port, a network connection. Their reads must return within a second or so, with
-/// [`io::ErrorKind::TimedOut`] or [`io::ErrorKind::WouldBlock`] when nothing came.
+/// Messages in frames over a byte stream: a serial port or a network connection. A read must return within a second, with
+/// [`io::ErrorKind::TimedOut`] or [`io::ErrorKind::WouldBlock`] where no byte arrived.
 pub struct Framed<B> {
     bytes: B,
     decoder: Decoder,
     waiting: VecDeque<ToHost>,
-    /// Whole frames that held no message of this version.
+    /// Undamaged frames without a message of this version.
     unknown: u32,
     buffer: Vec<u8>,
 }
 
 impl<B: Read + Write> Framed<B> {
-    /// Nothing heard yet.
+    /// A carrier over these bytes.
     pub fn new(bytes: B) -> Self {
         Self { bytes, decoder: Decoder::new(), waiting: VecDeque::new(), unknown: 0, buffer: vec![0; 4096] }
     }

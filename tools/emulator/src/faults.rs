@@ -1,4 +1,4 @@
-//! Electrical faults of a matrix, applied to the codes that it would read.
+//! Electrical faults of a sensor matrix, applied to the codes of a sound one.
 
 use crate::{Scan, Walk};
 use emulation::COLUMNS;
@@ -8,40 +8,42 @@ use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
 
-/// A cell that saturates reads this many times its conductance.
+/// The load of a saturating cell is amplified by this factor.
 const SATURATING_GAIN: f64 = 100.0;
 
-/// One fault of the circuit, from a time on.
+/// An electrical fault of the sensor matrix, from a time on.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Electrical {
-    /// What.
+pub struct SensorFault {
+    /// Its kind.
     pub kind: FaultKind,
-    /// Where, in a matrix with rows of [`COLUMNS`].
+    /// Its place, in a matrix with rows of [`COLUMNS`] cells.
     pub place: Place,
-    /// Stuck: the code. Drift: codes a second. Crosstalk: the share of a row's largest reading that its other cells read. Else 0.
+    /// Stuck: the code. Drift: codes per second. Crosstalk: the fraction of a row's largest load that its other cells read. Otherwise 0.
     pub value: f64,
-    /// Since when, s.
+    /// Begin, s.
     pub from_s: f64,
 }
 
-/// Why a text is no fault.
+/// Why a text describes no fault.
 #[derive(Clone, Debug, Error, PartialEq)]
-#[error("{text}: {why}; write for example {EXAMPLES}")]
+#[error("{text}: {why}; write for example {FAULT_EXAMPLES}")]
 pub struct ParseFaultError {
     text: String,
     why: &'static str,
 }
 
-/// One of each kind.
-pub const EXAMPLES: &str = "open-cell:17, open-row:3, open-column:5, short-cell:17, short-row:3, short-column:5, stuck:17=12000, saturate:17, drift:17=50/s, crosstalk:3=0.1, each with @SECONDS where it begins later";
+/// An example of each kind.
+pub const FAULT_EXAMPLES: &str = "open-cell:17, open-row:3, open-column:5, short-cell:17, short-row:3, short-column:5, \
+                                  stuck:17=12000, saturate:17, drift:17=50/s, crosstalk:3=0.1, each with @SECONDS where it begins \
+                                  later";
 
-impl FromStr for Electrical {
+impl FromStr for SensorFault {
     type Err = ParseFaultError;
 
     fn from_str(text: &str) -> Result<Self, ParseFaultError> {
         let error = |why| ParseFaultError { text: text.into(), why };
         let (what, from) = text.split_once('@').unwrap_or((text, "0"));
-        let from_s: f64 = from.parse().map_err(|_| error("@ takes a time in seconds"))?;
+        let from_s: f64 = from.parse().map_err(|_| error("@ is followed by a time in seconds"))?;
         if !(from_s >= 0.0 && from_s.is_finite()) {
             return Err(error("a fault begins at 0 s or later"));
         }
@@ -63,7 +65,7 @@ impl FromStr for Electrical {
             "saturate" => (FaultKind::Saturated, Place::Cell(number)),
             "drift" => (FaultKind::Drift, Place::Cell(number)),
             "crosstalk" => (FaultKind::Crosstalk, Place::Row(line()?)),
-            _ => return Err(error("there is no such kind of fault")),
+            _ => return Err(error("this kind of fault is unknown")),
         };
         let value = match (kind, value) {
             (FaultKind::Open | FaultKind::Short | FaultKind::Saturated, None) => 0.0,
@@ -75,7 +77,7 @@ impl FromStr for Electrical {
                 let value = value.strip_suffix("/s").unwrap_or(value);
                 value.parse().map_err(|_| error("drift takes codes a second"))?
             }
-            (_, Some(value)) => value.parse().map_err(|_| error("the value is no number"))?,
+            (_, Some(value)) => value.parse().map_err(|_| error("the value is not a number"))?,
         };
         let (is_in_range, why) = match kind {
             FaultKind::Stuck => ((0.0..=f64::from(FULL_CODE)).contains(&value), "a stuck code is 0 to 65520"),
@@ -89,14 +91,14 @@ impl FromStr for Electrical {
     }
 }
 
-impl fmt::Display for Electrical {
+impl fmt::Display for SensorFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} of {} from {:.2} s", self.kind.name(), self.place, self.from_s)
     }
 }
 
-impl Electrical {
-    /// The cells that it touches, of so many.
+impl SensorFault {
+    /// The affected cells of a matrix with `count` cells.
     pub fn cells(&self, count: usize) -> impl Iterator<Item = usize> + use<> {
         let place = self.place;
         (0..count).filter(move |&i| match place {
@@ -106,19 +108,19 @@ impl Electrical {
         })
     }
 
-    /// What the circuit reads at `t_s` instead of `codes`; `zeros` are the codes of the unloaded cells.
+    /// Changes the codes of a scan at `t_s` to those of the faulty matrix; `zeros` are the codes of the unloaded cells.
     pub fn apply(&self, t_s: f64, zeros: &[u16], codes: &mut [u16]) {
         if t_s < self.from_s {
             return;
         }
-        let most = f64::from(FULL_CODE);
-        let above = |codes: &[u16], i: usize| f64::from(codes[i]) - f64::from(zeros[i]);
-        let loads: Vec<(usize, f64)> = self.cells(codes.len()).map(|i| (i, above(codes, i))).collect();
+        let full = f64::from(FULL_CODE);
+        let load = |codes: &[u16], i: usize| f64::from(codes[i]) - f64::from(zeros[i]);
+        let loads: Vec<(usize, f64)> = self.cells(codes.len()).map(|i| (i, load(codes, i))).collect();
         for &(i, load) in &loads {
             let zero = f64::from(zeros[i]);
             let code = match self.kind {
                 FaultKind::Open => zero,
-                FaultKind::Short => most,
+                FaultKind::Short => full,
                 FaultKind::Stuck => self.value,
                 FaultKind::Saturated => zero + load * SATURATING_GAIN,
                 FaultKind::Drift => zero + load + self.value * (t_s - self.from_s),
@@ -127,22 +129,22 @@ impl Electrical {
                     zero + load + self.value * others.fold(0.0, f64::max)
                 }
             };
-            codes[i] = code.round().clamp(0.0, most) as u16;
+            codes[i] = code.round().clamp(0.0, full) as u16;
         }
     }
 }
 
-/// A walk on a matrix with faults.
+/// A walk on a matrix with electrical faults.
 pub struct Faulty<W> {
     walk: W,
-    faults: Vec<Electrical>,
+    faults: Vec<SensorFault>,
     period_s: f64,
     zeros: Vec<u16>,
 }
 
 impl<W: Walk> Faulty<W> {
     /// The faults are applied in this order; scans are `period_us` apart and `zeros` are the codes of the unloaded cells.
-    pub fn new(walk: W, faults: Vec<Electrical>, period_us: u32, zeros: Vec<u16>) -> Self {
+    pub fn new(walk: W, faults: Vec<SensorFault>, period_us: u32, zeros: Vec<u16>) -> Self {
         Self { walk, faults, period_s: f64::from(period_us) / 1e6, zeros }
     }
 }

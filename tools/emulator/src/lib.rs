@@ -1,17 +1,18 @@
-//! Runs the emulated board in QEMU: starts it, plays scans into its matrix, hands out its link.
+//! Runs the emulated board in QEMU: starts it, plays scans into its sensor matrix, and provides its link.
 //!
-//! What passes between board and plant is described in [`emulation`].
+//! The protocol between board and plant is described in [`emulation`].
 
 mod faults;
 mod plant;
 mod recorded;
 
-pub use faults::{EXAMPLES, Electrical, Faulty, ParseFaultError};
+pub use faults::{FAULT_EXAMPLES, Faulty, ParseFaultError, SensorFault};
 pub use plant::{Plant, Scan, Walk};
 pub use recorded::{Looped, Recorded};
 
-use emulation::ACTIVE_IMAGE;
-use emulation::{EmulatorConfig, FLASH_BYTES, FLASH_FILE, MATRIX_FILE, SETUP_FILE, SWAPPED, SWAPPED_FILE};
+use emulation::{
+    ACTIVE_IMAGE, EmulatorConfig, FLASH_BYTES, FLASH_FILE, MATRIX_FILE, SETUP_FILE, SWAPPED, SWAPPED_FILE,
+};
 use plantar::pipeline::setup::{DEVICE_CELLS, SetupCell};
 use plantar::storage::flash_map::ACTIVE;
 use std::io::{self, Read};
@@ -22,27 +23,27 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use thiserror::Error;
 
-/// QEMU's name for a board with the STM32F405 and nothing else of use.
+/// QEMU's name for a board with an STM32F405.
 const MACHINE: &str = "netduinoplus2";
-/// The bootloader, beside the firmware.
+/// File name of the bootloader, in the folder of the firmware.
 const BOOTLOADER: &str = "emulated-bootloader";
-/// What lies in the flash of the controller, in the emulator's directory.
+/// The contents of the controller's flash, in the emulator's directory.
 const ACTIVE_FILE: &str = "active.bin";
-/// The emulator has this long to connect its ports.
+/// QEMU connects its ports within this time.
 const START: Duration = Duration::from_secs(20);
 
-/// How time passes for the board.
+/// The board's time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Time {
-    /// As on the wall; the board scans by its own clock.
+    /// Real time: the board scans by its own clock.
     Real,
-    /// As fast as the plant can be asked; the plant keeps the time.
+    /// As fast as the emulator can: the plant paces the scans.
     Max,
-    /// As [`Time::Max`], and one instruction takes one nanosecond, so that instructions can be counted.
+    /// As [`Time::Max`], and each instruction takes one nanosecond, so that instructions can be counted.
     Counted,
 }
 
-/// Why the emulated board did not run.
+/// Why the emulated board did not start.
 #[derive(Debug, Error)]
 pub enum Error {
     /// QEMU is not installed.
@@ -53,73 +54,82 @@ pub enum Error {
     /// The firmware file is missing.
     #[error("no firmware at {0}: build it with `cargo xtask build`, or name it with --firmware")]
     NoFirmware(PathBuf),
-    /// QEMU ended before it connected.
-    #[error("the emulator ended before the board was up: {0}")]
-    Ended(String),
+    /// QEMU exited before it connected.
+    #[error("the emulator exited before the board was up: {0}")]
+    Exited(String),
     /// QEMU did not connect in time.
     #[error("the emulator did not connect within {} s", START.as_secs())]
-    Silent,
-    /// The firmware file is not what the linker writes.
+    Timeout,
+    /// The firmware file is not an executable of the board.
     #[error(transparent)]
     Image(#[from] firmware_image::Error),
-    /// A file or socket of the emulation.
+    /// An error of a file or a socket.
     #[error("emulation: {0}")]
     Io(#[from] io::Error),
 }
 
-/// What is soldered to the board.
+/// The hardware around the controller.
 #[derive(Clone, Debug, Default)]
-pub struct Parts {
-    /// Where a Bluetooth controller listens for HCI (H4); without one there is no Bluetooth.
+pub struct Hardware {
+    /// Address at which a Bluetooth controller listens for HCI (H4); `None` for a board without radio.
     pub hci: Option<SocketAddr>,
-    /// The flash chip: what [`Board::flash`] gave before this start, or a new one. An image that was swapped in is in it, and runs
-    /// instead of the firmware file.
+    /// The contents of the flash chip, as [`Board::flash`] returned them before this start; `None` for a new chip. An image that
+    /// was swapped in is part of them, and runs instead of the firmware file.
     pub flash: Option<Vec<u8>>,
-    /// What [`Board::wait`] gave before this start.
+    /// The result of [`Board::wait`] before this start.
     pub swapped: bool,
 }
 
-/// A running board. It stops when this is dropped.
+/// A running board. It is switched off when this is dropped.
 pub struct Board {
     qemu: Qemu,
     plant: Plant,
     link: TcpStream,
-    // Dropped last: QEMU and the plant use it.
+    // Dropped last, because QEMU and the plant use it.
     directory: TempDir,
 }
 
 impl Board {
-    /// Boots `firmware`, by the bootloader that was built beside it, with a set-up and lets it feel `walk`.
+    /// Starts `firmware`, by the bootloader in the same folder, with this configuration and this walk in its sensor matrix.
+    ///
+    /// # Errors
+    /// See [`enum@Error`].
     pub fn start(
         firmware: &Path,
-        head: &EmulatorConfig,
+        config: &EmulatorConfig,
         cells: &[SetupCell],
         time: Time,
         walk: impl Walk,
     ) -> Result<Self, Error> {
-        Self::start_with(firmware, head, cells, time, walk, &Parts::default())
+        Self::start_with(firmware, config, cells, time, walk, &Hardware::default())
     }
 
-    /// The same with other parts.
+    /// As [`Board::start`], with other hardware.
+    ///
+    /// # Errors
+    /// See [`enum@Error`].
     pub fn start_with(
         firmware: &Path,
-        head: &EmulatorConfig,
+        config: &EmulatorConfig,
         cells: &[SetupCell],
         time: Time,
         walk: impl Walk,
-        parts: &Parts,
+        hardware: &Hardware,
     ) -> Result<Self, Error> {
-        let head = EmulatorConfig { is_paced: time != Time::Real, ..*head };
-        let mut setup = postcard::to_stdvec(&head).map_err(io::Error::other)?;
+        let config = EmulatorConfig { is_paced: time != Time::Real, ..*config };
+        let mut setup = postcard::to_stdvec(&config).map_err(io::Error::other)?;
         for cell in cells {
             setup = postcard::to_extend(cell, setup).map_err(io::Error::other)?;
         }
-        Self::boot(firmware, Some(&setup), cells.len(), time, walk, parts)
+        Self::boot(firmware, Some(&setup), cells.len(), time, walk, hardware)
     }
 
-    /// Boots `firmware` without a set-up: in real time, with the insole that is built in.
+    /// Starts `firmware` without a set-up file: in real time, with the insole that is compiled in.
+    ///
+    /// # Errors
+    /// See [`enum@Error`].
     pub fn start_without_set_up(firmware: &Path, walk: impl Walk) -> Result<Self, Error> {
-        Self::boot(firmware, None, DEVICE_CELLS, Time::Real, walk, &Parts::default())
+        Self::boot(firmware, None, DEVICE_CELLS, Time::Real, walk, &Hardware::default())
     }
 
     fn boot(
@@ -128,7 +138,7 @@ impl Board {
         cells: usize,
         time: Time,
         walk: impl Walk,
-        parts: &Parts,
+        hardware: &Hardware,
     ) -> Result<Self, Error> {
         let bootloader = firmware.with_file_name(BOOTLOADER);
         if let Some(missing) = [firmware, &bootloader].into_iter().find(|file| !file.is_file()) {
@@ -141,18 +151,18 @@ impl Board {
         }
         std::fs::write(file(MATRIX_FILE), vec![0; 2 * cells])?;
 
-        let mut flash = parts.flash.clone().unwrap_or_else(|| vec![0xff; FLASH_BYTES]);
+        let mut flash = hardware.flash.clone().unwrap_or_else(|| vec![0xff; FLASH_BYTES]);
         let active = &mut flash[ACTIVE_IMAGE.start as usize..ACTIVE_IMAGE.end as usize];
         if active.iter().all(|byte| *byte == 0xff) {
-            let image = firmware_image::raw(firmware)?;
+            let image = firmware_image::flash_image(firmware)?;
             active[..image.len()].copy_from_slice(&image);
         }
         std::fs::write(directory.path().join(ACTIVE_FILE), active)?;
         std::fs::write(file(FLASH_FILE), flash)?;
-        if parts.swapped {
+        if hardware.swapped {
             std::fs::write(file(SWAPPED_FILE), [])?;
         }
-        let hci = parts.hci.map_or("null".into(), |at| format!("tcp:{at},nodelay=on"));
+        let hci = hardware.hci.map_or("null".into(), |at| format!("tcp:{at},nodelay=on"));
 
         let link = Port::listen()?;
         let plant = Port::listen()?;
@@ -181,22 +191,31 @@ impl Board {
         Ok(Self { qemu, plant, link, directory })
     }
 
-    /// The board's link, a byte stream in both directions.
+    /// The board's serial link, a byte stream in both directions.
+    ///
+    /// # Errors
+    /// Where the socket cannot be cloned.
     pub fn link(&self) -> io::Result<TcpStream> {
         self.link.try_clone()
     }
 
     /// The contents of the flash chip.
+    ///
+    /// # Errors
+    /// Where its file cannot be read.
     pub fn flash(&self) -> io::Result<Vec<u8>> {
         std::fs::read(self.directory.path().join(FLASH_FILE.to_string_lossy().as_ref()))
     }
 
-    /// Waits until the board is off; true where the bootloader swapped images, and the board is to be started again.
+    /// Waits until the board is off; true where the bootloader swapped images and the board must be started again.
+    ///
+    /// # Errors
+    /// Where the operating system does not report the exit.
     pub fn wait(&mut self) -> io::Result<bool> {
         Ok(self.qemu.0.wait()?.code() == Some(SWAPPED))
     }
 
-    /// Lets the walk begin; in [`Time::Real`] it began with the board.
+    /// Starts the walk; in [`Time::Real`] it started with the board.
     pub fn play(&self) {
         self.plant.play();
     }
@@ -207,18 +226,18 @@ impl Board {
     }
 }
 
-/// The emulator's process; it ends with this.
+/// The emulator's process, which is killed when this is dropped.
 struct Qemu(Child);
 
 impl Drop for Qemu {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // It may have exited by itself.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
-/// A local port that QEMU will connect one of its serial ports to.
+/// A local port that QEMU connects one of its serial ports to.
 struct Port(TcpListener);
 
 impl Port {
@@ -245,14 +264,14 @@ impl Port {
                 Err(e) => return Err(e.into()),
             }
             if qemu.try_wait()?.is_some() {
-                let mut said = String::new();
+                let mut message = String::new();
                 if let Some(mut stderr) = qemu.stderr.take() {
-                    stderr.read_to_string(&mut said)?;
+                    stderr.read_to_string(&mut message)?;
                 }
-                return Err(Error::Ended(said.trim().into()));
+                return Err(Error::Exited(message.trim().into()));
             }
             if Instant::now() > deadline {
-                return Err(Error::Silent);
+                return Err(Error::Timeout);
             }
             std::thread::sleep(Duration::from_millis(5));
         }

@@ -1,4 +1,4 @@
-//! The sensor plant: answers the board's requests for scans and time.
+//! The sensor plant: answers the board's requests for scans and for time.
 
 use emulation::{COLUMNS, SCAN, TICK};
 use std::fs::OpenOptions;
@@ -9,22 +9,22 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Sender, channel};
 
-/// What the matrix does when it is asked for a scan.
+/// The outcome of a scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scan {
-    /// All rows answer.
+    /// All rows answered.
     Whole,
-    /// Only the first rows answer; the rest stays silent.
+    /// Only so many rows answered, from the first.
     Rows(u8),
 }
 
-/// What the matrix feels.
+/// The load on the matrix over time.
 pub trait Walk: Send + 'static {
-    /// Number of scans; [`u32::MAX`] of a walk without an end. Where the plant keeps the time, time stands still after them; else the
-    /// last one stays.
+    /// Number of scans; [`u32::MAX`] for a walk without end. After the last one, the codes remain; where the plant paces the scans,
+    /// its clock stops.
     fn scans(&self) -> u32;
 
-    /// Writes the codes of scan number `seq`, below [`Walk::scans`], one a cell in the order of the set-up.
+    /// Writes the codes of scan number `seq`, below [`Walk::scans`], one per cell in the order of the set-up.
     fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan;
 }
 
@@ -32,9 +32,9 @@ fn has(walk: &impl Walk, seq: u32) -> bool {
     seq < walk.scans() || walk.scans() == u32::MAX
 }
 
-/// The thread that plays the matrix. It ends with the board's port.
+/// The thread that plays the matrix. It ends when the board closes its port.
 pub struct Plant {
-    asked: Arc<AtomicU32>,
+    requested: Arc<AtomicU32>,
     playing: Sender<()>,
 }
 
@@ -42,19 +42,19 @@ impl Plant {
     pub(crate) fn start(mut port: TcpStream, matrix: &Path, mut walk: impl Walk) -> io::Result<Self> {
         let mut file = OpenOptions::new().write(true).open(matrix)?;
         let cells = file.metadata()?.len() as usize / 2;
-        let asked = Arc::new(AtomicU32::new(0));
-        let count = asked.clone();
+        let requested = Arc::new(AtomicU32::new(0));
+        let count = requested.clone();
         let (playing, play) = channel();
         std::thread::spawn(move || {
             let mut codes = vec![0; cells];
             let mut bytes = Vec::with_capacity(2 * cells);
             let mut request = [0; 5];
-            // An end of the port is the end of the board.
+            // The port is closed when the emulator ends.
             while port.read_exact(&mut request).is_ok() {
                 let [kind, a, b, c, d] = request;
                 let seq = u32::from_le_bytes([a, b, c, d]);
                 let answered = match kind {
-                    // Time stands still until someone watches. An end of the sender is the end of the board.
+                    // The clock waits for Plant::play. The sender is dropped with the board.
                     TICK if seq == 0 && play.recv().is_err() => break,
                     TICK if has(&walk, seq) => port.write_all(&[TICK, TICK]),
                     SCAN => {
@@ -78,17 +78,17 @@ impl Plant {
                 }
             }
         });
-        Ok(Self { asked, playing })
+        Ok(Self { requested, playing })
     }
 
-    /// Lets time begin, where the plant keeps it.
+    /// Starts the clock, where the plant paces the scans.
     pub fn play(&self) {
-        // A board that has ended has no use for time.
+        // The thread may have ended with the board.
         let _ = self.playing.send(());
     }
 
-    /// Scans asked for so far.
+    /// Number of scans requested so far.
     pub fn scans(&self) -> u32 {
-        self.asked.load(Ordering::Relaxed)
+        self.requested.load(Ordering::Relaxed)
     }
 }

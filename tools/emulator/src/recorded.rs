@@ -1,33 +1,33 @@
-//! A recording as what the matrix feels.
+//! A recording as the load on the matrix.
 
 use crate::{Scan, Walk};
 use recording::{Recording, VirtualInsole};
 
-/// A recording, worn as an insole.
+/// A recording, played into a virtual insole.
 pub struct Recorded {
     recording: Recording,
-    worn: VirtualInsole,
+    insole: VirtualInsole,
 }
 
 impl Recorded {
-    /// The walk of a recording under the rules of its insole.
-    pub fn new(recording: Recording, worn: VirtualInsole) -> Self {
-        Self { recording, worn }
+    /// The walk of a recording, as this insole measures it.
+    pub fn new(recording: Recording, insole: VirtualInsole) -> Self {
+        Self { recording, insole }
     }
 }
 
 impl Walk for Recorded {
     fn scans(&self) -> u32 {
-        self.worn.frames(&self.recording) as u32
+        self.insole.frames(&self.recording) as u32
     }
 
     fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
-        self.worn.codes_of(&self.recording, seq as usize, codes);
+        self.insole.codes_of(&self.recording, seq as usize, codes);
         Scan::Whole
     }
 }
 
-/// A walk that begins again when it is over, for ever.
+/// A walk that is repeated without end.
 pub struct Looped<W>(pub W);
 
 impl<W: Walk> Walk for Looped<W> {

@@ -1,6 +1,6 @@
-//! Firmware images: made from what the linker wrote, signed, and checked before they are sent.
+//! Firmware images: made from the linker's output, signed, and verified before they are sent.
 //!
-//! A file is the image, padded to whole chunks, its signature, and the public key that it was made with.
+//! A file holds the image, padded to whole chunks, its Ed25519 signature, and the public key that verifies it.
 
 use ed25519_dalek::{Digest, Sha512, Signer, VerifyingKey};
 use object::{Object, ObjectSegment};
@@ -9,9 +9,9 @@ use plantar::storage::flash_map::{ACTIVE, HEADER, MAX_IMAGE};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-pub use ed25519_dalek::SigningKey as Secret;
+pub use ed25519_dalek::SigningKey;
 
-/// The key that everybody knows.
+/// The file of the published key for development.
 pub const DEVELOPMENT_KEY: &str = include_str!("../development.key");
 
 const SIGNATURE_BYTES: usize = 64;
@@ -20,21 +20,21 @@ const KEY_BYTES: usize = 32;
 /// Why there is no image or key.
 #[derive(Debug, Error)]
 pub enum Error {
-    /// A file.
+    /// A file cannot be read.
     #[error("cannot read {0}: {1}")]
     Read(PathBuf, std::io::Error),
-    /// Not what the linker writes for a board.
-    #[error("{0} is no firmware of a board: build it with `cargo xtask build`")]
-    NoFirmware(PathBuf),
-    /// Not a file of this kind.
-    #[error("{0} is no firmware image, or is cut short: make one with `cargo xtask image`")]
-    NoImage(PathBuf),
-    /// The signature is not its own.
-    #[error("{0} is damaged, or cut short: its signature does not fit; get it again")]
+    /// The file is not the linker's output for a board.
+    #[error("{0} is not firmware of a board: build it with `cargo xtask build`")]
+    NotFirmware(PathBuf),
+    /// The file is not an image.
+    #[error("{0} is not a firmware image, or is cut short: make one with `cargo xtask image`")]
+    NotAnImage(PathBuf),
+    /// The signature does not match the image.
+    #[error("{0} is damaged, or cut short: its signature does not match; get it again")]
     Damaged(PathBuf),
-    /// The secret key.
-    #[error("{0} holds no key: it has one line of 64 hex digits; `cargo xtask key` makes one")]
-    NoKey(PathBuf),
+    /// The file is not a secret key.
+    #[error("{0} is not a key file, which has one line of 64 hex digits; `cargo xtask key` makes one")]
+    NotAKey(PathBuf),
 }
 
 /// A signed image.
@@ -47,29 +47,35 @@ pub struct Image {
 }
 
 impl Image {
-    /// Signs an image as [`raw`] gives it; `None` where it has no header.
-    pub fn sign(bytes: Vec<u8>, secret: &Secret) -> Option<Self> {
+    /// Signs an image from [`flash_image`]; `None` where it has no header.
+    pub fn sign(bytes: Vec<u8>, key: &SigningKey) -> Option<Self> {
         let header = header(&bytes)?;
-        let signature = secret.sign(&Sha512::digest(&bytes)).to_bytes();
-        Some(Self { bytes, header, signature, key: secret.verifying_key() })
+        let signature = key.sign(&Sha512::digest(&bytes)).to_bytes();
+        Some(Self { bytes, header, signature, key: key.verifying_key() })
     }
 
-    /// Reads a file and holds it against its signature.
+    /// Reads a file and verifies its signature.
+    ///
+    /// # Errors
+    /// [`Error::Read`], [`Error::NotAnImage`] and [`Error::Damaged`].
     pub fn read(path: &Path) -> Result<Self, Error> {
         Self::parse(&read(path)?, path)
     }
 
-    /// Takes the contents of a file apart and holds them against their signature; errors name `path`.
+    /// Parses the contents of a file and verifies its signature.
+    ///
+    /// # Errors
+    /// [`Error::NotAnImage`] and [`Error::Damaged`], which name `path`.
     pub fn parse(file: &[u8], path: &Path) -> Result<Self, Error> {
-        let no_image = || Error::NoImage(path.into());
-        let (rest, key) = file.split_last_chunk::<KEY_BYTES>().ok_or_else(no_image)?;
-        let (bytes, signature) = rest.split_last_chunk::<SIGNATURE_BYTES>().ok_or_else(no_image)?;
-        let header = header(bytes).ok_or_else(no_image)?;
+        let not_an_image = || Error::NotAnImage(path.into());
+        let (rest, key) = file.split_last_chunk::<KEY_BYTES>().ok_or_else(not_an_image)?;
+        let (bytes, signature) = rest.split_last_chunk::<SIGNATURE_BYTES>().ok_or_else(not_an_image)?;
+        let header = header(bytes).ok_or_else(not_an_image)?;
         let damaged = |_| Error::Damaged(path.into());
         let key = VerifyingKey::from_bytes(key).map_err(damaged)?;
         key.verify_strict(&Sha512::digest(bytes), &signature.into()).map_err(damaged)?;
         if bytes.len() % CHUNK != 0 || bytes.len() as u64 > u64::from(MAX_IMAGE) {
-            return Err(no_image());
+            return Err(not_an_image());
         }
         Ok(Self { bytes: bytes.into(), header, signature: *signature, key })
     }
@@ -79,17 +85,17 @@ impl Image {
         [&self.bytes[..], &self.signature, self.key.as_bytes()].concat()
     }
 
-    /// What it says of itself.
+    /// Its header: board and version.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// What runs on the board.
+    /// The code that runs on the board.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// What an insole is asked.
+    /// The offer that begins an update.
     pub fn offer(&self) -> Offer {
         let (signature, _) = self.signature.as_chunks();
         Offer {
@@ -99,7 +105,7 @@ impl Image {
         }
     }
 
-    /// The piece of this number; zeros beyond the last.
+    /// The chunk with this number; zeros after the last one.
     pub fn chunk(&self, number: u16) -> Chunk {
         let mut chunk = Chunk::default();
         let bytes = self.bytes.get(usize::from(number) * CHUNK..).unwrap_or_default();
@@ -118,20 +124,24 @@ fn header(bytes: &[u8]) -> Option<Header> {
     Header::read(bytes.get(HEADER as usize..)?.first_chunk()?)
 }
 
-/// What lies in the flash once this file of the linker is there, padded to whole chunks.
-pub fn raw(firmware: &Path) -> Result<Vec<u8>, Error> {
+/// The contents of a board's flash with this firmware, an ELF file from the linker; padded to whole chunks.
+///
+/// # Errors
+/// [`Error::Read`] and [`Error::NotFirmware`].
+pub fn flash_image(firmware: &Path) -> Result<Vec<u8>, Error> {
     let data = read(firmware)?;
-    flat(&data).filter(|bytes| header(bytes).is_some()).ok_or_else(|| Error::NoFirmware(firmware.into()))
+    loaded_bytes(&data).filter(|bytes| header(bytes).is_some()).ok_or_else(|| Error::NotFirmware(firmware.into()))
 }
 
-fn flat(elf: &[u8]) -> Option<Vec<u8>> {
+/// The loaded segments of an ELF file, at their places in the flash.
+fn loaded_bytes(elf: &[u8]) -> Option<Vec<u8>> {
     let file = object::read::elf::ElfFile32::<object::Endianness>::parse(elf).ok()?;
     let mut bytes = Vec::new();
     for segment in file.segments() {
-        let (data, at) = (segment.data().ok()?, segment.elf_program_header());
-        let at = at.p_paddr.get(file.endian());
-        // What is only reserved has no contents.
-        let Some(start) = at.checked_sub(ACTIVE.start).filter(|_| !data.is_empty()) else { continue };
+        let (data, header) = (segment.data().ok()?, segment.elf_program_header());
+        let address = header.p_paddr.get(file.endian());
+        // A segment that only reserves memory has no data.
+        let Some(start) = address.checked_sub(ACTIVE.start).filter(|_| !data.is_empty()) else { continue };
         let (start, end) = (start as usize, start as usize + data.len());
         if end > MAX_IMAGE as usize {
             return None;
@@ -144,17 +154,20 @@ fn flat(elf: &[u8]) -> Option<Vec<u8>> {
 }
 
 /// Reads a secret key from its file.
-pub fn secret(path: &Path) -> Result<Secret, Error> {
+///
+/// # Errors
+/// [`Error::Read`] and [`Error::NotAKey`].
+pub fn read_signing_key(path: &Path) -> Result<SigningKey, Error> {
     let text = std::fs::read_to_string(path).map_err(|error| Error::Read(path.into(), error))?;
-    parse_secret(&text).ok_or_else(|| Error::NoKey(path.into()))
+    parse_signing_key(&text).ok_or_else(|| Error::NotAKey(path.into()))
 }
 
-/// The key that everybody knows.
-pub fn development() -> Option<Secret> {
-    parse_secret(DEVELOPMENT_KEY)
+/// The published key for development; `None` where its file is damaged.
+pub fn development_key() -> Option<SigningKey> {
+    parse_signing_key(DEVELOPMENT_KEY)
 }
 
-fn parse_secret(text: &str) -> Option<Secret> {
+fn parse_signing_key(text: &str) -> Option<SigningKey> {
     let digits = text.lines().map(str::trim).find(|line| !line.is_empty() && !line.starts_with('#'))?;
     let mut bytes = [0; KEY_BYTES];
     if digits.len() != 2 * bytes.len() || !digits.is_ascii() {
@@ -163,10 +176,10 @@ fn parse_secret(text: &str) -> Option<Secret> {
     for (i, byte) in bytes.iter_mut().enumerate() {
         *byte = u8::from_str_radix(&digits[2 * i..2 * i + 2], 16).ok()?;
     }
-    Some(Secret::from_bytes(&bytes))
+    Some(SigningKey::from_bytes(&bytes))
 }
 
-/// A key as `PLANTAR_UPDATE_KEY` takes it.
+/// Bytes as hex digits, the format of a key file and of `PLANTAR_UPDATE_KEY`.
 pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -1,23 +1,23 @@
-//! Images: what is signed comes back, what was changed does not.
+//! Images: a signed file can be read, a changed one cannot.
 
-use firmware_image::{DEVELOPMENT_KEY, Error, Image, Secret, development, raw, secret};
+use firmware_image::{DEVELOPMENT_KEY, Error, Image, SigningKey, development_key, flash_image, read_signing_key};
 use plantar::protocol::update::{CHUNK, Header};
 use plantar::storage::flash_map::HEADER;
 use plantar::storage::update::KEY;
 
-/// Something with a header that no board would run.
-fn image(secret: &Secret) -> Image {
+/// Random bytes with a header.
+fn image(key: &SigningKey) -> Image {
     let mut bytes: Vec<u8> = std::iter::repeat_with(|| fastrand::u8(..)).take(10 * CHUNK).collect();
     let header = Header::new("emulated", "1.2.3").bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
-    Image::sign(bytes, secret).expect("it has a header")
+    Image::sign(bytes, key).expect("it has a header")
 }
 
 #[test]
-fn a_file_holds_the_image_and_any_change_of_it_is_found() {
+fn a_file_contains_the_image_and_any_change_of_it_is_detected() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("image.bin");
-    let image = image(&Secret::from_bytes(&[7; 32]));
+    let image = image(&SigningKey::from_bytes(&[7; 32]));
     let file = image.file();
     std::fs::write(&path, &file).expect("written");
     let read = Image::read(&path).expect("it is whole");
@@ -40,20 +40,20 @@ fn a_file_holds_the_image_and_any_change_of_it_is_found() {
 }
 
 #[test]
-fn an_unbuilt_firmware_and_a_missing_key_say_what_to_do() {
+fn errors_for_missing_firmware_and_keys_name_the_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("firmware");
-    assert!(matches!(raw(&path), Err(Error::Read(..))));
+    assert!(matches!(flash_image(&path), Err(Error::Read(..))));
     std::fs::write(&path, b"\x7fELF").expect("written");
-    assert!(raw(&path).expect_err("it is none").to_string().contains("cargo xtask build"));
-    assert!(secret(&path).expect_err("it is none").to_string().contains("cargo xtask key"));
+    assert!(flash_image(&path).expect_err("it is no firmware").to_string().contains("cargo xtask build"));
+    assert!(read_signing_key(&path).expect_err("it is no key").to_string().contains("cargo xtask key"));
     std::fs::write(&path, DEVELOPMENT_KEY).expect("written");
-    assert_eq!(secret(&path).ok(), development());
+    assert_eq!(read_signing_key(&path).ok(), development_key());
 }
 
 #[test]
-fn the_development_key_is_the_one_that_insoles_take_unless_told_another() {
+fn insoles_accept_the_development_key_unless_built_with_another() {
     if option_env!("PLANTAR_UPDATE_KEY").is_none() {
-        assert_eq!(development().map(|secret| secret.verifying_key().to_bytes()), Some(KEY));
+        assert_eq!(development_key().map(|key| key.verifying_key().to_bytes()), Some(KEY));
     }
 }

@@ -1,11 +1,11 @@
-//! `plantar cohort`: many participants, every step fitted alone.
+//! `plantar cohort`: many participants, each step fitted separately.
 
 mod summary;
 mod table;
 
 use crate::fit::Search;
 use crate::replay::progress;
-use crate::setup::{self, Contact, Zeroed, rule_in_words};
+use crate::setup::{self, ContactArgs, ZeroArgs, rule_in_words};
 use crate::table::Row;
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -22,24 +22,25 @@ use std::time::Instant;
 use summary::Means;
 use table::Origin;
 
-/// Fits every step of many participants alone, as the paper does, and takes means by insole size.
+/// Fits each step of many participants separately, as the paper does, and takes means by insole size.
 ///
-/// The folder holds one folder a participant with that person's recordings
-/// (*.parquet): any number of trials, both feet. Beside them participant.toml
-/// may say more; every line is optional, files are relative to it:
+/// The folder contains one folder per participant with that person's recordings
+/// (*.parquet): any number of trials, both feet. A file participant.toml beside
+/// them is optional, as are all of its lines; paths are relative to it:
 ///
 ///   size = 41                    # European shoe size, instead of --size
-///   mass_kg = 70.5               # goes into the table
+///   mass_kg = 70.5               # a column of the table
 ///   zero = "zero.toml"           # made by `plantar zero`
 ///   thickness = "thickness.toml" # instead of --thickness
 ///
-/// The table is a folder with TABLE/participant=NAME/steps.parquet, one row a
-/// region of a step; DuckDB, Spark and Dask read it as it lies. Run the same
-/// again after a break or a change: only participants are done whose files,
-/// options or program are new, or of whom something had to be left out.
+/// The table is a folder with TABLE/participant=NAME/steps.parquet, one row per
+/// step and region, which DuckDB, Spark and Dask can read. Run the same command
+/// again after an interruption or a change: a participant is processed again
+/// only where files, options or the program changed, or where something had
+/// been left out.
 ///
-/// Exit status: 0 when nothing had to be left out, 3 when something had to,
-/// 1 when there is no step of any participant.
+/// Exit status: 0 where nothing had to be left out, 3 where something had to,
+/// 1 where no step of any participant was found.
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct Cohort {
@@ -55,23 +56,23 @@ pub struct Cohort {
     #[command(flatten)]
     search: Search,
     #[command(flatten)]
-    contact: Contact,
+    contact: ContactArgs,
 }
 
-/// A participant who is done.
-struct Done {
+/// A processed participant.
+struct Processed {
     means: Means,
-    /// The table had them already.
-    kept: bool,
-    /// Their size is known.
-    sized: bool,
+    /// The table had this participant already.
+    is_cached: bool,
+    /// The insole size is known.
+    has_size: bool,
 }
 
 impl Cohort {
-    /// True when nothing had to be left out.
+    /// Runs the command. Returns true where nothing had to be left out.
     pub fn run(&self) -> Result<bool> {
         let start = Instant::now();
-        // What is wrong with the options would be wrong with every participant.
+        // Invalid options would be invalid for every participant.
         self.search.options(0)?;
         self.contact.rule(None)?;
         let names = self.names()?;
@@ -82,7 +83,7 @@ impl Cohort {
             let path = table::path(&self.out, name);
             let done = self.participant(name, &path, &mut left_out).map_err(|error| {
                 left_out.push(format!("{error:#}"));
-                // The table holds what the summary is of.
+                // The table contains exactly the participants of the summary.
                 let _ = fs::remove_file(path);
             });
             bar.inc(1);
@@ -94,7 +95,7 @@ impl Cohort {
         self.note_others(&names)?;
         let left_out = left_out.concat();
         left_out.iter().for_each(|reason| eprintln!("left out: {reason}"));
-        let done: Vec<Done> = done.into_iter().flatten().collect();
+        let done: Vec<Processed> = done.into_iter().flatten().collect();
         if done.is_empty() {
             bail!("{}: no step of any participant", self.participants.display());
         }
@@ -102,14 +103,14 @@ impl Cohort {
         Ok(left_out.is_empty())
     }
 
-    /// The participants, by their folders.
+    /// The names of the participants' folders.
     fn names(&self) -> Result<Vec<String>> {
         let folder = &self.participants;
-        let cannot = || format!("cannot read {}: a folder with one folder a participant is needed", folder.display());
+        let error = || format!("cannot read {}: it must be a folder with one folder per participant", folder.display());
         let table = self.out.canonicalize().ok();
         let mut names = Vec::new();
-        for entry in fs::read_dir(folder).with_context(cannot)? {
-            let path = entry.with_context(cannot)?.path();
+        for entry in fs::read_dir(folder).with_context(error)? {
+            let path = entry.with_context(error)?.path();
             let name = path.file_name().unwrap_or_default().to_str();
             let name = name.with_context(|| format!("{}: a participant's name must be UTF-8", path.display()))?;
             if path.is_dir() && !name.starts_with('.') && path.canonicalize().ok() != table {
@@ -117,30 +118,34 @@ impl Cohort {
             }
         }
         if names.is_empty() {
-            bail!("{}: no participant: one folder a participant is needed, with recordings in it", folder.display());
+            bail!("{}: no participant: it must contain one folder per participant, with recordings", folder.display());
         }
         names.sort();
         Ok(names)
     }
 
-    /// A word on stderr where the table has participants that this run knows nothing of.
+    /// Prints a note on stderr where the table has participants that are not in the folder.
     fn note_others(&self, names: &[String]) -> Result<()> {
         let known: Vec<_> = names.iter().map(|name| table::path(&self.out, name)).collect();
         for entry in fs::read_dir(&self.out)? {
             let path = entry?.path().join("steps.parquet");
             if path.exists() && !known.contains(&path) {
-                eprintln!("note: {} is of no participant here: remove it unless you want it", path.display());
+                eprintln!(
+                    "note: {} belongs to no participant in the folder: remove it unless you need it",
+                    path.display()
+                );
             }
         }
         Ok(())
     }
 
-    /// Puts a participant into the table unless they are there; recordings that cannot be used go to `left_out`.
-    fn participant(&self, name: &str, path: &Path, left_out: &mut Vec<String>) -> Result<Done> {
+    /// Adds a participant to the table, unless it is up to date. Reasons for recordings that cannot be used are added to `left_out`.
+    fn participant(&self, name: &str, path: &Path, left_out: &mut Vec<String>) -> Result<Processed> {
         let person = self.person(&self.participants.join(name))?;
-        let done = |rows: &[_], kept| Done { means: Means::of(rows), kept, sized: person.known.size.is_some() };
+        let has_size = person.known.size.is_some();
+        let done = |rows: &[_], is_cached| Processed { means: Means::of(rows), is_cached, has_size };
         let made_from = person.made_from()?;
-        // A part that cannot be read is made again.
+        // A file that cannot be read is written again.
         if let Ok((before, rows)) = table::read(path)
             && before == made_from
         {
@@ -157,7 +162,7 @@ impl Cohort {
             let count = person.recordings.len();
             bail!("{}: {count} recordings (*.parquet), {}", person.folder.display(), Unfit::NoSteps);
         }
-        // What was left out is tried again the next time.
+        // Recordings that were left out are tried again in the next run.
         let made_from = if left_out.is_empty() { made_from } else { String::new() };
         crate::table::write(path, Some((table::KEY, &made_from)), &rows)?;
         Ok(done(&table::read(path)?.1, false))
@@ -185,10 +190,10 @@ impl Cohort {
         })
     }
 
-    fn report(&self, done: Vec<Done>, start: Instant) -> Result<()> {
-        let count = |is: fn(&Done) -> bool| done.iter().filter(|done| is(done)).count();
-        let (kept, unknown) = (count(|done| done.kept), count(|done| !done.sized));
-        let steps: usize = done.iter().filter(|done| !done.kept).map(|done| done.means.steps).sum();
+    fn report(&self, done: Vec<Processed>, start: Instant) -> Result<()> {
+        let count = |is: fn(&Processed) -> bool| done.iter().filter(|done| is(done)).count();
+        let (cached, unknown) = (count(|done| done.is_cached), count(|done| !done.has_size));
+        let steps: usize = done.iter().filter(|done| !done.is_cached).map(|done| done.means.steps).sum();
         let means: Vec<Means> = done.into_iter().map(|done| done.means).collect();
         summary::print(&means);
         println!("Contact: {}.", rule_in_words(&self.contact.rule(None)?));
@@ -200,31 +205,31 @@ impl Cohort {
             println!("wrote {}", path.display());
         }
         println!(
-            "wrote {}: {steps} steps of {} participants in {:.1} s; {kept} participants were there already",
+            "wrote {}: {steps} steps of {} participants in {:.1} s; {cached} participants were in the table already",
             self.out.display(),
-            means.len() - kept,
+            means.len() - cached,
             start.elapsed().as_secs_f64()
         );
         Ok(())
     }
 }
 
-/// A participant to be done.
+/// A participant and the options for this person.
 struct Person {
     folder: PathBuf,
     recordings: Vec<PathBuf>,
     known: Participant,
-    /// Known or the default.
+    /// The participant's size, or the default.
     size: InsoleSize,
     options: Options,
     contact: ContactRule,
 }
 
 impl Person {
-    /// Whatever the rows depend on.
+    /// A description of all inputs of the rows, and of the program's version.
     fn made_from(&self) -> Result<String> {
         let Self { known, size, options, contact, .. } = self;
-        let mut text = format!("{} {size} {known:?} {options:?} {contact:?}", env!("CARGO_PKG_VERSION"));
+        let mut text = format!("{} {size} {known:?} {options:?} {contact:?}", env!("PLANTAR_VERSION"));
         for path in self.recordings.iter().chain(&known.zero) {
             let file = path.metadata().with_context(|| format!("cannot read {}", path.display()))?;
             let name = path.file_name().unwrap_or_default();
@@ -233,10 +238,10 @@ impl Person {
         Ok(text)
     }
 
-    /// The rows of a recording: every region of every step, fitted alone.
+    /// The rows of a recording: each region of each step, fitted separately.
     fn rows(&self, path: &Path) -> Result<Vec<Row>> {
         let recording = Recording::read(path)?;
-        let steps = self.steps(&recording).with_context(|| format!("{} cannot be worn", path.display()))?;
+        let steps = self.steps(&recording).with_context(|| format!("{}: the insole is not valid", path.display()))?;
         let origin = Origin {
             size: self.size,
             mass_kg: self.known.mass_kg,
@@ -253,9 +258,9 @@ impl Person {
     }
 
     fn steps(&self, recording: &Recording) -> Result<Vec<Step>> {
-        let mut worn = setup::insole(recording, self.contact)?;
-        Zeroed { zero: self.known.zero.clone() }.wear(&mut worn)?;
-        let (steps, _) = isolate(recording, &worn, 0, &mut |_| ())?;
+        let mut insole = setup::insole(recording, self.contact)?;
+        ZeroArgs { zero: self.known.zero.clone() }.apply(&mut insole)?;
+        let (steps, _) = isolate(recording, &insole, 0, &mut |_| ())?;
         Ok(steps)
     }
 }

@@ -1,14 +1,13 @@
-//! `plantar emulate`: the real firmware feels a recording.
+//! `plantar emulate`: plays a recording into the real firmware.
 
-use crate::carrier::{ANSWER, PATIENCE};
-use crate::setup::{self, Contact, Wearer, Zeroed};
+use crate::setup::{self, ContactArgs, WearerArgs, ZeroArgs};
 use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
-use client::{Client, Framed, step_to_json};
+use client::{Client, Framed, READ_TIMEOUT, ReconnectPolicy, step_to_json};
 use emulation::{COLUMNS, EmulatorConfig};
-use emulator::{Board, Electrical, Faulty, Recorded, Time};
+use emulator::{Board, Faulty, Recorded, SensorFault, Time};
 use parameters::Parameters;
 use plantar::Region;
 use plantar::insole::Insole;
@@ -19,35 +18,36 @@ use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Where `cargo xtask build` puts it.
+/// The firmware of `cargo xtask build`.
 pub const FIRMWARE: &str = "target/thumbv7em-none-eabihf/firmware/emulated";
-/// An insole that streams is never silent for this long.
+/// An insole with a live stream is never silent for this long, however slow the emulator is.
 const SILENCE: Duration = Duration::from_secs(10);
 
-/// Boots the firmware in QEMU, plays a recording into its sensor matrix, and shows what comes over its link.
+/// Starts the firmware in QEMU, plays a recording into its sensor matrix, and shows the messages from its link.
 #[derive(Args)]
 pub struct Emulate {
     /// The recording; of at most 256 cells (`plantar import ... --cells 256`).
     recording: PathBuf,
     #[command(flatten)]
-    wearer: Wearer,
+    wearer: WearerArgs,
     #[command(flatten)]
-    contact: Contact,
+    contact: ContactArgs,
     #[command(flatten)]
-    zero: Zeroed,
-    /// In real time, or as fast as the emulator can.
+    zero: ZeroArgs,
+    /// In real time, or as fast as the emulator runs.
     #[arg(long, value_enum, default_value_t = Speed::Real)]
     speed: Speed,
-    /// A fault of the sensor's circuit, KIND:WHERE[=VALUE][@SECONDS]; give it again for more. Cells are numbered as in a frame, by
-    /// region; rows of the matrix are 16 cells. Kinds: open-cell:17, open-row:3, open-column:5 (no contact), short-cell:17,
-    /// short-row:3, short-column:5 (full scale), stuck:17=12000 (this code always), saturate:17 (full scale once loaded),
-    /// drift:17=50/s (the zero moves by so many codes), crosstalk:3=0.1 (a row's cells read this part of its most loaded one).
+    /// An electrical fault of the sensor, KIND:PLACE[=VALUE][@SECONDS]; repeat the option for more. Cells are numbered as in a
+    /// frame, by region; a row of the matrix has 16 cells. Kinds: open-cell:17, open-row:3, open-column:5 (no contact),
+    /// short-cell:17, short-row:3, short-column:5 (full scale), stuck:17=12000 (always this code), saturate:17 (full scale once
+    /// loaded), drift:17=50/s (the baseline changes by so many codes per second), crosstalk:3=0.1 (the cells of a row also read
+    /// this fraction of its most loaded cell).
     #[arg(long, value_name = "FAULT")]
-    fault: Vec<Electrical>,
+    fault: Vec<SensorFault>,
     /// End after this many steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
-    /// Write the steps, the model's mean error by region and what became of the live frames to this file.
+    /// Write the steps, the mean error of the model per region and the counters of the live frames to this file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// The firmware of the emulated board.
@@ -61,34 +61,34 @@ enum Speed {
     Max,
 }
 
-/// A recording and the insole that feels it.
-pub struct Worn {
+/// A recording and the virtual insole that measures it.
+pub struct EmulatedInsole {
     pub recording: Recording,
     pub insole: VirtualInsole,
 }
 
-impl Worn {
-    /// Reads a recording for the emulated board, and says where it comes from.
-    pub fn new(path: &Path, parameters: &Parameters, contact: &Contact, zero: &Zeroed) -> Result<Self> {
+impl EmulatedInsole {
+    /// Reads a recording for the emulated board, and prints its source.
+    pub fn new(path: &Path, parameters: &Parameters, contact: &ContactArgs, zero: &ZeroArgs) -> Result<Self> {
         let recording = Recording::read(path)?;
         if recording.cells() > DEVICE_CELLS {
             bail!(
-                "{} has {} cells and the insole holds {DEVICE_CELLS}: import it again with --cells {DEVICE_CELLS}",
+                "{} has {} cells and an insole has at most {DEVICE_CELLS}: import it again with --cells {DEVICE_CELLS}",
                 path.display(),
                 recording.cells()
             );
         }
         println!("{}", recording.source);
         let mut insole = setup::insole(&recording, contact.rule(parameters.identified.as_ref())?)?;
-        zero.wear(&mut insole)?;
-        // What the board would refuse is refused here, where there is room to say it.
+        zero.apply(&mut insole)?;
+        // An invalid set-up is refused here with its reason; the board could not report it.
         let accepted = Insole::<f32, DEVICE_CELLS>::new().set_up(insole.setup, insole.cells.iter().copied());
-        accepted.with_context(|| format!("{} cannot be worn", path.display()))?;
+        accepted.with_context(|| format!("{} cannot be played into an insole", path.display()))?;
         Ok(Self { recording, insole })
     }
 }
 
-/// What a whole walk gave.
+/// The result of a walk.
 struct Outcome {
     steps: Vec<Step>,
     status: Status,
@@ -97,15 +97,16 @@ struct Outcome {
 impl Emulate {
     pub fn run(&self) -> Result<()> {
         let parameters = self.wearer.parameters()?;
-        let Worn { recording, insole } = Worn::new(&self.recording, &parameters, &self.contact, &self.zero)?;
+        let EmulatedInsole { recording, insole } =
+            EmulatedInsole::new(&self.recording, &parameters, &self.contact, &self.zero)?;
         let tissue = parameters.tissue();
-        let head = EmulatorConfig::new(insole.setup);
+        let config = EmulatorConfig::new(insole.setup);
         let cells = insole.cells.clone();
         let seconds = recording.frames() as f64 / recording.rate_hz;
         let scans = insole.frames(&recording) as u32;
         if let Some(fault) = self.fault.iter().find(|fault| fault.cells(cells.len()).next().is_none()) {
             bail!(
-                "no {} here: {} has cells 0 to {}, in rows of {COLUMNS}",
+                "the matrix has no {}: {} has cells 0 to {}, in rows of {COLUMNS}",
                 fault.place,
                 self.recording.display(),
                 cells.len() - 1
@@ -118,10 +119,10 @@ impl Emulate {
             Speed::Real => Time::Real,
             Speed::Max => Time::Max,
         };
-        let board = Board::start(&self.firmware, &head, &cells, time, walk)?;
+        let board = Board::start(&self.firmware, &config, &cells, time, walk)?;
         let link = board.link()?;
-        link.set_read_timeout(Some(PATIENCE))?;
-        let mut client = Client::connect(Framed::new(link), ANSWER)?;
+        link.set_read_timeout(Some(READ_TIMEOUT))?;
+        let mut client = Client::connect(Framed::new(link), ReconnectPolicy::STREAM.answer)?;
         client.set_tissue(&tissue)?;
         let mut view = View::open(client.hello())?;
         let start = Instant::now();
@@ -156,7 +157,7 @@ impl Emulate {
         Ok(())
     }
 
-    /// Receives until the walk is over and everything of it has arrived, or the user or a limit ends it.
+    /// Receives until the walk is over and all of its messages arrived, or until the user or a limit ends it.
     fn follow(
         &self,
         board: &Board,
@@ -167,8 +168,8 @@ impl Emulate {
         client.stream()?;
         board.play();
         let mut steps = Vec::new();
-        let mut asked = false;
-        let mut heard = Instant::now();
+        let mut is_status_pending = false;
+        let mut last_message = Instant::now();
         loop {
             let mut is_silent = false;
             match client.receive()? {
@@ -180,27 +181,31 @@ impl Emulate {
                         steps.push(step);
                     }
                 }
-                // A status comes after all that was due before it.
+                // A status follows all messages that were due before it.
                 Some(ToHost::Status(status)) => {
                     let done = status.frames + status.frames_missed + status.frames_overrun;
                     if done >= scans || self.has_enough(&steps) || view.wants_to_end()? {
                         return Ok(Outcome { steps, status });
                     }
-                    asked = false;
+                    is_status_pending = false;
                 }
                 Some(ToHost::Hello(hello)) => bail!(restarted(&hello)),
-                // Answers to what is not asked here.
+                // Answers to requests that are not sent here.
                 Some(_) => {}
-                None if heard.elapsed() > SILENCE => {
-                    bail!(restarted(client.reconnect(ANSWER).context("the insole has fallen silent")?))
+                None if last_message.elapsed() > SILENCE => {
+                    bail!(restarted(
+                        client.reconnect(ReconnectPolicy::STREAM.probe).context("the insole sends nothing any more")?
+                    ))
                 }
                 None => is_silent = true,
             }
             if !is_silent {
-                heard = Instant::now();
+                last_message = Instant::now();
             }
-            if !asked && (board.plant().scans() >= scans || self.has_enough(&steps) || view.wants_to_end()?) {
-                asked = true;
+            if !is_status_pending
+                && (board.plant().scans() >= scans || self.has_enough(&steps) || view.wants_to_end()?)
+            {
+                is_status_pending = true;
                 client.send(ToDevice::GetStatus)?;
             }
         }
@@ -212,6 +217,6 @@ impl Emulate {
 }
 
 fn restarted(hello: &Hello) -> String {
-    let why = hello.last_panic.as_deref().unwrap_or("no fault reported");
-    format!("the insole restarted ({:?}, {why}): its steps so far are lost", hello.reset)
+    let reason = hello.last_panic.as_deref().unwrap_or("no fault reported");
+    format!("the insole restarted ({:?}, {reason}): its steps so far are lost", hello.reset)
 }

@@ -1,7 +1,7 @@
-//! `plantar fit`: a person's own parameters from recordings.
+//! `plantar fit`: identifies personal parameters from recordings.
 
 use crate::replay::progress;
-use crate::setup::{self, Contact, Zeroed, rule_in_words};
+use crate::setup::{self, ContactArgs, ZeroArgs, rule_in_words};
 use crate::summary;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
@@ -18,11 +18,11 @@ use std::str::FromStr;
 
 /// Identifies a person's tissue parameters from recordings of walking.
 ///
-/// Give any number of recordings of one person: several trials, both feet. Whole steps are taken out of them with the
-/// insole's own code; every region is fitted on its own. The file that is written goes to an insole with
-/// `plantar params push`, and to `plantar replay` and `plantar emulate` with --params.
+/// Give any number of recordings of one person: several trials, both feet. Complete steps are extracted with the insole's own
+/// code, and each region is fitted separately. Send the resulting file to an insole with `plantar params push`, and use it in
+/// `plantar replay` and `plantar emulate` with --params.
 ///
-/// Exit status: 0 when all eight regions were fitted, 3 when some were, 1 when none was.
+/// Exit status: 0 where all eight regions were fitted, 3 where some were, 1 where none was.
 #[derive(Args)]
 pub struct Fit {
     /// The recordings.
@@ -31,49 +31,49 @@ pub struct Fit {
     /// The parameter file to write.
     #[arg(long, value_name = "FILE", default_value = "params.toml")]
     out: PathBuf,
-    /// Write a report with pictures to this file: .html, one file that needs no network.
+    /// Write a report with pictures to this file: .html, which loads nothing from a network.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Write the report's pictures to this file: .png.
+    /// Write the pictures of the report to this file: .png.
     #[arg(long, value_name = "FILE")]
     png: Option<PathBuf>,
-    /// Write everything that was found to this file.
+    /// Write all results to this file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Whose steps these are [default: the first recording's name].
+    /// Name of the person [default: the name of the first recording].
     #[arg(long, value_name = "NAME")]
     participant: Option<String>,
-    /// Fit to these steps of every recording only, counted from 0: N or N-M.
+    /// Fit only to these steps of every recording, counted from 0: N or N-M.
     #[arg(long, value_name = "STEPS")]
     steps: Option<StepRange>,
     #[command(flatten)]
     search: Search,
     #[command(flatten)]
-    contact: Contact,
+    contact: ContactArgs,
     #[command(flatten)]
-    zero: Zeroed,
+    zero: ZeroArgs,
 }
 
-/// What to fit through and within.
+/// Filter, method and bounds of the identification.
 #[derive(Clone, Args)]
 pub struct Search {
-    /// Through which of the insole's filters: the step record's, or the live stream's.
+    /// Which of the insole's filters to use: that of the step record or that of the live stream.
     #[arg(long, value_enum, default_value_t = FilterName::Step)]
     filter: FilterName,
-    /// How to search: five parameters by variable projection, or the paper's eight from ten starts, for comparison.
+    /// The method: five parameters by variable projection or, for comparison, the paper's eight from ten starts.
     #[arg(long, value_enum, default_value_t = MethodName::Projection)]
     method: MethodName,
-    /// Allow a negative stiffness exponent, down to -0.95: the paper does not, many regions want it.
+    /// Allow a negative stiffness exponent, down to -0.95. The paper does not, but many regions fit better with it.
     #[arg(long)]
     negative_n: bool,
-    /// Tissue thickness in mm, a TOML file with lines such as `heel = 17.5`; regions it does not name are of the table.
+    /// Tissue thickness in mm, a TOML file with lines such as `heel = 17.5`; other regions have the value of the table.
     #[arg(long, value_name = "FILE")]
     pub(crate) thickness: Option<PathBuf>,
-    /// European shoe size, 35 to 46: which thickness the table has.
+    /// European shoe size, 35 to 46, which selects the tissue thickness from the table.
     #[arg(long, default_value_t)]
     pub(crate) size: InsoleSize,
-    /// Largest compression of the tissue as a share of its thickness: it pins C.
-    #[arg(long, value_name = "SHARE", default_value_t = COMPRESSION)]
+    /// Largest compression of the tissue as a fraction of its thickness; it determines C.
+    #[arg(long, value_name = "FRACTION", default_value_t = COMPRESSION)]
     compression: f64,
 }
 
@@ -109,7 +109,7 @@ impl Search {
     /// The library's options.
     pub fn options(&self, resamples: u64) -> Result<Options> {
         if !(0.05..=0.95).contains(&self.compression) {
-            bail!("--compression {}: a share of the thickness, 0.05 to 0.95", self.compression);
+            bail!("--compression {}: a fraction of the thickness, 0.05 to 0.95", self.compression);
         }
         let mut thickness_m = self.size.thickness_m();
         if let Some(path) = &self.thickness {
@@ -137,7 +137,7 @@ impl Search {
 }
 
 impl Fit {
-    /// True when all regions were fitted.
+    /// Runs the command. Returns true where all regions were fitted.
     pub fn run(&self) -> Result<bool> {
         let participant = self.participant.clone().unwrap_or_else(|| stem(&self.recordings[0]));
         let mut study = Study::new(participant, self.contact.rule(None)?, self.search.options(RESAMPLES)?);
@@ -179,25 +179,26 @@ impl Fit {
     }
 }
 
-/// Adds one recording's steps; `known` are the check sums of those before: given twice, a step would be predicted from itself.
-fn add(study: &mut Study, path: &Path, zero: &Zeroed, known: &mut Vec<u32>) -> Result<()> {
+/// Adds the steps of a recording. `known` are the checksums of the previous ones: with a recording given twice, a step would be
+/// predicted from itself.
+fn add(study: &mut Study, path: &Path, zero: &ZeroArgs, known: &mut Vec<u32>) -> Result<()> {
     let recording = Recording::read(path)?;
     let sum = crc32(&recording.pressure_kpa.iter().flat_map(|kpa| kpa.to_le_bytes()).collect::<Vec<_>>());
     if let Some(before) = known.iter().position(|known| *known == sum) {
         bail!("{} is the same recording as {}: give each once", path.display(), study.sources[before].name);
     }
     known.push(sum);
-    let mut worn = setup::insole(&recording, study.contact)?;
-    zero.wear(&mut worn)?;
+    let mut insole = setup::insole(&recording, study.contact)?;
+    zero.apply(&mut insole)?;
     let bar = progress(recording.frames() as u64, "frames");
     study
-        .add(path.display().to_string(), &recording, &worn, &mut |done| bar.set_position(done as u64))
-        .with_context(|| format!("{} cannot be worn", path.display()))?;
+        .add(path.display().to_string(), &recording, &insole, &mut |done| bar.set_position(done as u64))
+        .with_context(|| format!("{}: the insole is not valid", path.display()))?;
     bar.finish_and_clear();
     Ok(())
 }
 
-/// A file's name without folder and ending.
+/// The name of a file without folder and extension.
 pub fn stem(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
@@ -237,9 +238,11 @@ fn print(study: &Study) {
     summary::align(&mut table);
     println!("{table}");
     println!(
-        "Error: model against measured force (Eq. 20), mean of the steps; unseen: each step from the others; floor: no"
+        "Error: NRMSE of the model against the measured force (Eq. 20), mean of the steps; unseen: each step predicted from the"
     );
-    println!("elastic law of this area does better. In brackets 95 % intervals. ! at a bound.");
+    println!(
+        "others; floor: the least error of any elastic law of this area. In brackets: 95 % intervals. !: at a bound."
+    );
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
         match fit {
             Ok(fit) => {
@@ -276,13 +279,13 @@ fn five_in_words(fit: &RegionFit) -> Vec<String> {
     }
 }
 
-/// From the Jacobian or from resampled steps: the wider is the more honest.
+/// The wider one of the intervals from the Jacobian and from resampled steps.
 fn widest(interval: &Interval) -> [f64; 2] {
     let width = |[low, high]: [f64; 2]| high - low;
     interval.bootstrap.filter(|b| width(*b) > width(interval.jacobian)).unwrap_or(interval.jacobian)
 }
 
-/// The parameter file; a region that was not fitted has typical values and says so.
+/// The parameter file. A region that was not fitted has typical values, with a comment.
 fn to_toml(study: &Study, size: InsoleSize) -> String {
     let mut parameters = Parameters::typical(size);
     parameters.subject.clone_from(&study.participant);
@@ -307,7 +310,7 @@ fn to_toml(study: &Study, size: InsoleSize) -> String {
     parameters.to_toml_with(&|region, name| Some(note(&study.fits[region as usize], name, study.options.method)))
 }
 
-/// Where a value of the file comes from.
+/// The comment on a value: how it was determined.
 fn note(fit: &Result<RegionFit, fit::Unfit>, name: &str, method: Method) -> String {
     let fit = match fit {
         Ok(fit) => fit,
@@ -320,7 +323,7 @@ fn note(fit: &Result<RegionFit, fit::Unfit>, name: &str, method: Method) -> Stri
     let identified = |i: usize, scale: f64| {
         let interval = &uncertainty.intervals[i];
         if !interval.told {
-            return "NOT told by force: G is 0".into();
+            return "NOT identifiable from force: G is 0".into();
         }
         let [low, high] = widest(interval).map(|end| summary::significant(end * scale));
         let bound = if interval.at_bound { ", at a bound of the search" } else { "" };
@@ -331,7 +334,7 @@ fn note(fit: &Result<RegionFit, fit::Unfit>, name: &str, method: Method) -> Stri
         "a_mm" => format!("A B identified, {} mm2; A / B measured, {:.2}", identified(0, 1e6), pins.aspect),
         "b_mm" => "as a_mm".into(),
         "c_mm" => format!("pinned: largest compression {:.1} % of d0", pins.compression * 100.0),
-        "d0_mm" => "pinned: given or of the table".into(),
+        "d0_mm" => "pinned: given or from the table".into(),
         "k_n_m3" => format!("identified: K = k C^(n+1) / d0^n, {} Pa", identified(1, 1.0)),
         "c_n_s_m3" => format!("identified: G = c C^(m+1) / d0^m, {} Pa s", identified(2, 1.0)),
         "n" => format!("identified, {}", identified(3, 1.0)),

@@ -1,4 +1,4 @@
-//! Every frame's live values as a table: CSV or Parquet, one row a frame, empty where there is no value.
+//! The live values of every frame as a table: CSV or Parquet, one row per frame, with empty cells for absent values.
 
 use anyhow::{Context, Result, bail};
 use parquet::basic::{Compression, Repetition, Type as Physical};
@@ -13,7 +13,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Columns of one region; each is `<region>_<name>`.
+/// The columns of a region, with the prefix `<region>_`.
 const REGION_COLUMNS: [&str; 14] = [
     "area_mm2",
     "measured_force_n",
@@ -31,13 +31,13 @@ const REGION_COLUMNS: [&str; 14] = [
     "masked_cells",
 ];
 
-/// The rule that areas were counted by, the same in every row.
+/// The columns of the contact rule, the same in every row.
 const RULE_COLUMNS: [&str; 3] = ["contact_on_kpa", "contact_off_kpa", "contact_full_kpa"];
 
-/// Rows of one Parquet row group.
+/// Rows per row group of a Parquet file.
 const GROUP: usize = 16_384;
 
-/// Writes live values as they come.
+/// Writes the live values of one frame after the other.
 pub struct FrameWriter {
     path: PathBuf,
     rule: ContactRule,
@@ -51,7 +51,7 @@ enum Sink {
 }
 
 impl FrameWriter {
-    /// A file by its ending, .csv or .parquet.
+    /// Creates a file; its extension, .csv or .parquet, selects the format.
     pub fn create(path: &Path, rule: ContactRule) -> Result<Self> {
         let names = column_names();
         let create = || File::create(path).with_context(|| format!("cannot write {}", path.display()));
@@ -71,12 +71,12 @@ impl FrameWriter {
                 let file = SerializedFileWriter::new(create()?, schema, Arc::new(properties))?;
                 Sink::Parquet { file: Box::new(file), columns: vec![Vec::new(); names.len()] }
             }
-            _ => bail!("{}: give the file the ending .csv or .parquet", path.display()),
+            _ => bail!("{}: use the extension .csv or .parquet", path.display()),
         };
         Ok(Self { path: path.into(), rule, sink, row: Vec::with_capacity(names.len()) })
     }
 
-    /// The values of the insole's last frame at time `t_s`.
+    /// Writes the values of the insole's last frame, at time `t_s`.
     pub fn push<R: Real, const N: usize>(&mut self, t_s: f64, insole: &Insole<R, N>) -> Result<()> {
         let loads = insole.loads();
         let total_n: f64 = loads.iter().map(|load| load.frame.force.force_n.to_f64()).sum();
@@ -127,7 +127,7 @@ impl FrameWriter {
         Ok(())
     }
 
-    /// Writes what is left and closes the file.
+    /// Writes the remaining rows and closes the file.
     pub fn finish(self) -> Result<()> {
         let closed = match self.sink {
             Sink::Csv(mut file) => file.flush().map_err(Into::into),
@@ -150,7 +150,7 @@ fn column_names() -> Vec<String> {
 fn write_group(file: &mut SerializedFileWriter<File>, columns: &mut [Vec<Option<f64>>]) -> Result<()> {
     let mut group = file.next_row_group()?;
     for column in columns {
-        // As many columns as the schema has.
+        // There are as many columns as in the schema.
         let Some(mut writer) = group.next_column()? else { break };
         let values: Vec<f64> = column.iter().flatten().copied().collect();
         let defined: Vec<i16> = column.iter().map(|value| i16::from(value.is_some())).collect();

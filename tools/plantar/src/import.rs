@@ -1,4 +1,4 @@
-//! `plantar import`.
+//! `plantar import`: converts the exports of other systems to recordings.
 
 use crate::replay::progress;
 use anyhow::{Result, bail};
@@ -10,13 +10,13 @@ use std::path::{Path, PathBuf};
 
 #[derive(Subcommand)]
 pub enum Import {
-    /// Two CSV files: where the cells lie, and what they read.
+    /// Two CSV files: the layout of the cells, and their pressures.
     ///
-    /// layout.csv has the columns cell,x_mm,y_mm,area_mm2 and optionally region, one line a cell, numbered from 0; x to the
-    /// lateral side, y from heel to toes. Without regions a template assigns them. frames.csv has the columns
+    /// layout.csv has the columns cell,x_mm,y_mm,area_mm2 and optionally region, one line per cell, numbered from 0; x to the
+    /// lateral side, y from heel to toes. Without regions, a template assigns them. frames.csv has the columns
     /// t_s,c0,c1,... with pressures in kPa.
     Csv {
-        /// The cells.
+        /// The layout of the cells.
         #[arg(long, value_name = "FILE")]
         layout: PathBuf,
         /// The pressures.
@@ -28,10 +28,10 @@ pub enum Import {
         #[command(flatten)]
         out: Out,
     },
-    /// A pedar .asc export of in-shoe pressure, and the insole's geometry.
+    /// A pedar .asc export of in-shoe pressure, and the geometry of the insole.
     ///
     /// The geometry is a CSV file with the columns side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm: the corners of each
-    /// sensor. Without --side both feet are written, as NAME.left.parquet and NAME.right.parquet.
+    /// sensor. Without --side, both feet are written, as NAME.left.parquet and NAME.right.parquet.
     Pedar {
         /// The export.
         file: PathBuf,
@@ -46,7 +46,7 @@ pub enum Import {
     },
     /// Barefoot steps on a plate from the Python package jiku-data (data set SpeedPP2DS, GPLv3, 10 walkers).
     ///
-    /// Each trial of that set is one footprint; they are strung together with unloaded swing between.
+    /// Each trial of that data set is one footprint; the trials are concatenated with unloaded swing phases between them.
     Jiku {
         /// The folder SpeedPP2DS of the installed package.
         #[arg(long, value_name = "FOLDER")]
@@ -54,18 +54,18 @@ pub enum Import {
         /// The walker, 0 to 9.
         #[arg(long, default_value_t = 0)]
         walker: usize,
-        /// How many of the 60 trials, from the first.
+        /// Number of trials, from the first; at most 60.
         #[arg(long, value_name = "N", default_value_t = 60)]
         trials: usize,
         #[command(flatten)]
         out: Out,
     },
-    /// A computed walk on an insole of 240 cells, for trying things out: nobody walked it.
+    /// A computed walk on an insole with 240 cells, for first experiments; it is not a measurement.
     Synthetic {
         /// The foot.
         #[arg(long, value_enum, default_value_t = Foot::Right)]
         side: Foot,
-        /// How many steps.
+        /// Number of steps.
         #[arg(long, value_name = "N", default_value_t = 10)]
         steps: usize,
         #[command(flatten)]
@@ -78,10 +78,10 @@ pub struct Out {
     /// The recording to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Merge cells into a virtual insole of at most this many; a device holds 256.
+    /// Merge the cells to a virtual insole with at most this many; an insole has at most 256.
     #[arg(long, value_name = "N")]
     cells: Option<usize>,
-    /// Resample to this many frames a second; a device scans 50 to 400 times.
+    /// Resample to this many frames per second; an insole scans at 50 to 400 Hz.
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
 }
@@ -129,7 +129,7 @@ impl Import {
             }
             Self::Jiku { data, walker, trials, out } => {
                 if *trials == 0 || *trials > jiku::TRIALS {
-                    bail!("--trials {trials}: 1 to {} are there", jiku::TRIALS);
+                    bail!("--trials {trials}: the data set has 1 to {}", jiku::TRIALS);
                 }
                 let recording = jiku::import(data, *walker, 0..*trials, &mut report)?;
                 bar.finish_and_clear();
@@ -147,7 +147,7 @@ impl Out {
     fn write(&self, mut recording: Recording, path: &Path) -> Result<()> {
         if let Some(rate_hz) = self.rate {
             if !(20.0..=500.0).contains(&rate_hz) {
-                bail!("--rate {rate_hz}: 20 to 500 frames a second are understood");
+                bail!("--rate {rate_hz}: 20 to 500 frames per second are supported");
             }
             recording = recording.at_rate(rate_hz)?;
         }

@@ -1,4 +1,4 @@
-//! `plantar info`.
+//! `plantar info`: a summary of a recording.
 
 use anyhow::Result;
 use clap::Args;
@@ -6,7 +6,7 @@ use plantar::Region;
 use recording::Recording;
 use std::path::PathBuf;
 
-/// Prints what is in a recording: foot, rate, length, cells by region, forces, where it comes from.
+/// Prints a summary of a recording: source, foot, frame rate, duration, largest force and pressure, cells per region.
 #[derive(Args)]
 pub struct Info {
     /// The recording.

@@ -1,8 +1,9 @@
-//! `plantar insole`.
+//! `plantar insole`: identity and calibration of an insole.
 
-use crate::carrier::{ANSWER, Carrier, Session};
+use crate::carrier::{self, Connection};
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Subcommand, ValueEnum};
+use client::ReconnectPolicy;
 use plantar::Side;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::protocol::{Identity, Serial};
@@ -11,36 +12,36 @@ use std::path::{Path, PathBuf};
 
 #[derive(Subcommand)]
 pub enum Insole {
-    /// Show what an insole keeps: its name, its calibration, how often it started, what it could not keep.
+    /// Show identity, calibration, number of starts and storage errors of an insole.
     Show {
         #[command(flatten)]
-        carrier: Carrier,
+        connection: Connection,
     },
-    /// Name an insole: foot and serial number. It restarts.
+    /// Set the foot and the serial number of an insole. It restarts.
     Name {
         /// The foot it is for.
         #[arg(long)]
         side: Option<Foot>,
-        /// Up to 16 letters, digits or signs.
+        /// Up to 16 letters, digits or punctuation marks.
         #[arg(long, value_name = "TEXT", value_parser = serial)]
         serial_number: Option<Serial>,
         #[command(flatten)]
-        carrier: Carrier,
+        connection: Connection,
     },
-    /// Give an insole its cells' calibration. It restarts.
+    /// Store the calibration of an insole's cells. It restarts.
     ///
-    /// The file has a line `cell,offset,gain` for each cell in the order of the insole's layout: the code that the unloaded
-    /// cell reads, and what its pressure is multiplied by, 0.1 to 10.
+    /// The file has a line `cell,offset,gain` for each cell in the order of the insole's layout: `offset` is the code of the
+    /// unloaded cell, `gain` the factor of its pressure, 0.1 to 10.
     Calibrate {
         /// The calibration, CSV.
         file: PathBuf,
         #[command(flatten)]
-        carrier: Carrier,
+        connection: Connection,
     },
     /// Restart an insole.
     Restart {
         #[command(flatten)]
-        carrier: Carrier,
+        connection: Connection,
     },
 }
 
@@ -51,19 +52,21 @@ pub enum Foot {
 }
 
 fn serial(text: &str) -> Result<Serial, String> {
-    Serial::new(text).ok_or_else(|| "a serial number has up to 16 letters, digits or signs, without spaces".into())
+    Serial::new(text)
+        .ok_or_else(|| "a serial number has up to 16 letters, digits or punctuation marks, without spaces".into())
 }
 
 impl Insole {
     pub fn run(&self) -> Result<()> {
         match self {
-            Self::Show { carrier } => show(carrier),
-            Self::Name { side, serial_number, carrier } => {
+            Self::Show { connection } => show(connection),
+            Self::Name { side, serial_number, connection } => {
                 ensure!(
                     side.is_some() || serial_number.is_some(),
                     "nothing to change: give --side, --serial-number or both"
                 );
-                let mut client = carrier.connect()?;
+                let mut insole = connection.open(ReconnectPolicy::RESTART)?;
+                let client = insole.client();
                 let before = client.identity()?;
                 let side = match side {
                     Some(Foot::Left) => Side::Left,
@@ -71,58 +74,65 @@ impl Insole {
                     None => before.side,
                 };
                 let identity = client.set_identity(side, serial_number.unwrap_or(before.serial))?;
-                restart(carrier, client)?;
+                restart(&mut insole)?;
                 print(&identity);
                 Ok(())
             }
-            Self::Calibrate { file, carrier } => {
+            Self::Calibrate { file, connection } => {
                 let cells = read(file)?;
-                let mut client = carrier.connect()?;
-                let wanted = client.hello().cells;
-                if cells.len() != usize::from(wanted) {
+                let mut insole = connection.open(ReconnectPolicy::RESTART)?;
+                let client = insole.client();
+                let count = client.hello().cells;
+                if cells.len() != usize::from(count) {
                     bail!(
-                        "{}: {} cells, the insole has {wanted}: one line a cell is needed",
+                        "{}: {} cells, but the insole has {count}: one line per cell is needed",
                         file.display(),
                         cells.len()
                     );
                 }
                 let identity = client.calibrate(&cells)?;
-                restart(carrier, client)?;
+                restart(&mut insole)?;
                 print(&identity);
                 Ok(())
             }
-            Self::Restart { carrier } => restart(carrier, carrier.connect()?),
+            Self::Restart { connection } => restart(&mut connection.open(ReconnectPolicy::RESTART)?),
         }
     }
 }
 
-fn show(carrier: &Carrier) -> Result<()> {
-    let mut client = carrier.connect()?;
+fn show(connection: &Connection) -> Result<()> {
+    let mut insole = connection.open(ReconnectPolicy::RESTART)?;
+    let client = insole.client();
     let identity = client.identity()?;
     let status = client.status()?;
     let contents = status.contents;
     let hello = client.hello();
     println!("{} insole, firmware {}, {} cells", hello.board, hello.firmware, hello.cells);
     print(&identity);
-    println!("start number {} (reason: {}), steps so far {}", contents.start, hello.reset.name(), contents.next_step);
+    println!(
+        "start number {} (reset reason: {}), steps so far {}",
+        contents.start,
+        hello.reset.name(),
+        contents.next_step
+    );
     if let Some(last) = &hello.last_panic {
         println!("note: {last}");
     }
     let warnings = [
         (
             status.not_stored > 0,
-            "it could not keep something: its flash chip fails, and what was sent holds until it restarts",
+            "the insole could not store something: its flash chip fails, and settings are lost when it restarts",
         ),
         (
             contents.newer_kinds > 0,
-            "it holds records of a newer firmware, which are left alone: update its firmware to use them",
+            "the insole holds records of a newer firmware, which are not changed: update its firmware to use them",
         ),
         (
             contents.newer_steps > 0,
-            "it holds steps of a newer firmware, which are left alone: update its firmware to get them",
+            "the insole holds steps of a newer firmware, which are not changed: update its firmware to receive them",
         ),
-        (contents.erased > 0, "part of its flash chip was damaged beyond repair and had to be erased"),
-        (status.steps_dropped > 0, "its log was full: the oldest steps had to make room"),
+        (contents.erased > 0, "a part of the insole's flash chip was damaged and had to be erased"),
+        (status.steps_dropped > 0, "the insole's step log was full: its oldest steps were dropped"),
     ];
     for (_, warning) in warnings.iter().filter(|(holds, _)| *holds) {
         println!("warning: {warning}");
@@ -139,11 +149,8 @@ fn print(identity: &Identity) {
     }
 }
 
-fn restart(carrier: &Carrier, mut client: Session) -> Result<()> {
-    // A cable stays, Bluetooth goes with the insole.
-    if client.restart(ANSWER).is_err() {
-        carrier.reconnect(&mut client).context("the insole was told to restart and did not come back")?;
-    }
+fn restart(insole: &mut carrier::Insole) -> Result<()> {
+    insole.restart().context("the insole was asked to restart and did not answer afterwards")?;
     Ok(())
 }
 
@@ -160,11 +167,11 @@ fn read(path: &Path) -> Result<Vec<CellCalibration>> {
     for (number, line) in lines.deserialize().enumerate() {
         let place = || format!("{}, cell {number}", path.display());
         let Line { cell, offset, gain } = line.with_context(place)?;
-        ensure!(usize::from(cell) == number, "{}: this is cell {cell}: cells are in order, from 0", place());
+        ensure!(usize::from(cell) == number, "{}: this is cell {cell}; cells must be in order, from 0", place());
         let calibration = CellCalibration { offset, gain };
         ensure!(
             calibration.is_valid(),
-            "{}: offset {offset}, gain {gain}: the offset is below half of the scale, the gain 0.1 to 10",
+            "{}: offset {offset}, gain {gain}: the offset must be below half of full scale, the gain 0.1 to 10",
             place()
         );
         cells.push(calibration);

@@ -26,9 +26,9 @@ use std::process::ExitCode;
 
 /// Regional loads, contact ellipses and tissue deformation from instrumented insoles.
 ///
-/// A recording is one Parquet file for one foot. Import one, look at it,
-/// replay it on this computer, or let the emulated insole feel it; the steps
-/// are the same:
+/// A recording is one Parquet file for one foot. Import one, inspect it,
+/// replay it on this computer, or play it into the emulated insole; the
+/// computed steps are the same:
 ///
 ///   plantar import csv --layout layout.csv --frames frames.csv \
 ///       --side left --out walk.parquet
@@ -45,7 +45,7 @@ use std::process::ExitCode;
 ///   plantar serve --serial /dev/ttyACM0
 ///   plantar update insole.bin --serial /dev/ttyACM0
 #[derive(Parser)]
-#[command(version, verbatim_doc_comment)]
+#[command(name = "plantar", version = env!("PLANTAR_VERSION"), verbatim_doc_comment)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -53,7 +53,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Make a recording from what another system exported.
+    /// Convert the export of another system to a recording.
     #[command(subcommand)]
     Import(import::Import),
     Info(info::Info),
@@ -69,16 +69,16 @@ enum Command {
     #[command(subcommand)]
     Params(params::Params),
     Update(update::Update),
-    /// What an insole keeps of itself.
+    /// Identity and calibration of an insole.
     #[command(subcommand)]
     Insole(insole::Insole),
 }
 
-/// Exit status of work that was done in part.
+/// Exit status where a part of the work could not be done.
 const PARTIAL: u8 = 3;
 
 fn main() -> ExitCode {
-    let done = match Arguments::parse().command {
+    let result = match Arguments::parse().command {
         Command::Import(import) => import.run(),
         Command::Info(info) => info.run(),
         Command::Zero(zero) => zero.run(),
@@ -93,12 +93,12 @@ fn main() -> ExitCode {
         Command::Params(params) => params.run(),
         Command::Insole(insole) => insole.run(),
     };
-    status(done.map(|()| true))
+    status(result.map(|()| true))
 }
 
-/// What to tell the shell of work that was done in whole, in part, or not at all.
-fn status(whole: anyhow::Result<bool>) -> ExitCode {
-    match whole {
+/// The exit status of a command that returns whether all of its work was done.
+fn status(is_complete: anyhow::Result<bool>) -> ExitCode {
+    match is_complete {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(PARTIAL),
         Err(error) => {

@@ -1,10 +1,11 @@
-//! `plantar params`.
+//! `plantar params`: tissue parameters in files and on insoles.
 
-use crate::carrier::Carrier;
+use crate::carrier::Connection;
 use crate::setup::{note_unless_personal, note_unless_same_rule};
 use crate::summary;
 use anyhow::{Context, Result, bail};
 use clap::Subcommand;
+use client::ReconnectPolicy;
 use parameters::{InsoleSize, Parameters};
 use plantar::Region;
 use plantar::pipeline::tissue::Tissue;
@@ -12,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Subcommand)]
 pub enum Params {
-    /// Write typical parameters for a shoe size to a commented file. They are nobody's own.
+    /// Write typical parameters for a shoe size to a commented file. They are not personal.
     Typical {
         /// European shoe size, 35 to 46.
         #[arg(long, default_value_t)]
@@ -27,22 +28,22 @@ pub enum Params {
         #[arg(group = "insole")]
         file: Option<PathBuf>,
         #[command(flatten)]
-        carrier: Carrier,
+        connection: Connection,
     },
-    /// Give an insole the parameters in a file. It uses them from its next frame on and keeps them.
+    /// Send the parameters in a file to an insole, which uses them from its next frame on and stores them.
     Push {
         /// The parameter file.
         file: PathBuf,
         #[command(flatten)]
-        carrier: Carrier,
+        connection: Connection,
     },
-    /// Write the parameters on an insole to a commented file. It holds what force can tell: A B, C, K, n, G and m.
+    /// Write the parameters on an insole to a commented file. An insole has those that determine the force: A B, C, K, n, G and m.
     Pull {
         /// The file to write.
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
         #[command(flatten)]
-        carrier: Carrier,
+        connection: Connection,
     },
 }
 
@@ -58,21 +59,22 @@ impl Params {
                 show_file(&Parameters::read(file)?);
                 Ok(())
             }
-            Self::Show { file: None, carrier } => {
-                show(&pulled(carrier)?);
+            Self::Show { file: None, connection } => {
+                show(&pulled(connection)?);
                 Ok(())
             }
-            Self::Push { file, carrier } => push(file, carrier),
-            Self::Pull { out, carrier } => pull(out, carrier),
+            Self::Push { file, connection } => push(file, connection),
+            Self::Pull { out, connection } => pull(out, connection),
         }
     }
 }
 
-fn push(file: &Path, carrier: &Carrier) -> Result<()> {
+fn push(file: &Path, connection: &Connection) -> Result<()> {
     let parameters = Parameters::read(file)?;
     note_unless_personal(&parameters);
     let tissue = parameters.tissue();
-    let mut client = carrier.connect()?;
+    let mut insole = connection.open(ReconnectPolicy::RESTART)?;
+    let client = insole.client();
     if let Some(identified) = &parameters.identified {
         note_unless_same_rule(&identified.contact, &client.hello().contact_rule);
         let side = client.hello().side.name();
@@ -82,15 +84,15 @@ fn push(file: &Path, carrier: &Carrier) -> Result<()> {
     }
     let before = client.hello().tissue_id;
     client.set_tissue(&tissue)?;
-    println!("parameters on the insole: {} before, now {}; it keeps them", name(before), name(tissue.id));
+    println!("parameters on the insole: {} before, now {}; they are stored", name(before), name(tissue.id));
     Ok(())
 }
 
-fn pull(out: &Path, carrier: &Carrier) -> Result<()> {
-    let tissue = pulled(carrier)?;
+fn pull(out: &Path, connection: &Connection) -> Result<()> {
+    let tissue = pulled(connection)?;
     let text = format!(
-        "# Pulled from an insole, which holds A B, C, K, n, G and m only. Here a = b = sqrt(A B), d0 = C, k = K / C, c = G / C:\n\
-         # the same force. Whether they are personal the insole does not know.\n\n{}",
+        "# Read from an insole, which stores only A B, C, K, n, G and m. Here a = b = sqrt(A B), d0 = C, k = K / C, c = G / C, which\n\
+         # results in the same force. An insole does not store whether its parameters are personal.\n\n{}",
         Parameters::from_tissue(&tissue).to_toml()
     );
     std::fs::write(out, text).with_context(|| format!("cannot write {}", out.display()))?;
@@ -98,15 +100,15 @@ fn pull(out: &Path, carrier: &Carrier) -> Result<()> {
     Ok(())
 }
 
-fn pulled(carrier: &Carrier) -> Result<Tissue> {
-    let tissue = carrier.connect()?.tissue()?;
+fn pulled(connection: &Connection) -> Result<Tissue> {
+    let tissue = connection.open(ReconnectPolicy::RESTART)?.client().tissue()?;
     if tissue == Tissue::NONE {
-        bail!("the insole has no parameters: give it some with `plantar params push`");
+        bail!("the insole has no parameters: send some with `plantar params push`");
     }
     Ok(tissue)
 }
 
-/// A set as people compare it.
+/// A short name of a parameter set, for comparison.
 fn name(id: u32) -> String {
     if id == 0 { "none".into() } else { format!("{id:08x}") }
 }
@@ -125,7 +127,7 @@ fn show_file(parameters: &Parameters) {
 }
 
 fn show(tissue: &Tissue) {
-    println!("Parameters {} as an insole computes with them:", name(tissue.id));
+    println!("Parameters {} as an insole uses them:", name(tissue.id));
     let regions = Region::ALL.iter().zip(&tissue.force_laws).map(|(region, g)| {
         vec![
             region.name().to_string(),

@@ -1,31 +1,31 @@
 //! `plantar record`: an insole's session as Parquet.
 
-use crate::carrier::Carrier;
+use crate::carrier::Connection;
 use crate::monitor::{Sink, follow};
 use crate::summary;
 use crate::table::{self, Row, Value};
 use crate::view::View;
 use anyhow::{Result, bail};
 use clap::Args;
-use client::Axis;
+use client::{Axis, ReconnectPolicy};
 use plantar::protocol::{Flag, Live, LiveRegion, Quantity, Step, StepRegion, ToDevice};
 use plantar::{Region, Side};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Stores what an insole sends, live frames and steps, in a folder of Parquet files.
+/// Stores live frames and steps of an insole in a folder of Parquet files.
 ///
-/// FOLDER/live/*.parquet has one row a region of a frame, FOLDER/steps/*.parquet one a region of a step; pandas, Polars,
-/// DuckDB and Spark read each as one table. A part is closed every half minute, so a crash costs no more than that of the
-/// live frames; steps stay on the insole until their part is closed. An insole that is lost is looked for again. In a
-/// terminal press q or Ctrl-C to end.
+/// FOLDER/live/*.parquet has one row per frame and region, FOLDER/steps/*.parquet one per step and region; pandas, Polars,
+/// DuckDB and Spark read each as one table. A file is completed every half minute, so a crash costs at most that much of the
+/// live frames; steps remain on the insole until their file is complete. When the link is lost, the program tries to connect
+/// again. In a terminal press q or Ctrl-C to end.
 #[derive(Args)]
 pub struct Record {
     /// The folder to write; it must be new or empty.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
     #[command(flatten)]
-    carrier: Carrier,
+    connection: Connection,
     /// End after this many steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
@@ -34,97 +34,99 @@ pub struct Record {
     seconds: Option<u64>,
 }
 
-/// A part is closed after this time, or when this many steps wait: an insole sends no more before they are acknowledged.
-const PART: Duration = Duration::from_secs(30);
-const PART_STEPS: usize = plantar::protocol::session::STEP_QUEUE;
+/// A file is completed after this time.
+const FILE_TIME: Duration = Duration::from_secs(30);
+/// A file is completed after this many steps: an insole sends no more before they are acknowledged.
+const FILE_STEPS: usize = plantar::protocol::session::STEP_QUEUE;
 
 impl Record {
     pub fn run(&self) -> Result<()> {
         if std::fs::read_dir(&self.out).is_ok_and(|mut entries| entries.next().is_some()) {
-            bail!("{} holds something already: name a new folder", self.out.display());
+            bail!("{} is not empty: name a new folder", self.out.display());
         }
-        let mut client = self.carrier.connect()?;
-        let mut view = View::open(client.hello())?;
-        let mut parts = Parts::new(self, client.hello().side);
-        let followed = follow(&self.carrier, &mut client, &mut view, &mut parts);
+        let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
+        let mut view = View::open(insole.client().hello())?;
+        let mut recorder = Recorder::new(self, insole.client().hello().side);
+        let followed = follow(&self.connection, &mut insole, &mut view, &mut recorder);
         view.close();
-        // What came is stored, however it ended.
-        let closed = parts.close();
-        if let Some(step) = parts.take_stored()
-            && client.hello().side == parts.side
+        // Whatever ended the session, the messages that arrived are stored.
+        let closed = recorder.close();
+        if let Some(step) = recorder.take_stored()
+            && insole.client().hello().side == recorder.side
         {
-            // The insole may be gone; then it keeps its steps.
-            let _ = client.send(ToDevice::Acknowledge { step });
+            // Where the link is lost, the insole stores its steps.
+            let _ = insole.client().send(ToDevice::Acknowledge { step });
         }
         if closed.is_err() {
-            eprintln!("note: {} steps were not stored; the insole keeps its last ones", parts.waiting.len());
+            let count = recorder.pending_steps.len();
+            eprintln!("note: {count} steps were not stored; they remain on the insole as far as its log reaches");
         }
-        summary::print(&parts.all_steps);
-        summary::print_faults_of(&mut client);
-        println!("wrote {}: {} frames, {} steps", self.out.display(), parts.frames, parts.all_steps.len());
+        summary::print(&recorder.all_steps);
+        summary::print_faults_of(insole.client());
+        println!("wrote {}: {} frames, {} steps", self.out.display(), recorder.frames, recorder.all_steps.len());
         followed.and(closed)
     }
 }
 
-/// The parts so far and the rows of the next.
-struct Parts<'r> {
+/// Writes Parquet files, one after the other.
+struct Recorder<'r> {
     record: &'r Record,
     side: Side,
-    /// Counts how often the insole was connected: numbers and times start anew when it restarts.
+    /// Counts the sessions: sequence numbers and times start again when the insole restarts.
     session: i32,
-    number: usize,
+    file_number: usize,
     start: Instant,
-    opened: Instant,
+    file_start: Instant,
+    /// Rows of the next file.
     live: Vec<Row>,
     steps: Vec<Row>,
-    /// Steps since the last part.
-    waiting: Vec<u32>,
+    /// Numbers of the steps in the next file.
+    pending_steps: Vec<u32>,
     stored: Option<u32>,
     all_steps: Vec<Step>,
     frames: usize,
 }
 
-impl<'r> Parts<'r> {
+impl<'r> Recorder<'r> {
     fn new(record: &'r Record, side: Side) -> Self {
         let now = Instant::now();
         Self {
             record,
             side,
             session: 0,
-            number: 0,
+            file_number: 0,
             start: now,
-            opened: now,
+            file_start: now,
             live: Vec::new(),
             steps: Vec::new(),
-            waiting: Vec::new(),
+            pending_steps: Vec::new(),
             stored: None,
             all_steps: Vec::new(),
             frames: 0,
         }
     }
 
-    /// Writes the rows.
     fn close(&mut self) -> Result<()> {
-        let path = |table: &str| self.record.out.join(table).join(format!("part-{:05}.parquet", self.number));
+        let path = |table: &str| self.record.out.join(table).join(format!("part-{:05}.parquet", self.file_number));
         for (table, rows) in [("live", &mut self.live), ("steps", &mut self.steps)] {
             if !rows.is_empty() {
                 table::write(&path(table), None, rows)?;
                 rows.clear();
             }
         }
-        self.number += 1;
-        self.opened = Instant::now();
-        self.stored = self.waiting.drain(..).next_back().or(self.stored);
+        self.file_number += 1;
+        self.file_start = Instant::now();
+        self.stored = self.pending_steps.drain(..).next_back().or(self.stored);
         Ok(())
     }
 
     fn close_if_due(&mut self) -> Result<()> {
-        let is_due = self.waiting.len() >= PART_STEPS || self.opened.elapsed() >= PART;
+        let is_due = self.pending_steps.len() >= FILE_STEPS || self.file_start.elapsed() >= FILE_TIME;
         if is_due { self.close() } else { Ok(()) }
     }
 }
 
-impl Sink for Parts<'_> {
+impl Sink for Recorder<'_> {
     fn live(&mut self, live: &Live, axis: &Axis) -> Result<()> {
         self.frames += 1;
         for (i, (region, r)) in Region::ALL.iter().zip(&live.regions).enumerate() {
@@ -141,7 +143,7 @@ impl Sink for Parts<'_> {
 
     fn step(&mut self, step: &Step, axis: &Axis) -> Result<()> {
         self.all_steps.push(*step);
-        self.waiting.push(step.step);
+        self.pending_steps.push(step.step);
         let start = Value::Real(axis.step_us(step).map(seconds));
         let rows = Region::ALL.iter().enumerate().map(|(i, region)| {
             let mut row = step_row(self.session, step, i, region.name());

@@ -1,22 +1,21 @@
-//! `plantar serve`: the page for a phone, with insoles on this computer.
+//! `plantar serve`: serves the page for a phone, with insoles that are connected to this computer.
 
-use crate::carrier::{PATIENCE, open_serial, open_tcp};
-use crate::emulate::{FIRMWARE, Worn};
-use crate::setup::{Contact, Wearer, Zeroed};
+use crate::carrier::{open_error, open_serial, open_tcp};
+use crate::emulate::{EmulatedInsole, FIRMWARE};
+use crate::setup::{ContactArgs, WearerArgs, ZeroArgs};
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use client::{Carrier, Framed};
+use client::{Carrier, Framed, READ_TIMEOUT};
 use emulation::EmulatorConfig;
 use emulator::{Board, Looped, Recorded, Time};
 use serve::{MAX_INSOLES, Options, Source};
-use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 
 /// Shows one or two insoles in a browser: live loads, steps, trends, and export.
 ///
-/// Give one --serial, --tcp or --emulate a foot. Several pages may watch at once. Only this computer can connect unless --bind
-/// says otherwise; whoever can connect sees everything.
+/// Give one --serial, --tcp or --emulate per foot. Several pages can be open at once. Without --bind only this computer can
+/// connect; a page that can connect sees all data.
 #[derive(Args)]
 pub struct Serve {
     /// Serial port of an insole, such as /dev/ttyACM0 or COM3.
@@ -28,44 +27,44 @@ pub struct Serve {
     /// Network address of an insole, HOST:PORT.
     #[arg(long, value_name = "ADDRESS")]
     tcp: Vec<String>,
-    /// Let the emulated insole feel this recording, over and over.
+    /// Play this recording into the emulated insole, repeated without end.
     #[arg(long, value_name = "RECORDING")]
     emulate: Vec<PathBuf>,
     #[command(flatten)]
-    wearer: Wearer,
+    wearer: WearerArgs,
     #[command(flatten)]
-    contact: Contact,
+    contact: ContactArgs,
     #[command(flatten)]
-    zero: Zeroed,
+    zero: ZeroArgs,
     /// The firmware of the emulated board.
     #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
     firmware: PathBuf,
-    /// Write all that the insoles say to this file, new or empty; the page plays it with ?replay=. Steps are acknowledged once they are
-    /// written there, otherwise once a page has taken them.
+    /// Write all messages of the insoles to this file, which must be new or empty; the page plays it with ?replay=. Steps are
+    /// acknowledged once they are written; without this option, once a page has stored them.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Port of the page; 0 takes a free one.
+    /// Port of the page; 0 chooses a free one.
     #[arg(long, default_value_t = 7340)]
     port: u16,
-    /// Listen on this address; 0.0.0.0 lets the whole network connect.
+    /// Listen on this address; with 0.0.0.0 the whole network can connect.
     #[arg(long, value_name = "ADDRESS", default_value_t = Ipv4Addr::LOCALHOST.into())]
     bind: IpAddr,
-    /// Let a page from here connect too, such as https://insoles.example (repeatable).
+    /// Also accept pages from this origin, such as https://insoles.example; can be repeated.
     #[arg(long, value_name = "ORIGIN")]
     origin: Vec<String>,
-    /// Folder of the built page [default: tools/phone/dist here or above this program].
+    /// Folder of the built page [default: tools/phone/dist in this folder or above this program].
     #[arg(long, value_name = "DIR")]
     page: Option<PathBuf>,
 }
 
-/// Where `cargo xtask page` puts the page.
+/// The output folder of `cargo xtask page`.
 const PAGE: &str = "tools/phone/dist";
 
 impl Serve {
     pub fn run(&self) -> Result<()> {
         let insoles = self.serial.len() + self.tcp.len() + self.emulate.len();
         if !(1..=MAX_INSOLES).contains(&insoles) {
-            bail!("give one --serial, --tcp or --emulate a foot: 1 or 2 in all, not {insoles}");
+            bail!("give one --serial, --tcp or --emulate per foot: 1 or 2 in all, not {insoles}");
         }
         let mut sources = Vec::new();
         for port in self.serial.clone() {
@@ -75,19 +74,20 @@ impl Serve {
         for address in self.tcp.clone() {
             sources.push(source(address.clone(), move || Ok(Box::new(Framed::new(open_tcp(&address)?)))));
         }
-        // They run until the program ends.
+        // The boards run until the program ends.
         let mut boards = Vec::new();
         for path in &self.emulate {
             let parameters = self.wearer.parameters()?;
-            let Worn { recording, insole } = Worn::new(path, &parameters, &self.contact, &self.zero)?;
-            let head = EmulatorConfig::new(insole.setup);
+            let EmulatedInsole { recording, insole } =
+                EmulatedInsole::new(path, &parameters, &self.contact, &self.zero)?;
+            let config = EmulatorConfig::new(insole.setup);
             let cells = insole.cells.clone();
             let walk = Looped(Recorded::new(recording, insole));
-            let board = Board::start(&self.firmware, &head, &cells, Time::Real, walk)?;
+            let board = Board::start(&self.firmware, &config, &cells, Time::Real, walk)?;
             let link = board.link()?;
             let mut source = source(path.display().to_string(), move || {
                 let link = link.try_clone()?;
-                link.set_read_timeout(Some(PATIENCE))?;
+                link.set_read_timeout(Some(READ_TIMEOUT))?;
                 Ok(Box::new(Framed::new(link)))
             });
             source.tissue = Some(parameters.tissue());
@@ -106,13 +106,13 @@ impl Serve {
 }
 
 fn source(name: String, mut open: impl FnMut() -> Result<Box<dyn Carrier + Send>> + Send + 'static) -> Source {
-    Source { name, open: Box::new(move || open().map_err(|e| io::Error::other(format!("{e:#}")))), tissue: None }
+    Source { name, open: Box::new(move || open().map_err(open_error)), tissue: None }
 }
 
 /// The page in this folder or, for a program in `target/release`, in the repository that it was built from.
 fn find_page() -> PathBuf {
     let program = std::env::current_exe().unwrap_or_default();
     let above = program.ancestors().map(|folder| folder.join(PAGE));
-    let mut places = [PathBuf::from(PAGE)].into_iter().chain(above);
-    places.find(|page| page.join("index.html").is_file()).unwrap_or_else(|| PAGE.into())
+    let mut candidates = [PathBuf::from(PAGE)].into_iter().chain(above);
+    candidates.find(|page| page.join("index.html").is_file()).unwrap_or_else(|| PAGE.into())
 }

@@ -1,4 +1,4 @@
-//! Options that several commands share: the wearer's parameters, the contact rule and the cells' zero.
+//! Options that several commands share: the wearer's parameters, the contact rule and the baseline of the cells.
 
 use anyhow::{Result, bail};
 use clap::Args;
@@ -9,17 +9,17 @@ use recording::{Recording, VirtualInsole, Zero};
 use std::path::PathBuf;
 
 #[derive(Args)]
-pub struct Wearer {
-    /// The wearer's tissue parameters, a TOML file (`plantar fit` finds a person's own).
+pub struct WearerArgs {
+    /// The wearer's tissue parameters, a TOML file (`plantar fit` identifies personal ones).
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
-    /// Without --params: typical, not personal, parameters for this European shoe size, 35 to 46.
+    /// Without --params, use typical parameters for this European shoe size, 35 to 46; they are not personal.
     #[arg(long, default_value_t, conflicts_with = "params")]
     size: InsoleSize,
 }
 
-impl Wearer {
-    /// The parameters, with a word on stderr where they are not personal.
+impl WearerArgs {
+    /// The parameters, with a note on stderr where they are not personal.
     pub fn parameters(&self) -> Result<Parameters> {
         let parameters = match &self.params {
             Some(path) => Parameters::read(path)?,
@@ -30,45 +30,45 @@ impl Wearer {
     }
 }
 
-/// A word on stderr where parameters are not the wearer's own.
+/// Prints a note on stderr where parameters are not personal.
 pub fn note_unless_personal(parameters: &Parameters) {
     if !parameters.personal {
         eprintln!(
-            "note: parameters \"{}\" are not personal: model force and deformation are a rough guide",
+            "note: parameters \"{}\" are not personal: model force and deformation are rough estimates",
             parameters.subject
         );
     }
 }
 
 #[derive(Args)]
-pub struct Contact {
-    /// A cell comes into contact at this pressure, kPa [default: that of the parameters in use, or 10].
+pub struct ContactArgs {
+    /// A cell gets into contact at this pressure, kPa [default: that of the parameters in use, or 10].
     #[arg(long, value_name = "KPA")]
     contact_on: Option<f32>,
-    /// and leaves it below this one, kPa [default: the same, or three quarters of it].
+    /// A cell loses contact below this pressure, kPa [default: that of the parameters in use, or 3/4 of --contact-on].
     #[arg(long, value_name = "KPA")]
     contact_off: Option<f32>,
-    /// Count a cell in contact by the share sqrt(p / KPA), at most whole; 150 is a good value, 0 counts every cell in contact
-    /// whole [default: the same, or 0].
+    /// Count the fraction sqrt(p / KPA) of the area of a cell in contact, at most all of it; 150 is a good value, with 0 all of
+    /// the area is counted [default: that of the parameters in use, or 0].
     #[arg(long, value_name = "KPA")]
     contact_full: Option<f32>,
 }
 
-impl Contact {
-    /// The rule, by default the one that `identified` holds for; a word on stderr where it is another.
+impl ContactArgs {
+    /// The rule, by default that of `identified`; a note on stderr where it is another one.
     pub fn rule(&self, identified: Option<&Identified>) -> Result<ContactRule> {
-        let usual = identified.map_or(ContactRule::COUNTED, |i| i.contact);
-        let on_kpa = self.contact_on.unwrap_or(usual.on_kpa);
+        let default = identified.map_or(ContactRule::COUNTED, |i| i.contact);
+        let on_kpa = self.contact_on.unwrap_or(default.on_kpa);
         let rule = ContactRule {
             on_kpa,
-            // The usual hysteresis at another threshold.
-            off_kpa: self.contact_off.unwrap_or(usual.off_kpa / usual.on_kpa * on_kpa),
-            full_kpa: self.contact_full.unwrap_or(usual.full_kpa),
+            // The same relative hysteresis at another threshold.
+            off_kpa: self.contact_off.unwrap_or(default.off_kpa / default.on_kpa * on_kpa),
+            full_kpa: self.contact_full.unwrap_or(default.full_kpa),
         };
         if !rule.is_valid() {
             bail!(
-                "contact on at {} kPa, off below {} kPa, whole from {} kPa: --contact-off may not be above --contact-on, nor that \
-                 above --contact-full (0 for whole cells), and all are 1000 kPa at most",
+                "contact on at {} kPa, off below {} kPa, whole cell from {} kPa: --contact-off may not be above --contact-on, nor \
+                 --contact-on above --contact-full (0 for whole cells), and all are at most 1000 kPa",
                 rule.on_kpa,
                 rule.off_kpa,
                 rule.full_kpa
@@ -78,8 +78,8 @@ impl Contact {
             note_unless_same_rule(&identified.contact, &rule);
             if identified.filter != "step" {
                 eprintln!(
-                    "note: the parameters were identified through the {} filter: they hold for the live stream, steps go through \
-                     another filter",
+                    "note: the parameters were identified through the {} filter: they are valid for the live stream, but steps pass \
+                     through another filter",
                     identified.filter
                 );
             }
@@ -88,49 +88,49 @@ impl Contact {
     }
 }
 
-/// A word on stderr where areas are counted in another way than the parameters were identified with.
+/// Prints a note on stderr where parameters were identified with another contact rule.
 pub fn note_unless_same_rule(identified: &ContactRule, counted: &ContactRule) {
     if identified != counted {
         eprintln!(
-            "note: the parameters were identified with areas counted by {}, here they are counted by {}: model force and \
-             deformation do not hold",
+            "note: the parameters were identified with the contact rule {}, here it is {}: model force and deformation \
+             are not valid",
             rule_in_words(identified),
             rule_in_words(counted)
         );
     }
 }
 
-/// A contact rule for people.
+/// A contact rule in words.
 pub fn rule_in_words(rule: &ContactRule) -> String {
     let counted =
-        if rule.full_kpa > 0.0 { format!("share sqrt(p / {} kPa)", rule.full_kpa) } else { "whole cells".into() };
+        if rule.full_kpa > 0.0 { format!("fraction sqrt(p / {} kPa)", rule.full_kpa) } else { "whole cells".into() };
     format!("{counted}, on at {} kPa, off below {} kPa", rule.on_kpa, rule.off_kpa)
 }
 
-/// The insole that feels `recording` under a rule.
+/// The virtual insole for a recording, with a contact rule.
 pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole> {
-    let worn = VirtualInsole::new(recording, rule, plantar::pipeline::stance::StanceRule::WALKING);
-    if !PERIOD_US.contains(&worn.setup.period_us) {
+    let insole = VirtualInsole::new(recording, rule, plantar::pipeline::stance::StanceRule::WALKING);
+    if !PERIOD_US.contains(&insole.setup.period_us) {
         bail!(
-            "{:.2} frames a second: 20 to 500 are understood; import the recording again with --rate 100",
+            "{:.2} frames per second: 20 to 500 are supported; import the recording again with --rate 100",
             recording.rate_hz
         );
     }
-    Ok(worn)
+    Ok(insole)
 }
 
 #[derive(Args)]
-pub struct Zeroed {
-    /// What the unloaded cells read, a TOML file that `plantar zero` wrote: the insole subtracts it.
+pub struct ZeroArgs {
+    /// The baseline of the unloaded cells, a TOML file from `plantar zero`; the insole subtracts it.
     #[arg(long, value_name = "FILE")]
     pub(crate) zero: Option<PathBuf>,
 }
 
-impl Zeroed {
-    /// Gives the cells of `worn` their offsets.
-    pub fn wear(&self, worn: &mut VirtualInsole) -> Result<()> {
+impl ZeroArgs {
+    /// Sets the offsets of the insole's cells.
+    pub fn apply(&self, insole: &mut VirtualInsole) -> Result<()> {
         if let Some(path) = &self.zero {
-            Zero::read(path)?.wear(worn, &path.display().to_string())?;
+            Zero::read(path)?.wear(insole, &path.display().to_string())?;
         }
         Ok(())
     }

@@ -10,7 +10,7 @@ use plantar::protocol::{Step, StepRegion};
 /// Short names for narrow columns, in the order of [`Region::ALL`].
 pub const SHORT: [&str; 8] = ["Heel", "P.midfoot", "A.midfoot", "Met 1-2", "Met 3-5", "Hallux", "Toe 2", "Toes 3-5"];
 
-/// Prints one row a step and the mean of every region.
+/// Prints a table with a row per step, and one with the means of every region.
 pub fn print(steps: &[Step]) {
     let Some(first) = steps.first() else {
         println!("no steps");
@@ -37,15 +37,15 @@ pub fn print(steps: &[Step]) {
         table.add_row(row);
     }
     align(&mut table);
-    println!("Peak force a step, measured / model:\n{table}");
+    println!("Peak force of each step, measured / model:\n{table}");
     if steps.iter().any(|step| step.saturated != 0) {
-        println!("> a cell was at the end of its scale: the force is at least this");
+        println!("> a cell was at full scale: the force is at least this value");
     }
     if steps.iter().flat_map(|step| &step.regions).any(|region| region.masked_cells > 0) {
-        println!("~ faulty cells are masked and read what their neighbours do");
+        println!("~ faulty cells are masked: their values are interpolated from their neighbours");
     }
     if steps.iter().any(|step| step.clamped != 0) {
-        println!("* the contact was larger than the ellipsoid: the model is cut there");
+        println!("* the contact was larger than the ellipsoid: the model is clamped");
     }
 
     let mut table = self::table();
@@ -82,30 +82,30 @@ pub fn print(steps: &[Step]) {
     println!("Contact: {}.", rule_in_words(&first.contact_rule));
 }
 
-/// Asks an insole for the faults of its sensor and prints them, where there are any.
+/// Requests the faults of an insole's sensor and prints them.
 pub fn print_faults_of<C: Carrier>(client: &mut Client<C>) {
     match client.faults() {
         Ok(faults) => print_faults(&faults, client.hello().cells.into()),
-        // An insole that is lost tells them when it is heard again.
-        Err(error) => eprintln!("note: the insole did not tell the faults of its sensor: {error}"),
+        // The insole still has them after the link was lost.
+        Err(error) => eprintln!("note: the faults of the insole's sensor could not be read: {error}"),
     }
 }
 
-/// Prints the faults of a sensor with so many cells, where there are any.
+/// Prints the faults of a sensor with this number of cells.
 pub fn print_faults(faults: &Faults, cells: usize) {
     faults_to_lines(faults, cells).iter().for_each(|line| println!("{line}"));
 }
 
-/// A line a fault, then what was done about them.
+/// A line per fault, then the masked cells and the corrected baselines.
 fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
     let fault = |fault: &Fault| {
         let found_s = f64::from(fault.found_ms) / 1e3;
         format!("sensor fault: {} {}, found after {found_s:.1} s", fault.place, fault.kind.name())
     };
     let mut lines: Vec<_> = faults.list.iter().map(fault).collect();
-    let untold = faults.found.saturating_sub(faults.list.len() as u32);
-    if untold > 0 {
-        lines.push(format!("further sensor faults: {untold}"));
+    let unlisted = faults.found.saturating_sub(faults.list.len() as u32);
+    if unlisted > 0 {
+        lines.push(format!("further sensor faults: {unlisted}"));
     }
     let regions = SHORT.iter().zip(&faults.masked_cells).filter(|&(_, &masked)| masked > 0);
     let regions: Vec<_> = regions.map(|(name, masked)| format!("{name} {masked}")).collect();
@@ -114,12 +114,13 @@ fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
         lines.push(format!("{masked} of {cells} cells masked: {}", regions.join(", ")));
     }
     if faults.rezeroed > 0 {
-        lines.push(format!("zeros of cells that drift were followed {} times", faults.rezeroed));
+        lines.push(format!("baselines of drifting cells were corrected {} times", faults.rezeroed));
     }
     lines
 }
 
-/// Model against measured force of region number `region` (Eq. 20), %, mean of the steps in which it was loaded.
+/// NRMSE of the model force against the measured force (Eq. 20) of a region by its index, %: mean over the steps in which it was
+/// loaded.
 pub fn model_error_percent(steps: &[Step], region: usize) -> Option<f64> {
     let loaded: Vec<_> = steps.iter().map(|s| &s.regions[region]).filter(|r| r.contact_ms > 0).collect();
     let sum: f64 = loaded.iter().map(|r| r.model_error_nrmse_percent()).sum();
@@ -142,7 +143,7 @@ pub fn table() -> Table {
     table
 }
 
-/// Aligns numbers, once all rows are in.
+/// Aligns numbers, after all rows were added.
 pub fn align(table: &mut Table) {
     for column in table.column_iter_mut() {
         column.set_cell_alignment(CellAlignment::Right);
@@ -155,7 +156,7 @@ mod tests {
     use plantar::faults::{FaultKind, Place};
 
     #[test]
-    fn faults_are_told_with_place_kind_time_and_masked_cells() {
+    fn faults_are_printed_with_place_kind_time_and_masked_cells() {
         assert_eq!(faults_to_lines(&Faults::NONE, 240), [""; 0]);
         let list = [
             Fault { kind: FaultKind::Open, place: Place::Cell(17), found_ms: 1_900 },
@@ -168,7 +169,7 @@ mod tests {
             "sensor fault: row 3 short, found after 12.3 s",
             "further sensor faults: 1",
             "3 of 240 cells masked: Heel 2, Hallux 1",
-            "zeros of cells that drift were followed 5 times",
+            "baselines of drifting cells were corrected 5 times",
         ];
         assert_eq!(faults_to_lines(&faults, 240), lines);
     }

@@ -1,4 +1,4 @@
-//! Rows of values as a Parquet file.
+//! Writes rows of values as a Parquet file.
 
 use anyhow::{Context, Result};
 use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
@@ -11,7 +11,7 @@ use std::fs::{self, File};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Columns and their values.
+/// The columns of a row with their values.
 pub type Row = Vec<(&'static str, Value)>;
 
 /// A value of a column's type, `None` for null.
@@ -65,13 +65,14 @@ impl From<i32> for Value {
     }
 }
 
-/// Writes at least one row as Parquet, all rows with the same columns; the file is there in whole or not at all. `note` is a key
-/// and a value of its metadata.
+/// Writes at least one row as Parquet, all rows with the same columns. The file is replaced only once it is complete. `note` is a
+/// key with a value in its metadata.
 pub fn write(path: &Path, note: Option<(&str, &str)>, rows: &[Row]) -> Result<()> {
     let written = || -> Result<()> {
         fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
-        // No reader takes this name for a part of the table.
-        let part = path.with_file_name(format!(".{}.part", path.file_stem().unwrap_or_default().to_string_lossy()));
+        // Readers of a table ignore this name.
+        let temporary =
+            path.with_file_name(format!(".{}.part", path.file_stem().unwrap_or_default().to_string_lossy()));
         let field = |(name, value): &(&str, Value)| {
             let (physical, logical) = match value {
                 Value::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
@@ -91,28 +92,31 @@ pub fn write(path: &Path, note: Option<(&str, &str)>, rows: &[Row]) -> Result<()
             .set_compression(Compression::SNAPPY)
             .set_key_value_metadata(note.map(|(key, value)| vec![KeyValue::new(key.to_owned(), value.to_owned())]))
             .build();
-        let mut file = SerializedFileWriter::new(File::create(&part)?, schema, Arc::new(properties))?;
+        let mut file = SerializedFileWriter::new(File::create(&temporary)?, schema, Arc::new(properties))?;
         let mut group = file.next_row_group()?;
         let mut index = 0;
         while let Some(mut column) = group.next_column()? {
             let values = rows.iter().map(|row| &row[index].1);
             match &rows[0][index].1 {
-                Value::Text(_) => put::<ByteArrayType>(&mut column, values.map(Value::text)),
-                Value::Whole(_) => put::<Int32Type>(&mut column, values.map(Value::whole)),
-                Value::Real(_) => put::<DoubleType>(&mut column, values.map(Value::real)),
-                Value::Flag(_) => put::<BoolType>(&mut column, values.map(Value::flag)),
+                Value::Text(_) => write_column::<ByteArrayType>(&mut column, values.map(Value::text)),
+                Value::Whole(_) => write_column::<Int32Type>(&mut column, values.map(Value::whole)),
+                Value::Real(_) => write_column::<DoubleType>(&mut column, values.map(Value::real)),
+                Value::Flag(_) => write_column::<BoolType>(&mut column, values.map(Value::flag)),
             }?;
             column.close()?;
             index += 1;
         }
         group.close()?;
         file.into_inner()?.sync_all()?;
-        Ok(fs::rename(part, path)?)
+        Ok(fs::rename(temporary, path)?)
     };
     written().with_context(|| format!("cannot write {}", path.display()))
 }
 
-fn put<T: DataType>(column: &mut SerializedColumnWriter, values: impl Iterator<Item = Option<T::T>>) -> Result<()> {
+fn write_column<T: DataType>(
+    column: &mut SerializedColumnWriter,
+    values: impl Iterator<Item = Option<T::T>>,
+) -> Result<()> {
     let values: Vec<_> = values.collect();
     let defined: Vec<i16> = values.iter().map(|value| i16::from(value.is_some())).collect();
     let values: Vec<_> = values.into_iter().flatten().collect();

@@ -1,4 +1,4 @@
-//! Eight regional loads moving in the terminal; without a terminal, a line a step.
+//! Live loads of the eight regions in the terminal; without a terminal, a line per step.
 
 use crate::summary::SHORT;
 use anyhow::Result;
@@ -13,26 +13,26 @@ use ratatui::{DefaultTerminal, Frame};
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
-/// Pictures a second are enough for an eye.
-const PICTURE: Duration = Duration::from_millis(33);
-/// Steps that are listed while running.
+/// Time between two redraws.
+const REDRAW: Duration = Duration::from_millis(33);
+/// Steps that are listed on the screen.
 const LISTED: usize = 6;
 
-/// What is on the screen.
+/// The screen.
 pub struct View {
     title: String,
     terminal: Option<DefaultTerminal>,
     drawn: Option<Instant>,
     live: Live,
     counters: LinkCounters,
-    /// Largest force seen, the end of the scale, 0.1 N.
+    /// End of the force scale, the largest force so far, 0.1 N.
     scale_dn: u16,
     steps: Vec<Step>,
-    ended: bool,
+    has_ended: bool,
 }
 
 impl View {
-    /// Opens the screen where there is one.
+    /// Opens the screen, where stdout is a terminal, and prints notes about the insole.
     pub fn open(hello: &Hello) -> Result<Self> {
         let title = title(hello);
         if let Some(panic) = &hello.last_panic {
@@ -57,34 +57,34 @@ impl View {
             counters: LinkCounters::default(),
             scale_dn: 1000,
             steps: Vec::new(),
-            ended: false,
+            has_ended: false,
         })
     }
 
-    /// Says that the insole started anew, and why.
+    /// Shows that the insole restarted, and the reason.
     pub fn restarted(&mut self, hello: &Hello) {
-        let why = hello.last_panic.as_deref().unwrap_or("no fault reported");
-        self.title = format!(" restarted ({:?}, {why}) ", hello.reset);
+        let reason = hello.last_panic.as_deref().unwrap_or("no fault reported");
+        self.title = format!(" restarted ({:?}, {reason}) ", hello.reset);
         if self.terminal.is_none() {
             println!("the insole{}", self.title.trim_end());
         }
     }
 
-    /// Says that the insole cannot be heard.
-    pub fn lost(&mut self, why: &str) -> Result<()> {
+    /// Shows that the link is lost.
+    pub fn lost(&mut self, reason: &str) -> Result<()> {
         match self.terminal.take() {
             Some(mut terminal) => {
-                self.title = format!(" {why} ");
+                self.title = format!(" {reason} ");
                 terminal.draw(|frame| self.draw(frame))?;
                 self.terminal = Some(terminal);
             }
-            None => eprintln!("{why}"),
+            None => eprintln!("{reason}"),
         }
         Ok(())
     }
 
-    /// Says that it is heard again.
-    pub fn back(&mut self, hello: &Hello) {
+    /// Shows that the link is open again.
+    pub fn reconnected(&mut self, hello: &Hello) {
         self.title = title(hello);
         if self.terminal.is_none() {
             println!("{}", self.title.trim());
@@ -98,7 +98,7 @@ impl View {
         for region in &live.regions {
             self.scale_dn = self.scale_dn.max(region.measured_dn).max(region.model_dn);
         }
-        let due = self.drawn.is_none_or(|drawn| drawn.elapsed() >= PICTURE);
+        let due = self.drawn.is_none_or(|drawn| drawn.elapsed() >= REDRAW);
         if let Some(mut terminal) = self.terminal.take_if(|_| due) {
             self.drawn = Some(Instant::now());
             terminal.draw(|frame| self.draw(frame))?;
@@ -121,12 +121,12 @@ impl View {
         while self.terminal.is_some() && event::poll(Duration::ZERO)? {
             let Event::Key(key) = event::read()? else { continue };
             let control_c = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
-            self.ended |= control_c || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc);
+            self.has_ended |= control_c || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc);
         }
-        Ok(self.ended)
+        Ok(self.has_ended)
     }
 
-    /// Gives the terminal back.
+    /// Restores the terminal.
     pub fn close(&mut self) {
         if self.terminal.take().is_some() {
             ratatui::restore();

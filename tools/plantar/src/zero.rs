@@ -1,4 +1,4 @@
-//! `plantar zero`: what unloaded cells read, from a standing trial.
+//! `plantar zero`: the baseline of the unloaded cells, from a standing trial.
 
 use anyhow::{Result, bail};
 use clap::Args;
@@ -10,25 +10,25 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 const GRAVITY_M_S2: f64 = 9.80665;
-/// Both feet measure the body's weight to this, percent.
+/// Largest good difference between the force of both feet and the body weight, percent.
 const GOOD_PERCENT: f64 = 10.0;
 
-/// Measures what unloaded cells read, and checks the scale against body weight.
+/// Measures the baseline of the unloaded cells, and checks the scale of the sensors against body weight.
 ///
-/// The person sits and lifts both feet for 5 seconds, stands still for 10, and sits and lifts both feet again for 5.
-/// When exactly does not matter: the times are found in the recording, half a second at each end is left out. While
-/// sitting the feet must be off the floor: a recording does not show whether they rest on it.
+/// The person sits with both feet lifted for 5 s, stands still for 10 s, and sits with both feet lifted again for 5 s. The exact
+/// times are found in the recording; half a second at each end of a phase is excluded. While sitting, the feet must be off the
+/// floor, because a recording does not show whether they rest on it.
 ///
-/// `plantar fit`, `plantar replay` and `plantar emulate` take the file with --zero.
+/// `plantar fit`, `plantar replay` and `plantar emulate` accept the file with --zero.
 #[derive(Args)]
 pub struct Zero {
-    /// The standing trial of one foot, or the left and the right foot's of the same trial.
+    /// The standing trial: the recording of one foot, or those of both feet in the same trial.
     #[arg(required = true, num_args = 1..=2, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
-    /// The zero to write, a TOML file.
+    /// The baseline file to write, TOML.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// The person's mass, kg: gives shares of body weight and, with both feet, checks the sensors' scale.
+    /// The person's mass, kg. Forces are also printed in % of body weight; with both feet, the scale of the sensors is checked.
     #[arg(long, value_name = "KG")]
     mass: Option<f64>,
 }
@@ -44,12 +44,12 @@ impl Zero {
         for path in &self.recordings {
             let (side, foot, force_n) = measure(path, weight_n)?;
             if zero.foot_mut(side).replace(foot).is_some() {
-                bail!("{}: the {} foot is there twice; give one recording a foot", path.display(), side.name());
+                bail!("{}: two recordings of the {} foot; give one recording per foot", path.display(), side.name());
             }
             standing_n.push(force_n);
         }
         if let [one_n, other_n] = standing_n[..] {
-            judge(one_n + other_n, weight_n);
+            print_weight_check(one_n + other_n, weight_n);
         }
         zero.write(&self.out)?;
         println!("wrote {}", self.out.display());
@@ -57,31 +57,32 @@ impl Zero {
     }
 }
 
-/// One foot's zero and its mean force while standing, N; prints what was found.
+/// Measures one foot and prints the result. Returns its baseline and its mean force while standing, N.
 fn measure(path: &Path, weight_n: Option<f64>) -> Result<(Side, FootZero, f64)> {
     let place = path.display().to_string();
     let recording = Recording::read(path)?;
     let trial = StandingTrial::find(&recording, &place)?;
     let foot = FootZero::measure(&recording, &trial, &place)?;
-    // No rule matters for pressures.
+    // The rules do not influence pressures.
     let mut insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
     foot.wear(&mut insole, &place)?;
 
-    let lifted_n = trial.lifted.clone().map(|part| mean(part, |i| recording.force_n(i)));
+    let lifted_n = trial.lifted.clone().map(|phase| mean(phase, |i| recording.force_n(i)));
     let above_zero_n = |i| recording.layout.force_n(&insole.measured_kpa(recording.frame(i)));
     let standing_n = mean(trial.standing.clone(), above_zero_n);
 
-    let times =
-        |part: &Range<usize>| format!("{:6.2} s to {:6.2} s", recording.t_s[part.start], recording.t_s[part.end - 1]);
-    let share = weight_n.map_or(String::new(), |n| format!(", {:.1} % of body weight", 100.0 * standing_n / n));
-    // Adding 0 spares the reader a "-0.0".
+    let times = |phase: &Range<usize>| {
+        format!("{:6.2} s to {:6.2} s", recording.t_s[phase.start], recording.t_s[phase.end - 1])
+    };
+    let percent = weight_n.map_or(String::new(), |n| format!(", {:.1} % of body weight", 100.0 * standing_n / n));
+    // Adding 0 avoids "-0.0".
     let tenths = |value: f64| (10.0 * value).round() / 10.0 + 0.0;
     let drift_n = lifted_n[1] - lifted_n[0];
     let least_kpa = foot.offset_kpa.iter().copied().fold(f32::INFINITY, f32::min);
     let most_kpa = foot.offset_kpa.iter().copied().fold(0.0, f32::max);
     println!("{} foot, {place}", recording.side.name());
     println!("  lifted    {}  reads {:.1} N", times(&trial.lifted[0]), lifted_n[0]);
-    println!("  standing  {}  {standing_n:.1} N above zero{share}", times(&trial.standing));
+    println!("  standing  {}  {standing_n:.1} N above baseline{percent}", times(&trial.standing));
     println!(
         "  lifted    {}  reads {:.1} N: a drift of {:+.1} N, {:+.1} % of standing",
         times(&trial.lifted[1]),
@@ -89,12 +90,12 @@ fn measure(path: &Path, weight_n: Option<f64>) -> Result<(Side, FootZero, f64)> 
         tenths(drift_n),
         tenths(100.0 * drift_n / standing_n)
     );
-    println!("  zero      {} cells, {least_kpa:.1} to {most_kpa:.1} kPa", recording.cells());
+    println!("  baseline  {} cells, {least_kpa:.1} to {most_kpa:.1} kPa", recording.cells());
     Ok((recording.side, foot, standing_n))
 }
 
-/// Prints what both feet measure, against the body's weight where that is known.
-fn judge(total_n: f64, weight_n: Option<f64>) {
+/// Prints the force of both feet, compared with the body weight where that is known.
+fn print_weight_check(total_n: f64, weight_n: Option<f64>) {
     let Some(weight_n) = weight_n else {
         println!("both feet: {total_n:.1} N; --mass checks this against body weight");
         return;
@@ -105,8 +106,8 @@ fn judge(total_n: f64, weight_n: Option<f64>) {
     println!("both feet: {total_n:.1} N of {weight_n:.1} N, {percent:.1} % of body weight: {verdict}");
     if !is_good {
         println!(
-            "  more than {GOOD_PERCENT} % off: check that both feet were lifted and that the mass is right; \
-             then calibrate the sensors' scale and gains"
+            "  more than {GOOD_PERCENT} % off: check that both feet were lifted and that the mass is correct, then calibrate \
+             the scale and the gains of the sensors"
         );
     }
 }

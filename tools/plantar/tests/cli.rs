@@ -229,7 +229,7 @@ fn a_standing_trial_gives_a_zero_and_checks_the_weight() {
     let said = succeed(&path, "zero left.parquet right.parquet --out zero.toml");
     assert!(said.contains("--mass") && !said.contains("% of body"), "{said}");
 
-    fail(&path, "zero left.parquet left.parquet --out twice.toml", &["left.parquet", "left foot", "twice"]);
+    fail(&path, "zero left.parquet left.parquet --out twice.toml", &["left.parquet", "left foot", "two recordings"]);
     fail(&path, "zero left.parquet --out zero.toml --mass 0", &["--mass 0", "kg"]);
     succeed(&path, "import synthetic --out walk.parquet");
     fail(&path, "zero walk.parquet --out walk.toml", &["walk.parquet", "standing still", "sit and lift both feet"]);
@@ -279,4 +279,15 @@ fn a_zero_that_does_not_fit_is_refused() {
     fail(&path, "replay walk.parquet --zero nowhere.toml", &["nowhere.toml"]);
     std::fs::write(path.join("zero.toml"), "version = 1\n[left]\nlayout_id = x\n").expect("written");
     fail(&path, "replay walk.parquet --zero zero.toml", &["zero.toml:3", "plantar zero"]);
+}
+
+#[test]
+fn the_version_has_the_commit() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let text = succeed(folder.path(), "--version");
+    let version = text.trim().strip_prefix("plantar ").expect("the name of the program");
+    let commit = version.strip_prefix(env!("CARGO_PKG_VERSION")).expect("the version of the package");
+    // Sources that are not a git checkout have no commit.
+    let is_commit = |commit: &str| commit.len() >= 7 && commit.bytes().all(|b| b.is_ascii_hexdigit());
+    assert!(commit.is_empty() || commit.strip_prefix('+').is_some_and(is_commit), "{version}");
 }

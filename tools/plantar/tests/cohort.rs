@@ -182,7 +182,7 @@ fn a_second_run_does_only_what_is_new() {
         assert_eq!(status, Some(0), "{said}");
         assert!(words.iter().all(|word| said.contains(word)), "{said}");
     };
-    again("", &["0 steps of 0 participants", "2 participants were there already"]);
+    again("", &["0 steps of 0 participants", "2 participants were in the table already"]);
     let ann = path.join("table/participant=ann/steps.parquet");
     let bob = path.join("table/participant=bob%3Db./steps.parquet");
     let written = |path: &Path| path.metadata().and_then(|file| file.modified()).expect("a time");
@@ -190,7 +190,7 @@ fn a_second_run_does_only_what_is_new() {
     // Broken off while ann was written.
     fs::remove_file(&ann).expect("removed");
     fs::write(ann.with_file_name(".steps.part"), "PAR1").expect("written");
-    again("", &["6 steps of 1 participants", "1 participants were there already"]);
+    again("", &["6 steps of 1 participants", "1 participants were in the table already"]);
     assert_eq!((summary(&path), written(&bob)), (whole.clone(), bob_written));
     // A part that is damaged, another recording, another size, other options.
     fs::write(&ann, "PAR1").expect("written");
@@ -206,7 +206,7 @@ fn a_second_run_does_only_what_is_new() {
     assert_eq!((status, said_of_slip.contains("--contact-off")), (Some(1), true), "{said_of_slip}");
     // Who left the study does not count any more, and is named.
     fs::rename(path.join("people/ann"), path.join("ann")).expect("moved");
-    again("--negative-n", &["1 participants were there already", "participant=ann", "remove it"]);
+    again("--negative-n", &["1 participants were in the table already", "participant=ann", "remove it"]);
     assert!(!summary(&path).contains("37-38"));
 }
 
@@ -217,7 +217,7 @@ fn what_cannot_be_used_is_left_out_and_named_and_tried_again() {
     let good = fs::read(&damaged).expect("a recording");
     fs::write(&damaged, &good[..good.len() / 2]).expect("written");
     fs::create_dir(path.join("people/nobody")).expect("made");
-    for kept in ["0 participants were there", "1 participants were there"] {
+    for kept in ["0 participants were in the table", "1 participants were in the table"] {
         let (status, said) = said(&cohort(&path, ""));
         assert_eq!(status, Some(3), "{said}");
         for words in ["left out: people/ann/b.parquet", "nobody: 0 recordings", "no whole step", kept] {
@@ -278,9 +278,9 @@ fn without_participants_it_says_what_is_needed() {
         assert_eq!(status, Some(1), "{said}");
         assert!(words.iter().all(|word| said.contains(word)), "{words:?}: {said}");
     };
-    fail(&["people", "one folder a participant"]);
+    fail(&["people", "one folder per participant"]);
     fs::write(path.join("people"), "").expect("written");
-    fail(&["people", "one folder a participant"]);
+    fail(&["people", "one folder per participant"]);
     fs::remove_file(path.join("people")).expect("removed");
     fs::create_dir(path.join("people")).expect("made");
     fail(&["people: no participant"]);

@@ -147,7 +147,7 @@ fn a_file_that_holds_something_is_not_written_over() {
         }
         let (output, said) = end(command.spawn().expect("it runs"));
         assert!(!output.status.success());
-        assert!(said.contains("yesterday: it holds something already"), "{said}");
+        assert!(said.contains("yesterday: it is not empty"), "{said}");
         assert_eq!(std::fs::read_to_string(&path).expect("a file"), "steps");
     }
 }
@@ -198,7 +198,8 @@ fn a_recorder_that_cannot_write_leaves_the_steps_to_the_insole() {
     assert!(!Insole::with_steps(0..10).talk(listener.accept().expect("it connects").0, is_acknowledgement));
     let (output, said) = end(program);
     assert!(!output.status.success());
-    let expected = ["cannot write", "part-00000.parquet", "File too large", "were not stored; the insole keeps"];
+    let expected =
+        ["cannot write", "part-00000.parquet", "File too large", "were not stored; they remain on the insole"];
     assert!(expected.iter().all(|part| said.contains(part)), "{said}");
 }
 

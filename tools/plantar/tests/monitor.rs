@@ -149,12 +149,12 @@ fn record_stores_the_session_as_tables() {
         assert_eq!(value(row, "area_mm2"), &Field::Double(f64::from(ours.area_mm2)));
     }
 
-    // A folder that holds something is not written over.
+    // A folder that is not empty is not overwritten.
     let again = Command::new(env!("CARGO_BIN_EXE_plantar"))
         .args(["record", "--tcp", "127.0.0.1:9", "--out"])
         .arg(&out)
         .output()
         .expect("the program starts");
     let said = String::from_utf8(again.stderr).expect("text");
-    assert!(!again.status.success() && said.contains("holds something already"), "{said}");
+    assert!(!again.status.success() && said.contains("is not empty"), "{said}");
 }

@@ -96,7 +96,7 @@ fn parameters_are_pushed_shown_and_pulled() {
     succeed(path, "typical --size 40 --out params.toml");
     let said = succeed(path, &format!("push params.toml --tcp {address}"));
     let first = id();
-    assert!(said.contains(&format!("none before, now {first}")) && said.contains("keeps them"), "{said}");
+    assert!(said.contains(&format!("none before, now {first}")) && said.contains("they are stored"), "{said}");
     succeed(path, "typical --size 41 --out other.toml");
     let said = succeed(path, &format!("push other.toml --tcp {address}"));
     assert!(said.contains(&format!("{first} before, now {}", id())), "{said}");
@@ -183,7 +183,7 @@ fn an_insole_is_named_calibrated_and_shown() {
     let cells = testkit::hello().cells;
     let good: Vec<String> = (0..cells).map(|cell| format!("{cell},{},1.5", 100 + cell)).collect();
     for (at, line, words) in [
-        (3, "4,100,1", "cells are in order"),
+        (3, "4,100,1", "cells must be in order"),
         (5, "5,100,11", "gain 11"),
         (6, "6,65000,1", "below half"),
         (7, "7,x,1", "cell 7"),
@@ -195,9 +195,9 @@ fn an_insole_is_named_calibrated_and_shown() {
         assert!(!done && said.contains(words), "{line}: {said}");
     }
     write(&good[1..]);
-    assert!(run("calibrate cells.csv").2.contains("cells are in order"));
+    assert!(run("calibrate cells.csv").2.contains("cells must be in order"));
     write(&good[..10]);
-    assert!(run("calibrate cells.csv").2.contains("10 cells, the insole has 200"));
+    assert!(run("calibrate cells.csv").2.contains("10 cells, but the insole has 200"));
     write(&good);
     let (done, said, failed) = run("calibrate cells.csv");
     let mut id = CalibrationId::new();

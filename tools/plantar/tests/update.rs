@@ -6,7 +6,7 @@ use embassy_futures::block_on;
 use embassy_sync::mutex::Mutex as Shared;
 use emulation::ACTIVE_IMAGE;
 use emulation::FLASH_BYTES;
-use firmware_image::{Image, Secret};
+use firmware_image::{Image, SigningKey};
 use plantar::protocol::session::{Command, CommandResult, Session};
 use plantar::protocol::update::{CHUNK, Header, Progress};
 use plantar::protocol::{self, Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Refusal, Status, ToDevice};
@@ -24,11 +24,11 @@ use testkit::nor_flash::NorFlashChip;
 const OLD: &str = "1.2.3";
 const NEW: &str = "1.3.0";
 
-fn secret() -> Secret {
-    Secret::from_bytes(&[9; 32])
+fn secret() -> SigningKey {
+    SigningKey::from_bytes(&[9; 32])
 }
 
-fn image(board: &str, version: &str, secret: &Secret) -> Image {
+fn image(board: &str, version: &str, secret: &SigningKey) -> Image {
     let mut bytes: Vec<u8> = (0..40 * CHUNK).map(|i| (i * i / 16) as u8).collect();
     let header = Header::new(board, version).bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
@@ -161,7 +161,7 @@ fn what_cannot_be_taken_is_refused_with_the_remedy() {
     let file = folder.path().join("image.bin");
     let (address, insole) = Insole::start(Trial::Passes);
     let good = image("test", NEW, &secret()).file();
-    let stranger = image("test", NEW, &Secret::from_bytes(&[1; 32])).file();
+    let stranger = image("test", NEW, &SigningKey::from_bytes(&[1; 32])).file();
     let mut flipped = good.clone();
     flipped[777] ^= 4;
     for (contents, words) in [

@@ -15,8 +15,10 @@ mod protocol;
 mod reading;
 mod page;
 mod picture;
+mod step;
 
 pub use picture::{Error, Result, png};
+pub use step::{Forces, StepPicture};
 
 use fit::Study;
 

@@ -83,7 +83,7 @@ fn svg(study: &Study) -> Markup {
             text.heading x=(MARGIN) y="38" { "Plantar tissue of " (printable(&study.participant)) }
             text x=(MARGIN) y="57" {
                 (fitted(study).count()) " of 8 regions fitted, " (count(study.steps.len(), "step"))
-                ", contact from " (study.contact.on_kpa) " kPa; Plantar " (env!("CARGO_PKG_VERSION"))
+                ", contact from " (study.contact.on_kpa) " kPa; Plantar " (env!("PLANTAR_VERSION"))
             }
             @if let Some(foot) = &foot {
                 (foot.at(MARGIN, HEADER))

@@ -21,7 +21,7 @@ pub fn protocol(study: &Study) -> Markup {
                 dt { "Largest compression" }
                 dd { (number(study.options.compression * 100.0)) " % of the thickness; assumed, determines C" }
             }
-            dt { "Software" } dd { "Plantar " (env!("CARGO_PKG_VERSION")) }
+            dt { "Software" } dd { "Plantar " (env!("PLANTAR_VERSION")) }
         }
         (sources(study))
         (left_out(study))

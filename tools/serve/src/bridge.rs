@@ -1,96 +1,81 @@
-//! One insole's session: what it says goes to the hub, what pages have taken is acknowledged.
+//! The session with one insole: its messages go to the hub, and steps that a page took are acknowledged.
 
 use crate::hub::Hub;
-use client::{Carrier, Client, Error};
+use client::{Carrier, Error, Event, Link, Open, ReconnectPolicy};
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{ToDevice, ToHost};
-use std::io;
 use std::time::{Duration, Instant};
 
-/// An insole answers a hello within this time.
-const ANSWER: Duration = Duration::from_secs(5);
-/// A stream that is silent for longer has ended.
-const SILENCE: Duration = Duration::from_secs(2);
-/// Between attempts to reach an insole that was lost.
-const RETRY: Duration = Duration::from_secs(1);
-/// Between questions for the insole's counters.
-const STATUS: Duration = Duration::from_secs(1);
+/// Time between two requests for the insole's counters.
+const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 
-type Session = Client<Box<dyn Carrier + Send>>;
+/// The carriers of all insoles.
+pub(crate) type Session = Link<Box<dyn Carrier + Send>>;
 
-/// Where an insole is.
+/// Where an insole is reached.
 pub struct Source {
-    /// As the user named it.
+    /// Its name, as the user gave it.
     pub name: String,
-    /// Opens the carrier, again after it broke.
-    pub open: Box<dyn FnMut() -> io::Result<Box<dyn Carrier + Send>> + Send>,
-    /// Parameters that the insole is given.
+    /// Opens the carrier, and again after it failed.
+    pub open: Open<Box<dyn Carrier + Send>>,
+    /// The wearer's parameters, which the insole receives at the begin of each session.
     pub tissue: Option<Tissue>,
 }
 
 impl Source {
-    /// Opens a session that streams.
-    pub(crate) fn connect(&mut self) -> Result<Session, Error> {
-        let mut client = Client::connect((self.open)()?, ANSWER)?;
-        if let Some(tissue) = &self.tissue {
-            client.set_tissue(tissue)?;
-        }
-        client.stream()?;
-        Ok(client)
+    /// Opens a session with a live stream.
+    pub(crate) fn connect(self) -> Result<Session, Error> {
+        let tissue = self.tissue;
+        let mut insole = Link::connect(self.open, ReconnectPolicy::STREAM)?.with_start(move |client| {
+            if let Some(tissue) = &tissue {
+                client.set_tissue(tissue)?;
+            }
+            client.stream()
+        });
+        insole.start()?;
+        Ok(insole)
     }
 }
 
-/// Follows an insole until the program ends; what breaks is tried again.
-pub(crate) fn run(hub: &Hub, index: usize, mut source: Source, client: Session) {
-    let mut session = Some(client);
+/// Bridges an insole to the hub until the program ends. A lost link is opened again.
+pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
+    hello(hub, index, &mut insole);
+    let mut status_requested = Instant::now();
     loop {
-        if let Some(client) = session.take() {
-            let Err(error) = follow(hub, index, client);
-            hub.lost(index);
-            if hub.has_ended() {
+        match insole.next() {
+            Ok(Event::Started(_)) => hello(hub, index, &mut insole),
+            Ok(Event::Message(ToHost::Live(live))) => hub.live(index, live),
+            Ok(Event::Message(ToHost::Step(step))) => hub.step(index, step),
+            Ok(Event::Message(ToHost::Status(status))) => hub.status(index, status),
+            // Answers to a repeated hello, or to requests that are not sent here.
+            Ok(Event::Message(_) | Event::Timeout) => {}
+            Ok(Event::Lost(error)) => {
+                hub.lost(index);
+                if hub.has_ended() {
+                    return;
+                }
+                eprintln!("{name}: {error}; trying again");
+            }
+            Err(error) => {
+                eprintln!("{name}: {error}");
                 return;
             }
-            eprintln!("{}: {error}; trying again", source.name);
         }
-        std::thread::sleep(RETRY);
-        // Said once, above: an insole that is switched off may stay so for hours.
-        session = source.connect().ok();
+        hub.clock(index, insole.client().axis());
+        if let Some(step) = hub.acknowledgement(index) {
+            insole.send(ToDevice::Acknowledge { step });
+        }
+        if status_requested.elapsed() > STATUS_INTERVAL {
+            status_requested = Instant::now();
+            insole.send(ToDevice::GetStatus);
+        }
     }
 }
 
-fn follow(hub: &Hub, index: usize, mut client: Session) -> Result<std::convert::Infallible, Error> {
-    // An older insole has none to tell.
+/// A session started.
+fn hello(hub: &Hub, index: usize, insole: &mut Session) {
+    let client = insole.client();
+    // An older firmware does not know this request.
     let tissue = client.tissue().ok();
     hub.hello(index, client.hello(), tissue);
-    let mut heard = Instant::now();
-    let mut asked = Instant::now();
-    loop {
-        let message = client.receive()?;
-        if message.is_some() {
-            heard = Instant::now();
-        }
-        match message {
-            Some(ToHost::Live(live)) => hub.live(index, live),
-            Some(ToHost::Step(step)) => hub.step(index, step),
-            Some(ToHost::Status(status)) => hub.status(index, status),
-            // The answer to a hello that was said twice, or to what nobody here asks.
-            Some(_) => {}
-            // It may have restarted, and then waits for a hello.
-            None if heard.elapsed() > SILENCE => return Err(Error::NoAnswer(SILENCE, client.counters().crc_errors)),
-            None => {}
-        }
-        send_due(hub, index, &mut client, &mut asked)?;
-    }
-}
-
-fn send_due(hub: &Hub, index: usize, client: &mut Session, asked: &mut Instant) -> Result<(), Error> {
-    hub.clock(index, client.axis());
-    if let Some(step) = hub.acknowledgement(index) {
-        client.send(ToDevice::Acknowledge { step })?;
-    }
-    if asked.elapsed() > STATUS {
-        *asked = Instant::now();
-        client.send(ToDevice::GetStatus)?;
-    }
-    Ok(())
 }

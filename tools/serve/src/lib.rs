@@ -47,8 +47,8 @@ pub enum Error {
     #[error("no page in {0}: build it with `cargo xtask page`, or name its folder with --page")]
     NoPage(PathBuf),
     /// An insole does not answer.
-    #[error("{0}: {1}")]
-    Insole(String, LinkError),
+    #[error("{0}")]
+    Insole(String, #[source] LinkError),
     /// Two insoles of one foot.
     #[error("both insoles are for the {0} foot")]
     SameFoot(&'static str),
@@ -73,20 +73,22 @@ pub fn serve(sources: Vec<Source>, options: &Options, ready: impl FnOnce(SocketA
         None => None,
     };
     let mut sessions = Vec::new();
-    for mut source in sources {
-        let client = source.connect().map_err(|e| Error::Insole(source.name.clone(), e))?;
-        sessions.push((source, client));
+    for source in sources {
+        let name = source.name.clone();
+        let insole = source.connect().map_err(|error| Error::Insole(name.clone(), error))?;
+        sessions.push((name, insole));
     }
-    if let [(_, one), (_, other)] = &sessions[..]
-        && one.hello().side == other.hello().side
-    {
-        return Err(Error::SameFoot(one.hello().side.name()));
+    if let [(_, one), (_, other)] = &mut sessions[..] {
+        let side = one.client().hello().side;
+        if side == other.client().hello().side {
+            return Err(Error::SameFoot(side.name()));
+        }
     }
     let hub = Arc::new(Hub::new(sessions.len(), recorder));
-    for (index, (source, client)) in sessions.into_iter().enumerate() {
+    for (index, (name, insole)) in sessions.into_iter().enumerate() {
         let hub = hub.clone();
-        // Ends with the program.
-        std::thread::spawn(move || bridge::run(&hub, index, source, client));
+        // The thread ends with the program.
+        std::thread::spawn(move || bridge::run(&hub, index, &name, insole));
     }
     let served = web::run(hub.clone(), options, ready);
     hub.end();

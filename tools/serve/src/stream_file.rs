@@ -46,7 +46,7 @@ pub fn create_new(path: &Path) -> io::Result<File> {
     let file = File::options().write(true).create(true).truncate(false).open(path)?;
     match file.metadata()?.len() {
         0 => Ok(file),
-        _ => Err(io::Error::new(io::ErrorKind::AlreadyExists, "it holds something already: name a new file")),
+        _ => Err(io::Error::new(io::ErrorKind::AlreadyExists, "it is not empty: name a new file")),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Pages over real sockets, insoles in memory: what a page gets, what is acknowledged, what a slow page costs.
 
-use client::{Carrier, Framed, unix_us};
+use client::{Carrier, Error, Framed, unix_us};
 use futures_util::{SinkExt, StreamExt};
 use plantar::Side;
 use plantar::pipeline::tissue::Tissue;
@@ -58,12 +58,12 @@ impl Cable {
         Source { name: "memory".into(), open: Box::new(move || cable.open()), tissue: None }
     }
 
-    fn open(&self) -> io::Result<Box<dyn Carrier + Send>> {
+    fn open(&self) -> Result<Box<dyn Carrier + Send>, Error> {
         let mut insole = self.0.0.lock().expect("no test panics here");
         if insole.is_unplugged {
             insole.missed += 1;
             self.0.1.notify_all();
-            return Err(io::ErrorKind::NotFound.into());
+            return Err(Error::Open("the cable is unplugged".into()));
         }
         Ok(Box::new(Framed::new(self.clone())))
     }

@@ -464,7 +464,7 @@ impl Soak {
         setup::rust()?;
         setup::qemu()?;
         build_firmware(EMULATED)?;
-        build_host("soak")?;
+        build_host("bench")?;
         let mut command = Command::new(built("release/soak"));
         command.arg("--firmware").arg(firmware(EMULATED));
         if self.short {

@@ -7,7 +7,7 @@ use plantar::Region;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-/// The columns that means are taken of: the paper's eight, what force tells of them, and the errors.
+/// The columns of which means are computed: the paper's eight parameters, the identifiable ones, and the errors.
 const COLUMNS: [&str; 13] = [
     "a_mm",
     "b_mm",
@@ -23,22 +23,22 @@ const COLUMNS: [&str; 13] = [
     "nrmse_percent",
     "nrmse_smoothed_percent",
 ];
-/// The place of `nrmse_percent`.
+/// Index of `nrmse_percent`.
 const NRMSE: usize = 11;
 
 type Values = [f64; COLUMNS.len()];
 
-/// One participant's.
+/// The means of a participant.
 pub struct Means {
     size: i32,
     /// In the order of [`Region::ALL`]; `None` where no step was fitted.
     regions: [Option<Values>; 8],
-    /// How many steps they are of.
+    /// Number of steps.
     pub steps: usize,
 }
 
 impl Means {
-    /// From the rows of a participant's part of the table.
+    /// From a participant's rows of the table.
     pub fn of(rows: &[HashMap<String, Field>]) -> Self {
         let mut trials: [BTreeMap<&str, Vec<Values>>; 8] = Default::default();
         for row in rows {
@@ -47,7 +47,7 @@ impl Means {
                 continue;
             };
             let values = COLUMNS.map(|column| if let Some(Field::Double(v)) = row.get(column) { *v } else { f64::NAN });
-            // A region that was not fitted has nulls.
+            // The values of a region that was not fitted are null.
             if let Some(region) = Region::from_name(region).filter(|_| values.iter().all(|v| v.is_finite())) {
                 trials[region as usize].entry(recording).or_default().push(values);
             }
@@ -69,14 +69,14 @@ fn mean(all: &[Values]) -> Option<Values> {
     (!all.is_empty()).then(|| std::array::from_fn(mean))
 }
 
-/// Of the sample: over one less than its number.
+/// The standard deviation of a sample, with the divisor n - 1.
 fn standard_deviation(all: &[Values]) -> Option<Values> {
     let mean = mean(all).filter(|_| all.len() > 1)?;
     let squares = |i: usize| all.iter().map(|values| (values[i] - mean[i]).powi(2)).sum::<f64>();
     Some(std::array::from_fn(|i| (squares(i) / (all.len() - 1) as f64).sqrt()))
 }
 
-/// Participants by the smaller of the paper's pair of sizes.
+/// The participants by the smaller size of the paper's pairs of sizes.
 fn by_size(participants: &[Means]) -> BTreeMap<i32, Vec<&Means>> {
     let mut sizes = BTreeMap::<_, Vec<_>>::new();
     for means in participants {
@@ -106,12 +106,16 @@ pub fn print(participants: &[Means]) {
         table.add_row(std::iter::once(region.name().to_string()).chain(sizes.values().map(cell)));
     }
     summary::align(&mut table);
-    println!("NRMSE %, mean ± standard deviation over participants (how many), by region and insole size:\n{table}");
-    println!("Every step fitted alone, against the measured force (Eq. 20). Means over steps, then trials and feet,");
-    println!("then participants; as in the paper arithmetic, of k, c, K and G too: a few stiff steps may carry them.");
+    println!("NRMSE %, mean ± standard deviation over participants (number), by region and insole size:\n{table}");
+    println!(
+        "Each step is fitted separately to the measured force (Eq. 20). Means over steps, then over trials and feet, then"
+    );
+    println!(
+        "over participants. As in the paper they are arithmetic, also of k, c, K and G: a few stiff steps can dominate."
+    );
 }
 
-/// Writes a CSV file, one row a size and region.
+/// Writes a CSV file, one row per size and region.
 pub fn write(path: &Path, participants: &[Means]) -> Result<()> {
     let rows = || -> Result<()> {
         let mut file = csv::Writer::from_path(path)?;

@@ -1,4 +1,4 @@
-//! One participant's part of the table: a Parquet file, one row a region of a step.
+//! A participant's file of the table: Parquet, one row per step and region.
 
 use crate::table::{Row, Value};
 use anyhow::{Result, bail};
@@ -12,10 +12,10 @@ use std::collections::HashMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-/// The key of what a file was made from in its metadata.
+/// The key of the description of all inputs, in a file's metadata.
 pub const KEY: &str = "plantar.made_from";
 
-/// What is the same in all rows of a recording.
+/// The values that are the same in all rows of a recording.
 pub struct Origin<'a> {
     pub size: InsoleSize,
     pub mass_kg: Option<f64>,
@@ -24,7 +24,7 @@ pub struct Origin<'a> {
     pub options: Options,
 }
 
-/// The five that are identified: value, ends of the 95 % interval, whether it is at a bound.
+/// The columns of the five identified parameters: value, ends of the 95 % interval, whether the value is at a bound.
 const FIVE_COLUMNS: [[&str; 4]; 5] = [
     ["ab_mm2", "ab_mm2_low", "ab_mm2_high", "ab_at_bound"],
     ["stiffness_pa", "stiffness_pa_low", "stiffness_pa_high", "stiffness_at_bound"],
@@ -91,8 +91,8 @@ pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, 
     row
 }
 
-/// The file of a participant in the table's folder. Hive's readers take the folder's name apart, so what could disturb them
-/// is encoded as Hive does.
+/// The file of a participant in the folder of the table. Readers split the folder's name into key and value, so special characters
+/// are encoded as Hive does.
 pub fn path(table: &Path, participant: &str) -> PathBuf {
     let encode = |c: char| match c.is_ascii_control() || "\"#%'*/:=?\\{[]^".contains(c) {
         true => format!("%{:02X}", c as u32),
@@ -102,7 +102,7 @@ pub fn path(table: &Path, participant: &str) -> PathBuf {
     table.join(format!("participant={name}")).join("steps.parquet")
 }
 
-/// What a file was made from, and its rows.
+/// The description of all inputs of a file, and its rows.
 pub fn read(path: &Path) -> Result<(String, Vec<HashMap<String, Field>>)> {
     let read = || {
         let file = SerializedFileReader::new(File::open(path)?)?;
@@ -111,6 +111,6 @@ pub fn read(path: &Path) -> Result<(String, Vec<HashMap<String, Field>>)> {
         let rows = file.get_row_iter(None)?.map(|row| Ok(row?.into_columns().into_iter().collect()));
         Ok((made_from.unwrap_or_default(), rows.collect::<Result<_>>()?))
     };
-    // The Parquet library gives up on some damaged files by a panic.
+    // The Parquet library panics for some damaged files.
     std::panic::catch_unwind(read).unwrap_or_else(|_| bail!("{} is damaged", path.display()))
 }

@@ -1,27 +1,28 @@
-//! Which of the insoles in reach.
+//! Selects one of the insoles in radio range.
 
-use crate::SERVICE;
+use super::SERVICE;
 use btleplug::api::PeripheralProperties;
 use plantar::Side;
+use plantar::protocol::gatt;
 use std::convert::Infallible;
 use std::fmt;
 use std::str::FromStr;
 
-/// Names one of the insoles in reach.
+/// Selects one of the insoles in radio range.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Which {
-    /// Any of this foot.
+pub enum Selector {
+    /// Any insole for this foot.
     Side(Side),
-    /// The one with this address, or what the system has instead of addresses.
+    /// The insole with this address, or with this identifier on systems that hide addresses.
     Address(String),
 }
 
-impl Which {
-    /// True for what a system tells of the insole that is meant.
-    pub fn is(&self, id: &str, properties: &PeripheralProperties) -> bool {
+impl Selector {
+    /// True where a peripheral with this identifier and these properties is selected.
+    pub fn matches(&self, id: &str, properties: &PeripheralProperties) -> bool {
         let name = properties.advertisement_name.as_deref().or(properties.local_name.as_deref());
         match self {
-            Self::Side(side) => properties.services.contains(&SERVICE) && name == Some(advertised(*side)),
+            Self::Side(side) => properties.services.contains(&SERVICE) && name == Some(gatt::name(*side)),
             Self::Address(address) => {
                 address.eq_ignore_ascii_case(id) || address.eq_ignore_ascii_case(&properties.address.to_string())
             }
@@ -29,15 +30,7 @@ impl Which {
     }
 }
 
-/// The name that an insole advertises.
-const fn advertised(side: Side) -> &'static str {
-    match side {
-        Side::Left => "Plantar L",
-        Side::Right => "Plantar R",
-    }
-}
-
-impl FromStr for Which {
+impl FromStr for Selector {
     type Err = Infallible;
 
     fn from_str(text: &str) -> Result<Self, Infallible> {
@@ -49,7 +42,7 @@ impl FromStr for Which {
     }
 }
 
-impl fmt::Display for Which {
+impl fmt::Display for Selector {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Side(side) => write!(f, "the {} insole", side.name()),

@@ -1,17 +1,17 @@
-//! Power that fails in any operation of the flash chip.
+//! Losses of power in any operation of the flash chip.
 
 use anyhow::{Error, Result};
-use figures::Figures;
+use bench::Figures;
 use std::path::Path;
 use testkit::nor_flash::Torn;
 use testkit::power::Script;
 use testkit::switched_off::Bench;
 
-/// The store on a chip in memory: power fails before, within and after operations of scripts.
+/// The store on a chip in memory: power fails before, within and after each operation of two scripts.
 pub fn in_memory(short: bool, figures: &mut Figures) -> Result<()> {
     let stride = if short { 11 } else { 1 };
     let (mut cuts, mut operations, mut erasures) = (0u64, 0, 0);
-    // A chip as new, and one whose sectors are used again.
+    // A new chip, and one whose sectors are reused.
     for (seed, used) in [(1, 0), (2, 12_000)] {
         let script = Script::new(seed, used, 400);
         operations += script.operations;
@@ -25,11 +25,11 @@ pub fn in_memory(short: bool, figures: &mut Figures) -> Result<()> {
     }
     figures.add("power.script_operations", operations, "writes and erasures of the scripts");
     figures.add("power.script_erasures", erasures, "erasures among them");
-    figures.add("power.cuts", cuts, "losses of power: each time the old or the new was there");
+    figures.add("power.cuts", cuts, "losses of power, each with the old or the new state afterwards");
     Ok(())
 }
 
-/// The real firmware: power fails in operations of sessions that keep everything.
+/// The real firmware: power fails in operations of sessions that store data of every kind.
 pub fn of_the_firmware(firmware: &Path, short: bool, figures: &mut Figures) -> Result<()> {
     const CUTS: u32 = 1000;
     let mut bench = Bench::new(firmware);
@@ -42,8 +42,8 @@ pub fn of_the_firmware(firmware: &Path, short: bool, figures: &mut Figures) -> R
     figures.add(
         "power.firmware_sessions",
         rounds,
-        "sessions with the real firmware, each on the chip that the one before left",
+        "sessions with the real firmware, each on the chip of the previous one",
     );
-    figures.add("power.firmware_cuts", cuts, "losses of power in them: each time it started with the old or the new");
+    figures.add("power.firmware_cuts", cuts, "losses of power in them, each with the old or the new state afterwards");
     Ok(())
 }

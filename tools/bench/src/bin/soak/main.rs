@@ -1,24 +1,25 @@
-//! What an insole endures, each figure measured in this run. It ends with an error at the first promise that does not hold.
+//! Endurance of an insole: losses of power, bit errors, a day of walking. Each figure is measured in this run, which ends with an
+//! error at the first requirement that is violated.
 
 mod bits;
 mod power;
 mod walk;
 
 use anyhow::Result;
+use bench::Figures;
 use clap::Parser;
-use figures::Figures;
 use std::path::PathBuf;
 
-/// Losses of power at every write, days of walking, bit errors on the cable: prints what came of it.
+/// Losses of power in every write, bit errors on the cable, a day of walking; prints the results.
 #[derive(Parser)]
 struct Arguments {
     /// The firmware of the emulated board.
     #[arg(long)]
     firmware: PathBuf,
-    /// A few minutes instead of hours: some of each.
+    /// A small part of each, for a few minutes instead of an hour.
     #[arg(long)]
     short: bool,
-    /// Also write the figures to this file, one flat object.
+    /// Also write the figures to this file, one flat JSON object.
     #[arg(long)]
     json: Option<PathBuf>,
 }

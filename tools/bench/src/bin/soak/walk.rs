@@ -1,0 +1,205 @@
+//! A day of walking with both feet, as fast as the emulator runs, across the wrap of the sequence numbers.
+
+use anyhow::{Context, Result, bail, ensure};
+use bench::Figures;
+use client::{Client, Framed, READ_TIMEOUT};
+use emulation::{EmulatorConfig, FLASH_BYTES};
+use emulator::{Board, Hardware, Recorded, Scan, Time, Walk};
+use parameters::{InsoleSize, Parameters};
+use plantar::Side;
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::{Reset, Status, Step, ToDevice, ToHost};
+use plantar::storage::Store;
+use recording::{VirtualInsole, synthetic};
+use std::net::TcpStream;
+use std::path::Path;
+use std::time::{Duration, Instant};
+use testkit::nor_flash::{NorFlashChip, now};
+use testkit::step;
+
+/// Steps of a day, both feet together.
+const STEPS: u32 = 50_000;
+const SHORT_STEPS: u32 = 400;
+/// Scans and steps before their sequence numbers wrap.
+const SCANS_BEFORE_WRAP: u32 = 5_000;
+const STEPS_BEFORE_WRAP: u32 = 20;
+/// Steps with live frames. Afterwards the stream is off, because each of its bytes is a system call of the emulator.
+const LIVE_STEPS: u32 = 1_000;
+/// Steps between two requests for the counters.
+const STATUS_INTERVAL: u32 = 100;
+/// Timeouts of the carrier without a message after which the board counts as stalled.
+const MAX_TIMEOUTS: u32 = 400;
+
+/// A walk that is repeated without end, from any scan number on.
+struct Repeated {
+    walk: Recorded,
+    first: u32,
+}
+
+impl Walk for Repeated {
+    fn scans(&self) -> u32 {
+        u32::MAX
+    }
+
+    fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
+        self.walk.scan(seq.wrapping_sub(self.first) % self.walk.scans(), codes)
+    }
+}
+
+/// The results of one foot.
+struct Walked {
+    status: Status,
+    scans: u32,
+    steps: u32,
+    live: u32,
+    /// Deepest stack at the first status and at the last.
+    stack_bytes: (u32, u32),
+}
+
+pub fn soak(firmware: &Path, short: bool, figures: &mut Figures) -> Result<()> {
+    let steps = if short { SHORT_STEPS } else { STEPS } / 2;
+    let begin = Instant::now();
+    let feet = std::thread::scope(|scope| {
+        let feet = [Side::Left, Side::Right].map(|side| scope.spawn(move || walk(firmware, side, steps)));
+        feet.map(|foot| foot.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    });
+    let [left, right] = feet;
+    let feet = [left?, right?];
+    let sum = |of: fn(&Walked) -> u32| feet.iter().map(of).sum::<u32>();
+    let hours = f64::from(feet[0].scans) / 100.0 / 3600.0;
+    figures.add("walk.steps", sum(|foot| foot.steps), "steps of both feet, each received once and equal to a replay");
+    figures.add("walk.hours", (hours * 100.0).round() / 100.0, "hours of walking at 100 frames per second");
+    figures.add("walk.frames", sum(|foot| foot.status.frames), "frames of both feet");
+    figures.add(
+        "walk.frames_missed",
+        sum(|foot| foot.status.frames_missed),
+        "counted frames that the matrix did not answer in time",
+    );
+    figures.add(
+        "walk.frames_overrun",
+        sum(|foot| foot.status.frames_overrun),
+        "counted frames that were skipped because processing was late",
+    );
+    figures.add("walk.live", sum(|foot| foot.live), "live frames received, in the first 1,000 steps of each foot");
+    let growth = feet.iter().map(|foot| foot.stack_bytes.1 - foot.stack_bytes.0).max();
+    figures.add("walk.stack_growth_bytes", growth, "growth of the deepest stack between the first minutes and the end");
+    let speed = f64::from(feet[0].scans) / 100.0 / begin.elapsed().as_secs_f64();
+    figures.add("walk.speed", speed.round(), "times as fast as walking");
+    Ok(())
+}
+
+fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
+    let walk = synthetic::SyntheticWalk { steps: 20, side, ..Default::default() };
+    let recording = synthetic::walk(&walk).recording;
+    let insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+    let first_scan = u32::MAX - SCANS_BEFORE_WRAP;
+    let first_step = u32::MAX - STEPS_BEFORE_WRAP;
+    let repeated = || Repeated { walk: Recorded::new(recording.clone(), insole.clone()), first: first_scan };
+
+    let config = EmulatorConfig { first_scan, ..EmulatorConfig::new(insole.setup) };
+    let hardware = Hardware { flash: Some(used_chip(first_step)?), ..Hardware::default() };
+    let board = Board::start_with(firmware, &config, &insole.cells, Time::Max, repeated(), &hardware)?;
+    let link = board.link()?;
+    link.set_read_timeout(Some(READ_TIMEOUT))?;
+    let mut client = Client::connect(Framed::new(link), Duration::from_secs(20))?;
+    let tissue = Parameters::typical(InsoleSize::default()).tissue();
+    client.set_tissue(&tissue)?;
+    client.send(ToDevice::Stream { live: true })?;
+    board.play();
+
+    let mut replay = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    replay.set_up(insole.setup, insole.cells.iter().copied())?;
+    replay.set_tissue(&tissue).map_err(anyhow::Error::msg)?;
+    replay.count_steps_from(first_step);
+    let mut walk = repeated();
+    let mut codes = vec![0; insole.cells.len()];
+    let mut scans = 0;
+    let expected = || loop {
+        let seq = first_scan.wrapping_add(scans);
+        walk.scan(seq, &mut codes);
+        scans += 1;
+        if replay.frame(seq, &codes) {
+            return Some(Step::new(&replay.whole_step()?));
+        }
+    };
+
+    let walked = receive(&mut client, side, steps, expected)?;
+    ensure!(
+        board.plant().scans().wrapping_sub(first_scan) - walked.scans <= 10,
+        "frames are missing and not counted: {:?}",
+        walked.status
+    );
+    Ok(walked)
+}
+
+/// A flash chip on which the step before `first_step` was stored and acknowledged.
+fn used_chip(first_step: u32) -> Result<Vec<u8>> {
+    let mut chip = NorFlashChip::new(FLASH_BYTES);
+    let last_step = first_step.wrapping_sub(1);
+    now(async {
+        let mut store = Store::open(Some(&mut chip), Reset::Power).await;
+        store.push_step(&step(last_step)).await?;
+        store.acknowledge(last_step).await
+    })
+    .ok()
+    .context("the chip works")?;
+    Ok(chip.bytes)
+}
+
+/// Receives and acknowledges steps and compares them with those of a replay.
+fn receive(
+    client: &mut Client<Framed<TcpStream>>,
+    side: Side,
+    steps: u32,
+    mut expected: impl FnMut() -> Option<Step>,
+) -> Result<Walked> {
+    let (mut received, mut live, mut lost, mut first_stack_bytes, mut timeouts) = (0, 0, None, None, 0);
+    let status = loop {
+        match client.receive()? {
+            Some(ToHost::Live(_)) => live += 1,
+            Some(ToHost::Step(step)) => {
+                let expected = expected();
+                ensure!(
+                    expected == Some(Step { start_unix_us: None, ..step }),
+                    "step {received} of the {} foot differs from the replay: {step:?}, {expected:?}",
+                    side.name()
+                );
+                client.send(ToDevice::Acknowledge { step: step.step })?;
+                received += 1;
+                if received == steps {
+                    break client.status()?;
+                }
+                if received == LIVE_STEPS {
+                    // Frames that are queued now are never sent.
+                    lost = Some(client.counters().frames_lost);
+                    client.send(ToDevice::Stream { live: false })?;
+                }
+                if received % STATUS_INTERVAL == 0 {
+                    client.send(ToDevice::GetStatus)?;
+                }
+                if received % 1000 == 0 {
+                    eprintln!("{} foot: {received} of {steps} steps", side.name());
+                }
+            }
+            Some(ToHost::Status(status)) => drop(first_stack_bytes.get_or_insert(status.stack_bytes)),
+            Some(ToHost::Hello(hello)) => bail!("the insole restarted: {:?}", hello.last_panic),
+            Some(_) => {}
+            None => {
+                timeouts += 1;
+                ensure!(timeouts < MAX_TIMEOUTS, "the board sends nothing any more");
+                continue;
+            }
+        }
+        timeouts = 0;
+    };
+    let counters = client.counters();
+    let lost = lost.unwrap_or(counters.frames_lost);
+    ensure!(lost == 0 && counters.crc_errors == 0, "{lost} live frames were lost: {counters:?}");
+    ensure!(status.steps_dropped == 0 && status.not_stored == 0, "steps were dropped: {status:?}");
+    let scans = status.frames + status.frames_missed + status.frames_overrun;
+    let stack_bytes = (first_stack_bytes.unwrap_or(status.stack_bytes), status.stack_bytes);
+    Ok(Walked { status, scans, steps: received, live, stack_bytes })
+}

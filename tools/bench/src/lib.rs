@@ -1,0 +1,5 @@
+//! The part that the benchmarks and the endurance test share: figures, printed and written as JSON.
+
+mod figures;
+
+pub use figures::Figures;

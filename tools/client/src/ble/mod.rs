@@ -1,0 +1,209 @@
+//! This computer as a Bluetooth central: the service of an insole (docs/bluetooth.md) as a carrier of messages.
+//!
+//! The operating system does the radio, the pairing and the bonds.
+
+mod selector;
+
+pub use selector::Selector;
+
+use crate::{Carrier, READ_TIMEOUT};
+use btleplug::Error as BleError;
+use btleplug::api::{
+    Central as _, Characteristic, Manager as _, Peripheral as _, ScanFilter, ValueNotification, WriteType,
+};
+use btleplug::platform::{Adapter, Manager, Peripheral};
+use futures_util::{Stream, StreamExt, stream};
+use plantar::protocol::fragment::{Joiner, Splitter};
+use plantar::protocol::gatt::{self, GattChannel};
+use plantar::protocol::{ToDevice, ToHost, decode, encode};
+use std::io;
+use std::pin::Pin;
+use std::time::Duration;
+use thiserror::Error;
+use tokio::runtime::{Builder, Runtime};
+use tokio::time::{sleep, timeout};
+use uuid::Uuid;
+
+/// The insole service.
+pub const SERVICE: Uuid = Uuid::from_u128(gatt::SERVICE);
+/// The characteristics that carry messages.
+const CHANNELS: [(GattChannel, Uuid); 4] = [
+    (GattChannel::Control, Uuid::from_u128(gatt::CONTROL)),
+    (GattChannel::Live, Uuid::from_u128(gatt::LIVE)),
+    (GattChannel::Steps, Uuid::from_u128(gatt::STEPS)),
+    (GattChannel::Parameters, Uuid::from_u128(gatt::PARAMETERS)),
+];
+
+/// A scan finds an advertising insole within this time.
+const SCAN: Duration = Duration::from_secs(15);
+/// Time between two looks at the peripherals that a scan found.
+const SCAN_INTERVAL: Duration = Duration::from_millis(200);
+/// An insole in range connects, pairs and lists its characteristics within this time.
+const CONNECT: Duration = Duration::from_secs(20);
+/// Size of a written value, bytes: the payload at the least MTU, which every connection has.
+const FRAGMENT: usize = 20;
+
+/// Why there is no connection.
+#[derive(Debug, Error)]
+pub enum Error {
+    /// The system's Bluetooth service does not answer.
+    #[error("this computer's Bluetooth does not answer ({0}): is it there, switched on, and may this program use it?")]
+    NoBluetooth(BleError),
+    /// This computer has no adapter.
+    #[error("this computer has no Bluetooth adapter: plug one in, or connect the insole by --serial")]
+    NoAdapter,
+    /// The insole was not found.
+    #[error(
+        "{0} was not found within {SCAN:?}: switch it on, bring it closer, and disconnect it from other phones, it serves one at a time"
+    )]
+    NotFound(Selector),
+    /// The insole was found, but the connection or the pairing failed.
+    #[error(
+        "{selector} was found but does not connect ({error}): pair it in this computer's Bluetooth settings, within a minute of switching it on"
+    )]
+    NotConnected {
+        /// The insole.
+        selector: Selector,
+        /// The system's reason.
+        error: BleError,
+    },
+    /// The runtime could not be started.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+}
+
+/// A connected insole.
+pub struct BleCarrier {
+    /// Runs while a call of this type waits, and only then.
+    runtime: Runtime,
+    peripheral: Peripheral,
+    notifications: Notifications,
+    channels: Vec<Channel>,
+    damaged: u32,
+}
+
+type Notifications = Pin<Box<dyn Stream<Item = ValueNotification> + Send>>;
+
+/// A characteristic, and the message that is being joined from its values.
+struct Channel {
+    channel: GattChannel,
+    characteristic: Characteristic,
+    joiner: Joiner,
+}
+
+impl BleCarrier {
+    /// Finds the insole, connects and subscribes to its characteristics.
+    ///
+    /// # Errors
+    /// See [`enum@Error`].
+    pub fn connect(selector: &Selector) -> Result<Self, Error> {
+        let runtime = Builder::new_current_thread().enable_all().build()?;
+        let peripheral = runtime.block_on(find(selector))?;
+        let subscribed = runtime.block_on(async { timeout(CONNECT, subscribe(&peripheral)).await });
+        let (notifications, channels) = match subscribed.unwrap_or(Err(BleError::TimedOut(CONNECT))) {
+            Ok(subscribed) => subscribed,
+            Err(error) => {
+                // Otherwise no other central could connect.
+                let _ = runtime.block_on(peripheral.disconnect());
+                return Err(Error::NotConnected { selector: selector.clone(), error });
+            }
+        };
+        Ok(Self { runtime, peripheral, notifications, channels, damaged: 0 })
+    }
+}
+
+/// Scans until the insole advertises.
+async fn find(selector: &Selector) -> Result<Peripheral, Error> {
+    let manager = Manager::new().await.map_err(Error::NoBluetooth)?;
+    let adapters = manager.adapters().await.map_err(Error::NoBluetooth)?;
+    let adapter = adapters.into_iter().next().ok_or(Error::NoAdapter)?;
+    adapter.start_scan(ScanFilter { services: vec![SERVICE] }).await.map_err(Error::NoBluetooth)?;
+    let found = timeout(SCAN, scan(&adapter, selector)).await;
+    // A running scan takes radio time from the connection. Where it cannot be stopped, it ends with this program.
+    let _ = adapter.stop_scan().await;
+    match found {
+        Ok(found) => found.map_err(Error::NoBluetooth),
+        Err(_) => Err(Error::NotFound(selector.clone())),
+    }
+}
+
+async fn scan(adapter: &Adapter, selector: &Selector) -> Result<Peripheral, BleError> {
+    loop {
+        for peripheral in adapter.peripherals().await? {
+            // A peripheral that left again has no properties.
+            if let Ok(Some(properties)) = peripheral.properties().await
+                && selector.matches(&peripheral.id().to_string(), &properties)
+                // Paired peripherals are listed even where they are out of range.
+                && (properties.rssi.is_some() || peripheral.is_connected().await.is_ok_and(|c| c))
+            {
+                return Ok(peripheral);
+            }
+        }
+        sleep(SCAN_INTERVAL).await;
+    }
+}
+
+/// Connects and subscribes to all characteristics that carry messages.
+async fn subscribe(peripheral: &Peripheral) -> Result<(Notifications, Vec<Channel>), BleError> {
+    peripheral.connect().await?;
+    peripheral.discover_services().await?;
+    let notifications = peripheral.notifications().await?;
+    let all = peripheral.characteristics();
+    let mut channels = Vec::new();
+    for (channel, uuid) in CHANNELS {
+        let found = all.iter().find(|c| c.service_uuid == SERVICE && c.uuid == uuid);
+        let characteristic = found.ok_or(BleError::NoSuchCharacteristic)?.clone();
+        peripheral.subscribe(&characteristic).await?;
+        channels.push(Channel { channel, characteristic, joiner: Joiner::new() });
+    }
+    Ok((notifications, channels))
+}
+
+impl Carrier for BleCarrier {
+    fn send(&mut self, message: ToDevice) -> io::Result<()> {
+        let wanted = GattChannel::of_request(&message);
+        // All of them were found when the insole was connected.
+        let Some(channel) = self.channels.iter().find(|c| c.channel == wanted) else { return Ok(()) };
+        let mut splitter = Splitter::new();
+        let len = encode(&message, splitter.buffer()).map_err(io::Error::other)?.len();
+        splitter.start(len);
+        let mut fragment = [0; FRAGMENT];
+        while let Some(len) = splitter.next(&mut fragment) {
+            let written = self.peripheral.write(&channel.characteristic, &fragment[..len], WriteType::WithResponse);
+            self.runtime.block_on(written).map_err(io::Error::other)?;
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self) -> io::Result<Option<ToHost>> {
+        let Ok(value) = self.runtime.block_on(async { timeout(READ_TIMEOUT, self.notifications.next()).await }) else {
+            let is_connected = self.runtime.block_on(self.peripheral.is_connected());
+            return if is_connected.is_ok_and(|c| c) { Ok(None) } else { Err(io::ErrorKind::NotConnected.into()) };
+        };
+        let Some(value) = value else { return Err(io::ErrorKind::UnexpectedEof.into()) };
+        let Some(channel) = self.channels.iter_mut().find(|c| c.characteristic.uuid == value.uuid) else {
+            return Ok(None);
+        };
+        let message = match channel.joiner.push(&value.value) {
+            Ok(None) => return Ok(None),
+            Ok(Some(message)) => decode(message),
+            Err(_) => None,
+        };
+        self.damaged += u32::from(message.is_none());
+        Ok(message)
+    }
+
+    fn damaged(&self) -> u32 {
+        self.damaged
+    }
+}
+
+impl Drop for BleCarrier {
+    fn drop(&mut self) {
+        // An insole notices the loss of its central by itself, but later.
+        let _ = self.runtime.block_on(self.peripheral.disconnect());
+        // On Linux the stream's end is asynchronous work, which needs the runtime.
+        let _runtime = self.runtime.enter();
+        self.notifications = Box::pin(stream::empty());
+    }
+}

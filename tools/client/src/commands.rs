@@ -1,0 +1,121 @@
+//! The requests that a session can send, each with its answer. Other messages that arrive meanwhile are received as usual.
+
+use crate::session::elapsed;
+use crate::{Carrier, Client, Error};
+use plantar::Side;
+use plantar::faults::Faults;
+use plantar::pipeline::calibrate::CellCalibration;
+use plantar::pipeline::tissue::Tissue;
+use plantar::protocol::{BLOCK_CELLS, CalibrationId, Hello, Identity, Serial, Status, ToDevice, ToHost};
+use std::time::Duration;
+
+/// All requests fail with [`Error::NoAnswer`], [`Error::Refused`] or an error of the carrier.
+impl<C: Carrier> Client<C> {
+    /// The insole's counters, after all messages that were due before them.
+    ///
+    /// # Errors
+    /// See this block.
+    pub fn status(&mut self) -> Result<Status, Error> {
+        self.request(ToDevice::GetStatus, |message| match message {
+            ToHost::Status(status) => Some(*status),
+            _ => None,
+        })
+    }
+
+    /// Sets the wearer's parameters. Returns once they are stored, and in force for the frames that follow. Steps that ended
+    /// before, and one that is being evaluated, still arrive with the previous parameters.
+    ///
+    /// # Errors
+    /// See this block.
+    pub fn set_tissue(&mut self, tissue: &Tissue) -> Result<(), Error> {
+        self.request_tissue(ToDevice::SetTissue(*tissue), |in_force| in_force.id == tissue.id).map(drop)
+    }
+
+    /// The parameters that the insole uses; [`Tissue::NONE`] without any.
+    ///
+    /// # Errors
+    /// See this block.
+    pub fn tissue(&mut self) -> Result<Tissue, Error> {
+        self.request_tissue(ToDevice::GetTissue, |_| true)
+    }
+
+    fn request_tissue(&mut self, request: ToDevice, is_answer: impl Fn(&Tissue) -> bool) -> Result<Tissue, Error> {
+        let tissue = self.request(request, |message| match message {
+            ToHost::Tissue(tissue) if is_answer(tissue) => Some(*tissue),
+            _ => None,
+        })?;
+        self.hello.tissue_id = tissue.id;
+        Ok(tissue)
+    }
+
+    /// The identity that the insole has stored.
+    ///
+    /// # Errors
+    /// See this block.
+    pub fn identity(&mut self) -> Result<Identity, Error> {
+        self.request_identity(ToDevice::GetIdentity)
+    }
+
+    /// Sets foot and serial number, which are in force from the insole's next start on.
+    ///
+    /// # Errors
+    /// See this block.
+    pub fn set_identity(&mut self, side: Side, serial: Serial) -> Result<Identity, Error> {
+        self.request_identity(ToDevice::SetIdentity { side, serial })
+    }
+
+    fn request_identity(&mut self, request: ToDevice) -> Result<Identity, Error> {
+        self.request(request, |message| match message {
+            ToHost::Identity(identity) => Some(*identity),
+            _ => None,
+        })
+    }
+
+    /// Stores the calibrations of all cells in the order of the insole's layout; they are in force from its next start on.
+    ///
+    /// # Errors
+    /// See this block.
+    pub fn calibrate(&mut self, cells: &[CellCalibration]) -> Result<Identity, Error> {
+        let mut id = CalibrationId::new();
+        id.add(cells);
+        for (number, chunk) in (0..).zip(cells.chunks(BLOCK_CELLS)) {
+            let mut padded = [CellCalibration::IDEAL; BLOCK_CELLS];
+            padded[..chunk.len()].copy_from_slice(chunk);
+            self.request(ToDevice::SetCalibrationBlock { block: number, cells: padded }, |message| {
+                matches!(message, ToHost::CalibrationBlock { block } if *block == number).then_some(())
+            })?;
+        }
+        let (layout_id, cells) = (self.hello.layout_id, cells.len() as u16);
+        self.request_identity(ToDevice::SetCalibration { layout_id, cells, id: id.id() })
+    }
+
+    /// The faults that the insole found in its sensor.
+    ///
+    /// # Errors
+    /// See this block.
+    pub fn faults(&mut self) -> Result<Faults, Error> {
+        self.request(ToDevice::GetFaults, |message| match message {
+            ToHost::Faults(faults) => Some(faults.clone()),
+            _ => None,
+        })
+    }
+
+    /// Restarts the insole and opens the session again.
+    ///
+    /// # Errors
+    /// See this block; also where the carrier ends with the insole: open it again with [`Client::reconnect_over`].
+    pub fn restart(&mut self, patience: Duration) -> Result<&Hello, Error> {
+        let before_us = self.status()?.uptime_us;
+        self.send(ToDevice::Restart)?;
+        let sent_us = C::now_us();
+        while elapsed::<C>(sent_us) < patience {
+            self.reconnect(patience)?;
+            // The answer may come from before the restart.
+            let least_us = before_us.saturating_add(elapsed::<C>(sent_us).as_micros() as u64 / 2);
+            if self.status().is_ok_and(|status| status.uptime_us < least_us) {
+                return Ok(&self.hello);
+            }
+        }
+        Err(Error::NoAnswer(patience, self.damaged()))
+    }
+}

@@ -1,0 +1,44 @@
+//! Why no session could be opened, or why it ended.
+
+use plantar::protocol::{MAJOR, MINOR, Refusal};
+use std::io;
+use std::time::Duration;
+use thiserror::Error;
+
+/// Why no session could be opened, or why it ended.
+#[derive(Debug, Error)]
+pub enum Error {
+    /// The carrier could not be opened.
+    #[error(transparent)]
+    Open(Box<dyn std::error::Error + Send + Sync>),
+    /// No answer within this time, but so many damaged frames.
+    #[error(
+        "no insole answered within {0:?} ({1} damaged frames): check the port, the wiring (docs/hardware.md) and the bit rate"
+    )]
+    NoAnswer(Duration, u32),
+    /// The insole speaks another major version of the protocol.
+    #[error(
+        "the insole (firmware {firmware}) speaks protocol {major}.{minor}, this program {MAJOR}.{MINOR}: update the older of the two"
+    )]
+    OtherVersion {
+        /// Version of its firmware.
+        firmware: String,
+        /// Major version of its protocol.
+        major: u8,
+        /// Minor version of its protocol.
+        minor: u8,
+    },
+    /// The insole refused the request.
+    #[error("the insole refused: {0}")]
+    Refused(Refusal),
+    /// The carrier failed.
+    #[error("the link to the insole broke")]
+    Carrier(#[from] io::Error),
+}
+
+impl Error {
+    /// True for a failure of the link, after which opening it again can help.
+    pub fn is_link_failure(&self) -> bool {
+        matches!(self, Self::Open(_) | Self::NoAnswer(..) | Self::Carrier(_))
+    }
+}

@@ -1,0 +1,219 @@
+//! A session that is opened again after its link was lost: how long to wait, when to try again, when to give up.
+
+use crate::{Carrier, Client, Error};
+use plantar::protocol::{Hello, ToDevice, ToHost};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+/// How long to wait for an insole, when to try again, and when to give up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReconnectPolicy {
+    /// An insole answers a hello over a newly opened carrier within this time.
+    pub answer: Duration,
+    /// An insole answers a hello over the carrier in use within this time; otherwise the carrier is opened again.
+    pub probe: Duration,
+    /// Longest time without a message of a live stream; after it, the insole may have restarted and waits for a hello.
+    pub silence: Duration,
+    /// Time between two attempts.
+    pub retry: Duration,
+    /// Time without success after which the insole counts as gone; `None`: never.
+    pub give_up: Option<Duration>,
+}
+
+impl ReconnectPolicy {
+    /// For a live stream, which continues whenever the insole returns: it may be switched off for hours.
+    pub const STREAM: Self = Self {
+        answer: Duration::from_secs(5),
+        probe: Duration::from_secs(5),
+        silence: Duration::from_secs(2),
+        retry: Duration::from_secs(1),
+        give_up: None,
+    };
+
+    /// For an insole that restarts on request. The bootloader of a real board needs up to 15 s to install an image.
+    pub const RESTART: Self = Self {
+        probe: Duration::from_secs(1),
+        retry: Duration::from_millis(500),
+        give_up: Some(Duration::from_secs(60)),
+        ..Self::STREAM
+    };
+}
+
+/// Opens a carrier to an insole.
+pub type Open<C> = Box<dyn FnMut() -> Result<C, Error> + Send>;
+
+/// The requests that begin each session.
+type Start<C> = Box<dyn FnMut(&mut Client<C>) -> Result<(), Error> + Send>;
+
+/// A session that is opened again after its link was lost.
+pub struct Link<C> {
+    client: Client<C>,
+    open: Open<C>,
+    start: Start<C>,
+    policy: ReconnectPolicy,
+    state: State,
+    /// A message could not be sent; the next event reports it.
+    failure: Option<Error>,
+}
+
+enum State {
+    /// The insole answered a hello.
+    Open(SessionStart),
+    Streaming {
+        last_message: Instant,
+    },
+    Lost {
+        since: Instant,
+    },
+}
+
+/// Why a session started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SessionStart {
+    /// It is the first one.
+    Connected,
+    /// The insole was silent, and answered another hello over the same carrier. It may have restarted.
+    Greeted,
+    /// The carrier was opened again. The insole may have restarted, or be another one.
+    Reconnected,
+}
+
+/// The result of [`Link::next`].
+#[derive(Debug)]
+pub enum Event {
+    /// A session started, and its live stream is on; [`Client::hello`] is new.
+    Started(SessionStart),
+    /// A message arrived.
+    Message(ToHost),
+    /// No message within the carrier's timeout, or no insole.
+    Timeout,
+    /// The session ended for this reason. The next calls open it again.
+    Lost(Error),
+}
+
+impl<C: Carrier + 'static> Link<C> {
+    /// Opens a carrier and a session over it, which will stream live frames.
+    ///
+    /// # Errors
+    /// Those of `open` and of [`Client::connect`].
+    pub fn connect(mut open: Open<C>, policy: ReconnectPolicy) -> Result<Self, Error> {
+        let client = Client::connect(open()?, policy.answer)?;
+        let state = State::Open(SessionStart::Connected);
+        Ok(Self { client, open, start: Box::new(Client::stream), policy, state, failure: None })
+    }
+
+    /// Begins each session with other requests than [`Client::stream`] alone.
+    #[must_use]
+    pub fn with_start(self, start: impl FnMut(&mut Client<C>) -> Result<(), Error> + Send + 'static) -> Self {
+        Self { start: Box::new(start), ..self }
+    }
+
+    /// The session.
+    pub fn client(&mut self) -> &mut Client<C> {
+        &mut self.client
+    }
+
+    /// Sends the requests that begin the first session, so that [`Link::next`] has nothing left to start.
+    ///
+    /// # Errors
+    /// Those of the requests.
+    pub fn start(&mut self) -> Result<(), Error> {
+        (self.start)(&mut self.client)?;
+        self.state = State::Streaming { last_message: Instant::now() };
+        Ok(())
+    }
+
+    /// The next message or change of the session. After the link was lost, each call waits and makes one attempt to open it again.
+    ///
+    /// # Errors
+    /// The error of the last attempt, once the policy gives up.
+    pub fn next(&mut self) -> Result<Event, Error> {
+        if let Some(error) = self.failure.take() {
+            return Ok(self.lose(error));
+        }
+        match self.state {
+            State::Open(reason) => Ok(match self.start() {
+                Ok(()) => Event::Started(reason),
+                Err(error) => self.lose(error),
+            }),
+            State::Streaming { last_message } => Ok(match self.client.receive() {
+                Ok(Some(message)) => {
+                    self.state = State::Streaming { last_message: Instant::now() };
+                    Event::Message(message)
+                }
+                Ok(None) if last_message.elapsed() <= self.policy.silence => Event::Timeout,
+                Ok(None) => match self.client.reconnect(self.policy.probe) {
+                    Ok(_) => {
+                        self.state = State::Open(SessionStart::Greeted);
+                        Event::Timeout
+                    }
+                    Err(error) => self.lose(error),
+                },
+                Err(error) => self.lose(error),
+            }),
+            State::Lost { since } => {
+                sleep(self.policy.retry);
+                match self.client.reconnect_over(&mut self.open, self.policy.answer).map(drop) {
+                    Ok(()) => self.state = State::Open(SessionStart::Reconnected),
+                    Err(error) if self.gives_up(since) => return Err(error),
+                    Err(_) => {}
+                }
+                Ok(Event::Timeout)
+            }
+        }
+    }
+
+    /// Sends a message. A failure ends the session, and is the next event.
+    pub fn send(&mut self, message: ToDevice) {
+        let sent = self.client.send(message);
+        if let (Err(error), State::Open(_) | State::Streaming { .. }) = (sent, &self.state) {
+            self.failure = Some(error);
+        }
+    }
+
+    fn lose(&mut self, error: Error) -> Event {
+        self.state = State::Lost { since: Instant::now() };
+        Event::Lost(error)
+    }
+
+    fn gives_up(&self, since: Instant) -> bool {
+        self.policy.give_up.is_some_and(|limit| since.elapsed() >= limit)
+    }
+
+    /// Restarts the insole and opens the session again, over another carrier where the one in use ended with the insole.
+    ///
+    /// # Errors
+    /// Those of [`Client::reconnect_over`].
+    pub fn restart(&mut self) -> Result<&Hello, Error> {
+        if self.client.restart(self.policy.answer).is_err() {
+            self.client.reconnect_over(&mut self.open, self.policy.answer)?;
+        }
+        Ok(self.client.hello())
+    }
+
+    /// Waits for an insole that restarts by itself: greets it again and again, over another carrier where the one in use fails,
+    /// until `check` returns a value. `check` receives the insole's hello, and whether the insole was silent before it.
+    ///
+    /// # Errors
+    /// The error of the last attempt, or [`Error::NoAnswer`], once the policy gives up.
+    pub fn wait_for_restart<T>(&mut self, mut check: impl FnMut(&Hello, bool) -> Option<T>) -> Result<T, Error> {
+        let start = Instant::now();
+        let mut was_silent = false;
+        loop {
+            let mut answer = self.client.reconnect(self.policy.probe).map(drop);
+            if answer.is_err() {
+                was_silent = true;
+                answer = self.client.reconnect_over(&mut self.open, self.policy.answer).map(drop);
+            }
+            if answer.is_ok()
+                && let Some(value) = check(self.client.hello(), was_silent)
+            {
+                return Ok(value);
+            }
+            if self.gives_up(start) {
+                return Err(answer.err().unwrap_or(Error::NoAnswer(start.elapsed(), self.client.damaged())));
+            }
+            sleep(self.policy.retry);
+        }
+    }
+}

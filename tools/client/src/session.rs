@@ -1,0 +1,295 @@
+//! A session: messages in both directions, with steps delivered once and live frames counted.
+
+use crate::counters::{LinkCounters, LiveCounter};
+use crate::delivered::Delivered;
+use crate::order::{Arrival, StepOrder};
+use crate::{Axis, Carrier, Error};
+use plantar::protocol::{Hello, MAJOR, MINOR, ToDevice, ToHost};
+use std::collections::VecDeque;
+use std::io;
+use std::time::Duration;
+
+/// An insole answers a request within this time.
+const ANSWER: Duration = Duration::from_secs(2);
+/// Time between two hellos while no answer arrives.
+const HELLO_INTERVAL: Duration = Duration::from_millis(500);
+/// Time between two requests for the insole's time.
+const TIME_INTERVAL: Duration = Duration::from_millis(250);
+
+/// The host's side of a session with an insole.
+pub struct Client<C> {
+    /// `None` after one carrier was closed and before the next one is open.
+    carrier: Option<C>,
+    /// Damaged frames of the carriers before this one.
+    damaged_before: u32,
+    /// Messages that arrived while another one was awaited.
+    waiting: VecDeque<ToHost>,
+    pub(crate) hello: Hello,
+    frames_sent: u32,
+    live: LiveCounter,
+    axis: Axis,
+    /// When the insole's time was last requested, by [`Carrier::now_us`].
+    time_requested_us: Option<u64>,
+    delivered: Delivered,
+    order: StepOrder,
+    is_streaming: bool,
+}
+
+impl<C: Carrier> Client<C> {
+    /// Sends a hello, and again twice a second until the insole answers.
+    ///
+    /// # Errors
+    /// [`Error::NoAnswer`] after `patience`; [`Error::OtherVersion`]; errors of the carrier.
+    pub fn connect(mut carrier: C, patience: Duration) -> Result<Self, Error> {
+        let hello = greet(&mut carrier, patience)?;
+        Ok(Self {
+            carrier: Some(carrier),
+            damaged_before: 0,
+            waiting: VecDeque::new(),
+            hello,
+            frames_sent: 0,
+            live: LiveCounter::default(),
+            axis: Axis::new(),
+            time_requested_us: None,
+            delivered: Delivered::new(),
+            order: StepOrder::default(),
+            is_streaming: false,
+        })
+    }
+
+    /// Opens the session again, as after a silence, and returns the insole's new hello. The live stream is off.
+    ///
+    /// # Errors
+    /// As [`Client::connect`].
+    pub fn reconnect(&mut self, patience: Duration) -> Result<&Hello, Error> {
+        self.hello = greet(carrier(&mut self.carrier)?, patience)?;
+        self.waiting.clear();
+        self.axis = Axis::new();
+        self.live.new_session();
+        self.is_streaming = false;
+        self.order.begin();
+        Ok(&self.hello)
+    }
+
+    /// As [`Client::reconnect`], over another carrier after one failed.
+    ///
+    /// # Errors
+    /// As [`Client::connect`], and those of `open`.
+    pub fn reconnect_over(
+        &mut self,
+        open: impl FnOnce() -> Result<C, Error>,
+        patience: Duration,
+    ) -> Result<&Hello, Error> {
+        self.damaged_before = self.damaged();
+        // Closed first: a serial port has one user, and closing a Bluetooth link late would close the next one with it.
+        self.carrier = None;
+        self.carrier = Some(open()?);
+        self.reconnect(patience)
+    }
+
+    /// The insole's hello.
+    pub fn hello(&self) -> &Hello {
+        &self.hello
+    }
+
+    /// Sets the insole's clock, requests its time, and turns the live stream on. Returns once the stream is on; other messages
+    /// that arrive meanwhile are received as usual.
+    ///
+    /// # Errors
+    /// [`Error::NoAnswer`]; errors of the carrier.
+    pub fn stream(&mut self) -> Result<(), Error> {
+        self.send(ToDevice::SetClock { unix_us: C::unix_us() })?;
+        let request = ToDevice::GetTime { host_us: C::unix_us() };
+        let (host_us, device_us) = self.request(request, |message| match *message {
+            ToHost::Time { host_us, device_us } => Some((host_us, device_us)),
+            _ => None,
+        })?;
+        self.axis.answer(host_us, device_us);
+        self.send(ToDevice::Stream { live: true })?;
+        self.status().map(drop)
+    }
+
+    /// Sends a request and waits for its answer; other messages that arrive meanwhile are received as usual.
+    pub(crate) fn request<T>(&mut self, request: ToDevice, answer: impl Fn(&ToHost) -> Option<T>) -> Result<T, Error> {
+        self.request_within(ANSWER, request, answer)
+    }
+
+    pub(crate) fn request_within<T>(
+        &mut self,
+        patience: Duration,
+        request: ToDevice,
+        answer: impl Fn(&ToHost) -> Option<T>,
+    ) -> Result<T, Error> {
+        self.send(request)?;
+        let sent_us = C::now_us();
+        let mut meanwhile = Vec::new();
+        let result = loop {
+            if elapsed::<C>(sent_us) >= patience {
+                break Err(Error::NoAnswer(patience, self.damaged()));
+            }
+            match self.next() {
+                Err(error) => break Err(error),
+                Ok(Some(ToHost::Refused(refusal))) => break Err(Error::Refused(refusal)),
+                // The answer to a repeated hello.
+                Ok(Some(ToHost::Hello(_)) | None) => {}
+                Ok(Some(message)) => match answer(&message) {
+                    Some(answer) => break Ok(answer),
+                    None => meanwhile.push(message),
+                },
+            }
+        };
+        for message in meanwhile.into_iter().rev() {
+            self.waiting.push_front(message);
+        }
+        result
+    }
+
+    /// Frames that arrived damaged, over all carriers.
+    pub(crate) fn damaged(&self) -> u32 {
+        self.damaged_before.wrapping_add(self.carrier.as_ref().map_or(0, Carrier::damaged))
+    }
+
+    /// Sends a message.
+    ///
+    /// # Errors
+    /// Errors of the carrier.
+    pub fn send(&mut self, message: ToDevice) -> Result<(), Error> {
+        match message {
+            // Even where the message is lost on the way, the host has stored the step.
+            ToDevice::Acknowledge { step } => self.delivered.acknowledge(step),
+            ToDevice::Stream { live } => self.is_streaming = live,
+            _ => {}
+        }
+        Ok(carrier(&mut self.carrier)?.send(message)?)
+    }
+
+    /// The insole's clock against this computer's, us since 1970, UTC. Every call of [`Client::receive`] can refine it.
+    pub fn axis(&self) -> &Axis {
+        &self.axis
+    }
+
+    fn request_time_if_due(&mut self) -> Result<(), Error> {
+        if self.time_requested_us.is_none_or(|requested_us| elapsed::<C>(requested_us) >= TIME_INTERVAL) {
+            self.time_requested_us = Some(C::now_us());
+            self.send(ToDevice::GetTime { host_us: C::unix_us() })?;
+        }
+        Ok(())
+    }
+
+    /// The next message; `None` where none arrived within the carrier's timeout. Requests the insole's time now and then, for
+    /// [`Client::axis`].
+    ///
+    /// Each step is returned once, however often the insole repeats it. Send [`ToDevice::Acknowledge`] once it is stored; a step
+    /// that the insole repeats after that is acknowledged here. Where a step is missing before one that arrives, the insole is made
+    /// to send its steps again, because an acknowledgement is for all steps before it, too.
+    ///
+    /// # Errors
+    /// Errors of the carrier.
+    pub fn receive(&mut self) -> Result<Option<ToHost>, Error> {
+        self.request_time_if_due()?;
+        if self.order.requested_us().is_some_and(|requested_us| elapsed::<C>(requested_us) >= ANSWER) {
+            // The request or its answer was lost, too.
+            self.request_replay()?;
+        }
+        let Some(message) = self.next()? else { return Ok(None) };
+        match &message {
+            ToHost::Time { host_us, device_us } => {
+                self.axis.answer(*host_us, *device_us);
+                return Ok(None);
+            }
+            ToHost::Live(live) => self.live.frame(live.sequence),
+            ToHost::Step(step) => match self.delivered.is_acknowledged(step) {
+                None => match self.order.arrive(step.step) {
+                    Arrival::InOrder => self.delivered.push(*step),
+                    Arrival::Awaited => return Ok(None),
+                    Arrival::Gap => {
+                        self.request_replay()?;
+                        return Ok(None);
+                    }
+                },
+                Some(is_acknowledged) => {
+                    // The insole did not receive the acknowledgement, and would wait for it without end.
+                    if is_acknowledged {
+                        self.send(ToDevice::Acknowledge { step: step.step })?;
+                    }
+                    return Ok(None);
+                }
+            },
+            ToHost::Status(status) => {
+                self.frames_sent = status.live_sent;
+                // A status follows all frames that were due before it.
+                self.live.due(status.live_due);
+            }
+            ToHost::Hello(_) => {
+                self.live.new_session();
+                if self.order.begin() {
+                    return Ok(None);
+                }
+            }
+            ToHost::Tissue(_)
+            | ToHost::Refused(_)
+            | ToHost::Faults(_)
+            | ToHost::Identity(_)
+            | ToHost::CalibrationBlock { .. }
+            | ToHost::Update(_) => {}
+        }
+        Ok(Some(message))
+    }
+
+    /// Opens the session again, so that the insole sends its steps from the oldest unacknowledged one on.
+    fn request_replay(&mut self) -> Result<(), Error> {
+        let is_streaming = self.is_streaming;
+        self.order.request(C::now_us());
+        self.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;
+        if is_streaming {
+            self.send(ToDevice::Stream { live: true })?;
+        }
+        Ok(())
+    }
+
+    fn next(&mut self) -> Result<Option<ToHost>, Error> {
+        Ok(match self.waiting.pop_front() {
+            Some(message) => Some(message),
+            None => carrier(&mut self.carrier)?.receive()?,
+        })
+    }
+
+    /// The counters of this link. Request a status first to know how many frames were sent.
+    pub fn counters(&self) -> LinkCounters {
+        LinkCounters {
+            frames_sent: self.frames_sent,
+            frames_received: self.live.received,
+            frames_lost: self.live.lost,
+            crc_errors: self.damaged(),
+        }
+    }
+}
+
+/// Time since `since_us` by the carrier's clock.
+pub(crate) fn elapsed<C: Carrier>(since_us: u64) -> Duration {
+    Duration::from_micros(C::now_us().saturating_sub(since_us))
+}
+
+/// The carrier, where one is open.
+fn carrier<C>(carrier: &mut Option<C>) -> io::Result<&mut C> {
+    carrier.as_mut().ok_or_else(|| io::ErrorKind::NotConnected.into())
+}
+
+/// Sends a hello until the insole answers.
+fn greet<C: Carrier>(carrier: &mut C, patience: Duration) -> Result<Hello, Error> {
+    let start_us = C::now_us();
+    while elapsed::<C>(start_us) < patience {
+        carrier.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;
+        let sent_us = C::now_us();
+        while elapsed::<C>(sent_us) < HELLO_INTERVAL && elapsed::<C>(start_us) < patience {
+            // Messages before the hello belong to an earlier session.
+            let Some(ToHost::Hello(hello)) = carrier.receive()? else { continue };
+            if hello.major != MAJOR {
+                let firmware = hello.firmware.as_str().into();
+                return Err(Error::OtherVersion { firmware, major: hello.major, minor: hello.minor });
+            }
+            return Ok(hello);
+        }
+    }
+    Err(Error::NoAnswer(patience, carrier.damaged()))
+}

@@ -1,0 +1,193 @@
+//! Reconnecting: when a link counts as lost, how it is opened again, and when the host gives up.
+
+use client::{Carrier, Error, Event, Link, ReconnectPolicy, SessionStart};
+use plantar::Side;
+use plantar::pipeline::contact::ContactRule;
+use plantar::protocol::session::Session;
+use plantar::protocol::{Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Reset, Status, ToDevice, ToHost, decode};
+use std::io;
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::Duration;
+
+const POLICY: ReconnectPolicy = ReconnectPolicy {
+    answer: Duration::from_millis(20),
+    probe: Duration::from_millis(20),
+    silence: Duration::from_millis(40),
+    retry: Duration::from_millis(5),
+    give_up: Some(Duration::from_millis(100)),
+};
+
+/// An insole with the firmware's own session.
+#[derive(Clone)]
+struct Insole(Arc<Mutex<State>>);
+
+struct State {
+    session: Session,
+    firmware: &'static str,
+    is_unplugged: bool,
+    is_silent: bool,
+    opened: u32,
+}
+
+impl Insole {
+    fn new() -> Self {
+        let (session, firmware) = (Session::new(), "1.0.0");
+        let state = State { session, firmware, is_unplugged: false, is_silent: false, opened: 0 };
+        Self(Arc::new(Mutex::new(state)))
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.0.lock().expect("no test panics here")
+    }
+
+    fn connect(&self) -> Result<Link<Self>, Error> {
+        let insole = self.clone();
+        let open = move || {
+            let mut state = insole.state();
+            state.opened += 1;
+            if state.is_unplugged { Err(Error::Open("unplugged".into())) } else { Ok(insole.clone()) }
+        };
+        Link::connect(Box::new(open), POLICY)
+    }
+}
+
+impl Carrier for Insole {
+    fn send(&mut self, message: ToDevice) -> io::Result<()> {
+        let mut state = self.state();
+        if state.is_unplugged {
+            return Err(io::ErrorKind::BrokenPipe.into());
+        }
+        if !state.is_silent {
+            state.session.receive(message, 1);
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self) -> io::Result<Option<ToHost>> {
+        let mut state = self.state();
+        if state.is_unplugged {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        let hello = Hello {
+            major: MAJOR,
+            minor: MINOR,
+            firmware: state.firmware.try_into().expect("it is short"),
+            board: "test".try_into().expect("it is short"),
+            side: Side::Left,
+            layout_id: 1,
+            cells: 240,
+            period_us: 10_000,
+            tissue_id: 0,
+            contact_rule: ContactRule::COUNTED,
+            reset: Reset::Power,
+            last_panic: None,
+        };
+        let mut buffer = [0; MAX_MESSAGE];
+        let message = match state.is_silent {
+            true => None,
+            false => state.session.next(&hello, Status::default, &mut buffer).and_then(|bytes| decode(bytes)),
+        };
+        drop(state);
+        if message.is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        Ok(message)
+    }
+
+    fn damaged(&self) -> u32 {
+        0
+    }
+}
+
+/// The next event that is no timeout, while `insole` sends live frames.
+fn next(insole: &Insole, link: &mut Link<Insole>) -> Result<Event, Error> {
+    loop {
+        let sequence = insole.state().session.next_live();
+        if let Some(sequence) = sequence {
+            insole.state().session.push_live(Live { sequence, ..Live::default() });
+        }
+        match link.next()? {
+            Event::Timeout => {}
+            event => return Ok(event),
+        }
+    }
+}
+
+fn expect_live(insole: &Insole, link: &mut Link<Insole>) {
+    let event = next(insole, link).expect("the policy does not give up");
+    assert!(matches!(event, Event::Message(ToHost::Live(_))), "{event:?}");
+}
+
+#[test]
+fn a_lost_carrier_is_reported_once_and_opened_again() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Connected))));
+    expect_live(&insole, &mut link);
+    insole.state().is_unplugged = true;
+    assert!(matches!(link.next(), Ok(Event::Lost(error)) if error.is_link_failure()));
+    assert!(matches!(link.next(), Ok(Event::Timeout)));
+    // An acknowledgement in between is no second loss.
+    link.send(ToDevice::Acknowledge { step: 0 });
+    assert!(matches!(link.next(), Ok(Event::Timeout)));
+    insole.state().is_unplugged = false;
+    assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Reconnected))));
+    expect_live(&insole, &mut link);
+}
+
+#[test]
+fn a_message_that_cannot_be_sent_ends_the_session() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    link.start().expect("it streams");
+    insole.state().is_unplugged = true;
+    link.send(ToDevice::GetStatus);
+    assert!(matches!(link.next(), Ok(Event::Lost(Error::Carrier(_)))));
+}
+
+#[test]
+fn a_silent_insole_is_greeted_over_the_same_carrier_first() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    link.start().expect("it streams");
+    // It restarts: the stream is off.
+    insole.state().session = Session::new();
+    assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Greeted))));
+    assert_eq!(insole.state().opened, 1);
+    expect_live(&insole, &mut link);
+    insole.state().is_silent = true;
+    assert!(matches!(next(&insole, &mut link), Ok(Event::Lost(Error::NoAnswer(..)))));
+    insole.state().is_silent = false;
+    assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Reconnected))));
+}
+
+#[test]
+fn an_insole_that_does_not_return_counts_as_gone() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    link.start().expect("it streams");
+    insole.state().is_unplugged = true;
+    assert!(matches!(link.next(), Ok(Event::Lost(_))));
+    assert!(matches!(next(&insole, &mut link), Err(Error::Open(_))));
+    let silent = link.wait_for_restart(|_, _| Some(()));
+    assert!(matches!(silent, Err(Error::Open(_))), "{silent:?}");
+}
+
+#[test]
+fn a_restart_is_waited_for_until_the_check_accepts_the_hello() {
+    let insole = Insole::new();
+    let mut link = insole.connect().expect("an insole");
+    let mut checks = 0;
+    let version = link.wait_for_restart(|hello, was_silent| {
+        checks += 1;
+        if checks == 2 {
+            insole.state().firmware = "2.0.0";
+            insole.state().is_silent = true;
+        }
+        was_silent.then(|| hello.firmware.clone())
+    });
+    assert!(matches!(version, Err(Error::NoAnswer(..))), "it stays silent");
+    insole.state().is_silent = false;
+    let version = link.wait_for_restart(|hello, _| (checks > 1).then(|| hello.firmware.clone()));
+    assert_eq!(version.expect("it is back"), "2.0.0");
+}

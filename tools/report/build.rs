@@ -1,0 +1,5 @@
+//! Sets the version of the build.
+
+fn main() {
+    build_support::version();
+}
