@@ -1,5 +1,6 @@
-//! Builds the tests again when a scenario is added or removed, as each file becomes a test.
+//! Builds the tests again when a scenario is added or removed, as each file becomes a test; sets the version that the firmware reports.
 
 fn main() {
     println!("cargo:rerun-if-changed=scenarios");
+    build_support::version();
 }

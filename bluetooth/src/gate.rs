@@ -14,7 +14,7 @@ use plantar::firmware::ble::GattServer;
 pub struct Gate<'a, C> {
     /// The controller of the radio.
     pub radio: &'a C,
-    /// Signalled by every packet from the radio.
+    /// Signalled when the radio completes a command.
     pub answered: &'a Signal<NoopRawMutex, ()>,
     /// Decides whether bonding is allowed.
     pub insole: &'a dyn GattServer,
@@ -68,9 +68,7 @@ impl<C: Hci> Hci for Gate<'_, C> {
     }
 
     async fn read<'a>(&self, buffer: &'a mut Self::Buffer<'_>) -> Result<ControllerToHostPacket<'a>, Self::Error> {
-        let packet = self.radio.read(buffer).await?;
-        self.answered.signal(());
-        Ok(match packet {
+        Ok(match self.radio.read(buffer).await? {
             ControllerToHostPacket::Acl(acl) if acl.boundary_flag() != AclPacketBoundary::Continuing => {
                 ControllerToHostPacket::Acl(AclPacket::new(
                     acl.handle(),
@@ -85,8 +83,10 @@ impl<C: Hci> Hci for Gate<'_, C> {
 }
 
 impl<C: ControllerCmdSync<Q>, Q: SyncCmd> ControllerCmdSync<Q> for Gate<'_, C> {
-    fn exec(&self, cmd: &Q) -> impl Future<Output = Result<Q::Return, cmd::Error<Self::Error>>> {
-        self.radio.exec(cmd)
+    async fn exec(&self, cmd: &Q) -> Result<Q::Return, cmd::Error<Self::Error>> {
+        let completed = self.radio.exec(cmd).await;
+        self.answered.signal(());
+        completed
     }
 }
 

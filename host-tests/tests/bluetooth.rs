@@ -65,7 +65,7 @@ fn anyone_finds_the_insole_and_reads_who_it_is_and_nothing_else() {
     assert_eq!(phone.read(&mut world.air, "2a00"), b"Plantar L");
     assert_eq!(phone.read(&mut world.air, "2a29"), b"Plantar");
     assert_eq!(phone.read(&mut world.air, "2a24"), b"emulated");
-    assert_eq!(phone.read(&mut world.air, "2a26"), env!("CARGO_PKG_VERSION").as_bytes());
+    assert_eq!(phone.read(&mut world.air, "2a26"), env!("PLANTAR_VERSION").as_bytes());
     assert_eq!(phone.read(&mut world.air, "2a19"), [100]);
     assert_eq!(phone.read(&mut world.air, CURRENT_TIME), [0; 10], "not set");
     assert_eq!(phone.read(&mut world.air, "2a54"), [0, 0]);

@@ -182,17 +182,17 @@ fn assert_recovers(what: InjectedFault, reset: Reset, begins: &str, function: &s
 
 #[test]
 fn a_scan_that_goes_round_for_ever_is_found() {
-    assert_recovers(InjectedFault::ScanStalled, Reset::Watchdog, "wedged: scan", "read_row");
+    assert_recovers(InjectedFault::ScanStalled, Reset::Watchdog, "stalled: scan", "read_row");
 }
 
 #[test]
 fn a_model_that_goes_round_for_ever_is_found() {
-    assert_recovers(InjectedFault::ModelStalled, Reset::Watchdog, "wedged: model link", "process");
+    assert_recovers(InjectedFault::ModelStalled, Reset::Watchdog, "stalled: model link", "process");
 }
 
 #[test]
 fn a_link_that_goes_round_for_ever_is_found() {
-    assert_recovers(InjectedFault::LinkStalled, Reset::Watchdog, "wedged: model link", "serve");
+    assert_recovers(InjectedFault::LinkStalled, Reset::Watchdog, "stalled: model link", "serve");
 }
 
 #[test]

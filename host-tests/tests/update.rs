@@ -24,7 +24,7 @@ use std::time::Duration;
 use testkit::nor_flash::NorFlashChip;
 
 const BOARD: &str = "emulated";
-const OLD: &str = env!("CARGO_PKG_VERSION");
+const OLD: &str = env!("PLANTAR_VERSION");
 const NEW: &str = "99.0.1";
 /// An insole that starts answers within this time.
 const START: Duration = Duration::from_secs(20);

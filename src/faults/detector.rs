@@ -70,7 +70,9 @@ impl FaultDetector {
         self.settled_frames = 1;
         self.settle_frames = (SETTLE_MS * 1000).div_ceil(period_us);
         self.has_lines = cells.len() <= MATRIX_CELLS;
-        self.rows.set_period(period_us);
+        if self.has_lines {
+            self.rows.set_up(cells, period_us);
+        }
     }
 
     /// The faults detected since the set-up.

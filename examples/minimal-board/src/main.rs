@@ -1,0 +1,192 @@
+//! The smallest board: what a new one must bring. Its sensor, its flash chip and its port are not there, so it compiles and does
+//! nothing; replace each `impl` by a driver. `CONTRIBUTING.md` has the steps, `boards/wb55` a real board.
+//!
+//! It is checked and not linked: a time driver for `embassy-time` comes with the controller's package, such as `embassy-stm32`.
+#![no_std]
+#![no_main]
+
+use core::convert::Infallible;
+use core::hint::black_box;
+use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_futures::block_on;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::zerocopy_channel::{Receiver, Sender};
+use embedded_io_async::{Read, Write};
+use embedded_storage_async::nor_flash::{
+    ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
+use plantar::Side;
+use plantar::firmware::board::{Matrix, MatrixTimeout, Stopwatch, Ticker};
+use plantar::firmware::scan::{Frame, ScanCounters};
+use plantar::firmware::shared::Shared;
+use plantar::firmware::start::{Configuration, Memory, Started, start};
+use plantar::firmware::{DeviceInsole, layout, persist, process, scan, serve};
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::protocol::update::Header;
+use plantar::storage::Store;
+use plantar::storage::flash_map::{CHIP_BYTES, SECTOR};
+
+/// The header of this image: the name of the board, which updates must match, and the version.
+#[used]
+#[unsafe(link_section = ".header")]
+static IMAGE: Header = Header::new("minimal", env!("PLANTAR_VERSION"));
+
+static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
+static MEMORY: Memory<NoChip, 3> = Memory::new();
+
+/// A matrix without load: selects a row, converts its columns, and writes their codes.
+struct NoLoad;
+
+impl Matrix for NoLoad {
+    fn rows(&self) -> usize {
+        layout::ROWS
+    }
+
+    async fn read_row(&mut self, _seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout> {
+        for cell in layout::WIRING[row].into_iter().flatten() {
+            codes[usize::from(cell)] = 0;
+        }
+        Ok(())
+    }
+}
+
+/// A flash chip that fails: steps stay in RAM then, and the status counts what could not be stored.
+struct NoChip;
+
+/// The chip does not answer.
+#[derive(Debug)]
+struct NoAnswer;
+
+impl NorFlashError for NoAnswer {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+impl ErrorType for NoChip {
+    type Error = NoAnswer;
+}
+
+impl ReadNorFlash for NoChip {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, _offset: u32, _bytes: &mut [u8]) -> Result<(), NoAnswer> {
+        Err(NoAnswer)
+    }
+
+    fn capacity(&self) -> usize {
+        CHIP_BYTES as usize
+    }
+}
+
+impl NorFlash for NoChip {
+    const WRITE_SIZE: usize = 1;
+    const ERASE_SIZE: usize = SECTOR as usize;
+
+    async fn erase(&mut self, _from: u32, _to: u32) -> Result<(), NoAnswer> {
+        Err(NoAnswer)
+    }
+
+    async fn write(&mut self, _offset: u32, _bytes: &[u8]) -> Result<(), NoAnswer> {
+        Err(NoAnswer)
+    }
+}
+
+impl MultiwriteNorFlash for NoChip {}
+
+/// A port without a host.
+struct NoPort;
+
+impl embedded_io_async::ErrorType for NoPort {
+    type Error = Infallible;
+}
+
+impl Read for NoPort {
+    async fn read(&mut self, _buffer: &mut [u8]) -> Result<usize, Infallible> {
+        core::future::pending().await
+    }
+}
+
+impl Write for NoPort {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        Ok(bytes.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+/// A stopwatch without a cycle counter.
+struct NoCycles;
+
+impl Stopwatch for NoCycles {
+    fn start(&self) -> u32 {
+        0
+    }
+
+    fn cycles_since(&self, _start: u32) -> u32 {
+        0
+    }
+}
+
+#[embassy_executor::main]
+async fn main(spawner: Spawner) {
+    let boot = cortex_m_platform::boot_report(None);
+    // Read from flash, not from what the compiler knows, because a tool may have patched it.
+    let image = black_box(&IMAGE);
+    // Here the board initialises its clocks, ports and SysTick, which must call `tick` every
+    // `plantar::firmware::supervise::CHECK_PERIOD_MS`.
+    let configuration = Configuration { setup: layout::setup(Side::Left), cells: layout::cells(), fault: None };
+    let stack_bytes = cortex_m_platform::stack_bytes;
+    let started = block_on(start(&MEMORY, Some(NoChip), boot, image, configuration, &SCAN_COUNTERS, stack_bytes));
+    let Started { insole, store, shared, to_process, scanned, period_us } = started;
+    // Each task has static memory of its own and is spawned once, so spawning cannot fail.
+    SCAN_EXECUTOR.start(SpareInterrupt).spawn(run_scan(Ticker::new(period_us), to_process).unwrap());
+    spawner.spawn(run_process(insole, scanned, shared).unwrap());
+    spawner.spawn(run_serve(shared).unwrap());
+    spawner.spawn(run_persist(store, shared, image).unwrap());
+}
+
+#[embassy_executor::task]
+async fn run_scan(clock: Ticker, frames: Sender<'static, CriticalSectionRawMutex, Frame>) {
+    scan::scan(clock, NoLoad, frames, &SCAN_COUNTERS).await
+}
+
+#[embassy_executor::task]
+async fn run_process(
+    insole: &'static mut DeviceInsole,
+    frames: Receiver<'static, CriticalSectionRawMutex, Frame>,
+    shared: &'static Shared,
+) {
+    process::process(insole, frames, shared, NoCycles).await
+}
+
+#[embassy_executor::task]
+async fn run_serve(shared: &'static Shared) {
+    serve::serve(NoPort, NoPort, shared).await
+}
+
+#[embassy_executor::task]
+async fn run_persist(store: &'static mut Store<NoChip>, shared: &'static Shared, image: &'static Header) {
+    persist::persist(store, shared, image, cortex_m::peripheral::SCB::sys_reset).await
+}
+
+/// An interrupt that nothing else uses; its handler runs the scan executor.
+#[derive(Clone, Copy)]
+struct SpareInterrupt;
+
+// SAFETY: the number is that of an interrupt of the controller.
+unsafe impl cortex_m::interrupt::InterruptNumber for SpareInterrupt {
+    fn number(self) -> u16 {
+        0
+    }
+}
+
+cortex_m_platform::on_systick!(tick);
+
+/// Checks that scan, processing and link make progress.
+extern "C" fn tick(frame: u32) {
+    cortex_m_platform::check(frame, &SCAN_COUNTERS.heartbeats);
+}
