@@ -3,6 +3,7 @@
 mod accuracy;
 mod bytes;
 mod cohort;
+mod idle;
 mod identify;
 mod instructions;
 mod python;
@@ -48,6 +49,8 @@ fn main() -> Result<()> {
         bytes::measure(&mut figures)?;
         replay::measure(python, &mut figures)?;
         identify::measure(python, &mut figures)?;
+        idle::measure(&arguments.firmware, &mut figures)?;
+        bench::host_loops::measure_speed(&mut figures)?;
         if let (Some(jiku), Some(plantar)) = (&arguments.jiku, &arguments.plantar) {
             walkers::measure(jiku, &mut figures)?;
             cohort::measure(plantar, jiku, &mut figures)?;

@@ -199,6 +199,11 @@ impl Board {
         self.link.try_clone()
     }
 
+    /// The process of the emulator.
+    pub fn process_id(&self) -> u32 {
+        self.qemu.0.id()
+    }
+
     /// The contents of the flash chip.
     ///
     /// # Errors

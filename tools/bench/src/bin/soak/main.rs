@@ -31,5 +31,6 @@ fn main() -> Result<()> {
     power::in_memory(short, &mut figures)?;
     power::of_the_firmware(&firmware, short, &mut figures)?;
     walk::soak(&firmware, short, &mut figures)?;
+    bench::host_loops::soak(short, &mut figures)?;
     json.map_or(Ok(()), |path| figures.write(&path))
 }

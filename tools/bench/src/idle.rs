@@ -1,0 +1,50 @@
+//! The processor time that the emulator takes while the emulated board walks in real time.
+
+use anyhow::{Context, Result};
+use bench::Figures;
+use client::{Client, Framed};
+use emulation::EmulatorConfig;
+use emulator::{Board, Looped, Recorded, Time};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
+use recording::{VirtualInsole, synthetic};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Time of the measurement.
+const MEASURED: Duration = Duration::from_secs(6);
+/// Time for an answer of the insole.
+const PATIENCE: Duration = Duration::from_secs(20);
+/// Ticks per second of the times in `/proc`.
+const USER_HZ: f64 = 100.0;
+
+/// Measures the share of a core at 100 Hz with a live stream. Nothing where the host has no `/proc`.
+pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
+    if !Path::new("/proc/self/stat").exists() {
+        return Ok(());
+    }
+    let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 4, ..Default::default() }).recording;
+    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let (config, cells) = (EmulatorConfig::new(worn.setup), worn.cells.clone());
+    let board = Board::start(firmware, &config, &cells, Time::Real, Looped(Recorded::new(walk, worn)))?;
+    let link = board.link()?;
+    link.set_read_timeout(Some(client::READ_TIMEOUT))?;
+    let mut client = Client::connect(Framed::new(link), PATIENCE)?;
+    client.stream()?;
+    let (start, before_s) = (Instant::now(), processor_s(board.process_id())?);
+    while start.elapsed() < MEASURED {
+        client.receive()?;
+    }
+    let share = (processor_s(board.process_id())? - before_s) / start.elapsed().as_secs_f64();
+    figures.add("emulator_cpu_share", (share * 100.0).round() / 100.0, "at most 0.25: share of a core of an emulated foot at 100 Hz");
+    Ok(())
+}
+
+/// Processor time of a process so far, s.
+fn processor_s(process: u32) -> Result<f64> {
+    let stat = std::fs::read_to_string(format!("/proc/{process}/stat"))?;
+    // The name in parentheses may hold spaces. User and system time are the fields 14 and 15.
+    let fields = stat.rsplit_once(')').context("the process has no name")?.1;
+    let ticks = fields.split_whitespace().skip(11).take(2).map(str::parse::<f64>);
+    Ok(ticks.sum::<Result<f64, _>>()? / USER_HZ)
+}
