@@ -2,12 +2,12 @@ import { createHash } from "node:crypto";
 import type { Plugin } from "vite";
 import { defineConfig } from "vitest/config";
 
-/** Writes the service worker: it keeps exactly the files of this build, under a name made from their content. */
+/** Writes the service worker. It caches exactly the files of this build, under a name that is a hash of their content. */
 function offline(): Plugin {
   return {
     name: "offline",
     apply: "build",
-    // After index.html is there.
+    // After index.html was generated.
     enforce: "post",
     generateBundle(_, bundle) {
       const hash = createHash("sha256");
@@ -27,12 +27,12 @@ self.addEventListener("activate", (event) => {
 });
 self.addEventListener("fetch", (event) => {
   if (event.request.method !== "GET" || new URL(event.request.url).origin !== location.origin) return;
-  const kept = async () => {
+  const respond = async () => {
     const cache = await caches.open(VERSION);
-    // One page, whatever its address asks for.
+    // The parameters of the address do not select a file.
     return (await cache.match(event.request.mode === "navigate" ? "index.html" : event.request)) ?? fetch(event.request);
   };
-  event.respondWith(kept());
+  event.respondWith(respond());
 });
 `;
       this.emitFile({ type: "asset", fileName: "sw.js", source });

@@ -1,21 +1,23 @@
-/** CSV with units in the column names. */
+/** CSV files with units in the column names. docs/quantities.md describes the columns. */
 
-import type { StoredStep } from "./steps";
-import { INSOLES } from "./transport/transport";
+import { ELLIPSE_COLUMNS, LIVE_COLUMNS, STEP_COLUMNS, type Side } from "./generated/quantities";
+import type { StoredStep } from "./step_store";
 import type { Entry } from "./stream_file";
-import type { Side, StepRegion, Wire } from "./wire";
+import { INSOLES } from "./transport/transport";
+import type { Wire } from "./wire";
 
-type Cell = string | number | boolean | null;
+type Cell = string | number | null;
 
-const line = (cells: readonly Cell[]) => cells.map((cell) => (cell === null ? "" : Number(cell) === cell ? cell : String(cell))).join(",") + "\n";
+const line = (cells: readonly Cell[]) => cells.map((cell) => cell ?? "").join(",") + "\n";
 
-const LIVE_COLUMNS = ["area_mm2", "deformation_mm", "model_n", "measured_n", "saturated", "clamped", "masked"] as const;
-
-/** A row a live frame: `unix_s` is when it was scanned, on the browser's clock for both feet, empty where it was not asked for;
- * `t_s` is when it arrived, and `device_t_s` the insole's own. */
+/**
+ * One row for each live frame. `unix_s` is the time of the scan on the browser's clock, the same for both feet, and empty where the
+ * recording has no time of the insole. `t_s` is the time of arrival, `device_t_s` that of the scan on the insole's clock.
+ */
 export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
   const names = wire.facts.regions.map(({ name }) => name);
-  const rows = [line(["unix_s", "t_s", "side", "sequence", "device_t_s", ...names.flatMap((name) => LIVE_COLUMNS.map((c) => `${name}_${c}`))])];
+  const columns = names.flatMap((name) => LIVE_COLUMNS.map((column) => `${name}_${column}`));
+  const rows = [line(["unix_s", "t_s", "side", "sequence", "device_t_s", ...columns])];
   const sides = new Map<number, Side>();
   const all = [...recorded].map(({ t_ms, insole, message }) => ({ t_ms, insole, decoded: wire.decode(message) }));
   const axes = INSOLES.map(wire.recordedAxis);
@@ -31,24 +33,7 @@ export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
   return rows;
 }
 
-const STEP_COLUMNS = [
-  "measured_force_peak_n",
-  "model_force_peak_n",
-  "measured_force_integral_n_s",
-  "model_force_integral_n_s",
-  "area_peak_mm2",
-  "deformation_peak_mm",
-  "deformation_rate_peak_mm_s",
-  "contact_time_s",
-  "time_to_peak_s",
-  "model_error_nrmse_percent",
-  "saturated",
-  "clamped",
-  "masked_cells",
-] as const satisfies readonly (keyof StepRegion)[];
-const ELLIPSE_COLUMNS = ["x_mm", "y_mm", "r_a_mm", "r_b_mm", "angle_deg"] as const;
-
-/** A row a step and region. */
+/** One row for each step and region. */
 export function stepsCsv(steps: readonly StoredStep[]): string[] {
   const head = ["start_unix_s", "side", "step", "start_s", "contact_time_foot_s", "peak_force_foot_n", "region", ...STEP_COLUMNS];
   const rows = [line([...head, ...ELLIPSE_COLUMNS.map((column) => `ellipse_${column}`)])];

@@ -1,8 +1,9 @@
-/** The little of the document that the page needs. */
+/** Functions for the page's document. */
 
-/** Text, or an element: name, attributes, children. */
+/** Text, or an element with its name, attributes and children. */
 export type Node = string | [name: string, attributes: Record<string, string>, ...children: Node[]];
 
+/** The element with this id, which index.html has. */
 export function byId<T extends HTMLElement = HTMLElement>(id: string, type?: new () => T): T {
   const element = document.getElementById(id);
   if (!element || (type && !(element instanceof type))) throw new Error(`index.html lacks ${id}`);
@@ -21,9 +22,10 @@ function build(node: Node, parent: Element): globalThis.Node {
   return element;
 }
 
+/** The content that {@link fill} gave each element. */
 const filled = new WeakMap<Element, string>();
 
-/** Replaces what is in an element, where it differs. */
+/** Replaces the content of an element where it differs. */
 export function fill(into: string | Element | null, nodes: readonly Node[]): void {
   const element = typeof into === "string" ? byId(into) : into;
   const content = JSON.stringify(nodes);
@@ -32,12 +34,12 @@ export function fill(into: string | Element | null, nodes: readonly Node[]): voi
   element.replaceChildren(...nodes.map((node) => build(node, element)));
 }
 
-/** Hands a file to the user. */
+/** Saves a file as a download. */
 export function download(name: string, type: string, parts: BlobPart[]): void {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(new Blob(parts, { type }));
   link.download = name;
   link.click();
-  // The browser has taken it by the next task.
+  // The download has started by then.
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }

@@ -1,7 +1,7 @@
-/** Numbers and names for people. */
+/** Numbers and names as the wearer reads them. */
 
+import type { LiveRegion } from "./generated/quantities";
 import { type Settings, percentOfWeight } from "./settings";
-import type { LiveRegion } from "./wire";
 
 const TITLES: Record<string, string> = {
   heel: "Heel",
@@ -16,11 +16,11 @@ const TITLES: Record<string, string> = {
 
 export const regionTitle = (name: string) => TITLES[name] ?? name;
 
-/** What the table of regions can show. */
+/** The choices of the table of regions. */
 export const QUANTITIES = ["measured", "model", "deformation", "area"] as const;
 export type Quantity = (typeof QUANTITIES)[number];
 
-/** A quantity of a region with its unit in the chosen settings; `null` where the insole cannot know it. */
+/** A quantity of a region, with its unit in the chosen settings; `null` where the insole lacks the wearer's parameters for it. */
 export function quantityText(region: LiveRegion, quantity: Quantity, has_parameters: boolean, settings: Settings): string | null {
   const needs_parameters = quantity === "model" || quantity === "deformation";
   if (needs_parameters && !has_parameters) return null;
@@ -30,24 +30,23 @@ export function quantityText(region: LiveRegion, quantity: Quantity, has_paramet
     deformation: () => `${region.deformation_mm.toFixed(1)} mm`,
     area: () => `${(region.area_mm2 / 100).toFixed(1)} cm²`,
   }[quantity]();
-  // The model is cut where the contact is larger than its ellipsoid.
   const is_clamped = needs_parameters && region.clamped;
-  // A masked cell reads what its neighbours do.
   return region.saturated ? `${text} ▲` : region.masked ? `${text} ~` : is_clamped ? `${text} △` : text;
 }
 
 /** The unit in which forces are shown. */
 export const unitOf = (settings: Settings) => (settings.force_unit === "%BW" && settings.body_mass_kg !== null ? "%BW" : "N");
 
-/** A force in the chosen unit, and in the other one where it is known. */
+/** A force in the chosen unit, then in the other one, which is empty without a body mass. Without a `space` the unit is omitted. */
 export function forceText(force_n: number, settings: Settings, space = " "): [string, string] {
-  const newtons = space === "" ? force_n.toFixed(0) : `${force_n.toFixed(0)}${space}N`;
+  const text = (value: number, unit: string) => value.toFixed(0) + (space === "" ? "" : space + unit);
+  const newtons = text(force_n, "N");
   const share = percentOfWeight(force_n, settings);
   if (share === null) return [newtons, ""];
-  const percent = space === "" ? share.toFixed(0) : `${share.toFixed(0)}${space}%BW`;
+  const percent = text(share, "%BW");
   return unitOf(settings) === "%BW" ? [percent, newtons] : [newtons, percent];
 }
 
-/** A number, or a dash where there is none. */
+/** A number, or a dash for `null`. */
 export const numberText = (value: number | null, digits: number, unit = "") =>
   value === null ? "–" : `${value.toFixed(digits)}${unit && " "}${unit}`;

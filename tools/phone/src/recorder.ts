@@ -1,4 +1,4 @@
-/** Records what arrives as a stream file, and gives it back. */
+/** Records the messages of the insoles as a stream file. */
 
 import { type Entry, entries, entry } from "./stream_file";
 import type { Insole } from "./transport/transport";
@@ -16,7 +16,7 @@ export class Recorder {
     return this.chunks.length === 0;
   }
 
-  /** Starts anew; `hellos` say whose frames will follow. */
+  /** Starts a new recording with the `hellos` of the insoles, which name the feet of the following frames. */
   start(now_ms: number, hellos: Iterable<[Insole, Uint8Array]>): void {
     this.chunks = [];
     this.start_ms = now_ms;
@@ -34,6 +34,7 @@ export class Recorder {
     this.chunks.push(entry({ t_ms: Math.round(now_ms - this.start_ms), insole, message }) as Uint8Array<ArrayBuffer>);
   }
 
+  /** Length of the running recording. */
   seconds(): number {
     return this.start_ms === undefined ? 0 : (this.end_ms - this.start_ms) / 1000;
   }

@@ -1,26 +1,27 @@
-/** The colours of load: even steps of lightness in OKLCH, so that equal differences look equal, also in grey. */
+/** The colours of load: even steps of lightness in OKLCH, so that equal differences of load look equal, also in grey. */
 
 const COLOURS = 64;
-/** Nice ends of the scale, N. */
+/** Round ends of the scale, N. */
 const ENDS_N = [50, 100, 150, 200, 250, 300, 400, 500, 600, 700, 800, 1000, 1200, 1500, 2000, 3000, 5000];
 
-/** Unloaded is near the page's background: dark on dark, light on light. */
+/** The palette. An unloaded region is near the page's background: dark on dark, light on light. */
 export function colours(is_dark: boolean): string[] {
   return Array.from({ length: COLOURS }, (_, i) => {
     const load = i / (COLOURS - 1);
     const light = is_dark ? load : 1 - load;
     const lightness = 0.28 + 0.66 * light;
     const chroma = 0.07 + 0.1 * Math.sin(Math.PI * light);
-    // Purple over red and orange to yellow.
+    // From purple through red and orange to yellow.
     const hue = (300 + 160 * light) % 360;
     return `oklch(${lightness.toFixed(3)} ${chroma.toFixed(3)} ${hue.toFixed(1)})`;
   });
 }
 
+/** The colour of a force on a scale from 0 to `end_n`. */
 export function colourOf(force_n: number, end_n: number, palette: readonly string[]): string {
   const place = Math.round(Math.min(1, Math.max(0, force_n / end_n)) * (palette.length - 1));
   return palette[place] ?? "transparent";
 }
 
-/** The end of a scale that holds this force. */
+/** The end of a scale that includes this force. */
 export const scaleEnd_n = (force_n: number) => ENDS_N.find((end) => end >= force_n) ?? Math.ceil(force_n / 1000) * 1000;

@@ -1,27 +1,23 @@
-/** One insole's session: says hello until it is answered, keeps the latest, counts what is lost. */
+/** The session with one insole: greets it, holds its latest messages, counts lost frames. */
 
+import type { Hello, Status, ToHost } from "./generated/messages";
+import type { Live } from "./generated/quantities";
+import { HELLO_MS, SILENCE_MS } from "./reconnect";
 import type { Insole, Transport } from "./transport/transport";
-import type { Axis, Hello, Live, Status, Step, Wire } from "./wire";
+import type { Axis, LiveCounter, Wire } from "./wire";
 
-/** A stream that is silent for longer is lost. */
-export const SILENCE_MS = 2000;
-const HELLO_MS = 500;
 const STATUS_MS = 1000;
 const TIME_MS = 250;
-/** The live rate is counted over this time. */
+/** The rate of live frames is counted over this time. */
 const RATE_MS = 2000;
-/** Sum of the forces is kept so long, to find the peak of a step. */
+/** The total force of the last frames is stored for this time: the peak force of a step is found in it. */
 const HISTORY_S = 10;
 
 export type SessionState = "closed" | "waiting" | "live" | "lost" | "other-version";
 
-export interface Counters {
-  received: number;
-  lost: number;
-  damaged: number;
-}
+export type StepMessage = Extract<ToHost, { kind: "step" }>;
 
-export interface ForceAt {
+export interface ForceSample {
   t_s: number;
   force_n: number;
 }
@@ -35,21 +31,19 @@ export class Session {
   hello: Hello | undefined;
   live: Live | undefined;
   status: Status | undefined;
+  /** Why the connection was lost, for the wearer. */
   reason = "";
   battery_percent: number | undefined;
-  /** The insole's clock against the browser's. */
+  /** Damaged or unknown messages. */
+  damaged = 0;
   readonly axis: Axis;
-  readonly counters: Counters = { received: 0, lost: 0, damaged: 0 };
+  readonly counter: LiveCounter;
   /** Total force, oldest first. */
-  readonly history: ForceAt[] = [];
+  readonly history: ForceSample[] = [];
   private readonly arrivals_ms: number[] = [];
-  private next_sequence: number | undefined;
-  /** Frames of this stream, as the insole counts them. */
-  private received_in_stream = 0;
-  private lost_in_stream = 0;
-  private greeted_ms = 0;
-  private heard_ms = 0;
-  private said_hello_ms = -Infinity;
+  private hello_ms = 0;
+  private last_message_ms = 0;
+  private asked_hello_ms = -Infinity;
   private asked_status_ms = -Infinity;
   private asked_time_ms = -Infinity;
 
@@ -57,15 +51,17 @@ export class Session {
     readonly insole: Insole,
     private readonly wire: Wire,
     private readonly transport: () => Transport | undefined,
-    private readonly onStep: (step: Step, bytes: Uint8Array, session: Session) => void,
+    private readonly onStep: (message: StepMessage, bytes: Uint8Array, session: Session) => void,
   ) {
     this.axis = wire.axis(insole);
     this.axis.clear();
+    this.counter = wire.counter(insole);
+    this.counter.clear();
   }
 
   opened(now_ms: number): void {
     this.state = "waiting";
-    this.said_hello_ms = -Infinity;
+    this.asked_hello_ms = -Infinity;
     this.tick(now_ms);
   }
 
@@ -77,42 +73,40 @@ export class Session {
   receive(bytes: Uint8Array, now_ms: number): void {
     const message = this.wire.decode(bytes);
     if (!message) {
-      // Before a hello, or from another major version, nothing is expected to make sense.
-      if (this.state === "live") this.counters.damaged += 1;
+      // Before a hello, and from another major version, unknown messages are expected.
+      if (this.state === "live") this.damaged += 1;
       return;
     }
-    this.heard_ms = now_ms;
+    this.last_message_ms = now_ms;
     switch (message.kind) {
       case "hello":
-        this.greeted_ms = now_ms;
         return this.greeted(message, now_ms);
       case "live":
         return this.frame(message, now_ms);
       case "step":
-        // An insole of another version is shown nothing wrong.
-        if (this.state !== "other-version") this.onStep(message.step, bytes, this);
+        // Steps of another major version could be shown wrong.
+        if (this.state !== "other-version") this.onStep(message, bytes, this);
         return;
       case "status":
         this.status = message;
-        // Comes after all that was due: also finds what was lost before the first frame or after the last.
-        this.lose(Math.max(0, message.live_due - this.received_in_stream - this.lost_in_stream));
+        this.counter.due(message.live_due);
         return;
       case "time":
         this.axis.answer(message);
         return;
-      // Nothing here asks for these.
+      // The page requests none of these.
       case "tissue":
       case "refused":
+      case "faults":
     }
   }
 
   private greeted(hello: Hello, now_ms: number): void {
     this.hello = hello;
+    this.hello_ms = now_ms;
     this.axis.clear();
+    this.counter.newSession();
     this.arrivals_ms.length = 0;
-    this.next_sequence = undefined;
-    this.received_in_stream = 0;
-    this.lost_in_stream = 0;
     if (hello.major !== this.wire.facts.major) {
       this.state = "other-version";
       return;
@@ -125,14 +119,7 @@ export class Session {
   private frame(live: Live, now_ms: number): void {
     if (this.state === "other-version" || !this.hello) return;
     if (this.state === "lost") this.state = "live";
-    if (this.next_sequence !== undefined) {
-      const gap = (live.sequence - this.next_sequence) >>> 0;
-      // A step back is another stream.
-      this.lose(gap < 2 ** 31 ? gap : 0);
-    }
-    this.next_sequence = (live.sequence + 1) >>> 0;
-    this.received_in_stream += 1;
-    this.counters.received += 1;
+    this.counter.frame(live.sequence);
     this.live = live;
     const last = this.history.at(-1);
     if (last && live.t_s < last.t_s) this.history.length = 0;
@@ -141,30 +128,25 @@ export class Session {
     this.arrivals_ms.push(now_ms);
   }
 
-  private lose(frames: number): void {
-    this.lost_in_stream += frames;
-    this.counters.lost += frames;
-  }
-
-  /** Live frames a second, lately. */
+  /** Live frames per second, over the last seconds. */
   rate_hz(now_ms: number): number {
     while ((this.arrivals_ms[0] ?? Infinity) < now_ms - RATE_MS) this.arrivals_ms.shift();
     // A stream that has just begun is counted from its hello.
-    const counted_ms = Math.min(RATE_MS, now_ms - this.greeted_ms);
+    const counted_ms = Math.min(RATE_MS, now_ms - this.hello_ms);
     return counted_ms > 0 ? (1000 * this.arrivals_ms.length) / counted_ms : 0;
   }
 
-  /** Does what time brings: call it a few times a second. */
+  /** Sends the requests that are due. Call it a few times a second. */
   tick(now_ms: number): void {
-    if (this.state === "live" && now_ms - this.heard_ms > SILENCE_MS) {
+    if (this.state === "live" && now_ms - this.last_message_ms > SILENCE_MS) {
       this.state = "lost";
-      this.reason = "nothing heard for two seconds";
-      // It may have restarted, and then waits for a hello.
-      this.said_hello_ms = -Infinity;
+      this.reason = "no data for two seconds";
+      // The insole may have restarted; then it waits for a hello.
+      this.asked_hello_ms = -Infinity;
     }
     const is_waiting = this.state === "waiting" || this.state === "lost";
-    if (is_waiting && now_ms - this.said_hello_ms >= HELLO_MS) {
-      this.said_hello_ms = now_ms;
+    if (is_waiting && now_ms - this.asked_hello_ms >= HELLO_MS) {
+      this.asked_hello_ms = now_ms;
       this.send(this.wire.connect());
     }
     if (this.state === "live" && now_ms - this.asked_status_ms >= STATUS_MS) {
@@ -177,7 +159,7 @@ export class Session {
     }
   }
 
-  /** The step is stored: the insole may forget it. */
+  /** Reports that the step and all before it are stored, so that the insole can delete them. */
   acknowledge(step: number): void {
     this.send(this.wire.acknowledge(step));
   }

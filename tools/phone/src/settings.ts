@@ -1,4 +1,4 @@
-/** What the wearer chose; kept by the browser. */
+/** The wearer's settings, stored by the browser. */
 
 const KEY = "plantar.settings";
 const GRAVITY_M_S2 = 9.80665;
@@ -10,7 +10,7 @@ export interface Settings {
   force_unit: "N" | "%BW";
 }
 
-const USUAL: Settings = { body_mass_kg: null, mass_unit: "kg", force_unit: "N" };
+const DEFAULTS: Settings = { body_mass_kg: null, mass_unit: "kg", force_unit: "N" };
 
 export function loadSettings(storage: Storage): Settings {
   try {
@@ -21,7 +21,7 @@ export function loadSettings(storage: Storage): Settings {
       force_unit: saved.force_unit === "%BW" ? "%BW" : "N",
     };
   } catch {
-    return { ...USUAL };
+    return { ...DEFAULTS };
   }
 }
 
@@ -29,10 +29,10 @@ export function saveSettings(storage: Storage, settings: Settings): void {
   storage.setItem(KEY, JSON.stringify(settings));
 }
 
-/** Body weight; `null` where the mass is not known. */
+/** Body weight; `null` without a body mass. */
 export const weight_n = ({ body_mass_kg }: Settings) => (body_mass_kg === null ? null : body_mass_kg * GRAVITY_M_S2);
 
-/** A force in % of body weight. */
+/** A force in % of body weight; `null` without a body mass. */
 export function percentOfWeight(force_n: number, settings: Settings): number | null {
   const weight = weight_n(settings);
   return weight === null ? null : (100 * force_n) / weight;

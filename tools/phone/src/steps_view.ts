@@ -1,27 +1,27 @@
-/** Figures, trend and table of the steps. */
+/** The steps view: measures of the walk, the trend of the peak force, and the table of steps. */
 
 import { type Node, byId, fill } from "./dom";
 import { forceText, numberText, unitOf } from "./format";
+import type { Side, Step } from "./generated/quantities";
 import { type Settings, percentOfWeight } from "./settings";
-import type { StoredStep } from "./steps";
-import { cadence_per_min, figures, impulse_n_s, stepsOf, symmetryIndex } from "./walk";
-import { SIDES, type Side, type Step } from "./wire";
+import { SIDES, sideTitle } from "./side";
+import type { StoredStep } from "./step_store";
+import { cadence_per_min, footMeasures, impulse_n_s, stepsOf, symmetryIndex } from "./walk";
 
-/** Steps of a foot in the trend, and rows in the table. */
+/** Steps of each foot in the trend. */
 const TREND = 60;
+/** Rows of the table. */
 const ROWS = 200;
-
-const title = (side: Side) => (side === "left" ? "Left" : "Right");
 
 export function drawSteps(steps: readonly StoredStep[], settings: Settings): void {
   const is_empty = steps.length === 0;
   byId("no-steps").hidden = !is_empty;
-  for (const id of ["figures", "symmetry", "trend", "table"]) byId(id).hidden = is_empty;
+  for (const id of ["measures", "symmetry", "trend", "table"]) byId(id).hidden = is_empty;
   if (is_empty) return;
-  const both = { left: figures(steps, "left"), right: figures(steps, "right") };
+  const both = { left: footMeasures(steps, "left"), right: footMeasures(steps, "right") };
 
-  fill("figures", [
-    card("Cadence", numberText(cadence_per_min(steps), 0), "steps a minute"),
+  fill("measures", [
+    card("Cadence", numberText(cadence_per_min(steps), 0), "steps per minute"),
     card("Steps", String(steps.length), `left ${both.left.count}, right ${both.right.count}`),
   ]);
 
@@ -40,14 +40,13 @@ export function drawSteps(steps: readonly StoredStep[], settings: Settings): voi
   ]);
   fill("trend", trend(steps, settings));
 
-  fill(byId("table").querySelector("thead"), [
-    ["tr", {}, ...["Foot", "Step", "Contact, s", "Peak, N", "Peak, %BW", "Force × time, N s"].map((name): Node => ["th", { scope: "col" }, name])],
-  ]);
+  const head = ["Foot", "Step", "Contact, s", "Peak, N", "Peak, %BW", "Force × time, N s"];
+  fill(byId("table").querySelector("thead"), [["tr", {}, ...head.map((name): Node => ["th", { scope: "col" }, name])]]);
   const rows = steps.slice(-ROWS).reverse();
   fill(byId("table").querySelector("tbody"), rows.map(({ step, peak_n }): Node => [
     "tr",
     {},
-    ["td", { class: step.side }, title(step.side)],
+    ["td", { class: step.side }, sideTitle(step.side)],
     ["td", {}, String(step.step)],
     ["td", {}, step.duration_s.toFixed(2)],
     ["td", {}, hasMaskedCells(step) ? `~ ${numberText(peak_n, 0)}` : numberText(peak_n, 0)],
@@ -58,9 +57,11 @@ export function drawSteps(steps: readonly StoredStep[], settings: Settings): voi
 
 const hasMaskedCells = (step: Step) => Object.values(step.regions).some(({ masked_cells }) => masked_cells > 0);
 
-const card = (name: string, value: string, words: string): Node => ["div", {}, ["dt", {}, name], ["dd", {}, value, ["small", {}, words]]];
+function card(name: string, value: string, detail: string): Node {
+  return ["div", {}, ["dt", {}, name], ["dd", {}, value, ["small", {}, detail]]];
+}
 
-/** Peak force of the latest steps of each foot. */
+/** A diagram of the peak force of the last steps of each foot. */
 function trend(steps: readonly StoredStep[], settings: Settings): Node[] {
   const [width, height, left, bottom] = [360, 150, 40, 22];
   const series = SIDES.map((side) => ({
@@ -75,22 +76,22 @@ function trend(steps: readonly StoredStep[], settings: Settings): Node[] {
   const low = Math.floor((Math.min(...all) * 0.95) / step) * step;
   const high = Math.ceil((Math.max(...all) * 1.01) / step) * step;
   const longest = Math.max(2, ...series.map(({ values }) => values.length));
-  // The newest steps stand below each other at the right.
+  // The last steps of both feet are at the right end.
   const x = (i: number, count: number) => left + ((longest - count + i) / (longest - 1)) * (width - left - 8);
   const y = (value: number) => 8 + ((high - value) / (high - low)) * (height - bottom - 8);
   const unit = unitOf(settings);
   return [
     [
       "svg",
-      { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `Peak force of the latest steps, ${unit}` },
+      { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `Peak force of the last steps, ${unit}` },
       ...[low, (low + high) / 2, high].flatMap((value): Node[] => [
         ["path", { class: "grid", d: `M${left} ${y(value)}H${width}` }],
         ["text", { x: String(left - 6), y: String(y(value) + 4), "text-anchor": "end" }, String(Math.round(value))],
       ]),
-      ["text", { x: String(width - 4), y: String(height - 4), "text-anchor": "end" }, "latest step"],
+      ["text", { x: String(width - 4), y: String(height - 4), "text-anchor": "end" }, "last step"],
       ...series.flatMap(({ side, values }): Node[] => {
         const points = values.map((value, i) => `${x(i, values.length).toFixed(1)} ${y(value).toFixed(1)}`);
-        // Left round, right square: not told by colour alone.
+        // Left is round and right is square, so that colour is not the only difference.
         const mark = (at: string) => (side === "left" ? `M${at}m-3 0a3 3 0 1 0 6 0a3 3 0 1 0-6 0` : `M${at}m-3-3h6v6h-6z`);
         const colour = `var(--${side})`;
         return [

@@ -1,4 +1,4 @@
-/** A recorded stream: per message the time in ms (u32), the insole (u8), the length (u16), little endian, and the message. */
+/** A recorded stream. Each entry has the time in ms (u32), the insole (u8) and the length (u16), little endian, and the message. */
 
 import { INSOLES, type Insole } from "./transport/transport";
 
@@ -11,8 +11,8 @@ export interface Entry {
 }
 
 /**
- * The messages of a file, up to one that is cut off: a recorder that was stopped leaves such an end. Throws where the file is
- * something else, with words for people.
+ * The entries of a file. A file that was cut off, as by a recorder that was stopped, ends with its last complete entry. Throws an
+ * error for the wearer where the file is not a recorded stream.
  */
 export function* entries(bytes: Uint8Array): Generator<Entry> {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
@@ -20,14 +20,14 @@ export function* entries(bytes: Uint8Array): Generator<Entry> {
     if (at + HEAD > bytes.length) return;
     const length = view.getUint16(at + 5, true);
     const insole = INSOLES.find((index) => index === bytes[at + 4]);
-    if (insole === undefined) throw new Error("This is no recording of insoles.");
+    if (insole === undefined) throw new Error("This file is not a recording of insoles.");
     if (at + HEAD + length > bytes.length) return;
     yield { t_ms: view.getUint32(at, true), insole, message: bytes.subarray(at + HEAD, at + HEAD + length) };
     at += HEAD + length;
   }
 }
 
-/** One entry as bytes. */
+/** Encodes an entry. */
 export function entry({ t_ms, insole, message }: Entry): Uint8Array {
   const bytes = new Uint8Array(HEAD + message.length);
   const view = new DataView(bytes.buffer);

@@ -1,15 +1,17 @@
-/** Figures of a walk from its steps. */
+/** Measures of a walk, computed from its steps. */
 
-import type { StoredStep } from "./steps";
-import type { Side, Step } from "./wire";
+import type { Side, Step } from "./generated/quantities";
+import { SIDES } from "./side";
+import type { StoredStep } from "./step_store";
 
-/** A pause between steps of one foot that is longer than this is standing, s. */
+/** A longer time between two steps of one foot is not a stride, because the wearer stood, s. */
 const LONGEST_STRIDE_S = 2.5;
-/** Figures are means over the latest steps of each foot. */
+/** Measures are means over this many steps of each foot, the last ones. */
 export const LATEST = 20;
 
 export const stepsOf = (steps: readonly StoredStep[], side: Side) => steps.filter(({ step }) => step.side === side);
 
+/** Force-time integral of the whole foot. */
 export const impulse_n_s = (step: Step) =>
   Object.values(step.regions).reduce((sum, region) => sum + region.measured_force_integral_n_s, 0);
 
@@ -17,15 +19,15 @@ export function mean(values: readonly number[]): number | null {
   return values.length === 0 ? null : values.reduce((sum, value) => sum + value, 0) / values.length;
 }
 
-/** 200 (L - R) / (L + R), %: 0 is equal, positive is more on the left. */
+/** 200 (L - R) / (L + R), %: 0 for equal feet, positive for more on the left. */
 export function symmetryIndex(left: number | null, right: number | null): number | null {
   if (left === null || right === null || left + right === 0) return null;
   return (200 * (left - right)) / (left + right);
 }
 
-/** Steps of both feet a minute, from the strides of each; a missed step or a pause is not a stride. */
+/** Steps of both feet per minute, from the strides of each foot. Only consecutive steps are a stride. */
 export function cadence_per_min(steps: readonly StoredStep[]): number | null {
-  const strides_s = (["left", "right"] as const).flatMap((side) => {
+  const strides_s = SIDES.flatMap((side) => {
     const latest = stepsOf(steps, side).slice(-LATEST);
     return latest.slice(1).flatMap(({ step }, i) => {
       const before = latest[i]?.step;
@@ -38,15 +40,16 @@ export function cadence_per_min(steps: readonly StoredStep[]): number | null {
   return stride_s === null ? null : 120 / stride_s;
 }
 
-export interface FootFigures {
+export interface FootMeasures {
+  /** Number of all steps. */
   count: number;
   peak_n: number | null;
   impulse_n_s: number | null;
   contact_s: number | null;
 }
 
-/** Means over the latest steps of a foot. */
-export function figures(steps: readonly StoredStep[], side: Side): FootFigures {
+/** Means over the last steps of a foot. */
+export function footMeasures(steps: readonly StoredStep[], side: Side): FootMeasures {
   const all = stepsOf(steps, side);
   const latest = all.slice(-LATEST);
   return {

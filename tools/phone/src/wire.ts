@@ -1,121 +1,9 @@
-/** The core's wire messages, decoded and encoded by the core itself as WebAssembly. */
+/** The core as WebAssembly: decodes and encodes messages, knows the clocks of insoles, and counts lost frames. */
 
+import type { Facts, ToHost } from "./generated/messages";
 import { INSOLES, type Insole } from "./transport/transport";
 
-export type Side = "left" | "right";
-export const SIDES: readonly Side[] = ["left", "right"];
-
-export interface Hello {
-  kind: "hello";
-  major: number;
-  minor: number;
-  firmware: string;
-  board: string;
-  side: Side;
-  cells: number;
-  rate_hz: number;
-  has_parameters: boolean;
-  reset: string;
-  last_panic: string | null;
-}
-
-export interface LiveRegion {
-  area_mm2: number;
-  deformation_mm: number;
-  model_n: number;
-  measured_n: number;
-  saturated: boolean;
-  clamped: boolean;
-  masked: boolean;
-}
-
-export interface Live {
-  kind: "live";
-  sequence: number;
-  /** Device time. */
-  t_s: number;
-  /** In the order of {@link Facts.regions}. */
-  regions: LiveRegion[];
-}
-
-export interface Ellipse {
-  x_mm: number;
-  y_mm: number;
-  r_a_mm: number;
-  r_b_mm: number;
-  angle_deg: number;
-}
-
-export interface StepRegion {
-  measured_force_peak_n: number;
-  model_force_peak_n: number;
-  measured_force_integral_n_s: number;
-  model_force_integral_n_s: number;
-  area_peak_mm2: number;
-  deformation_peak_mm: number;
-  deformation_rate_peak_mm_s: number;
-  contact_time_s: number;
-  time_to_peak_s: number;
-  ellipse_at_peak: Ellipse | null;
-  model_error_nrmse_percent: number;
-  saturated: boolean;
-  clamped: boolean;
-  masked_cells: number;
-}
-
-/** The same object as `plantar replay --json` writes. */
-export interface Step {
-  side: Side;
-  step: number;
-  start_s: number;
-  duration_s: number;
-  sample_s: number;
-  bridged_frames: number;
-  /** Starts of the insole since the one that this step was made in. */
-  starts_ago: number;
-  /** By the insole's own clock; only of a step from before its last start. */
-  start_unix_s: number | null;
-  contact_rule: { rule: string; on_kpa: number; off_kpa: number; full_kpa: number };
-  regions: Record<string, StepRegion>;
-}
-
-export interface Status {
-  kind: "status";
-  uptime_s: number;
-  frames_missed: number;
-  live_due: number;
-  live_sent: number;
-  steps: number;
-  steps_dropped: number;
-  bad_frames: number;
-  /** What the insole could not keep. */
-  unkept: number;
-  faults: number;
-  rezeroed: number;
-}
-
-export type ToHost =
-  | Hello
-  | Live
-  | { kind: "step"; step: Step }
-  | Status
-  | { kind: "tissue"; id: number }
-  | { kind: "refused"; reason: string }
-  | { kind: "time"; host_us: number; device_us: number }
-  | { kind: "faults"; found: number; rezeroed: number; list: { fault: string; place: string; found_s: number }[] };
-
-export type Point = [x_mm: number, y_mm: number];
-
-/** What never changes while the page runs. */
-export interface Facts {
-  major: number;
-  minor: number;
-  /** Unacknowledged steps that an insole keeps. */
-  step_queue: number;
-  regions: { name: string; outline_mm: Point[]; centre_mm: Point }[];
-  sole: { length_mm: number; width_mm: number; outline_mm: Point[] };
-}
-
+/** The exports of tools/phone/wire. Results are lengths of the content of a shared buffer. */
 interface Exports {
   memory: WebAssembly.Memory;
   room(length: number): number;
@@ -131,9 +19,15 @@ interface Exports {
   axis_clear(index: number): void;
   axis_answer(index: number, asked_us: number, device_us: number): void;
   axis_unix_us(index: number, device_us: number): number;
+  counter_clear(index: number): void;
+  counter_new_session(index: number): void;
+  counter_frame(index: number, sequence: number): void;
+  counter_due(index: number, live_due: number): void;
+  counter_received(index: number): number;
+  counter_lost(index: number): number;
 }
 
-/** An insole's clock against the browser's, so that both feet share one axis. */
+/** The clock of an insole relative to the browser's, so that both feet share one time axis. */
 export class Axis {
   constructor(
     private readonly core: Exports,
@@ -155,6 +49,40 @@ export class Axis {
   }
 }
 
+/** Counts the live frames of an insole that arrived and that were lost. */
+export class LiveCounter {
+  constructor(
+    private readonly core: Exports,
+    private readonly index: number,
+  ) {}
+
+  clear(): void {
+    this.core.counter_clear(this.index);
+  }
+
+  /** Another session begins, with sequence numbers of its own. */
+  newSession(): void {
+    this.core.counter_new_session(this.index);
+  }
+
+  frame(sequence: number): void {
+    this.core.counter_frame(this.index, sequence);
+  }
+
+  /** The insole's own count of the frames of this session. */
+  due(live_due: number): void {
+    this.core.counter_due(this.index, live_due);
+  }
+
+  get received(): number {
+    return this.core.counter_received(this.index);
+  }
+
+  get lost(): number {
+    return this.core.counter_lost(this.index);
+  }
+}
+
 export class Wire {
   readonly facts: Facts;
   private readonly text = new TextDecoder();
@@ -168,7 +96,7 @@ export class Wire {
     return new Wire(instance.exports as unknown as Exports);
   }
 
-  /** The message; `undefined` where the bytes are no message of this version. */
+  /** The message; `undefined` for bytes that are not a message of this version. */
   decode(bytes: Uint8Array): ToHost | undefined {
     const at = this.core.room(bytes.length);
     new Uint8Array(this.core.memory.buffer, at, bytes.length).set(bytes);
@@ -182,17 +110,18 @@ export class Wire {
   getStatus = () => this.request(this.core.get_status());
   getTime = (unix_us: number) => this.request(this.core.get_time(unix_us));
   setClock = (unix_us: number) => this.request(this.core.set_clock(unix_us));
-  /** What is known of the clock of an insole that is connected. */
+  /** The clock of a connected insole. */
   axis = (insole: Insole) => new Axis(this.core, insole);
-  /** The same of an insole in a recording. */
+  /** The clock of an insole in a recording. */
   recordedAxis = (insole: Insole) => new Axis(this.core, INSOLES.length + insole);
+  counter = (insole: Insole) => new LiveCounter(this.core, insole);
 
   private request(length: number): Uint8Array {
     return this.read(length).slice();
   }
 
   private read(length: number): Uint8Array {
-    // Asked anew each time: memory may have grown or moved.
+    // A new view each time, because the memory may have grown or moved.
     return new Uint8Array(this.core.memory.buffer, this.core.result(), length);
   }
 }

@@ -1,7 +1,7 @@
 import { beforeAll, expect, test } from "vitest";
 import { liveCsv, stepsCsv } from "../src/csv";
 import { Recorder } from "../src/recorder";
-import { type StoredStep } from "../src/steps";
+import type { StoredStep } from "../src/step_store";
 import { entries, entry } from "../src/stream_file";
 import type { Wire } from "../src/wire";
 import { loadWire, messagesOf, walk } from "./wire";
@@ -11,7 +11,7 @@ beforeAll(async () => {
   wire = await loadWire();
 });
 
-/** The insole's answer: kind 6, two varints. */
+/** The encoded message `time`: its number is 6, and two varints follow. */
 function timeMessage(host_us: number, device_us: number): Uint8Array {
   const varint = (value: number): number[] => (value < 128 ? [value] : [(value % 128) | 128, ...varint(Math.floor(value / 128))]);
   return Uint8Array.of(6, ...varint(host_us), ...varint(device_us));
@@ -19,7 +19,7 @@ function timeMessage(host_us: number, device_us: number): Uint8Array {
 
 const cells = (row: string) => row.trimEnd().split(",");
 
-test("a live row has the time of both clocks, the side and every region's values with their units", () => {
+test("a live row has the times of both clocks, the side, and the values of each region with their units", () => {
   const rows = liveCsv(entries(walk), wire);
   const head = cells(rows[0]!);
   expect(head.slice(0, 5)).toEqual(["unix_s", "t_s", "side", "sequence", "device_t_s"]);
@@ -32,11 +32,11 @@ test("a live row has the time of both clocks, the side and every region's values
   expect([right[0], right[1], right[3], right[4]]).toEqual(["", "0.525", "0", "0"]);
 });
 
-test("frames of both feet share the browser's clock once the insoles told theirs", () => {
+test("frames of both feet are on the browser's clock once the insoles answered with theirs", () => {
   const recorded = [...entries(walk)].map((entry) => ({ ...entry }));
-  // Asked at 1000 s since 1970, when the left insole's clock showed 0.5 s and the right one's 0.1 s.
-  const told: [0 | 1, number][] = [[0, 500_000], [1, 100_000]];
-  const times = told.map(([insole, device_us]) => ({ t_ms: 0, insole, message: timeMessage(1_000_000_000, device_us) }));
+  // The page asked at 1000 s since 1970, when the left insole's clock showed 0.5 s and the right one's 0.1 s.
+  const answers: [0 | 1, number][] = [[0, 500_000], [1, 100_000]];
+  const times = answers.map(([insole, device_us]) => ({ t_ms: 0, insole, message: timeMessage(1_000_000_000, device_us) }));
   const rows = liveCsv([...recorded, ...times], wire).slice(1).map(cells);
   for (const [side, ahead_s] of [["left", 0.5], ["right", 0.1]] as const) {
     const first = rows.find((row) => row[2] === side)!;
@@ -44,7 +44,7 @@ test("frames of both feet share the browser's clock once the insoles told theirs
   }
 });
 
-test("a step has a row a region", () => {
+test("a step has one row for each region", () => {
   const steps = messagesOf(0).flatMap((message): StoredStep[] => {
     const decoded = wire.decode(message);
     return decoded?.kind === "step" ? [{ step: decoded.step, peak_n: null, start_unix_s: null }] : [];
@@ -64,7 +64,7 @@ test("a step has a row a region", () => {
   });
 });
 
-test("what is recorded comes back, with whose it is first", () => {
+test("a recording has the hellos first and the messages until it is stopped", () => {
   const recorder = new Recorder();
   const [hello, frame] = messagesOf(1);
   recorder.take(1, frame!, 5);
@@ -78,7 +78,7 @@ test("what is recorded comes back, with whose it is first", () => {
   ]);
 });
 
-test("a file that is cut off ends with its last whole message", () => {
+test("a file that was cut off ends with its last complete message", () => {
   const first = { t_ms: 1, insole: 0 as const, message: Uint8Array.of(1, 2, 3) };
   const bytes = Uint8Array.of(...entry(first), ...entry({ ...first, t_ms: 2 }));
   for (let length = 10; length < bytes.length; length += 1) {
@@ -86,8 +86,8 @@ test("a file that is cut off ends with its last whole message", () => {
   }
 });
 
-test("a file that is something else says so", () => {
+test("a file that is not a recording is refused", () => {
   const bytes = entry({ t_ms: 1, insole: 0, message: Uint8Array.of(1, 2, 3) });
   bytes[4] = 9;
-  expect(() => [...entries(bytes)]).toThrow("no recording");
+  expect(() => [...entries(bytes)]).toThrow("not a recording");
 });

@@ -5,25 +5,25 @@ const message = Uint8Array.from({ length: 282 }, (_, i) => i % 251);
 
 function collect(values: Iterable<Uint8Array>): { messages: Uint8Array[]; damaged: number } {
   let damaged = 0;
-  const whole = new Fragments(() => (damaged += 1));
-  const messages = [...values].flatMap((value) => whole.push(value) ?? []);
+  const joiner = new Fragments(() => (damaged += 1));
+  const messages = [...values].flatMap((value) => joiner.push(value) ?? []);
   return { messages, damaged };
 }
 
-test("a message comes back from values of any size", () => {
-  for (const most of [4, 20, 100, 182, 244, 512]) {
-    const values = [...fragments(message, most)];
-    expect(values.every((value) => value.length <= most)).toBe(true);
+test("a message is joined from values of any size", () => {
+  for (const longest of [4, 20, 100, 182, 244, 512]) {
+    const values = [...fragments(message, longest)];
+    expect(values.every((value) => value.length <= longest)).toBe(true);
     expect(collect([...values, ...values])).toEqual({ messages: [message, message], damaged: 0 });
   }
 });
 
-test("the header is number and last bit", () => {
+test("the header has the number of the fragment and marks the last one", () => {
   expect([...fragments(Uint8Array.of(1, 2, 3), 3)]).toEqual([Uint8Array.of(0, 1, 2), Uint8Array.of(0x81, 3)]);
   expect([...fragments(Uint8Array.of(7), 20)]).toEqual([Uint8Array.of(0x80, 7)]);
 });
 
-test("a lost piece costs its message, is counted once, and the next message is whole", () => {
+test("a lost fragment damages one message, is counted once, and the next message is complete", () => {
   const values = [...fragments(message, 20)];
   for (let lost = 0; lost < values.length; lost += 1) {
     const rest = values.filter((_, i) => i !== lost);
@@ -31,6 +31,6 @@ test("a lost piece costs its message, is counted once, and the next message is w
   }
 });
 
-test("an empty value is damage", () => {
+test("an empty value is damaged", () => {
   expect(collect([new Uint8Array(0)])).toEqual({ messages: [], damaged: 1 });
 });

@@ -1,7 +1,10 @@
 import { beforeAll, describe, expect, test } from "vitest";
-import { SILENCE_MS, Session } from "../src/session";
+import type { ToHost } from "../src/generated/messages";
+import type { Step } from "../src/generated/quantities";
+import { SILENCE_MS } from "../src/reconnect";
+import { Session } from "../src/session";
 import type { Transport } from "../src/transport/transport";
-import type { Step, ToHost, Wire } from "../src/wire";
+import type { Wire } from "../src/wire";
 import { live, loadWire, messagesOf } from "./wire";
 
 let wire: Wire;
@@ -9,21 +12,25 @@ beforeAll(async () => {
   wire = await loadWire();
 });
 
-/** A session whose insole says what a test wants; messages are told apart by their first byte. */
+/** A session; with `decode`, every message is the one that it returns. */
 function start(decode?: (bytes: Uint8Array) => ToHost | undefined) {
   const sent: Uint8Array[] = [];
   const steps: Step[] = [];
-  const transport: Transport = { name: "test", is_replay: false, send: (_, message) => sent.push(message), close: () => undefined };
-  const spoken = decode ? (Object.assign(Object.create(wire), { decode }) as Wire) : wire;
-  const session = new Session(0, spoken, () => transport, (step) => steps.push(step));
+  const send = (_: unknown, message: Uint8Array) => sent.push(message);
+  const transport: Transport = { place: "in a test", is_replay: false, send, close: () => undefined };
+  const core = decode ? (Object.assign(Object.create(wire), { decode }) as Wire) : wire;
+  const session = new Session(0, core, () => transport, ({ step }) => steps.push(step));
   return { session, sent, steps };
 }
 
-const hello = (major: number): ToHost => ({
-  kind: "hello", major, minor: 0, firmware: "9", board: "test", side: "left", cells: 1, rate_hz: 100, has_parameters: true, reset: "power", last_panic: null,
-});
+const counts = ({ counter, damaged }: Session) => ({ received: counter.received, lost: counter.lost, damaged });
 
-test("it says hello until it is answered, then asks for the stream", () => {
+function hello(major: number): ToHost {
+  const board = { firmware: "9", board: "test", side: "left", cells: 1, rate_hz: 100 } as const;
+  return { kind: "hello", major, minor: 0, ...board, has_parameters: true, reset: "power", last_panic: null };
+}
+
+test("a session asks for a hello until the insole answers, then for the live stream", () => {
   const { session, sent } = start();
   session.opened(0);
   session.tick(100);
@@ -35,16 +42,16 @@ test("it says hello until it is answered, then asks for the stream", () => {
   expect(sent.at(-1)).toEqual(wire.stream(true));
 });
 
-test("the computed walk arrives whole, steps included", () => {
+test("the computed walk arrives completely, with its steps", () => {
   const { session, steps } = start();
   session.opened(0);
   messagesOf(1).forEach((message, i) => session.receive(message, i));
   expect(session.hello?.side).toBe("right");
-  expect(session.counters).toEqual({ received: messagesOf(1).length - 7, lost: 0, damaged: 0 });
+  expect(counts(session)).toEqual({ received: messagesOf(1).length - 7, lost: 0, damaged: 0 });
   expect(steps.map(({ step }) => step)).toEqual([0, 1, 2, 3, 4, 5]);
 });
 
-test("gaps are counted, and a status finds what was lost at the ends", () => {
+test("gaps are counted, and a status finds the frames that were lost at the ends", () => {
   let next: ToHost;
   const { session } = start(() => next);
   const receive = (message: ToHost) => {
@@ -54,15 +61,16 @@ test("gaps are counted, and a status finds what was lost at the ends", () => {
   session.opened(0);
   receive(hello(wire.facts.major));
   for (const sequence of [2, 3, 7]) receive(live({ sequence }));
-  expect(session.counters.lost).toBe(3);
-  const counted = { kind: "status", uptime_s: 1, frames_missed: 0, live_sent: 9, steps: 0, steps_dropped: 0, bad_frames: 0, unkept: 0, faults: 0, rezeroed: 0 } as const;
-  receive({ ...counted, live_due: 9 });
-  expect(session.counters.lost).toBe(6);
-  receive({ ...counted, live_due: 9 });
-  expect(session.counters).toEqual({ received: 3, lost: 6, damaged: 0 });
+  expect(session.counter.lost).toBe(3);
+  const none = { frames_missed: 0, steps: 0, steps_dropped: 0, bad_frames: 0, not_stored: 0, faults: 0, rezeroed: 0 };
+  const status = { kind: "status", uptime_s: 1, live_due: 9, live_sent: 9, ...none } as const;
+  receive(status);
+  expect(session.counter.lost).toBe(6);
+  receive(status);
+  expect(counts(session)).toEqual({ received: 3, lost: 6, damaged: 0 });
 });
 
-test("the rate is that of the last seconds, from the first one on", () => {
+test("the rate is that of the last seconds, also in the first second", () => {
   const { session } = start();
   session.opened(0);
   const [hello, ...messages] = messagesOf(0);
@@ -74,7 +82,7 @@ test("the rate is that of the last seconds, from the first one on", () => {
   });
 });
 
-test("after silence the link is lost and hello is said again", () => {
+test("after a silence the connection is lost and the session asks for a hello again", () => {
   const { session, sent } = start();
   session.opened(0);
   session.receive(messagesOf(0)[0]!, 0);
@@ -86,7 +94,7 @@ test("after silence the link is lost and hello is said again", () => {
 });
 
 describe("an insole of another major version", () => {
-  test("is shown nothing", () => {
+  test("is identified, but its values are ignored", () => {
     let next: ToHost = hello(wire.facts.major + 1);
     const { session, sent } = start(() => next);
     session.opened(0);

@@ -1,26 +1,27 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
+import { entry } from "../src/stream_file";
 import { ReplayTransport } from "../src/transport/replay";
 import type { TransportEvents } from "../src/transport/transport";
 import { WebSocketTransport } from "../src/transport/websocket";
-import { entry } from "../src/stream_file";
 
 beforeEach(() => void vi.useFakeTimers());
 afterEach(() => void vi.useRealTimers());
 
-function heard() {
-  const said: string[] = [];
+/** Transport events as texts, in their order. */
+function logEvents() {
+  const log: string[] = [];
   const events: TransportEvents = {
-    opened: (insole) => said.push(`opened ${insole}`),
-    closed: (insole) => said.push(`closed ${insole}`),
-    message: (insole, bytes) => said.push(`${insole}: ${bytes.join()}`),
-    damaged: (insole) => said.push(`damaged ${insole}`),
-    battery: (insole, percent) => said.push(`battery ${insole} ${percent}`),
+    opened: (insole) => log.push(`opened ${insole}`),
+    closed: (insole) => log.push(`closed ${insole}`),
+    message: (insole, bytes) => log.push(`${insole}: ${bytes.join()}`),
+    damaged: (insole) => log.push(`damaged ${insole}`),
+    battery: (insole, percent) => log.push(`battery ${insole} ${percent}`),
   };
-  return { said, events };
+  return { log, events };
 }
 
-test("a recording plays in its own time, and again", () => {
-  const { said, events } = heard();
+test("a recording is played at its own speed, in a loop", () => {
+  const { log, events } = logEvents();
   const message = (value: number) => Uint8Array.of(value);
   const file = Uint8Array.from([
     ...entry({ t_ms: 0, insole: 0, message: message(1) }),
@@ -28,15 +29,15 @@ test("a recording plays in its own time, and again", () => {
   ]);
   const replay = new ReplayTransport(file, events, () => Date.now());
   vi.advanceTimersByTime(45);
-  expect(said).toEqual(["opened 0", "opened 1", "0: 1"]);
+  expect(log).toEqual(["opened 0", "opened 1", "0: 1"]);
   vi.advanceTimersByTime(5);
-  expect(said.at(-1)).toBe("1: 2");
+  expect(log.at(-1)).toBe("1: 2");
   vi.advanceTimersByTime(5);
-  expect(said.slice(-2)).toEqual(["1: 2", "0: 1"]);
+  expect(log.slice(-2)).toEqual(["1: 2", "0: 1"]);
   replay.close();
-  const length = said.length;
+  const length = log.length;
   vi.advanceTimersByTime(1000);
-  expect(said).toHaveLength(length);
+  expect(log).toHaveLength(length);
 });
 
 class Socket {
@@ -54,19 +55,19 @@ class Socket {
   close = () => this.onclose?.();
 }
 
-test("a socket carries the insole's index before each message, and comes back when it breaks", () => {
+test("a socket has the index of the insole before each message, and is opened again when it breaks", () => {
   vi.stubGlobal("WebSocket", Socket);
-  const { said, events } = heard();
+  const { log, events } = logEvents();
   const transport = new WebSocketTransport("ws://localhost/insoles", events);
   const [first] = Socket.all;
   first!.onopen!();
   first!.onmessage!({ data: Uint8Array.of(1, 7, 8).buffer });
-  // There is no third foot.
+  // Messages of a third insole are ignored.
   first!.onmessage!({ data: Uint8Array.of(2, 7, 8).buffer });
   transport.send(1, Uint8Array.of(5));
   expect(first!.sent).toEqual([Uint8Array.of(1, 5)]);
   first!.close();
-  expect(said).toEqual(["opened 0", "opened 1", "1: 7,8", "closed 0", "closed 1"]);
+  expect(log).toEqual(["opened 0", "opened 1", "1: 7,8", "closed 0", "closed 1"]);
   vi.advanceTimersByTime(1000);
   expect(Socket.all).toHaveLength(2);
   transport.close();

@@ -1,11 +1,14 @@
 import { expect, test } from "vitest";
-import { type StoredStep, MemoryKeeper } from "../src/steps";
-import { cadence_per_min, figures, symmetryIndex } from "../src/walk";
+import { TemporaryStorage } from "../src/step_storage";
+import type { StoredStep } from "../src/step_store";
+import { cadence_per_min, footMeasures, symmetryIndex } from "../src/walk";
 import { step } from "./wire";
 
-const stored = (values: Parameters<typeof step>[0], peak_n: number | null = null): StoredStep => ({ step: step(values), peak_n, start_unix_s: null });
+function stored(values: Parameters<typeof step>[0], peak_n: number | null = null): StoredStep {
+  return { step: step(values), peak_n, start_unix_s: null };
+}
 
-test("symmetry index: 0 for equal, positive for more on the left, none without both", () => {
+test("the symmetry index is 0 for equal feet, positive for more on the left, and null without both", () => {
   expect(symmetryIndex(800, 800)).toBe(0);
   expect(symmetryIndex(900, 700)).toBe(25);
   expect(symmetryIndex(700, 900)).toBe(-25);
@@ -13,7 +16,7 @@ test("symmetry index: 0 for equal, positive for more on the left, none without b
   expect(symmetryIndex(0, 0)).toBeNull();
 });
 
-test("cadence counts both feet, from one foot as from two", () => {
+test("the cadence counts both feet, also from the steps of one foot", () => {
   const left = [0, 1, 2, 3].map((n) => stored({ step: n, start_s: 10 + n * 1.2 }));
   const right = [0, 1, 2, 3].map((n) => stored({ side: "right", step: n, start_s: 77 + n * 1.2 }));
   expect(cadence_per_min(left)).toBeCloseTo(100);
@@ -21,7 +24,7 @@ test("cadence counts both feet, from one foot as from two", () => {
   expect(cadence_per_min(left.slice(0, 1))).toBeNull();
 });
 
-test("neither a missed step, nor a pause, nor a restart is a stride", () => {
+test("a missed step, a pause and a restart are not strides", () => {
   const steps = [
     stored({ step: 0, start_s: 0 }),
     stored({ step: 1, start_s: 1 }),
@@ -32,13 +35,13 @@ test("neither a missed step, nor a pause, nor a restart is a stride", () => {
   expect(cadence_per_min(steps)).toBe(120);
 });
 
-test("means are over the latest steps, peaks over those that are known", () => {
+test("means are over the last steps, and peaks over those that are known", () => {
   const steps = Array.from({ length: 30 }, (_, n) => stored({ step: n, duration_s: n < 10 ? 9 : 0.6 }, n % 2 ? 800 : null));
-  const left = figures(steps, "left");
+  const left = footMeasures(steps, "left");
   expect(left).toEqual({ count: 30, peak_n: 800, impulse_n_s: 0, contact_s: expect.closeTo(0.6) });
-  expect(figures(steps, "right")).toEqual({ count: 0, peak_n: null, impulse_n_s: null, contact_s: null });
+  expect(footMeasures(steps, "right")).toEqual({ count: 0, peak_n: null, impulse_n_s: null, contact_s: null });
 });
 
-test("a keeper without a place to keep is empty", async () => {
-  expect(await new MemoryKeeper().load()).toEqual([]);
+test("a temporary storage has no steps of earlier visits", async () => {
+  expect(await new TemporaryStorage().load()).toEqual([]);
 });

@@ -1,8 +1,10 @@
-/** The core as the page loads it, and the computed walk. */
+/** The core as the page loads it, the computed walk, and messages for tests. */
 
 import { readFileSync } from "node:fs";
+import type { ToHost } from "../src/generated/messages";
+import type { Step } from "../src/generated/quantities";
 import { entries } from "../src/stream_file";
-import { type Live, type Step, Wire } from "../src/wire";
+import { Wire } from "../src/wire";
 
 const read = (path: string) => new Uint8Array(readFileSync(new URL(path, import.meta.url)));
 
@@ -12,15 +14,16 @@ export const loadWire = () =>
 export const walk = read("../public/walk.plantar");
 
 /** The messages of one insole of the computed walk. */
-export const messagesOf = (insole: number) => [...entries(walk)].filter((entry) => entry.insole === insole).map(({ message }) => message);
+export const messagesOf = (insole: number) =>
+  [...entries(walk)].filter((entry) => entry.insole === insole).map(({ message }) => message);
 
-export function live(values: Partial<Live> = {}, measured_n = 0): Live {
+export function live(values: Partial<Extract<ToHost, { kind: "live" }>> = {}, measured_n = 0): ToHost {
   const region = { area_mm2: 0, deformation_mm: 0, model_n: 0, measured_n, saturated: false, clamped: false, masked: false };
   return { kind: "live", sequence: 0, t_s: 0, regions: Array.from({ length: 8 }, () => ({ ...region })), ...values };
 }
 
 export function step(values: Partial<Step> = {}): Step {
-  const contact_rule = { rule: "counted", on_kpa: 10, off_kpa: 7.5, full_kpa: 0 };
-  const made = { starts_ago: 0, start_unix_s: null };
-  return { side: "left", step: 0, start_s: 0, duration_s: 0.6, sample_s: 0.01, bridged_frames: 0, ...made, contact_rule, regions: {}, ...values };
+  const times = { start_s: 0, duration_s: 0.6, sample_s: 0.01, starts_ago: 0, start_unix_s: null };
+  const contact_rule = { rule: "counted", on_kpa: 10, off_kpa: 7.5, full_kpa: 0 } as const;
+  return { side: "left", step: 0, ...times, bridged_frames: 0, contact_rule, regions: {}, ...values };
 }

@@ -1,96 +1,94 @@
-/** Insoles over Web Bluetooth, no server needed. */
+/** Insoles over Web Bluetooth; no server is needed. */
 
+import type { Gatt } from "../generated/messages";
+import { Reconnect } from "../reconnect";
 import { Fragments, fragments } from "./fragments";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport";
-import { BATTERY_LEVEL, BATTERY_SERVICE, CONTROL, LIVE, SERVICE, STEPS } from "./uuids";
 
-/** What every Bluetooth connection carries in one value, bytes. */
+/** Longest value that every Bluetooth connection carries, bytes. */
 const LEAST_VALUE = 20;
-const RETRY_MS = 2000;
 
 interface Connected {
   device: BluetoothDevice;
+  reconnect: Reconnect;
   control?: BluetoothRemoteGATTCharacteristic | undefined;
-  /** Writes go one after the other. */
+  /** Ends with the last write: writes must not overlap. */
   writing: Promise<void>;
 }
 
 export class BluetoothTransport implements Transport {
-  readonly name = "Bluetooth";
+  readonly place = "over Bluetooth";
   readonly is_replay = false;
   private readonly insoles = new Map<Insole, Connected>();
-  private closed = false;
 
-  constructor(private readonly events: TransportEvents) {}
+  constructor(
+    private readonly gatt: Gatt,
+    private readonly events: TransportEvents,
+  ) {}
 
   static isSupported(): boolean {
     return "bluetooth" in navigator;
   }
 
-  /** Lets the user choose an insole; must be called from a click. */
+  /** Lets the wearer choose an insole. Browsers allow this only in the handler of a click. */
   async add(): Promise<void> {
     const insole = INSOLES.find((index) => !this.insoles.has(index));
-    if (insole === undefined) throw new Error("Both insoles are connected.");
+    if (insole === undefined) throw new Error("Both insoles are connected already.");
     const device = await navigator.bluetooth.requestDevice({
-      filters: [{ services: [SERVICE] }],
-      optionalServices: [BATTERY_SERVICE],
+      filters: [{ services: [this.gatt.service] }],
+      optionalServices: ["battery_service"],
     });
     if ([...this.insoles.values()].some((known) => known.device.id === device.id)) {
       throw new Error("This insole is connected already.");
     }
-    const connected: Connected = { device, writing: Promise.resolve() };
+    const reconnect = new Reconnect(() => this.open(insole, connected));
+    const connected: Connected = { device, reconnect, writing: Promise.resolve() };
     this.insoles.set(insole, connected);
     device.addEventListener("gattserverdisconnected", () => {
       connected.control = undefined;
-      if (!this.isIn(insole, connected)) return;
+      if (this.insoles.get(insole) !== connected) return;
       this.events.closed(insole, "out of reach or switched off");
-      this.reconnect(insole, connected);
+      reconnect.later();
     });
     try {
       await this.open(insole, connected);
     } catch (error) {
-      this.insoles.delete(insole);
-      // Otherwise nobody else could connect it.
-      device.gatt?.disconnect();
+      this.remove(insole, connected);
       throw error;
     }
   }
 
-  /** False for an insole that was given up. */
-  private isIn(insole: Insole, connected: Connected): boolean {
-    return !this.closed && this.insoles.get(insole) === connected;
-  }
-
-  private reconnect(insole: Insole, connected: Connected): void {
-    setTimeout(() => {
-      if (!this.isIn(insole, connected)) return;
-      this.open(insole, connected).catch(() => this.reconnect(insole, connected));
-    }, RETRY_MS);
+  /** Ends a connection, so that another program can open it. */
+  private remove(insole: Insole, { device, reconnect }: Connected): void {
+    this.insoles.delete(insole);
+    reconnect.stop();
+    device.gatt?.disconnect();
   }
 
   private async open(insole: Insole, connected: Connected): Promise<void> {
     const server = await connected.device.gatt?.connect();
     if (!server) throw new Error("The insole refuses the connection.");
-    const service = await server.getPrimaryService(SERVICE);
-    const control = await service.getCharacteristic(CONTROL);
-    for (const characteristic of [control, await service.getCharacteristic(LIVE), await service.getCharacteristic(STEPS)]) {
-      const whole = new Fragments(() => this.events.damaged(insole));
+    const service = await server.getPrimaryService(this.gatt.service);
+    const control = await service.getCharacteristic(this.gatt.control);
+    const live = await service.getCharacteristic(this.gatt.live);
+    for (const characteristic of [control, live, await service.getCharacteristic(this.gatt.steps)]) {
+      const joiner = new Fragments(() => this.events.damaged(insole));
       characteristic.oncharacteristicvaluechanged = () => {
         const value = characteristic.value;
-        const message = value && whole.push(new Uint8Array(value.buffer, value.byteOffset, value.byteLength));
+        const message = value && joiner.push(new Uint8Array(value.buffer, value.byteOffset, value.byteLength));
         if (message) this.events.message(insole, message);
       };
       await characteristic.startNotifications();
     }
     connected.control = control;
     this.events.opened(insole);
-    // An insole without a battery service is as good.
+    // The battery service is optional.
     await this.followBattery(insole, server).catch(() => undefined);
   }
 
   private async followBattery(insole: Insole, server: BluetoothRemoteGATTServer): Promise<void> {
-    const service = await server.getPrimaryService(BATTERY_SERVICE);
-    const level = await service.getCharacteristic(BATTERY_LEVEL);
+    const service = await server.getPrimaryService("battery_service");
+    const level = await service.getCharacteristic("battery_level");
     const report = (value: DataView | undefined) => value && this.events.battery(insole, value.getUint8(0));
     report(await level.readValue());
     level.oncharacteristicvaluechanged = () => report(level.value);
@@ -104,17 +102,16 @@ export class BluetoothTransport implements Transport {
     const write = async () => {
       for (const value of fragments(message, LEAST_VALUE)) await control.writeValueWithResponse(value);
     };
-    // A write that fails is a link that breaks, which is noticed elsewhere.
+    // A write fails when the link breaks, which has an event of its own.
     connected.writing = connected.writing.then(write).catch(() => undefined);
   }
 
   close(): void {
-    this.closed = true;
-    for (const { device } of this.insoles.values()) device.gatt?.disconnect();
+    for (const [insole, connected] of this.insoles) this.remove(insole, connected);
   }
 }
 
-/** What went wrong, for people; `undefined` where the user chose nothing. */
+/** An error in words for the wearer; `undefined` where the wearer chose nothing. */
 export function explain(error: unknown): string | undefined {
   const name = error instanceof DOMException ? error.name : "";
   if (name === "NotFoundError") return undefined;

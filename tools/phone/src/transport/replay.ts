@@ -1,13 +1,13 @@
-/** A recorded stream, played in its own time, again and again. */
+/** A recorded stream, played at its own speed, in a loop. */
 
 import { type Entry, entries } from "../stream_file";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport";
 
-/** How often messages that are due are handed out: twice as often as they are recorded. */
+/** Time between two looks for messages that are due: half of the time between frames. */
 const TICK_MS = 5;
 
 export class ReplayTransport implements Transport {
-  readonly name = "a recording";
+  readonly place = "in a recording";
   readonly is_replay = true;
   private readonly timer: ReturnType<typeof setInterval>;
   private readonly recorded: Entry[];
@@ -45,7 +45,7 @@ export class ReplayTransport implements Transport {
   }
 
   send(_insole: Insole, _message: Uint8Array): void {
-    // A recording answers nobody.
+    // A recording does not answer.
   }
 
   close(): void {

@@ -1,24 +1,24 @@
-/** A way to insoles: whole wire messages, unframed, in both directions. */
+/** A link to insoles: whole wire messages, without a frame, in both directions. */
 
 export const INSOLES = [0, 1] as const;
-/** Which insole of a transport; which foot it is on, its hello says. */
+/** Index of an insole on its transport. Its hello reports the foot. */
 export type Insole = (typeof INSOLES)[number];
 
 export interface TransportEvents {
-  /** The way to an insole is open; it has not said anything yet. */
+  /** The link to an insole is open; the insole has not sent anything yet. */
   opened(insole: Insole): void;
   message(insole: Insole, bytes: Uint8Array): void;
-  /** The way is closed, with words for people. The transport tries again by itself where it can. */
+  /** The link broke, with a reason for the wearer. The transport tries again by itself where it can. */
   closed(insole: Insole, reason: string): void;
-  /** A message arrived in pieces that do not fit. */
+  /** Fragments of a message do not fit together. */
   damaged(insole: Insole): void;
   battery(insole: Insole, percent: number): void;
 }
 
 export interface Transport {
-  /** For people. */
-  readonly name: string;
-  /** True where what it brings is played and not to be kept as the wearer's. */
+  /** Where the insoles are, for the wearer: "over Bluetooth". */
+  readonly place: string;
+  /** True for a recording, which must not be stored as the wearer's steps. */
   readonly is_replay: boolean;
   send(insole: Insole, message: Uint8Array): void;
   close(): void;

@@ -1,14 +1,13 @@
-/** Insoles on the computer that served the page: a byte for the insole's index, then the message. */
+/** Insoles on the computer that served the page: one byte with the insole's index, then the message. */
 
+import { Reconnect } from "../reconnect";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport";
 
-const RETRY_MS = 1000;
-
 export class WebSocketTransport implements Transport {
-  readonly name = "this computer";
+  readonly place = "on this computer";
   readonly is_replay = false;
   private socket: WebSocket | undefined;
-  private retry: ReturnType<typeof setTimeout> | undefined;
+  private readonly reconnect = new Reconnect(() => this.open());
 
   constructor(
     private readonly url: string,
@@ -29,7 +28,7 @@ export class WebSocketTransport implements Transport {
     };
     socket.onclose = () => {
       INSOLES.forEach((insole) => this.events.closed(insole, "plantar serve does not answer"));
-      this.retry = setTimeout(() => this.open(), RETRY_MS);
+      this.reconnect.later();
     };
   }
 
@@ -39,7 +38,7 @@ export class WebSocketTransport implements Transport {
   }
 
   close(): void {
-    clearTimeout(this.retry);
+    this.reconnect.stop();
     if (this.socket) this.socket.onclose = null;
     this.socket?.close();
   }

@@ -1,16 +1,16 @@
-/** Web Bluetooth against an insole that Chromium's own emulation plays: choose, connect, subscribe, say hello.
+/** Web Bluetooth with an insole that Chromium emulates: choose, connect, subscribe, ask for a hello.
  *
- * The emulation cannot push notifications, so the stream itself is tested over the other transports. */
+ * The emulation cannot send notifications, so the stream is tested over the other transports. */
 
 import type { Browser, CDPSession } from "playwright-core";
 import { afterAll, beforeAll, expect, test } from "vitest";
-import { CONTROL, LIVE, SERVICE, STEPS } from "../../src/transport/uuids";
+import type { Wire } from "../../src/wire";
 import { loadWire } from "../wire";
 import { launch, open, serveFiles } from "./browser";
 
 const ADDRESS = "09:09:09:09:09:09";
 
-/** The domains that Playwright has no types for. */
+/** A session with the domains for which Playwright has no types. */
 interface Session {
   send(method: string, parameters?: object): Promise<Record<string, string>>;
   on(event: string, handler: (event: Record<string, string>) => void): void;
@@ -19,7 +19,9 @@ const untyped = (session: CDPSession) => session as unknown as Session;
 
 let browser: Browser;
 let files: Awaited<ReturnType<typeof serveFiles>>;
+let wire: Wire;
 beforeAll(async () => {
+  wire = await loadWire();
   browser = await launch();
   files = await serveFiles();
 });
@@ -28,27 +30,29 @@ afterAll(async () => {
   files.close();
 });
 
-/** An insole that accepts everything; what is done to its characteristics, in order. */
+/** An insole that accepts everything, and the operations on its characteristics, in their order. */
 async function emulateInsole(): Promise<{ done: string[]; disconnect(): Promise<void> }> {
   const session = untyped(await browser.newBrowserCDPSession());
+  const { gatt } = wire.facts;
   const names = new Map<string, string>();
   const done: string[] = [];
   const add = async () => {
-    const { serviceId } = await session.send("BluetoothEmulation.addService", { address: ADDRESS, serviceUuid: SERVICE });
+    const { serviceId } = await session.send("BluetoothEmulation.addService", { address: ADDRESS, serviceUuid: gatt.service });
     for (const [name, characteristicUuid, properties] of [
-      ["control", CONTROL, { write: true, indicate: true }],
-      ["live", LIVE, { notify: true }],
-      ["steps", STEPS, { notify: true }],
+      ["control", gatt.control, { write: true, indicate: true }],
+      ["live", gatt.live, { notify: true }],
+      ["steps", gatt.steps, { notify: true }],
     ] as const) {
-      const { characteristicId } = await session.send("BluetoothEmulation.addCharacteristic", { serviceId, characteristicUuid, properties });
-      // Where subscriptions are written.
+      const characteristic = { serviceId, characteristicUuid, properties };
+      const { characteristicId } = await session.send("BluetoothEmulation.addCharacteristic", characteristic);
+      // Client Characteristic Configuration, to which subscriptions are written.
       const descriptorUuid = "00002902-0000-1000-8000-00805f9b34fb";
       await session.send("BluetoothEmulation.addDescriptor", { characteristicId, descriptorUuid });
       names.set(characteristicId ?? "", name);
     }
   };
   session.on("BluetoothEmulation.gattOperationReceived", ({ address, type }) => {
-    // The emulation forgets services with the connection.
+    // The emulation removes the services when the connection ends.
     const ready = type === "discovery" ? add() : Promise.resolve();
     void ready.then(() => session.send("BluetoothEmulation.simulateGATTOperationResponse", { address, type, code: 0 }));
   });
@@ -58,13 +62,13 @@ async function emulateInsole(): Promise<{ done: string[]; disconnect(): Promise<
     void session.send("BluetoothEmulation.simulateCharacteristicOperationResponse", { characteristicId, type, code: 0 });
   });
   await session.send("BluetoothEmulation.enable", { state: "powered-on", leSupported: true });
-  const peripheral = { address: ADDRESS, name: "Plantar", manufacturerData: [], knownServiceUuids: [SERVICE] };
+  const peripheral = { address: ADDRESS, name: "Plantar", manufacturerData: [], knownServiceUuids: [gatt.service] };
   await session.send("BluetoothEmulation.simulatePreconnectedPeripheral", peripheral);
   const disconnect = () => session.send("BluetoothEmulation.simulateGATTDisconnection", { address: ADDRESS }).then(() => undefined);
   return { done, disconnect };
 }
 
-test("an insole is chosen, connected, subscribed to and greeted, and greeted again after a lost link", async () => {
+test("an insole is chosen, connected, subscribed to and asked for a hello, also after the link was lost", async () => {
   const insole = await emulateInsole();
   const page = await open(browser, `${files.url}?bluetooth`, { viewport: { width: 390, height: 844 } });
   const chooser = untyped(await page.context().newCDPSession(page));
@@ -73,14 +77,14 @@ test("an insole is chosen, connected, subscribed to and greeted, and greeted aga
     const { id, devices } = event as unknown as { id: string; devices: { id: string }[] };
     const [device] = devices;
     if (!device || is_chosen) return;
-    // The list is told again as it grows.
+    // The event is repeated as the list grows.
     is_chosen = true;
     void chooser.send("DeviceAccess.selectPrompt", { id, deviceId: device.id });
   });
   await chooser.send("DeviceAccess.enable");
   await page.locator("#connect").click();
 
-  const hello = Buffer.from([0x80, ...(await loadWire()).connect()]).toString("hex");
+  const hello = Buffer.from([0x80, ...wire.connect()]).toString("hex");
   const greeting = [
     "control subscribe-to-notifications",
     "live subscribe-to-notifications",
@@ -88,7 +92,7 @@ test("an insole is chosen, connected, subscribed to and greeted, and greeted aga
     `control write ${hello}`,
   ];
   await expect.poll(() => insole.done.slice(0, 4), { timeout: 20_000 }).toEqual(greeting);
-  await page.getByText("Waiting for an insole from Bluetooth.").waitFor();
+  await page.getByText("Waiting for an insole over Bluetooth.").waitFor();
 
   insole.done.length = 0;
   await insole.disconnect();

@@ -1,4 +1,4 @@
-/** Chromium, and what serves the page to it. */
+/** Chromium, and servers of the page. */
 
 import { spawn } from "node:child_process";
 import { existsSync } from "node:fs";
@@ -22,7 +22,7 @@ function browserPath(): string | undefined {
 
 export function launch(): Promise<Browser> {
   const executablePath = browserPath();
-  if (!executablePath) throw new Error("no Chromium: install it or name it in PLANTAR_CHROMIUM");
+  if (!executablePath) throw new Error("Chromium was not found: install it, or set PLANTAR_CHROMIUM to its path");
   const quiet = ["--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"];
   const args = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--enable-features=WebBluetooth", ...quiet];
   return chromium.launch({ executablePath, args });
@@ -37,7 +37,7 @@ const TYPES: Record<string, string> = {
   ".webmanifest": "application/manifest+json",
 };
 
-/** The built page, on a server that knows nothing of insoles. */
+/** Serves the built page without insoles. */
 export async function serveFiles(): Promise<{ url: string; close(): void }> {
   const server = createServer((request, response) => {
     const path = new URL(request.url ?? "/", "http://localhost").pathname;
@@ -52,21 +52,21 @@ export async function serveFiles(): Promise<{ url: string; close(): void }> {
   return { url: `http://localhost:${port}/`, close: () => server.close() };
 }
 
-/** `plantar serve`, once it says where the page is. */
+/** Starts `plantar serve` and waits for the address of the page. */
 export async function servePlantar(program: string, args: string[]): Promise<{ url: string; end(): Promise<void> }> {
   const child = spawn(program, ["serve", "--port", "0", "--page", DIST, ...args], { stdio: ["ignore", "pipe", "inherit"] });
   const ended = new Promise<number | null>((resolve) => child.once("exit", resolve));
   const url = new Promise<string>((resolve, reject) => {
-    let said = "";
+    let output = "";
     child.once("error", reject);
     child.stdout.on("data", (text: Buffer) => {
-      said += text.toString();
-      const url = /http:\S+/.exec(said)?.[0];
+      output += text.toString();
+      const url = /http:\S+/.exec(output)?.[0];
       if (url) resolve(url);
     });
     void ended.then((status) => reject(new Error(`plantar serve ended with ${status}`)));
   });
-  // Told, not killed: it takes the emulator with it.
+  // After this signal it also ends the emulators.
   const end = async () => {
     child.kill("SIGTERM");
     await ended;
@@ -74,21 +74,21 @@ export async function servePlantar(program: string, args: string[]): Promise<{ u
   return { url: await url, end };
 }
 
-/** A page that fails the test when anything goes wrong in it. */
+/** Opens a page that fails the test when an error occurs in it. */
 export async function open(browser: Browser, url: string, options: BrowserContextOptions = {}): Promise<Page> {
   const context = await browser.newContext(options);
   const page = await context.newPage();
-  const troubles: string[] = [];
-  page.on("pageerror", ({ message }) => troubles.push(message));
-  page.on("console", (message) => message.type() === "error" && troubles.push(message.text()));
+  const errors: string[] = [];
+  page.on("pageerror", ({ message }) => errors.push(message));
+  page.on("console", (message) => message.type() === "error" && errors.push(message.text()));
   page.on("close", () => {
-    if (troubles.length > 0) throw new Error(troubles.join("\n"));
+    if (errors.length > 0) throw new Error(errors.join("\n"));
   });
   await page.goto(url);
   return page;
 }
 
-/** Waits for a load that was drawn; the time since the page was asked for, ms. */
+/** Waits until a load is drawn; returns the time since the page was requested, ms. */
 export async function firstLoad_ms(page: Page): Promise<number> {
   const mark = await page.waitForFunction(() => performance.getEntriesByName("first-load")[0]?.startTime);
   return (await mark.jsonValue()) as number;

@@ -1,6 +1,7 @@
-/** The firmware in the emulator feels a computed walk, `plantar serve` bridges it, Chromium shows it.
+/** The firmware in the emulator on a computed walk, served by `plantar serve` and shown by Chromium.
  *
- * `PLANTAR` is the command line and `PLANTAR_FIRMWARE` the emulated board's firmware; `cargo xtask test` sets both. */
+ * `PLANTAR` is the path of the command line and `PLANTAR_FIRMWARE` that of the emulated board's firmware; `cargo xtask test` sets
+ * both. */
 
 import { spawnSync } from "node:child_process";
 import { mkdtempSync, readFileSync, rmSync } from "node:fs";
@@ -24,7 +25,7 @@ afterAll(async () => {
   rmSync(folder, { recursive: true });
 });
 
-test.skipIf(!plantar || !firmware)("an emulated walk arrives in two pages, each step once, and in a recording", async () => {
+test.skipIf(!plantar || !firmware)("an emulated walk is shown in two pages, each step once, and recorded", async () => {
   const walk = join(folder, "walk.parquet");
   const recorded = join(folder, "walk.plantar");
   const made = spawnSync(plantar!, ["import", "synthetic", "--side", "left", "--steps", "3", "--out", walk]);
@@ -33,27 +34,28 @@ test.skipIf(!plantar || !firmware)("an emulated walk arrives in two pages, each 
   try {
     const viewport = { width: 390, height: 844 };
     const one = await open(browser, url, { viewport });
-    console.log(`from the emulator, first load drawn after ${(await firstLoad_ms(one)).toFixed(0)} ms`);
+    console.log(`first load of the emulated walk drawn after ${(await firstLoad_ms(one)).toFixed(0)} ms`);
     const other = await open(browser, url, { viewport });
     for (const page of [one, other]) {
-      // Pages behind others are not drawn.
+      // Pages in the background are not drawn.
       await page.bringToFront();
       await page.waitForFunction(() => document.querySelectorAll("#table tbody tr").length >= 4, undefined, { timeout: 60_000 });
-      const numbers = await page.locator("#table tbody tr td:nth-child(2)").evaluateAll((cells) => cells.map((cell) => Number(cell.textContent)));
-      // Newest first; the walk begins again after three steps and the insole counts on.
+      const cells = page.locator("#table tbody tr td:nth-child(2)");
+      const numbers = await cells.evaluateAll((cells) => cells.map((cell) => Number(cell.textContent)));
+      // Newest first. The walk is repeated after three steps; the numbers of the steps continue.
       expect(numbers).toEqual([...new Set(numbers)].sort((a, b) => b - a));
       expect(await page.locator("#chips").innerText()).toMatch(/^L \d+ Hz$/);
       expect(await page.locator("#notes").innerText()).toBe("");
     }
-    // What a page has taken is still there when it comes back.
+    // Stored steps are shown again after a reload.
     await one.bringToFront();
     const before = await one.locator("#table tbody tr").count();
     await one.reload();
     await one.waitForFunction((before) => document.querySelectorAll("#table tbody tr").length >= before, before);
-    // It is connected again: only then is there a link to lose.
+    // Wait for the connection: only a connection can be lost.
     await one.locator("#chips", { hasText: /L \d+ Hz/ }).waitFor();
     await end();
-    await one.getByText("The link to the left insole is lost").waitFor();
+    await one.getByText("The connection to the left insole is lost").waitFor();
     for (const page of [one, other]) await page.context().close();
   } finally {
     await end();

@@ -1,4 +1,4 @@
-/** The built page in Chromium, playing the computed walk. */
+/** The built page in Chromium, with the computed walk. */
 
 import { readFileSync, readdirSync } from "node:fs";
 import { createRequire } from "node:module";
@@ -25,7 +25,9 @@ afterAll(async () => {
   files.close();
 });
 
-const steps = (page: Page, least: number) => page.waitForFunction((least) => document.querySelectorAll("#table tbody tr").length >= least, least);
+/** Waits until the table has this many steps. */
+const steps = (page: Page, least: number) =>
+  page.waitForFunction((least) => document.querySelectorAll("#table tbody tr").length >= least, least);
 const show = (page: Page, view: string) => page.locator(`nav [data-to=${view}]`).click();
 
 test("the download is small", () => {
@@ -35,16 +37,19 @@ test("the download is small", () => {
   expect(bytes).toBeLessThanOrEqual(MOST_BYTES);
 });
 
-test("a recording shows both feet, their steps and figures", async () => {
+test("a recording shows both feet, their steps and measures", async () => {
   const page = await open(browser, replay, { viewport: PHONE });
   console.log(`first load drawn after ${(await firstLoad_ms(page)).toFixed(0)} ms`);
-  await page.waitForFunction(() => [...document.querySelectorAll("#totals dd")].every((total) => parseFloat(total.textContent ?? "") > 100));
+  await page.waitForFunction(() => {
+    const totals = [...document.querySelectorAll("#totals dd")];
+    return totals.every((total) => parseFloat(total.textContent ?? "") > 100);
+  });
   await steps(page, 4);
   await show(page, "steps");
   const symmetry = await page.locator("#symmetry tbody tr").first().innerText();
-  // The right foot is loaded by 800 N, the left one by 760 N.
+  // The load of the right foot is 800 N, that of the left one 760 N.
   expect(Number(/(-?[\d.]+) %/.exec(symmetry)?.[1])).toBeLessThan(0);
-  const cadence = Number(await page.locator("#figures dd").first().evaluate((dd) => dd.firstChild?.textContent));
+  const cadence = Number(await page.locator("#measures dd").first().evaluate((dd) => dd.firstChild?.textContent));
   expect(cadence).toBeGreaterThan(100);
   expect(cadence).toBeLessThan(130);
   await page.close();
@@ -59,19 +64,19 @@ test("a wearer's steps are not mixed with those of a recording", async () => {
   await steps(page, 4);
   await show(page, "settings");
   await page.locator("#add").click();
-  // What is kept of the wearer, which is nothing yet.
+  // The wearer has no stored steps yet.
   await show(page, "steps");
   await page.locator("#no-steps").waitFor();
   await page.close();
 });
 
-test("frames come as fast as the screen asks", async () => {
+test("the soles are drawn with every frame of the screen", async () => {
   const page = await open(browser, replay, { viewport: PHONE });
   await firstLoad_ms(page);
   const { deltas_ms, changed } = await page.evaluate(
     () =>
       new Promise<{ deltas_ms: number[]; changed: number }>((resolve) => {
-        const canvas = document.querySelector("#feet") as HTMLCanvasElement;
+        const canvas = document.querySelector("#soles") as HTMLCanvasElement;
         const times: number[] = [];
         let changed = 0;
         let last = 0;
@@ -87,25 +92,28 @@ test("frames come as fast as the screen asks", async () => {
         requestAnimationFrame(frame);
       }),
   );
-  // Someone who walks has a foot on the ground: there is always something new to draw.
+  // In walking at least one foot is on the ground, so the picture always changes.
   expect(changed).toBeGreaterThan(270);
   deltas_ms.sort((a, b) => a - b);
-  console.log(`two feet at 100 Hz: a frame every ${deltas_ms[150]?.toFixed(1)} ms (median), 95 % within ${deltas_ms[285]?.toFixed(1)} ms`);
+  const [median, most] = [deltas_ms[150]?.toFixed(1), deltas_ms[285]?.toFixed(1)];
+  console.log(`two feet at 100 Hz: a frame every ${median} ms (median), 95 % within ${most} ms`);
   await page.close();
 });
 
-test("the table of regions shows what is chosen", async () => {
+test("the table of regions shows the chosen quantity", async () => {
   const page = await open(browser, replay, { viewport: PHONE });
   await firstLoad_ms(page);
   for (const [quantity, unit] of [["measured", "N"], ["model", "N"], ["deformation", "mm"], ["area", "cm²"]] as const) {
     await page.locator("#quantity").selectOption(quantity);
-    const shown = ([unit]: readonly string[]) => [...document.querySelectorAll("#regions td")].some((cell) => new RegExp(`[1-9].* ${unit}`).test(cell.textContent ?? ""));
-    await page.waitForFunction(shown, [unit]);
+    await page.waitForFunction((unit) => {
+      const value = new RegExp(`[1-9].* ${unit}`);
+      return [...document.querySelectorAll("#regions td")].some((cell) => value.test(cell.textContent ?? ""));
+    }, unit);
   }
   await page.close();
 });
 
-test("body mass brings % of body weight, and is remembered", async () => {
+test("with a body mass, forces are shown in % of body weight, and the mass is stored", async () => {
   const page = await open(browser, replay, { viewport: PHONE });
   await show(page, "settings");
   await page.locator("#mass").fill("176.4");
@@ -120,14 +128,17 @@ test("body mass brings % of body weight, and is remembered", async () => {
   await page.close();
 });
 
-test("live values are recorded and exported, and steps", async () => {
+test("live values are recorded and exported, and steps are exported", async () => {
   const page = await open(browser, replay, { viewport: DESKTOP });
   await steps(page, 1);
   await show(page, "settings");
   await page.locator("#record").click();
   await page.waitForFunction(() => /\([1-9]/.test(document.querySelector("#record")?.textContent ?? ""));
   await page.locator("#record").click();
-  for (const [button, first] of [["export-live", "unix_s,t_s,side,sequence,device_t_s"], ["export-steps", "start_unix_s,side,step,start_s"]] as const) {
+  for (const [button, first] of [
+    ["export-live", "unix_s,t_s,side,sequence,device_t_s"],
+    ["export-steps", "start_unix_s,side,step,start_s"],
+  ] as const) {
     const [download] = await Promise.all([page.waitForEvent("download"), page.locator(`#${button}`).click()]);
     const rows = readFileSync(await download.path(), "utf8").trimEnd().split("\n");
     expect(rows[0]).toMatch(new RegExp(`^${first}`));
@@ -136,11 +147,13 @@ test("live values are recorded and exported, and steps", async () => {
   await page.close();
 });
 
-test("it works offline after one visit", async () => {
+test("the page works offline after one visit", async () => {
   const page = await open(browser, `${files.url}?bluetooth`, { viewport: PHONE });
   await page.evaluate(async () => {
     await navigator.serviceWorker.ready;
-    if (!navigator.serviceWorker.controller) await new Promise((resolve) => navigator.serviceWorker.addEventListener("controllerchange", resolve, { once: true }));
+    const { serviceWorker } = navigator;
+    if (serviceWorker.controller) return;
+    await new Promise((resolve) => serviceWorker.addEventListener("controllerchange", resolve, { once: true }));
   });
   await page.context().setOffline(true);
   await page.reload();
@@ -148,7 +161,7 @@ test("it works offline after one visit", async () => {
   await page.close();
 });
 
-test("a recording that is not there is said to be missing", async () => {
+test("a recording that does not exist is reported", async () => {
   const context = await browser.newContext({ viewport: PHONE });
   const page = await context.newPage();
   await page.goto(`${files.url}?replay=nothing.plantar`);
@@ -156,22 +169,22 @@ test("a recording that is not there is said to be missing", async () => {
   await context.close();
 });
 
-test("an insole of another major version is named, and nothing of it is shown", async () => {
+test("an insole of another major version is reported, and its values are not shown", async () => {
   const bytes = readFileSync(join(DIST, "walk.plantar"));
-  // The left insole's hello comes first; its major follows the head of the entry and the kind of the message.
+  // The hello of the left insole is first. Its major version follows the head of the entry and the number of the message.
   bytes[7 + 1] = 99;
   const context = await browser.newContext({ viewport: PHONE });
   await context.route("**/other.plantar", (route) => route.fulfill({ body: bytes }));
   const page = await context.newPage();
   await page.goto(`${files.url}?replay=other.plantar`);
-  await page.getByText("The left insole (firmware 0.1.0) speaks protocol 99.").waitFor();
+  await page.getByText("The left insole (firmware 0.1.0) uses protocol 99.").waitFor();
   await page.waitForFunction(() => parseFloat(document.querySelectorAll("#totals dd")[1]?.textContent ?? "") > 100);
   expect(await page.locator("#totals dd").first().innerText()).toBe("–");
   await context.close();
 });
 
 describe("without insoles", () => {
-  test("a browser without Bluetooth says what to use", async () => {
+  test("without Bluetooth in the browser, the page recommends another one", async () => {
     const context = await browser.newContext({ viewport: PHONE });
     await context.addInitScript(() => Reflect.deleteProperty(Navigator.prototype, "bluetooth"));
     const page = await context.newPage();
@@ -183,7 +196,7 @@ describe("without insoles", () => {
     await context.close();
   });
 
-  test("a denied permission says how to allow it; choosing nothing says nothing", async () => {
+  test("for a denied permission the page explains how to allow it, and for no choice it shows nothing", async () => {
     for (const [name, words] of [["NotAllowedError", "Bluetooth is not allowed"], ["NotFoundError", ""]] as const) {
       const context = await browser.newContext({ viewport: PHONE });
       await context.addInitScript((name) => {
@@ -194,7 +207,7 @@ describe("without insoles", () => {
       await page.goto(`${files.url}?bluetooth`);
       await page.locator("#connect").click();
       await page.waitForFunction((words) => document.querySelector("#notes")?.textContent?.includes(words), words);
-      expect(await page.locator("#notes .note:not(.calm)").count()).toBe(words ? 1 : 0);
+      expect(await page.locator("#notes .note:not(.remark)").count()).toBe(words ? 1 : 0);
       await page.locator("#start h2").waitFor();
       await context.close();
     }
@@ -202,7 +215,7 @@ describe("without insoles", () => {
 });
 
 describe.each([["phone", PHONE], ["desktop", DESKTOP]] as const)("%s", (size, viewport) => {
-  test.each(["light", "dark"] as const)("%s: nothing serious for people who need help to read", async (colorScheme) => {
+  test.each(["light", "dark"] as const)("%s: no serious findings of accessibility", async (colorScheme) => {
     const page = await open(browser, replay, { viewport, colorScheme });
     await steps(page, 3);
     const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");

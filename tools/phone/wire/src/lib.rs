@@ -1,26 +1,32 @@
-//! The wire messages for the page on a phone: bytes to JSON in physical units, requests to bytes.
+//! The core of the page for a phone, as WebAssembly: it decodes messages to JSON in physical units, encodes requests, identifies
+//! steps, counts lost frames, and states the facts of the protocol.
 //!
-//! The page calls plain WebAssembly exports and shares one buffer with them. That needs no binding generator, whose
-//! command line would have to be installed in the version of its crate; JSON costs some microseconds a message, and a
-//! step is the same object here as from the command line.
+//! The page calls plain WebAssembly exports and shares one buffer with them. A binding generator would have to be installed as a
+//! command line in the version of its crate. JSON takes some microseconds per message, and a step is the same object as in the
+//! files of the command line.
+//!
+//! The page's TypeScript types are in `tools/phone/src/generated`. A test of this crate checks that they are up to date;
+//! `UPDATE_DOCS=1 cargo test --release --package phone-wire` rewrites them.
 
+mod counter;
+mod facts;
 mod message;
 mod sole;
+#[cfg(test)]
+mod typescript;
 
+pub use counter::LiveCounter;
 pub use message::decode_to_json;
 pub use sole::{REGION_COUNT, RegionShape, outline_mm, region_shapes};
 
 use client::Axis;
-use plantar::Region;
-use plantar::protocol::session::STEP_QUEUE;
 use plantar::protocol::{MAJOR, MAX_MESSAGE, MINOR, ToDevice, encode};
-use serde_json::json;
 use std::sync::{Mutex, PoisonError};
 
-/// What goes in and what comes out.
+/// Input and output of the exports.
 static BUFFER: Mutex<Vec<u8>> = Mutex::new(Vec::new());
 
-/// Replaces the buffer's content; returns its length.
+/// Replaces the content of the buffer; returns its length.
 fn put(bytes: &[u8]) -> usize {
     let mut buffer = BUFFER.lock().unwrap_or_else(PoisonError::into_inner);
     buffer.clear();
@@ -30,11 +36,11 @@ fn put(bytes: &[u8]) -> usize {
 
 fn request(message: ToDevice) -> usize {
     let mut bytes = [0; MAX_MESSAGE];
-    // Every message fits; nothing is what the page would see otherwise.
+    // Every message fits; otherwise the page would send nothing.
     encode(&message, &mut bytes).map_or(0, |message| put(message))
 }
 
-/// Makes room for so many bytes; returns where the page writes them.
+/// Resizes the buffer to `len` bytes; returns the address at which the page writes them.
 #[unsafe(no_mangle)]
 pub extern "C" fn room(len: usize) -> *mut u8 {
     let mut buffer = BUFFER.lock().unwrap_or_else(PoisonError::into_inner);
@@ -42,98 +48,126 @@ pub extern "C" fn room(len: usize) -> *mut u8 {
     buffer.as_mut_ptr()
 }
 
-/// Where the page reads results.
+/// The address at which the page reads a result.
 #[unsafe(no_mangle)]
 pub extern "C" fn result() -> *const u8 {
     BUFFER.lock().unwrap_or_else(PoisonError::into_inner).as_ptr()
 }
 
-/// The message in the buffer as JSON; length of the text, 0 where it is no message of this version.
+/// Replaces the message in the buffer by its JSON; returns the length of the text, 0 for no message of this version.
 #[unsafe(no_mangle)]
 pub extern "C" fn decode() -> usize {
-    let bytes = BUFFER.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    decode_to_json(&bytes).map_or(0, |value| put(value.to_string().as_bytes()))
+    let json = decode_to_json(&BUFFER.lock().unwrap_or_else(PoisonError::into_inner));
+    json.map_or(0, |json| put(json.as_bytes()))
 }
 
-/// [`ToDevice::Connect`].
+/// Puts the JSON of the facts in the buffer: what stays the same while the page runs. Returns the length of the text.
+#[unsafe(no_mangle)]
+pub extern "C" fn facts() -> usize {
+    put(facts::facts_to_json().as_bytes())
+}
+
+/// Encodes [`ToDevice::Connect`]; returns the length of the message.
 #[unsafe(no_mangle)]
 pub extern "C" fn connect() -> usize {
     request(ToDevice::Connect { major: MAJOR, minor: MINOR })
 }
 
-/// [`ToDevice::Stream`].
+/// Encodes [`ToDevice::Stream`]; returns the length of the message.
 #[unsafe(no_mangle)]
 pub extern "C" fn stream(live: bool) -> usize {
     request(ToDevice::Stream { live })
 }
 
-/// [`ToDevice::Acknowledge`].
+/// Encodes [`ToDevice::Acknowledge`]; returns the length of the message.
 #[unsafe(no_mangle)]
 pub extern "C" fn acknowledge(step: u32) -> usize {
     request(ToDevice::Acknowledge { step })
 }
 
-/// [`ToDevice::GetStatus`].
+/// Encodes [`ToDevice::GetStatus`]; returns the length of the message.
 #[unsafe(no_mangle)]
 pub extern "C" fn get_status() -> usize {
     request(ToDevice::GetStatus)
 }
 
-/// [`ToDevice::GetTime`], us since 1970.
+/// Encodes [`ToDevice::GetTime`] with a time in us since 1970; returns the length of the message.
 #[unsafe(no_mangle)]
 pub extern "C" fn get_time(unix_us: f64) -> usize {
     request(ToDevice::GetTime { host_us: unix_us as u64 })
 }
 
-/// [`ToDevice::SetClock`], us since 1970.
+/// Encodes [`ToDevice::SetClock`] with a time in us since 1970; returns the length of the message.
 #[unsafe(no_mangle)]
 pub extern "C" fn set_clock(unix_us: f64) -> usize {
     request(ToDevice::SetClock { unix_us: unix_us as u64 })
 }
 
-/// Two insoles live, and two of a recording.
-static AXES: Mutex<[Axis; 4]> = Mutex::new([const { Axis::new() }; 4]);
+/// Number of insoles that are live at the same time.
+const INSOLES: usize = 2;
 
-/// Does something with an axis; those that are not there are empty.
-fn with_axis<T>(index: usize, act: impl FnOnce(&mut Axis) -> T) -> T {
-    let mut axes = AXES.lock().unwrap_or_else(PoisonError::into_inner);
-    act(axes.get_mut(index).unwrap_or(&mut Axis::new()))
+/// The clocks of the live insoles, then those of the insoles in a recording.
+static AXES: Mutex<[Axis; 2 * INSOLES]> = Mutex::new([const { Axis::new() }; 2 * INSOLES]);
+
+/// The counters of the live insoles.
+static COUNTERS: Mutex<[LiveCounter; INSOLES]> = Mutex::new([LiveCounter::NEW; INSOLES]);
+
+/// Calls `act` with the item at `index`, or with a new one where `index` is out of range.
+fn with<const N: usize, I: Default, T>(items: &Mutex<[I; N]>, index: usize, act: impl FnOnce(&mut I) -> T) -> T {
+    let mut items = items.lock().unwrap_or_else(PoisonError::into_inner);
+    act(items.get_mut(index).unwrap_or(&mut I::default()))
 }
 
-/// Forgets what is known of an insole's clock.
+/// Removes all knowledge of an insole's clock.
 #[unsafe(no_mangle)]
 pub extern "C" fn axis_clear(index: usize) {
-    with_axis(index, |axis| *axis = Axis::new());
+    with(&AXES, index, |axis| *axis = Axis::new());
 }
 
 /// Takes an insole's answer to [`get_time`].
 #[unsafe(no_mangle)]
 pub extern "C" fn axis_answer(index: usize, asked_us: f64, device_us: f64) {
-    with_axis(index, |axis| axis.answer(asked_us as u64, device_us as u64));
+    with(&AXES, index, |axis| axis.answer(asked_us as u64, device_us as u64));
 }
 
-/// The time since 1970, us, when an insole's clock showed `device_us`; not a number before the first answer.
+/// The time when an insole's clock showed `device_us`, us since 1970; not a number before the first answer.
 #[unsafe(no_mangle)]
 pub extern "C" fn axis_unix_us(index: usize, device_us: f64) -> f64 {
-    with_axis(index, |axis| axis.host_us(device_us as u64).map_or(f64::NAN, |us| us as f64))
+    with(&AXES, index, |axis| axis.host_us(device_us as u64).map_or(f64::NAN, |us| us as f64))
 }
 
-/// What never changes while the page runs: version, regions and how to draw them.
+/// Sets a counter to 0.
 #[unsafe(no_mangle)]
-pub extern "C" fn facts() -> usize {
-    let regions: Vec<_> = Region::ALL
-        .iter()
-        .zip(region_shapes())
-        .map(|(region, shape)| {
-            json!({ "name": region.name(), "outline_mm": shape.outline_mm, "centre_mm": shape.centre_mm })
-        })
-        .collect();
-    let facts = json!({
-        "major": MAJOR,
-        "minor": MINOR,
-        "step_queue": STEP_QUEUE,
-        "regions": regions,
-        "sole": { "length_mm": sole::LENGTH_MM, "width_mm": sole::WIDTH_MM, "outline_mm": outline_mm() },
-    });
-    put(facts.to_string().as_bytes())
+pub extern "C" fn counter_clear(index: usize) {
+    with(&COUNTERS, index, |counter| *counter = LiveCounter::NEW);
+}
+
+/// See [`LiveCounter::new_session`].
+#[unsafe(no_mangle)]
+pub extern "C" fn counter_new_session(index: usize) {
+    with(&COUNTERS, index, LiveCounter::new_session);
+}
+
+/// See [`LiveCounter::frame`].
+#[unsafe(no_mangle)]
+pub extern "C" fn counter_frame(index: usize, sequence: u32) {
+    with(&COUNTERS, index, |counter| counter.frame(sequence));
+}
+
+/// See [`LiveCounter::due`].
+#[unsafe(no_mangle)]
+pub extern "C" fn counter_due(index: usize, live_due: u32) {
+    with(&COUNTERS, index, |counter| counter.due(live_due));
+}
+
+/// [`LiveCounter::received`]; a floating-point number, as JavaScript takes integers for signed ones.
+#[unsafe(no_mangle)]
+pub extern "C" fn counter_received(index: usize) -> f64 {
+    with(&COUNTERS, index, |counter| counter.received.into())
+}
+
+/// [`LiveCounter::lost`], as [`counter_received`].
+#[unsafe(no_mangle)]
+pub extern "C" fn counter_lost(index: usize) -> f64 {
+    with(&COUNTERS, index, |counter| counter.lost.into())
 }

@@ -2,90 +2,235 @@
 
 use client::step_to_json;
 use plantar::Side;
-use plantar::faults::Faults;
-use plantar::protocol::{Hello, Live, Status, ToHost, decode};
-use serde_json::{Value, json};
+use plantar::faults;
+use plantar::protocol::{self, LiveRegion, MAX_MESSAGE, Quantity, Step, ToHost, encode};
+use serde::ser::{SerializeMap, SerializeSeq};
+use serde::{Serialize, Serializer};
+use serde_json::Value;
 
-/// The message as JSON; `None` where the bytes are no message of this version.
-pub fn decode_to_json(bytes: &[u8]) -> Option<Value> {
-    let message: ToHost = decode(bytes)?;
-    Some(match &message {
-        ToHost::Hello(hello) => hello_to_json(hello),
-        ToHost::Live(live) => live_to_json(live),
-        ToHost::Step(step) => json!({ "kind": "step", "step": step_to_json(step) }),
-        ToHost::Status(status) => status_to_json(status),
-        ToHost::Tissue(tissue) => json!({ "kind": "tissue", "id": tissue.id }),
-        ToHost::Refused(refusal) => json!({ "kind": "refused", "reason": refusal.to_string() }),
-        // What an insole keeps is nothing the page asks for.
-        ToHost::Identity(_) | ToHost::CalibrationBlock { .. } | ToHost::Update(_) => return None,
-        ToHost::Time { host_us, device_us } => json!({ "kind": "time", "host_us": host_us, "device_us": device_us }),
-        ToHost::Faults(faults) => faults_to_json(faults),
-    })
+/// A message of an insole.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(ts_rs::TS))]
+#[cfg_attr(test, ts(rename = "ToHost"))]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub(crate) enum Message {
+    Hello(Hello),
+    Live(#[cfg_attr(test, ts(type = "Live"))] LiveFrame),
+    Step {
+        /// Equal for the same step, however often an insole sends it.
+        key: String,
+        #[cfg_attr(test, ts(type = "Step"))]
+        step: Value,
+    },
+    Status(Status),
+    Tissue {
+        /// Identifies the wearer's parameters; 0 without any.
+        id: u32,
+    },
+    Refused {
+        /// A sentence for people.
+        reason: String,
+    },
+    Time {
+        /// The page's time, as it was sent.
+        host_us: u64,
+        /// The insole's time when the request arrived.
+        device_us: u64,
+    },
+    Faults(Faults),
 }
 
-fn hello_to_json(hello: &Hello) -> Value {
-    json!({
-        "kind": "hello",
-        "major": hello.major,
-        "minor": hello.minor,
-        "firmware": hello.firmware.as_str(),
-        "board": hello.board.as_str(),
-        "side": match hello.side { Side::Left => "left", Side::Right => "right" },
-        "cells": hello.cells,
-        "rate_hz": 1e6 / f64::from(hello.period_us),
-        "has_parameters": hello.tissue_id != 0,
-        "reset": hello.reset.name(),
-        "last_panic": hello.last_panic.as_deref(),
-    })
+/// Identifies the insole.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(ts_rs::TS))]
+pub(crate) struct Hello {
+    /// Major protocol version of the insole.
+    major: u8,
+    /// Minor protocol version of the insole.
+    minor: u8,
+    /// Firmware version.
+    firmware: String,
+    /// Board name.
+    board: String,
+    #[cfg_attr(test, ts(type = "Side"))]
+    side: &'static str,
+    /// Number of cells.
+    cells: u16,
+    /// Frames per second.
+    rate_hz: f64,
+    /// True with the wearer's parameters; without them the insole computes no deformation and no model force.
+    has_parameters: bool,
+    /// Why the insole last started, one word.
+    reset: &'static str,
+    /// What ended the previous run, or why the set-up was refused.
+    last_panic: Option<String>,
 }
 
-fn live_to_json(live: &Live) -> Value {
-    let regions: Vec<_> = live
-        .regions
-        .iter()
-        .enumerate()
-        .map(|(i, r)| {
-            json!({
-                "area_mm2": r.area_mm2,
-                "deformation_mm": f64::from(r.deformation_um) / 1000.0,
-                "model_n": f64::from(r.model_dn) / 10.0,
-                "measured_n": f64::from(r.measured_dn) / 10.0,
-                "saturated": live.saturated >> i & 1 == 1,
-                "clamped": live.clamped >> i & 1 == 1,
-                "masked": live.masked >> i & 1 == 1,
-            })
+/// Counters of an insole since its start.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(ts_rs::TS))]
+pub(crate) struct Status {
+    uptime_s: f64,
+    /// Frame times that passed without a complete scan.
+    frames_missed: u32,
+    /// Live frames that were due in this session.
+    live_due: u32,
+    /// Live frames given to the carrier in this session.
+    live_sent: u32,
+    steps: u32,
+    /// Unacknowledged steps that were dropped in favour of newer ones.
+    steps_dropped: u32,
+    /// Damaged or unknown messages that the insole received.
+    bad_frames: u32,
+    /// Records that the insole could not store.
+    not_stored: u32,
+    /// Sensor faults.
+    faults: u32,
+    /// Zero corrections of unloaded cells.
+    rezeroed: u32,
+}
+
+/// The faults of the sensor.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(ts_rs::TS))]
+pub(crate) struct Faults {
+    /// Number of faults, including those that the list has no room for.
+    found: u32,
+    /// Zero corrections of unloaded cells.
+    rezeroed: u32,
+    list: Vec<Fault>,
+}
+
+/// A fault of the sensor.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(ts_rs::TS))]
+pub(crate) struct Fault {
+    /// Its kind, one word.
+    fault: &'static str,
+    /// A cell, row or column.
+    place: String,
+    /// Time since the start of the insole.
+    found_s: f64,
+}
+
+/// The message as JSON; `None` for bytes that are not a message of this version, and for messages that the page does not request.
+pub fn decode_to_json(bytes: &[u8]) -> Option<String> {
+    serde_json::to_string(&Message::new(protocol::decode(bytes)?)?).ok()
+}
+
+impl Message {
+    fn new(message: ToHost) -> Option<Self> {
+        Some(match message {
+            ToHost::Hello(hello) => Self::Hello(hello.into()),
+            ToHost::Live(live) => Self::Live(LiveFrame(live)),
+            ToHost::Step(step) => Self::Step { key: step_key(&step), step: step_to_json(&step) },
+            ToHost::Status(status) => Self::Status(status.into()),
+            ToHost::Tissue(tissue) => Self::Tissue { id: tissue.id },
+            ToHost::Refused(refusal) => Self::Refused { reason: refusal.to_string() },
+            ToHost::Time { host_us, device_us } => Self::Time { host_us, device_us },
+            ToHost::Faults(faults) => Self::Faults(faults.into()),
+            ToHost::Identity(_) | ToHost::CalibrationBlock { .. } | ToHost::Update(_) => return None,
         })
-        .collect();
-    json!({ "kind": "live", "sequence": live.sequence, "t_s": live.t_us as f64 / 1e6, "regions": regions })
+    }
 }
 
-fn status_to_json(status: &Status) -> Value {
-    json!({
-        "kind": "status",
-        "uptime_s": status.uptime_us as f64 / 1e6,
-        "frames_missed": status.frames_missed,
-        "live_due": status.live_due,
-        "live_sent": status.live_sent,
-        "steps": status.steps,
-        "steps_dropped": status.steps_dropped,
-        "bad_frames": status.bad_frames,
-        "unkept": status.not_stored,
-        "faults": status.faults,
-        "rezeroed": status.rezeroed,
+/// The bytes of [`Step::content`] in hexadecimal digits.
+fn step_key(step: &Step) -> String {
+    let mut buffer = [0; MAX_MESSAGE];
+    // A step fits; without a key it would count as one that is already stored.
+    let content = encode(&step.content(), &mut buffer).map_or(&[][..], |content| content);
+    content.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+impl From<protocol::Hello> for Hello {
+    fn from(hello: protocol::Hello) -> Self {
+        Self {
+            major: hello.major,
+            minor: hello.minor,
+            firmware: hello.firmware.as_str().into(),
+            board: hello.board.as_str().into(),
+            side: match hello.side {
+                Side::Left => "left",
+                Side::Right => "right",
+            },
+            cells: hello.cells,
+            rate_hz: 1e6 / f64::from(hello.period_us),
+            has_parameters: hello.tissue_id != 0,
+            reset: hello.reset.name(),
+            last_panic: hello.last_panic.as_deref().map(String::from),
+        }
+    }
+}
+
+impl From<protocol::Status> for Status {
+    fn from(status: protocol::Status) -> Self {
+        Self {
+            uptime_s: status.uptime_us as f64 / 1e6,
+            frames_missed: status.frames_missed,
+            live_due: status.live_due,
+            live_sent: status.live_sent,
+            steps: status.steps,
+            steps_dropped: status.steps_dropped,
+            bad_frames: status.bad_frames,
+            not_stored: status.not_stored,
+            faults: status.faults,
+            rezeroed: status.rezeroed,
+        }
+    }
+}
+
+impl From<faults::Faults> for Faults {
+    fn from(faults: faults::Faults) -> Self {
+        let fault = |fault: &faults::Fault| Fault {
+            fault: fault.kind.name(),
+            place: fault.place.to_string(),
+            found_s: f64::from(fault.found_ms) / 1000.0,
+        };
+        Self { found: faults.found, rezeroed: faults.rezeroed, list: faults.list.iter().map(fault).collect() }
+    }
+}
+
+/// A live frame, with the quantities and flags that the protocol declares. It arrives a hundred times a second, so it is written
+/// without an object in between.
+pub(crate) struct LiveFrame(pub protocol::Live);
+
+impl Serialize for LiveFrame {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        serialize_quantities(&mut map, protocol::Live::QUANTITIES, &self.0)?;
+        map.serialize_entry("regions", &Regions(&self.0))?;
+        map.end()
+    }
+}
+
+struct Regions<'a>(&'a protocol::Live);
+
+impl Serialize for Regions<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut list = serializer.serialize_seq(Some(self.0.regions.len()))?;
+        (0..self.0.regions.len()).try_for_each(|i| list.serialize_element(&RegionOf(self.0, i)))?;
+        list.end()
+    }
+}
+
+struct RegionOf<'a>(&'a protocol::Live, usize);
+
+impl Serialize for RegionOf<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let Self(live, i) = *self;
+        let mut map = serializer.serialize_map(None)?;
+        serialize_quantities(&mut map, LiveRegion::QUANTITIES, &live.regions[i])?;
+        for flag in protocol::Live::FLAGS {
+            map.serialize_entry(flag.name, &flag.is_set(live, i))?;
+        }
+        map.end()
+    }
+}
+
+/// The quantities of a live frame have no nested keys and are always present.
+fn serialize_quantities<T, M: SerializeMap>(map: &mut M, quantities: &[Quantity<T>], of: &T) -> Result<(), M::Error> {
+    quantities.iter().try_for_each(|quantity| match quantity.per_unit {
+        1 => map.serialize_entry(quantity.key, &(quantity.value)(of)),
+        _ => map.serialize_entry(quantity.key, &quantity.in_unit(of)),
     })
-}
-
-fn faults_to_json(faults: &Faults) -> Value {
-    let list: Vec<_> = faults
-        .list
-        .iter()
-        .map(|fault| {
-            json!({
-                "fault": fault.kind.name(),
-                "place": fault.place.to_string(),
-                "found_s": f64::from(fault.found_ms) / 1000.0,
-            })
-        })
-        .collect();
-    json!({ "kind": "faults", "found": faults.found, "rezeroed": faults.rezeroed, "list": list })
 }

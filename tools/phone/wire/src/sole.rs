@@ -1,39 +1,50 @@
-//! A sole to draw loads on: the outline of a generic insole, divided by the core's template.
+//! A sole to draw loads on: the outline of a generic insole, divided into regions by the core's template.
 //!
-//! An insole does not say where its cells lie, so this is a picture of a foot and not of the wearer's.
+//! An insole does not report where its cells lie, so this is a picture of a foot and not of the wearer's.
 
 use plantar::Region;
 use plantar::pipeline::template::region_at;
 
-/// Regions.
+/// Number of regions.
 pub const REGION_COUNT: usize = Region::ALL.len();
 /// Length of the sole, EU size 42.
 pub const LENGTH_MM: f32 = 268.0;
-/// Its width.
+/// Width of the sole.
 pub const WIDTH_MM: f32 = 96.0;
-/// y and the medial and lateral edges there, mm; the sole of the computed walk.
-const OUTLINE_MM: [[f32; 3]; 14] = [
-    [0.0, 24.0, 52.0],
-    [10.0, 13.0, 63.0],
-    [30.0, 7.0, 70.0],
-    [60.0, 8.0, 72.0],
-    [100.0, 15.0, 77.0],
-    [130.0, 16.0, 83.0],
-    [160.0, 10.0, 90.0],
-    [190.0, 2.0, 95.0],
-    [205.0, 0.0, 96.0],
-    [225.0, 1.0, 92.0],
-    [245.0, 6.0, 82.0],
-    [258.0, 13.0, 69.0],
-    [266.0, 24.0, 53.0],
-    [LENGTH_MM, 30.0, 46.0],
-];
+
+/// y, and the medial and lateral edges there, mm: the sole of the computed walk.
+const fn edges_by_length() -> &'static [[f32; 3]] {
+    &[
+        [0.0, 24.0, 52.0],
+        [10.0, 13.0, 63.0],
+        [30.0, 7.0, 70.0],
+        [60.0, 8.0, 72.0],
+        [100.0, 15.0, 77.0],
+        [130.0, 16.0, 83.0],
+        [160.0, 10.0, 90.0],
+        [190.0, 2.0, 95.0],
+        [205.0, 0.0, 96.0],
+        [225.0, 1.0, 92.0],
+        [245.0, 6.0, 82.0],
+        [258.0, 13.0, 69.0],
+        [266.0, 24.0, 53.0],
+        [LENGTH_MM, 30.0, 46.0],
+    ]
+}
+
 /// Where the template's width is taken at heel and forefoot: y and the edges, mm.
 const HEEL_MM: [f32; 3] = [40.2, 7.0, 71.7];
 const FOREFOOT_MM: [f32; 3] = [184.9, 0.0, 96.0];
-/// Rows and the points along them that are asked for their region.
-const ROW_MM: f32 = 2.0;
-const POINT_MM: f32 = 0.5;
+/// Points of the outline on each of its arcs.
+const ARC_POINTS: usize = 4;
+/// Free space between the shapes of neighbouring regions, and twice that to the outline. It is not drawn, so it takes no time.
+const GAP_MM: f32 = 0.9;
+/// Distance of the rows that a region consists of.
+const ROW_MM: f32 = GAP_MM / 2.0;
+/// Distance of the points in a row at which the template is evaluated.
+const POINT_MM: f32 = 0.25;
+/// A point of a polygon that is nearer than this to the line between others is left out.
+const TOLERANCE_MM: f32 = 0.1;
 
 /// One region of the sole, mm in foot coordinates.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -44,19 +55,33 @@ pub struct RegionShape {
     pub centre_mm: [f32; 2],
 }
 
-/// The sole's outline, a closed polygon.
+/// The outline of the sole, a closed polygon with rounded corners: parabolas between the middles of the edges.
 pub fn outline_mm() -> Vec<[f32; 2]> {
-    let medial = OUTLINE_MM.iter().map(|[y, medial, _]| [*medial, *y]);
-    let lateral = OUTLINE_MM.iter().rev().map(|[y, _, lateral]| [*lateral, *y]);
-    medial.chain(lateral).collect()
+    let medial = edges_by_length().iter().map(|[y, medial, _]| [*medial, *y]);
+    let lateral = edges_by_length().iter().rev().map(|[y, _, lateral]| [*lateral, *y]);
+    let corners: Vec<_> = medial.chain(lateral).collect();
+    let middle = |a: [f32; 2], b: [f32; 2]| [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0];
+    let corner = |i: usize| corners[i % corners.len()];
+    let arc = |i: usize| {
+        let [from, over, to] = [middle(corner(i), corner(i + 1)), corner(i + 1), middle(corner(i + 1), corner(i + 2))];
+        (0..ARC_POINTS).map(move |k| {
+            let t = k as f32 / ARC_POINTS as f32;
+            [0, 1].map(|axis| {
+                let (a, b, c) = (from[axis], over[axis], to[axis]);
+                a * (1.0 - t) * (1.0 - t) + 2.0 * b * t * (1.0 - t) + c * t * t
+            })
+        })
+    };
+    (0..corners.len()).flat_map(arc).collect()
 }
 
 /// The regions, in the order of [`Region::ALL`].
 pub fn region_shapes() -> [RegionShape; REGION_COUNT] {
+    let outline = outline_mm();
     let mut rows: [Vec<Row>; REGION_COUNT] = Default::default();
     let count = (LENGTH_MM / ROW_MM) as usize;
     for y_mm in (0..count).map(|k| (k as f32 + 0.5) * ROW_MM) {
-        let [medial_mm, lateral_mm] = edges_mm(y_mm);
+        let [medial_mm, lateral_mm] = edges_mm(&outline, y_mm);
         let points = ((lateral_mm - medial_mm) / POINT_MM).ceil() as usize;
         for point in 0..points {
             let from_mm = medial_mm + point as f32 * POINT_MM;
@@ -69,7 +94,7 @@ pub fn region_shapes() -> [RegionShape; REGION_COUNT] {
             }
         }
     }
-    rows.map(|rows| shape(&rows))
+    rows.map(|rows| shape(&shrink(&rows)))
 }
 
 /// The part of a region at one y.
@@ -79,25 +104,47 @@ struct Row {
     to_mm: f32,
 }
 
+/// The rows without half of the gap at each boundary. A slanting boundary moves in the rows before and after, which are half of the
+/// gap away.
+fn shrink(rows: &[Row]) -> Vec<Row> {
+    let rows = rows.windows(3).map(|rows| Row {
+        y_mm: rows[1].y_mm,
+        from_mm: rows[0].from_mm.max(rows[1].from_mm + GAP_MM / 2.0).max(rows[2].from_mm),
+        to_mm: rows[0].to_mm.min(rows[1].to_mm - GAP_MM / 2.0).min(rows[2].to_mm),
+    });
+    rows.filter(|row| row.from_mm < row.to_mm).collect()
+}
+
 fn shape(rows: &[Row]) -> RegionShape {
-    // Through the middles of the rows, so that slanting boundaries are lines and no stairs; level ones meet half a row further.
-    let end = |row: Option<&Row>, dy_mm: f32| row.map(|row| Row { y_mm: row.y_mm + dy_mm, ..*row });
-    let low = end(rows.first(), -ROW_MM / 2.0);
-    let high = end(rows.last(), ROW_MM / 2.0);
-    let line: Vec<&Row> = low.iter().chain(rows).chain(&high).collect();
-    let medial = line.iter().map(|row| [row.from_mm, row.y_mm]);
-    let lateral = line.iter().rev().map(|row| [row.to_mm, row.y_mm]);
+    let medial: Vec<_> = rows.iter().map(|row| [row.from_mm, row.y_mm]).collect();
+    let lateral: Vec<_> = rows.iter().rev().map(|row| [row.to_mm, row.y_mm]).collect();
     let mean = |of: &dyn Fn(&Row) -> f32| {
         let width = |row: &Row| row.to_mm - row.from_mm;
         rows.iter().map(|row| of(row) * width(row)).sum::<f32>() / rows.iter().map(width).sum::<f32>()
     };
     RegionShape {
-        outline_mm: medial.chain(lateral).collect(),
+        outline_mm: [simplified(&medial), simplified(&lateral)].concat(),
         centre_mm: [mean(&|row| (row.from_mm + row.to_mm) / 2.0), mean(&|row| row.y_mm)],
     }
 }
 
-/// The region at a place on the sole.
+/// A line with fewer points (Ramer, Douglas and Peucker): without those near the line from its first to its last point.
+fn simplified(line: &[[f32; 2]]) -> Vec<[f32; 2]> {
+    let (Some(&[x0, y0]), Some(&[x1, y1])) = (line.first(), line.last()) else { return Vec::new() };
+    let length = (x1 - x0).hypot(y1 - y0);
+    let distance = |&[x, y]: &[f32; 2]| ((x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)).abs() / length;
+    let distances = line.iter().map(distance).enumerate();
+    let (farthest, distance) = distances.fold((0, 0.0), |most, here| if here.1 > most.1 { here } else { most });
+    if distance < TOLERANCE_MM {
+        return vec![[x0, y0], [x1, y1]];
+    }
+    let mut points = simplified(&line[..=farthest]);
+    points.pop();
+    points.extend(simplified(&line[farthest..]));
+    points
+}
+
+/// The region at a point of the sole.
 fn region_of(x_mm: f32, y_mm: f32) -> Region {
     let along = (y_mm - HEEL_MM[0]) / (FOREFOOT_MM[0] - HEEL_MM[0]);
     let edge = |i: usize, along: f32| HEEL_MM[i] + (FOREFOOT_MM[i] - HEEL_MM[i]) * along;
@@ -107,10 +154,10 @@ fn region_of(x_mm: f32, y_mm: f32) -> Region {
     region_at((x_mm - centre_mm) / width_mm + 0.5, y_mm / LENGTH_MM)
 }
 
-/// The medial and lateral edge at `y_mm`, which lies on the sole.
-fn edges_mm(y_mm: f32) -> [f32; 2] {
-    let after = OUTLINE_MM.partition_point(|[y, ..]| *y <= y_mm).clamp(1, OUTLINE_MM.len() - 1);
-    let ([y0, medial0, lateral0], [y1, medial1, lateral1]) = (OUTLINE_MM[after - 1], OUTLINE_MM[after]);
-    let share = (y_mm - y0) / (y1 - y0);
-    [medial0 + (medial1 - medial0) * share, lateral0 + (lateral1 - lateral0) * share]
+/// The medial and lateral edge of an outline at `y_mm`, which lies on the sole.
+fn edges_mm(outline: &[[f32; 2]], y_mm: f32) -> [f32; 2] {
+    let next = outline.iter().cycle().skip(1);
+    let crossings = outline.iter().zip(next).filter(|(a, b)| (a[1] > y_mm) != (b[1] > y_mm));
+    let x_mm = crossings.map(|(a, b)| a[0] + (y_mm - a[1]) / (b[1] - a[1]) * (b[0] - a[0]));
+    x_mm.fold([WIDTH_MM, 0.0], |[medial, lateral], x_mm| [medial.min(x_mm), lateral.max(x_mm)])
 }

@@ -1,21 +1,28 @@
-//! What the page gets: messages in physical units, and a sole whose regions are those of the computed walk's cells.
+//! What the page receives: messages in physical units, and a sole with the regions of the computed walk's cells.
 
 use phone_wire::{decode_to_json, outline_mm, region_shapes};
-use plantar::Region;
-use plantar::protocol::{Live, LiveRegion, Refusal, ToHost, encode};
+use plantar::pipeline::contact::ContactRule;
+use plantar::protocol::{Live, LiveRegion, MAX_MESSAGE, Refusal, Step, StepRegion, ToHost, encode};
+use plantar::{Region, Side};
 use recording::synthetic;
+use serde_json::Value;
 
 fn bytes(message: &ToHost) -> Vec<u8> {
-    let mut buffer = [0; 320];
+    let mut buffer = [0; MAX_MESSAGE];
     encode(message, &mut buffer).expect("it fits").to_vec()
+}
+
+fn decoded(message: &ToHost) -> Value {
+    serde_json::from_str(&decode_to_json(&bytes(message)).expect("a message")).expect("JSON")
 }
 
 #[test]
 fn a_live_frame_comes_in_physical_units() {
     let mut live = Live { sequence: 7, t_us: 1_250_000, saturated: 1, clamped: 2, ..Live::default() };
     live.regions[0] = LiveRegion { area_mm2: 1234, deformation_um: 4567, model_dn: 3210, measured_dn: 4321 };
-    let json = decode_to_json(&bytes(&ToHost::Live(live))).expect("a message");
+    let json = decoded(&ToHost::Live(live));
     assert_eq!(json["kind"], "live");
+    assert_eq!(json["sequence"], 7);
     assert_eq!(json["t_s"], 1.25);
     let heel = &json["regions"][0];
     assert_eq!(heel["area_mm2"], 1234);
@@ -30,8 +37,30 @@ fn a_live_frame_comes_in_physical_units() {
 
 #[test]
 fn the_time_comes_as_it_is() {
-    let json = decode_to_json(&bytes(&ToHost::Time { host_us: 5, device_us: 7 })).expect("a message");
+    let json = decoded(&ToHost::Time { host_us: 5, device_us: 7 });
     assert_eq!(json, serde_json::json!({ "kind": "time", "host_us": 5, "device_us": 7 }));
+}
+
+#[test]
+fn a_step_has_the_same_key_after_a_restart_of_the_insole_and_another_one_with_another_content() {
+    let step = Step {
+        step: 3,
+        side: Side::Left,
+        start_us: 5,
+        duration_us: 600_000,
+        sample_us: 10_000,
+        bridged_frames: 0,
+        saturated: 0,
+        clamped: 0,
+        contact_rule: ContactRule::COUNTED,
+        regions: [StepRegion::default(); 8],
+        boots_since: 0,
+        start_unix_us: Some(9),
+    };
+    let key = |step: Step| decoded(&ToHost::Step(step))["key"].clone();
+    assert_eq!(key(step), key(Step { boots_since: 2, ..step }));
+    assert_ne!(key(step), key(Step { start_us: 6, ..step }));
+    assert_ne!(key(step), key(Step { start_unix_us: None, ..step }));
 }
 
 #[test]

@@ -1,0 +1,67 @@
+/** The insoles of one transport, each with its session. */
+
+import type { Live, Side } from "./generated/quantities";
+import type { Recorder } from "./recorder";
+import { Session, type StepMessage } from "./session";
+import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport/transport";
+import type { Wire } from "./wire";
+
+export interface InsoleEvents {
+  live(live: Live, side: Side): void;
+  step(message: StepMessage, bytes: Uint8Array, session: Session): void;
+}
+
+export class Insoles {
+  sessions: Session[] = [];
+  transport: Transport | undefined;
+  /** The encoded hello of each insole. */
+  readonly hellos = new Map<Insole, Uint8Array>();
+
+  constructor(
+    private readonly wire: Wire,
+    private readonly recorder: Recorder,
+    private readonly events: InsoleEvents,
+  ) {}
+
+  /** Closes the transport in use and begins new sessions over another one. */
+  use(transport: Transport): void {
+    this.transport?.close();
+    this.transport = transport;
+    this.hellos.clear();
+    this.sessions = INSOLES.map((insole) => new Session(insole, this.wire, () => this.transport, this.events.step));
+  }
+
+  /** The session with the insole of a foot. */
+  of(side: Side): Session | undefined {
+    return this.sessions.find(({ hello }) => hello?.side === side);
+  }
+
+  tick(now_ms: number): void {
+    this.sessions.forEach((session) => session.tick(now_ms));
+  }
+
+  /** The events of the transport in use. */
+  readonly transportEvents: TransportEvents = {
+    opened: (insole) => this.sessions[insole]?.opened(performance.now()),
+    closed: (insole, reason) => this.sessions[insole]?.closed(reason),
+    damaged: (insole) => {
+      const session = this.sessions[insole];
+      if (session) session.damaged += 1;
+    },
+    battery: (insole, percent) => {
+      const session = this.sessions[insole];
+      if (session) session.battery_percent = percent;
+    },
+    message: (insole, bytes) => this.receive(insole, bytes, performance.now()),
+  };
+
+  private receive(insole: Insole, bytes: Uint8Array, now_ms: number): void {
+    const session = this.sessions[insole];
+    if (!session) return;
+    const before = { hello: session.hello, live: session.live };
+    session.receive(bytes, now_ms);
+    if (session.hello !== before.hello) this.hellos.set(insole, bytes.slice());
+    this.recorder.take(insole, bytes, now_ms);
+    if (session.live && session.hello && session.live !== before.live) this.events.live(session.live, session.hello.side);
+  }
+}

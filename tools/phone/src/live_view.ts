@@ -1,0 +1,147 @@
+/** The live view: both soles with their loads, the total forces, and the table of regions. */
+
+import { type Node, byId, fill } from "./dom";
+import { QUANTITIES, type Quantity, forceText, quantityText, regionTitle } from "./format";
+import type { Facts } from "./generated/messages";
+import type { Ellipse, Live, Side } from "./generated/quantities";
+import type { Insoles } from "./insoles";
+import { extendPath } from "./pressure_path";
+import { colours, scaleEnd_n } from "./scale";
+import { type SessionState, totalForce } from "./session";
+import type { Settings } from "./settings";
+import { SIDES, sideTitle } from "./side";
+import { type SolePicture, Soles } from "./soles";
+
+const NOT_CONNECTED = "Not connected";
+/** Shown on a sole without loads. */
+const TEXTS: Record<SessionState, string> = {
+  live: "",
+  closed: NOT_CONNECTED,
+  waiting: "Waiting",
+  lost: "Connection lost",
+  "other-version": "Update needed",
+};
+
+export class LiveView {
+  private readonly soles: Soles;
+  private readonly pictures: Record<Side, SolePicture>;
+  /** Largest force of a region so far. */
+  private largest_n = 0;
+  /** Regions of which the sensor was saturated. They stay listed, because notes that come and go would move the picture. */
+  private readonly saturated = new Set<string>();
+  private quantity: Quantity = "measured";
+  private is_draw_requested = false;
+  private has_drawn_load = false;
+
+  constructor(private readonly facts: Facts) {
+    this.soles = new Soles(byId("soles", HTMLCanvasElement), facts);
+    const empty = (): SolePicture => ({ live: undefined, text: NOT_CONNECTED, ellipses: [], path: [] });
+    this.pictures = { left: empty(), right: empty() };
+    const is_dark = matchMedia("(prefers-color-scheme: dark)");
+    const measure = () => this.measure(is_dark.matches);
+    is_dark.addEventListener("change", measure);
+    new ResizeObserver(measure).observe(byId("soles"));
+    measure();
+    const quantity = byId("quantity", HTMLSelectElement);
+    quantity.onchange = () => (this.quantity = QUANTITIES.find((known) => known === quantity.value) ?? "measured");
+  }
+
+  /** Begins again for other insoles. */
+  reset(): void {
+    this.largest_n = 0;
+    this.saturated.clear();
+  }
+
+  /** Takes a live frame. It is drawn with the next frame of the screen. */
+  frame(live: Live, side: Side): void {
+    const picture = this.pictures[side];
+    picture.live = live;
+    extendPath(picture.path, live, this.facts);
+    live.regions.forEach(({ measured_n, saturated }, i) => {
+      if (measured_n > this.largest_n) this.largest_n = measured_n;
+      if (saturated) this.saturated.add(this.placeText(side, i));
+    });
+    this.requestDraw();
+  }
+
+  /** Shows the contact ellipses of the last step of a foot. */
+  showEllipses(side: Side, ellipses: Ellipse[]): void {
+    this.pictures[side].ellipses = ellipses;
+    this.requestDraw();
+  }
+
+  get saturatedPlaces(): string[] {
+    return [...this.saturated];
+  }
+
+  get maskedPlaces(): string[] {
+    return SIDES.flatMap((side) =>
+      (this.pictures[side].live?.regions ?? []).flatMap(({ masked }, i) => (masked ? [this.placeText(side, i)] : [])),
+    );
+  }
+
+  /** Updates the texts. Call it a few times a second. */
+  update(insoles: Insoles, settings: Settings): void {
+    for (const side of SIDES) this.updateState(side, insoles.of(side)?.state ?? "closed");
+    fill("totals", SIDES.map((side) => {
+      const live = this.pictures[side].live;
+      const [main, second] = live ? forceText(totalForce(live), settings) : ["–", ""];
+      return ["div", {}, ["dt", { class: side }, sideTitle(side)], ["dd", {}, main, ["small", {}, second]]];
+    }));
+    const rows = this.facts.regions.map(({ name }, i): Node => [
+      "tr",
+      {},
+      ["th", { scope: "row" }, regionTitle(name)],
+      ...SIDES.map((side): Node => {
+        const region = this.pictures[side].live?.regions[i];
+        const has_parameters = insoles.of(side)?.hello?.has_parameters ?? false;
+        return ["td", {}, (region && quantityText(region, this.quantity, has_parameters, settings)) ?? "–"];
+      }),
+    ]);
+    fill(byId("regions").querySelector("tbody"), rows.reverse());
+    fill("scale-to", [forceText(scaleEnd_n(this.largest_n), settings)[0]]);
+  }
+
+  /** Removes the loads of an insole that sends none. */
+  private updateState(side: Side, state: SessionState): void {
+    const picture = this.pictures[side];
+    const text = TEXTS[state];
+    if (text === picture.text) return;
+    picture.text = text;
+    if (text !== "") {
+      picture.live = undefined;
+      picture.path.length = 0;
+    }
+    this.requestDraw();
+  }
+
+  private placeText(side: Side, region: number): string {
+    return `${side} ${regionTitle(this.facts.regions[region]?.name ?? "").toLowerCase()}`;
+  }
+
+  /** Draws once with the next frame of the screen; browsers have none for a page in the background. */
+  private requestDraw(): void {
+    if (this.is_draw_requested || !this.soles.isVisible) return;
+    this.is_draw_requested = true;
+    requestAnimationFrame(() => {
+      this.is_draw_requested = false;
+      this.draw();
+    });
+  }
+
+  private draw(): void {
+    this.soles.draw(this.pictures, scaleEnd_n(this.largest_n));
+    if (!this.has_drawn_load && this.largest_n > 0) {
+      this.has_drawn_load = true;
+      performance.mark("first-load");
+    }
+  }
+
+  private measure(is_dark: boolean): void {
+    const palette = colours(is_dark);
+    this.soles.measure(palette);
+    byId("scale").style.background = `linear-gradient(to right, ${palette.filter((_, i) => i % 7 === 0).join(", ")})`;
+    // Without waiting for a frame of the screen, so that a resized canvas is never seen empty.
+    this.draw();
+  }
+}

@@ -1,0 +1,57 @@
+/** Notes to the wearer: what is wrong, and what is good to know. */
+
+import type { Facts } from "./generated/messages";
+import type { Insoles } from "./insoles";
+import type { LiveView } from "./live_view";
+import type { Session } from "./session";
+import { SIDES } from "./side";
+
+/** Problems, which the wearer should see. */
+export function problems(insoles: Insoles, live_view: LiveView, facts: Facts): string[] {
+  const notes = insoles.sessions.flatMap((session) => sessionProblems(session, facts));
+  const { saturatedPlaces: saturated, maskedPlaces: masked } = live_view;
+  if (saturated.length > 0) {
+    notes.push(`The sensor reached its limit here: ${saturated.join(", ")}. The true forces are higher than the ones shown (▲).`);
+  }
+  if (masked.length > 0) {
+    notes.push(`Some sensor cells are faulty here: ${masked.join(", ")}. Their neighbours replace them (~).`);
+  }
+  return notes;
+}
+
+function sessionProblems({ hello, state, reason }: Session, facts: Facts): string[] {
+  if (!hello) return [];
+  const insole = `The ${hello.side} insole`;
+  switch (state) {
+    case "other-version":
+      return [
+        `${insole} (firmware ${hello.firmware}) uses protocol ${hello.major}.${hello.minor}, but this page uses ` +
+          `${facts.major}.${facts.minor}. Update the older of the two.`,
+      ];
+    case "lost":
+      return [
+        `The connection to the ${hello.side} insole is lost (${reason}). The page tries to connect again. ` +
+          "The insole stores your steps until then.",
+      ];
+    case "live":
+      if (!hello.last_panic) return [];
+      return ["panic", "watchdog"].includes(hello.reset)
+        ? [`${insole} restarted after a fault: ${hello.last_panic}`]
+        : [`${insole} cannot measure: ${hello.last_panic}`];
+    case "closed":
+    case "waiting":
+      return [];
+  }
+}
+
+/** Notes that need no action. */
+export function remarks(insoles: Insoles): string[] {
+  const { transport, sessions } = insoles;
+  if (transport?.is_replay) return ["This is a recording."];
+  const without = SIDES.filter((side) => insoles.of(side)?.hello?.has_parameters === false);
+  if (without.length > 0) {
+    return [`Your personal parameters are not on the ${without.join(" and ")} insole, so no model values are shown.`];
+  }
+  const is_waiting = sessions.every(({ state }) => state === "closed" || state === "waiting");
+  return transport && is_waiting ? [`Waiting for an insole ${transport.place}.`] : [];
+}

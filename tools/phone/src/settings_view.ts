@@ -1,0 +1,94 @@
+/** The settings view: the wearer, the connected insoles, recording and export. */
+
+import { liveCsv, stepsCsv } from "./csv";
+import { type Node, byId, download, fill } from "./dom";
+import type { Insoles } from "./insoles";
+import type { Recorder } from "./recorder";
+import type { Session } from "./session";
+import { KG_PER_LB, type Settings, saveSettings } from "./settings";
+import { sideTitle } from "./side";
+import type { StepStore } from "./step_store";
+import type { Wire } from "./wire";
+
+/** Connects the form of the wearer's settings. `changed` is called after each change. */
+export function listenToSettings(settings: Settings, changed: () => void): void {
+  const mass = byId("mass", HTMLInputElement);
+  const mass_unit = byId("mass-unit", HTMLSelectElement);
+  const force_unit = byId("force-unit", HTMLSelectElement);
+  const kg_per_unit = () => (settings.mass_unit === "lb" ? KG_PER_LB : 1);
+  const show = () => (mass.value = settings.body_mass_kg === null ? "" : (settings.body_mass_kg / kg_per_unit()).toFixed(1));
+  mass_unit.value = settings.mass_unit;
+  force_unit.value = settings.force_unit;
+  show();
+  const save = () => {
+    saveSettings(localStorage, settings);
+    changed();
+  };
+  mass.oninput = () => {
+    const value = mass.valueAsNumber;
+    settings.body_mass_kg = value > 0 ? value * kg_per_unit() : null;
+    save();
+  };
+  mass_unit.onchange = () => {
+    settings.mass_unit = mass_unit.value === "lb" ? "lb" : "kg";
+    show();
+    save();
+  };
+  force_unit.onchange = () => {
+    settings.force_unit = force_unit.value === "%BW" ? "%BW" : "N";
+    save();
+  };
+}
+
+/** Connects the buttons that record and export. `cleared` is called after the steps were deleted. */
+export function listenToExport(
+  wire: Wire,
+  recorder: Recorder,
+  insoles: Insoles,
+  store: () => StepStore,
+  cleared: () => void,
+): void {
+  const record = byId("record", HTMLButtonElement);
+  record.onclick = () => {
+    if (recorder.isRecording) recorder.stop();
+    else recorder.start(performance.now(), insoles.hellos);
+    updateRecording(recorder, insoles);
+  };
+  byId("export-live").onclick = () => download("plantar_live.csv", "text/csv", liveCsv(recorder.entries(), wire));
+  byId("export-stream").onclick = () => download("walk.plantar", "application/octet-stream", recorder.file());
+  byId("export-steps").onclick = () => download("plantar_steps.csv", "text/csv", stepsCsv(store().steps));
+  byId("clear").onclick = () => {
+    if (!confirm("Delete all steps that are stored on this device? Export them first if you need them.")) return;
+    void store().clear().then(cleared);
+  };
+}
+
+/** Updates the details of the insoles and the buttons. Call it a few times a second. */
+export function updateSettingsView(insoles: Insoles, recorder: Recorder, now_ms: number): void {
+  fill("insoles", insoles.sessions.flatMap((session) => insoleDetails(session, now_ms)));
+  updateRecording(recorder, insoles);
+}
+
+function insoleDetails(session: Session, now_ms: number): Node[] {
+  const { hello, counter, status, damaged, battery_percent } = session;
+  if (!hello) return [];
+  const details = [
+    `${session.rate_hz(now_ms).toFixed(0)} of ${hello.rate_hz.toFixed(0)} frames per second`,
+    `${counter.received} frames received, ${counter.lost} lost, ${damaged} damaged`,
+    `Firmware ${hello.firmware}, ${hello.board} board, ${hello.cells} cells`,
+  ];
+  if (battery_percent !== undefined) details.push(`Battery ${battery_percent} %`);
+  if (status && status.steps_dropped > 0) {
+    details.push(`${status.steps_dropped} steps were lost because the insole's memory was full.`);
+  }
+  const title: Node = ["dt", { class: hello.side }, sideTitle(hello.side)];
+  return [["div", {}, title, ...details.map((detail): Node => ["dd", {}, detail])]];
+}
+
+function updateRecording(recorder: Recorder, insoles: Insoles): void {
+  const record = byId("record", HTMLButtonElement);
+  record.disabled = !insoles.transport;
+  record.setAttribute("aria-pressed", String(recorder.isRecording));
+  fill(record, [recorder.isRecording ? `Stop recording (${recorder.seconds().toFixed(0)} s)` : "Record live values"]);
+  for (const id of ["export-live", "export-stream"]) byId(id, HTMLButtonElement).disabled = recorder.isEmpty;
+}

@@ -1,0 +1,203 @@
+/** Draws both soles on a canvas. */
+
+import type { Facts } from "./generated/messages";
+import type { Ellipse, Live, Side } from "./generated/quantities";
+import { type Path, type Point } from "./pressure_path";
+import { colourOf } from "./scale";
+import { SIDES } from "./side";
+
+/** Around and between the soles. */
+const MARGIN_MM = 10;
+
+/** The content of one sole. */
+export interface SolePicture {
+  live: Live | undefined;
+  /** Shown instead of loads. */
+  text: string;
+  /** Contact ellipses at the peak of the last step. */
+  ellipses: Ellipse[];
+  /** Path of the centre of pressure. */
+  path: Path;
+}
+
+/** Colours of the page that the canvas needs too. */
+interface Ink {
+  back: string;
+  text: string;
+  line: string;
+  sole: string;
+}
+
+export class Soles {
+  private readonly context: CanvasRenderingContext2D;
+  private readonly outline: Path2D;
+  private readonly regions: Path2D[];
+  private ink: Ink = { back: "", text: "", line: "", sole: "" };
+  private palette: readonly string[] = [];
+  /** Size of the canvas on the page; 0 while it is not displayed. */
+  private width = 0;
+  private height = 0;
+  /** The appearance of each sole that the canvas shows. */
+  private readonly drawn: Record<Side, string> = { left: "", right: "" };
+
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    private readonly facts: Facts,
+  ) {
+    const context = canvas.getContext("2d");
+    if (!context) throw new Error("This browser cannot draw.");
+    this.context = context;
+    this.outline = polygon(facts.sole.outline_mm);
+    this.regions = facts.regions.map(({ outline_mm }) => polygon(outline_mm));
+  }
+
+  /** Reads the colours of the page and the size of the canvas again. */
+  measure(palette: readonly string[]): void {
+    const style = getComputedStyle(document.documentElement);
+    const colour = (name: string) => style.getPropertyValue(`--${name}`).trim();
+    this.ink = { back: colour("back"), text: colour("text"), line: colour("line"), sole: colour("sole") };
+    this.palette = palette;
+    const { width, height } = this.canvas.getBoundingClientRect();
+    // More than two pixels per CSS pixel take time and are not visible.
+    const ratio = Math.min(2, window.devicePixelRatio);
+    this.width = width;
+    this.height = height;
+    this.canvas.width = Math.round(width * ratio);
+    this.canvas.height = Math.round(height * ratio);
+    this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    // A resized canvas is empty.
+    for (const side of SIDES) this.drawn[side] = "";
+  }
+
+  /** False while the canvas is not displayed. */
+  get isVisible(): boolean {
+    return this.width > 0;
+  }
+
+  /** Draws the soles that look different from before. */
+  draw(pictures: Record<Side, SolePicture>, scale_end_n: number): void {
+    if (!this.isVisible) return;
+    for (const side of SIDES) {
+      const colours = pictures[side].live?.regions.map(({ measured_n }) => colourOf(measured_n, scale_end_n, this.palette)) ?? [];
+      const appearance = appearanceOf(pictures[side], colours);
+      if (appearance === this.drawn[side]) continue;
+      this.drawn[side] = appearance;
+      this.half(side, pictures[side], colours);
+    }
+  }
+
+  /** Draws one sole in its half of the canvas. */
+  private half(side: Side, picture: SolePicture, colours: readonly string[]): void {
+    const { context: c, width, height } = this;
+    const { length_mm, width_mm } = this.facts.sole;
+    const scale = Math.min(width / (2 * width_mm + 5 * MARGIN_MM), height / (length_mm + 2 * MARGIN_MM));
+    // Coordinates are those of a right foot.
+    const mirror = side === "left" ? -1 : 1;
+    c.save();
+    c.beginPath();
+    c.rect(side === "left" ? 0 : width / 2, 0, width / 2, height);
+    c.clip();
+    c.clearRect(0, 0, width, height);
+    c.translate(width / 2 + mirror * MARGIN_MM * scale, height - MARGIN_MM * scale);
+    c.scale(mirror * scale, -scale);
+    this.sole(picture, colours, 1 / scale);
+    c.restore();
+    if (picture.text) {
+      const x = width / 2 + mirror * (MARGIN_MM + width_mm / 2) * scale;
+      this.text(picture.text, x, height / 2, width_mm * scale * 0.7);
+    }
+  }
+
+  /** One foot in mm; `px` is a pixel. */
+  private sole({ live, ellipses, path }: SolePicture, colours: readonly string[], px: number): void {
+    const { context: c, ink } = this;
+    this.regions.forEach((region, i) => {
+      c.fillStyle = colours[i] ?? ink.sole;
+      c.fill(region);
+    });
+    c.strokeStyle = ink.line;
+    c.lineWidth = 1.5 * px;
+    c.stroke(this.outline);
+    if (!live) return;
+    c.lineJoin = "round";
+    c.beginPath();
+    for (const { x_mm, y_mm, r_a_mm, r_b_mm, angle_deg } of ellipses) {
+      const angle = (angle_deg * Math.PI) / 180;
+      c.moveTo(x_mm + r_a_mm * Math.cos(angle), y_mm + r_a_mm * Math.sin(angle));
+      c.ellipse(x_mm, y_mm, r_a_mm, r_b_mm, angle, 0, 2 * Math.PI);
+    }
+    this.strokeWithHalo(2 * px);
+    this.path(path, px);
+    live.regions.forEach(({ saturated, clamped }, i) => {
+      const centre = this.facts.regions[i]?.centre_mm;
+      if (centre && (saturated || clamped)) this.flag(centre, saturated, px);
+    });
+  }
+
+  private path(path: Path, px: number): void {
+    const { context: c } = this;
+    const last = path.at(-1);
+    if (!last) return;
+    c.beginPath();
+    path.forEach(({ at_mm: [x, y] }) => c.lineTo(x, y));
+    this.strokeWithHalo(3.5 * px);
+    c.beginPath();
+    c.arc(...last.at_mm, 6 * px, 0, 2 * Math.PI);
+    c.fillStyle = this.ink.text;
+    c.fill();
+    this.stroke(this.ink.back, 2 * px);
+  }
+
+  /** A triangle, filled where the sensor is saturated, open where the model is clamped. */
+  private flag([x, y]: Point, is_saturated: boolean, px: number): void {
+    const { context: c, ink } = this;
+    c.beginPath();
+    c.moveTo(x, y + 10 * px);
+    c.lineTo(x - 10 * px, y - 7 * px);
+    c.lineTo(x + 10 * px, y - 7 * px);
+    c.closePath();
+    c.fillStyle = is_saturated ? ink.text : ink.back;
+    c.fill();
+    this.strokeWithHalo(2 * px);
+  }
+
+  /** Strokes in the text's colour over a wider line in the background's, which is visible on any load. */
+  private strokeWithHalo(width: number): void {
+    this.stroke(this.ink.back, 2.2 * width);
+    this.stroke(this.ink.text, width);
+  }
+
+  private stroke(colour: string, width: number): void {
+    this.context.strokeStyle = colour;
+    this.context.lineWidth = width;
+    this.context.stroke();
+  }
+
+  private text(text: string, x: number, y: number, width: number): void {
+    const { context: c } = this;
+    c.fillStyle = this.ink.text;
+    c.font = "600 15px system-ui, sans-serif";
+    c.textAlign = "center";
+    const lines: string[] = [];
+    for (const word of text.split(" ")) {
+      const longer = `${lines.at(-1) ?? ""} ${word}`.trim();
+      if (lines.length > 0 && c.measureText(longer).width <= width) lines[lines.length - 1] = longer;
+      else lines.push(word);
+    }
+    lines.forEach((line, i) => c.fillText(line, x, y + (i - (lines.length - 1) / 2) * 20));
+  }
+}
+
+/** Equal for pictures that look the same. */
+function appearanceOf({ live, text, ellipses, path }: SolePicture, colours: readonly string[]): string {
+  const flags = live?.regions.map(({ saturated, clamped }) => (saturated ? 2 : clamped ? 1 : 0)) ?? [];
+  const shapes = live ? ellipses.flatMap(({ x_mm, y_mm, r_a_mm }) => [x_mm, y_mm, r_a_mm]) : [];
+  return [text, ...colours, ...flags, ...shapes, path.length, path.at(0)?.t_s, path.at(-1)?.t_s].join();
+}
+
+function polygon(points: readonly Point[]): Path2D {
+  const path = new Path2D();
+  points.forEach(([x, y]) => path.lineTo(x, y));
+  path.closePath();
+  return path;
+}

@@ -1,0 +1,115 @@
+import { beforeAll, expect, test } from "vitest";
+import type { StepMessage } from "../src/session";
+import type { StepRecord, StepStorage } from "../src/step_storage";
+import { StepStore, peakForce } from "../src/step_store";
+import type { Wire } from "../src/wire";
+import { loadWire, messagesOf, step } from "./wire";
+
+let wire: Wire;
+/** The steps of the computed walk: decoded, and as messages. */
+let taken: [StepMessage, Uint8Array][];
+beforeAll(async () => {
+  wire = await loadWire();
+  taken = [0, 1].flatMap(messagesOf).flatMap((message) => {
+    const decoded = wire.decode(message);
+    return decoded?.kind === "step" ? [decodeStep(message)] : [];
+  });
+});
+
+function decodeStep(message: Uint8Array): [StepMessage, Uint8Array] {
+  const decoded = wire.decode(message);
+  if (decoded?.kind !== "step") throw new Error("The message is not a step.");
+  return [decoded, message];
+}
+
+class TestStorage implements StepStorage {
+  records: StepRecord[] = [];
+  is_full = false;
+  load = () => Promise.resolve(this.records);
+  add = async (record: StepRecord) => {
+    if (this.is_full) throw new Error("full");
+    this.records.push(record);
+  };
+  clear = () => Promise.resolve(void (this.records = []));
+}
+
+test("a step is stored once, however often it is repeated", async () => {
+  const storage = new TestStorage();
+  const store = new StepStore(wire, storage);
+  for (const _ of [1, 2, 3]) for (const [step, message] of taken) await store.add(step, message, [], null);
+  expect(store.steps.map(({ step }) => step)).toEqual(taken.map(([{ step }]) => step));
+  expect(storage.records).toHaveLength(taken.length);
+});
+
+test("stored steps are loaded at the next visit, and still count once", async () => {
+  const storage = new TestStorage();
+  const store = new StepStore(wire, storage);
+  for (const [step, message] of taken) await store.add(step, message, [], null);
+  const next = new StepStore(wire, storage);
+  await next.load();
+  expect(next.steps).toEqual(store.steps);
+  for (const [step, message] of taken) await next.add(step, message, [], null);
+  expect(next.steps).toHaveLength(taken.length);
+});
+
+test("a step that cannot be stored is an error, is shown once, and is stored when it is repeated", async () => {
+  const storage = new TestStorage();
+  const store = new StepStore(wire, storage);
+  const [first, message] = taken[0]!;
+  storage.is_full = true;
+  await expect(store.add(first, message, [], null)).rejects.toThrow("full");
+  storage.is_full = false;
+  await store.add(first, message, [], null);
+  expect(store.steps).toHaveLength(1);
+  expect(storage.records).toHaveLength(1);
+});
+
+test("a step that cannot be stored delays those after it", async () => {
+  const storage = new TestStorage();
+  const store = new StepStore(wire, storage);
+  const [one, other] = taken;
+  storage.is_full = true;
+  await expect(store.add(...one!, [], null)).rejects.toThrow("full");
+  await expect(store.add(...other!, [], null)).rejects.toThrow("full");
+  storage.is_full = false;
+  // The acknowledgement of the later step stands for both.
+  await store.add(...other!, [], null);
+  expect(storage.records.map(({ message }) => message)).toEqual([one![1], other![1]]);
+  expect(store.steps).toHaveLength(2);
+});
+
+test("a step that is repeated after a restart of the insole is known", async () => {
+  const storage = new TestStorage();
+  const store = new StepStore(wire, storage);
+  const [, message] = taken[0]!;
+  await store.add(...decodeStep(message), [], null);
+  // The message ends with the number of boots since the step, then with an absent time.
+  expect([...message.slice(-2)]).toEqual([0, 0]);
+  const [repeated, bytes] = decodeStep(Uint8Array.of(...message.slice(0, -2), 1, 0));
+  expect(repeated.step.starts_ago).toBe(1);
+  await store.add(repeated, bytes, [], null);
+  expect(storage.records).toHaveLength(1);
+  // Another number of masked cells, the last byte of the last region.
+  const [other, other_bytes] = decodeStep(Uint8Array.of(...message.slice(0, -3), 1, 0, 0));
+  await store.add(other, other_bytes, [], null);
+  expect(storage.records).toHaveLength(2);
+});
+
+test("a step that two pages stored counts once", async () => {
+  const storage = new TestStorage();
+  for (const _ of [1, 2]) {
+    const store = new StepStore(wire, storage);
+    for (const [step, message] of taken) await store.add(step, message, [], null);
+  }
+  expect(storage.records).toHaveLength(2 * taken.length);
+  const next = new StepStore(wire, storage);
+  await next.load();
+  expect(next.steps).toHaveLength(taken.length);
+});
+
+test("the peak force of the foot is found in the frames of the step, where they are complete", () => {
+  const frames = Array.from({ length: 200 }, (_, i) => ({ t_s: i / 100, force_n: i === 150 ? 900 : i }));
+  expect(peakForce(step({ start_s: 0.2, duration_s: 0.6 }), frames)).toBe(80);
+  expect(peakForce(step({ start_s: 1.3, duration_s: 0.6 }), frames)).toBe(900);
+  expect(peakForce(step({ start_s: 1.6, duration_s: 0.6 }), frames)).toBeNull();
+});

@@ -1,0 +1,101 @@
+//! Facts that stay the same while the page runs.
+
+use crate::sole::{self, outline_mm, region_shapes};
+use plantar::Region;
+use plantar::protocol::session::STEP_QUEUE;
+use plantar::protocol::{MAJOR, MINOR, gatt};
+use serde::Serialize;
+
+/// What the page needs to know of the protocol and of the sole.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(ts_rs::TS))]
+pub struct Facts {
+    /// Major protocol version of the page.
+    major: u8,
+    /// Minor protocol version of the page.
+    minor: u8,
+    /// Unacknowledged steps that an insole holds in RAM.
+    step_queue: usize,
+    gatt: Gatt,
+    /// The regions, in the order of the messages.
+    regions: Vec<RegionFacts>,
+    sole: Sole,
+}
+
+/// UUIDs of the insole's Bluetooth service and of its characteristics.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(ts_rs::TS))]
+pub struct Gatt {
+    service: String,
+    /// Requests are written here, and their answers are indicated.
+    control: String,
+    /// Live frames, notified.
+    live: String,
+    /// Steps, notified.
+    steps: String,
+}
+
+/// A region and its shape.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(ts_rs::TS))]
+pub struct RegionFacts {
+    /// Name in messages and files.
+    name: &'static str,
+    /// A closed polygon, mm.
+    outline_mm: Vec<[f32; 2]>,
+    /// Its centroid, mm.
+    centre_mm: [f32; 2],
+}
+
+/// The outline of both soles, as that of a right one; x to the lateral side, y from heel to toe.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(ts_rs::TS))]
+pub struct Sole {
+    length_mm: f32,
+    width_mm: f32,
+    /// A closed polygon, mm.
+    outline_mm: Vec<[f32; 2]>,
+}
+
+pub(crate) fn facts_to_json() -> String {
+    let facts = Facts {
+        major: MAJOR,
+        minor: MINOR,
+        step_queue: STEP_QUEUE,
+        gatt: Gatt {
+            service: uuid_to_text(gatt::SERVICE),
+            control: uuid_to_text(gatt::CONTROL),
+            live: uuid_to_text(gatt::LIVE),
+            steps: uuid_to_text(gatt::STEPS),
+        },
+        regions: Region::ALL
+            .iter()
+            .zip(region_shapes())
+            .map(|(region, shape)| RegionFacts {
+                name: region.name(),
+                outline_mm: shape.outline_mm,
+                centre_mm: shape.centre_mm,
+            })
+            .collect(),
+        sole: Sole { length_mm: sole::LENGTH_MM, width_mm: sole::WIDTH_MM, outline_mm: outline_mm() },
+    };
+    // Names and finite numbers are JSON.
+    serde_json::to_string(&facts).unwrap_or_default()
+}
+
+/// The form that Web Bluetooth takes: lower case, in groups of 8, 4, 4, 4 and 12 digits.
+fn uuid_to_text(uuid: u128) -> String {
+    let digits = format!("{uuid:032x}");
+    [0..8, 8..12, 12..16, 16..20, 20..32].map(|group| &digits[group]).join("-")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn uuids_are_in_the_usual_form() {
+        assert_eq!(uuid_to_text(gatt::LIVE), "dca8c302-cb96-463f-8bec-f2094e1ccf7b");
+        assert_eq!(uuid_to_text(0x0001), "00000000-0000-0000-0000-000000000001");
+    }
+}
