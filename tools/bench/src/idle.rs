@@ -36,7 +36,11 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
         client.receive()?;
     }
     let share = (processor_s(board.process_id())? - before_s) / start.elapsed().as_secs_f64();
-    figures.add("emulator_cpu_share", (share * 100.0).round() / 100.0, "at most 0.25: share of a core of an emulated foot at 100 Hz");
+    figures.add(
+        "emulator_cpu_share",
+        (share * 100.0).round() / 100.0,
+        "at most 0.25: share of a core of an emulated foot at 100 Hz",
+    );
     Ok(())
 }
 

@@ -34,7 +34,11 @@ enum Task {
     /// then a table of the steps; then serve the page with the same walk.
     Demo(Demo),
     /// Run everything that continuous integration runs.
-    Test,
+    Test {
+        /// Only what a developer runs after each change: format, lints, and the tests on the host, scenarios included.
+        #[arg(long)]
+        quick: bool,
+    },
     /// Feed every parser with arbitrary bytes; a finding ends it and is named.
     Fuzz(Fuzz),
     /// Let insoles endure: power that fails in every write, bit errors on the cable, a day of walking. About an hour.
@@ -128,7 +132,7 @@ const FUZZ_MINUTES: f64 = 2.0;
 
 /// The device's target.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
-/// probe-rs's name for the real board's controller, as in `.cargo/config.toml`.
+/// The controller of the reference board in probe-rs, as in `boards/wb55/.cargo/config.toml`.
 const CHIP: &str = "STM32WB55RGVx";
 /// The boards: the package and binary `<board>` in `boards/<board>`, with the bootloader `<board>-bootloader`.
 pub const BOARDS: [&str; 2] = [EMULATED, "wb55"];
@@ -141,7 +145,8 @@ fn main() -> ExitCode {
         Task::Build => build(),
         Task::Page => page::build(),
         Task::Demo(demo) => demo.run(),
-        Task::Test => test(),
+        Task::Test { quick: true } => quick_test(),
+        Task::Test { quick: false } => test(),
         Task::Fuzz(fuzz) => fuzz::run(fuzz.minutes),
         Task::Soak(soak) => soak.run(),
         Task::Advisories => deny(&["advisories"]),
@@ -320,6 +325,19 @@ fn deny(checks: &[&str]) -> Result<()> {
     Ok(())
 }
 
+/// Format, lints, and the tests that need neither firmware nor data.
+fn quick_test() -> Result<()> {
+    setup::rust()?;
+    run("cargo", &["fmt", "--all", "--check"])?;
+    lint()?;
+    run("cargo", &["test", "--locked", "--release", "--no-fail-fast"])
+}
+
+/// Everything that compiles for a host, without warnings.
+fn lint() -> Result<()> {
+    run("cargo", &["clippy", "--locked", "--release", "--all-targets", "--", "--deny", "warnings"])
+}
+
 fn test() -> Result<()> {
     let python = setup::all()?;
     run("cargo", &["fmt", "--all", "--check"])?;
@@ -328,12 +346,15 @@ fn test() -> Result<()> {
     for board in BOARDS {
         build_firmware(board)?;
     }
+    lint()?;
     let deny = ["--", "--deny", "warnings"];
-    run("cargo", &[&["clippy", "--locked", "--release", "--all-targets"], &deny[..]].concat())?;
     for board in BOARDS {
         cargo_firmware("clippy", board, &deny)?;
         cargo_firmware("clippy", &bootloader(board), &deny)?;
     }
+    run("cargo", &["check", "--locked", "--release", "--package", "minimal-board", "--target", TARGET])?;
+    let doc = ["doc", "--locked", "--release", "--no-deps", "--package", "plantar", "--features", "firmware"];
+    run_command(Command::new("cargo").args(doc).env("RUSTDOCFLAGS", "--deny warnings"))?;
     for target in [TARGET, "wasm32-unknown-unknown"] {
         run("cargo", &["check", "--locked", "--release", "--package", "plantar", "--lib", "--target", target])?;
     }
@@ -492,5 +513,6 @@ fn flash() -> Result<()> {
     }
     cargo_firmware("build", &bootloader("wb55"), &[])?;
     run("probe-rs", &["download", "--chip", CHIP, &firmware(&bootloader("wb55")).to_string_lossy()])?;
-    cargo_firmware("run", "wb55", &[])
+    cargo_firmware("build", "wb55", &[])?;
+    run("probe-rs", &["run", "--chip", CHIP, &firmware("wb55").to_string_lossy()])
 }
