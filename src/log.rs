@@ -7,6 +7,7 @@ pub(crate) use defmt::{error, info, warn};
 #[cfg(not(feature = "defmt"))]
 macro_rules! discard {
     ($text:literal $(, $argument:expr)* $(,)?) => {{
+        let _ = $text;
         $(let _ = &$argument;)*
     }};
 }

@@ -32,7 +32,9 @@ fn files(folder: &str, ending: &str) -> Vec<String> {
         let path = if folder.is_empty() { name.clone() } else { format!("{folder}/{name}") };
         if entry.path().is_dir() {
             let is_source = !name.starts_with('.') && !["fuzz", "node_modules", "target"].contains(&name.as_str());
-            found.extend(is_source.then(|| files(&path, ending)).unwrap_or_default());
+            if is_source {
+                found.extend(files(&path, ending));
+            }
         } else if name.ends_with(ending) {
             found.push(path);
         }

@@ -204,9 +204,10 @@ impl Persist<'_> {
         self.trial = None;
         if let Some(flash) = store.flash() {
             // An image that cannot be confirmed is swapped back at the next start, and the host sees the old version.
-            match update::confirm(flash).await {
-                Ok(()) => log::info!("update: the image is confirmed"),
-                Err(_) => log::error!("update: the image could not be confirmed"),
+            if update::confirm(flash).await.is_ok() {
+                log::info!("update: the image is confirmed");
+            } else {
+                log::error!("update: the image could not be confirmed");
             }
         }
     }

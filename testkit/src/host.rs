@@ -313,10 +313,9 @@ impl Host {
                 self.last_message_us = now_us();
                 if self.wants_live
                     && let Some(client) = &mut self.client
+                    && let Err(error) = client.stream()
                 {
-                    if let Err(error) = client.stream() {
-                        self.fail(&error);
-                    }
+                    self.fail(&error);
                 }
             }
             Err(error) => {
@@ -336,10 +335,9 @@ impl Host {
                 self.steps.push(step);
                 if self.acknowledges
                     && let Some(client) = &mut self.client
+                    && let Err(error) = client.send(ToDevice::Acknowledge { step: step.step })
                 {
-                    if let Err(error) = client.send(ToDevice::Acknowledge { step: step.step }) {
-                        self.fail(&error);
-                    }
+                    self.fail(&error);
                 }
             }
             _ => {}
