@@ -70,9 +70,7 @@ impl FaultDetector {
         self.settled_frames = 1;
         self.settle_frames = (SETTLE_MS * 1000).div_ceil(period_us);
         self.has_lines = cells.len() <= MATRIX_CELLS;
-        if self.has_lines {
-            self.rows.set_up(cells, period_us);
-        }
+        self.rows.set_period(period_us);
     }
 
     /// The faults detected since the set-up.

@@ -3,11 +3,9 @@
 //! A row without crosstalk shows it whenever one of its cells is loaded and another is not. Rows are inspected in turn while the
 //! foot is partly in contact. A row that was clean in earlier steps and no longer is has crosstalk.
 
-use super::MATRIX_CELLS;
 use super::MIN_LINE_CELLS;
 use super::neighbourhood::FrameContext;
 use crate::pipeline::calibrate::FULL_CODE;
-use crate::pipeline::cell::InsoleCell;
 use crate::pipeline::marks::LINES;
 
 /// A row is conclusive when one of its cells reads at least this much above zero, codes (31 kPa at 1000 kPa full scale).
@@ -44,9 +42,6 @@ impl Row {
 #[derive(Debug)]
 pub(super) struct RowSearch {
     rows: [Row; LINES],
-    /// The cells of all rows, row by row, and one past the last cell of each row.
-    cells: [u8; MATRIX_CELLS],
-    ends: [u16; LINES],
     rows_per_frame: u32,
     /// The next row to inspect.
     next: usize,
@@ -54,56 +49,43 @@ pub(super) struct RowSearch {
 
 impl RowSearch {
     pub(super) const fn new() -> Self {
-        Self { rows: [Row::NEW; LINES], cells: [0; MATRIX_CELLS], ends: [0; LINES], rows_per_frame: 0, next: 0 }
+        Self { rows: [Row::NEW; LINES], rows_per_frame: 0, next: 0 }
     }
 
-    /// Takes the cells of a matrix, at most [`MATRIX_CELLS`]; further ones are not inspected.
-    pub(super) fn set_up<R>(&mut self, cells: &[InsoleCell<R>], period_us: u32) {
-        let mut end = 0;
-        for row in 0..LINES {
-            for (index, _) in cells.iter().enumerate().filter(|(_, cell)| cell.marks.row() == row) {
-                if let Some(place) = self.cells.get_mut(end) {
-                    *place = index as u8;
-                    end += 1;
-                }
-            }
-            self.ends[row] = end as u16;
-        }
+    pub(super) fn set_period(&mut self, period_us: u32) {
         self.rows_per_frame = (LINES as u32 * period_us).div_ceil(ROUND_US).min(LINES as u32);
     }
 
     /// Inspects some rows in turn, without those that are clean in this step.
     pub(super) fn inspect<R>(&mut self, frame: &FrameContext<'_, R>) {
-        let mut inspected = 0;
+        let mut due = 0u16;
         for _ in 0..LINES {
-            let row = self.next;
+            let row = &self.rows[self.next];
+            let is_due = row.clean < CLEAN_INSPECTIONS && !row.is_excluded;
+            due |= u16::from(is_due) << self.next;
             self.next = (self.next + 1) % LINES;
-            if self.rows[row].clean < CLEAN_INSPECTIONS && !self.rows[row].is_excluded {
-                self.inspect_row(frame, row);
-                inspected += 1;
-                if inspected == self.rows_per_frame {
-                    break;
-                }
+            if due.count_ones() == self.rows_per_frame {
+                break;
             }
         }
-    }
-
-    fn inspect_row<R>(&mut self, frame: &FrameContext<'_, R>, row: usize) {
-        let start = row.checked_sub(1).map_or(0, |before| usize::from(self.ends[before]));
-        let cells = &self.cells[start..usize::from(self.ends[row])];
-        if (cells.len() as u32) < MIN_LINE_CELLS {
+        if due == 0 {
             return;
         }
-        let (mut least, mut most) = (u16::MAX, 0);
-        for &index in cells {
-            let index = usize::from(index);
-            let above = frame.codes[index].saturating_sub(frame.cells[index].offset);
-            (least, most) = (least.min(above), most.max(above));
+        let mut readings = [(u16::MAX, 0u16, 0u8); LINES];
+        for (cell, &code) in frame.cells.iter().zip(frame.codes) {
+            let row = cell.marks.row();
+            if due >> row & 1 == 1 {
+                let above = code.saturating_sub(cell.offset);
+                let (least, most, count) = &mut readings[row];
+                (*least, *most) = ((*least).min(above), (*most).max(above));
+                *count = count.saturating_add(1);
+            }
         }
-        if (CONCLUSIVE_LOAD..FULL_CODE / 2).contains(&most) {
-            let row = &mut self.rows[row];
-            row.inspections = row.inspections.saturating_add(1);
-            row.clean += u8::from(least < most / CLEAN_FRACTION);
+        for (row, (least, most, count)) in self.rows.iter_mut().zip(readings) {
+            if u32::from(count) >= MIN_LINE_CELLS && (CONCLUSIVE_LOAD..FULL_CODE / 2).contains(&most) {
+                row.inspections = row.inspections.saturating_add(1);
+                row.clean += u8::from(least < most / CLEAN_FRACTION);
+            }
         }
     }
 

@@ -15,13 +15,13 @@ STRIKE_N, RELEASE_N, MIN_SWING_S = 30.0, 20.0, 0.04
 
 cells = np.fromfile(f"{folder}/cells.f32", np.float32).reshape(-1, 5)
 recorded_kpa = np.fromfile(f"{folder}/pressure.f32", np.float32).reshape(-1, len(cells))
-gauges = np.fromfile(f"{folder}/gauges.f32", np.float32).reshape(8, 6).astype(np.float64)
+force_laws = np.fromfile(f"{folder}/force_laws.f32", np.float32).reshape(8, 6).astype(np.float64)
 x, y, area, region, gain = cells.T
 membership = (region[:, None] == np.arange(8)).astype(np.float32)
 
 
-def force(gauge, g, rate):
-    ab, _, stiffness, damping, n, m = gauge.T
+def force(law, g, rate):
+    ab, _, stiffness, damping, n, m = law.T
     with np.errstate(divide="ignore", invalid="ignore"):
         f = np.pi * ab * (
             stiffness * g ** (n + 2) * (1 - g / 3)
@@ -51,9 +51,9 @@ with np.errstate(divide="ignore", invalid="ignore"):
 area_mm2 = moments[0].astype(np.float64)
 padded = np.vstack([np.zeros((2, 8)), area_mm2])
 smoothed_m2 = (padded[2:] + padded[1:-1] + padded[:-2]) / 3e6
-ratio = np.clip(smoothed_m2 / (np.pi * gauges[:, 0]), 0, 1)
+ratio = np.clip(smoothed_m2 / (np.pi * force_laws[:, 0]), 0, 1)
 g = ratio / (1 + np.sqrt(1 - ratio))
-model_n = force(gauges, g, np.diff(g, axis=0, prepend=0) * rate_hz)
+model_n = force(force_laws, g, np.diff(g, axis=0, prepend=0) * rate_hz)
 
 total = force_n.sum(axis=1)
 steps, first, last = [], None, None
@@ -76,10 +76,10 @@ for begin, end in steps:
         mean = np.convolve(np.pad(a, 1, "edge"), np.ones(3) / 3, "valid")
         t = np.linspace(-1, 1, len(a))
         smooth = np.polynomial.Polynomial.fit(t, mean, min(5, len(a) // 2 - 1))(t) if len(a) >= 4 else mean
-        ratio = np.clip(smooth * 1e-6 / (np.pi * gauges[r, 0]), 0, 1)
+        ratio = np.clip(smooth * 1e-6 / (np.pi * force_laws[r, 0]), 0, 1)
         g = ratio / (1 + np.sqrt(1 - ratio))
         rate = np.append(np.diff(g), g[-1] - g[-2] if len(g) > 1 else 0) * rate_hz
-        model = force(gauges[r], g, rate)
+        model = force(force_laws[r], g, rate)
         records.append((measured.max(), model.max(), model.sum() / rate_hz, np.sqrt(np.mean((model - measured) ** 2))))
 
 print(time.perf_counter() - start, len(steps), *model_n.max(axis=0))
