@@ -76,14 +76,14 @@ fn faults_are_read_as_the_examples_are_and_errors_say_what_to_write() {
     let drift = SensorFault { kind: FaultKind::Drift, place: Place::Cell(17), value: -50.0, from_s: 2.0 };
     assert_eq!("drift:17=-50/s@2".parse(), Ok(drift));
     for (text, why) in [
-        ("open:17", "no such kind"),
+        ("open:17", "kind of fault is unknown"),
         ("open-cell", "KIND:WHERE"),
         ("open-cell:x", "numbers from 0"),
         ("open-row:16", "0 to 15"),
         ("open-column:300", "0 to 15"),
         ("open-cell:17=3", "takes no value"),
         ("stuck:17", "takes a value"),
-        ("stuck:17=x", "no number"),
+        ("stuck:17=x", "not a number"),
         ("stuck:17=65521", "0 to 65520"),
         ("crosstalk:3=1.5", "0 to 1"),
         ("drift:17=x/s", "codes a second"),

@@ -202,12 +202,12 @@ fn a_stack_that_is_too_deep_is_caught() {
 
 #[test]
 fn a_fault_is_caught() {
-    assert_recovers(InjectedFault::Fault, Reset::Panic, "fault", "may_happen");
+    assert_recovers(InjectedFault::Fault, Reset::Panic, "fault", "inject");
 }
 
 #[test]
 fn a_panic_is_caught() {
-    assert_recovers(InjectedFault::Panic, Reset::Panic, "panic", "may_happen");
+    assert_recovers(InjectedFault::Panic, Reset::Panic, "panic", "inject");
 }
 
 /// Every start that reads its set-up panics: the one that does not read it talks, scans, and goes on doing so.
@@ -259,7 +259,7 @@ fn without_a_set_up_the_board_has_the_built_in_insole_and_says_so() {
     let mut board = Watched::watch(board, firmware);
     let hello = board.hello(|_| true);
     assert_eq!((hello.reset, hello.layout_id, hello.cells), (Reset::Power, 4201, 240));
-    assert_eq!(told(&hello), "no whole setup.bin: the built-in insole");
+    assert_eq!(told(&hello), "no complete setup.bin: the built-in insole");
 }
 
 /// Longer than anything may stand still, by the board's clock, and then as much again.

@@ -4,7 +4,7 @@ use core::cell::Cell;
 use core::hint::black_box;
 use embassy_sync::blocking_mutex::CriticalSectionMutex;
 use embassy_time::Instant;
-use embedded_io_async::{ErrorType, Read};
+use embedded_io_async::{ErrorType, Read, Write};
 use emulation::{InjectedFault, PlannedFault};
 
 static PLANNED: CriticalSectionMutex<Cell<Option<PlannedFault>>> = CriticalSectionMutex::new(Cell::new(None));
@@ -37,7 +37,7 @@ fn too_deep(n: u32) -> u32 {
     if room[1] == u32::MAX { 0 } else { too_deep(room[0] & 0xffff).wrapping_add(room[2]) }
 }
 
-/// The port that the link reads from, which may stall.
+/// A port of the link, which may stall.
 pub struct MayStall<R>(pub R);
 
 impl<R: ErrorType> ErrorType for MayStall<R> {
@@ -48,5 +48,16 @@ impl<R: Read> Read for MayStall<R> {
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Self::Error> {
         inject(&[InjectedFault::LinkStalled]);
         self.0.read(buffer).await
+    }
+}
+
+impl<W: Write> Write for MayStall<W> {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
+        inject(&[InjectedFault::LinkStalled]);
+        self.0.write(bytes).await
+    }
+
+    async fn flush(&mut self) -> Result<(), Self::Error> {
+        self.0.flush().await
     }
 }

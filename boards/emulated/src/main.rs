@@ -190,7 +190,7 @@ async fn run_process(
 
 #[embassy_executor::task]
 async fn run_serve(shared: &'static Shared) {
-    serve::serve(MayStall(End(&LINK)), End(&LINK), shared).await
+    serve::serve(MayStall(End(&LINK)), MayStall(End(&LINK)), shared).await
 }
 
 #[embassy_executor::task]

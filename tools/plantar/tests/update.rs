@@ -167,7 +167,7 @@ fn what_cannot_be_taken_is_refused_with_the_remedy() {
     for (contents, words) in [
         (image("other", NEW, &secret()).file(), &["other", "test", "choose"][..]),
         (image("test", "1.2.2", &secret()).file(), &["1.2.2", OLD, "newer"]),
-        (stranger, &["signed", "maker"]),
+        (stranger, &["signed", "manufacturer"]),
         (flipped, &["damaged", "image.bin"]),
         (good[..good.len() - 300].to_vec(), &["cut short", "image.bin"]),
         (b"not an image".to_vec(), &["image.bin", "cargo xtask image"]),
