@@ -100,6 +100,28 @@ test("the soles are drawn with every frame of the screen", async () => {
   await page.close();
 });
 
+test("each sole is drawn at most once per frame of the screen, and not while another view is shown", async () => {
+  const page = await open(browser, replay, { viewport: PHONE });
+  await firstLoad_ms(page);
+  /** Drawings of a sole in so many frames of the screen: each begins with an empty canvas. */
+  const drawings = (frames: number) =>
+    page.evaluate(async (frames) => {
+      let count = 0;
+      const context = document.querySelector<HTMLCanvasElement>("#soles")!.getContext("2d")!;
+      context.clearRect = () => (count += 1);
+      for (let i = 0; i < frames; i += 1) await new Promise(requestAnimationFrame);
+      Reflect.deleteProperty(context, "clearRect");
+      return count;
+    }, frames);
+  const count = await drawings(120);
+  expect(count).toBeGreaterThan(100);
+  expect(count).toBeLessThanOrEqual(2 * 120);
+  await show(page, "steps");
+  await drawings(2);
+  expect(await drawings(60)).toBe(0);
+  await page.close();
+});
+
 test("the table of regions shows the chosen quantity", async () => {
   const page = await open(browser, replay, { viewport: PHONE });
   await firstLoad_ms(page);

@@ -7,6 +7,7 @@ use plantar::protocol::{self, LiveRegion, MAX_MESSAGE, Quantity, Step, ToHost, e
 use serde::ser::{SerializeMap, SerializeSeq};
 use serde::{Serialize, Serializer};
 use serde_json::Value;
+use std::fmt::Write;
 
 /// A message of an insole.
 #[derive(Serialize)]
@@ -139,7 +140,11 @@ fn step_key(step: &Step) -> String {
     let mut buffer = [0; MAX_MESSAGE];
     // A step fits; without a key it would count as one that is already stored.
     let content = encode(&step.content(), &mut buffer).map_or(&[][..], |content| content);
-    content.iter().map(|byte| format!("{byte:02x}")).collect()
+    content.iter().fold(String::with_capacity(2 * content.len()), |mut key, byte| {
+        // A string grows without errors.
+        let _ = write!(key, "{byte:02x}");
+        key
+    })
 }
 
 impl From<protocol::Hello> for Hello {

@@ -37,7 +37,8 @@ const HEEL_MM: [f32; 3] = [40.2, 7.0, 71.7];
 const FOREFOOT_MM: [f32; 3] = [184.9, 0.0, 96.0];
 /// Points of the outline on each of its arcs.
 const ARC_POINTS: usize = 4;
-/// Free space between the shapes of neighbouring regions, and twice that to the outline. It is not drawn, so it takes no time.
+/// Free space between the shapes of neighbouring regions; half of it along the outline. The background shows there, so that
+/// boundaries need not be drawn.
 const GAP_MM: f32 = 0.9;
 /// Distance of the rows that a region consists of.
 const ROW_MM: f32 = GAP_MM / 2.0;
