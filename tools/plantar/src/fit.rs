@@ -35,6 +35,7 @@ pub struct Fit {
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     /// Write the pictures of the report to this file: .png.
+    #[cfg(feature = "png")]
     #[arg(long, value_name = "FILE")]
     png: Option<PathBuf>,
     /// Write all results to this file.
@@ -168,6 +169,7 @@ impl Fit {
         if let Some(path) = &self.report {
             write(path, report::html(&study).as_bytes())?;
         }
+        #[cfg(feature = "png")]
         if let Some(path) = &self.png {
             write(path, &report::png(&study)?)?;
         }

@@ -14,7 +14,7 @@ mod stream_file;
 mod web;
 
 pub use bridge::Source;
-pub use stream_file::{StreamFile, append, create_new};
+pub use stream_file::{StreamFile, append};
 
 use client::Error as LinkError;
 use hub::Hub;

@@ -7,8 +7,18 @@ use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::Path;
 
-/// The key to sign with; without a file the one for development.
-pub fn key(file: Option<&Path>) -> Result<SigningKey> {
+/// Signs firmware, an ELF file from the linker, and writes the image.
+pub fn sign(firmware: &Path, key: Option<&Path>, out: &Path) -> Result<()> {
+    let key = signing_key(key)?;
+    let image = Image::sign(flash_image(firmware)?, &key).context("the firmware has no header")?;
+    std::fs::write(out, image.file()).with_context(|| format!("cannot write {}", out.display()))?;
+    let (board, version, bytes) = (image.header().board(), image.header().version(), image.bytes().len());
+    println!("{}: {board} {version}, {bytes} bytes", out.display());
+    Ok(())
+}
+
+/// The key to sign with; without a file, the one for development.
+fn signing_key(file: Option<&Path>) -> Result<SigningKey> {
     let key = match file {
         Some(file) => read_signing_key(file)?,
         None => development_key().context("the key for development is damaged")?,
@@ -25,15 +35,6 @@ pub fn key(file: Option<&Path>) -> Result<SigningKey> {
         println!("signed with the published key for development: use --key for insoles that other people wear");
     }
     Ok(key)
-}
-
-/// Signs firmware, an ELF file from the linker.
-pub fn make(firmware: &Path, key: &SigningKey, out: &Path) -> Result<()> {
-    let image = Image::sign(flash_image(firmware)?, key).context("the firmware has no header")?;
-    std::fs::write(out, image.file()).with_context(|| format!("cannot write {}", out.display()))?;
-    let (board, version, bytes) = (image.header().board(), image.header().version(), image.bytes().len());
-    println!("{}: {board} {version}, {bytes} bytes", out.display());
-    Ok(())
 }
 
 /// Makes a key.
