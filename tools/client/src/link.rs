@@ -78,8 +78,9 @@ pub enum SessionStart {
     Reconnected,
 }
 
-/// The result of [`Link::next`].
+/// The result of [`Link::next_event`].
 #[derive(Debug)]
+#[allow(clippy::large_enum_variant, reason = "events exist one at a time")]
 pub enum Event {
     /// A session started, and its live stream is on; [`Client::hello`] is new.
     Started(SessionStart),
@@ -113,7 +114,7 @@ impl<C: Carrier + 'static> Link<C> {
         &mut self.client
     }
 
-    /// Sends the requests that begin the first session, so that [`Link::next`] has nothing left to start.
+    /// Sends the requests that begin the first session, so that [`Link::next_event`] has nothing left to start.
     ///
     /// # Errors
     /// Those of the requests.
@@ -127,7 +128,7 @@ impl<C: Carrier + 'static> Link<C> {
     ///
     /// # Errors
     /// The error of the last attempt, once the policy gives up.
-    pub fn next(&mut self) -> Result<Event, Error> {
+    pub fn next_event(&mut self) -> Result<Event, Error> {
         if let Some(error) = self.failure.take() {
             return Ok(self.lose(error));
         }

@@ -85,7 +85,7 @@ impl Carrier for Insole {
         let mut buffer = [0; MAX_MESSAGE];
         let message = match state.is_silent {
             true => None,
-            false => state.session.next(&hello, Status::default, &mut buffer).and_then(|bytes| decode(bytes)),
+            false => state.session.next(&hello, Status::default, &mut buffer).and_then(decode),
         };
         drop(state);
         if message.is_none() {
@@ -106,7 +106,7 @@ fn next(insole: &Insole, link: &mut Link<Insole>) -> Result<Event, Error> {
         if let Some(sequence) = sequence {
             insole.state().session.push_live(Live { sequence, ..Live::default() });
         }
-        match link.next()? {
+        match link.next_event()? {
             Event::Timeout => {}
             event => return Ok(event),
         }
@@ -125,11 +125,11 @@ fn a_lost_carrier_is_reported_once_and_opened_again() {
     assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Connected))));
     expect_live(&insole, &mut link);
     insole.state().is_unplugged = true;
-    assert!(matches!(link.next(), Ok(Event::Lost(error)) if error.is_link_failure()));
-    assert!(matches!(link.next(), Ok(Event::Timeout)));
+    assert!(matches!(link.next_event(), Ok(Event::Lost(error)) if error.is_link_failure()));
+    assert!(matches!(link.next_event(), Ok(Event::Timeout)));
     // An acknowledgement in between is no second loss.
     link.send(ToDevice::Acknowledge { step: 0 });
-    assert!(matches!(link.next(), Ok(Event::Timeout)));
+    assert!(matches!(link.next_event(), Ok(Event::Timeout)));
     insole.state().is_unplugged = false;
     assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Reconnected))));
     expect_live(&insole, &mut link);
@@ -142,7 +142,7 @@ fn a_message_that_cannot_be_sent_ends_the_session() {
     link.start().expect("it streams");
     insole.state().is_unplugged = true;
     link.send(ToDevice::GetStatus);
-    assert!(matches!(link.next(), Ok(Event::Lost(Error::Carrier(_)))));
+    assert!(matches!(link.next_event(), Ok(Event::Lost(Error::Carrier(_)))));
 }
 
 #[test]
@@ -167,7 +167,7 @@ fn an_insole_that_does_not_return_counts_as_gone() {
     let mut link = insole.connect().expect("an insole");
     link.start().expect("it streams");
     insole.state().is_unplugged = true;
-    assert!(matches!(link.next(), Ok(Event::Lost(_))));
+    assert!(matches!(link.next_event(), Ok(Event::Lost(_))));
     assert!(matches!(next(&insole, &mut link), Err(Error::Open(_))));
     let silent = link.wait_for_restart(|_, _| Some(()));
     assert!(matches!(silent, Err(Error::Open(_))), "{silent:?}");

@@ -49,7 +49,7 @@ pub trait Sink {
 pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sink: &mut dyn Sink) -> Result<()> {
     let side = insole.client().hello().side;
     while !view.wants_to_end()? && !sink.is_full() {
-        match insole.next()? {
+        match insole.next_event()? {
             Event::Message(ToHost::Live(live)) => {
                 let client = insole.client();
                 sink.live(&live, client.axis())?;

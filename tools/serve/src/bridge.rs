@@ -42,7 +42,7 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
     hello(hub, index, &mut insole);
     let mut status_requested = Instant::now();
     loop {
-        match insole.next() {
+        match insole.next_event() {
             Ok(Event::Started(_)) => hello(hub, index, &mut insole),
             Ok(Event::Message(ToHost::Live(live))) => hub.live(index, live),
             Ok(Event::Message(ToHost::Step(step))) => hub.step(index, step),

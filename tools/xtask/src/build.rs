@@ -5,7 +5,7 @@ use crate::{BOARDS, TARGET, setup};
 use anyhow::{Result, bail};
 use std::path::PathBuf;
 
-/// probe-rs's name for the controller of the STM32WB55 board, as in its `.cargo/config.toml`.
+/// The controller of the reference board in probe-rs, as in `boards/wb55/.cargo/config.toml`.
 const CHIP: &str = "STM32WB55RGVx";
 
 /// The firmware of a board, or another package that is built like it.
@@ -50,5 +50,6 @@ pub fn flash() -> Result<()> {
     }
     cargo_firmware("build", &bootloader("wb55"), &[])?;
     run("probe-rs", &["download", "--chip", CHIP, &firmware(&bootloader("wb55")).to_string_lossy()])?;
-    cargo_firmware("run", "wb55", &[])
+    cargo_firmware("build", "wb55", &[])?;
+    run("probe-rs", &["run", "--chip", CHIP, &firmware("wb55").to_string_lossy()])
 }

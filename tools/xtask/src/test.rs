@@ -33,6 +33,9 @@ pub fn all() -> Result<()> {
         cargo_firmware("clippy", board, &DENY_WARNINGS)?;
         cargo_firmware("clippy", &bootloader(board), &DENY_WARNINGS)?;
     }
+    run("cargo", &["check", "--locked", "--release", "--package", "minimal-board", "--target", TARGET])?;
+    let doc = ["doc", "--locked", "--release", "--no-deps", "--package", "plantar", "--features", "firmware"];
+    run_command(Command::new("cargo").args(doc).env("RUSTDOCFLAGS", "--deny warnings"))?;
     for target in [TARGET, "wasm32-unknown-unknown"] {
         run("cargo", &["check", "--locked", "--release", "--package", "plantar", "--lib", "--target", target])?;
     }
