@@ -30,7 +30,7 @@ pub struct Replay {
     contact: ContactArgs,
     #[command(flatten)]
     zero: ZeroArgs,
-    /// Arithmetic: f32 as on the insole, or f64. Steps are always written in the resolution of the protocol; --frames has all digits.
+    /// Arithmetic: f32 as on the insole, or f64. Steps are written in the resolution of the protocol; --frames has all digits.
     #[arg(long, value_enum, default_value_t = Precision::F32)]
     precision: Precision,
     /// Write one object per step to this file: side, number, start, duration and, per region, every quantity with its unit.

@@ -1,4 +1,4 @@
-//! `plantar params` and `plantar insole` with files and with an insole on the network: the insole's own side of a session, without the rest.
+//! `plantar params` and `plantar insole` with files, and with the firmware's own session on the network.
 
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::region::Side;

@@ -16,7 +16,7 @@ use tokio::net::{TcpListener, TcpSocket};
 use tower_http::services::ServeDir;
 use tower_http::set_header::SetResponseHeaderLayer;
 
-/// Size of the system's send buffer for a page, bytes: about a second of two feet. Once it is full, the page's session drops frames.
+/// Size of the system's send buffer for a page, bytes: about a second of two feet. Once it is full, the session drops frames.
 const SEND_BUFFER: u32 = 16 * 1024;
 /// Size of the longest message from a page, bytes.
 const MAX_REQUEST: usize = 512;

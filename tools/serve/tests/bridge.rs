@@ -1,13 +1,14 @@
 //! The bridge with pages over real sockets and insoles in memory: messages to pages, acknowledgements, slow pages.
 
+mod page;
+
 use client::{Carrier, Error, Framed, unix_us};
-use futures_util::{SinkExt, StreamExt};
+use page::{PATIENCE, Page};
 use plantar::Side;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::session::Session;
 use plantar::protocol::{
-    Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, ToDevice, ToHost, decode,
-    encode, frame,
+    Decoder, Hello, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Reset, Status, Step, ToDevice, ToHost, decode, frame,
 };
 use serve::{Options, Source};
 use std::collections::VecDeque;
@@ -17,11 +18,7 @@ use std::path::Path;
 use std::sync::mpsc::channel;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
-use tokio_tungstenite::tungstenite::Message;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
-
-/// Nothing here takes longer, even on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(30);
 
 /// An insole and its cable.
 struct Insole {
@@ -171,63 +168,6 @@ fn serve(cables: &[&Cable], record: Option<std::path::PathBuf>) -> SocketAddr {
         serve::serve(sources, &options, |at| ready.send(at).expect("the test waits")).expect("it serves");
     });
     address.recv_timeout(PATIENCE).expect("it serves in time")
-}
-
-type Socket = tokio_tungstenite::WebSocketStream<tokio_tungstenite::MaybeTlsStream<tokio::net::TcpStream>>;
-
-struct Page(Socket);
-
-impl Page {
-    async fn open(address: SocketAddr) -> Self {
-        let (socket, _) = tokio_tungstenite::connect_async(format!("ws://{address}/insoles")).await.expect("it opens");
-        let mut page = Self(socket);
-        for insole in [0, 1] {
-            page.send(insole, ToDevice::Connect { major: MAJOR, minor: MINOR }).await;
-            page.send(insole, ToDevice::Stream { live: true }).await;
-        }
-        page
-    }
-
-    async fn send(&mut self, insole: u8, message: ToDevice) {
-        let mut buffer = [0; MAX_MESSAGE];
-        let message = encode(&message, &mut buffer).expect("it fits");
-        self.0.send(Message::Binary([&[insole], &*message].concat().into())).await.expect("it is sent");
-    }
-
-    async fn next(&mut self) -> (u8, ToHost) {
-        let message = tokio::time::timeout(PATIENCE, self.0.next()).await.expect("it comes in time");
-        let bytes = message.expect("the socket is open").expect("a message").into_data();
-        (bytes[0], decode(&bytes[1..]).expect("a wire message"))
-    }
-
-    /// The next message of this kind.
-    async fn find<T>(&mut self, insole: u8, of: impl Fn(ToHost) -> Option<T>) -> T {
-        loop {
-            let (from, message) = self.next().await;
-            if from == insole
-                && let Some(found) = of(message)
-            {
-                return found;
-            }
-        }
-    }
-
-    async fn hello(&mut self, insole: u8) -> Hello {
-        self.find(insole, |m| if let ToHost::Hello(hello) = m { Some(hello) } else { None }).await
-    }
-
-    async fn live(&mut self, insole: u8) -> Live {
-        self.find(insole, |m| if let ToHost::Live(live) = m { Some(live) } else { None }).await
-    }
-
-    async fn step(&mut self, insole: u8) -> Step {
-        self.find(insole, |m| if let ToHost::Step(step) = m { Some(step) } else { None }).await
-    }
-
-    async fn status(&mut self, insole: u8) -> Status {
-        self.send(insole, ToDevice::GetStatus).await;
-        self.find(insole, |m| if let ToHost::Status(status) = m { Some(status) } else { None }).await
-    }
 }
 
 #[tokio::test]

@@ -24,8 +24,8 @@ pub enum Task {
     Build,
     /// Build the page for a phone to tools/phone/dist.
     Page,
-    /// Identify a walker's parameters from some steps, send them to the firmware in QEMU and play other steps through it, live in the
-    /// terminal; then print a table of the steps and serve the page with the same walk.
+    /// Identify a walker's parameters from some steps, send them to the firmware in QEMU and play other steps through it, live in
+    /// the terminal; then print a table of the steps and serve the page with the same walk.
     Demo(Demo),
     /// Run everything that continuous integration runs.
     Test {
@@ -48,7 +48,8 @@ pub enum Task {
     Bench(Json),
     /// Measure flash and RAM of the firmware of all boards.
     Size(Json),
-    /// Print the places in the source of an insole's report "panic after ... at ..."; the firmware must be the last one that was built.
+    /// Print the places in the source of an insole's report "panic after ... at ..."; the firmware must be the last one that was
+    /// built.
     Explain {
         /// The board that sent the report.
         #[arg(value_parser = BOARDS)]
