@@ -1,7 +1,6 @@
 //! The real firmware in QEMU and phones in software, on a virtual radio link.
 //!
-//! The firmware is the file that `PLANTAR_FIRMWARE` names, the phones run in the Python that `PLANTAR_PYTHON` names; without
-//! them these tests say so and pass.
+//! The firmware is the file that `PLANTAR_FIRMWARE` names, the phones run in the Python that `PLANTAR_PYTHON` names.
 
 mod common;
 mod phones;
@@ -30,8 +29,9 @@ const NOT_UNDERSTOOD: u64 = 0x81;
 const WALK: fn(usize) -> Recording = |steps| synthetic_walk(steps, 100.0);
 
 #[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn anyone_finds_the_insole_and_reads_who_it_is_and_nothing_else() {
-    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut world = World::start(WALK(1));
     let mut phone = world.new_phone(1);
     let table = phone.connect(&mut world.air, 247);
     let (read, write, notify, indicate) = (0x02, 0x08, 0x10, 0x20);
@@ -121,8 +121,9 @@ fn stream(air: &mut Air, feet: &mut [(&Insole, &mut Phone)]) {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn a_bonded_phone_gets_every_frame_and_step_of_a_walk() {
-    let Some(mut world) = World::start(WALK(3)) else { return };
+    let mut world = World::start(WALK(3));
     let mut phone = world.bonded_phone(247);
     let begin = Instant::now();
     stream(&mut world.air, &mut [(&world.insole, &mut phone)]);
@@ -132,15 +133,17 @@ fn a_bonded_phone_gets_every_frame_and_step_of_a_walk() {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn the_smallest_values_carry_the_same() {
-    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(23);
     stream(&mut world.air, &mut [(&world.insole, &mut phone)]);
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn a_bond_outlives_a_reset_and_a_wrong_key_opens_nothing() {
-    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(247);
     let bonds = world.insole.bonds().expect("there is one");
     // Bonding is closed after this reset: what opens the link is the bond.
@@ -165,8 +168,9 @@ fn a_bond_outlives_a_reset_and_a_wrong_key_opens_nothing() {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn nobody_bonds_when_bonding_is_closed_and_a_forgotten_phone_bonds_again_when_it_is_open() {
-    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(23);
     world.restart(|head| head.bonding_s = 0);
     let bonds = world.insole.bonds();
@@ -190,8 +194,9 @@ fn nobody_bonds_when_bonding_is_closed_and_a_forgotten_phone_bonds_again_when_it
 
 /// A phone that pairs and does not bond has an encrypted link and may do no more than a stranger.
 #[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn a_phone_that_does_not_bond_is_a_stranger() {
-    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut world = World::start(WALK(1));
     let mut phone = world.new_phone(1);
     world.air.order(json!({"do": "phone", "name": phone.name, "address": "D0:00:00:00:00:01", "bonding": false}));
     phone.connect(&mut world.air, 23);
@@ -203,8 +208,9 @@ fn a_phone_that_does_not_bond_is_a_stranger() {
 
 /// The oldest of five bonds is forgotten.
 #[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn four_phones_are_remembered() {
-    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut world = World::start(WALK(1));
     let mut phones: Vec<_> = (1..=5).map(|number| world.new_phone(number)).collect();
     for phone in &mut phones {
         phone.connect(&mut world.air, 23);
@@ -234,12 +240,13 @@ impl Store {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn links_that_break_at_any_moment_lose_no_step() {
     const STEPS: usize = 300;
     const CUTS: u32 = 100;
     /// Steps that may be made while the phone has not stored one; the insole has six at hand and keeps thousands.
     const AHEAD: u32 = 8;
-    let Some(mut world) = World::start(WALK(STEPS)) else { return };
+    let mut world = World::start(WALK(STEPS));
     let (_, steps) = replay(&world.insole.recording, ContactRule::COUNTED, |_| false);
     assert_eq!(steps.len(), STEPS);
     let scans_a_step = world.insole.scans() / STEPS as u32;
@@ -279,8 +286,9 @@ fn links_that_break_at_any_moment_lose_no_step() {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn malformed_values_are_refused_and_the_session_goes_on() {
-    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(247);
     let mut refused = |way: &str, value: &[u8]| phone.refused(&mut world.air, way, value);
     assert_eq!(refused(CONTROL, &[]), Some(INVALID_LENGTH));
@@ -318,8 +326,9 @@ fn stream_steps(world: &mut World, phone: &mut Phone, steps: usize) {
 
 /// The insole waits 30 s for the confirmation of an indication, and then no longer.
 #[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn a_phone_that_never_confirms_is_disconnected_and_may_come_back() {
-    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(247);
     world.air.order(json!({"do": "mute", "phone": phone.name}));
     phone.send(&mut world.air, ToDevice::GetStatus);
@@ -330,8 +339,9 @@ fn a_phone_that_never_confirms_is_disconnected_and_may_come_back() {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn a_watch_sees_the_cadence_and_sets_the_clock() {
-    let Some(mut world) = World::start(WALK(3)) else { return };
+    let mut world = World::start(WALK(3));
     let mut phone = world.bonded_phone(247);
     world.air.order(json!({"do": "subscribe", "phone": phone.name, "to": CADENCE}));
     let (_, steps) = replay(&world.insole.recording, ContactRule::COUNTED, |_| false);
@@ -359,8 +369,9 @@ fn a_watch_sees_the_cadence_and_sets_the_clock() {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn the_time_comes_back_with_the_request() {
-    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(247);
     let mut before_us = 0;
     for host_us in 0..20 {
@@ -373,10 +384,11 @@ fn the_time_comes_back_with_the_request() {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn both_insoles_stream_at_once() {
-    let Some(mut world) = World::start(WALK(5)) else { return };
+    let mut world = World::start(WALK(5));
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 5, side: Side::Right, ..Default::default() });
-    let firmware = firmware().expect("it was there");
+    let firmware = firmware();
     let right = Insole::boot(&mut world.air, &firmware, walk.recording, |_| {}, None);
     let mut phone = world.bonded_phone(247);
     let mut other = world.air.bonded_phone(2, "Plantar R", 247);
@@ -385,8 +397,9 @@ fn both_insoles_stream_at_once() {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn a_bonded_phone_sends_a_signed_image_and_the_insole_restarts_with_it() {
-    let Some(mut world) = World::start(WALK(1)) else { return };
+    let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(247);
     let mut bytes = vec![0xff; 20 * CHUNK];
     let header = Header::new("emulated", "99.0.0").bytes();

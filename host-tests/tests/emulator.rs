@@ -1,6 +1,6 @@
 //! The real firmware in QEMU: what it sends of a walk is what a host computes of the same walk, whatever happens on the way.
 //!
-//! The firmware is the file that `PLANTAR_FIRMWARE` names; without it these tests say so and pass.
+//! The firmware is the file that `PLANTAR_FIRMWARE` names.
 
 mod common;
 
@@ -21,7 +21,6 @@ use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, jiku, pedar};
 use std::io::Write;
 use std::net::TcpStream;
-use std::path::PathBuf;
 use std::time::Duration;
 use testkit::faults::one_of_each;
 
@@ -56,31 +55,27 @@ struct Session {
 
 impl Session {
     /// With the wearer's parameters.
-    fn start(recording: &Recording, contact: ContactRule, fault: fn(u32) -> Option<Scan>) -> Option<Self> {
-        let mut session = Self::start_without_tissue(recording, contact, fault)?;
+    fn start(recording: &Recording, contact: ContactRule, fault: fn(u32) -> Option<Scan>) -> Self {
+        let mut session = Self::start_without_tissue(recording, contact, fault);
         session.client.set_tissue(&tissue()).expect("typical parameters are sound");
-        Some(session)
+        session
     }
 
-    fn start_without_tissue(
-        recording: &Recording,
-        contact: ContactRule,
-        fault: fn(u32) -> Option<Scan>,
-    ) -> Option<Self> {
+    fn start_without_tissue(recording: &Recording, contact: ContactRule, fault: fn(u32) -> Option<Scan>) -> Self {
         let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
         let walk = Recorded::new(recording.clone(), worn.clone());
         Self::start_walk(&worn, Played { walk, fault })
     }
 
-    fn start_walk(worn: &VirtualInsole, walk: impl Walk + 'static) -> Option<Self> {
-        let firmware = firmware()?;
+    fn start_walk(worn: &VirtualInsole, walk: impl Walk + 'static) -> Self {
+        let firmware = firmware();
         let scans = walk.scans();
         let head = EmulatorConfig::new(worn.setup);
         let board = Board::start(&firmware, &head, &worn.cells, Time::Max, walk).expect("the board boots");
         let link = board.link().expect("the link is there");
         link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
         let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
-        Some(Self { board, client, scans })
+        Self { board, client, scans }
     }
 
     /// The next message; a board that stays silent for long has stopped.
@@ -161,7 +156,7 @@ fn other_tissue() -> Tissue {
 
 /// Plays a recording and compares everything that the board sends with a replay.
 fn assert_device_equals_host(recording: &Recording, contact: ContactRule, least_steps: usize) {
-    let Some(mut session) = Session::start(recording, contact, |_| None) else { return };
+    let mut session = Session::start(recording, contact, |_| None);
     session.client.stream().expect("the stream starts");
     session.board.play();
     let received = session.finish();
@@ -181,16 +176,19 @@ fn assert_device_equals_host(recording: &Recording, contact: ContactRule, least_
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_synthetic_walk_is_the_same_on_the_device_and_on_a_host() {
     assert_device_equals_host(&synthetic_walk(4, 100.0), ContactRule::COUNTED, 4);
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn fractional_contact_is_the_same_on_the_device_and_on_a_host() {
     assert_device_equals_host(&synthetic_walk(3, 100.0), ContactRule::COVERED, 3);
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn the_slowest_and_the_fastest_rate_work() {
     for rate_hz in [50.0, 400.0] {
         assert_device_equals_host(&synthetic_walk(2, rate_hz), ContactRule::COUNTED, 2);
@@ -198,37 +196,37 @@ fn the_slowest_and_the_fastest_rate_work() {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware and the data set SpeedPP2DS: cargo xtask test"]
 fn barefoot_steps_on_a_plate_are_the_same_on_the_device_and_on_a_host() {
-    let Some(data) = std::env::var_os("PLANTAR_JIKU") else {
-        println!("skipped: PLANTAR_JIKU does not name the data set SpeedPP2DS");
-        return;
-    };
-    let walk = jiku::import(data, 2, 0..6, &mut |_, _| ()).expect("the data set is there");
+    let walk = jiku::import(common::jiku(), 2, 0..6, &mut |_, _| ()).expect("the data set is there");
     let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(DEVICE_CELLS)).expect("a walk can be binned");
     assert_device_equals_host(&walk, ContactRule::COUNTED, 6);
 }
 
-#[test]
-fn in_shoe_steps_are_the_same_on_the_device_and_on_a_host() {
-    let data = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/pedar");
-    if !data.is_dir() {
-        println!("skipped: no ../shared/data");
-        return;
-    }
-    for side in [Side::Left, Side::Right] {
-        let walk = pedar::import(data.join("pedar_example.asc"), data.join("geometry.csv"), side, &mut |_, _| ())
-            .expect("the recording is there");
-        assert_device_equals_host(&walk, ContactRule::COUNTED, 8);
+/// With recordings of people, which are not public.
+mod unpublished {
+    use super::*;
+
+    #[test]
+    #[ignore = "needs the emulated board's firmware and recordings of people, which are not public: PLANTAR_RECORDINGS"]
+    fn in_shoe_steps_are_the_same_on_the_device_and_on_a_host() {
+        let data = common::recordings().join("pedar");
+        for side in [Side::Left, Side::Right] {
+            let walk = pedar::import(data.join("pedar_example.asc"), data.join("geometry.csv"), side, &mut |_, _| ())
+                .expect("the recording is there");
+            assert_device_equals_host(&walk, ContactRule::COUNTED, 8);
+        }
     }
 }
 
 /// The plant answers seven of its rows and then nothing, in three frames within a stance.
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_plant_that_stops_mid_frame_is_a_counted_gap_and_the_walk_goes_on() {
     let is_missing = |seq: u32| (60..63).contains(&seq);
     let walk = synthetic_walk(3, 100.0);
     let fault = |seq: u32| (60..63).contains(&seq).then_some(Scan::Rows(7));
-    let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, fault) else { return };
+    let mut session = Session::start(&walk, ContactRule::COUNTED, fault);
     session.client.stream().expect("the stream starts");
     session.board.play();
     let received = session.finish();
@@ -241,10 +239,11 @@ fn a_plant_that_stops_mid_frame_is_a_counted_gap_and_the_walk_goes_on() {
 
 /// Longer than can be bridged: that step is given up and counted, the others come.
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_plant_that_stops_for_long_costs_one_step() {
     let walk = synthetic_walk(3, 100.0);
     let fault = |seq: u32| (60..70).contains(&seq).then_some(Scan::Rows(0));
-    let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, fault) else { return };
+    let mut session = Session::start(&walk, ContactRule::COUNTED, fault);
     session.board.play();
     let received = session.finish();
     assert_eq!(received.status.frames_missed, 10);
@@ -253,9 +252,10 @@ fn a_plant_that_stops_for_long_costs_one_step() {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn garbage_and_foreign_bytes_on_the_link_are_counted_and_the_session_goes_on() {
     let walk = synthetic_walk(2, 100.0);
-    let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, |_| None) else { return };
+    let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
     let mut link = session.board.link().expect("the link is there");
     // Text of another program, a frame cut in two, zeros, and more than any frame holds.
     let long = [0x55; 2000];
@@ -271,9 +271,10 @@ fn garbage_and_foreign_bytes_on_the_link_are_counted_and_the_session_goes_on() {
 
 /// Nobody acknowledges: a second session gets the same steps again.
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn steps_are_kept_until_they_are_acknowledged() {
     let walk = synthetic_walk(3, 100.0);
-    let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, |_| None) else { return };
+    let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
     session.board.play();
     let mut sent = Vec::new();
     while sent.len() < 3 {
@@ -294,9 +295,10 @@ fn steps_are_kept_until_they_are_acknowledged() {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_host_of_another_major_version_is_told_so_and_gets_nothing_else() {
     let walk = synthetic_walk(2, 100.0);
-    let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, |_| None) else { return };
+    let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
     session.client.send(ToDevice::Connect { major: plantar::protocol::MAJOR + 1, minor: 0 }).expect("the link holds");
     session.client.send(ToDevice::Stream { live: true }).expect("the link holds");
     session.board.play();
@@ -313,9 +315,10 @@ fn a_host_of_another_major_version_is_told_so_and_gets_nothing_else() {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn the_hello_says_who_speaks() {
     let walk = synthetic_walk(1, 100.0);
-    let Some(session) = Session::start(&walk, ContactRule::COVERED, |_| None) else { return };
+    let session = Session::start(&walk, ContactRule::COVERED, |_| None);
     let hello = session.client.hello();
     assert_eq!((hello.side, hello.cells, hello.period_us), (Side::Left, 240, 10_000));
     assert_eq!((hello.tissue_id, hello.contact_rule), (tissue().id, ContactRule::COVERED));
@@ -324,8 +327,9 @@ fn the_hello_says_who_speaks() {
 
 /// A board that refuses its set-up still talks, and says why.
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_refused_set_up_is_reported_in_the_hello() {
-    let Some(firmware) = firmware() else { return };
+    let firmware = firmware();
     let walk = synthetic_walk(1, 100.0);
     let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
     let mut cells = worn.cells.clone();
@@ -341,9 +345,10 @@ fn a_refused_set_up_is_reported_in_the_hello() {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn without_parameters_areas_and_measured_forces_are_valid_and_the_model_is_silent() {
     let walk = synthetic_walk(2, 100.0);
-    let Some(mut session) = Session::start_without_tissue(&walk, ContactRule::COUNTED, |_| None) else { return };
+    let mut session = Session::start_without_tissue(&walk, ContactRule::COUNTED, |_| None);
     assert_eq!(session.client.hello().tissue_id, 0);
     assert_eq!(session.client.tissue().expect("an answer"), Tissue::NONE);
     session.client.stream().expect("the stream starts");
@@ -359,9 +364,10 @@ fn without_parameters_areas_and_measured_forces_are_valid_and_the_model_is_silen
 
 /// From a frame on the live model force is the new wearer's, and so is every step that ends after it.
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn parameters_change_while_walking_and_no_frame_is_disturbed() {
     let walk = synthetic_walk(4, 100.0);
-    let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, |_| None) else { return };
+    let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
     session.client.stream().expect("the stream starts");
     session.board.play();
     // Into the second stance.
@@ -388,9 +394,10 @@ fn parameters_change_while_walking_and_no_frame_is_disturbed() {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn damaged_and_impossible_parameters_are_refused_and_the_old_ones_go_on() {
     let walk = synthetic_walk(3, 100.0);
-    let Some(mut session) = Session::start(&walk, ContactRule::COUNTED, |_| None) else { return };
+    let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
     session.client.stream().expect("the stream starts");
     session.board.play();
     let mut impossible = other_tissue().force_laws;
@@ -420,6 +427,7 @@ fn damaged_and_impossible_parameters_are_refused_and_the_old_ones_go_on() {
 
 /// Each fault is found while walking, told and masked, and all that is sent is what a host computes of the same codes.
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
     let walk = synthetic_walk(10, 100.0);
     let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
@@ -427,7 +435,7 @@ fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
     for fault in one_of_each(&walk, FAULT_S) {
         let played = Recorded::new(walk.clone(), worn.clone());
         let played = Faulty::new(played, vec![fault], worn.setup.period_us, zeros.clone());
-        let Some(mut session) = Session::start_walk(&worn, played) else { return };
+        let mut session = Session::start_walk(&worn, played);
         session.client.set_tissue(&tissue()).expect("typical parameters are sound");
         session.client.stream().expect("the stream starts");
         session.board.play();
@@ -456,13 +464,10 @@ fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
 
 /// Identified on one half of a walker's steps and pushed, the insole's force in the other half is the fit's own evaluation.
 #[test]
+#[ignore = "needs the emulated board's firmware and the data set SpeedPP2DS: cargo xtask test"]
 fn the_insole_gives_the_force_that_the_fit_evaluated() {
     const FITTED: std::ops::Range<u32> = 6..14;
-    let Some(data) = std::env::var_os("PLANTAR_JIKU") else {
-        println!("skipped: PLANTAR_JIKU does not name the folder SpeedPP2DS of jiku-data");
-        return;
-    };
-    let walk = jiku::import(data, 2, 0..FITTED.end as usize, &mut |_, _| ()).expect("jiku-data");
+    let walk = jiku::import(common::jiku(), 2, 0..FITTED.end as usize, &mut |_, _| ()).expect("jiku-data");
     let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(240)).expect("a virtual insole");
     for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
         let options = Options::usual(InsoleSize::default().thickness_m());
@@ -479,7 +484,7 @@ fn the_insole_gives_the_force_that_the_fit_evaluated() {
                 *region = fit.ellipsoid;
             }
         }
-        let Some(mut session) = Session::start_without_tissue(&walk, contact, |_| None) else { return };
+        let mut session = Session::start_without_tissue(&walk, contact, |_| None);
         session.client.set_tissue(&parameters.tissue()).expect("identified parameters are sound");
         session.client.stream().expect("the insole answers");
         session.board.play();

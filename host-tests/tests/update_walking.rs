@@ -20,8 +20,9 @@ use std::time::Duration;
 const CHUNKS: u16 = 300;
 
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_transfer_beside_walking_loses_no_frame_and_no_step() {
-    let Some(firmware) = firmware() else { return };
+    let firmware = firmware();
     let walk = synthetic_walk(8, 100.0);
     let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
     let (head, cells) = (EmulatorConfig::new(worn.setup), worn.cells.clone());

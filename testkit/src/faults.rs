@@ -12,7 +12,7 @@ use plantar::pipeline::stance::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, jiku, pedar, synthetic};
-use std::path::PathBuf;
+use std::path::Path;
 
 /// A recording without faults.
 pub struct Clean {
@@ -32,34 +32,30 @@ pub fn computed() -> Vec<Clean> {
     [50.0, 100.0, 400.0].map(clean).into()
 }
 
-/// Computed and measured ones; says which are not there.
-pub fn clean() -> Vec<Clean> {
-    let mut all = computed();
-    match std::env::var_os("PLANTAR_JIKU") {
-        None => println!("skipped: PLANTAR_JIKU does not name the data set SpeedPP2DS"),
-        Some(data) => {
-            for walker in 0..10 {
-                let walk = jiku::import(&data, walker, 0..60, &mut |_, _| ()).expect("the data set is there");
-                for rate_hz in [50.0, 100.0] {
-                    let recording = walk.at_rate(rate_hz).and_then(|walk| walk.binned(DEVICE_CELLS));
-                    all.push(Clean {
-                        name: format!("barefoot walker {walker}, {rate_hz} Hz"),
-                        recording: recording.expect("a walk can be binned"),
-                    });
-                }
-            }
+/// The barefoot walkers of the data set SpeedPP2DS in this folder.
+pub fn barefoot(jiku: &Path) -> Vec<Clean> {
+    let mut all = Vec::new();
+    for walker in 0..10 {
+        let walk = jiku::import(jiku, walker, 0..60, &mut |_, _| ()).expect("the data set is there");
+        for rate_hz in [50.0, 100.0] {
+            let recording = walk.at_rate(rate_hz).and_then(|walk| walk.binned(DEVICE_CELLS));
+            all.push(Clean {
+                name: format!("barefoot walker {walker}, {rate_hz} Hz"),
+                recording: recording.expect("a walk can be binned"),
+            });
         }
     }
-    let data = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/pedar");
-    if !data.is_dir() {
-        println!("skipped: no ../shared/data");
-        return all;
-    }
-    for side in [Side::Left, Side::Right] {
-        let walk = pedar::import(data.join("pedar_example.asc"), data.join("geometry.csv"), side, &mut |_, _| ());
-        all.push(Clean { name: format!("in shoe, {}", side.name()), recording: walk.expect("the recording is there") });
-    }
     all
+}
+
+/// The in-shoe recordings in this folder.
+pub fn in_shoe(recordings: &Path) -> Vec<Clean> {
+    let data = recordings.join("pedar");
+    let clean = |side: Side| {
+        let walk = pedar::import(data.join("pedar_example.asc"), data.join("geometry.csv"), side, &mut |_, _| ());
+        Clean { name: format!("in shoe, {}", side.name()), recording: walk.expect("the recording is there") }
+    };
+    [Side::Left, Side::Right].map(clean).into()
 }
 
 /// What an insole says of a walk.

@@ -14,13 +14,41 @@ use plantar::protocol::{Live, Step};
 use recording::{Recording, VirtualInsole, synthetic};
 use std::path::PathBuf;
 
-/// The firmware, or a word about where it comes from.
-pub fn firmware() -> Option<PathBuf> {
-    let path = std::env::var_os("PLANTAR_FIRMWARE").map(PathBuf::from);
-    if path.is_none() {
-        println!("skipped: set PLANTAR_FIRMWARE to the emulated board's firmware (`cargo xtask test` does)");
-    }
-    path
+/// The firmware of the emulated board.
+///
+/// # Panics
+/// Where `PLANTAR_FIRMWARE` does not name it.
+pub fn firmware() -> PathBuf {
+    named_by("PLANTAR_FIRMWARE", "the firmware of the emulated board")
+}
+
+/// The data set SpeedPP2DS.
+///
+/// # Panics
+/// Where `PLANTAR_JIKU` does not name it.
+pub fn jiku() -> PathBuf {
+    named_by("PLANTAR_JIKU", "the folder SpeedPP2DS of the package jiku-data")
+}
+
+/// A Python interpreter with bumble.
+///
+/// # Panics
+/// Where `PLANTAR_PYTHON` does not name it.
+pub fn python() -> PathBuf {
+    named_by("PLANTAR_PYTHON", "a Python interpreter with bumble")
+}
+
+/// The folder with recordings of people, which are not public.
+///
+/// # Panics
+/// Where `PLANTAR_RECORDINGS` does not name it.
+pub fn recordings() -> PathBuf {
+    named_by("PLANTAR_RECORDINGS", "a folder with recordings of people")
+}
+
+fn named_by(variable: &str, what: &str) -> PathBuf {
+    let path = std::env::var_os(variable).map(PathBuf::from);
+    path.unwrap_or_else(|| panic!("set {variable} to {what}; `cargo xtask test` does"))
 }
 
 /// Typical parameters.

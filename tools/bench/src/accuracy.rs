@@ -38,20 +38,20 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
 }
 
 fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut Worst) -> Result<()> {
-    let worn = VirtualInsole::new(walk, contact, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(walk, contact, StanceRule::WALKING);
     let mut single = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     let mut double = Box::new(Insole::<f64, DEVICE_CELLS>::new());
-    single.set_up(worn.setup, worn.cells.iter().copied())?;
-    double.set_up(worn.setup, worn.cells.iter().copied())?;
+    single.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
+    double.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
     single.set_tissue(tissue)?;
     double.set_tissue(tissue)?;
 
-    let mut codes = vec![0; worn.cells.len()];
+    let mut codes = vec![0; virtual_insole.cells.len()];
     let mut differences = [[0.0f64; 2]; 8];
     let mut peaks = [[0.0f64; 2]; 8];
     let relative = |a: f64, b: f64| if b == 0.0 { a.abs() } else { (a / b - 1.0).abs() };
-    for i in 0..worn.frames(walk) {
-        worn.codes_of(walk, i, &mut codes);
+    for i in 0..virtual_insole.frames(walk) {
+        virtual_insole.codes_of(walk, i, &mut codes);
         let toe_off = single.frame(i as u32, &codes);
         assert_eq!(toe_off, double.frame(i as u32, &codes), "f32 and f64 disagree about toe off in frame {i}");
         for region in 0..8 {
@@ -103,13 +103,13 @@ fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut 
 
 /// Soft ellipsoids with a section one percent larger than the largest contact: the least accurate case in single precision.
 fn tight_tissue(walk: &Recording, typical: &Tissue) -> Result<Tissue> {
-    let worn = VirtualInsole::new(walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(walk, ContactRule::COUNTED, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied())?;
-    let mut codes = vec![0; worn.cells.len()];
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
+    let mut codes = vec![0; virtual_insole.cells.len()];
     let mut largest_mm2 = [0.0f64; 8];
     for i in 0..walk.frames() {
-        worn.codes_of(walk, i, &mut codes);
+        virtual_insole.codes_of(walk, i, &mut codes);
         insole.frame(i as u32, &codes);
         for (largest, load) in largest_mm2.iter_mut().zip(insole.loads()) {
             *largest = largest.max(load.frame.area.area_mm2());

@@ -56,15 +56,15 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
             "the same with fractional contact",
         ),
     ] {
-        let worn = VirtualInsole::new(&recording, contact, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&recording, contact, StanceRule::WALKING);
         let mut codes = vec![0; CELLS];
-        worn.codes(recording.frame(0), &mut codes);
+        virtual_insole.codes(recording.frame(0), &mut codes);
         for region in Region::ALL {
-            if !worn.cells.iter().zip(&codes).any(|(cell, &code)| cell.cell.region == region && code > 0) {
+            if !virtual_insole.cells.iter().zip(&codes).any(|(cell, &code)| cell.cell.region == region && code > 0) {
                 bail!("{} is not loaded", region.name());
             }
         }
-        let status = walk_through(firmware, &worn, Time::Counted, Loaded(codes))?;
+        let status = walk_through(firmware, &virtual_insole, Time::Counted, Loaded(codes))?;
         // The least, because scanning interrupted other frames.
         let (least, _) = status.frame_cycles;
         figures.add(key, (f64::from(least) * NS_PER_CYCLE).round(), meaning);

@@ -20,21 +20,21 @@ const RUNS: usize = 20;
 
 pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: STEPS, ..Default::default() }).recording;
-    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
     let tissue = Parameters::typical(InsoleSize::default()).tissue();
-    let cells = worn.cells.len();
+    let cells = virtual_insole.cells.len();
     let frames = walk.frames();
     let mut best_s = f64::INFINITY;
     let (mut steps, mut peak_n) = (0, [0.0f32; 8]);
     for _ in 0..RUNS {
         let mut insole = Box::new(Insole::<f32, MAX_CELLS>::new());
-        insole.set_up(worn.setup, worn.cells.iter().copied())?;
+        insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
         insole.set_tissue(&tissue)?;
         let mut codes = vec![0; cells];
         steps = 0;
         let start = Instant::now();
         for i in 0..frames {
-            worn.codes_of(&walk, i, &mut codes);
+            virtual_insole.codes_of(&walk, i, &mut codes);
             if insole.frame(i as u32, &codes) {
                 black_box(insole.whole_step());
                 steps += 1;
@@ -65,7 +65,7 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
         [ab_m2, c_m, stiffness_pa, damping_pa_s, n, m]
     });
     write("force_laws.f32", force_laws.flat_map(f32::to_le_bytes).collect())?;
-    let sensor = worn.setup.sensor;
+    let sensor = virtual_insole.setup.sensor;
     let arguments = [sensor.full_kpa, sensor.exponent, walk.rate_hz as f32].map(|v| v.to_string());
     let numbers = python::run(python, "replay_numpy.py", directory.path(), &arguments)?.concat();
     let [seconds, numpy_steps, numpy_peaks @ ..] = &numbers[..] else {

@@ -11,8 +11,8 @@ use std::path::Path;
 
 pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 3, ..Default::default() }).recording;
-    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let status = walk_through(firmware, &worn.clone(), Time::Max, Recorded::new(walk, worn))?;
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let status = walk_through(firmware, &virtual_insole.clone(), Time::Max, Recorded::new(walk, virtual_insole))?;
     if status.steps != 3 {
         bail!("the walk of 3 steps gave {}", status.steps);
     }

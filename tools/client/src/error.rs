@@ -18,7 +18,8 @@ pub enum Error {
     NoAnswer(Duration, u32),
     /// The insole speaks another major version of the protocol.
     #[error(
-        "the insole (firmware {firmware}) speaks protocol {major}.{minor}, this program {MAJOR}.{MINOR}: update the older of the two"
+        "the insole (firmware {firmware}) speaks protocol {major}.{minor}, this program {MAJOR}.{MINOR}: update the older of \
+         the two"
     )]
     OtherVersion {
         /// Version of its firmware.

@@ -18,7 +18,8 @@ pub struct SensorFault {
     pub kind: FaultKind,
     /// Its place, in a matrix with rows of [`COLUMNS`] cells.
     pub place: Place,
-    /// Stuck: the code. Drift: codes per second. Crosstalk: the fraction of a row's largest load that its other cells read. Otherwise 0.
+    /// Stuck: the code. Drift: codes per second. Crosstalk: the fraction of a row's largest load that its other cells read. Otherwise
+    /// 0.
     pub value: f64,
     /// Begin, s.
     pub from_s: f64,

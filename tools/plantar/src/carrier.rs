@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result, anyhow, bail};
 use clap::{ArgGroup, Args};
+#[cfg(feature = "ble")]
 use client::ble::{BleCarrier, Selector};
 use client::{Carrier, Error, Framed, Link, READ_TIMEOUT, ReconnectPolicy};
 use serialport::{ErrorKind, SerialPort};
@@ -12,19 +13,20 @@ use std::path::Path;
 
 #[derive(Args, Clone)]
 #[group(skip)]
-#[command(group(ArgGroup::new("insole").required(true).args(["tcp", "serial", "ble"])))]
+#[command(group(ArgGroup::new("insole").required(true)))]
 pub struct Connection {
     /// Network address of an insole, HOST:PORT.
-    #[arg(long, value_name = "ADDRESS")]
+    #[arg(long, value_name = "ADDRESS", group = "insole")]
     tcp: Option<String>,
     /// Serial port of an insole, such as /dev/ttyACM0 or COM3.
-    #[arg(long, value_name = "PORT")]
+    #[arg(long, value_name = "PORT", group = "insole")]
     serial: Option<String>,
     /// Bit rate of the serial port.
     #[arg(long, default_value_t = 460_800, requires = "serial")]
     baud: u32,
     /// Bluetooth: left or right for the insole of this foot, or an address where several people are near.
-    #[arg(long, value_name = "FOOT")]
+    #[cfg(feature = "ble")]
+    #[arg(long, value_name = "FOOT", group = "insole")]
     ble: Option<Selector>,
 }
 
@@ -47,6 +49,7 @@ impl Connection {
         Ok(match self {
             Self { tcp: Some(address), .. } => Box::new(Framed::new(open_tcp(address)?)),
             Self { serial: Some(port), baud, .. } => Box::new(Framed::new(open_serial(port, *baud)?)),
+            #[cfg(feature = "ble")]
             Self { ble: Some(selector), .. } => Box::new(BleCarrier::connect(selector)?),
             _ => bail!("give --tcp, --serial or --ble"),
         })
@@ -56,9 +59,10 @@ impl Connection {
 /// As the user named it.
 impl fmt::Display for Connection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match (&self.tcp, &self.serial, &self.ble) {
-            (Some(name), ..) | (None, Some(name), _) => f.write_str(name),
-            (.., Some(selector)) => selector.fmt(f),
+        match self {
+            Self { tcp: Some(name), .. } | Self { serial: Some(name), .. } => f.write_str(name),
+            #[cfg(feature = "ble")]
+            Self { ble: Some(selector), .. } => selector.fmt(f),
             _ => f.write_str("the insole"),
         }
     }

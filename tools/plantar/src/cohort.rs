@@ -139,7 +139,7 @@ impl Cohort {
         Ok(())
     }
 
-    /// Adds a participant to the table, unless it is up to date. Reasons for recordings that cannot be used are added to `left_out`.
+    /// Adds a participant to the table, unless it is up to date. Adds the reasons for unusable recordings to `left_out`.
     fn participant(&self, name: &str, path: &Path, left_out: &mut Vec<String>) -> Result<Processed> {
         let person = self.person(&self.participants.join(name))?;
         let has_size = person.known.size.is_some();

@@ -13,6 +13,7 @@ mod params;
 mod picture;
 mod record;
 mod replay;
+#[cfg(feature = "serve")]
 mod serve;
 mod setup;
 mod summary;
@@ -64,6 +65,7 @@ enum Command {
     Emulate(emulate::Emulate),
     Monitor(monitor::Monitor),
     Record(record::Record),
+    #[cfg(feature = "serve")]
     Serve(serve::Serve),
     /// Tissue parameters.
     #[command(subcommand)]
@@ -89,6 +91,7 @@ fn main() -> ExitCode {
         Command::Update(update) => update.run(),
         Command::Monitor(monitor) => monitor.run(),
         Command::Record(record) => record.run(),
+        #[cfg(feature = "serve")]
         Command::Serve(serve) => serve.run(),
         Command::Params(params) => params.run(),
         Command::Insole(insole) => insole.run(),

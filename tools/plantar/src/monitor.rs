@@ -100,7 +100,7 @@ const END: &[u8] = b"\n]\n";
 
 impl<'m> JsonArray<'m> {
     fn create(path: &'m Path) -> Result<Self> {
-        let file = serve::create_new(path).with_context(|| format!("cannot write {}", path.display()))?;
+        let file = client::create_new(path).with_context(|| format!("cannot write {}", path.display()))?;
         Ok(Self { path, file, len: 0 })
     }
 

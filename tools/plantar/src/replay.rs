@@ -30,7 +30,7 @@ pub struct Replay {
     contact: ContactArgs,
     #[command(flatten)]
     zero: ZeroArgs,
-    /// Arithmetic: f32 as on the insole, or f64. Steps are always written in the resolution of the protocol; --frames has all digits.
+    /// Arithmetic: f32 as on the insole, or f64. Steps are written in the resolution of the protocol; --frames has all digits.
     #[arg(long, value_enum, default_value_t = Precision::F32)]
     precision: Precision,
     /// Write one object per step to this file: side, number, start, duration and, per region, every quantity with its unit.
@@ -72,20 +72,25 @@ impl Replay {
         Ok(())
     }
 
-    fn replay<R: Real>(&self, recording: &Recording, sensor: &VirtualInsole, tissue: &Tissue) -> Result<Vec<Step>> {
+    fn replay<R: Real>(
+        &self,
+        recording: &Recording,
+        virtual_insole: &VirtualInsole,
+        tissue: &Tissue,
+    ) -> Result<Vec<Step>> {
         let mut insole = Box::new(Insole::<R, MAX_CELLS>::new());
-        let accepted = insole.set_up(sensor.setup, sensor.cells.iter().copied());
+        let accepted = insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied());
         accepted.with_context(|| format!("{}: the insole is not valid", self.recording.display()))?;
         insole.set_tissue(tissue)?;
         let mut frames =
-            self.frames.as_deref().map(|path| FrameWriter::create(path, sensor.setup.contact)).transpose()?;
+            self.frames.as_deref().map(|path| FrameWriter::create(path, virtual_insole.setup.contact)).transpose()?;
         let mut picture = self.picture.is_some().then(Picture::default);
-        let count = sensor.frames(recording);
+        let count = virtual_insole.frames(recording);
         let bar = progress(count as u64, "frames");
-        let mut codes = vec![0; sensor.cells.len()];
+        let mut codes = vec![0; virtual_insole.cells.len()];
         let mut steps = Vec::new();
         for i in 0..count {
-            sensor.codes_of(recording, i, &mut codes);
+            virtual_insole.codes_of(recording, i, &mut codes);
             let toe_off = insole.frame(i as u32, &codes);
             if let Some(frames) = frames.as_mut().filter(|_| i < recording.frames()) {
                 frames.push(recording.t_s[i], &insole)?;
@@ -106,7 +111,7 @@ impl Replay {
         }
         summary::print_faults(insole.faults(), recording.cells());
         if let (Some(picture), Some(path)) = (picture, &self.picture) {
-            picture.write(path, recording, sensor, steps.first())?;
+            picture.write(path, recording, virtual_insole, steps.first())?;
         }
         Ok(steps)
     }

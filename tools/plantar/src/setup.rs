@@ -78,8 +78,8 @@ impl ContactArgs {
             note_unless_same_rule(&identified.contact, &rule);
             if identified.filter != "step" {
                 eprintln!(
-                    "note: the parameters were identified through the {} filter: they are valid for the live stream, but steps pass \
-                     through another filter",
+                    "note: the parameters were identified through the {} filter: they are valid for the live stream, but steps \
+                     pass through another filter",
                     identified.filter
                 );
             }

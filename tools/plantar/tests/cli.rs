@@ -1,4 +1,4 @@
-//! The command line as a person uses it: what it writes, and what it says of bad input.
+//! The command line: its files, and its messages about bad input.
 
 use recording::Recording;
 use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
@@ -21,17 +21,17 @@ fn succeed(folder: &Path, arguments: &str) -> String {
     String::from_utf8(output.stdout).expect("text")
 }
 
-/// Fails with a message that holds all of `words`, and without a panic.
+/// Asserts that a command fails with a message that contains all of `words`, and without a panic.
 fn fail(folder: &Path, arguments: &str, words: &[&str]) {
     let output = plantar(folder, arguments);
-    let said = String::from_utf8(output.stderr).expect("text");
-    assert_eq!(output.status.code(), Some(1), "{arguments}: {said}");
+    let text = String::from_utf8(output.stderr).expect("text");
+    assert_eq!(output.status.code(), Some(1), "{arguments}: {text}");
     for word in words {
-        assert!(said.contains(word), "{arguments}: no \"{word}\" in: {said}");
+        assert!(text.contains(word), "{arguments}: no \"{word}\" in: {text}");
     }
 }
 
-/// Four cells of 100 mm2, a heel and a hallux, and half a second of load on the heel: 50 kPa on two cells.
+/// Four cells of 100 mm2, heel and hallux, and half a second of load on two cells of the heel.
 fn folder() -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().to_path_buf();
@@ -75,7 +75,7 @@ fn a_csv_recording_becomes_a_step_with_its_force_area_and_ellipse() {
     close("measured_force_integral_n_s", 500.0, 0.5);
     close("area_peak_mm2", 200.0, 0.0);
     close("contact_time_s", 0.5, 0.0);
-    // Two squares of 10 mm side by side: variances 400/12 along x and 100/12 along y; radius 2 sqrt(variance).
+    // Two adjacent squares of 10 mm: variances 400/12 along x and 100/12 along y; radius 2 sqrt(variance).
     let ellipse = &heel["ellipse_at_peak"];
     assert_eq!((ellipse["x_mm"].as_f64(), ellipse["y_mm"].as_f64()), (Some(35.0), Some(20.0)));
     assert_eq!((ellipse["r_a_mm"].as_f64(), ellipse["r_b_mm"].as_f64()), (Some(11.55), Some(5.77)));
@@ -85,7 +85,7 @@ fn a_csv_recording_becomes_a_step_with_its_force_area_and_ellipse() {
 }
 
 #[test]
-fn single_and_double_precision_give_the_same_steps() {
+fn single_and_double_precision_result_in_the_same_steps() {
     let (_keep, path) = folder();
     succeed(&path, "import synthetic --steps 3 --out walk.parquet");
     succeed(&path, "replay walk.parquet --json single.json");
@@ -102,7 +102,7 @@ fn single_and_double_precision_give_the_same_steps() {
 }
 
 #[test]
-fn live_values_come_as_csv_with_a_column_a_quantity() {
+fn live_values_are_written_as_csv_with_a_column_per_quantity() {
     let (_keep, path) = folder();
     succeed(&path, IMPORT);
     succeed(&path, "replay walk.parquet --frames live.csv");
@@ -121,7 +121,7 @@ fn live_values_come_as_csv_with_a_column_a_quantity() {
 }
 
 #[test]
-fn bad_recordings_name_the_file_the_line_and_the_remedy() {
+fn errors_for_recordings_name_the_file_the_line_and_the_remedy() {
     let (_keep, path) = folder();
     let good = std::fs::read_to_string(path.join("frames.csv")).expect("frames");
     for (from, to, words) in [
@@ -149,7 +149,7 @@ fn bad_recordings_name_the_file_the_line_and_the_remedy() {
 }
 
 #[test]
-fn bad_parameters_name_the_file_the_region_and_the_remedy() {
+fn errors_for_parameters_name_the_file_the_region_and_the_remedy() {
     let (_keep, path) = folder();
     succeed(&path, IMPORT);
     succeed(&path, "params typical --size 40 --out params.toml");
@@ -172,7 +172,7 @@ fn bad_parameters_name_the_file_the_region_and_the_remedy() {
 }
 
 #[test]
-fn too_many_cells_for_the_device_and_missing_programs_say_what_to_do() {
+fn errors_for_too_many_cells_and_missing_programs_name_the_remedy() {
     let (_keep, path) = folder();
     let cells: String = (0..400).map(|i| format!("{i},{},{},9\n", i % 20 * 4, i / 20 * 12)).collect();
     std::fs::write(path.join("layout.csv"), format!("cell,x_mm,y_mm,area_mm2\n{cells}")).expect("written");
@@ -193,7 +193,7 @@ fn offsets() -> Vec<f32> {
     (0..240).map(|i| 20.0 * ((i * 37) % 240) as f32 / 240.0).collect()
 }
 
-/// Writes a standing trial of a foot that carries so much.
+/// Writes a standing trial of a foot with this load.
 fn write_trial(path: &Path, side: plantar::Side, standing_n: f64) -> Recording {
     let mut trial = synthetic::standing(&SyntheticStanding { side, standing_n, ..Default::default() });
     synthetic::read_with(&mut trial, &offsets(), 8.0, 7);
@@ -201,33 +201,33 @@ fn write_trial(path: &Path, side: plantar::Side, standing_n: f64) -> Recording {
     trial
 }
 
-/// 70 kg weigh 686.5 N: 420 N and 266.5 N are 61.2 and 38.8 %.
+/// The body weight of 70 kg is 686.5 N: 420 N and 266.5 N are 61.2 and 38.8 %.
 #[test]
-fn a_standing_trial_gives_a_zero_and_checks_the_weight() {
+fn a_standing_trial_results_in_a_baseline_and_a_check_of_the_weight() {
     use plantar::Side::{Left, Right};
     let (_keep, path) = folder();
     write_trial(&path.join("left.parquet"), Left, 420.0);
     write_trial(&path.join("right.parquet"), Right, 266.5);
-    let said = succeed(&path, "zero left.parquet right.parquet --out zero.toml --mass 70");
+    let text = succeed(&path, "zero left.parquet right.parquet --out zero.toml --mass 70");
     let number = |before: &str, after: &str| -> Vec<f64> {
-        let parts = said.match_indices(after).map(|(end, _)| &said[..end]);
+        let parts = text.match_indices(after).map(|(end, _)| &text[..end]);
         parts.map(|s| s.rsplit_once(before).expect(before).1.parse().expect("a number")).collect()
     };
     let shares = number(", ", " % of body weight");
     for (share, truth) in shares.iter().zip([61.2, 38.8, 100.0]) {
-        assert!((share - truth).abs() < 1.0, "{said}");
+        assert!((share - truth).abs() < 1.0, "{text}");
     }
-    assert!(shares.len() == 3 && said.contains("weight: good"), "{said}");
-    assert!(said.contains("left foot, left.parquet") && said.contains("drift of +0.0 N, +0.0 % of standing"), "{said}");
+    assert!(shares.len() == 3 && text.contains("weight: good"), "{text}");
+    assert!(text.contains("left foot, left.parquet") && text.contains("drift of +0.0 N, +0.0 % of standing"), "{text}");
     let zero = std::fs::read_to_string(path.join("zero.toml")).expect("a zero");
     assert!(zero.contains("[left]") && zero.contains("[right]"));
 
-    let said = succeed(&path, "zero left.parquet right.parquet --out zero.toml --mass 90");
-    assert!(said.contains("NOT good") && said.contains("10 % off") && said.contains("calibrate"), "{said}");
-    let said = succeed(&path, "zero right.parquet --out right.toml --mass 70");
-    assert!(said.contains("% of body weight") && !said.contains("good") && !said.contains("both"), "{said}");
-    let said = succeed(&path, "zero left.parquet right.parquet --out zero.toml");
-    assert!(said.contains("--mass") && !said.contains("% of body"), "{said}");
+    let text = succeed(&path, "zero left.parquet right.parquet --out zero.toml --mass 90");
+    assert!(text.contains("NOT good") && text.contains("10 % off") && text.contains("calibrate"), "{text}");
+    let text = succeed(&path, "zero right.parquet --out right.toml --mass 70");
+    assert!(text.contains("% of body weight") && !text.contains("good") && !text.contains("both"), "{text}");
+    let text = succeed(&path, "zero left.parquet right.parquet --out zero.toml");
+    assert!(text.contains("--mass") && !text.contains("% of body"), "{text}");
 
     fail(&path, "zero left.parquet left.parquet --out twice.toml", &["left.parquet", "left foot", "two recordings"]);
     fail(&path, "zero left.parquet --out zero.toml --mass 0", &["--mass 0", "kg"]);
@@ -237,7 +237,7 @@ fn a_standing_trial_gives_a_zero_and_checks_the_weight() {
 }
 
 #[test]
-fn a_replay_with_the_zero_gives_the_steps_of_cells_without_offsets() {
+fn a_replay_with_the_baseline_results_in_the_steps_of_cells_without_offsets() {
     let (_keep, path) = folder();
     write_trial(&path.join("standing.parquet"), plantar::Side::Right, 350.0);
     let mut walk = synthetic::walk(&SyntheticWalk { steps: 3, ..Default::default() }).recording;
@@ -256,7 +256,7 @@ fn a_replay_with_the_zero_gives_the_steps_of_cells_without_offsets() {
         }
         for (region, ideal) in ideal["regions"].as_object().expect("regions") {
             let zeroed = &zeroed["regions"][region];
-            // The wire counts tenths of a newton and whole mm2.
+            // The resolution of the protocol is 0.1 N and 1 mm2.
             for (key, tolerance) in [("measured_force_peak_n", 0.1), ("area_peak_mm2", 1.0)] {
                 let [ideal, zeroed] = [ideal, zeroed].map(|of| of[key].as_f64().expect(key));
                 assert!((ideal - zeroed).abs() <= 1.001 * tolerance, "{region} {key}: {zeroed}, not {ideal}");
@@ -266,7 +266,7 @@ fn a_replay_with_the_zero_gives_the_steps_of_cells_without_offsets() {
 }
 
 #[test]
-fn a_zero_that_does_not_fit_is_refused() {
+fn a_baseline_of_another_layout_is_refused() {
     let (_keep, path) = folder();
     write_trial(&path.join("standing.parquet"), plantar::Side::Left, 350.0);
     succeed(&path, "zero standing.parquet --out zero.toml");

@@ -1,4 +1,4 @@
-//! `plantar cohort`: the table, the means, and what becomes of participants that are there already or cannot be used.
+//! `plantar cohort`: the table, the means, and participants that are up to date or cannot be used.
 
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
@@ -21,8 +21,8 @@ fn cohort(folder: &Path, options: &str) -> Output {
         .expect("the program starts")
 }
 
-/// The exit status and what was said on both streams.
-fn said(output: &Output) -> (Option<i32>, String) {
+/// The exit status, and the text on both streams.
+fn outcome(output: &Output) -> (Option<i32>, String) {
     let text = [&output.stdout, &output.stderr].map(|stream| String::from_utf8_lossy(stream));
     (output.status.code(), text.concat())
 }
@@ -75,11 +75,11 @@ fn summary(path: &Path) -> String {
 }
 
 #[test]
-fn every_region_of_every_step_is_a_row_with_its_own_fit() {
+fn each_region_of_each_step_is_a_row_with_a_fit_of_its_own() {
     let (_keep, path) = people();
-    let (status, said) = said(&cohort(&path, "--contact-full 150 --filter live"));
-    assert_eq!(status, Some(0), "{said}");
-    assert!(said.contains("12 steps of 2 participants"), "{said}");
+    let (status, text_of_run) = outcome(&cohort(&path, "--contact-full 150 --filter live"));
+    assert_eq!(status, Some(0), "{text_of_run}");
+    assert!(text_of_run.contains("12 steps of 2 participants"), "{text_of_run}");
     let ann = rows(&path, "ann");
     // Two, three and one steps.
     assert_eq!((ann.len(), rows(&path, "bob%3Db.").len()), (6 * 8, 6 * 8));
@@ -103,7 +103,7 @@ fn every_region_of_every_step_is_a_row_with_its_own_fit() {
             assert!(low <= number(row, column) && number(row, column) <= high, "{region:?} {column}");
         }
         assert!(matches!(row["ab_at_bound"], Field::Bool(_)));
-        // The five and the eight are the same force: K = k C^(n+1) / d0^n.
+        // The five and the eight parameters result in the same force: K = k C^(n+1) / d0^n.
         let value = |column| number(row, column);
         let (c_m, d0_m) = (value("c_mm") * 1e-3, value("d0_mm") * 1e-3);
         let stiffness_pa = value("k_n_m3") * c_m.powf(value("n") + 1.0) / d0_m.powf(value("n"));
@@ -118,7 +118,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// A participant's mean of a column: over the steps of each recording, then over these.
+/// A participant's mean of a column: over the steps of each recording, then over the recordings.
 fn mean_of(rows: &[Row], region: &str, column: &str) -> Option<f64> {
     let mut trials = BTreeMap::<_, Vec<f64>>::new();
     for row in rows.iter().filter(|row| text(row, "region") == region && row[column] != Field::Null) {
@@ -129,14 +129,14 @@ fn mean_of(rows: &[Row], region: &str, column: &str) -> Option<f64> {
 }
 
 #[test]
-fn the_summary_is_of_steps_then_trials_then_participants_of_a_size() {
+fn the_summary_has_means_over_steps_then_trials_then_participants_of_a_size() {
     let (_keep, path) = people();
-    // A second participant of bob's pair of sizes.
+    // A second participant with a size of bob's pair.
     let cid = path.join("people/cid");
     fs::create_dir(&cid).expect("made");
     fs::write(cid.join("participant.toml"), "size = 44").expect("written");
     walk(&cid.join("w.parquet"), Side::Left, 8);
-    assert_eq!(said(&cohort(&path, "")).0, Some(0));
+    assert_eq!(outcome(&cohort(&path, "")).0, Some(0));
     let [ann, bob, cid] = ["ann", "bob%3Db.", "cid"].map(|name| rows(&path, name));
 
     let mut file = csv::Reader::from_path(path.join("summary.csv")).expect("a summary");
@@ -173,26 +173,26 @@ fn the_summary_is_of_steps_then_trials_then_participants_of_a_size() {
 }
 
 #[test]
-fn a_second_run_does_only_what_is_new() {
+fn a_second_run_processes_only_changed_participants() {
     let (_keep, path) = people();
-    assert_eq!(said(&cohort(&path, "")).0, Some(0));
+    assert_eq!(outcome(&cohort(&path, "")).0, Some(0));
     let whole = summary(&path);
     let again = |options: &str, words: &[&str]| {
-        let (status, said) = said(&cohort(&path, options));
-        assert_eq!(status, Some(0), "{said}");
-        assert!(words.iter().all(|word| said.contains(word)), "{said}");
+        let (status, text_of_run) = outcome(&cohort(&path, options));
+        assert_eq!(status, Some(0), "{text_of_run}");
+        assert!(words.iter().all(|word| text_of_run.contains(word)), "{text_of_run}");
     };
     again("", &["0 steps of 0 participants", "2 participants were in the table already"]);
     let ann = path.join("table/participant=ann/steps.parquet");
     let bob = path.join("table/participant=bob%3Db./steps.parquet");
     let written = |path: &Path| path.metadata().and_then(|file| file.modified()).expect("a time");
     let bob_written = written(&bob);
-    // Broken off while ann was written.
+    // As after an interruption while ann's file was written.
     fs::remove_file(&ann).expect("removed");
     fs::write(ann.with_file_name(".steps.part"), "PAR1").expect("written");
     again("", &["6 steps of 1 participants", "1 participants were in the table already"]);
     assert_eq!((summary(&path), written(&bob)), (whole.clone(), bob_written));
-    // A part that is damaged, another recording, another size, other options.
+    // A damaged file, another recording, another size, other options.
     fs::write(&ann, "PAR1").expect("written");
     again("", &["6 steps of 1 participants"]);
     assert_eq!(summary(&path), whole);
@@ -201,36 +201,36 @@ fn a_second_run_does_only_what_is_new() {
     fs::write(path.join("people/ann/participant.toml"), "size = 37").expect("written");
     again("", &["8 steps of 1 participants", "37-38 (1)"]);
     again("--negative-n", &["14 steps of 2 participants"]);
-    // A slip in the options costs nothing.
-    let (status, said_of_slip) = said(&cohort(&path, "--contact-on 5 --contact-off 6"));
-    assert_eq!((status, said_of_slip.contains("--contact-off")), (Some(1), true), "{said_of_slip}");
-    // Who left the study does not count any more, and is named.
+    // Invalid options change nothing.
+    let (status, text_of_invalid) = outcome(&cohort(&path, "--contact-on 5 --contact-off 6"));
+    assert_eq!((status, text_of_invalid.contains("--contact-off")), (Some(1), true), "{text_of_invalid}");
+    // A participant without a folder is no longer counted, and is named.
     fs::rename(path.join("people/ann"), path.join("ann")).expect("moved");
     again("--negative-n", &["1 participants were in the table already", "participant=ann", "remove it"]);
     assert!(!summary(&path).contains("37-38"));
 }
 
 #[test]
-fn what_cannot_be_used_is_left_out_and_named_and_tried_again() {
+fn unusable_recordings_are_left_out_and_named_and_tried_again() {
     let (_keep, path) = people();
     let damaged = path.join("people/ann/b.parquet");
     let good = fs::read(&damaged).expect("a recording");
     fs::write(&damaged, &good[..good.len() / 2]).expect("written");
     fs::create_dir(path.join("people/nobody")).expect("made");
     for kept in ["0 participants were in the table", "1 participants were in the table"] {
-        let (status, said) = said(&cohort(&path, ""));
-        assert_eq!(status, Some(3), "{said}");
+        let (status, text_of_run) = outcome(&cohort(&path, ""));
+        assert_eq!(status, Some(3), "{text_of_run}");
         for words in ["left out: people/ann/b.parquet", "nobody: 0 recordings", "no whole step", kept] {
-            assert!(said.contains(words), "{words}: {said}");
+            assert!(text_of_run.contains(words), "{words}: {text_of_run}");
         }
         assert_eq!((rows(&path, "ann").len(), rows(&path, "bob%3Db.").len()), (3 * 8, 6 * 8));
     }
     fs::write(&damaged, good).expect("written");
     fs::remove_dir(path.join("people/nobody")).expect("removed");
-    let (status, said_of_all) = said(&cohort(&path, ""));
-    assert_eq!((status, rows(&path, "ann").len()), (Some(0), 6 * 8), "{said_of_all}");
+    let (status, text_of_all) = outcome(&cohort(&path, ""));
+    assert_eq!((status, rows(&path, "ann").len()), (Some(0), 6 * 8), "{text_of_all}");
 
-    // The part of somebody who cannot be used any more goes.
+    // The file of a participant without a usable recording is removed.
     for (text, words) in [
         ("size = 36\nsise = 36", ["people/ann/participant.toml", "line 2", "sise"]),
         ("\nsize = 47", ["people/ann/participant.toml", "line 2", "47: a European shoe size from 35 to 46"]),
@@ -239,24 +239,24 @@ fn what_cannot_be_used_is_left_out_and_named_and_tried_again() {
         ("thickness = 'nowhere.toml'", ["left out", "people/ann", "nowhere.toml"]),
     ] {
         fs::write(path.join("people/ann/participant.toml"), text).expect("written");
-        let (status, said) = said(&cohort(&path, ""));
-        assert_eq!(status, Some(3), "{said}");
-        assert!(words.iter().all(|word| said.contains(word)), "{words:?}: {said}");
+        let (status, text_of_run) = outcome(&cohort(&path, ""));
+        assert_eq!(status, Some(3), "{text_of_run}");
+        assert!(words.iter().all(|word| text_of_run.contains(word)), "{words:?}: {text_of_run}");
         assert!(!path.join("table/participant=ann/steps.parquet").exists());
         assert!(!summary(&path).contains("35-36"));
     }
 }
 
 #[test]
-fn thickness_and_zero_are_of_the_participant() {
+fn thickness_and_baseline_of_a_participant_are_used() {
     let (_keep, path) = people();
     let ann = path.join("people/ann");
     fs::write(ann.join("participant.toml"), "thickness = 'measured/mm.toml'").expect("written");
     fs::create_dir(ann.join("measured")).expect("made");
     fs::write(ann.join("measured/mm.toml"), "heel = 18.5").expect("written");
-    let (status, said_of_all) = said(&cohort(&path, "--size 39"));
-    assert_eq!(status, Some(0), "{said_of_all}");
-    assert!(said_of_all.contains("1 participants without a size in participant.toml count as 39"), "{said_of_all}");
+    let (status, text_of_all) = outcome(&cohort(&path, "--size 39"));
+    assert_eq!(status, Some(0), "{text_of_all}");
+    assert!(text_of_all.contains("1 participants without a size in participant.toml count as 39"), "{text_of_all}");
     let rows = rows(&path, "ann");
     assert_eq!((number(&rows[0], "d0_mm"), number(&rows[0], "insole_size")), (18.5, 39.0));
     assert_eq!(rows[0]["mass_kg"], Field::Null);
@@ -264,19 +264,19 @@ fn thickness_and_zero_are_of_the_participant() {
 
     fs::write(ann.join("participant.toml"), "zero = 'zero.toml'").expect("written");
     fs::write(ann.join("zero.toml"), "version = 1\n[left]\nlayout_id = x\n").expect("written");
-    let (status, said) = said(&cohort(&path, ""));
-    assert_eq!(status, Some(3), "{said}");
-    assert!(said.contains("ann/zero.toml:3"), "{said}");
+    let (status, text_of_run) = outcome(&cohort(&path, ""));
+    assert_eq!(status, Some(3), "{text_of_run}");
+    assert!(text_of_run.contains("ann/zero.toml:3"), "{text_of_run}");
 }
 
 #[test]
-fn without_participants_it_says_what_is_needed() {
+fn errors_for_missing_participants_name_what_is_needed() {
     let keep = tempfile::tempdir().expect("a folder");
     let path = keep.path();
     let fail = |words: &[&str]| {
-        let (status, said) = said(&cohort(path, ""));
-        assert_eq!(status, Some(1), "{said}");
-        assert!(words.iter().all(|word| said.contains(word)), "{words:?}: {said}");
+        let (status, text_of_run) = outcome(&cohort(path, ""));
+        assert_eq!(status, Some(1), "{text_of_run}");
+        assert!(words.iter().all(|word| text_of_run.contains(word)), "{words:?}: {text_of_run}");
     };
     fail(&["people", "one folder per participant"]);
     fs::write(path.join("people"), "").expect("written");

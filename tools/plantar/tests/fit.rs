@@ -45,11 +45,11 @@ fn walk() -> TempDir {
 }
 
 #[test]
-fn a_walk_becomes_parameters_that_replay_and_score_as_the_fit_said() {
+fn fitted_parameters_have_the_same_errors_in_a_replay_as_in_the_fit() {
     let folder = walk();
     let path = folder.path();
-    let said = succeed(path, "fit walk.parquet --out p.toml --json p.json --participant someone --contact-full 150");
-    assert!(said.contains("someone: 6 steps of 1 recordings") && said.contains("8 of 8 regions"), "{said}");
+    let text = succeed(path, "fit walk.parquet --out p.toml --json p.json --participant someone --contact-full 150");
+    assert!(text.contains("someone: 6 steps of 1 recordings") && text.contains("8 of 8 regions"), "{text}");
     let fitted = json(&path.join("p.json"));
     assert_eq!(fitted["contact_rule"]["full_kpa"], 150.0);
     assert_eq!((fitted["filter"].as_str(), fitted["method"].as_str()), (Some("step"), Some("projection")));
@@ -60,7 +60,7 @@ fn a_walk_becomes_parameters_that_replay_and_score_as_the_fit_said() {
     for mark in ["measured", "pinned", "identified", "(95 %)"] {
         assert!(text.contains(mark), "no {mark} in {text}");
     }
-    // Replay counts areas as the parameters want it, and its errors are those of the fit.
+    // Replay uses the contact rule of the parameters, and its errors are those of the fit.
     let (_, out, err) = run(path, "replay walk.parquet --params p.toml --json steps.json --precision f64");
     assert!(out.contains("150 kPa") && !err.contains("note"), "{out}{err}");
     let steps = json(&path.join("steps.json"));
@@ -68,8 +68,8 @@ fn a_walk_becomes_parameters_that_replay_and_score_as_the_fit_said() {
         let errors =
             steps.as_array().expect("steps").iter().map(|s| s["regions"][region]["model_error_nrmse_percent"].as_f64());
         let mean = errors.map(|e| e.expect("a number")).sum::<f64>() / 6.0;
-        let said = fit["nrmse_percent"]["fitted"].as_f64().expect("a number");
-        assert!((mean - said).abs() < 0.02, "{region}: {mean} % replayed, {said} % fitted");
+        let fitted = fit["nrmse_percent"]["fitted"].as_f64().expect("a number");
+        assert!((mean - fitted).abs() < 0.02, "{region}: {mean} % replayed, {fitted} % fitted");
         let eight = &fit["ellipsoid"];
         let ours = &parameters.regions[plantar::Region::from_name(region).expect("a region") as usize];
         assert!((eight["a_mm"].as_f64().expect("a number") - ours.a_m * 1e3).abs() < 1e-9);
@@ -79,7 +79,7 @@ fn a_walk_becomes_parameters_that_replay_and_score_as_the_fit_said() {
 }
 
 #[test]
-fn steps_are_chosen_and_options_are_recorded() {
+fn steps_are_selected_and_options_are_recorded() {
     let folder = walk();
     let path = folder.path();
     succeed(path, "fit walk.parquet --steps 2-4 --filter live --out p.toml --json p.json --negative-n");
@@ -101,9 +101,9 @@ fn steps_are_chosen_and_options_are_recorded() {
     assert_eq!(regions["hallux"]["pinned"]["compression"], 0.3);
 }
 
-/// Four cells, two regions; the heel alone is loaded, three times.
+/// Four cells in two regions; only the heel is loaded, three times.
 #[test]
-fn what_cannot_be_fitted_is_named_and_the_exit_status_tells() {
+fn regions_that_cannot_be_fitted_are_named_and_set_the_exit_status() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     let layout =
@@ -129,7 +129,7 @@ fn what_cannot_be_fitted_is_named_and_the_exit_status_tells() {
     let text = std::fs::read_to_string(path.join("p.toml")).expect("a file");
     assert!(text.contains("typical, NOT identified: never loaded"), "{text}");
 
-    // All cells at once: the area never changes, and nothing is left to write.
+    // All cells at once: the area is constant, and no region is fitted.
     write(&|_, load| if load > 0.0 { 50.0 + 300.0 * load } else { 0.0 });
     std::fs::remove_file(path.join("p.toml")).expect("was written");
     let (status, out, err) = run(path, "fit walk.parquet --out p.toml");
@@ -139,11 +139,11 @@ fn what_cannot_be_fitted_is_named_and_the_exit_status_tells() {
 }
 
 #[test]
-fn contacts_that_are_no_steps_are_named() {
+fn contacts_that_are_not_steps_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     std::fs::write(path.join("layout.csv"), "cell,x_mm,y_mm,area_mm2,region\n0,30,20,900,heel\n").expect("written");
-    // On the ground at the start, a whole step, a brush of 50 ms, a weak step, a step that the end cuts off.
+    // Contact at the start, a complete step, a contact of 50 ms, a weak step, a step that the end of the recording cuts off.
     let contacts =
         [(0, 30, 300.0), (80, 140, 300.0), (200, 205, 300.0), (260, 320, 60.0), (380, 440, 310.0), (480, 500, 300.0)];
     let frames: String = (0..500)
@@ -167,7 +167,7 @@ fn contacts_that_are_no_steps_are_named() {
 }
 
 #[test]
-fn bad_input_names_the_place_and_the_remedy() {
+fn errors_for_bad_input_name_the_place_and_the_remedy() {
     let folder = walk();
     let path = folder.path();
     fail(path, "fit nothing.parquet", &["nothing.parquet"]);

@@ -1,6 +1,6 @@
-//! What goes wrong around an insole: a lost link, a port that is gone or taken, a full disk, a program that is killed.
+//! Failures around an insole: a lost link, a missing or busy port, a full disk, a killed program.
 //!
-//! The insole is the firmware's own link on a socket or a pseudo-terminal.
+//! The insole is the firmware's own session on a socket or a pseudo-terminal.
 
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use plantar::Side;
@@ -13,37 +13,37 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use testkit::step;
 
-/// An insole at the other end of a carrier; steps wait in it.
+/// An insole at the other end of a carrier, with pending steps.
 struct Insole {
     link: Session,
-    /// It hears what is said to it and does nothing.
-    is_deaf: bool,
+    /// It ignores all messages.
+    is_silent: bool,
 }
 
 impl Insole {
     fn with_steps(steps: impl IntoIterator<Item = u32>) -> Self {
         let mut link = Session::new();
         steps.into_iter().for_each(|number| link.push_step(step(number)));
-        Self { link, is_deaf: false }
+        Self { link, is_silent: false }
     }
 
-    /// Talks to the host until `enough` of what it says; false where it left before.
-    fn talk(&mut self, mut carrier: impl Read + Write, enough: impl Fn(&ToDevice) -> bool) -> bool {
+    /// Serves the host until a message `is_last`; false where the host disconnected before.
+    fn serve(&mut self, mut carrier: impl Read + Write, is_last: impl Fn(&ToDevice) -> bool) -> bool {
         let mut decoder = Decoder::new();
-        let mut heard = [0; 256];
+        let mut received = [0; 256];
         loop {
-            let count = match carrier.read(&mut heard) {
+            let count = match carrier.read(&mut received) {
                 Ok(0) => return false,
                 Ok(count) => count,
                 Err(e) if matches!(e.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted) => continue,
                 Err(_) => return false,
             };
-            for &byte in &heard[..count] {
+            for &byte in &received[..count] {
                 let Some(message) = decoder.push(byte).and_then(decode::<ToDevice>) else { continue };
-                if enough(&message) {
+                if is_last(&message) {
                     return true;
                 }
-                if !self.is_deaf {
+                if !self.is_silent {
                     self.link.receive(message, 0);
                 }
             }
@@ -80,8 +80,8 @@ fn listen() -> (TcpListener, String) {
 
 fn end(program: Child) -> (Output, String) {
     let output = program.wait_with_output().expect("the program ends");
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    (output, said)
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    (output, text)
 }
 
 fn rows(part: &Path) -> i64 {
@@ -90,29 +90,28 @@ fn rows(part: &Path) -> i64 {
 }
 
 #[test]
-fn monitor_finds_an_insole_again_and_says_so_once() {
+fn monitor_reconnects_and_reports_the_loss_once() {
     let folder = tempfile::tempdir().expect("a folder");
     let json = folder.path().join("steps.json");
     let (listener, address) = listen();
     let program =
         plantar(&["monitor", "--tcp", &address, "--steps", "2", "--json"]).arg(&json).spawn().expect("it runs");
     let mut insole = Insole::with_steps([0]);
-    assert!(insole.talk(listener.accept().expect("it connects").0, is_acknowledgement));
-    // The link broke before the acknowledgement arrived, and once more before anything was said: no step is lost, none comes
-    // twice.
+    assert!(insole.serve(listener.accept().expect("it connects").0, is_acknowledgement));
+    // The link breaks before the acknowledgement arrives, and once more before any message: no step is lost, none arrives twice.
     drop(listener.accept().expect("it connects again").0);
     insole.link.push_step(step(1));
-    insole.talk(listener.accept().expect("it connects again").0, |_| false);
-    let (output, said) = end(program);
-    assert!(output.status.success(), "{said}");
-    assert_eq!(said.matches("trying again").count(), 1, "{said}");
-    assert!(said.contains(&address), "{said}");
+    insole.serve(listener.accept().expect("it connects again").0, |_| false);
+    let (output, text) = end(program);
+    assert!(output.status.success(), "{text}");
+    assert_eq!(text.matches("trying again").count(), 1, "{text}");
+    assert!(text.contains(&address), "{text}");
     let steps: serde_json::Value = serde_json::from_slice(&std::fs::read(json).expect("a file")).expect("JSON");
     let numbers: Vec<_> = steps.as_array().expect("steps").iter().map(|s| s["step"].as_u64()).collect();
     assert_eq!(numbers, [Some(0), Some(1)]);
 }
 
-/// All steps that an insole has at hand were acknowledged, and it did not hear that: it must be told again to send others.
+/// The acknowledgement of all steps in the insole's RAM was lost: it must be repeated, or the insole sends no further steps.
 #[test]
 fn a_recorder_whose_acknowledgement_was_lost_repeats_it() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -122,19 +121,19 @@ fn a_recorder_whose_acknowledgement_was_lost_repeats_it() {
         .spawn()
         .expect("it runs");
     let mut insole = Insole::with_steps(0..STEP_QUEUE as u32);
-    assert!(insole.talk(listener.accept().expect("it connects").0, is_acknowledgement));
+    assert!(insole.serve(listener.accept().expect("it connects").0, is_acknowledgement));
     let mut again = listener.accept().expect("it connects again").0;
-    assert!(insole.talk(&mut again, is_acknowledgement));
+    assert!(insole.serve(&mut again, is_acknowledgement));
     insole.link.receive(ToDevice::Acknowledge { step: STEP_QUEUE as u32 - 1 }, 0);
     insole.link.push_step(step(STEP_QUEUE as u32));
-    insole.talk(&mut again, |_| false);
-    let (output, said) = end(program);
-    assert!(output.status.success(), "{said}");
+    insole.serve(&mut again, |_| false);
+    let (output, text) = end(program);
+    assert!(output.status.success(), "{text}");
 }
 
-/// What is in a file may be nowhere else.
+/// A file can hold the only copy of steps.
 #[test]
-fn a_file_that_holds_something_is_not_written_over() {
+fn a_file_that_is_not_empty_is_not_overwritten() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("yesterday");
     std::fs::write(&path, "steps").expect("a file");
@@ -145,46 +144,46 @@ fn a_file_that_holds_something_is_not_written_over() {
             std::fs::write(folder.path().join("index.html"), "the page").expect("a page");
             command.arg("--page").arg(folder.path());
         }
-        let (output, said) = end(command.spawn().expect("it runs"));
+        let (output, text) = end(command.spawn().expect("it runs"));
         assert!(!output.status.success());
-        assert!(said.contains("yesterday: it is not empty"), "{said}");
+        assert!(text.contains("yesterday: it is not empty"), "{text}");
         assert_eq!(std::fs::read_to_string(&path).expect("a file"), "steps");
     }
 }
 
-/// Steps are acknowledged once their part is whole, and whole it stays.
+/// Steps are acknowledged once their file is complete.
 #[test]
-fn what_a_killed_recorder_acknowledged_is_readable() {
+fn the_steps_that_a_killed_recorder_acknowledged_are_readable() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("session");
     let (listener, address) = listen();
     let mut program = plantar(&["record", "--tcp", &address, "--out"]).arg(&out).spawn().expect("it runs");
     let mut insole = Insole::with_steps(0..10);
-    assert!(insole.talk(listener.accept().expect("it connects").0, is_acknowledgement));
+    assert!(insole.serve(listener.accept().expect("it connects").0, is_acknowledgement));
     program.kill().expect("it runs still");
     end(program);
     let parts: Vec<_> = std::fs::read_dir(out.join("steps")).expect("a table").flatten().collect();
     let whole: Vec<_> = parts.iter().filter(|part| !part.file_name().to_string_lossy().starts_with('.')).collect();
     assert!(!whole.is_empty());
-    // All steps that an insole has at hand, eight regions each.
+    // All steps in the insole's RAM, eight regions each.
     assert_eq!(rows(&whole[0].path()), 8 * STEP_QUEUE as i64);
 }
 
 #[test]
 #[cfg(target_os = "linux")]
-fn a_full_disk_is_named_and_nothing_is_acknowledged() {
+fn a_full_disk_is_reported_and_nothing_is_acknowledged() {
     let (listener, address) = listen();
     let program = plantar(&["monitor", "--tcp", &address, "--json", "/dev/full"]).spawn().expect("it runs");
-    assert!(!Insole::with_steps([0]).talk(listener.accept().expect("it connects").0, is_acknowledgement));
-    let (output, said) = end(program);
+    assert!(!Insole::with_steps([0]).serve(listener.accept().expect("it connects").0, is_acknowledgement));
+    let (output, text) = end(program);
     assert!(!output.status.success());
-    assert!(said.contains("cannot write /dev/full: No space left on device"), "{said}");
+    assert!(text.contains("cannot write /dev/full: No space left on device"), "{text}");
 }
 
-/// No file may grow: as a full disk, for any folder.
+/// A limit of the file size behaves like a full disk, for any folder.
 #[test]
 #[cfg(target_os = "linux")]
-fn a_recorder_that_cannot_write_leaves_the_steps_to_the_insole() {
+fn a_recorder_that_cannot_write_leaves_the_steps_on_the_insole() {
     let folder = tempfile::tempdir().expect("a folder");
     let (listener, address) = listen();
     let program = Command::new("sh")
@@ -195,21 +194,21 @@ fn a_recorder_that_cannot_write_leaves_the_steps_to_the_insole() {
         .stderr(Stdio::piped())
         .spawn()
         .expect("it runs");
-    assert!(!Insole::with_steps(0..10).talk(listener.accept().expect("it connects").0, is_acknowledgement));
-    let (output, said) = end(program);
+    assert!(!Insole::with_steps(0..10).serve(listener.accept().expect("it connects").0, is_acknowledgement));
+    let (output, text) = end(program);
     assert!(!output.status.success());
     let expected =
         ["cannot write", "part-00000.parquet", "File too large", "were not stored; they remain on the insole"];
-    assert!(expected.iter().all(|part| said.contains(part)), "{said}");
+    assert!(expected.iter().all(|part| text.contains(part)), "{text}");
 }
 
 #[test]
-fn nothing_at_an_address_is_named() {
+fn an_address_without_an_insole_is_reported() {
     let (listener, address) = listen();
     drop(listener);
-    let (output, said) = end(plantar(&["monitor", "--tcp", &address]).spawn().expect("it runs"));
+    let (output, text) = end(plantar(&["monitor", "--tcp", &address]).spawn().expect("it runs"));
     assert!(!output.status.success());
-    assert!(said.contains(&format!("cannot reach {address}")) && said.contains("is the insole"), "{said}");
+    assert!(text.contains(&format!("cannot reach {address}")) && text.contains("is the insole"), "{text}");
 }
 
 #[cfg(unix)]
@@ -218,7 +217,7 @@ mod serial {
     use serialport::{SerialPort, TTYPort};
     use std::cell::Cell;
 
-    /// The insole's end, the host's, which is open and not taken, and its name.
+    /// The insole's end, the host's end, which is open but not locked, and its name.
     fn port() -> (TTYPort, TTYPort, String) {
         let (insole, host) = TTYPort::pair().expect("a pseudo-terminal");
         let name = host.name().expect("a name");
@@ -226,56 +225,56 @@ mod serial {
     }
 
     #[test]
-    fn a_port_that_is_not_there_is_named() {
-        let (output, said) = end(plantar(&["monitor", "--serial", "/dev/insole"]).spawn().expect("it runs"));
+    fn a_missing_port_is_reported() {
+        let (output, text) = end(plantar(&["monitor", "--serial", "/dev/insole"]).spawn().expect("it runs"));
         assert!(!output.status.success());
-        assert!(said.contains("cannot open /dev/insole") && said.contains("plug the insole in"), "{said}");
+        assert!(text.contains("cannot open /dev/insole") && text.contains("plug the insole in"), "{text}");
     }
 
     #[test]
-    fn a_port_belongs_to_one_program() {
+    fn a_port_is_used_by_one_program_at_a_time() {
         let (_insole, _host, name) = port();
         let _holder = serialport::new(&name, 115_200).open().expect("it is free");
-        let (output, said) = end(plantar(&["monitor", "--serial", &name]).spawn().expect("it runs"));
+        let (output, text) = end(plantar(&["monitor", "--serial", &name]).spawn().expect("it runs"));
         assert!(!output.status.success());
-        assert!(said.contains(&format!("cannot open {name}")) && said.contains("another program holds it"), "{said}");
+        assert!(text.contains(&format!("cannot open {name}")) && text.contains("another program holds it"), "{text}");
     }
 
-    /// As one that is switched off behind an adapter, which stays.
+    /// As an insole that is switched off behind an adapter that remains.
     #[test]
     fn an_insole_that_was_silent_for_long_is_found_on_the_same_port() {
         let (mut port, _host, name) = port();
         let program = plantar(&["monitor", "--steps", "2", "--serial", &name]).spawn().expect("it runs");
         let mut insole = Insole::with_steps([0]);
-        assert!(insole.talk(&mut port, is_acknowledgement));
-        // More hellos than are said before the port is let go of.
-        insole.is_deaf = true;
+        assert!(insole.serve(&mut port, is_acknowledgement));
+        // More hellos than the program sends before it opens the port again.
+        insole.is_silent = true;
         let hellos = Cell::new(0);
-        assert!(insole.talk(&mut port, |message| {
+        assert!(insole.serve(&mut port, |message| {
             hellos.set(hellos.get() + u32::from(matches!(message, ToDevice::Connect { .. })));
             hellos.get() > 15
         }));
-        insole.is_deaf = false;
+        insole.is_silent = false;
         insole.link.push_step(step(1));
-        assert!(insole.talk(&mut port, |message| matches!(message, ToDevice::Acknowledge { step: 1 })));
-        let (output, said) = end(program);
-        assert!(output.status.success(), "{said}");
-        assert!(said.contains("trying again"), "{said}");
+        assert!(insole.serve(&mut port, |message| matches!(message, ToDevice::Acknowledge { step: 1 })));
+        let (output, text) = end(program);
+        assert!(output.status.success(), "{text}");
+        assert!(text.contains("trying again"), "{text}");
     }
 
     #[test]
-    fn an_unplugged_port_is_named_and_what_came_is_stored() {
+    fn an_unplugged_port_is_reported_and_the_received_steps_are_stored() {
         let folder = tempfile::tempdir().expect("a folder");
         let out = folder.path().join("session");
         let (mut port, _host, name) = port();
-        // It ends by itself: nothing is plugged in again.
+        // The program ends after its time, because nothing is plugged in again.
         let program =
             plantar(&["record", "--seconds", "3", "--serial", &name, "--out"]).arg(&out).spawn().expect("it runs");
-        assert!(Insole::with_steps(0..STEP_QUEUE as u32).talk(&mut port, is_acknowledgement));
+        assert!(Insole::with_steps(0..STEP_QUEUE as u32).serve(&mut port, is_acknowledgement));
         drop(port);
-        let (output, said) = end(program);
-        assert!(output.status.success(), "{said}");
-        assert!(said.contains(&name) && said.contains("trying again"), "{said}");
+        let (output, text) = end(program);
+        assert!(output.status.success(), "{text}");
+        assert!(text.contains(&name) && text.contains("trying again"), "{text}");
         assert_eq!(rows(&out.join("steps/part-00000.parquet")), 8 * STEP_QUEUE as i64);
     }
 }

@@ -1,6 +1,6 @@
 //! `plantar monitor` and `plantar record` on the real firmware in the emulator, through a network bridge.
 //!
-//! The firmware is the file that `PLANTAR_FIRMWARE` names; without it these tests say so and pass.
+//! The firmware is the file that `PLANTAR_FIRMWARE` names.
 
 use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
@@ -20,33 +20,31 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 fn pump(mut from: TcpStream, mut to: TcpStream) {
-    // Either end may close first; that ends the pump.
+    // It ends where one of the sockets is closed.
     std::thread::spawn(move || copy(&mut from, &mut to));
 }
 
-/// Passes on what the insole says up to its first status: then the stream is on.
+/// Forwards the insole's bytes up to its first status, after which the stream is on.
 fn wait_for_stream(link: &mut TcpStream, host: &mut TcpStream) {
     let mut decoder = Decoder::new();
-    let mut said = [0; 256];
+    let mut bytes = [0; 256];
     loop {
-        let count = link.read(&mut said).expect("the link holds");
-        host.write_all(&said[..count]).expect("the program listens");
+        let count = link.read(&mut bytes).expect("the link holds");
+        host.write_all(&bytes[..count]).expect("the program listens");
         let is_status = |&byte: &u8| {
             let message = decoder.push(byte).and_then(decode::<ToHost>);
             matches!(message, Some(ToHost::Status(_)))
         };
-        if said[..count].iter().any(is_status) {
+        if bytes[..count].iter().any(is_status) {
             return;
         }
     }
 }
 
-/// Runs the program against the real firmware that feels a walk of three steps, reached over the network.
-fn with_insole(arguments: &[&str]) -> Option<Output> {
-    let Some(firmware) = std::env::var_os("PLANTAR_FIRMWARE") else {
-        println!("skipped: set PLANTAR_FIRMWARE to the emulated board's firmware (`cargo xtask test` does)");
-        return None;
-    };
+/// Runs the program with the real firmware and a walk of three steps, over the network.
+fn with_insole(arguments: &[&str]) -> Output {
+    let firmware = std::env::var_os("PLANTAR_FIRMWARE")
+        .expect("set PLANTAR_FIRMWARE to the firmware of the emulated board; `cargo xtask test` does");
     let walk = walk();
     let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
     let head = EmulatorConfig::new(worn.setup);
@@ -67,7 +65,7 @@ fn with_insole(arguments: &[&str]) -> Option<Output> {
     wait_for_stream(&mut link, &mut host);
     pump(link, host);
     board.play();
-    Some(program.wait_with_output().expect("the program ends"))
+    program.wait_with_output().expect("the program ends")
 }
 
 fn walk() -> Recording {
@@ -75,20 +73,21 @@ fn walk() -> Recording {
 }
 
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn monitor_shows_and_stores_the_steps_of_an_insole_on_the_network() {
     let folder = tempfile::tempdir().expect("a folder");
     let json = folder.path().join("steps.json");
     let arguments = ["monitor", "--steps", "3", "--json", json.to_str().expect("text")];
-    let Some(output) = with_insole(&arguments) else { return };
-    let said = String::from_utf8(output.stdout).expect("text");
-    assert!(output.status.success(), "{said}");
-    assert!(said.contains("right insole, 240 cells at 100 Hz, emulated board"), "{said}");
+    let output = with_insole(&arguments);
+    let text = String::from_utf8(output.stdout).expect("text");
+    assert!(output.status.success(), "{text}");
+    assert!(text.contains("right insole, 240 cells at 100 Hz, emulated board"), "{text}");
     let steps: serde_json::Value = serde_json::from_slice(&std::fs::read(json).expect("a file")).expect("JSON");
     let numbers: Vec<_> = steps.as_array().expect("steps").iter().map(|s| s["step"].as_u64()).collect();
     assert_eq!(numbers, [Some(0), Some(1), Some(2)]);
 }
 
-/// All rows of a table's parts.
+/// All rows of the files of a table.
 fn rows(folder: &Path) -> Vec<Row> {
     let parts = std::fs::read_dir(folder).expect("a table").map(|entry| entry.expect("a part").path());
     let mut parts: Vec<_> = parts.collect();
@@ -105,14 +104,15 @@ fn value<'r>(row: &'r Row, name: &str) -> &'r Field {
     column.unwrap_or_else(|| panic!("no column {name}")).1
 }
 
-/// What is recorded of the insole is what a host computes of the same walk.
+/// The recorded values are those that a host computes from the same walk.
 #[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn record_stores_the_session_as_tables() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("session");
-    let Some(output) = with_insole(&["record", "--steps", "3", "--out", out.to_str().expect("text")]) else { return };
-    let said = String::from_utf8(output.stdout).expect("text");
-    assert!(output.status.success() && said.contains("3 steps"), "{said}");
+    let output = with_insole(&["record", "--steps", "3", "--out", out.to_str().expect("text")]);
+    let text = String::from_utf8(output.stdout).expect("text");
+    assert!(output.status.success() && text.contains("3 steps"), "{text}");
 
     let recording = walk();
     let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
@@ -131,22 +131,22 @@ fn record_stores_the_session_as_tables() {
     let stored = rows(&out.join("steps"));
     assert_eq!(stored.len(), 3 * 8);
     for (i, row) in stored.iter().enumerate() {
-        let ours = &steps[i / 8].regions[i % 8];
+        let computed = &steps[i / 8].regions[i % 8];
         assert_eq!(value(row, "region"), &Field::Str(Region::ALL[i % 8].name().into()));
-        assert_eq!(value(row, "measured_force_peak_n"), &Field::Double(f64::from(ours.measured_peak_dn) / 10.0));
-        assert_eq!(value(row, "contact_time_s"), &Field::Double(f64::from(ours.contact_ms) / 1e3));
+        assert_eq!(value(row, "measured_force_peak_n"), &Field::Double(f64::from(computed.measured_peak_dn) / 10.0));
+        assert_eq!(value(row, "contact_time_s"), &Field::Double(f64::from(computed.contact_ms) / 1e3));
     }
     let stored = rows(&out.join("live"));
     assert!(stored.len().is_multiple_of(8) && stored.len() > 8 * 100, "{} rows", stored.len());
     for (i, row) in stored.iter().enumerate() {
-        // The walk begins after the stream, the clock at power-on: frames are told by their time, 10 ms each.
+        // The walk begins after the stream, the clock at power-on: the time identifies the frame, 10 ms each.
         let Field::Double(t_s) = value(row, "t_s") else { panic!("{row:?}") };
-        // Asked for before the walk began; the emulated clock runs faster than this computer's.
+        // The clocks were compared before the walk began, and the emulated clock runs faster than this computer's.
         let Field::Double(unix_s) = value(row, "unix_s") else { panic!("{row:?}") };
         assert!(*unix_s > 1.7e9);
-        let ours = &live[(t_s * 100.0).round() as usize].regions[i % 8];
-        assert_eq!(value(row, "measured_force_n"), &Field::Double(f64::from(ours.measured_dn) / 10.0));
-        assert_eq!(value(row, "area_mm2"), &Field::Double(f64::from(ours.area_mm2)));
+        let computed = &live[(t_s * 100.0).round() as usize].regions[i % 8];
+        assert_eq!(value(row, "measured_force_n"), &Field::Double(f64::from(computed.measured_dn) / 10.0));
+        assert_eq!(value(row, "area_mm2"), &Field::Double(f64::from(computed.area_mm2)));
     }
 
     // A folder that is not empty is not overwritten.
@@ -155,6 +155,6 @@ fn record_stores_the_session_as_tables() {
         .arg(&out)
         .output()
         .expect("the program starts");
-    let said = String::from_utf8(again.stderr).expect("text");
-    assert!(!again.status.success() && said.contains("is not empty"), "{said}");
+    let text = String::from_utf8(again.stderr).expect("text");
+    assert!(!again.status.success() && text.contains("is not empty"), "{text}");
 }

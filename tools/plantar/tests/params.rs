@@ -1,4 +1,4 @@
-//! `plantar params` and `plantar insole` with files and with an insole on the network: the insole's own side of a session, without the rest.
+//! `plantar params` and `plantar insole` with files, and with the firmware's own session on the network.
 
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::region::Side;
@@ -12,7 +12,7 @@ use std::path::Path;
 use std::process::{self, Output};
 use std::sync::{Arc, Mutex};
 
-/// Answers one host after the other for as long as the test runs.
+/// Serves one host after the other until the test ends.
 fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address");
@@ -73,18 +73,18 @@ fn succeed(folder: &Path, arguments: &str) -> String {
     String::from_utf8(output.stdout).expect("text")
 }
 
-/// Fails with a message that holds all of `words`, and without a panic.
+/// Asserts that a command fails with a message that contains all of `words`, and without a panic.
 fn fail(folder: &Path, arguments: &str, code: i32, words: &[&str]) {
     let output = params(folder, arguments);
-    let said = String::from_utf8(output.stderr).expect("text");
-    assert_eq!(output.status.code(), Some(code), "{arguments}: {said}");
+    let text = String::from_utf8(output.stderr).expect("text");
+    assert_eq!(output.status.code(), Some(code), "{arguments}: {text}");
     for word in words {
-        assert!(said.contains(word), "{arguments}: no \"{word}\" in: {said}");
+        assert!(text.contains(word), "{arguments}: no \"{word}\" in: {text}");
     }
 }
 
 #[test]
-fn parameters_are_pushed_shown_and_pulled() {
+fn parameters_are_sent_shown_and_read() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     let (address, link) = insole();
@@ -94,21 +94,21 @@ fn parameters_are_pushed_shown_and_pulled() {
     }
 
     succeed(path, "typical --size 40 --out params.toml");
-    let said = succeed(path, &format!("push params.toml --tcp {address}"));
+    let text = succeed(path, &format!("push params.toml --tcp {address}"));
     let first = id();
-    assert!(said.contains(&format!("none before, now {first}")) && said.contains("they are stored"), "{said}");
+    assert!(text.contains(&format!("none before, now {first}")) && text.contains("they are stored"), "{text}");
     succeed(path, "typical --size 41 --out other.toml");
-    let said = succeed(path, &format!("push other.toml --tcp {address}"));
-    assert!(said.contains(&format!("{first} before, now {}", id())), "{said}");
+    let text = succeed(path, &format!("push other.toml --tcp {address}"));
+    assert!(text.contains(&format!("{first} before, now {}", id())), "{text}");
 
-    let said = succeed(path, &format!("pull --out pulled.toml --tcp {address}"));
-    assert!(said.contains("pulled.toml") && said.contains(&id()), "{said}");
+    let text = succeed(path, &format!("pull --out pulled.toml --tcp {address}"));
+    assert!(text.contains("pulled.toml") && text.contains(&id()), "{text}");
     let text = std::fs::read_to_string(path.join("pulled.toml")).expect("a file");
     assert!(text.contains("a = b = sqrt(A B), d0 = C"), "{text}");
     let pulled = parameters::Parameters::read(&path.join("pulled.toml")).expect("a sound file");
     assert_eq!(pulled.tissue(), *link.lock().expect("no panic").tissue());
 
-    // The same numbers from the insole, the file that was pushed and the one that was pulled; files show the eight as well.
+    // The insole, the file that was sent and the one that was read have the same numbers; files also have the eight parameters.
     let on_insole = succeed(path, &format!("show --tcp {address}"));
     assert!(on_insole.contains(&id()) && on_insole.contains("K kPa") && !on_insole.contains("d0 mm"), "{on_insole}");
     for file in ["other.toml", "pulled.toml"] {
@@ -164,17 +164,17 @@ fn an_insole_is_named_calibrated_and_shown() {
         let text = |bytes| String::from_utf8(bytes).expect("text");
         (output.status.success(), text(output.stdout), text(output.stderr))
     };
-    let (done, said, _) = run("name --side right --serial-number P-0001");
-    assert!(done && said.contains("right foot, serial number P-0001"), "{said}");
-    let (done, said, _) = run("name --side left");
-    assert!(done && said.contains("left foot, serial number P-0001"), "{said}");
+    let (done, text, _) = run("name --side right --serial-number P-0001");
+    assert!(done && text.contains("right foot, serial number P-0001"), "{text}");
+    let (done, text, _) = run("name --side left");
+    assert!(done && text.contains("left foot, serial number P-0001"), "{text}");
     for (arguments, words) in [
         ("name", "nothing to change"),
         ("name --serial-number ABCDEFGHIJKLMNOPQ", "up to 16"),
         ("calibrate absent.csv", "absent.csv"),
     ] {
-        let (done, _, said) = run(arguments);
-        assert!(!done && said.contains(words), "{arguments}: {said}");
+        let (done, _, text) = run(arguments);
+        assert!(!done && text.contains(words), "{arguments}: {text}");
     }
 
     let write = |lines: &[String]| {
@@ -191,20 +191,20 @@ fn an_insole_is_named_calibrated_and_shown() {
         let mut bad = good.clone();
         bad[at] = line.into();
         write(&bad);
-        let (done, _, said) = run("calibrate cells.csv");
-        assert!(!done && said.contains(words), "{line}: {said}");
+        let (done, _, text) = run("calibrate cells.csv");
+        assert!(!done && text.contains(words), "{line}: {text}");
     }
     write(&good[1..]);
     assert!(run("calibrate cells.csv").2.contains("cells must be in order"));
     write(&good[..10]);
     assert!(run("calibrate cells.csv").2.contains("10 cells, but the insole has 200"));
     write(&good);
-    let (done, said, failed) = run("calibrate cells.csv");
+    let (done, text, failed) = run("calibrate cells.csv");
     let mut id = CalibrationId::new();
     id.add(&(0..cells).map(|cell| CellCalibration { offset: 100 + cell, gain: 1.5 }).collect::<Vec<_>>());
-    assert!(done && said.contains(&format!("calibration {:08x}", id.id())), "{said} {failed}");
+    assert!(done && text.contains(&format!("calibration {:08x}", id.id())), "{text} {failed}");
     assert_eq!(link.lock().expect("no panic").identity().calibration_id, id.id());
-    let (done, said, _) = run("show");
-    assert!(done && said.contains("P-0001") && said.contains("steps so far"), "{said}");
+    let (done, text, _) = run("show");
+    assert!(done && text.contains("P-0001") && text.contains("steps so far"), "{text}");
     assert!(run("restart").0);
 }

@@ -35,14 +35,14 @@ fn image(board: &str, version: &str, secret: &SigningKey) -> Image {
     Image::sign(bytes, secret).expect("it has a header")
 }
 
-/// What becomes of the image that runs.
+/// The behaviour of the new image.
 #[derive(Clone, Copy, PartialEq)]
 enum Trial {
     Passes,
     Crashes,
 }
 
-/// An insole for one host after the other. An update ends the session, and the next finds what runs then.
+/// An insole that serves one host after the other. An update ends the session, and the next one is served by the new image.
 struct Insole {
     chip: NorFlashChip,
     trial: Trial,
@@ -78,7 +78,7 @@ impl Insole {
             .expect("the chip works");
     }
 
-    /// Serves a host until it leaves or the insole restarts.
+    /// Serves a host until it disconnects or the insole restarts.
     fn serve(&mut self, host: &mut (impl Read + Write)) {
         let (mut link, mut update, mut decoder) = (Session::new(), Update::new(), Decoder::new());
         let mut received = [0; 64];
@@ -123,30 +123,30 @@ fn update(file: &Path, address: SocketAddr) -> Output {
 
 fn fail(file: &Path, address: SocketAddr, words: &[&str]) {
     let output = update(file, address);
-    let said = String::from_utf8(output.stderr).expect("text");
-    assert_eq!(output.status.code(), Some(1), "{said}");
+    let text = String::from_utf8(output.stderr).expect("text");
+    assert_eq!(output.status.code(), Some(1), "{text}");
     for word in words {
-        assert!(said.contains(word), "no \"{word}\" in: {said}");
+        assert!(text.contains(word), "no \"{word}\" in: {text}");
     }
 }
 
 #[test]
-fn a_signed_image_is_sent_and_the_version_that_runs_then_is_told() {
+fn a_signed_image_is_sent_and_the_new_version_is_reported() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("new.bin");
     let (address, insole) = Insole::start(Trial::Passes);
     let new = image("test", NEW, &secret());
     std::fs::write(&file, new.file()).expect("written");
     let output = update(&file, address);
-    let said = String::from_utf8(output.stdout).expect("text");
-    assert!(output.status.success(), "{said} {}", String::from_utf8_lossy(&output.stderr));
-    assert!(said.contains(&format!("runs {OLD}")) && said.contains(&format!("runs {NEW}, {OLD} before")), "{said}");
+    let text = String::from_utf8(output.stdout).expect("text");
+    assert!(output.status.success(), "{text} {}", String::from_utf8_lossy(&output.stderr));
+    assert!(text.contains(&format!("runs {OLD}")) && text.contains(&format!("runs {NEW}, {OLD} before")), "{text}");
     let insole = insole.lock().expect("no panic");
     assert!(insole.chip.bytes[ACTIVE_IMAGE.start as usize..].starts_with(new.bytes()));
 }
 
 #[test]
-fn an_image_that_is_swapped_back_is_told() {
+fn an_image_that_is_swapped_back_is_reported() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("new.bin");
     let (address, insole) = Insole::start(Trial::Crashes);
@@ -156,7 +156,7 @@ fn an_image_that_is_swapped_back_is_told() {
 }
 
 #[test]
-fn what_cannot_be_taken_is_refused_with_the_remedy() {
+fn an_invalid_image_is_refused_with_the_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("image.bin");
     let (address, insole) = Insole::start(Trial::Passes);

@@ -14,9 +14,11 @@ mod parameters;
 mod protocol;
 mod reading;
 mod page;
+#[cfg(feature = "png")]
 mod picture;
 mod step;
 
+#[cfg(feature = "png")]
 pub use picture::{Error, Result, png};
 pub use step::{Forces, StepPicture};
 

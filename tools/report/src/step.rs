@@ -78,7 +78,8 @@ impl StepPicture<'_> {
                 viewBox={ (left_mm) " " (-y_mm[1]) " " (width_mm) " " (height_mm) } {
                 g transform={ "scale(" (mirror) " -1)" } {
                     @for (cell, opacity) in cells.iter().zip(opacity) {
-                        path.cells.(colour(cell.region as usize)) d=(square(cell)) style={ "fill-opacity:" (format!("{opacity:.3}")) } {}
+                        @let opacity = format!("fill-opacity:{opacity:.3}");
+                        path.cells.(colour(cell.region as usize)) d=(square(cell)) style=(opacity) {}
                     }
                     @for region in self.step.regions.iter().filter(|region| region.ellipse_r_a_cmm > 0) { (ellipse(region)) }
                 }

@@ -30,13 +30,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(out.flush()?)
 }
 
-/// What an insole says of a walk that starts later by `lag_s`, with the time in ms.
+/// The messages of an insole during a walk that starts `lag_s` later, with the time in ms.
 fn messages(side: Side, lag_s: f64, peak_n: f64, seed: u64) -> Result<Vec<(u32, ToHost)>, Box<dyn Error>> {
     let recording = walk(&SyntheticWalk { side, steps: STEPS, peak_n, seed, ..SyntheticWalk::default() }).recording;
-    let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
     let tissue = Parameters::typical(InsoleSize::default()).tissue();
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied())?;
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
     insole.set_tissue(&tissue)?;
     let hello = Hello {
         major: MAJOR,
@@ -44,25 +44,25 @@ fn messages(side: Side, lag_s: f64, peak_n: f64, seed: u64) -> Result<Vec<(u32, 
         firmware: env!("CARGO_PKG_VERSION").try_into().unwrap_or_default(),
         board: "computed".try_into().unwrap_or_default(),
         side,
-        layout_id: worn.setup.layout_id,
-        cells: worn.cells.len() as u16,
-        period_us: worn.setup.period_us,
+        layout_id: virtual_insole.setup.layout_id,
+        cells: virtual_insole.cells.len() as u16,
+        period_us: virtual_insole.setup.period_us,
         tissue_id: tissue.id,
-        contact_rule: worn.setup.contact,
+        contact_rule: virtual_insole.setup.contact,
         reset: Reset::Power,
         last_panic: None,
     };
-    let mut said = vec![(0, ToHost::Hello(hello))];
-    let mut codes = vec![0; worn.cells.len()];
-    for frame in 0..worn.frames(&recording) {
-        worn.codes_of(&recording, frame, &mut codes);
+    let mut messages = vec![(0, ToHost::Hello(hello))];
+    let mut codes = vec![0; virtual_insole.cells.len()];
+    for frame in 0..virtual_insole.frames(&recording) {
+        virtual_insole.codes_of(&recording, frame, &mut codes);
         let toe_off = insole.frame(frame as u32, &codes);
-        let t_us = frame as u64 * u64::from(worn.setup.period_us);
+        let t_us = frame as u64 * u64::from(virtual_insole.setup.period_us);
         let t_ms = (t_us as f64 / 1e3 + lag_s * 1e3).round() as u32;
-        said.push((t_ms, ToHost::Live(Live::new(frame as u32, t_us, insole.loads(), insole.masked()))));
+        messages.push((t_ms, ToHost::Live(Live::new(frame as u32, t_us, insole.loads(), insole.masked()))));
         if toe_off && let Some(step) = insole.whole_step() {
-            said.push((t_ms, ToHost::Step(Step::new(&step))));
+            messages.push((t_ms, ToHost::Step(Step::new(&step))));
         }
     }
-    Ok(said)
+    Ok(messages)
 }

@@ -1,4 +1,4 @@
-//! Between insoles and pages: every page has its own link to every insole.
+//! Connects insoles with pages: each page has a session of its own with each insole.
 
 use crate::stream_file::StreamFile;
 use client::{Axis, is_same_step, unix_us};
@@ -10,12 +10,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 
-/// All insoles and the pages that watch them.
+/// The state of all insoles, and the sessions of all pages.
 pub(crate) struct Hub {
     insoles: Vec<Mutex<Insole>>,
     recorder: Option<Mutex<StreamFile>>,
     next_page: Mutex<u64>,
-    /// Wakes the pages.
+    /// Wakes the tasks of the pages.
     changed: watch::Sender<()>,
     has_ended: AtomicBool,
 }
@@ -23,29 +23,29 @@ pub(crate) struct Hub {
 #[derive(Default)]
 struct Insole {
     hello: Option<Hello>,
-    /// The wearer's parameters, where the insole has told them.
+    /// The wearer's parameters, where they are known.
     tissue: Option<Tissue>,
     status: Status,
     /// The insole's clock against this computer's.
     axis: Axis,
-    /// Counts hellos: numbers of steps are comparable within a session only.
+    /// Counts the sessions with the insole: step numbers can be compared only within one.
     session: u64,
-    /// Steps that no page has taken; no more than the insole has at hand.
-    kept: VecDeque<Kept>,
-    /// Steps that were taken: an insole that did not hear of it sends them again.
-    taken: VecDeque<Step>,
-    /// What the insole is to be told.
-    acknowledge: Option<u32>,
+    /// Steps that no page has acknowledged; as many as the insole holds in RAM.
+    pending: VecDeque<PendingStep>,
+    /// The last steps that a page acknowledged: after a lost acknowledgement, the insole sends them again.
+    acknowledged: VecDeque<Step>,
+    /// The step to acknowledge to the insole.
+    due: Option<u32>,
     pages: Vec<(u64, Session)>,
 }
 
-struct Kept {
+struct PendingStep {
     step: Step,
     session: u64,
     is_recorded: bool,
 }
 
-/// Pushes into a queue of [`STEP_QUEUE`].
+/// Pushes to a queue with at most [`STEP_QUEUE`] items; a full one drops its oldest item.
 fn push<T>(queue: &mut VecDeque<T>, item: T) {
     if queue.len() == STEP_QUEUE {
         queue.pop_front();
@@ -64,7 +64,7 @@ impl Hub {
         }
     }
 
-    /// The program ends: what breaks from now on is no news.
+    /// The program ends: lost links are no longer reported.
     pub fn end(&self) {
         self.has_ended.store(true, Ordering::Relaxed);
     }
@@ -74,17 +74,17 @@ impl Hub {
     }
 
     fn insole(&self, index: usize) -> MutexGuard<'_, Insole> {
-        // State is whole between statements that can panic.
+        // The state is consistent wherever a panic is possible.
         self.insoles[index].lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// True once the message is in a file.
+    /// Records a message, where a recording is made. True once it is written.
     fn record(&self, index: usize, message: &ToHost) -> bool {
         let Some(recorder) = &self.recorder else { return false };
         recorder.lock().unwrap_or_else(PoisonError::into_inner).write(index as u8, message)
     }
 
-    /// An insole opened a session.
+    /// Takes the hello of a new session with an insole.
     pub fn hello(&self, index: usize, hello: &Hello, tissue: Option<Tissue>) {
         self.record(index, &ToHost::Hello(hello.clone()));
         let mut insole = self.insole(index);
@@ -93,9 +93,9 @@ impl Hub {
         insole.tissue = tissue;
         insole.session += 1;
         insole.axis = Axis::new();
-        insole.acknowledge = None;
+        insole.due = None;
         for (_, link) in &mut insole.pages {
-            // As if the page had said hello again: it is told who is there now.
+            // As if the page had sent another hello: it receives the new hello of the insole.
             let is_streaming = link.next_live().is_some();
             greet(link, CONNECT, insole.tissue);
             link.receive(ToDevice::Stream { live: is_streaming }, NO_CLOCK_US);
@@ -103,7 +103,7 @@ impl Hub {
         self.changed.send_replace(());
     }
 
-    /// An insole's session ended: pages hear nothing until there is another.
+    /// The session with an insole ended: pages receive nothing until the next one starts.
     pub fn lost(&self, index: usize) {
         self.insole(index).hello = None;
     }
@@ -111,7 +111,7 @@ impl Hub {
     pub fn live(&self, index: usize, live: Live) {
         self.record(index, &ToHost::Live(live));
         for (_, link) in &mut self.insole(index).pages {
-            // The frame keeps the insole's number, so that a page sees gaps from here and from there.
+            // The frame has the insole's sequence number, so that a page detects gaps on both links.
             if link.next_live().is_some() {
                 link.push_live(live);
             }
@@ -122,25 +122,25 @@ impl Hub {
     pub fn step(&self, index: usize, step: Step) {
         let mut insole = self.insole(index);
         let session = insole.session;
-        if insole.taken.iter().any(|taken| is_same_step(taken, &step)) {
-            insole.acknowledge = Some(step.step);
+        if insole.acknowledged.iter().any(|acknowledged| is_same_step(acknowledged, &step)) {
+            insole.due = Some(step.step);
             return;
         }
-        if let Some(kept) = insole.kept.iter_mut().find(|kept| is_same_step(&kept.step, &step)) {
-            kept.session = session;
-            // It did not hear of that.
-            if kept.is_recorded {
-                insole.acknowledge = Some(step.step);
+        if let Some(pending) = insole.pending.iter_mut().find(|pending| is_same_step(&pending.step, &step)) {
+            pending.session = session;
+            // The insole did not receive the acknowledgement.
+            if pending.is_recorded {
+                insole.due = Some(step.step);
             }
             return;
         }
         let is_recorded = self.record(index, &ToHost::Step(step));
-        push(&mut insole.kept, Kept { step, session, is_recorded });
+        push(&mut insole.pending, PendingStep { step, session, is_recorded });
         for (_, link) in &mut insole.pages {
             link.push_step(step);
         }
         if is_recorded {
-            insole.acknowledge = Some(step.step);
+            insole.due = Some(step.step);
         }
         drop(insole);
         self.changed.send_replace(());
@@ -151,25 +151,25 @@ impl Hub {
         self.insole(index).status = status;
     }
 
-    /// What is known of the insole's clock.
+    /// Takes the current estimate of the insole's clock.
     pub fn clock(&self, index: usize, axis: &Axis) {
         self.insole(index).axis.clone_from(axis);
     }
 
-    /// The step that the insole is to be told of, once.
+    /// The step to acknowledge to the insole, once.
     pub fn acknowledgement(&self, index: usize) -> Option<u32> {
-        self.insole(index).acknowledge.take()
+        self.insole(index).due.take()
     }
 
-    /// Lets a page watch.
+    /// Adds a page.
     pub fn join(self: &Arc<Self>) -> Page {
         let mut next = self.next_page.lock().unwrap_or_else(PoisonError::into_inner);
         *next += 1;
         for insole in &self.insoles {
             let mut insole = insole.lock().unwrap_or_else(PoisonError::into_inner);
             let mut link = Session::new();
-            for kept in &insole.kept {
-                link.push_step(kept.step);
+            for pending in &insole.pending {
+                link.push_step(pending.step);
             }
             insole.pages.push((*next, link));
         }
@@ -177,18 +177,18 @@ impl Hub {
     }
 }
 
-/// For messages that ask for no time.
+/// The time for messages that do not need it.
 const NO_CLOCK_US: u64 = 0;
 
 const CONNECT: ToDevice = ToDevice::Connect { major: plantar::protocol::MAJOR, minor: plantar::protocol::MINOR };
 
-/// Opens a page's session; its link knows the parameters that the insole has.
+/// Opens the session of a page, with the parameters of the insole.
 fn greet(link: &mut Session, connect: ToDevice, tissue: Option<Tissue>) {
     link.receive(connect, NO_CLOCK_US);
     link.restore(tissue, link.identity());
 }
 
-/// One page's place in the hub; it leaves when this is dropped.
+/// A page in the hub. It is removed when this is dropped.
 pub(crate) struct Page {
     hub: Arc<Hub>,
     id: u64,
@@ -196,13 +196,13 @@ pub(crate) struct Page {
 }
 
 impl Page {
-    /// Waits until there may be something to send.
+    /// Waits until there may be a message to send.
     pub async fn changed(&mut self) {
-        // The sender lives as long as the hub, which this holds.
+        // The hub owns the sender, and this owns the hub.
         let _ = self.changed.changed().await;
     }
 
-    /// Takes what the page sent: an insole's index and a message.
+    /// Takes a message of the page, after the index of an insole.
     pub fn receive(&self, bytes: &[u8]) {
         let Some((&index, message)) = bytes.split_first() else { return };
         let index = usize::from(index);
@@ -213,7 +213,7 @@ impl Page {
         let insole = &mut *insole;
         let Some((_, link)) = insole.pages.iter_mut().find(|(id, _)| *id == self.id) else { return };
         match decode(message) {
-            // What an insole keeps is not a page's business.
+            // A page may not change the settings of an insole.
             Some(
                 ToDevice::SetTissue(_)
                 | ToDevice::GetTissue
@@ -225,24 +225,24 @@ impl Page {
                 | ToDevice::Restart,
             )
             | None => link.receive_unknown(),
-            // The bridge has set it.
+            // The bridge sets the clock.
             Some(ToDevice::SetClock { .. }) => {}
-            Some(question @ ToDevice::GetTime { .. }) => {
+            Some(request @ ToDevice::GetTime { .. }) => {
                 if let Some(device_us) = insole.axis.device_us(unix_us()) {
-                    link.receive(question, device_us);
+                    link.receive(request, device_us);
                 }
             }
             Some(connect @ ToDevice::Connect { .. }) => greet(link, connect, insole.tissue),
             Some(message) => {
                 link.receive(message, NO_CLOCK_US);
                 if let ToDevice::Acknowledge { step } = message {
-                    insole.taken_by_page(step);
+                    insole.acknowledged_by_page(step);
                 }
             }
         }
     }
 
-    /// The next message for the page after its insole's index; `None` when there is nothing.
+    /// The next message for the page, after the index of its insole; `None` where there is nothing to send.
     pub fn next(&self) -> Option<Vec<u8>> {
         (0..self.hub.insoles.len()).find_map(|index| {
             let mut insole = self.hub.insole(index);
@@ -256,13 +256,13 @@ impl Page {
 }
 
 impl Insole {
-    fn taken_by_page(&mut self, step: u32) {
-        let Some(at) = self.kept.iter().position(|kept| kept.step.step == step) else { return };
-        if let Some(Kept { step, session, .. }) = self.kept.remove(at) {
-            push(&mut self.taken, step);
-            // The number means another step to an insole that has restarted since.
+    fn acknowledged_by_page(&mut self, step: u32) {
+        let Some(at) = self.pending.iter().position(|pending| pending.step.step == step) else { return };
+        if let Some(PendingStep { step, session, .. }) = self.pending.remove(at) {
+            push(&mut self.acknowledged, step);
+            // For an insole that restarted since, the number means another step.
             if session == self.session {
-                self.acknowledge = Some(step.step);
+                self.due = Some(step.step);
             }
         }
     }

@@ -1,11 +1,11 @@
 //! Serves the page for a phone and bridges one or two insoles to it.
 //!
-//! To a page the bridge is an insole: it answers hello, streams, keeps steps until they are acknowledged; per page and
-//! insole there is one [`plantar::protocol::session::Session`], the firmware's own. A page that is slow loses live frames, which its
-//! status counts, and nobody else does. A step is acknowledged to the insole once one page has taken it, or once it is
-//! written where there is a recording.
+//! To a page, the bridge behaves like an insole: it answers a hello, streams, and holds steps until they are acknowledged. Each
+//! page has a session of its own with each insole, the firmware's [`plantar::protocol::session::Session`]. A slow page loses live
+//! frames, counted in its status, without an effect on other pages. A step is acknowledged to the insole once a page has
+//! acknowledged it or, where a recording is made, once it is written there.
 //!
-//! A binary WebSocket message is one unframed message after one byte, the insole's index.
+//! A binary WebSocket message is the index of the insole, one byte, followed by one unframed message.
 
 mod bridge;
 mod hub;
@@ -14,7 +14,7 @@ mod stream_file;
 mod web;
 
 pub use bridge::Source;
-pub use stream_file::{StreamFile, append, create_new};
+pub use stream_file::{StreamFile, append};
 
 use client::Error as LinkError;
 use hub::Hub;
@@ -24,46 +24,49 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use thiserror::Error;
 
-/// Feet.
+/// Largest number of insoles: one per foot.
 pub const MAX_INSOLES: usize = 2;
 
-/// What is served where.
+/// The options of the server.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Where to listen; port 0 takes a free one.
+    /// The address to listen on; port 0 chooses a free one.
     pub listen: SocketAddr,
-    /// The built page.
+    /// The folder of the built page.
     pub page: PathBuf,
-    /// Pages from these origins may connect, beside the one that is served.
+    /// Further origins of pages that may connect.
     pub origins: Vec<String>,
-    /// Everything that the insoles say goes to this file too, which must be new or empty.
+    /// A file for all messages of the insoles, which must be new or empty.
     pub record: Option<PathBuf>,
 }
 
-/// Why nothing is served.
+/// Why the server did not start, or ended.
 #[derive(Debug, Error)]
 pub enum Error {
-    /// The page was not built.
+    /// The folder has no page.
     #[error("no page in {0}: build it with `cargo xtask page`, or name its folder with --page")]
     NoPage(PathBuf),
-    /// An insole does not answer.
+    /// The session with an insole could not be opened.
     #[error("{0}")]
     Insole(String, #[source] LinkError),
-    /// Two insoles of one foot.
+    /// Both insoles are for the same foot.
     #[error("both insoles are for the {0} foot")]
     SameFoot(&'static str),
-    /// The port.
+    /// The address cannot be listened on.
     #[error("cannot listen on {0}: {1}")]
     Listen(SocketAddr, io::Error),
-    /// The recording.
+    /// The recording cannot be written.
     #[error("cannot write {0}: {1}")]
     Record(PathBuf, io::Error),
-    /// The server itself.
+    /// The server failed.
     #[error("the server ended: {0}")]
     Io(#[from] io::Error),
 }
 
-/// Connects to the insoles and serves until the program is told to end; `ready` hears the address.
+/// Connects to the insoles and serves until a signal ends the program. `ready` is called with the address once the server listens.
+///
+/// # Errors
+/// See [`enum@Error`].
 pub fn serve(sources: Vec<Source>, options: &Options, ready: impl FnOnce(SocketAddr)) -> Result<(), Error> {
     if !options.page.join("index.html").is_file() {
         return Err(Error::NoPage(options.page.clone()));

@@ -1,10 +1,10 @@
-//! Which web pages may connect: any page in a browser can try, wherever it came from.
+//! The origins of web pages that may connect: a browser lets any page try, from any origin.
 
 use std::net::IpAddr;
 
-/// May a page from `origin` connect to this server, reached as `host` (the header)?
+/// True where a page from `origin` may connect to this server, which it addressed as `host` (the header).
 ///
-/// The served page has the same host in both. A name could be one that an attacker lets point here, so it must be an address
+/// For the served page both have the same host. An attacker can let a name resolve to this computer, so the host must be an address
 /// or `localhost`. Programs other than browsers send no origin.
 pub(crate) fn is_allowed(origin: Option<&str>, host: Option<&str>, others: &[String]) -> bool {
     let Some(origin) = origin else { return true };
@@ -28,7 +28,7 @@ mod tests {
     use super::is_allowed;
 
     #[test]
-    fn the_served_page_and_named_origins_may_connect() {
+    fn the_served_page_and_allowed_origins_may_connect() {
         let others = ["https://insoles.example".to_string()];
         for host in ["127.0.0.1:7340", "localhost:7340", "[::1]:7340", "192.168.1.20:7340"] {
             assert!(is_allowed(Some(&format!("http://{host}")), Some(host), &others), "{host}");
@@ -38,11 +38,11 @@ mod tests {
     }
 
     #[test]
-    fn other_pages_may_not() {
+    fn pages_from_other_origins_may_not_connect() {
         for (origin, host) in [
             ("https://evil.example", "127.0.0.1:7340"),
             ("http://localhost:8080", "localhost:7340"),
-            // A name that was made to point here.
+            // A name that resolves to this computer.
             ("http://evil.example:7340", "evil.example:7340"),
             ("null", "127.0.0.1:7340"),
         ] {

@@ -1,30 +1,35 @@
-//! A recorded stream: per message the time in ms (u32), the insole (u8), the length (u16), little endian, and the message.
+//! A recorded stream: for each message the time in ms (u32), the index of the insole (u8), the length (u16), all little endian, and
+//! the message.
 
+use client::create_new;
 use plantar::protocol::{MAX_MESSAGE, ToHost, encode};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// A stream file that grows as messages come.
+/// A stream file to which messages are appended as they arrive.
 pub struct StreamFile {
     path: PathBuf,
     out: BufWriter<File>,
     start: Instant,
-    broken: bool,
+    has_failed: bool,
 }
 
 impl StreamFile {
-    /// Starts a file, which must be new or empty; time counts from now.
+    /// Begins a file, which must be new or empty; its time starts now.
+    ///
+    /// # Errors
+    /// Where the file is not empty or cannot be written.
     pub fn create(path: &Path) -> io::Result<Self> {
         let out = BufWriter::new(create_new(path)?);
-        Ok(Self { path: path.into(), out, start: Instant::now(), broken: false })
+        Ok(Self { path: path.into(), out, start: Instant::now(), has_failed: false })
     }
 
-    /// Writes a message with the time since the start; true when it is written, steps through to the file. The first
-    /// failure is reported and ends the recording.
+    /// Writes a message with the time since the start. True once it is written; all but live frames are flushed to the file. The
+    /// first failure is printed and ends the recording.
     pub(crate) fn write(&mut self, insole: u8, message: &ToHost) -> bool {
-        if self.broken {
+        if self.has_failed {
             return false;
         }
         let t_ms = self.start.elapsed().as_millis() as u32;
@@ -34,28 +39,22 @@ impl StreamFile {
         });
         if let Err(error) = &written {
             let path = self.path.display();
-            eprintln!("the recording {path} has ended: {error}; steps stay on the insole until a page takes them");
-            self.broken = true;
+            eprintln!("the recording {path} has ended: {error}; steps remain on the insole until a page stores them");
+            self.has_failed = true;
         }
         written.is_ok()
     }
 }
 
-/// A file to write, new or empty: what is in one may be nowhere else.
-pub fn create_new(path: &Path) -> io::Result<File> {
-    let file = File::options().write(true).create(true).truncate(false).open(path)?;
-    match file.metadata()?.len() {
-        0 => Ok(file),
-        _ => Err(io::Error::new(io::ErrorKind::AlreadyExists, "it is not empty: name a new file")),
-    }
-}
-
 /// Writes one message.
+///
+/// # Errors
+/// Where it cannot be written.
 pub fn append(out: &mut impl Write, t_ms: u32, insole: u8, message: &ToHost) -> io::Result<()> {
     let mut buffer = [0; MAX_MESSAGE];
     let message = encode(message, &mut buffer).map_err(io::Error::other)?;
     out.write_all(&t_ms.to_le_bytes())?;
-    // At most MAX_MESSAGE, 320.
+    // The length is at most MAX_MESSAGE, 320.
     out.write_all(&[&[insole][..], &(message.len() as u16).to_le_bytes()].concat())?;
     out.write_all(message)
 }

@@ -16,9 +16,9 @@ use tokio::net::{TcpListener, TcpSocket};
 use tower_http::services::ServeDir;
 use tower_http::set_header::SetResponseHeaderLayer;
 
-/// What the system may hold back of one page's stream, bytes: about a second of two feet. Beyond it the page's link drops.
+/// Size of the system's send buffer for a page, bytes: about a second of two feet. Once it is full, the session drops frames.
 const SEND_BUFFER: u32 = 16 * 1024;
-/// Longest message of a page, bytes.
+/// Size of the longest message from a page, bytes.
 const MAX_REQUEST: usize = 512;
 const CONNECTIONS: u32 = 64;
 
@@ -28,7 +28,7 @@ struct Served {
     origins: Arc<[String]>,
 }
 
-/// Serves until the program is told to end.
+/// Serves until a signal ends the program.
 pub(crate) fn run(hub: Arc<Hub>, options: &Options, ready: impl FnOnce(SocketAddr)) -> Result<(), Error> {
     let router = router(hub, options);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
@@ -37,7 +37,7 @@ pub(crate) fn run(hub: Arc<Hub>, options: &Options, ready: impl FnOnce(SocketAdd
         ready(listener.local_addr()?);
         tokio::select! {
             ended = axum::serve(listener, router) => Ok(ended?),
-            () = told_to_end() => Ok(()),
+            () = end_signal() => Ok(()),
         }
     })
 }
@@ -45,7 +45,7 @@ pub(crate) fn run(hub: Arc<Hub>, options: &Options, ready: impl FnOnce(SocketAdd
 fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
     socket.set_reuseaddr(cfg!(unix))?;
-    // Connections inherit these.
+    // Accepted connections inherit these options.
     socket.set_send_buffer_size(SEND_BUFFER)?;
     socket.set_nodelay(true)?;
     socket.bind(address)?;
@@ -58,20 +58,20 @@ fn router(hub: Arc<Hub>, options: &Options) -> Router {
         .route("/insoles", any(insoles))
         .with_state(Served { hub, origins: options.origins.clone().into() })
         .fallback_service(ServeDir::new(&options.page))
-        // A page that was built again is seen at the next visit.
+        // The browser asks for a newer build at each visit.
         .layer(header(CACHE_CONTROL, "no-cache"))
 }
 
 async fn insoles(State(served): State<Served>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
     let header = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
     if !is_allowed(header(ORIGIN), header(HOST), &served.origins) {
-        return (StatusCode::FORBIDDEN, "pages from elsewhere may not connect").into_response();
+        return (StatusCode::FORBIDDEN, "pages from other origins may not connect").into_response();
     }
     let page = served.hub.join();
     upgrade.max_message_size(MAX_REQUEST).max_frame_size(MAX_REQUEST).on_upgrade(|socket| follow(socket, page))
 }
 
-/// Carries messages both ways until the page leaves.
+/// Carries messages in both directions until the page disconnects.
 async fn follow(mut socket: WebSocket, mut page: Page) {
     loop {
         while let Some(message) = page.next() {
@@ -91,7 +91,7 @@ async fn follow(mut socket: WebSocket, mut page: Page) {
 }
 
 #[cfg(unix)]
-async fn told_to_end() {
+async fn end_signal() {
     use tokio::signal::unix::{SignalKind, signal};
     let (Ok(mut interrupt), Ok(mut terminate)) = (signal(SignalKind::interrupt()), signal(SignalKind::terminate()))
     else {
@@ -104,6 +104,6 @@ async fn told_to_end() {
 }
 
 #[cfg(not(unix))]
-async fn told_to_end() {
+async fn end_signal() {
     let _ = tokio::signal::ctrl_c().await;
 }

@@ -1,13 +1,14 @@
-//! Pages over real sockets, insoles in memory: what a page gets, what is acknowledged, what a slow page costs.
+//! The bridge with pages over real sockets and insoles in memory: messages to pages, acknowledgements, slow pages.
+
+mod page;
 
 use client::{Carrier, Error, Framed, unix_us};
-use futures_util::{SinkExt, StreamExt};
+use page::{PATIENCE, Page};
 use plantar::Side;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::session::Session;
 use plantar::protocol::{
-    Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, ToDevice, ToHost, decode,
-    encode, frame,
+    Decoder, Hello, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Reset, Status, Step, ToDevice, ToHost, decode, frame,
 };
 use serve::{Options, Source};
 use std::collections::VecDeque;
@@ -17,11 +18,7 @@ use std::path::Path;
 use std::sync::mpsc::channel;
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
-use tokio_tungstenite::tungstenite::Message;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
-
-/// Nothing here takes longer, however busy the machine.
-const PATIENCE: Duration = Duration::from_secs(30);
 
 /// An insole and its cable.
 struct Insole {
@@ -32,7 +29,7 @@ struct Insole {
     acknowledged: Vec<u32>,
     side: Side,
     is_unplugged: bool,
-    /// How often it was looked for in vain.
+    /// Failed attempts to open its cable.
     missed: u32,
 }
 
@@ -68,7 +65,7 @@ impl Cable {
         Ok(Box::new(Framed::new(self.clone())))
     }
 
-    /// Unplugs the insole and waits until it is looked for.
+    /// Unplugs the insole and waits for an attempt to open its cable.
     fn unplug(&self) {
         let mut insole = self.0.0.lock().expect("no test panics here");
         insole.is_unplugged = true;
@@ -77,7 +74,7 @@ impl Cable {
         assert!(!waited.1.timed_out());
     }
 
-    /// Lets the insole do something, and say what comes of it.
+    /// Changes the insole, and puts its messages on the cable.
     fn act<T>(&self, act: impl FnOnce(&mut Insole) -> T) -> T {
         let mut insole = self.0.0.lock().expect("no test panics here");
         let done = act(&mut insole);
@@ -146,7 +143,7 @@ impl Write for Cable {
     }
 }
 
-/// The insoles' clock, which began 1.7e15 us after the computer's.
+/// The insoles' clock, which started 1.7e15 us after the computer's.
 fn insole_us() -> u64 {
     unix_us() - 1_700_000_000_000_000
 }
@@ -173,72 +170,15 @@ fn serve(cables: &[&Cable], record: Option<std::path::PathBuf>) -> SocketAddr {
     address.recv_timeout(PATIENCE).expect("it serves in time")
 }
 
-type Socket = tokio_tungstenite::WebSocketStream<tokio_tungstenite::MaybeTlsStream<tokio::net::TcpStream>>;
-
-struct Page(Socket);
-
-impl Page {
-    async fn open(address: SocketAddr) -> Self {
-        let (socket, _) = tokio_tungstenite::connect_async(format!("ws://{address}/insoles")).await.expect("it opens");
-        let mut page = Self(socket);
-        for insole in [0, 1] {
-            page.send(insole, ToDevice::Connect { major: MAJOR, minor: MINOR }).await;
-            page.send(insole, ToDevice::Stream { live: true }).await;
-        }
-        page
-    }
-
-    async fn send(&mut self, insole: u8, message: ToDevice) {
-        let mut buffer = [0; MAX_MESSAGE];
-        let message = encode(&message, &mut buffer).expect("it fits");
-        self.0.send(Message::Binary([&[insole], &*message].concat().into())).await.expect("it is sent");
-    }
-
-    async fn next(&mut self) -> (u8, ToHost) {
-        let message = tokio::time::timeout(PATIENCE, self.0.next()).await.expect("it comes in time");
-        let bytes = message.expect("the socket is open").expect("a message").into_data();
-        (bytes[0], decode(&bytes[1..]).expect("a wire message"))
-    }
-
-    /// What comes next of this kind.
-    async fn find<T>(&mut self, insole: u8, of: impl Fn(ToHost) -> Option<T>) -> T {
-        loop {
-            let (from, message) = self.next().await;
-            if from == insole
-                && let Some(found) = of(message)
-            {
-                return found;
-            }
-        }
-    }
-
-    async fn hello(&mut self, insole: u8) -> Hello {
-        self.find(insole, |m| if let ToHost::Hello(hello) = m { Some(hello) } else { None }).await
-    }
-
-    async fn live(&mut self, insole: u8) -> Live {
-        self.find(insole, |m| if let ToHost::Live(live) = m { Some(live) } else { None }).await
-    }
-
-    async fn step(&mut self, insole: u8) -> Step {
-        self.find(insole, |m| if let ToHost::Step(step) = m { Some(step) } else { None }).await
-    }
-
-    async fn status(&mut self, insole: u8) -> Status {
-        self.send(insole, ToDevice::GetStatus).await;
-        self.find(insole, |m| if let ToHost::Status(status) = m { Some(status) } else { None }).await
-    }
-}
-
 #[tokio::test]
-async fn two_pages_see_both_feet_and_a_step_is_acknowledged_once_one_has_taken_it() {
+async fn two_pages_receive_both_feet_and_a_step_is_acknowledged_once_one_page_acknowledged_it() {
     let (left, right) = (Cable::new(Side::Left), Cable::new(Side::Right));
     let address = serve(&[&left, &right], None);
     let (mut one, mut other) = (Page::open(address).await, Page::open(address).await);
     for page in [&mut one, &mut other] {
         assert_eq!(page.hello(0).await.side, Side::Left);
         assert_eq!(page.hello(1).await.side, Side::Right);
-        // An answer: the stream that was asked for before is on.
+        // After this answer, the requested stream is on.
         page.status(1).await;
     }
     right.live();
@@ -254,14 +194,14 @@ async fn two_pages_see_both_feet_and_a_step_is_acknowledged_once_one_has_taken_i
 }
 
 #[tokio::test]
-async fn a_page_learns_the_insoles_clock() {
+async fn a_page_receives_the_time_of_the_insole() {
     let cable = Cable::new(Side::Left);
     let address = serve(&[&cable], None);
     let mut page = Page::open(address).await;
     page.hello(0).await;
     let before_us = insole_us();
     let device_us = loop {
-        // The bridge has to know it first.
+        // The bridge has to receive it first.
         page.send(0, ToDevice::GetTime { host_us: 5 }).await;
         page.send(0, ToDevice::GetStatus).await;
         let answer = page
@@ -281,7 +221,7 @@ async fn a_page_learns_the_insoles_clock() {
 }
 
 #[tokio::test]
-async fn a_page_that_comes_later_gets_what_nobody_has_taken() {
+async fn a_page_that_connects_later_receives_the_steps_that_no_page_acknowledged() {
     let cable = Cable::new(Side::Left);
     let address = serve(&[&cable], None);
     cable.step(0);
@@ -296,20 +236,20 @@ async fn a_page_that_comes_later_gets_what_nobody_has_taken() {
 }
 
 #[tokio::test]
-async fn a_slow_page_loses_live_frames_that_are_counted_and_no_step() {
+async fn a_slow_page_loses_counted_live_frames_and_no_step() {
     let cable = Cable::new(Side::Left);
     let address = serve(&[&cable], None);
     let (mut slow, mut quick) = (Page::open(address).await, Page::open(address).await);
     slow.status(0).await;
     quick.status(0).await;
-    // Far more than a socket's buffers hold; the slow page reads nothing meanwhile.
+    // Far more than fits the buffers of a socket; the slow page reads nothing meanwhile.
     const FRAMES: u32 = 100_000;
     for sequence in 0..FRAMES {
         cable.live();
         if sequence == FRAMES / 2 {
             cable.step(0);
         }
-        // Lock step with the quick page, which loses nothing.
+        // In step with the quick page, which loses nothing.
         assert_eq!(quick.live(0).await.sequence, sequence);
     }
     assert_eq!(slow.step(0).await.step, 0);
@@ -334,7 +274,7 @@ fn recorded(path: &Path) -> Vec<ToHost> {
 }
 
 #[tokio::test]
-async fn what_is_recorded_needs_no_page() {
+async fn a_recorded_step_is_acknowledged_without_a_page() {
     let cable = Cable::new(Side::Right);
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("walk.plantar");
@@ -347,7 +287,7 @@ async fn what_is_recorded_needs_no_page() {
 }
 
 #[tokio::test]
-async fn a_page_hears_nothing_of_an_insole_that_is_unplugged_until_it_is_back() {
+async fn a_page_receives_nothing_while_the_insole_is_unplugged() {
     let cable = Cable::new(Side::Left);
     let address = serve(&[&cable], None);
     let mut page = Page::open(address).await;
@@ -363,9 +303,9 @@ async fn a_page_hears_nothing_of_an_insole_that_is_unplugged_until_it_is_back() 
     page.live(0).await;
 }
 
-/// The acknowledgement was lost with the link, and the insole started anew.
+/// The acknowledgement was lost with the link, and the insole restarted.
 #[tokio::test]
-async fn a_recorded_step_that_comes_again_is_acknowledged_again_and_recorded_once() {
+async fn a_repeated_step_is_acknowledged_again_and_recorded_once() {
     let cable = Cable::new(Side::Left);
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("walk.plantar");
@@ -380,7 +320,7 @@ async fn a_recorded_step_that_comes_again_is_acknowledged_again_and_recorded_onc
         insole.is_unplugged = false;
     });
     assert!(cable.acknowledged(0));
-    // A page sees it once, and nothing else is in its way.
+    // A page receives it once, and then the next step.
     let mut page = Page::open(address).await;
     assert_eq!(page.step(0).await, step(Side::Left, 0));
     cable.step(1);
@@ -391,10 +331,10 @@ async fn a_recorded_step_that_comes_again_is_acknowledged_again_and_recorded_onc
     assert_eq!(recorded(&path).into_iter().filter(is_step).collect::<Vec<_>>(), steps);
 }
 
-/// Where nothing can be written, a step is acknowledged once a page has taken it.
+/// Where nothing can be written, a step is acknowledged once a page acknowledged it.
 #[tokio::test]
 #[cfg(target_os = "linux")]
-async fn a_recording_on_a_full_disk_costs_no_step() {
+async fn a_full_disk_loses_no_step() {
     let cable = Cable::new(Side::Right);
     let address = serve(&[&cable], Some("/dev/full".into()));
     let mut page = Page::open(address).await;
@@ -406,7 +346,7 @@ async fn a_recording_on_a_full_disk_costs_no_step() {
 }
 
 #[tokio::test]
-async fn a_page_may_not_change_the_insole() {
+async fn a_page_cannot_change_the_settings_of_an_insole() {
     let cable = Cable::new(Side::Left);
     let address = serve(&[&cable], None);
     let mut page = Page::open(address).await;
@@ -416,13 +356,13 @@ async fn a_page_may_not_change_the_insole() {
     page.find(0, |m| (m == ToHost::Refused(Refusal::NotUnderstood)).then_some(())).await;
     cable.act(|insole| {
         assert_eq!(insole.link.tissue().id, Tissue::NONE.id);
-        // Set by the bridge.
+        // The bridge has set it.
         assert!(insole.link.unix_us(insole_us()).is_some_and(|us| us > 1_700_000_000_000_000));
     });
 }
 
 #[tokio::test]
-async fn a_page_from_elsewhere_may_not_connect() {
+async fn a_page_from_another_origin_cannot_connect() {
     let cable = Cable::new(Side::Left);
     let address = serve(&[&cable], None);
     let mut request = format!("ws://{address}/insoles").into_client_request().expect("a request");

@@ -1,57 +1,61 @@
-//! Signed firmware images, and the keys for them.
+//! Signed firmware images, keys, and firmware files, with the program `firmware-image`.
 
+use crate::arguments::Image;
+use crate::build::{build_firmware, build_host, firmware};
+use crate::command::{built, run_command};
+use crate::setup;
 use anyhow::{Context, Result, bail};
-use firmware_image::{Image, SigningKey, development_key, flash_image, hex, read_signing_key};
-use plantar::storage::update::KEY;
-use std::fs::OpenOptions;
-use std::io::Write;
 use std::path::Path;
+use std::process::Command;
 
-/// The key to sign with; without a file the one for development.
-pub fn key(file: Option<&Path>) -> Result<SigningKey> {
-    let key = match file {
-        Some(file) => read_signing_key(file)?,
-        None => development_key().context("the key for development is damaged")?,
-    };
-    let public = key.verifying_key();
-    // Firmware that is built now accepts the key that this program was built with.
-    if public.to_bytes() != KEY {
-        bail!(
-            "the firmware would not accept its own next image: build with PLANTAR_UPDATE_KEY={}",
-            hex(public.as_bytes())
-        );
+impl Image {
+    /// Builds and signs the firmware.
+    pub fn make(&self) -> Result<()> {
+        setup::rust()?;
+        build_firmware(&self.board)?;
+        let mut command = firmware_image("sign")?;
+        command.arg(firmware(&self.board)).arg("--out").arg(std::path::absolute(&self.out)?);
+        if let Some(key) = &self.key {
+            command.arg("--key").arg(std::path::absolute(key)?);
+        }
+        run_command(&mut command)
     }
-    if file.is_none() {
-        println!("signed with the published key for development: use --key for insoles that other people wear");
-    }
-    Ok(key)
-}
-
-/// Signs firmware, an ELF file from the linker.
-pub fn make(firmware: &Path, key: &SigningKey, out: &Path) -> Result<()> {
-    let image = Image::sign(flash_image(firmware)?, key).context("the firmware has no header")?;
-    std::fs::write(out, image.file()).with_context(|| format!("cannot write {}", out.display()))?;
-    let (board, version, bytes) = (image.header().board(), image.header().version(), image.bytes().len());
-    println!("{}: {board} {version}, {bytes} bytes", out.display());
-    Ok(())
 }
 
 /// Makes a key.
 pub fn make_key(out: &Path) -> Result<()> {
-    let mut bytes = [0; 32];
-    getrandom::fill(&mut bytes).context("the operating system provides no random numbers")?;
-    let key = SigningKey::from_bytes(&bytes);
-    let mut options = OpenOptions::new();
-    options.write(true).create_new(true);
-    #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-    let mut file = options.open(out).with_context(|| format!("cannot create {}", out.display()))?;
-    writeln!(
-        file,
-        "# Signs Plantar firmware. Whoever has it can change every insole that accepts it.\n{}",
-        hex(&bytes)
-    )?;
-    println!("{}: keep it secret, and back it up in a safe place", out.display());
-    println!("build firmware that accepts it with PLANTAR_UPDATE_KEY={}", hex(key.verifying_key().as_bytes()));
-    Ok(())
+    run_command(firmware_image("key")?.arg("--out").arg(std::path::absolute(out)?))
+}
+
+/// Prints the places in the source of an insole's crash report.
+pub fn explain(board: &str, report: &str) -> Result<()> {
+    run_command(firmware_image("explain")?.arg(firmware(board)).arg(report))
+}
+
+/// The memory that firmware needs.
+pub struct Size {
+    /// Code, constants and the initial values of variables, bytes.
+    pub flash_bytes: u64,
+    /// Variables without the stack, bytes.
+    pub ram_bytes: u64,
+}
+
+/// The memory that the firmware of this package needs.
+pub fn size(package: &str) -> Result<Size> {
+    let output = firmware_image("size")?.arg(firmware(package)).output()?;
+    if !output.status.success() {
+        bail!("{}", String::from_utf8_lossy(&output.stderr));
+    }
+    let text = String::from_utf8_lossy(&output.stdout);
+    let numbers: Vec<u64> = text.split_whitespace().filter_map(|number| number.parse().ok()).collect();
+    let &[flash_bytes, ram_bytes] = &numbers[..] else { bail!("firmware-image printed: {text}") };
+    Ok(Size { flash_bytes, ram_bytes })
+}
+
+/// The program, built, with a command.
+fn firmware_image(command: &str) -> Result<Command> {
+    build_host("firmware-image").context("the program firmware-image cannot be built")?;
+    let mut program = Command::new(built("release/firmware-image"));
+    program.arg(command);
+    Ok(program)
 }

@@ -1,6 +1,7 @@
-//! The page for a phone: the core as WebAssembly, Vite's build, and its tests.
+//! The page for a phone: the core as WebAssembly, the build with Vite, and the tests.
 
-use crate::{built, root, run, run_command, setup};
+use crate::command::{built, root, run, run_command};
+use crate::setup;
 use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -13,19 +14,18 @@ pub fn dist() -> PathBuf {
     root().join(FOLDER).join("dist")
 }
 
-/// Builds the page with what its lock file names.
+/// Builds the page with the packages of its lock file.
 pub fn build() -> Result<()> {
     setup::rust()?;
-    setup::node()?;
+    install()?;
     run("cargo", &["build", "--locked", "--profile", "page", "--package", "phone-wire", "--target", WASM])?;
     let wasm = built(&format!("{WASM}/page/phone_wire.wasm"));
     std::fs::copy(&wasm, root().join(FOLDER).join("src/phone_wire.wasm"))
         .with_context(|| format!("cannot copy {}", wasm.display()))?;
-    install()?;
     npm(&["run", "build"])
 }
 
-/// Types, units, and the page in Chromium: with the computed walk, and with the emulated insole.
+/// Type check, unit tests, and tests of the page in Chromium, with the computed walk and with the emulated insole.
 pub fn test(plantar: &Path, firmware: &Path) -> Result<()> {
     setup::chromium()?;
     npm(&["run", "check"])?;
@@ -38,8 +38,9 @@ pub fn test(plantar: &Path, firmware: &Path) -> Result<()> {
     )
 }
 
-/// Installs the packages once, and again when the lock file changes.
-fn install() -> Result<()> {
+/// Installs Node.js and the packages, once and again when the lock file changes.
+pub fn install() -> Result<()> {
+    setup::node()?;
     let folder = root().join(FOLDER);
     let lock = std::fs::read(folder.join("package-lock.json"))?;
     let stamp = folder.join("node_modules/.installed-from");

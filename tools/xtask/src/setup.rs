@@ -1,19 +1,20 @@
-//! Installs what is missing, or says exactly what to install.
+//! Installs missing programs and data, or prints what to install.
 
-use crate::{TARGET, root, run};
+use crate::TARGET;
+use crate::command::{root, run};
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// The sample walk, NumPy and SciPy. The package that brings the walk is GPLv3 and stays in this machine's cache; what it depends on
-/// is not needed to read its files.
+/// The package with the sample walk. It is licensed under GPLv3 and remains in this machine's cache; its own dependencies are not
+/// needed to read its files.
 const SAMPLE_PACKAGE: &str = "jiku-data==0.1.16";
 const NUMPY: &str = "numpy>=1.26,<3";
 const SCIPY: &str = "scipy>=1.13,<2";
-/// Phones and radios in software, with what they need.
+/// Phones and radios in software.
 const BUMBLE: &str = "bumble==0.0.236";
 
-/// A private Python.
+/// A private Python environment.
 pub struct Python {
     /// Its interpreter, with NumPy, SciPy and bumble.
     pub interpreter: PathBuf,
@@ -21,7 +22,7 @@ pub struct Python {
     pub jiku: PathBuf,
 }
 
-/// Everything.
+/// Installs everything.
 pub fn all() -> Result<Python> {
     rust()?;
     qemu()?;
@@ -33,17 +34,17 @@ pub fn all() -> Result<Python> {
     python()
 }
 
-/// Where downloads and what is made of them are kept.
+/// The folder of downloads and of files that are made from them.
 pub fn cache() -> PathBuf {
     root().join(".cache")
 }
 
-/// True when the program can be started.
+/// True where the program can be started.
 pub fn has(program: &str) -> bool {
     Command::new(program).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok()
 }
 
-/// The targets of the pinned toolchain. rustup installs them by itself unless that is turned off.
+/// The targets of the pinned toolchain. rustup installs them by itself, unless that is switched off.
 pub fn rust() -> Result<()> {
     let sysroot = Command::new("rustc").args(["--print", "sysroot"]).current_dir(root()).output()?;
     let libraries = PathBuf::from(String::from_utf8(sysroot.stdout)?.trim()).join("lib/rustlib");
@@ -70,14 +71,14 @@ pub fn qemu() -> Result<()> {
     })
 }
 
-/// Oldest Node.js that the page's tools run on.
+/// The oldest major version of Node.js that the page's tools support.
 const NODE_MAJOR: u32 = 18;
 
-/// Node.js with npm, which build the page.
+/// Node.js with npm, for the page.
 pub fn node() -> Result<()> {
     if !has("node") || !has("npm") {
         let named = |apt, other| Package { what: "Node.js with npm", apt, dnf: other, pacman: other, brew: "node" };
-        // Debian's npm needs Debian's Node.js; others bring their own npm, or a package of that name.
+        // Debian's npm needs Debian's Node.js; other systems have npm in the package of Node.js or in one of its own.
         install(&if has("node") { named("npm", "npm") } else { named("nodejs npm", "nodejs npm") })?;
     }
     let version = Command::new("node").arg("--version").output().context("Node.js does not start")?;
@@ -89,7 +90,7 @@ pub fn node() -> Result<()> {
     Ok(())
 }
 
-/// A browser that shows reports and the page to the tests.
+/// A browser, for the tests of reports and of the page.
 pub fn chromium() -> Result<()> {
     if ["chromium", "chromium-browser", "google-chrome"].into_iter().any(has) {
         return Ok(());
@@ -97,7 +98,7 @@ pub fn chromium() -> Result<()> {
     install(&Package { what: "Chromium", apt: "chromium", dnf: "chromium", pacman: "chromium", brew: "chromium" })
 }
 
-/// Builds the fuzz targets and runs them; with the C++ compiler that its library asks for.
+/// cargo-fuzz, with the C++ compiler that libFuzzer needs.
 pub fn cargo_fuzz() -> Result<PathBuf> {
     if !has("c++") {
         install(&Package { what: "A C++ compiler", apt: "g++", dnf: "gcc-c++", pacman: "gcc", brew: "gcc" })?;
@@ -105,17 +106,18 @@ pub fn cargo_fuzz() -> Result<PathBuf> {
     cargo_tool("cargo-fuzz", "0.13.2")
 }
 
-/// Checks licences, sources and advisories of what is depended on.
+/// cargo-deny, which checks licences, sources and advisories of the dependencies.
 pub fn cargo_deny() -> Result<PathBuf> {
     cargo_tool("cargo-deny", "0.20.2")
 }
 
-/// A tool of exactly this version, private to this repository: it neither needs nor changes one that the user has.
+/// Installs exactly this version of a tool for this repository alone; a version that the user installed is neither used nor
+/// changed.
 fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
     let folder = cache().join("cargo");
     let tool = folder.join("bin").join(name);
-    let said = Command::new(&tool).arg("--version").output().map(|said| said.stdout).unwrap_or_default();
-    if String::from_utf8_lossy(&said).trim() != format!("{name} {version}") {
+    let output = Command::new(&tool).arg("--version").output().map(|output| output.stdout).unwrap_or_default();
+    if String::from_utf8_lossy(&output).trim() != format!("{name} {version}") {
         let tool = format!("{name}@{version}");
         run("cargo", &["install", "--locked", "--root", &folder.to_string_lossy(), &tool])
             .with_context(|| format!("{tool} comes from the Rust package registry: is the network there?"))?;
@@ -123,7 +125,7 @@ fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
     Ok(tool)
 }
 
-/// A message bus, on which a test plays the system's Bluetooth service; only Linux has it.
+/// D-Bus, on which a test simulates the system's Bluetooth service; only on Linux.
 fn bus() -> Result<()> {
     if !cfg!(target_os = "linux") || has("dbus-daemon") {
         return Ok(());
@@ -131,23 +133,23 @@ fn bus() -> Result<()> {
     install(&Package { what: "D-Bus", apt: "dbus-daemon", dnf: "dbus-daemon", pacman: "dbus", brew: "dbus" })
 }
 
-/// The private Python, made once and again when what it should hold changes.
+/// The private Python environment, created once and again when its list of packages changes.
 pub fn python() -> Result<Python> {
     let environment = cache().join("python");
     let stamp = environment.join("holds.txt");
-    let holds = format!("{SAMPLE_PACKAGE} {NUMPY} {SCIPY} {BUMBLE}");
+    let packages = format!("{SAMPLE_PACKAGE} {NUMPY} {SCIPY} {BUMBLE}");
     let bin = if cfg!(windows) { "Scripts" } else { "bin" };
     let interpreter = environment.join(bin).join("python");
-    if std::fs::read_to_string(&stamp).ok().as_deref() != Some(&holds) {
+    if std::fs::read_to_string(&stamp).ok().as_deref() != Some(&packages) {
         std::fs::create_dir_all(cache())?;
-        make_environment(&environment)?;
+        create_environment(&environment)?;
         let pip = [&interpreter.to_string_lossy(), "-m", "pip", "--disable-pip-version-check", "install", "--quiet"];
         run(pip[0], &[&pip[1..], &["--no-deps", SAMPLE_PACKAGE, NUMPY, SCIPY]].concat())
             .and_then(|()| run(pip[0], &[&pip[1..], &[BUMBLE]].concat()))
             .context(
                 "the sample walk, NumPy, SciPy and bumble come from the Python package index: is the network there?",
             )?;
-        std::fs::write(&stamp, holds)?;
+        std::fs::write(&stamp, packages)?;
     }
     let jiku = find(&environment, Path::new("jikudata/datasets/SpeedPP2DS")).with_context(|| {
         format!("{SAMPLE_PACKAGE} lacks its data set: remove {} and try again", environment.display())
@@ -155,13 +157,13 @@ pub fn python() -> Result<Python> {
     Ok(Python { interpreter, jiku })
 }
 
-fn make_environment(environment: &Path) -> Result<()> {
+fn create_environment(environment: &Path) -> Result<()> {
     let path = environment.to_string_lossy();
-    let make = ["-m", "venv", "--clear", &path];
-    if run("python3", &make).is_ok() {
+    let create = ["-m", "venv", "--clear", &path];
+    if run("python3", &create).is_ok() {
         return Ok(());
     }
-    // Debian ships Python without the part that makes environments.
+    // Debian's Python has no module venv without a further package.
     install(&Package {
         what: "Python 3 with venv",
         apt: "python3-venv",
@@ -169,13 +171,13 @@ fn make_environment(environment: &Path) -> Result<()> {
         pacman: "python",
         brew: "python",
     })?;
-    run("python3", &make)
+    run("python3", &create)
 }
 
-/// The folder of this name below the environment's packages.
+/// The folder with this path in the environment's packages.
 fn find(environment: &Path, below: &Path) -> Option<PathBuf> {
     let versions = std::fs::read_dir(environment.join("lib")).ok()?.flatten().map(|folder| folder.path());
-    // Windows has no folder for the version.
+    // On Windows no folder is named after the version of Python.
     let mut libraries = versions.chain([environment.join("Lib")]);
     libraries.find_map(|library| Some(library.join("site-packages").join(below)).filter(|path| path.is_dir()))
 }
@@ -197,7 +199,7 @@ fn install(package: &Package) -> Result<()> {
         ("brew", &["install"], package.brew),
     ];
     let Some((manager, arguments, name)) = managers.into_iter().find(|(manager, ..)| has(manager)) else {
-        bail!("{} is missing and no package manager is known here: install it by hand", package.what);
+        bail!("{} is missing, and no supported package manager was found: install it by hand", package.what);
     };
     eprintln!("{} is missing: installing {name}", package.what);
     let by_hand = format!("install it by hand: {manager} {} {name}", arguments.join(" "));

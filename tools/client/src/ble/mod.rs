@@ -54,12 +54,14 @@ pub enum Error {
     NoAdapter,
     /// The insole was not found.
     #[error(
-        "{0} was not found within {SCAN:?}: switch it on, bring it closer, and disconnect it from other phones, it serves one at a time"
+        "{0} was not found within {SCAN:?}: switch it on, bring it closer, and disconnect it from other phones, it serves one \
+         at a time"
     )]
     NotFound(Selector),
     /// The insole was found, but the connection or the pairing failed.
     #[error(
-        "{selector} was found but does not connect ({error}): pair it in this computer's Bluetooth settings, within a minute of switching it on"
+        "{selector} was found but does not connect ({error}): pair it in this computer's Bluetooth settings, within a minute of \
+         switching it on"
     )]
     NotConnected {
         /// The insole.

@@ -1,21 +1,21 @@
-//! Flash and RAM of a firmware file, from its sections.
+//! Flash and RAM of firmware, from the sections of its ELF file.
 
 use anyhow::{Context, Result};
 use object::{Object, ObjectSection, SectionFlags, SectionKind, elf};
 use std::path::Path;
 
-/// What a binary takes.
+/// The memory that firmware needs.
 pub struct Size {
-    /// Code, constants and the initial values of variables.
+    /// Code, constants and the initial values of variables, bytes.
     pub flash_bytes: u64,
-    /// Variables, without stack.
+    /// Variables without the stack, bytes.
     pub ram_bytes: u64,
 }
 
-/// Sums up the sections that are loaded or reserved.
+/// Adds up the sections that are loaded or reserved.
 pub fn of(firmware: &Path) -> Result<Size> {
     let data = std::fs::read(firmware).with_context(|| format!("cannot read {}", firmware.display()))?;
-    let file = object::File::parse(&*data).with_context(|| format!("{} is no ELF file", firmware.display()))?;
+    let file = object::File::parse(&*data).with_context(|| format!("{} is not an ELF file", firmware.display()))?;
     let mut size = Size { flash_bytes: 0, ram_bytes: 0 };
     for section in file.sections() {
         let SectionFlags::Elf { sh_flags } = section.flags() else { continue };

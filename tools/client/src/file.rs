@@ -1,0 +1,18 @@
+//! Files for the data of an insole.
+
+use std::fs::File;
+use std::io;
+use std::path::Path;
+
+/// Opens a file for the data of an insole. Existing data is never overwritten, because an insole drops the steps that a host
+/// acknowledged.
+///
+/// # Errors
+/// Where the file is not empty or cannot be written.
+pub fn create_new(path: &Path) -> io::Result<File> {
+    let file = File::options().write(true).create(true).truncate(false).open(path)?;
+    match file.metadata()?.len() {
+        0 => Ok(file),
+        _ => Err(io::Error::new(io::ErrorKind::AlreadyExists, "it is not empty: name a new file")),
+    }
+}

@@ -1,0 +1,25 @@
+//! The places in the source of an insole's crash report, from the addresses of calls in it.
+
+use addr2line::Loader;
+use anyhow::{Context, Result, anyhow};
+use std::path::Path;
+
+/// Hex digits of an address.
+const DIGITS: usize = 8;
+
+/// Prints each call in a report, with the functions that were inlined there.
+pub fn run(firmware: &Path, report: &str) -> Result<()> {
+    let in_file = |error: Box<dyn std::error::Error>| anyhow!("{}: {error}", firmware.display());
+    let loader = Loader::new(firmware).map_err(in_file).context("build it with `cargo xtask build`")?;
+    let words = report.split_whitespace().filter(|word| word.len() == DIGITS);
+    for address in words.filter_map(|word| u64::from_str_radix(word, 16).ok()) {
+        println!("{address:08x}");
+        let mut frames = loader.find_frames(address).map_err(in_file)?;
+        while let Some(frame) = frames.next().map_err(|error| in_file(error.into()))? {
+            let function = frame.function.and_then(|name| Some(name.demangle().ok()?.into_owned()));
+            let place = frame.location.and_then(|at| Some(format!("{}:{}", at.file?, at.line?)));
+            println!("    {}  {}", function.as_deref().unwrap_or("?"), place.as_deref().unwrap_or("?"));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,68 @@
+//! Signs firmware, makes keys, and inspects firmware files; `cargo xtask` runs it.
+
+mod explain;
+mod sign;
+mod size;
+
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Signs firmware, makes keys, and inspects firmware files.
+#[derive(Parser)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Sign firmware.
+    Sign {
+        /// The firmware, an ELF file from the linker.
+        firmware: PathBuf,
+        /// The secret key; without one, the published key for development.
+        #[arg(long, value_name = "FILE")]
+        key: Option<PathBuf>,
+        /// The image to write.
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+    },
+    /// Make a key to sign firmware with.
+    Key {
+        /// The secret half is written to this file, which must not exist.
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+    },
+    /// Print the size of firmware in flash and of its variables in RAM, bytes.
+    Size {
+        /// The firmware, an ELF file from the linker.
+        firmware: PathBuf,
+    },
+    /// Print the places in the source of the addresses in an insole's crash report.
+    Explain {
+        /// The firmware, an ELF file from the linker.
+        firmware: PathBuf,
+        /// The report, or only its addresses.
+        #[arg(required = true)]
+        text: Vec<String>,
+    },
+}
+
+fn main() -> ExitCode {
+    let result = match Arguments::parse().command {
+        Command::Sign { firmware, key, out } => sign::sign(&firmware, key.as_deref(), &out),
+        Command::Key { out } => sign::make_key(&out),
+        Command::Size { firmware } => {
+            size::of(&firmware).map(|size| println!("{} {}", size.flash_bytes, size.ram_bytes))
+        }
+        Command::Explain { firmware, text } => explain::run(&firmware, &text.join(" ")),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! Signed firmware images, and the keys for them.
+
+use anyhow::{Context, Result, bail};
+use firmware_image::{Image, SigningKey, development_key, flash_image, hex, read_signing_key};
+use plantar::storage::update::KEY;
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::Path;
+
+/// Signs firmware, an ELF file from the linker, and writes the image.
+pub fn sign(firmware: &Path, key: Option<&Path>, out: &Path) -> Result<()> {
+    let key = signing_key(key)?;
+    let image = Image::sign(flash_image(firmware)?, &key).context("the firmware has no header")?;
+    std::fs::write(out, image.file()).with_context(|| format!("cannot write {}", out.display()))?;
+    let (board, version, bytes) = (image.header().board(), image.header().version(), image.bytes().len());
+    println!("{}: {board} {version}, {bytes} bytes", out.display());
+    Ok(())
+}
+
+/// The key to sign with; without a file, the one for development.
+fn signing_key(file: Option<&Path>) -> Result<SigningKey> {
+    let key = match file {
+        Some(file) => read_signing_key(file)?,
+        None => development_key().context("the key for development is damaged")?,
+    };
+    let public = key.verifying_key();
+    // Firmware that is built now accepts the key that this program was built with.
+    if public.to_bytes() != KEY {
+        bail!(
+            "the firmware would not accept its own next image: build with PLANTAR_UPDATE_KEY={}",
+            hex(public.as_bytes())
+        );
+    }
+    if file.is_none() {
+        println!("signed with the published key for development: use --key for insoles that other people wear");
+    }
+    Ok(key)
+}
+
+/// Makes a key.
+pub fn make_key(out: &Path) -> Result<()> {
+    let mut bytes = [0; 32];
+    getrandom::fill(&mut bytes).context("the operating system provides no random numbers")?;
+    let key = SigningKey::from_bytes(&bytes);
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    let mut file = options.open(out).with_context(|| format!("cannot create {}", out.display()))?;
+    writeln!(
+        file,
+        "# Signs Plantar firmware. Whoever has it can change every insole that accepts it.\n{}",
+        hex(&bytes)
+    )?;
+    println!("{}: keep it secret, and back it up in a safe place", out.display());
+    println!("build firmware that accepts it with PLANTAR_UPDATE_KEY={}", hex(key.verifying_key().as_bytes()));
+    Ok(())
+}

@@ -1,0 +1,213 @@
+//! The results of a fit: on the screen, as a parameter file and as JSON.
+
+use crate::setup::rule_in_words;
+use crate::summary;
+use fit::interval::{FIVE, Interval};
+use fit::{Method, RegionFit, Study};
+use parameters::{Identified, InsoleSize, Parameters};
+use plantar::{Region, Side};
+use serde_json::{Map, Value, json};
+
+/// Prints the results.
+pub fn print(study: &Study) {
+    println!(
+        "{}: {} steps of {} recordings, {} filter, {}",
+        study.participant,
+        study.steps.len(),
+        study.sources.len(),
+        study.options.filter.name(),
+        rule_in_words(&study.contact)
+    );
+    for contact in &study.left_out {
+        println!("left out: {} at {:.2} s, {}", study.sources[contact.recording].name, contact.at_s, contact.why);
+    }
+    let mut table = summary::table();
+    table.set_header(["region", "steps", "A B mm2", "K kPa", "G kPa s", "n", "m", "error %", "unseen %", "floor %"]);
+    for (region, fit) in Region::ALL.iter().zip(&study.fits) {
+        let mut row = vec![region.name().to_string()];
+        match fit {
+            Ok(fit) => {
+                row.push(fit.steps.len().to_string());
+                row.extend(five_in_words(fit));
+                let percent = |share: f64| format!("{:.1}", share * 100.0);
+                row.extend([percent(fit.quality.fitted), fit.quality.predicted.map_or("-".into(), percent)]);
+                row.push(percent(fit.quality.floor));
+            }
+            Err(_) => row.extend(std::iter::repeat_n("-".to_string(), 9)),
+        }
+        table.add_row(row);
+    }
+    summary::align(&mut table);
+    println!("{table}");
+    println!(
+        "Error: NRMSE of the model against the measured force (Eq. 20), mean of the steps; unseen: each step predicted from the"
+    );
+    println!(
+        "others; floor: the least error of any elastic law of this area. In brackets: 95 % intervals. !: at a bound."
+    );
+    for (region, fit) in Region::ALL.iter().zip(&study.fits) {
+        match fit {
+            Ok(fit) => {
+                println!("{}: {}", region.name(), fit.verdict);
+                fit.warnings.iter().for_each(|warning| println!("    {warning}"));
+            }
+            Err(reason) => println!("{}: NOT FITTED, {reason}", region.name()),
+        }
+    }
+}
+
+/// A B (mm2), K (kPa), G (kPa s), n, m, each with the wider interval.
+fn five_in_words(fit: &RegionFit) -> Vec<String> {
+    let g = &fit.law;
+    let units = [1e6, 1e-3, 1e-3, 1.0, 1.0];
+    match &fit.uncertainty {
+        Some(uncertainty) => uncertainty
+            .intervals
+            .iter()
+            .zip(units)
+            .map(|(interval, unit)| {
+                if !interval.told {
+                    return "-".into();
+                }
+                let [low, high] = widest(interval).map(|end| summary::significant(end * unit));
+                let mark = if interval.at_bound { "!" } else { "" };
+                format!("{}{mark} ({low}..{high})", summary::significant(interval.value * unit))
+            })
+            .collect(),
+        None => {
+            let values = [g.ab_m2, g.stiffness_pa, g.damping_pa_s, g.n, g.m];
+            values.iter().zip(units).map(|(value, unit)| summary::significant(value * unit)).collect()
+        }
+    }
+}
+
+/// The wider one of the intervals from the Jacobian and from resampled steps.
+fn widest(interval: &Interval) -> [f64; 2] {
+    let width = |[low, high]: [f64; 2]| high - low;
+    interval.bootstrap.filter(|b| width(*b) > width(interval.jacobian)).unwrap_or(interval.jacobian)
+}
+
+/// The parameter file. A region that was not fitted has typical values, with a comment.
+pub fn to_toml(study: &Study, size: InsoleSize) -> String {
+    let mut parameters = Parameters::typical(size);
+    parameters.subject.clone_from(&study.participant);
+    parameters.personal = true;
+    let has = |side: Side| study.steps.iter().any(|step| step.side == side);
+    let side = match (has(Side::Left), has(Side::Right)) {
+        (true, true) => "both",
+        (true, false) => Side::Left.name(),
+        _ => Side::Right.name(),
+    };
+    parameters.identified = Some(Identified {
+        filter: study.options.filter.name().into(),
+        contact: study.contact,
+        side: side.into(),
+        steps: study.steps.len() as u32,
+    });
+    for (slot, fit) in parameters.regions.iter_mut().zip(&study.fits) {
+        if let Ok(fit) = fit {
+            *slot = fit.ellipsoid;
+        }
+    }
+    parameters.to_toml_with(&|region, name| Some(note(&study.fits[region as usize], name, study.options.method)))
+}
+
+/// The comment on a value: how it was determined.
+fn note(fit: &Result<RegionFit, fit::Unfit>, name: &str, method: Method) -> String {
+    let fit = match fit {
+        Ok(fit) => fit,
+        Err(reason) if name == "a_mm" => return format!("typical, NOT identified: {reason}"),
+        Err(_) => return "typical".into(),
+    };
+    let Some(uncertainty) = fit.uncertainty.as_ref().filter(|_| method == Method::Projection) else {
+        return "identified, all eight together (the paper's search)".into();
+    };
+    let identified = |i: usize, scale: f64| {
+        let interval = &uncertainty.intervals[i];
+        if !interval.told {
+            return "NOT identifiable from force: G is 0".into();
+        }
+        let [low, high] = widest(interval).map(|end| summary::significant(end * scale));
+        let bound = if interval.at_bound { ", at a bound of the search" } else { "" };
+        format!("{low} to {high} (95 %){bound}")
+    };
+    let pins = &fit.pins;
+    match name {
+        "a_mm" => format!("A B identified, {} mm2; A / B measured, {:.2}", identified(0, 1e6), pins.aspect),
+        "b_mm" => "as a_mm".into(),
+        "c_mm" => format!("pinned: largest compression {:.1} % of d0", pins.compression * 100.0),
+        "d0_mm" => "pinned: given or from the table".into(),
+        "k_n_m3" => format!("identified: K = k C^(n+1) / d0^n, {} Pa", identified(1, 1.0)),
+        "c_n_s_m3" => format!("identified: G = c C^(m+1) / d0^m, {} Pa s", identified(2, 1.0)),
+        "n" => format!("identified, {}", identified(3, 1.0)),
+        _ => format!("identified, {}", identified(4, 1.0)),
+    }
+}
+
+/// All results.
+pub fn to_json(study: &Study) -> Value {
+    let regions: Map<String, Value> =
+        Region::ALL.iter().zip(&study.fits).map(|(region, fit)| (region.name().into(), fit_to_json(fit))).collect();
+    json!({
+        "participant": study.participant,
+        "recordings": study.sources.iter().map(|s| json!({
+            "name": s.name, "side": s.side.name(),
+            "rate_hz": s.rate_hz, "cells": s.layout.cells.len(), "origin": s.origin,
+        })).collect::<Vec<_>>(),
+        "contact_rule": {
+            "on_kpa": study.contact.on_kpa, "off_kpa": study.contact.off_kpa, "full_kpa": study.contact.full_kpa,
+        },
+        "filter": study.options.filter.name(),
+        "method": study.options.method.name(),
+        "steps": study.steps.iter().map(|s| json!({
+            "recording": s.recording, "number": s.number, "start_s": s.start_s, "duration_s": s.duration_s,
+            "peak_force_n": s.peak_n,
+        })).collect::<Vec<_>>(),
+        "left_out": study.left_out.iter().map(|c| json!({
+            "recording": c.recording, "at_s": c.at_s, "why": c.why.to_string(),
+        })).collect::<Vec<_>>(),
+        "regions": regions,
+    })
+}
+
+fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
+    let fit = match fit {
+        Ok(fit) => fit,
+        Err(reason) => return json!({ "fitted": false, "reason": reason.to_string() }),
+    };
+    let (g, e, q) = (&fit.law, &fit.ellipsoid, &fit.quality);
+    let intervals = fit.uncertainty.as_ref().map(|uncertainty| {
+        let names = ["ab_m2", "stiffness_pa", "damping_pa_s", "n", "m"];
+        let of = |i: &Interval| json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.told });
+        let all: Map<String, Value> =
+            names.iter().zip(&uncertainty.intervals).map(|(name, i)| ((*name).into(), of(i))).collect();
+        json!({ "order": FIVE, "intervals_95": all, "correlation": uncertainty.correlation })
+    });
+    json!({
+        "fitted": true,
+        "steps": fit.steps,
+        "area_max_mm2": fit.area_max_m2 * 1e6,
+        "identified": {
+            "ab_m2": g.ab_m2, "stiffness_pa": g.stiffness_pa, "damping_pa_s": g.damping_pa_s, "n": g.n, "m": g.m,
+        },
+        "uncertainty": intervals,
+        "ellipsoid": {
+            "a_mm": e.a_m * 1e3, "b_mm": e.b_m * 1e3, "c_mm": e.c_m * 1e3, "d0_mm": e.d0_m * 1e3,
+            "k_n_m3": e.k, "n": e.n, "c_n_s_m3": e.c, "m": e.m,
+        },
+        "pinned": { "aspect": fit.pins.aspect, "d0_mm": fit.pins.thickness_m * 1e3, "compression": fit.pins.compression },
+        "nrmse_percent": {
+            "fitted": q.fitted * 100.0, "fitted_smoothed": q.fitted_smoothed * 100.0,
+            "own": q.own * 100.0, "own_smoothed": q.own_smoothed * 100.0,
+            "predicted": q.predicted.map(|p| p * 100.0), "floor": q.floor * 100.0,
+        },
+        "peak_bias_percent": q.peak_bias * 100.0,
+        "saturated_share": q.saturated,
+        "unseen_percent": fit.unseen.iter().map(|share| share * 100.0).collect::<Vec<_>>(),
+        "area_levels": fit.area_levels,
+        "recordings_ratio": fit.recordings_ratio,
+        "evaluations": fit.evaluations,
+        "verdict": fit.verdict,
+        "warnings": fit.warnings,
+    })
+}

@@ -1,0 +1,68 @@
+//! A page with a real WebSocket.
+
+use futures_util::{SinkExt, StreamExt};
+use plantar::protocol::{Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Status, Step, ToDevice, ToHost, decode, encode};
+use std::net::SocketAddr;
+use std::time::Duration;
+use tokio_tungstenite::tungstenite::Message;
+
+/// Nothing here takes longer, even on a busy machine.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+
+type Socket = tokio_tungstenite::WebSocketStream<tokio_tungstenite::MaybeTlsStream<tokio::net::TcpStream>>;
+
+/// A page.
+pub struct Page(Socket);
+
+impl Page {
+    pub async fn open(address: SocketAddr) -> Self {
+        let (socket, _) = tokio_tungstenite::connect_async(format!("ws://{address}/insoles")).await.expect("it opens");
+        let mut page = Self(socket);
+        for insole in [0, 1] {
+            page.send(insole, ToDevice::Connect { major: MAJOR, minor: MINOR }).await;
+            page.send(insole, ToDevice::Stream { live: true }).await;
+        }
+        page
+    }
+
+    pub async fn send(&mut self, insole: u8, message: ToDevice) {
+        let mut buffer = [0; MAX_MESSAGE];
+        let message = encode(&message, &mut buffer).expect("it fits");
+        self.0.send(Message::Binary([&[insole], &*message].concat().into())).await.expect("it is sent");
+    }
+
+    pub async fn next(&mut self) -> (u8, ToHost) {
+        let message = tokio::time::timeout(PATIENCE, self.0.next()).await.expect("it comes in time");
+        let bytes = message.expect("the socket is open").expect("a message").into_data();
+        (bytes[0], decode(&bytes[1..]).expect("a wire message"))
+    }
+
+    /// The next message of this kind.
+    pub async fn find<T>(&mut self, insole: u8, of: impl Fn(ToHost) -> Option<T>) -> T {
+        loop {
+            let (from, message) = self.next().await;
+            if from == insole
+                && let Some(found) = of(message)
+            {
+                return found;
+            }
+        }
+    }
+
+    pub async fn hello(&mut self, insole: u8) -> Hello {
+        self.find(insole, |m| if let ToHost::Hello(hello) = m { Some(hello) } else { None }).await
+    }
+
+    pub async fn live(&mut self, insole: u8) -> Live {
+        self.find(insole, |m| if let ToHost::Live(live) = m { Some(live) } else { None }).await
+    }
+
+    pub async fn step(&mut self, insole: u8) -> Step {
+        self.find(insole, |m| if let ToHost::Step(step) = m { Some(step) } else { None }).await
+    }
+
+    pub async fn status(&mut self, insole: u8) -> Status {
+        self.send(insole, ToDevice::GetStatus).await;
+        self.find(insole, |m| if let ToHost::Status(status) = m { Some(status) } else { None }).await
+    }
+}

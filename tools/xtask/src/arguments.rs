@@ -1,0 +1,120 @@
+//! The arguments of `cargo xtask`.
+
+use crate::BOARDS;
+use clap::{Args, Parser, Subcommand};
+use std::path::PathBuf;
+
+/// Time of fuzzing as part of a test, min.
+pub const FUZZ_MINUTES: f64 = 2.0;
+
+/// The tasks of this repository.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask")]
+pub struct Arguments {
+    #[command(subcommand)]
+    pub task: Task,
+}
+
+#[derive(Subcommand)]
+pub enum Task {
+    /// Install what is missing: Rust targets, QEMU, Node.js, Chromium, a C++ compiler, D-Bus, private copies of cargo-fuzz and
+    /// cargo-deny, and a private Python with NumPy, SciPy, bumble and the sample walk.
+    Setup,
+    /// Build the firmware of all boards and the command line.
+    Build,
+    /// Build the page for a phone to tools/phone/dist.
+    Page,
+    /// Identify a walker's parameters from some steps, send them to the firmware in QEMU and play other steps through it, live in
+    /// the terminal; then print a table of the steps and serve the page with the same walk.
+    Demo(Demo),
+    /// Run everything that continuous integration runs.
+    Test {
+        /// Only format, lints and host tests, as after each change. Tests that need firmware, emulator, page, Python or data are
+        /// reported as ignored.
+        #[arg(long)]
+        quick: bool,
+    },
+    /// Feed every parser with arbitrary bytes. The first finding ends it.
+    Fuzz {
+        /// Time for all targets together.
+        #[arg(long, value_name = "N", default_value_t = FUZZ_MINUTES)]
+        minutes: f64,
+    },
+    /// Test endurance: power that fails in every write, bit errors on the cable, a day of walking. It takes about an hour.
+    Soak(Soak),
+    /// Compare the dependencies with RustSec's advisories, which are downloaded from their repository.
+    Advisories,
+    /// Measure instructions per frame, accuracy, bytes, replay speed, identification and sizes.
+    Bench(Json),
+    /// Measure flash and RAM of the firmware of all boards.
+    Size(Json),
+    /// Print the places in the source of an insole's report "panic after ... at ..."; the firmware must be the last one that was
+    /// built.
+    Explain {
+        /// The board that sent the report.
+        #[arg(value_parser = BOARDS)]
+        board: String,
+        /// The report, or only its addresses, innermost call first.
+        #[arg(required = true)]
+        text: Vec<String>,
+    },
+    /// Write bootloader and firmware to an STM32WB55 on a debug probe and show the log (needs probe-rs).
+    Flash,
+    /// Build and sign the firmware of a board, for `plantar update`.
+    Image(Image),
+    /// Make a key to sign firmware with, and print how to build firmware that accepts it.
+    Key {
+        /// The secret half is written to this file, which must not exist.
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+    },
+}
+
+#[derive(Args)]
+pub struct Demo {
+    /// Play this recording instead of the sample walk.
+    #[arg(long, value_name = "FILE")]
+    pub recording: Option<PathBuf>,
+    /// real, or max: as fast as the emulator runs.
+    #[arg(long, default_value = "real", value_parser = ["real", "max"])]
+    pub speed: String,
+    /// End after this many steps.
+    #[arg(long, value_name = "N")]
+    pub steps: Option<usize>,
+    /// Write the steps and the counters of the live frames to this file; the page is not served then.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// End after the table: neither build nor serve the page. This is the default without a terminal.
+    #[arg(long)]
+    pub no_page: bool,
+}
+
+#[derive(Args)]
+pub struct Soak {
+    /// A small part of each, for some minutes.
+    #[arg(long)]
+    pub short: bool,
+    /// Also write the figures to this file, one flat JSON object.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+#[derive(Args)]
+pub struct Json {
+    /// Also write the figures to this file, one flat JSON object.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+#[derive(Args)]
+pub struct Image {
+    /// The board.
+    #[arg(value_parser = BOARDS)]
+    pub board: String,
+    /// The secret key; without one, the published key for development.
+    #[arg(long, value_name = "FILE")]
+    pub key: Option<PathBuf>,
+    /// The image to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+}

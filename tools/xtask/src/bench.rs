@@ -1,0 +1,102 @@
+//! Benchmarks, sizes and the endurance test.
+
+use crate::arguments::{Json, Soak};
+use crate::build::{bootloader, build_firmware, build_host, firmware};
+use crate::command::{built, run_command};
+use crate::{BOARDS, EMULATED, image, setup};
+use anyhow::{Context, Result};
+use serde_json::{Map, Value};
+use std::path::Path;
+use std::process::Command;
+
+/// All figures by their keys.
+type Figures = Map<String, Value>;
+
+/// Measures everything.
+pub fn bench() -> Result<Figures> {
+    setup::rust()?;
+    setup::qemu()?;
+    let python = setup::python()?;
+    let mut figures = sizes()?;
+    let json = built("bench.json");
+    build_host("plantar-cli")?;
+    let plantar = built("release/plantar");
+    run_bench(&[
+        ("--python", &python.interpreter),
+        ("--jiku", &python.jiku),
+        ("--plantar", &plantar),
+        ("--json", &json),
+    ])?;
+    figures.extend(read(&json)?);
+    Ok(figures)
+}
+
+fn run_bench(options: &[(&str, &Path)]) -> Result<()> {
+    build_host("bench")?;
+    let mut command = Command::new(built("release/bench"));
+    command.arg("--firmware").arg(firmware(EMULATED));
+    for (name, path) in options {
+        command.arg(name).arg(path);
+    }
+    run_command(&mut command)
+}
+
+/// Flash and RAM of all boards. RAM is the static memory plus the deepest stack that the emulated board used in a walk. The other
+/// boards run the same code above their drivers, so the same stack is added for them.
+pub fn sizes() -> Result<Figures> {
+    setup::rust()?;
+    setup::qemu()?;
+    BOARDS.into_iter().try_for_each(build_firmware)?;
+    let json = built("stack.json");
+    run_bench(&[("--stack-json", &json)])?;
+    let stack_bytes = read(&json)?.get("stack_bytes").and_then(Value::as_u64).context("the stack was not measured")?;
+    let mut figures = Map::new();
+    let mut add = |key: String, bytes: u64, meaning: &str| {
+        println!("{key:<28} {bytes:>14}  {meaning}");
+        figures.insert(key, bytes.into());
+    };
+    for board in BOARDS {
+        let size = image::size(board)?;
+        add(format!("flash_bytes.{board}"), size.flash_bytes, "of 368,640: code, constants and initial values");
+        add(format!("ram_bytes.{board}"), size.ram_bytes + stack_bytes, "of 98,304: static and deepest stack");
+    }
+    for board in BOARDS.map(bootloader) {
+        let size = image::size(&board)?;
+        add(format!("flash_bytes.{board}"), size.flash_bytes, "of 32,768: the bootloader");
+    }
+    add("stack_bytes".into(), stack_bytes, "deepest stack of the emulated board in a walk");
+    Ok(figures)
+}
+
+fn read(json: &Path) -> Result<Figures> {
+    let text = std::fs::read_to_string(json).with_context(|| format!("cannot read {}", json.display()))?;
+    Ok(serde_json::from_str(&text)?)
+}
+
+impl Json {
+    /// Writes the figures, where a file is named.
+    pub fn write(&self, figures: &Figures) -> Result<()> {
+        let Some(path) = &self.json else { return Ok(()) };
+        let text = serde_json::to_string_pretty(figures)? + "\n";
+        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+    }
+}
+
+impl Soak {
+    /// Runs the endurance test.
+    pub fn run(&self) -> Result<()> {
+        setup::rust()?;
+        setup::qemu()?;
+        build_firmware(EMULATED)?;
+        build_host("bench")?;
+        let mut command = Command::new(built("release/soak"));
+        command.arg("--firmware").arg(firmware(EMULATED));
+        if self.short {
+            command.arg("--short");
+        }
+        if let Some(path) = &self.json {
+            command.arg("--json").arg(path);
+        }
+        run_command(&mut command)
+    }
+}

@@ -1,0 +1,55 @@
+//! Builds firmware and host programs, and writes firmware to a board.
+
+use crate::command::{built, run};
+use crate::{BOARDS, TARGET, setup};
+use anyhow::{Result, bail};
+use std::path::PathBuf;
+
+/// The controller of the reference board in probe-rs, as in `boards/wb55/.cargo/config.toml`.
+const CHIP: &str = "STM32WB55RGVx";
+
+/// The firmware of a board, or another package that is built like it.
+pub fn firmware(package: &str) -> PathBuf {
+    built(&format!("{TARGET}/firmware/{package}"))
+}
+
+/// The package of a board's bootloader.
+pub fn bootloader(board: &str) -> String {
+    format!("{board}-bootloader")
+}
+
+/// Builds firmware and bootloader of a board.
+pub fn build_firmware(board: &str) -> Result<()> {
+    // One after the other: in one build, the bootloader would have the features that the firmware needs of their dependencies.
+    [bootloader(board).as_str(), board].into_iter().try_for_each(|package| cargo_firmware("build", package, &[]))
+}
+
+/// Runs a command of cargo for a package of a board.
+pub fn cargo_firmware(command: &str, package: &str, arguments: &[&str]) -> Result<()> {
+    let common = [command, "--locked", "--profile", "firmware", "--target", TARGET, "--package", package];
+    run("cargo", &[&common, arguments].concat())
+}
+
+/// Builds a host program.
+pub fn build_host(package: &str) -> Result<()> {
+    run("cargo", &["build", "--locked", "--release", "--package", package])
+}
+
+/// Builds the firmware of all boards and the command line.
+pub fn all() -> Result<()> {
+    setup::rust()?;
+    BOARDS.into_iter().try_for_each(build_firmware)?;
+    build_host("plantar-cli")
+}
+
+/// Writes bootloader and firmware to an STM32WB55 and shows its log.
+pub fn flash() -> Result<()> {
+    setup::rust()?;
+    if !setup::has("probe-rs") {
+        bail!("probe-rs is not installed: `cargo install probe-rs-tools --locked`, see docs/hardware.md");
+    }
+    cargo_firmware("build", &bootloader("wb55"), &[])?;
+    run("probe-rs", &["download", "--chip", CHIP, &firmware(&bootloader("wb55")).to_string_lossy()])?;
+    cargo_firmware("build", "wb55", &[])?;
+    run("probe-rs", &["run", "--chip", CHIP, &firmware("wb55").to_string_lossy()])
+}

@@ -1,0 +1,40 @@
+//! Runs programs in the repository.
+
+use anyhow::{Context, Result, bail};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::thread::ScopedJoinHandle;
+
+/// The repository.
+pub fn root() -> PathBuf {
+    // This package is two folders below.
+    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap_or(Path::new(".")).into()
+}
+
+/// A path in the folder with cargo's results.
+pub fn built(path: &str) -> PathBuf {
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from);
+    target.join(path)
+}
+
+/// Runs a program in the repository; an error where it fails.
+pub fn run(program: &str, arguments: &[&str]) -> Result<()> {
+    run_command(Command::new(program).args(arguments))
+}
+
+/// Runs a command in the repository; an error where it fails.
+pub fn run_command(command: &mut Command) -> Result<()> {
+    let words: Vec<_> = std::iter::once(command.get_program()).chain(command.get_args()).collect();
+    let line = words.iter().map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");
+    eprintln!("> {line}");
+    let status = command.current_dir(root()).status().with_context(|| format!("cannot run {line}"))?;
+    if !status.success() {
+        bail!("{line} failed");
+    }
+    Ok(())
+}
+
+/// Waits for the result of a task that runs beside others.
+pub fn join<T>(task: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
+    task.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}

@@ -1,0 +1,43 @@
+//! Limits of the figures that are the same on every machine.
+
+use anyhow::{Context, Result, bail};
+use serde_json::{Map, Value};
+
+/// Key of a figure, its least and its largest allowed value.
+const LIMITS: [(&str, f64, f64); 24] = [
+    ("frame_instructions", 0.0, 10_000.0),
+    ("device_vs_host_force_rel", 0.0, 1e-4),
+    ("device_vs_host_area_rel", 0.0, 1e-4),
+    ("live_frame_bytes", 0.0, 90.0),
+    ("step_record_bytes", 0.0, 320.0),
+    ("flash_bytes.emulated", 0.0, 368_640.0),
+    ("flash_bytes.wb55", 0.0, 368_640.0),
+    ("flash_bytes.emulated-bootloader", 0.0, 32_768.0),
+    ("flash_bytes.wb55-bootloader", 0.0, 32_768.0),
+    ("ram_bytes.emulated", 0.0, 98_304.0),
+    ("ram_bytes.wb55", 0.0, 98_304.0),
+    ("fit_evaluations", 0.0, 600.0),
+    ("fit_exact_nrmse", 0.0, 0.01),
+    ("fit_exact_parameters", 0.0, 1e-4),
+    ("fit_coverage", 0.90, 0.99),
+    ("nrmse.heel.predicted", 0.0, 13.6),
+    ("nrmse.posterior_midfoot.predicted", 0.0, 23.5),
+    ("nrmse.anterior_midfoot.predicted", 0.0, 23.5),
+    ("nrmse.metatarsals_12.predicted", 0.0, 26.5),
+    ("nrmse.metatarsals_35.predicted", 0.0, 27.2),
+    ("nrmse.hallux.predicted", 0.0, 18.4),
+    ("nrmse.toe_2.predicted", 0.0, 21.0),
+    ("nrmse.toes_35.predicted", 0.0, 19.5),
+    ("nrmse.mean.less", 15.0, 100.0),
+];
+
+/// An error where a figure is missing or beyond its limits.
+pub fn check(figures: &Map<String, Value>) -> Result<()> {
+    for (key, least, most) in LIMITS {
+        let value = figures.get(key).and_then(Value::as_f64).with_context(|| format!("{key} was not measured"))?;
+        if !(least..=most).contains(&value) {
+            bail!("{key} is {value}, allowed are {least} to {most}");
+        }
+    }
+    Ok(())
+}

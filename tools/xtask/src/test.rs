@@ -1,0 +1,104 @@
+//! The test suite: after each change, and in full.
+
+use crate::arguments::{FUZZ_MINUTES, Soak};
+use crate::build::{bootloader, build_firmware, build_host, cargo_firmware, firmware};
+use crate::command::{built, root, run, run_command};
+use crate::setup::Python;
+use crate::{BOARDS, EMULATED, TARGET, bench, fuzz, limits, page, setup};
+use anyhow::Result;
+use std::path::PathBuf;
+use std::process::Command;
+
+const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
+
+/// The module of tests that need recordings of people, which are not public.
+const UNPUBLISHED: &str = "unpublished::";
+
+/// Format, lints and host tests. Tests that need more than a Rust toolchain are reported as ignored.
+pub fn quick() -> Result<()> {
+    setup::rust()?;
+    format()?;
+    lint_host()?;
+    run("cargo", &["test", "--locked", "--release", "--no-fail-fast"])
+}
+
+/// Everything that continuous integration runs.
+pub fn all() -> Result<()> {
+    let python = setup::all()?;
+    format()?;
+    deny(&["licenses", "bans", "sources"])?;
+    BOARDS.into_iter().try_for_each(build_firmware)?;
+    lint_host()?;
+    for board in BOARDS {
+        cargo_firmware("clippy", board, &DENY_WARNINGS)?;
+        cargo_firmware("clippy", &bootloader(board), &DENY_WARNINGS)?;
+    }
+    run("cargo", &["check", "--locked", "--release", "--package", "minimal-board", "--target", TARGET])?;
+    let doc = ["doc", "--locked", "--release", "--no-deps", "--package", "plantar", "--features", "firmware"];
+    run_command(Command::new("cargo").args(doc).env("RUSTDOCFLAGS", "--deny warnings"))?;
+    for target in [TARGET, "wasm32-unknown-unknown"] {
+        run("cargo", &["check", "--locked", "--release", "--package", "plantar", "--lib", "--target", target])?;
+    }
+    page::build()?;
+    build_host("plantar-cli")?;
+    page::test(&built("release/plantar"), &firmware(EMULATED))?;
+    host_tests(&python)?;
+    Soak { short: true, json: None }.run()?;
+    fuzz::run(FUZZ_MINUTES)?;
+    limits::check(&bench::bench()?)
+}
+
+fn format() -> Result<()> {
+    run("cargo", &["fmt", "--all", "--check"])?;
+    run("cargo", &["fmt", "--manifest-path", "fuzz/Cargo.toml", "--check"])
+}
+
+fn lint_host() -> Result<()> {
+    run("cargo", &[&["clippy", "--locked", "--release", "--all-targets"], &DENY_WARNINGS[..]].concat())
+}
+
+/// All tests on the host, with those that need firmware, Python, a browser or data. Only tests with recordings that are not public
+/// are left out where these are absent.
+fn host_tests(python: &Python) -> Result<()> {
+    let mut command = Command::new("cargo");
+    command
+        .args(["test", "--locked", "--release", "--no-fail-fast", "--", "--include-ignored"])
+        .env("PLANTAR_FIRMWARE", firmware(EMULATED))
+        .env("PLANTAR_JIKU", &python.jiku)
+        .env("PLANTAR_PYTHON", &python.interpreter);
+    match recordings() {
+        Some(folder) => command.env("PLANTAR_RECORDINGS", folder),
+        None => {
+            eprintln!(
+                "note: PLANTAR_RECORDINGS names no folder: tests with recordings that are not public are left out"
+            );
+            command.args(["--skip", UNPUBLISHED])
+        }
+    };
+    run_command(&mut command)
+}
+
+/// The folder with recordings of people: the one that `PLANTAR_RECORDINGS` names, or `shared/data` beside the repository.
+fn recordings() -> Option<PathBuf> {
+    let named = std::env::var_os("PLANTAR_RECORDINGS").map(PathBuf::from);
+    named.or_else(|| Some(root().parent()?.join("shared/data")).filter(|folder| folder.is_dir()))
+}
+
+/// Runs these checks of deny.toml, for the workspace and for the fuzz targets, which have a lock file of their own.
+pub fn deny(checks: &[&str]) -> Result<()> {
+    let tool = setup::cargo_deny()?;
+    for manifest in ["Cargo.toml", "fuzz/Cargo.toml"] {
+        let mut command = Command::new(&tool);
+        command.args([
+            "--locked",
+            "--workspace",
+            "--all-features",
+            "--manifest-path",
+            manifest,
+            "--config",
+            "deny.toml",
+        ]);
+        run_command(command.arg("check").args(checks))?;
+    }
+    Ok(())
+}
