@@ -446,7 +446,7 @@ fn refused_parameters_are_an_error_with_the_reason() {
 #[test]
 fn faults_come_on_request() {
     let (cable, mut client) = connected();
-    cable.insole().link.set_faults(&faults());
+    assert_eq!(cable.insole().link.set_faults(&faults()), faults().found);
     assert_eq!(client.faults().expect("an answer"), faults());
 }
 

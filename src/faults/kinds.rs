@@ -8,6 +8,7 @@ pub const MAX_FAULTS: usize = 16;
 
 /// What is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FaultKind {
     /// No response to load.
     Open,
@@ -42,6 +43,7 @@ impl FaultKind {
 
 /// Where a fault is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Place {
     /// This cell, by its index in a frame.
     Cell(u16),

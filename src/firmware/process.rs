@@ -4,6 +4,7 @@ use super::DeviceInsole;
 use super::board::Stopwatch;
 use super::scan::Frame;
 use super::shared::Shared;
+use crate::faults::Faults;
 use crate::log;
 use crate::pipeline::step::RegionStep;
 use crate::protocol::{Live, Step};
@@ -42,7 +43,7 @@ pub async fn process(
             }
             counters.rejected = insole.rejected();
         }
-        shared.session.borrow_mut().set_faults(insole.faults());
+        report_faults(insole.faults(), shared);
         if is_toe_off {
             complete_step(insole, shared).await;
         }
@@ -50,6 +51,15 @@ pub async fn process(
         shared.signal_changed();
         // Lets the link run, also while frames are queued.
         yield_now().await;
+    }
+}
+
+/// Passes newly detected faults of the sensor to the session.
+fn report_faults(faults: &Faults, shared: &Shared) {
+    let new = shared.session.borrow_mut().set_faults(faults);
+    let known = faults.found.saturating_sub(new) as usize;
+    for fault in faults.list.iter().skip(known) {
+        log::warn!("fault: {} {}", fault.kind, fault.place);
     }
 }
 

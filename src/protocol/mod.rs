@@ -14,6 +14,7 @@ pub mod gatt;
 mod hello;
 mod identity;
 mod live;
+mod live_counter;
 mod messages;
 mod quantities;
 mod refusal;
@@ -27,6 +28,7 @@ pub use codec::{Decoder, EncodeError, MAX_FRAME, MAX_MESSAGE, decode, encode, fr
 pub use hello::{Hello, MAX_FAULT_TEXT, Reset};
 pub use identity::{Identity, Serial};
 pub use live::{Live, LiveRegion, MAX_LIVE};
+pub use live_counter::LiveCounter;
 pub use messages::{MAJOR, MINOR, ToDevice, ToHost};
 pub use quantities::{COUNT, Flag, Quantity};
 pub use refusal::Refusal;

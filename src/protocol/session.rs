@@ -262,11 +262,13 @@ impl Session {
         &self.tissue
     }
 
-    /// Takes the faults that the insole detected, where they are new.
-    pub fn set_faults(&mut self, faults: &Faults) {
+    /// Takes the faults that the insole detected; returns how many of them are new.
+    pub fn set_faults(&mut self, faults: &Faults) -> u32 {
+        let new = faults.found.saturating_sub(self.faults.found);
         if (faults.found, faults.rezeroed) != (self.faults.found, self.faults.rezeroed) {
             self.faults = faults.clone();
         }
+        new
     }
 
     /// The parameters for the next frame; `None` while new ones must be announced first, because live frames before the

@@ -154,4 +154,10 @@ impl Step {
     pub fn content(&self) -> Self {
         Self { boots_since: 0, ..*self }
     }
+
+    /// True where both are the same step, before and after a restart of the insole.
+    #[must_use]
+    pub fn is_same(&self, other: &Self) -> bool {
+        self.content() == other.content()
+    }
 }

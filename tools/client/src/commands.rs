@@ -105,14 +105,15 @@ impl<C: Carrier> Client<C> {
     /// # Errors
     /// See this block; also where the carrier ends with the insole: open it again with [`Client::reconnect_over`].
     pub fn restart(&mut self, patience: Duration) -> Result<&Hello, Error> {
-        let before_us = self.status()?.uptime_us;
+        let before = self.status()?;
         self.send(ToDevice::Restart)?;
         let sent_us = C::now_us();
         while elapsed::<C>(sent_us) < patience {
             self.reconnect(patience)?;
-            // The answer may come from before the restart.
-            let least_us = before_us.saturating_add(elapsed::<C>(sent_us).as_micros() as u64 / 2);
-            if self.status().is_ok_and(|status| status.uptime_us < least_us) {
+            // The answer may come from before the restart. An insole without working storage does not count its boots.
+            let is_restarted =
+                |status: Status| status.contents.start != before.contents.start || status.uptime_us < before.uptime_us;
+            if self.status().is_ok_and(is_restarted) {
                 return Ok(&self.hello);
             }
         }

@@ -19,7 +19,7 @@ impl Delivered {
 
     /// Whether the caller acknowledged this step; `None` for a step that was not delivered before.
     pub fn is_acknowledged(&self, step: &Step) -> Option<bool> {
-        self.0.iter().find(|(delivered, _)| is_same_step(delivered, step)).map(|(_, acknowledged)| *acknowledged)
+        self.0.iter().find(|(delivered, _)| delivered.is_same(step)).map(|(_, acknowledged)| *acknowledged)
     }
 
     pub fn push(&mut self, step: Step) {
@@ -35,11 +35,4 @@ impl Delivered {
             *acknowledged |= !sequence::is_after(step.step, number);
         }
     }
-}
-
-/// True where both are the same step, before and after a restart of the insole.
-///
-/// Steps are compared by content, because an insole with a new flash chip numbers its steps from 0 again.
-pub fn is_same_step(one: &Step, other: &Step) -> bool {
-    *one == Step { boots_since: one.boots_since, ..*other }
 }

@@ -17,8 +17,7 @@ mod update;
 
 pub use axis::Axis;
 pub use carrier::{Carrier, Framed, READ_TIMEOUT};
-pub use counters::{LinkCounters, LiveCounter};
-pub use delivered::is_same_step;
+pub use counters::LinkCounters;
 pub use error::Error;
 pub use file::create_new;
 pub use json::step_to_json;

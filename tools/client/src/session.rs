@@ -1,10 +1,10 @@
 //! A session: messages in both directions, with steps delivered once and live frames counted.
 
-use crate::counters::{LinkCounters, LiveCounter};
+use crate::counters::LinkCounters;
 use crate::delivered::Delivered;
 use crate::order::{Arrival, StepOrder};
 use crate::{Axis, Carrier, Error};
-use plantar::protocol::{Hello, MAJOR, MINOR, ToDevice, ToHost};
+use plantar::protocol::{Hello, LiveCounter, MAJOR, MINOR, ToDevice, ToHost};
 use std::collections::VecDeque;
 use std::io;
 use std::time::Duration;
@@ -48,7 +48,7 @@ impl<C: Carrier> Client<C> {
             waiting: VecDeque::new(),
             hello,
             frames_sent: 0,
-            live: LiveCounter::default(),
+            live: LiveCounter::NEW,
             axis: Axis::new(),
             time_requested_us: None,
             delivered: Delivered::new(),

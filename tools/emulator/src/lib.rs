@@ -3,10 +3,14 @@
 //! The protocol between board and plant is described in [`emulation`].
 
 mod faults;
+#[cfg(feature = "log")]
+mod log;
 mod plant;
 mod recorded;
 
 pub use faults::{FAULT_EXAMPLES, Faulty, ParseFaultError, SensorFault};
+#[cfg(feature = "log")]
+pub use log::{LogEntry, LogError};
 pub use plant::{Plant, Scan, Walk};
 pub use recorded::{Looped, Recorded};
 
@@ -15,6 +19,7 @@ use emulation::{
 };
 use plantar::pipeline::setup::{DEVICE_CELLS, SetupCell};
 use plantar::storage::flash_map::ACTIVE;
+use std::fs::File;
 use std::io::{self, Read};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
@@ -29,6 +34,8 @@ const MACHINE: &str = "netduinoplus2";
 const BOOTLOADER: &str = "emulated-bootloader";
 /// The contents of the controller's flash, in the emulator's directory.
 const ACTIVE_FILE: &str = "active.bin";
+/// The log, in the emulator's directory.
+const LOG_FILE: &str = "log.defmt";
 /// QEMU connects its ports within this time.
 const START: Duration = Duration::from_secs(20);
 
@@ -64,6 +71,10 @@ pub enum Error {
     /// The firmware file is not an executable of the board.
     #[error(transparent)]
     Image(#[from] firmware_image::Error),
+    /// The log cannot be decoded.
+    #[cfg(feature = "log")]
+    #[error(transparent)]
+    Log(#[from] LogError),
     /// An error of a file or a socket.
     #[error("emulation: {0}")]
     Io(#[from] io::Error),
@@ -177,7 +188,7 @@ impl Board {
             .args(["-device", &format!("loader,file={ACTIVE_FILE},addr={:#x},force-raw=on", ACTIVE.start)])
             .current_dir(directory.path())
             .stdin(Stdio::null())
-            .stdout(Stdio::null())
+            .stdout(File::create(directory.path().join(LOG_FILE))?)
             .stderr(Stdio::piped());
         if time == Time::Counted {
             command.args(["-icount", "shift=0"]);
@@ -211,6 +222,15 @@ impl Board {
     /// Where its file cannot be read.
     pub fn flash(&self) -> io::Result<Vec<u8>> {
         std::fs::read(self.directory.path().join(FLASH_FILE.to_string_lossy().as_ref()))
+    }
+
+    /// The log of `firmware`, which runs on this board, since it was switched on.
+    ///
+    /// # Errors
+    /// Where a file cannot be read, or the firmware file lacks the texts of its messages.
+    #[cfg(feature = "log")]
+    pub fn log(&self, firmware: &Path) -> Result<Vec<LogEntry>, Error> {
+        Ok(log::decode(&std::fs::read(firmware)?, &std::fs::read(self.directory.path().join(LOG_FILE))?)?)
     }
 
     /// Waits until the board is off; true where the bootloader swapped images and the board must be started again.

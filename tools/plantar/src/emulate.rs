@@ -12,6 +12,7 @@ use parameters::Parameters;
 use plantar::Region;
 use plantar::insole::Insole;
 use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Hello, Status, Step, ToDevice, ToHost};
 use recording::{Recording, VirtualInsole};
 use std::net::TcpStream;
@@ -50,6 +51,10 @@ pub struct Emulate {
     /// Write the steps, the mean error of the model per region and the counters of the live frames to this file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Write the firmware's log to this file, a line per message: time, level and text.
+    #[cfg(feature = "log")]
+    #[arg(long, value_name = "FILE")]
+    log: Option<PathBuf>,
     /// The firmware of the emulated board.
     #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
     firmware: PathBuf,
@@ -122,11 +127,20 @@ impl Emulate {
         let board = Board::start(&self.firmware, &config, &cells, time, walk)?;
         let link = board.link()?;
         link.set_read_timeout(Some(READ_TIMEOUT))?;
+        let result = self.walk(&board, link, &tissue, seconds, scans);
+        // The log explains a failure, too.
+        #[cfg(feature = "log")]
+        self.write_log(&board)?;
+        result
+    }
+
+    /// Streams the walk, and prints and writes its outcome.
+    fn walk(&self, board: &Board, link: TcpStream, tissue: &Tissue, seconds: f64, scans: u32) -> Result<()> {
         let mut client = Client::connect(Framed::new(link), ReconnectPolicy::STREAM.answer)?;
-        client.set_tissue(&tissue)?;
+        client.set_tissue(tissue)?;
         let mut view = View::open(client.hello())?;
         let start = Instant::now();
-        let outcome = self.follow(&board, &mut client, &mut view, scans);
+        let outcome = self.follow(board, &mut client, &mut view, scans);
         view.close();
         let Outcome { steps, status } = outcome?;
         let counters = client.counters();
@@ -156,6 +170,13 @@ impl Emulate {
             std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
         }
         Ok(())
+    }
+
+    #[cfg(feature = "log")]
+    fn write_log(&self, board: &Board) -> Result<()> {
+        let Some(path) = &self.log else { return Ok(()) };
+        let lines: String = board.log(&self.firmware)?.iter().map(|entry| format!("{entry}\n")).collect();
+        std::fs::write(path, lines).with_context(|| format!("cannot write {}", path.display()))
     }
 
     /// Receives until the walk is over and all of its messages arrived, or until the user or a limit ends it.

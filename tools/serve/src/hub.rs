@@ -1,7 +1,7 @@
 //! Connects insoles with pages: each page has a session of its own with each insole.
 
 use crate::stream_file::StreamFile;
-use client::{Axis, is_same_step, unix_us};
+use client::{Axis, unix_us};
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::session::{STEP_QUEUE, Session};
 use plantar::protocol::{Hello, Live, MAX_MESSAGE, Status, Step, ToDevice, ToHost, decode};
@@ -122,11 +122,11 @@ impl Hub {
     pub fn step(&self, index: usize, step: Step) {
         let mut insole = self.insole(index);
         let session = insole.session;
-        if insole.acknowledged.iter().any(|acknowledged| is_same_step(acknowledged, &step)) {
+        if insole.acknowledged.iter().any(|acknowledged| acknowledged.is_same(&step)) {
             insole.due = Some(step.step);
             return;
         }
-        if let Some(pending) = insole.pending.iter_mut().find(|pending| is_same_step(&pending.step, &step)) {
+        if let Some(pending) = insole.pending.iter_mut().find(|pending| pending.step.is_same(&step)) {
             pending.session = session;
             // The insole did not receive the acknowledgement.
             if pending.is_recorded {

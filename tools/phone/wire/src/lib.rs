@@ -8,19 +8,17 @@
 //! The page's TypeScript types are in `tools/phone/src/generated`. A test of this crate checks that they are up to date;
 //! `UPDATE_DOCS=1 cargo test --release --package phone-wire` rewrites them.
 
-mod counter;
 mod facts;
 mod message;
 mod sole;
 #[cfg(test)]
 mod typescript;
 
-pub use counter::LiveCounter;
 pub use message::decode_to_json;
 pub use sole::{REGION_COUNT, RegionShape, outline_mm, region_shapes};
 
 use client::Axis;
-use plantar::protocol::{MAJOR, MAX_MESSAGE, MINOR, ToDevice, encode};
+use plantar::protocol::{LiveCounter, MAJOR, MAX_MESSAGE, MINOR, ToDevice, encode};
 use std::sync::{Mutex, PoisonError};
 
 /// Input and output of the exports.

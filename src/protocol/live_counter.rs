@@ -1,6 +1,6 @@
-//! Counts the frames of a live stream.
+//! Counts the live frames that a host received and lost; shared by the client and the page.
 
-use plantar::sequence;
+use crate::sequence;
 
 /// Counts the frames of live streams, and those that are missing by their sequence numbers or by the insole's own count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

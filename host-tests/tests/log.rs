@@ -1,0 +1,57 @@
+//! The log of the emulated board, as `plantar emulate --log` writes it.
+
+mod common;
+
+use client::{Client, Framed};
+use common::{firmware, synthetic_walk, tissue};
+use emulation::EmulatorConfig;
+use emulator::{Board, Faulty, Recorded, SensorFault, Time};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::ToHost;
+use recording::VirtualInsole;
+use std::time::{Duration, Instant};
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+#[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn the_firmware_reports_its_state_changes_with_levels() {
+    let firmware = firmware();
+    let recording = synthetic_walk(8, 100.0);
+    let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+    let faults: Vec<SensorFault> = vec!["short-cell:20@1.5".parse().expect("a fault of a cell")];
+    let zeros = worn.cells.iter().map(|cell| cell.calibration.offset).collect();
+    let walk = Faulty::new(Recorded::new(recording, worn.clone()), faults, worn.setup.period_us, zeros);
+    let board = Board::start(&firmware, &EmulatorConfig::new(worn.setup), &worn.cells, Time::Max, walk)
+        .expect("the board starts");
+    let link = board.link().expect("a serial link");
+    link.set_read_timeout(Some(Duration::from_millis(50))).expect("a read timeout");
+    let mut client = Client::connect(Framed::new(link), PATIENCE).expect("the insole answers");
+    client.set_tissue(&tissue()).expect("valid parameters");
+    board.play();
+    let (start, mut steps) = (Instant::now(), 0);
+    while steps < 4 && start.elapsed() < PATIENCE {
+        if let Some(ToHost::Step(_)) = client.receive().expect("the link holds") {
+            steps += 1;
+        }
+    }
+    let restart = client.restart(PATIENCE);
+
+    let log = board.log(&firmware).expect("the log can be decoded");
+    log.iter().for_each(|entry| println!("{entry}"));
+    restart.expect("the insole restarts");
+    let mut rest = log.iter();
+    for (level, begin) in [
+        ("info", "start: firmware "),
+        ("info", "storage: boot 1"),
+        ("info", "settings: layout "),
+        ("info", "link: a host connects"),
+        ("info", "settings: parameters "),
+        ("warn", "fault: Short Cell(20)"),
+        ("info", "restart: requested by the host"),
+        ("info", "start: firmware "),
+    ] {
+        assert!(rest.any(|entry| entry.level == level && entry.text.starts_with(begin)), "{level} {begin}");
+    }
+}
