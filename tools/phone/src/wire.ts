@@ -6,7 +6,7 @@ import { INSOLES, type Insole } from "./transport/transport";
 /** The exports of tools/phone/wire. Results are lengths of the content of a shared buffer. */
 interface Exports {
   memory: WebAssembly.Memory;
-  room(length: number): number;
+  resize_buffer(length: number): number;
   result(): number;
   decode(): number;
   facts(): number;
@@ -98,7 +98,7 @@ export class Wire {
 
   /** The message; `undefined` for bytes that are not a message of this version. */
   decode(bytes: Uint8Array): ToHost | undefined {
-    const at = this.core.room(bytes.length);
+    const at = this.core.resize_buffer(bytes.length);
     new Uint8Array(this.core.memory.buffer, at, bytes.length).set(bytes);
     const length = this.core.decode();
     return length === 0 ? undefined : (JSON.parse(this.text.decode(this.read(length))) as ToHost);
