@@ -64,7 +64,7 @@ fn method(method: Method) -> &'static str {
 
 fn bounds(study: &Study) -> String {
     let bounds = &study.options.bounds;
-    // The reciprocal of the ratio: pi A B over the largest area.
+    // The reciprocals of the ratios are pi A B divided by the largest area.
     let [most, least] = bounds.max_ratio.map(f64::recip);
     let range = |[low, high]: [f64; 2], factor: f64| format!("{} to {}", tick(low * factor), tick(high * factor));
     format!(
