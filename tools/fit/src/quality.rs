@@ -14,7 +14,7 @@ const CHANGED: f64 = 0.35;
 pub struct Quality {
     /// NRMSE of all steps with the parameters that were fitted to all, against the measured force.
     pub fitted: f64,
-    /// The same against the smoothed force: through the polynomial of 5th order of the paper.
+    /// The same against the measured force, smoothed by the polynomial of 5th order of the paper.
     pub fitted_smoothed: f64,
     /// NRMSE of each step with parameters that were fitted to it alone, against the measured force.
     pub own: f64,

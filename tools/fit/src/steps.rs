@@ -10,9 +10,9 @@ use std::fmt;
 /// The filters of the device for the contact area.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
-    /// That of the step record: three-point mean and a polynomial of 5th order over the contact phase, rate by Eq. 16.
+    /// The filter of the step record: three-point mean and a polynomial of 5th order over the contact phase, rate by Eq. 16.
     Step,
-    /// That of the live stream: mean of three frames, rate by the backward difference.
+    /// The filter of the live stream: mean of three frames, rate by the backward difference.
     Live,
 }
 

@@ -84,9 +84,9 @@ fn steps_are_aligned() {
         return;
     };
     // Without registration, the union of ten steps would be far larger than one step.
-    let alone = import(&folder, 1, [0]).cells();
-    let together = import(&folder, 1, 0..10).cells();
-    assert!(together < alone * 3 / 2, "{alone} {together}");
+    let one_step = import(&folder, 1, [0]).cells();
+    let ten_steps = import(&folder, 1, 0..10).cells();
+    assert!(ten_steps < one_step * 3 / 2, "{one_step} {ten_steps}");
 }
 
 #[test]

@@ -128,7 +128,7 @@ fn foot_figure(study: &Study) -> Markup {
         figure.beside {
             (drawing.svg())
             figcaption {
-                "Soles seen from above, toes up. Cells are coloured by region; they are those of the first recording of each foot. \
+                "Soles seen from above, toes up, with the cells of the first recording of each foot, coloured by region. \
                  Solid: the contact ellipse, mean over the steps of that foot, weighted by force. Dashed, in the colour of \
                  the region: the outline of the fitted ellipsoid, drawn at the centre and angle of the contact ellipse. \
                  Each region has one ellipsoid for both feet. An ellipsoid may be much larger than any contact; the drawing \
