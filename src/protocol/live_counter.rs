@@ -2,16 +2,18 @@
 
 use crate::sequence;
 
-/// Counts the frames of live streams, and those that are missing by their sequence numbers or by the insole's own count.
+/// Counts the received frames of live streams, and the lost ones by gaps in the sequence numbers and by the insole's own count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LiveCounter {
-    /// Frames that arrived, in all sessions.
+    /// Frames that were received in all sessions.
     pub received: u32,
-    /// Frames that did not arrive, in all sessions.
+    /// Frames that were lost in all sessions.
     pub lost: u32,
-    /// The same in this session, which the insole counts from 0.
+    /// Frames that were received in this session; the insole counts each session from 0.
     session_received: u32,
+    /// Frames that were lost in this session.
     session_lost: u32,
+    /// The next sequence number; `None` before the first frame of a session.
     expected: Option<u32>,
 }
 
@@ -19,28 +21,28 @@ impl LiveCounter {
     /// A counter before the first frame.
     pub const NEW: Self = Self { received: 0, lost: 0, session_received: 0, session_lost: 0, expected: None };
 
-    /// Another session begins, with sequence numbers and counts of its own.
+    /// Begins a session, whose sequence numbers and counts start again.
     pub fn new_session(&mut self) {
         *self = Self { received: self.received, lost: self.lost, ..Self::NEW };
     }
 
-    /// Takes a frame with this sequence number.
+    /// Counts a received frame and the gap before its sequence number.
     pub fn frame(&mut self, sequence: u32) {
         self.received = self.received.wrapping_add(1);
         self.session_received = self.session_received.wrapping_add(1);
         if let Some(expected) = self.expected {
-            self.lose(sequence::skipped(expected, sequence));
+            self.add_lost(sequence::skipped(expected, sequence));
         }
         self.expected = Some(sequence.wrapping_add(1));
     }
 
-    /// Takes the insole's count of the frames that were due in this session before its answer. This also finds frames that were
-    /// lost before the first one that arrived, or after the last.
+    /// Compares with `live_due`, the insole's count of the frames of this session. Unlike gaps, this also reveals losses before
+    /// the first and after the last received frame.
     pub fn due(&mut self, live_due: u32) {
-        self.lose(live_due.saturating_sub(self.session_received).saturating_sub(self.session_lost));
+        self.add_lost(live_due.saturating_sub(self.session_received).saturating_sub(self.session_lost));
     }
 
-    fn lose(&mut self, frames: u32) {
+    fn add_lost(&mut self, frames: u32) {
         self.lost = self.lost.saturating_add(frames);
         self.session_lost = self.session_lost.saturating_add(frames);
     }
@@ -55,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_are_counted_and_the_count_of_the_insole_finds_the_losses_at_the_ends() {
+    fn gaps_are_counted_and_the_count_of_the_insole_reveals_losses_at_the_ends() {
         let mut counter = LiveCounter::NEW;
         [2, 3, 7].into_iter().for_each(|sequence| counter.frame(sequence));
         assert_eq!(counts(counter), (3, 3));
@@ -65,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn sequence_numbers_wrap_and_a_step_back_is_no_loss() {
+    fn sequence_numbers_wrap_and_a_smaller_number_is_no_loss() {
         let mut counter = LiveCounter::NEW;
         [u32::MAX - 1, u32::MAX, 1, 0].into_iter().for_each(|sequence| counter.frame(sequence));
         assert_eq!(counts(counter), (4, 1));

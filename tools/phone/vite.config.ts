@@ -29,7 +29,7 @@ self.addEventListener("fetch", (event) => {
   if (event.request.method !== "GET" || new URL(event.request.url).origin !== location.origin) return;
   const respond = async () => {
     const cache = await caches.open(VERSION);
-    // The parameters of the address do not select a file.
+    // The query parameters of the address do not select a file.
     return (await cache.match(event.request.mode === "navigate" ? "index.html" : event.request)) ?? fetch(event.request);
   };
   event.respondWith(respond());

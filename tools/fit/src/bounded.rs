@@ -1,4 +1,4 @@
-//! Least squares within bounds: Levenberg-Marquardt over the free parameters; the others are held at their bounds.
+//! Least squares within bounds: Levenberg-Marquardt over the free parameters, while the others are held at their bounds.
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
@@ -7,9 +7,9 @@ use nalgebra::{DMatrix, DVector, Dyn, Owned};
 pub(crate) trait Residuals {
     /// Moves to the point `x`, which is within the bounds.
     fn set(&mut self, x: &[f64]);
-    /// The residuals, one for each sample.
+    /// The residuals at the point, one for each sample.
     fn residuals(&self) -> DVector<f64>;
-    /// Their derivatives by parameter `i`, one for each sample.
+    /// The derivatives of the residuals by parameter `i`, one for each sample.
     fn derivative(&self, i: usize) -> DVector<f64>;
 }
 
@@ -24,12 +24,12 @@ pub(crate) struct Minimum {
     pub evaluations: usize,
 }
 
-/// Largest number of rounds. Each ends at the minimum over its free parameters; then parameters are held or released. Two or three
-/// suffice.
+/// Largest number of rounds. A round ends at the minimum over its free parameters; after it, parameters are held or released. Two
+/// or three rounds usually suffice.
 const ROUNDS: usize = 8;
 
-/// Searches from `x` until a step changes parameters or squares by less than the relative `tolerance`. `least` and `most` are the
-/// bounds of the parameters. Deterministic.
+/// Searches from `x` until a step changes the parameters or the sum of squares by less than the relative `tolerance`. `least` and
+/// `most` are the bounds of the parameters. The result is deterministic.
 pub(crate) fn minimise(
     problem: &mut impl Residuals,
     x: &[f64],
@@ -60,7 +60,7 @@ pub(crate) fn minimise(
             let is_free = if x[i] > least[i] && x[i] < most[i] {
                 true
             } else {
-                // At a bound: released where the squares decrease inwards.
+                // A parameter at a bound is released if the sum of squares decreases inwards.
                 let slope = problem.derivative(i).dot(&residuals);
                 if x[i] <= least[i] { slope < 0.0 } else { slope > 0.0 }
             };
@@ -74,7 +74,7 @@ pub(crate) fn minimise(
     Minimum { x, squares, evaluations }
 }
 
-/// A round of the search, over the free parameters. A step beyond a bound is evaluated at the bound.
+/// A round of the search over the free parameters. A step beyond a bound is evaluated at the bound.
 struct Round<'p, P> {
     problem: &'p mut P,
     x: Vec<f64>,

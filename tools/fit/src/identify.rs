@@ -2,7 +2,7 @@
 //!
 //! For a given shape (`max_ratio`, n, m) the force is linear in K and G, and their best values within bounds follow from a 2 x 2
 //! system. Three stages: a grid over the shape; searches over the shape from the best points of the grid; a search over all five
-//! parameters with the force as the device evaluates it, with tensile force cut to 0. The result is deterministic.
+//! parameters with the force as the device evaluates it, with tensile force set to 0. The result is deterministic.
 
 use crate::bounded::{self, Residuals};
 use crate::law::{Column, Deformation, Shape};
@@ -13,7 +13,7 @@ use plantar::pipeline::model::ForceLaw;
 /// Bounds of the parameters. They are this project's choice, because those of the paper (its Appendix A) are not published.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
-    /// Largest area over pi A B, above 0 and below 1.
+    /// Largest area divided by pi A B, above 0 and below 1.
     pub max_ratio: [f64; 2],
     /// K, Pa.
     pub stiffness_pa: [f64; 2],
@@ -29,8 +29,8 @@ impl Bounds {
     /// Smallest stiffness exponent that can be searched: at -1 and below, force would not vanish with contact.
     pub const LEAST_N: f64 = -0.95;
 
-    /// The default bounds. pi A B is 1 to 8.3 times the largest area. For a flatter ellipsoid, force approaches a power of area, in
-    /// which A B and K cannot be separated.
+    /// The default bounds. pi A B is 1 to 8.3 times the largest area. For a flatter ellipsoid, force approaches a power of area,
+    /// in which A B and K cannot be separated.
     pub const USUAL: Self = Self {
         max_ratio: [0.12, 0.999_999],
         stiffness_pa: [1e4, 1e7],
@@ -78,7 +78,7 @@ impl Identified {
         Self { shape: Shape { max_ratio, ..self.shape }, ..*self }
     }
 
-    /// The force law that a device evaluates. C, `c_m`, only scales the displayed deformation.
+    /// The force law that a device evaluates. `c_m`, the radius C, only scales the displayed deformation.
     pub fn law(&self, area_max_m2: f64, c_m: f64) -> ForceLaw<f64> {
         ForceLaw {
             ab_m2: self.shape.ab_m2(area_max_m2),
@@ -120,12 +120,12 @@ pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {
     let shape = best.map_or(vec![0.5, 1.0, 1.0], |best| best.x);
     projected.set(&shape);
     let x = [shape[0], shape[1], shape[2], projected.linear[0], projected.linear[1]];
-    let minimum = bounded::minimise(&mut CutForce::new(samples), &x, &least, &most, EXACT);
+    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &x, &least, &most, EXACT);
     Identified::from(&minimum, evaluations + 1)
 }
 
-/// The search over all five parameters alone, from one point, for comparison. `start` has fractions of the bounds, 0 to 1, in the
-/// order `max_ratio`, n, m, K (in logarithms), G. It may end in a local minimum.
+/// Only the last stage, the search over all five parameters, from one point, for comparison. `start` contains fractions of the
+/// bounds, 0 to 1, in the order `max_ratio`, n, m, K (in logarithms), G. The search may end in a local minimum.
 pub fn identify_from(samples: &Samples, bounds: &Bounds, start: [f64; 5]) -> Identified {
     let [least, most] = limits(bounds);
     let at = |i: usize| match i {
@@ -133,14 +133,14 @@ pub fn identify_from(samples: &Samples, bounds: &Bounds, start: [f64; 5]) -> Ide
         _ => least[i] + start[i] * (most[i] - least[i]),
     };
     let x: [f64; 5] = std::array::from_fn(at);
-    let minimum = bounded::minimise(&mut CutForce::new(samples), &x, &least, &most, EXACT);
+    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &x, &least, &most, EXACT);
     Identified::from(&minimum, 0)
 }
 
 /// Refines parameters that are already close to the minimum.
 pub(crate) fn refine(samples: &Samples, bounds: &Bounds, near: &Identified) -> Identified {
     let [least, most] = limits(bounds);
-    let minimum = bounded::minimise(&mut CutForce::new(samples), &near.x(), &least, &most, REFINED);
+    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &near.x(), &least, &most, REFINED);
     Identified::from(&minimum, 0)
 }
 
@@ -183,7 +183,8 @@ fn grid(samples: &Samples, bounds: &Bounds) -> (Vec<Shape>, usize) {
     (starts, count)
 }
 
-/// K and G with the least squares within bounds, and the sum of squares: the unconstrained solution, or the best at a bound.
+/// K and G with the smallest sum of squares within their bounds, and that sum: the unconstrained solution, or the best at a
+/// bound.
 fn linear(elastic: &[f64], viscous: &[f64], force_n: &[f64], bounds: &Bounds) -> ([f64; 2], f64) {
     let (mut ee, mut ev, mut vv, mut ef, mut vf, mut ff) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     for ((&e, &v), &f) in elastic.iter().zip(viscous).zip(force_n) {
@@ -210,7 +211,7 @@ fn linear(elastic: &[f64], viscous: &[f64], force_n: &[f64], bounds: &Bounds) ->
     candidates.fold(([k_range[0], g_range[0]], f64::INFINITY), |best, next| if next.1 < best.1 { next } else { best })
 }
 
-/// The force without cut, as a function of the shape, with K and G projected out.
+/// The force including tensile force, as a function of the shape, with K and G projected out.
 struct ProjectedForce<'s> {
     samples: &'s Samples,
     bounds: &'s Bounds,
@@ -279,8 +280,8 @@ impl Residuals for ProjectedForce<'_> {
     }
 }
 
-/// The force as the device evaluates it, with tensile force cut to 0, as a function of all five parameters.
-pub(crate) struct CutForce<'s> {
+/// The force as the device evaluates it, with tensile force set to 0, as a function of all five parameters.
+pub(crate) struct NonNegativeForce<'s> {
     samples: &'s Samples,
     deformation: Deformation,
     elastic: Column,
@@ -289,8 +290,8 @@ pub(crate) struct CutForce<'s> {
     force: Vec<f64>,
 }
 
-impl<'s> CutForce<'s> {
-    /// At no point yet: [`Residuals::set`] moves to one.
+impl<'s> NonNegativeForce<'s> {
+    /// Before the first point, which [`Residuals::set`] sets.
     pub fn new(samples: &'s Samples) -> Self {
         Self {
             samples,
@@ -303,7 +304,7 @@ impl<'s> CutForce<'s> {
     }
 }
 
-impl Residuals for CutForce<'_> {
+impl Residuals for NonNegativeForce<'_> {
     fn set(&mut self, x: &[f64]) {
         self.x.copy_from_slice(x);
         self.deformation.set(self.samples, x[0]);
@@ -329,7 +330,7 @@ impl Residuals for CutForce<'_> {
             3 => e.force[j],
             _ => v.force[j],
         };
-        let uncut = |j: usize| if self.force[j] > 0.0 { value(j) } else { 0.0 };
-        DVector::from_iterator(self.samples.len(), (0..self.samples.len()).map(uncut))
+        let derivative = |j: usize| if self.force[j] > 0.0 { value(j) } else { 0.0 };
+        DVector::from_iterator(self.samples.len(), (0..self.samples.len()).map(derivative))
     }
 }

@@ -1,7 +1,7 @@
 //! Confidence intervals of the five parameters: from the Jacobian at the minimum, and from fits to resampled steps (bootstrap).
 
 use crate::bounded::Residuals;
-use crate::identify::{Bounds, CutForce, Identified, refine};
+use crate::identify::{Bounds, Identified, NonNegativeForce, refine};
 use crate::{Options, RegionCurves, Samples};
 use nalgebra::{Matrix5, Vector5};
 use rayon::prelude::*;
@@ -15,10 +15,10 @@ pub const FIVE: [&str; 5] = ["A B", "K", "G", "n", "m"];
 pub struct Interval {
     /// The estimate, in the unit of [`FIVE`].
     pub value: f64,
-    /// From the Jacobian: the uncertainty due to the scatter of the force about the model, with the other parameters that are at a
-    /// bound held there.
+    /// From the Jacobian: the uncertainty due to the scatter of the force about the model, while other parameters that are at a
+    /// bound are held there.
     pub jacobian: [f64; 2],
-    /// From resampled steps: includes the differences between steps. `None` for fewer than [`RESAMPLED_STEPS`].
+    /// From resampled steps: it includes the differences between steps. `None` for fewer than [`RESAMPLED_STEPS`] steps.
     pub bootstrap: Option<[f64; 2]>,
     /// The estimate is at a bound of the search.
     pub at_bound: bool,
@@ -49,7 +49,7 @@ pub fn five(identified: &Identified, area_max_m2: f64) -> [f64; 5] {
 
 /// Intervals from the Jacobian at the minimum.
 pub fn from_jacobian(samples: &Samples, bounds: &Bounds, identified: &Identified) -> Uncertainty {
-    let mut law = CutForce::new(samples);
+    let mut law = NonNegativeForce::new(samples);
     let x = identified.x();
     law.set(&x);
     // Derivatives by ln A B, ln K, ln G, n, m instead of max_ratio, n, m, K, G; ln A B = constant - ln max_ratio.
@@ -69,8 +69,8 @@ pub fn from_jacobian(samples: &Samples, bounds: &Bounds, identified: &Identified
         });
         free.pseudo_inverse(1e-13).unwrap_or(Matrix5::identity() * f64::INFINITY)
     };
-    // Where the model misses, neighbouring residuals are correlated, so that fewer of them are independent. The fit of five
-    // parameters reduces their correlation by five over their number less five.
+    // Where the model has a systematic error, neighbouring residuals are correlated, so that fewer of them are independent. The
+    // fit of five parameters lowers the estimated correlation by about 5 / (samples - 5), which is added again.
     let autocorrelation =
         samples.autocorrelation(law.residuals().as_slice()) + 5.0 / (samples.len() as f64 - 5.0).max(5.0);
     let autocorrelation = autocorrelation.clamp(0.0, 0.99);

@@ -1,6 +1,6 @@
 //! The force law (Eq. 13 in its identifiable form) over many samples at once, with its derivatives.
 //!
-//! A B is replaced by `max_ratio`, the largest area over pi A B: `max_ratio < 1` is the constraint pi A B >= max Ae.
+//! A B is replaced by `max_ratio`, the largest area divided by pi A B: `max_ratio < 1` is the constraint pi A B >= max Ae.
 
 use crate::Samples;
 use std::f64::consts::PI;
@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 /// The three parameters on which force depends nonlinearly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shape {
-    /// Largest area over pi A B, 0 to 1.
+    /// Largest area divided by pi A B, 0 to 1.
     pub max_ratio: f64,
     /// Stiffness exponent.
     pub n: f64,
@@ -98,7 +98,7 @@ impl Deformation {
     }
 }
 
-/// One of the two terms of the weighted force over all samples.
+/// One of the two terms of the weighted force over all samples, with its derivatives.
 #[derive(Default)]
 pub(crate) struct Column {
     pub force: Vec<f64>,

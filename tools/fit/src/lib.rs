@@ -1,7 +1,7 @@
 //! Identification of a person's viscoelastic ellipsoids from recorded steps (section 2.5 of the paper), without I/O.
 //!
-//! "The paper" is DeBerardinis, Dufek, Trabia, "A viscoelastic ellipsoidal model of the mechanics of plantar tissues", J. Biomech.
-//! 92 (2019) 137-145; equation numbers are those of it.
+//! "The paper" is DeBerardinis, Dufek, Trabia, "A viscoelastic ellipsoidal model of the mechanics of plantar tissues", J.
+//! Biomech. 92 (2019) 137-145. Equation numbers refer to it.
 //!
 //! [`steps::isolate`] extracts the steps of recordings with the code of the insole. [`fit`] identifies, for each region, the five
 //! parameters that a force trace determines ([`identify`]), and pins the other three of the paper's eight ([`pins`]). It reports
@@ -56,7 +56,7 @@ impl Method {
 /// The options of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// The filter of the contact area; must be the one that the device applies.
+    /// The filter of the contact area. It must be the filter that the device applies.
     pub filter: Filter,
     /// The method of search.
     pub method: Method,
@@ -64,7 +64,7 @@ pub struct Options {
     pub bounds: Bounds,
     /// Thickness of the unloaded tissue, m, in the order of [`Region::ALL`].
     pub thickness_m: [f64; 8],
-    /// Largest deformation over thickness, 0 to 1.
+    /// Largest deformation divided by the thickness, 0 to 1.
     pub compression: f64,
     /// Number of bootstrap resamples of the steps; 0 for no bootstrap intervals, [`interval::RESAMPLES`] for accurate ones.
     pub resamples: u64,
@@ -84,9 +84,9 @@ impl Options {
     }
 }
 
-/// Recordings are taken to be of two people where the error of predicting one from the other, over that of predicting it from
-/// itself, exceeds this ratio in at least [`MIXED_REGIONS`] regions. That holds for two thirds of the pairs of the ten walkers of
-/// SpeedPP2DS, and for no pair of halves of one walker's steps.
+/// Recordings are assumed to be of two people if the error of predicting one from the other, divided by the error of predicting
+/// it from itself, exceeds this ratio in at least [`MIXED_REGIONS`] regions. That holds for two thirds of the pairs of the ten
+/// walkers of SpeedPP2DS, and for no pair of halves of one walker's steps.
 const MIXED_RATIO: f64 = 1.8;
 /// See [`MIXED_RATIO`].
 const MIXED_REGIONS: usize = 2;

@@ -1,9 +1,9 @@
 //! The identification of the paper, for comparison: eight variables within bounds, the sum of Eq. 18 with the term of Eq. 19, a
 //! general solver from several starts.
 //!
-//! The paper's bounds (its Appendix A) and P are not published; the values here are this project's choice. k and c are searched in
-//! logarithms, because otherwise the solver rarely converges. The constraint pi A B >= max Ae is not stated in the paper and is
-//! not enforced here; where it does not hold, the device flags the step as clamped.
+//! The paper's bounds (its Appendix A) and P are not published; the values here are this project's choice. k and c are searched
+//! in logarithms, because otherwise the solver rarely converges. The constraint pi A B >= max Ae is not stated in the paper and
+//! is not enforced here; where it does not hold, the device flags the step as clamped.
 
 use crate::Samples;
 use crate::pins::Pins;
@@ -13,7 +13,7 @@ use std::cell::Cell;
 /// Number of starts; the best minimum is the result.
 pub const STARTS: u64 = 10;
 
-/// Bounds of A, B, C, d0 (m), ln k, n, ln c, m.
+/// Bounds of A, B, C and d0 (m), ln k, n, ln c, m.
 const BOUNDS: [(f64, f64); 8] = [
     (0.002, 0.08),
     (0.002, 0.08),
@@ -28,7 +28,7 @@ const BOUNDS: [(f64, f64); 8] = [
 const PENALTY_PER_N: f64 = 1.0;
 /// Largest number of iterations of a search.
 const ITERATIONS: usize = 200;
-/// Relative change of the squares at which a search ends.
+/// Relative change of the sum of squares below which a search ends.
 const TOLERANCE: f64 = 1e-9;
 /// Step of the finite differences, as a fraction of the range of a variable.
 const DIFFERENCE: f64 = 1e-7;

@@ -1,7 +1,7 @@
 //! The paper's eight parameters from the five that a force trace determines.
 //!
-//! The force is the same for all values of A/B, C and d0 if the other parameters follow (the Jacobian has rank 5 of 8). These three
-//! are pinned: determined by other measurements.
+//! The force is the same for all values of A/B, C and d0 if the other parameters are adapted (the Jacobian has rank 5 of 8).
+//! These three are pinned, which means that other measurements determine them.
 
 use plantar::pipeline::model::{Ellipsoid, ForceLaw};
 
@@ -11,11 +11,11 @@ pub const COMPRESSION: f64 = 0.457;
 /// The values that pin A/B, C and d0 of one region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pins {
-    /// A over B: the ratio of the radii of the measured contact ellipse.
+    /// A divided by B: the ratio of the radii of the measured contact ellipse.
     pub aspect: f64,
     /// d0, m.
     pub thickness_m: f64,
-    /// Largest deformation over d0, 0 to 1; pins C.
+    /// Largest deformation divided by d0, 0 to 1. It pins C.
     pub compression: f64,
 }
 

@@ -6,7 +6,7 @@ use plantar::pipeline::smooth;
 
 /// An area of at least this fraction of the largest one in the step counts as the largest.
 const AT_LARGEST: f64 = 0.97;
-/// A force that is below its peak by more than this fraction counts as changed.
+/// A force that is below its peak by more than this fraction counts as different from the peak.
 const CHANGED: f64 = 0.35;
 
 /// The errors of the parameters of a region, mean over its steps. NRMSE (Eq. 20) as a fraction: 0.1 is 10 %.
@@ -14,7 +14,7 @@ const CHANGED: f64 = 0.35;
 pub struct Quality {
     /// NRMSE of all steps with the parameters that were fitted to all, against the measured force.
     pub fitted: f64,
-    /// The same against the smoothed force: through the polynomial of 5th order of the paper.
+    /// The same against the measured force, smoothed by the polynomial of 5th order of the paper.
     pub fitted_smoothed: f64,
     /// NRMSE of each step with parameters that were fitted to it alone, against the measured force.
     pub own: f64,
@@ -26,15 +26,15 @@ pub struct Quality {
     /// NRMSE of the best non-decreasing function of the area of each step. No law without damping has a smaller error; a law with
     /// damping may.
     pub floor: f64,
-    /// Largest model force over largest measured force, less 1.
+    /// Largest model force divided by largest measured force, minus 1.
     pub peak_bias: f64,
     /// Fraction of the contact in which the area is at its largest while the force changes.
     pub saturated: f64,
 }
 
 impl Quality {
-    /// From all steps evaluated with the parameters that were fitted to all, and with those fitted to each alone, and from the
-    /// errors of the steps with parameters that were fitted to the others.
+    /// Computes the errors from the steps, evaluated with the parameters that were fitted to all (`fitted`) and to each step
+    /// alone (`own`), and from the NRMSE of the steps with parameters that were fitted to the other steps (`predicted`).
     pub(crate) fn new(fitted: &[Evaluated], own: &[Evaluated], predicted: &[f64]) -> Self {
         let mean = |of: fn(&Evaluated) -> f64, all: &[Evaluated]| all.iter().map(of).sum::<f64>() / all.len() as f64;
         Self {
@@ -96,7 +96,7 @@ impl Evaluated {
         })
     }
 
-    /// NRMSE: root mean square of model minus measured force over the largest measured force (Eq. 20).
+    /// NRMSE: root mean square of model minus measured force, divided by the largest measured force (Eq. 20).
     pub fn nrmse(&self) -> f64 {
         nrmse(&self.model_n, &self.measured_n)
     }
@@ -112,13 +112,13 @@ impl Evaluated {
         nrmse(&best_non_decreasing(&self.filtered_mm2, &self.measured_n), &self.measured_n)
     }
 
-    /// Largest model force over largest measured force, less 1.
+    /// Largest model force divided by largest measured force, minus 1.
     pub fn peak_bias(&self) -> f64 {
         largest(&self.model_n) / largest(&self.measured_n) - 1.0
     }
 }
 
-/// Root mean square difference over the largest value of `measured`.
+/// Root mean square difference, divided by the largest value of `measured`.
 fn nrmse(model: &[f64], measured: &[f64]) -> f64 {
     let squares: f64 = model.iter().zip(measured).map(|(a, b)| (a - b) * (a - b)).sum();
     (squares / measured.len() as f64).sqrt() / largest(measured)
@@ -135,7 +135,7 @@ fn best_non_decreasing(x: &[f64], y: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..x.len()).collect();
     // For equal x the largest y comes first, so that these samples are pooled.
     order.sort_by(|&a, &b| x[a].total_cmp(&x[b]).then(y[b].total_cmp(&y[a])));
-    // Mean of y, and the samples that are pooled to it.
+    // The mean of y, and the indices of the samples that are pooled to it.
     let mut pools: Vec<(f64, Vec<usize>)> = Vec::new();
     for i in order {
         pools.push((y[i], vec![i]));
@@ -143,7 +143,7 @@ fn best_non_decreasing(x: &[f64], y: &[f64]) -> Vec<f64> {
             if before < after {
                 break;
             }
-            // The pattern has two pools.
+            // The pattern guarantees two pools.
             let Some((mean, members)) = pools.pop() else { break };
             let Some((below, all)) = pools.last_mut() else { break };
             let (count, more) = (all.len() as f64, members.len() as f64);

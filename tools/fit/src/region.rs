@@ -1,6 +1,6 @@
 //! The fit of one region: search, pins, intervals and quality.
 
-use crate::identify::{Identified, identify as project, refine};
+use crate::identify::{Identified, identify as identify_by_projection, refine};
 use crate::interval::{self, Uncertainty};
 use crate::pins::Pins;
 use crate::quality::{Evaluated, Quality};
@@ -33,8 +33,8 @@ pub struct RegionFit {
     pub unseen: Vec<f64>,
     /// Number of different areas in a step, median of the steps.
     pub area_levels: usize,
-    /// Median error of one recording's steps predicted from the other recordings, over that predicted from itself; the largest over
-    /// the recordings. `None` without ten steps in each of two recordings of a foot.
+    /// Median error of one recording's steps predicted from the other recordings, divided by the error predicted from itself; the
+    /// largest of all recordings. `None` without ten steps in each of two recordings of a foot.
     pub recordings_ratio: Option<f64>,
     /// Number of evaluations of the model over all samples in the fit to all steps.
     pub evaluations: usize,
@@ -82,19 +82,19 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     let evaluate = |curves: &RegionCurves, law: &ForceLaw<f64>| Evaluated::new(curves, options.filter, law);
     let fitted: Vec<_> = curves.iter().filter_map(|c| evaluate(c, &best.law)).collect();
     let own: Vec<_> = curves.par_iter().filter_map(|c| evaluate(c, &search([*c], options).law)).collect();
-    let unseen = unseen(&curves, &best, options);
+    let unseen = cross_validate(&curves, &best, options);
     let quality = Quality::new(&fitted, &own, &unseen);
     let fit = best.into_fit(used, pins, uncertainty, quality)?;
     Ok(RegionFit { unseen, recordings_ratio, ..fit })
 }
 
-/// Cross-validation: up to this number of steps, each step is left out on its own.
+/// Cross-validation leaves out each step individually, up to this number of steps.
 const LEFT_OUT_ALONE: usize = 60;
-/// With more steps, they are left out in this number of groups.
+/// With more steps, cross-validation leaves them out in this number of groups.
 const GROUPS: usize = 20;
 
 /// The NRMSE of each step with parameters that were fitted to the other steps; empty for a single step.
-fn unseen(curves: &[&RegionCurves], near: &Found, options: &Options) -> Vec<f64> {
+fn cross_validate(curves: &[&RegionCurves], near: &SearchResult, options: &Options) -> Vec<f64> {
     let groups = match curves.len() {
         0 | 1 => return Vec::new(),
         count if count <= LEFT_OUT_ALONE => count,
@@ -111,7 +111,7 @@ fn unseen(curves: &[&RegionCurves], near: &Found, options: &Options) -> Vec<f64>
 }
 
 /// The result of a search.
-struct Found {
+struct SearchResult {
     samples: Samples,
     law: ForceLaw<f64>,
     identified: Option<Identified>,
@@ -120,35 +120,45 @@ struct Found {
     evaluations: usize,
 }
 
-/// C, m, before it is pinned: the force does not depend on it.
+/// C, m, before it is pinned. Any value is possible, because the force does not depend on it.
 const ANY_C_M: f64 = 0.01;
 
 /// Searches the parameters with the method of the options.
-fn search<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, options: &Options) -> Found {
+fn search<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, options: &Options) -> SearchResult {
     let samples = Samples::new(curves, options.filter);
     match options.method {
         Method::Projection => {
-            let identified = project(&samples, &options.bounds);
+            let identified = identify_by_projection(&samples, &options.bounds);
             let law = identified.law(samples.area_max_m2, ANY_C_M);
             let evaluations = identified.evaluations;
-            Found { samples, law, identified: Some(identified), ellipsoid: None, evaluations }
+            SearchResult { samples, law, identified: Some(identified), ellipsoid: None, evaluations }
         }
         Method::Paper => {
             let (ellipsoid, evaluations) = paper::identify(&samples);
-            Found { samples, law: ellipsoid.force_law(), identified: None, ellipsoid: Some(ellipsoid), evaluations }
+            SearchResult {
+                samples,
+                law: ellipsoid.force_law(),
+                identified: None,
+                ellipsoid: Some(ellipsoid),
+                evaluations,
+            }
         }
     }
 }
 
 /// Fits to a part of the steps, starting from the fit to all of them.
-fn refit<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, near: &Found, options: &Options) -> ForceLaw<f64> {
+fn refit<'c>(
+    curves: impl IntoIterator<Item = &'c RegionCurves>,
+    near: &SearchResult,
+    options: &Options,
+) -> ForceLaw<f64> {
     let Some(identified) = &near.identified else { return search(curves, options).law };
     let samples = Samples::new(curves, options.filter);
     let start = identified.rebased(near.samples.area_max_m2, samples.area_max_m2, &options.bounds);
     refine(&samples, &options.bounds, &start).law(samples.area_max_m2, ANY_C_M)
 }
 
-impl Found {
+impl SearchResult {
     /// Normalised deformation at the largest area.
     fn g_max(&self) -> f64 {
         self.law.area_ratio(self.samples.area_max_m2).normalised_deformation()
@@ -203,15 +213,16 @@ fn pins_of(curves: &[&RegionCurves], region: usize, options: &Options) -> Pins {
     Pins { aspect, thickness_m: options.thickness_m[region], compression: options.compression }
 }
 
-/// Smallest number of steps in a recording for a comparison; with fewer, recordings of one person differ by chance.
+/// Smallest number of steps in a recording for a comparison. With fewer steps, recordings of one person differ by chance.
 const COMPARED_STEPS: usize = 10;
 
-/// Median error of a recording's steps predicted from the other recordings of the same foot, over that predicted from itself; the
-/// largest over the recordings, `None` where none can be compared. `recordings` has the recording and the foot of each curve.
+/// Median error of a recording's steps predicted from the other recordings of the same foot, divided by the error predicted from
+/// itself; the largest of all recordings, `None` where none can be compared. `recordings` has the recording and the foot of each
+/// curve.
 fn recordings_ratio(
     curves: &[&RegionCurves],
     recordings: &[(usize, Side)],
-    near: &Found,
+    near: &SearchResult,
     options: &Options,
 ) -> Option<f64> {
     let groups: BTreeMap<usize, Side> = recordings.iter().copied().collect();

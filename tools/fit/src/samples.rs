@@ -1,4 +1,4 @@
-//! The data of a fit: the steps of one region, with area through the filter of the device and force as measured.
+//! The data of a fit: the steps of one region, with the area filtered as on the device, and the force as measured.
 
 use crate::{Filter, RegionCurves};
 use plantar::pipeline::model::ForceLaw;
@@ -10,16 +10,18 @@ use std::ops::Range;
 pub struct Samples {
     /// The largest area, filtered or not, m2: pi A B is at least this.
     pub area_max_m2: f64,
-    /// Filtered area over [`Samples::area_max_m2`], 0 to 1. One value more than forces: the last one is unloaded.
+    /// Filtered area divided by [`Samples::area_max_m2`], 0 to 1. It has one value more than `force_n`: the last one is 0, for
+    /// the unloaded tissue.
     pub(crate) share: Vec<f64>,
     /// For each sample, the indices of the later and the earlier sample from which its deformation rate is computed.
     pub(crate) difference: Vec<(u32, u32)>,
-    /// One over the time between these, 1/s.
+    /// The reciprocal of the time between these two samples, 1/s.
     pub(crate) per_s: Vec<f64>,
     /// Measured force, N.
     pub force_n: Vec<f64>,
-    /// Weight of the residual of a sample, 1/N: one over the peak force of the step and the root of its number of samples. All
-    /// steps have the same weight, and the sum of squares is that of the steps' squared NRMSE (Eq. 20). For one step it is Eq. 18.
+    /// Weight of the residual of a sample, 1/N: the reciprocal of the peak force of the step times the square root of its number
+    /// of samples. So all steps have the same weight, and the sum of squares is the sum of the squared NRMSE (Eq. 20) of the
+    /// steps. For one step it corresponds to Eq. 18.
     pub(crate) weight: Vec<f64>,
     /// Measured force times weight.
     pub(crate) target: Vec<f64>,
@@ -119,8 +121,8 @@ impl Samples {
         })
     }
 
-    /// For each sample: filtered area (m2), indices of the later and the earlier sample of its rate, one over the time between them
-    /// (1/s), measured force (N). An index beyond the last sample stands for the unloaded tissue before contact.
+    /// For each sample: filtered area (m2), indices of the later and the earlier sample of its rate, reciprocal of the time
+    /// between them (1/s), measured force (N). An index beyond the last sample denotes the unloaded tissue before contact.
     pub fn table(&self) -> impl Iterator<Item = [f64; 5]> {
         (0..self.len()).map(|i| {
             let (later, earlier) = self.difference[i];

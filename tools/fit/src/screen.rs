@@ -4,7 +4,7 @@ use crate::{Filter, RegionCurves, Samples, Step, quality};
 use std::cmp::Ordering;
 use std::fmt;
 
-/// Smallest number of samples in contact; fewer cannot determine five parameters.
+/// Smallest number of samples in contact. Fewer samples cannot determine five parameters.
 pub const MIN_SAMPLES: usize = 12;
 /// Smallest peak force of a region, N: the force below which a whole foot counts as in swing.
 pub const MIN_FORCE_N: f64 = 20.0;
@@ -34,7 +34,7 @@ pub enum Unfit {
     SaturatedArea(f64),
     /// The parameters are outside of the range that an insole accepts: see [`plantar::pipeline::model::ForceLaw::is_valid`].
     OutOfRange,
-    /// The recordings disagree: the error of predicting one from the other, over that of predicting it from itself.
+    /// The recordings disagree: the error of predicting one from the other, divided by the error of predicting it from itself.
     MixedPeople(f64),
 }
 
@@ -88,7 +88,7 @@ pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Ve
     if steps.is_empty() {
         return Err(Unfit::NoSteps);
     }
-    // Of the reasons of all steps, the one of the step that passed the most checks is reported.
+    // The reason of the step that passed the most checks is reported.
     let mut reasons = Vec::new();
     let mut used = Vec::new();
     for (i, step) in steps.iter().enumerate() {

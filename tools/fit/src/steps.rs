@@ -1,4 +1,4 @@
-//! Extraction of the steps of a recording by the code of the insole, with the contacts that were excluded and the reasons.
+//! Extraction of the steps of a recording by the code of the insole, with the excluded contacts and the reasons.
 
 use crate::quality::largest;
 use plantar::Side;
@@ -10,9 +10,9 @@ use std::fmt;
 /// The filters of the device for the contact area.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
-    /// That of the step record: three-point mean and a polynomial of 5th order over the contact phase, rate by Eq. 16.
+    /// The filter of the step record: three-point mean and a polynomial of 5th order over the contact phase, rate by Eq. 16.
     Step,
-    /// That of the live stream: mean of three frames, rate by the backward difference.
+    /// The filter of the live stream: mean of three frames, rate by the backward difference.
     Live,
 }
 
@@ -63,8 +63,8 @@ pub struct MeanEllipse {
 }
 
 impl MeanEllipse {
-    /// The weighted mean of ellipses, `None` without weight. The mean of the radii is geometric, so that the mean aspect ratio does
-    /// not favour an axis.
+    /// The weighted mean of ellipses, `None` without weight. The mean of the radii is geometric, so that the mean aspect ratio
+    /// does not favour an axis.
     pub fn of(weighted: impl IntoIterator<Item = (f64, Self)>) -> Option<Self> {
         let mut sum = Self::default();
         let mut all = 0.0;
@@ -144,7 +144,7 @@ pub enum Why {
     Long,
     /// Frames are missing in it.
     Broken,
-    /// The foot was loaded partially: peak force over the median of the recording.
+    /// The foot was loaded partially: the peak force divided by the median peak force of the recording.
     Partial(f64),
 }
 
@@ -197,19 +197,19 @@ pub fn isolate(
             contact.start = i;
             starts_loaded = i == 0;
         }
-        // A contact that is longer than a step will not become one: its further frames are not needed.
+        // A contact that is longer than a step is rejected, so its further frames are not needed.
         if device.on_ground() && contact.frames.len() <= longest {
             contact.push(&device);
         }
-        let mut leave = |why, frame: usize| {
+        let mut exclude = |why, frame: usize| {
             left_out.push(LeftOut { recording: index, at_s: first_s + frame as f64 * period_s, why });
         };
         if let Some(why) = new_rejection(&rejected, &device.rejected()) {
-            leave(why, contact.start);
+            exclude(why, contact.start);
         }
         rejected = device.rejected();
         if was_on_ground && !device.on_ground() && !toe_off && starts_loaded {
-            leave(Why::NoHeelStrike, 0);
+            exclude(Why::NoHeelStrike, 0);
             starts_loaded = false;
         }
         if toe_off && let Some(record) = device.whole_step() {
@@ -256,7 +256,7 @@ pub fn isolate(
     Ok((steps, left_out))
 }
 
-/// The reason of a rejection by the insole since `before`.
+/// The reason of a rejection by the insole between `before` and `now`.
 fn new_rejection(before: &Rejected, now: &Rejected) -> Option<Why> {
     if now.short != before.short {
         Some(Why::Short)
@@ -279,7 +279,7 @@ pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     }
 }
 
-/// The frames of the present contact.
+/// The frames of the current contact.
 #[derive(Default)]
 struct Contact {
     start: usize,

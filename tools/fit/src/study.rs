@@ -29,7 +29,7 @@ pub struct Study {
     pub participant: String,
     /// The recordings, in the order in which they were added.
     pub sources: Vec<Source>,
-    /// The contact rule of the areas. The parameters hold for this rule alone.
+    /// The contact rule of the areas. The parameters are valid for this rule only.
     pub contact: ContactRule,
     /// The steps that a fit may use.
     pub steps: Vec<Step>,

@@ -1,5 +1,5 @@
-//! Computed steps with a known truth, for tests and benchmarks: areas of a plausible shape, and forces by the force law of the core
-//! through the filters of the device, which are written here a second time in a plain form.
+//! Computed steps with known true parameters, for tests and benchmarks: areas of a plausible shape, and forces by the force law
+//! of the core, with the filters of the device, which are implemented here a second time in a straightforward form.
 
 use crate::{Filter, RegionCurves, Step};
 use plantar::Side;
@@ -8,8 +8,8 @@ use plantar::pipeline::smooth;
 use plantar::pipeline::stance::STANCE_SAMPLES;
 use std::f64::consts::PI;
 
-/// For each region: A B (mm2), K (kPa), G (kPa s), n, m; and start and end of the contact as fractions of stance, largest area over
-/// pi A B.
+/// For each region: A B (mm2), K (kPa), G (kPa s), n, m; and start and end of the contact as fractions of stance, largest area
+/// divided by pi A B.
 pub const TRUTH: [([f64; 5], [f64; 3]); 8] = [
     ([1150.0, 480.0, 20.0, 1.2, 0.8], [0.0, 0.6, 0.75]),
     ([600.0, 400.0, 16.0, 0.8, 1.0], [0.05, 0.7, 0.6]),
@@ -58,8 +58,8 @@ impl Noise {
     }
 }
 
-/// The curves of a region in one step, with an area that rises faster than it falls. `size` scales the largest area; `noise` is the
-/// standard deviation of the force over its peak.
+/// The curves of a region in one step, with an area that rises faster than it falls. `size` scales the largest area; `noise` is
+/// the standard deviation of the force, relative to its peak.
 pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64, source: &mut Noise) -> RegionCurves {
     let ([ab_mm2, ..], [start, end, share]) = TRUTH[region];
     let area = |t_s: f64| {
@@ -131,7 +131,7 @@ pub fn forces(curves: &RegionCurves, filter: Filter, law: &ForceLaw<f64>) -> Vec
     force_n
 }
 
-/// Steps with all regions, of slightly different size.
+/// Steps with all regions. Their areas differ slightly in size.
 pub fn walk(steps: usize, rate_hz: f64, filter: Filter, noise: f64, seed: u64) -> Vec<Step> {
     let mut source = Noise::new(seed);
     (0..steps)

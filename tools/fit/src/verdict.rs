@@ -9,21 +9,21 @@ const INSEPARABLE: f64 = 0.95;
 /// Ratio of C to d0 above which the ellipsoid does not resemble a fat pad.
 const FLAT: f64 = 2.0;
 
-/// With fewer different areas in a step, the curve of the area is too coarse.
+/// Smallest number of different areas in a step. With fewer, the curve of the area is too coarse.
 const FEW_AREAS: usize = 8;
 
-/// Thresholds of the verdicts. The area is at its largest for this fraction of the contact.
+/// The area saturates if it is at its largest for more than this fraction of the contact.
 const SATURATES: f64 = 0.2;
-/// The error is below this.
+/// The model follows the force if its error is below this fraction.
 const FOLLOWS: f64 = 0.1;
-/// The predicted error is this many times that of parameters fitted to each step alone.
+/// The steps differ if the predicted error exceeds this multiple of the error of parameters fitted to each step alone.
 const STEPS_DIFFER: f64 = 1.5;
-/// The floor is this fraction of the predicted error.
+/// The contact area limits the fit if the floor is above this fraction of the predicted error, and [`AT_FLOOR`] holds.
 const NEAR_FLOOR: f64 = 0.6;
-/// The error of parameters fitted to each step alone is this fraction of the floor.
+/// See [`NEAR_FLOOR`]: the error of parameters fitted to each step alone is above this fraction of the floor.
 const AT_FLOOR: f64 = 0.9;
 
-/// Whether and for which purpose the parameters can be used.
+/// States whether and for which purpose the parameters can be used.
 pub(crate) fn verdict(fit: &RegionFit) -> String {
     let q = &fit.quality;
     let predicted = q.predicted.unwrap_or(q.own);

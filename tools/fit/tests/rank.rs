@@ -1,4 +1,5 @@
-//! Identifiability of the paper's eight parameters from a force trace: five numbers are, and three directions are not.
+//! Identifiability of the paper's eight parameters from a force trace: five combinations are identifiable, three directions are
+//! not.
 
 use fit::pins::Pins;
 use fit::synthetic::law;
@@ -57,13 +58,13 @@ fn the_jacobian_by_the_eight_parameters_has_rank_five_in_every_region() {
             .collect();
         let mut values: Vec<f64> = DMatrix::from_columns(&columns).singular_values().iter().copied().collect();
         values.sort_by(|a, b| b.total_cmp(a));
-        // The fifth is far above the error of the finite differences, and the sixth is that error.
+        // The fifth singular value is far above the error of the finite differences, and the sixth is of the size of that error.
         assert!(values[4] > 1e-6 * values[0], "{}: {values:?}", name.name());
         assert!(values[5] < 1e-8 * values[0], "{}: {values:?}", name.name());
     }
 }
 
-/// The three directions: A/B, C with k and c, d0 with k and c.
+/// The three directions are A/B, C together with k and c, and d0 together with k and c.
 #[test]
 fn aspect_c_and_d0_leave_the_force_unchanged() {
     for region in 0..8 {

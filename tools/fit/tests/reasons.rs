@@ -1,4 +1,4 @@
-//! The reasons why a region is not fitted; the other regions are fitted nevertheless.
+//! The reasons why a region is not fitted. The other regions are fitted nevertheless.
 
 use fit::interval::RESAMPLES;
 use fit::synthetic::{Noise, curves, walk};
@@ -62,7 +62,7 @@ fn parameters_outside_of_the_range_of_an_insole_are_rejected() {
     assert!(fits.iter().all(|f| f == &Err(Unfit::OutOfRange)));
 }
 
-/// The error on steps that were not used for the fit is that of the noise.
+/// The error on steps that were not used for the fit is the amplitude of the noise.
 #[test]
 fn many_steps_are_cross_validated_in_groups() {
     let steps = walk(70, 50.0, Filter::Step, 0.03, 1);
@@ -84,7 +84,7 @@ fn steps_that_fail_the_screening_are_not_used_for_a_region() {
     assert_eq!(fits[1].as_ref().expect("fitted").steps.len(), 6);
 }
 
-/// Recordings disagree where the tissue differs, and not where only the noise does.
+/// Recordings disagree if the tissue differs, and not if only the noise differs.
 #[test]
 fn recordings_of_two_people_are_recognised() {
     let one = walk(10, 100.0, Filter::Step, 0.02, 1);
@@ -119,7 +119,7 @@ fn a_fit_is_repeatable_and_its_bootstrap_agrees_with_the_jacobian() {
     let once = fit(&steps, &options, &|_| ());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     assert_eq!(once, pool.install(|| fit(&steps, &options, &|_| ())));
-    // The steps differ by white noise alone, so that both kinds of interval have the same width.
+    // The steps differ by white noise only, so both kinds of interval have about the same width.
     for (region, fit) in once.iter().enumerate() {
         let uncertainty = fit.as_ref().expect("fitted").uncertainty.as_ref().expect("intervals");
         for interval in &uncertainty.intervals {

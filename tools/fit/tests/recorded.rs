@@ -1,4 +1,4 @@
-//! Recorded steps: the errors of the fits are those of an independent reference, and of the code of the insole.
+//! Recorded steps: the errors of the fits agree with an independent reference and with the code of the insole.
 
 use fit::quality::Evaluated;
 use fit::steps::Why;
@@ -44,7 +44,7 @@ fn pedar_feet() -> Option<[Recording; 2]> {
     )
 }
 
-/// Mean NRMSE in % of each region against the measured force, of SciPy's trust region reflective least squares for the same
+/// Mean NRMSE of each region against the measured force, %, by SciPy's least squares (trust region reflective) for the same
 /// filtered areas and bounds: the best of 24 random starts. `None` where the region is not fitted.
 type Golden = [Option<f64>; 8];
 
@@ -90,7 +90,7 @@ fn barefoot_steps_are_fitted_as_well_as_by_the_reference() {
     assert_golden(&study, &BAREFOOT);
 }
 
-/// The errors of each fit are those that the core computes from the recording with the same parameters.
+/// The errors of each fit equal the errors that the core computes from the recording with the same parameters.
 #[test]
 fn the_errors_of_a_fit_are_those_of_the_insole() {
     let Some(walk) = walker(2, 0..8) else { return };

@@ -19,11 +19,14 @@ import type { Transport } from "./transport/transport";
 import { WebSocketTransport } from "./transport/websocket";
 import type { Wire } from "./wire";
 
-/** `plantar serve` is reached by an address or as localhost. A page with a domain name has no insoles behind it. */
+/** True for hosts at which `plantar serve` is reached: localhost and IP addresses. A page on a domain name has no insoles. */
 const isAddress = (host: string) => host === "localhost" || /^[\d.]+$|^\[/.test(host);
-/** Time between two updates of the texts. */
+/** Time between two updates of the texts and of the sessions. */
 const UPDATE_MS = 100;
 const COMPUTED_WALK = "./walk.plantar";
+const CANNOT_STORE =
+  "This browser cannot store steps, because its storage is full or not allowed. Free some storage, or allow it for this site. " +
+  "Until then, the insole stores your steps.";
 
 export class App {
   private readonly settings = loadSettings(localStorage);
@@ -83,7 +86,7 @@ export class App {
       this.show(new StepStore(this.wire, new TemporaryStorage()));
       this.use(transport);
     } catch (error) {
-      this.problem = error instanceof Error ? error.message : "The recording cannot be played.";
+      this.problem = error instanceof Error ? error.message : "The recording cannot be played. Reload the page and try again.";
       byId("start").hidden = false;
     }
   }
@@ -95,7 +98,7 @@ export class App {
     try {
       this.problem = "";
       if (transport !== before) this.use(transport);
-      // The next steps are the wearer's, no longer those of a recording.
+      // From here on, the steps are the wearer's and not those of a recording.
       if (before?.is_replay) await this.loadSteps();
       await transport.add();
     } catch (error) {
@@ -117,7 +120,7 @@ export class App {
     this.store.add(message, bytes, session.history, start_unix_s).then(
       () => session.acknowledge(step.step),
       // Without an acknowledgement, the insole stores the step and sends it again.
-      () => (this.problem = "This browser cannot store steps, because its storage is full or not allowed."),
+      () => (this.problem = CANNOT_STORE),
     );
     this.stepsChanged();
   };
@@ -135,7 +138,7 @@ export class App {
   private tick(): void {
     const now_ms = performance.now();
     this.insoles.tick(now_ms);
-    // The sessions of a page in the background continue, but nobody reads its texts.
+    // In the background the sessions continue, but the texts are not visible.
     if (!document.hidden) this.update(now_ms);
   }
 
@@ -152,9 +155,9 @@ export class App {
     }));
     const note = (text: string): Node => ["p", { class: "note" }, text];
     const remark = (text: string): Node => ["p", { class: "note remark" }, text];
-    const own = this.problem ? [this.problem] : [];
+    const error = this.problem ? [this.problem] : [];
     fill("notes", [
-      ...[...own, ...problems(insoles, live_view, this.wire.facts)].map(note),
+      ...[...error, ...problems(insoles, live_view, this.wire.facts)].map(note),
       ...remarks(insoles).map(remark),
     ]);
   }

@@ -11,8 +11,9 @@ type Cell = string | number | null;
 const line = (cells: readonly Cell[]) => cells.map((cell) => cell ?? "").join(",") + "\n";
 
 /**
- * One row for each live frame. `unix_s` is the time of the scan on the browser's clock, the same for both feet, and empty where the
- * recording has no time of the insole. `t_s` is the time of arrival, `device_t_s` that of the scan on the insole's clock.
+ * One row for each live frame. `unix_s` is the time of the scan on the browser's clock, which both feet share; it is empty where
+ * the recording has no time message of the insole. `t_s` is the time of arrival since the start of the recording, and `device_t_s`
+ * is the time of the scan on the insole's clock.
  */
 export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
   const names = wire.facts.regions.map(({ name }) => name);

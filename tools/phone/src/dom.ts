@@ -1,9 +1,9 @@
-/** Functions for the page's document. */
+/** Functions for the document of the page. */
 
 /** Text, or an element with its name, attributes and children. */
 export type Node = string | [name: string, attributes: Record<string, string>, ...children: Node[]];
 
-/** The element with this id, which index.html has. */
+/** The element with this id, which index.html contains. */
 export function byId<T extends HTMLElement = HTMLElement>(id: string, type?: new () => T): T {
   const element = document.getElementById(id);
   if (!element || (type && !(element instanceof type))) throw new Error(`index.html lacks ${id}`);
@@ -22,10 +22,10 @@ function build(node: Node, parent: Element): globalThis.Node {
   return element;
 }
 
-/** The content that {@link fill} gave each element. */
+/** The last content that {@link fill} wrote to each element. */
 const filled = new WeakMap<Element, string>();
 
-/** Replaces the content of an element where it differs. */
+/** Replaces the content of an element if it differs. */
 export function fill(into: string | Element | null, nodes: readonly Node[]): void {
   const element = typeof into === "string" ? byId(into) : into;
   const content = JSON.stringify(nodes);
@@ -40,6 +40,6 @@ export function download(name: string, type: string, parts: BlobPart[]): void {
   link.href = URL.createObjectURL(new Blob(parts, { type }));
   link.download = name;
   link.click();
-  // The download has started by then.
+  // The download has started by this time.
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }

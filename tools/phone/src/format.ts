@@ -16,11 +16,11 @@ const TITLES: Record<string, string> = {
 
 export const regionTitle = (name: string) => TITLES[name] ?? name;
 
-/** The choices of the table of regions. */
+/** The quantities that the table of regions can show. */
 export const QUANTITIES = ["measured", "model", "deformation", "area"] as const;
 export type Quantity = (typeof QUANTITIES)[number];
 
-/** A quantity of a region, with its unit in the chosen settings; `null` where the insole lacks the wearer's parameters for it. */
+/** A quantity of a region with its unit; `null` where it requires the wearer's parameters and the insole has none. */
 export function quantityText(region: LiveRegion, quantity: Quantity, has_parameters: boolean, settings: Settings): string | null {
   const needs_parameters = quantity === "model" || quantity === "deformation";
   if (needs_parameters && !has_parameters) return null;
@@ -37,7 +37,7 @@ export function quantityText(region: LiveRegion, quantity: Quantity, has_paramet
 /** The unit in which forces are shown. */
 export const unitOf = (settings: Settings) => (settings.force_unit === "%BW" && settings.body_mass_kg !== null ? "%BW" : "N");
 
-/** A force in the chosen unit, then in the other one, which is empty without a body mass. Without a `space` the unit is omitted. */
+/** A force in the chosen unit, and in the other one, or an empty text without a body mass. An empty `space` omits the unit. */
 export function forceText(force_n: number, settings: Settings, space = " "): [string, string] {
   const text = (value: number, unit: string) => value.toFixed(0) + (space === "" ? "" : space + unit);
   const newtons = text(force_n, "N");

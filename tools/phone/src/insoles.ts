@@ -14,7 +14,7 @@ export interface InsoleEvents {
 export class Insoles {
   sessions: Session[] = [];
   transport: Transport | undefined;
-  /** The encoded hello of each insole. */
+  /** The encoded hello message of each insole. */
   readonly hellos = new Map<Insole, Uint8Array>();
 
   constructor(
@@ -61,7 +61,7 @@ export class Insoles {
     const before = { hello: session.hello, live: session.live };
     session.receive(bytes, now_ms);
     if (session.hello !== before.hello) this.hellos.set(insole, bytes.slice());
-    this.recorder.take(insole, bytes, now_ms);
+    this.recorder.add(insole, bytes, now_ms);
     if (session.live && session.hello && session.live !== before.live) this.events.live(session.live, session.hello.side);
   }
 }

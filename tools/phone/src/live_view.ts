@@ -25,9 +25,9 @@ const TEXTS: Record<SessionState, string> = {
 export class LiveView {
   private readonly soles: Soles;
   private readonly pictures: Record<Side, SolePicture>;
-  /** Largest force of a region so far. */
+  /** Largest force of a region so far, which determines the scale. */
   private largest_n = 0;
-  /** Regions of which the sensor was saturated. They stay listed, because notes that come and go would move the picture. */
+  /** Regions in which a cell was saturated. They remain listed, because a note that disappears would move the picture. */
   private readonly saturated = new Set<string>();
   private quantity: Quantity = "measured";
   private is_draw_requested = false;
@@ -46,13 +46,13 @@ export class LiveView {
     quantity.onchange = () => (this.quantity = QUANTITIES.find((known) => known === quantity.value) ?? "measured");
   }
 
-  /** Begins again for other insoles. */
+  /** Resets the scale and the saturated regions, for other insoles. */
   reset(): void {
     this.largest_n = 0;
     this.saturated.clear();
   }
 
-  /** Takes a live frame. It is drawn with the next frame of the screen. */
+  /** Shows a live frame. It is drawn with the next frame of the screen. */
   frame(live: Live, side: Side): void {
     const picture = this.pictures[side];
     picture.live = live;
@@ -80,7 +80,7 @@ export class LiveView {
     );
   }
 
-  /** Updates the texts. Call it a few times a second. */
+  /** Updates the texts. To be called a few times a second. */
   update(insoles: Insoles, settings: Settings): void {
     for (const side of SIDES) this.updateState(side, insoles.of(side)?.state ?? "closed");
     fill("totals", SIDES.map((side) => {
@@ -102,7 +102,7 @@ export class LiveView {
     fill("scale-to", [forceText(scaleEnd_n(this.largest_n), settings)[0]]);
   }
 
-  /** Removes the loads of an insole that sends none. */
+  /** Shows the state of an insole, and removes its loads if it sends none. */
   private updateState(side: Side, state: SessionState): void {
     const picture = this.pictures[side];
     const text = TEXTS[state];
@@ -119,7 +119,7 @@ export class LiveView {
     return `${side} ${regionTitle(this.facts.regions[region]?.name ?? "").toLowerCase()}`;
   }
 
-  /** Draws once with the next frame of the screen; browsers have none for a page in the background. */
+  /** Requests one drawing with the next frame of the screen. Browsers draw no frames for a page in the background. */
   private requestDraw(): void {
     if (this.is_draw_requested || !this.soles.isVisible) return;
     this.is_draw_requested = true;
@@ -141,7 +141,7 @@ export class LiveView {
     const palette = colours(is_dark);
     this.soles.measure(palette);
     byId("scale").style.background = `linear-gradient(to right, ${palette.filter((_, i) => i % 7 === 0).join(", ")})`;
-    // Without waiting for a frame of the screen, so that a resized canvas is never seen empty.
+    // A resized canvas is empty, so it is drawn at once and not with the next frame of the screen.
     this.draw();
   }
 }

@@ -1,4 +1,4 @@
-/** Notes to the wearer: what is wrong, and what is good to know. */
+/** Notes to the wearer: problems, and remarks that require no action. */
 
 import type { Facts } from "./generated/messages";
 import type { Insoles } from "./insoles";
@@ -6,7 +6,7 @@ import type { LiveView } from "./live_view";
 import type { Session } from "./session";
 import { SIDES } from "./side";
 
-/** Problems, which the wearer should see. */
+/** Problems that affect the measurement. */
 export function problems(insoles: Insoles, live_view: LiveView, facts: Facts): string[] {
   const notes = insoles.sessions.flatMap((session) => sessionProblems(session, facts));
   const { saturatedPlaces: saturated, maskedPlaces: masked } = live_view;
@@ -36,21 +36,21 @@ function sessionProblems({ hello, state, reason }: Session, facts: Facts): strin
     case "live":
       if (!hello.last_panic) return [];
       return ["panic", "watchdog"].includes(hello.reset)
-        ? [`${insole} restarted after a fault: ${hello.last_panic}`]
-        : [`${insole} cannot measure: ${hello.last_panic}`];
+        ? [`${insole} restarted after a fault. If this happens often, report this text to its supplier: ${hello.last_panic}`]
+        : [`${insole} cannot measure. Restart it. If that does not help, report this text to its supplier: ${hello.last_panic}`];
     case "closed":
     case "waiting":
       return [];
   }
 }
 
-/** Notes that need no action. */
+/** Remarks that require no action. */
 export function remarks(insoles: Insoles): string[] {
   const { transport, sessions } = insoles;
   if (transport?.is_replay) return ["This is a recording."];
-  const without = SIDES.filter((side) => insoles.of(side)?.hello?.has_parameters === false);
-  if (without.length > 0) {
-    return [`Your personal parameters are not on the ${without.join(" and ")} insole, so no model values are shown.`];
+  const lacking = SIDES.filter((side) => insoles.of(side)?.hello?.has_parameters === false);
+  if (lacking.length > 0) {
+    return [`Your personal parameters are not on the ${lacking.join(" and ")} insole, so no model values are shown.`];
   }
   const is_waiting = sessions.every(({ state }) => state === "closed" || state === "waiting");
   return transport && is_waiting ? [`Waiting for an insole ${transport.place}.`] : [];

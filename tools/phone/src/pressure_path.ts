@@ -8,14 +8,14 @@ export type Point = [x_mm: number, y_mm: number];
 /** Oldest point first. */
 export type Path = { t_s: number; at_mm: Point }[];
 
-/** Length of the path. */
+/** Duration of the path. */
 const PATH_S = 1;
-/** A gap in the path is a swing. */
+/** A longer time without a point is a swing, so that the next point starts a new path. */
 const LONGEST_GAP_S = 0.1;
-/** A foot with a smaller total force has no centre of pressure, N. */
+/** Smallest total force for which the centre of pressure is computed. */
 const LEAST_N = 20;
 
-/** The mean of the regions' centres, weighted by their forces: an estimate, because a live frame has no cells. */
+/** The mean of the centres of the regions, weighted by force: an estimate, because a live frame contains no cells. */
 export function centreOfPressure(live: Live, facts: Facts): Point | undefined {
   let [force_n, x, y] = [0, 0, 0];
   live.regions.forEach((region, i) => {
@@ -28,7 +28,7 @@ export function centreOfPressure(live: Live, facts: Facts): Point | undefined {
   return force_n < LEAST_N ? undefined : [x / force_n, y / force_n];
 }
 
-/** Adds the point of a frame to a path and removes those that are too old. The last path stays visible during swing. */
+/** Adds the point of a frame to a path and removes points that are too old. The last path remains visible during swing. */
 export function extendPath(path: Path, live: Live, facts: Facts): void {
   const at_mm = centreOfPressure(live, facts);
   const last = path.at(-1);

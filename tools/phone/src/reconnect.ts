@@ -1,21 +1,21 @@
-/** When to try a lost connection again: the one policy of all transports and sessions. */
+/** Reconnection: its times and its retries, the same for all transports and sessions. */
 
 /** Time between two attempts to open a link that broke. */
 export const RETRY_MS = 1000;
-/** Longest time without a message of a live stream. After it, the insole may have restarted and waits for a hello. */
-export const SILENCE_MS = 2000;
-/** Time between two requests for a hello. */
+/** Longest time without a message in a session. After this time the connection counts as lost. */
+export const TIMEOUT_MS = 2000;
+/** Time between two connect requests, which the insole answers with a hello. */
 export const HELLO_MS = 500;
 
-/** Opens a link again, as often as necessary. */
+/** Retries to open a link until it succeeds. */
 export class Reconnect {
   private timer: ReturnType<typeof setTimeout> | undefined;
   private is_stopped = false;
 
-  /** `open` throws or rejects where it fails. */
+  /** `open` throws or rejects if it fails. */
   constructor(private readonly open: () => unknown) {}
 
-  /** Call this when the link broke. */
+  /** Schedules an attempt. To be called when the link breaks. */
   later(): void {
     if (this.is_stopped) return;
     clearTimeout(this.timer);

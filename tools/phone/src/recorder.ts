@@ -16,25 +16,26 @@ export class Recorder {
     return this.chunks.length === 0;
   }
 
-  /** Starts a new recording with the `hellos` of the insoles, which name the feet of the following frames. */
+  /** Starts a new recording with the hello messages of the insoles, which identify the feet of the following frames. */
   start(now_ms: number, hellos: Iterable<[Insole, Uint8Array]>): void {
     this.chunks = [];
     this.start_ms = now_ms;
     this.end_ms = now_ms;
-    for (const [insole, message] of hellos) this.take(insole, message, now_ms);
+    for (const [insole, message] of hellos) this.add(insole, message, now_ms);
   }
 
   stop(): void {
     this.start_ms = undefined;
   }
 
-  take(insole: Insole, message: Uint8Array, now_ms: number): void {
+  /** Adds a message while a recording is running. */
+  add(insole: Insole, message: Uint8Array, now_ms: number): void {
     if (this.start_ms === undefined) return;
     this.end_ms = now_ms;
     this.chunks.push(entry({ t_ms: Math.round(now_ms - this.start_ms), insole, message }) as Uint8Array<ArrayBuffer>);
   }
 
-  /** Length of the running recording. */
+  /** Duration of the running recording. */
   seconds(): number {
     return this.start_ms === undefined ? 0 : (this.end_ms - this.start_ms) / 1000;
   }

@@ -1,10 +1,10 @@
-/** The colours of load: even steps of lightness in OKLCH, so that equal differences of load look equal, also in grey. */
+/** The colours of loads: lightness in OKLCH is linear in load, so that equal differences of load look equal, also in grey. */
 
 const COLOURS = 64;
-/** Round ends of the scale, N. */
+/** Round values at which a scale may end. */
 const ENDS_N = [50, 100, 150, 200, 250, 300, 400, 500, 600, 700, 800, 1000, 1200, 1500, 2000, 3000, 5000];
 
-/** The palette. An unloaded region is near the page's background: dark on dark, light on light. */
+/** The palette. The colour of an unloaded region is close to the background of the page, dark or light. */
 export function colours(is_dark: boolean): string[] {
   return Array.from({ length: COLOURS }, (_, i) => {
     const load = i / (COLOURS - 1);

@@ -1,16 +1,18 @@
-/** The session with one insole: greets it, holds its latest messages, counts lost frames. */
+/** The session with one insole: connects, stores the latest messages, counts lost frames. */
 
 import type { Hello, Status, ToHost } from "./generated/messages";
 import type { Live } from "./generated/quantities";
-import { HELLO_MS, SILENCE_MS } from "./reconnect";
+import { HELLO_MS, TIMEOUT_MS } from "./reconnect";
 import type { Insole, Transport } from "./transport/transport";
 import type { Axis, LiveCounter, Wire } from "./wire";
 
+/** Time between two requests for the status. */
 const STATUS_MS = 1000;
+/** Time between two requests for the time. */
 const TIME_MS = 250;
-/** The rate of live frames is counted over this time. */
+/** Time over which the rate of live frames is averaged. */
 const RATE_MS = 2000;
-/** The total force of the last frames is stored for this time: the peak force of a step is found in it. */
+/** Time for which the total forces of live frames are stored: the peak force of a step is read from them. */
 const HISTORY_S = 10;
 
 export type SessionState = "closed" | "waiting" | "live" | "lost" | "other-version";
@@ -73,18 +75,18 @@ export class Session {
   receive(bytes: Uint8Array, now_ms: number): void {
     const message = this.wire.decode(bytes);
     if (!message) {
-      // Before a hello, and from another major version, unknown messages are expected.
+      // Before the hello and from another major version, unknown messages are expected.
       if (this.state === "live") this.damaged += 1;
       return;
     }
     this.last_message_ms = now_ms;
     switch (message.kind) {
       case "hello":
-        return this.greeted(message, now_ms);
+        return this.receiveHello(message, now_ms);
       case "live":
-        return this.frame(message, now_ms);
+        return this.receiveLive(message, now_ms);
       case "step":
-        // Steps of another major version could be shown wrong.
+        // A step of another major version may have another meaning.
         if (this.state !== "other-version") this.onStep(message, bytes, this);
         return;
       case "status":
@@ -94,14 +96,14 @@ export class Session {
       case "time":
         this.axis.answer(message);
         return;
-      // The page requests none of these.
+      // The page does not request these.
       case "tissue":
       case "refused":
       case "faults":
     }
   }
 
-  private greeted(hello: Hello, now_ms: number): void {
+  private receiveHello(hello: Hello, now_ms: number): void {
     this.hello = hello;
     this.hello_ms = now_ms;
     this.axis.clear();
@@ -116,7 +118,7 @@ export class Session {
     this.send(this.wire.stream(true));
   }
 
-  private frame(live: Live, now_ms: number): void {
+  private receiveLive(live: Live, now_ms: number): void {
     if (this.state === "other-version" || !this.hello) return;
     if (this.state === "lost") this.state = "live";
     this.counter.frame(live.sequence);
@@ -128,20 +130,20 @@ export class Session {
     this.arrivals_ms.push(now_ms);
   }
 
-  /** Live frames per second, over the last seconds. */
+  /** Live frames per second, mean over the last seconds. */
   rate_hz(now_ms: number): number {
     while ((this.arrivals_ms[0] ?? Infinity) < now_ms - RATE_MS) this.arrivals_ms.shift();
-    // A stream that has just begun is counted from its hello.
+    // In the first seconds the mean is over the time since the hello.
     const counted_ms = Math.min(RATE_MS, now_ms - this.hello_ms);
     return counted_ms > 0 ? (1000 * this.arrivals_ms.length) / counted_ms : 0;
   }
 
-  /** Sends the requests that are due. Call it a few times a second. */
+  /** Sends the requests that are due. To be called a few times a second. */
   tick(now_ms: number): void {
-    if (this.state === "live" && now_ms - this.last_message_ms > SILENCE_MS) {
+    if (this.state === "live" && now_ms - this.last_message_ms > TIMEOUT_MS) {
       this.state = "lost";
       this.reason = "no data for two seconds";
-      // The insole may have restarted; then it waits for a hello.
+      // The insole may have restarted. Then it waits for a connect request.
       this.asked_hello_ms = -Infinity;
     }
     const is_waiting = this.state === "waiting" || this.state === "lost";
@@ -159,7 +161,7 @@ export class Session {
     }
   }
 
-  /** Reports that the step and all before it are stored, so that the insole can delete them. */
+  /** Acknowledges a step and all earlier ones, so that the insole can delete them. To be called once they are stored. */
   acknowledge(step: number): void {
     this.send(this.wire.acknowledge(step));
   }

@@ -63,7 +63,7 @@ export function listenToExport(
   };
 }
 
-/** Updates the details of the insoles and the buttons. Call it a few times a second. */
+/** Updates the details of the insoles and the buttons. To be called a few times a second. */
 export function updateSettingsView(insoles: Insoles, recorder: Recorder, now_ms: number): void {
   fill("insoles", insoles.sessions.flatMap((session) => insoleDetails(session, now_ms)));
   updateRecording(recorder, insoles);

@@ -6,13 +6,13 @@ import { type Path, type Point } from "./pressure_path";
 import { colourOf } from "./scale";
 import { SIDES } from "./side";
 
-/** Around and between the soles. */
+/** Space around the soles, and between each sole and the middle of the canvas. */
 const MARGIN_MM = 10;
 
-/** The content of one sole. */
+/** The content of the picture of one sole. */
 export interface SolePicture {
   live: Live | undefined;
-  /** Shown instead of loads. */
+  /** Text that is shown instead of loads. */
   text: string;
   /** Contact ellipses at the peak of the last step. */
   ellipses: Ellipse[];
@@ -20,7 +20,7 @@ export interface SolePicture {
   path: Path;
 }
 
-/** Colours of the page that the canvas needs too. */
+/** Colours of the page that are also used on the canvas. */
 interface Ink {
   back: string;
   text: string;
@@ -37,7 +37,7 @@ export class Soles {
   /** Size of the canvas on the page; 0 while it is not displayed. */
   private width = 0;
   private height = 0;
-  /** The appearance of each sole that the canvas shows. */
+  /** The appearance of each sole as it is drawn on the canvas. */
   private readonly drawn: Record<Side, string> = { left: "", right: "" };
 
   constructor(
@@ -45,7 +45,7 @@ export class Soles {
     private readonly facts: Facts,
   ) {
     const context = canvas.getContext("2d");
-    if (!context) throw new Error("This browser cannot draw.");
+    if (!context) throw new Error("This browser cannot draw on a canvas. Use another browser.");
     this.context = context;
     this.outline = polygon(facts.sole.outline_mm);
     this.regions = facts.regions.map(({ outline_mm }) => polygon(outline_mm));
@@ -74,7 +74,7 @@ export class Soles {
     return this.width > 0;
   }
 
-  /** Draws the soles that look different from before. */
+  /** Draws the soles whose appearance has changed. */
   draw(pictures: Record<Side, SolePicture>, scale_end_n: number): void {
     if (!this.isVisible) return;
     for (const side of SIDES) {
@@ -82,16 +82,16 @@ export class Soles {
       const appearance = appearanceOf(pictures[side], colours);
       if (appearance === this.drawn[side]) continue;
       this.drawn[side] = appearance;
-      this.half(side, pictures[side], colours);
+      this.drawHalf(side, pictures[side], colours);
     }
   }
 
   /** Draws one sole in its half of the canvas. */
-  private half(side: Side, picture: SolePicture, colours: readonly string[]): void {
+  private drawHalf(side: Side, picture: SolePicture, colours: readonly string[]): void {
     const { context: c, width, height } = this;
     const { length_mm, width_mm } = this.facts.sole;
     const scale = Math.min(width / (2 * width_mm + 5 * MARGIN_MM), height / (length_mm + 2 * MARGIN_MM));
-    // Coordinates are those of a right foot.
+    // Foot coordinates have x to the lateral side, so a left foot is mirrored.
     const mirror = side === "left" ? -1 : 1;
     c.save();
     c.beginPath();
@@ -100,16 +100,16 @@ export class Soles {
     c.clearRect(0, 0, width, height);
     c.translate(width / 2 + mirror * MARGIN_MM * scale, height - MARGIN_MM * scale);
     c.scale(mirror * scale, -scale);
-    this.sole(picture, colours, 1 / scale);
+    this.drawSole(picture, colours, 1 / scale);
     c.restore();
     if (picture.text) {
       const x = width / 2 + mirror * (MARGIN_MM + width_mm / 2) * scale;
-      this.text(picture.text, x, height / 2, width_mm * scale * 0.7);
+      this.drawText(picture.text, x, height / 2, width_mm * scale * 0.7);
     }
   }
 
-  /** One foot in mm; `px` is a pixel. */
-  private sole({ live, ellipses, path }: SolePicture, colours: readonly string[], px: number): void {
+  /** Draws one sole in foot coordinates, mm; `px` is the size of a CSS pixel. */
+  private drawSole({ live, ellipses, path }: SolePicture, colours: readonly string[], px: number): void {
     const { context: c, ink } = this;
     this.regions.forEach((region, i) => {
       c.fillStyle = colours[i] ?? ink.sole;
@@ -127,14 +127,14 @@ export class Soles {
       c.ellipse(x_mm, y_mm, r_a_mm, r_b_mm, angle, 0, 2 * Math.PI);
     }
     this.strokeWithHalo(2 * px);
-    this.path(path, px);
+    this.drawPath(path, px);
     live.regions.forEach(({ saturated, clamped }, i) => {
       const centre = this.facts.regions[i]?.centre_mm;
-      if (centre && (saturated || clamped)) this.flag(centre, saturated, px);
+      if (centre && (saturated || clamped)) this.drawFlag(centre, saturated, px);
     });
   }
 
-  private path(path: Path, px: number): void {
+  private drawPath(path: Path, px: number): void {
     const { context: c } = this;
     const last = path.at(-1);
     if (!last) return;
@@ -148,8 +148,8 @@ export class Soles {
     this.stroke(this.ink.back, 2 * px);
   }
 
-  /** A triangle, filled where the sensor is saturated, open where the model is clamped. */
-  private flag([x, y]: Point, is_saturated: boolean, px: number): void {
+  /** Draws a triangle: filled for a saturated sensor, open for a clamped model. */
+  private drawFlag([x, y]: Point, is_saturated: boolean, px: number): void {
     const { context: c, ink } = this;
     c.beginPath();
     c.moveTo(x, y + 10 * px);
@@ -161,7 +161,7 @@ export class Soles {
     this.strokeWithHalo(2 * px);
   }
 
-  /** Strokes in the text's colour over a wider line in the background's, which is visible on any load. */
+  /** Strokes in the colour of the text over a wider line in that of the background, which is visible on any load. */
   private strokeWithHalo(width: number): void {
     this.stroke(this.ink.back, 2.2 * width);
     this.stroke(this.ink.text, width);
@@ -173,7 +173,7 @@ export class Soles {
     this.context.stroke();
   }
 
-  private text(text: string, x: number, y: number, width: number): void {
+  private drawText(text: string, x: number, y: number, width: number): void {
     const { context: c } = this;
     c.fillStyle = this.ink.text;
     c.font = "600 15px system-ui, sans-serif";
@@ -188,7 +188,7 @@ export class Soles {
   }
 }
 
-/** Equal for pictures that look the same. */
+/** A text that is equal for pictures with the same appearance. */
 function appearanceOf({ live, text, ellipses, path }: SolePicture, colours: readonly string[]): string {
   const flags = live?.regions.map(({ saturated, clamped }) => (saturated ? 2 : clamped ? 1 : 0)) ?? [];
   const shapes = live ? ellipses.flatMap(({ x_mm, y_mm, r_a_mm }) => [x_mm, y_mm, r_a_mm]) : [];

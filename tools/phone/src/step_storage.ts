@@ -1,4 +1,4 @@
-/** Where steps are stored beyond a visit. */
+/** Storage of steps across visits. */
 
 export interface StepRecord {
   /** The wire message. */
@@ -13,14 +13,14 @@ export interface StepStorage {
   clear(): Promise<void>;
 }
 
-/** Stores nothing beyond the visit: for the steps of a recording. */
+/** Stores nothing across visits: for the steps of a recording. */
 export class TemporaryStorage implements StepStorage {
   load = () => Promise.resolve([]);
   add = () => Promise.resolve();
   clear = () => Promise.resolve();
 }
 
-/** For a browser without a database. Steps are not acknowledged, so the insole stores them. */
+/** For a browser without a database. Adding a step fails, so that it is not acknowledged and the insole does not delete it. */
 export class NoStorage implements StepStorage {
   load = () => Promise.resolve([]);
   add = () => Promise.reject(new Error("This browser has no database."));

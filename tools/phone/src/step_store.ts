@@ -9,7 +9,7 @@ export interface StoredStep {
   step: Step;
   /** Largest total force of the foot in the live frames; `null` where too many of these are missing. */
   peak_n: number | null;
-  /** First contact on the browser's clock; `null` where the insole's clock was not known. */
+  /** Time of first contact on the browser's clock; `null` without a time from the insole. */
   start_unix_s: number | null;
 }
 
@@ -31,7 +31,7 @@ export class StepStore {
     const keys = new Set<string>();
     for (const { message, peak_n, start_unix_s } of await this.storage.load()) {
       const decoded = this.wire.decode(message);
-      // Steps of another protocol version stay in the storage. Two pages in one browser store a step twice.
+      // Steps of another protocol version remain in the storage. Two pages in one browser may have stored a step twice.
       if (decoded?.kind !== "step" || keys.has(decoded.key)) continue;
       keys.add(decoded.key);
       this.steps.push({ step: decoded.step, peak_n, start_unix_s });
@@ -39,7 +39,7 @@ export class StepStore {
     }
   }
 
-  /** Takes a step and its encoded message; resolves once it and all before it are stored, whether it is new or not. */
+  /** Adds a step, unless it is a repetition; resolves once it and all earlier steps are stored. */
   add(
     { key, step }: StepMessage,
     message: Uint8Array,
@@ -62,7 +62,7 @@ export class StepStore {
     await this.storage.clear();
   }
 
-  /** In their order, because an acknowledged step stands for all before it. */
+  /** Stores the pending steps in their order, because an acknowledgement covers all earlier steps. */
   private async storePending(): Promise<void> {
     for (let next = this.pending[0]; next; next = this.pending[0]) {
       await this.storage.add(next);
@@ -72,17 +72,17 @@ export class StepStore {
 
   private remember(key: string): void {
     this.recent.add(key);
-    // Each foot can repeat no more than its queue.
+    // The insole of each foot repeats at most the steps in its queue.
     const [oldest] = this.recent;
     if (oldest !== undefined && this.recent.size > 2 * this.wire.facts.step_queue) this.recent.delete(oldest);
   }
 }
 
-/** The peak force of the whole foot. A step has the peaks of its regions only, which are not at the same time. */
+/** The peak force of the whole foot. A step only has the peaks of its regions, which do not occur at the same time. */
 export function peakForce(step: Step, history: readonly ForceSample[]): number | null {
   const end_s = step.start_s + step.duration_s;
   const within = history.filter(({ t_s }) => t_s >= step.start_s - 1e-6 && t_s <= end_s + 1e-6);
-  // The peak may be among the missing frames where more than a tenth is missing.
+  // If more than a tenth of the frames is missing, the peak may be among them.
   const expected = step.duration_s / step.sample_s;
   if (within.length < 0.9 * expected) return null;
   return within.reduce((peak, { force_n }) => Math.max(peak, force_n), 0);

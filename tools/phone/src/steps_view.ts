@@ -8,9 +8,9 @@ import { SIDES, sideTitle } from "./side";
 import type { StoredStep } from "./step_store";
 import { cadence_per_min, footMeasures, impulse_n_s, stepsOf, symmetryIndex } from "./walk";
 
-/** Steps of each foot in the trend. */
+/** Number of steps of each foot in the trend. */
 const TREND = 60;
-/** Rows of the table. */
+/** Largest number of rows in the table. */
 const ROWS = 200;
 
 export function drawSteps(steps: readonly StoredStep[], settings: Settings): void {
@@ -76,7 +76,7 @@ function trend(steps: readonly StoredStep[], settings: Settings): Node[] {
   const low = Math.floor((Math.min(...all) * 0.95) / step) * step;
   const high = Math.ceil((Math.max(...all) * 1.01) / step) * step;
   const longest = Math.max(2, ...series.map(({ values }) => values.length));
-  // The last steps of both feet are at the right end.
+  // The last step of each foot is at the right end.
   const x = (i: number, count: number) => left + ((longest - count + i) / (longest - 1)) * (width - left - 8);
   const y = (value: number) => 8 + ((high - value) / (high - low)) * (height - bottom - 8);
   const unit = unitOf(settings);
@@ -91,7 +91,7 @@ function trend(steps: readonly StoredStep[], settings: Settings): Node[] {
       ["text", { x: String(width - 4), y: String(height - 4), "text-anchor": "end" }, "last step"],
       ...series.flatMap(({ side, values }): Node[] => {
         const points = values.map((value, i) => `${x(i, values.length).toFixed(1)} ${y(value).toFixed(1)}`);
-        // Left is round and right is square, so that colour is not the only difference.
+        // Circles for left and squares for right, so that colour is not the only difference.
         const mark = (at: string) => (side === "left" ? `M${at}m-3 0a3 3 0 1 0 6 0a3 3 0 1 0-6 0` : `M${at}m-3-3h6v6h-6z`);
         const colour = `var(--${side})`;
         return [

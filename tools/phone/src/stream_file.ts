@@ -1,8 +1,10 @@
-/** A recorded stream. Each entry has the time in ms (u32), the insole (u8) and the length (u16), little endian, and the message. */
+/** A recorded stream. Each entry is the time in ms (u32), the insole (u8) and the length (u16), little endian, and the message. */
 
 import { INSOLES, type Insole } from "./transport/transport";
 
+/** Length of an entry without its message. */
 const HEAD = 7;
+const NOT_A_RECORDING = "This file is not a recording of insoles. Use a file that this page or plantar serve recorded.";
 
 export interface Entry {
   t_ms: number;
@@ -11,8 +13,8 @@ export interface Entry {
 }
 
 /**
- * The entries of a file. A file that was cut off, as by a recorder that was stopped, ends with its last complete entry. Throws an
- * error for the wearer where the file is not a recorded stream.
+ * The entries of a file. An incomplete entry at the end, as after a recorder was stopped, is omitted. Throws an error with a
+ * message for the wearer if the file is not a recorded stream.
  */
 export function* entries(bytes: Uint8Array): Generator<Entry> {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
@@ -20,7 +22,7 @@ export function* entries(bytes: Uint8Array): Generator<Entry> {
     if (at + HEAD > bytes.length) return;
     const length = view.getUint16(at + 5, true);
     const insole = INSOLES.find((index) => index === bytes[at + 4]);
-    if (insole === undefined) throw new Error("This file is not a recording of insoles.");
+    if (insole === undefined) throw new Error(NOT_A_RECORDING);
     if (at + HEAD + length > bytes.length) return;
     yield { t_ms: view.getUint32(at, true), insole, message: bytes.subarray(at + HEAD, at + HEAD + length) };
     at += HEAD + length;

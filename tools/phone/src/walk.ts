@@ -4,9 +4,9 @@ import type { Side, Step } from "./generated/quantities";
 import { SIDES } from "./side";
 import type { StoredStep } from "./step_store";
 
-/** A longer time between two steps of one foot is not a stride, because the wearer stood, s. */
+/** Longest stride. After a longer time between two steps of one foot, the wearer has stood. */
 const LONGEST_STRIDE_S = 2.5;
-/** Measures are means over this many steps of each foot, the last ones. */
+/** Number of the last steps of each foot over which measures are averaged. */
 export const LATEST = 20;
 
 export const stepsOf = (steps: readonly StoredStep[], side: Side) => steps.filter(({ step }) => step.side === side);
@@ -25,7 +25,7 @@ export function symmetryIndex(left: number | null, right: number | null): number
   return (200 * (left - right)) / (left + right);
 }
 
-/** Steps of both feet per minute, from the strides of each foot. Only consecutive steps are a stride. */
+/** Steps of both feet per minute, from the strides of each foot. Only consecutive steps form a stride. */
 export function cadence_per_min(steps: readonly StoredStep[]): number | null {
   const strides_s = SIDES.flatMap((side) => {
     const latest = stepsOf(steps, side).slice(-LATEST);

@@ -1,12 +1,12 @@
-/** The core as WebAssembly: decodes and encodes messages, knows the clocks of insoles, and counts lost frames. */
+/** The core as WebAssembly: decodes and encodes messages, relates the clocks of insoles to the browser's, counts lost frames. */
 
 import type { Facts, ToHost } from "./generated/messages";
 import { INSOLES, type Insole } from "./transport/transport";
 
-/** The exports of tools/phone/wire. Results are lengths of the content of a shared buffer. */
+/** The exports of tools/phone/wire. Functions that write to the shared buffer return the length of its content. */
 interface Exports {
   memory: WebAssembly.Memory;
-  room(length: number): number;
+  resize_buffer(length: number): number;
   result(): number;
   decode(): number;
   facts(): number;
@@ -49,7 +49,7 @@ export class Axis {
   }
 }
 
-/** Counts the live frames of an insole that arrived and that were lost. */
+/** Counts the received and the lost live frames of an insole. */
 export class LiveCounter {
   constructor(
     private readonly core: Exports,
@@ -60,7 +60,7 @@ export class LiveCounter {
     this.core.counter_clear(this.index);
   }
 
-  /** Another session begins, with sequence numbers of its own. */
+  /** Begins a session, whose sequence numbers start again. */
   newSession(): void {
     this.core.counter_new_session(this.index);
   }
@@ -69,7 +69,7 @@ export class LiveCounter {
     this.core.counter_frame(this.index, sequence);
   }
 
-  /** The insole's own count of the frames of this session. */
+  /** Compares with the insole's own count of the frames of this session. */
   due(live_due: number): void {
     this.core.counter_due(this.index, live_due);
   }
@@ -98,7 +98,7 @@ export class Wire {
 
   /** The message; `undefined` for bytes that are not a message of this version. */
   decode(bytes: Uint8Array): ToHost | undefined {
-    const at = this.core.room(bytes.length);
+    const at = this.core.resize_buffer(bytes.length);
     new Uint8Array(this.core.memory.buffer, at, bytes.length).set(bytes);
     const length = this.core.decode();
     return length === 0 ? undefined : (JSON.parse(this.text.decode(this.read(length))) as ToHost);

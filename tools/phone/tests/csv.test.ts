@@ -11,7 +11,7 @@ beforeAll(async () => {
   wire = await loadWire();
 });
 
-/** The encoded message `time`: its number is 6, and two varints follow. */
+/** An encoded `time` message: the message number 6 and two varints. */
 function timeMessage(host_us: number, device_us: number): Uint8Array {
   const varint = (value: number): number[] => (value < 128 ? [value] : [(value % 128) | 128, ...varint(Math.floor(value / 128))]);
   return Uint8Array.of(6, ...varint(host_us), ...varint(device_us));
@@ -32,9 +32,9 @@ test("a live row has the times of both clocks, the side, and the values of each 
   expect([right[0], right[1], right[3], right[4]]).toEqual(["", "0.525", "0", "0"]);
 });
 
-test("frames of both feet are on the browser's clock once the insoles answered with theirs", () => {
+test("the times of both feet are on the browser's clock if the recording has time messages", () => {
   const recorded = [...entries(walk)].map((entry) => ({ ...entry }));
-  // The page asked at 1000 s since 1970, when the left insole's clock showed 0.5 s and the right one's 0.1 s.
+  // The page sent its request at 1000 s since 1970, when the left insole's clock showed 0.5 s and the right one's 0.1 s.
   const answers: [0 | 1, number][] = [[0, 500_000], [1, 100_000]];
   const times = answers.map(([insole, device_us]) => ({ t_ms: 0, insole, message: timeMessage(1_000_000_000, device_us) }));
   const rows = liveCsv([...recorded, ...times], wire).slice(1).map(cells);
@@ -64,14 +64,14 @@ test("a step has one row for each region", () => {
   });
 });
 
-test("a recording has the hellos first and the messages until it is stopped", () => {
+test("a recording begins with the hellos and contains the messages until it is stopped", () => {
   const recorder = new Recorder();
   const [hello, frame] = messagesOf(1);
-  recorder.take(1, frame!, 5);
+  recorder.add(1, frame!, 5);
   recorder.start(1000, [[1, hello!]]);
-  recorder.take(1, frame!, 1020);
+  recorder.add(1, frame!, 1020);
   recorder.stop();
-  recorder.take(1, frame!, 1030);
+  recorder.add(1, frame!, 1030);
   expect([...recorder.entries()]).toEqual([
     { t_ms: 0, insole: 1, message: hello },
     { t_ms: 20, insole: 1, message: frame },

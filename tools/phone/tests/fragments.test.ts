@@ -31,6 +31,6 @@ test("a lost fragment damages one message, is counted once, and the next message
   }
 });
 
-test("an empty value is damaged", () => {
+test("an empty value counts as damaged", () => {
   expect(collect([new Uint8Array(0)])).toEqual({ messages: [], damaged: 1 });
 });

@@ -1,7 +1,7 @@
 import { beforeAll, describe, expect, test } from "vitest";
 import type { ToHost } from "../src/generated/messages";
 import type { Step } from "../src/generated/quantities";
-import { SILENCE_MS } from "../src/reconnect";
+import { TIMEOUT_MS } from "../src/reconnect";
 import { Session } from "../src/session";
 import type { Transport } from "../src/transport/transport";
 import type { Wire } from "../src/wire";
@@ -12,7 +12,7 @@ beforeAll(async () => {
   wire = await loadWire();
 });
 
-/** A session; with `decode`, every message is the one that it returns. */
+/** Starts a session. `decode` replaces the decoding of messages. */
 function start(decode?: (bytes: Uint8Array) => ToHost | undefined) {
   const sent: Uint8Array[] = [];
   const steps: Step[] = [];
@@ -30,7 +30,7 @@ function hello(major: number): ToHost {
   return { kind: "hello", major, minor: 0, ...board, has_parameters: true, reset: "power", last_panic: null };
 }
 
-test("a session asks for a hello until the insole answers, then for the live stream", () => {
+test("a session sends connect requests until the insole answers, then requests the live stream", () => {
   const { session, sent } = start();
   session.opened(0);
   session.tick(100);
@@ -51,7 +51,7 @@ test("the computed walk arrives completely, with its steps", () => {
   expect(steps.map(({ step }) => step)).toEqual([0, 1, 2, 3, 4, 5]);
 });
 
-test("gaps are counted, and a status finds the frames that were lost at the ends", () => {
+test("gaps are counted, and a status reveals losses before the first and after the last frame", () => {
   let next: ToHost;
   const { session } = start(() => next);
   const receive = (message: ToHost) => {
@@ -70,7 +70,7 @@ test("gaps are counted, and a status finds the frames that were lost at the ends
   expect(counts(session)).toEqual({ received: 3, lost: 6, damaged: 0 });
 });
 
-test("the rate is that of the last seconds, also in the first second", () => {
+test("the rate is the mean of the last seconds, also in the first second", () => {
   const { session } = start();
   session.opened(0);
   const [hello, ...messages] = messagesOf(0);
@@ -82,13 +82,13 @@ test("the rate is that of the last seconds, also in the first second", () => {
   });
 });
 
-test("after a silence the connection is lost and the session asks for a hello again", () => {
+test("after a timeout the connection is lost and the session sends a connect request again", () => {
   const { session, sent } = start();
   session.opened(0);
   session.receive(messagesOf(0)[0]!, 0);
-  session.tick(SILENCE_MS);
+  session.tick(TIMEOUT_MS);
   expect(session.state).toBe("live");
-  session.tick(SILENCE_MS + 1);
+  session.tick(TIMEOUT_MS + 1);
   expect(session.state).toBe("lost");
   expect(sent.at(-1)).toEqual(wire.connect());
 });

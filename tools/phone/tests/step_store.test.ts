@@ -6,11 +6,11 @@ import type { Wire } from "../src/wire";
 import { loadWire, messagesOf, step } from "./wire";
 
 let wire: Wire;
-/** The steps of the computed walk: decoded, and as messages. */
-let taken: [StepMessage, Uint8Array][];
+/** The steps of the computed walk, decoded and as messages. */
+let received: [StepMessage, Uint8Array][];
 beforeAll(async () => {
   wire = await loadWire();
-  taken = [0, 1].flatMap(messagesOf).flatMap((message) => {
+  received = [0, 1].flatMap(messagesOf).flatMap((message) => {
     const decoded = wire.decode(message);
     return decoded?.kind === "step" ? [decodeStep(message)] : [];
   });
@@ -36,26 +36,26 @@ class TestStorage implements StepStorage {
 test("a step is stored once, however often it is repeated", async () => {
   const storage = new TestStorage();
   const store = new StepStore(wire, storage);
-  for (const _ of [1, 2, 3]) for (const [step, message] of taken) await store.add(step, message, [], null);
-  expect(store.steps.map(({ step }) => step)).toEqual(taken.map(([{ step }]) => step));
-  expect(storage.records).toHaveLength(taken.length);
+  for (const _ of [1, 2, 3]) for (const [step, message] of received) await store.add(step, message, [], null);
+  expect(store.steps.map(({ step }) => step)).toEqual(received.map(([{ step }]) => step));
+  expect(storage.records).toHaveLength(received.length);
 });
 
-test("stored steps are loaded at the next visit, and still count once", async () => {
+test("stored steps are loaded at the next visit, and their repetitions are ignored", async () => {
   const storage = new TestStorage();
   const store = new StepStore(wire, storage);
-  for (const [step, message] of taken) await store.add(step, message, [], null);
+  for (const [step, message] of received) await store.add(step, message, [], null);
   const next = new StepStore(wire, storage);
   await next.load();
   expect(next.steps).toEqual(store.steps);
-  for (const [step, message] of taken) await next.add(step, message, [], null);
-  expect(next.steps).toHaveLength(taken.length);
+  for (const [step, message] of received) await next.add(step, message, [], null);
+  expect(next.steps).toHaveLength(received.length);
 });
 
-test("a step that cannot be stored is an error, is shown once, and is stored when it is repeated", async () => {
+test("a step that cannot be stored is reported, is shown once, and is stored when it is repeated", async () => {
   const storage = new TestStorage();
   const store = new StepStore(wire, storage);
-  const [first, message] = taken[0]!;
+  const [first, message] = received[0]!;
   storage.is_full = true;
   await expect(store.add(first, message, [], null)).rejects.toThrow("full");
   storage.is_full = false;
@@ -64,24 +64,24 @@ test("a step that cannot be stored is an error, is shown once, and is stored whe
   expect(storage.records).toHaveLength(1);
 });
 
-test("a step that cannot be stored delays those after it", async () => {
+test("a step that cannot be stored delays the following steps", async () => {
   const storage = new TestStorage();
   const store = new StepStore(wire, storage);
-  const [one, other] = taken;
+  const [one, other] = received;
   storage.is_full = true;
   await expect(store.add(...one!, [], null)).rejects.toThrow("full");
   await expect(store.add(...other!, [], null)).rejects.toThrow("full");
   storage.is_full = false;
-  // The acknowledgement of the later step stands for both.
+  // The acknowledgement of the later step covers both.
   await store.add(...other!, [], null);
   expect(storage.records.map(({ message }) => message)).toEqual([one![1], other![1]]);
   expect(store.steps).toHaveLength(2);
 });
 
-test("a step that is repeated after a restart of the insole is known", async () => {
+test("a step that is repeated after a restart of the insole is recognised", async () => {
   const storage = new TestStorage();
   const store = new StepStore(wire, storage);
-  const [, message] = taken[0]!;
+  const [, message] = received[0]!;
   await store.add(...decodeStep(message), [], null);
   // The message ends with the number of boots since the step, then with an absent time.
   expect([...message.slice(-2)]).toEqual([0, 0]);
@@ -89,25 +89,25 @@ test("a step that is repeated after a restart of the insole is known", async () 
   expect(repeated.step.starts_ago).toBe(1);
   await store.add(repeated, bytes, [], null);
   expect(storage.records).toHaveLength(1);
-  // Another number of masked cells, the last byte of the last region.
+  // Another step: the last byte of the last region, its number of masked cells, differs.
   const [other, other_bytes] = decodeStep(Uint8Array.of(...message.slice(0, -3), 1, 0, 0));
   await store.add(other, other_bytes, [], null);
   expect(storage.records).toHaveLength(2);
 });
 
-test("a step that two pages stored counts once", async () => {
+test("a step that two pages stored is loaded once", async () => {
   const storage = new TestStorage();
   for (const _ of [1, 2]) {
     const store = new StepStore(wire, storage);
-    for (const [step, message] of taken) await store.add(step, message, [], null);
+    for (const [step, message] of received) await store.add(step, message, [], null);
   }
-  expect(storage.records).toHaveLength(2 * taken.length);
+  expect(storage.records).toHaveLength(2 * received.length);
   const next = new StepStore(wire, storage);
   await next.load();
-  expect(next.steps).toHaveLength(taken.length);
+  expect(next.steps).toHaveLength(received.length);
 });
 
-test("the peak force of the foot is found in the frames of the step, where they are complete", () => {
+test("the peak force of the foot is read from the frames of the step, if they are complete", () => {
   const frames = Array.from({ length: 200 }, (_, i) => ({ t_s: i / 100, force_n: i === 150 ? 900 : i }));
   expect(peakForce(step({ start_s: 0.2, duration_s: 0.6 }), frames)).toBe(80);
   expect(peakForce(step({ start_s: 1.3, duration_s: 0.6 }), frames)).toBe(900);

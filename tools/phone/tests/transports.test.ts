@@ -7,7 +7,7 @@ import { WebSocketTransport } from "../src/transport/websocket";
 beforeEach(() => void vi.useFakeTimers());
 afterEach(() => void vi.useRealTimers());
 
-/** Transport events as texts, in their order. */
+/** Logs transport events as texts, in their order. */
 function logEvents() {
   const log: string[] = [];
   const events: TransportEvents = {
@@ -55,7 +55,7 @@ class Socket {
   close = () => this.onclose?.();
 }
 
-test("a socket has the index of the insole before each message, and is opened again when it breaks", () => {
+test("messages on the socket begin with the index of the insole, and a broken socket is opened again", () => {
   vi.stubGlobal("WebSocket", Socket);
   const { log, events } = logEvents();
   const transport = new WebSocketTransport("ws://localhost/insoles", events);

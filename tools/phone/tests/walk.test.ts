@@ -16,7 +16,7 @@ test("the symmetry index is 0 for equal feet, positive for more on the left, and
   expect(symmetryIndex(0, 0)).toBeNull();
 });
 
-test("the cadence counts both feet, also from the steps of one foot", () => {
+test("the cadence is that of both feet, also when computed from the steps of one foot", () => {
   const left = [0, 1, 2, 3].map((n) => stored({ step: n, start_s: 10 + n * 1.2 }));
   const right = [0, 1, 2, 3].map((n) => stored({ side: "right", step: n, start_s: 77 + n * 1.2 }));
   expect(cadence_per_min(left)).toBeCloseTo(100);
@@ -24,7 +24,7 @@ test("the cadence counts both feet, also from the steps of one foot", () => {
   expect(cadence_per_min(left.slice(0, 1))).toBeNull();
 });
 
-test("a missed step, a pause and a restart are not strides", () => {
+test("intervals across a missing step, a pause or a restart are not strides", () => {
   const steps = [
     stored({ step: 0, start_s: 0 }),
     stored({ step: 1, start_s: 1 }),
@@ -35,13 +35,13 @@ test("a missed step, a pause and a restart are not strides", () => {
   expect(cadence_per_min(steps)).toBe(120);
 });
 
-test("means are over the last steps, and peaks over those that are known", () => {
+test("means are over the last steps, and the mean peak over the known peaks", () => {
   const steps = Array.from({ length: 30 }, (_, n) => stored({ step: n, duration_s: n < 10 ? 9 : 0.6 }, n % 2 ? 800 : null));
   const left = footMeasures(steps, "left");
   expect(left).toEqual({ count: 30, peak_n: 800, impulse_n_s: 0, contact_s: expect.closeTo(0.6) });
   expect(footMeasures(steps, "right")).toEqual({ count: 0, peak_n: null, impulse_n_s: null, contact_s: null });
 });
 
-test("a temporary storage has no steps of earlier visits", async () => {
+test("a temporary storage contains no steps of earlier visits", async () => {
   expect(await new TemporaryStorage().load()).toEqual([]);
 });

@@ -1,4 +1,4 @@
-/** The core as the page loads it, the computed walk, and messages for tests. */
+/** Loads the core as the page does; provides the computed walk and messages for tests. */
 
 import { readFileSync } from "node:fs";
 import type { ToHost } from "../src/generated/messages";

@@ -16,8 +16,8 @@ pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
     let cells = &recording.layout.cells;
     if loaded.len() <= max_cells {
         let groups: Vec<_> = loaded.iter().map(|&i| vec![i]).collect();
-        let done = format!("Reduced to the {} cells that carry load in some frame.", groups.len());
-        return Ok(merged(recording, &groups, &done));
+        let processing = format!("Reduced to the {} cells that carry load in some frame.", groups.len());
+        return Ok(merged(recording, &groups, &processing));
     }
     let regions = Region::ALL.into_iter().filter(|&region| loaded.iter().any(|&i| cells[i].region == region)).count();
     if max_cells < regions {
@@ -31,13 +31,13 @@ pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
         .map(|k| f64::from(k) * PITCH_STEP_MM)
         .map(|pitch_mm| (pitch_mm, squares(cells, &loaded, pitch_mm)))
         .find(|(_, groups)| groups.len() <= max_cells)
-        .expect("a square as large as the foot leaves one cell for each region, and these fit");
-    let done = format!(
+        .expect("a square as large as the foot leaves one cell for each region, and max_cells allows these");
+    let processing = format!(
         "Merged {} loaded cells into {} on a {pitch_mm:.1} mm grid within each region.",
         loaded.len(),
         groups.len()
     );
-    Ok(merged(recording, &groups, &done))
+    Ok(merged(recording, &groups, &processing))
 }
 
 /// The cells that carry load in some frame; all cells where none does.
@@ -55,7 +55,7 @@ fn loaded_cells(recording: &Recording) -> Vec<usize> {
     (0..cells).filter(|&i| ever[i]).collect()
 }
 
-/// Groups the chosen cells by region and by square of a grid with its origin at their least coordinates, from heel to toe.
+/// Groups the chosen cells by region and by square of a grid, whose origin is at their smallest coordinates; from heel to toes.
 fn squares(cells: &[Cell], chosen: &[usize], pitch_mm: f64) -> Vec<Vec<usize>> {
     let least = |along: fn(&Cell) -> f64| chosen.iter().map(|&i| along(&cells[i])).fold(f64::INFINITY, f64::min);
     let (x0_mm, y0_mm) = (least(|c| c.x_mm), least(|c| c.y_mm));
@@ -69,8 +69,8 @@ fn squares(cells: &[Cell], chosen: &[usize], pitch_mm: f64) -> Vec<Vec<usize>> {
     groups.into_values().collect()
 }
 
-/// Merges each group of cells to one cell.
-fn merged(recording: &Recording, groups: &[Vec<usize>], done: &str) -> Recording {
+/// Merges each group of cells into one cell. `processing` is a sentence that is added to the provenance.
+fn merged(recording: &Recording, groups: &[Vec<usize>], processing: &str) -> Recording {
     let cells = &recording.layout.cells;
     let merged_cells: Vec<Cell> = groups
         .iter()
@@ -93,7 +93,7 @@ fn merged(recording: &Recording, groups: &[Vec<usize>], done: &str) -> Recording
         side: recording.side,
         layout: Layout { name: format!("{}, {} cells", recording.layout.name, groups.len()), cells: merged_cells },
         rate_hz: recording.rate_hz,
-        source: format!("{} {done}", recording.source),
+        source: format!("{} {processing}", recording.source),
         t_s: recording.t_s.clone(),
         pressure_kpa,
     }

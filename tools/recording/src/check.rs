@@ -1,9 +1,9 @@
-//! The rules of recordings. They are checked on reading, importing and writing.
+//! The rules of recordings, which are checked on reading, importing and writing.
 
 use crate::{Error, Layout, MAX_CELLS, Recording, Result};
 use plantar::pipeline::region::{MAX_CELL_MM2, MIN_CELL_MM2};
 
-/// The place of a violation; the caller translates it to a file with a line, row or column.
+/// The place of a violation. The caller converts it to the name of a file with a line, row or column.
 #[derive(Clone, Copy)]
 pub enum At {
     /// The recording as a whole.
@@ -29,11 +29,11 @@ pub fn recording(recording: &Recording, place: &dyn Fn(At) -> String) -> Result<
     pressures(&recording.pressure_kpa, cells, place)
 }
 
-/// Largest coordinate of a cell, mm; a larger one means another unit.
+/// Largest coordinate of a cell, mm. A larger one is in another unit.
 const MAX_COORDINATE_MM: f64 = 10_000.0;
-/// Largest time, s, three hundred years; a larger one means another unit.
+/// Largest time, s: three hundred years. A larger one is in another unit.
 const MAX_TIME_S: f64 = 1e10;
-/// Largest pressure, kPa, ten times that of a hard edge under a heel; a larger one means another unit.
+/// Largest pressure, kPa: ten times the pressure of a hard edge under a heel. A larger one is in another unit.
 const MAX_KPA: f32 = 50_000.0;
 
 /// Checks the number of cells and their geometry.
@@ -84,7 +84,7 @@ fn clock(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> 
     }
     times(t_s, place)?;
     steps(t_s, rate_hz, place)?;
-    // Steps within half a frame each may still add up to another rate.
+    // Even if each step is correct within half a frame, the mean rate may differ.
     let steps = (t_s.len() - 1) as f64;
     let span_s = t_s[t_s.len() - 1] - t_s[0];
     if (span_s * rate_hz - steps).abs() > (0.01 * steps).max(0.5) {
@@ -133,7 +133,7 @@ pub fn steps(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<
 fn pressures(pressure_kpa: &[f32], cells: usize, place: &dyn Fn(At) -> String) -> Result<()> {
     let valid = |kpa: f32| (0.0..=MAX_KPA).contains(&kpa);
     for (frame, row) in pressure_kpa.chunks_exact(cells).enumerate() {
-        // Without an early exit the check is vectorised; only an invalid row is searched again.
+        // Without an early exit the check is vectorised. Only an invalid row is searched again for the cell.
         if row.iter().fold(true, |all, &kpa| all & valid(kpa)) {
             continue;
         }

@@ -1,8 +1,8 @@
-//! Import from two CSV files: the cells and the frames.
+//! Import from two CSV files, the layout of the cells and the frames.
 //!
 //! The layout has the header `cell,x_mm,y_mm,area_mm2` and optionally `region`. Cells are numbered from 0 without gaps, in foot
-//! coordinates ([`Cell`]). Where the layout has no regions, [`template`] assigns them. The frames have the header `t_s,c0,c1,...`:
-//! time in seconds and the pressure of each cell in kPa.
+//! coordinates ([`Cell`]). Where the layout has no regions, [`template`] assigns them. The frames have the header
+//! `t_s,c0,c1,...`: time in seconds and the pressure of each cell in kPa.
 
 use crate::check::{self, At};
 use crate::table::{self, at_line, check_later, check_width, file_name, number, unreadable};
@@ -13,7 +13,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// Largest overlap of two cells, as a fraction of the smaller one: layouts are drawn with some tolerance.
+/// Largest overlap of two cells, as a fraction of the smaller one, because layouts are drawn with some tolerance.
 const MAX_OVERLAP: f64 = 0.25;
 /// Number of rows between two calls of `progress`.
 const ROWS_PER_REPORT: usize = 1000;
@@ -212,7 +212,7 @@ fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Frames as read. Each value is checked; uniformity of time is not.
+/// Frames as read: each value is checked, but not whether the times are uniform.
 struct Frames {
     t_s: Vec<f64>,
     lines: Vec<u64>,

@@ -19,9 +19,9 @@ pub enum Error {
     Content {
         /// The file and, where known, the line, row or column.
         place: String,
-        /// The violated rule.
+        /// The violation of a rule.
         problem: String,
-        /// An action that resolves it.
+        /// An action that resolves the problem.
         remedy: String,
     },
 }

@@ -1,7 +1,7 @@
 //! The Parquet file of one foot: a column for the time and one for each cell; everything else is JSON in the metadata.
 
 use crate::check::{self, At};
-use crate::pages::SoundPages;
+use crate::pages::CheckedPages;
 use crate::{Error, Layout, Recording, Result, names};
 use bytes::Bytes;
 use parquet::basic::{Compression, Repetition, Type as PhysicalType};
@@ -29,10 +29,10 @@ const MAGIC: &[u8] = b"PAR1";
 const VERSION: u32 = 1;
 /// Number of frames in a row group. A reader needs the memory of one group at a time.
 const FRAMES_PER_GROUP: usize = 16_384;
-/// Largest number of pressures in a recording, 8 GiB. A small file can claim that many, because equal values are compressed. When
-/// fuzzing, fewer, because many files are read.
+/// Largest number of pressures in a recording, 8 GiB. A small file can claim that many, because equal values are compressed. The
+/// limit is lower for fuzzing, which reads many files.
 const MAX_VALUES: u64 = if cfg!(fuzzing) { 1 << 22 } else { 1 << 31 };
-/// Number of columns that are transposed to rows at a time: one cache line of f32.
+/// Number of columns that are transposed to rows at a time: the values fill one cache line of f32.
 const COLUMNS_PER_BLOCK: usize = 16;
 
 #[derive(Serialize, Deserialize)]
@@ -295,7 +295,7 @@ fn column<T: DataType>(
     };
     let rows = rows(group.metadata());
     let pages = group.get_column_page_reader(index).map_err(damaged)?;
-    let pages = SoundPages { pages, rows, value_bytes: size_of::<T::T>() };
+    let pages = CheckedPages { pages, rows, value_bytes: size_of::<T::T>() };
     let column = group.metadata().column(index).column_descr_ptr();
     let mut reader = ColumnReaderImpl::<T>::new(column, Box::new(pages));
     let before = values.len();

@@ -1,4 +1,4 @@
-//! A virtual insole: the cells of a recording in the order of a device, its pressures as codes of a sensor.
+//! A virtual insole: the cells of a recording in the order of a device, and its pressures as codes of a sensor.
 
 use crate::Recording;
 use plantar::checksum::crc32;
@@ -8,8 +8,8 @@ use plantar::pipeline::region::Cell;
 use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::stance::StanceRule;
 
-/// Exponent of the virtual sensor's power law: the conductance of a resistive cell rises slightly less than in proportion to
-/// pressure. The value is this project's choice.
+/// Exponent of the virtual sensor's power law. The conductance of a resistive cell increases slightly less than in proportion to
+/// pressure; the value is this project's choice.
 pub(crate) const EXPONENT: f32 = 0.8;
 /// Full scale of the virtual sensor, kPa; doubled until it exceeds the largest pressure of the recording.
 pub(crate) const FULL_KPA: f32 = 1000.0;
@@ -27,11 +27,11 @@ pub struct VirtualInsole {
     curve: Curve,
 }
 
-/// The sensor law as a table over the leading bits of a pressure, accurate to a hundredth of a code. With `powf` for each
-/// pressure, a long recording would spend most of its time there.
+/// The sensor law as a table over the leading bits of a pressure, accurate to a hundredth of a code. Without the table, `powf`
+/// would take most of the time of a replay.
 #[derive(Clone, Debug)]
 struct LawTable {
-    /// For each value of the leading bits: code extrapolated to pressure 0, and slope per kPa.
+    /// For each value of the leading bits: the code extrapolated to pressure 0, and the slope in codes per kPa.
     steps: Vec<(f32, f32)>,
     /// Leading bits of the first entry.
     first: u32,
@@ -58,7 +58,7 @@ impl LawTable {
 
     fn code(&self, kpa: f32) -> u16 {
         let step = (kpa.to_bits() >> INTERPOLATED_BITS).wrapping_sub(self.first) as usize;
-        // A pressure outside of the table is below half a code, because the full scale exceeds the largest pressure.
+        // A pressure outside of the table is below its start, because the full scale exceeds every pressure; the code is 0.
         self.steps.get(step).map_or(0, |(base, slope)| (base + slope * kpa + 0.5) as u16)
     }
 }
@@ -114,18 +114,18 @@ impl VirtualInsole {
         Self { law: LawTable::new(&setup.sensor), setup, cells, places, curve }
     }
 
-    /// Number of frames to process: those of the recording, and repetitions of the last one, as many as confirm a toe off.
+    /// Number of frames to process: the frames of the recording, and enough repetitions of the last one to confirm a toe off.
     pub fn frames(&self, recording: &Recording) -> usize {
         let confirm_us = u32::from(self.setup.stance.min_swing_ms) * 1000;
         recording.frames() + confirm_us.div_ceil(self.setup.period_us) as usize + 1
     }
 
-    /// Writes the codes of frame `i`, less than [`VirtualInsole::frames`], into `codes`, one for each cell of the insole.
+    /// Writes the codes of frame `i`, which is less than [`VirtualInsole::frames`], to `codes`, one for each cell of the insole.
     pub fn codes_of(&self, recording: &Recording, i: usize, codes: &mut [u16]) {
         self.codes(recording.frame(i.min(recording.frames() - 1)), codes);
     }
 
-    /// Writes the codes of these pressures, kPa, in the order of the recording, into `codes`, one for each cell of the insole.
+    /// Writes the codes of these pressures, kPa, in the order of the recording, to `codes`, one for each cell of the insole.
     pub fn codes(&self, pressure_kpa: &[f32], codes: &mut [u16]) {
         codes.fill(0);
         let mut load = |kpa: f32, place: usize| {
@@ -133,7 +133,7 @@ impl VirtualInsole {
                 codes[place] = self.law.code(kpa);
             }
         };
-        // Most cells are unloaded most of the time: skip them eight at a time.
+        // Most cells are unloaded most of the time, so they are skipped eight at a time.
         let (kpa_by_8, kpa_left) = pressure_kpa.as_chunks::<8>();
         let (places_by_8, places_left) = self.places.as_chunks::<8>();
         for (kpa, places) in kpa_by_8.iter().zip(places_by_8) {
@@ -144,8 +144,8 @@ impl VirtualInsole {
         kpa_left.iter().zip(places_left).for_each(|(&kpa, &place)| load(kpa, place));
     }
 
-    /// The pressures that a device measures where these are applied, kPa, in the order of the recording: quantised, less the
-    /// offsets.
+    /// The pressures that a device measures under these applied pressures, kPa, in the order of the recording: quantised, and
+    /// without the offsets.
     pub fn measured_kpa(&self, pressure_kpa: &[f32]) -> Vec<f32> {
         let mut codes = vec![0; self.cells.len()];
         self.codes(pressure_kpa, &mut codes);

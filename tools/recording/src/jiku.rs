@@ -1,9 +1,9 @@
 //! Import of the open data set SpeedPP2DS (Pataky and Crompton) from the package `jiku-data`: barefoot steps of ten walkers on a
 //! pressure plate at 500 Hz, one HDF5 file for each walker.
 //!
-//! Each trial is one step, stored with resampled rows; the import recovers the native rows. The data set does not state the unit
-//! of force; 0.1 N for a unit of a native cell results in plausible body masses. The stored images have the hallux at small
-//! columns, as a right foot seen from above, so all steps are imported as right feet.
+//! Each trial is one step, stored with resampled rows; the import recovers the native rows of the plate. The data set does not
+//! state the unit of force; with 0.1 N for a unit of a native cell, the body masses are plausible. In the stored images the
+//! hallux is at small columns, as in a right foot seen from above, so all steps are imported as right feet.
 
 mod native;
 mod registration;
@@ -37,8 +37,8 @@ const UNIT_N: f64 = 0.1;
 /// plate, and [`SWING_S`] without load is inserted between steps.
 ///
 /// Each step is shifted by whole native cells to the best overlap with the previous steps, so that no reading is interpolated. It
-/// is not rotated. The layout has all cells that are loaded in some frame. Trials that are empty, or still loaded in their last
-/// frame, are left out; [`Recording::source`] names them.
+/// is not rotated. The layout contains all cells that are loaded in some frame. Trials that are empty, or still loaded in their
+/// last frame, are left out; [`Recording::source`] lists them.
 ///
 /// `dir` is the folder of the data set or its `data_y`. Trials are numbered from 0 and imported in the given order. `progress`
 /// receives the bytes of the file read so far and in total.
@@ -67,7 +67,7 @@ pub fn parse(bytes: &[u8], trials: &[usize]) -> Result<Recording> {
     read(Hdf5File::from_bytes(bytes), Path::new("subj000.h5"), 0, trials, &mut |_| {})
 }
 
-/// `progress` receives the fraction that is done.
+/// `progress` receives the processed fraction.
 fn read(
     file: std::result::Result<Hdf5File, hdf5_reader::error::Error>,
     path: &Path,
@@ -82,7 +82,7 @@ fn read(
             "install jiku-data again",
         )
     })?;
-    let mut taken = Vec::new();
+    let mut used = Vec::new();
     let mut left_out = Vec::new();
     let mut steps = Vec::new();
     for (done, &trial) in trials.iter().enumerate() {
@@ -93,7 +93,7 @@ fn read(
         } else if step.is_cut_off() {
             left_out.push(format!("{trial} (cut off)"));
         } else {
-            taken.push(trial.to_string());
+            used.push(trial.to_string());
             steps.push(step);
         }
     }
@@ -115,7 +115,7 @@ fn read(
          imported as right feet, regions by template.",
         file_name(path),
         steps.len(),
-        taken.join(", ")
+        used.join(", ")
     );
     if !left_out.is_empty() {
         source += &format!(" Trials left out: {}.", left_out.join(", "));
@@ -151,9 +151,9 @@ fn walker_file(dir: &Path, walker: usize) -> Result<PathBuf> {
     })
 }
 
-/// The cells of the plate that any step loads, in coordinates common to all steps.
+/// The cells of the plate that are loaded in some step, in coordinates common to all steps.
 struct Grid {
-    /// The index in a frame of the cell at (row, column) of the plate, from heel to toes.
+    /// For the cell at (row, column) of the plate, from heel to toes, its index in a frame.
     columns: BTreeMap<(isize, isize), usize>,
 }
 

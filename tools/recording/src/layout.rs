@@ -23,7 +23,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Half the side of a square of the cell's area, mm: the reach of the cell from its centroid.
+    /// Half the side of a square of the cell's area, mm: the extent of the cell from its centroid.
     pub(crate) fn half_side_mm(&self) -> f64 {
         self.area_mm2.sqrt() / 2.0
     }

@@ -1,9 +1,9 @@
-//! Plantar pressure recordings: one in-memory type, one file format, and the importers.
+//! Plantar pressure recordings: the type in memory, the file format, and the importers.
 //!
 //! A [`Recording`] is the pressure under one foot over time. It is stored in a Parquet file ([`Recording::read`],
-//! [`Recording::write`]) and comes from one of the importers ([`csv`], [`pedar`], [`jiku`]) or from a computed walk with a known
-//! truth ([`synthetic`]). Where the source names no regions, [`template`] assigns them. [`VirtualInsole`] turns a recording into
-//! the codes of a sensor. A [`StandingTrial`] yields the [`Zero`] of an insole.
+//! [`Recording::write`]) and comes from one of the importers ([`csv`], [`pedar`], [`jiku`]) or from a computed walk with known
+//! true values ([`synthetic`]). Where the source names no regions, [`template`] assigns them. [`VirtualInsole`] converts the
+//! pressures of a recording to the codes of a sensor. The [`Zero`] of an insole is computed from a [`StandingTrial`].
 
 pub mod csv;
 pub mod jiku;

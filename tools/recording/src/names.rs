@@ -1,4 +1,4 @@
-//! Serialisation of regions and sides by their lower-case names, as files have them, instead of their Rust identifiers.
+//! Serialisation of regions and sides by the lower-case names that are used in files, instead of their Rust identifiers.
 
 /// `#[serde(with = "names::region")]`: [`plantar::Region::name`].
 pub mod region {

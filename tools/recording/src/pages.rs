@@ -1,12 +1,12 @@
-//! A check of Parquet pages before they are decoded: the library allocates memory for as many values as a page header claims, so
-//! a damaged header could exhaust it.
+//! A check of Parquet pages before they are decoded. The library allocates memory for as many values as a page header claims, so
+//! a damaged header could exhaust the memory.
 
 use parquet::column::page::{Page, PageMetadata, PageReader};
 use parquet::errors::{ParquetError, Result};
 
 /// Reads the pages of a column and rejects pages that claim more values than they can hold.
-pub struct SoundPages {
-    /// The pages as the file has them.
+pub struct CheckedPages {
+    /// The unchecked pages of the file.
     pub pages: Box<dyn PageReader>,
     /// Number of rows in the row group.
     pub rows: usize,
@@ -14,7 +14,7 @@ pub struct SoundPages {
     pub value_bytes: usize,
 }
 
-impl PageReader for SoundPages {
+impl PageReader for CheckedPages {
     fn get_next_page(&mut self) -> Result<Option<Page>> {
         let page = self.pages.get_next_page()?;
         let most = match &page {
@@ -38,7 +38,7 @@ impl PageReader for SoundPages {
     }
 }
 
-impl Iterator for SoundPages {
+impl Iterator for CheckedPages {
     type Item = Result<Page>;
 
     fn next(&mut self) -> Option<Self::Item> {

@@ -11,7 +11,7 @@ use plantar::{Region, Side};
 use std::fs;
 use std::path::Path;
 
-/// Largest relative difference between the stated area and that of the polygon: real sensors have curved edges.
+/// Largest relative difference between the stated area and that of the polygon, because real sensors have curved edges.
 const AREA_TOLERANCE: f64 = 0.25;
 /// Number of lines between two calls of `progress`.
 const LINES_PER_REPORT: usize = 1000;
@@ -158,7 +158,7 @@ fn centroid_and_area(polygon: &[[f64; 2]; 4]) -> ([f64; 2], f64) {
     ([x / (3.0 * doubled_mm2), y / (3.0 * doubled_mm2)], doubled_mm2.abs() / 2.0)
 }
 
-/// Frames as read. Each value is checked; uniformity of time is not.
+/// Frames as read: each value is checked, but not whether the times are uniform.
 struct Frames {
     t_s: Vec<f64>,
     lines: Vec<u64>,
@@ -208,7 +208,7 @@ fn read_frames(
     Ok(frames)
 }
 
-/// Consumes the lines up to the one that names the columns. Checks the unit and the sensors.
+/// Consumes the lines up to the line that names the columns, and checks the unit and the sensors.
 fn check_header<'a>(
     lines: &mut impl Iterator<Item = (u64, &'a str)>,
     path: &Path,

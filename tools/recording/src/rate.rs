@@ -3,7 +3,7 @@
 use crate::check::{self, At};
 use crate::{Error, Recording, Result};
 
-/// Lowest plausible rate, Hz: a stance would have fewer than two frames. A lower rate means that times are in another unit, such
+/// Lowest plausible rate, Hz. At a lower rate a stance would have fewer than two frames, so the times are in another unit, such
 /// as ms.
 const MIN_HZ: f64 = 2.0;
 
@@ -42,7 +42,7 @@ pub fn at_rate(recording: &Recording, rate_hz: f64) -> Result<Recording> {
             return Err(Error::content("resampling", "no frames", "record at least one frame"));
         }
     };
-    // A frame that lies after the end by no more than rounding still counts.
+    // A frame that lies after the end only because of rounding is included.
     let steps = (span_s * rate_hz + 1e-6).floor();
     if !(rate_hz > 0.0 && steps < f64::from(u32::MAX)) {
         return Err(Error::content(

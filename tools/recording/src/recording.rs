@@ -85,7 +85,7 @@ impl Recording {
         rate::at_rate(self, rate_hz)
     }
 
-    /// The same load on at most `max_cells` cells; unchanged where the recording has no more than these.
+    /// The same load on at most `max_cells` cells; unchanged if the recording has no more cells.
     ///
     /// First, cells that are never loaded are dropped. If that does not suffice, cells of the same region within one square of a
     /// regular grid are merged, at the smallest pitch that suffices (in steps of 0.1 mm). A merged cell has the sum of the areas,

@@ -1,7 +1,7 @@
 //! Segmentation of a standing trial: sit with both feet lifted, stand still, sit and lift both feet again (DeBerardinis et al.
 //! 2019, section 2.4: 5, 10 and 5 seconds).
 //!
-//! People do not keep exact times, and unloaded cells do not read zero, so neither times nor forces are known in advance. The
+//! People do not follow the times exactly, and unloaded cells do not read zero, so neither times nor forces are known. The
 //! segmentation relies on two facts: the force is constant and highest while standing, and constant and lowest while the feet
 //! are lifted, before and after. From the force alone, lifted feet cannot be distinguished from feet that rest on the floor
 //! throughout the trial.
@@ -15,7 +15,7 @@ const STAND_S: f64 = 5.0;
 const LIFTED_S: f64 = 3.0;
 /// Shortest time with lifted feet before standing, and after it, s.
 const LIFTED_ONCE_S: f64 = 1.0;
-/// Omitted at both ends of each part, s: the foot is still moving.
+/// Time that is omitted at both ends of each part, s, because the foot is still moving.
 const GUARD_S: f64 = 0.5;
 /// Window of the moving average that is applied to the force, s.
 const SMOOTH_S: f64 = 0.1;
@@ -64,7 +64,7 @@ impl StandingTrial {
             return Err(wrong(format!("{:.1} s are too short for a standing trial", seconds(frames))));
         }
 
-        // Means over times that are long enough to exclude steps, stumbles and jumps.
+        // Means over times that are long enough to exclude the peaks of steps, stumbles and jumps.
         let low_n = force.means_n(0..frames, frames_in(LIFTED_ONCE_S)).fold(f64::INFINITY, f64::min);
         let high_n = force.means_n(0..frames, frames_in(STAND_S)).fold(0.0, f64::max);
         let span_n = high_n - low_n;
@@ -131,9 +131,9 @@ impl Force {
         (self.sums_n[frames.end] - self.sums_n[frames.start]) / frames.len() as f64
     }
 
-    /// Mean over frame `i` and up to `reach` frames on both sides of it.
-    fn around_n(&self, i: usize, reach: usize) -> f64 {
-        self.mean_n(i.saturating_sub(reach)..(i + reach + 1).min(self.sums_n.len() - 1))
+    /// Mean over frame `i` and up to `neighbours` frames on both sides of it.
+    fn around_n(&self, i: usize, neighbours: usize) -> f64 {
+        self.mean_n(i.saturating_sub(neighbours)..(i + neighbours + 1).min(self.sums_n.len() - 1))
     }
 
     /// Means over all runs of `length` successive frames in `within`.

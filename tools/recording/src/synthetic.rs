@@ -1,14 +1,14 @@
-//! Computed recordings with a known truth, for tests and benchmarks: a walk, a standing trial, and the offsets and the noise of
-//! real cells.
+//! Computed recordings with known true values, for tests and benchmarks: a walk, a standing trial, and the offsets and the noise
+//! of real cells.
 
+mod ellipse;
 mod insole;
-mod pad;
 mod sensor;
 mod standing;
 mod walk;
 
+pub use ellipse::loaded_frame;
 pub use insole::insole;
-pub use pad::loaded_frame;
 pub use sensor::read_with;
 pub use standing::{SyntheticStanding, standing};
 pub use walk::{SyntheticWalk, Walk, walk};

@@ -5,7 +5,7 @@ use csv::{Reader, ReaderBuilder, Trim};
 use std::io::Read;
 use std::path::Path;
 
-/// A CSV reader that accepts any number of fields; [`check_width`] checks it with a better message.
+/// A CSV reader that accepts any number of fields. [`check_width`] checks the number and has a better message.
 pub fn open<R: Read>(from: R) -> Reader<R> {
     ReaderBuilder::new().trim(Trim::All).flexible(true).from_reader(from)
 }
@@ -20,7 +20,7 @@ pub fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// Converts an error of the CSV reader itself: I/O, or text that is not UTF-8.
+/// Converts an error of the CSV reader: I/O, or text that is not UTF-8.
 pub fn unreadable(file: &Path, error: csv::Error) -> Error {
     let place = match error.position() {
         Some(position) => at_line(file, position.line()),

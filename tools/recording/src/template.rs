@@ -7,11 +7,11 @@ use plantar::pipeline::template::region_at;
 const HEEL_BAND: [f64; 2] = [0.05, 0.25];
 const FOREFOOT_BAND: [f64; 2] = [0.60, 0.78];
 
-/// Assigns each cell its region by [`region_at`]. The length of the foot is that of the cells. The edges run straight from those of
-/// the heel to those of the forefoot, so that a foot may be oblique on its sheet; in front of the forefoot the width is that of the
-/// forefoot.
+/// Assigns each cell its region by [`region_at`]. The length of the foot is the extent of the cells. The edges of the foot are
+/// straight lines from the edges of the heel to those of the forefoot, so that a foot may be oblique on its sheet; in front of
+/// the forefoot the width is constant.
 ///
-/// `cells` must be those under the foot, in foot coordinates; their present regions are replaced. Without cells nothing happens.
+/// `cells` must be the cells under the foot, in foot coordinates; their regions are replaced. An empty slice is allowed.
 pub fn assign(cells: &mut [Cell]) {
     let length = extent(cells, |c| c.y_mm);
     let y_frac = |y_mm: f64| (y_mm - length.low_mm) / (length.high_mm - length.low_mm);
@@ -51,8 +51,8 @@ impl Extent {
 
 fn extent(cells: &[Cell], along: fn(&Cell) -> f64) -> Extent {
     let start = Extent { low_mm: f64::INFINITY, high_mm: f64::NEG_INFINITY };
-    cells.iter().fold(start, |reach, cell| Extent {
-        low_mm: reach.low_mm.min(along(cell) - cell.half_side_mm()),
-        high_mm: reach.high_mm.max(along(cell) + cell.half_side_mm()),
+    cells.iter().fold(start, |extent, cell| Extent {
+        low_mm: extent.low_mm.min(along(cell) - cell.half_side_mm()),
+        high_mm: extent.high_mm.max(along(cell) + cell.half_side_mm()),
     })
 }

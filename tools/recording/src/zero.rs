@@ -17,7 +17,7 @@ const VERSION: u32 = 1;
 const PER_LINE: usize = 8;
 
 /// The remedy for a file that cannot be used.
-const MEASURE: &str = "measure it again with `plantar zero`";
+const REMEDY: &str = "measure it again with `plantar zero`";
 
 /// The zero of one insole or of both.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -35,8 +35,8 @@ pub struct FootZero {
     pub layout_id: u32,
     /// Reading of each unloaded cell, kPa, not negative, in the order of [`VirtualInsole::cells`].
     ///
-    /// A sensor adds its offset to the code, not to the pressure. But the code of a pressure depends on the full scale, which a
-    /// virtual insole chooses by its recording, while the pressure is the same for all recordings.
+    /// A sensor adds its offset to the code, not to the pressure. The offset is nevertheless stored as a pressure, because its
+    /// code depends on the full scale, which a virtual insole chooses for its recording.
     pub offset_kpa: Vec<f32>,
 }
 
@@ -72,19 +72,19 @@ impl Zero {
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let place = |offset: usize| at_line(path, text[..offset].matches('\n').count() as u64 + 1);
         let file: File = toml::from_str(text)
-            .map_err(|e| Error::content(place(e.span().map_or(0, |span| span.start)), e.message(), MEASURE))?;
+            .map_err(|e| Error::content(place(e.span().map_or(0, |span| span.start)), e.message(), REMEDY))?;
         if file.version != VERSION {
             let problem =
                 format!("version {} of the format is unknown; this program reads version {VERSION}", file.version);
             return Err(Error::content(path.display().to_string(), problem, "update plantar"));
         }
         if file.left.is_none() && file.right.is_none() {
-            return Err(Error::content(path.display().to_string(), "neither [left] nor [right] is present", MEASURE));
+            return Err(Error::content(path.display().to_string(), "neither [left] nor [right] is present", REMEDY));
         }
         let foot = |foot: FileFoot| {
             if let Some(bad) = foot.offset_kpa.iter().find(|kpa| !(0.0..f32::INFINITY).contains(kpa.get_ref())) {
                 let problem = format!("an offset of {} kPa", bad.get_ref());
-                return Err(Error::content(place(bad.span().start), problem, MEASURE));
+                return Err(Error::content(place(bad.span().start), problem, REMEDY));
             }
             let offset_kpa = foot.offset_kpa.into_iter().map(Spanned::into_inner).collect();
             Ok(FootZero { layout_id: foot.layout_id, offset_kpa })
@@ -122,7 +122,7 @@ impl Zero {
         text
     }
 
-    /// The zero of one foot, to be set.
+    /// The zero of one foot, mutable.
     pub fn foot_mut(&mut self, side: Side) -> &mut Option<FootZero> {
         match side {
             Side::Left => &mut self.left,
@@ -130,10 +130,10 @@ impl Zero {
         }
     }
 
-    /// Sets the offsets of the cells of `insole`. Messages name this zero `place`.
+    /// Applies this zero to `insole`: sets the offsets of its cells. Messages name this zero `place`.
     ///
     /// # Errors
-    /// Where this zero is of the other foot or of other cells, or an offset exceeds half of a cell's scale.
+    /// Where this zero is that of the other foot or of other cells, or an offset exceeds half of a cell's scale.
     pub fn wear(&self, insole: &mut VirtualInsole, place: &str) -> Result<()> {
         let (foot, other) = match insole.setup.side {
             Side::Left => (&self.left, Side::Right),
@@ -157,7 +157,7 @@ impl FootZero {
     /// # Errors
     /// Where a cell of the lifted foot reads more than half of its scale.
     pub fn measure(recording: &Recording, trial: &StandingTrial, place: &str) -> Result<Self> {
-        // Codes depend on neither rule.
+        // The codes do not depend on these two rules.
         let mut insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING);
         let cells = recording.cells();
         let mut codes = Vec::new();

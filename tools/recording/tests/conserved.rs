@@ -1,4 +1,4 @@
-//! Quantities that binning and resampling conserve.
+//! Binning and resampling conserve area, force and impulse.
 
 use plantar::{Region, Side};
 use recording::synthetic::{self, SyntheticWalk};

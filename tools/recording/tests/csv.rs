@@ -1,4 +1,4 @@
-//! The CSV import: valid files are imported; for others the error names file, line and remedy.
+//! The CSV import: valid files are imported; for invalid ones the error names file, line and remedy.
 
 use plantar::{Region, Side};
 use recording::{Recording, Result, csv};

@@ -1,4 +1,4 @@
-//! The import of SpeedPP2DS, where the data set is installed and `PLANTAR_JIKU` names its folder.
+//! The import of SpeedPP2DS. Most tests are skipped unless `PLANTAR_JIKU` names the folder of the installed data set.
 
 use plantar::Region;
 use recording::{Recording, jiku};
@@ -68,7 +68,7 @@ fn a_walk_has_the_documented_layout_and_provenance() {
         assert!((cell.area_mm2 - 7.62 * 5.08).abs() < 1e-9);
         assert!((0.0..140.0).contains(&cell.x_mm) && (0.0..310.0).contains(&cell.y_mm));
     }
-    // The heel lands first, the hallux leaves last.
+    // The heel is loaded first, the toes are loaded last.
     let region_of_peak = |i: usize| {
         let frame = walk.frame(i);
         let peak = (0..walk.cells()).max_by(|&a, &b| frame[a].total_cmp(&frame[b]));
@@ -84,9 +84,9 @@ fn steps_are_aligned() {
         return;
     };
     // Without registration, the union of ten steps would be far larger than one step.
-    let alone = import(&folder, 1, [0]).cells();
-    let together = import(&folder, 1, 0..10).cells();
-    assert!(together < alone * 3 / 2, "{alone} {together}");
+    let one_step = import(&folder, 1, [0]).cells();
+    let ten_steps = import(&folder, 1, 0..10).cells();
+    assert!(ten_steps < one_step * 3 / 2, "{one_step} {ten_steps}");
 }
 
 #[test]
@@ -112,7 +112,7 @@ fn a_file_that_is_not_hdf5_is_rejected() {
     assert!(error.contains("subj000.h5: not a readable HDF5 file"), "{error}");
 }
 
-/// A file with a computed trial, twice.
+/// A file that contains a computed trial twice.
 const COMPUTED: &[u8] = include_bytes!("../../../fuzz/corpus/jiku/contiguous");
 
 #[test]

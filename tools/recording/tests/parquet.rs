@@ -1,4 +1,4 @@
-//! The file format: a written recording reads back equal; for invalid files the error names the place.
+//! The file format: a written recording is read back unchanged; for invalid files the error names the place.
 
 use parquet::data_type::{DoubleType, FloatType};
 use parquet::file::metadata::KeyValue;
@@ -17,7 +17,7 @@ const TWO_CELLS: &str = r#"{"version":1,"side":"right","rate_hz":100,"source":"T
     "cells":[{"x_mm":5,"y_mm":5,"area_mm2":100,"region":"heel"},
              {"x_mm":15,"y_mm":5,"area_mm2":100,"region":"toe_2"}]}}"#;
 
-/// Writes a file as another program might: one row group of required columns.
+/// Writes a file as another program may write it, with one row group of required columns.
 fn write(path: &Path, metadata: Option<&str>, names: [&str; 3], t_s: &[f64], columns_kpa: [&[f32]; 2]) {
     let [time, first, second] = names;
     let schema = parse_message_type(&format!(
@@ -66,7 +66,7 @@ fn assert_frames_refused(t_s: &[f64], first_kpa: &[f32], second_kpa: &[f32], exp
 }
 
 #[test]
-fn a_written_recording_reads_back_equal() {
+fn a_written_recording_is_read_back_unchanged() {
     let (_folder, path) = in_folder();
     // Longer than one row group, with a number of cells that is no multiple of a block.
     let mut written = synthetic::walk(&SyntheticWalk {
@@ -145,7 +145,7 @@ fn pages_that_claim_more_values_than_they_hold_are_rejected() {
     recording.pressure_kpa.truncate(24 * 8);
     recording.write(&path).unwrap();
     let mut bytes = std::fs::read(&path).unwrap();
-    // In the header of the dictionary of the times: its number of values, which the file has doubled, between other fields.
+    // The header of the dictionary page of the times: the number of values, stored as its double (zigzag), between other fields.
     let at = bytes.windows(4).position(|window| window == [0x4c, 0x15, 2 * 24, 0x15]).unwrap();
     bytes[at + 2] = 2 * 25;
     std::fs::write(&path, bytes).unwrap();

@@ -1,4 +1,4 @@
-//! The pedar import, with a real measurement where it is present, and with small files in its format.
+//! The pedar import, of a real measurement if it is present, and of small files in its format.
 
 use plantar::{Region, Side};
 use recording::{Recording, Result, pedar};

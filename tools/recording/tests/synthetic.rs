@@ -1,4 +1,4 @@
-//! The computed walk agrees with its parameters and its truth.
+//! The computed walk agrees with its parameters and its true values.
 
 use plantar::Region;
 use recording::synthetic::{self, SyntheticWalk, Walk};
@@ -31,7 +31,7 @@ fn a_loaded_frame_loads_every_cell() {
 }
 
 #[test]
-fn the_cells_add_up_to_the_true_force() {
+fn the_forces_on_the_cells_add_up_to_the_true_force() {
     let walk = walk();
     for (i, force_n) in walk.force_n.iter().enumerate() {
         let truth_n: f64 = force_n.iter().sum();
@@ -60,7 +60,7 @@ fn the_force_has_two_humps_of_the_requested_peak() {
 
 #[test]
 fn the_contact_area_of_small_cells_is_that_of_the_true_ellipse() {
-    // With small cells, the area is that of the cells that read more than half of the pressure at the edge.
+    // With small cells, the contact consists of the cells that read more than half of the pressure at the edge of the ellipse.
     let walk = synthetic::walk(&SyntheticWalk { cells: 3000, steps: 1, ..SyntheticWalk::default() });
     let recording = &walk.recording;
     for i in (45..100).step_by(10) {

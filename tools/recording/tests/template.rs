@@ -1,4 +1,4 @@
-//! The template assigns known places of a foot to their regions.
+//! The template assigns anatomical landmarks of a foot to their regions.
 
 use plantar::Region;
 use plantar::pipeline::template::region_at;

@@ -1,4 +1,4 @@
-//! A standing trial yields the zero of each cell, and an insole with that zero reads like one without offsets.
+//! The zero of each cell is measured in a standing trial, and an insole with that zero measures like one without offsets.
 
 use plantar::insole::Insole;
 use plantar::pipeline::calibrate::{FULL_CODE, zero_offset};
@@ -8,25 +8,25 @@ use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
 use recording::{FootZero, MAX_CELLS, Recording, StandingTrial, VirtualInsole, Zero};
 use std::path::Path;
 
-/// The law of the virtual sensor at its default full scale, written again from its documentation.
+/// The law of the virtual sensor at its default full scale, implemented independently.
 fn code(kpa: f32) -> f64 {
     f64::from(FULL_CODE) * (f64::from(kpa) / 1000.0).powf(0.8)
 }
 
-/// Offsets up to 20 kPa, all different.
+/// Offsets of up to 20 kPa, which are all different.
 fn offsets(cells: usize) -> Vec<f32> {
     (0..cells).map(|i| 20.0 * ((i * 37) % cells) as f32 / cells as f32).collect()
 }
 
-/// A trial with offsets and some noise.
-fn trial(of: &SyntheticStanding) -> Recording {
-    let mut recording = synthetic::standing(of);
-    let offset_kpa = offsets(of.cells);
+/// A standing trial with offsets and some noise.
+fn trial(parameters: &SyntheticStanding) -> Recording {
+    let mut recording = synthetic::standing(parameters);
+    let offset_kpa = offsets(parameters.cells);
     synthetic::read_with(&mut recording, &offset_kpa, 8.0, 7);
     recording
 }
 
-fn worn(recording: &Recording) -> VirtualInsole {
+fn virtual_insole(recording: &Recording) -> VirtualInsole {
     VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING)
 }
 
@@ -51,13 +51,14 @@ fn cut(recording: &Recording, s: std::ops::Range<f64>) -> Recording {
 fn the_parts_of_a_proper_trial_are_found_at_any_rate_and_duration() {
     for rate_hz in [50.0, 100.0, 400.0] {
         for (lifted_s, stand_s) in [([5.0, 5.0], 10.0), ([8.0, 8.0], 14.0), ([2.5, 12.0], 6.5)] {
-            // Much sway at the ends of standing resembles getting up; the guard time covers it.
+            // Strong sway at the ends of standing resembles standing up. The guard time covers it.
             for (sway, tolerance_s) in [(0.0, 0.2), (0.05, 0.2), (0.1, 0.5)] {
-                let of = SyntheticStanding { cells: 60, rate_hz, lifted_s, stand_s, sway, ..Default::default() };
-                let recording = trial(&of);
+                let parameters =
+                    SyntheticStanding { cells: 60, rate_hz, lifted_s, stand_s, sway, ..Default::default() };
+                let recording = trial(&parameters);
                 let (found, _) = measured(&recording);
-                let stands = lifted_s[0] + of.transition_s..lifted_s[0] + of.transition_s + stand_s;
-                let sits = stands.end + of.transition_s..stands.end + of.transition_s + lifted_s[1];
+                let stands = lifted_s[0] + parameters.transition_s..lifted_s[0] + parameters.transition_s + stand_s;
+                let sits = stands.end + parameters.transition_s..stands.end + parameters.transition_s + lifted_s[1];
                 // Half a second of guard at both ends.
                 let [before, after] = &found.lifted;
                 for (frames, truth_s) in [(before, 0.0..lifted_s[0]), (&found.standing, stands), (after, sits)] {
@@ -72,20 +73,21 @@ fn the_parts_of_a_proper_trial_are_found_at_any_rate_and_duration() {
     }
 }
 
-/// The mean is rounded up, so it is at most one code above the truth; noise adds its standard error.
+/// The mean is rounded up, so it is at most one code above the true offset. Noise adds its standard error.
 #[test]
-fn offsets_are_recovered_to_the_code_in_spite_of_noise() {
-    let of = SyntheticStanding::default();
+fn offsets_are_recovered_to_the_code_despite_noise() {
+    let parameters = SyntheticStanding::default();
     for noise_codes in [0.0, 2.0, 8.0] {
-        let mut recording = synthetic::standing(&of);
-        synthetic::read_with(&mut recording, &offsets(of.cells), noise_codes, 7);
+        let mut recording = synthetic::standing(&parameters);
+        synthetic::read_with(&mut recording, &offsets(parameters.cells), noise_codes, 7);
         let (found, zero) = measured(&recording);
-        let mut insole = worn(&recording);
+        let mut insole = virtual_insole(&recording);
         zero.wear(&mut insole, "zero").expect("this insole's zero");
         let frames = found.lifted[0].len() + found.lifted[1].len();
         let error = 4.0 * noise_codes / (3.0 * frames as f64).sqrt();
         // In the order of the insole: by region, otherwise as recorded.
-        let mut truth: Vec<_> = recording.layout.cells.iter().map(|c| c.region).zip(offsets(of.cells)).collect();
+        let mut truth: Vec<_> =
+            recording.layout.cells.iter().map(|c| c.region).zip(offsets(parameters.cells)).collect();
         truth.sort_by_key(|&(region, _)| region);
         for (cell, (region, kpa)) in insole.cells.iter().zip(truth) {
             assert_eq!(cell.cell.region, region);
@@ -100,20 +102,20 @@ fn offsets_are_recovered_to_the_code_in_spite_of_noise() {
     }
 }
 
-/// Without noise, the offset that follows from the file is the code of the unloaded cell, at every full scale that holds it.
+/// Without noise, the offset from the file is the code of the unloaded cell at its own full scale, and within one code at others.
 #[test]
 fn a_zero_is_exact_at_its_own_full_scale_and_at_others() {
-    let of = SyntheticStanding { sway: 0.0, ..Default::default() };
-    let mut recording = synthetic::standing(&of);
-    synthetic::read_with(&mut recording, &offsets(of.cells), 0.0, 1);
+    let parameters = SyntheticStanding { sway: 0.0, ..Default::default() };
+    let mut recording = synthetic::standing(&parameters);
+    synthetic::read_with(&mut recording, &offsets(parameters.cells), 0.0, 1);
     let (_, zero) = measured(&recording);
     let text = Zero { right: Some(zero), left: None }.to_toml();
     let zero = Zero::parse(&text, Path::new("zero.toml")).expect("its own file");
     assert_eq!(zero.to_toml(), text);
     for largest_kpa in [0.0, 1000.0, 7000.0] {
         let mut walk = cut(&recording, 0.0..0.1);
-        walk.pressure_kpa[of.cells] = largest_kpa;
-        let mut insole = worn(&walk);
+        walk.pressure_kpa[parameters.cells] = largest_kpa;
+        let mut insole = virtual_insole(&walk);
         zero.wear(&mut insole, "zero.toml").expect("this insole's zero");
         let mut unloaded = vec![0; insole.cells.len()];
         insole.codes(walk.frame(0), &mut unloaded);
@@ -127,10 +129,10 @@ fn a_zero_is_exact_at_its_own_full_scale_and_at_others() {
 
 #[test]
 fn the_mean_force_while_standing_is_the_applied_one() {
-    let of = SyntheticStanding { standing_n: 412.0, ..Default::default() };
-    let recording = trial(&of);
+    let parameters = SyntheticStanding { standing_n: 412.0, ..Default::default() };
+    let recording = trial(&parameters);
     let (found, zero) = measured(&recording);
-    let mut insole = worn(&recording);
+    let mut insole = virtual_insole(&recording);
     zero.wear(&mut insole, "zero").expect("this insole's zero");
     let frames = found.standing.len() as f64;
     let measured_n = |i| recording.layout.force_n(&insole.measured_kpa(recording.frame(i)));
@@ -142,7 +144,7 @@ fn the_mean_force_while_standing_is_the_applied_one() {
     }
 }
 
-/// Per frame and region: area, mm2, and force, N; and the number of steps.
+/// Replays a recording; returns area, mm2, and force, N, per frame and region, and the number of steps.
 fn replay(recording: &Recording, insole: &VirtualInsole) -> (Vec<[(f64, f64); 8]>, usize) {
     let mut device = Box::new(Insole::<f64, MAX_CELLS>::new());
     device.set_up(insole.setup, insole.cells.iter().copied()).expect("a set-up");
@@ -162,10 +164,10 @@ fn a_walk_with_offsets_and_its_zero_equals_a_walk_without_offsets() {
     let mut recorded = ideal.clone();
     synthetic::read_with(&mut recorded, &offsets(240), 0.0, 1);
     let (_, zero) = measured(&trial(&SyntheticStanding::default()));
-    let mut insole = worn(&recorded);
+    let mut insole = virtual_insole(&recorded);
     let before = insole.clone();
     Zero { right: Some(zero), left: None }.wear(&mut insole, "zero").expect("this insole's zero");
-    let (expected, steps) = replay(&ideal, &worn(&ideal));
+    let (expected, steps) = replay(&ideal, &virtual_insole(&ideal));
     let (found, found_steps) = replay(&recorded, &insole);
     assert_eq!((steps, found_steps), (10, 10));
     let cell_mm2 = ideal.layout.cells[0].area_mm2;
@@ -173,7 +175,8 @@ fn a_walk_with_offsets_and_its_zero_equals_a_walk_without_offsets() {
     for (expected, found) in expected.iter().flatten().zip(found.iter().flatten()) {
         // Zeros are accurate to two codes; a code is 0.01 kPa at 10 to 200 kPa, or 1 mN on a cell.
         assert!((expected.1 - found.1).abs() <= 0.05, "{} N, not {}", found.1, expected.1);
-        // A pressure within these codes of the contact threshold may be on its other side; in pairs, as the walk is symmetric.
+        // A pressure within two codes of the contact threshold may be on its other side; in pairs of cells, because the walk is
+        // symmetric.
         assert!((expected.0 - found.0).abs() <= 2.001 * cell_mm2, "{} mm2, not {}", found.0, expected.0);
         other_areas += usize::from((expected.0 - found.0).abs() > 1.0);
     }
@@ -185,8 +188,8 @@ fn a_walk_with_offsets_and_its_zero_equals_a_walk_without_offsets() {
 
 #[test]
 fn other_recordings_are_rejected_with_the_reason() {
-    let of = |lifted_s, stand_s| trial(&SyntheticStanding { cells: 60, lifted_s, stand_s, ..Default::default() });
-    let good = of([5.0, 5.0], 10.0);
+    let trial_of = |lifted_s, stand_s| trial(&SyntheticStanding { cells: 60, lifted_s, stand_s, ..Default::default() });
+    let good = trial_of([5.0, 5.0], 10.0);
     let (stand, sit) = (cut(&good, 6.0..16.0), cut(&good, 0.0..5.0));
     let joined = |parts: &[&Recording]| {
         let pressure_kpa: Vec<f32> = parts.iter().flat_map(|part| part.pressure_kpa.iter().copied()).collect();
@@ -201,12 +204,12 @@ fn other_recordings_are_rejected_with_the_reason() {
         (joined(&[&sit, &sit]), "no difference"),
         (walk.clone(), "standing still has 0."),
         (joined(&[&sit, &walk, &sit]), "standing still has 0."),
-        (of([5.0, 5.0], 4.0), "standing still has 3."),
+        (trial_of([5.0, 5.0], 4.0), "standing still has 3."),
         (joined(&[&sit, &stand]), "no lifted foot after standing, which lasts from 5.0 s to 15.0 s"),
         (joined(&[&stand, &sit]), "no lifted foot before standing"),
         (joined(&[&stand, &sit, &stand]), "no lifted foot before standing"),
-        (of([2.3, 2.3], 10.0), "lifted for 2."),
-        (of([1.0, 6.0], 10.0), "no lifted foot before"),
+        (trial_of([2.3, 2.3], 10.0), "lifted for 2."),
+        (trial_of([1.0, 6.0], 10.0), "no lifted foot before"),
         (cut(&good, 0.0..3.0), "3.0 s are too short"),
     ] {
         let error = StandingTrial::find(&recording, "trial.parquet").expect_err(reason).to_string();
@@ -215,7 +218,7 @@ fn other_recordings_are_rejected_with_the_reason() {
     }
 }
 
-/// People rest their feet on the floor before they lift them, and before they stand up.
+/// People may rest their feet on the floor before they lift them and before they stand up.
 #[test]
 fn feet_that_rest_on_the_floor_do_not_count_as_lifted() {
     let mut recording = synthetic::standing(&SyntheticStanding { lifted_s: [12.0, 12.0], ..Default::default() });
@@ -238,7 +241,7 @@ fn a_zero_of_other_cells_or_above_half_of_the_scale_is_rejected() {
     let recording = synthetic::standing(&SyntheticStanding::default());
     let (_, zero) = measured(&recording);
     let refused = |zero: &FootZero, words: &[&str]| {
-        let error = zero.wear(&mut worn(&recording), "zero.toml").expect_err("refused").to_string();
+        let error = zero.wear(&mut virtual_insole(&recording), "zero.toml").expect_err("refused").to_string();
         assert!(words.iter().all(|word| error.contains(word)), "{words:?}: {error}");
     };
     refused(&FootZero { layout_id: 1, ..zero.clone() }, &["zero.toml", "other cells", "--cells"]);
@@ -249,7 +252,7 @@ fn a_zero_of_other_cells_or_above_half_of_the_scale_is_rejected() {
         refused(&high, &["x ", "half of its scale"]);
     }
     let only_left = Zero { left: Some(zero), right: None };
-    let error = only_left.wear(&mut worn(&recording), "zero.toml").expect_err("refused").to_string();
+    let error = only_left.wear(&mut virtual_insole(&recording), "zero.toml").expect_err("refused").to_string();
     assert!(error.contains("no zero of the right foot, only of the left"), "{error}");
 
     let mut broken = recording.clone();

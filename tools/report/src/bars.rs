@@ -1,4 +1,4 @@
-//! NRMSE (Eq. 20) by region: as bars (Fig. 7 of the paper) and as a table (its Table 2).
+//! NRMSE (Eq. 20) by region, as bars (Fig. 7 of the paper) and as a table (Table 2 of the paper).
 
 use crate::drawing::{self, Drawing, Scale, paragraph, tick};
 use crate::format::{NONE, percent, signed_percent};
@@ -8,10 +8,11 @@ use maud::{Markup, html};
 
 /// Width of the drawing.
 pub const WIDTH: f64 = 430.0;
-/// Margins, height of a bar, height of a region.
 const LEFT: f64 = 104.0;
 const RIGHT: f64 = 30.0;
+/// Height of a bar.
 const BAR: f64 = 9.0;
+/// Height of a region.
 const ROW: f64 = 4.0 * BAR + 15.0;
 const TOP: f64 = 4.0;
 
@@ -23,7 +24,7 @@ fn errors(quality: &Quality) -> [Option<f64>; 4] {
     [Some(quality.fitted), Some(quality.own), quality.predicted, Some(quality.floor)]
 }
 
-/// Four bars for each region, and the value of the paper as a mark.
+/// The chart with four bars for each region, and the value of the paper as a mark.
 pub fn bars(study: &Study) -> Drawing {
     let all = fitted(study).flat_map(|(_, fit)| errors(&fit.quality)).flatten().map(|share| share * 100.0);
     let largest = all.chain(PAPER_NRMSE).filter(|percent| percent.is_finite()).fold(0.0, f64::max);
@@ -71,14 +72,14 @@ fn mark(x: f64, bars: f64) -> Markup {
 }
 
 /// The legend of the bars and the mark.
-pub fn key() -> Vec<Drawing> {
+pub fn legend() -> Vec<Drawing> {
     let bars =
         ERRORS.map(|(name, class)| (html! { rect class=(class) x="1" y="5" width="22" height=(BAR - 1.0) {} }, name));
     let paper = (mark(12.0, 13.0), "paper (Table 2)");
-    drawing::key(bars.into_iter().chain([paper]))
+    drawing::legend_entries(bars.into_iter().chain([paper]))
 }
 
-/// The table with these and further errors.
+/// The table of the errors, with further errors that are not in the chart.
 pub fn table(study: &Study) -> Markup {
     html! {
         table #nrmse {

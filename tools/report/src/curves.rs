@@ -1,4 +1,4 @@
-//! Area and force of a typical step for each region (Figs. 5 and 6 of the paper), and the sum over the regions (Fig. 6i).
+//! Area and force of each region in a typical step (Figs. 5 and 6 of the paper), and the sum over the regions (Fig. 6i).
 
 use crate::drawing::{self, Curves, Drawing, Scale, unfitted};
 use crate::format::percent;
@@ -17,7 +17,7 @@ const LEFT: f64 = 38.0;
 const TOP: f64 = 22.0;
 const BOTTOM: f64 = 32.0;
 
-/// The step of a region with the median error.
+/// The typical step of a region: the step with the median error.
 pub struct Typical {
     /// Index in [`Study::steps`].
     pub step: usize,
@@ -104,7 +104,7 @@ impl Sum {
         (squares / self.measured_n.len() as f64).sqrt() / largest([&self.measured_n])
     }
 
-    /// Largest measured force on the fitted regions over that on the whole foot.
+    /// Largest measured force on the fitted regions, divided by that on the whole foot.
     pub fn share(&self) -> f64 {
         largest([&self.measured_n]) / largest([&self.whole_n])
     }
@@ -197,8 +197,8 @@ pub fn sum(study: &Study, sum: Option<&Sum>) -> Drawing {
 }
 
 /// The legend of the marks.
-pub fn key() -> Vec<Drawing> {
-    drawing::key([
+pub fn legend() -> Vec<Drawing> {
+    drawing::legend_entries([
         (html! { path.points d="M3 9h0M9 9h0M15 9h0M21 9h0" {} }, "measured"),
         (html! { path.line d="M0 9h24" {} }, "measured force, smoothed"),
         (

@@ -7,7 +7,7 @@ use std::fmt::Write;
 /// The style sheet of the drawings, in the page and in the picture.
 pub const STYLE: &str = include_str!("drawing.css");
 
-/// A drawing, for use on its own or within a larger one.
+/// A drawing that can be used on its own or within a larger one.
 pub struct Drawing {
     /// Size in units of the view box.
     pub width: f64,
@@ -33,23 +33,23 @@ impl Drawing {
     }
 }
 
-/// The entries of a legend: a mark, drawn in 26 x 18 units, and its meaning.
-pub fn key(marks: impl IntoIterator<Item = (Markup, &'static str)>) -> Vec<Drawing> {
-    let item = |(mark, meaning): (Markup, &'static str)| Drawing {
+/// The entries of a legend, each a mark, drawn in 26 x 18 units, with its meaning.
+pub fn legend_entries(marks: impl IntoIterator<Item = (Markup, &'static str)>) -> Vec<Drawing> {
+    let entry = |(mark, meaning): (Markup, &'static str)| Drawing {
         width: 42.0 + 6.6 * meaning.len() as f64,
         height: 18.0,
         label: format!("Mark: {meaning}"),
         body: html! { (mark) text x="31" y="13" { (meaning) } },
     };
-    marks.into_iter().map(item).collect()
+    marks.into_iter().map(entry).collect()
 }
 
 /// A legend in one row, with its upper left corner at `(x, y)`.
-pub fn key_row(key: &[Drawing], mut x: f64, y: f64) -> Markup {
+pub fn legend_row(entries: &[Drawing], mut x: f64, y: f64) -> Markup {
     html! {
-        @for item in key {
-            (item.at(x, y))
-            @let () = x += item.width;
+        @for entry in entries {
+            (entry.at(x, y))
+            @let () = x += entry.width;
         }
     }
 }
@@ -65,12 +65,12 @@ pub fn paragraph(text: &str, x: f64, y: f64, characters: usize, class: &str) -> 
     }
 }
 
-/// The drawing for a region that was not fitted.
-pub fn unfitted(width: f64, height: f64, what: &str, reason: &str) -> Drawing {
+/// The drawing for a region that was not fitted. `title` begins its text alternative.
+pub fn unfitted(width: f64, height: f64, title: &str, reason: &str) -> Drawing {
     Drawing {
         width,
         height,
-        label: format!("{what}: not fitted, {reason}"),
+        label: format!("{title}: not fitted, {reason}"),
         body: html! {
             rect.empty x="1" y="1" width=(width - 2.0) height=(height - 2.0) rx="4" {}
             text.strong x="14" y="28" { "Not fitted" }
@@ -90,11 +90,11 @@ pub struct Scale {
 enum Kind {
     Linear,
     Logarithmic,
-    /// Logarithmic, and 0 has a position [`ZERO`] units before the smallest value.
+    /// Logarithmic; the position of 0 is [`ZERO`] units before the smallest value.
     LogarithmicAndZero,
 }
 
-/// Distance between the position of 0 and the start of a logarithmic scale.
+/// Distance from the position of 0 to the start of a logarithmic scale.
 const ZERO: f64 = 16.0;
 
 impl Scale {
@@ -111,7 +111,7 @@ impl Scale {
         }
     }
 
-    /// The position of a value; that of the end of the scale for values outside.
+    /// The position of a value. A value outside of the scale has the position of the nearer end.
     pub fn at(&self, value: f64) -> f64 {
         if self.is_zero(value) {
             return self.positions[0] - ZERO;
@@ -197,7 +197,7 @@ impl Curves {
         }
     }
 
-    /// A line through samples that begin at time `start`, with `every` between them, as an SVG path.
+    /// A line through samples as an SVG path. The first sample is at time `start`, and `every` is the time between samples.
     pub fn line(&self, start: f64, every: f64, values: &[f64]) -> String {
         self.path(start, every, values, |i| if i == 0 { "M" } else { "L" }, "")
     }

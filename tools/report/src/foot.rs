@@ -16,13 +16,14 @@ const SCALE: f64 = 1.5;
 const MARGIN_MM: f64 = 10.0;
 /// Length of the scale bar, mm.
 const BAR_MM: f64 = 50.0;
-/// Height above the feet and below them.
+/// Height of the titles above the feet.
 const HEAD: f64 = 20.0;
+/// Height of the scale bar below the feet.
 const FOOTER: f64 = 34.0;
 /// Size of an entry of the legend.
 const LEGEND_WIDTH: f64 = 212.0;
 const LEGEND_ROW: f64 = 52.0;
-/// Cells are drawn with this fraction of their length and width, so that gaps separate neighbours.
+/// Fraction of its length and width with which a cell is drawn, so that gaps separate neighbouring cells.
 const CELL_SHARE: f64 = 0.85;
 
 /// The first recording of a foot that has cells.
@@ -61,21 +62,21 @@ pub fn foot(study: &Study) -> Option<Drawing> {
             @for region in 0..8 {
                 @let row = region % (8 / columns);
                 @let column = region / (8 / columns);
-                (legend(study, region, x + LEGEND_WIDTH * column as f64, y + LEGEND_ROW * row as f64))
+                (region_entry(study, region, x + LEGEND_WIDTH * column as f64, y + LEGEND_ROW * row as f64))
             }
         },
     })
 }
 
 /// The legend of the lines.
-pub fn key() -> Vec<Drawing> {
-    drawing::key([
+pub fn legend() -> Vec<Drawing> {
+    drawing::legend_entries([
         (html! { ellipse.contact cx="12" cy="9" rx="11" ry="6" {} }, "contact ellipse, mean over steps"),
         (html! { ellipse.ellipsoid.c0 cx="12" cy="9" rx="11" ry="6" {} }, "fitted ellipsoid, A × B"),
     ])
 }
 
-/// The displayed part of the foot coordinates, which both feet share.
+/// The displayed range of the foot coordinates, the same for both feet.
 struct Frame {
     x_mm: [f64; 2],
     y_mm: [f64; 2],
@@ -124,7 +125,8 @@ fn cells(foot: &Source, region: usize, pitch_mm: Option<[f64; 2]>) -> String {
     let mut path = String::new();
     for cell in foot.layout.cells.iter().filter(|cell| cell.region as usize == region) {
         let side_mm = cell.area_mm2.sqrt();
-        // A cell that fills its place on a grid is drawn with the shape of that place; of other cells only the area is known.
+        // A cell that fills an element of a regular grid has the shape of that element. The shape of other cells is not known, so
+        // they are drawn as squares.
         let fills = |[x_mm, y_mm]: &[f64; 2]| (x_mm * y_mm / cell.area_mm2 - 1.0).abs() < 0.05;
         let [x_mm, y_mm] = pitch_mm.filter(fills).unwrap_or([side_mm, side_mm]).map(|mm| CELL_SHARE * mm);
         let (left, low) = (cell.x_mm - x_mm / 2.0, cell.y_mm - y_mm / 2.0);
@@ -134,7 +136,7 @@ fn cells(foot: &Source, region: usize, pitch_mm: Option<[f64; 2]>) -> String {
     path
 }
 
-/// The smallest distances of cells along both axes, mm.
+/// The smallest distances between cells along both axes, mm.
 fn pitch_mm(cells: &[Cell]) -> Option<[f64; 2]> {
     let least = |along: fn(&Cell) -> f64| {
         let mut places: Vec<f64> = cells.iter().map(along).collect();
@@ -164,7 +166,8 @@ fn scale_bar(x: f64, y: f64) -> Markup {
     }
 }
 
-fn legend(study: &Study, region: usize, x: f64, y: f64) -> Markup {
+/// The entry of a region in the legend.
+fn region_entry(study: &Study, region: usize, x: f64, y: f64) -> Markup {
     html! {
         rect.fill.(colour(region)) x=(x) y=(y - 9.0) width="11" height="11" rx="2" {}
         text.strong x=(x + 17.0) y=(y) { (TITLES[region]) }

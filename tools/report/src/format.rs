@@ -14,7 +14,7 @@ pub fn number(value: f64) -> String {
     let rounded = format!("{value:.2e}");
     let (digits, exponent) = rounded.split_once('e').unwrap_or((&rounded, "0"));
     let text = match exponent.parse::<i32>().unwrap_or(0) {
-        // 2 - exponent is 0 to 5 here.
+        // The number of decimals, 2 - exponent, is 0 to 5 here.
         exponent @ -3..=2 => format!("{value:.*}", (2 - exponent) as usize),
         3..=5 => format!("{:.0}", rounded.parse().unwrap_or(value)),
         _ => format!("{digits}\u{a0}×\u{a0}10{}", superscript(exponent)),

@@ -124,11 +124,11 @@ fn errors(study: &Study) -> String {
 fn foot_figure(study: &Study) -> Markup {
     let Some(drawing) = foot::foot(study) else { return html! { p { "No recording, so no cells can be shown." } } };
     html! {
-        (key(&foot::key()))
+        (legend(&foot::legend()))
         figure.beside {
             (drawing.svg())
             figcaption {
-                "Soles seen from above, toes up. Cells are coloured by region; they are those of the first recording of each foot. \
+                "Soles seen from above, toes up, with the cells of the first recording of each foot, coloured by region. \
                  Solid: the contact ellipse, mean over the steps of that foot, weighted by force. Dashed, in the colour of \
                  the region: the outline of the fitted ellipsoid, drawn at the centre and angle of the contact ellipse. \
                  Each region has one ellipsoid for both feet. An ellipsoid may be much larger than any contact; the drawing \
@@ -145,7 +145,7 @@ fn curve_figures(study: &Study) -> Markup {
             "For each region, the step with the median error, with the parameters that were fitted to all steps. \
              All charts have the same time axis; the axes of force and area differ."
         }
-        (key(&curves::key()))
+        (legend(&curves::legend()))
         div.panels {
             @for region in 0..8 {
                 @let typical = curves::Typical::of(study, region);
@@ -183,16 +183,22 @@ fn step(study: &Study, step: usize) -> String {
 }
 
 /// Size of a legend, rem per unit of its drawing.
-const KEY: f64 = 0.075;
+const LEGEND_SCALE: f64 = 0.075;
 
 /// A legend in the page.
-fn key(items: &[Drawing]) -> Markup {
-    html! { div.key { @for item in items { span style=(format!("width:{:.1}rem", KEY * item.width)) { (item.svg()) } } } }
+fn legend(entries: &[Drawing]) -> Markup {
+    html! {
+        div.key {
+            @for entry in entries {
+                span style=(format!("width:{:.1}rem", LEGEND_SCALE * entry.width)) { (entry.svg()) }
+            }
+        }
+    }
 }
 
 fn error_figure(study: &Study) -> Markup {
     html! {
-        (key(&bars::key()))
+        (legend(&bars::legend()))
         figure.beside {
             (bars::bars(study).svg())
             figcaption {
@@ -206,7 +212,7 @@ fn error_figure(study: &Study) -> Markup {
 
 fn parameter_figures(study: &Study) -> Markup {
     html! {
-        (key(&parameters::key()))
+        (legend(&parameters::legend()))
         figure {
             div.panels { @for chart in parameters::charts(study) { (chart.svg()) } }
             figcaption {

@@ -54,7 +54,7 @@ impl Parameter {
     }
 }
 
-/// A parameter of a region: its value in SI, and its intervals, if any.
+/// A parameter of a region: its value in SI, and its intervals if they were computed.
 fn value(fit: &RegionFit, parameter: usize) -> (f64, Option<&Interval>) {
     (values(&fit.law)[parameter], fit.uncertainty.as_ref().map(|uncertainty| &uncertainty.intervals[parameter]))
 }
@@ -93,7 +93,7 @@ fn chart(study: &Study, parameter: usize) -> Drawing {
                     Ok(fit) if parameter == DAMPING_EXPONENT && fit.law.damping_pa_s == 0.0 =>
                         text.small.soft x=(LEFT + 5.0) y=(y + 3.5) { "no damping: G is 0" },
                     Ok(fit) => g.(colour(region)) { (row(&scale, shown, value(fit, parameter), y)) },
-                    // The tables have the complete reason.
+                    // The tables contain the complete reason.
                     Err(reason) => text.small.soft x=(LEFT + 5.0) y=(y + 3.5) {
                         "not fitted: " (reason.split([':', '(']).next().unwrap_or_default())
                     },
@@ -103,7 +103,7 @@ fn chart(study: &Study, parameter: usize) -> Drawing {
     }
 }
 
-/// The scale covers all intervals, but extends at most a decade beyond the estimates.
+/// The scale of a parameter. It covers all intervals, but extends at most a decade beyond the estimates.
 fn scale(study: &Study, parameter: usize) -> Scale {
     let shown = &SHOWN[parameter];
     let positions = [LEFT, WIDTH - RIGHT];
@@ -135,7 +135,7 @@ fn scale(study: &Study, parameter: usize) -> Scale {
     }
 }
 
-/// The estimate, the interval from the Jacobian above it, and that from resampled steps below it.
+/// Draws the estimate, the interval from the Jacobian above it, and the interval from resampled steps below it.
 fn row(scale: &Scale, shown: &Parameter, (value, interval): (f64, Option<&Interval>), y: f64) -> Markup {
     let x = scale.at(value * shown.factor);
     html! {
@@ -151,7 +151,7 @@ fn row(scale: &Scale, shown: &Parameter, (value, interval): (f64, Option<&Interv
     }
 }
 
-/// An interval, with an arrow where it extends beyond the scale.
+/// Draws an interval, with an arrow where it extends beyond the scale.
 fn bar(scale: &Scale, [low, high]: [f64; 2], y: f64, class: &str) -> Markup {
     let (left, right) = (scale.at(low), scale.at(high));
     html! {
@@ -162,8 +162,8 @@ fn bar(scale: &Scale, [low, high]: [f64; 2], y: f64, class: &str) -> Markup {
 }
 
 /// The legend of the marks.
-pub fn key() -> Vec<Drawing> {
-    drawing::key([
+pub fn legend() -> Vec<Drawing> {
+    drawing::legend_entries([
         (html! { circle.fill cx="12" cy="9" r="3.2" {} }, "estimate"),
         (html! { path.hollow d="M12 4l5 5l-5 5l-5 -5z" {} }, "estimate at a bound"),
         (html! { path.jacobian d="M0 9h24" {} }, "95 %, Jacobian"),

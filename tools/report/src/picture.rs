@@ -1,6 +1,6 @@
-//! The report as one picture: foot, forces, errors and parameters.
+//! The report as one picture with foot, forces, errors and parameters.
 
-use crate::drawing::{Drawing, STYLE, key_row};
+use crate::drawing::{Drawing, STYLE, legend_row};
 use crate::format::count;
 use crate::region::{TITLES, fitted};
 use crate::{bars, curves, foot, parameters};
@@ -14,7 +14,7 @@ use std::sync::Arc;
 pub enum Error {
     /// No font is installed, so text cannot be drawn.
     #[error(
-        "no fonts are installed, so the picture would have no text; install some, for example fonts-dejavu-core on Debian"
+        "no fonts are installed, so the picture would have no text; install fonts, for example fonts-dejavu-core on Debian"
     )]
     NoFonts,
     /// The drawing is not valid.
@@ -87,17 +87,17 @@ fn svg(study: &Study) -> Markup {
             }
             @if let Some(foot) = &foot {
                 (foot.at(MARGIN, HEADER))
-                @for (i, item) in foot::key().iter().enumerate() { (item.at(MARGIN, foot_bottom + 22.0 * i as f64)) }
+                @for (i, item) in foot::legend().iter().enumerate() { (item.at(MARGIN, foot_bottom + 22.0 * i as f64)) }
             }
-            (key_row(&curves::key(), grid.x, HEADER))
+            (legend_row(&curves::legend(), grid.x, HEADER))
             @for region in 0..8 {
                 @let force = curves::force(study, region, &curves::Typical::of(study, region));
                 (grid.panel(region, TITLES[region], &force))
             }
             (grid.panel(8, "Sum of the regions", &curves::sum(study, sum.as_ref())))
-            (key_row(&bars::key(), MARGIN, lower))
+            (legend_row(&bars::legend(), MARGIN, lower))
             (bars.at(MARGIN, lower + LEGEND))
-            (key_row(&parameters::key(), beside.x, lower))
+            (legend_row(&parameters::legend(), beside.x, lower))
             @for (i, chart) in charts.iter().enumerate() { (beside.panel(i, "", chart)) }
         }
     }

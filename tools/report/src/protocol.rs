@@ -45,12 +45,12 @@ fn contact(study: &Study) -> String {
 fn filter(filter: Filter) -> &'static str {
     match filter {
         Filter::Step => {
-            "that of the step record: contact area smoothed by a three-point mean and a polynomial of fifth order over the \
+            "the filter of the step record: contact area smoothed by a three-point mean and a polynomial of fifth order over the \
              contact phase, deformation rate by Eq. 16; force as measured"
         }
         Filter::Live => {
-            "that of the live stream: mean contact area of three frames, deformation rate by the backward difference; force as \
-             measured"
+            "the filter of the live stream: mean contact area of three frames, deformation rate by the backward difference; force \
+             as measured"
         }
     }
 }
@@ -58,18 +58,18 @@ fn filter(filter: Filter) -> &'static str {
 fn method(method: Method) -> &'static str {
     match method {
         Method::Projection => "five parameters by variable projection from a grid of starts; deterministic",
-        Method::Paper => "that of the paper: eight variables by a general solver from ten random starts",
+        Method::Paper => "the method of the paper: eight variables by a general solver from ten random starts",
     }
 }
 
 fn bounds(study: &Study) -> String {
     let bounds = &study.options.bounds;
-    // The reciprocal of the ratio: pi A B over the largest area.
+    // The reciprocals of the ratios are pi A B divided by the largest area.
     let [most, least] = bounds.max_ratio.map(f64::recip);
     let range = |[low, high]: [f64; 2], factor: f64| format!("{} to {}", tick(low * factor), tick(high * factor));
     format!(
-        "π A B {} times the largest contact area, K {} kPa, G {} kPa s, n {}, m {}; chosen by this software, those of the paper \
-         are not published",
+        "π A B {} times the largest contact area, K {} kPa, G {} kPa s, n {}, m {}; chosen by this software, because the \
+         bounds of the paper are not published",
         range([least, most], 1.0),
         range(bounds.stiffness_pa, 1e-3),
         range(bounds.damping_pa_s, 1e-3),

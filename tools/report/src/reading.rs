@@ -24,7 +24,7 @@ pub fn reading(method: Method) -> Markup {
             }
         }
         p {
-            strong { "What is identifiable. " }
+            strong { "Identifiability. " }
             "Of the paper's eight parameters (Eq. 17), force and contact area determine five: the product A B, the exponents n \
              and m, and"
             " K = k C" sup { "n+1" } " / d₀" sup { "n" } " and G = c C" sup { "m+1" } " / d₀" sup { "m" }

@@ -1,6 +1,6 @@
 //! A step as a picture: peak pressure with the contact ellipses on the foot, and the forces of each region over time.
 
-use crate::drawing::{Curves, Drawing, STYLE, Scale, key, key_row};
+use crate::drawing::{Curves, Drawing, STYLE, Scale, legend_entries, legend_row};
 use crate::region::{TITLES, colour};
 use maud::{Markup, PreEscaped, html};
 use plantar::Side;
@@ -15,10 +15,10 @@ const FOOT: [f64; 2] = [300.0, 590.0];
 const PANEL: [f64; 2] = [250.0, 190.0];
 const GAP: f64 = 12.0;
 const TITLE: f64 = 18.0;
-/// Space around the cells, mm.
+/// Margin around the cells, mm.
 const SPACE_MM: f64 = 12.0;
 /// Opacity of an unloaded cell.
-const LEAST_OPACITY: f64 = 0.06;
+const UNLOADED_OPACITY: f64 = 0.06;
 
 /// The forces of a frame per region: measured and model force, N.
 pub type Forces = [(f64, f64); 8];
@@ -28,11 +28,11 @@ pub type Forces = [(f64, f64); 8];
 pub struct StepPicture<'a> {
     /// The recording.
     pub recording: &'a Recording,
-    /// The insole that measured it.
+    /// The insole that measured the recording.
     pub insole: &'a VirtualInsole,
     /// The step.
     pub step: &'a Step,
-    /// Frames of the recording that are part of the step.
+    /// Frames of the recording that belong to the step.
     pub frames: &'a Range<usize>,
     /// Forces of these frames.
     pub forces: &'a [Forces],
@@ -52,7 +52,7 @@ impl StepPicture<'_> {
                 text.title x=(MARGIN) y="22" { "Peak pressure, contact ellipse at peak force" }
                 text x=(MARGIN) y="40" { "contact: " (self.contact) }
                 (self.foot())
-                (key_row(&legend(), MARGIN + FOOT[0] + GAP, 26.0))
+                (legend_row(&legend(), MARGIN + FOOT[0] + GAP, 26.0))
                 @for region in 0..8 {
                     @let (column, row) = ((region % 3) as f64, (region / 3) as f64);
                     (self.region(region).at(MARGIN + FOOT[0] + GAP + column * (PANEL[0] + GAP), HEADER + row * (PANEL[1] + GAP)))
@@ -96,7 +96,7 @@ impl StepPicture<'_> {
             }
         }
         let largest_kpa = peak_kpa.iter().copied().fold(1.0, f32::max);
-        let opacity = |kpa: f32| LEAST_OPACITY + (1.0 - LEAST_OPACITY) * f64::from(kpa / largest_kpa).sqrt();
+        let opacity = |kpa: f32| UNLOADED_OPACITY + (1.0 - UNLOADED_OPACITY) * f64::from(kpa / largest_kpa).sqrt();
         peak_kpa.into_iter().map(opacity).collect()
     }
 
@@ -125,13 +125,13 @@ impl StepPicture<'_> {
 }
 
 fn legend() -> Vec<Drawing> {
-    key([
+    legend_entries([
         (html! { path.line d="M0 9h24" {} }, "measured force"),
         (html! { @for region in 0..4 { path.model.(colour(region)) d={ "M" (6 * region) " 9h6" } {} } }, "model force"),
     ])
 }
 
-/// A cell with a margin to its neighbours, as a path. Only its area is known.
+/// A cell as an SVG path: a square, because only its area is known, with a margin to its neighbours.
 fn square(cell: &Cell) -> String {
     let side_mm = 0.92 * cell.area_mm2.sqrt();
     let (left, low) = (cell.x_mm - side_mm / 2.0, cell.y_mm - side_mm / 2.0);

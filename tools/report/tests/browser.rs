@@ -1,4 +1,4 @@
-//! The page in Chromium, where it is installed: the program in `PLANTAR_CHROMIUM` or on the path.
+//! The page in Chromium, if it is installed: the program that `PLANTAR_CHROMIUM` names, or the one on the path.
 
 mod common;
 

@@ -1,4 +1,4 @@
-//! The page as text: its content, independent of its appearance.
+//! The content of the page, independent of its appearance.
 
 mod common;
 
@@ -74,7 +74,7 @@ fn excluded_contacts_and_regions_are_listed_with_their_reasons() {
     let unfit: Vec<_> = STUDY.fits.iter().filter_map(|fit| fit.as_ref().err()).collect();
     assert_eq!(unfit.len(), 2, "{unfit:?}");
     for reason in unfit {
-        // In the summary, in three tables, and in the label of the drawing.
+        // The reason is in the summary, in three tables, and in the label of the drawing.
         assert!(html.matches(&escaped(&reason.to_string())).count() >= 5, "{reason}");
     }
     assert!(!STUDY.left_out.is_empty());

@@ -1,4 +1,4 @@
-//! The picture: its size, and that it is not blank.
+//! The picture has the expected size and is not blank.
 
 mod common;
 

@@ -4,13 +4,13 @@ import type { Live, Side, Step } from "./quantities";
 
 /** A message of an insole. */
 export type ToHost = { "kind": "hello" } & Hello | { "kind": "live" } & Live | { "kind": "step",
-/** Equal for the same step, however often an insole sends it. */
+/** Identifies the step. It does not change when an insole sends the step again. */
 key: string, step: Step, } | { "kind": "status" } & Status | { "kind": "tissue",
 /** Identifies the wearer's parameters; 0 without any. */
 id: number, } | { "kind": "refused",
-/** A sentence for people. */
+/** The reason, as a sentence for the wearer. */
 reason: string, } | { "kind": "time",
-/** The page's time, as it was sent. */
+/** The page's time in the request. */
 host_us: number,
 /** The insole's time when the request arrived. */
 device_us: number, } | { "kind": "faults" } & Faults;
@@ -31,9 +31,9 @@ cells: number,
 rate_hz: number,
 /** True with the wearer's parameters; without them the insole computes no deformation and no model force. */
 has_parameters: boolean,
-/** Why the insole last started, one word. */
+/** The reason of the last reset, one word. */
 reset: string,
-/** What ended the previous run, or why the set-up was refused. */
+/** The fault that ended the previous run, or the reason why the insole cannot measure. */
 last_panic: string | null, };
 
 /** Counters of an insole since its start. */
@@ -50,28 +50,28 @@ steps_dropped: number,
 bad_frames: number,
 /** Records that the insole could not store. */
 not_stored: number,
-/** Sensor faults. */
+/** Number of sensor faults. */
 faults: number,
-/** Zero corrections of unloaded cells. */
+/** Number of zero corrections of unloaded cells. */
 rezeroed: number, };
 
 /** The faults of the sensor. */
 export type Faults = {
-/** Number of faults, including those that the list has no room for. */
+/** Number of faults, including faults that exceed the capacity of the list. */
 found: number,
-/** Zero corrections of unloaded cells. */
+/** Number of zero corrections of unloaded cells. */
 rezeroed: number, list: Array<Fault>, };
 
 /** A fault of the sensor. */
 export type Fault = {
-/** Its kind, one word. */
+/** The kind of the fault, one word. */
 fault: string,
-/** A cell, row or column. */
+/** The cell, row or column. */
 place: string,
-/** Time since the start of the insole. */
+/** Time of detection since the start of the insole. */
 found_s: number, };
 
-/** What the page needs to know of the protocol and of the sole. */
+/** Constants of the protocol and the geometry of the sole. */
 export type Facts = {
 /** Major protocol version of the page. */
 major: number,
@@ -84,7 +84,7 @@ regions: Array<RegionFacts>, sole: Sole, };
 
 /** UUIDs of the insole's Bluetooth service and of its characteristics. */
 export type Gatt = { service: string,
-/** Requests are written here, and their answers are indicated. */
+/** Requests, written; and their answers, indicated. */
 control: string,
 /** Live frames, notified. */
 live: string,
@@ -100,7 +100,7 @@ outline_mm: Array<[number, number]>,
 /** Its centroid, mm. */
 centre_mm: [number, number], };
 
-/** The outline of both soles, as that of a right one; x to the lateral side, y from heel to toe. */
+/** A sole in foot coordinates, the same for both feet: x to the lateral side, y from heel to toes. */
 export type Sole = { length_mm: number, width_mm: number,
 /** A closed polygon, mm. */
 outline_mm: Array<[number, number]>, };

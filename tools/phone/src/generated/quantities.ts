@@ -18,9 +18,9 @@ export interface Step {
   bridged_frames: number;
   /** Boots of the insole since the one that recorded this step; the start time counts from that one. Unit: count. */
   starts_ago: number;
-  /** Start by the insole's own clock, in s since 1970; only of a step from before its last restart. */
+  /** Start on the insole's own clock, s since 1970; null unless the insole has restarted since the step. */
   start_unix_s: number | null;
-  /** The rule that areas were counted by. */
+  /** Contact rule of the areas. */
   contact_rule: { rule: "counted" | "fractional"; on_kpa: number; off_kpa: number; full_kpa: number };
   /** The regions by name. */
   regions: Record<string, StepRegion>;
@@ -78,7 +78,7 @@ export interface Live {
   sequence: number;
   /** Time of the scan since the first scan. Unit: s. */
   t_s: number;
-  /** The regions, in the order of the facts. */
+  /** The regions, in the order of `Facts.regions`. */
   regions: LiveRegion[];
 }
 
@@ -117,7 +117,7 @@ export const STEP_COLUMNS = [
   "masked_cells",
 ] as const satisfies readonly (keyof StepRegion)[];
 
-/** Columns of its ellipse, named `ellipse_` and this. */
+/** Columns of the contact ellipse of a region in the CSV of steps, without their prefix `ellipse_`. */
 export const ELLIPSE_COLUMNS = [
   "x_mm",
   "y_mm",

@@ -5,14 +5,14 @@ import { Reconnect } from "../reconnect";
 import { Fragments, fragments } from "./fragments";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport";
 
-/** Longest value that every Bluetooth connection carries, bytes. */
-const LEAST_VALUE = 20;
+/** Length of a value that fits into the smallest ATT MTU, bytes. */
+const VALUE_BYTES = 20;
 
 interface Connected {
   device: BluetoothDevice;
   reconnect: Reconnect;
   control?: BluetoothRemoteGATTCharacteristic | undefined;
-  /** Ends with the last write: writes must not overlap. */
+  /** Resolves after the last write, because writes must not overlap. */
   writing: Promise<void>;
 }
 
@@ -30,16 +30,16 @@ export class BluetoothTransport implements Transport {
     return "bluetooth" in navigator;
   }
 
-  /** Lets the wearer choose an insole. Browsers allow this only in the handler of a click. */
+  /** Asks the wearer to choose an insole, and connects it. Browsers allow this only in the handler of a click. */
   async add(): Promise<void> {
     const insole = INSOLES.find((index) => !this.insoles.has(index));
-    if (insole === undefined) throw new Error("Both insoles are connected already.");
+    if (insole === undefined) throw new Error("Both insoles are connected already. Reload the page to connect other ones.");
     const device = await navigator.bluetooth.requestDevice({
       filters: [{ services: [this.gatt.service] }],
       optionalServices: ["battery_service"],
     });
     if ([...this.insoles.values()].some((known) => known.device.id === device.id)) {
-      throw new Error("This insole is connected already.");
+      throw new Error("This insole is connected already. Choose the other one.");
     }
     const reconnect = new Reconnect(() => this.open(insole, connected));
     const connected: Connected = { device, reconnect, writing: Promise.resolve() };
@@ -67,7 +67,7 @@ export class BluetoothTransport implements Transport {
 
   private async open(insole: Insole, connected: Connected): Promise<void> {
     const server = await connected.device.gatt?.connect();
-    if (!server) throw new Error("The insole refuses the connection.");
+    if (!server) throw new Error("The insole refused the connection. Close other programs that use it, then try again.");
     const service = await server.getPrimaryService(this.gatt.service);
     const control = await service.getCharacteristic(this.gatt.control);
     const live = await service.getCharacteristic(this.gatt.live);
@@ -100,9 +100,9 @@ export class BluetoothTransport implements Transport {
     const control = connected?.control;
     if (!connected || !control) return;
     const write = async () => {
-      for (const value of fragments(message, LEAST_VALUE)) await control.writeValueWithResponse(value);
+      for (const value of fragments(message, VALUE_BYTES)) await control.writeValueWithResponse(value);
     };
-    // A write fails when the link breaks, which has an event of its own.
+    // A write fails when the link breaks. The event of the disconnection handles that.
     connected.writing = connected.writing.then(write).catch(() => undefined);
   }
 
@@ -111,7 +111,7 @@ export class BluetoothTransport implements Transport {
   }
 }
 
-/** An error in words for the wearer; `undefined` where the wearer chose nothing. */
+/** A message for the wearer; `undefined` if the wearer cancelled the choice. */
 export function explain(error: unknown): string | undefined {
   const name = error instanceof DOMException ? error.name : "";
   if (name === "NotFoundError") return undefined;
@@ -119,5 +119,5 @@ export function explain(error: unknown): string | undefined {
     return "Bluetooth is not allowed for this page. Allow it in the browser's settings for this site, then try again.";
   }
   if (name === "NetworkError") return "The insole did not answer. Move it closer, wake it by stepping on it, and try again.";
-  return error instanceof Error ? error.message : "Bluetooth failed.";
+  return error instanceof Error ? error.message : "Bluetooth failed. Switch Bluetooth off and on, then try again.";
 }

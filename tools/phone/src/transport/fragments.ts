@@ -1,5 +1,5 @@
-/** Messages in Bluetooth values: the first byte of each is a header with bit 7 set in the last fragment, and its number in bits 0
- * to 6. */
+/** Messages in fragments, one in each Bluetooth value. The first byte of a fragment is a header: bit 7 marks the last fragment of
+ * a message, bits 0 to 6 are the number of the fragment, from 0. */
 
 const LAST = 0x80;
 const NUMBER = 0x7f;
@@ -7,12 +7,12 @@ const NUMBER = 0x7f;
 /** Joins fragments to messages. */
 export class Fragments {
   private fragments: Uint8Array[] = [];
-  /** True after a lost fragment, until the next message starts. */
+  /** True after a missing fragment, until the next message starts. Each damaged message is reported once. */
   private is_skipping = false;
 
   constructor(private readonly damaged: () => void) {}
 
-  /** Takes a fragment; returns the message that it completes. */
+  /** Adds a fragment; returns the message if it is complete. */
   push(value: Uint8Array): Uint8Array | undefined {
     const head = value[0];
     if (head === undefined) return this.drop();

@@ -3,7 +3,7 @@
 import { type Entry, entries } from "../stream_file";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport";
 
-/** Time between two looks for messages that are due: half of the time between frames. */
+/** Time between two checks for due messages: half of the time between frames at 100 Hz. */
 const TICK_MS = 5;
 
 export class ReplayTransport implements Transport {
@@ -20,7 +20,7 @@ export class ReplayTransport implements Transport {
     private readonly now_ms: () => number = () => performance.now(),
   ) {
     this.recorded = [...entries(file)];
-    if (this.recorded.length === 0) throw new Error("The recording is empty.");
+    if (this.recorded.length === 0) throw new Error("The recording is empty. Use another one.");
     this.start_ms = now_ms();
     INSOLES.forEach((insole) => events.opened(insole));
     this.timer = setInterval(() => this.play(), TICK_MS);
@@ -28,7 +28,7 @@ export class ReplayTransport implements Transport {
 
   static async load(url: string, events: TransportEvents): Promise<ReplayTransport> {
     const response = await fetch(url);
-    if (!response.ok) throw new Error(`No recording at ${url}.`);
+    if (!response.ok) throw new Error(`No recording was found at ${url}. Check its address.`);
     return new ReplayTransport(new Uint8Array(await response.arrayBuffer()), events);
   }
 

@@ -1,4 +1,4 @@
-/** Insoles on the computer that served the page: one byte with the insole's index, then the message. */
+/** Insoles on the computer that serves the page. A WebSocket message is one byte with the index of the insole, then its message. */
 
 import { Reconnect } from "../reconnect";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport";

@@ -1,4 +1,4 @@
-/** Web Bluetooth with an insole that Chromium emulates: choose, connect, subscribe, ask for a hello.
+/** Web Bluetooth with an insole that Chromium emulates: choose, connect, subscribe, send a connect request.
  *
  * The emulation cannot send notifications, so the stream is tested over the other transports. */
 
@@ -30,7 +30,7 @@ afterAll(async () => {
   files.close();
 });
 
-/** An insole that accepts everything, and the operations on its characteristics, in their order. */
+/** Emulates an insole that accepts all operations. Returns the operations on its characteristics, in their order. */
 async function emulateInsole(): Promise<{ done: string[]; disconnect(): Promise<void> }> {
   const session = untyped(await browser.newBrowserCDPSession());
   const { gatt } = wire.facts;
@@ -68,7 +68,7 @@ async function emulateInsole(): Promise<{ done: string[]; disconnect(): Promise<
   return { done, disconnect };
 }
 
-test("an insole is chosen, connected, subscribed to and asked for a hello, also after the link was lost", async () => {
+test("an insole is chosen, connected, subscribed to and sent a connect request, also after the link was lost", async () => {
   const insole = await emulateInsole();
   const page = await open(browser, `${files.url}?bluetooth`, { viewport: { width: 390, height: 844 } });
   const chooser = untyped(await page.context().newCDPSession(page));
@@ -84,18 +84,18 @@ test("an insole is chosen, connected, subscribed to and asked for a hello, also 
   await chooser.send("DeviceAccess.enable");
   await page.locator("#connect").click();
 
-  const hello = Buffer.from([0x80, ...wire.connect()]).toString("hex");
-  const greeting = [
+  const request = Buffer.from([0x80, ...wire.connect()]).toString("hex");
+  const expected = [
     "control subscribe-to-notifications",
     "live subscribe-to-notifications",
     "steps subscribe-to-notifications",
-    `control write ${hello}`,
+    `control write ${request}`,
   ];
-  await expect.poll(() => insole.done.slice(0, 4), { timeout: 20_000 }).toEqual(greeting);
+  await expect.poll(() => insole.done.slice(0, 4), { timeout: 20_000 }).toEqual(expected);
   await page.getByText("Waiting for an insole over Bluetooth.").waitFor();
 
   insole.done.length = 0;
   await insole.disconnect();
-  await expect.poll(() => insole.done.slice(0, 4), { timeout: 20_000 }).toEqual(greeting);
+  await expect.poll(() => insole.done.slice(0, 4), { timeout: 20_000 }).toEqual(expected);
   await page.close();
 }, 60_000);

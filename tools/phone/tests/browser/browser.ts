@@ -1,4 +1,4 @@
-/** Chromium, and servers of the page. */
+/** Starts Chromium, and serves the page. */
 
 import { spawn } from "node:child_process";
 import { existsSync } from "node:fs";
@@ -37,7 +37,7 @@ const TYPES: Record<string, string> = {
   ".webmanifest": "application/manifest+json",
 };
 
-/** Serves the built page without insoles. */
+/** Serves the files of the built page, without insoles. */
 export async function serveFiles(): Promise<{ url: string; close(): void }> {
   const server = createServer((request, response) => {
     const path = new URL(request.url ?? "/", "http://localhost").pathname;
@@ -66,7 +66,7 @@ export async function servePlantar(program: string, args: string[]): Promise<{ u
     });
     void ended.then((status) => reject(new Error(`plantar serve ended with ${status}`)));
   });
-  // After this signal it also ends the emulators.
+  // On this signal, `plantar serve` also ends the emulators.
   const end = async () => {
     child.kill("SIGTERM");
     await ended;
@@ -74,7 +74,7 @@ export async function servePlantar(program: string, args: string[]): Promise<{ u
   return { url: await url, end };
 }
 
-/** Opens a page that fails the test when an error occurs in it. */
+/** Opens a page. An error in the page fails the test when the page is closed. */
 export async function open(browser: Browser, url: string, options: BrowserContextOptions = {}): Promise<Page> {
   const context = await browser.newContext(options);
   const page = await context.newPage();

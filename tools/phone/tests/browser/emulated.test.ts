@@ -52,7 +52,7 @@ test.skipIf(!plantar || !firmware)("an emulated walk is shown in two pages, each
     const before = await one.locator("#table tbody tr").count();
     await one.reload();
     await one.waitForFunction((before) => document.querySelectorAll("#table tbody tr").length >= before, before);
-    // Wait for the connection: only a connection can be lost.
+    // The insole must be connected before its connection can be lost.
     await one.locator("#chips", { hasText: /L \d+ Hz/ }).waitFor();
     await end();
     await one.getByText("The connection to the left insole is lost").waitFor();

@@ -25,12 +25,12 @@ afterAll(async () => {
   files.close();
 });
 
-/** Waits until the table has this many steps. */
+/** Waits until the table has at least this many steps. */
 const steps = (page: Page, least: number) =>
   page.waitForFunction((least) => document.querySelectorAll("#table tbody tr").length >= least, least);
 const show = (page: Page, view: string) => page.locator(`nav [data-to=${view}]`).click();
 
-test("the download is small", () => {
+test("the compressed page is at most 300 KiB", () => {
   const names = readdirSync(DIST, { recursive: true, withFileTypes: true }).filter((entry) => entry.isFile());
   const bytes = names.reduce((sum, { parentPath, name }) => sum + gzipSync(readFileSync(join(parentPath, name))).length, 0);
   console.log(`page, compressed, with the computed walk: ${(bytes / 1024).toFixed(0)} KiB of ${MOST_BYTES / 1024}`);
@@ -92,7 +92,7 @@ test("the soles are drawn with every frame of the screen", async () => {
         requestAnimationFrame(frame);
       }),
   );
-  // In walking at least one foot is on the ground, so the picture always changes.
+  // While walking, at least one foot is on the ground, so the picture always changes.
   expect(changed).toBeGreaterThan(270);
   deltas_ms.sort((a, b) => a - b);
   const [median, most] = [deltas_ms[150]?.toFixed(1), deltas_ms[285]?.toFixed(1)];
@@ -103,7 +103,7 @@ test("the soles are drawn with every frame of the screen", async () => {
 test("each sole is drawn at most once per frame of the screen, and not while another view is shown", async () => {
   const page = await open(browser, replay, { viewport: PHONE });
   await firstLoad_ms(page);
-  /** Drawings of a sole in so many frames of the screen: each begins with an empty canvas. */
+  /** Number of drawings of a sole within `frames` frames of the screen. Each drawing begins by clearing the canvas. */
   const drawings = (frames: number) =>
     page.evaluate(async (frames) => {
       let count = 0;
@@ -187,13 +187,13 @@ test("a recording that does not exist is reported", async () => {
   const context = await browser.newContext({ viewport: PHONE });
   const page = await context.newPage();
   await page.goto(`${files.url}?replay=nothing.plantar`);
-  await page.getByText("No recording at nothing.plantar.").waitFor();
+  await page.getByText("No recording was found at nothing.plantar.").waitFor();
   await context.close();
 });
 
 test("an insole of another major version is reported, and its values are not shown", async () => {
   const bytes = readFileSync(join(DIST, "walk.plantar"));
-  // The hello of the left insole is first. Its major version follows the head of the entry and the number of the message.
+  // The hello of the left insole is the first entry. Its major version follows the header of the entry and the message number.
   bytes[7 + 1] = 99;
   const context = await browser.newContext({ viewport: PHONE });
   await context.route("**/other.plantar", (route) => route.fulfill({ body: bytes }));
@@ -237,7 +237,7 @@ describe("without insoles", () => {
 });
 
 describe.each([["phone", PHONE], ["desktop", DESKTOP]] as const)("%s", (size, viewport) => {
-  test.each(["light", "dark"] as const)("%s: no serious findings of accessibility", async (colorScheme) => {
+  test.each(["light", "dark"] as const)("%s: no serious accessibility violations", async (colorScheme) => {
     const page = await open(browser, replay, { viewport, colorScheme });
     await steps(page, 3);
     const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");

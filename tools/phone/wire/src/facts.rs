@@ -1,4 +1,4 @@
-//! Facts that stay the same while the page runs.
+//! Constants of the protocol and of the sole that the page reads once.
 
 use crate::sole::{self, outline_mm, region_shapes};
 use plantar::Region;
@@ -6,7 +6,7 @@ use plantar::protocol::session::STEP_QUEUE;
 use plantar::protocol::{MAJOR, MINOR, gatt};
 use serde::Serialize;
 
-/// What the page needs to know of the protocol and of the sole.
+/// Constants of the protocol and the geometry of the sole.
 #[derive(Serialize)]
 #[cfg_attr(test, derive(ts_rs::TS))]
 pub struct Facts {
@@ -27,7 +27,7 @@ pub struct Facts {
 #[cfg_attr(test, derive(ts_rs::TS))]
 pub struct Gatt {
     service: String,
-    /// Requests are written here, and their answers are indicated.
+    /// Requests, written; and their answers, indicated.
     control: String,
     /// Live frames, notified.
     live: String,
@@ -47,7 +47,7 @@ pub struct RegionFacts {
     centre_mm: [f32; 2],
 }
 
-/// The outline of both soles, as that of a right one; x to the lateral side, y from heel to toe.
+/// A sole in foot coordinates, the same for both feet: x to the lateral side, y from heel to toes.
 #[derive(Serialize)]
 #[cfg_attr(test, derive(ts_rs::TS))]
 pub struct Sole {
@@ -79,11 +79,11 @@ pub(crate) fn facts_to_json() -> String {
             .collect(),
         sole: Sole { length_mm: sole::LENGTH_MM, width_mm: sole::WIDTH_MM, outline_mm: outline_mm() },
     };
-    // Names and finite numbers are JSON.
+    // Strings and finite numbers can always be written as JSON.
     serde_json::to_string(&facts).unwrap_or_default()
 }
 
-/// The form that Web Bluetooth takes: lower case, in groups of 8, 4, 4, 4 and 12 digits.
+/// The form that Web Bluetooth requires: lower case, in groups of 8, 4, 4, 4 and 12 digits.
 fn uuid_to_text(uuid: u128) -> String {
     let digits = format!("{uuid:032x}");
     [0..8, 8..12, 12..16, 16..20, 20..32].map(|group| &digits[group]).join("-")
@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn uuids_are_in_the_usual_form() {
+    fn uuids_have_the_form_that_web_bluetooth_requires() {
         assert_eq!(uuid_to_text(gatt::LIVE), "dca8c302-cb96-463f-8bec-f2094e1ccf7b");
         assert_eq!(uuid_to_text(0x0001), "00000000-0000-0000-0000-000000000001");
     }

@@ -1,9 +1,9 @@
 //! The core of the page for a phone, as WebAssembly: it decodes messages to JSON in physical units, encodes requests, identifies
-//! steps, counts lost frames, and states the facts of the protocol.
+//! steps, counts lost frames, and provides the constants of the protocol.
 //!
-//! The page calls plain WebAssembly exports and shares one buffer with them. A binding generator would have to be installed as a
-//! command line in the version of its crate. JSON takes some microseconds per message, and a step is the same object as in the
-//! files of the command line.
+//! The page calls plain WebAssembly exports and shares one buffer with them. A binding generator is not used, because its program
+//! would have to be installed in exactly the version of its crate. Messages are passed as JSON: it takes some microseconds per
+//! message, and a step is the same object as in the files of the command line.
 //!
 //! The page's TypeScript types are in `tools/phone/src/generated`. A test of this crate checks that they are up to date;
 //! `UPDATE_DOCS=1 cargo test --release --package phone-wire` rewrites them.
@@ -34,32 +34,33 @@ fn put(bytes: &[u8]) -> usize {
 
 fn request(message: ToDevice) -> usize {
     let mut bytes = [0; MAX_MESSAGE];
-    // Every message fits; otherwise the page would send nothing.
+    // Every message fits. With a length of 0 the page would send an empty message.
     encode(&message, &mut bytes).map_or(0, |message| put(message))
 }
 
-/// Resizes the buffer to `len` bytes; returns the address at which the page writes them.
+/// Resizes the buffer to `len` bytes; returns its address, at which the page writes a message.
 #[unsafe(no_mangle)]
-pub extern "C" fn room(len: usize) -> *mut u8 {
+pub extern "C" fn resize_buffer(len: usize) -> *mut u8 {
     let mut buffer = BUFFER.lock().unwrap_or_else(PoisonError::into_inner);
     buffer.resize(len, 0);
     buffer.as_mut_ptr()
 }
 
-/// The address at which the page reads a result.
+/// The address of the buffer, at which the page reads a result.
 #[unsafe(no_mangle)]
 pub extern "C" fn result() -> *const u8 {
     BUFFER.lock().unwrap_or_else(PoisonError::into_inner).as_ptr()
 }
 
-/// Replaces the message in the buffer by its JSON; returns the length of the text, 0 for no message of this version.
+/// Replaces the message in the buffer by its JSON; returns the length of the text, 0 for bytes that are not a message of this
+/// version.
 #[unsafe(no_mangle)]
 pub extern "C" fn decode() -> usize {
     let json = decode_to_json(&BUFFER.lock().unwrap_or_else(PoisonError::into_inner));
     json.map_or(0, |json| put(json.as_bytes()))
 }
 
-/// Puts the JSON of the facts in the buffer: what stays the same while the page runs. Returns the length of the text.
+/// Writes the constants of the protocol and of the sole to the buffer as JSON; returns the length of the text.
 #[unsafe(no_mangle)]
 pub extern "C" fn facts() -> usize {
     put(facts::facts_to_json().as_bytes())
@@ -104,7 +105,7 @@ pub extern "C" fn set_clock(unix_us: f64) -> usize {
 /// Number of insoles that are live at the same time.
 const INSOLES: usize = 2;
 
-/// The clocks of the live insoles, then those of the insoles in a recording.
+/// The time axes of the live insoles, then of the insoles in a recording.
 static AXES: Mutex<[Axis; 2 * INSOLES]> = Mutex::new([const { Axis::new() }; 2 * INSOLES]);
 
 /// The counters of the live insoles.
@@ -116,19 +117,19 @@ fn with<const N: usize, I: Default, T>(items: &Mutex<[I; N]>, index: usize, act:
     act(items.get_mut(index).unwrap_or(&mut I::default()))
 }
 
-/// Removes all knowledge of an insole's clock.
+/// Resets the time axis of an insole.
 #[unsafe(no_mangle)]
 pub extern "C" fn axis_clear(index: usize) {
     with(&AXES, index, |axis| *axis = Axis::new());
 }
 
-/// Takes an insole's answer to [`get_time`].
+/// Adds an insole's answer to [`get_time`] to its time axis.
 #[unsafe(no_mangle)]
 pub extern "C" fn axis_answer(index: usize, asked_us: f64, device_us: f64) {
     with(&AXES, index, |axis| axis.answer(asked_us as u64, device_us as u64));
 }
 
-/// The time when an insole's clock showed `device_us`, us since 1970; not a number before the first answer.
+/// The time at which an insole's clock showed `device_us`, us since 1970; NaN before the first answer.
 #[unsafe(no_mangle)]
 pub extern "C" fn axis_unix_us(index: usize, device_us: f64) -> f64 {
     with(&AXES, index, |axis| axis.host_us(device_us as u64).map_or(f64::NAN, |us| us as f64))
@@ -158,13 +159,13 @@ pub extern "C" fn counter_due(index: usize, live_due: u32) {
     with(&COUNTERS, index, |counter| counter.due(live_due));
 }
 
-/// [`LiveCounter::received`]; a floating-point number, as JavaScript takes integers for signed ones.
+/// [`LiveCounter::received`], as a floating-point number, because JavaScript reads a 32-bit integer as a signed one.
 #[unsafe(no_mangle)]
 pub extern "C" fn counter_received(index: usize) -> f64 {
     with(&COUNTERS, index, |counter| counter.received.into())
 }
 
-/// [`LiveCounter::lost`], as [`counter_received`].
+/// [`LiveCounter::lost`], as a floating-point number like [`counter_received`].
 #[unsafe(no_mangle)]
 pub extern "C" fn counter_lost(index: usize) -> f64 {
     with(&COUNTERS, index, |counter| counter.lost.into())

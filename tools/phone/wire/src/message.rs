@@ -1,4 +1,4 @@
-//! Messages of an insole as the page reads them: one object each, `kind` first, units in the names.
+//! Messages of an insole as JSON for the page: one object for each message, the key `kind` first, units in the names of the keys.
 
 use client::step_to_json;
 use plantar::Side;
@@ -18,7 +18,7 @@ pub(crate) enum Message {
     Hello(Hello),
     Live(#[cfg_attr(test, ts(type = "Live"))] LiveFrame),
     Step {
-        /// Equal for the same step, however often an insole sends it.
+        /// Identifies the step. It does not change when an insole sends the step again.
         key: String,
         #[cfg_attr(test, ts(type = "Step"))]
         step: Value,
@@ -29,11 +29,11 @@ pub(crate) enum Message {
         id: u32,
     },
     Refused {
-        /// A sentence for people.
+        /// The reason, as a sentence for the wearer.
         reason: String,
     },
     Time {
-        /// The page's time, as it was sent.
+        /// The page's time in the request.
         host_us: u64,
         /// The insole's time when the request arrived.
         device_us: u64,
@@ -61,9 +61,9 @@ pub(crate) struct Hello {
     rate_hz: f64,
     /// True with the wearer's parameters; without them the insole computes no deformation and no model force.
     has_parameters: bool,
-    /// Why the insole last started, one word.
+    /// The reason of the last reset, one word.
     reset: &'static str,
-    /// What ended the previous run, or why the set-up was refused.
+    /// The fault that ended the previous run, or the reason why the insole cannot measure.
     last_panic: Option<String>,
 }
 
@@ -85,9 +85,9 @@ pub(crate) struct Status {
     bad_frames: u32,
     /// Records that the insole could not store.
     not_stored: u32,
-    /// Sensor faults.
+    /// Number of sensor faults.
     faults: u32,
-    /// Zero corrections of unloaded cells.
+    /// Number of zero corrections of unloaded cells.
     rezeroed: u32,
 }
 
@@ -95,9 +95,9 @@ pub(crate) struct Status {
 #[derive(Serialize)]
 #[cfg_attr(test, derive(ts_rs::TS))]
 pub(crate) struct Faults {
-    /// Number of faults, including those that the list has no room for.
+    /// Number of faults, including faults that exceed the capacity of the list.
     found: u32,
-    /// Zero corrections of unloaded cells.
+    /// Number of zero corrections of unloaded cells.
     rezeroed: u32,
     list: Vec<Fault>,
 }
@@ -106,11 +106,11 @@ pub(crate) struct Faults {
 #[derive(Serialize)]
 #[cfg_attr(test, derive(ts_rs::TS))]
 pub(crate) struct Fault {
-    /// Its kind, one word.
+    /// The kind of the fault, one word.
     fault: &'static str,
-    /// A cell, row or column.
+    /// The cell, row or column.
     place: String,
-    /// Time since the start of the insole.
+    /// Time of detection since the start of the insole.
     found_s: f64,
 }
 
@@ -138,10 +138,10 @@ impl Message {
 /// The bytes of [`Step::content`] in hexadecimal digits.
 fn step_key(step: &Step) -> String {
     let mut buffer = [0; MAX_MESSAGE];
-    // A step fits; without a key it would count as one that is already stored.
+    // A step always fits. With an empty key it would be regarded as a step that is stored already.
     let content = encode(&step.content(), &mut buffer).map_or(&[][..], |content| content);
     content.iter().fold(String::with_capacity(2 * content.len()), |mut key, byte| {
-        // A string grows without errors.
+        // Writing to a String does not fail.
         let _ = write!(key, "{byte:02x}");
         key
     })
@@ -195,8 +195,8 @@ impl From<faults::Faults> for Faults {
     }
 }
 
-/// A live frame, with the quantities and flags that the protocol declares. It arrives a hundred times a second, so it is written
-/// without an object in between.
+/// A live frame, with the quantities and flags that the protocol declares. A hundred frames arrive each second, so they are
+/// serialised without an intermediate object.
 pub(crate) struct LiveFrame(pub protocol::Live);
 
 impl Serialize for LiveFrame {
@@ -232,7 +232,7 @@ impl Serialize for RegionOf<'_> {
     }
 }
 
-/// The quantities of a live frame have no nested keys and are always present.
+/// Serialises quantities of a live frame, which have no nested keys and are always present.
 fn serialize_quantities<T, M: SerializeMap>(map: &mut M, quantities: &[Quantity<T>], of: &T) -> Result<(), M::Error> {
     quantities.iter().try_for_each(|quantity| match quantity.per_unit {
         1 => map.serialize_entry(quantity.key, &(quantity.value)(of)),

@@ -1,50 +1,31 @@
-//! A sole to draw loads on: the outline of a generic insole, divided into regions by the core's template.
+//! The sole on which the page draws loads: [`GENERIC_SOLE`], divided into regions by the library's template.
 //!
-//! An insole does not report where its cells lie, so this is a picture of a foot and not of the wearer's.
+//! An insole does not report the positions of its cells, so the page shows a generic foot and not the wearer's.
 
 use plantar::Region;
+use plantar::pipeline::outline::GENERIC_SOLE;
 use plantar::pipeline::template::region_at;
 
 /// Number of regions.
 pub const REGION_COUNT: usize = Region::ALL.len();
 /// Length of the sole, EU size 42.
-pub const LENGTH_MM: f32 = 268.0;
+pub const LENGTH_MM: f32 = GENERIC_SOLE.length_mm() as f32;
 /// Width of the sole.
-pub const WIDTH_MM: f32 = 96.0;
+pub const WIDTH_MM: f32 = GENERIC_SOLE.width_mm() as f32;
 
-/// y, and the medial and lateral edges there, mm: the sole of the computed walk.
-const fn edges_by_length() -> &'static [[f32; 3]] {
-    &[
-        [0.0, 24.0, 52.0],
-        [10.0, 13.0, 63.0],
-        [30.0, 7.0, 70.0],
-        [60.0, 8.0, 72.0],
-        [100.0, 15.0, 77.0],
-        [130.0, 16.0, 83.0],
-        [160.0, 10.0, 90.0],
-        [190.0, 2.0, 95.0],
-        [205.0, 0.0, 96.0],
-        [225.0, 1.0, 92.0],
-        [245.0, 6.0, 82.0],
-        [258.0, 13.0, 69.0],
-        [266.0, 24.0, 53.0],
-        [LENGTH_MM, 30.0, 46.0],
-    ]
-}
-
-/// Where the template's width is taken at heel and forefoot: y and the edges, mm.
+/// The heel and the forefoot, between which the width of the foot is interpolated for the template: y and the edges, mm.
 const HEEL_MM: [f32; 3] = [40.2, 7.0, 71.7];
 const FOREFOOT_MM: [f32; 3] = [184.9, 0.0, 96.0];
 /// Points of the outline on each of its arcs.
 const ARC_POINTS: usize = 4;
-/// Free space between the shapes of neighbouring regions; half of it along the outline. The background shows there, so that
-/// boundaries need not be drawn.
+/// Gap between the shapes of neighbouring regions; half of it along the outline. The background is visible in the gap, so that no
+/// boundaries have to be drawn.
 const GAP_MM: f32 = 0.9;
-/// Distance of the rows that a region consists of.
+/// Distance between the rows from which the shape of a region is built.
 const ROW_MM: f32 = GAP_MM / 2.0;
-/// Distance of the points in a row at which the template is evaluated.
+/// Distance between the points of a row at which the template is evaluated.
 const POINT_MM: f32 = 0.25;
-/// A point of a polygon that is nearer than this to the line between others is left out.
+/// A point of a polygon that is nearer than this to the line between its neighbours is removed.
 const TOLERANCE_MM: f32 = 0.1;
 
 /// One region of the sole, mm in foot coordinates.
@@ -58,8 +39,8 @@ pub struct RegionShape {
 
 /// The outline of the sole, a closed polygon with rounded corners: parabolas between the middles of the edges.
 pub fn outline_mm() -> Vec<[f32; 2]> {
-    let medial = edges_by_length().iter().map(|[y, medial, _]| [*medial, *y]);
-    let lateral = edges_by_length().iter().rev().map(|[y, _, lateral]| [*lateral, *y]);
+    let medial = GENERIC_SOLE.rows_mm.iter().map(|&[y, medial, _]| [medial as f32, y as f32]);
+    let lateral = GENERIC_SOLE.rows_mm.iter().rev().map(|&[y, _, lateral]| [lateral as f32, y as f32]);
     let corners: Vec<_> = medial.chain(lateral).collect();
     let middle = |a: [f32; 2], b: [f32; 2]| [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0];
     let corner = |i: usize| corners[i % corners.len()];
@@ -89,7 +70,7 @@ pub fn region_shapes() -> [RegionShape; REGION_COUNT] {
             let to_mm = (from_mm + POINT_MM).min(lateral_mm);
             let rows = &mut rows[region_of((from_mm + to_mm) / 2.0, y_mm) as usize];
             match rows.last_mut() {
-                // A region is one piece in every row.
+                // A region is contiguous in every row.
                 Some(row) if row.y_mm == y_mm => row.to_mm = to_mm,
                 _ => rows.push(Row { y_mm, from_mm, to_mm }),
             }
@@ -105,8 +86,8 @@ struct Row {
     to_mm: f32,
 }
 
-/// The rows without half of the gap at each boundary. A slanting boundary moves in the rows before and after, which are half of the
-/// gap away.
+/// The rows without half of the gap at each boundary. Where a boundary slants, the rows before and after, which are half of the
+/// gap away, limit the row.
 fn shrink(rows: &[Row]) -> Vec<Row> {
     let rows = rows.windows(3).map(|rows| Row {
         y_mm: rows[1].y_mm,
@@ -129,13 +110,15 @@ fn shape(rows: &[Row]) -> RegionShape {
     }
 }
 
-/// A line with fewer points (Ramer, Douglas and Peucker): without those near the line from its first to its last point.
+/// A line with fewer points (algorithm of Ramer, Douglas and Peucker): points near the straight line from the first to the last
+/// point are removed.
 fn simplified(line: &[[f32; 2]]) -> Vec<[f32; 2]> {
     let (Some(&[x0, y0]), Some(&[x1, y1])) = (line.first(), line.last()) else { return Vec::new() };
     let length = (x1 - x0).hypot(y1 - y0);
     let distance = |&[x, y]: &[f32; 2]| ((x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)).abs() / length;
     let distances = line.iter().map(distance).enumerate();
-    let (farthest, distance) = distances.fold((0, 0.0), |most, here| if here.1 > most.1 { here } else { most });
+    let (farthest, distance) =
+        distances.fold((0, 0.0), |largest, next| if next.1 > largest.1 { next } else { largest });
     if distance < TOLERANCE_MM {
         return vec![[x0, y0], [x1, y1]];
     }
@@ -155,7 +138,7 @@ fn region_of(x_mm: f32, y_mm: f32) -> Region {
     region_at((x_mm - centre_mm) / width_mm + 0.5, y_mm / LENGTH_MM)
 }
 
-/// The medial and lateral edge of an outline at `y_mm`, which lies on the sole.
+/// x of the medial and of the lateral edge of an outline at `y_mm`, which is within the length of the sole.
 fn edges_mm(outline: &[[f32; 2]], y_mm: f32) -> [f32; 2] {
     let next = outline.iter().cycle().skip(1);
     let crossings = outline.iter().zip(next).filter(|(a, b)| (a[1] > y_mm) != (b[1] > y_mm));

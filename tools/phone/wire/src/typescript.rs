@@ -58,7 +58,7 @@ fn the_interfaces_have_the_keys_of_the_objects() {
         let fields = interface.lines().filter(|line| !line.contains("/**")).filter_map(|line| line.split_once(':'));
         let mut fields: Vec<_> = fields.map(|(name, _)| name.trim()).collect();
         let keys = object.as_object().expect("an object").keys().map(String::as_str);
-        // The message of a live frame also has its kind.
+        // The message of a live frame also has the key `kind`.
         let mut keys: Vec<_> = keys.filter(|key| *key != "kind").collect();
         fields.sort_unstable();
         keys.sort_unstable();
@@ -83,7 +83,7 @@ fn messages() -> String {
 
 fn declare<T: TS>(text: &mut String, config: &Config) {
     let declaration = format!("{}export {}", T::docs().unwrap_or_default(), T::decl(config));
-    // Every description is one line.
+    // Every description fits on one line.
     let declaration = declaration.replace("/**\n * ", "/** ").replace("\n */", " */");
     text.push('\n');
     declaration.lines().for_each(|line| writeln!(text, "{}", line.trim_end()).expect("a string grows"));
@@ -99,9 +99,10 @@ fn quantities() -> String {
     interface(&mut text, "A step, the same object as in the files of the command line.", "Step", |text| {
         field(text, "Foot.", "side", "Side");
         Step::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
-        let meaning = "Start by the insole's own clock, in s since 1970; only of a step from before its last restart.";
+        let meaning =
+            "Start on the insole's own clock, s since 1970; null unless the insole has restarted since the step.";
         field(text, meaning, "start_unix_s", "number | null");
-        field(text, "The rule that areas were counted by.", "contact_rule", contact_rule);
+        field(text, "Contact rule of the areas.", "contact_rule", contact_rule);
         field(text, "The regions by name.", "regions", "Record<string, StepRegion>");
     });
     interface(&mut text, "One region of a step.", "StepRegion", |text| {
@@ -120,7 +121,7 @@ fn quantities() -> String {
     });
     interface(&mut text, "A live frame.", "Live", |text| {
         Live::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
-        field(text, "The regions, in the order of the facts.", "regions", "LiveRegion[]");
+        field(text, "The regions, in the order of `Facts.regions`.", "regions", "LiveRegion[]");
     });
     interface(&mut text, "One region of a live frame.", "LiveRegion", |text| {
         LiveRegion::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
@@ -134,7 +135,7 @@ fn quantities() -> String {
     constant(&mut text, "Columns of a region in the CSV of steps.", "STEP_COLUMNS", "StepRegion", &columns);
     constant(
         &mut text,
-        "Columns of its ellipse, named `ellipse_` and this.",
+        "Columns of the contact ellipse of a region in the CSV of steps, without their prefix `ellipse_`.",
         "ELLIPSE_COLUMNS",
         "Ellipse",
         &keys(&nested),

@@ -1,4 +1,4 @@
-//! What the page receives: messages in physical units, and a sole with the regions of the computed walk's cells.
+//! The messages that the page receives are in physical units, and the drawn regions contain the cells of the computed walk.
 
 use phone_wire::{decode_to_json, outline_mm, region_shapes};
 use plantar::pipeline::contact::ContactRule;
@@ -17,7 +17,7 @@ fn decoded(message: &ToHost) -> Value {
 }
 
 #[test]
-fn a_live_frame_comes_in_physical_units() {
+fn a_live_frame_is_decoded_to_physical_units() {
     let mut live = Live { sequence: 7, t_us: 1_250_000, saturated: 1, clamped: 2, ..Live::default() };
     live.regions[0] = LiveRegion { area_mm2: 1234, deformation_um: 4567, model_dn: 3210, measured_dn: 4321 };
     let json = decoded(&ToHost::Live(live));
@@ -36,13 +36,13 @@ fn a_live_frame_comes_in_physical_units() {
 }
 
 #[test]
-fn the_time_comes_as_it_is() {
+fn a_time_message_is_decoded_unchanged() {
     let json = decoded(&ToHost::Time { host_us: 5, device_us: 7 });
     assert_eq!(json, serde_json::json!({ "kind": "time", "host_us": 5, "device_us": 7 }));
 }
 
 #[test]
-fn a_step_has_the_same_key_after_a_restart_of_the_insole_and_another_one_with_another_content() {
+fn the_key_of_a_step_depends_on_its_content_and_not_on_restarts_of_the_insole() {
     let step = Step {
         step: 3,
         side: Side::Left,
@@ -64,7 +64,7 @@ fn a_step_has_the_same_key_after_a_restart_of_the_insole_and_another_one_with_an
 }
 
 #[test]
-fn anything_else_is_no_message() {
+fn other_bytes_are_not_decoded() {
     assert_eq!(decode_to_json(&[]), None);
     assert_eq!(decode_to_json(&[0xff; 40]), None);
     let mut long = bytes(&ToHost::Refused(Refusal::NotUnderstood));
@@ -73,14 +73,14 @@ fn anything_else_is_no_message() {
 }
 
 #[test]
-fn cells_of_the_computed_walk_lie_in_the_regions_that_are_drawn() {
+fn cells_of_the_computed_walk_lie_in_the_drawn_regions() {
     let shapes = region_shapes();
     let cells = synthetic::insole(240).cells;
     let outside = cells.iter().filter(|cell| {
         let at = [cell.x_mm as f32, cell.y_mm as f32];
         !inside(&shapes[cell.region as usize].outline_mm, at) || !inside(&outline_mm(), at)
     });
-    // Cells right on a boundary may fall on either side.
+    // Cells on a boundary may be on either side of it.
     assert!(outside.count() <= 8);
     for (region, shape) in Region::ALL.iter().zip(&shapes) {
         assert!(inside(&shape.outline_mm, shape.centre_mm), "{}: {:?}", region.name(), shape.centre_mm);

@@ -1,7 +1,7 @@
 //! One trial on the native grid of the plate.
 //!
-//! The stored rows are 5.08 mm apart, interpolated linearly from native rows 7.62 mm apart. So three stored rows r0, r1, r2 (and
-//! the next r0') result from two native ones, n0 and n1:
+//! The stored rows are 5.08 mm apart, interpolated linearly from native rows that are 7.62 mm apart. So three stored rows r0, r1
+//! and r2 (and the following r0') result from two native rows, n0 and n1 (and the following n0'):
 //!
 //! ```text
 //! r0 = n0    r1 = n0/3 + n1 2/3    r2 = n1 2/3 + n0'/3    r0' = n0'
@@ -23,7 +23,7 @@ const TOLERANCE: i32 = 3;
 /// Largest number of values in a trial; real ones have about 60 x 40 x 500. A damaged file may claim any number.
 const MAX_VALUES: u64 = 1 << 22;
 
-/// A row and a column of the native grid of one step.
+/// Row and column of a cell on the native grid of one step.
 pub type Place = (usize, usize);
 
 /// One step over the plate, from its first to its last loaded frame.
@@ -131,10 +131,10 @@ pub fn read(file: &Hdf5File, path: &Path, trial: usize) -> Result<Step> {
     }
 }
 
-/// The native rows.
+/// Recovers the native rows.
 ///
 /// # Errors
-/// Where the estimates do not agree: their smallest difference, units.
+/// Where the estimates do not agree, their smallest difference, units.
 fn native_rows(values: &[u16], rows: usize, row_length: usize) -> std::result::Result<Vec<u16>, f64> {
     let aligned = [0, 1, 2].map(|phase| Aligned::new(values, rows, row_length, phase));
     let mut best = (i32::MAX, &aligned[0]);
@@ -153,7 +153,7 @@ fn native_rows(values: &[u16], rows: usize, row_length: usize) -> std::result::R
 /// The stored rows in groups of three, padded with unloaded rows before and after.
 struct Aligned {
     row_length: usize,
-    /// Padding and values, as many rows as complete the groups, and one more row.
+    /// The values, padded to complete groups, and one more row.
     values: Vec<u16>,
 }
 
@@ -161,23 +161,23 @@ impl Aligned {
     /// An alignment with `phase` rows before the first full group.
     fn new(values: &[u16], rows: usize, row_length: usize, phase: usize) -> Self {
         let before = (3 - phase) % 3;
-        let threes = (before + rows).div_ceil(3);
+        let groups = (before + rows).div_ceil(3);
         let mut padded = vec![0; before * row_length];
         padded.extend_from_slice(values);
-        padded.resize((3 * threes + 1) * row_length, 0);
+        padded.resize((3 * groups + 1) * row_length, 0);
         Self { row_length, values: padded }
     }
 
     /// The rows r0, r1, r2 and r0' of each group.
-    fn threes(&self) -> impl Iterator<Item = [&[u16]; 4]> {
+    fn groups(&self) -> impl Iterator<Item = [&[u16]; 4]> {
         let row = |i: usize| &self.values[i * self.row_length..(i + 1) * self.row_length];
-        let threes = self.values.len() / self.row_length / 3;
-        (0..threes).map(move |i| std::array::from_fn(|k| row(3 * i + k)))
+        let groups = self.values.len() / self.row_length / 3;
+        (0..groups).map(move |i| std::array::from_fn(|k| row(3 * i + k)))
     }
 
     /// Largest difference between the two doubled estimates of a native row.
     fn disagreement(&self) -> i32 {
-        self.threes()
+        self.groups()
             .filter(is_within_foot)
             .flat_map(|rows| estimates(rows).map(|(a, b)| (a - b).abs()))
             .max()
@@ -187,7 +187,7 @@ impl Aligned {
     /// Rows x columns x frames on the native grid.
     fn native_rows(&self) -> Vec<u16> {
         let mut native = Vec::with_capacity(self.values.len() / 3 * 2);
-        for rows in self.threes() {
+        for rows in self.groups() {
             native.extend_from_slice(rows[0]);
             if is_within_foot(&rows) {
                 // Both estimates are doubled: their mean is a quarter of the sum, rounded.
@@ -202,7 +202,7 @@ impl Aligned {
 }
 
 /// True where a group has a loaded row. The images were trimmed to the foot and padded after resampling, so the row before the
-/// foot may lack its share of r0': a group of unloaded rows is no evidence.
+/// foot may lack its share of r0'. Therefore groups of unloaded rows are not compared.
 fn is_within_foot(rows: &[&[u16]; 4]) -> bool {
     rows[..3].iter().any(|row| row.iter().any(|&u| u > 0))
 }

@@ -3,8 +3,8 @@
 use super::native::{Place, Step};
 use std::collections::BTreeMap;
 
-/// Largest shift along an axis, cells: the images are roughly centred.
-const REACH: isize = 6;
+/// Largest shift along an axis, cells. Few cells suffice, because the images are roughly centred.
+const MAX_SHIFT: isize = 6;
 
 /// A translation of a step's cells.
 #[derive(Clone, Copy)]
@@ -14,7 +14,7 @@ pub struct Shift {
 }
 
 impl Shift {
-    /// The shifted place.
+    /// The shifted position of a cell.
     pub fn apply(self, (row, column): Place) -> (isize, isize) {
         (row as isize + self.rows, column as isize + self.columns)
     }
@@ -35,7 +35,8 @@ pub fn shifts(steps: &[Step]) -> Vec<Shift> {
     shifts
 }
 
-/// The loaded cells, each weighted by the root of its peak, so that the outline counts and not the highest peaks alone.
+/// The loaded cells, each weighted by the square root of its peak, so that the outline has an influence besides the highest
+/// peaks.
 fn footprint(step: &Step) -> Vec<(Place, f64)> {
     step.loaded_cells()
         .map(|place| {
@@ -52,8 +53,8 @@ fn best_shift(print: &[(Place, f64)], common: &BTreeMap<(isize, isize), f64>) ->
     };
     let mut best = Shift { rows: 0, columns: 0 };
     let mut most = overlap(best);
-    for rows in -REACH..=REACH {
-        for columns in -REACH..=REACH {
+    for rows in -MAX_SHIFT..=MAX_SHIFT {
+        for columns in -MAX_SHIFT..=MAX_SHIFT {
             let shift = Shift { rows, columns };
             let here = overlap(shift);
             if here > most {

@@ -5,11 +5,11 @@ use crate::Recording;
 use crate::insole::{EXPONENT, FULL_KPA};
 use plantar::pipeline::calibrate::FULL_CODE;
 
-/// Replaces the pressures by the readings of cells with these offsets, kPa, and with uniform noise of up to `noise_codes` codes, of
-/// a sensor with a full scale of 1000 kPa.
+/// Replaces the pressures by the readings of cells with these offsets, kPa, and with uniform noise of up to `noise_codes` codes,
+/// of a sensor with a full scale of 1000 kPa.
 ///
-/// As in a real sensor, both are added to the code. For a power law this is not a sum of pressures: with an offset of 5 kPa, a
-/// pressure of 100 kPa reads 112 kPa.
+/// As in a real sensor, both are added to the code. With a power law this is not a sum of pressures: with an offset of 5 kPa, a
+/// pressure of 100 kPa is read as 112 kPa.
 ///
 /// # Panics
 /// Where the number of offsets is not that of the cells.

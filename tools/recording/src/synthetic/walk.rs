@@ -1,8 +1,8 @@
-//! A computed walk: each region is loaded over an ellipse that grows and shrinks while the load passes over it, the heel first, the
-//! toes last. A cell reads its covered share times a smooth dome of pressure. The force on the whole foot has the two humps of
-//! walking.
+//! A computed walk: each region is loaded over an ellipse that grows and shrinks while the load passes over it, the heel first,
+//! the toes last. A cell reads its covered share times a smooth dome of pressure. The force on the whole foot has the two humps
+//! of walking.
 
-use super::pad::{Pad, PadCell};
+use super::ellipse::{EllipseCell, LoadEllipse};
 use super::{Random, insole};
 use crate::{Layout, Recording};
 use plantar::{Region, Side};
@@ -47,7 +47,7 @@ impl Default for SyntheticWalk {
     }
 }
 
-/// A computed recording and its truth.
+/// A computed recording and its true values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Walk {
     /// The readings of the insole.
@@ -82,9 +82,9 @@ const fn phase(start: f64, end: f64, weight: f64) -> Phase {
     Phase { start, end, weight }
 }
 
-/// Contact area rises with force to this power; below 1, so that pressure rises too.
+/// Contact area increases with force to this power, which is below 1, so that pressure increases, too.
 const AREA_EXPONENT: f64 = 0.6;
-/// The pressure of the dome falls by this fraction from the centre to the edge.
+/// Fraction by which the pressure of the dome decreases from the centre to the edge.
 const DOME_FALL: f64 = 0.6;
 
 /// Computes a walk.
@@ -98,7 +98,7 @@ pub fn walk(walk: &SyntheticWalk) -> Walk {
     );
     assert!((0.0..1.0).contains(&walk.variation), "the variation is a fraction");
     let layout = insole(walk.cells);
-    let pads = Region::ALL.map(|region| Pad::of(&layout, region));
+    let ellipses = Region::ALL.map(|region| LoadEllipse::of(&layout, region));
     let largest_shares = largest_shares();
     let mut random = Random(walk.seed);
     let mut frames = Frames { pressure_kpa: Vec::new(), contact_mm2: Vec::new(), force_n: Vec::new() };
@@ -111,12 +111,12 @@ pub fn walk(walk: &SyntheticWalk) -> Walk {
             if elapsed >= 1.0 {
                 break;
             }
-            frames.push(&layout, &pads, &largest_shares, elapsed, peak_n);
+            frames.push(&layout, &ellipses, &largest_shares, elapsed, peak_n);
         }
         start_s += stance_s + walk.swing_s;
     }
     while (frames.contact_mm2.len() as f64) < start_s * walk.rate_hz {
-        frames.push(&layout, &pads, &largest_shares, -1.0, 0.0);
+        frames.push(&layout, &ellipses, &largest_shares, -1.0, 0.0);
     }
     let count = frames.contact_mm2.len();
     Walk {
@@ -133,7 +133,7 @@ pub fn walk(walk: &SyntheticWalk) -> Walk {
     }
 }
 
-/// The frames so far.
+/// The computed frames.
 struct Frames {
     pressure_kpa: Vec<f32>,
     contact_mm2: Vec<[f64; 8]>,
@@ -142,30 +142,37 @@ struct Frames {
 
 impl Frames {
     /// Adds the frame at `elapsed`, a fraction of stance; outside of 0..1 no region is loaded.
-    fn push(&mut self, layout: &Layout, pads: &[Pad; 8], largest_shares: &[f64; 8], elapsed: f64, peak_n: f64) {
+    fn push(
+        &mut self,
+        layout: &Layout,
+        ellipses: &[LoadEllipse; 8],
+        largest_shares: &[f64; 8],
+        elapsed: f64,
+        peak_n: f64,
+    ) {
         let start = self.pressure_kpa.len();
         self.pressure_kpa.resize(start + layout.cells.len(), 0.0);
         let frame = &mut self.pressure_kpa[start..];
         let mut contact_mm2 = [0.0; 8];
         let mut force_n = [0.0; 8];
         let shares = shares(elapsed);
-        for (region, pad) in pads.iter().enumerate() {
-            // The squared size of the ellipse is its area relative to full size.
+        for (region, ellipse) in ellipses.iter().enumerate() {
+            // The area of the ellipse relative to full size, which is the square of its relative radii.
             let size = (shares[region] / largest_shares[region]).powf(AREA_EXPONENT);
-            let dome = |cell: &PadCell| 1.0 - DOME_FALL * (cell.centre / size).min(1.0);
-            // The covered area, and the area that would carry the same force without the dome.
+            let dome = |cell: &EllipseCell| 1.0 - DOME_FALL * (cell.centre / size).min(1.0);
+            // The covered area, and the area that would carry the same force at the pressure in the centre of the dome.
             let (mut covered_mm2, mut bearing_mm2) = (0.0, 0.0);
-            for cell in &pad.cells {
+            for cell in &ellipse.cells {
                 let area_mm2 = cell.covered(size) * layout.cells[cell.index].area_mm2;
                 covered_mm2 += area_mm2;
                 bearing_mm2 += area_mm2 * dome(cell);
             }
-            // An ellipse that is smaller than the spacing of the points covers no area.
+            // An ellipse that is smaller than the spacing of the points in a cell covers no area.
             if covered_mm2 > 0.0 {
                 contact_mm2[region] = covered_mm2;
                 force_n[region] = shares[region] * peak_n;
                 let kpa = force_n[region] / bearing_mm2 * 1e3;
-                for cell in &pad.cells {
+                for cell in &ellipse.cells {
                     frame[cell.index] = (kpa * cell.covered(size) * dome(cell)) as f32;
                 }
             }

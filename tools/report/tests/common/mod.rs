@@ -1,4 +1,4 @@
-//! A study of a computed walk of both feet, with one region that is never loaded and one that is hardly loaded.
+//! A study of a computed walk of both feet. One region is never loaded, and one is hardly loaded.
 #![allow(dead_code, reason = "each test uses a part of it")]
 
 use fit::{Options, Study};
