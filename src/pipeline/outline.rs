@@ -7,7 +7,7 @@
 /// The outline of a sole.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outline {
-    /// From the heel to the tip of the toes: y, and x of the medial and the lateral edge there, mm; y rises from 0.
+    /// Rows from the heel to the tip of the toes: y, and x of the medial and of the lateral edge there, mm. y increases from 0.
     pub rows_mm: &'static [[f64; 3]],
 }
 
@@ -30,7 +30,7 @@ pub const REFERENCE_INSOLE: Outline = Outline {
     ],
 };
 
-/// A generic sole: of the computed walk, and of the picture of a foot where the positions of the cells are not known.
+/// A generic sole, for the computed walk and for drawings of a foot where the positions of the cells are not known.
 pub const GENERIC_SOLE: Outline = Outline {
     rows_mm: &[
         [0.0, 24.0, 52.0],
@@ -51,7 +51,7 @@ pub const GENERIC_SOLE: Outline = Outline {
 };
 
 impl Outline {
-    /// From the back of the heel to the tip of the toes, mm.
+    /// Length from the back of the heel to the tip of the toes, mm.
     pub const fn length_mm(&self) -> f64 {
         self.rows_mm[self.rows_mm.len() - 1][0]
     }
