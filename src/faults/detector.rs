@@ -100,7 +100,7 @@ impl FaultDetector {
         self.masking.has_masks()
     }
 
-    /// Lets masked cells read the mean of their neighbours: updates the region sums of this frame.
+    /// Replaces the readings of masked cells by the mean of their neighbours: updates the region sums of this frame.
     pub(crate) fn interpolate<R: Real>(&self, curve: &Curve, frame: &mut FrameContext<'_, R>) {
         self.masking.interpolate(curve, frame);
     }
@@ -115,7 +115,7 @@ impl FaultDetector {
         }
     }
 
-    /// A frame with most cells unloaded, which leaves time for the search.
+    /// Processes a frame with most cells unloaded, which leaves time for the search.
     #[inline(never)]
     fn light_frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) {
         let area = self.contact_area;
@@ -156,7 +156,7 @@ impl FaultDetector {
         }
     }
 
-    /// After all cells were reviewed: faults of lines first, then those of single cells.
+    /// Concludes a review of all cells: reports faults of lines first, then those of single cells.
     fn conclude<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) {
         let before = self.faults.found;
         if self.has_lines {

@@ -3,7 +3,7 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-/// Faults that are listed; further ones are counted and masked.
+/// Largest number of listed faults; further ones are counted and masked.
 pub const MAX_FAULTS: usize = 16;
 
 /// What is wrong.
@@ -13,11 +13,11 @@ pub enum FaultKind {
     Open,
     /// Full scale without load.
     Short,
-    /// A constant reading, whatever the load.
+    /// A constant reading, regardless of the load.
     Stuck,
     /// Full scale while the neighbouring cells read little.
     Saturated,
-    /// A zero that moves faster or farther than it may be corrected.
+    /// A zero that drifts faster, or farther in total, than the correction allows.
     Drift,
     /// All cells of a row read a part of the row's load.
     Crosstalk,

@@ -1,4 +1,4 @@
-//! What distinguishes one insole from another.
+//! The identity of an insole: foot, serial number and calibration.
 
 use crate::pipeline::region::Side;
 use serde::{Deserialize, Serialize};
@@ -27,7 +27,7 @@ impl Serial {
         self.0.iter().skip(self.as_str().len()).all(|byte| *byte == 0)
     }
 
-    /// `None` where `text` is longer or holds other characters.
+    /// A serial number; `None` where `text` is longer or has other characters.
     pub fn new(text: &str) -> Option<Self> {
         let mut serial = Self::default();
         let is_printable = text.bytes().all(|byte| byte.is_ascii_graphic());
