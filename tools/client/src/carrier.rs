@@ -6,7 +6,7 @@ use std::io::{self, Read, Write};
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
-/// A good timeout for reading from a carrier: short enough for a program to react to its user in between.
+/// A suitable timeout for reading from a carrier: short enough for a program to react to its user in between.
 pub const READ_TIMEOUT: Duration = Duration::from_millis(50);
 
 /// Carries whole messages in both directions.

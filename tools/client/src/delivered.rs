@@ -5,7 +5,7 @@ use plantar::protocol::session::STEP_QUEUE;
 use plantar::sequence;
 use std::collections::VecDeque;
 
-/// As many steps as an insole can send again: those in its RAM, and as many whose acknowledgement was lost.
+/// Largest number of steps that an insole can send again: those in its RAM, and as many of which the acknowledgement was lost.
 const CAPACITY: usize = 2 * STEP_QUEUE;
 
 /// The last steps that were delivered, oldest first.
@@ -37,7 +37,7 @@ impl Delivered {
     }
 }
 
-/// True where both are the same step, before and after a restart of the insole.
+/// True where both are the same step, also where the insole restarted in between.
 ///
 /// Steps are compared by content, because an insole with a new flash chip numbers its steps from 0 again.
 pub fn is_same_step(one: &Step, other: &Step) -> bool {
