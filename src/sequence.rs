@@ -8,7 +8,7 @@ pub const fn is_after(a: u32, b: u32) -> bool {
     a != b && a.wrapping_sub(b) < 1 << 31
 }
 
-/// How many numbers were skipped between `expected` and `received`; 0 where `received` comes before `expected`, as after a
+/// Number of values that were skipped between `expected` and `received`; 0 where `received` comes before `expected`, as after a
 /// restart.
 pub const fn skipped(expected: u32, received: u32) -> u32 {
     if is_after(received, expected) { received.wrapping_sub(expected) } else { 0 }

@@ -17,7 +17,7 @@ const SATURATED_PER_FRAME: usize = 4;
 /// A saturation is plausible where the mean of the neighbours is at least this fraction of it.
 const PLAUSIBLE_FRACTION: u32 = 4;
 
-/// The state of the detection, and what it found.
+/// The state of the detection, and the detected faults.
 #[derive(Debug)]
 pub(crate) struct FaultDetector {
     /// Area of all cells, in the units of [`crate::pipeline::cell::area_units`].
@@ -83,7 +83,7 @@ impl FaultDetector {
         self.masking.regions
     }
 
-    /// Takes the change of the contact area; true where most of the insole is in contact. Such a frame needs no further work.
+    /// Adds the change of the contact area; true where most of the insole is in contact. Such a frame needs no further work.
     #[inline(always)]
     pub(crate) fn is_foot_down(&mut self, change: i32) -> bool {
         self.contact_area += change;
@@ -105,7 +105,7 @@ impl FaultDetector {
         self.masking.interpolate(curve, frame);
     }
 
-    /// Takes a frame with a saturated cell, or with at most half of the insole in contact.
+    /// Processes a frame with a saturated cell, or with at most half of the insole in contact.
     pub(crate) fn frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, is_saturated: bool) {
         if is_saturated {
             check_saturation(frame);

@@ -1,4 +1,4 @@
-//! Kinds of faults, their places, and the report of what was found.
+//! Kinds of faults, their places, and the report of the detected ones.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Largest number of listed faults; further ones are counted and masked.
 pub const MAX_FAULTS: usize = 16;
 
-/// What is wrong.
+/// The kind of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum FaultKind {
     /// No response to load.
@@ -40,7 +40,7 @@ impl FaultKind {
     }
 }
 
-/// Where a fault is.
+/// The place of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Place {
     /// This cell, by its index in a frame.
@@ -64,11 +64,11 @@ impl core::fmt::Display for Place {
 /// One fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fault {
-    /// What is wrong.
+    /// The kind.
     pub kind: FaultKind,
-    /// Where.
+    /// The place.
     pub place: Place,
-    /// When it was detected, ms since the first scan.
+    /// Time of its detection, ms since the first scan.
     pub found_ms: u32,
 }
 

@@ -127,7 +127,7 @@ fn review_stance<R: Real>(cell: &mut InsoleCell<R>, around: Option<&Neighbourhoo
 }
 
 impl CellMarks {
-    /// The fault that the steps so far have shown.
+    /// The fault that the evidence of the steps so far shows.
     pub(super) fn diagnosis(&self) -> Option<FaultKind> {
         if self.has(STUCK) {
             Some(FaultKind::Stuck)

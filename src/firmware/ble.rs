@@ -35,7 +35,7 @@ pub trait GattServer {
     fn save_bonds(&self, bytes: &[u8]);
     /// The wall clock as the value of Current Time.
     fn current_time(&self) -> [u8; 10];
-    /// Takes a value that a bonded central wrote.
+    /// Processes a value that a bonded central wrote.
     ///
     /// # Errors
     /// The reason, which the central receives as an attribute error.

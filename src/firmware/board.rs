@@ -65,7 +65,7 @@ pub trait Stopwatch {
     fn cycles_since(&self, start: u32) -> u32;
 }
 
-/// What Bluetooth needs from a board.
+/// The functions of a board that Bluetooth needs.
 pub trait BluetoothBoard {
     /// The random static address, or `None` where the controller has a public one.
     fn address(&self) -> Option<[u8; 6]>;

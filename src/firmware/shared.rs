@@ -196,7 +196,7 @@ impl Shared {
         self.session.borrow_mut().set_clock(unix_us, self.now_us());
     }
 
-    /// How often the wall clock was set; wraps.
+    /// Number of times that the wall clock was set; wraps.
     pub(super) fn clock_sets(&self) -> u32 {
         self.session.borrow().clock_sets()
     }

@@ -22,7 +22,7 @@ pub struct BootReport {
     pub reset: Reset,
     /// The failure that ended the previous run, where one did.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
-    /// Several starts in a row failed: stored data are not used.
+    /// Several successive starts failed: stored data are not used.
     pub is_fallback: bool,
 }
 
@@ -121,7 +121,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     Started { insole, store, shared, to_process, scanned, period_us: setup.period_us }
 }
 
-/// The hello of a board that runs `image`. `fault` is what went wrong before or during this start.
+/// The hello of a board that runs `image`. `fault` describes the failure before or during this start, where there was one.
 fn hello(
     image: &Header,
     setup: &Setup,

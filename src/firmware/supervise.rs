@@ -43,7 +43,7 @@ impl Heartbeats {
         }
     }
 
-    /// Scanning made progress: a row, a skipped frame, a matrix that does not answer, or a frame clock that waits on purpose.
+    /// Scanning made progress: a row, a skipped frame, a matrix that does not answer, or a frame clock that waits deliberately.
     pub fn scan_progressed(&self) {
         count(&self.scan);
     }

@@ -24,7 +24,7 @@ impl Trial {
         self.next_check
     }
 
-    /// True once scanning, processing and link each made progress between all checks in a row.
+    /// True once scanning, processing and link each made progress before each of [`CHECKS`] successive checks.
     pub(super) fn is_passed(&mut self, heartbeats: &Heartbeats) -> bool {
         if Instant::now() >= self.next_check {
             let now = heartbeats.counts();

@@ -3,7 +3,7 @@
 /// Longest stride time within a walk, between successive heel strikes of one foot, us.
 const PAUSE_US: u64 = 3_000_000;
 
-/// The cadence of both feet, from the stride time of one: the other foot makes as many steps.
+/// The cadence of both feet, from the stride time of one foot: a stride has one step of each foot.
 ///
 /// ```
 /// use plantar::pipeline::cadence::Cadence;

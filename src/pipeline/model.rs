@@ -161,7 +161,7 @@ impl<R: Real> AreaRatio<R> {
         } else if ratio > R::ZERO {
             Self { ratio, clamped: false }
         } else {
-            // A NaN counts as no contact, too.
+            // This also treats NaN as no contact.
             Self { ratio: R::ZERO, clamped: false }
         }
     }

@@ -1,6 +1,6 @@
 //! Outlines of soles, EU size 42, in foot coordinates: tables of the medial and the lateral edge, straight between their rows.
 //!
-//! The two outlines are different shapes on purpose: [`REFERENCE_INSOLE`] is the sheet that is cut for the device, and
+//! The two outlines differ deliberately: [`REFERENCE_INSOLE`] is the sheet that is cut for the device, and
 //! [`GENERIC_SOLE`] is the foot that the computed walk steps with and that is drawn on screens. At the toes they differ by up to
 //! 13 mm in width. Changing one of them changes the positions of its cells.
 

@@ -98,7 +98,7 @@ impl Joiner {
         Self { message: Vec::new(), next: 0, whole: false }
     }
 
-    /// Takes a fragment; returns the message where it was the last one. Fragment 0 always starts a message.
+    /// Adds a fragment; returns the message where this was its last fragment. Fragment 0 always starts a message.
     ///
     /// # Errors
     /// Where the fragment does not continue the message.

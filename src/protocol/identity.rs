@@ -22,7 +22,7 @@ impl Serial {
     /// No serial number.
     pub const NONE: Self = Self([0; 16]);
 
-    /// True where it holds printable ASCII followed by zeros only.
+    /// True where it consists of printable ASCII followed by zeros only.
     pub fn is_valid(&self) -> bool {
         self.0.iter().skip(self.as_str().len()).all(|byte| *byte == 0)
     }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// Why a request was not executed. Except after [`Refusal::NotStored`], nothing was changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
-    /// A frame arrived intact and holds no message that this firmware knows.
+    /// A frame arrived intact and contains no message that this firmware knows.
     NotUnderstood,
     /// The identifier of the parameters is not the checksum of their values.
     TissueId,

@@ -93,7 +93,7 @@ pub struct Session {
     live_due: u32,
     live_sent: u32,
     steps: Deque<Step, STEP_QUEUE>,
-    /// How many of `steps`, from the front, were sent in this session.
+    /// Number of `steps`, from the front, that were sent in this session.
     steps_sent: usize,
     steps_dropped: u32,
     /// The last acknowledged step that the step log has not removed yet.
@@ -282,7 +282,7 @@ impl Session {
         self.clock_sets = self.clock_sets.wrapping_add(1);
     }
 
-    /// How often the wall clock was set; wraps.
+    /// Number of times that the wall clock was set; wraps.
     pub fn clock_sets(&self) -> u32 {
         self.clock_sets
     }

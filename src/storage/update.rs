@@ -1,6 +1,6 @@
-//! Receives a firmware image, and lets the bootloader swap it with the running one once its signature is verified.
+//! Receives a firmware image, verifies its signature, and marks it for the bootloader to swap with the running one.
 //!
-//! The bootloader, `embassy-boot`, swaps at the next start, and swaps back at the one after unless the new image confirmed
+//! The bootloader, `embassy-boot`, swaps at the next start, and swaps back at the start after that unless the new image confirmed
 //! itself. `docs/update.md` has the whole procedure.
 
 use super::flash_map::{HEADER, MAX_IMAGE, OTHER, SECTOR};

@@ -91,7 +91,7 @@ fn main() -> ! {
     let boot = cortex_m_platform::boot_report(None);
     // The compiler must not assume the content of the header, because a tool may have patched it in the image.
     let image = black_box(&IMAGE);
-    // SAFETY: `main` runs once and nothing else takes the core's peripherals.
+    // SAFETY: `main` runs once and nothing else uses the core's peripherals.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     TIME.start(&mut core.SYST);
     for port in [&LINK, &HCI, &PLANT] {

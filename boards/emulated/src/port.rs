@@ -1,5 +1,5 @@
-//! USARTs of the emulated STM32F405. Reception is by interrupt; the emulated transmitter takes every byte at once and, up to
-//! QEMU 7, has no interrupt.
+//! USARTs of the emulated STM32F405. Reception is by interrupt; the emulated transmitter accepts every byte immediately
+//! and, up to QEMU 7, has no interrupt.
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;

@@ -141,7 +141,7 @@ async fn main(spawner: Spawner) {
     let mut config = embassy_stm32::Config::default();
     config.rcc = clocks();
     let p = embassy_stm32::init(config);
-    // SAFETY: `main` runs once and nothing else takes the core's peripherals.
+    // SAFETY: `main` runs once and nothing else uses the core's peripherals.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();

@@ -14,13 +14,13 @@ pub trait Carrier {
     /// Sends a message.
     ///
     /// # Errors
-    /// An error ends the session.
+    /// Errors of the link, which end the session.
     fn send(&mut self, message: ToDevice) -> io::Result<()>;
 
     /// The next message; `None` where none arrived within a timeout of a second at most.
     ///
     /// # Errors
-    /// An error ends the session.
+    /// Errors of the link, which end the session.
     fn receive(&mut self) -> io::Result<Option<ToHost>>;
 
     /// Number of frames that arrived damaged or without a message of this version.

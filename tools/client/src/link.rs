@@ -5,7 +5,7 @@ use plantar::protocol::{Hello, ToDevice, ToHost};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-/// How long to wait for an insole, when to try again, and when to give up.
+/// The times to wait for an insole, between attempts, and until giving up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReconnectPolicy {
     /// An insole answers a hello over a newly opened carrier within this time.

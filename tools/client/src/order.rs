@@ -6,7 +6,7 @@ use plantar::sequence::is_after;
 /// several times.
 const REPLAYS: u8 = 8;
 
-/// What to do with a step.
+/// The treatment of a step that arrives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Arrival {
     /// It is the next one.
