@@ -1,4 +1,4 @@
-//! The CRC-32 of frames on a byte carrier, of stored items, and of identifiers that are made from content.
+//! The CRC-32 of frames on a byte carrier, of stored items, and of identifiers that are derived from content.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 

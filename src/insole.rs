@@ -1,5 +1,5 @@
-//! One insole: connects the stages of the pipeline and the fault detection. Parameters are separate from state and can be replaced
-//! while running.
+//! One insole: connects the stages of the pipeline and the fault detection. Parameters are separate from state and can be
+//! replaced while running.
 
 use crate::faults::{FaultDetector, Faults, FrameContext};
 use crate::num::Real;
@@ -14,16 +14,16 @@ use crate::pipeline::step::{RegionStep, StepRecord};
 use crate::pipeline::tissue::{Tissue, TissueError};
 use heapless::Vec;
 
-/// An insole with at most `N` cells: the parameters and the state of all stages between raw codes and steps. The front page of this
-/// crate has an example.
+/// An insole with at most `N` cells: the parameters and the state of all stages between raw codes and steps. The documentation of
+/// the crate has an example.
 #[derive(Debug)]
 pub struct Insole<R, const N: usize> {
-    /// Its frame period is 0 until the insole is set up.
+    /// The frame period is 0 until [`Insole::set_up`].
     setup: Setup,
     curve: Curve,
     cells: Vec<InsoleCell<R>, N>,
     division: Division,
-    per_period_s: R,
+    frame_rate_hz: R,
     limits: StanceLimits<R>,
     tissue_id: u32,
     force_laws: [ForceLaw<R>; 8],
@@ -40,14 +40,14 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// An insole without cells; see [`Insole::set_up`]. All zeros, so that a static one occupies no flash.
     pub const fn new() -> Self {
         const {
-            assert!(N <= 4096, "cells are numbered in u16 and a step is a summary, not an image");
+            assert!(N <= 4096, "an insole has at most 4096 cells");
         }
         Self {
             setup: Setup::NONE,
             curve: Curve::new(),
             cells: Vec::new(),
             division: Division::NONE,
-            per_period_s: R::ZERO,
+            frame_rate_hz: R::ZERO,
             limits: StanceLimits::NONE,
             tissue_id: 0,
             force_laws: [ForceLaw::NONE; 8],
@@ -63,7 +63,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// Replaces geometry, calibration and rules. Resets the state; the tissue parameters remain. Iterates over `cells` twice.
     ///
     /// # Errors
-    /// Where the configuration is invalid; the previous one then stays in force.
+    /// Where the configuration is invalid; the previous one then remains in force.
     pub fn set_up<I>(&mut self, setup: Setup, cells: I) -> Result<(), SetupError>
     where
         I: Iterator<Item = SetupCell> + Clone,
@@ -78,7 +78,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             let _ = self.cells.push(InsoleCell::new(&cell, &setup.contact, &self.curve, &division));
         }
         self.detector.set_up(&self.cells, setup.period_us);
-        self.per_period_s = R::of(1e6 / f64::from(setup.period_us));
+        self.frame_rate_hz = R::of(1e6 / f64::from(setup.period_us));
         self.limits = StanceLimits::new(&setup.stance, setup.period_us);
         self.live = [LiveModel::NEW; 8];
         self.stance.reset();
@@ -108,11 +108,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.steps = next;
     }
 
-    /// Replaces the tissue parameters of the wearer from the next frame on. A stance that is in progress is evaluated with the new
-    /// ones.
+    /// Replaces the tissue parameters of the wearer from the next frame on. A stance that is in progress is evaluated with the
+    /// new ones.
     ///
     /// # Errors
-    /// Where the set is damaged or out of range; the previous one then stays in force.
+    /// Where the parameters are damaged or out of range; the previous ones then remain in force.
     pub fn set_tissue(&mut self, tissue: &Tissue) -> Result<(), TissueError> {
         tissue.check()?;
         self.tissue_id = tissue.id;
@@ -138,15 +138,16 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.tissue_id
     }
 
-    /// Processes frame number `seq` with one raw code for each cell. True where it confirms toe off: then [`Insole::step_region`]
-    /// and [`Insole::step`] return the step until the next frame. Has no effect before [`Insole::set_up`], and with fewer codes
-    /// than cells. Sequence numbers wrap; a difference of more than 1 means missing frames.
+    /// Processes frame number `seq` with one raw code for each cell. True where the frame confirms toe off: then
+    /// [`Insole::step_region`] and [`Insole::step`] return the step until the next frame. Has no effect before
+    /// [`Insole::set_up`], and with fewer codes than cells. Sequence numbers wrap; a difference of more than 1 means missing
+    /// frames.
     #[inline(never)]
     pub fn frame(&mut self, seq: u32, codes: &[u16]) -> bool {
         if self.setup().is_none() || codes.len() < self.cells() {
             return false;
         }
-        let mut per_s = self.per_period_s;
+        let mut per_s = self.frame_rate_hz;
         if let Some(last) = self.last_seq.replace(seq) {
             let elapsed = seq.wrapping_sub(last);
             if elapsed > 1 {
@@ -160,7 +161,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.stance.push(&self.limits, seq, self.loads.each_ref().map(|load| &load.frame))
     }
 
-    /// The pass over the cells, region by region, and the fault detection.
+    /// Sums the cells region by region, then runs the fault detection where the frame needs it.
     fn sum_cells(&mut self, seq: u32, all_codes: &[u16]) {
         let mut change = 0;
         let (mut cells, mut codes) = (self.cells.as_mut_slice(), all_codes);
@@ -212,18 +213,24 @@ impl<R: Real, const N: usize> Insole<R, N> {
     }
 
     /// Contact ellipse of a region in the last frame, foot coordinates; `None` without contact.
+    ///
+    /// # Panics
+    /// Where `region` is not an index of [`crate::Region::ALL`].
     pub fn ellipse(&self, region: usize) -> Option<Ellipse<R>> {
         Ellipse::from_moments(&self.loads[region].frame.area).map(|e| self.in_foot(region, e))
     }
 
     /// Centre of pressure of a region in the last frame, foot coordinates, mm; `None` without force.
+    ///
+    /// # Panics
+    /// Where `region` is not an index of [`crate::Region::ALL`].
     pub fn centre_of_pressure_mm(&self, region: usize) -> Option<(R, R)> {
         let (x_mm, y_mm) = self.loads[region].frame.force.centre_of_pressure_mm()?;
         let origin = self.division.origins_mm[region];
         Some((x_mm + R::of_f32(origin.0), y_mm + R::of_f32(origin.1)))
     }
 
-    /// Converts from the reference point of a region to foot coordinates.
+    /// Converts an ellipse from the coordinates of its region to foot coordinates.
     fn in_foot(&self, region: usize, ellipse: Ellipse<R>) -> Ellipse<R> {
         let (x_mm, y_mm) = self.division.origins_mm[region];
         ellipse.moved(R::of_f32(x_mm), R::of_f32(y_mm))
@@ -241,13 +248,19 @@ impl<R: Real, const N: usize> Insole<R, N> {
 
     /// The curves of a region in the stance that ended with the last frame: contact area (mm2), measured force (N), and the time
     /// between samples (s).
+    ///
+    /// # Panics
+    /// Where `region` is not an index of [`crate::Region::ALL`].
     pub fn curves(&self, region: usize) -> (&[R], &[R], R) {
         let (area_mm2, force_n) = self.stance.curves(region);
-        (area_mm2, force_n, R::of_u32(self.stance.stride()) / self.per_period_s)
+        (area_mm2, force_n, R::of_u32(self.stance.stride()) / self.frame_rate_hz)
     }
 
-    /// Evaluates a region of the stance that ended with the last frame. This takes up to 256 evaluations of the model, so a device
-    /// should let other tasks run between two regions.
+    /// Evaluates a region of the stance that ended with the last frame. This takes up to 256 evaluations of the model, so a
+    /// device should let other tasks run between two regions.
+    ///
+    /// # Panics
+    /// Where `region` is not an index of [`crate::Region::ALL`].
     pub fn step_region(&self, region: usize) -> RegionStep<R> {
         let (area_mm2, force_n, sample_s) = self.curves(region);
         let step =
@@ -278,7 +291,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         })
     }
 
-    /// Evaluates all regions and assembles the step, as [`Insole::step_region`] and [`Insole::step`].
+    /// Evaluates all regions and assembles the step, as [`Insole::step_region`] and [`Insole::step`] do.
     pub fn whole_step(&mut self) -> Option<StepRecord<R>> {
         let regions = core::array::from_fn(|region| self.step_region(region));
         self.step(regions)

@@ -1,13 +1,13 @@
-//! Plantar: firmware for instrumented insoles. This crate is its core, without hardware and without an operating system: `no_std`, no
-//! allocation, generic over `f32` and `f64`.
+//! Plantar: firmware for instrumented insoles. This crate is the part that is independent of hardware and operating system:
+//! `no_std`, without allocation, generic over `f32` and `f64`.
 //!
-//! It scans the sensor matrix of an insole, finds contact area and a fitted ellipse in each of eight regions of the foot, and evaluates
-//! a viscoelastic model of the plantar tissue on the insole itself (DeBerardinis, Dufek, Trabia, J. Biomech. 92, 2019, 137-145). The
-//! output is small: live regional loads, and one record for each step.
+//! It scans the sensor matrix of an insole, determines the contact area and a fitted ellipse in each of eight regions of the
+//! foot, and evaluates a viscoelastic model of the plantar tissue on the insole itself (DeBerardinis, Dufek, Trabia, J. Biomech.
+//! 92, 2019, 137-145). The output is small: live regional loads, and one record for each step.
 //!
-//! It is for people who wear instrumented insoles and want to see their regional loads, for biomechanists with recordings who want area,
-//! ellipses, deformation and force of each region and step, and for firmware engineers, who can run and test everything in an
-//! emulator. The same code runs on a device in single precision, and on a host in single or double precision.
+//! It is for people who wear instrumented insoles and want to see their regional loads, for biomechanists with recordings who
+//! want area, ellipses, deformation and force of each region and step, and for firmware engineers, who can run and test
+//! everything in an emulator. The same code runs on a device in single precision, and on a host in single or double precision.
 //!
 //! ```text
 //! recording, or sensor matrix
@@ -67,7 +67,7 @@
 //! ```
 #![no_std]
 
-pub mod num; // the square root instruction: the only unsafe code of the library
+pub mod num; // contains the only unsafe code of the library: the square root instruction
 
 #[forbid(unsafe_code)]
 pub mod checksum;

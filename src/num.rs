@@ -1,8 +1,8 @@
 //! The arithmetic of the data path: [`Real`] is `f32` on a device, and `f32` or `f64` on a host.
 //!
-//! Transcendental functions are those of `libm` on all targets, never those of `std`, so that a host in `f32` computes exactly the
-//! same bits as a device. The square root is the instruction of the FPU where one exists. It is correctly rounded, like that of
-//! `libm`, so the results are equal, too.
+//! Transcendental functions are those of `libm` on all targets, never those of `std`, so that a host in `f32` computes exactly
+//! the same bits as a device. The square root is an instruction of the FPU where one exists. It is correctly rounded, as that of
+//! `libm` is, so its results are equal, too.
 
 use core::fmt::Debug;
 use core::iter::Sum;
@@ -38,21 +38,21 @@ pub trait Real:
     /// The number 1.
     const ONE: Self;
 
-    /// From a constant or a parameter; rounded to nearest.
+    /// Converts a constant or a parameter; rounded to nearest.
     fn of(value: f64) -> Self;
-    /// From a parameter stored in single precision; exact.
+    /// Converts a parameter that is stored in single precision; exact.
     fn of_f32(value: f32) -> Self;
-    /// From a count or a code; exact below 2^24.
+    /// Converts a count or a code; exact below 2^24.
     fn of_u32(value: u32) -> Self;
-    /// From an integer; rounded to nearest.
+    /// Converts an integer; rounded to nearest.
     fn of_i32(value: i32) -> Self;
-    /// From an integer; rounded to nearest.
+    /// Converts an integer; rounded to nearest.
     fn of_i64(value: i64) -> Self;
-    /// In double precision; exact.
+    /// Converts to double precision; exact.
     fn to_f64(self) -> f64;
-    /// In single precision; rounded to nearest.
+    /// Converts to single precision; rounded to nearest.
     fn to_f32(self) -> f32;
-    /// Nearest integer within 0..=65535, 0 for NaN: for the scaled integers of the protocol.
+    /// Nearest integer within 0..=65535, 0 for NaN; for the scaled integers of the protocol.
     fn round_u16(self) -> u16;
     /// Nearest integer within -32768..=32767, 0 for NaN.
     fn round_i16(self) -> i16;
@@ -142,7 +142,7 @@ impl Real for f32 {
     }
     #[inline(always)]
     fn round_u16(self) -> u16 {
-        // By way of u32: the FPU converts to 32 bits with saturation in one instruction.
+        // Converts to u32 first, because the FPU does so with saturation in one instruction.
         ((self + 0.5) as u32).min(u32::from(u16::MAX)) as u16
     }
     fn round_i16(self) -> i16 {
@@ -181,8 +181,8 @@ mod fpu {
 
     #[inline(always)]
     pub fn sqrt(x: f32) -> f32 {
-        // SAFETY: the routine takes its argument and returns its result in s0, as this ABI requires, changes no other register and
-        // no memory, and is defined for all x.
+        // SAFETY: the routine receives its argument and returns its result in s0, as this ABI requires. It changes no other
+        // register and no memory, and is defined for all x.
         unsafe { plantar_sqrt(x) }
     }
 }

@@ -10,8 +10,8 @@ use trouble_host::prelude::*;
 
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// The stored form of a bond. The bonds are stored as [`VERSION`] and a `postcard` vector of these, the least recently used first,
-/// followed by the CRC-32 of both (little endian).
+/// The stored form of a bond. The bonds are stored as [`VERSION`] and a `postcard` vector of this type, the least recently used
+/// bond first, followed by the CRC-32 of both (little endian).
 #[derive(Serialize, Deserialize)]
 pub struct StoredBond {
     address_kind: u8,
@@ -30,7 +30,7 @@ impl StoredBond {
         }
     }
 
-    /// The bond for the Bluetooth host.
+    /// The bond in the form of the Bluetooth host.
     pub fn bond(&self) -> BondInformation {
         let addr = Address::new(AddrKind::new(self.address_kind), BdAddr::new(self.address));
         let irk = self.identity_key.and_then(IdentityResolvingKey::from_le_bytes);

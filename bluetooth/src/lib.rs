@@ -1,8 +1,8 @@
 //! The insole as a Bluetooth LE peripheral: advertising, bonds, and the GATT table of `docs/bluetooth.md`. The values of the
 //! characteristics are defined in [`plantar::firmware::ble`].
 //!
-//! This is a separate package because it is compiled for size, while the data path is compiled for speed. Its entry point, [`run`],
-//! is not generic: generic code would be compiled with its caller.
+//! This is a separate package because it is compiled for size, while the data path is compiled for speed. Its entry point,
+//! [`run`], is not generic: generic code would be compiled with its caller.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -26,7 +26,7 @@ use trouble_host::prelude::*;
 
 /// Time after power-on in which a central can bond.
 pub const BONDING_WINDOW: Duration = Duration::from_secs(60);
-/// Largest number of stored bonds. A further one replaces the least recently used.
+/// Largest number of stored bonds. A further bond replaces the least recently used one.
 pub const MAX_BONDS: usize = 4;
 /// Longest value of a characteristic, bytes: a packet of 251 bytes without its L2CAP and ATT headers.
 pub const MAX_VALUE: usize = 244;
@@ -46,9 +46,9 @@ type Connected<'s, 'v> = GattConnection<'s, 'v, DefaultPacketPool>;
 /// The controller behind its HCI byte streams.
 type Radio = ExternalController<SerialTransport<NoopRawMutex, &'static HciPipe, &'static HciPipe>, 4>;
 
-/// Advertises, and serves one central at a time. Never returns. Where the radio does not respond, this task waits and no other task
-/// is affected. It is a task and not an async function, because the future of a function would be compiled with its caller, for
-/// speed.
+/// Advertises, and serves one central at a time. Never returns. Where the radio does not respond, this task waits and no other
+/// task is affected. It is a task and not an async function, because the future of a function would be compiled with its caller,
+/// for speed.
 #[embassy_executor::task]
 pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insole: &'static dyn GattServer) -> ! {
     let radio: Radio = ExternalController::new(SerialTransport::new(from_radio, to_radio));
@@ -59,9 +59,9 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
         answered.reset();
         let stack = set_up(&radio, &answered, insole, &mut resources);
         let (mut rx, mut control, mut tx) = stack.runner().split();
-        // All end where the radio fails; it is then set up again.
+        // All of them end where the radio fails; it is then set up again.
         select3(rx.run(), control.run(), async {
-            // Sender and server wait for a missing radio in a busy loop.
+            // Without a radio, sender and server would wait in a busy loop, so they start after its first answer.
             answered.wait().await;
             select(tx.run(), serve(&stack, table, insole)).await
         })
@@ -71,14 +71,14 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
     }
 }
 
-/// Resources of the Bluetooth host for one central. The additional bond is the new one, before the oldest is removed.
+/// Resources of the Bluetooth host for one central, with one more bond: the new one is added before the oldest is removed.
 type Resources = HostResources<DefaultPacketPool, 1, 0, 1, { MAX_BONDS + 1 }>;
 
 /// Builds the GATT table. Out of line, like [`set_up`], so that its stack is not reserved permanently.
 #[inline(never)]
 fn build_table(insole: &'static dyn GattServer) -> &'static (Table, Server<'static>) {
     static TABLE: StaticCell<(Table, Server<'static>)> = StaticCell::new();
-    // Not initialised twice, because the task runs once.
+    // The cell is initialised once, because the task runs once.
     TABLE.init_with(|| Table::build(insole))
 }
 

@@ -46,7 +46,7 @@ impl Table {
         let time = time.add_characteristic_small(c::CURRENT_TIME, [Read, Write, Notify], [0; 10]).build();
         let mut running = table.add_service(Service::new(s::RUNNING_SPEED_AND_CADENCE));
         let cadence = running.add_characteristic_small(c::RSC_MEASUREMENT, [Notify], []).build();
-        // No optional feature of Running Speed and Cadence.
+        // The insole has no optional feature of Running Speed and Cadence.
         running.add_characteristic_ro(c::RSC_FEATURE, &[0u8; 2]).build();
         // The insole service comes last: everything from its first handle on needs a bond.
         let mut insole_service = table.add_service(Service::new(Uuid::from(gatt::SERVICE)));

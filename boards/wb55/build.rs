@@ -2,8 +2,8 @@
 
 use build_support::{Program, Region, link};
 
-/// The memory that the radio's core shares: it expects the tables at the beginning of SRAM2A unless option byte IPCCDBA says
-/// otherwise.
+/// The memory that is shared with the radio's core, which expects the tables at the beginning of SRAM2A unless option byte
+/// IPCCDBA has another value.
 const MAILBOX: Region = Region { name: "MAILBOX", origin: 0x2003_0000, bytes: 10 << 10 };
 
 fn main() {

@@ -13,7 +13,7 @@ use semihosting::io::{self, Read, Seek, SeekFrom, Write};
 pub struct FlashFile {
     /// `None` where there is no chip.
     file: Option<File>,
-    /// Writes and erases before power fails.
+    /// Number of write and erase operations before power fails.
     operations_left: Option<u32>,
 }
 
@@ -45,8 +45,8 @@ impl FlashFile {
         Ok(file)
     }
 
-    /// How many of `len` bytes an operation changes before power fails.
-    fn reach(&mut self, len: usize) -> usize {
+    /// Number of the `len` bytes that an operation changes before power fails.
+    fn completed(&mut self, len: usize) -> usize {
         if self.operations_left == Some(0) { len / 2 } else { len }
     }
 
@@ -81,9 +81,9 @@ impl NorFlash for FlashFile {
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), NoAnswer> {
         for sector in (from..to).step_by(SECTOR as usize) {
-            let reach = self.reach(SECTOR as usize);
+            let completed = self.completed(SECTOR as usize);
             let file = self.at(sector, SECTOR as usize)?;
-            for _ in (0..reach).step_by(64) {
+            for _ in (0..completed).step_by(64) {
                 file.write_all(&[0xff; 64])?;
             }
             self.end_operation();
@@ -92,14 +92,14 @@ impl NorFlash for FlashFile {
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NoAnswer> {
-        let bytes = &bytes[..self.reach(bytes.len())];
-        let mut kept = [0; 64];
-        for (offset, bytes) in (offset..).step_by(kept.len()).zip(bytes.chunks(kept.len())) {
-            let kept = &mut kept[..bytes.len()];
-            self.read(offset, kept).await?;
-            // Writing clears bits.
-            kept.iter_mut().zip(bytes).for_each(|(kept, byte)| *kept &= byte);
-            self.at(offset, kept.len())?.write_all(kept)?;
+        let bytes = &bytes[..self.completed(bytes.len())];
+        let mut stored = [0; 64];
+        for (offset, bytes) in (offset..).step_by(stored.len()).zip(bytes.chunks(stored.len())) {
+            let stored = &mut stored[..bytes.len()];
+            self.read(offset, stored).await?;
+            // A write operation only clears bits.
+            stored.iter_mut().zip(bytes).for_each(|(stored, byte)| *stored &= byte);
+            self.at(offset, stored.len())?.write_all(stored)?;
         }
         self.end_operation();
         Ok(())

@@ -1,13 +1,12 @@
-//! What the emulated board and the sensor plant on the host agree on.
+//! The interface between the emulated board and the sensor plant on the host.
 //!
-//! The plant puts three files into the emulator's working directory: [`SETUP_FILE`], a `postcard` [`EmulatorConfig`] followed by its
-//! cells as [`SetupCell`]; [`MATRIX_FILE`], the codes of the current scan, little endian, in the order of the cells; and
-//! [`FLASH_FILE`], which the board writes to. The board writes its log, encoded by `defmt`, to the
-//! standard output.
+//! The plant writes three files to the emulator's working directory: [`SETUP_FILE`], a `postcard` [`EmulatorConfig`] followed by
+//! its cells as [`SetupCell`]; [`MATRIX_FILE`], the codes of the current scan, little endian, in the order of the cells; and
+//! [`FLASH_FILE`], to which the board writes. The board writes its log, encoded by `defmt`, to the standard output.
 //!
-//! Over USART3 the board sends requests of five bytes, [`SCAN`] or [`TICK`] and a scan number (little endian). The plant answers with
-//! two bytes: to `SCAN` the low byte of the number and how many rows are in the file by now, once or several times; to `TICK` twice
-//! [`TICK`].
+//! Over USART3 the board sends requests of five bytes, [`SCAN`] or [`TICK`] and a scan number (little endian). The plant answers
+//! with two bytes. An answer to `SCAN` consists of the low byte of the number and the number of rows that are in the file so far;
+//! several answers with increasing numbers of rows are accepted. An answer to `TICK` is [`TICK`] twice.
 #![no_std]
 
 #[cfg(feature = "device")]
@@ -34,7 +33,7 @@ pub const MATRIX_FILE: &core::ffi::CStr = c"matrix.bin";
 pub const FLASH_FILE: &core::ffi::CStr = c"flash.bin";
 /// Size of that chip, bytes.
 pub const FLASH_BYTES: usize = CHIP_BYTES as usize;
-/// The place of the active image in that chip: the controller's flash is read-only in the emulator.
+/// Addresses of the active image in that chip, because the controller's flash is read-only in the emulator.
 pub const ACTIVE_IMAGE: Range<u32> = 0x20_0000..0x20_0000 + MAX_IMAGE;
 /// Exit status after the bootloader swapped images: the emulator must be started again with the image that is active now.
 pub const SWAPPED: i32 = 3;
@@ -60,18 +59,18 @@ pub enum InjectedFault {
     StackOverflow,
     /// Processing executes an undefined instruction.
     Fault,
-    /// Processing panics, or the start where the fault is due by then.
+    /// Processing panics; or the start does, where the fault is already due.
     Panic,
 }
 
 /// When to inject a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PlannedFault {
-    /// What to inject.
+    /// The kind of fault.
     pub kind: InjectedFault,
-    /// How long after the start, ms.
+    /// Time after the start, ms.
     pub after_ms: u32,
-    /// Also after a reset; otherwise only after power-on.
+    /// True: the fault is injected after every reset; false: only after power-on.
     pub is_repeated: bool,
 }
 

@@ -4,7 +4,7 @@ use plantar::Region;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::WHOLE;
 use plantar::pipeline::ellipse::Ellipse;
-use plantar::pipeline::region::{AreaMoments, Cell, MAX_REACH_MM, SecondMoments};
+use plantar::pipeline::region::{AreaMoments, Cell, MAX_DISTANCE_MM, SecondMoments};
 use proptest::prelude::*;
 use testkit::{LAW, SETUP, cell, code_of, moments};
 
@@ -185,8 +185,8 @@ proptest! {
     /// Down to the smallest cells and out to the largest reach that a set-up accepts.
     #[test]
     fn a_far_and_small_cell_has_a_real_ellipse(
-        x_mm in -MAX_REACH_MM..MAX_REACH_MM,
-        y_mm in -MAX_REACH_MM..MAX_REACH_MM,
+        x_mm in -MAX_DISTANCE_MM..MAX_DISTANCE_MM,
+        y_mm in -MAX_DISTANCE_MM..MAX_DISTANCE_MM,
         area_16 in 1u16..20,
     ) {
         let far = whole_cells(&[(x_mm, y_mm)], f32::from(area_16) / 16.0);

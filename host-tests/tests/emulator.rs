@@ -341,7 +341,7 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
     let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
     let told = client.hello().last_panic.as_deref().unwrap_or_default().to_owned();
-    assert!(told.contains("out of the order of regions"), "{told}");
+    assert!(told.contains("belongs to a region before that of the previous cell"), "{told}");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw}
 use plantar::pipeline::contact::{ContactRule, WHOLE};
 use plantar::pipeline::live::RegionLoad;
 use plantar::pipeline::model::Ellipsoid;
-use plantar::pipeline::region::{MAX_CELL_MM2, MAX_REACH_MM};
+use plantar::pipeline::region::{MAX_CELL_MM2, MAX_DISTANCE_MM};
 use plantar::pipeline::setup::{Setup, SetupCell, SetupError};
 use plantar::pipeline::stance::StanceRule;
 use plantar::pipeline::tissue::{Tissue, TissueError};
@@ -349,8 +349,8 @@ fn bad_cells_are_refused_by_number() {
     let bad_cells = [
         far(f32::NAN, 0.0),
         far(0.0, f32::INFINITY),
-        far(30.0 + 2.1 * MAX_REACH_MM, 200.0),
-        far(30.0, 200.0 - 2.1 * MAX_REACH_MM),
+        far(30.0 + 2.1 * MAX_DISTANCE_MM, 200.0),
+        far(30.0, 200.0 - 2.1 * MAX_DISTANCE_MM),
         cell(Region::Toe2, 30.0, 200.0, 0.0),
         cell(Region::Toe2, 30.0, 200.0, -1.0),
         cell(Region::Toe2, 30.0, 200.0, f32::NAN),
@@ -422,8 +422,8 @@ fn errors_read_as_sentences() {
 fn the_largest_region_stays_within_its_sums() {
     let corner = |i: usize| {
         (
-            if i.is_multiple_of(2) { -MAX_REACH_MM } else { MAX_REACH_MM },
-            if i % 4 < 2 { -MAX_REACH_MM } else { MAX_REACH_MM },
+            if i.is_multiple_of(2) { -MAX_DISTANCE_MM } else { MAX_DISTANCE_MM },
+            if i % 4 < 2 { -MAX_DISTANCE_MM } else { MAX_DISTANCE_MM },
         )
     };
     let cells: Vec<_> = (0..125).map(|i| cell(Region::Heel, corner(i).0, corner(i).1, MAX_CELL_MM2)).collect();

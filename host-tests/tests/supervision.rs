@@ -256,7 +256,7 @@ fn without_a_set_up_the_board_has_the_built_in_insole_and_says_so() {
     let mut board = Watched::watch(board, firmware);
     let hello = board.hello(|_| true);
     assert_eq!((hello.reset, hello.layout_id, hello.cells), (Reset::Power, 4201, 240));
-    assert_eq!(told(&hello), "no complete setup.bin: the built-in insole");
+    assert_eq!(told(&hello), "setup.bin is missing or incomplete: the built-in insole is used");
 }
 
 /// Longer than anything may stand still, by the board's clock, and then as much again.

@@ -17,7 +17,7 @@ const SATURATED_PER_FRAME: usize = 4;
 /// A saturation is plausible where the mean of the neighbours is at least this fraction of it.
 const PLAUSIBLE_FRACTION: u32 = 4;
 
-/// The state of the detection, and what it found.
+/// The state of the detection, and the detected faults.
 #[derive(Debug)]
 pub(crate) struct FaultDetector {
     /// Area of all cells, in the units of [`crate::pipeline::cell::area_units`].
@@ -83,7 +83,7 @@ impl FaultDetector {
         self.masking.regions
     }
 
-    /// Takes the change of the contact area; true where most of the insole is in contact. Such a frame needs no further work.
+    /// Adds the change of the contact area; true where most of the insole is in contact. Such a frame needs no further work.
     #[inline(always)]
     pub(crate) fn is_foot_down(&mut self, change: i32) -> bool {
         self.contact_area += change;
@@ -100,12 +100,12 @@ impl FaultDetector {
         self.masking.has_masks()
     }
 
-    /// Lets masked cells read the mean of their neighbours: updates the region sums of this frame.
+    /// Replaces the readings of masked cells by the mean of their neighbours: updates the region sums of this frame.
     pub(crate) fn interpolate<R: Real>(&self, curve: &Curve, frame: &mut FrameContext<'_, R>) {
         self.masking.interpolate(curve, frame);
     }
 
-    /// Takes a frame with a saturated cell, or with at most half of the insole in contact.
+    /// Processes a frame with a saturated cell, or with at most half of the insole in contact.
     pub(crate) fn frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, is_saturated: bool) {
         if is_saturated {
             check_saturation(frame);
@@ -115,7 +115,7 @@ impl FaultDetector {
         }
     }
 
-    /// A frame with most cells unloaded, which leaves time for the search.
+    /// Processes a frame with most cells unloaded, which leaves time for the search.
     #[inline(never)]
     fn light_frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) {
         let area = self.contact_area;
@@ -156,7 +156,7 @@ impl FaultDetector {
         }
     }
 
-    /// After all cells were reviewed: faults of lines first, then those of single cells.
+    /// Concludes a review of all cells: reports faults of lines first, then those of single cells.
     fn conclude<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) {
         let before = self.faults.found;
         if self.has_lines {

@@ -1,12 +1,12 @@
-//! Kinds of faults, their places, and the report of what was found.
+//! Kinds of faults, their places, and the report of the detected ones.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-/// Faults that are listed; further ones are counted and masked.
+/// Largest number of listed faults; further ones are counted and masked.
 pub const MAX_FAULTS: usize = 16;
 
-/// What is wrong.
+/// The kind of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FaultKind {
@@ -14,11 +14,11 @@ pub enum FaultKind {
     Open,
     /// Full scale without load.
     Short,
-    /// A constant reading, whatever the load.
+    /// A constant reading, regardless of the load.
     Stuck,
     /// Full scale while the neighbouring cells read little.
     Saturated,
-    /// A zero that moves faster or farther than it may be corrected.
+    /// A zero that drifts faster, or farther in total, than the correction allows.
     Drift,
     /// All cells of a row read a part of the row's load.
     Crosstalk,
@@ -41,7 +41,7 @@ impl FaultKind {
     }
 }
 
-/// Where a fault is.
+/// The place of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Place {
@@ -66,11 +66,11 @@ impl core::fmt::Display for Place {
 /// One fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fault {
-    /// What is wrong.
+    /// The kind.
     pub kind: FaultKind,
-    /// Where.
+    /// The place.
     pub place: Place,
-    /// When it was detected, ms since the first scan.
+    /// Time of its detection, ms since the first scan.
     pub found_ms: u32,
 }
 

@@ -4,13 +4,13 @@ use super::neighbourhood::FrameContext;
 use super::{FaultKind, MIN_LINE_CELLS};
 use crate::pipeline::marks::{Count, LINES, NO_RESPONSE};
 
-/// Steps in a row in which a line must be open.
+/// Number of successive steps in which a line must be open.
 const STEPS: u8 = 2;
 
 /// The state of the search for faulty lines.
 #[derive(Debug)]
 pub(super) struct LineSearch {
-    /// Steps in a row in which exactly this line did not respond: rows, then columns.
+    /// Number of successive steps in which exactly this line did not respond: rows, then columns.
     open_steps: [u8; 2 * LINES],
 }
 
@@ -19,8 +19,8 @@ impl LineSearch {
         Self { open_steps: [0; 2 * LINES] }
     }
 
-    /// The fault of a line, rows first, after all cells were reviewed. `unresponsive` is the number of cells without a response that
-    /// carried load; those of an open line are subtracted.
+    /// The fault of a line, rows first, after all cells were reviewed. `unresponsive` is the number of cells without a response
+    /// that carried load; those of an open line are subtracted.
     pub(super) fn conclude<R>(
         &mut self,
         frame: &mut FrameContext<'_, R>,

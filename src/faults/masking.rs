@@ -1,4 +1,4 @@
-//! Masked cells: what reads in their place.
+//! Masked cells, and the readings that replace theirs.
 
 use super::MAX_INTERPOLATED;
 use super::neighbourhood::{FrameContext, NEARBY};
@@ -34,14 +34,14 @@ impl Masking {
         !self.masks.is_empty()
     }
 
-    /// Masks a cell; returns the change of [`area_units`]. Beyond [`MAX_INTERPOLATED`] cells it reads nothing.
+    /// Masks a cell; returns the change of [`area_units`]. Beyond [`MAX_INTERPOLATED`] masked cells it is not interpolated.
     pub(super) fn mask<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, index: usize) -> i32 {
         let region = frame.region(index);
         let cell = &mut frame.cells[index];
         cell.marks.set_masked();
         self.regions |= 1 << region;
         let mask = Mask { cell: index as u16, offset: cell.offset, neighbours: [index as u16; 4] };
-        // From here on the pass over the cells reads no load in it.
+        // With this offset, the pass over the cells adds no force of this cell.
         cell.offset = u16::MAX;
         let share = cell.contact.update(0, 0.0);
         cell.contact.disable();
@@ -52,7 +52,7 @@ impl Masking {
         area_units(moments) - before
     }
 
-    /// Lets masked cells read the mean of their neighbours: updates the region sums of this frame.
+    /// Replaces the readings of masked cells by the mean of their neighbours: updates the region sums of this frame.
     #[cold]
     #[inline(never)]
     pub(super) fn interpolate<R: Real>(&self, curve: &Curve, frame: &mut FrameContext<'_, R>) {

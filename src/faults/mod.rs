@@ -1,7 +1,7 @@
 //! Sensor faults, detected while walking, and the masking of faulty cells.
 //!
-//! Detection has two parts, and both stay out of the way of a loaded frame. In stance, a cell records what its contact does
-//! (`pipeline/cell.rs`), in the rarely executed code that runs when the contact changes. In swing, once the contact has
+//! Detection has two parts, and neither adds more than a comparison to a loaded frame. In stance, a cell records changes of its
+//! contact (`pipeline/cell.rs`), in the rarely executed code that runs when the contact changes. In swing, once the contact has
 //! been small and constant for `SETTLE_MS`, all cells are reviewed, a few in each frame: their records of the stance, and their
 //! unloaded reading. A fault is reported once two steps have shown it; `docs/faults.md` has the rules.
 //!

@@ -1,4 +1,4 @@
-//! The cells around a cell, and the frame that they are looked at in.
+//! The cells around a cell, and the frame in which they are inspected.
 
 use crate::num::Real;
 use crate::pipeline::cell::InsoleCell;

@@ -15,7 +15,7 @@ const MAX_SUM: i32 = 2048;
 /// Largest reading in swing that can be a slow drift, codes.
 const MAX_SLOW: u16 = 1024;
 
-/// What a running review has found.
+/// The result of a running review so far.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Review {
     /// Cells without a response that carried load before.
@@ -27,7 +27,8 @@ impl Review {
         Self { unresponsive: 0 }
     }
 
-    /// Reviews some cells from index `first` on, all of them within `frames` frames; returns the next one, or `None` after the last.
+    /// Reviews some cells from index `first` on, all of them within `frames` frames; returns the next one, or `None` after the
+    /// last.
     pub(super) fn cells<R: Real>(
         &mut self,
         frame: &mut FrameContext<'_, R>,
@@ -112,8 +113,9 @@ fn review_stance<R: Real>(cell: &mut InsoleCell<R>, around: Option<&Neighbourhoo
         if carried_load || around.is_between_loaded() {
             marks.add(NO_RESPONSE);
         }
-        // A hole in a loaded contact. The foot may have missed a cell at its rim, and a cell that a region's boundary cut much
-        // smaller than its neighbours. One that carried load before counts, whatever its area.
+        // An unresponsive cell is evidence where all adjacent cells are loaded: at the edge of the contact the foot may not have
+        // touched it, nor a cell that a region's boundary made much smaller than its neighbours. The area of a cell that carried
+        // load before is irrelevant.
         let is_full_size = carried_load || 2 * cell.region.whole() >= around.largest;
         let is_hole = around.is_surrounded() && around.adjacent >= 7 && around.loaded == around.adjacent;
         is_isolated = is_full_size && is_hole;
@@ -125,7 +127,7 @@ fn review_stance<R: Real>(cell: &mut InsoleCell<R>, around: Option<&Neighbourhoo
 }
 
 impl CellMarks {
-    /// The fault that the steps so far have shown.
+    /// The fault that the evidence of the steps so far shows.
     pub(super) fn diagnosis(&self) -> Option<FaultKind> {
         if self.has(STUCK) {
             Some(FaultKind::Stuck)

@@ -12,11 +12,11 @@ use crate::pipeline::marks::LINES;
 const CONCLUSIVE_LOAD: u16 = 4096;
 /// A row is clean when its least loaded cell reads less than this fraction of its most loaded one.
 const CLEAN_FRACTION: u16 = 32;
-/// Clean inspections in a step that make a row clean in it; fewer may be none in the next step without a fault.
+/// Number of clean inspections that make a row clean in a step. A healthy row with fewer may have none in the next step.
 const CLEAN_INSPECTIONS: u8 = 2;
 /// Inspections in a step, none of them clean, that make a row suspect.
 const SUSPECT_INSPECTIONS: u8 = 3;
-/// Steps in a row that must be clean before, and suspect after that.
+/// Number of steps in which a row must be clean first, and of successive steps in which it must be suspect afterwards.
 const STEPS: u8 = 2;
 /// Time in which every row that is not known to be clean is inspected once, at any frame rate, us.
 const ROUND_US: u32 = 40_000;
@@ -27,10 +27,10 @@ struct Row {
     /// Conclusive inspections in this step, and those of them that were clean.
     inspections: u8,
     clean: u8,
-    /// Clean steps so far, and suspect ones in a row since.
+    /// Number of clean steps so far, and of successive suspect steps since.
     clean_steps: u8,
     suspect_steps: u8,
-    /// It has masked cells, which prove nothing.
+    /// The row has masked cells, so that its inspections are not conclusive.
     is_excluded: bool,
 }
 
@@ -89,8 +89,8 @@ impl RowSearch {
         }
     }
 
-    /// Ends a step: the row with crosstalk that was inspected most. One row at a time, because what it adds to the contact
-    /// leaves fewer inspections of others.
+    /// Ends a step: returns the row with crosstalk that was inspected most. Only one row is returned, because its crosstalk
+    /// enlarges the contact and leaves fewer inspections of other rows.
     pub(super) fn conclude(&mut self) -> Option<usize> {
         let mut worst = None;
         for (index, row) in self.rows.iter_mut().enumerate() {

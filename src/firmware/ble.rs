@@ -1,8 +1,8 @@
 //! The session over Bluetooth LE: the meaning of the GATT values, the same on every board.
 //!
-//! The messages are those of the serial port, [`crate::protocol`], without frames: each value of a characteristic is a fragment of
-//! a message ([`crate::protocol::fragment`]). The stack below implements [`GattServer`]'s other side: advertising, bonds and the
-//! attribute table (package `bluetooth`).
+//! The messages are those of the serial port, [`crate::protocol`], without frames: each value of a characteristic is a fragment
+//! of a message ([`crate::protocol::fragment`]). The stack below implements [`GattServer`]'s other side: advertising, bonds and
+//! the attribute table (package `bluetooth`).
 
 use super::board::BluetoothBoard;
 use super::shared::{Carrier, Shared};
@@ -15,7 +15,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use heapless::Vec;
 
-/// What the Bluetooth stack asks of the application and the board. Not generic, so that the stack is compiled once, for size.
+/// The interface of application and board to the Bluetooth stack. Not generic, so that the stack is compiled once, for size.
 pub trait GattServer {
     /// The advertised name, at most 22 bytes.
     fn name(&self) -> &str;
@@ -35,16 +35,16 @@ pub trait GattServer {
     fn save_bonds(&self, bytes: &[u8]);
     /// The wall clock as the value of Current Time.
     fn current_time(&self) -> [u8; 10];
-    /// Takes a value that a bonded central wrote.
+    /// Processes a value that a bonded central wrote.
     ///
     /// # Errors
-    /// What the central receives as an attribute error.
+    /// The reason, which the central receives as an attribute error.
     fn write(&self, channel: GattChannel, value: &[u8]) -> Result<(), WriteError>;
-    /// Signals that there may be something to send.
+    /// The signal that there may be something to send.
     fn changed(&self) -> &Signal<NoopRawMutex, ()>;
-    /// Writes the next value to send into `value`, which is as long as the link allows; its characteristic and length.
+    /// Writes the next value to send into `value`, which is as long as the link allows; returns its characteristic and length.
     fn next(&self, value: &mut [u8]) -> Option<(GattChannel, usize)>;
-    /// Ends the session: the central is gone.
+    /// Ends the session after the central disconnected.
     fn close(&self);
 }
 

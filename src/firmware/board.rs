@@ -1,4 +1,4 @@
-//! What the loops need from a board.
+//! The traits that a board implements for the loops.
 
 use crate::pipeline::setup::DEVICE_CELLS;
 use embassy_time::{Duration, Instant, Timer};
@@ -8,7 +8,7 @@ pub trait FrameClock {
     /// When frame 0 was due: the origin of the insole's time.
     fn start(&self) -> Instant;
 
-    /// Waits for the time of the next frame and returns its number, which wraps. Frames that became due while nobody waited are
+    /// Waits for the time of the next frame and returns its number, which wraps. Frames that became due before the call are
     /// skipped.
     async fn next(&mut self) -> u32;
 }
@@ -53,7 +53,7 @@ pub trait Matrix {
     /// Reads one row in scan number `seq`, and writes the codes of its cells to their places in the frame.
     ///
     /// # Errors
-    /// Where the matrix does not answer; the frame is then given up and counted as missed.
+    /// Where the matrix does not answer; the frame is then abandoned and counted as missed.
     async fn read_row(&mut self, seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout>;
 }
 
@@ -65,7 +65,7 @@ pub trait Stopwatch {
     fn cycles_since(&self, start: u32) -> u32;
 }
 
-/// What Bluetooth needs from a board.
+/// The functions of a board that Bluetooth needs.
 pub trait BluetoothBoard {
     /// The random static address, or `None` where the controller has a public one.
     fn address(&self) -> Option<[u8; 6]>;

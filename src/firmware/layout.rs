@@ -20,7 +20,7 @@ pub const PERIOD_US: u32 = 10_000;
 pub const ROWS: usize = 16;
 /// See [`ROWS`].
 pub const COLUMNS: usize = 16;
-/// Number of cells; 16 crossings at the ends of the foot are outside of the outline.
+/// Number of cells; 16 positions of the matrix at the ends of the foot are outside of the outline.
 pub const CELLS: usize = 240;
 
 /// Size 42, first version.
@@ -44,7 +44,7 @@ const fn cells_on(line: usize) -> usize {
     }
 }
 
-/// Cell number `across` of a line, from the medial edge. It answers for the surface half way to its neighbours.
+/// Cell number `across` of a line, from the medial edge. Its area extends half way to its neighbours.
 const fn cell(line: usize, across: usize) -> Cell {
     let x_fraction = (across as f32 + 0.5) / cells_on(line) as f32;
     let y_fraction = (line as f32 + 0.5) / LINES as f32;
@@ -104,8 +104,8 @@ pub fn cells() -> impl Iterator<Item = SetupCell> + Clone {
     cells.map(|(&cell, &row_column)| SetupCell { cell, calibration: UNLOADED, row_column })
 }
 
-/// The default rules. The feedback resistors are chosen for this full scale; the exponent is that of a typical piezoresistive sheet,
-/// to be replaced by a calibration.
+/// The default rules. The feedback resistors are chosen for this full scale; the exponent is that of a typical piezoresistive
+/// sheet, to be replaced by a calibration.
 pub fn setup(side: Side) -> Setup {
     Setup {
         side,

@@ -1,10 +1,10 @@
 //! The firmware's loops over a few board traits, independent of any chip, executor or simulator.
 //!
-//! A board initialises its hardware, calls [`start::start`], and spawns the loops. [`scan::scan`] belongs on an interrupt executor:
-//! its deadline is one frame time, and a miss is a frame that is skipped and counted. [`process::process`], [`serve::serve`] and
-//! [`persist::persist`] share the thread executor. Processing has as many frame times as the board's queue holds before frames are
-//! dropped and counted; persisting has the time of [`shared::STEP_QUEUE`] steps before one is dropped and counted; the link has no
-//! deadline. [`supervise`] checks that scan, processing and link make progress.
+//! A board initialises its hardware, calls [`start::start`], and spawns the loops. [`scan::scan`] belongs on an interrupt
+//! executor: its deadline is one frame time, and a miss is a frame that is skipped and counted. [`process::process`],
+//! [`serve::serve`] and [`persist::persist`] share the thread executor. Processing has as many frame times as the board's queue
+//! holds before frames are dropped and counted; persisting has the time of [`shared::STEP_QUEUE`] steps before one is dropped and
+//! counted; the link has no deadline. [`supervise`] checks that scan, processing and link make progress.
 
 #![allow(async_fn_in_trait, reason = "boards implement these traits for executors that do not move tasks")]
 

@@ -29,8 +29,8 @@ struct Persist<'a> {
     trial: Option<Trial>,
 }
 
-/// Persists steps, acknowledgements, parameters and bonds. Never returns. What the chip does not store is in force until the next
-/// start, and is counted. Receives updates of the running `image`, and confirms it after its trial.
+/// Persists steps, acknowledgements, parameters and bonds. Never returns. An item that the chip does not store is in force
+/// until the next start, and is counted. Receives updates of the running `image`, and confirms it after its trial.
 pub async fn persist(
     store: &mut Store<impl MultiwriteNorFlash>,
     shared: &Shared,
@@ -95,7 +95,7 @@ impl Persist<'_> {
             }
             Err(_) => {
                 self.shared.count_not_stored();
-                // In RAM this step would overtake those in the log, which are more.
+                // From RAM this step would be sent before those in the log, which are more numerous.
                 let is_lost = self.has_more_in_log && self.is_log_readable;
                 self.shared.session.borrow_mut().count_dropped(is_lost.into());
                 is_lost
@@ -112,7 +112,7 @@ impl Persist<'_> {
         }
     }
 
-    /// Loads the steps after those in RAM from the log, as many as there is room for.
+    /// Loads the steps after those in RAM from the log, as many as the session can hold.
     async fn refill_from_log(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         let newest = self.shared.session.borrow().newest_step();
         let push = |step| {

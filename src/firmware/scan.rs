@@ -18,7 +18,7 @@ impl Frame {
     pub const EMPTY: Self = Self { seq: 0, codes: [0; DEVICE_CELLS] };
 }
 
-/// What scanning counts; read at a lower priority, so atomic.
+/// The counters of the scan. They are atomic because they are read at a lower priority.
 #[derive(Default)]
 pub struct ScanCounters {
     /// Frame times without a complete scan.
@@ -56,7 +56,7 @@ pub async fn scan(
     mut frames: Sender<'_, CriticalSectionRawMutex, Frame>,
     counters: &ScanCounters,
 ) -> ! {
-    // Scanning begins within the hour that 32 bits hold.
+    // Scanning begins within the first hour, so that the time in us fits into 32 bits.
     counters.began_us.store(clock.start().as_micros() as u32, Ordering::Relaxed);
     let mut last = None;
     loop {

@@ -7,11 +7,11 @@ use embassy_futures::select::select;
 use embassy_time::{Duration, Timer};
 use embedded_io_async::{Read, Write};
 
-/// Longest time without a heartbeat of an idle link.
+/// Longest time between two heartbeats of an idle link.
 const IDLE: Duration = Duration::from_millis(200);
 
-/// Exchanges messages with a host over a byte carrier. Never returns. Both directions run side by side, so that a carrier which is
-/// too slow for the live stream still brings requests.
+/// Exchanges messages with a host over a byte carrier. Never returns. Both directions run side by side, so that a carrier which
+/// is too slow for the live stream still delivers requests.
 pub async fn serve(rx: impl Read, tx: impl Write, shared: &Shared) -> ! {
     join(receive(rx, shared), send(tx, shared)).await.0
 }

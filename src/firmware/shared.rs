@@ -1,4 +1,4 @@
-//! What processing, carriers and storage share.
+//! The state that processing, carriers and storage share.
 
 use super::scan::ScanCounters;
 use crate::log;
@@ -19,7 +19,7 @@ use heapless::Vec;
 /// Steps that can wait to be stored.
 pub const STEP_QUEUE: usize = 2;
 
-/// A way to a host.
+/// The kind of link to a host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Carrier {
@@ -31,8 +31,9 @@ pub enum Carrier {
 
 /// The state that the loops on the thread executor share.
 ///
-/// There is one session at a time, with the host that sent [`ToDevice::Connect`] last, over either carrier. Messages of other hosts
-/// are ignored until they connect again. So a step waits in one queue, and leaves it when one host has it.
+/// There is one session at a time, with the host that sent [`ToDevice::Connect`] last, over either carrier. Messages of other
+/// hosts are ignored until they connect again. So all steps wait in one queue, and each leaves it once a host has acknowledged
+/// it.
 pub struct Shared {
     pub(super) session: RefCell<Session>,
     carrier: Cell<Carrier>,
@@ -56,11 +57,11 @@ pub struct Shared {
     /// There may be something to persist.
     pub(super) to_persist: Signal<NoopRawMutex, ()>,
     pub(super) contents: Cell<Contents>,
-    /// What could not be stored.
+    /// Number of items that could not be stored.
     not_stored: Cell<u32>,
 }
 
-/// What processing and the carriers count.
+/// The counters of processing and carriers.
 pub(super) struct ProcessCounters {
     pub(super) steps: u32,
     pub(super) rejected: Rejected,
@@ -113,7 +114,7 @@ impl Shared {
         Instant::now().as_micros().saturating_sub(self.scan.began_us.load(Ordering::Relaxed).into())
     }
 
-    /// Takes a message that came over a carrier; `None` is one that is not understood.
+    /// Receives a message over a carrier; `None` stands for one that is not understood.
     pub fn receive(&self, carrier: Carrier, message: Option<ToDevice>) {
         if matches!(message, Some(ToDevice::Connect { .. })) {
             log::info!("link: a host connects over {}", carrier);
@@ -195,7 +196,7 @@ impl Shared {
         self.session.borrow_mut().set_clock(unix_us, self.now_us());
     }
 
-    /// How often the wall clock was set; wraps.
+    /// Number of times that the wall clock was set; wraps.
     pub(super) fn clock_sets(&self) -> u32 {
         self.session.borrow().clock_sets()
     }

@@ -16,27 +16,28 @@ use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use heapless::String;
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// How a start came about.
+/// The circumstances of a start.
 pub struct BootReport {
     /// Why the board started.
     pub reset: Reset,
-    /// What ended the previous run, where it did not end on purpose.
+    /// The failure that ended the previous run, where one did.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
-    /// Several starts in a row failed: stored data are not used.
+    /// Several successive starts failed: stored data are not used.
     pub is_fallback: bool,
 }
 
-/// A board's configuration: what its insole looks like.
+/// A board's configuration: the rules and cells of its insole.
 pub struct Configuration<C> {
     /// The rules. The stored side replaces its side.
     pub setup: Setup,
     /// The cells.
     pub cells: C,
-    /// Why this is not the configuration that it should be, if so.
+    /// The reason, where this is not the intended configuration.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
 }
 
-/// The static memory of the loops. `FRAMES` is the length of the frame queue: its time is what the evaluation of a step may take.
+/// The static memory of the loops. `FRAMES` is the length of the frame queue: the evaluation of a step may take as
+/// many frame times.
 pub struct Memory<F, const FRAMES: usize> {
     insole: ConstStaticCell<DeviceInsole>,
     frames: ConstStaticCell<[Frame; FRAMES]>,
@@ -64,7 +65,7 @@ impl<F, const FRAMES: usize> Default for Memory<F, FRAMES> {
     }
 }
 
-/// What the loops run on.
+/// The parts that the loops use.
 pub struct Started<F: 'static> {
     /// For [`super::process::process`].
     pub insole: &'static mut DeviceInsole,
@@ -80,8 +81,8 @@ pub struct Started<F: 'static> {
     pub period_us: u32,
 }
 
-/// Opens the store on `chip`, configures the insole, restores the persisted state, and composes the hello. `image` is the header of
-/// the running image, `stack_bytes` returns the deepest use of the stack so far.
+/// Opens the store on `chip`, configures the insole, restores the persisted state, and composes the hello. `image` is the header
+/// of the running image, `stack_bytes` returns the deepest use of the stack so far.
 ///
 /// # Panics
 /// When called twice with the same memory.
@@ -120,7 +121,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     Started { insole, store, shared, to_process, scanned, period_us: setup.period_us }
 }
 
-/// The hello of a board that runs `image`. `fault` is what went wrong before or during this start.
+/// The hello of a board that runs `image`. `fault` describes the failure before or during this start, where there was one.
 fn hello(
     image: &Header,
     setup: &Setup,

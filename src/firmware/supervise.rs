@@ -1,19 +1,19 @@
 //! Supervision: heartbeats of scan, processing and link, and the detection of a stalled one.
 //!
-//! The tasks leave heartbeats; an interrupt above their executors checks them every [`CHECK_PERIOD_MS`]. Checks are counted, not
+//! The tasks count heartbeats; an interrupt above their executors checks them every [`CHECK_PERIOD_MS`]. Checks are counted, not
 //! time: a processor that is stopped for seconds, as by a debugger, is one check late, and nothing counts as stalled.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
 /// Time between checks, ms.
 pub const CHECK_PERIOD_MS: u32 = 100;
-/// Checks in a row without a heartbeat after which a part counts as stalled: a second, of the two within which the insole must
-/// run again. Every part has a heartbeat at least every 200 ms.
+/// Number of successive checks without a heartbeat after which a part counts as stalled: one second, because the insole must run
+/// again within two. Every part has a heartbeat at least every 200 ms.
 pub const STALLED_CHECKS: u8 = 10;
-/// Healthy checks after which a start counts as successful: 5 s.
+/// Number of healthy checks after which a start counts as successful: 5 s.
 pub const HEALTHY_CHECKS: u32 = 50;
-/// Checks within which all parts must have started: two minutes. Erasing a flash chip with foreign contents takes that long; any
-/// other start takes a second.
+/// Number of checks within which all parts must have started: two minutes. Erasing a flash chip with foreign contents takes that
+/// long; any other start takes a second.
 pub const START_CHECKS: u32 = 1200;
 
 /// Names of the three parts, in the order of the bits that [`Watchdog::check`] returns.
@@ -43,7 +43,7 @@ impl Heartbeats {
         }
     }
 
-    /// Scanning made progress: a row, a skipped frame, a matrix that does not answer, or a frame clock that waits on purpose.
+    /// Scanning made progress: a row, a skipped frame, a matrix that does not answer, or a frame clock that waits deliberately.
     pub fn scan_progressed(&self) {
         count(&self.scan);
     }

@@ -1,9 +1,9 @@
-//! An image on trial after an update: it is confirmed once it was seen to work.
+//! An image on trial after an update: it is confirmed once all parts have made progress for some seconds.
 
 use super::supervise::Heartbeats;
 use embassy_time::{Duration, Instant};
 
-/// Checks in a row, all with progress, after which the image is confirmed.
+/// Number of successive checks, all with progress, after which the image is confirmed.
 const CHECKS: u8 = 5;
 /// Time between checks.
 const PERIOD: Duration = Duration::from_secs(1);
@@ -24,7 +24,7 @@ impl Trial {
         self.next_check
     }
 
-    /// True once scanning, processing and link each made progress between all checks in a row.
+    /// True once scanning, processing and link each made progress before each of [`CHECKS`] successive checks.
     pub(super) fn is_passed(&mut self, heartbeats: &Heartbeats) -> bool {
         if Instant::now() >= self.next_check {
             let now = heartbeats.counts();

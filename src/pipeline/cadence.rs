@@ -1,9 +1,9 @@
 //! Cadence, estimated from the steps of one foot.
 
-/// Largest time between the heel strikes of successive steps of one foot within a walk, us.
+/// Longest stride time within a walk, between successive heel strikes of one foot, us.
 const PAUSE_US: u64 = 3_000_000;
 
-/// The cadence of both feet, from the stride time of one: the other foot makes as many steps.
+/// The cadence of both feet, from the stride time of one foot: a stride has one step of each foot.
 ///
 /// ```
 /// use plantar::pipeline::cadence::Cadence;
@@ -20,6 +20,7 @@ const PAUSE_US: u64 = 3_000_000;
 pub struct Cadence {
     /// Number of steps of this foot so far; wraps.
     pub steps: u32,
+    /// Heel strike of the last step.
     start_us: u64,
     cadence_per_min: u8,
 }
@@ -29,7 +30,7 @@ impl Cadence {
     pub fn step(&mut self, start_us: u64) {
         let interval_us = start_us.saturating_sub(self.start_us);
         let is_walk = self.steps > 0 && (1..=PAUSE_US).contains(&interval_us);
-        // The other foot makes as many steps.
+        // A stride has two steps, one of each foot.
         self.cadence_per_min = if is_walk { (2 * 60_000_000 / interval_us).min(255) as u8 } else { 0 };
         self.start_us = start_us;
         self.steps = self.steps.wrapping_add(1);

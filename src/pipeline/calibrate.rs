@@ -1,8 +1,8 @@
 //! Calibration: from codes to pressure.
 //!
 //! The conductance of a resistive cell rises with pressure by a power law. With the cell at a virtual ground, the code of the
-//! converter is proportional to the conductance. The inverse of the law is tabulated once; a frame then requires one lookup for
-//! each cell.
+//! converter is proportional to the conductance. The inverse of the law is tabulated once; a frame then requires one lookup
+//! for each cell.
 
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
@@ -32,7 +32,7 @@ pub struct CellCalibration {
     /// Mean code of the unloaded cell (see [`zero_offset`]), below half of [`FULL_CODE`]. It is subtracted before the law is
     /// applied.
     pub offset: u16,
-    /// Pressure of this cell over that of the law, 0.1 to 10.
+    /// Ratio of the pressure of this cell to that of the law at the same code, 0.1 to 10.
     pub gain: f32,
 }
 
@@ -46,7 +46,7 @@ impl CellCalibration {
     }
 }
 
-/// Zero offset of a cell from its codes over an unloaded interval: the mean, rounded up. `None` without codes.
+/// Zero offset of a cell: the mean of its codes over an unloaded interval, rounded up. `None` without codes.
 pub fn zero_offset(unloaded_codes: impl IntoIterator<Item = u16>) -> Option<u16> {
     let (sum, count) =
         unloaded_codes.into_iter().fold((0u64, 0u64), |(sum, count), code| (sum + u64::from(code), count + 1));
@@ -63,10 +63,10 @@ pub fn is_saturated(code: u32) -> bool {
 const SEGMENTS: usize = 256;
 const SEGMENT_SHIFT: u32 = 16 - SEGMENTS.ilog2();
 
-/// The inverse of a [`SensorLaw`], from code to pressure, as straight segments. At an exponent of 0.8 it is within 0.1 % of the law
-/// above 1 % of full scale. At exponents above 1 the first segment, 1/256 of full scale, reads low.
+/// The inverse of a [`SensorLaw`], from code to pressure, as straight segments. At an exponent of 0.8 it is within 0.1 % of the
+/// law above 1 % of full scale. At exponents above 1 its pressures in the first segment, 1/256 of full scale, are too low.
 ///
-/// The table is in single precision on every machine, so that all evaluate the same curve.
+/// The table is in single precision on every machine, so that all machines evaluate the same curve.
 ///
 /// ```
 /// use plantar::pipeline::calibrate::{Curve, FULL_CODE, SensorLaw};
@@ -115,7 +115,7 @@ impl Curve {
         R::of_f32(base) + R::of_f32(slope) * R::of_i32(code)
     }
 
-    /// The smallest code with at least `pressure_kpa`, kPa; [`u16::MAX`] where no code reaches it.
+    /// The smallest code with at least `pressure_kpa`, kPa; [`u16::MAX`] where the pressure is beyond the curve.
     pub fn first_code_at(&self, pressure_kpa: f32) -> u16 {
         let (mut below, mut at) = (0u16, u16::MAX);
         while below < at {

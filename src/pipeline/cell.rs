@@ -29,8 +29,8 @@ impl<R: Real> InsoleCell<R> {
         }
     }
 
-    /// Updates contact and region with a code that may change them; returns the change of [`area_units`]. Out of line, because few
-    /// cells change in a frame.
+    /// Updates contact and region with a code that may change them; returns the change of [`area_units`]. Out of line, because
+    /// few cells change in a frame.
     #[cold]
     #[inline(never)]
     fn update(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) -> i32 {
@@ -51,7 +51,8 @@ impl<R> InsoleCell<R> {
 }
 
 /// Calibrates the cells of a region, sums their forces, and updates the area where the contact of a cell changed. Returns the
-/// change of [`area_units`]. This is the hottest loop of the device, in a function of its own so that all registers are available.
+/// change of [`area_units`]. A device spends most of its time in this loop; it has a function of its own so that all registers
+/// are available.
 #[inline(never)]
 pub(crate) fn sum_region<R: Real>(
     curve: &Curve,

@@ -14,18 +14,19 @@ pub struct ContactRule {
     pub on_kpa: f32,
     /// A cell loses contact below this pressure, kPa; above 0 and at most `on_kpa`.
     pub off_kpa: f32,
-    /// 0: a cell in contact counts with its whole area, as in the paper. Otherwise, `on_kpa` to 2000 kPa: a cell counts with the
-    /// share `sqrt(p / full_kpa)` of its area, at most 1, because low readings at the edge of a contact are those of partly covered
-    /// cells. Deformation rises from 0 at the edge in proportion to the distance from it (Eq. 3), so a cell of which the share s is
-    /// covered reads s^2 of the pressure of a cell that is just covered. The larger `full_kpa` is, the more the area depends on
-    /// pressure.
+    /// 0: a cell in contact counts with its whole area, as in the paper. From `on_kpa` to 2000 kPa: a cell counts with the share
+    /// `sqrt(p / full_kpa)` of its area, at most 1, because low readings at the edge of a contact are those of partly covered
+    /// cells. Deformation rises from 0 at the edge in proportion to the distance from it (Eq. 3), so a cell of which the share s
+    /// is covered reads s^2 of the pressure of a cell that is just covered. The larger `full_kpa` is, the more the area depends
+    /// on pressure.
     pub full_kpa: f32,
 }
 
 impl ContactRule {
     /// Counted cells, in contact from 10 kPa until they fall below 7.5 kPa.
     pub const COUNTED: Self = Self { on_kpa: 10.0, off_kpa: 7.5, full_kpa: 0.0 };
-    /// Covered shares, with the same thresholds and whole cells from 150 kPa. docs/identification.md has the reason for this value.
+    /// Covered shares, with the same thresholds and whole cells from 150 kPa. docs/identification.md has the reason for this
+    /// value.
     pub const COVERED: Self = Self { full_kpa: 150.0, ..Self::COUNTED };
 
     /// True where the pressures are in range and in order.
@@ -37,7 +38,7 @@ impl ContactRule {
     }
 }
 
-/// The share of a cell that is wholly in contact. Shares are whole numbers, 0 to this.
+/// The share of a cell that is entirely in contact. Shares are integers from 0 to this value.
 pub const WHOLE: u16 = 256;
 
 /// One cell: its thresholds as raw codes, and its present share in contact.
@@ -56,14 +57,16 @@ pub const WHOLE: u16 = 256;
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub struct ContactCell {
+    /// Codes at the thresholds of the rule.
     on: u16,
     off: u16,
-    /// From this code on, the cell counts with its whole area; 0 for counted cells.
+    /// Code from which on the cell counts with its whole area; 0 for counted cells.
     full: u16,
     /// Square of the share, in units of [`WHOLE`], per kPa on the common curve; unused where `full` is below `off`.
     squared_shares_per_kpa: f32,
+    /// The present share, in units of [`WHOLE`].
     share: u16,
-    /// Codes from `low` on, `span` of them, do not change the share.
+    /// The codes from `low` to `low + span - 1` do not change the share.
     low: u16,
     span: u16,
 }
@@ -95,7 +98,7 @@ impl ContactCell {
     /// Processes a code, with `curve_kpa` its pressure on the common curve, kPa, and returns the change of the share, in units of
     /// [`WHOLE`].
     ///
-    /// Computed in single precision and whole numbers on every machine, so that the area is the same on all.
+    /// Computed in single precision and integers on every machine, so that the area is the same on all.
     pub fn update(&mut self, code: u32, curve_kpa: f32) -> i32 {
         let before = self.share;
         let threshold = if before > 0 { self.off } else { self.on };
@@ -115,7 +118,7 @@ impl ContactCell {
         self.share > 0
     }
 
-    /// The code of the load threshold: its reading above the offset is twice that of the contact threshold.
+    /// The code of the load threshold: it is twice as far above the offset as the contact threshold.
     pub(crate) fn load_threshold(&self, offset: u16) -> u32 {
         (2 * u32::from(self.on)).saturating_sub(offset.into())
     }
@@ -136,7 +139,7 @@ impl ContactCell {
         (self.low, self.span) = (0, u16::MAX);
     }
 
-    /// Shifts the thresholds of a cell that is out of contact, after its offset was changed by as many codes.
+    /// Shifts the thresholds of a cell without contact, after its offset was changed by the same number of codes.
     pub(crate) fn shift(&mut self, codes: i16) {
         for threshold in [&mut self.on, &mut self.off, &mut self.full] {
             // 0 in `full` stands for counted cells.
@@ -148,5 +151,5 @@ impl ContactCell {
     }
 }
 
-/// Largest difference between codes that count as equal: far less than the changes of a loaded cell.
+/// Largest difference between two codes that count as equal: far less than the changes of a loaded cell.
 const SAME_CODE: u16 = 2;

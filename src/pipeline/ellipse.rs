@@ -28,7 +28,8 @@ use crate::num::Real;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ellipse<R> {
-    /// Centre, mm, in the coordinates of the moments: from [`Ellipse::from_moments`] relative to the reference point of the region.
+    /// Centre, mm, in the coordinates of the moments: from [`Ellipse::from_moments`] relative to the reference point of the
+    /// region.
     pub x_mm: R,
     /// See `x_mm`.
     pub y_mm: R,
@@ -55,8 +56,8 @@ impl<R: Real> Ellipse<R> {
         // digits.
         let determinant = (variance_x_mm2 * variance_y_mm2 - covariance_mm2 * covariance_mm2).max(R::ZERO);
         let short = R::of(2.0) * (determinant / (mean + deviation)).sqrt();
-        // `r_a_mm` belongs to the axis within 45 degrees of x. On a grid of cells, exactly 45 degrees and circles are frequent; the
-        // tolerance makes them independent of rounding.
+        // `r_a_mm` belongs to the axis within 45 degrees of x. On a grid of cells, exactly 45 degrees and circles are frequent;
+        // the tolerance makes them independent of rounding.
         let (r_a_mm, r_b_mm, sign) =
             if half_difference >= -R::of(1e-4) * mean { (long, short, R::ONE) } else { (short, long, -R::ONE) };
         let double_angle = if deviation > R::of(1e-4) * mean {
@@ -72,11 +73,11 @@ impl<R: Real> Ellipse<R> {
         Self { x_mm: self.x_mm + dx_mm, y_mm: self.y_mm + dy_mm, ..self }
     }
 
-    /// Angle from the x axis to the axis of `r_a_mm`, -45 to 45 degrees, counter-clockwise seen from above with x to the right and
-    /// y forwards.
+    /// Angle from the x axis to the axis of `r_a_mm`, -45 to 45 degrees, counter-clockwise seen from above with x to the right
+    /// and y forwards.
     ///
-    /// The arc tangent is that of `micromath`. Its error of 0.0028 rad is 0.08 degrees here, below the resolution of cells of a few
-    /// millimetres, and no other quantity depends on the angle.
+    /// The arc tangent is that of `micromath`. Its error of 0.0028 rad is 0.08 degrees here, below the resolution of cells of a
+    /// few millimetres, and no other quantity depends on the angle.
     pub fn angle_deg(&self) -> f32 {
         let (cos, sin) = self.double_angle;
         micromath::F32(sin.to_f32()).atan2(micromath::F32(cos.to_f32())).0.to_degrees() * 0.5

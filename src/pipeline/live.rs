@@ -1,7 +1,7 @@
 //! The live model: causal, frame by frame, for display.
 //!
-//! The area is the mean of the last three frames, the deformation rate the backward difference of Eq. 16. This delays the result by
-//! one frame. The values of a step record are computed by [`super::step`], which smooths over the whole stance.
+//! The area is the mean of the last three frames, the deformation rate the backward difference of Eq. 16. This delays the result
+//! by one frame. The values of a step record are computed by [`super::step`], which smooths over the whole stance.
 
 use super::model::ForceLaw;
 use super::region::RegionFrame;
@@ -22,8 +22,10 @@ use crate::num::Real;
 /// ```
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LiveModel<R> {
+    /// Areas of the last two frames, the older one first.
     previous_area_mm2: [R; 2],
     previous_smoothed_m2: R,
+    /// Normalised deformation in the last frame.
     previous_g: R,
 }
 
@@ -57,7 +59,7 @@ impl<R: Real> LiveModel<R> {
     pub fn update(&mut self, law: &ForceLaw<R>, area_mm2: R, per_s: R) -> LiveTissue<R> {
         let [before, last] = self.previous_area_mm2;
         self.previous_area_mm2 = [last, area_mm2];
-        // One factor for the mean of three and for mm2 to m2.
+        // One factor combines the mean of three with the conversion from mm2 to m2.
         let smoothed_m2 = (before + last + area_mm2) * R::of(1e-6 / 3.0);
         self.previous_smoothed_m2 = smoothed_m2;
         let ratio = law.area_ratio(smoothed_m2);
@@ -73,7 +75,7 @@ impl<R: Real> LiveModel<R> {
 pub struct RegionLoad<R> {
     /// The measured quantities.
     pub frame: RegionFrame<R>,
-    /// Those of the model.
+    /// The modelled quantities.
     pub tissue: LiveTissue<R>,
 }
 

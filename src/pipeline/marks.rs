@@ -1,4 +1,4 @@
-//! The evidence of one cell on its own readings since the last review. [`crate::faults`] derives faults from it.
+//! The evidence of faults that a cell collects from its own readings between two reviews. [`crate::faults`] evaluates it.
 
 use super::contact::ContactCell;
 
@@ -24,7 +24,7 @@ pub(crate) const STUCK: u8 = 64;
 /// The zero of the cell was found to drift.
 pub(crate) const DRIFT: u8 = 128;
 
-/// A quantity that is counted over the steps; the value is the position of its two bits in [`CellMarks::counts`].
+/// A quantity that is counted over several steps. The value is the position of its two bits in [`CellMarks::counts`].
 #[derive(Clone, Copy)]
 pub(crate) enum Count {
     /// Recent steps in which the cell exceeded the load threshold.
@@ -37,7 +37,7 @@ pub(crate) enum Count {
     ImplausibleSaturation = 6,
 }
 
-/// The evidence on one cell. It has six bytes, because each cell has one.
+/// The evidence on one cell. Its size is only six bytes, because every cell has one.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CellMarks {
     /// Reading above the zero in the last reviewed swing, codes.

@@ -1,7 +1,7 @@
 //! The stages of the data path, in the order in which the data passes them: from raw codes to regional loads and steps.
 //!
-//! A stage depends only on the stages before it. Parameters are plain data, separate from state, and can be replaced while running.
-//! No stage performs I/O or allocates memory. All are generic over [`Real`](crate::Real).
+//! A stage depends only on the stages before it. Parameters are plain data, separate from state, and can be replaced while
+//! running. No stage performs I/O or allocates memory. All are generic over [`Real`](crate::Real).
 //!
 //! | stage | module | result |
 //! |---|---|---|

@@ -15,7 +15,8 @@ pub const AB_M2: RangeInclusive<f64> = 1e-8..=0.04;
 /// Range of K, Pa, and G, Pa s: up to a thousand times that of a sole. With all parameters at their limits, a force is below 1e11
 /// N, and its square is within single precision.
 pub const COEFFICIENT: RangeInclusive<f64> = 0.0..=1e9;
-/// Largest exponent n or m; a steeper law is almost a step function. Both are above -1, so that pressure vanishes with deformation.
+/// Largest exponent n or m; a steeper law is almost a step function. Both exponents are above -1, so that pressure vanishes with
+/// deformation.
 pub const MAX_EXPONENT: f64 = 10.0;
 
 /// True where `value` is within the inclusive limits after rounding to single precision, in which parameters are sent.
@@ -79,8 +80,8 @@ impl<R: Real> Ellipsoid<R> {
         deformation_m - self.c_m + self.depth_m(deformation_m, q)
     }
 
-    /// Rate of [`Ellipsoid::local_deformation_m`], m/s (Eq. 4). The paper differentiates at fixed `q`, not at a fixed point of the
-    /// tissue: compared with a rigid indentation, the damping is half at light contact and equal at full contact.
+    /// Rate of [`Ellipsoid::local_deformation_m`], m/s (Eq. 4). The paper differentiates at fixed `q`, not at a fixed point of
+    /// the tissue: compared with a rigid indentation, the damping is half at light contact and equal at full contact.
     pub fn local_deformation_rate_m_s(&self, deformation_m: R, rate_m_s: R, q: R) -> R {
         rate_m_s * (R::ONE - q * q * (self.c_m - deformation_m) / self.depth_m(deformation_m, q))
     }
@@ -100,7 +101,7 @@ impl<R: Real> Ellipsoid<R> {
         self.c * power(deformation_m / self.d0_m, self.m)
     }
 
-    /// Vertical force, N (Eq. 13), without a cut: negative on release where damping exceeds stiffness.
+    /// Vertical force, N (Eq. 13), not limited: negative during unloading where the viscous term exceeds the elastic one.
     pub fn force_n(&self, deformation_m: R, rate_m_s: R) -> R {
         if deformation_m <= R::ZERO {
             return R::ZERO;
@@ -134,7 +135,7 @@ impl<R: Real> Ellipsoid<R> {
     }
 }
 
-/// `base^exponent` for a base of at least 0.
+/// `base^exponent` for a base that is not negative.
 fn power<R: Real>(base: R, exponent: R) -> R {
     if base <= R::ZERO {
         return if exponent == R::ZERO { R::ONE } else { R::ZERO };
@@ -160,7 +161,7 @@ impl<R: Real> AreaRatio<R> {
         } else if ratio > R::ZERO {
             Self { ratio, clamped: false }
         } else {
-            // A NaN counts as no contact, too.
+            // This also treats NaN as no contact.
             Self { ratio: R::ZERO, clamped: false }
         }
     }
@@ -242,8 +243,8 @@ impl<R: Real> ForceLaw<R> {
         AreaRatio::new(area_m2, self.ab_m2)
     }
 
-    /// Vertical force, N, at a normalised deformation, 0 to 1, and its rate, 1/s (Eq. 13). A tensile force is cut to 0, as tissue
-    /// cannot pull.
+    /// Vertical force, N, at a normalised deformation, 0 to 1, and its rate, 1/s (Eq. 13). A tensile force is
+    /// replaced by 0, because the contact cannot transmit it.
     pub fn force_n(&self, g: R, g_rate_per_s: R) -> R {
         if g <= R::ZERO {
             return R::ZERO;

@@ -1,13 +1,13 @@
 //! Outlines of soles, EU size 42, in foot coordinates: tables of the medial and the lateral edge, straight between their rows.
 //!
-//! The two outlines are different shapes on purpose: [`REFERENCE_INSOLE`] is the sheet that is cut for the device, and
+//! The two outlines differ deliberately: [`REFERENCE_INSOLE`] is the sheet that is cut for the device, and
 //! [`GENERIC_SOLE`] is the foot that the computed walk steps with and that is drawn on screens. At the toes they differ by up to
 //! 13 mm in width. Changing one of them changes the positions of its cells.
 
 /// The outline of a sole.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outline {
-    /// From the heel to the tip of the toes: y, and x of the medial and the lateral edge there, mm; y rises from 0.
+    /// Rows from the heel to the tip of the toes: y, and x of the medial and of the lateral edge there, mm. y increases from 0.
     pub rows_mm: &'static [[f64; 3]],
 }
 
@@ -30,7 +30,7 @@ pub const REFERENCE_INSOLE: Outline = Outline {
     ],
 };
 
-/// A generic sole: of the computed walk, and of the picture of a foot where the positions of the cells are not known.
+/// A generic sole, for the computed walk and for drawings of a foot where the positions of the cells are not known.
 pub const GENERIC_SOLE: Outline = Outline {
     rows_mm: &[
         [0.0, 24.0, 52.0],
@@ -51,7 +51,7 @@ pub const GENERIC_SOLE: Outline = Outline {
 };
 
 impl Outline {
-    /// From the back of the heel to the tip of the toes, mm.
+    /// Length from the back of the heel to the tip of the toes, mm.
     pub const fn length_mm(&self) -> f64 {
         self.rows_mm[self.rows_mm.len() - 1][0]
     }

@@ -91,11 +91,11 @@ pub struct Cell {
     pub area_mm2: f32,
 }
 
-/// Units of a cell's area in 1 mm2, and of its coordinates in 1 mm: fine enough that rounding is below the accuracy of any layout,
-/// coarse enough that all sums are whole numbers of 64 bits.
+/// Units of a cell's area in 1 mm2, and of its coordinates in 1 mm: fine enough that rounding is below the accuracy of any
+/// layout, and coarse enough that all sums fit into 64-bit integers.
 const PER_MM2: f32 = 16.0;
 const PER_MM: f32 = 64.0;
-/// Units of [`AreaMoments`] in 1 mm2 that is wholly in contact.
+/// Units of [`AreaMoments`] in 1 mm2 that is entirely in contact.
 const SHARES_PER_MM2: f32 = PER_MM2 * WHOLE as f32;
 
 /// Smallest area of a cell, mm2: one unit.
@@ -105,7 +105,7 @@ pub const MAX_CELL_MM2: f32 = 4_000.0;
 /// Largest area of a region, mm2: many times that of a foot.
 pub const MAX_REGION_MM2: f32 = 500_000.0;
 /// Largest distance of a cell from its region's reference point along an axis, mm.
-pub const MAX_REACH_MM: f32 = 500.0;
+pub const MAX_DISTANCE_MM: f32 = 500.0;
 
 /// A cell in the form that the sums of its region require. Coordinates are relative to the reference point of the region, so that
 /// single precision suffices.
@@ -124,8 +124,8 @@ pub struct RegionCell<R> {
 }
 
 impl<R: Real> RegionCell<R> {
-    /// A cell of a region with the reference point `(x_mm, y_mm)`, at most [`MAX_REACH_MM`] away along each axis. `gain` is the
-    /// pressure of the cell over that of the common curve.
+    /// A cell of a region with the reference point `(x_mm, y_mm)`, at most [`MAX_DISTANCE_MM`] away along each axis. `gain` is
+    /// the pressure of the cell over that of the common curve.
     pub fn new(cell: &Cell, gain: f32, x_mm: f32, y_mm: f32) -> Self {
         let (dx_mm, dy_mm) = (cell.x_mm - x_mm, cell.y_mm - y_mm);
         Self {
@@ -158,7 +158,7 @@ impl<R: Real> RegionCell<R> {
 
 /// Zeroth to second moments of the contact area of a region about its reference point.
 ///
-/// They are whole numbers, so that adding and removing cells accumulates no error, and all machines compute the same area.
+/// They are integers, so that adding and removing cells accumulates no error, and all machines compute the same area.
 ///
 /// ```
 /// use plantar::Region;
@@ -190,7 +190,7 @@ impl AreaMoments {
     pub const NONE: Self = Self { area: 0, x: 0, y: 0, xx: 0, xy: 0, yy: 0 };
 
     /// Adds a change of the share of a cell in contact, in units of [`WHOLE`]. The part in contact is assumed to have the centre
-    /// and the extent of the cell: a square of the cell's area, with a variance of area / 12 along each axis.
+    /// and the extent of the whole cell: a square of the cell's area, with a variance of area / 12 along each axis.
     pub fn change<R>(&mut self, cell: &RegionCell<R>, share: i32) {
         let area = share * i32::from(cell.area);
         let (x, y) = (i32::from(cell.x), i32::from(cell.y));
@@ -221,8 +221,8 @@ impl AreaMoments {
         if self.area <= 0 {
             return None;
         }
-        // In whole numbers about the unit next to the mean: for a contact far from the reference point, single precision would lose
-        // the variance in the difference of large squares.
+        // The moments are shifted in integers to the coordinate unit next to the mean: for a contact far from the reference
+        // point, single precision would lose the variance in the difference of large squares.
         let area = i64::from(self.area);
         let (centre_x, centre_y) = (self.x / area, self.y / area);
         let (x, y) = (self.x - centre_x * area, self.y - centre_y * area);
@@ -263,9 +263,9 @@ pub struct SecondMoments<R> {
 pub struct ForceMoments<R> {
     /// Force, N.
     pub force_n: R,
-    /// Moment along x, N mm.
+    /// First moment in x: sum of force times x, N mm.
     pub x_n_mm: R,
-    /// Moment along y, N mm.
+    /// First moment in y: sum of force times y, N mm.
     pub y_n_mm: R,
 }
 

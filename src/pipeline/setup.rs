@@ -2,7 +2,7 @@
 
 use super::calibrate::{CellCalibration, SensorLaw};
 use super::contact::ContactRule;
-use super::region::{Cell, MAX_CELL_MM2, MAX_REACH_MM, MAX_REGION_MM2, MIN_CELL_MM2, Side};
+use super::region::{Cell, MAX_CELL_MM2, MAX_DISTANCE_MM, MAX_REGION_MM2, MIN_CELL_MM2, Side};
 use super::stance::StanceRule;
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,7 @@ pub const DEVICE_CELLS: usize = 256;
 /// Range of the time between frames, us: 500 Hz to 20 Hz. Devices run at 50 to 400 Hz.
 pub const PERIOD_US: core::ops::RangeInclusive<u32> = 2_000..=50_000;
 
-/// Largest coordinate of a cell, mm; a larger one means another unit.
+/// Largest coordinate of a cell, mm; a larger one indicates a wrong unit.
 const MAX_COORDINATE_MM: f32 = 10_000.0;
 
 /// The configuration of an insole, except its cells and the tissue parameters of its wearer.
@@ -53,12 +53,12 @@ pub struct SetupCell {
     pub cell: Cell,
     /// Calibration.
     pub calibration: CellCalibration,
-    /// Position in the matrix, row times 16 plus column, by which faults of a whole line are recognised. Ignored in an insole with
-    /// more than [`crate::faults::MATRIX_CELLS`] cells.
+    /// Position in the matrix, row times 16 plus column, by which faults of a whole line are recognised. Ignored in an insole
+    /// with more than [`crate::faults::MATRIX_CELLS`] cells.
     pub row_column: u8,
 }
 
-/// The reason why a configuration was rejected. The previous one stays in force.
+/// The reason why a configuration was rejected. The previous one remains in force.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SetupError {
     /// The frame period is outside of [`PERIOD_US`].
@@ -73,8 +73,8 @@ pub enum SetupError {
     TooManyCells,
     /// The configuration has no cells.
     NoCells,
-    /// The cell with this index has coordinates that are not finite or are metres away, an area out of range, too large a distance
-    /// from its region, or an invalid calibration.
+    /// The cell with this index has coordinates that are not finite or are metres away, an area out of range, too large a
+    /// distance from its region, or an invalid calibration.
     Cell(u16),
     /// The cell with this index belongs to a region before that of the previous cell.
     RegionOrder(u16),
@@ -85,17 +85,18 @@ impl fmt::Display for SetupError {
         match self {
             Self::Period => write!(f, "frame period outside of {} to {} us", PERIOD_US.start(), PERIOD_US.end()),
             Self::Sensor => f.write_str("sensor law out of range"),
-            Self::Contact => f.write_str("contact rule out of range: needs 0 < off_kpa <= on_kpa <= full_kpa"),
-            Self::Stance => {
-                f.write_str("stance rule out of range: needs 0 < release_n <= strike_n and rising durations")
+            Self::Contact => {
+                f.write_str("contact: needs 0 < off_kpa <= on_kpa <= 1000, and full_kpa 0 or on_kpa to 2000")
             }
+            Self::Stance => f.write_str(
+                "stance: needs 0 < release_n <= strike_n <= 1000, min_stance_ms < max_stance_ms, min_swing_ms > 0",
+            ),
             Self::TooManyCells => f.write_str("more cells than this device holds"),
             Self::NoCells => f.write_str("no cells"),
-            Self::Cell(i) => write!(
-                f,
-                "cell {i} is not finite, has no or too much area, lies too far from its region, or has a bad calibration"
-            ),
-            Self::RegionOrder(i) => write!(f, "cell {i} is out of the order of regions"),
+            Self::Cell(i) => {
+                write!(f, "cell {i}: coordinates, area or calibration out of range, or too far from its region")
+            }
+            Self::RegionOrder(i) => write!(f, "cell {i} belongs to a region before that of the previous cell"),
         }
     }
 }
@@ -168,7 +169,7 @@ fn divide(cells: impl Iterator<Item = SetupCell>, capacity: usize) -> Result<Div
         *low = (low.0.min(cell.x_mm), low.1.min(cell.y_mm));
         *high = (high.0.max(cell.x_mm), high.1.max(cell.y_mm));
         let extent_mm = (high.0 - low.0).max(high.1 - low.1);
-        if extent_mm > 2.0 * MAX_REACH_MM || areas_mm2[region] > MAX_REGION_MM2 {
+        if extent_mm > 2.0 * MAX_DISTANCE_MM || areas_mm2[region] > MAX_REGION_MM2 {
             return Err(SetupError::Cell(number));
         }
     }

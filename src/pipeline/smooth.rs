@@ -1,5 +1,6 @@
-//! The smoothing of a stance as in section 2.3 of the paper: a three-point moving average, then a polynomial of 5th order over the
-//! contact phase. The polynomial is fitted by least squares in the orthogonal (Gram) basis, for which single precision suffices.
+//! The smoothing of a stance as in section 2.3 of the paper: a three-point moving average, then a polynomial of 5th order over
+//! the contact phase. The polynomial is fitted by least squares in the orthogonal (Gram) basis, for which single precision
+//! suffices.
 
 use crate::num::Real;
 
@@ -27,9 +28,9 @@ pub fn moving_average<R: Real>(samples: &mut [R]) {
     }
 }
 
-/// Replaces uniformly sampled values by their least-squares polynomial of 5th order. With fewer than 12 samples the order is lower,
-/// so that there are at least two samples for each coefficient; otherwise the polynomial would oscillate. Fewer than 4 samples are
-/// not changed.
+/// Replaces uniformly sampled values by their least-squares polynomial of 5th order. With fewer than 12 samples the order is
+/// lower, so that there are at least two samples for each coefficient; otherwise the polynomial would oscillate. Fewer than 4
+/// samples are not changed.
 ///
 /// ```
 /// use plantar::pipeline::smooth::polynomial;

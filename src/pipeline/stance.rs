@@ -4,7 +4,7 @@ use super::region::{AreaMoments, RegionFrame};
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
-/// Largest number of samples of a curve. Of a longer stance every second frame is stored, then every fourth, and so on.
+/// Largest number of samples of a curve. In a longer stance only every second frame is stored, then every fourth, and so on.
 pub const STANCE_SAMPLES: usize = 256;
 
 /// Largest number of successive frames that may be missing within a stance. They are bridged by linear interpolation. With more
@@ -27,7 +27,7 @@ pub struct StanceRule {
 }
 
 impl StanceRule {
-    /// Slow to fast walking, barefoot or in a shoe.
+    /// For slow to fast walking, barefoot or in a shoe.
     pub const WALKING: Self =
         Self { strike_n: 30.0, release_n: 20.0, min_stance_ms: 150, min_swing_ms: 40, max_stance_ms: 2500 };
 
@@ -176,7 +176,7 @@ impl<R: Real> Stance<R> {
                 self.ignore();
                 false
             }
-            // The heel strike is among too many missing frames.
+            // The heel strike is within a gap that is too long to be bridged.
             Phase::Swing | Phase::Ended if missing > BRIDGED_FRAMES && total_n >= limits.release_n => {
                 self.rejected.broken += 1;
                 self.ignore();
@@ -231,7 +231,7 @@ impl<R: Real> Stance<R> {
         }
     }
 
-    /// Heel strike in frame `seq`.
+    /// Begins a stance with its heel strike in frame `seq`.
     fn begin(&mut self, seq: u32) {
         self.phase = Phase::Stance;
         self.start_seq = seq;
@@ -241,7 +241,7 @@ impl<R: Real> Stance<R> {
         self.saturated = 0;
     }
 
-    /// The present contact will not become a step.
+    /// Ignores the present contact, which will not become a step.
     fn ignore(&mut self) {
         self.phase = Phase::Ignored;
         (self.pushed, self.loaded) = (0, 0);
@@ -304,11 +304,17 @@ impl<R: Real> Stance<R> {
 
     /// The curves of contact area (mm2) and measured force (N) of a region over the stance, one sample every [`Stance::stride`]
     /// frames.
+    ///
+    /// # Panics
+    /// Where `region` is not an index of [`crate::Region::ALL`].
     pub fn curves(&self, region: usize) -> (&[R], &[R]) {
         (&self.area_mm2[region][..self.len], &self.force_n[region][..self.len])
     }
 
     /// Area moments of a region, about its reference point, in the stored frame of its largest measured force.
+    ///
+    /// # Panics
+    /// Where `region` is not an index of [`crate::Region::ALL`].
     pub fn moments_at_peak(&self, region: usize) -> &AreaMoments {
         &self.at_peak[region].1
     }

@@ -1,5 +1,5 @@
-//! Step evaluation: after a stance, smooths the area curves as in the paper, evaluates the model, and compares it with the measured
-//! force.
+//! Step evaluation: after a stance, smooths the area curves as in the paper, evaluates the model, and compares it with the
+//! measured force.
 
 use super::contact::ContactRule;
 use super::ellipse::Ellipse;
@@ -44,12 +44,12 @@ pub struct RegionStep<R> {
     pub contact_s: R,
     /// Time from the first sample in contact to the largest measured force, s.
     pub time_to_peak_s: R,
-    /// Contact ellipse in the sample of the largest measured force; `None` without contact. From [`RegionStep::new`] its centre is
-    /// relative to the reference point of the region, from [`Insole::step_region`](crate::insole::Insole::step_region) in foot
+    /// Contact ellipse in the sample of the largest measured force; `None` without contact. From [`RegionStep::new`] its centre
+    /// is relative to the reference point of the region, from [`Insole::step_region`](crate::insole::Insole::step_region) in foot
     /// coordinates.
     pub ellipse_at_peak: Option<Ellipse<R>>,
-    /// NRMSE (Eq. 20): root mean square of model minus measured force over the contact, divided by the largest measured force. The
-    /// measured force is not smoothed. 0.1 is 10 %.
+    /// NRMSE (Eq. 20): root mean square of model minus measured force over the contact, divided by the largest measured force.
+    /// The measured force is not smoothed. 0.1 is 10 %.
     pub model_error: R,
     /// The smoothed area exceeded pi A B in some samples, where deformation and model force are lower bounds.
     pub clamped: bool,
@@ -81,12 +81,12 @@ pub struct StepRecord<R> {
 }
 
 impl<R: Real> RegionStep<R> {
-    /// Evaluates a region. `area_mm2` and `force_n` are the curves of the stance, of equal length, at most [`STANCE_SAMPLES`], with
-    /// `sample_s` between samples. `at_peak` are the area moments at the largest measured force, about the reference point of the
-    /// region; so the centre of [`RegionStep::ellipse_at_peak`] is relative to this point.
+    /// Evaluates a region. `area_mm2` and `force_n` are the curves of the stance, of equal length, at most [`STANCE_SAMPLES`],
+    /// with `sample_s` between samples. `at_peak` are the area moments at the largest measured force, about the reference point
+    /// of the region; so the centre of [`RegionStep::ellipse_at_peak`] is relative to this point.
     ///
     /// The area is smoothed over the contact phase by a three-point mean and a polynomial of 5th order. The deformation follows
-    /// from Eq. 14, its rate from Eq. 16, and the force from Eq. 13. Negative areas and forces are cut to 0.
+    /// from Eq. 14, its rate from Eq. 16, and the force from Eq. 13. Negative areas and forces are replaced by 0.
     ///
     /// # Panics
     /// Where `force_n` is shorter than the contact, or a curve is longer than [`STANCE_SAMPLES`].
@@ -114,7 +114,7 @@ impl<R: Real> RegionStep<R> {
         let (mut squares, mut peak_at) = (R::ZERO, 0u32);
         let mut rate_per_s = R::ZERO;
         for (i, (&g_here, &measured)) in g.iter().zip(measured_n).enumerate() {
-            // Eq. 16 is a forward difference; the last sample has the rate of the one before.
+            // Eq. 16 is a forward difference; the last sample has the rate of the previous one.
             if let Some(&next) = g.get(i + 1) {
                 rate_per_s = (next - g_here) * per_sample;
             }

@@ -1,7 +1,7 @@
 //! The template: the regions of cells from their position under the foot, for layouts without regions.
 //!
-//! The template is defined in fractions of the foot: y from the back of the heel (0) to the tip of the toes (1), x from the medial
-//! edge (0) to the lateral edge (1) of the foot at that y.
+//! The template is defined in fractions of the foot: y from the back of the heel (0) to the tip of the toes (1), x from the
+//! medial edge (0) to the lateral edge (1) of the foot at that y.
 //!
 //! ```text
 //!  y = 1   hallux | toe 2 | toes 3-5
@@ -15,9 +15,9 @@
 //!  y = 0   heel
 //! ```
 //!
-//! It was drawn after barefoot and in-shoe pressures of a dozen feet. It is a convention for comparing feet, not anatomy; a layout
-//! with known anatomical regions should state them. The template assumes a sheet about as long as the foot. On a sheet that extends
-//! far beyond the toes, the toes are assigned to the metatarsals.
+//! Its boundaries follow barefoot and in-shoe pressures of a dozen feet. It is a convention for comparing feet, not anatomy; a
+//! layout with known anatomical regions should state them. The template assumes a sheet about as long as the foot. On a sheet
+//! that extends far beyond the toes, the toes are assigned to the metatarsals.
 
 use super::region::Region;
 
@@ -29,7 +29,8 @@ const MIDFOOT_MIDDLE: f32 = 0.42;
 const METATARSALS_START: [f32; 2] = [0.60, 0.50];
 /// Start of the toes, at the medial and at the lateral edge.
 const TOES_START: [f32; 2] = [0.825, 0.72];
-/// The boundary of the toes is level from the medial edge to this fraction of the width, and slants from there.
+/// The boundary of the toes is at a constant y from the medial edge to this fraction of the width, and slants towards the heel
+/// from there on.
 const TOES_LEVEL_UNTIL: f32 = 0.60;
 /// Boundary between metatarsals 2 and 3, fraction of the width.
 const METATARSALS_SPLIT: f32 = 0.45;

@@ -27,13 +27,14 @@ pub struct Tissue {
 }
 
 impl Tissue {
-    /// No parameters: areas and measured forces are valid, deformation and model force are 0.
+    /// No parameters: areas and measured forces remain valid; deformation and model force are 0.
     pub const NONE: Self = Self { id: 0, force_laws: [ForceLaw::NONE; 8] };
 
     /// A set with its identifier.
     pub fn new(force_laws: [ForceLaw<f32>; 8]) -> Self {
         let mut bytes = [0; 8 * 6 * size_of::<f32>()];
-        let numbers = force_laws.iter().flat_map(|g| [g.ab_m2, g.c_m, g.stiffness_pa, g.damping_pa_s, g.n, g.m]);
+        let numbers =
+            force_laws.iter().flat_map(|law| [law.ab_m2, law.c_m, law.stiffness_pa, law.damping_pa_s, law.n, law.m]);
         for (place, number) in bytes.chunks_exact_mut(size_of::<f32>()).zip(numbers) {
             place.copy_from_slice(&number.to_le_bytes());
         }

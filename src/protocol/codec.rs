@@ -8,7 +8,7 @@ pub const MAX_MESSAGE: usize = 320;
 /// Longest frame on a byte carrier: message, CRC, COBS overhead and the final zero, bytes.
 pub const MAX_FRAME: usize = MAX_MESSAGE + 4 + (MAX_MESSAGE + 4) / 254 + 1 + 1;
 
-/// A message does not fit its buffer, which cannot happen with [`MAX_MESSAGE`] bytes.
+/// The message does not fit its buffer, which cannot happen with [`MAX_MESSAGE`] bytes.
 pub type EncodeError = postcard::Error;
 
 /// Encodes a message without a frame; returns the used part of `buffer`.
@@ -65,7 +65,7 @@ impl Decoder {
         Self { buffer: [0; MAX_FRAME], len: 0, bad_frames: 0 }
     }
 
-    /// Takes one byte; returns the message, without its frame, where the byte completes one.
+    /// Processes one byte; returns the message, without its frame, where the byte completes one.
     pub fn push(&mut self, byte: u8) -> Option<&[u8]> {
         if byte != 0 {
             // A length one past the end marks a frame that is too long.
@@ -93,7 +93,7 @@ impl Default for Decoder {
     }
 }
 
-/// Decodes in place and checks the CRC; the length of the message.
+/// Decodes a frame in place and checks its CRC; returns the length of the message.
 fn unframe(frame: &mut [u8]) -> Option<usize> {
     let len = cobs::decode_in_place(frame).ok()?;
     let (message, crc) = frame.get(..len)?.split_last_chunk::<4>()?;

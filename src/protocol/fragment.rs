@@ -1,7 +1,8 @@
 //! Messages in fragments, for a carrier with packets shorter than a message.
 //!
 //! A fragment is one header byte and a part of the message. Bit 7 of the header marks the last fragment, bits 0 to 6 number the
-//! fragments from 0. The carrier neither loses, repeats nor reorders fragments, so an unexpected number is an error of the sender.
+//! fragments from 0. The carrier neither loses, repeats nor reorders fragments, so an unexpected number is an error of the
+//! sender.
 
 use super::MAX_MESSAGE;
 use core::fmt;
@@ -30,7 +31,7 @@ impl Splitter {
         &mut self.message
     }
 
-    /// Begins with the message of `len` bytes in the buffer.
+    /// Begins a message, the first `len` bytes of [`Splitter::buffer`].
     pub fn start(&mut self, len: usize) {
         *self = Self { len: len.min(MAX_MESSAGE), sent: 0, next: 0, ..*self };
     }
@@ -40,7 +41,7 @@ impl Splitter {
         self.sent == self.len
     }
 
-    /// Writes the next fragment, as long as `fragment` has room for (at least 4 bytes); its length.
+    /// Writes the next fragment into `fragment`, which has at least 4 bytes, and returns its length; `None` after the last one.
     pub fn next(&mut self, fragment: &mut [u8]) -> Option<usize> {
         let rest = self.message.get(self.sent..self.len).filter(|rest| !rest.is_empty())?;
         let (header, room) = fragment.split_first_mut()?;
@@ -60,7 +61,7 @@ impl Default for Splitter {
     }
 }
 
-/// Why a fragment was not accepted. What was joined so far is discarded: the next message starts with fragment 0.
+/// Why a fragment was not accepted. The fragments before it are discarded: the next message starts with fragment 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FragmentError {
     /// The fragment has no header.
@@ -97,7 +98,7 @@ impl Joiner {
         Self { message: Vec::new(), next: 0, whole: false }
     }
 
-    /// Takes a fragment; returns the message where it was the last one. Fragment 0 always starts a message.
+    /// Adds a fragment; returns the message where this was its last fragment. Fragment 0 always starts a message.
     ///
     /// # Errors
     /// Where the fragment does not continue the message.

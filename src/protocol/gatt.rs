@@ -4,7 +4,8 @@
 use super::{ToDevice, ToHost};
 use crate::pipeline::region::Side;
 
-/// The insole service and, with another number, its characteristics: `dca8c3xx-cb96-463f-8bec-f2094e1ccf7b`, a random UUID.
+/// The UUID of the insole service (number 0) or of one of its characteristics: `dca8c3xx-cb96-463f-8bec-f2094e1ccf7b`, a random
+/// UUID in which `xx` is the number.
 const fn uuid(number: u128) -> u128 {
     0xdca8_c300_cb96_463f_8bec_f209_4e1c_cf7b + (number << 96)
 }

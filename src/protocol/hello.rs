@@ -33,21 +33,22 @@ pub struct Hello {
     pub contact_rule: ContactRule,
     /// Why the insole last started.
     pub reset: Reset,
-    /// What ended the previous run, when, and the program's addresses at that time, as `cargo xtask explain` reads them, and
-    /// whether this start is a fallback; or why the set-up of this start was refused.
+    /// The failure that ended the previous run: its cause, its time, the program's addresses, which `cargo xtask explain`
+    /// translates to source lines, and whether this start is a fallback. Otherwise, the reason why the set-up of this start was
+    /// refused, if it was.
     pub last_panic: Option<String<MAX_FAULT_TEXT>>,
 }
 
 /// Why an insole started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Reset {
-    /// Power came on, or dipped.
+    /// Power-on or brown-out.
     Power,
     /// The reset pin.
     Pin,
     /// Requested by the software.
     Software,
-    /// Scan, model or link stalled.
+    /// The watchdog: scan, model or link was stalled.
     Watchdog,
     /// After a panic, a hard fault or a stack overflow; see [`Hello::last_panic`].
     Panic,

@@ -1,4 +1,4 @@
-//! What distinguishes one insole from another.
+//! The identity of an insole: foot, serial number and calibration.
 
 use crate::pipeline::region::Side;
 use serde::{Deserialize, Serialize};
@@ -22,12 +22,12 @@ impl Serial {
     /// No serial number.
     pub const NONE: Self = Self([0; 16]);
 
-    /// True where it holds printable ASCII followed by zeros only.
+    /// True where it consists of printable ASCII followed by zeros only.
     pub fn is_valid(&self) -> bool {
         self.0.iter().skip(self.as_str().len()).all(|byte| *byte == 0)
     }
 
-    /// `None` where `text` is longer or holds other characters.
+    /// A serial number; `None` where `text` is longer or has other characters.
     pub fn new(text: &str) -> Option<Self> {
         let mut serial = Self::default();
         let is_printable = text.bytes().all(|byte| byte.is_ascii_graphic());

@@ -65,7 +65,7 @@ quantities! {
     fn numbers(&self) -> [u16];
 }
 
-/// Serialises the regions of a [`Live`] frame as one run of bytes, two for each number, little endian. This takes fewer
+/// Serialises the regions of a [`Live`] frame as one sequence of bytes, two for each number, little endian. This takes fewer
 /// instructions than number by number.
 mod live_regions {
     use super::LiveRegion;

@@ -63,8 +63,8 @@ impl ToHost {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "messages exist one at a time, in place")]
 pub enum ToDevice {
-    /// Opens a session: the insole answers with a hello and, to a host of its own major version, replays the steps that were never
-    /// acknowledged.
+    /// Opens a session: the insole answers with a hello and, to a host of its own major version, replays the steps that were
+    /// never acknowledged.
     Connect {
         /// The host's [`MAJOR`].
         major: u8,
@@ -115,7 +115,7 @@ pub enum ToDevice {
         /// Calibrations of its cells; those beyond the last cell are ignored.
         cells: CalibrationBlock,
     },
-    /// Uses the calibration of which the blocks were stored, from the next start on; answered by [`ToHost::Identity`].
+    /// Puts the calibration made of the stored blocks in force from the next start on; answered by [`ToHost::Identity`].
     SetCalibration {
         /// The layout that it was measured on, as in [`Hello::layout_id`].
         layout_id: u32,

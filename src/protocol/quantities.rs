@@ -78,8 +78,8 @@ pub(super) fn bits<T>(regions: &[T; 8], is_set: fn(&T) -> bool) -> u8 {
 ///     "Equation or definition.";
 /// ```
 ///
-/// `as` is omitted where the name is also the key. `if` names a field that is 0 where the quantity is absent. A field with one bit
-/// for each region is described by `, flags "Definition.";`. A field without a description is not a quantity.
+/// `as` is omitted where the name is also the key. `if` names a field that is 0 where the quantity is absent. A field with one
+/// bit for each region is described by `, flags "Definition.";`. A field without a description is not a quantity.
 ///
 /// `fn new` names the inputs of the expressions. With `fn numbers` the structure can also be read as an array.
 macro_rules! quantities {

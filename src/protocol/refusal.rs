@@ -7,10 +7,10 @@ use crate::pipeline::tissue::TissueError;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
-/// Why a request was not executed; everything stays as it was.
+/// Why a request was not executed. Except after [`Refusal::NotStored`], nothing was changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
-    /// A frame arrived intact and holds no message that this firmware knows.
+    /// A frame arrived intact and contains no message that this firmware knows.
     NotUnderstood,
     /// The identifier of the parameters is not the checksum of their values.
     TissueId,
@@ -18,7 +18,7 @@ pub enum Refusal {
     Tissue(Region),
     /// The flash chip failed: the value is in force until the next start only.
     NotStored,
-    /// The last request of this kind is not answered yet.
+    /// The previous command is still being executed.
     Busy,
     /// A serial number with characters other than printable ASCII.
     Serial,
@@ -42,7 +42,7 @@ impl fmt::Display for Refusal {
         match self {
             Self::NotUnderstood => f.write_str("a message was not understood: update the insole's firmware"),
             Self::NotStored => f.write_str(
-                "the insole could not store the value because its flash chip failed: it is in force until the insole restarts",
+                "the flash chip of the insole failed, so the value is not stored: it is in force until the insole restarts",
             ),
             Self::Busy => f.write_str("the insole is still executing the previous request: wait for its answer"),
             Self::Serial => f.write_str("a serial number has up to 16 printable ASCII characters and no spaces"),

@@ -1,8 +1,9 @@
-//! The insole's side of a session with a host, over any carrier: what to answer, what to send next, what to store.
+//! The insole's side of a session with a host, over any carrier: it decides which message to send next and which commands to
+//! execute.
 //!
-//! Live frames matter now: a full queue drops the oldest. Steps matter for good: each remains until it is acknowledged, and is
-//! sent again in the next session. The session holds the oldest of them; the step log ([`crate::storage`]) has all. The wearer's
-//! parameters and the clock outlive the session that set them.
+//! A live frame is valid for the moment only: a full queue drops the oldest. A step must not be lost: it remains until it is
+//! acknowledged, and is sent again in the next session. The session holds the oldest steps; the step log ([`crate::storage`])
+//! contains all of them. The wearer's parameters and the clock remain after the session that set them.
 
 use super::update;
 use super::{
@@ -20,7 +21,7 @@ use heapless::{Deque, Vec};
 pub const LIVE_QUEUE: usize = 8;
 /// Steps that are held in RAM until they are acknowledged.
 pub const STEP_QUEUE: usize = 6;
-/// Answers that can wait for the carrier: more than one read of it can request. Requests beyond are not answered.
+/// Answers that can wait for the carrier: more than the requests in one read of the carrier. Further requests are not answered.
 const ANSWER_QUEUE: usize = 16;
 
 /// An answer that waits for the carrier.
@@ -37,7 +38,7 @@ enum Answer {
 }
 
 impl Answer {
-    /// True where the answer announces which parameters are in force: live frames that still wait used the previous ones.
+    /// True where the answer announces which parameters are in force. Live frames that are still queued used the previous ones.
     fn is_announcement(&self) -> bool {
         matches!(self, Self::Tissue | Self::Refused(Refusal::NotStored))
     }
@@ -78,7 +79,7 @@ pub enum CommandResult {
     Update(update::Progress),
 }
 
-/// The state of the session, and what waits to be sent.
+/// The state of the session, and the queues of messages to send.
 #[derive(Debug)]
 pub struct Session {
     /// A host of this major version is connected.
@@ -92,7 +93,7 @@ pub struct Session {
     live_due: u32,
     live_sent: u32,
     steps: Deque<Step, STEP_QUEUE>,
-    /// How many of `steps`, from the front, were sent in this session.
+    /// Number of `steps`, from the front, that were sent in this session.
     steps_sent: usize,
     steps_dropped: u32,
     /// The last acknowledged step that the step log has not removed yet.
@@ -131,7 +132,7 @@ impl Session {
         }
     }
 
-    /// Takes a message from the host that arrived at `now_us` of the device's time.
+    /// Receives a message of the host, which arrived at `now_us` of the device's time.
     pub fn receive(&mut self, message: ToDevice, now_us: u64) {
         match message {
             ToDevice::Connect { major, .. } => {
@@ -243,7 +244,7 @@ impl Session {
         self.steps_dropped = self.steps_dropped.wrapping_add(steps);
     }
 
-    /// Takes a frame that arrived intact and holds no known message.
+    /// Receives a frame that arrived intact and contains no known message.
     pub fn receive_unknown(&mut self) {
         if self.is_open {
             self.answer(Answer::Refused(Refusal::NotUnderstood));
@@ -262,7 +263,7 @@ impl Session {
         &self.tissue
     }
 
-    /// Takes the faults that the insole detected; returns how many of them are new.
+    /// Stores the faults that the insole detected; returns how many of them are new.
     pub fn set_faults(&mut self, faults: &Faults) -> u32 {
         let new = faults.found.saturating_sub(self.faults.found);
         if (faults.found, faults.rezeroed) != (self.faults.found, self.faults.rezeroed) {
@@ -283,7 +284,7 @@ impl Session {
         self.clock_sets = self.clock_sets.wrapping_add(1);
     }
 
-    /// How often the wall clock was set; wraps.
+    /// Number of times that the wall clock was set; wraps.
     pub fn clock_sets(&self) -> u32 {
         self.clock_sets
     }
@@ -314,7 +315,8 @@ impl Session {
         (self.is_open && self.is_streaming).then_some(self.live_due)
     }
 
-    /// Encodes and queues the live frame with the number that [`Session::next_live`] returned; a full queue drops its oldest frame.
+    /// Encodes and queues the live frame with the number that [`Session::next_live`] returned; a full queue drops its oldest
+    /// frame.
     // Inlined into the data path, which saves 3 % of a frame's instructions.
     #[inline(always)]
     pub fn push_live(&mut self, live: Live) {
@@ -370,7 +372,7 @@ impl Session {
             }
             match answer {
                 Answer::Status => ToHost::Status(Status {
-                    // The waiting ones may still arrive.
+                    // Queued frames may still arrive.
                     live_due: self.live_due.wrapping_sub(self.live.len() as u32),
                     live_sent: self.live_sent,
                     steps_dropped: self.steps_dropped,

@@ -26,7 +26,7 @@ pub struct Status {
     pub rejected: Rejected,
     /// Frames received with a wrong CRC or no known message.
     pub bad_frames: u32,
-    /// Processor cycles of a frame with the foot on the ground, codes to encoded live message: least and most so far.
+    /// Processor cycles of a frame with the foot on the ground, from codes to encoded live message: smallest and largest so far.
     pub frame_cycles: (u32, u32),
     /// Deepest use of the main stack so far, bytes.
     pub stack_bytes: u32,
@@ -36,14 +36,14 @@ pub struct Status {
     pub rezeroed: u32,
     /// Records, steps and acknowledgements that could not be stored.
     pub not_stored: u32,
-    /// What the flash chip holds.
+    /// Contents of the flash chip.
     pub contents: Contents,
 }
 
-/// What is known of the flash chip's contents.
+/// The contents of the flash chip, as far as they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Contents {
-    /// Number of the running start, from 1.
+    /// Number of the present boot, from 1.
     pub start: u32,
     /// Number of the next step, as far as the step log shows.
     pub next_step: u32,

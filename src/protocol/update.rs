@@ -2,11 +2,13 @@
 
 use core::fmt;
 use serde::{Deserialize, Serialize};
-/// An image arrives in pieces of this length, and is a whole number of them, bytes. The flash chip writes as many at once.
+
+/// Length of a chunk, bytes. An image is padded to whole chunks and sent chunk by chunk. It is the largest length that the flash
+/// chip writes at once.
 pub const CHUNK: usize = 256;
-/// A piece of an image; nested, because serde implements no longer arrays.
+/// A chunk of an image; a nested array, because serde supports arrays of up to 32 elements.
 pub type Chunk = [[u8; 32]; CHUNK / 32];
-/// An ed25519 signature of an image's SHA-512; nested as above.
+/// An ed25519 signature of an image's SHA-512; a nested array, as above.
 pub type Signature = [[u8; 32]; 2];
 
 const MAGIC: [u8; 8] = *b"plantar1";
@@ -97,7 +99,7 @@ pub struct Offer {
 pub enum Request {
     /// Asks whether the insole accepts this image. The transfer of the same image continues where it was interrupted.
     Begin(Offer),
-    /// A piece of the image.
+    /// A chunk of the image.
     Chunk {
         /// Its number, from 0.
         number: u16,
@@ -117,7 +119,7 @@ pub enum Progress {
     Accepted,
 }
 
-/// Why an image was not accepted; the running one stays.
+/// Why an image was not accepted; the running one remains in use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
     /// The image is for another board.
@@ -145,17 +147,17 @@ impl fmt::Display for Refusal {
         f.write_str(match self {
             Self::Board => "the image is for another board: choose the one for this insole",
             Self::Older => "the image is older than the running firmware: choose a newer one",
-            Self::Length => "the image is empty or longer than the insole has room for",
+            Self::Length => "the image is empty or too long for the insole",
             Self::OnTrial => {
                 "the running firmware was just updated and is still on trial: wait half a minute, then try again"
             }
             Self::NotBegun => "the insole restarted during the transfer: send the image again",
             Self::Incomplete => "parts of the image are missing: send it again",
-            Self::Header => "the image is not the one that was announced: send it again",
+            Self::Header => "the received image is not the one that was offered: send it again",
             Self::Signature => {
                 "the image is damaged, or not signed with the key that this insole accepts: ask its manufacturer for a signed one"
             }
-            Self::Chip => "the flash chip of the insole failed: it keeps running, and must be repaired before it can be updated",
+            Self::Chip => "the flash chip of the insole failed: the insole works, but must be repaired before it can be updated",
         })
     }
 }

@@ -1,4 +1,4 @@
-//! Shared by the bootloaders: partitions of the flash chip for `embassy-boot`, which uses blocking chips only.
+//! Code that the bootloaders share: partitions of the flash chip for `embassy-boot`, which supports blocking chips only.
 
 use super::flash_map::{OTHER, SECTOR};
 use super::partition::{Partition, STATE_WORD, state_partition};
@@ -10,7 +10,7 @@ use embassy_sync::mutex::Mutex;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use embedded_storage_async::nor_flash as asynchronous;
 
-/// The largest block that is copied at once, bytes.
+/// Size of the largest block that is copied at once, bytes.
 pub const BUFFER: usize = SECTOR as usize;
 
 /// A chip, with blocking operations.

@@ -2,7 +2,7 @@
 
 use core::ops::Range;
 
-/// Bytes that the flash chip erases at once; the STM32WB55's own flash, too.
+/// Size of a sector, bytes: the flash chip erases whole sectors, and so does the STM32WB55's own flash.
 pub const SECTOR: u32 = 4096;
 
 /// The bootloader, in the controller's own flash.
@@ -20,13 +20,13 @@ pub const RECORDS: Range<u32> = 0..16 * SECTOR;
 pub const LOG: Range<u32> = RECORDS.end..RECORDS.end + 256 * SECTOR;
 /// The state of the bootloader, in the flash chip.
 pub const STATE: Range<u32> = 0x12_0000..0x12_0000 + SECTOR;
-/// The image that is being received, later the previous one, in the flash chip: the bootloader swaps it with [`ACTIVE`] by way of
+/// The image that is being received, later the previous one, in the flash chip. The bootloader swaps it with [`ACTIVE`] through
 /// one more sector.
 pub const OTHER: Range<u32> = 0x14_0000..0x14_0000 + MAX_IMAGE + SECTOR;
 
 /// Offset of the [`crate::protocol::update::Header`] in an image: after the longest vector table.
 pub const HEADER: u32 = 0x200;
-/// Room for the header, bytes.
+/// Size that is reserved for the header, bytes.
 pub const HEADER_BYTES: u32 = 64;
 
 const _: () = assert!(LOG.end <= STATE.start && STATE.end <= OTHER.start && OTHER.end <= CHIP_BYTES);

@@ -1,9 +1,9 @@
 //! Persistent data in a NOR flash chip: records that are replaced, a log of steps that no host has acknowledged, and firmware
 //! images.
 //!
-//! Records and log are `sequential-storage`'s, which spreads the wear, protects every item by a CRC-32 and recovers from a loss of
-//! power during any write: an item is there whole or not at all. Every record and step carries the version of its format.
-//! `docs/storage.md` has the map, the wear and the rules.
+//! Records and log are `sequential-storage`'s, which spreads the wear, protects every item by a CRC-32 and recovers from a loss
+//! of power during any write: an item is stored completely or not at all. Every record and step contains the version of its
+//! format. `docs/storage.md` has the map, the wear and the rules.
 
 pub mod boot;
 pub mod flash_map;
@@ -22,7 +22,7 @@ use sequential_storage::Error;
 /// Why something could not be stored or read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StorageError {
-    /// The chip did not execute an operation, or is not there.
+    /// The chip did not execute an operation, or there is no chip.
     Chip,
     /// No room is left, or the stored data are inconsistent.
     Contents,
@@ -37,5 +37,5 @@ impl<E> From<Error<E>> for StorageError {
     }
 }
 
-/// Room for the longest item: a step with what the log and the chip's words add, bytes.
+/// Size of the longest item, bytes: a step with the overhead of the log and the padding to the chip's words.
 const BUFFER: usize = 352;

@@ -8,7 +8,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::mutex::Mutex;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 
-/// Bytes of a word in [`STATE`]: a loss of power leaves no other valid word.
+/// Size of a word in [`STATE`], bytes: long enough that an interrupted write does not leave another valid word.
 pub const STATE_WORD: usize = 8;
 
 /// [`STATE`] as a partition.
@@ -31,7 +31,7 @@ impl<'a, F, const WRITE: usize> Partition<'a, F, WRITE> {
         Self { chip, range, page: [0; CHUNK], page_at: None }
     }
 
-    /// The address of `len` bytes.
+    /// The address of the `len` bytes at `offset`, where they are within the partition.
     fn at(&self, offset: u32, len: u32) -> Result<u32, NorFlashErrorKind> {
         let room = (self.range.end - self.range.start).checked_sub(offset).ok_or(NorFlashErrorKind::OutOfBounds)?;
         if len <= room { Ok(self.range.start + offset) } else { Err(NorFlashErrorKind::OutOfBounds) }

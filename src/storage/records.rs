@@ -8,7 +8,7 @@ use heapless::Vec;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-/// Longest bonds, bytes.
+/// Largest size of the stored bonds, bytes.
 pub const MAX_BONDS_BYTES: usize = 192;
 
 /// A kind of record.
@@ -18,7 +18,7 @@ pub trait Record: Serialize + DeserializeOwned + PartialEq {
     /// Version of the format, from 1.
     const VERSION: u8;
 
-    /// Reads what an older version wrote.
+    /// Decodes a record of an older version.
     fn migrate(version: u8, bytes: &[u8]) -> Option<Self> {
         migration::record(version, bytes)
     }
@@ -33,7 +33,7 @@ pub struct IdentityRecord {
     pub serial: Serial,
 }
 
-/// Which calibration is in force from the next start on; its cells are in [`CellsRecord`]s.
+/// The calibration that is in force from the next start on; its cells are in [`CellsRecord`]s.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CalibrationRecord {
     /// The layout that it was measured on.
@@ -42,7 +42,7 @@ pub struct CalibrationRecord {
     pub cells: u16,
     /// Checksum of the cells' calibrations, from [`crate::protocol::CalibrationId`].
     pub id: u32,
-    /// Which of two slots holds it: the next one is written to the other slot.
+    /// The slot that contains it, of two: the next calibration is written to the other slot.
     pub slot: u8,
 }
 

@@ -38,7 +38,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// Surveys the chip and counts this boot. Without a chip, or where it fails, the contents are unknown and nothing is stored.
     pub async fn open(flash: Option<F>, reset: Reset) -> Self {
         let mut store = Self { flash, log_cache: empty_cache(), buffer: [0; BUFFER], contents: Contents::default() };
-        // A new chip is blank. One with foreign data, or damaged beyond repair, would store nothing.
+        // A new chip is blank. A chip with foreign data, or damaged beyond repair, could not store anything unless it is erased.
         let records = store.survey_records().await;
         let log = store.survey_log().await;
         let boots = store.get::<BootCounters>(0).await;
@@ -121,6 +121,9 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     /// Part `part` of the record of a kind; `None` where there is none that this firmware can read.
+    ///
+    /// # Errors
+    /// See [`StorageError`].
     pub async fn get<R: Record>(&mut self, part: u8) -> Result<Option<R>, StorageError> {
         let mut records = records(&mut self.flash)?;
         for version in (1..=R::VERSION).rev() {
@@ -133,6 +136,9 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     /// Replaces part `part` of the record of a kind. A loss of power leaves the old or the new one.
+    ///
+    /// # Errors
+    /// See [`StorageError`].
     pub async fn put<R: Record>(&mut self, part: u8, record: &R) -> Result<(), StorageError> {
         // An unchanged record is not written, which saves wear.
         if self.get::<R>(part).await?.as_ref() == Some(record) {
@@ -160,12 +166,18 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     /// Stores a block of the next calibration, which is not in force before [`Store::put_calibration`].
+    ///
+    /// # Errors
+    /// See [`StorageError`].
     pub async fn put_calibration_block(&mut self, block: u8, cells: &CalibrationBlock) -> Result<(), StorageError> {
         let slot = self.free_slot().await?;
         self.put(slot | block, &CellsRecord(*cells)).await
     }
 
     /// Puts the calibration made of the stored blocks in force. False where the checksum of its cells is not `id`.
+    ///
+    /// # Errors
+    /// See [`StorageError`].
     pub async fn put_calibration(&mut self, layout_id: u32, cells: u16, id: u32) -> Result<bool, StorageError> {
         let calibration = CalibrationRecord { layout_id, cells, id, slot: self.free_slot().await? };
         let found = self.calibration_id(&calibration).await?;
@@ -176,13 +188,19 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     /// The calibration in force, where it is complete and belongs to this layout.
+    ///
+    /// # Errors
+    /// See [`StorageError`].
     pub async fn calibration(&mut self, layout_id: u32, cells: u16) -> Result<Option<CalibrationRecord>, StorageError> {
         let Some(calibration) = self.get::<CalibrationRecord>(0).await? else { return Ok(None) };
         let fits = calibration.layout_id == layout_id && calibration.cells == cells;
         Ok((fits && self.calibration_id(&calibration).await? == Some(calibration.id)).then_some(calibration))
     }
 
-    /// A block of a calibration.
+    /// A block of a calibration; `None` where it is not stored.
+    ///
+    /// # Errors
+    /// See [`StorageError`].
     pub async fn calibration_block(
         &mut self,
         calibration: &CalibrationRecord,
@@ -208,7 +226,10 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(Some(id.id()))
     }
 
-    /// Appends a step to the log. A full log drops its oldest steps; returns how many.
+    /// Appends a step to the log. A full log drops its oldest steps; returns their number.
+    ///
+    /// # Errors
+    /// See [`StorageError`].
     pub async fn push_step(&mut self, step: &Step) -> Result<u32, StorageError> {
         let entry = Entry::Step { boot: self.contents.start, step: *step };
         let dropped = self.push(&entry).await?;
@@ -234,9 +255,13 @@ impl<F: MultiwriteNorFlash> Store<F> {
     }
 
     /// Removes all steps up to and including this number.
+    ///
+    /// # Errors
+    /// See [`StorageError`].
     pub async fn acknowledge(&mut self, step: u32) -> Result<(), StorageError> {
         let next = step.wrapping_add(1);
-        // Without this entry the log could become empty; a step that could not be stored is beyond its last one.
+        // Without this entry the log would become empty and lose the number of the next step. The acknowledged step may also be
+        // one after the last stored one, which could not be stored.
         if !is_after(self.contents.next_step, next) {
             self.push(&Entry::Acknowledged { next }).await?;
             self.contents.next_step = next;
@@ -259,6 +284,9 @@ impl<F: MultiwriteNorFlash> Store<F> {
 
     /// Passes the steps after number `after`, or all, to `take`, oldest first and each with the number of boots since it was
     /// recorded, until `take` returns false. True where steps remain.
+    ///
+    /// # Errors
+    /// See [`StorageError`].
     pub async fn steps(
         &mut self,
         after: Option<u32>,

@@ -1,7 +1,7 @@
-//! Receives a firmware image, and lets the bootloader swap it with the running one once its signature is verified.
+//! Receives a firmware image, verifies its signature, and marks it for the bootloader to swap with the running one.
 //!
-//! The bootloader, `embassy-boot`, swaps at the next start, and swaps back at the one after unless the new image confirmed itself.
-//! `docs/update.md` has the whole procedure.
+//! The bootloader, `embassy-boot`, swaps at the next start, and swaps back at the start after that unless the new image confirmed
+//! itself. `docs/update.md` has the whole procedure.
 
 use super::flash_map::{HEADER, MAX_IMAGE, OTHER, SECTOR};
 use super::partition::{Partition, STATE_WORD, state_partition};
@@ -10,8 +10,8 @@ use embassy_boot::{FirmwareState, FirmwareUpdater, FirmwareUpdaterConfig, Firmwa
 use embassy_sync::mutex::Mutex;
 use embedded_storage_async::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 
-/// The public key that images must be signed with: the build takes it from `PLANTAR_UPDATE_KEY`, in hex. The default is the
-/// development key, of which the secret half is public (`docs/security.md`).
+/// The public half of the key that images must be signed with: the build reads it from `PLANTAR_UPDATE_KEY`, in hex. The default
+/// is the development key, of which the secret half is published (`docs/security.md`).
 pub const KEY: [u8; 32] = from_hex(match option_env!("PLANTAR_UPDATE_KEY") {
     Some(key) => key,
     None => "68335e1b188bb8cd9c390c584b54e2ad61f1604f71091415177d09ab23c3970c",
@@ -41,7 +41,7 @@ pub struct Update {
 }
 
 impl Update {
-    /// No transfer begun.
+    /// The state before the first transfer.
     pub const fn new() -> Self {
         Self { offer: None, next: 0 }
     }
@@ -91,7 +91,7 @@ impl Update {
 
     async fn chunk<F: NorFlash>(&mut self, flash: &mut F, number: u16, chunk: &Chunk) -> Result<Progress, Refusal> {
         let offer = self.offer.as_ref().ok_or(Refusal::NotBegun)?;
-        // Any other was answered already, or comes after one that was lost.
+        // A chunk with any other number is stored already, or follows one that was lost.
         if number == self.next && number < offer.chunks {
             let at = OTHER.start + u32::from(number) * CHUNK as u32;
             if at.is_multiple_of(SECTOR) {
@@ -127,12 +127,18 @@ impl Update {
 }
 
 /// True where the bootloader swaps the running image back unless it is confirmed.
+///
+/// # Errors
+/// [`Refusal::Chip`] where the chip fails.
 pub async fn is_on_trial<F: NorFlash>(flash: &mut F) -> Result<bool, Refusal> {
     let (chip, mut word) = (Mutex::new(flash), [0; STATE_WORD]);
     Ok(FirmwareState::new(state_partition(&chip), &mut word).get_state().await? == State::Swap)
 }
 
 /// Confirms the running image.
+///
+/// # Errors
+/// [`Refusal::Chip`] where the chip fails.
 pub async fn confirm<F: NorFlash>(flash: &mut F) -> Result<(), Refusal> {
     let (chip, mut word) = (Mutex::new(flash), [0; STATE_WORD]);
     Ok(FirmwareState::new(state_partition(&chip), &mut word).mark_booted().await?)

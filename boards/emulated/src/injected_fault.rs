@@ -1,4 +1,4 @@
-//! Injects faults on request, so that tests observe the recovery. They occur in the board's side of the traits.
+//! Injects faults on request, so that tests observe the recovery. They are injected in the board's implementations of the traits.
 
 use core::cell::Cell;
 use core::hint::black_box;
@@ -14,7 +14,7 @@ pub fn plan(planned: Option<PlannedFault>) {
     PLANNED.lock(|place| place.set(planned));
 }
 
-/// Injects one of these faults here, where it is planned and due.
+/// Injects a fault here, where one of the kinds in `here` is planned and due.
 pub fn inject(here: &[InjectedFault]) {
     let planned = PLANNED.lock(Cell::get).filter(|planned| here.contains(&planned.kind));
     let Some(planned) = planned.filter(|planned| Instant::now().as_millis() >= planned.after_ms.into()) else { return };

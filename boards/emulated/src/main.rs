@@ -1,8 +1,8 @@
-//! The emulated board: an STM32F405 in QEMU (`-M netduinoplus2`) with the link on USART1, a Bluetooth controller on USART2 and the
-//! sensor plant on USART3.
+//! The emulated board: an STM32F405 in QEMU (`-M netduinoplus2`) with the link on USART1, a Bluetooth controller on USART2 and
+//! the sensor plant on USART3.
 //!
-//! The emulator has no reset and clock control, no ADC and no cycle counter, so this board brings its own small USART and takes time
-//! from a timer; everything above the board traits is the code of the real board.
+//! The emulator has no reset and clock control, no ADC and no cycle counter, so this board has its own small USART driver and a
+//! time driver over a timer. Everything above the board traits is the code of the real board.
 #![no_std]
 #![no_main]
 
@@ -70,7 +70,7 @@ static MEMORY: Memory<FlashFile, FRAMES> = Memory::new();
 const PROCESSING: [InjectedFault; 4] =
     [InjectedFault::ModelStalled, InjectedFault::StackOverflow, InjectedFault::Fault, InjectedFault::Panic];
 
-/// Measures with SysTick itself, so less than a millisecond.
+/// Counts cycles by SysTick, which starts over every millisecond, so that it measures less than that.
 struct SysTick;
 
 impl Stopwatch for SysTick {
@@ -89,15 +89,15 @@ impl Stopwatch for SysTick {
 #[cortex_m_rt::entry]
 fn main() -> ! {
     let boot = cortex_m_platform::boot_report(None);
-    // Read from flash, not from what the compiler knows, because a tool may have patched it.
+    // The compiler must not assume the content of the header, because a tool may have patched it in the image.
     let image = black_box(&IMAGE);
-    // SAFETY: `main` runs once and nothing else takes the core's peripherals.
+    // SAFETY: `main` runs once and nothing else uses the core's peripherals.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     TIME.start(&mut core.SYST);
     for port in [&LINK, &HCI, &PLANT] {
         port.start();
     }
-    // Scanning above all but the timer and the ports that feed it; everything else below it.
+    // The timer and the ports that feed the scan have the highest priority, the scan the next one, and all else the lowest.
     for (interrupt, priority) in [
         (Interrupt::USART1, 0x40),
         (Interrupt::USART2, 0x40),
@@ -108,7 +108,7 @@ fn main() -> ! {
         // SAFETY: no critical section of this program works by priority.
         unsafe { core.NVIC.set_priority(interrupt, priority) };
     }
-    // SAFETY: what the handlers use is set up above.
+    // SAFETY: everything that the handlers use is set up above.
     unsafe {
         NVIC::unmask(Interrupt::USART1);
         NVIC::unmask(Interrupt::USART2);
@@ -117,8 +117,8 @@ fn main() -> ! {
 
     // The task has static memory of its own and is spawned once, so spawning cannot fail.
     EXECUTOR.start(Interrupt::TIM3).spawn(run(boot, image).unwrap());
-    // The executors run in interrupts. `wfi` stops the emulator's processor until the next one, where the `wfe` of a thread executor
-    // would keep the host busy.
+    // The executors run in interrupts. `wfi` stops the emulator's processor until the next one, whereas the `wfe` of a thread
+    // executor would occupy a core of the host.
     loop {
         cortex_m::asm::wfi();
     }
@@ -134,11 +134,11 @@ async fn run(boot: BootReport, image: &'static Header) {
     injected_fault::plan(config.fault.filter(|planned| planned.is_repeated || boot.reset == Reset::Power));
     inject(&[InjectedFault::Panic]);
     let chip = (!boot.is_fallback).then(|| FlashFile::open(config.power_cut));
-    // Nothing else runs yet, so what is awaited may block: its state is on the stack then, and not in the memory of this task.
+    // Nothing else runs yet, so the start may block. Its state is then on the stack and not in the memory of this task.
     let started = match stored {
         Some((_, cells)) => block_on(start_with(chip, boot, image, config.setup, cells, None)),
         None => {
-            let fault = "no complete setup.bin: the built-in insole".try_into().ok();
+            let fault = "setup.bin is missing or incomplete: the built-in insole is used".try_into().ok();
             block_on(start_with(chip, boot, image, config.setup, layout::cells(), fault))
         }
     };

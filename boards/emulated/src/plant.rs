@@ -1,6 +1,6 @@
 //! The board's side of the sensor plant: the matrix and, where the plant paces the scans, the frame clock.
 //!
-//! Codes are in a file and only the handshake uses USART3: the emulated USART receives some 10 KB/s, and a walk has 50.
+//! Codes are in a file and only the handshake uses USART3: the emulated USART receives some 10 kB/s, and a walk has 50 kB/s.
 
 use crate::injected_fault::inject;
 use crate::port::Port;
@@ -40,7 +40,7 @@ async fn answer(port: &Port) -> [u8; 2] {
     [HALF.swap(NOTHING, Ordering::Relaxed) as u8, byte[0]]
 }
 
-/// The matrix that the plant plays.
+/// The matrix, with codes that the plant sets.
 pub struct PlantMatrix {
     port: &'static Port,
     file: Option<File>,
@@ -49,7 +49,7 @@ pub struct PlantMatrix {
 }
 
 impl PlantMatrix {
-    /// Without the file of codes the matrix never answers.
+    /// Opens the file of codes; without it the matrix never answers.
     pub fn open(port: &'static Port, cells: usize) -> Self {
         Self { port, file: File::open(MATRIX_FILE).ok(), cells, rows_ready: 0 }
     }
@@ -77,7 +77,7 @@ impl Matrix for PlantMatrix {
             request(self.port, SCAN, seq);
         }
         if self.rows_ready > row {
-            // It was read together with an earlier row.
+            // This row was read together with an earlier one.
             return Ok(());
         }
         with_timeout(ANSWER, self.row_ready(seq, row)).await.map_err(|_| MatrixTimeout)?;
@@ -96,7 +96,7 @@ impl Matrix for PlantMatrix {
     }
 }
 
-/// Signalled when processing takes a frame from the queue: the one before it is done.
+/// Signalled when processing takes a frame from the queue, after it completed the previous one.
 pub static FRAME_TAKEN: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// The frame clock of the emulated board.
@@ -130,20 +130,20 @@ impl FrameClock for Clock {
             Self::Ticker(ticker) => ticker.next().await,
             Self::Paced { port, counters, queue, tick, first } => {
                 while counters.heartbeats.pending_frames() >= *queue {
-                    alive(counters, FRAME_TAKEN.wait()).await;
+                    wait_with_heartbeats(counters, FRAME_TAKEN.wait()).await;
                 }
                 let this = *tick;
                 *tick = this.wrapping_add(1);
                 request(port, TICK, this);
-                while alive(counters, answer(port)).await != [TICK, TICK] {}
+                while wait_with_heartbeats(counters, answer(port)).await != [TICK, TICK] {}
                 first.wrapping_add(this)
             }
         }
     }
 }
 
-/// Waits with heartbeats: a plant that pauses is no stalled scan.
-async fn alive<T>(counters: &ScanCounters, wait: impl Future<Output = T>) -> T {
+/// Waits and counts heartbeats meanwhile, because a plant that pauses is not a stalled scan.
+async fn wait_with_heartbeats<T>(counters: &ScanCounters, wait: impl Future<Output = T>) -> T {
     let mut wait = pin!(wait);
     loop {
         counters.heartbeats.scan_progressed();

@@ -1,5 +1,5 @@
-//! USARTs of the emulated STM32F405. Reception is by interrupt; the emulated transmitter takes every byte at once and, up to
-//! QEMU 7, has no interrupt.
+//! USARTs of the emulated STM32F405. Reception is by interrupt; the emulated transmitter accepts every byte immediately
+//! and, up to QEMU 7, has no interrupt.
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
@@ -29,11 +29,11 @@ impl Port {
 
     pub fn on_interrupt(&self) {
         if self.received.is_full() {
-            // The emulator holds back further bytes.
+            // The emulator delays further bytes until the interrupt is enabled again.
             self.registers.cr1().modify(|w| w.set_rxneie(false));
         } else if self.registers.sr().read().rxne() {
             let byte = self.registers.dr().read().dr() as u8;
-            // There is room, and this is the only writer.
+            // The buffer is not full, and this is the only writer.
             let _ = self.received.try_write(&[byte]);
         }
     }

@@ -14,7 +14,7 @@ use stm32_metapac::TIM5;
 
 /// The emulator's core clock.
 const CORE_HZ: u32 = 168_000_000;
-/// The emulator's timer clock, whatever the clock tree.
+/// The emulator's timer clock, regardless of the clock tree.
 const TIMER_HZ: u64 = 1_000_000_000;
 /// SysTick counts down from here once a millisecond: the granularity of this board's timers.
 pub const RELOAD: u32 = CORE_HZ / 1_000 - 1;
@@ -23,7 +23,7 @@ pub const RELOAD: u32 = CORE_HZ / 1_000 - 1;
 pub struct Time(CriticalSectionMutex<RefCell<State>>);
 
 struct State {
-    /// The counter's upper half and what it last was: it wraps after 71 minutes and is read every millisecond.
+    /// Number of wraps of the counter, and its last value. It wraps after 71 minutes and is read every millisecond.
     wraps: u32,
     last: u32,
     queue: Queue,
@@ -46,7 +46,7 @@ impl Time {
     pub fn start(&self, systick: &mut SYST) {
         TIM5.psc().write_value((TIMER_HZ / TICK_HZ - 1) as u16);
         TIM5.cr1().write(|w| w.set_cen(true));
-        // After a reset the emulator counts on from a number of its own.
+        // After a reset the emulated counter does not start from 0.
         TIM5.cnt().write_value(0);
         systick.set_clock_source(SystClkSource::Core);
         systick.set_reload(RELOAD);

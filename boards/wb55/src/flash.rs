@@ -1,7 +1,7 @@
 //! The flash chip: a W25Q32 (4 MiB) on SPI2, with DMA.
 //!
-//! The controller's own flash is not used while the radio runs: erasing it stops the core for milliseconds, and needs a protocol with
-//! the radio's core.
+//! The controller's own flash is not used while the radio runs: erasing it stops the core for milliseconds, and needs a protocol
+//! with the radio's core.
 
 use embassy_stm32::gpio::{Output, Pull};
 use embassy_stm32::mode::Async;
@@ -20,13 +20,13 @@ bind_interrupts!(struct Irqs {
     DMA1_CHANNEL3 => dma::InterruptHandler<DMA1_CH3>;
 });
 
-/// At this rate a step is written in half a millisecond. The chip allows 50 MHz, wires on a breadboard do not.
+/// Bit rate of the SPI: a step is written in half a millisecond. The chip allows 50 MHz, but wires on a breadboard do not.
 const BIT_HZ: u32 = 16_000_000;
 
 /// The chip.
 pub type Chip = W25<Q, ExclusiveDevice<Spi<'static, Async, Master>, Output<'static>, Delay>, (), ()>;
 
-/// Waits until the chip is ready. A missing chip reads 0, which means ready; every write then fails.
+/// Opens the chip once it is ready. A missing chip reads 0, which means ready; every write then fails.
 pub async fn open(
     spi: Peri<'static, SPI2>,
     clock: Peri<'static, PB13>,
@@ -40,7 +40,8 @@ pub async fn open(
     config.frequency = Hertz(BIT_HZ);
     config.miso_pull = Pull::Down;
     let spi = Spi::new(spi, clock, to_chip, from_chip, send, receive, Irqs, config);
-    // Neither a pin of this controller nor SPI as its master can fail. Their errors lack Debug or cost kilobytes of text.
+    // Neither a pin of this controller nor its SPI as master can fail. `unwrap` is avoided because the errors lack `Debug` or
+    // cost kilobytes of text.
     let device = ExclusiveDevice::new(spi, select, Delay).unwrap_or_else(|_| unreachable!());
     W25::new_no_pins(device, CHIP_BYTES).await.unwrap_or_else(|_| unreachable!())
 }

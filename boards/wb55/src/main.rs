@@ -43,8 +43,8 @@ use plantar::storage::Store;
 use radio::Wb55;
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// Bit rate of the link. A live frame is at most 90 bytes framed: 9 kB/s at 100 Hz and 36 kB/s at 400 Hz of the 46 kB/s that
-/// this carries. PCLK2 / 139 is 0.08 % off.
+/// Bit rate of the link. A live frame is at most 90 bytes with its framing: 9 kB/s at 100 Hz and 36 kB/s at 400 Hz, of the 46
+/// kB/s of the link. The rate is PCLK2 / 139, with an error of 0.08 %.
 const LINK_BIT_HZ: u32 = 460_800;
 
 /// The core's clock, kHz.
@@ -87,8 +87,8 @@ impl Stopwatch for CycleCounter {
     }
 }
 
-/// 64 MHz, the maximum of this core, from the 32 MHz crystal: the radio needs it in any case, and it makes frame times accurate. The
-/// converter runs at the same 64 MHz, its maximum too.
+/// The clocks: 64 MHz, the maximum of this core, from the 32 MHz crystal, which the radio needs in any case and which makes frame
+/// times accurate. The converter runs at 64 MHz, too, which is also its maximum.
 fn clocks() -> rcc::Config {
     let mut clocks = rcc::Config::new();
     clocks.hse =
@@ -118,7 +118,7 @@ fn clocks() -> rcc::Config {
 fn take_reset_reason() -> Reset {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
-    // Left set, it would clear the flags of the next reset, too.
+    // If the bit remained set, it would clear the flags of the next reset, too.
     pac::RCC.csr().modify(|w| w.set_rmvf(false));
     if flags.iwdgrstf() || flags.wwdgrstf() {
         Reset::Watchdog
@@ -136,12 +136,12 @@ fn take_reset_reason() -> Reset {
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let boot = cortex_m_platform::boot_report(Some(take_reset_reason()));
-    // Read from flash, not from what the compiler knows, because a tool may have patched it.
+    // The compiler must not assume the content of the header, because a tool may have patched it in the image.
     let image = black_box(&IMAGE);
     let mut config = embassy_stm32::Config::default();
     config.rcc = clocks();
     let p = embassy_stm32::init(config);
-    // SAFETY: `main` runs once and nothing else takes the core's peripherals.
+    // SAFETY: `main` runs once and nothing else uses the core's peripherals.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
@@ -151,7 +151,8 @@ async fn main(spawner: Spawner) {
     core.SYST.clear_current();
     core.SYST.enable_counter();
     core.SYST.enable_interrupt();
-    // Scanning above the thread, below the timer, DMA and the port, which have the highest priority by default.
+    // The scan has a higher priority than the thread, and a lower one than timer, DMA and port, which have the highest by
+    // default.
     interrupt::SAI1.set_priority(Priority::P6);
 
     // The strap is connected to ground on a right insole.
@@ -179,8 +180,8 @@ async fn main(spawner: Spawner) {
     let matrix = ResistiveMatrix::new(p.ADC1, p.DMA1_CH1, columns, address, line(p.PB9.into()));
     let side = if strap.is_low() { Side::Right } else { Side::Left };
     let select = Output::new(p.PB12, Level::High, Speed::Medium);
-    let is_by_hand = matches!(boot.reset, Reset::Power | Reset::Pin);
-    // Nothing else runs yet, so what is awaited may block: its state is on the stack then, and not in the memory of this task.
+    let is_started_by_user = matches!(boot.reset, Reset::Power | Reset::Pin);
+    // Nothing else runs yet, so the start may block. Its state is then on the stack and not in the memory of this task.
     let chip = if boot.is_fallback {
         None
     } else {
@@ -195,7 +196,7 @@ async fn main(spawner: Spawner) {
     // The pins belong to this port and its divider reaches the bit rate, so the configuration cannot be refused.
     let link = BufferedUart::new(p.USART1, p.PB7, p.PB6, TO_SEND.take(), RECEIVED.take(), Irqs, link).unwrap();
     static GATT: StaticCell<GattSession<'static, Wb55>> = StaticCell::new();
-    let gatt = GATT.init(GattSession::new(shared, Wb55 { is_by_hand }));
+    let gatt = GATT.init(GattSession::new(shared, Wb55 { is_started_by_user }));
 
     // Each task has static memory of its own and is spawned once, so spawning cannot fail.
     let clock = Ticker::new(period_us);

@@ -1,8 +1,9 @@
 //! The resistive matrix: a row at ground through an analogue switch, all columns through ADC1 into memory by DMA.
 //!
-//! Time of a row at 64 MHz, see `docs/hardware.md`: 30 us settling, 16 columns x 16 conversions x 25 cycles = 100 us
-//! converting, 15 us allowed for set-up and wake-ups; 16 rows take 2.32 ms, with the first conversion that is thrown away
-//! 2.34 ms of the 2.5 ms of a frame at 400 Hz. A scan that takes longer makes the next one late or left out and counted.
+//! Time of a row at 64 MHz (`docs/hardware.md`): 30 us for settling, 16 columns x 16 conversions x 25 cycles = 100 us for the
+//! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.32 ms, and 2.34 ms with the first conversion,
+//! which is discarded, of the 2.5 ms of a frame at 400 Hz. After a longer scan the next one starts late, or is skipped and
+//! counted.
 
 use embassy_stm32::adc::vals::{OversamplingRatio, OversamplingShift, Rovsm, Trovs};
 use embassy_stm32::adc::{Adc, AdcConfig, AnyAdcChannel, SampleTime};
@@ -19,18 +20,18 @@ bind_interrupts!(struct Irqs {
     DMA1_CHANNEL1 => dma::InterruptHandler<DMA1_CH1>;
 });
 
-/// From a row's change until 1/4096 of the step is left, amplifier 1.6 us, row line 2 us and feedback 1.1 us in a chain need
-/// 21 us (`docs/hardware.md`); the rest is reserve for longer lines.
+/// Settling time after a change of the row. The chain of amplifier (1.6 us), row line (2 us) and feedback (1.1 us) settles to
+/// 1/4096 of the step within 21 us (`docs/hardware.md`); the rest is a margin for longer lines.
 const SETTLE: Duration = Duration::from_micros(30);
 
-/// Sampling of one conversion, 195 ns at 64 MHz: two time constants of the 100 ohm and 1 nF at each input, and only the first
-/// of 16 conversions finds another column's charge. Converting takes another 12.5 cycles (RM0434, ADC timing).
+/// Sampling time of a conversion: 195 ns at 64 MHz, two time constants of the 100 ohm and 1 nF at each input. Only the first of
+/// 16 conversions starts with the charge of another column. A conversion takes another 12.5 cycles (RM0434, ADC timing).
 const SAMPLE: SampleTime = SampleTime::CYCLES12_5;
 
-/// Ten times what a row's conversions take. After it the frame is given up and counted as missed.
+/// Ten times the conversion time of a row. A frame in which a row takes longer is abandoned and counted as missed.
 const CONVERSION_TIMEOUT: Duration = Duration::from_millis(1);
 
-/// Codes from here on are the amplifier's end, 33 mV below the supply of 3.3 V, and count as full scale.
+/// Codes from here on count as full scale: an amplifier may saturate up to 1 %, 33 mV, below its supply of 3.3 V.
 const CLIPPED: u16 = FULL_CODE - FULL_CODE / 100;
 
 /// Row switch and converter.
@@ -38,7 +39,7 @@ pub struct ResistiveMatrix {
     adc: Adc<'static, ADC1>,
     dma: Peri<'static, DMA1_CH1>,
     columns: [AnyAdcChannel<'static, ADC1>; COLUMNS],
-    /// Least significant bit first.
+    /// Address lines of the row switch, the least significant bit first.
     address: [Output<'static>; 4],
     enable: Output<'static>,
 }
@@ -70,7 +71,7 @@ impl ResistiveMatrix {
         self.enable.set_high();
     }
 
-    /// The first `N` columns; the core sleeps meanwhile.
+    /// Converts the first `N` columns; the core sleeps meanwhile.
     async fn convert<const N: usize>(&mut self) -> Result<[u16; N], MatrixTimeout> {
         let mut codes = [0; N];
         let sequence = self.columns.iter_mut().take(N).map(|column| (column, SAMPLE));

@@ -1,6 +1,6 @@
 //! Bluetooth of the STM32WB55: HCI to the radio's core through memory that both cores share.
 //!
-//! The packets of the mailbox are H4 packets, so this is the same byte stream as that of a serial controller. While the flag of a
+//! The packets of the mailbox are H4 packets, so the byte stream is the same as that of a serial controller. While the flag of a
 //! channel is set, its queue belongs to the receiver, and otherwise to the sender.
 
 use bluetooth::{BONDING_WINDOW, HciPipe};
@@ -38,7 +38,7 @@ macro_rules! at {
     }};
 }
 
-/// Packets that can be in use at a time: those of the pool and the spare ones.
+/// All packets that can be in a queue: those of the pool and the two spare ones.
 type Packets = Vec<u32, { POOLED + 2 }>;
 
 /// Reads a word that the other core may have written.
@@ -64,7 +64,7 @@ fn drain(queue: u32) -> Option<Packets> {
     while packet != queue && packets.push(packet).is_ok() {
         packet = read(packet + NEXT);
     }
-    // All packets were taken.
+    // The queue is empty from now on.
     write(queue + NEXT, queue);
     write(queue + PREVIOUS, queue);
     Some(packets).filter(|packets| !packets.is_empty())
@@ -88,7 +88,7 @@ fn bytes(packet: u32) -> &'static [u8] {
             H4_DATA => 5 + usize::from(u16::from_le_bytes([*h4.add(3), *h4.add(4)])),
             _ => 3 + usize::from(*h4.add(2)),
         };
-        // No packet is longer, whatever its header claims.
+        // No packet is longer, regardless of the length in its header.
         core::slice::from_raw_parts(h4, len.min(EVENT))
     }
 }
@@ -140,13 +140,13 @@ fn init_tables() {
     }
 }
 
-/// Starts the radio's core, then passes packets in both directions. Never returns. A radio's core without firmware never answers, and
-/// there is no Bluetooth then.
+/// Starts the radio's core, then passes packets in both directions. Never returns. A radio's core without firmware never answers;
+/// the board then runs without Bluetooth.
 pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &HciPipe) -> ! {
     init_tables();
     let [(ble_command, ble_events), (mut system_command, mut system_events), _, (release, _), _, (data, _)] =
         Ipcc::new(ipcc, Irqs, Config::default()).split();
-    // Its first event reports that it runs. The packet is not returned: there are enough.
+    // The first event reports that the radio's core runs. Its packet is not returned, because the others suffice.
     let _started = system_events.receive(|| drain(at!(system_events))).await;
     system_command
         .send(|| {
@@ -156,7 +156,7 @@ pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &Hci
             fill(at!(system_command) + 4, parameters);
         })
         .await;
-    // The flag is cleared when the command is done.
+    // The radio's core clears the flag of the channel when the command is complete.
     system_command.flush().await;
     join(receive(ble_events, system_events, release, from_radio), send(ble_command, data, to_radio)).await.0
 }
@@ -208,10 +208,10 @@ async fn send(mut command: IpccTxChannel<'_>, mut data: IpccTxChannel<'_>, mut h
     }
 }
 
-/// What Bluetooth needs from this board.
+/// The Bluetooth configuration of this board.
 pub struct Wb55 {
-    /// The start was caused by power or the reset pin, so by a person who holds the insole.
-    pub is_by_hand: bool,
+    /// The start was caused by power-on or the reset pin, and therefore by a person who holds the insole.
+    pub is_started_by_user: bool,
 }
 
 impl BluetoothBoard for Wb55 {
@@ -229,6 +229,6 @@ impl BluetoothBoard for Wb55 {
     }
 
     fn allows_bonding(&self) -> bool {
-        self.is_by_hand && Instant::now().as_micros() < BONDING_WINDOW.as_micros()
+        self.is_started_by_user && Instant::now().as_micros() < BONDING_WINDOW.as_micros()
     }
 }

@@ -1,7 +1,8 @@
-//! The smallest board: what a new one must bring. Its sensor, its flash chip and its port are not there, so it compiles and does
-//! nothing; replace each `impl` by a driver. `CONTRIBUTING.md` has the steps, `boards/wb55` a real board.
+//! The smallest board, as a template for a new one. Its sensor, its flash chip and its port are stubs, so it compiles and does
+//! nothing; replace each `impl` by a driver. `CONTRIBUTING.md` has the steps; `boards/wb55` is a complete board.
 //!
-//! It is checked and not linked: a time driver for `embassy-time` comes with the controller's package, such as `embassy-stm32`.
+//! The example is checked and not linked, because it has no time driver for `embassy-time`: that is part of the controller's
+//! package, such as `embassy-stm32`.
 #![no_std]
 #![no_main]
 
@@ -35,7 +36,7 @@ static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 static MEMORY: Memory<NoChip, 3> = Memory::new();
 
-/// A matrix without load: selects a row, converts its columns, and writes their codes.
+/// A matrix without load. A real one selects a row, converts its columns, and writes their codes.
 struct NoLoad;
 
 impl Matrix for NoLoad {
@@ -51,7 +52,7 @@ impl Matrix for NoLoad {
     }
 }
 
-/// A flash chip that fails: steps stay in RAM then, and the status counts what could not be stored.
+/// A flash chip that fails: steps remain in RAM, and the status counts the items that could not be stored.
 struct NoChip;
 
 /// The chip does not answer.
@@ -134,7 +135,7 @@ impl Stopwatch for NoCycles {
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let boot = cortex_m_platform::boot_report(None);
-    // Read from flash, not from what the compiler knows, because a tool may have patched it.
+    // The compiler must not assume the content of the header, because a tool may have patched it in the image.
     let image = black_box(&IMAGE);
     // Here the board initialises its clocks, ports and SysTick, which must call `tick` every
     // `plantar::firmware::supervise::CHECK_PERIOD_MS`.

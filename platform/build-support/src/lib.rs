@@ -1,4 +1,4 @@
-//! What build scripts share: the linker's memory regions of a board, and the version of a build.
+//! Code that the build scripts share: the linker's memory regions of a board, and the version of a build.
 
 use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, HEADER, HEADER_BYTES};
 use std::fmt::Write;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
-/// Size of the stack, bytes: twice the deepest use that was measured, while pairing.
+/// Size of the stack, bytes: twice its deepest measured use, which occurs while pairing.
 const STACK_BYTES: u32 = 20 << 10;
 /// Size of the crash record with the stack of the fault handler, bytes.
 const EVIDENCE_BYTES: u32 = 1 << 10;
@@ -32,9 +32,9 @@ pub struct Region {
     pub bytes: u32,
 }
 
-/// Links the binaries of the package under build as `program` of a board with this RAM: writes `regions.x`, which the `memory.x` of
-/// the workspace includes, and passes the scripts of `cortex-m-rt` and `defmt` to the linker. Also sets the environment variable
-/// `PLANTAR_VERSION`, see [`version`].
+/// Links the binaries of the package under build as `program` of a board with this RAM: writes `regions.x`, which the `memory.x`
+/// of the workspace includes, and passes the scripts of `cortex-m-rt` and `defmt` to the linker. Also sets the environment
+/// variable `PLANTAR_VERSION`, see [`version`].
 pub fn link(program: Program, ram: Range<u32>, regions: &[Region]) {
     let flash = match program {
         Program::Application => ACTIVE,
@@ -82,7 +82,7 @@ pub fn link(program: Program, ram: Range<u32>, regions: &[Region]) {
 }
 
 /// Sets the environment variable `PLANTAR_VERSION` for the package under build: the version of the package and, where the sources
-/// are a git checkout, the commit, as in `0.2.0+1a2b3c4`. Numbers alone decide which of two versions is newer.
+/// are a git checkout, the commit, as in `0.2.0+1a2b3c4`. The numbers alone decide which of two versions is newer.
 pub fn version() {
     // Cargo always sets it.
     let version = env::var("CARGO_PKG_VERSION").unwrap_or_default();
@@ -102,7 +102,7 @@ fn git(arguments: &[&str]) -> Option<String> {
     output.status.success().then(|| text.trim().to_owned()).filter(|text| !text.is_empty())
 }
 
-/// The workspace.
+/// The folder of the workspace.
 fn root() -> PathBuf {
     // This package is two folders below.
     Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap_or(Path::new(".")).into()

@@ -1,5 +1,5 @@
-//! What all Cortex-M boards share below the safe code: the deepest use of the stack, the supervision interrupt, and a crash record
-//! in RAM that outlives the reset.
+//! Code that all Cortex-M boards share: the measurement of the stack, the supervision interrupt, and a crash record in RAM that
+//! survives a reset.
 #![no_std]
 
 use core::cell::Cell;
@@ -12,16 +12,16 @@ use plantar::firmware::start::BootReport;
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Heartbeats, PARTS, Watchdog};
 use plantar::protocol::{MAX_FAULT_TEXT, Reset};
 
-/// Starts in a row that failed within [`HEALTHY_CHECKS`], after which stored data are not used.
+/// Number of successive starts that failed within [`HEALTHY_CHECKS`], after which stored data are not used.
 const FAILED_STARTS: u32 = 3;
 
 /// Distinguishes a crash record from the contents of RAM after power-on.
 const MAGIC: u32 = 0x504c_414f;
 
-/// Return addresses in a crash record: as many as the text has room for.
+/// Number of return addresses in a crash record: as many as fit into the text.
 const CALLS: usize = 9;
 
-/// What ended a run: 0 where unknown, or one of these.
+/// Causes for the end of a run; 0 stands for an unknown cause.
 const PANIC: u32 = 1;
 const FAULT: u32 = 2;
 const OVERFLOW: u32 = 3;
@@ -32,7 +32,7 @@ const STALLED: u32 = 1 << 8;
 #[derive(Clone, Copy)]
 struct CrashRecord {
     magic: u32,
-    /// Starts in a row that failed, including this one until it is healthy.
+    /// Number of successive failed starts. The present start counts as failed until it is healthy.
     failed_starts: u32,
     cause: u32,
     /// Duration of the run, checks.
@@ -71,9 +71,9 @@ fn word(at: u32) -> u32 {
     unsafe { (at as *const u32).read_volatile() }
 }
 
-/// Records why the run ends and where the program was, the innermost call first: `pc`, and the return addresses on the stack from
-/// `from` on, some of which may be stale. Then resets. Panic messages and locations would take a fifth of the flash;
-/// `cargo xtask explain` finds the source lines in the firmware's file.
+/// Records the cause, and the addresses of the calls in progress, the innermost first: `pc`, and the return addresses on the
+/// stack from `from` on, some of which may be stale. Then resets. The record contains addresses, because panic messages and
+/// locations would take a fifth of the flash; `cargo xtask explain` finds the source lines in the firmware's file.
 fn save_crash_record_and_reset(cause: u32, pc: Option<u32>, from: u32) -> ! {
     cortex_m::interrupt::disable();
     let mut calls = [0; CALLS];
@@ -86,7 +86,8 @@ fn save_crash_record_and_reset(cause: u32, pc: Option<u32>, from: u32) -> ! {
     SCB::sys_reset()
 }
 
-/// The same in an exception, with the address of the registers that it put on the stack.
+/// Saves the crash record in an exception, and resets. `frame` is the address of the registers that the exception put on the
+/// stack.
 fn save_exception_and_reset(cause: u32, frame: u32) -> ! {
     /// Size of these registers, and the offset of the program counter, bytes.
     const FRAME: u32 = 32;
@@ -99,7 +100,7 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
     save_crash_record_and_reset(PANIC, None, cortex_m::register::msp::read())
 }
 
-/// The hard fault. The stack may be its cause, so the handler runs on another one, at the end of the region EVIDENCE.
+/// The handler of the hard fault. The stack may be its cause, so the handler uses another one, at the end of the region EVIDENCE.
 #[unsafe(naked)]
 #[unsafe(export_name = "HardFault")]
 extern "C" fn hard_fault() -> ! {
@@ -114,13 +115,13 @@ extern "C" fn hard_fault() -> ! {
 }
 
 extern "C" fn fault(frame: u32) -> ! {
-    /// The most that one instruction pushes: a fault this near to the end of the stack was that push.
+    /// Largest number of bytes that one instruction pushes: a fault this close to the end of the stack was caused by a push.
     const PUSH: u32 = 128;
     let (low, top) = stack();
     if (low + PUSH..top).contains(&frame) {
         save_exception_and_reset(FAULT, frame)
     } else {
-        // The registers did not fit the stack.
+        // The stack had no space for the registers.
         save_crash_record_and_reset(OVERFLOW, None, low)
     }
 }
@@ -155,8 +156,8 @@ pub fn check(frame: u32, heartbeats: &Heartbeats) {
     }
 }
 
-/// How this start came about; `flags` is the reset reason that the controller reports, where it reports one. To be called once,
-/// before interrupts are enabled.
+/// Reports the circumstances of this start. `flags` is the reset reason that the controller reports, where it reports one. To be
+/// called once, before interrupts are enabled.
 pub fn boot_report(flags: Option<Reset>) -> BootReport {
     let before = Some(read_record()).filter(|record| record.magic == MAGIC);
     let cause = before.map_or(0, |before| before.cause);
@@ -185,7 +186,7 @@ pub fn boot_report(flags: Option<Reset>) -> BootReport {
     BootReport { reset, fault: Some(text.0).filter(|text| !text.is_empty()), is_fallback }
 }
 
-/// A text without the formatting of `core`, which is not for a handler of faults.
+/// A text that is composed without `core::fmt`.
 #[derive(Default)]
 struct Text(String<MAX_FAULT_TEXT>);
 
@@ -211,7 +212,7 @@ impl Text {
         let _ = char::from_digit(digit, 16).map(|digit| self.0.push(digit));
     }
 
-    /// What ended a run: why, when, and as many return addresses as there is room for.
+    /// Adds the end of a run: its cause, its time, and as many return addresses as fit.
     fn push_record(&mut self, record: &CrashRecord) -> &mut Self {
         self.push(match record.cause {
             PANIC => "panic",
@@ -257,7 +258,7 @@ fn call_before(word: u32) -> Option<u32> {
     (is_branch_with_link || is_branch_to_register).then_some(back as u32 - 2)
 }
 
-/// Deepest use of the stack so far, bytes: the part that no longer holds the pattern that `cortex-m-rt` painted at the start.
+/// Deepest use of the stack so far, bytes: the part that no longer contains the pattern that `cortex-m-rt` wrote at the start.
 pub fn stack_bytes() -> u32 {
     let (low, top) = stack();
     let painted = (low..top).step_by(4).take_while(|&at| word(at) == cortex_m_rt::STACK_PAINT_VALUE).count();

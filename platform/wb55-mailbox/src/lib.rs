@@ -1,5 +1,6 @@
-//! The memory that the two cores of the STM32WB55 share, in the layout that the radio's core expects: ST's application note AN5289 and
-//! the headers of its open middleware (STM32CubeWB: mbox_def.h, tl.h, shci.h). `tests/tables.rs` checks offsets and sizes.
+//! The memory that the two cores of the STM32WB55 share, in the layout that the radio's core expects: ST's application note
+//! AN5289 and the headers of its open middleware (STM32CubeWB: mbox_def.h, tl.h, shci.h). `tests/tables.rs` checks offsets and
+//! sizes.
 //!
 //! Addresses are numbers, so that the layout on a host is the same.
 #![no_std]
@@ -13,7 +14,7 @@ pub const DATA: usize = 1 + 4 + 251;
 pub const POOLED: usize = 4;
 pub const POOL_BYTES: usize = POOLED * 4 * (size_of::<Node>() + EVENT).div_ceil(4);
 
-/// H4 bytes: those of Bluetooth, and ST's for the system.
+/// H4 bytes of Bluetooth packets, and ST's own of system packets.
 pub const H4_COMMAND: u8 = 1;
 pub const H4_DATA: u8 = 2;
 pub const H4_EVENT: u8 = 4;
@@ -135,14 +136,14 @@ pub struct BleInit {
     pub advertising_bytes: u16,
     /// Transmit and receive path, 0.1 dB.
     pub path_decidb: [i16; 2],
-    /// 11 is 5.2.
+    /// 11 stands for version 5.2.
     pub core_version: u8,
     pub more_options: u8,
     pub host_bearers: u8,
 }
 
 impl BleInit {
-    /// For one central; the timing is that of ST's examples.
+    /// Parameters for one central; the timing is that of ST's examples.
     pub const PERIPHERAL: Self = Self {
         unused_buffer: [0; 2],
         host_attributes: [0; 3],

@@ -1,4 +1,4 @@
-//! The tables against what ST publishes: STM32CubeWB's mbox_def.h, tl.h and shci.h, AN5289.
+//! Compares the tables with ST's publications: STM32CubeWB's mbox_def.h, tl.h and shci.h, and AN5289.
 
 use std::mem::{offset_of, size_of};
 use wb55_mailbox::{BleInit, COMMAND, DATA, EVENT, Memory, POOL_BYTES, Packet, References, Shared};

@@ -5,17 +5,18 @@ use std::collections::VecDeque;
 
 /// Of the requests within this time, only the one with the least delay counts.
 const WINDOW_US: u64 = 5_000_000;
-/// Windows in use: five minutes.
+/// Number of windows in use: five minutes in total.
 const WINDOWS: usize = 60;
-/// Largest drift between two crystals of 50 ppm.
+/// Largest plausible drift: that between two crystals with a tolerance of 50 ppm.
 const MAX_DRIFT: f64 = 100e-6;
 
 /// Offset and drift of an insole's clock, from [`plantar::protocol::ToDevice::GetTime`] and its answers.
 ///
-/// A request that is sent at host time `a` reaches the insole when its clock shows `d`: `d - a` is the offset of the clock plus the
-/// delay of the request. The delay is never negative, so the line that fits closest below all `d - a` is the clock (Moon, Skelly
-/// and Towsley 1999, "Estimation and removal of clock skew from network delay measurements"). The delay of the answers has no
-/// influence. The least delay of a request remains as an error, which is the same for insoles on links of the same kind.
+/// A request that is sent at host time `a` arrives at the insole when the clock of the insole shows `d`: `d - a` is the offset of
+/// the clock plus the delay of the request. The delay is never negative, so the line that lies closest below all `d - a`
+/// estimates the clock (Moon, Skelly and Towsley 1999, "Estimation and removal of clock skew from network delay measurements").
+/// The delay of the answers has no influence. The least delay of a request remains as an error, which is the same for insoles on
+/// links of the same kind.
 #[derive(Clone, Debug, Default)]
 pub struct Axis {
     /// The request with the least delay in each window, oldest first.
@@ -44,7 +45,7 @@ impl Axis {
         Self { samples: VecDeque::new(), line: None }
     }
 
-    /// Takes an answer: the request was sent at `host_us` of the host's clock, and arrived at `device_us` of the insole's.
+    /// Adds an answer: the request was sent at `host_us` of the host's clock, and arrived at `device_us` of the insole's.
     pub fn answer(&mut self, host_us: u64, device_us: u64) {
         let sample = Sample { device_us, offset_us: device_us.wrapping_sub(host_us) as i64 };
         match self.samples.back_mut() {
@@ -74,8 +75,8 @@ impl Axis {
         Some(device_us.wrapping_sub(offset_us as u64))
     }
 
-    /// The host's time at the start of a step, us. For a step from before the insole's last start, only the insole's own wall clock
-    /// has it.
+    /// The host's time at the start of a step, us. For a step of an earlier boot it is the insole's own wall clock, where that
+    /// was set.
     pub fn step_us(&self, step: &Step) -> Option<u64> {
         if step.boots_since == 0 { self.host_us(step.start_us) } else { step.start_unix_us }
     }
@@ -108,7 +109,7 @@ fn line_below(samples: &VecDeque<Sample>) -> Option<Line> {
     let drift = edge.map(|edge| slope(edge[0], edge[1])).filter(|drift| drift.abs() <= MAX_DRIFT);
     let on_line = match (edge, drift) {
         (Some(edge), Some(_)) => edge[0],
-        // The time is too short to estimate a drift.
+        // The samples span too short a time to estimate a drift.
         _ => samples.iter().min_by_key(|q| q.offset_us)?,
     };
     Some(Line { device_us: on_line.device_us, offset_us: on_line.offset_us, drift: drift.unwrap_or(0.0) })

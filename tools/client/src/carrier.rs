@@ -6,7 +6,7 @@ use std::io::{self, Read, Write};
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
-/// A good timeout for reading from a carrier: short enough for a program to react to its user in between.
+/// A suitable timeout for reading from a carrier: short enough for a program to react to its user in between.
 pub const READ_TIMEOUT: Duration = Duration::from_millis(50);
 
 /// Carries whole messages in both directions.
@@ -14,13 +14,13 @@ pub trait Carrier {
     /// Sends a message.
     ///
     /// # Errors
-    /// An error ends the session.
+    /// Errors of the link, which end the session.
     fn send(&mut self, message: ToDevice) -> io::Result<()>;
 
     /// The next message; `None` where none arrived within a timeout of a second at most.
     ///
     /// # Errors
-    /// An error ends the session.
+    /// Errors of the link, which end the session.
     fn receive(&mut self) -> io::Result<Option<ToHost>>;
 
     /// Number of frames that arrived damaged or without a message of this version.

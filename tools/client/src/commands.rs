@@ -1,4 +1,4 @@
-//! The requests that a session can send, each with its answer. Other messages that arrive meanwhile are received as usual.
+//! The requests that a session can send, each with its answer. Messages that arrive before the answer are received as usual.
 
 use crate::session::elapsed;
 use crate::{Carrier, Client, Error};
@@ -89,7 +89,7 @@ impl<C: Carrier> Client<C> {
         self.request_identity(ToDevice::SetCalibration { layout_id, cells, id: id.id() })
     }
 
-    /// The faults that the insole found in its sensor.
+    /// The faults that the insole detected in its sensor.
     ///
     /// # Errors
     /// See this block.
@@ -103,7 +103,7 @@ impl<C: Carrier> Client<C> {
     /// Restarts the insole and opens the session again.
     ///
     /// # Errors
-    /// See this block; also where the carrier ends with the insole: open it again with [`Client::reconnect_over`].
+    /// See this block; also where the restart closes the carrier: open it again with [`Client::reconnect_over`].
     pub fn restart(&mut self, patience: Duration) -> Result<&Hello, Error> {
         let before = self.status()?;
         self.send(ToDevice::Restart)?;

@@ -5,7 +5,7 @@ use plantar::protocol::session::STEP_QUEUE;
 use plantar::sequence;
 use std::collections::VecDeque;
 
-/// As many steps as an insole can send again: those in its RAM, and as many whose acknowledgement was lost.
+/// Largest number of steps that an insole can send again: those in its RAM, and as many of which the acknowledgement was lost.
 const CAPACITY: usize = 2 * STEP_QUEUE;
 
 /// The last steps that were delivered, oldest first.

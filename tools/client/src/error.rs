@@ -11,15 +11,15 @@ pub enum Error {
     /// The carrier could not be opened.
     #[error(transparent)]
     Open(Box<dyn std::error::Error + Send + Sync>),
-    /// No answer within this time, but so many damaged frames.
+    /// No answer within this time, in which this number of damaged frames arrived.
     #[error(
         "no insole answered within {0:?} ({1} damaged frames): check the port, the wiring (docs/hardware.md) and the bit rate"
     )]
     NoAnswer(Duration, u32),
-    /// The insole speaks another major version of the protocol.
+    /// The insole uses another major version of the protocol.
     #[error(
-        "the insole (firmware {firmware}) speaks protocol {major}.{minor}, this program {MAJOR}.{MINOR}: update the older of \
-         the two"
+        "the insole (firmware {firmware}) uses protocol {major}.{minor}, this program uses {MAJOR}.{MINOR}: update the older \
+         of the two"
     )]
     OtherVersion {
         /// Version of its firmware.
@@ -33,7 +33,7 @@ pub enum Error {
     #[error("the insole refused: {0}")]
     Refused(Refusal),
     /// The carrier failed.
-    #[error("the link to the insole broke")]
+    #[error("the link to the insole failed")]
     Carrier(#[from] io::Error),
 }
 

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io;
 use std::path::Path;
 
-/// Opens a file for the data of an insole. Existing data is never overwritten, because an insole drops the steps that a host
+/// Opens a file for the data of an insole. Existing data are never overwritten, because an insole deletes steps that a host has
 /// acknowledged.
 ///
 /// # Errors

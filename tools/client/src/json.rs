@@ -6,13 +6,13 @@ use serde_json::{Map, Value, json};
 
 /// One object for a step; its regions by name under `regions`.
 ///
-/// Values have the resolution of the wire, so a step that an insole sent and the same step computed on a host are the same text.
+/// Values have the resolution of the wire, so a step that an insole sent and the same step computed on a host have the same text.
 /// `docs/quantities.md` lists the names.
 pub fn step_to_json(step: &Step) -> Value {
     let mut object = Map::new();
     object.insert("side".into(), step.side.name().into());
     insert(&mut object, Step::QUANTITIES, step);
-    // A step of the running boot is on the host's clock, which is better.
+    // The time of a step of the present boot is known by the host's clock, which is more accurate.
     let start_unix_s = step.start_unix_us.filter(|_| step.boots_since > 0).map(|us| us as f64 / 1e6);
     object.insert("start_unix_s".into(), start_unix_s.into());
     object.insert("contact_rule".into(), contact_rule_to_json(step));

@@ -5,18 +5,18 @@ use plantar::protocol::{Hello, ToDevice, ToHost};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-/// How long to wait for an insole, when to try again, and when to give up.
+/// The times to wait for an insole, between attempts, and until giving up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReconnectPolicy {
     /// An insole answers a hello over a newly opened carrier within this time.
     pub answer: Duration,
     /// An insole answers a hello over the carrier in use within this time; otherwise the carrier is opened again.
     pub probe: Duration,
-    /// Longest time without a message of a live stream; after it, the insole may have restarted and waits for a hello.
+    /// Longest time without a message of a live stream. After a longer silence the insole may have restarted and need a hello.
     pub silence: Duration,
     /// Time between two attempts.
     pub retry: Duration,
-    /// Time without success after which the insole counts as gone; `None`: never.
+    /// Time without success after which the link is given up; `None`: never.
     pub give_up: Option<Duration>,
 }
 
@@ -114,7 +114,7 @@ impl<C: Carrier + 'static> Link<C> {
         &mut self.client
     }
 
-    /// Sends the requests that begin the first session, so that [`Link::next_event`] has nothing left to start.
+    /// Sends the requests that begin the first session, so that [`Link::next_event`] does not send them.
     ///
     /// # Errors
     /// Those of the requests.
@@ -124,7 +124,8 @@ impl<C: Carrier + 'static> Link<C> {
         Ok(())
     }
 
-    /// The next message or change of the session. After the link was lost, each call waits and makes one attempt to open it again.
+    /// The next message or change of the session. After the link was lost, each call waits and makes one attempt to open it
+    /// again.
     ///
     /// # Errors
     /// The error of the last attempt, once the policy gives up.
@@ -181,7 +182,7 @@ impl<C: Carrier + 'static> Link<C> {
         self.policy.give_up.is_some_and(|limit| since.elapsed() >= limit)
     }
 
-    /// Restarts the insole and opens the session again, over another carrier where the one in use ended with the insole.
+    /// Restarts the insole and opens the session again, over another carrier where the restart closed the one in use.
     ///
     /// # Errors
     /// Those of [`Client::reconnect_over`].
@@ -192,7 +193,7 @@ impl<C: Carrier + 'static> Link<C> {
         Ok(self.client.hello())
     }
 
-    /// Waits for an insole that restarts by itself: greets it again and again, over another carrier where the one in use fails,
+    /// Waits for an insole that restarts by itself: sends hellos repeatedly, over another carrier where the one in use fails,
     /// until `check` returns a value. `check` receives the insole's hello, and whether the insole was silent before it.
     ///
     /// # Errors

@@ -2,17 +2,18 @@
 
 use plantar::sequence::is_after;
 
-/// Replays without a missing step after which it counts as dropped by the insole: a damaged link may lose it several times.
+/// Number of replays without a missing step after which the step counts as dropped by the insole. A damaged link may lose it
+/// several times.
 const REPLAYS: u8 = 8;
 
-/// What to do with a step.
+/// The treatment of a step that arrives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Arrival {
     /// It is the next one.
     InOrder,
-    /// Steps before it are missing: request a replay, and ignore this one, which the replay brings again.
+    /// Steps before it are missing: request a replay, and ignore this step, which the replay includes.
     Gap,
-    /// A replay is under way, which brings it again.
+    /// A replay is in progress, which includes it.
     Awaited,
 }
 
@@ -24,7 +25,7 @@ pub(crate) struct StepOrder {
     expected: Option<u32>,
     /// When the running replay was requested, by the carrier's clock, us.
     requested_us: Option<u64>,
-    /// The first missing number that replays were requested for, and how many have begun.
+    /// The first missing number for which replays were requested, and the number of replays that have begun.
     replays: Option<(u32, u8)>,
 }
 
@@ -81,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_that_the_insole_dropped_is_not_awaited_for_ever() {
+    fn a_step_that_the_insole_dropped_is_not_awaited_without_end() {
         let mut order = StepOrder::default();
         assert_eq!(order.arrive(u32::MAX), Arrival::InOrder);
         for _ in 0..REPLAYS {

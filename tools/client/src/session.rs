@@ -18,9 +18,9 @@ const TIME_INTERVAL: Duration = Duration::from_millis(250);
 
 /// The host's side of a session with an insole.
 pub struct Client<C> {
-    /// `None` after one carrier was closed and before the next one is open.
+    /// `None` between closing one carrier and opening the next one.
     carrier: Option<C>,
-    /// Damaged frames of the carriers before this one.
+    /// Number of damaged frames on earlier carriers.
     damaged_before: u32,
     /// Messages that arrived while another one was awaited.
     waiting: VecDeque<ToHost>,
@@ -81,7 +81,8 @@ impl<C: Carrier> Client<C> {
         patience: Duration,
     ) -> Result<&Hello, Error> {
         self.damaged_before = self.damaged();
-        // Closed first: a serial port has one user, and closing a Bluetooth link late would close the next one with it.
+        // The old carrier is closed first: a serial port has one user, and closing a Bluetooth link later would close the new one
+        // too.
         self.carrier = None;
         self.carrier = Some(open()?);
         self.reconnect(patience)
@@ -130,7 +131,7 @@ impl<C: Carrier> Client<C> {
             match self.next() {
                 Err(error) => break Err(error),
                 Ok(Some(ToHost::Refused(refusal))) => break Err(Error::Refused(refusal)),
-                // The answer to a repeated hello.
+                // A second hello answers a hello that was repeated.
                 Ok(Some(ToHost::Hello(_)) | None) => {}
                 Ok(Some(message)) => match answer(&message) {
                     Some(answer) => break Ok(answer),
@@ -144,7 +145,7 @@ impl<C: Carrier> Client<C> {
         result
     }
 
-    /// Frames that arrived damaged, over all carriers.
+    /// Number of damaged frames on all carriers.
     pub(crate) fn damaged(&self) -> u32 {
         self.damaged_before.wrapping_add(self.carrier.as_ref().map_or(0, Carrier::damaged))
     }
@@ -176,12 +177,12 @@ impl<C: Carrier> Client<C> {
         Ok(())
     }
 
-    /// The next message; `None` where none arrived within the carrier's timeout. Requests the insole's time now and then, for
-    /// [`Client::axis`].
+    /// The next message; `None` where none arrived within the carrier's timeout. Requests the insole's time four times a second,
+    /// for [`Client::axis`].
     ///
     /// Each step is returned once, however often the insole repeats it. Send [`ToDevice::Acknowledge`] once it is stored; a step
-    /// that the insole repeats after that is acknowledged here. Where a step is missing before one that arrives, the insole is made
-    /// to send its steps again, because an acknowledgement is for all steps before it, too.
+    /// that the insole repeats after that is acknowledged here. Where a step is missing before one that arrives, all steps are
+    /// requested again, because an acknowledgement covers all steps before it, too.
     ///
     /// # Errors
     /// Errors of the carrier.

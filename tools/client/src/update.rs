@@ -1,4 +1,4 @@
-//! Sends a firmware image to an insole, one answered request after the other.
+//! Sends a firmware image to an insole: each request is sent after the previous one was answered.
 
 use crate::{Carrier, Client, Error};
 use plantar::protocol::update::{Progress, Request};
@@ -9,7 +9,7 @@ use std::time::Duration;
 const ANSWER: Duration = Duration::from_secs(2);
 /// An insole verifies a whole image within this time.
 const VERIFICATION: Duration = Duration::from_secs(30);
-/// A request is sent at most this often.
+/// Largest number of attempts to send a request.
 const ATTEMPTS: usize = 5;
 
 impl<C: Carrier> Client<C> {
@@ -20,7 +20,7 @@ impl<C: Carrier> Client<C> {
     pub fn update(&mut self, request: Request) -> Result<Progress, Error> {
         let is_answer = |progress: Progress| match (request, progress) {
             (Request::Begin(_), Progress::Next(_)) | (Request::Finish, Progress::Accepted) => true,
-            // A lower number answers a chunk that was sent twice.
+            // A lower number is the second answer to an earlier chunk that was sent twice.
             (Request::Chunk { number, .. }, Progress::Next(next)) => next > number,
             _ => false,
         };

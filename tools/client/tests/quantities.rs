@@ -13,9 +13,10 @@ const INTRODUCTION: &str = "# Quantities
 This file is generated from the declarations in `src/protocol/step.rs` and `src/protocol/live.rs` by
 `UPDATE_DOCS=1 cargo test --release --package client --test quantities`. A test checks that it is up to date.
 
-*Column* is the name in Parquet and CSV files, *key* the one in JSON objects, where `a.b` is the key `b` in the object `a`. The page's
-CSV of live frames has one column for each region and key, such as `heel_area_mm2`. A value is a whole number on the wire, so it has a
-resolution and a largest value. Quantities of the contact ellipse are null without contact. Equations are those of [model.md](model.md).
+*Column* is the name in Parquet and CSV files, *key* the one in JSON objects, where `a.b` is the key `b` in the object
+`a`. The page's CSV of live frames has one column for each region and key, such as `heel_area_mm2`. A value is an
+integer on the wire, so it has a resolution and a largest value. Quantities of the contact ellipse are null without
+contact. Equations are those of [model.md](model.md).
 ";
 
 #[test]

@@ -1,7 +1,7 @@
 //! The bootloader of the emulated board: swaps images where a swap is due, and starts the active one.
 //!
-//! The emulator's flash is read-only: the active image is in the file of the flash chip, and the host loads it from there when it
-//! starts the emulator. So after a swap the emulator exits, and the host starts it again.
+//! The emulator's flash is read-only: the active image is in the file of the flash chip, from which the host loads it when it
+//! starts the emulator. So the emulator exits after a swap, and the host starts it again.
 #![no_std]
 #![no_main]
 

@@ -31,7 +31,7 @@ const TRIAL_US: u32 = 20_000_000;
 #[entry]
 fn main() -> ! {
     let mut clocks = embassy_stm32::Config::default();
-    // The internal oscillator needs no crystal. The application finds it as after a reset, except for its rate.
+    // The internal oscillator needs no crystal. For the application it differs from its state after a reset in its rate only.
     clocks.rcc.msi = Some(MSIRange::RANGE32M);
     clocks.rcc.hsi48 = None;
     clocks.rcc.ls = LsConfig::off();
@@ -39,7 +39,7 @@ fn main() -> ! {
 
     let mut pins = spi::Config::default();
     pins.frequency = Hertz(16_000_000);
-    // A missing chip reads 0: not busy, and nothing to swap.
+    // A missing chip reads 0, which means that it is not busy and that no swap is due.
     pins.miso_pull = Pull::Down;
     let bus = Spi::new_blocking(p.SPI2, p.PB13, p.PB15, p.PB14, pins);
     let select = Output::new(p.PB12, Level::High, Speed::VeryHigh);

@@ -1,6 +1,6 @@
 //! This computer as a Bluetooth central: the service of an insole (docs/bluetooth.md) as a carrier of messages.
 //!
-//! The operating system does the radio, the pairing and the bonds.
+//! The operating system controls the radio, pairs, and stores the bonds.
 
 mod selector;
 
@@ -36,32 +36,32 @@ const CHANNELS: [(GattChannel, Uuid); 4] = [
 
 /// A scan finds an advertising insole within this time.
 const SCAN: Duration = Duration::from_secs(15);
-/// Time between two looks at the peripherals that a scan found.
+/// Time between two checks of the peripherals that a scan found.
 const SCAN_INTERVAL: Duration = Duration::from_millis(200);
 /// An insole in range connects, pairs and lists its characteristics within this time.
 const CONNECT: Duration = Duration::from_secs(20);
-/// Size of a written value, bytes: the payload at the least MTU, which every connection has.
+/// Size of a written value, bytes: the payload of the smallest MTU, which every connection supports.
 const FRAGMENT: usize = 20;
 
 /// Why there is no connection.
 #[derive(Debug, Error)]
 pub enum Error {
     /// The system's Bluetooth service does not answer.
-    #[error("this computer's Bluetooth does not answer ({0}): is it there, switched on, and may this program use it?")]
+    #[error("this computer's Bluetooth does not answer ({0}): switch it on, and allow this program to use it")]
     NoBluetooth(BleError),
     /// This computer has no adapter.
     #[error("this computer has no Bluetooth adapter: plug one in, or connect the insole by --serial")]
     NoAdapter,
     /// The insole was not found.
     #[error(
-        "{0} was not found within {SCAN:?}: switch it on, bring it closer, and disconnect it from other phones, it serves one \
-         at a time"
+        "{0} was not found within {SCAN:?}: switch it on, bring it closer, and disconnect it from other phones, because it \
+         serves one at a time"
     )]
     NotFound(Selector),
     /// The insole was found, but the connection or the pairing failed.
     #[error(
-        "{selector} was found but does not connect ({error}): pair it in this computer's Bluetooth settings, within a minute of \
-         switching it on"
+        "{selector} was found but does not connect ({error}): pair it in this computer's Bluetooth settings, within a minute \
+         after it was switched on"
     )]
     NotConnected {
         /// The insole.
@@ -105,7 +105,7 @@ impl BleCarrier {
         let (notifications, channels) = match subscribed.unwrap_or(Err(BleError::TimedOut(CONNECT))) {
             Ok(subscribed) => subscribed,
             Err(error) => {
-                // Otherwise no other central could connect.
+                // While the peripheral is connected, no other central can connect.
                 let _ = runtime.block_on(peripheral.disconnect());
                 return Err(Error::NotConnected { selector: selector.clone(), error });
             }
@@ -132,7 +132,7 @@ async fn find(selector: &Selector) -> Result<Peripheral, Error> {
 async fn scan(adapter: &Adapter, selector: &Selector) -> Result<Peripheral, BleError> {
     loop {
         for peripheral in adapter.peripherals().await? {
-            // A peripheral that left again has no properties.
+            // A peripheral that is no longer in range has no properties.
             if let Ok(Some(properties)) = peripheral.properties().await
                 && selector.matches(&peripheral.id().to_string(), &properties)
                 // Paired peripherals are listed even where they are out of range.
@@ -164,7 +164,7 @@ async fn subscribe(peripheral: &Peripheral) -> Result<(Notifications, Vec<Channe
 impl Carrier for BleCarrier {
     fn send(&mut self, message: ToDevice) -> io::Result<()> {
         let wanted = GattChannel::of_request(&message);
-        // All of them were found when the insole was connected.
+        // All channels were found when the insole was connected.
         let Some(channel) = self.channels.iter().find(|c| c.channel == wanted) else { return Ok(()) };
         let mut splitter = Splitter::new();
         let len = encode(&message, splitter.buffer()).map_err(io::Error::other)?.len();
@@ -204,7 +204,7 @@ impl Drop for BleCarrier {
     fn drop(&mut self) {
         // An insole notices the loss of its central by itself, but later.
         let _ = self.runtime.block_on(self.peripheral.disconnect());
-        // On Linux the stream's end is asynchronous work, which needs the runtime.
+        // On Linux the stream is closed by asynchronous work, which needs the runtime.
         let _runtime = self.runtime.enter();
         self.notifications = Box::pin(stream::empty());
     }
