@@ -18,7 +18,7 @@ use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// The firmware of `cargo xtask build`.
+/// The path at which `cargo xtask build` writes the firmware of the emulated board.
 pub const FIRMWARE: &str = "target/thumbv7em-none-eabihf/firmware/emulated";
 /// An insole with a live stream is never silent for this long, however slow the emulator is.
 const SILENCE: Duration = Duration::from_secs(10);
@@ -26,7 +26,7 @@ const SILENCE: Duration = Duration::from_secs(10);
 /// Starts the firmware in QEMU, plays a recording into its sensor matrix, and shows the messages from its link.
 #[derive(Args)]
 pub struct Emulate {
-    /// The recording; of at most 256 cells (`plantar import ... --cells 256`).
+    /// The recording, with at most 256 cells (`plantar import ... --cells 256`).
     recording: PathBuf,
     #[command(flatten)]
     wearer: WearerArgs,
@@ -34,7 +34,7 @@ pub struct Emulate {
     contact: ContactArgs,
     #[command(flatten)]
     zero: ZeroArgs,
-    /// In real time, or as fast as the emulator runs.
+    /// Play in real time, or as fast as the emulator runs.
     #[arg(long, value_enum, default_value_t = Speed::Real)]
     speed: Speed,
     /// An electrical fault of the sensor, KIND:PLACE[=VALUE][@SECONDS]; repeat the option for more. Cells are numbered as in a
@@ -79,7 +79,8 @@ impl EmulatedInsole {
             );
         }
         println!("{}", recording.source);
-        let mut insole = setup::insole(&recording, contact.rule(parameters.identified.as_ref())?)?;
+        let mut insole = setup::insole(&recording, contact.rule(parameters.identified.as_ref())?)
+            .with_context(|| path.display().to_string())?;
         zero.apply(&mut insole)?;
         // An invalid set-up is refused here with its reason; the board could not report it.
         let accepted = Insole::<f32, DEVICE_CELLS>::new().set_up(insole.setup, insole.cells.iter().copied());
@@ -158,7 +159,7 @@ impl Emulate {
         Ok(())
     }
 
-    /// Receives until the walk is over and all of its messages arrived, or until the user or a limit ends it.
+    /// Receives until the walk is over and all of its messages have arrived, or until the user or a limit ends the session.
     fn follow(
         &self,
         board: &Board,
@@ -195,7 +196,7 @@ impl Emulate {
                 Some(_) => {}
                 None if last_message.elapsed() > SILENCE => {
                     bail!(restarted(
-                        client.reconnect(ReconnectPolicy::STREAM.probe).context("the insole sends nothing any more")?
+                        client.reconnect(ReconnectPolicy::STREAM.probe).context("the insole has stopped sending")?
                     ))
                 }
                 None => is_silent = true,
@@ -219,5 +220,5 @@ impl Emulate {
 
 fn restarted(hello: &Hello) -> String {
     let reason = hello.last_panic.as_deref().unwrap_or("no fault reported");
-    format!("the insole restarted ({:?}, {reason}): its steps so far are lost", hello.reset)
+    format!("the insole restarted (reset reason: {}, {reason}): its steps so far are lost", hello.reset.name())
 }

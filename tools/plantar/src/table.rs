@@ -65,12 +65,12 @@ impl From<i32> for Value {
     }
 }
 
-/// Writes at least one row as Parquet, all rows with the same columns. The file is replaced only once it is complete. `note` is a
-/// key with a value in its metadata.
-pub fn write(path: &Path, note: Option<(&str, &str)>, rows: &[Row]) -> Result<()> {
+/// Writes at least one row as Parquet, all rows with the same columns. The file is replaced only once it is complete. `metadata`
+/// is a key and its value.
+pub fn write(path: &Path, metadata: Option<(&str, &str)>, rows: &[Row]) -> Result<()> {
     let written = || -> Result<()> {
         fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
-        // Readers of a table ignore this name.
+        // Programs that read a folder as a table ignore names that begin with a dot.
         let temporary =
             path.with_file_name(format!(".{}.part", path.file_stem().unwrap_or_default().to_string_lossy()));
         let field = |(name, value): &(&str, Value)| {
@@ -90,7 +90,7 @@ pub fn write(path: &Path, note: Option<(&str, &str)>, rows: &[Row]) -> Result<()
         let schema = Arc::new(Type::group_type_builder("row").with_fields(fields).build()?);
         let properties = WriterProperties::builder()
             .set_compression(Compression::SNAPPY)
-            .set_key_value_metadata(note.map(|(key, value)| vec![KeyValue::new(key.to_owned(), value.to_owned())]))
+            .set_key_value_metadata(metadata.map(|(key, value)| vec![KeyValue::new(key.to_owned(), value.to_owned())]))
             .build();
         let mut file = SerializedFileWriter::new(File::create(&temporary)?, schema, Arc::new(properties))?;
         let mut group = file.next_row_group()?;

@@ -12,7 +12,7 @@ use std::collections::HashMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-/// The key of the description of all inputs, in a file's metadata.
+/// The metadata key of the description of a file's inputs, from which a later run sees whether the file is up to date.
 pub const KEY: &str = "plantar.made_from";
 
 /// The values that are the same in all rows of a recording.
@@ -62,8 +62,8 @@ pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, 
     let fit = fit.ok();
     let fit = fit.as_ref();
     let five = fit.map(|fit| {
-        let g = &fit.law;
-        [g.ab_m2, g.stiffness_pa, g.damping_pa_s, g.n, g.m]
+        let law = &fit.law;
+        [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m]
     });
     for (i, [value, low, high, at_bound]) in FIVE_COLUMNS.into_iter().enumerate() {
         let unit = if i == 0 { 1e6 } else { 1.0 };
@@ -92,7 +92,7 @@ pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, 
 }
 
 /// The file of a participant in the folder of the table. Readers split the folder's name into key and value, so special characters
-/// are encoded as Hive does.
+/// are encoded as in Hive.
 pub fn path(table: &Path, participant: &str) -> PathBuf {
     let encode = |c: char| match c.is_ascii_control() || "\"#%'*/:=?\\{[]^".contains(c) {
         true => format!("%{:02X}", c as u32),
