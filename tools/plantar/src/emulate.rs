@@ -134,8 +134,8 @@ impl Emulate {
         summary::print(&steps);
         summary::print_faults_of(&mut client);
         println!(
-            "{} frames of {seconds:.1} s in {:.1} s; live frames: {} sent, {} received, {} lost, {} damaged; scans missed: {}, \
-             overrun: {}",
+            "{} frames of {seconds:.1} s in {:.1} s; live frames: {} sent, {} received, {} lost, {} damaged; scans \
+             missed: {}, overrun: {}",
             status.frames,
             start.elapsed().as_secs_f64(),
             counters.frames_sent,

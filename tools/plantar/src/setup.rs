@@ -45,8 +45,8 @@ pub struct ContactArgs {
     /// A cell comes into contact at this pressure, kPa [default: the value of the parameters in use, or 10].
     #[arg(long, value_name = "KPA")]
     contact_on: Option<f32>,
-    /// A cell loses contact below this pressure, kPa [default: --contact-on times the ratio of the two in the parameters in use, or
-    /// 3/4 of --contact-on].
+    /// A cell loses contact below this pressure, kPa [default: --contact-on times the ratio of the two in the parameters in
+    /// use, or 3/4 of --contact-on].
     #[arg(long, value_name = "KPA")]
     contact_off: Option<f32>,
     /// Count the fraction sqrt(p / KPA), at most 1, of the area of a cell in contact; 150 is a good value. With 0, the whole area
@@ -69,9 +69,9 @@ impl ContactArgs {
         };
         if !rule.is_valid() {
             bail!(
-                "invalid contact rule, on at {} kPa, off below {} kPa, whole cell from {} kPa: --contact-off must be positive, \
-                 --contact-off may not be above --contact-on (at most 1000), nor --contact-on above --contact-full (at most \
-                 2000, or 0 for whole cells)",
+                "invalid contact rule, on at {} kPa, off below {} kPa, whole cell from {} kPa: --contact-off must be \
+                 positive, --contact-off may not be above --contact-on (at most 1000), nor --contact-on above \
+                 --contact-full (at most 2000, or 0 for whole cells)",
                 rule.on_kpa,
                 rule.off_kpa,
                 rule.full_kpa
@@ -81,8 +81,8 @@ impl ContactArgs {
             note_unless_same_rule(&identified.contact, &rule);
             if identified.filter != "step" {
                 eprintln!(
-                    "note: the parameters were identified through the {} filter: they are valid for the live stream, but not for \
-                     steps, which pass through the step filter",
+                    "note: the parameters were identified through the {} filter: they are valid for the live stream, \
+                     but not for steps, which pass through the step filter",
                     identified.filter
                 );
             }
@@ -115,7 +115,7 @@ pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole>
     let insole = VirtualInsole::new(recording, rule, plantar::pipeline::stance::StanceRule::WALKING);
     if !PERIOD_US.contains(&insole.setup.period_us) {
         bail!(
-            "the recording has {:.2} frames per second, but only 20 to 500 are supported: import it again with --rate 100",
+            "the recording has {:.2} frames per second, and 20 to 500 are supported: import it again with --rate 100",
             recording.rate_hz
         );
     }

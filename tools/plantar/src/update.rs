@@ -98,7 +98,7 @@ fn wait_for_trial(image: &Image, insole: &mut Insole) -> Result<()> {
                 std::thread::sleep(ReconnectPolicy::RESTART.retry);
             }
             Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) => bail!(
-                "{} runs but does not measure: the insole returns to the previous version when it is switched off and on",
+                "{} runs but does not measure: switch the insole off and on, which restores the previous version",
                 image.header().version()
             ),
             Err(error) => return Err(error.into()),

@@ -40,8 +40,8 @@ impl View {
         }
         if hello.tissue_id == 0 {
             eprintln!(
-                "note: the insole has no tissue parameters, so it reports no model force and no deformation: send some with \
-                 `plantar params push`"
+                "note: the insole has no tissue parameters, so it reports no model force and no deformation: send some \
+                 with `plantar params push`"
             );
         }
         let terminal = if std::io::stdout().is_terminal() {

@@ -108,8 +108,8 @@ fn print_weight_check(total_n: f64, weight_n: Option<f64>) {
     println!("both feet: {total_n:.1} N of {weight_n:.1} N, {percent:.1} % of body weight: {verdict}");
     if !is_good {
         println!(
-            "  more than {GOOD_PERCENT} % off: check that both feet were lifted and that the mass is correct, then calibrate \
-             the scale and the gains of the sensors"
+            "  more than {GOOD_PERCENT} % off: check that both feet were lifted and that the mass is correct, then \
+             calibrate the scale and the gains of the sensors"
         );
     }
 }

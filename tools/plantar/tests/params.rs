@@ -108,7 +108,7 @@ fn parameters_are_sent_shown_and_read() {
     let pulled = parameters::Parameters::read(&path.join("pulled.toml")).expect("a valid file");
     assert_eq!(pulled.tissue(), *link.lock().expect("no panic").tissue());
 
-    // The insole, the file that was sent and the file that was read back have the same force laws; files also have the ellipsoids.
+    // The insole, the file that was sent and the file that was read back have the same force laws. Files also have ellipsoids.
     let on_insole = succeed(path, &format!("show --tcp {address}"));
     assert!(on_insole.contains(&id()) && on_insole.contains("K kPa") && !on_insole.contains("d0 mm"), "{on_insole}");
     for file in ["other.toml", "pulled.toml"] {

@@ -109,7 +109,7 @@ pub fn print(participants: &[Means]) {
     summary::align(&mut table);
     println!("NRMSE %, mean ± standard deviation over participants (number), by region and insole size:\n{table}");
     println!(
-        "Each step is fitted separately to the measured force (Eq. 20). Means over steps, then over trials and feet, then"
+        "Each step is fitted separately to the measured force (Eq. 20). Means over steps, then over recordings, then"
     );
     println!(
         "over participants. As in the paper they are arithmetic, also of k, c, K and G: a few stiff steps can dominate."

@@ -91,8 +91,8 @@ pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, 
     row
 }
 
-/// The file of a participant in the folder of the table. Readers split the folder's name into key and value, so special characters
-/// are encoded as in Hive.
+/// The file of a participant in the folder of the table. Readers split the folder's name into key and value, so special
+/// characters are encoded as in Hive.
 pub fn path(table: &Path, participant: &str) -> PathBuf {
     let encode = |c: char| match c.is_ascii_control() || "\"#%'*/:=?\\{[]^".contains(c) {
         true => format!("%{:02X}", c as u32),

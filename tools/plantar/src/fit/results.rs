@@ -40,10 +40,9 @@ pub fn print(study: &Study) {
     summary::align(&mut table);
     println!("{table}");
     println!(
-        "Error: NRMSE of the model against the measured force (Eq. 20), mean of the steps; unseen: each step predicted from the"
-    );
-    println!(
-        "others; floor: the least error of any elastic law of this area. In brackets: 95 % intervals. !: at a search bound."
+        "Error: NRMSE of the model against the measured force (Eq. 20), mean of the steps; unseen: each step\n\
+         predicted from the others; floor: the least error of any elastic law of this area. In brackets: 95 % intervals.\n\
+         !: at a bound of the search."
     );
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
         match fit {
@@ -178,7 +177,9 @@ fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
     let (law, e, q) = (&fit.law, &fit.ellipsoid, &fit.quality);
     let intervals = fit.uncertainty.as_ref().map(|uncertainty| {
         let names = ["ab_m2", "stiffness_pa", "damping_pa_s", "n", "m"];
-        let of = |i: &Interval| json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.told });
+        let of = |i: &Interval| {
+            json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.told })
+        };
         let all: Map<String, Value> =
             names.iter().zip(&uncertainty.intervals).map(|(name, i)| ((*name).into(), of(i))).collect();
         json!({ "order": FIVE, "intervals_95": all, "correlation": uncertainty.correlation })
