@@ -48,8 +48,8 @@ pub enum Time {
 pub enum Error {
     /// QEMU is not installed.
     #[error(
-        "qemu-system-arm not found: install it (Debian and Ubuntu: apt-get install qemu-system-arm; Fedora: dnf install \
-         qemu-system-arm; macOS: brew install qemu)"
+        "qemu-system-arm not found: install it (Debian and Ubuntu: apt-get install qemu-system-arm; Fedora: dnf \
+         install qemu-system-arm; macOS: brew install qemu)"
     )]
     NoQemu,
     /// The firmware file is missing.

@@ -134,7 +134,7 @@ fn show(connection: &Connection) -> Result<()> {
         (contents.erased > 0, "a part of the insole's flash chip was damaged and was erased, with its contents"),
         (status.steps_dropped > 0, "the insole's step log was full: its oldest steps were dropped"),
     ];
-    for (_, warning) in warnings.iter().filter(|(holds, _)| *holds) {
+    for (_, warning) in warnings.iter().filter(|(applies, _)| *applies) {
         println!("warning: {warning}");
     }
     Ok(())
@@ -154,6 +154,7 @@ fn restart(insole: &mut carrier::Insole) -> Result<()> {
     Ok(())
 }
 
+/// A line of a calibration file.
 #[derive(Deserialize)]
 struct Line {
     cell: u16,
@@ -161,6 +162,7 @@ struct Line {
     gain: f32,
 }
 
+/// Reads and checks a calibration file.
 fn read(path: &Path) -> Result<Vec<CellCalibration>> {
     let mut lines = csv::Reader::from_path(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut cells = Vec::new();

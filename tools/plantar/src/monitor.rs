@@ -42,13 +42,14 @@ pub trait Sink {
     fn reconnected(&mut self) -> Result<()>;
 
     /// True once the limit of this sink is reached, which ends the session.
-    fn is_full(&self) -> bool;
+    fn has_reached_limit(&self) -> bool;
 }
 
-/// Passes messages to the view and the sink until the user ends the session or the sink is full. Reconnects after a lost link.
+/// Passes messages to the view and the sink until the user or the limit of the sink ends the session. Reconnects after a lost
+/// link.
 pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sink: &mut dyn Sink) -> Result<()> {
     let side = insole.client().hello().side;
-    while !view.wants_to_end()? && !sink.is_full() {
+    while !view.wants_to_end()? && !sink.has_reached_limit() {
         match insole.next_event()? {
             Event::Message(ToHost::Live(live)) => {
                 let client = insole.client();
@@ -161,7 +162,7 @@ impl Sink for Steps<'_> {
         Ok(())
     }
 
-    fn is_full(&self) -> bool {
+    fn has_reached_limit(&self) -> bool {
         self.monitor.steps.is_some_and(|limit| self.all.len() >= limit)
     }
 }

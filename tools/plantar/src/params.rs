@@ -95,8 +95,9 @@ fn push(file: &Path, connection: &Connection) -> Result<()> {
 fn pull(out: &Path, connection: &Connection) -> Result<()> {
     let tissue = read_tissue(connection)?;
     let text = format!(
-        "# Read from an insole, which stores only A B, C, K, n, G and m. Here a = b = sqrt(A B), d0 = C, k = K / C, c = G / C,\n\
-         # which results in the same force. An insole does not store whether its parameters are personal.\n\n{}",
+        "# Read from an insole, which stores only A B, C, K, n, G and m. Here a = b = sqrt(A B), d0 = C,\n\
+         # k = K / C and c = G / C, which results in the same force. An insole does not store whether its parameters\n\
+         # are personal.\n\n{}",
         Parameters::from_tissue(&tissue).to_toml()
     );
     std::fs::write(out, text).with_context(|| format!("cannot write {}", out.display()))?;

@@ -165,7 +165,7 @@ impl Sink for Recorder<'_> {
         Ok(())
     }
 
-    fn is_full(&self) -> bool {
+    fn has_reached_limit(&self) -> bool {
         let is_over = |seconds| self.start.elapsed() >= Duration::from_secs(seconds);
         self.record.steps.is_some_and(|limit| self.all_steps.len() >= limit) || self.record.seconds.is_some_and(is_over)
     }
@@ -180,11 +180,11 @@ fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
     let r = &step.regions[i];
     let (nested, quantities): (Vec<_>, Vec<_>) = StepRegion::QUANTITIES.iter().partition(|q| q.path().0.is_some());
     let (counts, quantities): (Vec<_>, Vec<_>) = quantities.into_iter().partition(|q| q.is_count());
-    let (whole, scaled): (Vec<_>, Vec<_>) = quantities.into_iter().partition(|q| q.per_unit == 1);
+    let (unscaled, scaled): (Vec<_>, Vec<_>) = quantities.into_iter().partition(|q| q.per_unit == 1);
     let mut row: Row = vec![("session", session.into()), ("side", step.side.name().into())];
     row.extend(columns(Step::QUANTITIES, step));
     row.push(("region", region.into()));
-    row.extend(columns(whole, r));
+    row.extend(columns(unscaled, r));
     row.extend(flag_columns(Step::FLAGS, step, i));
     row.extend(columns(counts, r));
     row.extend([
@@ -197,17 +197,19 @@ fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
     row
 }
 
+/// The columns of quantities with their values in `of`.
 fn columns<T: 'static>(
     quantities: impl IntoIterator<Item = &'static Quantity<T>>,
     of: &T,
 ) -> impl Iterator<Item = (&'static str, Value)> {
     quantities.into_iter().map(move |quantity| {
-        let whole = || (quantity.value)(of).and_then(|value| i32::try_from(value).ok());
-        let value = if quantity.is_count() { Value::Whole(whole()) } else { Value::Real(quantity.in_unit(of)) };
+        let integer = || (quantity.value)(of).and_then(|value| i32::try_from(value).ok());
+        let value = if quantity.is_count() { Value::Integer(integer()) } else { Value::Real(quantity.in_unit(of)) };
         (quantity.name, value)
     })
 }
 
+/// The columns of flags with their values for a region of `of`.
 fn flag_columns<T: 'static>(
     flags: &'static [Flag<T>],
     of: &T,

@@ -18,7 +18,7 @@ pub type Row = Vec<(&'static str, Value)>;
 #[derive(Clone)]
 pub enum Value {
     Text(Option<String>),
-    Whole(Option<i32>),
+    Integer(Option<i32>),
     Real(Option<f64>),
     Flag(Option<bool>),
 }
@@ -28,8 +28,8 @@ impl Value {
         if let Self::Text(Some(value)) = self { Some(value.as_str().into()) } else { None }
     }
 
-    fn whole(&self) -> Option<i32> {
-        if let Self::Whole(value) = self { *value } else { None }
+    fn integer(&self) -> Option<i32> {
+        if let Self::Integer(value) = self { *value } else { None }
     }
 
     fn real(&self) -> Option<f64> {
@@ -61,7 +61,7 @@ impl From<bool> for Value {
 
 impl From<i32> for Value {
     fn from(value: i32) -> Self {
-        Self::Whole(Some(value))
+        Self::Integer(Some(value))
     }
 }
 
@@ -76,7 +76,7 @@ pub fn write(path: &Path, metadata: Option<(&str, &str)>, rows: &[Row]) -> Resul
         let field = |(name, value): &(&str, Value)| {
             let (physical, logical) = match value {
                 Value::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
-                Value::Whole(_) => (Physical::INT32, None),
+                Value::Integer(_) => (Physical::INT32, None),
                 Value::Real(_) => (Physical::DOUBLE, None),
                 Value::Flag(_) => (Physical::BOOLEAN, None),
             };
@@ -99,7 +99,7 @@ pub fn write(path: &Path, metadata: Option<(&str, &str)>, rows: &[Row]) -> Resul
             let values = rows.iter().map(|row| &row[index].1);
             match &rows[0][index].1 {
                 Value::Text(_) => write_column::<ByteArrayType>(&mut column, values.map(Value::text)),
-                Value::Whole(_) => write_column::<Int32Type>(&mut column, values.map(Value::whole)),
+                Value::Integer(_) => write_column::<Int32Type>(&mut column, values.map(Value::integer)),
                 Value::Real(_) => write_column::<DoubleType>(&mut column, values.map(Value::real)),
                 Value::Flag(_) => write_column::<BoolType>(&mut column, values.map(Value::flag)),
             }?;

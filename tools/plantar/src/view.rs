@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 /// Time between two redraws.
 const REDRAW: Duration = Duration::from_millis(33);
-/// Steps that are listed on the screen.
+/// Number of steps that are listed on the screen.
 const LISTED: usize = 6;
 
 /// The display of a session.

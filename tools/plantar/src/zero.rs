@@ -22,7 +22,7 @@ const GOOD_PERCENT: f64 = 10.0;
 /// `plantar fit`, `plantar replay` and `plantar emulate` accept the file with --zero.
 #[derive(Args)]
 pub struct Zero {
-    /// The standing trial: the recording of one foot, or those of both feet in the same trial.
+    /// The standing trial: the recording of one foot, or the recordings of both feet in the same trial.
     #[arg(required = true, num_args = 1..=2, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
     /// The baseline file to write, TOML.

@@ -176,7 +176,7 @@ fn the_summary_has_means_over_steps_then_trials_then_participants_of_a_size() {
 fn a_second_run_processes_only_changed_participants() {
     let (_folder, path) = people();
     assert_eq!(outcome(&cohort(&path, "")).0, Some(0));
-    let whole = summary(&path);
+    let complete_summary = summary(&path);
     let again = |options: &str, words: &[&str]| {
         let (status, text_of_run) = outcome(&cohort(&path, options));
         assert_eq!(status, Some(0), "{text_of_run}");
@@ -191,11 +191,11 @@ fn a_second_run_processes_only_changed_participants() {
     fs::remove_file(&ann).expect("removed");
     fs::write(ann.with_file_name(".steps.part"), "PAR1").expect("written");
     again("", &["6 steps of 1 participants", "1 participants were in the table already"]);
-    assert_eq!((summary(&path), written(&bob)), (whole.clone(), bob_written));
+    assert_eq!((summary(&path), written(&bob)), (complete_summary.clone(), bob_written));
     // A damaged file, another recording, another size, other options.
     fs::write(&ann, "PAR1").expect("written");
     again("", &["6 steps of 1 participants"]);
-    assert_eq!(summary(&path), whole);
+    assert_eq!(summary(&path), complete_summary);
     walk(&path.join("people/ann/d.parquet"), Side::Right, 7);
     again("", &["8 steps of 1 participants"]);
     fs::write(path.join("people/ann/participant.toml"), "size = 37").expect("written");

@@ -60,7 +60,7 @@ fn fitted_parameters_have_the_same_errors_in_a_replay_as_in_the_fit() {
     for mark in ["measured", "pinned", "identified", "(95 %)"] {
         assert!(text.contains(mark), "no {mark} in {text}");
     }
-    // Replay uses the contact rule of the parameters, and its errors are those of the fit.
+    // Replay uses the contact rule of the parameters, and has the same errors as the fit.
     let (_, out, err) = run(path, "replay walk.parquet --params p.toml --json steps.json --precision f64");
     assert!(out.contains("150 kPa") && !err.contains("note"), "{out}{err}");
     let steps = json(&path.join("steps.json"));

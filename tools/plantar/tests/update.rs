@@ -67,7 +67,7 @@ impl Insole {
 
     fn running(&self) -> Header {
         let at = (ACTIVE_IMAGE.start + HEADER) as usize;
-        Header::read(self.chip.bytes[at..].first_chunk().expect("the chip is larger")).expect("an image is there")
+        Header::read(self.chip.bytes[at..].first_chunk().expect("the chip is larger")).expect("a valid header")
     }
 
     fn boot(&mut self) {

@@ -35,7 +35,7 @@ struct Insole {
     /// The last steps that a page acknowledged: after a lost acknowledgement, the insole sends them again.
     acknowledged: VecDeque<Step>,
     /// Number of the step to acknowledge to the insole next.
-    due: Option<u32>,
+    to_acknowledge: Option<u32>,
     pages: Vec<(u64, Session)>,
 }
 
@@ -93,7 +93,7 @@ impl Hub {
         insole.tissue = tissue;
         insole.session += 1;
         insole.axis = Axis::new();
-        insole.due = None;
+        insole.to_acknowledge = None;
         for (_, link) in &mut insole.pages {
             // Connects on behalf of the page, which thereby receives the insole's new hello.
             let is_streaming = link.next_live().is_some();
@@ -123,14 +123,14 @@ impl Hub {
         let mut insole = self.insole(index);
         let session = insole.session;
         if insole.acknowledged.iter().any(|acknowledged| is_same_step(acknowledged, &step)) {
-            insole.due = Some(step.step);
+            insole.to_acknowledge = Some(step.step);
             return;
         }
         if let Some(pending) = insole.pending.iter_mut().find(|pending| is_same_step(&pending.step, &step)) {
             pending.session = session;
             // The insole did not receive the acknowledgement.
             if pending.is_recorded {
-                insole.due = Some(step.step);
+                insole.to_acknowledge = Some(step.step);
             }
             return;
         }
@@ -140,7 +140,7 @@ impl Hub {
             link.push_step(step);
         }
         if is_recorded {
-            insole.due = Some(step.step);
+            insole.to_acknowledge = Some(step.step);
         }
         drop(insole);
         self.changed.send_replace(());
@@ -158,7 +158,7 @@ impl Hub {
 
     /// Returns the number of a step to acknowledge to the insole, only once.
     pub fn acknowledgement(&self, index: usize) -> Option<u32> {
-        self.insole(index).due.take()
+        self.insole(index).to_acknowledge.take()
     }
 
     /// Adds a page.
@@ -262,7 +262,7 @@ impl Insole {
             push(&mut self.acknowledged, step);
             // If the insole has restarted since, the number belongs to another step.
             if session == self.session {
-                self.due = Some(step.step);
+                self.to_acknowledge = Some(step.step);
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Serves the page for a phone and bridges one or two insoles to it.
 //!
-//! To a page, the bridge behaves like an insole: it answers a hello, streams, and holds steps until they are acknowledged. Each
+//! To a page, the bridge behaves like an insole: it answers a hello, streams, and queues steps until they are acknowledged. Each
 //! page has a session of its own with each insole, the firmware's [`plantar::protocol::session::Session`]. A slow page loses live
 //! frames, counted in its status, without an effect on other pages. A step is acknowledged to the insole once a page has
 //! acknowledged it or, where a recording is made, once it is written there.

@@ -17,8 +17,8 @@ pub struct Arguments {
 
 #[derive(Subcommand)]
 pub enum Task {
-    /// Install what is missing: Rust targets, QEMU, Node.js, Chromium, a C++ compiler, D-Bus, private copies of cargo-fuzz and
-    /// cargo-deny, and a private Python with NumPy, SciPy, bumble and the sample walk.
+    /// Install missing programs and data: Rust targets, QEMU, Node.js, Chromium, a C++ compiler, D-Bus, private copies of
+    /// cargo-fuzz and cargo-deny, and a private Python with NumPy, SciPy, bumble and the sample walk.
     Setup,
     /// Build the firmware of all boards and the command line.
     Build,

@@ -48,8 +48,8 @@ impl Demo {
         run_command(&mut command)?;
         if self.recording.is_none() {
             println!(
-                "The insole's parameters were fitted to steps {FITTED_STEPS} of this walker; the errors above are those \
-                 of steps that the fit did not use.\nThe report of the fit: {}",
+                "The insole's parameters were fitted to steps {FITTED_STEPS} of this walker; the errors above are \
+                 those of steps that the fit did not use.\nThe report of the fit: {}",
                 report().display()
             );
         }

@@ -1,4 +1,4 @@
-//! Installs missing programs and data, or prints what to install.
+//! Installs missing programs and data, or prints the package to install by hand.
 
 use crate::TARGET;
 use crate::command::{root, run};

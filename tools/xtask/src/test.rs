@@ -1,4 +1,4 @@
-//! The test suite: the quick part for after each change, and all of it.
+//! The test suite: a quick part for use after each change, and the complete suite.
 
 use crate::arguments::{FUZZ_MINUTES, Soak};
 use crate::build::{bootloader, build_firmware, build_host, cargo_firmware, firmware};

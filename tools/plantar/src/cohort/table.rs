@@ -36,17 +36,17 @@ const FIVE_COLUMNS: [[&str; 4]; 5] = [
 /// The row of one region of a step.
 pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, Unfit>) -> Row {
     let text = |text: &str| Value::Text(Some(text.into()));
-    let whole = |value: Option<usize>| Value::Whole(value.and_then(|v| i32::try_from(v).ok()));
+    let integer = |value: Option<usize>| Value::Integer(value.and_then(|v| i32::try_from(v).ok()));
     let real = |value: Option<f64>| Value::Real(value.filter(|v| v.is_finite()));
     let kpa = |value: f32| real(Some(value.into()));
     let Origin { contact, options, .. } = origin;
     let (_, force_n, _) = step.regions[region as usize].of(options.filter);
     let mut row = vec![
-        ("insole_size", whole(Some(origin.size.eur().into()))),
+        ("insole_size", integer(Some(origin.size.eur().into()))),
         ("mass_kg", real(origin.mass_kg)),
         ("side", text(step.side.name())),
         ("recording", text(origin.recording)),
-        ("step", whole(Some(step.number as usize))),
+        ("step", integer(Some(step.number as usize))),
         ("start_s", real(Some(step.start_s))),
         ("duration_s", real(Some(step.duration_s))),
         ("region", text(region.name())),
@@ -86,7 +86,7 @@ pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, 
         ("nrmse_smoothed_percent", real(quality.map(|q| q.fitted_smoothed * 100.0))),
         ("floor_percent", real(quality.map(|q| q.floor * 100.0))),
         ("peak_bias_percent", real(quality.map(|q| q.peak_bias * 100.0))),
-        ("evaluations", whole(fit.map(|fit| fit.evaluations))),
+        ("evaluations", integer(fit.map(|fit| fit.evaluations))),
     ]);
     row
 }

@@ -41,8 +41,8 @@ pub fn print(study: &Study) {
     println!("{table}");
     println!(
         "Error: NRMSE of the model against the measured force (Eq. 20), mean of the steps; unseen: each step\n\
-         predicted from the others; floor: the least error of any elastic law of this area. In brackets: 95 % intervals.\n\
-         !: at a bound of the search."
+         predicted from the others; floor: the least error of any elastic law of this area. In brackets: 95 %\n\
+         intervals. !: at a bound of the search."
     );
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
         match fit {
@@ -189,14 +189,17 @@ fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
         "steps": fit.steps,
         "area_max_mm2": fit.area_max_m2 * 1e6,
         "identified": {
-            "ab_m2": law.ab_m2, "stiffness_pa": law.stiffness_pa, "damping_pa_s": law.damping_pa_s, "n": law.n, "m": law.m,
+            "ab_m2": law.ab_m2, "stiffness_pa": law.stiffness_pa, "damping_pa_s": law.damping_pa_s,
+            "n": law.n, "m": law.m,
         },
         "uncertainty": intervals,
         "ellipsoid": {
             "a_mm": e.a_m * 1e3, "b_mm": e.b_m * 1e3, "c_mm": e.c_m * 1e3, "d0_mm": e.d0_m * 1e3,
             "k_n_m3": e.k, "n": e.n, "c_n_s_m3": e.c, "m": e.m,
         },
-        "pinned": { "aspect": fit.pins.aspect, "d0_mm": fit.pins.thickness_m * 1e3, "compression": fit.pins.compression },
+        "pinned": {
+            "aspect": fit.pins.aspect, "d0_mm": fit.pins.thickness_m * 1e3, "compression": fit.pins.compression,
+        },
         "nrmse_percent": {
             "fitted": q.fitted * 100.0, "fitted_smoothed": q.fitted_smoothed * 100.0,
             "own": q.own * 100.0, "own_smoothed": q.own_smoothed * 100.0,
