@@ -31,7 +31,7 @@ fn wait_for_stream(link: &mut TcpStream, host: &mut TcpStream) {
     let mut bytes = [0; 256];
     loop {
         let count = link.read(&mut bytes).expect("the link is open");
-        host.write_all(&bytes[..count]).expect("the program listens");
+        host.write_all(&bytes[..count]).expect("the program is connected");
         let is_status = |&byte: &u8| {
             let message = decoder.push(byte).and_then(decode::<ToHost>);
             matches!(message, Some(ToHost::Status(_)))

@@ -43,7 +43,7 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
                 let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
                 while let Some(message) = link.next(&hello(), Status::default, &mut message) {
                     let len = protocol::frame(message, &mut framed);
-                    host.write_all(&framed[..len]).expect("the host listens");
+                    host.write_all(&framed[..len]).expect("the host is connected");
                 }
             }
         }

@@ -99,7 +99,7 @@ impl Insole {
             let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
             while let Some(message) = link.next(&hello, Status::default, &mut message) {
                 let len = protocol::frame(message, &mut framed);
-                host.write_all(&framed[..len]).expect("the host listens");
+                host.write_all(&framed[..len]).expect("the host is connected");
             }
         }
         if accepted {
