@@ -76,10 +76,9 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     });
     let compiled: Vec<_> = compiled.collect();
     let seconds = start.elapsed().as_secs_f64();
-    let nrmse = noisy
-        .iter()
-        .zip(&compiled)
-        .map(|(c, g)| Evaluated::new(c, Filter::Step, g).map_or(f64::INFINITY, |e| e.nrmse()));
+    let nrmse = noisy.iter().zip(&compiled).map(|(curves, force_law)| {
+        Evaluated::new(curves, Filter::Step, force_law).map_or(f64::INFINITY, |e| e.nrmse())
+    });
     let succeeded = nrmse.zip(&own_nrmse).filter(|(nrmse, own)| *nrmse < **own + SUCCESS).count();
     figures.add(
         "fit_over_paper_compiled",
