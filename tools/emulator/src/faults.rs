@@ -35,8 +35,8 @@ pub struct ParseFaultError {
 
 /// An example of each kind.
 pub const FAULT_EXAMPLES: &str = "open-cell:17, open-row:3, open-column:5, short-cell:17, short-row:3, short-column:5, \
-                                  stuck:17=12000, saturate:17, drift:17=50/s, crosstalk:3=0.1, each with @SECONDS where \
-                                  it begins later";
+                                  stuck:17=12000, saturate:17, drift:17=50/s, crosstalk:3=0.1, each with @SECONDS \
+                                  where it begins later";
 
 impl FromStr for SensorFault {
     type Err = ParseFaultError;
