@@ -111,7 +111,7 @@ fn faults_are_read_as_the_examples_are_and_errors_say_what_to_write() {
     assert_eq!("drift:17=-50/s@2".parse(), Ok(drift));
     for (text, why) in [
         ("open:17", "kind of fault is unknown"),
-        ("open-cell", "KIND:WHERE"),
+        ("open-cell", "KIND:PLACE"),
         ("open-cell:x", "numbers from 0"),
         ("open-row:16", "0 to 15"),
         ("open-column:300", "0 to 15"),
@@ -120,8 +120,8 @@ fn faults_are_read_as_the_examples_are_and_errors_say_what_to_write() {
         ("stuck:17=x", "not a number"),
         ("stuck:17=65521", "0 to 65520"),
         ("crosstalk:3=1.5", "0 to 1"),
-        ("drift:17=x/s", "codes a second"),
-        ("drift:17=nan", "codes a second"),
+        ("drift:17=x/s", "codes per second"),
+        ("drift:17=nan", "codes per second"),
         ("open-cell:17@-1", "0 s or later"),
         ("open-cell:17@soon", "in seconds"),
     ] {

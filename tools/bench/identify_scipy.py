@@ -1,8 +1,9 @@
 """The paper's search through SciPy's SLSQP: eight variables, bounds, Eq. 18 with Eq. 19, ten starts.
 
-k and c in logarithms, without which it rarely arrives. Argument: a folder with one file a region, doubles: number of
-samples and then, sample by sample, area (m2), later and earlier sample of the rate, 1/s, force (N). One sample more than
-there are forces carries only an area. Prints seconds, evaluations and the best NRMSE of every region.
+k and c are searched as logarithms, because the search rarely converges otherwise. The argument is a folder with one
+file of doubles for each region. A file has the number of samples and, for each sample, area (m2), later and earlier
+sample of the rate, one over the time between them (1/s), and force (N); at the end, the area before contact (m2).
+Prints a line for each region: seconds, evaluations and the best NRMSE.
 """
 
 import os
@@ -10,7 +11,7 @@ import pathlib
 import sys
 import time
 
-# On one core, as ours.
+# The identification in Rust is measured on one core, too.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
@@ -55,14 +56,14 @@ for region in range(8):
         evaluations += 1
         return np.sum((force(x, area, later, earlier, per_s) - measured) ** 2) / scale
 
-    chance = np.random.default_rng(region)
+    generator = np.random.default_rng(region)
     best = np.inf
     start = time.perf_counter()
     for _ in range(STARTS):
-        x = [low + chance.random() * (high - low) for low, high in BOUNDS]
-        ended = minimize(squares, x, method="SLSQP", bounds=BOUNDS, options={"maxiter": 200, "ftol": 1e-9})
-        # As the device gives it: tensile force cut.
-        model = np.maximum(force(ended.x, area, later, earlier, per_s), 0.0)
+        x = [low + generator.random() * (high - low) for low, high in BOUNDS]
+        result = minimize(squares, x, method="SLSQP", bounds=BOUNDS, options={"maxiter": 200, "ftol": 1e-9})
+        # As on the device, a tensile force is set to 0.
+        model = np.maximum(force(result.x, area, later, earlier, per_s), 0.0)
         if np.all(np.isfinite(model)):
             best = min(best, np.sqrt(np.sum((model - measured) ** 2) / scale))
     print(time.perf_counter() - start, evaluations, best)

@@ -1,6 +1,8 @@
-"""The stages of a replay as one would write them with NumPy: codes of the virtual sensor, calibrate, contact with hysteresis, areas, forces, centres of
-pressure, second moments, live model, and per step the paper's smoothing and model. Prints seconds, steps and the peak live
-model force of every region.
+"""The stages of a replay in vectorised NumPy.
+
+They are: codes of the virtual sensor, calibration, contact with hysteresis, areas, forces, centres of pressure, second
+moments, live model, and for each step the paper's smoothing and model. Prints seconds, steps and the peak live model
+force of every region.
 """
 
 import sys

@@ -1,8 +1,9 @@
-"""Phones and radios in software, for tests of the insole's Bluetooth.
+"""Simulates phones and Bluetooth controllers, for tests of the insole's Bluetooth.
 
-One JSON object a line. In: {"do": <command>, ...its arguments}. Out: one {"did": <command>, ...} an order, in order, with
-"error" where it failed ("att" is the code of an attribute error); and in between {"value": <hex>, "of": <uuid>, "phone": <name>}
-for each notification and indication, and {"lost": <reason>, "phone": <name>} when a connection ends. Bytes pass as they are, in hex.
+Input and output have one JSON object per line. The input has commands, {"do": <command>, ...its arguments}. The output
+has one result per command, in the same order: {"did": <command>, ...}, with "error" where the command failed; "att" is
+the code of an attribute error. Between the results, it has {"value": <hex>, "of": <uuid>, "phone": <name>} for each
+notification and indication, and {"lost": <reason>, "phone": <name>} for each connection that ends. Values are in hex.
 """
 
 import asyncio
@@ -29,15 +30,16 @@ from bumble.pairing import PairingConfig, PairingDelegate
 from bumble.transport.common import AsyncPipeSink
 from bumble.transport.tcp_server import open_tcp_server_transport_with_socket
 
-PATIENCE_S = 20
+TIMEOUT_S = 20
 
 
-def say(**what):
-    print(json.dumps(what), flush=True)
+def write(**message):
+    """Writes one line of output."""
+    print(json.dumps(message), flush=True)
 
 
-def lose(controller):
-    """Ends a controller's connections as if the other end were out of range."""
+def drop_connections(controller):
+    """Ends a controller's connections as if the peers were out of range."""
     for connection in list(controller.le_connections.values()):
         controller.on_le_disconnected(connection, HCI_CONNECTION_TIMEOUT_ERROR)
 
@@ -46,7 +48,7 @@ class Radio(Controller):
     """An insole's controller."""
 
     def on_hci_le_remove_device_from_resolving_list_command(self, command):
-        """bumble leaves this one without an answer."""
+        """Answers this command, which bumble does not implement."""
         self.send_hci_packet(
             HCI_Command_Complete_Event(
                 num_hci_command_packets=1,
@@ -57,7 +59,7 @@ class Radio(Controller):
 
 
 class Phone:
-    """A phone with one connection at most."""
+    """A phone with at most one connection."""
 
     def __init__(self, name, address, link):
         self.name = name
@@ -69,11 +71,12 @@ class Phone:
         )
         self.device.keystore = MemoryKeyStore()
         self.connection = None
-        self.gone = asyncio.Event()
+        self.disconnected = asyncio.Event()
         self.peer = None
-        self.ways = {}
+        # The characteristics of the insole by UUID.
+        self.characteristics = {}
 
-    def bonds_as(self, bonding):
+    def set_bonding(self, bonding):
         delegate = PairingDelegate(PairingDelegate.NO_OUTPUT_NO_INPUT)
         self.device.pairing_config_factory = lambda _: PairingConfig(
             sc=True,
@@ -84,118 +87,125 @@ class Phone:
         )
 
     async def connect(self, address):
-        self.gone.clear()
-        self.connection = await self.device.connect(Address(address), timeout=PATIENCE_S)
+        self.disconnected.clear()
+        self.connection = await self.device.connect(Address(address), timeout=TIMEOUT_S)
         self.connection.on('disconnection', self.lost)
         self.peer = Peer(self.connection)
-        # What was found before, for a phone that remembers the table of an insole that it is bonded with.
-        for way in self.ways.values():
-            way.client = self.peer.gatt_client
+        # A bonded phone caches the GATT table of the insole: it uses the discovered characteristics in the new connection.
+        for characteristic in self.characteristics.values():
+            characteristic.client = self.peer.gatt_client
 
     def lost(self, reason):
-        say(lost=int(reason), phone=self.name)
+        write(lost=int(reason), phone=self.name)
         self.connection = None
-        self.gone.set()
+        self.disconnected.set()
 
-    def of(self, radio):
-        """True for a phone that is connected to this radio."""
+    def is_connected_to(self, radio):
+        """True for a phone that is connected to this controller."""
         return self.connection is not None and self.connection.peer_address == radio.random_address
 
     async def discover(self):
         await self.peer.discover_services()
         table = []
-        self.ways = {}
+        self.characteristics = {}
         for service in self.peer.services:
             characteristics = []
             await service.discover_characteristics()
-            for way in service.characteristics:
-                await way.discover_descriptors()
-                uuid = way.uuid.to_hex_str('-').lower()
-                self.ways[uuid] = way
+            for characteristic in service.characteristics:
+                await characteristic.discover_descriptors()
+                uuid = characteristic.uuid.to_hex_str('-').lower()
+                self.characteristics[uuid] = characteristic
                 characteristics.append({
                     'uuid': uuid,
-                    'properties': int(way.properties),
-                    'descriptors': [d.type.to_hex_str('-').lower() for d in way.descriptors],
+                    'properties': int(characteristic.properties),
+                    'descriptors': [d.type.to_hex_str('-').lower() for d in characteristic.descriptors],
                 })
             table.append({'uuid': service.uuid.to_hex_str('-').lower(), 'characteristics': characteristics})
         return table
 
     async def subscribe(self, uuid):
-        way = self.ways[uuid]
-        await self.peer.subscribe(way, lambda value: say(value=bytes(value).hex(), of=uuid, phone=self.name))
+        characteristic = self.characteristics[uuid]
+        await self.peer.subscribe(
+            characteristic,
+            lambda value: write(value=bytes(value).hex(), of=uuid, phone=self.name),
+        )
 
 
 class World:
+    """All phones and controllers, and the simulated link between them."""
+
     def __init__(self):
         self.link = LocalLink()
         self.phones = {}
         self.radios = {}
 
-    def scanned(self, address):
-        """What a radio answers to a scan request. The link in software has no such requests."""
+    def scan_response(self, address):
+        """The scan response of a controller. The simulated link has no scan requests, so it is read directly."""
         for controller, _ in self.radios.values():
             if controller.random_address == address:
                 return AdvertisingData.from_bytes(bytes(controller.le_legacy_advertiser.scan_response_data))
         return AdvertisingData()
 
-    async def do(self, order):
-        do = order['do']
-        phone = self.phones.get(order.get('phone'))
+    async def execute(self, command):
+        """Executes a command. Returns the values of its result."""
+        do = command['do']
+        phone = self.phones.get(command.get('phone'))
         if do == 'radio':
             # A controller for one insole; it listens for the insole's HCI.
             listener = socket.socket()
             listener.bind(('127.0.0.1', 0))
             transport = await open_tcp_server_transport_with_socket(listener)
-            # Of another life, if any.
-            if (old := self.radios.get(order['name'])) is not None:
+            # This replaces the controller of the insole's previous run, if any.
+            if (old := self.radios.get(command['name'])) is not None:
                 self.link.remove_controller(old[0])
                 old[1].server.close()
                 for phone in self.phones.values():
-                    if phone.of(old[0]):
-                        lose(phone.controller)
-                        await phone.gone.wait()
-            controller = Radio(order['name'], transport.source, transport.sink, link=self.link)
-            self.radios[order['name']] = (controller, transport)
+                    if phone.is_connected_to(old[0]):
+                        drop_connections(phone.controller)
+                        await phone.disconnected.wait()
+            controller = Radio(command['name'], transport.source, transport.sink, link=self.link)
+            self.radios[command['name']] = (controller, transport)
             return {'port': listener.getsockname()[1]}
         if do == 'phone':
-            phone = self.phones[order['name']] = Phone(order['name'], order['address'], self.link)
-            phone.bonds_as(order.get('bonding', True))
+            phone = self.phones[command['name']] = Phone(command['name'], command['address'], self.link)
+            phone.set_bonding(command.get('bonding', True))
             await phone.device.power_on()
             return {}
         if do == 'scan':
             found = asyncio.get_running_loop().create_future()
 
-            def heard(advertisement):
-                name = self.scanned(advertisement.address).get(AdvertisingData.COMPLETE_LOCAL_NAME)
-                if name == order['name'] and not found.done():
+            def on_advertisement(advertisement):
+                name = self.scan_response(advertisement.address).get(AdvertisingData.COMPLETE_LOCAL_NAME)
+                if name == command['name'] and not found.done():
                     found.set_result(advertisement)
 
-            phone.device.on('advertisement', heard)
+            phone.device.on('advertisement', on_advertisement)
             await phone.device.start_scanning(active=True)
-            advertisement = await asyncio.wait_for(found, PATIENCE_S)
+            advertisement = await asyncio.wait_for(found, TIMEOUT_S)
             await phone.device.stop_scanning()
-            phone.device.remove_listener('advertisement', heard)
+            phone.device.remove_listener('advertisement', on_advertisement)
             return {'address': str(advertisement.address), 'data': bytes(advertisement.data).hex()}
         if do == 'connect':
-            await phone.connect(order['address'])
+            await phone.connect(command['address'])
             return {}
         if do == 'mtu':
-            return {'mtu': await phone.peer.request_mtu(order['mtu'])}
+            return {'mtu': await phone.peer.request_mtu(command['mtu'])}
         if do == 'discover':
             return {'table': await phone.discover()}
         if do == 'read':
-            return {'value': bytes(await phone.peer.gatt_client.read_value(phone.ways[order['of']])).hex()}
+            return {'value': bytes(await phone.peer.gatt_client.read_value(phone.characteristics[command['of']])).hex()}
         if do == 'write':
-            await phone.peer.gatt_client.write_value(phone.ways[order['of']], bytes.fromhex(order['value']), True)
+            characteristic = phone.characteristics[command['of']]
+            await phone.peer.gatt_client.write_value(characteristic, bytes.fromhex(command['value']), True)
             return {}
         if do == 'subscribe':
-            await phone.subscribe(order['to'])
+            await phone.subscribe(command['to'])
             return {}
         if do == 'pair':
-            await asyncio.wait_for(phone.connection.pair(), PATIENCE_S)
+            await asyncio.wait_for(phone.connection.pair(), TIMEOUT_S)
             return {}
         if do == 'encrypt':
-            await asyncio.wait_for(phone.connection.encrypt(), PATIENCE_S)
+            await asyncio.wait_for(phone.connection.encrypt(), TIMEOUT_S)
             return {}
         if do == 'forget':
             await phone.device.keystore.delete_all()
@@ -207,39 +217,39 @@ class World:
             return {}
         if do == 'disconnect':
             await phone.connection.disconnect()
-            await phone.gone.wait()
+            await phone.disconnected.wait()
             return {}
         if do == 'mute':
             # Indications are not confirmed on this connection.
             phone.peer.gatt_client.on_att_handle_value_indication = lambda _: None
             return {}
         if do == 'cut':
-            # Both ends notice; no word passes between them.
+            # Both ends detect the loss of the link, without a message between them.
             for controller, _ in self.radios.values():
-                if phone.of(controller):
-                    lose(controller)
-            lose(phone.controller)
-            await phone.gone.wait()
+                if phone.is_connected_to(controller):
+                    drop_connections(controller)
+            drop_connections(phone.controller)
+            await phone.disconnected.wait()
             return {}
-        raise ValueError(f'no such order: {do}')
+        raise ValueError(f'unknown command: {do}')
 
 
 async def main():
-    # The link in software warns of what a broken link leaves in the air.
+    # bumble warns about packets that are in flight when a link breaks.
     logging.disable(logging.WARNING)
     loop = asyncio.get_running_loop()
     reader = asyncio.StreamReader()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
     world = World()
     while line := await reader.readline():
-        order = json.loads(line)
+        command = json.loads(line)
         try:
-            say(did=order['do'], **await asyncio.wait_for(world.do(order), 2 * PATIENCE_S))
+            write(did=command['do'], **await asyncio.wait_for(world.execute(command), 2 * TIMEOUT_S))
         except ProtocolError as error:
-            say(did=order['do'], error=str(error), att=error.error_code if isinstance(error, ATT_Error) else None)
-        # An order whose connection ends is cancelled.
+            write(did=command['do'], error=str(error), att=error.error_code if isinstance(error, ATT_Error) else None)
+        # bumble cancels a command whose connection ends.
         except (Exception, asyncio.CancelledError) as error:  # pylint: disable=broad-except
-            say(did=order['do'], error=f'{type(error).__name__}: {error}')
+            write(did=command['do'], error=f'{type(error).__name__}: {error}')
 
 
 asyncio.run(main())

@@ -1,4 +1,4 @@
-//! The device's single precision against double precision on the same codes.
+//! Compares the device's single precision with double precision on the same codes.
 
 use anyhow::Result;
 use bench::Figures;

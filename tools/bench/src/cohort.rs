@@ -1,4 +1,4 @@
-//! Time of `plantar cohort` for ten walkers with sixty steps each, including reading.
+//! Measures the time of `plantar cohort` for ten walkers with sixty steps each, including the time to read the recordings.
 
 use anyhow::{Context, Result, bail};
 use bench::Figures;

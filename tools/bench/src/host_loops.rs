@@ -1,4 +1,5 @@
-//! Walking on the host loops: the firmware's loops in virtual time, with both feet, storage and the real client.
+//! Long walks on the host loops: the firmware's loops in virtual time on this computer, with both feet, storage and the real
+//! client.
 
 use crate::Figures;
 use anyhow::{Result, anyhow, ensure};
@@ -9,11 +10,11 @@ use testkit::scenario::LongWalk;
 const RATE_HZ: f64 = 100.0;
 /// Steps of each foot for the measurement of speed.
 const SPEED_STEPS: u32 = 400;
-/// Steps of each foot in a day, and in a short soak.
+/// Steps of each foot in a day, and in a short endurance test.
 const DAY_STEPS: u32 = 25_000;
 const SHORT_STEPS: u32 = 1_000;
 
-/// Measures how much faster than real time both feet walk.
+/// Measures how many times faster than real time both feet walk.
 ///
 /// # Errors
 /// Where a step is lost or a counter does not add up.
@@ -46,7 +47,7 @@ pub fn soak(is_short: bool, figures: &mut Figures) -> Result<()> {
     figures.add("soak_steps", arrived, "steps of a day of walking on the host loops, each delivered once");
     figures.add("soak_hours", (walked.as_secs_f64() / 360.0).round() / 10.0, "their duration in virtual time");
     for (insole, key) in outcome.insoles.iter().zip(["left", "right"]) {
-        let status = insole.status.ok_or_else(|| anyhow!("the {key} insole does not answer in the end"))?;
+        let status = insole.status.ok_or_else(|| anyhow!("the {key} insole does not answer at the end of the walk"))?;
         let counters = insole.host.client.as_ref().map(|client| client.counters()).unwrap_or_default();
         let losses = [
             ("frames_missed", status.frames_missed),

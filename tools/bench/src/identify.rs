@@ -1,4 +1,5 @@
-//! Identification: accuracy, evaluations and time on steps with known parameters, compared with the paper's search.
+//! Measures accuracy, evaluations and time of the identification on steps with known parameters, and compares them with the
+//! paper's search.
 
 use crate::python;
 use anyhow::{Result, bail};
@@ -14,7 +15,7 @@ use std::time::Instant;
 const RATE_HZ: f64 = 100.0;
 /// Standard deviation of the noise, relative to the peak force.
 const NOISE: f64 = 0.01;
-/// The best of so many runs counts, because other processes share the core.
+/// The fastest of this number of runs counts, because other processes share the core.
 const RUNS: usize = 20;
 const COVERAGE_REPEATS: u64 = 200;
 /// A search succeeds where its NRMSE is at most this much above the best known one.
@@ -41,13 +42,13 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     figures.add(
         "fit_evaluations",
         evaluations,
-        "at most 600: model evaluations of one region and step, the most of eight regions",
+        "at most 600: model evaluations of one region and step, largest of eight regions",
     );
     let fit_ms = most(&mut best_s.iter().map(|s| s * 1e3));
-    figures.add("fit_ms", round(fit_ms, 3), "at most 2: time for it on one core in ms, the slowest of eight regions");
+    figures.add("fit_ms", round(fit_ms, 3), "at most 2: time for them on one core, ms, largest of eight regions");
 
     // For one step, the sum of squares is the square of the NRMSE.
-    let ours: Vec<f64> = found.iter().map(|f| f.squares.sqrt()).collect();
+    let own_nrmse: Vec<f64> = found.iter().map(|f| f.squares.sqrt()).collect();
     let own_s: f64 = best_s.iter().sum::<f64>() / 8.0;
     let scipy = scipy(python, &samples)?;
     figures.add(
@@ -55,13 +56,17 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
         scipy.evaluations,
         "the paper's search with SciPy's SLSQP, ten starts: mean of eight regions",
     );
-    let succeeded = scipy.nrmse.iter().zip(&ours).filter(|(theirs, ours)| **theirs < *ours + SUCCESS).count();
-    figures.add("paper_success", succeeded, "of 8: its regions within 0.1 percentage points of the best known NRMSE");
+    let succeeded = scipy.nrmse.iter().zip(&own_nrmse).filter(|(nrmse, own)| **nrmse < *own + SUCCESS).count();
+    figures.add(
+        "paper_success",
+        succeeded,
+        "of 8 regions: the paper's search is within 0.1 percentage points of the best known NRMSE",
+    );
     let ratio = scipy.seconds / (succeeded as f64) / own_s;
     figures.add(
         "fit_over_paper",
         round(ratio, 1),
-        "at least 100: its time per successful region over that of this identification",
+        "at least 100: time of the paper's search for a successful region over that of this identification",
     );
 
     let start = Instant::now();
@@ -71,20 +76,19 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     });
     let compiled: Vec<_> = compiled.collect();
     let seconds = start.elapsed().as_secs_f64();
-    let nrmse = noisy
-        .iter()
-        .zip(&compiled)
-        .map(|(c, g)| Evaluated::new(c, Filter::Step, g).map_or(f64::INFINITY, |e| e.nrmse()));
-    let succeeded = nrmse.zip(&ours).filter(|(theirs, ours)| *theirs < **ours + SUCCESS).count();
+    let nrmse = noisy.iter().zip(&compiled).map(|(curves, force_law)| {
+        Evaluated::new(curves, Filter::Step, force_law).map_or(f64::INFINITY, |e| e.nrmse())
+    });
+    let succeeded = nrmse.zip(&own_nrmse).filter(|(nrmse, own)| *nrmse < **own + SUCCESS).count();
     figures.add(
         "fit_over_paper_compiled",
         round(seconds / succeeded as f64 / own_s, 1),
-        &format!("the same with `--method paper`, compiled: {succeeded} of 8 regions succeed"),
+        &format!("the same for `--method paper`, compiled: {succeeded} of 8 regions succeed"),
     );
     Ok(())
 }
 
-/// The parameters of steps without noise are found exactly.
+/// Measures the errors for steps without noise, whose parameters should be found exactly.
 fn exact(figures: &mut Figures) {
     let (mut nrmse, mut parameters) = (0.0f64, 0.0f64);
     for region in 0..8 {
@@ -98,11 +102,19 @@ fn exact(figures: &mut Figures) {
             five(&found, samples.area_max_m2).into_iter().zip(truth).map(|(got, truth)| (got / truth - 1.0).abs());
         parameters = errors.fold(parameters, f64::max);
     }
-    figures.add("fit_exact_nrmse", nrmse * 100.0, "below 0.01: NRMSE in % on exact steps, the worst of eight regions");
-    figures.add("fit_exact_parameters", parameters, "below 1e-4: relative error of the five there, the worst of forty");
+    figures.add(
+        "fit_exact_nrmse",
+        nrmse * 100.0,
+        "below 0.01: NRMSE for steps without noise, %, largest of eight regions",
+    );
+    figures.add(
+        "fit_exact_parameters",
+        parameters,
+        "below 1e-4: relative error of the five parameters there, largest of eight regions",
+    );
 }
 
-/// Fraction of repeats in which a true value lies in its 95 % interval.
+/// Measures the fraction of repeats in which a true value lies in its 95 % interval.
 fn coverage(figures: &mut Figures) {
     let mut least = 1.0f64;
     let mut all = 0.0;

@@ -1,4 +1,4 @@
-//! The processor time that the emulator takes while the emulated board walks in real time.
+//! Measures the processor time of the emulator while the emulated board processes a walk in real time.
 
 use anyhow::{Context, Result};
 use bench::Figures;
@@ -13,23 +13,24 @@ use std::time::{Duration, Instant};
 
 /// Time of the measurement.
 const MEASURED: Duration = Duration::from_secs(6);
-/// Time for an answer of the insole.
-const PATIENCE: Duration = Duration::from_secs(20);
+/// Time within which the insole must answer.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
 /// Ticks per second of the times in `/proc`.
 const USER_HZ: f64 = 100.0;
 
-/// Measures the share of a core at 100 Hz with a live stream. Nothing where the host has no `/proc`.
+/// Measures the share of a core at 100 Hz with a live stream. Measures nothing where the host has no `/proc`.
 pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     if !Path::new("/proc/self/stat").exists() {
         return Ok(());
     }
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 4, ..Default::default() }).recording;
-    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let (config, cells) = (EmulatorConfig::new(worn.setup), worn.cells.clone());
-    let board = Board::start(firmware, &config, &cells, Time::Real, Looped(Recorded::new(walk, worn)))?;
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let (config, cells) = (EmulatorConfig::new(virtual_insole.setup), virtual_insole.cells.clone());
+    let walk = Looped(Recorded::new(walk, virtual_insole));
+    let board = Board::start(firmware, &config, &cells, Time::Real, walk)?;
     let link = board.link()?;
     link.set_read_timeout(Some(client::READ_TIMEOUT))?;
-    let mut client = Client::connect(Framed::new(link), PATIENCE)?;
+    let mut client = Client::connect(Framed::new(link), ANSWER_TIMEOUT)?;
     client.stream()?;
     let (start, before_s) = (Instant::now(), processor_s(board.process_id())?);
     while start.elapsed() < MEASURED {
@@ -47,7 +48,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
 /// Processor time of a process so far, s.
 fn processor_s(process: u32) -> Result<f64> {
     let stat = std::fs::read_to_string(format!("/proc/{process}/stat"))?;
-    // The name in parentheses may hold spaces. User and system time are the fields 14 and 15.
+    // The name in parentheses may contain spaces. User and system time are the fields 14 and 15.
     let fields = stat.rsplit_once(')').context("the process has no name")?.1;
     let ticks = fields.split_whitespace().skip(11).take(2).map(str::parse::<f64>);
     Ok(ticks.sum::<Result<f64, _>>()? / USER_HZ)

@@ -1,4 +1,4 @@
-//! Instructions of one frame on the emulated Cortex-M4F, from raw codes to the encoded live message.
+//! Counts the instructions of one frame on the emulated Cortex-M4F, from raw codes to the encoded live message.
 
 use anyhow::{Result, bail};
 use bench::Figures;
@@ -65,7 +65,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
             }
         }
         let status = walk_through(firmware, &virtual_insole, Time::Counted, Loaded(codes))?;
-        // The least, because scanning interrupted other frames.
+        // The least number of cycles, because interrupts of the scan lengthen some frames.
         let (least, _) = status.frame_cycles;
         figures.add(key, (f64::from(least) * NS_PER_CYCLE).round(), meaning);
     }
@@ -91,7 +91,7 @@ pub fn walk_through(firmware: &Path, insole: &VirtualInsole, time: Time, walk: i
                 Some(ToHost::Status(status)) => break status,
                 Some(ToHost::Hello(hello)) => bail!("the board restarted: {:?}", hello.last_panic),
                 Some(_) => timeouts = 0,
-                None if timeouts > MAX_TIMEOUTS => bail!("the board sends nothing any more"),
+                None if timeouts > MAX_TIMEOUTS => bail!("the board has stopped sending"),
                 None => timeouts += 1,
             }
         };

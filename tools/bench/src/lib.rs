@@ -1,4 +1,4 @@
-//! The part that the benchmarks and the endurance test share: figures, printed and written as JSON.
+//! The parts that the benchmarks and the endurance test share: the output of figures, and walks on the host loops.
 
 mod figures;
 pub mod host_loops;

@@ -1,4 +1,4 @@
-//! Figures of the data path, each measured in this run.
+//! The benchmarks: figures of the data path, each measured in this run.
 
 mod accuracy;
 mod bytes;
@@ -16,8 +16,8 @@ use bench::Figures;
 use clap::Parser;
 use std::path::PathBuf;
 
-/// Measures and prints instructions per frame in the emulator, f32 against f64, sizes of the messages, replay compared with NumPy,
-/// and identification compared with SciPy.
+/// Measures and prints instructions per frame in the emulator, f32 against f64, sizes of the messages, replay compared with
+/// NumPy, and identification compared with SciPy.
 #[derive(Parser)]
 struct Arguments {
     /// The firmware of the emulated board.
@@ -29,7 +29,7 @@ struct Arguments {
     /// The folder SpeedPP2DS of the package jiku-data; with it, identification is also measured on its walkers.
     #[arg(long, requires = "plantar")]
     jiku: Option<PathBuf>,
-    /// The command line `plantar`, to measure the time of a cohort.
+    /// The program `plantar`, to measure the time of `plantar cohort`.
     #[arg(long)]
     plantar: Option<PathBuf>,
     /// Also write the figures to this file, one flat JSON object.

@@ -1,4 +1,4 @@
-//! Runs the Python scripts of the comparisons: their input is a folder of data, their output numbers.
+//! Runs the Python scripts of the comparisons. Their input is a folder with data, and they print numbers.
 
 use anyhow::{Context, Result, bail};
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! Frames per second on one core, from recorded pressures to codes, live values and steps as `plantar replay` computes them;
-//! compared with a vectorised NumPy version of the same stages.
+//! Measures the frames per second of a replay on one core, from recorded pressures to codes, live values and steps, and compares
+//! them with a vectorised NumPy version of the same stages.
 
 use crate::python;
 use anyhow::{Result, bail};
@@ -15,7 +15,7 @@ use std::path::Path;
 use std::time::Instant;
 
 const STEPS: usize = 300;
-/// The best of so many runs counts, because other processes share the core.
+/// The fastest of this number of runs counts, because other processes share the core.
 const RUNS: usize = 20;
 
 pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
@@ -71,13 +71,13 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     let [seconds, numpy_steps, numpy_peaks @ ..] = &numbers[..] else {
         bail!("the NumPy version printed: {numbers:?}")
     };
-    // The comparison is valid only where both did the same work.
+    // The times can be compared only where both versions computed the same.
     if *numpy_steps as usize != steps {
-        bail!("NumPy found {numpy_steps} steps, the core {steps}");
+        bail!("NumPy found {numpy_steps} steps, this library {steps}");
     }
-    for (region, (numpy, ours)) in numpy_peaks.iter().zip(peak_n).enumerate() {
-        if (numpy - f64::from(ours)).abs() > 0.01 * numpy.abs() {
-            bail!("region {region}: NumPy's peak model force is {numpy} N, the core's {ours} N");
+    for (region, (numpy, own)) in numpy_peaks.iter().zip(peak_n).enumerate() {
+        if (numpy - f64::from(own)).abs() > 0.01 * numpy.abs() {
+            bail!("region {region}: NumPy's peak model force is {numpy} N, this library's {own} N");
         }
     }
     let numpy_per_s = frames as f64 / seconds;

@@ -1,4 +1,4 @@
-//! The deepest stack of the emulated board in a walk with steps and a live stream.
+//! Measures the deepest stack of the emulated board in a walk with steps and a live stream.
 
 use crate::instructions::walk_through;
 use anyhow::{Result, bail};
@@ -14,7 +14,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
     let status = walk_through(firmware, &virtual_insole.clone(), Time::Max, Recorded::new(walk, virtual_insole))?;
     if status.steps != 3 {
-        bail!("the walk of 3 steps gave {}", status.steps);
+        bail!("the walk of 3 steps resulted in {} steps", status.steps);
     }
     figures.add("stack_bytes", status.stack_bytes, "deepest stack of the emulated board in a walk");
     Ok(())

@@ -1,4 +1,5 @@
-//! Identification for ten barefoot walkers on a pressure plate (SpeedPP2DS): each step is predicted from the walker's other steps.
+//! Identification for ten barefoot walkers on a pressure plate (SpeedPP2DS): each step is predicted from the walker's other
+//! steps.
 
 use anyhow::Result;
 use bench::Figures;
@@ -10,7 +11,7 @@ use plantar::pipeline::stance::StanceRule;
 use recording::{Recording, VirtualInsole, jiku};
 use std::path::Path;
 
-/// Predicted NRMSE of each region in the best of the earlier analyses of such steps, %.
+/// Predicted NRMSE of each region in the best of the earlier analyses of these steps, %.
 const REFERENCE: [f64; 8] = [13.6, 23.5, 23.5, 26.5, 27.2, 18.4, 21.0, 19.5];
 
 pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
@@ -36,22 +37,26 @@ pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
         figures.add(
             &format!("nrmse.{name}.own"),
             mean(&counted, |q| Some(q.own)),
-            "%, each step fitted alone, counted cells",
+            "NRMSE in %, each step fitted separately, counted cells",
         );
         figures.add(
             &format!("nrmse.{name}.predicted"),
             predicted,
-            &format!("at most {}: each step from the walker's others, {walkers} walkers", REFERENCE[i]),
+            &format!("at most {}: each step predicted from the walker's others, {walkers} walkers", REFERENCE[i]),
         );
         figures.add(
             &format!("nrmse.{name}.floor"),
             mean(&counted, |q| Some(q.floor)),
-            "best increasing function of its area",
+            "the same for the best increasing function of the area",
         );
-        let finer = mean(&covered, |q| q.predicted);
-        figures.add(&format!("nrmse.{name}.covered"), finer, "predicted, with fractional contact (150 kPa)");
+        let predicted_covered = mean(&covered, |q| q.predicted);
+        figures.add(
+            &format!("nrmse.{name}.covered"),
+            predicted_covered,
+            "predicted, with fractional contact (150 kPa)",
+        );
         totals[0] += predicted / 8.0;
-        totals[1] += finer / 8.0;
+        totals[1] += predicted_covered / 8.0;
     }
     let [counted, covered] = totals;
     figures.add(
@@ -60,8 +65,12 @@ pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
         &format!("mean of the regions, {steps} steps"),
     );
     figures.add("nrmse.mean.covered", (covered * 100.0).round() / 100.0, "the same, with fractional contact");
-    let less = (1.0 - covered / counted) * 100.0;
-    figures.add("nrmse.mean.less", (less * 10.0).round() / 10.0, "at least 15: % by which that is lower");
+    let reduction = (1.0 - covered / counted) * 100.0;
+    figures.add(
+        "nrmse.mean.less",
+        (reduction * 10.0).round() / 10.0,
+        "at least 15: reduction of the mean by fractional contact, %",
+    );
     Ok(())
 }
 

@@ -1,4 +1,4 @@
-//! Electrical faults of a sensor matrix, applied to the codes of a sound one.
+//! Electrical faults of a sensor matrix, applied to the codes of a fault-free matrix.
 
 use crate::{Scan, Walk};
 use emulation::COLUMNS;
@@ -11,21 +11,21 @@ use thiserror::Error;
 /// The load of a saturating cell is amplified by this factor.
 const SATURATING_GAIN: f64 = 100.0;
 
-/// An electrical fault of the sensor matrix, from a time on.
+/// An electrical fault of the sensor matrix, which begins at a certain time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorFault {
     /// Its kind.
     pub kind: FaultKind,
     /// Its place, in a matrix with rows of [`COLUMNS`] cells.
     pub place: Place,
-    /// Stuck: the code. Drift: codes per second. Crosstalk: the fraction of a row's largest load that its other cells read. Otherwise
-    /// 0.
+    /// Stuck: the code. Drift: codes per second. Crosstalk: the fraction of a row's largest load that its other cells read.
+    /// Otherwise 0.
     pub value: f64,
-    /// Begin, s.
+    /// Time at which the fault begins, s.
     pub from_s: f64,
 }
 
-/// Why a text describes no fault.
+/// The reason why a text does not describe a fault.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[error("{text}: {why}; write for example {FAULT_EXAMPLES}")]
 pub struct ParseFaultError {
@@ -35,20 +35,20 @@ pub struct ParseFaultError {
 
 /// An example of each kind.
 pub const FAULT_EXAMPLES: &str = "open-cell:17, open-row:3, open-column:5, short-cell:17, short-row:3, short-column:5, \
-                                  stuck:17=12000, saturate:17, drift:17=50/s, crosstalk:3=0.1, each with @SECONDS where it begins \
-                                  later";
+                                  stuck:17=12000, saturate:17, drift:17=50/s, crosstalk:3=0.1, each with @SECONDS \
+                                  where it begins later";
 
 impl FromStr for SensorFault {
     type Err = ParseFaultError;
 
     fn from_str(text: &str) -> Result<Self, ParseFaultError> {
         let error = |why| ParseFaultError { text: text.into(), why };
-        let (what, from) = text.split_once('@').unwrap_or((text, "0"));
+        let (fault, from) = text.split_once('@').unwrap_or((text, "0"));
         let from_s: f64 = from.parse().map_err(|_| error("@ is followed by a time in seconds"))?;
         if !(from_s >= 0.0 && from_s.is_finite()) {
             return Err(error("a fault begins at 0 s or later"));
         }
-        let (name, at) = what.split_once(':').ok_or_else(|| error("a fault is KIND:WHERE"))?;
+        let (name, at) = fault.split_once(':').ok_or_else(|| error("a fault is KIND:PLACE[=VALUE][@SECONDS]"))?;
         let (number, value) = at.split_once('=').map_or((at, None), |(number, value)| (number, Some(value)));
         let number: u16 = number.parse().map_err(|_| error("cells, rows and columns are numbers from 0"))?;
         let line = || match u8::try_from(number) {
@@ -76,14 +76,14 @@ impl FromStr for SensorFault {
             (_, None) => return Err(error("this kind takes a value after =")),
             (FaultKind::Drift, Some(value)) => {
                 let value = value.strip_suffix("/s").unwrap_or(value);
-                value.parse().map_err(|_| error("drift takes codes a second"))?
+                value.parse().map_err(|_| error("drift takes a number of codes per second"))?
             }
             (_, Some(value)) => value.parse().map_err(|_| error("the value is not a number"))?,
         };
         let (is_in_range, why) = match kind {
             FaultKind::Stuck => ((0.0..=f64::from(FULL_CODE)).contains(&value), "a stuck code is 0 to 65520"),
             FaultKind::Crosstalk => ((0.0..=1.0).contains(&value), "crosstalk is 0 to 1"),
-            _ => (value.is_finite(), "drift takes codes a second"),
+            _ => (value.is_finite(), "drift takes a number of codes per second"),
         };
         if !is_in_range {
             return Err(error(why));
@@ -109,7 +109,7 @@ impl SensorFault {
         })
     }
 
-    /// Changes the codes of a scan at `t_s` to those of the faulty matrix; `zeros` are the codes of the unloaded cells.
+    /// Changes the codes of a scan at `t_s` to the codes of the faulty matrix; `zeros` are the codes of the unloaded cells.
     pub fn apply(&self, t_s: f64, zeros: &[u16], codes: &mut [u16]) {
         if t_s < self.from_s {
             return;

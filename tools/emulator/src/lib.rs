@@ -39,7 +39,7 @@ const LOG_FILE: &str = "log.defmt";
 /// QEMU connects its ports within this time.
 const START: Duration = Duration::from_secs(20);
 
-/// The board's time.
+/// How the board's time passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Time {
     /// Real time: the board scans by its own clock.
@@ -50,23 +50,23 @@ pub enum Time {
     Counted,
 }
 
-/// Why the emulated board did not start.
+/// The reason why the emulated board did not start.
 #[derive(Debug, Error)]
 pub enum Error {
     /// QEMU is not installed.
     #[error(
-        "qemu-system-arm not found: install it (Debian and Ubuntu: apt-get install qemu-system-arm; Fedora: dnf install \
-         qemu-system-arm; macOS: brew install qemu)"
+        "qemu-system-arm not found: install it (Debian and Ubuntu: apt-get install qemu-system-arm; Fedora: dnf \
+         install qemu-system-arm; macOS: brew install qemu)"
     )]
     NoQemu,
     /// The firmware file is missing.
     #[error("no firmware at {0}: build it with `cargo xtask build`, or name it with --firmware")]
     NoFirmware(PathBuf),
     /// QEMU exited before it connected.
-    #[error("the emulator exited before the board was up: {0}")]
+    #[error("QEMU exited before the board started: {0}")]
     Exited(String),
     /// QEMU did not connect in time.
-    #[error("the emulator did not connect within {} s", START.as_secs())]
+    #[error("QEMU did not connect within {} s: try again when this computer is less busy", START.as_secs())]
     Timeout,
     /// The firmware file is not an executable of the board.
     #[error(transparent)]
@@ -76,7 +76,7 @@ pub enum Error {
     #[error(transparent)]
     Log(#[from] LogError),
     /// An error of a file or a socket.
-    #[error("emulation: {0}")]
+    #[error("the emulation failed: {0}")]
     Io(#[from] io::Error),
 }
 
@@ -102,7 +102,7 @@ pub struct Board {
 }
 
 impl Board {
-    /// Starts `firmware`, by the bootloader in the same folder, with this configuration and this walk in its sensor matrix.
+    /// Starts `firmware` through the bootloader in the same folder, with this configuration and this walk in its sensor matrix.
     ///
     /// # Errors
     /// See [`enum@Error`].
@@ -246,18 +246,18 @@ impl Board {
         self.plant.play();
     }
 
-    /// The plant that plays the matrix.
+    /// The sensor plant, which plays the walk into the matrix.
     pub fn plant(&self) -> &Plant {
         &self.plant
     }
 }
 
-/// The emulator's process, which is killed when this is dropped.
+/// QEMU's process, which is killed when this is dropped.
 struct Qemu(Child);
 
 impl Drop for Qemu {
     fn drop(&mut self) {
-        // It may have exited by itself.
+        // This fails where QEMU has exited by itself.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }

@@ -14,25 +14,26 @@ use std::sync::mpsc::{Sender, channel};
 pub enum Scan {
     /// All rows answered.
     Whole,
-    /// Only so many rows answered, from the first.
+    /// Only this number of rows answered, counted from the first.
     Rows(u8),
 }
 
 /// The load on the matrix over time.
 pub trait Walk: Send + 'static {
-    /// Number of scans; [`u32::MAX`] for a walk without end. After the last one, the codes remain; where the plant paces the scans,
-    /// its clock stops.
+    /// Number of scans; [`u32::MAX`] for a walk without end. After the last one, the codes remain; where the plant paces the
+    /// scans, its clock stops.
     fn scans(&self) -> u32;
 
     /// Writes the codes of scan number `seq`, below [`Walk::scans`], one per cell in the order of the set-up.
     fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan;
 }
 
-fn has(walk: &impl Walk, seq: u32) -> bool {
+/// True where the walk has a scan with this number.
+fn has_scan(walk: &impl Walk, seq: u32) -> bool {
     seq < walk.scans() || walk.scans() == u32::MAX
 }
 
-/// The thread that plays the matrix. It ends when the board closes its port.
+/// The thread that plays the walk into the matrix. It ends when the board closes its port.
 pub struct Plant {
     requested: Arc<AtomicU32>,
     playing: Sender<()>,
@@ -56,9 +57,9 @@ impl Plant {
                 let answered = match kind {
                     // The clock waits for Plant::play. The sender is dropped with the board.
                     TICK if seq == 0 && play.recv().is_err() => break,
-                    TICK if has(&walk, seq) => port.write_all(&[TICK, TICK]),
+                    TICK if has_scan(&walk, seq) => port.write_all(&[TICK, TICK]),
                     SCAN => {
-                        let outcome = if has(&walk, seq) { walk.scan(seq, &mut codes) } else { Scan::Whole };
+                        let outcome = if has_scan(&walk, seq) { walk.scan(seq, &mut codes) } else { Scan::Whole };
                         count.store(seq.wrapping_add(1), Ordering::Relaxed);
                         bytes.clear();
                         bytes.extend(codes.iter().flat_map(|code| code.to_le_bytes()));

@@ -1,6 +1,6 @@
 //! Firmware images: made from the linker's output, signed, and verified before they are sent.
 //!
-//! A file holds the image, padded to whole chunks, its Ed25519 signature, and the public key that verifies it.
+//! A file contains the image, padded to whole chunks, its Ed25519 signature, and the public key that verifies it.
 
 use ed25519_dalek::{Digest, Sha512, Signer, VerifyingKey};
 use object::{Object, ObjectSegment};
@@ -17,7 +17,7 @@ pub const DEVELOPMENT_KEY: &str = include_str!("../development.key");
 const SIGNATURE_BYTES: usize = 64;
 const KEY_BYTES: usize = 32;
 
-/// Why there is no image or key.
+/// The reason why an image or a key cannot be made or read.
 #[derive(Debug, Error)]
 pub enum Error {
     /// A file cannot be read.
@@ -30,7 +30,7 @@ pub enum Error {
     #[error("{0} is not a firmware image, or is cut short: make one with `cargo xtask image`")]
     NotAnImage(PathBuf),
     /// The signature does not match the image.
-    #[error("{0} is damaged, or cut short: its signature does not match; get it again")]
+    #[error("{0} is damaged, or cut short: its signature does not match; copy or download it again")]
     Damaged(PathBuf),
     /// The file is not a secret key.
     #[error("{0} is not a key file, which has one line of 64 hex digits; `cargo xtask key` makes one")]
@@ -80,12 +80,12 @@ impl Image {
         Ok(Self { bytes: bytes.into(), header, signature: *signature, key })
     }
 
-    /// The contents of its file.
+    /// The contents of the file of this image.
     pub fn file(&self) -> Vec<u8> {
         [&self.bytes[..], &self.signature, self.key.as_bytes()].concat()
     }
 
-    /// Its header: board and version.
+    /// The header, which names board and version.
     pub fn header(&self) -> &Header {
         &self.header
     }
@@ -133,14 +133,14 @@ pub fn flash_image(firmware: &Path) -> Result<Vec<u8>, Error> {
     loaded_bytes(&data).filter(|bytes| header(bytes).is_some()).ok_or_else(|| Error::NotFirmware(firmware.into()))
 }
 
-/// The loaded segments of an ELF file, at their places in the flash.
+/// The loaded segments of an ELF file, each at its offset in the image.
 fn loaded_bytes(elf: &[u8]) -> Option<Vec<u8>> {
     let file = object::read::elf::ElfFile32::<object::Endianness>::parse(elf).ok()?;
     let mut bytes = Vec::new();
     for segment in file.segments() {
         let (data, header) = (segment.data().ok()?, segment.elf_program_header());
         let address = header.p_paddr.get(file.endian());
-        // A segment that only reserves memory has no data.
+        // Skips segments that only reserve memory, which have no data, and those below the image.
         let Some(start) = address.checked_sub(ACTIVE.start).filter(|_| !data.is_empty()) else { continue };
         let (start, end) = (start as usize, start as usize + data.len());
         if end > MAX_IMAGE as usize {

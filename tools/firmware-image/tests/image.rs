@@ -1,11 +1,11 @@
-//! Images: a signed file can be read, a changed one cannot.
+//! Tests of signed images and keys: a signed file can be read, a changed one is detected.
 
 use firmware_image::{DEVELOPMENT_KEY, Error, Image, SigningKey, development_key, flash_image, read_signing_key};
 use plantar::protocol::update::{CHUNK, Header};
 use plantar::storage::flash_map::HEADER;
 use plantar::storage::update::KEY;
 
-/// Random bytes with a header.
+/// An image of random bytes with a valid header.
 fn image(key: &SigningKey) -> Image {
     let mut bytes: Vec<u8> = std::iter::repeat_with(|| fastrand::u8(..)).take(10 * CHUNK).collect();
     let header = Header::new("emulated", "1.2.3").bytes();
@@ -20,7 +20,7 @@ fn a_file_contains_the_image_and_any_change_of_it_is_detected() {
     let image = image(&SigningKey::from_bytes(&[7; 32]));
     let file = image.file();
     std::fs::write(&path, &file).expect("written");
-    let read = Image::read(&path).expect("it is whole");
+    let read = Image::read(&path).expect("a valid image");
     assert_eq!(read, image);
     assert_eq!((read.header().board(), read.header().version(), read.offer().chunks), ("emulated", "1.2.3", 10));
     let chunks: Vec<u8> = (0..10).flat_map(|number| image.chunk(number).as_flattened().to_vec()).collect();
@@ -45,8 +45,8 @@ fn errors_for_missing_firmware_and_keys_name_the_remedy() {
     let path = folder.path().join("firmware");
     assert!(matches!(flash_image(&path), Err(Error::Read(..))));
     std::fs::write(&path, b"\x7fELF").expect("written");
-    assert!(flash_image(&path).expect_err("it is no firmware").to_string().contains("cargo xtask build"));
-    assert!(read_signing_key(&path).expect_err("it is no key").to_string().contains("cargo xtask key"));
+    assert!(flash_image(&path).expect_err("it is not firmware").to_string().contains("cargo xtask build"));
+    assert!(read_signing_key(&path).expect_err("it is not a key").to_string().contains("cargo xtask key"));
     std::fs::write(&path, DEVELOPMENT_KEY).expect("written");
     assert_eq!(read_signing_key(&path).ok(), development_key());
 }

@@ -24,7 +24,7 @@ const VERSION: u32 = 1;
 /// The reason why a parameter file cannot be used.
 #[derive(Debug, Error)]
 pub enum Error {
-    /// The file cannot be read or written, and the reason of the operating system.
+    /// The file cannot be read or written, with the operating system's reason.
     #[error("{0}: {1}; check the path and its permissions")]
     Io(PathBuf, std::io::Error),
     /// The file is not TOML of the required form. The message names line and column where they are known.
@@ -147,7 +147,7 @@ impl Parameters {
             let ellipsoid = found.get_ref().check().map_err(|p| wrong(region.name(), format!("(line {line}) {p}")))?;
             *slot = Some(ellipsoid);
         }
-        // The loop returned unless it filled every slot.
+        // The loop returns an error unless it fills every slot.
         let regions = regions.map(|region| region.expect("the loop fills every slot"));
         let identified = file.identified.map(|i| Identified {
             filter: i.filter,
@@ -157,8 +157,8 @@ impl Parameters {
         });
         if identified.as_ref().is_some_and(|i| !i.contact.is_valid()) {
             return Err(form(
-                "[identified] the contact rule is out of range: needs 0 < contact_off_kpa <= contact_on_kpa, and contact_full_kpa \
-                 of 0 or at least contact_on_kpa"
+                "[identified] the contact rule is out of range: needs 0 < contact_off_kpa <= contact_on_kpa, and \
+                 contact_full_kpa of 0 or at least contact_on_kpa"
                     .into(),
             ));
         }
@@ -167,7 +167,7 @@ impl Parameters {
 
     /// The force laws of an insole as ellipsoids with A = B and d0 = C, which a force law does not determine. The force is the
     /// same, and [`Parameters::tissue`] is equal to `tissue` to the bit, also after a file was written and read: the rounding
-    /// errors of double precision are far below half of a last bit of single precision.
+    /// errors of double precision are far below half a unit in the last place of single precision.
     pub fn from_tissue(tissue: &Tissue) -> Self {
         let regions = tissue.force_laws.map(|law| {
             let law = ForceLaw::<f64>::of(&law);

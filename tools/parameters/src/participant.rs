@@ -13,9 +13,9 @@ pub struct Participant {
     /// Body mass, 10 to 300 kg.
     #[serde(default, deserialize_with = "mass_kg")]
     pub mass_kg: Option<f64>,
-    /// Path of the zero of the insoles.
+    /// Path of the file with the baselines of the insoles.
     pub zero: Option<PathBuf>,
-    /// Path of the measured tissue thickness.
+    /// Path of the file with the measured tissue thickness.
     pub thickness: Option<PathBuf>,
 }
 

@@ -34,7 +34,7 @@ impl Thickness {
         for (name, mm) in lines {
             let Some(region) = Region::from_name(&name) else {
                 let names: Vec<_> = Region::ALL.iter().map(|r| r.name()).collect();
-                return Err(form(format!("{name} is no region; the regions are {}", names.join(", "))));
+                return Err(form(format!("{name} is not a region; the regions are {}", names.join(", "))));
             };
             if !THICKNESS_MM.contains(&mm) {
                 let (least, most) = (THICKNESS_MM.start(), THICKNESS_MM.end());

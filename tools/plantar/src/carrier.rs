@@ -24,7 +24,7 @@ pub struct Connection {
     /// Bit rate of the serial port.
     #[arg(long, default_value_t = 460_800, requires = "serial")]
     baud: u32,
-    /// Bluetooth: left or right for the insole of this foot, or an address where several people are near.
+    /// Bluetooth: left or right selects the insole of this foot; with several insoles in range, give the insole's address.
     #[cfg(feature = "ble")]
     #[arg(long, value_name = "FOOT", group = "insole")]
     ble: Option<Selector>,
@@ -39,7 +39,7 @@ impl Connection {
         let connection = self.clone();
         let open = move || connection.carrier().map_err(open_error);
         Link::connect(Box::new(open), policy).map_err(|error| match error {
-            // It names the connection.
+            // The error of `carrier` names the connection already.
             Error::Open(error) => anyhow!(error),
             error => anyhow::Error::new(error).context(self.to_string()),
         })
@@ -56,7 +56,7 @@ impl Connection {
     }
 }
 
-/// As the user named it.
+/// Shows the connection as the user named it.
 impl fmt::Display for Connection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -68,32 +68,33 @@ impl fmt::Display for Connection {
     }
 }
 
-/// The error of a carrier that could not be opened.
+/// Wraps the reason why a carrier could not be opened.
 pub fn open_error(error: anyhow::Error) -> Error {
     Error::Open(error.into())
 }
 
-/// An insole, or a bridge to one, on the network.
+/// Connects to an insole, or a bridge to one, on the network.
 pub fn open_tcp(address: &str) -> Result<TcpStream> {
     let stream = TcpStream::connect(address)
-        .with_context(|| format!("cannot reach {address}: is the insole or its bridge running there?"))?;
+        .with_context(|| format!("cannot connect to {address}: is the insole or its bridge running there?"))?;
     stream.set_read_timeout(Some(READ_TIMEOUT))?;
     stream.set_nodelay(true)?;
     Ok(stream)
 }
 
-/// An insole on a serial port, which this program uses exclusively.
+/// Opens the serial port of an insole for exclusive use.
 pub fn open_serial(port: &str, baud: u32) -> Result<Box<dyn SerialPort>> {
     serialport::new(port, baud).timeout(READ_TIMEOUT).open().map_err(|error| {
         let remedy = match error.kind() {
-            // The port exists and is not available.
-            ErrorKind::NoDevice if Path::new(port).exists() => "another program holds it: end that one".into(),
+            // The port exists, so another program has locked it.
+            ErrorKind::NoDevice if Path::new(port).exists() => "another program uses it: close that program".into(),
             ErrorKind::NoDevice | ErrorKind::Io(io::ErrorKind::NotFound) => match known_ports() {
                 Some(known) => format!("plug the insole in, or name another port; this computer has {known}"),
                 None => "plug the insole in; this computer has no serial port".into(),
             },
             ErrorKind::Io(io::ErrorKind::PermissionDenied) => {
-                "your user lacks the right to it; on Linux the port's group has it, often dialout".into()
+                "your user may not open it; on Linux, join the group of the port, often dialout, and log in again"
+                    .into()
             }
             _ => format!("is it a serial port, and does it support {baud} bit/s?"),
         };

@@ -22,7 +22,7 @@ use std::time::Instant;
 use summary::Means;
 use table::Origin;
 
-/// Fits each step of many participants separately, as the paper does, and takes means by insole size.
+/// Fits each step of many participants separately, as the paper does, and computes means by insole size.
 ///
 /// The folder contains one folder per participant with that person's recordings
 /// (*.parquet): any number of trials, both feet. A file participant.toml beside
@@ -62,7 +62,7 @@ pub struct Cohort {
 /// A processed participant.
 struct Processed {
     means: Means,
-    /// The table had this participant already.
+    /// The rows were in the table already and are up to date.
     is_cached: bool,
     /// The insole size is known.
     has_size: bool,
@@ -72,7 +72,7 @@ impl Cohort {
     /// Runs the command. Returns true where nothing had to be left out.
     pub fn run(&self) -> Result<bool> {
         let start = Instant::now();
-        // Invalid options would be invalid for every participant.
+        // Invalid options are reported once, because they would fail for every participant.
         self.search.options(0)?;
         self.contact.rule(None)?;
         let names = self.names()?;
@@ -83,7 +83,7 @@ impl Cohort {
             let path = table::path(&self.out, name);
             let done = self.participant(name, &path, &mut left_out).map_err(|error| {
                 left_out.push(format!("{error:#}"));
-                // The table contains exactly the participants of the summary.
+                // A file of an earlier run would be in the table, but not in the summary.
                 let _ = fs::remove_file(path);
             });
             bar.inc(1);
@@ -97,7 +97,7 @@ impl Cohort {
         left_out.iter().for_each(|reason| eprintln!("left out: {reason}"));
         let done: Vec<Processed> = done.into_iter().flatten().collect();
         if done.is_empty() {
-            bail!("{}: no step of any participant", self.participants.display());
+            bail!("{}: no step of any participant was found, for the reasons above", self.participants.display());
         }
         self.report(done, start)?;
         Ok(left_out.is_empty())
@@ -139,7 +139,7 @@ impl Cohort {
         Ok(())
     }
 
-    /// Adds a participant to the table, unless it is up to date. Adds the reasons for unusable recordings to `left_out`.
+    /// Adds a participant to the table, unless the table is up to date. Adds the reasons for unusable recordings to `left_out`.
     fn participant(&self, name: &str, path: &Path, left_out: &mut Vec<String>) -> Result<Processed> {
         let person = self.person(&self.participants.join(name))?;
         let has_size = person.known.size.is_some();
@@ -198,7 +198,7 @@ impl Cohort {
         summary::print(&means);
         println!("Contact: {}.", rule_in_words(&self.contact.rule(None)?));
         if unknown > 0 {
-            println!("{unknown} participants without a size in participant.toml count as {}.", self.search.size);
+            println!("{unknown} participants without a size in participant.toml count as size {}.", self.search.size);
         }
         if let Some(path) = &self.summary {
             summary::write(path, &means)?;
@@ -241,7 +241,8 @@ impl Person {
     /// The rows of a recording: each region of each step, fitted separately.
     fn rows(&self, path: &Path) -> Result<Vec<Row>> {
         let recording = Recording::read(path)?;
-        let steps = self.steps(&recording).with_context(|| format!("{}: the insole is not valid", path.display()))?;
+        let steps =
+            self.steps(&recording).with_context(|| format!("{}: the recording cannot be evaluated", path.display()))?;
         let origin = Origin {
             size: self.size,
             mass_kg: self.known.mass_kg,

@@ -19,7 +19,7 @@ use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// The firmware of `cargo xtask build`.
+/// The path at which `cargo xtask build` writes the firmware of the emulated board.
 pub const FIRMWARE: &str = "target/thumbv7em-none-eabihf/firmware/emulated";
 /// An insole with a live stream is never silent for this long, however slow the emulator is.
 const SILENCE: Duration = Duration::from_secs(10);
@@ -27,7 +27,7 @@ const SILENCE: Duration = Duration::from_secs(10);
 /// Starts the firmware in QEMU, plays a recording into its sensor matrix, and shows the messages from its link.
 #[derive(Args)]
 pub struct Emulate {
-    /// The recording; of at most 256 cells (`plantar import ... --cells 256`).
+    /// The recording, with at most 256 cells (`plantar import ... --cells 256`).
     recording: PathBuf,
     #[command(flatten)]
     wearer: WearerArgs,
@@ -35,7 +35,7 @@ pub struct Emulate {
     contact: ContactArgs,
     #[command(flatten)]
     zero: ZeroArgs,
-    /// In real time, or as fast as the emulator runs.
+    /// Play in real time, or as fast as the emulator runs.
     #[arg(long, value_enum, default_value_t = Speed::Real)]
     speed: Speed,
     /// An electrical fault of the sensor, KIND:PLACE[=VALUE][@SECONDS]; repeat the option for more. Cells are numbered as in a
@@ -84,7 +84,8 @@ impl EmulatedInsole {
             );
         }
         println!("{}", recording.source);
-        let mut insole = setup::insole(&recording, contact.rule(parameters.identified.as_ref())?)?;
+        let mut insole = setup::insole(&recording, contact.rule(parameters.identified.as_ref())?)
+            .with_context(|| path.display().to_string())?;
         zero.apply(&mut insole)?;
         // An invalid set-up is refused here with its reason; the board could not report it.
         let accepted = Insole::<f32, DEVICE_CELLS>::new().set_up(insole.setup, insole.cells.iter().copied());
@@ -147,8 +148,8 @@ impl Emulate {
         summary::print(&steps);
         summary::print_faults_of(&mut client);
         println!(
-            "{} frames of {seconds:.1} s in {:.1} s; live frames: {} sent, {} received, {} lost, {} damaged; scans missed: {}, \
-             overrun: {}",
+            "{} frames of {seconds:.1} s in {:.1} s; live frames: {} sent, {} received, {} lost, {} damaged; scans \
+             missed: {}, overrun: {}",
             status.frames,
             start.elapsed().as_secs_f64(),
             counters.frames_sent,
@@ -216,7 +217,7 @@ impl Emulate {
                 Some(_) => {}
                 None if last_message.elapsed() > SILENCE => {
                     bail!(restarted(
-                        client.reconnect(ReconnectPolicy::STREAM.probe).context("the insole sends nothing any more")?
+                        client.reconnect(ReconnectPolicy::STREAM.probe).context("the insole has stopped sending")?
                     ))
                 }
                 None => is_silent = true,
@@ -240,5 +241,5 @@ impl Emulate {
 
 fn restarted(hello: &Hello) -> String {
     let reason = hello.last_panic.as_deref().unwrap_or("no fault reported");
-    format!("the insole restarted ({:?}, {reason}): its steps so far are lost", hello.reset)
+    format!("the insole restarted (reset reason: {}, {reason}): its steps so far are lost", hello.reset.name())
 }

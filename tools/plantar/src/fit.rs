@@ -109,7 +109,7 @@ impl Search {
     /// The library's options.
     pub fn options(&self, resamples: u64) -> Result<Options> {
         if !(0.05..=0.95).contains(&self.compression) {
-            bail!("--compression {}: a fraction of the thickness, 0.05 to 0.95", self.compression);
+            bail!("--compression {}: expected a fraction of the thickness, 0.05 to 0.95", self.compression);
         }
         let mut thickness_m = self.size.thickness_m();
         if let Some(path) = &self.thickness {
@@ -141,9 +141,9 @@ impl Fit {
     pub fn run(&self) -> Result<bool> {
         let participant = self.participant.clone().unwrap_or_else(|| stem(&self.recordings[0]));
         let mut study = Study::new(participant, self.contact.rule(None)?, self.search.options(RESAMPLES)?);
-        let mut known = Vec::new();
+        let mut checksums = Vec::new();
         for path in &self.recordings {
-            add(&mut study, path, &self.zero, &mut known)?;
+            add(&mut study, path, &self.zero, &mut checksums)?;
         }
         if let Some(StepRange(first, last)) = self.steps {
             let most = study.steps.iter().map(|step| step.number).max();
@@ -173,28 +173,28 @@ impl Fit {
             write(path, &report::png(&study)?)?;
         }
         if fitted == 0 {
-            bail!("no region could be fitted; {} is not written", self.out.display());
+            bail!("no region could be fitted, for the reasons above; {} is not written", self.out.display());
         }
         println!("wrote {}: {fitted} of 8 regions identified", self.out.display());
         Ok(fitted == 8)
     }
 }
 
-/// Adds the steps of a recording. `known` are the checksums of the previous ones: with a recording given twice, a step would be
-/// predicted from itself.
-fn add(study: &mut Study, path: &Path, zero: &ZeroArgs, known: &mut Vec<u32>) -> Result<()> {
+/// Adds the steps of a recording. `checksums` are those of the previous recordings, because a recording that is given twice would
+/// predict its steps from themselves.
+fn add(study: &mut Study, path: &Path, zero: &ZeroArgs, checksums: &mut Vec<u32>) -> Result<()> {
     let recording = Recording::read(path)?;
     let sum = crc32(&recording.pressure_kpa.iter().flat_map(|kpa| kpa.to_le_bytes()).collect::<Vec<_>>());
-    if let Some(before) = known.iter().position(|known| *known == sum) {
+    if let Some(before) = checksums.iter().position(|previous| *previous == sum) {
         bail!("{} is the same recording as {}: give each once", path.display(), study.sources[before].name);
     }
-    known.push(sum);
-    let mut insole = setup::insole(&recording, study.contact)?;
+    checksums.push(sum);
+    let mut insole = setup::insole(&recording, study.contact).with_context(|| path.display().to_string())?;
     zero.apply(&mut insole)?;
     let bar = progress(recording.frames() as u64, "frames");
     study
         .add(path.display().to_string(), &recording, &insole, &mut |done| bar.set_position(done as u64))
-        .with_context(|| format!("{}: the insole is not valid", path.display()))?;
+        .with_context(|| format!("{}: the recording cannot be evaluated", path.display()))?;
     bar.finish_and_clear();
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! The live values of every frame as a table: CSV or Parquet, one row per frame, with empty cells for absent values.
+//! Writes the live values of every frame as a table: CSV or Parquet, one row per frame, with empty fields for absent values.
 
 use anyhow::{Context, Result, bail};
 use parquet::basic::{Compression, Repetition, Type as Physical};
@@ -150,7 +150,7 @@ fn column_names() -> Vec<String> {
 fn write_group(file: &mut SerializedFileWriter<File>, columns: &mut [Vec<Option<f64>>]) -> Result<()> {
     let mut group = file.next_row_group()?;
     for column in columns {
-        // There are as many columns as in the schema.
+        // The schema has as many columns, so there is always a next one.
         let Some(mut writer) = group.next_column()? else { break };
         let values: Vec<f64> = column.iter().flatten().copied().collect();
         let defined: Vec<i16> = column.iter().map(|value| i16::from(value.is_some())).collect();

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Subcommand)]
 pub enum Import {
-    /// Two CSV files: the layout of the cells, and their pressures.
+    /// Import two CSV files: the layout of the cells, and their pressures.
     ///
     /// layout.csv has the columns cell,x_mm,y_mm,area_mm2 and optionally region, one line per cell, numbered from 0; x to the
     /// lateral side, y from heel to toes. Without regions, a template assigns them. frames.csv has the columns
@@ -28,23 +28,23 @@ pub enum Import {
         #[command(flatten)]
         out: Out,
     },
-    /// A pedar .asc export of in-shoe pressure, and the geometry of the insole.
+    /// Import a pedar .asc export of in-shoe pressure with the geometry of the insole.
     ///
     /// The geometry is a CSV file with the columns side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm: the corners of each
     /// sensor. Without --side, both feet are written, as NAME.left.parquet and NAME.right.parquet.
     Pedar {
-        /// The export.
+        /// The exported .asc file.
         file: PathBuf,
         /// The geometry.
         #[arg(long, value_name = "FILE")]
         geometry: PathBuf,
-        /// Only this foot.
+        /// Import only this foot.
         #[arg(long, value_enum)]
         side: Option<Foot>,
         #[command(flatten)]
         out: Out,
     },
-    /// Barefoot steps on a plate from the Python package jiku-data (data set SpeedPP2DS, GPLv3, 10 walkers).
+    /// Import barefoot steps on a plate from the Python package jiku-data (data set SpeedPP2DS, GPLv3, 10 walkers).
     ///
     /// Each trial of that data set is one footprint; the trials are concatenated with unloaded swing phases between them.
     Jiku {
@@ -60,7 +60,7 @@ pub enum Import {
         #[command(flatten)]
         out: Out,
     },
-    /// A computed walk on an insole with 240 cells, for first experiments; it is not a measurement.
+    /// Compute a walk on an insole with 240 cells, for first experiments; it is not a measurement.
     Synthetic {
         /// The foot.
         #[arg(long, value_enum, default_value_t = Foot::Right)]
@@ -78,7 +78,7 @@ pub struct Out {
     /// The recording to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Merge the cells to a virtual insole with at most this many; an insole has at most 256.
+    /// Merge the cells into a virtual insole with at most this many cells; an insole has at most 256.
     #[arg(long, value_name = "N")]
     cells: Option<usize>,
     /// Resample to this many frames per second; an insole scans at 50 to 400 Hz.
@@ -129,7 +129,7 @@ impl Import {
             }
             Self::Jiku { data, walker, trials, out } => {
                 if *trials == 0 || *trials > jiku::TRIALS {
-                    bail!("--trials {trials}: the data set has 1 to {}", jiku::TRIALS);
+                    bail!("--trials {trials}: expected 1 to {}, the number of trials of each walker", jiku::TRIALS);
                 }
                 let recording = jiku::import(data, *walker, 0..*trials, &mut report)?;
                 bar.finish_and_clear();

@@ -28,7 +28,7 @@ pub fn print(recording: &Recording) {
     println!("source    {}", recording.source);
     println!("foot      {}", recording.side.name());
     println!("frames    {} at {:.2} Hz, {seconds:.1} s", recording.frames(), recording.rate_hz);
-    println!("largest   {largest_n:.0} N in all, {largest_kpa:.0} kPa on a cell");
+    println!("largest   {largest_n:.0} N in total, {largest_kpa:.0} kPa on a cell");
     println!("layout    {}, {} cells", recording.layout.name, recording.cells());
     for region in Region::ALL {
         let areas: Vec<f64> =

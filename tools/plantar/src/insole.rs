@@ -12,23 +12,23 @@ use std::path::{Path, PathBuf};
 
 #[derive(Subcommand)]
 pub enum Insole {
-    /// Show identity, calibration, number of starts and storage errors of an insole.
+    /// Show identity, calibration, number of boots and storage errors of an insole.
     Show {
         #[command(flatten)]
         connection: Connection,
     },
-    /// Set the foot and the serial number of an insole. It restarts.
+    /// Set the foot and the serial number of an insole, which restarts afterwards.
     Name {
-        /// The foot it is for.
+        /// The foot that the insole is for.
         #[arg(long)]
         side: Option<Foot>,
-        /// Up to 16 letters, digits or punctuation marks.
+        /// The serial number: up to 16 letters, digits or punctuation marks, without spaces.
         #[arg(long, value_name = "TEXT", value_parser = serial)]
         serial_number: Option<Serial>,
         #[command(flatten)]
         connection: Connection,
     },
-    /// Store the calibration of an insole's cells. It restarts.
+    /// Store the calibration of an insole's cells. The insole restarts afterwards.
     ///
     /// The file has a line `cell,offset,gain` for each cell in the order of the insole's layout: `offset` is the code of the
     /// unloaded cell, `gain` the factor of its pressure, 0.1 to 10.
@@ -110,7 +110,7 @@ fn show(connection: &Connection) -> Result<()> {
     println!("{} insole, firmware {}, {} cells", hello.board, hello.firmware, hello.cells);
     print(&identity);
     println!(
-        "start number {} (reset reason: {}), steps so far {}",
+        "boot number {} (reset reason: {}), steps so far {}",
         contents.start,
         hello.reset.name(),
         contents.next_step
@@ -121,20 +121,20 @@ fn show(connection: &Connection) -> Result<()> {
     let warnings = [
         (
             status.not_stored > 0,
-            "the insole could not store something: its flash chip fails, and settings are lost when it restarts",
+            "the insole could not store some data: its flash chip is failing, and a restart loses unstored settings",
         ),
         (
             contents.newer_kinds > 0,
-            "the insole holds records of a newer firmware, which are not changed: update its firmware to use them",
+            "the insole stores records of a newer firmware, which are not changed: update its firmware to use them",
         ),
         (
             contents.newer_steps > 0,
-            "the insole holds steps of a newer firmware, which are not changed: update its firmware to receive them",
+            "the insole stores steps of a newer firmware, which are not changed: update its firmware to receive them",
         ),
-        (contents.erased > 0, "a part of the insole's flash chip was damaged and had to be erased"),
+        (contents.erased > 0, "a part of the insole's flash chip was damaged and was erased, with its contents"),
         (status.steps_dropped > 0, "the insole's step log was full: its oldest steps were dropped"),
     ];
-    for (_, warning) in warnings.iter().filter(|(holds, _)| *holds) {
+    for (_, warning) in warnings.iter().filter(|(applies, _)| *applies) {
         println!("warning: {warning}");
     }
     Ok(())
@@ -150,10 +150,11 @@ fn print(identity: &Identity) {
 }
 
 fn restart(insole: &mut carrier::Insole) -> Result<()> {
-    insole.restart().context("the insole was asked to restart and did not answer afterwards")?;
+    insole.restart().context("the insole did not answer after the command to restart: switch it off and on")?;
     Ok(())
 }
 
+/// A line of a calibration file.
 #[derive(Deserialize)]
 struct Line {
     cell: u16,
@@ -161,6 +162,7 @@ struct Line {
     gain: f32,
 }
 
+/// Reads and checks a calibration file.
 fn read(path: &Path) -> Result<Vec<CellCalibration>> {
     let mut lines = csv::Reader::from_path(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut cells = Vec::new();

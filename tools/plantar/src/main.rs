@@ -67,16 +67,16 @@ enum Command {
     Record(record::Record),
     #[cfg(feature = "serve")]
     Serve(serve::Serve),
-    /// Tissue parameters.
+    /// Write, show, send and read tissue parameters.
     #[command(subcommand)]
     Params(params::Params),
     Update(update::Update),
-    /// Identity and calibration of an insole.
+    /// Show, name, calibrate and restart an insole.
     #[command(subcommand)]
     Insole(insole::Insole),
 }
 
-/// Exit status where a part of the work could not be done.
+/// Exit status of a command that could do only a part of its work.
 const PARTIAL: u8 = 3;
 
 fn main() -> ExitCode {

@@ -1,4 +1,4 @@
-//! `plantar monitor`: watch an insole over its link.
+//! `plantar monitor`: shows an insole's live loads and steps.
 
 use crate::carrier::{Connection, Insole};
 use crate::summary;
@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 
 /// Shows the live loads of the eight regions, and a table of the steps at the end.
 ///
-/// In a terminal press q or Ctrl-C to end. When the link is lost, the program tries to connect again until then. Steps remain on
-/// the insole until they have arrived here and, with --json, are written.
+/// In a terminal, press q or Ctrl-C to end. When the link is lost, the program reconnects. Steps remain on the insole until they
+/// have arrived here and, with --json, are written.
 #[derive(Args)]
 pub struct Monitor {
     #[command(flatten)]
@@ -29,26 +29,27 @@ pub struct Monitor {
 
 /// Receives the messages of an insole.
 pub trait Sink {
-    /// Takes a live frame; `axis` converts its time to this computer's clock.
+    /// Processes a live frame; `axis` converts its time to this computer's clock.
     fn live(&mut self, live: &Live, axis: &Axis) -> Result<()>;
 
-    /// Takes a step.
+    /// Processes a step.
     fn step(&mut self, step: &Step, axis: &Axis) -> Result<()>;
 
-    /// The number up to which steps were stored since the last call: these can be acknowledged.
+    /// The number of the last step stored since the last call: the steps up to it can be acknowledged.
     fn take_stored(&mut self) -> Option<u32>;
 
-    /// Another session began: the insole may have restarted, with step numbers and a clock that start again.
+    /// Called when another session began: the insole may have restarted, with step numbers and a clock that start again.
     fn reconnected(&mut self) -> Result<()>;
 
-    /// Nothing more is wanted.
-    fn is_full(&self) -> bool;
+    /// True once the limit of this sink is reached, which ends the session.
+    fn has_reached_limit(&self) -> bool;
 }
 
-/// Passes messages to the view and the sink until the user or the sink ends it. A lost link is opened again.
+/// Passes messages to the view and the sink until the user or the limit of the sink ends the session. Reconnects after a lost
+/// link.
 pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sink: &mut dyn Sink) -> Result<()> {
     let side = insole.client().hello().side;
-    while !view.wants_to_end()? && !sink.is_full() {
+    while !view.wants_to_end()? && !sink.has_reached_limit() {
         match insole.next_event()? {
             Event::Message(ToHost::Live(live)) => {
                 let client = insole.client();
@@ -64,7 +65,8 @@ pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sin
                 let hello = insole.client().hello();
                 ensure!(
                     hello.side == side,
-                    "{connection}: this insole is for the {} foot, the one before was for the {}: connect that one again",
+                    "{connection}: this insole is for the {} foot, the previous one was for the {} foot: connect the \
+                     previous one again",
                     hello.side.name(),
                     side.name()
                 );
@@ -87,7 +89,7 @@ pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sin
     Ok(())
 }
 
-/// A JSON array in a file, which is valid after each object.
+/// A file with a JSON array, which is valid JSON after each object.
 struct JsonArray<'m> {
     path: &'m Path,
     file: File,
@@ -95,7 +97,7 @@ struct JsonArray<'m> {
     len: u64,
 }
 
-/// Closes the array.
+/// The end of the array.
 const END: &[u8] = b"\n]\n";
 
 impl<'m> JsonArray<'m> {
@@ -104,7 +106,7 @@ impl<'m> JsonArray<'m> {
         Ok(Self { path, file, len: 0 })
     }
 
-    /// Appends an object. Where it cannot be written, the objects before it remain.
+    /// Appends an object. Where this fails, the file is reset to the objects before it.
     fn push(&mut self, object: &serde_json::Value) -> Result<()> {
         let before = if self.len == 0 { "[\n" } else { ",\n" };
         let added = format!("{before}{object:#}");
@@ -117,19 +119,19 @@ impl<'m> JsonArray<'m> {
         written.with_context(|| format!("cannot write {}", self.path.display()))
     }
 
-    /// Writes after the objects.
+    /// Writes after the last complete object.
     fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.file.seek(SeekFrom::Start(self.len))?;
         self.file.write_all(bytes)?;
         match self.file.sync_data() {
-            // A device, not a file.
+            // Devices such as pipes have no contents to synchronise.
             Err(error) if error.kind() == io::ErrorKind::InvalidInput => Ok(()),
             synced => synced,
         }
     }
 }
 
-/// Collects the steps for the table at the end, and writes them.
+/// Collects the steps for the table at the end, and writes them to the JSON file.
 struct Steps<'m> {
     monitor: &'m Monitor,
     json: Option<JsonArray<'m>>,
@@ -144,7 +146,7 @@ impl Sink for Steps<'_> {
 
     fn step(&mut self, step: &Step, _: &Axis) -> Result<()> {
         self.all.push(*step);
-        // Stored first, because the insole removes a step that is acknowledged.
+        // Written before the acknowledgement, after which the insole removes the step.
         if let Some(json) = &mut self.json {
             json.push(&step_to_json(step))?;
         }
@@ -160,7 +162,7 @@ impl Sink for Steps<'_> {
         Ok(())
     }
 
-    fn is_full(&self) -> bool {
+    fn has_reached_limit(&self) -> bool {
         self.monitor.steps.is_some_and(|limit| self.all.len() >= limit)
     }
 }

@@ -37,7 +37,8 @@ pub enum Params {
         #[command(flatten)]
         connection: Connection,
     },
-    /// Write the parameters on an insole to a commented file. An insole has those that determine the force: A B, C, K, n, G and m.
+    /// Write the parameters on an insole to a commented file. An insole stores only A B, C, K, n, G and m, which determine the
+    /// force.
     Pull {
         /// The file to write.
         #[arg(long, value_name = "FILE")]
@@ -60,7 +61,7 @@ impl Params {
                 Ok(())
             }
             Self::Show { file: None, connection } => {
-                show(&pulled(connection)?);
+                show(&read_tissue(connection)?);
                 Ok(())
             }
             Self::Push { file, connection } => push(file, connection),
@@ -79,7 +80,10 @@ fn push(file: &Path, connection: &Connection) -> Result<()> {
         note_unless_same_rule(&identified.contact, &client.hello().contact_rule);
         let side = client.hello().side.name();
         if identified.side != side && identified.side != "both" {
-            eprintln!("note: these are parameters of the {} foot, and this is the {side} insole", identified.side);
+            eprintln!(
+                "note: these parameters were identified from the {} foot, but this insole is for the {side} foot",
+                identified.side
+            );
         }
     }
     let before = client.hello().tissue_id;
@@ -89,10 +93,11 @@ fn push(file: &Path, connection: &Connection) -> Result<()> {
 }
 
 fn pull(out: &Path, connection: &Connection) -> Result<()> {
-    let tissue = pulled(connection)?;
+    let tissue = read_tissue(connection)?;
     let text = format!(
-        "# Read from an insole, which stores only A B, C, K, n, G and m. Here a = b = sqrt(A B), d0 = C, k = K / C, c = G / C,\n\
-         # which results in the same force. An insole does not store whether its parameters are personal.\n\n{}",
+        "# Read from an insole, which stores only A B, C, K, n, G and m. Here a = b = sqrt(A B), d0 = C,\n\
+         # k = K / C and c = G / C, which results in the same force. An insole does not store whether its parameters\n\
+         # are personal.\n\n{}",
         Parameters::from_tissue(&tissue).to_toml()
     );
     std::fs::write(out, text).with_context(|| format!("cannot write {}", out.display()))?;
@@ -100,7 +105,8 @@ fn pull(out: &Path, connection: &Connection) -> Result<()> {
     Ok(())
 }
 
-fn pulled(connection: &Connection) -> Result<Tissue> {
+/// Reads the parameters on an insole.
+fn read_tissue(connection: &Connection) -> Result<Tissue> {
     let tissue = connection.open(ReconnectPolicy::RESTART)?.client().tissue()?;
     if tissue == Tissue::NONE {
         bail!("the insole has no parameters: send some with `plantar params push`");
@@ -108,7 +114,7 @@ fn pulled(connection: &Connection) -> Result<Tissue> {
     Ok(tissue)
 }
 
-/// A short name of a parameter set, for comparison.
+/// A short name of a parameter set, by which two sets can be compared.
 fn name(id: u32) -> String {
     if id == 0 { "none".into() } else { format!("{id:08x}") }
 }
@@ -128,15 +134,15 @@ fn show_file(parameters: &Parameters) {
 
 fn show(tissue: &Tissue) {
     println!("Parameters {} as an insole uses them:", name(tissue.id));
-    let regions = Region::ALL.iter().zip(&tissue.force_laws).map(|(region, g)| {
+    let regions = Region::ALL.iter().zip(&tissue.force_laws).map(|(region, law)| {
         vec![
             region.name().to_string(),
-            format!("{:.1}", g.stiffness_pa * 1e-3),
-            format!("{:.2}", g.n),
-            format!("{:.3}", g.damping_pa_s * 1e-3),
-            format!("{:.2}", g.m),
-            format!("{:.1}", g.ab_m2 * 1e6),
-            format!("{:.2}", g.c_m * 1e3),
+            format!("{:.1}", law.stiffness_pa * 1e-3),
+            format!("{:.2}", law.n),
+            format!("{:.3}", law.damping_pa_s * 1e-3),
+            format!("{:.2}", law.m),
+            format!("{:.1}", law.ab_m2 * 1e6),
+            format!("{:.2}", law.c_m * 1e3),
         ]
     });
     print(["region", "K kPa", "n", "G kPa s", "m", "AB mm2", "C mm"], regions);

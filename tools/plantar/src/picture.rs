@@ -17,7 +17,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// Takes the insole's last frame.
+    /// Adds the forces of the insole's last frame.
     pub fn push<R: Real, const N: usize>(&mut self, insole: &Insole<R, N>) {
         let forces = |load: &RegionLoad<R>| (load.frame.force.force_n.to_f64(), load.tissue.model_n.to_f64());
         self.forces.push(insole.loads().each_ref().map(forces));
@@ -25,7 +25,8 @@ impl Picture {
 
     /// Draws a step of the recording to an SVG file.
     pub fn write(&self, path: &Path, recording: &Recording, insole: &VirtualInsole, step: Option<&Step>) -> Result<()> {
-        let step = step.context("the recording has no step to draw")?;
+        let step =
+            step.context("the recording has no step to draw: give one with a complete step, or omit --picture")?;
         let frame = |us: u64| ((us as f64 * 1e-6 * recording.rate_hz).round() as usize).min(recording.frames());
         let frames = frame(step.start_us)..frame(step.start_us + u64::from(step.duration_us));
         let forces = self.forces.get(frames.clone()).context("the step is outside of the recording")?;

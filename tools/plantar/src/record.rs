@@ -1,4 +1,4 @@
-//! `plantar record`: an insole's session as Parquet.
+//! `plantar record`: stores a session with an insole as Parquet files.
 
 use crate::carrier::Connection;
 use crate::monitor::{Sink, follow};
@@ -16,9 +16,9 @@ use std::time::{Duration, Instant};
 /// Stores live frames and steps of an insole in a folder of Parquet files.
 ///
 /// FOLDER/live/*.parquet has one row per frame and region, FOLDER/steps/*.parquet one per step and region; pandas, Polars,
-/// DuckDB and Spark read each as one table. A file is completed every half minute, so a crash costs at most that much of the
-/// live frames; steps remain on the insole until their file is complete. When the link is lost, the program tries to connect
-/// again. In a terminal press q or Ctrl-C to end.
+/// DuckDB and Spark read each as one table. A file is completed every half minute, so a crash loses at most the live frames
+/// of that time; steps remain on the insole until their file is complete. When the link is lost, the program reconnects. In a
+/// terminal, press q or Ctrl-C to end.
 #[derive(Args)]
 pub struct Record {
     /// The folder to write; it must be new or empty.
@@ -36,7 +36,7 @@ pub struct Record {
 
 /// A file is completed after this time.
 const FILE_TIME: Duration = Duration::from_secs(30);
-/// A file is completed after this many steps: an insole sends no more before they are acknowledged.
+/// A file is completed after this many steps, because an insole sends no further steps before these are acknowledged.
 const FILE_STEPS: usize = plantar::protocol::session::STEP_QUEUE;
 
 impl Record {
@@ -49,26 +49,26 @@ impl Record {
         let mut recorder = Recorder::new(self, insole.client().hello().side);
         let followed = follow(&self.connection, &mut insole, &mut view, &mut recorder);
         view.close();
-        // Whatever ended the session, the messages that arrived are stored.
-        let closed = recorder.close();
+        // The messages that arrived are stored even where an error ended the session.
+        let completed = recorder.complete_file();
         if let Some(step) = recorder.take_stored()
             && insole.client().hello().side == recorder.side
         {
-            // Where the link is lost, the insole stores its steps.
+            // Without a link, the acknowledgement is not needed: the steps remain on the insole and are sent again.
             let _ = insole.client().send(ToDevice::Acknowledge { step });
         }
-        if closed.is_err() {
+        if completed.is_err() {
             let count = recorder.pending_steps.len();
-            eprintln!("note: {count} steps were not stored; they remain on the insole as far as its log reaches");
+            eprintln!("note: {count} steps were not stored; they remain on the insole until its log is full");
         }
         summary::print(&recorder.all_steps);
         summary::print_faults_of(insole.client());
         println!("wrote {}: {} frames, {} steps", self.out.display(), recorder.frames, recorder.all_steps.len());
-        followed.and(closed)
+        followed.and(completed)
     }
 }
 
-/// Writes Parquet files, one after the other.
+/// Collects rows and writes them to Parquet files, one after the other.
 struct Recorder<'r> {
     record: &'r Record,
     side: Side,
@@ -77,7 +77,7 @@ struct Recorder<'r> {
     file_number: usize,
     start: Instant,
     file_start: Instant,
-    /// Rows of the next file.
+    /// Rows that are not written yet.
     live: Vec<Row>,
     steps: Vec<Row>,
     /// Numbers of the steps in the next file.
@@ -106,7 +106,8 @@ impl<'r> Recorder<'r> {
         }
     }
 
-    fn close(&mut self) -> Result<()> {
+    /// Writes the collected rows as the next file of each table; their steps can then be acknowledged.
+    fn complete_file(&mut self) -> Result<()> {
         let path = |table: &str| self.record.out.join(table).join(format!("part-{:05}.parquet", self.file_number));
         for (table, rows) in [("live", &mut self.live), ("steps", &mut self.steps)] {
             if !rows.is_empty() {
@@ -120,9 +121,9 @@ impl<'r> Recorder<'r> {
         Ok(())
     }
 
-    fn close_if_due(&mut self) -> Result<()> {
+    fn complete_file_if_due(&mut self) -> Result<()> {
         let is_due = self.pending_steps.len() >= FILE_STEPS || self.file_start.elapsed() >= FILE_TIME;
-        if is_due { self.close() } else { Ok(()) }
+        if is_due { self.complete_file() } else { Ok(()) }
     }
 }
 
@@ -138,7 +139,7 @@ impl Sink for Recorder<'_> {
             row.extend(flag_columns(Live::FLAGS, live, i));
             self.live.push(row);
         }
-        self.close_if_due()
+        self.complete_file_if_due()
     }
 
     fn step(&mut self, step: &Step, axis: &Axis) -> Result<()> {
@@ -151,7 +152,7 @@ impl Sink for Recorder<'_> {
             row
         });
         self.steps.extend(rows);
-        self.close_if_due()
+        self.complete_file_if_due()
     }
 
     fn take_stored(&mut self) -> Option<u32> {
@@ -159,12 +160,12 @@ impl Sink for Recorder<'_> {
     }
 
     fn reconnected(&mut self) -> Result<()> {
-        self.close()?;
+        self.complete_file()?;
         self.session += 1;
         Ok(())
     }
 
-    fn is_full(&self) -> bool {
+    fn has_reached_limit(&self) -> bool {
         let is_over = |seconds| self.start.elapsed() >= Duration::from_secs(seconds);
         self.record.steps.is_some_and(|limit| self.all_steps.len() >= limit) || self.record.seconds.is_some_and(is_over)
     }
@@ -174,15 +175,16 @@ fn seconds(us: u64) -> f64 {
     us as f64 / 1e6
 }
 
+/// The row of a region `i` in a step. The order of the columns is part of the format of the table.
 fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
     let r = &step.regions[i];
     let (nested, quantities): (Vec<_>, Vec<_>) = StepRegion::QUANTITIES.iter().partition(|q| q.path().0.is_some());
     let (counts, quantities): (Vec<_>, Vec<_>) = quantities.into_iter().partition(|q| q.is_count());
-    let (whole, scaled): (Vec<_>, Vec<_>) = quantities.into_iter().partition(|q| q.per_unit == 1);
+    let (unscaled, scaled): (Vec<_>, Vec<_>) = quantities.into_iter().partition(|q| q.per_unit == 1);
     let mut row: Row = vec![("session", session.into()), ("side", step.side.name().into())];
     row.extend(columns(Step::QUANTITIES, step));
     row.push(("region", region.into()));
-    row.extend(columns(whole, r));
+    row.extend(columns(unscaled, r));
     row.extend(flag_columns(Step::FLAGS, step, i));
     row.extend(columns(counts, r));
     row.extend([
@@ -195,17 +197,19 @@ fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
     row
 }
 
+/// The columns of quantities with their values in `of`.
 fn columns<T: 'static>(
     quantities: impl IntoIterator<Item = &'static Quantity<T>>,
     of: &T,
 ) -> impl Iterator<Item = (&'static str, Value)> {
     quantities.into_iter().map(move |quantity| {
-        let whole = || (quantity.value)(of).and_then(|value| i32::try_from(value).ok());
-        let value = if quantity.is_count() { Value::Whole(whole()) } else { Value::Real(quantity.in_unit(of)) };
+        let integer = || (quantity.value)(of).and_then(|value| i32::try_from(value).ok());
+        let value = if quantity.is_count() { Value::Integer(integer()) } else { Value::Real(quantity.in_unit(of)) };
         (quantity.name, value)
     })
 }
 
+/// The columns of flags with their values for a region of `of`.
 fn flag_columns<T: 'static>(
     flags: &'static [Flag<T>],
     of: &T,

@@ -19,7 +19,7 @@ use std::time::Instant;
 /// Computes the steps of a recording as the insole would, with the same code.
 ///
 /// Recorded pressures are first converted to the codes of a virtual sensor, exactly as in `plantar emulate`, so the steps of both
-/// are equal to the last digit in f32. With f64, the error of single precision can be determined.
+/// are equal to the last digit in f32. A replay in f64 shows the error of single precision.
 #[derive(Args)]
 pub struct Replay {
     /// The recording.
@@ -55,7 +55,8 @@ impl Replay {
         let recording = Recording::read(&self.recording)?;
         let parameters = self.wearer.parameters()?;
         let tissue = parameters.tissue();
-        let mut insole = setup::insole(&recording, self.contact.rule(parameters.identified.as_ref())?)?;
+        let mut insole = setup::insole(&recording, self.contact.rule(parameters.identified.as_ref())?)
+            .with_context(|| self.recording.display().to_string())?;
         self.zero.apply(&mut insole)?;
         let start = Instant::now();
         let steps = match self.precision {
@@ -80,7 +81,7 @@ impl Replay {
     ) -> Result<Vec<Step>> {
         let mut insole = Box::new(Insole::<R, MAX_CELLS>::new());
         let accepted = insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied());
-        accepted.with_context(|| format!("{}: the insole is not valid", self.recording.display()))?;
+        accepted.with_context(|| format!("{}: the recording cannot be evaluated", self.recording.display()))?;
         insole.set_tissue(tissue)?;
         let mut frames =
             self.frames.as_deref().map(|path| FrameWriter::create(path, virtual_insole.setup.contact)).transpose()?;

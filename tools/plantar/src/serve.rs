@@ -64,7 +64,7 @@ impl Serve {
     pub fn run(&self) -> Result<()> {
         let insoles = self.serial.len() + self.tcp.len() + self.emulate.len();
         if !(1..=MAX_INSOLES).contains(&insoles) {
-            bail!("give one --serial, --tcp or --emulate per foot: 1 or 2 in all, not {insoles}");
+            bail!("give one --serial, --tcp or --emulate per foot: 1 or 2 in total, not {insoles}");
         }
         let mut sources = Vec::new();
         for port in self.serial.clone() {
@@ -74,7 +74,7 @@ impl Serve {
         for address in self.tcp.clone() {
             sources.push(source(address.clone(), move || Ok(Box::new(Framed::new(open_tcp(&address)?)))));
         }
-        // The boards run until the program ends.
+        // A board runs until it is dropped, here at the end of the program.
         let mut boards = Vec::new();
         for path in &self.emulate {
             let parameters = self.wearer.parameters()?;
@@ -109,7 +109,7 @@ fn source(name: String, mut open: impl FnMut() -> Result<Box<dyn Carrier + Send>
     Source { name, open: Box::new(move || open().map_err(open_error)), tissue: None }
 }
 
-/// The page in this folder or, for a program in `target/release`, in the repository that it was built from.
+/// The folder of the page, below this folder or, for a program in `target/release`, in the repository that it was built from.
 fn find_page() -> PathBuf {
     let program = std::env::current_exe().unwrap_or_default();
     let above = program.ancestors().map(|folder| folder.join(PAGE));

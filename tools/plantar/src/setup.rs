@@ -42,33 +42,36 @@ pub fn note_unless_personal(parameters: &Parameters) {
 
 #[derive(Args)]
 pub struct ContactArgs {
-    /// A cell gets into contact at this pressure, kPa [default: that of the parameters in use, or 10].
+    /// A cell comes into contact at this pressure, kPa [default: the value of the parameters in use, or 10].
     #[arg(long, value_name = "KPA")]
     contact_on: Option<f32>,
-    /// A cell loses contact below this pressure, kPa [default: that of the parameters in use, or 3/4 of --contact-on].
+    /// A cell loses contact below this pressure, kPa [default: --contact-on times the ratio of the two in the parameters in
+    /// use, or 3/4 of --contact-on].
     #[arg(long, value_name = "KPA")]
     contact_off: Option<f32>,
-    /// Count the fraction sqrt(p / KPA) of the area of a cell in contact, at most all of it; 150 is a good value, with 0 all of
-    /// the area is counted [default: that of the parameters in use, or 0].
+    /// Count the fraction sqrt(p / KPA), at most 1, of the area of a cell in contact; 150 is a good value. With 0, the whole area
+    /// is counted [default: the value of the parameters in use, or 0].
     #[arg(long, value_name = "KPA")]
     contact_full: Option<f32>,
 }
 
 impl ContactArgs {
-    /// The rule, by default that of `identified`; a note on stderr where it is another one.
+    /// The contact rule: the rule of `identified` or the usual one, changed by the options that were given. Prints a note on
+    /// stderr where the result differs from the rule of `identified`.
     pub fn rule(&self, identified: Option<&Identified>) -> Result<ContactRule> {
         let default = identified.map_or(ContactRule::COUNTED, |i| i.contact);
         let on_kpa = self.contact_on.unwrap_or(default.on_kpa);
         let rule = ContactRule {
             on_kpa,
-            // The same relative hysteresis at another threshold.
+            // The relative hysteresis of the default also holds for another threshold.
             off_kpa: self.contact_off.unwrap_or(default.off_kpa / default.on_kpa * on_kpa),
             full_kpa: self.contact_full.unwrap_or(default.full_kpa),
         };
         if !rule.is_valid() {
             bail!(
-                "contact on at {} kPa, off below {} kPa, whole cell from {} kPa: --contact-off may not be above --contact-on, nor \
-                 --contact-on above --contact-full (0 for whole cells), and all are at most 1000 kPa",
+                "invalid contact rule, on at {} kPa, off below {} kPa, whole cell from {} kPa: --contact-off must be \
+                 positive, --contact-off may not be above --contact-on (at most 1000), nor --contact-on above \
+                 --contact-full (at most 2000, or 0 for whole cells)",
                 rule.on_kpa,
                 rule.off_kpa,
                 rule.full_kpa
@@ -78,8 +81,8 @@ impl ContactArgs {
             note_unless_same_rule(&identified.contact, &rule);
             if identified.filter != "step" {
                 eprintln!(
-                    "note: the parameters were identified through the {} filter: they are valid for the live stream, but steps \
-                     pass through another filter",
+                    "note: the parameters were identified through the {} filter: they are valid for the live stream, \
+                     but not for steps, which pass through the step filter",
                     identified.filter
                 );
             }
@@ -92,8 +95,8 @@ impl ContactArgs {
 pub fn note_unless_same_rule(identified: &ContactRule, counted: &ContactRule) {
     if identified != counted {
         eprintln!(
-            "note: the parameters were identified with the contact rule {}, here it is {}: model force and deformation \
-             are not valid",
+            "note: the parameters were identified with the contact rule {}, but the rule in use is {}: model force and \
+             deformation are not valid",
             rule_in_words(identified),
             rule_in_words(counted)
         );
@@ -112,7 +115,7 @@ pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole>
     let insole = VirtualInsole::new(recording, rule, plantar::pipeline::stance::StanceRule::WALKING);
     if !PERIOD_US.contains(&insole.setup.period_us) {
         bail!(
-            "{:.2} frames per second: 20 to 500 are supported; import the recording again with --rate 100",
+            "the recording has {:.2} frames per second, and 20 to 500 are supported: import it again with --rate 100",
             recording.rate_hz
         );
     }
@@ -127,7 +130,7 @@ pub struct ZeroArgs {
 }
 
 impl ZeroArgs {
-    /// Sets the offsets of the insole's cells.
+    /// Sets the offsets of the insole's cells, where a baseline file is given.
     pub fn apply(&self, insole: &mut VirtualInsole) -> Result<()> {
         if let Some(path) = &self.zero {
             Zero::read(path)?.wear(insole, &path.display().to_string())?;

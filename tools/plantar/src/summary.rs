@@ -1,4 +1,4 @@
-//! Steps as a table for the terminal.
+//! Prints steps and sensor faults as tables and lines for the terminal.
 
 use crate::setup::rule_in_words;
 use client::{Carrier, Client};
@@ -86,7 +86,7 @@ pub fn print(steps: &[Step]) {
 pub fn print_faults_of<C: Carrier>(client: &mut Client<C>) {
     match client.faults() {
         Ok(faults) => print_faults(&faults, client.hello().cells.into()),
-        // The insole still has them after the link was lost.
+        // This is no error of the session: after a lost link, the insole still has them.
         Err(error) => eprintln!("note: the faults of the insole's sensor could not be read: {error}"),
     }
 }
@@ -127,7 +127,7 @@ pub fn model_error_percent(steps: &[Step], region: usize) -> Option<f64> {
     (!loaded.is_empty()).then(|| sum / loaded.len() as f64)
 }
 
-/// Three significant digits.
+/// Formats a value with three significant digits, at most three of them decimals.
 pub fn significant(value: f64) -> String {
     if value.abs() < 5e-4 {
         return "0".into();
@@ -143,7 +143,7 @@ pub fn table() -> Table {
     table
 }
 
-/// Aligns numbers, after all rows were added.
+/// Aligns all columns to the right; called after all rows were added, because an empty table has no columns.
 pub fn align(table: &mut Table) {
     for column in table.column_iter_mut() {
         column.set_cell_alignment(CellAlignment::Right);

@@ -18,7 +18,7 @@ pub type Row = Vec<(&'static str, Value)>;
 #[derive(Clone)]
 pub enum Value {
     Text(Option<String>),
-    Whole(Option<i32>),
+    Integer(Option<i32>),
     Real(Option<f64>),
     Flag(Option<bool>),
 }
@@ -28,8 +28,8 @@ impl Value {
         if let Self::Text(Some(value)) = self { Some(value.as_str().into()) } else { None }
     }
 
-    fn whole(&self) -> Option<i32> {
-        if let Self::Whole(value) = self { *value } else { None }
+    fn integer(&self) -> Option<i32> {
+        if let Self::Integer(value) = self { *value } else { None }
     }
 
     fn real(&self) -> Option<f64> {
@@ -61,22 +61,22 @@ impl From<bool> for Value {
 
 impl From<i32> for Value {
     fn from(value: i32) -> Self {
-        Self::Whole(Some(value))
+        Self::Integer(Some(value))
     }
 }
 
-/// Writes at least one row as Parquet, all rows with the same columns. The file is replaced only once it is complete. `note` is a
-/// key with a value in its metadata.
-pub fn write(path: &Path, note: Option<(&str, &str)>, rows: &[Row]) -> Result<()> {
+/// Writes at least one row as Parquet, all rows with the same columns. The file is replaced only once it is complete. `metadata`
+/// is a key and its value.
+pub fn write(path: &Path, metadata: Option<(&str, &str)>, rows: &[Row]) -> Result<()> {
     let written = || -> Result<()> {
         fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
-        // Readers of a table ignore this name.
+        // Programs that read a folder as a table ignore names that begin with a dot.
         let temporary =
             path.with_file_name(format!(".{}.part", path.file_stem().unwrap_or_default().to_string_lossy()));
         let field = |(name, value): &(&str, Value)| {
             let (physical, logical) = match value {
                 Value::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
-                Value::Whole(_) => (Physical::INT32, None),
+                Value::Integer(_) => (Physical::INT32, None),
                 Value::Real(_) => (Physical::DOUBLE, None),
                 Value::Flag(_) => (Physical::BOOLEAN, None),
             };
@@ -90,7 +90,7 @@ pub fn write(path: &Path, note: Option<(&str, &str)>, rows: &[Row]) -> Result<()
         let schema = Arc::new(Type::group_type_builder("row").with_fields(fields).build()?);
         let properties = WriterProperties::builder()
             .set_compression(Compression::SNAPPY)
-            .set_key_value_metadata(note.map(|(key, value)| vec![KeyValue::new(key.to_owned(), value.to_owned())]))
+            .set_key_value_metadata(metadata.map(|(key, value)| vec![KeyValue::new(key.to_owned(), value.to_owned())]))
             .build();
         let mut file = SerializedFileWriter::new(File::create(&temporary)?, schema, Arc::new(properties))?;
         let mut group = file.next_row_group()?;
@@ -99,7 +99,7 @@ pub fn write(path: &Path, note: Option<(&str, &str)>, rows: &[Row]) -> Result<()
             let values = rows.iter().map(|row| &row[index].1);
             match &rows[0][index].1 {
                 Value::Text(_) => write_column::<ByteArrayType>(&mut column, values.map(Value::text)),
-                Value::Whole(_) => write_column::<Int32Type>(&mut column, values.map(Value::whole)),
+                Value::Integer(_) => write_column::<Int32Type>(&mut column, values.map(Value::integer)),
                 Value::Real(_) => write_column::<DoubleType>(&mut column, values.map(Value::real)),
                 Value::Flag(_) => write_column::<BoolType>(&mut column, values.map(Value::flag)),
             }?;

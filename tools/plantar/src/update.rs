@@ -54,14 +54,14 @@ impl Update {
         let file = self.file.display();
         if header.board() != hello.board {
             bail!(
-                "{file} is for the board {}, and this insole is a {}: choose the image made for it",
+                "{file} is for the board {}, but this insole has the board {}: choose the image for that board",
                 header.board(),
                 hello.board
             );
         }
         if header.number() < Header::new("", &hello.firmware).number() {
             bail!(
-                "{file} is {}, and the insole runs {}, which is newer: choose a newer one",
+                "{file} has version {}, but the insole runs {}, which is newer: choose a newer image",
                 header.version(),
                 hello.firmware
             );
@@ -72,11 +72,11 @@ impl Update {
     fn wait_for_restart(&self, image: &Image, insole: &mut Insole, before: &str) -> Result<()> {
         let version = image.header().version();
         let check = |hello: &Hello, was_silent: bool| match hello.firmware == version {
-            // Before its restart, an insole with the same version answers too.
+            // With equal versions, an answer proves nothing unless the insole was silent, and so restarted, before it.
             true => (was_silent || before != version).then_some(Ok(())),
             false => was_silent.then(|| {
                 Err(anyhow!(
-                    "the new image did not start, and the insole swapped back: it runs {}; ask the maker of {}",
+                    "the new image did not start, so the insole swapped back to {}: report this to the supplier of {}",
                     hello.firmware,
                     self.file.display()
                 ))
@@ -98,7 +98,7 @@ fn wait_for_trial(image: &Image, insole: &mut Insole) -> Result<()> {
                 std::thread::sleep(ReconnectPolicy::RESTART.retry);
             }
             Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) => bail!(
-                "{} runs but does not measure: the insole returns to the previous version when it is switched off and on",
+                "{} runs but does not measure: switch the insole off and on, which restores the previous version",
                 image.header().version()
             ),
             Err(error) => return Err(error.into()),

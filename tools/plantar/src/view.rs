@@ -1,4 +1,4 @@
-//! Live loads of the eight regions in the terminal; without a terminal, a line per step.
+//! Shows the live loads of the eight regions in the terminal; where stdout is no terminal, prints one line per step.
 
 use crate::summary::SHORT;
 use anyhow::Result;
@@ -15,10 +15,10 @@ use std::time::{Duration, Instant};
 
 /// Time between two redraws.
 const REDRAW: Duration = Duration::from_millis(33);
-/// Steps that are listed on the screen.
+/// Number of steps that are listed on the screen.
 const LISTED: usize = 6;
 
-/// The screen.
+/// The display of a session.
 pub struct View {
     title: String,
     terminal: Option<DefaultTerminal>,
@@ -32,7 +32,7 @@ pub struct View {
 }
 
 impl View {
-    /// Opens the screen, where stdout is a terminal, and prints notes about the insole.
+    /// Takes over the terminal, where stdout is one, and prints notes about the insole.
     pub fn open(hello: &Hello) -> Result<Self> {
         let title = title(hello);
         if let Some(panic) = &hello.last_panic {
@@ -40,7 +40,8 @@ impl View {
         }
         if hello.tissue_id == 0 {
             eprintln!(
-                "note: the insole has no tissue parameters (`plantar params push`): no model force, no deformation"
+                "note: the insole has no tissue parameters, so it reports no model force and no deformation: send some \
+                 with `plantar params push`"
             );
         }
         let terminal = if std::io::stdout().is_terminal() {
@@ -64,7 +65,7 @@ impl View {
     /// Shows that the insole restarted, and the reason.
     pub fn restarted(&mut self, hello: &Hello) {
         let reason = hello.last_panic.as_deref().unwrap_or("no fault reported");
-        self.title = format!(" restarted ({:?}, {reason}) ", hello.reset);
+        self.title = format!(" restarted (reset reason: {}, {reason}) ", hello.reset.name());
         if self.terminal.is_none() {
             println!("the insole{}", self.title.trim_end());
         }
@@ -91,7 +92,7 @@ impl View {
         }
     }
 
-    /// Shows a frame.
+    /// Shows a live frame.
     pub fn live(&mut self, live: &Live, counters: LinkCounters) -> Result<()> {
         self.live = *live;
         self.counters = counters;
@@ -174,7 +175,7 @@ impl View {
         frame.render_widget(Paragraph::new(listed).block(Block::bordered().title(title)), steps);
         let c = &self.counters;
         let text = format!(
-            " {:.2} s   bar: measured, |: model   frames {} received, {} lost, {} damaged   q ends",
+            " {:.2} s   bar: measured, |: model   frames {} received, {} lost, {} damaged   q: end",
             self.live.t_us as f64 / 1e6,
             c.frames_received,
             c.frames_lost,
@@ -208,7 +209,7 @@ fn step_line(step: &Step) -> String {
         .map(|(name, r)| format!("{name} {:.0}", f64::from(r.measured_peak_dn) / 10.0))
         .collect();
     format!(
-        "step {} at {:.2} s, {:.2} s: {}",
+        "step {} at {:.2} s, stance {:.2} s: {}",
         step.step,
         step.start_us as f64 / 1e6,
         f64::from(step.duration_us) / 1e6,

@@ -10,19 +10,19 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 const GRAVITY_M_S2: f64 = 9.80665;
-/// Largest good difference between the force of both feet and the body weight, percent.
+/// Largest acceptable difference between the force of both feet and the body weight, percent.
 const GOOD_PERCENT: f64 = 10.0;
 
 /// Measures the baseline of the unloaded cells, and checks the scale of the sensors against body weight.
 ///
-/// The person sits with both feet lifted for 5 s, stands still for 10 s, and sits with both feet lifted again for 5 s. The exact
-/// times are found in the recording; half a second at each end of a phase is excluded. While sitting, the feet must be off the
-/// floor, because a recording does not show whether they rest on it.
+/// The person sits with both feet lifted for 5 s, stands still for 10 s, and sits with both feet lifted again for 5 s. The
+/// command finds the exact times in the recording; half a second at each end of a phase is excluded. While sitting, the feet must
+/// be off the floor, because a recording does not show whether they rest on it.
 ///
 /// `plantar fit`, `plantar replay` and `plantar emulate` accept the file with --zero.
 #[derive(Args)]
 pub struct Zero {
-    /// The standing trial: the recording of one foot, or those of both feet in the same trial.
+    /// The standing trial: the recording of one foot, or the recordings of both feet in the same trial.
     #[arg(required = true, num_args = 1..=2, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
     /// The baseline file to write, TOML.
@@ -36,7 +36,9 @@ pub struct Zero {
 impl Zero {
     pub fn run(&self) -> Result<()> {
         let weight_n = match self.mass {
-            Some(kg) if !(10.0..=300.0).contains(&kg) => bail!("--mass {kg}: the person's mass in kg, 10 to 300"),
+            Some(kg) if !(10.0..=300.0).contains(&kg) => {
+                bail!("--mass {kg}: expected the person's mass in kg, 10 to 300")
+            }
             mass => mass.map(|kg| kg * GRAVITY_M_S2),
         };
         let mut zero = recording::Zero::default();
@@ -63,7 +65,7 @@ fn measure(path: &Path, weight_n: Option<f64>) -> Result<(Side, FootZero, f64)> 
     let recording = Recording::read(path)?;
     let trial = StandingTrial::find(&recording, &place)?;
     let foot = FootZero::measure(&recording, &trial, &place)?;
-    // The rules do not influence pressures.
+    // Contact and stance rule have no influence on pressures.
     let mut insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
     foot.wear(&mut insole, &place)?;
 
@@ -106,8 +108,8 @@ fn print_weight_check(total_n: f64, weight_n: Option<f64>) {
     println!("both feet: {total_n:.1} N of {weight_n:.1} N, {percent:.1} % of body weight: {verdict}");
     if !is_good {
         println!(
-            "  more than {GOOD_PERCENT} % off: check that both feet were lifted and that the mass is correct, then calibrate \
-             the scale and the gains of the sensors"
+            "  more than {GOOD_PERCENT} % off: check that both feet were lifted and that the mass is correct, then \
+             calibrate the scale and the gains of the sensors"
         );
     }
 }

@@ -1,4 +1,4 @@
-//! `--ble` with a simulation of Linux's Bluetooth service, and the firmware's own session behind it.
+//! Tests `--ble` with a simulation of Linux's Bluetooth service (BlueZ), behind which the firmware's own session runs.
 #![cfg(all(target_os = "linux", feature = "ble"))]
 
 use plantar::protocol::fragment::{Joiner, Splitter};
@@ -19,12 +19,12 @@ use zbus::zvariant::{ObjectPath, OwnedValue, Value};
 const ADAPTER: &str = "/org/bluez/hci0";
 const DEVICE: &str = "/org/bluez/hci0/dev_C0_00_00_00_00_01";
 const SERVICE: &str = "/org/bluez/hci0/dev_C0_00_00_00_00_01/service0010";
-/// The table of docs/bluetooth.md: number, properties.
-const TABLE: [(u8, [&str; 2]); 4] =
+/// The GATT characteristics of docs/bluetooth.md: number in the UUID, properties.
+const CHARACTERISTICS: [(u8, [&str; 2]); 4] =
     [(1, ["write", "indicate"]), (2, ["notify", "read"]), (3, ["notify", "read"]), (4, ["write", "indicate"])];
-/// Size of a value at the least MTU, bytes.
+/// Largest value with the smallest MTU, bytes.
 const FRAGMENT: usize = 20;
-/// Frames before the step of a stream.
+/// Number of live frames that the insole sends before its first step.
 const FRAMES: u32 = 50;
 
 fn uuid(number: u8) -> String {
@@ -193,10 +193,10 @@ impl Characteristic {
 struct Insole {
     is_bonded: bool,
     connected: Arc<AtomicBool>,
-    /// The link breaks at the first acknowledgement, before the insole receives it.
-    breaks: Arc<AtomicBool>,
+    /// The link breaks at the next acknowledgement, before the insole receives it.
+    breaks_link: Arc<AtomicBool>,
     link: Arc<Mutex<(Session, Joiner)>>,
-    /// Values for the host, in their order.
+    /// Characteristics and values for the host, in the order in which they are sent.
     values: Sender<(u8, Vec<u8>)>,
 }
 
@@ -207,18 +207,18 @@ impl Insole {
         let Some(message) = joiner.push(fragment).expect("in order") else { return };
         let message = decode::<ToDevice>(message).expect("a message");
         assert_eq!(number == 4, matches!(message, ToDevice::SetTissue(_) | ToDevice::GetTissue));
-        if matches!(message, ToDevice::Acknowledge { .. }) && self.breaks.swap(false, Ordering::SeqCst) {
+        if matches!(message, ToDevice::Acknowledge { .. }) && self.breaks_link.swap(false, Ordering::SeqCst) {
             self.connected.store(false, Ordering::SeqCst);
             link.push_step(step(8));
             return;
         }
         link.receive(message, 0);
-        // It stores every setting.
+        // This insole accepts and stores every setting.
         link.complete(Ok(plantar::protocol::session::CommandResult::Stored));
         if let ToDevice::Stream { live: true } = message {
             for number in 0..FRAMES {
                 link.push_live(live(number));
-                // Sent at once, because the queue is short.
+                // Sent at once, because the queue of the session is shorter than the stream.
                 self.send(link);
             }
             link.push_step(step(7));
@@ -229,7 +229,7 @@ impl Insole {
     fn send(&self, link: &mut Session) {
         let mut buffer = [0; MAX_MESSAGE];
         while let Some(message) = link.next(&hello(), status, &mut buffer) {
-            let number = match decode::<ToHost>(message).expect("its own") {
+            let number = match decode::<ToHost>(message).expect("a message of the session") {
                 ToHost::Live(_) => 2,
                 ToHost::Step(_) => 3,
                 ToHost::Tissue(_) | ToHost::Refused(_) => 4,
@@ -240,13 +240,13 @@ impl Insole {
             splitter.start(message.len());
             let mut fragment = [0; FRAGMENT];
             while let Some(len) = splitter.next(&mut fragment) {
-                self.values.send((number, fragment[..len].to_vec())).expect("somebody listens");
+                self.values.send((number, fragment[..len].to_vec())).expect("the host is connected");
             }
         }
     }
 }
 
-/// A private D-Bus with a Bluetooth service and an insole, for the time of a test.
+/// A private D-Bus with a Bluetooth service and an insole, which run until this is dropped.
 struct Bus {
     daemon: Child,
     address: String,
@@ -256,7 +256,7 @@ struct Bus {
 
 impl Drop for Bus {
     fn drop(&mut self) {
-        // It may have exited.
+        // This fails where the daemon has exited already.
         let _ = self.daemon.kill();
         let _ = self.daemon.wait();
     }
@@ -273,18 +273,20 @@ impl Bus {
         let insole = Insole {
             is_bonded,
             connected: Arc::default(),
-            breaks: Arc::default(),
+            breaks_link: Arc::default(),
             link: Arc::new(Mutex::new((Session::new(), Joiner::new()))),
             values,
         };
         let service = serve(address.trim(), &insole);
-        let out = service.clone();
+        let signals = service.clone();
         std::thread::spawn(move || {
             for (number, value) in to_host {
                 let changed = HashMap::from([("Value", Value::from(value))]);
                 let body = ("org.bluez.GattCharacteristic1", changed, Vec::<&str>::new());
                 let interface = "org.freedesktop.DBus.Properties";
-                out.emit_signal(None::<&str>, path(number), interface, "PropertiesChanged", &body).expect("the bus");
+                signals
+                    .emit_signal(None::<&str>, path(number), interface, "PropertiesChanged", &body)
+                    .expect("the bus");
             }
         });
         Self { daemon, address: address.trim().into(), _service: service, insole }
@@ -307,7 +309,7 @@ fn serve(address: &str, insole: &Insole) -> Connection {
         .and_then(|b| b.serve_at(DEVICE, Device { connected: insole.connected.clone() }))
         .and_then(|b| b.serve_at(SERVICE, Service))
         .expect("paths");
-    for (number, flags) in TABLE {
+    for (number, flags) in CHARACTERISTICS {
         let characteristic = Characteristic { number, flags, insole: insole.clone() };
         builder = builder.serve_at(path(number), characteristic).expect("a path");
     }
@@ -332,19 +334,19 @@ fn monitor_receives_the_step_after_many_frames() {
     // The step was acknowledged, so it is not sent again.
     let link = &mut bus.insole.link.lock().expect("no panic").0;
     link.receive(ToDevice::Connect { major: plantar::protocol::MAJOR, minor: plantar::protocol::MINOR }, 0);
-    let mut said = Vec::new();
+    let mut sent = Vec::new();
     let mut buffer = [0; MAX_MESSAGE];
     while let Some(message) = link.next(&hello(), status, &mut buffer) {
-        said.push(decode::<ToHost>(message).expect("its own"));
+        sent.push(decode::<ToHost>(message).expect("a message of the session"));
     }
-    assert!(matches!(said[..], [ToHost::Hello(_)]), "{said:?}");
+    assert!(matches!(sent[..], [ToHost::Hello(_)]), "{sent:?}");
 }
 
 #[test]
 #[ignore = "needs a D-Bus daemon: cargo xtask test"]
 fn monitor_reconnects_after_a_broken_link() {
     let bus = Bus::start(true);
-    bus.insole.breaks.store(true, Ordering::SeqCst);
+    bus.insole.breaks_link.store(true, Ordering::SeqCst);
     let folder = tempfile::tempdir().expect("a folder");
     let json = folder.path().join("steps.json");
     let output = bus.plantar(&["monitor", "--ble", "left", "--steps", "2", "--json", json.to_str().expect("text")]);
@@ -370,11 +372,11 @@ fn parameters_are_sent_and_read_back_in_fragments() {
     run(&["params", "typical", "--out", typical]);
     run(&["params", "push", typical, "--ble", "C0:00:00:00:00:01"]);
     run(&["params", "pull", "--out", pulled, "--ble", "left"]);
-    let in_force = || bus.insole.link.lock().expect("no panic").0.tissue().id;
-    let pushed = in_force();
+    let stored_id = || bus.insole.link.lock().expect("no panic").0.tissue().id;
+    let pushed = stored_id();
     run(&["params", "push", pulled, "--ble", "left"]);
     assert_ne!(pushed, 0);
-    assert_eq!(in_force(), pushed);
+    assert_eq!(stored_id(), pushed);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The command line: its files, and its messages about bad input.
+//! The files that the command line writes, and its messages about bad input.
 
 use recording::Recording;
 use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
@@ -31,7 +31,8 @@ fn fail(folder: &Path, arguments: &str, words: &[&str]) {
     }
 }
 
-/// Four cells of 100 mm2, heel and hallux, and half a second of load on two cells of the heel.
+/// A folder with a layout of four cells of 100 mm2, two in the heel and two in the hallux, and with frames in which the cells of
+/// the heel are loaded for half a second.
 fn folder() -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().to_path_buf();
@@ -57,7 +58,7 @@ fn json(path: &Path) -> Value {
 /// 5,000 kPa on 200 mm2 are 1,000 N for 0.5 s.
 #[test]
 fn a_csv_recording_becomes_a_step_with_its_force_area_and_ellipse() {
-    let (_keep, path) = folder();
+    let (_folder, path) = folder();
     succeed(&path, IMPORT);
     assert!(succeed(&path, "info walk.parquet").contains("100 at 100.00 Hz"));
     succeed(&path, "replay walk.parquet --json steps.json --frames frames.parquet --picture step.svg");
@@ -86,7 +87,7 @@ fn a_csv_recording_becomes_a_step_with_its_force_area_and_ellipse() {
 
 #[test]
 fn single_and_double_precision_result_in_the_same_steps() {
-    let (_keep, path) = folder();
+    let (_folder, path) = folder();
     succeed(&path, "import synthetic --steps 3 --out walk.parquet");
     succeed(&path, "replay walk.parquet --json single.json");
     succeed(&path, "replay walk.parquet --precision f64 --json double.json");
@@ -103,7 +104,7 @@ fn single_and_double_precision_result_in_the_same_steps() {
 
 #[test]
 fn live_values_are_written_as_csv_with_a_column_per_quantity() {
-    let (_keep, path) = folder();
+    let (_folder, path) = folder();
     succeed(&path, IMPORT);
     succeed(&path, "replay walk.parquet --frames live.csv");
     let mut live = csv::Reader::from_path(path.join("live.csv")).expect("a table");
@@ -122,7 +123,7 @@ fn live_values_are_written_as_csv_with_a_column_per_quantity() {
 
 #[test]
 fn errors_for_recordings_name_the_file_the_line_and_the_remedy() {
-    let (_keep, path) = folder();
+    let (_folder, path) = folder();
     let good = std::fs::read_to_string(path.join("frames.csv")).expect("frames");
     for (from, to, words) in [
         ("0.05,0,0,0,0", "0.05,0,0,0", ["frames.csv:7", "4 columns"]),
@@ -150,7 +151,7 @@ fn errors_for_recordings_name_the_file_the_line_and_the_remedy() {
 
 #[test]
 fn errors_for_parameters_name_the_file_the_region_and_the_remedy() {
-    let (_keep, path) = folder();
+    let (_folder, path) = folder();
     succeed(&path, IMPORT);
     succeed(&path, "params typical --size 40 --out params.toml");
     succeed(&path, "replay walk.parquet --params params.toml");
@@ -173,7 +174,7 @@ fn errors_for_parameters_name_the_file_the_region_and_the_remedy() {
 
 #[test]
 fn errors_for_too_many_cells_and_missing_programs_name_the_remedy() {
-    let (_keep, path) = folder();
+    let (_folder, path) = folder();
     let cells: String = (0..400).map(|i| format!("{i},{},{},9\n", i % 20 * 4, i / 20 * 12)).collect();
     std::fs::write(path.join("layout.csv"), format!("cell,x_mm,y_mm,area_mm2\n{cells}")).expect("written");
     let header: String = (0..400).map(|i| format!(",c{i}")).collect();
@@ -188,7 +189,7 @@ fn errors_for_too_many_cells_and_missing_programs_name_the_remedy() {
     fail(&path, "monitor --serial /dev/nowhere", &["/dev/nowhere"]);
 }
 
-/// Offsets of 240 cells, kPa.
+/// Different offsets of 240 cells, kPa.
 fn offsets() -> Vec<f32> {
     (0..240).map(|i| 20.0 * ((i * 37) % 240) as f32 / 240.0).collect()
 }
@@ -205,7 +206,7 @@ fn write_trial(path: &Path, side: plantar::Side, standing_n: f64) -> Recording {
 #[test]
 fn a_standing_trial_results_in_a_baseline_and_a_check_of_the_weight() {
     use plantar::Side::{Left, Right};
-    let (_keep, path) = folder();
+    let (_folder, path) = folder();
     write_trial(&path.join("left.parquet"), Left, 420.0);
     write_trial(&path.join("right.parquet"), Right, 266.5);
     let text = succeed(&path, "zero left.parquet right.parquet --out zero.toml --mass 70");
@@ -219,7 +220,7 @@ fn a_standing_trial_results_in_a_baseline_and_a_check_of_the_weight() {
     }
     assert!(shares.len() == 3 && text.contains("weight: good"), "{text}");
     assert!(text.contains("left foot, left.parquet") && text.contains("drift of +0.0 N, +0.0 % of standing"), "{text}");
-    let zero = std::fs::read_to_string(path.join("zero.toml")).expect("a zero");
+    let zero = std::fs::read_to_string(path.join("zero.toml")).expect("a baseline file");
     assert!(zero.contains("[left]") && zero.contains("[right]"));
 
     let text = succeed(&path, "zero left.parquet right.parquet --out zero.toml --mass 90");
@@ -238,7 +239,7 @@ fn a_standing_trial_results_in_a_baseline_and_a_check_of_the_weight() {
 
 #[test]
 fn a_replay_with_the_baseline_results_in_the_steps_of_cells_without_offsets() {
-    let (_keep, path) = folder();
+    let (_folder, path) = folder();
     write_trial(&path.join("standing.parquet"), plantar::Side::Right, 350.0);
     let mut walk = synthetic::walk(&SyntheticWalk { steps: 3, ..Default::default() }).recording;
     walk.write(path.join("ideal.parquet")).expect("written");
@@ -267,7 +268,7 @@ fn a_replay_with_the_baseline_results_in_the_steps_of_cells_without_offsets() {
 
 #[test]
 fn a_baseline_of_another_layout_is_refused() {
-    let (_keep, path) = folder();
+    let (_folder, path) = folder();
     write_trial(&path.join("standing.parquet"), plantar::Side::Left, 350.0);
     succeed(&path, "zero standing.parquet --out zero.toml");
     succeed(&path, "import synthetic --side right --out walk.parquet");

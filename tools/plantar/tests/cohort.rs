@@ -1,4 +1,4 @@
-//! `plantar cohort`: the table, the means, and participants that are up to date or cannot be used.
+//! Tests `plantar cohort`: the table, the means, and participants that are up to date or cannot be used.
 
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
@@ -33,26 +33,26 @@ fn walk(path: &Path, side: Side, seed: u64) {
     synthetic::walk(&walk).recording.write(path).expect("written");
 }
 
-/// Ann, size 36, with three trials, and bob b., size 43, with both feet.
+/// A folder with two participants, "ann" with size 36 and "bob=b." with size 43, with three recordings each.
 fn people() -> (TempDir, PathBuf) {
-    let keep = tempfile::tempdir().expect("a folder");
-    let path = keep.path().to_path_buf();
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().to_path_buf();
     for (name, size, recordings) in [
         ("ann", 36, [("a.parquet", Side::Left, 1), ("b.parquet", Side::Left, 2), ("c.parquet", Side::Right, 3)]),
         ("bob=b.", 43, [("l.parquet", Side::Left, 4), ("r.parquet", Side::Right, 5), ("s.parquet", Side::Right, 6)]),
     ] {
-        let folder = path.join("people").join(name);
-        fs::create_dir_all(&folder).expect("made");
-        fs::write(folder.join("participant.toml"), format!("size = {size}\nmass_kg = 60.5\n")).expect("written");
+        let participant = path.join("people").join(name);
+        fs::create_dir_all(&participant).expect("made");
+        fs::write(participant.join("participant.toml"), format!("size = {size}\nmass_kg = 60.5\n")).expect("written");
         for (recording, side, seed) in recordings {
-            walk(&folder.join(recording), side, seed);
+            walk(&participant.join(recording), side, seed);
         }
     }
-    (keep, path)
+    (folder, path)
 }
 
 fn rows(path: &Path, participant: &str) -> Vec<Row> {
-    let file = File::open(path.join(format!("table/participant={participant}/steps.parquet"))).expect("a part");
+    let file = File::open(path.join(format!("table/participant={participant}/steps.parquet"))).expect("a table");
     let reader = SerializedFileReader::new(file).expect("Parquet");
     let rows = reader.get_row_iter(None).expect("rows");
     rows.map(|row| row.expect("a row").into_columns().into_iter().collect()).collect()
@@ -76,12 +76,12 @@ fn summary(path: &Path) -> String {
 
 #[test]
 fn each_region_of_each_step_is_a_row_with_a_fit_of_its_own() {
-    let (_keep, path) = people();
+    let (_folder, path) = people();
     let (status, text_of_run) = outcome(&cohort(&path, "--contact-full 150 --filter live"));
     assert_eq!(status, Some(0), "{text_of_run}");
     assert!(text_of_run.contains("12 steps of 2 participants"), "{text_of_run}");
     let ann = rows(&path, "ann");
-    // Two, three and one steps.
+    // The recordings of ann have two, three and one steps, those of bob two, three and one as well.
     assert_eq!((ann.len(), rows(&path, "bob%3Db.").len()), (6 * 8, 6 * 8));
     let of = |recording: &str| ann.iter().filter(|row| text(row, "recording") == recording).count();
     assert_eq!(["a.parquet", "b.parquet", "c.parquet"].map(of), [16, 24, 8]);
@@ -130,7 +130,7 @@ fn mean_of(rows: &[Row], region: &str, column: &str) -> Option<f64> {
 
 #[test]
 fn the_summary_has_means_over_steps_then_trials_then_participants_of_a_size() {
-    let (_keep, path) = people();
+    let (_folder, path) = people();
     // A second participant with a size of bob's pair.
     let cid = path.join("people/cid");
     fs::create_dir(&cid).expect("made");
@@ -174,9 +174,9 @@ fn the_summary_has_means_over_steps_then_trials_then_participants_of_a_size() {
 
 #[test]
 fn a_second_run_processes_only_changed_participants() {
-    let (_keep, path) = people();
+    let (_folder, path) = people();
     assert_eq!(outcome(&cohort(&path, "")).0, Some(0));
-    let whole = summary(&path);
+    let complete_summary = summary(&path);
     let again = |options: &str, words: &[&str]| {
         let (status, text_of_run) = outcome(&cohort(&path, options));
         assert_eq!(status, Some(0), "{text_of_run}");
@@ -187,15 +187,15 @@ fn a_second_run_processes_only_changed_participants() {
     let bob = path.join("table/participant=bob%3Db./steps.parquet");
     let written = |path: &Path| path.metadata().and_then(|file| file.modified()).expect("a time");
     let bob_written = written(&bob);
-    // As after an interruption while ann's file was written.
+    // This is the state after an interruption while ann's file was written.
     fs::remove_file(&ann).expect("removed");
     fs::write(ann.with_file_name(".steps.part"), "PAR1").expect("written");
     again("", &["6 steps of 1 participants", "1 participants were in the table already"]);
-    assert_eq!((summary(&path), written(&bob)), (whole.clone(), bob_written));
+    assert_eq!((summary(&path), written(&bob)), (complete_summary.clone(), bob_written));
     // A damaged file, another recording, another size, other options.
     fs::write(&ann, "PAR1").expect("written");
     again("", &["6 steps of 1 participants"]);
-    assert_eq!(summary(&path), whole);
+    assert_eq!(summary(&path), complete_summary);
     walk(&path.join("people/ann/d.parquet"), Side::Right, 7);
     again("", &["8 steps of 1 participants"]);
     fs::write(path.join("people/ann/participant.toml"), "size = 37").expect("written");
@@ -212,15 +212,15 @@ fn a_second_run_processes_only_changed_participants() {
 
 #[test]
 fn unusable_recordings_are_left_out_and_named_and_tried_again() {
-    let (_keep, path) = people();
+    let (_folder, path) = people();
     let damaged = path.join("people/ann/b.parquet");
     let good = fs::read(&damaged).expect("a recording");
     fs::write(&damaged, &good[..good.len() / 2]).expect("written");
     fs::create_dir(path.join("people/nobody")).expect("made");
-    for kept in ["0 participants were in the table", "1 participants were in the table"] {
+    for cached in ["0 participants were in the table", "1 participants were in the table"] {
         let (status, text_of_run) = outcome(&cohort(&path, ""));
         assert_eq!(status, Some(3), "{text_of_run}");
-        for words in ["left out: people/ann/b.parquet", "nobody: 0 recordings", "no whole step", kept] {
+        for words in ["left out: people/ann/b.parquet", "nobody: 0 recordings", "no whole step", cached] {
             assert!(text_of_run.contains(words), "{words}: {text_of_run}");
         }
         assert_eq!((rows(&path, "ann").len(), rows(&path, "bob%3Db.").len()), (3 * 8, 6 * 8));
@@ -249,14 +249,17 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
 
 #[test]
 fn thickness_and_baseline_of_a_participant_are_used() {
-    let (_keep, path) = people();
+    let (_folder, path) = people();
     let ann = path.join("people/ann");
     fs::write(ann.join("participant.toml"), "thickness = 'measured/mm.toml'").expect("written");
     fs::create_dir(ann.join("measured")).expect("made");
     fs::write(ann.join("measured/mm.toml"), "heel = 18.5").expect("written");
     let (status, text_of_all) = outcome(&cohort(&path, "--size 39"));
     assert_eq!(status, Some(0), "{text_of_all}");
-    assert!(text_of_all.contains("1 participants without a size in participant.toml count as 39"), "{text_of_all}");
+    assert!(
+        text_of_all.contains("1 participants without a size in participant.toml count as size 39"),
+        "{text_of_all}"
+    );
     let rows = rows(&path, "ann");
     assert_eq!((number(&rows[0], "d0_mm"), number(&rows[0], "insole_size")), (18.5, 39.0));
     assert_eq!(rows[0]["mass_kg"], Field::Null);
@@ -271,8 +274,8 @@ fn thickness_and_baseline_of_a_participant_are_used() {
 
 #[test]
 fn errors_for_missing_participants_name_what_is_needed() {
-    let keep = tempfile::tempdir().expect("a folder");
-    let path = keep.path();
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
     let fail = |words: &[&str]| {
         let (status, text_of_run) = outcome(&cohort(path, ""));
         assert_eq!(status, Some(1), "{text_of_run}");

@@ -1,4 +1,4 @@
-//! `plantar fit` as a person uses it: what it writes, what it says of steps and regions it cannot use, and its exit status.
+//! Tests `plantar fit`: its files, its messages about steps and regions that cannot be fitted, and its exit status.
 
 use parameters::Parameters;
 use serde_json::Value;
@@ -60,7 +60,7 @@ fn fitted_parameters_have_the_same_errors_in_a_replay_as_in_the_fit() {
     for mark in ["measured", "pinned", "identified", "(95 %)"] {
         assert!(text.contains(mark), "no {mark} in {text}");
     }
-    // Replay uses the contact rule of the parameters, and its errors are those of the fit.
+    // Replay uses the contact rule of the parameters, and has the same errors as the fit.
     let (_, out, err) = run(path, "replay walk.parquet --params p.toml --json steps.json --precision f64");
     assert!(out.contains("150 kPa") && !err.contains("note"), "{out}{err}");
     let steps = json(&path.join("steps.json"));
@@ -70,9 +70,9 @@ fn fitted_parameters_have_the_same_errors_in_a_replay_as_in_the_fit() {
         let mean = errors.map(|e| e.expect("a number")).sum::<f64>() / 6.0;
         let fitted = fit["nrmse_percent"]["fitted"].as_f64().expect("a number");
         assert!((mean - fitted).abs() < 0.02, "{region}: {mean} % replayed, {fitted} % fitted");
-        let eight = &fit["ellipsoid"];
-        let ours = &parameters.regions[plantar::Region::from_name(region).expect("a region") as usize];
-        assert!((eight["a_mm"].as_f64().expect("a number") - ours.a_m * 1e3).abs() < 1e-9);
+        let fitted_ellipsoid = &fit["ellipsoid"];
+        let ellipsoid = &parameters.regions[plantar::Region::from_name(region).expect("a region") as usize];
+        assert!((fitted_ellipsoid["a_mm"].as_f64().expect("a number") - ellipsoid.a_m * 1e3).abs() < 1e-9);
     }
     let (_, _, err) = run(path, "replay walk.parquet --params p.toml --contact-full 0");
     assert!(err.contains("are not valid"), "{err}");
@@ -129,7 +129,7 @@ fn regions_that_cannot_be_fitted_are_named_and_set_the_exit_status() {
     let text = std::fs::read_to_string(path.join("p.toml")).expect("a file");
     assert!(text.contains("typical, NOT identified: never loaded"), "{text}");
 
-    // All cells at once: the area is constant, and no region is fitted.
+    // With all cells loaded at once, the area is constant, and no region can be fitted.
     write(&|_, load| if load > 0.0 { 50.0 + 300.0 * load } else { 0.0 });
     std::fs::remove_file(path.join("p.toml")).expect("was written");
     let (status, out, err) = run(path, "fit walk.parquet --out p.toml");
@@ -177,7 +177,7 @@ fn errors_for_bad_input_name_the_place_and_the_remedy() {
     fail(path, "fit walk.parquet --contact-on 5 --contact-off 6", &["--contact-off may not be above --contact-on"]);
     fail(path, "fit walk.parquet --thickness none.toml", &["none.toml"]);
     for (text, words) in [
-        ("heal = 12\n", ["heal is no region", "the regions are heel"]),
+        ("heal = 12\n", ["heal is not a region", "the regions are heel"]),
         ("heel = 0\n", ["heel = 0", "thickness in mm"]),
         ("heel = \"thick\"\n", ["bad.toml", "line 1"]),
         ("heel = 12\nhallux\n", ["bad.toml", "line 2"]),

@@ -1,6 +1,6 @@
-//! Failures around an insole: a lost link, a missing or busy port, a full disk, a killed program.
+//! Tests how the command line handles a lost link, a missing or busy port, a full disk and its own end by a signal.
 //!
-//! The insole is the firmware's own session on a socket or a pseudo-terminal.
+//! The insole is simulated: the firmware's own session on a socket or a pseudo-terminal.
 
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use plantar::Side;
@@ -16,7 +16,7 @@ use testkit::step;
 /// An insole at the other end of a carrier, with pending steps.
 struct Insole {
     link: Session,
-    /// It ignores all messages.
+    /// The insole ignores all messages.
     is_silent: bool,
 }
 
@@ -27,7 +27,7 @@ impl Insole {
         Self { link, is_silent: false }
     }
 
-    /// Serves the host until a message `is_last`; false where the host disconnected before.
+    /// Serves the host until `is_last` is true for a message. Returns false where the host disconnected before.
     fn serve(&mut self, mut carrier: impl Read + Write, is_last: impl Fn(&ToDevice) -> bool) -> bool {
         let mut decoder = Decoder::new();
         let mut received = [0; 256];
@@ -84,8 +84,8 @@ fn end(program: Child) -> (Output, String) {
     (output, text)
 }
 
-fn rows(part: &Path) -> i64 {
-    let file = SerializedFileReader::new(File::open(part).expect("a part")).expect("a whole file");
+fn rows(file: &Path) -> i64 {
+    let file = SerializedFileReader::new(File::open(file).expect("a file")).expect("a complete file");
     file.metadata().file_metadata().num_rows()
 }
 
@@ -160,13 +160,13 @@ fn the_steps_that_a_killed_recorder_acknowledged_are_readable() {
     let mut program = plantar(&["record", "--tcp", &address, "--out"]).arg(&out).spawn().expect("it runs");
     let mut insole = Insole::with_steps(0..10);
     assert!(insole.serve(listener.accept().expect("it connects").0, is_acknowledgement));
-    program.kill().expect("it runs still");
+    program.kill().expect("it is still running");
     end(program);
-    let parts: Vec<_> = std::fs::read_dir(out.join("steps")).expect("a table").flatten().collect();
-    let whole: Vec<_> = parts.iter().filter(|part| !part.file_name().to_string_lossy().starts_with('.')).collect();
-    assert!(!whole.is_empty());
-    // All steps in the insole's RAM, eight regions each.
-    assert_eq!(rows(&whole[0].path()), 8 * STEP_QUEUE as i64);
+    let files: Vec<_> = std::fs::read_dir(out.join("steps")).expect("a table").flatten().collect();
+    let complete: Vec<_> = files.iter().filter(|file| !file.file_name().to_string_lossy().starts_with('.')).collect();
+    assert!(!complete.is_empty());
+    // The file has the steps that were in the insole's RAM, with one row for each region.
+    assert_eq!(rows(&complete[0].path()), 8 * STEP_QUEUE as i64);
 }
 
 #[test]
@@ -208,7 +208,7 @@ fn an_address_without_an_insole_is_reported() {
     drop(listener);
     let (output, text) = end(plantar(&["monitor", "--tcp", &address]).spawn().expect("it runs"));
     assert!(!output.status.success());
-    assert!(text.contains(&format!("cannot reach {address}")) && text.contains("is the insole"), "{text}");
+    assert!(text.contains(&format!("cannot connect to {address}")) && text.contains("is the insole"), "{text}");
 }
 
 #[cfg(unix)]
@@ -217,7 +217,7 @@ mod serial {
     use serialport::{SerialPort, TTYPort};
     use std::cell::Cell;
 
-    /// The insole's end, the host's end, which is open but not locked, and its name.
+    /// Returns the insole's end, the host's end, which is open but not locked, and the name of the host's end.
     fn port() -> (TTYPort, TTYPort, String) {
         let (insole, host) = TTYPort::pair().expect("a pseudo-terminal");
         let name = host.name().expect("a name");
@@ -237,17 +237,17 @@ mod serial {
         let _holder = serialport::new(&name, 115_200).open().expect("it is free");
         let (output, text) = end(plantar(&["monitor", "--serial", &name]).spawn().expect("it runs"));
         assert!(!output.status.success());
-        assert!(text.contains(&format!("cannot open {name}")) && text.contains("another program holds it"), "{text}");
+        assert!(text.contains(&format!("cannot open {name}")) && text.contains("another program uses it"), "{text}");
     }
 
-    /// As an insole that is switched off behind an adapter that remains.
+    /// The insole is switched off, while its serial adapter remains plugged in.
     #[test]
     fn an_insole_that_was_silent_for_long_is_found_on_the_same_port() {
         let (mut port, _host, name) = port();
         let program = plantar(&["monitor", "--steps", "2", "--serial", &name]).spawn().expect("it runs");
         let mut insole = Insole::with_steps([0]);
         assert!(insole.serve(&mut port, is_acknowledgement));
-        // More hellos than the program sends before it opens the port again.
+        // The program opens the port again before it has sent this number of requests to connect.
         insole.is_silent = true;
         let hellos = Cell::new(0);
         assert!(insole.serve(&mut port, |message| {
@@ -267,7 +267,7 @@ mod serial {
         let folder = tempfile::tempdir().expect("a folder");
         let out = folder.path().join("session");
         let (mut port, _host, name) = port();
-        // The program ends after its time, because nothing is plugged in again.
+        // The option --seconds ends the program, because the port is not plugged in again.
         let program =
             plantar(&["record", "--seconds", "3", "--serial", &name, "--out"]).arg(&out).spawn().expect("it runs");
         assert!(Insole::with_steps(0..STEP_QUEUE as u32).serve(&mut port, is_acknowledgement));

@@ -1,4 +1,4 @@
-//! `plantar monitor` and `plantar record` on the real firmware in the emulator, through a network bridge.
+//! Tests `plantar monitor` and `plantar record` with the real firmware in the emulator, through a network bridge.
 //!
 //! The firmware is the file that `PLANTAR_FIRMWARE` names.
 
@@ -19,8 +19,9 @@ use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
+/// Forwards bytes in one direction.
 fn pump(mut from: TcpStream, mut to: TcpStream) {
-    // It ends where one of the sockets is closed.
+    // The thread ends once one of the sockets is closed.
     std::thread::spawn(move || copy(&mut from, &mut to));
 }
 
@@ -29,8 +30,8 @@ fn wait_for_stream(link: &mut TcpStream, host: &mut TcpStream) {
     let mut decoder = Decoder::new();
     let mut bytes = [0; 256];
     loop {
-        let count = link.read(&mut bytes).expect("the link holds");
-        host.write_all(&bytes[..count]).expect("the program listens");
+        let count = link.read(&mut bytes).expect("the link is open");
+        host.write_all(&bytes[..count]).expect("the program is connected");
         let is_status = |&byte: &u8| {
             let message = decoder.push(byte).and_then(decode::<ToHost>);
             matches!(message, Some(ToHost::Status(_)))
@@ -42,15 +43,15 @@ fn wait_for_stream(link: &mut TcpStream, host: &mut TcpStream) {
 }
 
 /// Runs the program with the real firmware and a walk of three steps, over the network.
-fn with_insole(arguments: &[&str]) -> Output {
+fn run_with_insole(arguments: &[&str]) -> Output {
     let firmware = std::env::var_os("PLANTAR_FIRMWARE")
         .expect("set PLANTAR_FIRMWARE to the firmware of the emulated board; `cargo xtask test` does");
     let walk = walk();
-    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let head = EmulatorConfig::new(worn.setup);
-    let cells = worn.cells.clone();
-    let board =
-        Board::start(firmware.as_ref(), &head, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let config = EmulatorConfig::new(virtual_insole.setup);
+    let cells = virtual_insole.cells.clone();
+    let walk = Recorded::new(walk, virtual_insole);
+    let board = Board::start(firmware.as_ref(), &config, &cells, Time::Max, walk).expect("the board boots");
     let bridge = TcpListener::bind("127.0.0.1:0").expect("a port");
     let program = Command::new(env!("CARGO_BIN_EXE_plantar"))
         .args(arguments)
@@ -78,7 +79,7 @@ fn monitor_shows_and_stores_the_steps_of_an_insole_on_the_network() {
     let folder = tempfile::tempdir().expect("a folder");
     let json = folder.path().join("steps.json");
     let arguments = ["monitor", "--steps", "3", "--json", json.to_str().expect("text")];
-    let output = with_insole(&arguments);
+    let output = run_with_insole(&arguments);
     let text = String::from_utf8(output.stdout).expect("text");
     assert!(output.status.success(), "{text}");
     assert!(text.contains("right insole, 240 cells at 100 Hz, emulated board"), "{text}");
@@ -87,13 +88,13 @@ fn monitor_shows_and_stores_the_steps_of_an_insole_on_the_network() {
     assert_eq!(numbers, [Some(0), Some(1), Some(2)]);
 }
 
-/// All rows of the files of a table.
+/// Returns all rows of the files of a table.
 fn rows(folder: &Path) -> Vec<Row> {
-    let parts = std::fs::read_dir(folder).expect("a table").map(|entry| entry.expect("a part").path());
-    let mut parts: Vec<_> = parts.collect();
-    parts.sort();
-    let rows = parts.iter().flat_map(|part| {
-        let file = SerializedFileReader::new(File::open(part).expect("a part")).expect("Parquet");
+    let files = std::fs::read_dir(folder).expect("a table").map(|entry| entry.expect("a file").path());
+    let mut files: Vec<_> = files.collect();
+    files.sort();
+    let rows = files.iter().flat_map(|file| {
+        let file = SerializedFileReader::new(File::open(file).expect("a file")).expect("Parquet");
         file.into_iter().map(|row| row.expect("a row")).collect::<Vec<_>>()
     });
     rows.collect()
@@ -104,24 +105,24 @@ fn value<'r>(row: &'r Row, name: &str) -> &'r Field {
     column.unwrap_or_else(|| panic!("no column {name}")).1
 }
 
-/// The recorded values are those that a host computes from the same walk.
+/// The recorded values equal the values that a host computes from the same walk.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn record_stores_the_session_as_tables() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("session");
-    let output = with_insole(&["record", "--steps", "3", "--out", out.to_str().expect("text")]);
+    let output = run_with_insole(&["record", "--steps", "3", "--out", out.to_str().expect("text")]);
     let text = String::from_utf8(output.stdout).expect("text");
     assert!(output.status.success() && text.contains("3 steps"), "{text}");
 
     let recording = walk();
-    let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("wearable");
-    let mut codes = vec![0; worn.cells.len()];
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a valid set-up");
+    let mut codes = vec![0; virtual_insole.cells.len()];
     let (mut live, mut steps) = (Vec::new(), Vec::new());
-    for i in 0..worn.frames(&recording) {
-        worn.codes_of(&recording, i, &mut codes);
+    for i in 0..virtual_insole.frames(&recording) {
+        virtual_insole.codes_of(&recording, i, &mut codes);
         let toe_off = insole.frame(i as u32, &codes);
         live.push(Live::new(i as u32, 0, insole.loads(), insole.masked()));
         if toe_off {
@@ -139,9 +140,9 @@ fn record_stores_the_session_as_tables() {
     let stored = rows(&out.join("live"));
     assert!(stored.len().is_multiple_of(8) && stored.len() > 8 * 100, "{} rows", stored.len());
     for (i, row) in stored.iter().enumerate() {
-        // The walk begins after the stream, the clock at power-on: the time identifies the frame, 10 ms each.
+        // The walk starts after the stream, but the clock at power-on. A frame takes 10 ms, so its time gives its number.
         let Field::Double(t_s) = value(row, "t_s") else { panic!("{row:?}") };
-        // The clocks were compared before the walk began, and the emulated clock runs faster than this computer's.
+        // The value is not compared: the clocks were synchronised before the walk, and the emulated clock runs faster.
         let Field::Double(unix_s) = value(row, "unix_s") else { panic!("{row:?}") };
         assert!(*unix_s > 1.7e9);
         let computed = &live[(t_s * 100.0).round() as usize].regions[i % 8];
@@ -149,7 +150,7 @@ fn record_stores_the_session_as_tables() {
         assert_eq!(value(row, "area_mm2"), &Field::Double(f64::from(computed.area_mm2)));
     }
 
-    // A folder that is not empty is not overwritten.
+    // The command refuses a folder that is not empty.
     let again = Command::new(env!("CARGO_BIN_EXE_plantar"))
         .args(["record", "--tcp", "127.0.0.1:9", "--out"])
         .arg(&out)

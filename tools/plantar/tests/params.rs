@@ -1,4 +1,4 @@
-//! `plantar params` and `plantar insole` with files, and with the firmware's own session on the network.
+//! Tests `plantar params` and `plantar insole` with files, and with the firmware's own session on the network.
 
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::region::Side;
@@ -12,7 +12,7 @@ use std::path::Path;
 use std::process::{self, Output};
 use std::sync::{Arc, Mutex};
 
-/// Serves one host after the other until the test ends.
+/// Starts an insole that serves one host after the other until the test ends. Returns its address and its session.
 fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address");
@@ -28,7 +28,7 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
                     if let Some(message) = decoder.push(byte).and_then(protocol::decode::<ToDevice>) {
                         link.receive(message, 0);
                         let identity = link.identity();
-                        let done = match link.command() {
+                        let result = match link.command() {
                             Some(Command::SetIdentity(side, serial)) => {
                                 CommandResult::Identity(Identity { side, serial, ..identity })
                             }
@@ -37,13 +37,13 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
                             }
                             _ => CommandResult::Stored,
                         };
-                        link.complete(Ok(done));
+                        link.complete(Ok(result));
                     }
                 }
                 let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
                 while let Some(message) = link.next(&hello(), Status::default, &mut message) {
                     let len = protocol::frame(message, &mut framed);
-                    host.write_all(&framed[..len]).expect("the host listens");
+                    host.write_all(&framed[..len]).expect("the host is connected");
                 }
             }
         }
@@ -105,10 +105,10 @@ fn parameters_are_sent_shown_and_read() {
     assert!(text.contains("pulled.toml") && text.contains(&id()), "{text}");
     let text = std::fs::read_to_string(path.join("pulled.toml")).expect("a file");
     assert!(text.contains("a = b = sqrt(A B), d0 = C"), "{text}");
-    let pulled = parameters::Parameters::read(&path.join("pulled.toml")).expect("a sound file");
+    let pulled = parameters::Parameters::read(&path.join("pulled.toml")).expect("a valid file");
     assert_eq!(pulled.tissue(), *link.lock().expect("no panic").tissue());
 
-    // The insole, the file that was sent and the one that was read have the same numbers; files also have the eight parameters.
+    // The insole, the file that was sent and the file that was read back have the same force laws. Files also have ellipsoids.
     let on_insole = succeed(path, &format!("show --tcp {address}"));
     assert!(on_insole.contains(&id()) && on_insole.contains("K kPa") && !on_insole.contains("d0 mm"), "{on_insole}");
     for file in ["other.toml", "pulled.toml"] {
@@ -178,7 +178,7 @@ fn an_insole_is_named_calibrated_and_shown() {
     }
 
     let write = |lines: &[String]| {
-        std::fs::write(folder.join("cells.csv"), format!("cell,offset,gain\n{}", lines.join("\n"))).expect("room");
+        std::fs::write(folder.join("cells.csv"), format!("cell,offset,gain\n{}", lines.join("\n"))).expect("written");
     };
     let cells = testkit::hello().cells;
     let good: Vec<String> = (0..cells).map(|cell| format!("{cell},{},1.5", 100 + cell)).collect();

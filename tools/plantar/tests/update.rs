@@ -1,5 +1,5 @@
-//! `plantar update` with files and with an insole on the network: the insole's own side of a session and of an update, with a chip
-//! in memory that the bootloader's own code swaps.
+//! Tests `plantar update` with an insole on the network: the firmware's own session and update code on a flash chip in memory,
+//! whose images the bootloader's own code swaps.
 
 use embassy_boot::{AlignedBuffer, BootLoader};
 use embassy_futures::block_on;
@@ -67,7 +67,7 @@ impl Insole {
 
     fn running(&self) -> Header {
         let at = (ACTIVE_IMAGE.start + HEADER) as usize;
-        Header::read(self.chip.bytes[at..].first_chunk().expect("it is long")).expect("an image is there")
+        Header::read(self.chip.bytes[at..].first_chunk().expect("the chip is larger")).expect("a valid header")
     }
 
     fn boot(&mut self) {
@@ -99,7 +99,7 @@ impl Insole {
             let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
             while let Some(message) = link.next(&hello, Status::default, &mut message) {
                 let len = protocol::frame(message, &mut framed);
-                host.write_all(&framed[..len]).expect("the host listens");
+                host.write_all(&framed[..len]).expect("the host is connected");
             }
         }
         if accepted {
@@ -161,13 +161,13 @@ fn an_invalid_image_is_refused_with_the_remedy() {
     let file = folder.path().join("image.bin");
     let (address, insole) = Insole::start(Trial::Passes);
     let good = image("test", NEW, &secret()).file();
-    let stranger = image("test", NEW, &SigningKey::from_bytes(&[1; 32])).file();
+    let other_key = image("test", NEW, &SigningKey::from_bytes(&[1; 32])).file();
     let mut flipped = good.clone();
     flipped[777] ^= 4;
     for (contents, words) in [
         (image("other", NEW, &secret()).file(), &["other", "test", "choose"][..]),
         (image("test", "1.2.2", &secret()).file(), &["1.2.2", OLD, "newer"]),
-        (stranger, &["signed", "manufacturer"]),
+        (other_key, &["signed", "manufacturer"]),
         (flipped, &["damaged", "image.bin"]),
         (good[..good.len() - 300].to_vec(), &["cut short", "image.bin"]),
         (b"not an image".to_vec(), &["image.bin", "cargo xtask image"]),

@@ -14,7 +14,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 
 const STEPS: usize = 6;
-/// The right foot follows half a stride after the left one.
+/// Duration of a stride; the right foot strikes half a stride after the left one.
 const STRIDE_S: f64 = 1.05;
 
 fn main() -> Result<(), Box<dyn Error>> {

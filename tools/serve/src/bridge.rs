@@ -1,4 +1,4 @@
-//! The session with one insole: its messages go to the hub, and steps that a page took are acknowledged.
+//! The session with one insole: passes its messages to the hub, and acknowledges steps that a page or the recording has stored.
 
 use crate::hub::Hub;
 use client::{Carrier, Error, Event, Link, Open, ReconnectPolicy};
@@ -9,16 +9,16 @@ use std::time::{Duration, Instant};
 /// Time between two requests for the insole's counters.
 const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 
-/// The carriers of all insoles.
+/// A session with an insole, over any carrier.
 pub(crate) type Session = Link<Box<dyn Carrier + Send>>;
 
-/// Where an insole is reached.
+/// How to connect to an insole.
 pub struct Source {
     /// Its name, as the user gave it.
     pub name: String,
-    /// Opens the carrier, and again after it failed.
+    /// Opens the carrier; called again after the carrier failed.
     pub open: Open<Box<dyn Carrier + Send>>,
-    /// The wearer's parameters, which the insole receives at the begin of each session.
+    /// The wearer's parameters, which the insole receives at the beginning of each session.
     pub tissue: Option<Tissue>,
 }
 
@@ -37,7 +37,7 @@ impl Source {
     }
 }
 
-/// Bridges an insole to the hub until the program ends. A lost link is opened again.
+/// Bridges an insole to the hub until the program ends. Reconnects after a lost link.
 pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
     hello(hub, index, &mut insole);
     let mut status_requested = Instant::now();
@@ -72,7 +72,7 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
     }
 }
 
-/// A session started.
+/// Passes the hello and the parameters of a new session to the hub.
 fn hello(hub: &Hub, index: usize, insole: &mut Session) {
     let client = insole.client();
     // An older firmware does not know this request.

@@ -26,7 +26,7 @@ struct Insole {
     /// The wearer's parameters, where they are known.
     tissue: Option<Tissue>,
     status: Status,
-    /// The insole's clock against this computer's.
+    /// Converts between the insole's clock and this computer's.
     axis: Axis,
     /// Counts the sessions with the insole: step numbers can be compared only within one.
     session: u64,
@@ -34,8 +34,8 @@ struct Insole {
     pending: VecDeque<PendingStep>,
     /// The last steps that a page acknowledged: after a lost acknowledgement, the insole sends them again.
     acknowledged: VecDeque<Step>,
-    /// The step to acknowledge to the insole.
-    due: Option<u32>,
+    /// Number of the step to acknowledge to the insole next.
+    to_acknowledge: Option<u32>,
     pages: Vec<(u64, Session)>,
 }
 
@@ -64,7 +64,7 @@ impl Hub {
         }
     }
 
-    /// The program ends: lost links are no longer reported.
+    /// Called when the program ends: lost links are not reported afterwards.
     pub fn end(&self) {
         self.has_ended.store(true, Ordering::Relaxed);
     }
@@ -78,13 +78,13 @@ impl Hub {
         self.insoles[index].lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Records a message, where a recording is made. True once it is written.
+    /// Writes a message to the recording, where one is made. Returns true once the message is written.
     fn record(&self, index: usize, message: &ToHost) -> bool {
         let Some(recorder) = &self.recorder else { return false };
         recorder.lock().unwrap_or_else(PoisonError::into_inner).write(index as u8, message)
     }
 
-    /// Takes the hello of a new session with an insole.
+    /// Starts a new session with an insole, which sent this hello.
     pub fn hello(&self, index: usize, hello: &Hello, tissue: Option<Tissue>) {
         self.record(index, &ToHost::Hello(hello.clone()));
         let mut insole = self.insole(index);
@@ -93,9 +93,9 @@ impl Hub {
         insole.tissue = tissue;
         insole.session += 1;
         insole.axis = Axis::new();
-        insole.due = None;
+        insole.to_acknowledge = None;
         for (_, link) in &mut insole.pages {
-            // As if the page had sent another hello: it receives the new hello of the insole.
+            // Connects on behalf of the page, which thereby receives the insole's new hello.
             let is_streaming = link.next_live().is_some();
             greet(link, CONNECT, insole.tissue);
             link.receive(ToDevice::Stream { live: is_streaming }, NO_CLOCK_US);
@@ -103,7 +103,7 @@ impl Hub {
         self.changed.send_replace(());
     }
 
-    /// The session with an insole ended: pages receive nothing until the next one starts.
+    /// Ends the session with an insole: pages receive nothing until the next session starts.
     pub fn lost(&self, index: usize) {
         self.insole(index).hello = None;
     }
@@ -123,14 +123,14 @@ impl Hub {
         let mut insole = self.insole(index);
         let session = insole.session;
         if insole.acknowledged.iter().any(|acknowledged| acknowledged.is_same(&step)) {
-            insole.due = Some(step.step);
+            insole.to_acknowledge = Some(step.step);
             return;
         }
         if let Some(pending) = insole.pending.iter_mut().find(|pending| pending.step.is_same(&step)) {
             pending.session = session;
             // The insole did not receive the acknowledgement.
             if pending.is_recorded {
-                insole.due = Some(step.step);
+                insole.to_acknowledge = Some(step.step);
             }
             return;
         }
@@ -140,7 +140,7 @@ impl Hub {
             link.push_step(step);
         }
         if is_recorded {
-            insole.due = Some(step.step);
+            insole.to_acknowledge = Some(step.step);
         }
         drop(insole);
         self.changed.send_replace(());
@@ -151,14 +151,14 @@ impl Hub {
         self.insole(index).status = status;
     }
 
-    /// Takes the current estimate of the insole's clock.
+    /// Stores the current estimate of the insole's clock.
     pub fn clock(&self, index: usize, axis: &Axis) {
         self.insole(index).axis.clone_from(axis);
     }
 
-    /// The step to acknowledge to the insole, once.
+    /// Returns the number of a step to acknowledge to the insole, only once.
     pub fn acknowledgement(&self, index: usize) -> Option<u32> {
-        self.insole(index).due.take()
+        self.insole(index).to_acknowledge.take()
     }
 
     /// Adds a page.
@@ -177,7 +177,7 @@ impl Hub {
     }
 }
 
-/// The time for messages that do not need it.
+/// The device time for messages that do not need it.
 const NO_CLOCK_US: u64 = 0;
 
 const CONNECT: ToDevice = ToDevice::Connect { major: plantar::protocol::MAJOR, minor: plantar::protocol::MINOR };
@@ -188,7 +188,7 @@ fn greet(link: &mut Session, connect: ToDevice, tissue: Option<Tissue>) {
     link.restore(tissue, link.identity());
 }
 
-/// A page in the hub. It is removed when this is dropped.
+/// A page that is connected to the hub, until this is dropped.
 pub(crate) struct Page {
     hub: Arc<Hub>,
     id: u64,
@@ -198,11 +198,11 @@ pub(crate) struct Page {
 impl Page {
     /// Waits until there may be a message to send.
     pub async fn changed(&mut self) {
-        // The hub owns the sender, and this owns the hub.
+        // The channel cannot be closed: this page owns the hub, which owns the sender.
         let _ = self.changed.changed().await;
     }
 
-    /// Takes a message of the page, after the index of an insole.
+    /// Processes bytes from the page: the index of an insole, and a message.
     pub fn receive(&self, bytes: &[u8]) {
         let Some((&index, message)) = bytes.split_first() else { return };
         let index = usize::from(index);
@@ -225,7 +225,7 @@ impl Page {
                 | ToDevice::Restart,
             )
             | None => link.receive_unknown(),
-            // The bridge sets the clock.
+            // Ignored, because the bridge sets the clock.
             Some(ToDevice::SetClock { .. }) => {}
             Some(request @ ToDevice::GetTime { .. }) => {
                 if let Some(device_us) = insole.axis.device_us(unix_us()) {
@@ -242,7 +242,7 @@ impl Page {
         }
     }
 
-    /// The next message for the page, after the index of its insole; `None` where there is nothing to send.
+    /// The next bytes for the page: the index of an insole, and a message; `None` where there is nothing to send.
     pub fn next(&self) -> Option<Vec<u8>> {
         (0..self.hub.insoles.len()).find_map(|index| {
             let mut insole = self.hub.insole(index);
@@ -260,9 +260,9 @@ impl Insole {
         let Some(at) = self.pending.iter().position(|pending| pending.step.step == step) else { return };
         if let Some(PendingStep { step, session, .. }) = self.pending.remove(at) {
             push(&mut self.acknowledged, step);
-            // For an insole that restarted since, the number means another step.
+            // If the insole has restarted since, the number belongs to another step.
             if session == self.session {
-                self.due = Some(step.step);
+                self.to_acknowledge = Some(step.step);
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Serves the page for a phone and bridges one or two insoles to it.
 //!
-//! To a page, the bridge behaves like an insole: it answers a hello, streams, and holds steps until they are acknowledged. Each
+//! To a page, the bridge behaves like an insole: it answers a hello, streams, and queues steps until they are acknowledged. Each
 //! page has a session of its own with each insole, the firmware's [`plantar::protocol::session::Session`]. A slow page loses live
 //! frames, counted in its status, without an effect on other pages. A step is acknowledged to the insole once a page has
 //! acknowledged it or, where a recording is made, once it is written there.
@@ -40,7 +40,7 @@ pub struct Options {
     pub record: Option<PathBuf>,
 }
 
-/// Why the server did not start, or ended.
+/// The reason why the server did not start, or ended.
 #[derive(Debug, Error)]
 pub enum Error {
     /// The folder has no page.
@@ -50,10 +50,10 @@ pub enum Error {
     #[error("{0}")]
     Insole(String, #[source] LinkError),
     /// Both insoles are for the same foot.
-    #[error("both insoles are for the {0} foot")]
+    #[error("both insoles are for the {0} foot: connect one insole for each foot")]
     SameFoot(&'static str),
     /// The address cannot be listened on.
-    #[error("cannot listen on {0}: {1}")]
+    #[error("cannot listen on {0}: {1}; choose another address or port with --bind and --port")]
     Listen(SocketAddr, io::Error),
     /// The recording cannot be written.
     #[error("cannot write {0}: {1}")]
@@ -63,7 +63,8 @@ pub enum Error {
     Io(#[from] io::Error),
 }
 
-/// Connects to the insoles and serves until a signal ends the program. `ready` is called with the address once the server listens.
+/// Connects to the insoles and serves until a signal ends the program. `ready` is called with the address once the server
+/// listens.
 ///
 /// # Errors
 /// See [`enum@Error`].

@@ -2,10 +2,10 @@
 
 use std::net::IpAddr;
 
-/// True where a page from `origin` may connect to this server, which it addressed as `host` (the header).
+/// True where a page from `origin` may connect to this server; `host` is the Host header of its request.
 ///
-/// For the served page both have the same host. An attacker can let a name resolve to this computer, so the host must be an address
-/// or `localhost`. Programs other than browsers send no origin.
+/// For the served page both have the same host. An attacker can let a name resolve to this computer, so the host must be an
+/// address or `localhost`. Programs other than browsers send no origin.
 pub(crate) fn is_allowed(origin: Option<&str>, host: Option<&str>, others: &[String]) -> bool {
     let Some(origin) = origin else { return true };
     if others.iter().any(|other| other.trim_end_matches('/') == origin) {

@@ -1,5 +1,5 @@
-//! A recorded stream: for each message the time in ms (u32), the index of the insole (u8), the length (u16), all little endian, and
-//! the message.
+//! The file of a recorded stream. It has, for each message, the time in ms (u32), the index of the insole (u8), the length (u16),
+//! all little endian, and the message.
 
 use client::create_new;
 use plantar::protocol::{MAX_MESSAGE, ToHost, encode};

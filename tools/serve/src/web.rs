@@ -16,10 +16,12 @@ use tokio::net::{TcpListener, TcpSocket};
 use tower_http::services::ServeDir;
 use tower_http::set_header::SetResponseHeaderLayer;
 
-/// Size of the system's send buffer for a page, bytes: about a second of two feet. Once it is full, the session drops frames.
+/// Size of the system's send buffer for a page, bytes: about one second of messages from two feet. Once it is full, the
+/// session drops live frames.
 const SEND_BUFFER: u32 = 16 * 1024;
 /// Size of the longest message from a page, bytes.
 const MAX_REQUEST: usize = 512;
+/// Largest number of connections that wait to be accepted.
 const CONNECTIONS: u32 = 64;
 
 #[derive(Clone)]
@@ -58,7 +60,7 @@ fn router(hub: Arc<Hub>, options: &Options) -> Router {
         .route("/insoles", any(insoles))
         .with_state(Served { hub, origins: options.origins.clone().into() })
         .fallback_service(ServeDir::new(&options.page))
-        // The browser asks for a newer build at each visit.
+        // Makes the browser check for a newer build at each visit.
         .layer(header(CACHE_CONTROL, "no-cache"))
 }
 
@@ -71,7 +73,7 @@ async fn insoles(State(served): State<Served>, headers: HeaderMap, upgrade: WebS
     upgrade.max_message_size(MAX_REQUEST).max_frame_size(MAX_REQUEST).on_upgrade(|socket| follow(socket, page))
 }
 
-/// Carries messages in both directions until the page disconnects.
+/// Forwards messages in both directions until the page disconnects.
 async fn follow(mut socket: WebSocket, mut page: Page) {
     loop {
         while let Some(message) = page.next() {

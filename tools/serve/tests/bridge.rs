@@ -1,9 +1,9 @@
-//! The bridge with pages over real sockets and insoles in memory: messages to pages, acknowledgements, slow pages.
+//! Tests of the bridge with pages over real sockets and insoles in memory: messages to pages, acknowledgements, slow pages.
 
 mod page;
 
 use client::{Carrier, Error, Framed, unix_us};
-use page::{PATIENCE, Page};
+use page::{Page, TIMEOUT};
 use plantar::Side;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::session::Session;
@@ -25,12 +25,12 @@ struct Insole {
     link: Session,
     from_host: Decoder,
     to_host: VecDeque<u8>,
-    /// Steps that were acknowledged to it.
+    /// Steps whose acknowledgement the insole received.
     acknowledged: Vec<u32>,
     side: Side,
     is_unplugged: bool,
-    /// Failed attempts to open its cable.
-    missed: u32,
+    /// Number of failed attempts to open the cable.
+    failed_opens: u32,
 }
 
 #[derive(Clone)]
@@ -45,7 +45,7 @@ impl Cable {
             acknowledged: Vec::new(),
             side,
             is_unplugged: false,
-            missed: 0,
+            failed_opens: 0,
         };
         Self(Arc::new((Mutex::new(insole), Condvar::new())))
     }
@@ -58,7 +58,7 @@ impl Cable {
     fn open(&self) -> Result<Box<dyn Carrier + Send>, Error> {
         let mut insole = self.0.0.lock().expect("no test panics here");
         if insole.is_unplugged {
-            insole.missed += 1;
+            insole.failed_opens += 1;
             self.0.1.notify_all();
             return Err(Error::Open("the cable is unplugged".into()));
         }
@@ -69,8 +69,8 @@ impl Cable {
     fn unplug(&self) {
         let mut insole = self.0.0.lock().expect("no test panics here");
         insole.is_unplugged = true;
-        let is_quiet = |insole: &mut Insole| insole.missed == 0;
-        let waited = self.0.1.wait_timeout_while(insole, PATIENCE, is_quiet).expect("no test panics here");
+        let has_no_attempt = |insole: &mut Insole| insole.failed_opens == 0;
+        let waited = self.0.1.wait_timeout_while(insole, TIMEOUT, has_no_attempt).expect("no test panics here");
         assert!(!waited.1.timed_out());
     }
 
@@ -102,11 +102,11 @@ impl Cable {
         self.act(|insole| insole.link.push_step(step));
     }
 
-    /// Waits until the step was acknowledged.
+    /// Waits until the insole received the acknowledgement of a step. Returns false after a timeout.
     fn acknowledged(&self, number: u32) -> bool {
         let insole = self.0.0.lock().expect("no test panics here");
-        let waits = |insole: &mut Insole| !insole.acknowledged.contains(&number);
-        let waited = self.0.1.wait_timeout_while(insole, PATIENCE, waits).expect("no test panics here");
+        let is_pending = |insole: &mut Insole| !insole.acknowledged.contains(&number);
+        let waited = self.0.1.wait_timeout_while(insole, TIMEOUT, is_pending).expect("no test panics here");
         !waited.1.timed_out()
     }
 }
@@ -143,7 +143,7 @@ impl Write for Cable {
     }
 }
 
-/// The insoles' clock, which started 1.7e15 us after the computer's.
+/// The insoles' clock, which started 1.7e15 us after the Unix epoch.
 fn insole_us() -> u64 {
     unix_us() - 1_700_000_000_000_000
 }
@@ -167,7 +167,7 @@ fn serve(cables: &[&Cable], record: Option<std::path::PathBuf>) -> SocketAddr {
         let options = Options { listen, page: folder, origins: Vec::new(), record };
         serve::serve(sources, &options, |at| ready.send(at).expect("the test waits")).expect("it serves");
     });
-    address.recv_timeout(PATIENCE).expect("it serves in time")
+    address.recv_timeout(TIMEOUT).expect("it serves in time")
 }
 
 #[tokio::test]
@@ -178,7 +178,7 @@ async fn two_pages_receive_both_feet_and_a_step_is_acknowledged_once_one_page_ac
     for page in [&mut one, &mut other] {
         assert_eq!(page.hello(0).await.side, Side::Left);
         assert_eq!(page.hello(1).await.side, Side::Right);
-        // After this answer, the requested stream is on.
+        // This answer follows the start of the requested stream.
         page.status(1).await;
     }
     right.live();
@@ -201,7 +201,7 @@ async fn a_page_receives_the_time_of_the_insole() {
     page.hello(0).await;
     let before_us = insole_us();
     let device_us = loop {
-        // The bridge has to receive it first.
+        // The bridge answers only once it has estimated the clock of the insole.
         page.send(0, ToDevice::GetTime { host_us: 5 }).await;
         page.send(0, ToDevice::GetStatus).await;
         let answer = page
@@ -216,8 +216,8 @@ async fn a_page_receives_the_time_of_the_insole() {
             break device_us;
         }
     };
-    let patience_us = PATIENCE.as_micros() as u64;
-    assert!((before_us..before_us + patience_us).contains(&device_us), "{before_us} {device_us}");
+    let timeout_us = TIMEOUT.as_micros() as u64;
+    assert!((before_us..before_us + timeout_us).contains(&device_us), "{before_us} {device_us}");
 }
 
 #[tokio::test]
@@ -242,14 +242,14 @@ async fn a_slow_page_loses_counted_live_frames_and_no_step() {
     let (mut slow, mut quick) = (Page::open(address).await, Page::open(address).await);
     slow.status(0).await;
     quick.status(0).await;
-    // Far more than fits the buffers of a socket; the slow page reads nothing meanwhile.
+    // These are far more frames than fit into the buffers of a socket. The slow page reads nothing meanwhile.
     const FRAMES: u32 = 100_000;
     for sequence in 0..FRAMES {
         cable.live();
         if sequence == FRAMES / 2 {
             cable.step(0);
         }
-        // In step with the quick page, which loses nothing.
+        // Waiting for the quick page ensures that it loses no frame.
         assert_eq!(quick.live(0).await.sequence, sequence);
     }
     assert_eq!(slow.step(0).await.step, 0);
@@ -259,7 +259,7 @@ async fn a_slow_page_loses_counted_live_frames_and_no_step() {
     assert_eq!(quick.status(0).await.live_sent, FRAMES);
 }
 
-/// The messages in a recording of one insole.
+/// Returns the messages in a recording of one insole.
 fn recorded(path: &Path) -> Vec<ToHost> {
     let bytes = std::fs::read(path).expect("a recording");
     let mut messages = Vec::new();
@@ -303,7 +303,7 @@ async fn a_page_receives_nothing_while_the_insole_is_unplugged() {
     page.live(0).await;
 }
 
-/// The acknowledgement was lost with the link, and the insole restarted.
+/// The acknowledgement is lost with the link, and the insole restarts.
 #[tokio::test]
 async fn a_repeated_step_is_acknowledged_again_and_recorded_once() {
     let cable = Cable::new(Side::Left);
@@ -331,7 +331,7 @@ async fn a_repeated_step_is_acknowledged_again_and_recorded_once() {
     assert_eq!(recorded(&path).into_iter().filter(is_step).collect::<Vec<_>>(), steps);
 }
 
-/// Where nothing can be written, a step is acknowledged once a page acknowledged it.
+/// Where the recording cannot be written, a step is acknowledged to the insole once a page acknowledged it.
 #[tokio::test]
 #[cfg(target_os = "linux")]
 async fn a_full_disk_loses_no_step() {
@@ -356,7 +356,7 @@ async fn a_page_cannot_change_the_settings_of_an_insole() {
     page.find(0, |m| (m == ToHost::Refused(Refusal::NotUnderstood)).then_some(())).await;
     cable.act(|insole| {
         assert_eq!(insole.link.tissue().id, Tissue::NONE.id);
-        // The bridge has set it.
+        // The clock is the one that the bridge has set.
         assert!(insole.link.unix_us(insole_us()).is_some_and(|us| us > 1_700_000_000_000_000));
     });
 }

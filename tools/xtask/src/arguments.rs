@@ -4,7 +4,7 @@ use crate::BOARDS;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 
-/// Time of fuzzing as part of a test, min.
+/// Duration of fuzzing in `cargo xtask test`, min.
 pub const FUZZ_MINUTES: f64 = 2.0;
 
 /// The tasks of this repository.
@@ -17,8 +17,8 @@ pub struct Arguments {
 
 #[derive(Subcommand)]
 pub enum Task {
-    /// Install what is missing: Rust targets, QEMU, Node.js, Chromium, a C++ compiler, D-Bus, private copies of cargo-fuzz and
-    /// cargo-deny, and a private Python with NumPy, SciPy, bumble and the sample walk.
+    /// Install missing programs and data: Rust targets, QEMU, Node.js, Chromium, a C++ compiler, D-Bus, private copies of
+    /// cargo-fuzz and cargo-deny, and a private Python with NumPy, SciPy, bumble and the sample walk.
     Setup,
     /// Build the firmware of all boards and the command line.
     Build,
@@ -29,18 +29,18 @@ pub enum Task {
     Demo(Demo),
     /// Run everything that continuous integration runs.
     Test {
-        /// Only format, lints and host tests, as after each change. Tests that need firmware, emulator, page, Python or data are
-        /// reported as ignored.
+        /// Run only format, lints and host tests, for use after each change. Tests that need firmware, emulator, page, Python or
+        /// data are reported as ignored.
         #[arg(long)]
         quick: bool,
     },
-    /// Feed every parser with arbitrary bytes. The first finding ends it.
+    /// Feed every parser with arbitrary bytes. The task ends at the first input that makes a parser fail.
     Fuzz {
         /// Time for all targets together.
         #[arg(long, value_name = "N", default_value_t = FUZZ_MINUTES)]
         minutes: f64,
     },
-    /// Test endurance: power that fails in every write, bit errors on the cable, a day of walking. It takes about an hour.
+    /// Test endurance: loss of power in every write, bit errors on the cable, a day of walking. The test takes about an hour.
     Soak(Soak),
     /// Compare the dependencies with RustSec's advisories, which are downloaded from their repository.
     Advisories,
@@ -48,13 +48,13 @@ pub enum Task {
     Bench(Json),
     /// Measure flash and RAM of the firmware of all boards.
     Size(Json),
-    /// Print the places in the source of an insole's report "panic after ... at ..."; the firmware must be the last one that was
-    /// built.
+    /// Print the source locations of the calls in an insole's crash report, "panic after ... at ...". The firmware on the insole
+    /// must be the last build in this repository.
     Explain {
         /// The board that sent the report.
         #[arg(value_parser = BOARDS)]
         board: String,
-        /// The report, or only its addresses, innermost call first.
+        /// The crash report, or only its addresses, innermost call first.
         #[arg(required = true)]
         text: Vec<String>,
     },
@@ -62,9 +62,9 @@ pub enum Task {
     Flash,
     /// Build and sign the firmware of a board, for `plantar update`.
     Image(Image),
-    /// Make a key to sign firmware with, and print how to build firmware that accepts it.
+    /// Make a key for signing firmware, and print how to build firmware that accepts it.
     Key {
-        /// The secret half is written to this file, which must not exist.
+        /// The file for the secret key; it must not exist yet.
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
     },
@@ -75,7 +75,7 @@ pub struct Demo {
     /// Play this recording instead of the sample walk.
     #[arg(long, value_name = "FILE")]
     pub recording: Option<PathBuf>,
-    /// real, or max: as fast as the emulator runs.
+    /// Play in real time (real), or as fast as the emulator runs (max).
     #[arg(long, default_value = "real", value_parser = ["real", "max"])]
     pub speed: String,
     /// End after this many steps.
@@ -84,14 +84,14 @@ pub struct Demo {
     /// Write the steps and the counters of the live frames to this file; the page is not served then.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// End after the table: neither build nor serve the page. This is the default without a terminal.
+    /// End after the table: neither build nor serve the page. This is the default where stdout is no terminal.
     #[arg(long)]
     pub no_page: bool,
 }
 
 #[derive(Args)]
 pub struct Soak {
-    /// A small part of each, for some minutes.
+    /// Run only a small part of each test, which takes some minutes.
     #[arg(long)]
     pub short: bool,
     /// Also write the figures to this file, one flat JSON object.
@@ -111,7 +111,7 @@ pub struct Image {
     /// The board.
     #[arg(value_parser = BOARDS)]
     pub board: String,
-    /// The secret key; without one, the published key for development.
+    /// The file of the secret key [default: the published key for development].
     #[arg(long, value_name = "FILE")]
     pub key: Option<PathBuf>,
     /// The image to write.

@@ -9,7 +9,7 @@ use serde_json::{Map, Value};
 use std::path::Path;
 use std::process::Command;
 
-/// All figures by their keys.
+/// Figures by their keys.
 type Figures = Map<String, Value>;
 
 /// Measures everything.
@@ -41,8 +41,8 @@ fn run_bench(options: &[(&str, &Path)]) -> Result<()> {
     run_command(&mut command)
 }
 
-/// Flash and RAM of all boards. RAM is the static memory plus the deepest stack that the emulated board used in a walk. The other
-/// boards run the same code above their drivers, so the same stack is added for them.
+/// Measures flash and RAM of all boards. RAM is the static memory plus the deepest stack that the emulated board used in a walk.
+/// The other boards run the same code above their drivers, so the same stack is added for them.
 pub fn sizes() -> Result<Figures> {
     setup::rust()?;
     setup::qemu()?;
@@ -74,7 +74,7 @@ fn read(json: &Path) -> Result<Figures> {
 }
 
 impl Json {
-    /// Writes the figures, where a file is named.
+    /// Writes the figures to the file, where one is given.
     pub fn write(&self, figures: &Figures) -> Result<()> {
         let Some(path) = &self.json else { return Ok(()) };
         let text = serde_json::to_string_pretty(figures)? + "\n";

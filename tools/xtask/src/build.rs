@@ -5,10 +5,10 @@ use crate::{BOARDS, TARGET, setup};
 use anyhow::{Result, bail};
 use std::path::PathBuf;
 
-/// The controller of the reference board in probe-rs, as in `boards/wb55/.cargo/config.toml`.
+/// The name of the reference board's controller in probe-rs, as in `boards/wb55/.cargo/config.toml`.
 const CHIP: &str = "STM32WB55RGVx";
 
-/// The firmware of a board, or another package that is built like it.
+/// The path of a board's firmware, or of another package that is built in the same way.
 pub fn firmware(package: &str) -> PathBuf {
     built(&format!("{TARGET}/firmware/{package}"))
 }
@@ -20,7 +20,8 @@ pub fn bootloader(board: &str) -> String {
 
 /// Builds firmware and bootloader of a board.
 pub fn build_firmware(board: &str) -> Result<()> {
-    // One after the other: in one build, the bootloader would have the features that the firmware needs of their dependencies.
+    // These are two builds, because cargo unifies the features within one build: the bootloader would have the features of shared
+    // dependencies that only the firmware needs.
     [bootloader(board).as_str(), board].into_iter().try_for_each(|package| cargo_firmware("build", package, &[]))
 }
 

@@ -1,28 +1,28 @@
-//! Runs programs in the repository.
+//! Runs programs in the repository's folder.
 
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::thread::ScopedJoinHandle;
 
-/// The repository.
+/// The repository's folder.
 pub fn root() -> PathBuf {
     // This package is two folders below.
     Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap_or(Path::new(".")).into()
 }
 
-/// A path in the folder with cargo's results.
+/// A path in cargo's target folder.
 pub fn built(path: &str) -> PathBuf {
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from);
     target.join(path)
 }
 
-/// Runs a program in the repository; an error where it fails.
+/// Runs a program in the repository's folder. Returns an error where it fails.
 pub fn run(program: &str, arguments: &[&str]) -> Result<()> {
     run_command(Command::new(program).args(arguments))
 }
 
-/// Runs a command in the repository; an error where it fails.
+/// Runs a command in the repository's folder. Returns an error where it fails.
 pub fn run_command(command: &mut Command) -> Result<()> {
     let words: Vec<_> = std::iter::once(command.get_program()).chain(command.get_args()).collect();
     let line = words.iter().map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");
@@ -34,7 +34,7 @@ pub fn run_command(command: &mut Command) -> Result<()> {
     Ok(())
 }
 
-/// Waits for the result of a task that runs beside others.
+/// Waits for the result of a task that runs in parallel with others.
 pub fn join<T>(task: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
     task.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }

@@ -1,4 +1,4 @@
-//! The demonstration: a walker's parameters, steps in the emulator, the page.
+//! The demonstration: identifies a walker's parameters, plays other steps in the emulator, and serves the page.
 
 use crate::arguments::Demo;
 use crate::build::{build_firmware, firmware};
@@ -10,7 +10,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Trials of the sample walk: the first ones are played, which takes some fifteen seconds, parameters are fitted to the others.
+/// Trials of the sample walk. The first ones are played, which takes about 15 s; the parameters are fitted to the others.
 const SAMPLE_TRIALS: &str = "36";
 const PLAYED_STEPS: usize = 12;
 const FITTED_STEPS: &str = "12-35";
@@ -48,8 +48,8 @@ impl Demo {
         run_command(&mut command)?;
         if self.recording.is_none() {
             println!(
-                "The insole's parameters were fitted to steps {FITTED_STEPS} of this walker; the errors above are those of steps \
-                 that the fit has not used.\nThe report of the fit: {}",
+                "The insole's parameters were fitted to steps {FITTED_STEPS} of this walker; the errors above are \
+                 those of steps that the fit did not use.\nThe report of the fit: {}",
                 report().display()
             );
         }
@@ -64,8 +64,8 @@ impl Demo {
         Ok(())
     }
 
-    /// Builds the firmware and the parts of the command line that are needed, and installs the rest meanwhile. Returns the command
-    /// line, and the data set of the sample walk unless another recording is played.
+    /// Builds the firmware and the needed features of the command line, and installs the other programs in the meantime. Returns
+    /// the paths of the command line and, unless another recording is played, of the data set of the sample walk.
     fn prepare(&self, with_page: bool) -> Result<(PathBuf, Option<PathBuf>)> {
         setup::rust()?;
         std::thread::scope(|scope| {
@@ -90,7 +90,7 @@ fn build_plantar(with_page: bool) -> Result<PathBuf> {
     Ok(built("debug/plantar"))
 }
 
-/// Imports one walker's steps for the emulated board.
+/// Imports one walker's steps as a recording for the emulated board.
 fn sample_walk(plantar: &Path, jiku: &Path) -> Result<PathBuf> {
     let walk = setup::cache().join("walk.parquet");
     let mut command = Command::new(plantar);

@@ -7,12 +7,12 @@ use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// More memory than this is a finding, MiB: a page of a Parquet file may take 2 GiB.
+/// An input that needs more memory than this is a failure, MiB. A page of a Parquet file may take 2 GiB.
 const MEMORY_MIB: u32 = 4096;
-/// A longer time for one input is a finding, s.
+/// An input that takes longer than this is a failure, s.
 const HANG_S: u32 = 25;
 
-/// Runs every target. The first finding ends it with an error that names it.
+/// Runs every target. Returns an error that names the target and the input of the first failure.
 pub fn run(minutes: f64) -> Result<()> {
     let tool = setup::cargo_fuzz()?;
     // Without a sanitizer, which needs another toolchain: the parsers contain no unsafe code.
@@ -32,7 +32,7 @@ pub fn run(minutes: f64) -> Result<()> {
     run_command(&mut cargo_fuzz(&[&["build"], &options[..]].concat()))?;
     let seconds = (minutes * 60.0 / targets.len() as f64).ceil().max(1.0) as u64;
     for target in targets {
-        // New inputs are stored outside of the repository's seeds, which are only read.
+        // The fuzzer writes new inputs to its first folder and only reads the others, here the seeds of the repository.
         let found = folder.join("corpus").join(target);
         std::fs::create_dir_all(&found)?;
         let seeds = Path::new("fuzz/corpus").join(target);

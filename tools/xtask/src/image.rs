@@ -1,4 +1,4 @@
-//! Signed firmware images, keys, and firmware files, with the program `firmware-image`.
+//! Makes signed firmware images and keys, and inspects firmware files, with the program `firmware-image`.
 
 use crate::arguments::Image;
 use crate::build::{build_firmware, build_host, firmware};
@@ -22,12 +22,12 @@ impl Image {
     }
 }
 
-/// Makes a key.
+/// Makes a key for signing firmware.
 pub fn make_key(out: &Path) -> Result<()> {
     run_command(firmware_image("key")?.arg("--out").arg(std::path::absolute(out)?))
 }
 
-/// Prints the places in the source of an insole's crash report.
+/// Prints the source locations of the calls in an insole's crash report.
 pub fn explain(board: &str, report: &str) -> Result<()> {
     run_command(firmware_image("explain")?.arg(firmware(board)).arg(report))
 }
@@ -40,7 +40,7 @@ pub struct Size {
     pub ram_bytes: u64,
 }
 
-/// The memory that the firmware of this package needs.
+/// Measures the memory that the firmware of this package needs.
 pub fn size(package: &str) -> Result<Size> {
     let output = firmware_image("size")?.arg(firmware(package)).output()?;
     if !output.status.success() {
@@ -52,7 +52,7 @@ pub fn size(package: &str) -> Result<Size> {
     Ok(Size { flash_bytes, ram_bytes })
 }
 
-/// The program, built, with a command.
+/// Builds the program `firmware-image`. Returns a command that runs it with this subcommand.
 fn firmware_image(command: &str) -> Result<Command> {
     build_host("firmware-image").context("the program firmware-image cannot be built")?;
     let mut program = Command::new(built("release/firmware-image"));

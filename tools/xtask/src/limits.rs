@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 
-/// Key of a figure, its least and its largest allowed value.
+/// Keys of figures, with the least and the largest allowed value.
 const LIMITS: [(&str, f64, f64); 24] = [
     ("frame_instructions", 0.0, 10_000.0),
     ("device_vs_host_force_rel", 0.0, 1e-4),
@@ -31,12 +31,12 @@ const LIMITS: [(&str, f64, f64); 24] = [
     ("nrmse.mean.less", 15.0, 100.0),
 ];
 
-/// An error where a figure is missing or beyond its limits.
+/// Returns an error where a figure is missing or outside of its limits.
 pub fn check(figures: &Map<String, Value>) -> Result<()> {
     for (key, least, most) in LIMITS {
         let value = figures.get(key).and_then(Value::as_f64).with_context(|| format!("{key} was not measured"))?;
         if !(least..=most).contains(&value) {
-            bail!("{key} is {value}, allowed are {least} to {most}");
+            bail!("{key} is {value}, outside of its limits {least} to {most}");
         }
     }
     Ok(())

@@ -16,7 +16,7 @@ use arguments::{Arguments, Task};
 use clap::Parser;
 use std::process::ExitCode;
 
-/// The target of the boards.
+/// The compilation target of the boards.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// The boards: package and binary `<board>` in `boards/<board>`, with the bootloader `<board>-bootloader`.
 pub const BOARDS: [&str; 2] = [EMULATED, "wb55"];

@@ -1,4 +1,4 @@
-//! The page for a phone: the core as WebAssembly, the build with Vite, and the tests.
+//! The page for a phone: the firmware's messages as WebAssembly, the build with Vite, and the tests.
 
 use crate::command::{built, root, run, run_command};
 use crate::setup;
@@ -9,12 +9,12 @@ use std::process::Command;
 const FOLDER: &str = "tools/phone";
 const WASM: &str = "wasm32-unknown-unknown";
 
-/// The built page.
+/// The folder of the built page.
 pub fn dist() -> PathBuf {
     root().join(FOLDER).join("dist")
 }
 
-/// Builds the page with the packages of its lock file.
+/// Builds the page with the package versions of its lock file.
 pub fn build() -> Result<()> {
     setup::rust()?;
     install()?;
@@ -25,7 +25,8 @@ pub fn build() -> Result<()> {
     npm(&["run", "build"])
 }
 
-/// Type check, unit tests, and tests of the page in Chromium, with the computed walk and with the emulated insole.
+/// Runs the type check, the unit tests, and the tests of the page in Chromium, with the computed walk and with the emulated
+/// insole.
 pub fn test(plantar: &Path, firmware: &Path) -> Result<()> {
     setup::chromium()?;
     npm(&["run", "check"])?;
@@ -38,14 +39,14 @@ pub fn test(plantar: &Path, firmware: &Path) -> Result<()> {
     )
 }
 
-/// Installs Node.js and the packages, once and again when the lock file changes.
+/// Installs Node.js and the packages where they are missing or the lock file has changed.
 pub fn install() -> Result<()> {
     setup::node()?;
     let folder = root().join(FOLDER);
     let lock = std::fs::read(folder.join("package-lock.json"))?;
     let stamp = folder.join("node_modules/.installed-from");
     if std::fs::read(&stamp).ok().as_ref() != Some(&lock) {
-        npm(&["ci"]).context("the page's packages come from the npm registry: is the network there?")?;
+        npm(&["ci"]).context("the page's packages come from the npm registry: check the network connection")?;
         std::fs::write(stamp, lock)?;
     }
     Ok(())

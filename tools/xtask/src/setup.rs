@@ -1,4 +1,4 @@
-//! Installs missing programs and data, or prints what to install.
+//! Installs missing programs and data, or prints the package to install by hand.
 
 use crate::TARGET;
 use crate::command::{root, run};
@@ -6,12 +6,12 @@ use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// The package with the sample walk. It is licensed under GPLv3 and remains in this machine's cache; its own dependencies are not
-/// needed to read its files.
+/// The package with the sample walk. It is licensed under GPLv3 and is stored only in this machine's cache. Its own dependencies
+/// are not needed to read its files.
 const SAMPLE_PACKAGE: &str = "jiku-data==0.1.16";
 const NUMPY: &str = "numpy>=1.26,<3";
 const SCIPY: &str = "scipy>=1.13,<2";
-/// Phones and radios in software.
+/// A library that simulates phones and Bluetooth controllers.
 const BUMBLE: &str = "bumble==0.0.236";
 
 /// A private Python environment.
@@ -22,7 +22,7 @@ pub struct Python {
     pub jiku: PathBuf,
 }
 
-/// Installs everything.
+/// Installs all programs and data.
 pub fn all() -> Result<Python> {
     rust()?;
     qemu()?;
@@ -44,7 +44,7 @@ pub fn has(program: &str) -> bool {
     Command::new(program).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok()
 }
 
-/// The targets of the pinned toolchain. rustup installs them by itself, unless that is switched off.
+/// Installs the targets of the pinned toolchain. rustup installs them automatically, unless the user has disabled that.
 pub fn rust() -> Result<()> {
     let sysroot = Command::new("rustc").args(["--print", "sysroot"]).current_dir(root()).output()?;
     let libraries = PathBuf::from(String::from_utf8(sysroot.stdout)?.trim()).join("lib/rustlib");
@@ -57,13 +57,13 @@ pub fn rust() -> Result<()> {
     Ok(())
 }
 
-/// QEMU for Arm.
+/// Installs QEMU for Arm.
 pub fn qemu() -> Result<()> {
     if has("qemu-system-arm") {
         return Ok(());
     }
     install(&Package {
-        what: "QEMU for Arm (qemu-system-arm)",
+        title: "QEMU for Arm (qemu-system-arm)",
         apt: "qemu-system-arm",
         dnf: "qemu-system-arm",
         pacman: "qemu-system-arm",
@@ -74,10 +74,10 @@ pub fn qemu() -> Result<()> {
 /// The oldest major version of Node.js that the page's tools support.
 const NODE_MAJOR: u32 = 18;
 
-/// Node.js with npm, for the page.
+/// Installs Node.js with npm, for the page.
 pub fn node() -> Result<()> {
     if !has("node") || !has("npm") {
-        let named = |apt, other| Package { what: "Node.js with npm", apt, dnf: other, pacman: other, brew: "node" };
+        let named = |apt, other| Package { title: "Node.js with npm", apt, dnf: other, pacman: other, brew: "node" };
         // Debian's npm needs Debian's Node.js; other systems have npm in the package of Node.js or in one of its own.
         install(&if has("node") { named("npm", "npm") } else { named("nodejs npm", "nodejs npm") })?;
     }
@@ -85,28 +85,30 @@ pub fn node() -> Result<()> {
     let version = String::from_utf8_lossy(&version.stdout).trim().to_string();
     let major = version.trim_start_matches('v').split('.').next().and_then(|major| major.parse::<u32>().ok());
     if major.is_none_or(|major| major < NODE_MAJOR) {
-        bail!("the page needs Node.js {NODE_MAJOR} or newer and this is {version}: https://nodejs.org/en/download");
+        bail!(
+            "the page needs Node.js {NODE_MAJOR} or newer, but this is {version}: see https://nodejs.org/en/download"
+        );
     }
     Ok(())
 }
 
-/// A browser, for the tests of reports and of the page.
+/// Installs a browser, for the tests of reports and of the page.
 pub fn chromium() -> Result<()> {
     if ["chromium", "chromium-browser", "google-chrome"].into_iter().any(has) {
         return Ok(());
     }
-    install(&Package { what: "Chromium", apt: "chromium", dnf: "chromium", pacman: "chromium", brew: "chromium" })
+    install(&Package { title: "Chromium", apt: "chromium", dnf: "chromium", pacman: "chromium", brew: "chromium" })
 }
 
-/// cargo-fuzz, with the C++ compiler that libFuzzer needs.
+/// Installs cargo-fuzz and the C++ compiler that libFuzzer needs. Returns the path of cargo-fuzz.
 pub fn cargo_fuzz() -> Result<PathBuf> {
     if !has("c++") {
-        install(&Package { what: "A C++ compiler", apt: "g++", dnf: "gcc-c++", pacman: "gcc", brew: "gcc" })?;
+        install(&Package { title: "A C++ compiler", apt: "g++", dnf: "gcc-c++", pacman: "gcc", brew: "gcc" })?;
     }
     cargo_tool("cargo-fuzz", "0.13.2")
 }
 
-/// cargo-deny, which checks licences, sources and advisories of the dependencies.
+/// Installs cargo-deny, which checks licences, sources and advisories of the dependencies. Returns its path.
 pub fn cargo_deny() -> Result<PathBuf> {
     cargo_tool("cargo-deny", "0.20.2")
 }
@@ -120,20 +122,20 @@ fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
     if String::from_utf8_lossy(&output).trim() != format!("{name} {version}") {
         let tool = format!("{name}@{version}");
         run("cargo", &["install", "--locked", "--root", &folder.to_string_lossy(), &tool])
-            .with_context(|| format!("{tool} comes from the Rust package registry: is the network there?"))?;
+            .with_context(|| format!("{tool} comes from the Rust package registry: check the network connection"))?;
     }
     Ok(tool)
 }
 
-/// D-Bus, on which a test simulates the system's Bluetooth service; only on Linux.
+/// Installs D-Bus on Linux, where a test simulates the system's Bluetooth service.
 fn bus() -> Result<()> {
     if !cfg!(target_os = "linux") || has("dbus-daemon") {
         return Ok(());
     }
-    install(&Package { what: "D-Bus", apt: "dbus-daemon", dnf: "dbus-daemon", pacman: "dbus", brew: "dbus" })
+    install(&Package { title: "D-Bus", apt: "dbus-daemon", dnf: "dbus-daemon", pacman: "dbus", brew: "dbus" })
 }
 
-/// The private Python environment, created once and again when its list of packages changes.
+/// Creates the private Python environment where it is missing or its list of packages has changed.
 pub fn python() -> Result<Python> {
     let environment = cache().join("python");
     let stamp = environment.join("holds.txt");
@@ -146,13 +148,11 @@ pub fn python() -> Result<Python> {
         let pip = [&interpreter.to_string_lossy(), "-m", "pip", "--disable-pip-version-check", "install", "--quiet"];
         run(pip[0], &[&pip[1..], &["--no-deps", SAMPLE_PACKAGE, NUMPY, SCIPY]].concat())
             .and_then(|()| run(pip[0], &[&pip[1..], &[BUMBLE]].concat()))
-            .context(
-                "the sample walk, NumPy, SciPy and bumble come from the Python package index: is the network there?",
-            )?;
+            .context("the sample walk, NumPy, SciPy and bumble come from PyPI: check the network connection")?;
         std::fs::write(&stamp, packages)?;
     }
     let jiku = find(&environment, Path::new("jikudata/datasets/SpeedPP2DS")).with_context(|| {
-        format!("{SAMPLE_PACKAGE} lacks its data set: remove {} and try again", environment.display())
+        format!("{SAMPLE_PACKAGE} lacks its data set: remove {} and run the command again", environment.display())
     })?;
     Ok(Python { interpreter, jiku })
 }
@@ -163,9 +163,9 @@ fn create_environment(environment: &Path) -> Result<()> {
     if run("python3", &create).is_ok() {
         return Ok(());
     }
-    // Debian's Python has no module venv without a further package.
+    // On Debian, the module venv is in a package of its own.
     install(&Package {
-        what: "Python 3 with venv",
+        title: "Python 3 with venv",
         apt: "python3-venv",
         dnf: "python3",
         pacman: "python",
@@ -174,16 +174,16 @@ fn create_environment(environment: &Path) -> Result<()> {
     run("python3", &create)
 }
 
-/// The folder with this path in the environment's packages.
+/// Finds the folder with the path `below` in the environment's installed packages.
 fn find(environment: &Path, below: &Path) -> Option<PathBuf> {
     let versions = std::fs::read_dir(environment.join("lib")).ok()?.flatten().map(|folder| folder.path());
-    // On Windows no folder is named after the version of Python.
+    // On Windows, the path of the packages does not contain the version of Python.
     let mut libraries = versions.chain([environment.join("Lib")]);
     libraries.find_map(|library| Some(library.join("site-packages").join(below)).filter(|path| path.is_dir()))
 }
 
 struct Package {
-    what: &'static str,
+    title: &'static str,
     apt: &'static str,
     dnf: &'static str,
     pacman: &'static str,
@@ -199,9 +199,9 @@ fn install(package: &Package) -> Result<()> {
         ("brew", &["install"], package.brew),
     ];
     let Some((manager, arguments, name)) = managers.into_iter().find(|(manager, ..)| has(manager)) else {
-        bail!("{} is missing, and no supported package manager was found: install it by hand", package.what);
+        bail!("{} is missing, and no supported package manager was found: install it by hand", package.title);
     };
-    eprintln!("{} is missing: installing {name}", package.what);
+    eprintln!("{} is missing: installing {name}", package.title);
     let by_hand = format!("install it by hand: {manager} {} {name}", arguments.join(" "));
     let is_root = Command::new("id").arg("-u").output().is_ok_and(|id| id.stdout.trim_ascii() == b"0");
     let words = |arguments: &[&'static str]| {

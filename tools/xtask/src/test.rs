@@ -1,4 +1,4 @@
-//! The test suite: after each change, and in full.
+//! The test suite: a quick part for use after each change, and the complete suite.
 
 use crate::arguments::{FUZZ_MINUTES, Soak};
 use crate::build::{bootloader, build_firmware, build_host, cargo_firmware, firmware};
@@ -14,7 +14,7 @@ const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
 /// The module of tests that need recordings of people, which are not public.
 const UNPUBLISHED: &str = "unpublished::";
 
-/// Format, lints and host tests. Tests that need more than a Rust toolchain are reported as ignored.
+/// Runs format, lints and host tests. Tests that need more than a Rust toolchain are reported as ignored.
 pub fn quick() -> Result<()> {
     setup::rust()?;
     format()?;
@@ -22,7 +22,7 @@ pub fn quick() -> Result<()> {
     run("cargo", &["test", "--locked", "--release", "--no-fail-fast"])
 }
 
-/// Everything that continuous integration runs.
+/// Runs everything that continuous integration runs.
 pub fn all() -> Result<()> {
     let python = setup::all()?;
     format()?;
@@ -57,8 +57,8 @@ fn lint_host() -> Result<()> {
     run("cargo", &[&["clippy", "--locked", "--release", "--all-targets"], &DENY_WARNINGS[..]].concat())
 }
 
-/// All tests on the host, with those that need firmware, Python, a browser or data. Only tests with recordings that are not public
-/// are left out where these are absent.
+/// Runs all tests on the host, including tests that need firmware, Python, a browser or data. Only tests with recordings that are
+/// not public are skipped where these recordings are absent.
 fn host_tests(python: &Python) -> Result<()> {
     let mut command = Command::new("cargo");
     command
@@ -70,7 +70,7 @@ fn host_tests(python: &Python) -> Result<()> {
         Some(folder) => command.env("PLANTAR_RECORDINGS", folder),
         None => {
             eprintln!(
-                "note: PLANTAR_RECORDINGS names no folder: tests with recordings that are not public are left out"
+                "note: PLANTAR_RECORDINGS names no folder: tests with recordings that are not public are skipped"
             );
             command.args(["--skip", UNPUBLISHED])
         }

@@ -1,4 +1,4 @@
-//! Means as in the paper: over the steps of each trial and foot, over these, then over the participants of a size.
+//! Means as in the paper: over the steps of each recording, over the recordings, then over the participants of a size.
 
 use crate::summary;
 use anyhow::{Context, Result};
@@ -76,7 +76,7 @@ fn standard_deviation(all: &[Values]) -> Option<Values> {
     Some(std::array::from_fn(|i| (squares(i) / (all.len() - 1) as f64).sqrt()))
 }
 
-/// The participants by the smaller size of the paper's pairs of sizes.
+/// Groups the participants by the paper's pairs of sizes; the key is the smaller size of the pair.
 fn by_size(participants: &[Means]) -> BTreeMap<i32, Vec<&Means>> {
     let mut sizes = BTreeMap::<_, Vec<_>>::new();
     for means in participants {
@@ -85,6 +85,7 @@ fn by_size(participants: &[Means]) -> BTreeMap<i32, Vec<&Means>> {
     sizes
 }
 
+/// The name of a pair of sizes.
 fn pair(smaller: i32) -> String {
     format!("{smaller}-{}", smaller + 1)
 }
@@ -100,15 +101,15 @@ pub fn print(participants: &[Means]) {
             let fitted: Vec<Values> = means.iter().filter_map(|means| means.regions[i]).collect();
             let Some(mean) = mean(&fitted) else { return "-".into() };
             let sd = standard_deviation(&fitted).map_or(String::new(), |sd| format!(" ± {:.1}", sd[NRMSE]));
-            let some = if fitted.len() < means.len() { format!(" ({})", fitted.len()) } else { String::new() };
-            format!("{:.1}{sd}{some}", mean[NRMSE])
+            let count = if fitted.len() < means.len() { format!(" ({})", fitted.len()) } else { String::new() };
+            format!("{:.1}{sd}{count}", mean[NRMSE])
         };
         table.add_row(std::iter::once(region.name().to_string()).chain(sizes.values().map(cell)));
     }
     summary::align(&mut table);
     println!("NRMSE %, mean ± standard deviation over participants (number), by region and insole size:\n{table}");
     println!(
-        "Each step is fitted separately to the measured force (Eq. 20). Means over steps, then over trials and feet, then"
+        "Each step is fitted separately to the measured force (Eq. 20). Means over steps, then over recordings, then"
     );
     println!(
         "over participants. As in the paper they are arithmetic, also of k, c, K and G: a few stiff steps can dominate."

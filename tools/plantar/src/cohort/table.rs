@@ -12,7 +12,7 @@ use std::collections::HashMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-/// The key of the description of all inputs, in a file's metadata.
+/// The metadata key of the description of a file's inputs, from which a later run sees whether the file is up to date.
 pub const KEY: &str = "plantar.made_from";
 
 /// The values that are the same in all rows of a recording.
@@ -36,17 +36,17 @@ const FIVE_COLUMNS: [[&str; 4]; 5] = [
 /// The row of one region of a step.
 pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, Unfit>) -> Row {
     let text = |text: &str| Value::Text(Some(text.into()));
-    let whole = |value: Option<usize>| Value::Whole(value.and_then(|v| i32::try_from(v).ok()));
+    let integer = |value: Option<usize>| Value::Integer(value.and_then(|v| i32::try_from(v).ok()));
     let real = |value: Option<f64>| Value::Real(value.filter(|v| v.is_finite()));
     let kpa = |value: f32| real(Some(value.into()));
     let Origin { contact, options, .. } = origin;
     let (_, force_n, _) = step.regions[region as usize].of(options.filter);
     let mut row = vec![
-        ("insole_size", whole(Some(origin.size.eur().into()))),
+        ("insole_size", integer(Some(origin.size.eur().into()))),
         ("mass_kg", real(origin.mass_kg)),
         ("side", text(step.side.name())),
         ("recording", text(origin.recording)),
-        ("step", whole(Some(step.number as usize))),
+        ("step", integer(Some(step.number as usize))),
         ("start_s", real(Some(step.start_s))),
         ("duration_s", real(Some(step.duration_s))),
         ("region", text(region.name())),
@@ -62,8 +62,8 @@ pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, 
     let fit = fit.ok();
     let fit = fit.as_ref();
     let five = fit.map(|fit| {
-        let g = &fit.law;
-        [g.ab_m2, g.stiffness_pa, g.damping_pa_s, g.n, g.m]
+        let law = &fit.law;
+        [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m]
     });
     for (i, [value, low, high, at_bound]) in FIVE_COLUMNS.into_iter().enumerate() {
         let unit = if i == 0 { 1e6 } else { 1.0 };
@@ -86,13 +86,13 @@ pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, 
         ("nrmse_smoothed_percent", real(quality.map(|q| q.fitted_smoothed * 100.0))),
         ("floor_percent", real(quality.map(|q| q.floor * 100.0))),
         ("peak_bias_percent", real(quality.map(|q| q.peak_bias * 100.0))),
-        ("evaluations", whole(fit.map(|fit| fit.evaluations))),
+        ("evaluations", integer(fit.map(|fit| fit.evaluations))),
     ]);
     row
 }
 
-/// The file of a participant in the folder of the table. Readers split the folder's name into key and value, so special characters
-/// are encoded as Hive does.
+/// The file of a participant in the folder of the table. Readers split the folder's name into key and value, so special
+/// characters are encoded as in Hive.
 pub fn path(table: &Path, participant: &str) -> PathBuf {
     let encode = |c: char| match c.is_ascii_control() || "\"#%'*/:=?\\{[]^".contains(c) {
         true => format!("%{:02X}", c as u32),

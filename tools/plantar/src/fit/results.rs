@@ -1,4 +1,4 @@
-//! The results of a fit: on the screen, as a parameter file and as JSON.
+//! The results of a fit: printed, as a parameter file and as JSON.
 
 use crate::setup::rule_in_words;
 use crate::summary;
@@ -40,10 +40,9 @@ pub fn print(study: &Study) {
     summary::align(&mut table);
     println!("{table}");
     println!(
-        "Error: NRMSE of the model against the measured force (Eq. 20), mean of the steps; unseen: each step predicted from the"
-    );
-    println!(
-        "others; floor: the least error of any elastic law of this area. In brackets: 95 % intervals. !: at a bound."
+        "Error: NRMSE of the model against the measured force (Eq. 20), mean of the steps; unseen: each step\n\
+         predicted from the others; floor: the least error of any elastic law of this area. In brackets: 95 %\n\
+         intervals. !: at a bound of the search."
     );
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
         match fit {
@@ -56,9 +55,9 @@ pub fn print(study: &Study) {
     }
 }
 
-/// A B (mm2), K (kPa), G (kPa s), n, m, each with the wider interval.
+/// The five identified parameters A B (mm2), K (kPa), G (kPa s), n and m, each with the wider interval.
 fn five_in_words(fit: &RegionFit) -> Vec<String> {
-    let g = &fit.law;
+    let law = &fit.law;
     let units = [1e6, 1e-3, 1e-3, 1.0, 1.0];
     match &fit.uncertainty {
         Some(uncertainty) => uncertainty
@@ -75,13 +74,13 @@ fn five_in_words(fit: &RegionFit) -> Vec<String> {
             })
             .collect(),
         None => {
-            let values = [g.ab_m2, g.stiffness_pa, g.damping_pa_s, g.n, g.m];
+            let values = [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m];
             values.iter().zip(units).map(|(value, unit)| summary::significant(value * unit)).collect()
         }
     }
 }
 
-/// The wider one of the intervals from the Jacobian and from resampled steps.
+/// The wider of the two intervals, from the Jacobian and from resampled steps.
 fn widest(interval: &Interval) -> [f64; 2] {
     let width = |[low, high]: [f64; 2]| high - low;
     interval.bootstrap.filter(|b| width(*b) > width(interval.jacobian)).unwrap_or(interval.jacobian)
@@ -136,7 +135,7 @@ fn note(fit: &Result<RegionFit, fit::Unfit>, name: &str, method: Method) -> Stri
         "a_mm" => format!("A B identified, {} mm2; A / B measured, {:.2}", identified(0, 1e6), pins.aspect),
         "b_mm" => "as a_mm".into(),
         "c_mm" => format!("pinned: largest compression {:.1} % of d0", pins.compression * 100.0),
-        "d0_mm" => "pinned: given or from the table".into(),
+        "d0_mm" => "pinned: from --thickness, or from the table of shoe sizes".into(),
         "k_n_m3" => format!("identified: K = k C^(n+1) / d0^n, {} Pa", identified(1, 1.0)),
         "c_n_s_m3" => format!("identified: G = c C^(m+1) / d0^m, {} Pa s", identified(2, 1.0)),
         "n" => format!("identified, {}", identified(3, 1.0)),
@@ -175,10 +174,12 @@ fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
         Ok(fit) => fit,
         Err(reason) => return json!({ "fitted": false, "reason": reason.to_string() }),
     };
-    let (g, e, q) = (&fit.law, &fit.ellipsoid, &fit.quality);
+    let (law, e, q) = (&fit.law, &fit.ellipsoid, &fit.quality);
     let intervals = fit.uncertainty.as_ref().map(|uncertainty| {
         let names = ["ab_m2", "stiffness_pa", "damping_pa_s", "n", "m"];
-        let of = |i: &Interval| json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.told });
+        let of = |i: &Interval| {
+            json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.told })
+        };
         let all: Map<String, Value> =
             names.iter().zip(&uncertainty.intervals).map(|(name, i)| ((*name).into(), of(i))).collect();
         json!({ "order": FIVE, "intervals_95": all, "correlation": uncertainty.correlation })
@@ -188,14 +189,17 @@ fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
         "steps": fit.steps,
         "area_max_mm2": fit.area_max_m2 * 1e6,
         "identified": {
-            "ab_m2": g.ab_m2, "stiffness_pa": g.stiffness_pa, "damping_pa_s": g.damping_pa_s, "n": g.n, "m": g.m,
+            "ab_m2": law.ab_m2, "stiffness_pa": law.stiffness_pa, "damping_pa_s": law.damping_pa_s,
+            "n": law.n, "m": law.m,
         },
         "uncertainty": intervals,
         "ellipsoid": {
             "a_mm": e.a_m * 1e3, "b_mm": e.b_m * 1e3, "c_mm": e.c_m * 1e3, "d0_mm": e.d0_m * 1e3,
             "k_n_m3": e.k, "n": e.n, "c_n_s_m3": e.c, "m": e.m,
         },
-        "pinned": { "aspect": fit.pins.aspect, "d0_mm": fit.pins.thickness_m * 1e3, "compression": fit.pins.compression },
+        "pinned": {
+            "aspect": fit.pins.aspect, "d0_mm": fit.pins.thickness_m * 1e3, "compression": fit.pins.compression,
+        },
         "nrmse_percent": {
             "fitted": q.fitted * 100.0, "fitted_smoothed": q.fitted_smoothed * 100.0,
             "own": q.own * 100.0, "own_smoothed": q.own_smoothed * 100.0,

@@ -1,4 +1,4 @@
-//! A page with a real WebSocket.
+//! A client of the bridge that behaves like a page, over a real WebSocket.
 
 use futures_util::{SinkExt, StreamExt};
 use plantar::protocol::{Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Status, Step, ToDevice, ToHost, decode, encode};
@@ -6,12 +6,12 @@ use std::net::SocketAddr;
 use std::time::Duration;
 use tokio_tungstenite::tungstenite::Message;
 
-/// Nothing here takes longer, even on a busy machine.
-pub const PATIENCE: Duration = Duration::from_secs(30);
+/// The timeout of every wait, long enough for a busy machine.
+pub const TIMEOUT: Duration = Duration::from_secs(30);
 
 type Socket = tokio_tungstenite::WebSocketStream<tokio_tungstenite::MaybeTlsStream<tokio::net::TcpStream>>;
 
-/// A page.
+/// A connected page.
 pub struct Page(Socket);
 
 impl Page {
@@ -32,12 +32,12 @@ impl Page {
     }
 
     pub async fn next(&mut self) -> (u8, ToHost) {
-        let message = tokio::time::timeout(PATIENCE, self.0.next()).await.expect("it comes in time");
+        let message = tokio::time::timeout(TIMEOUT, self.0.next()).await.expect("it comes in time");
         let bytes = message.expect("the socket is open").expect("a message").into_data();
-        (bytes[0], decode(&bytes[1..]).expect("a wire message"))
+        (bytes[0], decode(&bytes[1..]).expect("a valid message"))
     }
 
-    /// The next message of this kind.
+    /// Returns the next message of an insole for which `of` returns a value; skips all others.
     pub async fn find<T>(&mut self, insole: u8, of: impl Fn(ToHost) -> Option<T>) -> T {
         loop {
             let (from, message) = self.next().await;

@@ -1,4 +1,4 @@
-//! Bit errors on the cable.
+//! Tests the link with bit errors on the cable.
 
 use anyhow::{Result, ensure};
 use bench::Figures;
@@ -26,7 +26,7 @@ impl NoisyCable {
         (-(1.0 - self.random.f64()).ln() * BITS_PER_ERROR) as u64
     }
 
-    /// Transmits bytes; true where it flipped a bit.
+    /// Transmits bytes. Returns true where it flipped a bit.
     fn transmit(&mut self, bytes: &mut [u8]) -> bool {
         let bits = 8 * bytes.len() as u64;
         let mut is_damaged = false;
@@ -48,7 +48,7 @@ pub fn soak(short: bool, figures: &mut Figures) -> Result<()> {
     let mut cable = NoisyCable::new(8);
     let mut decoder = Decoder::new();
     let (mut damaged, mut wrong, mut lost_undamaged, mut received) = (0u32, 0u32, 0u32, 0u32);
-    // A frame with a damaged end delimiter swallows the next frame, and no more than that one.
+    // A frame with a damaged end delimiter causes the loss of the next frame, and of no further one.
     let mut was_damaged = false;
     for number in 0..frames {
         let message = match number % 100 {
@@ -69,7 +69,7 @@ pub fn soak(short: bool, figures: &mut Figures) -> Result<()> {
             lost_undamaged += 1 - decoded;
             ensure!(
                 decoded == 1 || was_damaged,
-                "frame {number} and the one before it were undamaged, and it was not decoded"
+                "frame {number} was not decoded, although it and the previous frame were undamaged"
             );
         }
         was_damaged = is_damaged;

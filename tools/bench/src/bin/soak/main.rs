@@ -1,5 +1,5 @@
-//! Endurance of an insole: losses of power, bit errors, a day of walking. Each figure is measured in this run, which ends with an
-//! error at the first requirement that is violated.
+//! Tests the endurance of an insole: losses of power, bit errors, a day of walking. Each figure is measured in this run, which
+//! ends with an error at the first violated requirement.
 
 mod bits;
 mod power;
@@ -10,13 +10,13 @@ use bench::Figures;
 use clap::Parser;
 use std::path::PathBuf;
 
-/// Losses of power in every write, bit errors on the cable, a day of walking; prints the results.
+/// Tests an insole with losses of power in every write, bit errors on the cable and a day of walking, and prints the results.
 #[derive(Parser)]
 struct Arguments {
     /// The firmware of the emulated board.
     #[arg(long)]
     firmware: PathBuf,
-    /// A small part of each, for a few minutes instead of an hour.
+    /// Run only a small part of each test, for a few minutes instead of an hour.
     #[arg(long)]
     short: bool,
     /// Also write the figures to this file, one flat JSON object.

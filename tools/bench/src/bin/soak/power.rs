@@ -1,4 +1,4 @@
-//! Losses of power in any operation of the flash chip.
+//! Tests the storage with losses of power in any operation of the flash chip.
 
 use anyhow::{Error, Result};
 use bench::Figures;
@@ -7,7 +7,7 @@ use testkit::nor_flash::Torn;
 use testkit::power::Script;
 use testkit::switched_off::Bench;
 
-/// The store on a chip in memory: power fails before, within and after each operation of two scripts.
+/// Tests the store on a chip in memory: power fails before, within and after each operation of two scripts.
 pub fn in_memory(short: bool, figures: &mut Figures) -> Result<()> {
     let stride = if short { 11 } else { 1 };
     let (mut cuts, mut operations, mut erasures) = (0u64, 0, 0);
@@ -29,7 +29,7 @@ pub fn in_memory(short: bool, figures: &mut Figures) -> Result<()> {
     Ok(())
 }
 
-/// The real firmware: power fails in operations of sessions that store data of every kind.
+/// Tests the real firmware: power fails during sessions that store data of every kind.
 pub fn of_the_firmware(firmware: &Path, short: bool, figures: &mut Figures) -> Result<()> {
     const CUTS: u32 = 1000;
     let mut bench = Bench::new(firmware);

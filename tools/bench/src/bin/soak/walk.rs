@@ -1,4 +1,4 @@
-//! A day of walking with both feet, as fast as the emulator runs, across the wrap of the sequence numbers.
+//! Tests a day of walking with both feet, as fast as the emulator runs, across the wrap of the sequence numbers.
 
 use anyhow::{Context, Result, bail, ensure};
 use bench::Figures;
@@ -23,10 +23,10 @@ use testkit::step;
 /// Steps of a day, both feet together.
 const STEPS: u32 = 50_000;
 const SHORT_STEPS: u32 = 400;
-/// Scans and steps before their sequence numbers wrap.
+/// Number of scans and of steps before their sequence numbers wrap.
 const SCANS_BEFORE_WRAP: u32 = 5_000;
 const STEPS_BEFORE_WRAP: u32 = 20;
-/// Steps with live frames. Afterwards the stream is off, because each of its bytes is a system call of the emulator.
+/// Number of steps with live frames. Afterwards the stream is off, because each of its bytes is a system call of the emulator.
 const LIVE_STEPS: u32 = 1_000;
 /// Steps between two requests for the counters.
 const STATUS_INTERVAL: u32 = 100;
@@ -76,18 +76,18 @@ pub fn soak(firmware: &Path, short: bool, figures: &mut Figures) -> Result<()> {
     figures.add(
         "walk.frames_missed",
         sum(|foot| foot.status.frames_missed),
-        "counted frames that the matrix did not answer in time",
+        "frames, counted by the insole, that the matrix did not answer in time",
     );
     figures.add(
         "walk.frames_overrun",
         sum(|foot| foot.status.frames_overrun),
-        "counted frames that were skipped because processing was late",
+        "frames, counted by the insole, that were skipped because processing was late",
     );
     figures.add("walk.live", sum(|foot| foot.live), "live frames received, in the first 1,000 steps of each foot");
     let growth = feet.iter().map(|foot| foot.stack_bytes.1 - foot.stack_bytes.0).max();
     figures.add("walk.stack_growth_bytes", growth, "growth of the deepest stack between the first minutes and the end");
     let speed = f64::from(feet[0].scans) / 100.0 / begin.elapsed().as_secs_f64();
-    figures.add("walk.speed", speed.round(), "times as fast as walking");
+    figures.add("walk.speed", speed.round(), "speed, times real time");
     Ok(())
 }
 
@@ -129,7 +129,7 @@ fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
     let walked = receive(&mut client, side, steps, expected)?;
     ensure!(
         board.plant().scans().wrapping_sub(first_scan) - walked.scans <= 10,
-        "frames are missing and not counted: {:?}",
+        "frames are missing that the insole did not count: {:?}",
         walked.status
     );
     Ok(walked)
@@ -189,7 +189,7 @@ fn receive(
             Some(_) => {}
             None => {
                 timeouts += 1;
-                ensure!(timeouts < MAX_TIMEOUTS, "the board sends nothing any more");
+                ensure!(timeouts < MAX_TIMEOUTS, "the board has stopped sending");
                 continue;
             }
         }

@@ -1,4 +1,4 @@
-//! The places in the source of an insole's crash report, from the addresses of calls in it.
+//! Finds the source locations of the calls whose addresses are in an insole's crash report.
 
 use addr2line::Loader;
 use anyhow::{Context, Result, anyhow};

@@ -1,4 +1,4 @@
-//! Signs firmware, makes keys, and inspects firmware files; `cargo xtask` runs it.
+//! Signs firmware, makes keys, and inspects firmware files. `cargo xtask` runs this program.
 
 mod explain;
 mod sign;
@@ -17,20 +17,20 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Sign firmware.
+    /// Sign firmware for `plantar update`.
     Sign {
         /// The firmware, an ELF file from the linker.
         firmware: PathBuf,
-        /// The secret key; without one, the published key for development.
+        /// The file of the secret key [default: the published key for development].
         #[arg(long, value_name = "FILE")]
         key: Option<PathBuf>,
         /// The image to write.
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
     },
-    /// Make a key to sign firmware with.
+    /// Make a key for signing firmware.
     Key {
-        /// The secret half is written to this file, which must not exist.
+        /// The file for the secret key; it must not exist yet.
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
     },
@@ -39,11 +39,11 @@ enum Command {
         /// The firmware, an ELF file from the linker.
         firmware: PathBuf,
     },
-    /// Print the places in the source of the addresses in an insole's crash report.
+    /// Print the source locations of the calls in an insole's crash report.
     Explain {
         /// The firmware, an ELF file from the linker.
         firmware: PathBuf,
-        /// The report, or only its addresses.
+        /// The crash report, or only its addresses.
         #[arg(required = true)]
         text: Vec<String>,
     },

@@ -1,4 +1,4 @@
-//! Signed firmware images, and the keys for them.
+//! Makes signed firmware images, and keys for signing.
 
 use anyhow::{Context, Result, bail};
 use firmware_image::{Image, SigningKey, development_key, flash_image, hex, read_signing_key};
@@ -17,17 +17,17 @@ pub fn sign(firmware: &Path, key: Option<&Path>, out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The key to sign with; without a file, the one for development.
+/// Returns the key to sign with: that of `file` or, without one, the key for development.
 fn signing_key(file: Option<&Path>) -> Result<SigningKey> {
     let key = match file {
         Some(file) => read_signing_key(file)?,
         None => development_key().context("the key for development is damaged")?,
     };
     let public = key.verifying_key();
-    // Firmware that is built now accepts the key that this program was built with.
+    // Firmware from the same build as this program accepts only the key KEY.
     if public.to_bytes() != KEY {
         bail!(
-            "the firmware would not accept its own next image: build with PLANTAR_UPDATE_KEY={}",
+            "the firmware would refuse images signed with this key: build it with PLANTAR_UPDATE_KEY={}",
             hex(public.as_bytes())
         );
     }
@@ -37,7 +37,7 @@ fn signing_key(file: Option<&Path>) -> Result<SigningKey> {
     Ok(key)
 }
 
-/// Makes a key.
+/// Makes a key for signing, and prints how to build firmware that accepts it.
 pub fn make_key(out: &Path) -> Result<()> {
     let mut bytes = [0; 32];
     getrandom::fill(&mut bytes).context("the operating system provides no random numbers")?;
@@ -49,7 +49,7 @@ pub fn make_key(out: &Path) -> Result<()> {
     let mut file = options.open(out).with_context(|| format!("cannot create {}", out.display()))?;
     writeln!(
         file,
-        "# Signs Plantar firmware. Whoever has it can change every insole that accepts it.\n{}",
+        "# Secret key for Plantar firmware. Its owner can replace the firmware of every insole that accepts it.\n{}",
         hex(&bytes)
     )?;
     println!("{}: keep it secret, and back it up in a safe place", out.display());

@@ -1,4 +1,4 @@
-//! Flash and RAM of firmware, from the sections of its ELF file.
+//! Computes flash and RAM of firmware from the sections of its ELF file.
 
 use anyhow::{Context, Result};
 use object::{Object, ObjectSection, SectionFlags, SectionKind, elf};
