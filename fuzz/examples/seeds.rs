@@ -1,6 +1,6 @@
 //! Writes the seeds in `corpus/`, one folder for each target, from computed data: `cargo run --example seeds` in this workspace.
 //!
-//! Those of `jiku` are not included, because nothing in this project writes HDF5: h5py wrote them, also from computed trials.
+//! This program does not write the seeds of `jiku`, because nothing in this project writes HDF5: h5py wrote them from computed trials.
 
 use emulation::EmulatorConfig;
 use parameters::{InsoleSize, Parameters};
@@ -78,8 +78,8 @@ fn main() {
     }
     seed("deframe", "session", &to_host.iter().flat_map(|message| framed(message)).collect::<Vec<_>>());
     for (i, message) in to_device.iter().enumerate() {
-        let cut = in_pieces(message);
-        seed("pieces", &format!("to-device-{i}"), &pieces(cut.iter().map(Vec::as_slice)));
+        let fragments = fragments(message);
+        seed("pieces", &format!("to-device-{i}"), &pieces(fragments.iter().map(Vec::as_slice)));
     }
     seed("client", "session", &pieces(to_host.iter().map(Vec::as_slice)));
 
@@ -113,14 +113,15 @@ fn main() {
         pressure_kpa: recording.pressure_kpa[..24 * recording.cells()].to_vec(),
         ..recording
     };
-    short.write(file.path()).expect("it is written");
-    seed("recording", "walk", &fs::read(file.path()).expect("it is read"));
+    short.write(file.path()).expect("the recording is written");
+    seed("recording", "walk", &fs::read(file.path()).expect("the recording can be read"));
 }
 
+/// Writes one seed of a target.
 fn seed(target: &str, name: &str, bytes: &[u8]) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
     fs::create_dir_all(&folder).expect("a folder");
-    fs::write(folder.join(name), bytes).expect("it is written");
+    fs::write(folder.join(name), bytes).expect("the seed is written");
 }
 
 fn encoded<T: serde::Serialize>(message: &T) -> Vec<u8> {
@@ -139,11 +140,11 @@ fn pieces<'p>(pieces: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
     pieces.into_iter().flat_map(|piece| [&(piece.len() as u16).to_le_bytes(), piece].concat()).collect()
 }
 
-/// The last live frame of a stance and the step.
+/// The last live frame of the first stance, and its step.
 fn walked(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> (Live, Step) {
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("wearable");
-    insole.set_tissue(tissue).expect("typical");
+    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a valid recording");
+    insole.set_tissue(tissue).expect("typical parameters are valid");
     let mut codes = vec![0; worn.cells.len()];
     let mut live = Live::default();
     for i in 0..worn.frames(recording) {
@@ -176,14 +177,15 @@ fn hello(worn: &VirtualInsole, tissue_id: u32) -> Hello {
 }
 
 /// The fragments of a message for the smallest MTU.
-fn in_pieces(message: &[u8]) -> Vec<Vec<u8>> {
+fn fragments(message: &[u8]) -> Vec<Vec<u8>> {
     let mut splitter = Splitter::new();
     splitter.buffer()[..message.len()].copy_from_slice(message);
     splitter.start(message.len());
-    let mut piece = [0; 20];
-    std::iter::from_fn(|| splitter.next(&mut piece).map(|len| piece[..len].to_vec())).collect()
+    let mut fragment = [0; 20];
+    std::iter::from_fn(|| splitter.next(&mut fragment).map(|len| fragment[..len].to_vec())).collect()
 }
 
+/// An input of the target `head`: set-up, parameters and the frames of a walk.
 fn set_up_and_walk(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> Vec<u8> {
     let mut setup =
         postcard::to_stdvec(&EmulatorConfig { is_paced: true, ..EmulatorConfig::new(worn.setup) }).expect("it fits");
