@@ -81,8 +81,8 @@ pub fn check_frame<R: Real, const N: usize>(insole: &mut Insole<R, N>, seq: u32,
     }
 }
 
-/// Lets a panic within the crate `name` unwind: its caller catches it and reports the file as damaged. Any other panic still aborts
-/// the process, as libFuzzer requires.
+/// Lets a panic within the crate `name` unwind: its caller catches it and reports the file as damaged. Any other panic still
+/// aborts the process, as libFuzzer requires.
 pub fn tolerate_panics_of(name: &'static str) {
     let abort = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

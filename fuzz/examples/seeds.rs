@@ -1,6 +1,7 @@
 //! Writes the seeds in `corpus/`, one folder for each target, from computed data: `cargo run --example seeds` in this workspace.
 //!
-//! This program does not write the seeds of `jiku`, because nothing in this project writes HDF5: h5py wrote them from computed trials.
+//! This program does not write the seeds of `jiku`, because nothing in this project writes HDF5: h5py wrote them from computed
+//! trials.
 
 use emulation::EmulatorConfig;
 use parameters::{InsoleSize, Parameters};

@@ -1,4 +1,5 @@
-//! The TOML files: parameters, thickness, participant, zero. A file that can be read can also be written, and is the same after reading again.
+//! The TOML files: parameters, thickness, participant, zero. A file that can be read can also be written, and is the same after
+//! reading again.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

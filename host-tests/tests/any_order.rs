@@ -1,4 +1,5 @@
-//! Events of all kinds in any order: no stored step is lost or delivered twice, step numbers increase, and counters are consistent.
+//! Events of all kinds in any order: no stored step is lost or delivered twice, step numbers increase, and counters are
+//! consistent.
 
 use proptest::prelude::*;
 use proptest_state_machine::{ReferenceStateMachine, StateMachineTest, prop_state_machine};

@@ -91,8 +91,8 @@ fn reduced(graph: &Graph) -> Graph {
     graph.iter().map(|(from, uses)| (from.clone(), direct(uses))).collect()
 }
 
-/// The paths within the library that a source uses: those that begin with `crate`, `self` or `super`, with braces expanded. Tests, which
-/// are at the end of a file, do not count.
+/// The paths within the library that a source uses: those that begin with `crate`, `self` or `super`, with braces expanded.
+/// Tests, which are at the end of a file, do not count.
 fn used_paths(source: &str) -> Vec<Vec<String>> {
     let code = source.split("\n#[cfg(test)]").next().unwrap_or_default();
     let code: String = code.lines().map(|line| line.split("//").next().unwrap_or_default().to_owned() + "\n").collect();

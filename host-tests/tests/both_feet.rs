@@ -1,5 +1,5 @@
-//! Both feet over Bluetooth in real time: every step arrives, and every lost live frame is counted. The age of the messages and the
-//! error of the clocks are printed and not checked, because they depend on this machine as much as on the insole.
+//! Both feet over Bluetooth in real time: every step arrives, and every lost live frame is counted. The age of the messages and
+//! the error of the clocks are printed and not checked, because they depend on this machine as much as on the insole.
 //!
 //! The test is alone in its file, because tests that run beside it would disturb it.
 

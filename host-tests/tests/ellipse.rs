@@ -82,8 +82,8 @@ fn assert_recovers(got: &Ellipse<f32>, truth: &Truth, position_mm: f64, radius: 
 proptest! {
     #![proptest_config(config())]
 
-    /// Cells of 2 mm count by their covered share. The moments spread the covered part of an edge cell over the whole cell, which makes
-    /// the radii up to 2.5 % too large here.
+    /// Cells of 2 mm count by their covered share. The moments spread the covered part of an edge cell over the whole cell, which
+    /// makes the radii up to 2.5 % too large here.
     #[test]
     fn covered_shares_recover_the_ellipse(truth in truth(8.0, 1.2)) {
         let share = |(x, y): (f32, f32)| (heel_cell(x, y, 4.0), truth.share(x, y, 2.0));
@@ -240,7 +240,8 @@ fn diagonal_cells_lie_at_45_degrees() {
         let e = Ellipse::<f32>::from_moments(&whole_cells(&[(0.0, 0.0), (5.0, sign * 5.0)], 25.0)).expect("contact");
         assert_real(&e);
         assert!((e.angle_deg() - angle_deg).abs() < 0.2, "{}", e.angle_deg());
-        // The variance along the diagonal is half the distance squared, plus that of a cell. At exactly 45 degrees r_a is the longer radius.
+        // The variance along the diagonal is half the distance squared, plus that of a cell. At exactly 45 degrees r_a is the
+        // longer radius.
         let long_mm = 2.0 * (12.5f32 + 25.0 / 12.0).sqrt();
         assert!((e.r_a_mm - long_mm).abs() < 1e-2, "{e:?}");
         assert!((e.r_b_mm - 2.0 * (25.0f32 / 12.0).sqrt()).abs() < 1e-2, "{e:?}");

@@ -431,7 +431,8 @@ fn damaged_and_invalid_parameters_are_refused_and_the_old_ones_remain() {
     assert_eq!(session.client.tissue().expect("an answer"), tissue());
 }
 
-/// Each fault is detected during a walk, reported and masked, and all messages are those that a host computes from the same codes.
+/// Each fault is detected during a walk, reported and masked, and all messages are those that a host computes from the same
+/// codes.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
@@ -469,7 +470,8 @@ fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
     }
 }
 
-/// With parameters identified from some of a walker's steps, the insole's forces in all steps are those of the fit's own evaluation.
+/// With parameters identified from some of a walker's steps, the insole's forces in all steps are those of the fit's own
+/// evaluation.
 #[test]
 #[ignore = "needs the emulated board's firmware and the data set SpeedPP2DS: cargo xtask test"]
 fn the_insole_gives_the_force_that_the_fit_evaluated() {

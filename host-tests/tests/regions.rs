@@ -438,8 +438,8 @@ fn the_sums_of_the_largest_region_do_not_overflow() {
     assert!((trace / (truth.variance_x + truth.variance_y) - 1.0).abs() < 1e-9, "{ellipse:?} {truth:?}");
 }
 
-/// An ellipsoid is pressed onto cells at random positions, with a pressure in proportion to the local deformation (Eq. 3). Covered
-/// shares of edge cells give a more accurate contact area than cells that count whole.
+/// An ellipsoid is pressed onto cells at random positions, with a pressure in proportion to the local deformation (Eq. 3).
+/// Covered shares of edge cells give a more accurate contact area than cells that count whole.
 #[test]
 fn covered_shares_give_a_more_accurate_area_than_counted_cells() {
     const CELL_MM: [f64; 2] = [5.08, 7.62];

@@ -1,5 +1,5 @@
-//! Stances from sequences of total force, and the quantities of a step compared with a direct transcription of the paper's pipeline in
-//! f64.
+//! Stances from sequences of total force, and the quantities of a step compared with a direct transcription of the paper's
+//! pipeline in f64.
 
 use plantar::Real;
 use plantar::pipeline::model::ForceLaw;

@@ -1,5 +1,5 @@
-//! Updates on a chip in memory: which images are accepted and refused, and which image is active after a loss of power at any moment.
-//! The swap is the bootloaders' own code.
+//! Updates on a chip in memory: which images are accepted and refused, and which image is active after a loss of power at any
+//! moment. The swap is the bootloaders' own code.
 
 use embassy_boot::{AlignedBuffer, BootError, BootLoader, State};
 use embassy_futures::block_on as now;
@@ -182,8 +182,8 @@ proptest! {
     }
 }
 
-/// Runs `work` with a power cut in every `stride`th of its operations, at each moment of it, and passes the chip to `check` afterwards.
-/// Returns the number of cuts.
+/// Runs `work` with a power cut in every `stride`th of its operations, at each moment of it, and passes the chip to `check`
+/// afterwards. Returns the number of cuts.
 fn cuts(
     before: &NorFlashChip,
     stride: usize,

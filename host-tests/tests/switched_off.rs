@@ -1,5 +1,5 @@
-//! Data that the real firmware stores are available after a restart and after a loss of power between write operations. Power cuts
-//! within write operations are part of `cargo xtask soak`.
+//! Data that the real firmware stores are available after a restart and after a loss of power between write operations. Power
+//! cuts within write operations are part of `cargo xtask soak`.
 
 mod common;
 

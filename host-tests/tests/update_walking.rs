@@ -1,5 +1,6 @@
-//! An update that is transferred in real time during a walk loses no frame and no step. Scans that a busy emulator leaves out, with or
-//! without an update, are printed and not checked. The test is alone in its file, because tests that run beside it would disturb it.
+//! An update that is transferred in real time during a walk loses no frame and no step. Scans that a busy emulator leaves out,
+//! with or without an update, are printed and not checked. The test is alone in its file, because tests that run beside it would
+//! disturb it.
 
 mod common;
 

@@ -100,7 +100,8 @@ pub struct Detection {
     pub name: &'static str,
     /// Number of injected faults.
     pub injected: usize,
-    /// Number of faults that were reported with the right kind and place by the end of the second complete step after their beginning.
+    /// Number of faults that were reported with the right kind and place by the end of the second complete step after their
+    /// beginning.
     pub found: usize,
     /// The longest time until the report of one of them, s.
     pub longest_s: f64,
@@ -250,8 +251,8 @@ impl Loaded {
     }
 }
 
-/// Root mean square difference between the model's force and the measured force without faults, relative to the region's peak: the
-/// mean of the loaded regions.
+/// Root mean square difference between the model's force and the measured force without faults, relative to the region's peak:
+/// the mean of the loaded regions.
 pub struct ModelError {
     /// Without faults, %.
     pub clean_percent: f64,
@@ -259,7 +260,8 @@ pub struct ModelError {
     pub masked: Vec<(u32, f64, f64)>,
 }
 
-/// Masks random cells of a walk, with the parameters that are identified from the same walk; repeats this `draws` times for each share.
+/// Masks random cells of a walk, with the parameters that are identified from the same walk; repeats this `draws` times for each
+/// share.
 pub fn model_error(clean: &Clean, draws: usize, seed: u64) -> ModelError {
     let recording = &clean.recording;
     let contact = ContactRule::COUNTED;

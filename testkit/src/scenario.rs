@@ -1,7 +1,7 @@
 //! Scenarios: events that happen to simulated insoles and their hosts, and the expected outcome, as data.
 //!
-//! A scenario is a TOML file with a title, a list of events with their times, and the expected outcome; `host-tests/scenarios` has
-//! examples of every event. Whatever happens, the invariants of [`Outcome::verify`] must hold.
+//! A scenario is a TOML file with a title, a list of events with their times, and the expected outcome; `host-tests/scenarios`
+//! has examples of every event. Whatever happens, the invariants of [`Outcome::verify`] must hold.
 
 use crate::host::{Host, Over};
 use crate::insole::image;
@@ -455,8 +455,8 @@ impl Outcome {
         Self { insoles: hosts.into_iter().enumerate().map(collect).collect() }
     }
 
-    /// Checks the invariants of all scenarios: every computed step arrives once, in order and unchanged, except the last ones of a
-    /// boot that was cut short; step numbers increase; counters are consistent. Returns the number of lost steps.
+    /// Checks the invariants of all scenarios: every computed step arrives once, in order and unchanged, except the last ones of
+    /// a boot that was cut short; step numbers increase; counters are consistent. Returns the number of lost steps.
     ///
     /// # Errors
     /// The first invariant that is violated.

@@ -104,8 +104,8 @@ impl Bench {
         (board, client)
     }
 
-    /// Runs a session that stores items of every kind; with `power_cut`, power fails in that operation. Returns the known state, the
-    /// chip, and whether power failed.
+    /// Runs a session that stores items of every kind; with `power_cut`, power fails in that operation. Returns the known state,
+    /// the chip, and whether power failed.
     fn session(&self, power_cut: Option<u32>) -> (KnownState, Vec<u8>, bool) {
         let (board, client) = self.switch_on(&self.chip, power_cut);
         let mut insole = self.insole.clone();
