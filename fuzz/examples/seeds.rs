@@ -126,7 +126,7 @@ fn seed(target: &str, name: &str, bytes: &[u8]) {
 }
 
 fn encoded<T: serde::Serialize>(message: &T) -> Vec<u8> {
-    encode(message, &mut [0; MAX_MESSAGE]).expect("it fits").to_vec()
+    encode(message, &mut [0; MAX_MESSAGE]).expect("the message fits").to_vec()
 }
 
 fn framed(message: &[u8]) -> Vec<u8> {
@@ -164,8 +164,8 @@ fn hello(worn: &VirtualInsole, tissue_id: u32) -> Hello {
     Hello {
         major: MAJOR,
         minor: MINOR,
-        firmware: "0.1.0".try_into().expect("it fits"),
-        board: "emulated".try_into().expect("it fits"),
+        firmware: "0.1.0".try_into().expect("the text fits"),
+        board: "emulated".try_into().expect("the text fits"),
         side: Side::Right,
         layout_id: worn.setup.layout_id,
         cells: worn.cells.len() as u16,
@@ -173,7 +173,7 @@ fn hello(worn: &VirtualInsole, tissue_id: u32) -> Hello {
         tissue_id,
         contact_rule: worn.setup.contact,
         reset: Reset::Panic,
-        last_panic: Some("app.rs:1 said".try_into().expect("it fits")),
+        last_panic: Some("app.rs:1 said".try_into().expect("the text fits")),
     }
 }
 
@@ -188,14 +188,14 @@ fn fragments(message: &[u8]) -> Vec<Vec<u8>> {
 
 /// An input of the target `head`: set-up, parameters and the frames of a walk.
 fn set_up_and_walk(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> Vec<u8> {
-    let mut setup =
-        postcard::to_stdvec(&EmulatorConfig { is_paced: true, ..EmulatorConfig::new(worn.setup) }).expect("it fits");
+    let mut setup = postcard::to_stdvec(&EmulatorConfig { is_paced: true, ..EmulatorConfig::new(worn.setup) })
+        .expect("the value can be encoded");
     for cell in &worn.cells {
-        setup = postcard::to_extend(cell, setup).expect("it fits");
+        setup = postcard::to_extend(cell, setup).expect("the value can be encoded");
     }
     let mut input = (setup.len() as u16).to_le_bytes().to_vec();
     input.extend(setup);
-    input.extend(postcard::to_stdvec(&tissue.force_laws).expect("it fits"));
+    input.extend(postcard::to_stdvec(&tissue.force_laws).expect("the value can be encoded"));
     let mut codes = vec![0; worn.cells.len()];
     for i in 0..worn.frames(recording) {
         worn.codes_of(recording, i, &mut codes);

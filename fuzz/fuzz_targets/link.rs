@@ -129,12 +129,12 @@ fn next(link: &mut Session, expected: &mut Expected) -> bool {
 }
 
 fn hello() -> Hello {
-    let longest = "0123456789abcdef".try_into().expect("it fits");
+    let longest = "0123456789abcdef".try_into().expect("the text fits");
     Hello {
         major: MAJOR,
         minor: MINOR,
         firmware: longest,
-        board: "fuzz".try_into().expect("it fits"),
+        board: "fuzz".try_into().expect("the text fits"),
         side: Side::Left,
         layout_id: u32::MAX,
         cells: u16::MAX,
@@ -142,7 +142,7 @@ fn hello() -> Hello {
         tissue_id: 0,
         contact_rule: ContactRule::COVERED,
         reset: Reset::Unknown,
-        last_panic: Some("x".repeat(96).as_str().try_into().expect("it fits")),
+        last_panic: Some("x".repeat(96).as_str().try_into().expect("the text fits")),
     }
 }
 

@@ -75,7 +75,7 @@ impl Cable {
     fn live_frames(&self, count: usize) {
         for _ in 0..count {
             let mut insole = self.insole();
-            let number = insole.link.next_live().expect("streaming");
+            let number = insole.link.next_live().expect("the stream starts");
             insole.link.push_live(live(number));
             insole.send();
         }
@@ -131,7 +131,7 @@ fn receive_all(client: &mut Client<Framed<Cable>>) -> Vec<ToHost> {
     let mut got = Vec::new();
     let mut silent = 0;
     while silent < 500 {
-        let message = client.receive().expect("the cable holds");
+        let message = client.receive().expect("the cable works");
         silent = if message.is_some() { 0 } else { silent + 1 };
         got.extend(message);
     }
@@ -181,11 +181,11 @@ fn a_repeated_step_is_delivered_once() {
     let (cable, mut client) = connected();
     push_steps(&cable, 0..3);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2]);
-    client.send(ToDevice::Acknowledge { step: 0 }).expect("sent");
+    client.send(ToDevice::Acknowledge { step: 0 }).expect("the link works");
     push_steps(&cable, [3]);
     client.reconnect(TIMEOUT).expect("an answer");
     assert_eq!(step_numbers(&receive_all(&mut client)), [3], "1 and 2 were delivered before");
-    client.send(ToDevice::Acknowledge { step: 3 }).expect("sent");
+    client.send(ToDevice::Acknowledge { step: 3 }).expect("the link works");
     push_steps(&cable, [4]);
     client.reconnect(TIMEOUT).expect("an answer");
     assert_eq!(step_numbers(&receive_all(&mut client)), [4]);
@@ -197,7 +197,7 @@ fn a_lost_acknowledgement_is_repeated() {
     let (cable, mut client) = connected();
     push_steps(&cable, [0, 1]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1]);
-    client.send(ToDevice::Acknowledge { step: 0 }).expect("the link holds");
+    client.send(ToDevice::Acknowledge { step: 0 }).expect("the link works");
     assert_eq!(cable.insole().link.take_acknowledged(), Some(0));
     // The insole starts again as if the acknowledgement had not arrived; the host has not acknowledged step 1.
     cable.insole().link = Session::new();
@@ -262,7 +262,7 @@ fn steps_of_an_insole_that_restarted_are_delivered() {
     let (cable, mut client) = connected();
     push_steps(&cable, 0..5);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2, 3, 4]);
-    client.send(ToDevice::Acknowledge { step: 4 }).expect("sent");
+    client.send(ToDevice::Acknowledge { step: 4 }).expect("the link works");
     cable.insole().link = Session::new();
     client.reconnect(TIMEOUT).expect("an answer");
     // The steps of another walk have other times.
@@ -274,13 +274,13 @@ fn steps_of_an_insole_that_restarted_are_delivered() {
 #[test]
 fn lost_and_damaged_frames_are_counted() {
     let (cable, mut client) = connected();
-    client.stream().expect("streaming");
+    client.stream().expect("the stream starts");
     cable.live_frames(10);
     cable.insole().drop_next = 3;
     cable.live_frames(10);
     cable.insole().damage_next = 2;
     cable.live_frames(10);
-    client.send(ToDevice::GetStatus).expect("sent");
+    client.send(ToDevice::GetStatus).expect("the link works");
     let got = receive_all(&mut client);
     let numbers: Vec<_> =
         got.iter().filter_map(|m| if let ToHost::Live(live) = m { Some(live.sequence) } else { None }).collect();
@@ -304,7 +304,7 @@ fn frames_without_a_message_are_counted_as_damaged() {
 fn a_new_session_does_not_count_the_old_stream_as_lost() {
     let (cable, mut client) = connected();
     for _ in 0..2 {
-        client.stream().expect("streaming");
+        client.stream().expect("the stream starts");
         cable.live_frames(5);
         receive_all(&mut client);
         client.reconnect(TIMEOUT).expect("an answer");
@@ -332,7 +332,7 @@ fn messages_of_a_previous_session_are_not_counted_as_lost() {
         [framed(&ToHost::Hello(hello())), framed(&ToHost::Live(live(100))), framed(&ToHost::Live(live(101)))];
     cable.insole().to_host.extend(previous.concat());
     let mut client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("an answer");
-    client.stream().expect("streaming");
+    client.stream().expect("the stream starts");
     cable.live_frames(3);
     receive_all(&mut client);
     assert_eq!(client.counters().frames_lost, 0);
@@ -342,7 +342,7 @@ fn messages_of_a_previous_session_are_not_counted_as_lost() {
 fn messages_that_arrive_while_the_stream_is_turned_on_are_delivered_in_order() {
     let (cable, mut client) = connected();
     push_steps(&cable, 0..3);
-    client.stream().expect("streaming");
+    client.stream().expect("the stream starts");
     cable.live_frames(1);
     let expected = [0, 1, 2].map(|number| ToHost::Step(step(number))).into_iter().chain([ToHost::Live(live(0))]);
     assert_eq!(receive_all(&mut client), expected.collect::<Vec<_>>());
@@ -351,7 +351,7 @@ fn messages_that_arrive_while_the_stream_is_turned_on_are_delivered_in_order() {
 #[test]
 fn a_status_arrives_on_request() {
     let (_, mut client) = connected();
-    client.send(ToDevice::GetStatus).expect("sent");
+    client.send(ToDevice::GetStatus).expect("the link works");
     let expected = Status { live_due: 0, live_sent: 0, steps_dropped: 0, faults: 0, rezeroed: 0, ..status() };
     assert_eq!(receive_all(&mut client), [ToHost::Status(expected)]);
 }
@@ -414,7 +414,7 @@ fn parameters_are_set_and_read_back_unchanged() {
 #[test]
 fn messages_that_arrive_while_parameters_are_set_are_delivered_in_order() {
     let (cable, mut client) = connected();
-    client.stream().expect("streaming");
+    client.stream().expect("the stream starts");
     push_steps(&cable, 0..2);
     cable.live_frames(3);
     client.set_tissue(&TISSUE).expect("accepted");

@@ -82,7 +82,7 @@ impl Session {
     /// The next message.
     fn next(&mut self) -> ToHost {
         for _ in 0..SILENT_READS {
-            if let Some(message) = self.client.receive().expect("the link holds") {
+            if let Some(message) = self.client.receive().expect("the link works") {
                 return message;
             }
         }
@@ -96,7 +96,7 @@ impl Session {
         match message {
             ToHost::Live(live) => received.live.push(live),
             ToHost::Step(step) => {
-                self.client.send(ToDevice::Acknowledge { step: step.step }).expect("the link holds");
+                self.client.send(ToDevice::Acknowledge { step: step.step }).expect("the link works");
                 // A replay has no wall clock.
                 received.steps.push(Step { start_unix_us: None, ..step });
             }
@@ -134,7 +134,7 @@ impl Session {
 
     /// Sends a request and receives until its answer arrives.
     fn ask(&mut self, request: ToDevice, received: &mut Received) {
-        self.client.send(request).expect("the link holds");
+        self.client.send(request).expect("the link works");
         while !self.receive(received) {}
     }
 }
@@ -262,7 +262,7 @@ fn foreign_bytes_on_the_link_are_counted_and_the_session_continues() {
     // Text of another program, a truncated frame, zeros, and more bytes than any frame has.
     let long = [0x55; 2000];
     for bytes in [&b"AT+NAME?\r\n\0"[..], &[3, 1, 0], &[0, 0, 0], &long, &[0]] {
-        link.write_all(bytes).expect("the link holds");
+        link.write_all(bytes).expect("the link works");
     }
     session.client.stream().expect("the insole answers");
     session.board.play();
@@ -288,7 +288,7 @@ fn steps_are_sent_again_until_they_are_acknowledged() {
     let mut again = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
     for step in &sent {
         let replayed = loop {
-            if let Some(ToHost::Step(step)) = again.receive().expect("the link holds") {
+            if let Some(ToHost::Step(step)) = again.receive().expect("the link works") {
                 break step;
             }
         };
@@ -301,14 +301,14 @@ fn steps_are_sent_again_until_they_are_acknowledged() {
 fn a_host_of_another_major_version_receives_a_hello_and_nothing_else() {
     let walk = synthetic_walk(2, 100.0);
     let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
-    session.client.send(ToDevice::Connect { major: plantar::protocol::MAJOR + 1, minor: 0 }).expect("the link holds");
-    session.client.send(ToDevice::Stream { live: true }).expect("the link holds");
+    session.client.send(ToDevice::Connect { major: plantar::protocol::MAJOR + 1, minor: 0 }).expect("the link works");
+    session.client.send(ToDevice::Stream { live: true }).expect("the link works");
     session.board.play();
     let mut received = Vec::new();
     // Receive until the walk is over and the link has been silent for a while.
     let mut silent = 0;
     while silent < 10 || session.board.plant().scans() < session.scans {
-        match session.client.receive().expect("the link holds") {
+        match session.client.receive().expect("the link works") {
             Some(message) => (received, silent) = ([received, vec![message]].concat(), 0),
             None => silent += 1,
         }
@@ -415,13 +415,13 @@ fn damaged_and_invalid_parameters_are_refused_and_the_old_ones_remain() {
     }
     // A damaged frame, and an intact one with the first half of a message: only the second one is answered.
     let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-    let message = encode(&ToDevice::SetTissue(other_tissue()), &mut message).expect("it fits");
+    let message = encode(&ToDevice::SetTissue(other_tissue()), &mut message).expect("the message fits");
     let mut link = session.board.link().expect("the board has a link");
     let len = frame(message, &mut framed);
     framed[len / 2] ^= 0x80;
-    link.write_all(&framed[..len]).expect("the link holds");
+    link.write_all(&framed[..len]).expect("the link works");
     let len = frame(&message[..message.len() / 2], &mut framed);
-    link.write_all(&framed[..len]).expect("the link holds");
+    link.write_all(&framed[..len]).expect("the link works");
     while !session.receive(&mut received) {}
     session.finish_into(&mut received);
     let reasons = [Refusal::Tissue(Region::Hallux), Refusal::TissueId, Refusal::TissueId, Refusal::NotUnderstood];

@@ -513,7 +513,7 @@ fn invalid_calibrations_and_serial_numbers_are_refused() {
     }
     let mut bytes = [0; MAX_MESSAGE];
     let request = ToDevice::SetIdentity { side: Side::Left, serial: Serial::new("AB").expect("printable") };
-    let bytes = encode(&request, &mut bytes).expect("it fits");
+    let bytes = encode(&request, &mut bytes).expect("the message fits");
     // A control character, and a character after the end of the text.
     for (at, byte) in [(2, 7), (10, b'x')] {
         let mut damaged = bytes.to_vec();

@@ -73,12 +73,12 @@ impl ConnectedBoard {
     }
 
     fn send(&mut self, message: ToDevice) {
-        self.link.send(message).expect("the link holds");
+        self.link.send(message).expect("the link works");
     }
 
     fn receive(&mut self) -> Option<ToHost> {
         assert!(self.began.elapsed() < TIMEOUT, "the board does not run, or the machine is too busy");
-        self.link.receive().expect("the link holds")
+        self.link.receive().expect("the link works")
     }
 
     /// Streams, and connects again whenever the board is silent, until a hello meets the condition.

@@ -45,7 +45,7 @@ fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
     board.play();
     let mut recorded = Vec::new();
     while recorded.len() < 3 {
-        if let Some(ToHost::Step(step)) = client.receive().expect("the link holds") {
+        if let Some(ToHost::Step(step)) = client.receive().expect("the link works") {
             recorded.push(step);
         }
     }
@@ -60,7 +60,7 @@ fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
         assert_eq!(hello.reset, if boots_since == 1 { Reset::Software } else { Reset::Power });
         let mut again = Vec::new();
         while again.len() < 3 {
-            if let Some(ToHost::Step(step)) = client.receive().expect("the link holds") {
+            if let Some(ToHost::Step(step)) = client.receive().expect("the link works") {
                 again.push(step);
             }
         }

@@ -175,7 +175,7 @@ fn an_image_that_makes_no_progress_is_swapped_back_at_the_next_start() {
     let board = insole.start(None, true);
     let mut session = connect(&board);
     assert_eq!(session.hello().firmware, NEW);
-    session.send(ToDevice::Restart).expect("the link holds");
+    session.send(ToDevice::Restart).expect("the link works");
     assert!(insole.wait(board), "the bootloader swaps back");
     let board = insole.start(None, true);
     assert_eq!(connect(&board).hello().firmware, OLD);

@@ -49,7 +49,7 @@ fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
     }
     assert_eq!(request, Request::Finish);
     // Messages that arrived during the transfer are queued in the session, before the answer.
-    session.send(ToDevice::GetStatus).expect("the link holds");
+    session.send(ToDevice::GetStatus).expect("the link works");
     let status = loop {
         if let Some(status) = receive(&mut session, &mut steps) {
             break status;
@@ -72,9 +72,9 @@ fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
 
 /// Receives a message; returns it if it is a status.
 fn receive(session: &mut Client<Framed<std::net::TcpStream>>, steps: &mut Vec<u32>) -> Option<Status> {
-    match session.receive().expect("the link holds")? {
+    match session.receive().expect("the link works")? {
         ToHost::Step(step) => {
-            session.send(ToDevice::Acknowledge { step: step.step }).expect("the link holds");
+            session.send(ToDevice::Acknowledge { step: step.step }).expect("the link works");
             steps.push(step.step);
         }
         ToHost::Status(status) => return Some(status),

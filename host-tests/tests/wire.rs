@@ -27,7 +27,7 @@ fn config() -> ProptestConfig {
 }
 
 fn encoded<T: serde::Serialize>(message: &T) -> Vec<u8> {
-    encode(message, &mut [0; MAX_MESSAGE]).expect("it fits").to_vec()
+    encode(message, &mut [0; MAX_MESSAGE]).expect("the message fits").to_vec()
 }
 
 fn side() -> impl Strategy<Value = Side> {

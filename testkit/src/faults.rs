@@ -36,7 +36,7 @@ pub fn computed() -> Vec<Clean> {
 pub fn barefoot(jiku: &Path) -> Vec<Clean> {
     let mut all = Vec::new();
     for walker in 0..10 {
-        let walk = jiku::import(jiku, walker, 0..60, &mut |_, _| ()).expect("the data set is there");
+        let walk = jiku::import(jiku, walker, 0..60, &mut |_, _| ()).expect("the data set");
         for rate_hz in [50.0, 100.0] {
             let recording = walk.at_rate(rate_hz).and_then(|walk| walk.binned(DEVICE_CELLS));
             all.push(Clean {
@@ -53,7 +53,7 @@ pub fn in_shoe(recordings: &Path) -> Vec<Clean> {
     let data = recordings.join("pedar");
     let clean = |side: Side| {
         let walk = pedar::import(data.join("pedar_example.asc"), data.join("geometry.csv"), side, &mut |_, _| ());
-        Clean { name: format!("in shoe, {}", side.name()), recording: walk.expect("the recording is there") }
+        Clean { name: format!("in shoe, {}", side.name()), recording: walk.expect("the recording") }
     };
     [Side::Left, Side::Right].map(clean).into()
 }
@@ -144,18 +144,18 @@ pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
                 let outcome = walk(recording, ContactRule::COUNTED, None, &[fault]);
                 // The sixth and the seventh step are the first two complete ones, each with its swing.
                 let end_s = truth.toe_offs_s[6] + SWING_S;
-                let is_it = |found: &&plantar::faults::Fault| found.kind == kind && found.place == fault.place;
+                let is_same = |found: &&plantar::faults::Fault| found.kind == kind && found.place == fault.place;
                 // A cell of the faulty line that was reported before the line.
                 let is_part = |found: &&plantar::faults::Fault| {
                     let cells: Vec<_> = fault.cells(recording.cells()).collect();
                     matches!(found.place, Place::Cell(cell) if cells.contains(&cell.into()))
                 };
-                let found_s = outcome.faults.list.iter().find(is_it).map(|found| f64::from(found.found_ms) / 1e3);
+                let found_s = outcome.faults.list.iter().find(is_same).map(|found| f64::from(found.found_ms) / 1e3);
                 // A drift that zero tracking corrects is not reported as a fault.
                 let is_corrected = kind == FaultKind::Drift && outcome.faults.rezeroed > 0;
                 detection.injected += 1;
                 detection.false_alarms +=
-                    outcome.faults.list.iter().filter(|found| !is_it(found) && !is_part(found)).count();
+                    outcome.faults.list.iter().filter(|found| !is_same(found) && !is_part(found)).count();
                 match found_s {
                     _ if is_corrected => detection.found += 1,
                     Some(found_s) if found_s <= end_s => {

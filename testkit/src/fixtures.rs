@@ -174,7 +174,7 @@ pub fn faults() -> Faults {
 /// A message with the framing of a byte carrier.
 pub fn framed<T: Serialize>(message: &T) -> Vec<u8> {
     let (mut bytes, mut out) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-    let len = protocol::frame(protocol::encode(message, &mut bytes).expect("it fits"), &mut out);
+    let len = protocol::frame(protocol::encode(message, &mut bytes).expect("the message fits"), &mut out);
     out[..len].to_vec()
 }
 
@@ -185,5 +185,5 @@ pub fn messages<T: DeserializeOwned>(decoder: &mut Decoder, stream: &[u8]) -> Ve
 
 /// A text with the length limit of a message.
 pub fn text<const N: usize>(text: &str) -> heapless::String<N> {
-    text.try_into().expect("it fits")
+    text.try_into().expect("the text fits")
 }

@@ -205,7 +205,7 @@ impl HostInsole {
             let chip = self.chip.0.borrow();
             let active = &chip.bytes[ACTIVE_IMAGE.start as usize..ACTIVE_IMAGE.end as usize];
             let header = active[HEADER as usize..].first_chunk().and_then(Header::read);
-            (header.expect("the active image is whole"), active[(HEADER + HEADER_BYTES) as usize] != STALLED_IMAGE)
+            (header.expect("the active image has a header"), active[(HEADER + HEADER_BYTES) as usize] != STALLED_IMAGE)
         };
         let reference = Rc::new(RefCell::new(Reference::new(&self.wearer.borrow())));
         let from_us = now_us();

@@ -83,18 +83,18 @@ impl NorFlashChip {
             _ => None,
         };
         self.operations += 1;
-        let whole = match torn {
+        let complete = match torn {
             None | Some(Torn::After) => len,
             Some(Torn::Before) => 0,
             Some(Torn::Within) => self.random.usize(0..len),
         };
-        for (i, byte) in target[..whole].iter_mut().enumerate() {
+        for (i, byte) in target[..complete].iter_mut().enumerate() {
             *byte = change(i, *byte);
         }
         if torn == Some(Torn::Within) {
-            let (before, after) = (target[whole], change(whole, target[whole]));
+            let (before, after) = (target[complete], change(complete, target[complete]));
             let bits = self.random.u8(..);
-            target[whole] = before & !bits | after & bits;
+            target[complete] = before & !bits | after & bits;
         }
         torn.map_or(Ok(()), |_| Err(PowerOff))
     }

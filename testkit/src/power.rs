@@ -66,7 +66,7 @@ fn tissue(value: u16) -> Tissue {
 
 fn name(value: u16) -> IdentityRecord {
     let side = if value.is_multiple_of(2) { Side::Left } else { Side::Right };
-    IdentityRecord { side, serial: Serial::new(&format!("P{value}")).expect("it is short and printable") }
+    IdentityRecord { side, serial: Serial::new(&format!("P{value}")).expect("short and printable") }
 }
 
 fn bonds(value: u16) -> Bonds {

@@ -124,7 +124,7 @@ impl Bench {
         client.set_tissue(&tissue)?;
         insole.tissue_id.confirm();
 
-        let serial = Serial::new(&format!("P{round}")).expect("it is short and printable");
+        let serial = Serial::new(&format!("P{round}")).expect("short and printable");
         insole.serial.set_pending(serial);
         client.set_identity(Side::Left, serial)?;
         insole.serial.confirm();

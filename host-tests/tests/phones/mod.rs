@@ -418,7 +418,7 @@ pub fn unhex(text: &Value) -> Vec<u8> {
 
 pub fn fragments(message: &ToDevice, max_len: usize) -> Vec<Vec<u8>> {
     let mut splitter = Splitter::new();
-    let len = encode(message, splitter.buffer()).expect("it fits").len();
+    let len = encode(message, splitter.buffer()).expect("the message fits").len();
     splitter.start(len);
     let mut fragment = vec![0; max_len];
     std::iter::from_fn(|| splitter.next(&mut fragment).map(|len| fragment[..len].to_vec())).collect()
