@@ -67,7 +67,7 @@ fn a_linear_sensor_is_exact() {
 }
 
 #[test]
-fn no_code_is_no_pressure_and_full_code_is_full_pressure() {
+fn code_0_is_no_pressure_and_full_code_is_full_pressure() {
     for exponent in [0.3, 0.8, 1.0, 3.0] {
         let law = SensorLaw { full_kpa: 800.0, exponent };
         let curve = curve(&law);
@@ -110,7 +110,7 @@ fn a_saturated_cell_is_reported_in_every_frame_and_in_its_region_only() {
 }
 
 #[test]
-fn contact_begins_at_on_and_ends_below_off() {
+fn contact_begins_at_on_kpa_and_ends_below_off_kpa() {
     // Pressure in kPa, and whether the cell is in contact.
     let sequence = [
         (0.0, false),
@@ -244,7 +244,7 @@ proptest! {
     }
 
     #[test]
-    fn a_share_is_the_root_of_pressure_over_full(
+    fn a_share_is_the_square_root_of_the_relative_pressure(
         full_kpa in 10.0..500.0f32,
         gain in 0.5..2.0f32,
         offset in 0u16..2000,

@@ -43,7 +43,7 @@ proptest! {
     }
 
     #[test]
-    fn any_time_is_converted_and_back(unix_s in 0..253_402_300_800_u64) {
+    fn any_time_survives_the_conversion_to_current_time_and_back(unix_s in 0..253_402_300_800_u64) {
         let time = to_current_time(Some(unix_s * 1_000_000));
         prop_assert_eq!(from_current_time(&time), Some(unix_s * 1_000_000));
     }

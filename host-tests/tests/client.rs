@@ -313,7 +313,7 @@ fn a_new_session_does_not_count_the_old_stream_as_lost() {
     assert_eq!((counters.frames_received, counters.frames_lost), (10, 0));
 }
 
-/// Random frame numbers of an insole do not make the host's counter overflow.
+/// Implausible frame numbers of an insole do not make the host's counter overflow.
 #[test]
 fn the_counter_of_lost_frames_saturates() {
     let (cable, mut client) = connected();

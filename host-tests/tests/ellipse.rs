@@ -170,7 +170,7 @@ proptest! {
 
     /// Compact and scattered cells of a few millimetres, in the device's precision.
     #[test]
-    fn any_contact_has_a_real_ellipse(
+    fn any_contact_has_a_valid_ellipse(
         cells in prop::collection::vec((0i8..16, 0i8..16), 1..40),
         side_mm in 1u8..10,
         x_mm in -40.0..40.0f32,
@@ -179,22 +179,22 @@ proptest! {
         let side_mm = f32::from(side_mm);
         let place = |&(x, y): &(i8, i8)| (x_mm + f32::from(x) * side_mm, y_mm + f32::from(y) * side_mm);
         let places: Vec<_> = cells.iter().map(place).collect();
-        assert_real(&Ellipse::from_moments(&whole_cells(&places, side_mm * side_mm)).expect("contact"));
+        assert_valid(&Ellipse::from_moments(&whole_cells(&places, side_mm * side_mm)).expect("contact"));
     }
 
     /// Cells down to the smallest area and out to the largest distance that a set-up accepts.
     #[test]
-    fn a_far_and_small_cell_has_a_real_ellipse(
+    fn a_far_and_small_cell_has_a_valid_ellipse(
         x_mm in -MAX_REACH_MM..MAX_REACH_MM,
         y_mm in -MAX_REACH_MM..MAX_REACH_MM,
         area_16 in 1u16..20,
     ) {
         let far = whole_cells(&[(x_mm, y_mm)], f32::from(area_16) / 16.0);
-        assert_real(&Ellipse::from_moments(&far).expect("contact"));
+        assert_valid(&Ellipse::from_moments(&far).expect("contact"));
     }
 }
 
-fn assert_real(e: &Ellipse<f32>) {
+fn assert_valid(e: &Ellipse<f32>) {
     assert!([e.x_mm, e.y_mm].iter().all(|v| v.is_finite()), "{e:?}");
     assert!([e.r_a_mm, e.r_b_mm].iter().all(|v| v.is_finite() && *v > 0.0), "{e:?}");
     // The approximation of the arc tangent has an error of up to 0.16 degrees, and the angle half of it.
@@ -208,10 +208,10 @@ fn no_contact_has_no_ellipse() {
 }
 
 #[test]
-fn one_cell_is_a_circle_of_its_own_moments() {
+fn the_ellipse_of_one_cell_is_a_circle_with_the_moments_of_the_cell() {
     for (x_mm, y_mm) in [(0.0, 0.0), (-31.0, 12.5), (60.0, 110.0)] {
         let e = Ellipse::<f32>::from_moments(&whole_cells(&[(x_mm, y_mm)], 25.0)).expect("contact");
-        assert_real(&e);
+        assert_valid(&e);
         let radius_mm = 2.0 * (25.0f32 / 12.0).sqrt();
         assert!((e.x_mm - x_mm).abs() < 1e-3 && (e.y_mm - y_mm).abs() < 1e-3, "{e:?}");
         assert!((e.r_a_mm - radius_mm).abs() < 2e-3 && (e.r_b_mm - radius_mm).abs() < 2e-3, "{e:?}");
@@ -219,7 +219,7 @@ fn one_cell_is_a_circle_of_its_own_moments() {
 }
 
 #[test]
-fn a_line_of_cells_is_slim_along_it() {
+fn a_line_of_cells_has_its_longer_radius_along_the_line() {
     let line = |i: i32| i as f32 * 5.0 - 20.0;
     // Nine cells at a distance of 5 mm have the variance 25 (81 - 1) / 12, plus the variance of a cell.
     let long_mm = 2.0 * (25.0f32 * 80.0 / 12.0 + 25.0 / 12.0).sqrt();
@@ -228,7 +228,7 @@ fn a_line_of_cells_is_slim_along_it() {
     let along_y = whole_cells(&(0..9).map(|i| (0.0, line(i))).collect::<Vec<_>>(), 25.0);
     for (moments, r_a_mm, r_b_mm) in [(along_x, long_mm, short_mm), (along_y, short_mm, long_mm)] {
         let e = Ellipse::<f32>::from_moments(&moments).expect("contact");
-        assert_real(&e);
+        assert_valid(&e);
         assert!((e.r_a_mm - r_a_mm).abs() < 1e-2 && (e.r_b_mm - r_b_mm).abs() < 1e-2, "{e:?}");
         assert!(e.angle_deg().abs() < 0.2, "{}", e.angle_deg());
     }
@@ -238,7 +238,7 @@ fn a_line_of_cells_is_slim_along_it() {
 fn diagonal_cells_lie_at_45_degrees() {
     for (sign, angle_deg) in [(1.0, 45.0), (-1.0, -45.0)] {
         let e = Ellipse::<f32>::from_moments(&whole_cells(&[(0.0, 0.0), (5.0, sign * 5.0)], 25.0)).expect("contact");
-        assert_real(&e);
+        assert_valid(&e);
         assert!((e.angle_deg() - angle_deg).abs() < 0.2, "{}", e.angle_deg());
         // The variance along the diagonal is half the distance squared, plus that of a cell. At exactly 45 degrees r_a is the
         // longer radius.
@@ -255,7 +255,7 @@ fn a_square_block_is_a_circle_with_a_valid_angle() {
         let (x_mm, y_mm) = (i as f32 * 0.37 - 70.0, 60.0 - i as f32 * 0.29);
         let block = [(0.0, 0.0), (5.0, 0.0), (0.0, 5.0), (5.0, 5.0)].map(|(dx, dy)| (x_mm + dx, y_mm + dy));
         let e = Ellipse::<f32>::from_moments(&whole_cells(&block, 25.0)).expect("contact");
-        assert_real(&e);
+        assert_valid(&e);
         // The radii differ only because the positions are rounded to 1/64 mm.
         assert!((e.r_a_mm / e.r_b_mm - 1.0).abs() < 0.01, "{e:?}");
     }

@@ -191,7 +191,7 @@ fn fractional_contact_is_the_same_on_the_device_and_on_a_host() {
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn the_slowest_and_the_fastest_rate_work() {
+fn the_lowest_and_the_highest_rate_are_the_same_on_the_device_and_on_a_host() {
     for rate_hz in [50.0, 400.0] {
         assert_device_equals_host(&synthetic_walk(2, rate_hz), ContactRule::COUNTED, 2);
     }
@@ -474,7 +474,7 @@ fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
 /// evaluation.
 #[test]
 #[ignore = "needs the emulated board's firmware and the data set SpeedPP2DS: cargo xtask test"]
-fn the_insole_gives_the_force_that_the_fit_evaluated() {
+fn the_insole_reports_the_force_that_the_fit_evaluated() {
     const FITTED: std::ops::Range<u32> = 6..14;
     let walk = jiku::import(common::jiku(), 2, 0..FITTED.end as usize, &mut |_, _| ()).expect("jiku-data");
     let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(240)).expect("a virtual insole");

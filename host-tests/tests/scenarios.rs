@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use testkit::scenario::{Scenario, ScenarioError};
 
 #[rstest]
-fn has_the_expected_outcome(#[files("scenarios/*.toml")] file: PathBuf) {
+fn scenario_has_the_expected_outcome(#[files("scenarios/*.toml")] file: PathBuf) {
     let text = std::fs::read_to_string(&file).expect("the file can be read");
     let scenario = Scenario::parse(&text).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
     let mut outcome = scenario.run();

@@ -278,7 +278,7 @@ proptest! {
     }
 
     #[test]
-    fn the_polynomial_has_the_least_squares(samples in prop::collection::vec(0.0..1e3f32, 1..=STANCE_SAMPLES)) {
+    fn the_polynomial_is_the_least_squares_fit(samples in prop::collection::vec(0.0..1e3f32, 1..=STANCE_SAMPLES)) {
         let (mut narrow, mut wide) = both(&samples);
         // A short curve has at most half as many coefficients as samples; one below 4 samples is not changed.
         let expected = if wide.len() < 4 { wide.clone() } else { projection(&wide, (wide.len() / 2).min(6)) };

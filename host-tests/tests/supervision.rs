@@ -1,4 +1,4 @@
-//! Supervision: stalls, panics and hard faults are detected, reported and followed by a restart in short time. The tests use the
+//! Supervision: stalls, panics and hard faults are detected, reported and followed by a restart within a short time. The tests use the
 //! real firmware in QEMU, which is the file that `PLANTAR_FIRMWARE` names, and the watchdog's logic alone.
 
 mod common;
@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 /// Time within which the insole must run again after a fault, s.
 const MAX_RECOVERY_S: f64 = 2.0;
-/// Longest duration of a test: on a slower machine it cannot run.
+/// Longest duration of a test; a machine that needs more time is too busy for it.
 const TIMEOUT: Duration = Duration::from_secs(120);
 /// Time without a message after which the host connects again.
 const SILENCE: Duration = Duration::from_millis(50);
@@ -150,6 +150,7 @@ fn report(hello: &Hello) -> &str {
     hello.last_panic.as_deref().unwrap_or_default()
 }
 
+/// A fault that is injected once.
 fn once(kind: InjectedFault, after_ms: u32) -> Option<PlannedFault> {
     Some(PlannedFault { kind, after_ms, is_repeated: false })
 }

@@ -338,7 +338,7 @@ proptest! {
     ) {
         let mut decoder = Decoder::new();
         for stream in streams {
-            // Random bytes do not have a valid CRC-32.
+            // It is practically impossible that random bytes have a valid CRC-32.
             prop_assert_eq!(messages::<ToHost>(&mut decoder, &stream), []);
             decoder.push(0);
             let bad = decoder.bad_frames;
@@ -396,7 +396,7 @@ fn starting_in_the_middle_of_a_stream_loses_one_frame_at_most() {
     for start in 1..first_len {
         let mut decoder = Decoder::new();
         assert_eq!(messages::<ToHost>(&mut decoder, &stream[start..]), all[1..], "from byte {start}");
-        // Only the zero at the end of the first frame is left from its last byte on: that is no bad frame.
+        // From its last byte on, only the final zero of the first frame is left, which does not count as a bad frame.
         assert_eq!(decoder.bad_frames, u32::from(start < first_len - 1), "from byte {start}");
     }
 }

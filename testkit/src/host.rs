@@ -82,7 +82,7 @@ impl Central {
                 return Err(io::ErrorKind::NotFound.into());
             }
             radio.borrow_mut().set_connected(true);
-            // Time for the Bluetooth stack to notice the connection.
+            // This gives the Bluetooth stack the time to notice the connection.
             world.run_for(1_000);
         }
         let channels = [GattChannel::Control, GattChannel::Live, GattChannel::Steps, GattChannel::Parameters];
