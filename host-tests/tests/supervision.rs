@@ -1,5 +1,5 @@
-//! Supervision: stalls, panics and hard faults are detected, reported and followed by a restart within a short time. The tests use the
-//! real firmware in QEMU, which is the file that `PLANTAR_FIRMWARE` names, and the watchdog's logic alone.
+//! Supervision: stalls, panics and hard faults are detected, reported and followed by a restart within a short time. The tests
+//! use the real firmware in QEMU, which is the file that `PLANTAR_FIRMWARE` names, and the watchdog's logic alone.
 
 mod common;
 
