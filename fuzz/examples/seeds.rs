@@ -80,7 +80,7 @@ fn main() {
     seed("deframe", "session", &to_host.iter().flat_map(|message| framed(message)).collect::<Vec<_>>());
     for (i, message) in to_device.iter().enumerate() {
         let fragments = fragments(message);
-        seed("pieces", &format!("to-device-{i}"), &pieces(fragments.iter().map(Vec::as_slice)));
+        seed("fragments", &format!("to-device-{i}"), &pieces(fragments.iter().map(Vec::as_slice)));
     }
     seed("client", "session", &pieces(to_host.iter().map(Vec::as_slice)));
 
@@ -91,7 +91,7 @@ fn main() {
     let full = [connect, stream].into_iter().chain([&b"S"[..], b"L"].into_iter().cycle().take(40));
     seed("link", "full", &pieces(full));
 
-    seed("head", "walk", &set_up_and_walk(&recording, &worn, &tissue));
+    seed("set_up", "walk", &set_up_and_walk(&recording, &worn, &tissue));
 
     seed("parameters", "typical", parameters.to_toml().as_bytes());
     let zero = FootZero { layout_id: worn.setup.layout_id, offset_kpa: vec![1.5; recording.cells()] };
@@ -186,7 +186,7 @@ fn fragments(message: &[u8]) -> Vec<Vec<u8>> {
     std::iter::from_fn(|| splitter.next(&mut fragment).map(|len| fragment[..len].to_vec())).collect()
 }
 
-/// An input of the target `head`: set-up, parameters and the frames of a walk.
+/// An input of the target `set_up`: set-up, parameters and the frames of a walk.
 fn set_up_and_walk(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> Vec<u8> {
     let mut setup = postcard::to_stdvec(&EmulatorConfig { is_paced: true, ..EmulatorConfig::new(worn.setup) })
         .expect("the value can be encoded");

@@ -1,4 +1,4 @@
-//! The real firmware in QEMU: its messages for a walk are those that a host computes, also with faults of matrix and link.
+//! The real firmware in QEMU: its messages for a walk equal those that a host computes, also with faults of matrix and link.
 //!
 //! The firmware is the file that `PLANTAR_FIRMWARE` names.
 
@@ -115,7 +115,7 @@ impl Session {
         is_answer
     }
 
-    /// Receives until the board has counted every scan; returns what arrived.
+    /// Receives until the board has counted every scan; returns the messages.
     fn finish(&mut self) -> Received {
         let mut received = Received::default();
         self.finish_into(&mut received);
@@ -431,7 +431,7 @@ fn damaged_and_invalid_parameters_are_refused_and_the_old_ones_remain() {
     assert_eq!(session.client.tissue().expect("an answer"), tissue());
 }
 
-/// Each fault is detected during a walk, reported and masked, and all messages are those that a host computes from the same
+/// Each fault is detected during a walk, reported and masked, and all messages equal those that a host computes from the same
 /// codes.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]

@@ -188,7 +188,7 @@ proptest! {
         let wide_g = wide.area_ratio(f64::from(area_m2)).normalised_deformation();
         close(f64::from(g), wide_g, wide_g, 1e-5)?;
 
-        // The rounding error of g would change the force by its slope, so that both force laws are compared at the same g.
+        // The rounding error of g changes the force by its slope: both force laws are compared at the same g.
         let g_wide = f64::from(g);
         let elastic_n = wide.force_n(g_wide, 0.0);
         close(f64::from(law.force_n(g, 0.0)), elastic_n, elastic_n, 1e-5)?;

@@ -189,7 +189,7 @@ pub enum OverName {
     Bluetooth,
 }
 
-/// The expected outcome; what is absent is not checked.
+/// The expected outcome. Absent items are not checked.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Expect {
