@@ -1,4 +1,4 @@
-//! Functions that several targets share.
+//! Functions that several fuzz targets use.
 
 use plantar::insole::Insole;
 use plantar::num::Real;
@@ -22,7 +22,7 @@ impl<'d> Iterator for Pieces<'d> {
     }
 }
 
-/// Frames of a recording that are replayed: enough for a step, and few enough for many executions.
+/// Largest number of frames of a recording that are replayed: enough for a step, and few enough for many executions.
 const REPLAYED_FRAMES: usize = 128;
 
 /// Checks that a recording that was read is consistent, and that an insole either refuses it or computes finite numbers from it.
@@ -40,12 +40,12 @@ pub fn check_recording(recording: &Recording) {
     let mut codes = vec![0; worn.cells.len()];
     for i in 0..worn.frames(recording).min(REPLAYED_FRAMES) {
         worn.codes_of(recording, i, &mut codes);
-        frame(&mut insole, i as u32, &codes);
+        check_frame(&mut insole, i as u32, &codes);
     }
 }
 
 /// Passes one frame through an insole and checks that every result is finite, whatever the codes.
-pub fn frame<R: Real, const N: usize>(insole: &mut Insole<R, N>, seq: u32, codes: &[u16]) {
+pub fn check_frame<R: Real, const N: usize>(insole: &mut Insole<R, N>, seq: u32, codes: &[u16]) {
     let is_step = insole.frame(seq, codes);
     for (region, load) in insole.loads().iter().enumerate() {
         let mut numbers =
@@ -81,8 +81,8 @@ pub fn frame<R: Real, const N: usize>(insole: &mut Insole<R, N>, seq: u32, codes
     }
 }
 
-/// Lets a panic within the crate `name` unwind: its caller catches it and reports the file as damaged. Any other panic still aborts
-/// the process, as libFuzzer requires.
+/// Lets a panic within the crate `name` unwind: its caller catches it and reports the file as damaged. Any other panic still
+/// aborts the process, as libFuzzer requires.
 pub fn tolerate_panics_of(name: &'static str) {
     let abort = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

@@ -1,4 +1,5 @@
-//! Builds the tests again when a scenario is added or removed, as each file becomes a test; sets the version that the firmware reports.
+//! Rebuilds the tests when a scenario is added or removed, because each file becomes a test; sets the version that the firmware
+//! reports.
 
 fn main() {
     println!("cargo:rerun-if-changed=scenarios");

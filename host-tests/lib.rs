@@ -1,1 +1,1 @@
-//! Empty: this package has tests only.
+//! This library is empty: the package has tests only.

@@ -1,6 +1,7 @@
 //! Writes the seeds in `corpus/`, one folder for each target, from computed data: `cargo run --example seeds` in this workspace.
 //!
-//! Those of `jiku` are not included, because nothing in this project writes HDF5: h5py wrote them, also from computed trials.
+//! This program does not write the seeds of `jiku`, because nothing in this project writes HDF5: h5py wrote them from computed
+//! trials.
 
 use emulation::EmulatorConfig;
 use parameters::{InsoleSize, Parameters};
@@ -78,8 +79,8 @@ fn main() {
     }
     seed("deframe", "session", &to_host.iter().flat_map(|message| framed(message)).collect::<Vec<_>>());
     for (i, message) in to_device.iter().enumerate() {
-        let cut = in_pieces(message);
-        seed("pieces", &format!("to-device-{i}"), &pieces(cut.iter().map(Vec::as_slice)));
+        let fragments = fragments(message);
+        seed("fragments", &format!("to-device-{i}"), &pieces(fragments.iter().map(Vec::as_slice)));
     }
     seed("client", "session", &pieces(to_host.iter().map(Vec::as_slice)));
 
@@ -90,7 +91,7 @@ fn main() {
     let full = [connect, stream].into_iter().chain([&b"S"[..], b"L"].into_iter().cycle().take(40));
     seed("link", "full", &pieces(full));
 
-    seed("head", "walk", &set_up_and_walk(&recording, &worn, &tissue));
+    seed("set_up", "walk", &set_up_and_walk(&recording, &worn, &tissue));
 
     seed("parameters", "typical", parameters.to_toml().as_bytes());
     let zero = FootZero { layout_id: worn.setup.layout_id, offset_kpa: vec![1.5; recording.cells()] };
@@ -113,18 +114,19 @@ fn main() {
         pressure_kpa: recording.pressure_kpa[..24 * recording.cells()].to_vec(),
         ..recording
     };
-    short.write(file.path()).expect("it is written");
-    seed("recording", "walk", &fs::read(file.path()).expect("it is read"));
+    short.write(file.path()).expect("the recording is written");
+    seed("recording", "walk", &fs::read(file.path()).expect("the recording can be read"));
 }
 
+/// Writes one seed of a target.
 fn seed(target: &str, name: &str, bytes: &[u8]) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
     fs::create_dir_all(&folder).expect("a folder");
-    fs::write(folder.join(name), bytes).expect("it is written");
+    fs::write(folder.join(name), bytes).expect("the seed is written");
 }
 
 fn encoded<T: serde::Serialize>(message: &T) -> Vec<u8> {
-    encode(message, &mut [0; MAX_MESSAGE]).expect("it fits").to_vec()
+    encode(message, &mut [0; MAX_MESSAGE]).expect("the message fits").to_vec()
 }
 
 fn framed(message: &[u8]) -> Vec<u8> {
@@ -139,11 +141,11 @@ fn pieces<'p>(pieces: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
     pieces.into_iter().flat_map(|piece| [&(piece.len() as u16).to_le_bytes(), piece].concat()).collect()
 }
 
-/// The last live frame of a stance and the step.
+/// The last live frame of the first stance, and its step.
 fn walked(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> (Live, Step) {
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("wearable");
-    insole.set_tissue(tissue).expect("typical");
+    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a valid recording");
+    insole.set_tissue(tissue).expect("typical parameters are valid");
     let mut codes = vec![0; worn.cells.len()];
     let mut live = Live::default();
     for i in 0..worn.frames(recording) {
@@ -162,8 +164,8 @@ fn hello(worn: &VirtualInsole, tissue_id: u32) -> Hello {
     Hello {
         major: MAJOR,
         minor: MINOR,
-        firmware: "0.1.0".try_into().expect("it fits"),
-        board: "emulated".try_into().expect("it fits"),
+        firmware: "0.1.0".try_into().expect("the text fits"),
+        board: "emulated".try_into().expect("the text fits"),
         side: Side::Right,
         layout_id: worn.setup.layout_id,
         cells: worn.cells.len() as u16,
@@ -171,28 +173,29 @@ fn hello(worn: &VirtualInsole, tissue_id: u32) -> Hello {
         tissue_id,
         contact_rule: worn.setup.contact,
         reset: Reset::Panic,
-        last_panic: Some("app.rs:1 said".try_into().expect("it fits")),
+        last_panic: Some("app.rs:1 said".try_into().expect("the text fits")),
     }
 }
 
 /// The fragments of a message for the smallest MTU.
-fn in_pieces(message: &[u8]) -> Vec<Vec<u8>> {
+fn fragments(message: &[u8]) -> Vec<Vec<u8>> {
     let mut splitter = Splitter::new();
     splitter.buffer()[..message.len()].copy_from_slice(message);
     splitter.start(message.len());
-    let mut piece = [0; 20];
-    std::iter::from_fn(|| splitter.next(&mut piece).map(|len| piece[..len].to_vec())).collect()
+    let mut fragment = [0; 20];
+    std::iter::from_fn(|| splitter.next(&mut fragment).map(|len| fragment[..len].to_vec())).collect()
 }
 
+/// An input of the target `set_up`: set-up, parameters and the frames of a walk.
 fn set_up_and_walk(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> Vec<u8> {
-    let mut setup =
-        postcard::to_stdvec(&EmulatorConfig { is_paced: true, ..EmulatorConfig::new(worn.setup) }).expect("it fits");
+    let mut setup = postcard::to_stdvec(&EmulatorConfig { is_paced: true, ..EmulatorConfig::new(worn.setup) })
+        .expect("the value can be encoded");
     for cell in &worn.cells {
-        setup = postcard::to_extend(cell, setup).expect("it fits");
+        setup = postcard::to_extend(cell, setup).expect("the value can be encoded");
     }
     let mut input = (setup.len() as u16).to_le_bytes().to_vec();
     input.extend(setup);
-    input.extend(postcard::to_stdvec(&tissue.force_laws).expect("it fits"));
+    input.extend(postcard::to_stdvec(&tissue.force_laws).expect("the value can be encoded"));
     let mut codes = vec![0; worn.cells.len()];
     for i in 0..worn.frames(recording) {
         worn.codes_of(recording, i, &mut codes);

@@ -30,13 +30,13 @@ impl Write for Insole {
 }
 
 fuzz_target!(|data: &[u8]| {
-    let mut said = VecDeque::new();
+    let mut bytes = VecDeque::new();
     for message in Pieces(data) {
         let mut framed = [0; MAX_FRAME];
         let len = frame(message, &mut framed);
-        said.extend(&framed[..len]);
+        bytes.extend(&framed[..len]);
     }
-    let Ok(mut client) = Client::connect(Framed::new(Insole(said)), Duration::MAX) else { return };
+    let Ok(mut client) = Client::connect(Framed::new(Insole(bytes)), Duration::MAX) else { return };
     // A request that is not answered ends with an error, because the carrier breaks.
     let _ = client.stream();
     let _ = client.tissue();

@@ -19,7 +19,7 @@ fuzz_target!(|data: &[u8]| {
     let message = &data[..data.len().min(MAX_MESSAGE)];
     let mut framed = [0; MAX_FRAME];
     let len = frame(message, &mut framed);
-    let (end, body) = framed[..len].split_last().expect("a frame has its end");
+    let (end, body) = framed[..len].split_last().expect("a frame ends with a zero");
     assert!(*end == 0 && body.iter().all(|&byte| decoder.push(byte).is_none()));
     assert_eq!(decoder.push(0), Some(message));
 });

@@ -1,4 +1,4 @@
-//! A firmware file, as `plantar update` reads it, and its header, as an insole reads it.
+//! A firmware image, as `plantar update` reads it, and its header, as an insole reads it.
 #![no_main]
 
 use firmware_image::Image;

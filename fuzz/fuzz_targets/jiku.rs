@@ -1,4 +1,4 @@
-//! A walker's HDF5 file.
+//! The HDF5 file of one walker from `jiku-data`.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -11,7 +11,7 @@ use plantar::protocol::{
 };
 use plantar_fuzz::Pieces;
 
-/// What the session must have done by its own messages.
+/// The state of the session, as its messages imply it.
 #[derive(Default)]
 struct Expected {
     pushed: u32,
@@ -110,7 +110,7 @@ fn next(link: &mut Session, expected: &mut Expected) -> bool {
             expected.live_passed = live.sequence + 1;
         }
         ToHost::Status(status) => {
-            // All before were sent or dropped, the queued ones follow.
+            // All live frames before this number were sent or dropped; the queued ones are sent later.
             assert!((expected.live_passed..=expected.live_due).contains(&status.live_due));
             assert!(expected.live_due - status.live_due <= LIVE_QUEUE as u32);
             expected.live_passed = status.live_due;
@@ -129,12 +129,12 @@ fn next(link: &mut Session, expected: &mut Expected) -> bool {
 }
 
 fn hello() -> Hello {
-    let longest = "0123456789abcdef".try_into().expect("it fits");
+    let longest = "0123456789abcdef".try_into().expect("the text fits");
     Hello {
         major: MAJOR,
         minor: MINOR,
         firmware: longest,
-        board: "fuzz".try_into().expect("it fits"),
+        board: "fuzz".try_into().expect("the text fits"),
         side: Side::Left,
         layout_id: u32::MAX,
         cells: u16::MAX,
@@ -142,7 +142,7 @@ fn hello() -> Hello {
         tissue_id: 0,
         contact_rule: ContactRule::COVERED,
         reset: Reset::Unknown,
-        last_panic: Some("x".repeat(96).as_str().try_into().expect("it fits")),
+        last_panic: Some("x".repeat(96).as_str().try_into().expect("the text fits")),
     }
 }
 

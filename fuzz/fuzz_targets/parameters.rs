@@ -1,4 +1,5 @@
-//! The TOML files: parameters, thickness, participant, zero. A file that was read can be written, and reads back the same.
+//! The TOML files: parameters, thickness, participant, zero. A file that can be read can also be written, and is the same after
+//! reading again.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -10,7 +11,7 @@ fuzz_target!(|text: &str| {
     let path = Path::new("fuzz.toml");
     if let Ok(parameters) = Parameters::parse(text, path) {
         assert!(parameters.tissue().check().is_ok());
-        let again = Parameters::parse(&parameters.to_toml(), path).expect("what was written is read");
+        let again = Parameters::parse(&parameters.to_toml(), path).expect("a written file can be read");
         assert_eq!((again.subject, again.identified), (parameters.subject, parameters.identified));
     }
     let _ = Participant::parse(text, path);
@@ -20,6 +21,6 @@ fuzz_target!(|text: &str| {
         assert!(thickness_m.iter().all(|m| (0.002..=0.04).contains(m)), "{thickness_m:?}");
     }
     if let Ok(zero) = Zero::parse(text, path) {
-        assert_eq!(Zero::parse(&zero.to_toml(), path).expect("what was written is read"), zero);
+        assert_eq!(Zero::parse(&zero.to_toml(), path).expect("a written file can be read"), zero);
     }
 });

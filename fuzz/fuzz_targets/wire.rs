@@ -1,4 +1,4 @@
-//! Messages without framing: a message that was decoded can be encoded, in no more bytes, and decodes to the same.
+//! Messages without framing: a decoded message can be encoded, in no more bytes, and is the same after decoding again.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -18,7 +18,7 @@ fn read_and_write<T: Serialize + DeserializeOwned>(data: &[u8]) {
     let once = encode(&message, once).expect("every message fits");
     // A sender may encode numbers with more bytes than necessary.
     assert!(once.len() <= data.len());
-    let again: T = decode(once).expect("what was written is read");
+    let again: T = decode(once).expect("an encoded message can be decoded");
     // Compared as bytes, because a NaN is not equal to itself.
-    assert_eq!(once, encode(&again, twice).expect("it fits"));
+    assert_eq!(once, encode(&again, twice).expect("every message fits"));
 }

@@ -1,5 +1,5 @@
-//! Events of all kinds in any order: whatever happens to an insole and its links, no step that arrived is lost or delivered twice,
-//! numbers increase, and counters add up.
+//! Events of all kinds in any order: no stored step is lost or delivered twice, step numbers increase, and counters are
+//! consistent.
 
 use proptest::prelude::*;
 use proptest_state_machine::{ReferenceStateMachine, StateMachineTest, prop_state_machine};
@@ -12,18 +12,18 @@ use testkit::world::{Physical, SharedWorld, World};
 
 /// Longest duration of a step with its swing, ms.
 const STEP_MS: u64 = 1_200;
-/// Time after a crash until the next start counts as successful, with the time in which it is detected, ms.
+/// Time from a crash until the next start counts as successful, including the detection of a stall, ms.
 const HEALTHY_MS: u64 = 8_000;
 
-/// An event, and the time after it, ms.
+/// An event, and the time until the next one.
 #[derive(Clone, Debug)]
 struct Transition {
-    event: Happening,
+    event: Event,
     then_ms: u64,
 }
 
 #[derive(Clone, Debug)]
-enum Happening {
+enum Event {
     Physical(Physical),
     Connect(Over),
     Disconnect,
@@ -32,18 +32,19 @@ enum Happening {
     Nothing,
 }
 
-/// What is known before the events happen.
+/// The state that restricts the next events.
 #[derive(Clone, Debug, Default)]
-struct Known {
+struct Schedule {
     now_ms: u64,
+    /// End of the present walk.
     walks_until_ms: u64,
-    /// Crashes before this time could make failed starts in a row, after which stored data are not used.
+    /// Earliest time of the next crash: several failed starts in a row would make the insole start without its stored data.
     crashes_from_ms: u64,
 }
 
 struct AnyOrder;
 
-fn events() -> impl Strategy<Value = Happening> {
+fn events() -> impl Strategy<Value = Event> {
     let physical = prop_oneof![
         6 => (1u32..12).prop_map(|steps| Physical::Walk { steps }),
         2 => (50_000u64..2_000_000).prop_map(|off_us| Physical::PowerCut { off_us }),
@@ -57,42 +58,42 @@ fn events() -> impl Strategy<Value = Happening> {
         1 => Just(Physical::Panic),
     ];
     prop_oneof![
-        12 => physical.prop_map(Happening::Physical),
-        3 => prop_oneof![Just(Over::Serial), Just(Over::Bluetooth)].prop_map(Happening::Connect),
-        1 => Just(Happening::Disconnect),
-        1 => Just(Happening::SetParameters),
-        1 => Just(Happening::Restart),
-        2 => Just(Happening::Nothing),
+        12 => physical.prop_map(Event::Physical),
+        3 => prop_oneof![Just(Over::Serial), Just(Over::Bluetooth)].prop_map(Event::Connect),
+        1 => Just(Event::Disconnect),
+        1 => Just(Event::SetParameters),
+        1 => Just(Event::Restart),
+        2 => Just(Event::Nothing),
     ]
 }
 
 impl ReferenceStateMachine for AnyOrder {
-    type State = Known;
+    type State = Schedule;
     type Transition = Transition;
 
-    fn init_state() -> BoxedStrategy<Known> {
-        Just(Known::default()).boxed()
+    fn init_state() -> BoxedStrategy<Schedule> {
+        Just(Schedule::default()).boxed()
     }
 
-    fn transitions(_: &Known) -> BoxedStrategy<Transition> {
+    fn transitions(_: &Schedule) -> BoxedStrategy<Transition> {
         (events(), 10u64..4_000).prop_map(|(event, then_ms)| Transition { event, then_ms }).boxed()
     }
 
-    fn preconditions(state: &Known, transition: &Transition) -> bool {
+    fn preconditions(state: &Schedule, transition: &Transition) -> bool {
         match transition.event {
             // One walk at a time.
-            Happening::Physical(Physical::Walk { .. }) => state.now_ms >= state.walks_until_ms,
-            Happening::Physical(Physical::Stall(_) | Physical::Panic) => state.now_ms >= state.crashes_from_ms,
+            Event::Physical(Physical::Walk { .. }) => state.now_ms >= state.walks_until_ms,
+            Event::Physical(Physical::Stall(_) | Physical::Panic) => state.now_ms >= state.crashes_from_ms,
             _ => true,
         }
     }
 
-    fn apply(mut state: Known, transition: &Transition) -> Known {
+    fn apply(mut state: Schedule, transition: &Transition) -> Schedule {
         match transition.event {
-            Happening::Physical(Physical::Walk { steps }) => {
+            Event::Physical(Physical::Walk { steps }) => {
                 state.walks_until_ms = state.now_ms + u64::from(steps) * STEP_MS;
             }
-            Happening::Physical(Physical::Stall(_) | Physical::Panic) => {
+            Event::Physical(Physical::Stall(_) | Physical::Panic) => {
                 state.crashes_from_ms = state.now_ms + HEALTHY_MS;
             }
             _ => {}
@@ -111,10 +112,10 @@ impl StateMachineTest for AnyOrder {
     type SystemUnderTest = Simulated;
     type Reference = Self;
 
-    fn init_test(_: &Known) -> Simulated {
+    fn init_test(_: &Schedule) -> Simulated {
         let world = Rc::new(RefCell::new(World::new(1, 100.0)));
         let mut hosts = vec![Host::new(&world, 0)];
-        // The host knows the insole: the very first step of a host that is lost on the way cannot be missed.
+        // The host receives one step first, because it cannot notice the loss of the very first step.
         hosts[0].connect(Over::Serial, true);
         world.borrow_mut().schedule(now_us() + 500_000, 0, Physical::Walk { steps: 1 });
         follow(&mut hosts, now_us() + 3_000_000);
@@ -122,32 +123,32 @@ impl StateMachineTest for AnyOrder {
         Simulated { world, hosts }
     }
 
-    fn apply(mut simulated: Simulated, _: &Known, Transition { event, then_ms }: Transition) -> Simulated {
+    fn apply(mut simulated: Simulated, _: &Schedule, Transition { event, then_ms }: Transition) -> Simulated {
         let Simulated { world, hosts } = &mut simulated;
         let host = &mut hosts[0];
         match event {
-            Happening::Physical(event) => world.borrow_mut().schedule(now_us(), 0, event),
-            Happening::Connect(over) => host.connect(over, true),
-            Happening::Disconnect => host.disconnect(),
-            Happening::SetParameters => host.set_parameters(),
-            Happening::Restart => host.restart(),
-            Happening::Nothing => {}
+            Event::Physical(event) => world.borrow_mut().schedule(now_us(), 0, event),
+            Event::Connect(over) => host.connect(over, true),
+            Event::Disconnect => host.disconnect(),
+            Event::SetParameters => host.set_parameters(),
+            Event::Restart => host.restart(),
+            Event::Nothing => {}
         }
         follow(hosts, now_us() + then_ms * 1_000);
         simulated
     }
 
-    fn check_invariants(simulated: &Simulated, _: &Known) {
+    fn check_invariants(simulated: &Simulated, _: &Schedule) {
         for pair in simulated.hosts[0].steps.windows(2) {
-            assert!(plantar::sequence::is_after(pair[1].step, pair[0].step), "numbers increase");
+            assert!(plantar::sequence::is_after(pair[1].step, pair[0].step), "step numbers increase");
         }
     }
 
-    /// In the end the links work, and everything arrives.
-    fn teardown(simulated: Simulated, _: Known) {
+    /// At the end the link works again, and every step arrives.
+    fn teardown(simulated: Simulated, _: Schedule) {
         let Simulated { world, mut hosts } = simulated;
-        let calm = [Physical::CableRate { bytes_per_s: 0.0 }, Physical::Damage { every_bytes: 0 }];
-        calm.into_iter().for_each(|event| world.borrow_mut().schedule(now_us(), 0, event));
+        let repairs = [Physical::CableRate { bytes_per_s: 0.0 }, Physical::Damage { every_bytes: 0 }];
+        repairs.into_iter().for_each(|event| world.borrow_mut().schedule(now_us(), 0, event));
         follow(&mut hosts, now_us() + 15_000_000);
         hosts[0].connect(Over::Serial, false);
         follow(&mut hosts, now_us() + 15_000_000);
@@ -161,5 +162,5 @@ prop_state_machine! {
     #![proptest_config(ProptestConfig { cases: 100, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn nothing_is_lost_whatever_happens(sequential 1..40 => AnyOrder);
+    fn no_sequence_of_events_loses_a_step(sequential 1..40 => AnyOrder);
 }

@@ -1,4 +1,4 @@
-//! Dependencies point one way, and the diagrams in docs/architecture.md are the ones of the sources. With the environment variable
+//! Dependencies have no cycles, and the diagrams in docs/architecture.md agree with the sources. With the environment variable
 //! `UPDATE_DOCS` set, the test writes the diagrams instead of comparing them.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -27,7 +27,7 @@ fn read(path: &Path) -> String {
 /// All files with this ending below a folder of the workspace, by their paths from its root.
 fn files(folder: &str, ending: &str) -> Vec<String> {
     let mut found = Vec::new();
-    for entry in fs::read_dir(root().join(folder)).expect("a folder").flatten() {
+    for entry in fs::read_dir(root().join(folder)).expect("the folder can be read").flatten() {
         let name = entry.file_name().into_string().expect("UTF-8");
         let path = if folder.is_empty() { name.clone() } else { format!("{folder}/{name}") };
         if entry.path().is_dir() {
@@ -49,7 +49,7 @@ fn add(graph: &mut Graph, from: &str, to: &str) {
     }
 }
 
-/// A cycle of the graph, where it has one.
+/// Returns a cycle of the graph, if it has one.
 fn cycle(graph: &Graph) -> Option<Vec<String>> {
     fn visit(graph: &Graph, at: &str, path: &mut Vec<String>, done: &mut BTreeSet<String>) -> bool {
         if let Some(first) = path.iter().position(|on_path| on_path == at) {
@@ -82,7 +82,7 @@ fn reaches(graph: &Graph, from: &str, to: &str) -> bool {
     from == to || graph.get(from).into_iter().flatten().any(|next| reaches(graph, next, to))
 }
 
-/// Without the dependencies that others imply.
+/// The graph without the dependencies that others imply.
 fn reduced(graph: &Graph) -> Graph {
     assert_no_cycle(graph);
     let is_implied =
@@ -91,8 +91,8 @@ fn reduced(graph: &Graph) -> Graph {
     graph.iter().map(|(from, uses)| (from.clone(), direct(uses))).collect()
 }
 
-/// The paths of the library's sources that are used here: from every `crate` and `super` on, with the braces resolved. Tests, which
-/// are at the end of a file, do not count.
+/// The paths within the library that a source uses: those that begin with `crate`, `self` or `super`, with braces expanded.
+/// Tests, which are at the end of a file, do not count.
 fn used_paths(source: &str) -> Vec<Vec<String>> {
     let code = source.split("\n#[cfg(test)]").next().unwrap_or_default();
     let code: String = code.lines().map(|line| line.split("//").next().unwrap_or_default().to_owned() + "\n").collect();
@@ -112,7 +112,7 @@ fn is_identifier(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// Adds the paths of a tree such as `a::{b, c::d}`, each after `prefix`; returns the text behind it.
+/// Adds the paths of a tree such as `a::{b, c::d}`, each after `prefix`; returns the text after the tree.
 fn parse_tree<'t>(text: &'t str, prefix: &[String], paths: &mut Vec<Vec<String>>) -> &'t str {
     let mut path = prefix.to_vec();
     let mut rest = text.trim_start();
@@ -124,7 +124,7 @@ fn parse_tree<'t>(text: &'t str, prefix: &[String], paths: &mut Vec<Vec<String>>
                     return rest;
                 }
                 let behind = parse_tree(list, &path, paths).trim_start();
-                // A new name, as in `a as b`, changes nothing.
+                // A new name, as in `a as b`, is ignored.
                 let end = behind.find([',', '}']).expect("the end of an item");
                 list = behind[end..].trim_start_matches(',');
             }
@@ -171,7 +171,7 @@ impl Modules {
         modules
     }
 
-    /// The module that `path`, used in module `user`, comes from.
+    /// The module that defines `path`, as it is used in module `user`.
     fn resolve(&self, user: &str, path: &[String]) -> String {
         let mut names: Vec<&str> = user.split("::").filter(|name| !name.is_empty()).collect();
         for name in path {
@@ -192,7 +192,7 @@ impl Modules {
         path
     }
 
-    /// The modules that each module uses. A module does not use what it exports only.
+    /// The modules that each module uses. An item that a module only exports does not count as used.
     fn graph(&self) -> Graph {
         let mut graph = Graph::new();
         for (module, source) in self.files.iter().filter(|(module, _)| !module.is_empty()) {
@@ -207,7 +207,7 @@ impl Modules {
     }
 }
 
-/// The tree of `text` where it begins behind the `pub` of a `pub use` of modules below.
+/// The tree of a `pub use` of submodules, where `text` begins after its `pub`.
 fn exported_tree(text: &str) -> Option<&str> {
     let text = text.strip_prefix("(crate)").unwrap_or(text).strip_prefix(" use ")?;
     (!["crate::", "self::", "super::"].iter().any(|other| text.starts_with(other))).then_some(text)
@@ -224,7 +224,7 @@ fn top_level(modules: &Graph) -> Graph {
     graph
 }
 
-/// The crates of the workspace: the folder of each, and the crates that each one uses, without those for its tests only.
+/// The crates of the workspace: the folder of each, and the crates that each one uses, without those that only its tests use.
 fn crates() -> (BTreeMap<String, String>, Graph) {
     let manifests: Vec<_> = files("", "Cargo.toml").into_iter().map(|file| (read(&root().join(&file)), file)).collect();
     let name = |manifest: &str| {
@@ -243,7 +243,7 @@ fn crates() -> (BTreeMap<String, String>, Graph) {
         let mut is_list = false;
         for line in manifest.lines() {
             if line.starts_with('[') {
-                // Of the package, of its build script or of a target, but neither of its tests nor of the workspace.
+                // Dependencies of the package, its build script or a target, but neither of its tests nor of the workspace.
                 is_list = line.ends_with("dependencies]") && !line.contains("dev-") && !line.contains("workspace");
             }
             let used = line.split([' ', '.', '=']).next().unwrap_or_default();
@@ -268,7 +268,7 @@ fn write_edges(text: &mut String, graph: &Graph) {
     }
 }
 
-/// Both diagrams in the language of Mermaid.
+/// Both diagrams in Mermaid's notation.
 fn diagrams(top: &Graph, folders: &BTreeMap<String, String>, crates: &Graph) -> String {
     let mut text = String::from("\nModules of `src`:\n\n```mermaid\nflowchart TD\n");
     write_edges(&mut text, top);
@@ -309,7 +309,7 @@ fn firmware_uses_no_host_program() {
 }
 
 #[test]
-fn the_diagrams_are_those_of_the_sources() {
+fn the_diagrams_agree_with_the_sources() {
     let (folders, crates) = crates();
     let diagrams = diagrams(&top_level(&Modules::of_library().graph()), &folders, &crates);
     let path = root().join(DOCUMENT);

@@ -1,13 +1,13 @@
-//! Two insoles' clocks on one axis, against clocks that are known.
+//! The clocks of two insoles on one time axis, compared with known clocks.
 
 use client::Axis;
 use fastrand::Rng;
 
-/// An insole's clock and the way to it.
+/// An insole's clock and the delay of the link to it.
 struct Clock {
     start_us: f64,
     drift: f64,
-    /// Questions wait for the next connection event, and some for the one after.
+    /// Interval of connection events: a request waits for the next event, or for a later one if that is lost.
     interval_us: f64,
 }
 
@@ -17,29 +17,29 @@ impl Clock {
     }
 }
 
-/// 2025-01-01, us since 1970: what a host's clock shows.
+/// The host's time at the beginning, us since 1970: 2025-01-01.
 const EPOCH_US: u64 = 1_735_689_600_000_000;
 
 #[test]
 fn two_insoles_share_one_axis_within_2_ms() {
-    // Before and after the drift is known.
+    // Largest differences before and after the drift is known.
     let (mut early_us, mut late_us) = (0.0f64, 0.0f64);
     for seed in 0..40 {
         let mut random = Rng::with_seed(seed);
         let clocks =
             [(30e-6, 2e6), (-40e-6, 500e6)].map(|(drift, start_us)| Clock { start_us, drift, interval_us: 15e3 });
         let mut axes = [Axis::new(), Axis::new()];
-        // Ten minutes, four questions a second.
-        for question in 0..2400 {
-            let host_us = f64::from(question) * 250e3 + 20e3 * random.f64();
+        // Ten minutes with four requests a second.
+        for request in 0..2400 {
+            let host_us = f64::from(request) * 250e3 + 20e3 * random.f64();
             for (axis, clock) in axes.iter_mut().zip(&clocks) {
                 let missed = if random.f64() < 0.1 { (10.0 * random.f64()).ceil() } else { 0.0 };
-                let way_us = 400.0 + clock.interval_us * (random.f64() + missed);
-                axis.answer(EPOCH_US + host_us as u64, clock.at(host_us + way_us) as u64);
+                let delay_us = 400.0 + clock.interval_us * (random.f64() + missed);
+                axis.answer(EPOCH_US + host_us as u64, clock.at(host_us + delay_us) as u64);
             }
-            // A sample of both at one moment.
+            // Both clocks are read at the same moment.
             let [left_us, right_us] = [0, 1].map(|i| {
-                let found_us = axes[i].host_us(clocks[i].at(host_us) as u64).expect("answered");
+                let found_us = axes[i].host_us(clocks[i].at(host_us) as u64).expect("the axis has an answer");
                 found_us as f64 - EPOCH_US as f64
             });
             let apart_us = (left_us - right_us).abs();
@@ -48,7 +48,7 @@ fn two_insoles_share_one_axis_within_2_ms() {
                 ..40e6 => early_us = early_us.max(apart_us),
                 _ => {
                     late_us = late_us.max(apart_us);
-                    // And near the host's own: the least way is all that is not known.
+                    // The axis is near the host's clock, too: only the shortest delay is unknown.
                     assert!((left_us - host_us).abs() < 2000.0, "{left_us} {host_us}");
                 }
             }
@@ -60,24 +60,24 @@ fn two_insoles_share_one_axis_within_2_ms() {
 }
 
 #[test]
-fn an_axis_goes_both_ways() {
+fn times_are_converted_in_both_directions() {
     let mut axis = Axis::new();
     assert_eq!(axis.host_us(5), None);
     assert_eq!(axis.device_us(5), None);
     for second in 0..100u64 {
         let host_us = EPOCH_US + second * 1_000_000;
-        // 50 ppm fast, no time on the way.
+        // The insole's clock is 50 ppm fast, and the link has no delay.
         axis.answer(host_us, 7_000_000 + second * 1_000_050);
     }
     for second in [0u64, 50, 130] {
         let (host_us, device_us) = (EPOCH_US + second * 1_000_000, 7_000_000 + second * 1_000_050);
-        assert!(axis.host_us(device_us).expect("known").abs_diff(host_us) <= 1);
-        assert!(axis.device_us(host_us).expect("known").abs_diff(device_us) <= 1);
+        assert!(axis.host_us(device_us).expect("the axis has answers").abs_diff(host_us) <= 1);
+        assert!(axis.device_us(host_us).expect("the axis has answers").abs_diff(device_us) <= 1);
     }
 }
 
 #[test]
-fn a_restarted_insole_is_a_new_clock() {
+fn a_restart_of_the_insole_resets_the_axis() {
     let mut axis = Axis::new();
     for second in 0..100u64 {
         axis.answer(EPOCH_US + second * 1_000_000, 500_000_000 + second * 1_000_000);

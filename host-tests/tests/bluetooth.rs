@@ -1,13 +1,16 @@
-//! The real firmware in QEMU and phones in software, on a virtual radio link.
+//! The real firmware in QEMU and simulated phones, on a simulated radio link.
 //!
-//! The firmware is the file that `PLANTAR_FIRMWARE` names, the phones run in the Python that `PLANTAR_PYTHON` names.
+//! `PLANTAR_FIRMWARE` names the file of the firmware, `PLANTAR_PYTHON` the Python interpreter that runs the phones.
 
 mod common;
 mod phones;
 
 use common::{firmware, replay, synthetic_walk, tissue};
 use firmware_image::{Image, development_key};
-use phones::{Air, CADENCE, CONTROL, CURRENT_TIME, Insole, LIVE, OURS, PARAMETERS, Phone, STEPS, World, pieces};
+use phones::{
+    CADENCE, CHARACTERISTICS, CONTROL, CURRENT_TIME, Insole, LIVE, PARAMETERS, Phone, RadioSimulation, STEPS, World,
+    fragments,
+};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::update::{CHUNK, Header, Progress, Request};
@@ -18,7 +21,7 @@ use recording::{Recording, synthetic};
 use serde_json::{Value, json};
 use std::time::Instant;
 
-/// Errors of the attribute protocol.
+/// Error codes of the attribute protocol; those from 0x80 on are the insole's own.
 const INSUFFICIENT_AUTHENTICATION: u64 = 0x05;
 const INVALID_LENGTH: u64 = 0x0d;
 const INSUFFICIENT_ENCRYPTION: u64 = 0x0f;
@@ -30,10 +33,10 @@ const WALK: fn(usize) -> Recording = |steps| synthetic_walk(steps, 100.0);
 
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn anyone_finds_the_insole_and_reads_who_it_is_and_nothing_else() {
+fn an_unbonded_phone_reads_the_device_information_and_nothing_else() {
     let mut world = World::start(WALK(1));
     let mut phone = world.new_phone(1);
-    let table = phone.connect(&mut world.air, 247);
+    let table = phone.connect(&mut world.radio, 247);
     let (read, write, notify, indicate) = (0x02, 0x08, 0x10, 0x20);
     let expected: Vec<(&str, Vec<(&str, u64)>)> = vec![
         ("1800", vec![("2a00", read), ("2a01", read)]),
@@ -62,59 +65,63 @@ fn anyone_finds_the_insole_and_reads_who_it_is_and_nothing_else() {
         .collect();
     assert_eq!(table, expected, "{table:#}");
 
-    assert_eq!(phone.read(&mut world.air, "2a00"), b"Plantar L");
-    assert_eq!(phone.read(&mut world.air, "2a29"), b"Plantar");
-    assert_eq!(phone.read(&mut world.air, "2a24"), b"emulated");
-    assert_eq!(phone.read(&mut world.air, "2a26"), env!("PLANTAR_VERSION").as_bytes());
-    assert_eq!(phone.read(&mut world.air, "2a19"), [100]);
-    assert_eq!(phone.read(&mut world.air, CURRENT_TIME), [0; 10], "not set");
-    assert_eq!(phone.read(&mut world.air, "2a54"), [0, 0]);
+    assert_eq!(phone.read(&mut world.radio, "2a00"), b"Plantar L");
+    assert_eq!(phone.read(&mut world.radio, "2a29"), b"Plantar");
+    assert_eq!(phone.read(&mut world.radio, "2a24"), b"emulated");
+    assert_eq!(phone.read(&mut world.radio, "2a26"), env!("PLANTAR_VERSION").as_bytes());
+    assert_eq!(phone.read(&mut world.radio, "2a19"), [100]);
+    assert_eq!(phone.read(&mut world.radio, CURRENT_TIME), [0; 10], "the clock is not set");
+    assert_eq!(phone.read(&mut world.radio, "2a54"), [0, 0]);
 
-    let connect = pieces(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
-    for way in [CONTROL, PARAMETERS, CURRENT_TIME] {
-        assert_eq!(phone.refused(&mut world.air, way, &connect), Some(INSUFFICIENT_AUTHENTICATION), "{way}");
+    let connect = fragments(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
+    for characteristic in [CONTROL, PARAMETERS, CURRENT_TIME] {
+        assert_eq!(
+            phone.refused(&mut world.radio, characteristic, &connect),
+            Some(INSUFFICIENT_AUTHENTICATION),
+            "{characteristic}"
+        );
     }
-    for way in OURS {
-        let subscribed = world.air.attempt(json!({"do": "subscribe", "phone": phone.name, "to": way}));
-        assert_eq!(subscribed.expect_err("it is refused").att, Some(INSUFFICIENT_AUTHENTICATION), "{way}");
-        assert!(world.air.attempt(json!({"do": "read", "phone": phone.name, "of": way})).is_err());
+    for characteristic in CHARACTERISTICS {
+        let subscribed = world.radio.try_request(json!({"do": "subscribe", "phone": phone.name, "to": characteristic}));
+        assert_eq!(subscribed.expect_err("it is refused").att, Some(INSUFFICIENT_AUTHENTICATION), "{characteristic}");
+        assert!(world.radio.try_request(json!({"do": "read", "phone": phone.name, "of": characteristic})).is_err());
     }
     assert_eq!(world.insole.bonds(), None);
 }
 
-/// Streams whole walks, each to its phone, and compares everything with a replay.
-fn stream(air: &mut Air, feet: &mut [(&Insole, &mut Phone)]) {
+/// Streams complete walks, each to its phone, and compares every message with a replay.
+fn stream(radio: &mut RadioSimulation, feet: &mut [(&Insole, &mut Phone)]) {
     let mut got = vec![(Vec::<Live>::new(), Vec::<Step>::new()); feet.len()];
     let mut expected = Vec::new();
     for (insole, phone) in feet.iter_mut() {
-        phone.set_tissue(air, tissue());
-        phone.send(air, ToDevice::Stream { live: true });
+        phone.set_tissue(radio, tissue());
+        phone.send(radio, ToDevice::Stream { live: true });
         expected.push(replay(&insole.recording, ContactRule::COUNTED, |_| false));
     }
-    let is_whole = |got: &(Vec<Live>, Vec<Step>), whole: &(Vec<Live>, Vec<Step>)| {
-        got.0.len() >= whole.0.len() && got.1.len() >= whole.1.len()
+    let is_complete = |got: &(Vec<Live>, Vec<Step>), expected: &(Vec<Live>, Vec<Step>)| {
+        got.0.len() >= expected.0.len() && got.1.len() >= expected.1.len()
     };
-    while got.iter().zip(&expected).any(|(got, whole)| !is_whole(got, whole)) {
-        for (((insole, phone), got), whole) in feet.iter_mut().zip(&mut got).zip(&expected) {
-            if is_whole(got, whole) {
+    while got.iter().zip(&expected).any(|(got, expected)| !is_complete(got, expected)) {
+        for (((insole, phone), got), expected) in feet.iter_mut().zip(&mut got).zip(&expected) {
+            if is_complete(got, expected) {
                 continue;
             }
-            // The insole keeps eight live frames for a slow phone.
+            // The insole queues at most eight live frames.
             insole.play(got.0.len() as u32 + 6);
-            match phone.next(air) {
+            match phone.next(radio) {
                 ToHost::Live(live) => got.0.push(live),
                 ToHost::Step(step) => {
-                    phone.send(air, ToDevice::Acknowledge { step: step.step });
+                    phone.send(radio, ToDevice::Acknowledge { step: step.step });
                     got.1.push(step);
                 }
                 other => panic!("{other:?}"),
             }
         }
     }
-    for (((insole, phone), got), whole) in feet.iter_mut().zip(&got).zip(&expected) {
-        assert_eq!(got.1, whole.1);
-        assert_eq!(got.0, whole.0);
-        let status = phone.status(air);
+    for (((insole, phone), got), expected) in feet.iter_mut().zip(&got).zip(&expected) {
+        assert_eq!(got.1, expected.1);
+        assert_eq!(got.0, expected.0);
+        let status = phone.status(radio);
         let scans = insole.scans();
         assert_eq!((status.live_due, status.live_sent, status.bad_frames), (scans, scans, 0));
     }
@@ -122,117 +129,117 @@ fn stream(air: &mut Air, feet: &mut [(&Insole, &mut Phone)]) {
 
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn a_bonded_phone_gets_every_frame_and_step_of_a_walk() {
+fn a_bonded_phone_receives_every_frame_and_step_of_a_walk() {
     let mut world = World::start(WALK(3));
     let mut phone = world.bonded_phone(247);
     let begin = Instant::now();
-    stream(&mut world.air, &mut [(&world.insole, &mut phone)]);
+    stream(&mut world.radio, &mut [(&world.insole, &mut phone)]);
     let values = f64::from(world.insole.scans()) + 6.0;
     println!("{:.0} notifications a second of at most 90 bytes", values / begin.elapsed().as_secs_f64());
-    println!("deepest stack with a pairing: {} bytes", phone.status(&mut world.air).stack_bytes);
+    println!("deepest stack with a pairing: {} bytes", phone.status(&mut world.radio).stack_bytes);
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn the_smallest_values_carry_the_same() {
+fn messages_are_the_same_with_the_smallest_mtu() {
     let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(23);
-    stream(&mut world.air, &mut [(&world.insole, &mut phone)]);
+    stream(&mut world.radio, &mut [(&world.insole, &mut phone)]);
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn a_bond_outlives_a_reset_and_a_wrong_key_opens_nothing() {
+fn a_bond_survives_a_reset_and_a_wrong_key_is_refused() {
     let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(247);
-    let bonds = world.insole.bonds().expect("there is one");
-    // Bonding is closed after this reset: what opens the link is the bond.
-    world.restart(|head| head.bonding_s = 0);
-    phone.connect(&mut world.air, 247);
-    let connect = pieces(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
-    assert_eq!(phone.refused(&mut world.air, CONTROL, &connect), Some(INSUFFICIENT_ENCRYPTION));
-    world.air.order(json!({"do": "encrypt", "phone": phone.name}));
-    phone.open(&mut world.air);
-    stream(&mut world.air, &mut [(&world.insole, &mut phone)]);
+    let bonds = world.insole.bonds().expect("a bond");
+    // Bonding is closed after this reset, so that only the existing bond gives access.
+    world.restart(|config| config.bonding_s = 0);
+    phone.connect(&mut world.radio, 247);
+    let connect = fragments(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
+    assert_eq!(phone.refused(&mut world.radio, CONTROL, &connect), Some(INSUFFICIENT_ENCRYPTION));
+    world.radio.request(json!({"do": "encrypt", "phone": phone.name}));
+    phone.open(&mut world.radio);
+    stream(&mut world.radio, &mut [(&world.insole, &mut phone)]);
     assert_eq!(world.insole.bonds(), Some(bonds));
-    phone.disconnect(&mut world.air);
+    phone.disconnect(&mut world.radio);
 
-    phone.connect(&mut world.air, 23);
-    world.air.order(json!({"do": "spoil_key", "phone": phone.name}));
-    world.air.attempt(json!({"do": "encrypt", "phone": phone.name})).expect_err("the key is wrong");
-    world.air.forget();
-    // The insole is there again, for the others.
+    phone.connect(&mut world.radio, 23);
+    world.radio.request(json!({"do": "spoil_key", "phone": phone.name}));
+    world.radio.try_request(json!({"do": "encrypt", "phone": phone.name})).expect_err("the key is wrong");
+    world.radio.discard_events();
+    // Other phones can connect to the insole again.
     let mut other = world.new_phone(2);
-    other.connect(&mut world.air, 23);
-    assert_eq!(other.refused(&mut world.air, CONTROL, &connect), Some(INSUFFICIENT_AUTHENTICATION));
+    other.connect(&mut world.radio, 23);
+    assert_eq!(other.refused(&mut world.radio, CONTROL, &connect), Some(INSUFFICIENT_AUTHENTICATION));
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn nobody_bonds_when_bonding_is_closed_and_a_forgotten_phone_bonds_again_when_it_is_open() {
+fn phones_bond_only_while_bonding_is_open() {
     let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(23);
-    world.restart(|head| head.bonding_s = 0);
+    world.restart(|config| config.bonding_s = 0);
     let bonds = world.insole.bonds();
-    world.air.order(json!({"do": "forget", "phone": phone.name}));
+    world.radio.request(json!({"do": "forget", "phone": phone.name}));
     let mut other = world.new_phone(2);
     for phone in [&mut phone, &mut other] {
-        phone.connect(&mut world.air, 23);
-        world.air.attempt(json!({"do": "pair", "phone": phone.name})).expect_err("bonding is closed");
-        let connect = pieces(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
-        assert!(phone.write(&mut world.air, CONTROL, &connect).is_err());
-        phone.disconnect(&mut world.air);
+        phone.connect(&mut world.radio, 23);
+        world.radio.try_request(json!({"do": "pair", "phone": phone.name})).expect_err("bonding is closed");
+        let connect = fragments(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
+        assert!(phone.write(&mut world.radio, CONTROL, &connect).is_err());
+        phone.disconnect(&mut world.radio);
     }
     assert_eq!(world.insole.bonds(), bonds);
 
     world.restart(|_| {});
-    phone.connect(&mut world.air, 23);
-    world.air.order(json!({"do": "pair", "phone": phone.name}));
-    phone.open(&mut world.air);
+    phone.connect(&mut world.radio, 23);
+    world.radio.request(json!({"do": "pair", "phone": phone.name}));
+    phone.open(&mut world.radio);
     assert_ne!(world.insole.bonds(), bonds);
 }
 
-/// A phone that pairs and does not bond has an encrypted link and may do no more than a stranger.
+/// A phone that pairs without bonding has an encrypted link, but no more access than an unknown phone.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn a_phone_that_does_not_bond_is_a_stranger() {
+fn a_phone_that_pairs_without_bonding_has_no_access() {
     let mut world = World::start(WALK(1));
     let mut phone = world.new_phone(1);
-    world.air.order(json!({"do": "phone", "name": phone.name, "address": "D0:00:00:00:00:01", "bonding": false}));
-    phone.connect(&mut world.air, 23);
-    world.air.order(json!({"do": "pair", "phone": phone.name}));
-    let connect = pieces(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
-    assert_eq!(phone.refused(&mut world.air, CONTROL, &connect), Some(INSUFFICIENT_AUTHENTICATION));
+    world.radio.request(json!({"do": "phone", "name": phone.name, "address": "D0:00:00:00:00:01", "bonding": false}));
+    phone.connect(&mut world.radio, 23);
+    world.radio.request(json!({"do": "pair", "phone": phone.name}));
+    let connect = fragments(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
+    assert_eq!(phone.refused(&mut world.radio, CONTROL, &connect), Some(INSUFFICIENT_AUTHENTICATION));
     assert_eq!(world.insole.bonds(), None);
 }
 
-/// The oldest of five bonds is forgotten.
+/// A fifth bond replaces the oldest one.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn four_phones_are_remembered() {
+fn four_bonds_are_stored() {
     let mut world = World::start(WALK(1));
     let mut phones: Vec<_> = (1..=5).map(|number| world.new_phone(number)).collect();
     for phone in &mut phones {
-        phone.connect(&mut world.air, 23);
-        world.air.order(json!({"do": "pair", "phone": phone.name}));
-        phone.open(&mut world.air);
-        phone.disconnect(&mut world.air);
+        phone.connect(&mut world.radio, 23);
+        world.radio.request(json!({"do": "pair", "phone": phone.name}));
+        phone.open(&mut world.radio);
+        phone.disconnect(&mut world.radio);
     }
-    world.restart(|head| head.bonding_s = 0);
+    world.restart(|config| config.bonding_s = 0);
     for phone in &mut phones[1..] {
-        phone.reopen(&mut world.air, 23);
-        phone.disconnect(&mut world.air);
+        phone.reopen(&mut world.radio, 23);
+        phone.disconnect(&mut world.radio);
     }
-    phones[0].connect(&mut world.air, 23);
-    world.air.attempt(json!({"do": "encrypt", "phone": phones[0].name})).expect_err("it is forgotten");
+    phones[0].connect(&mut world.radio, 23);
+    world.radio.try_request(json!({"do": "encrypt", "phone": phones[0].name})).expect_err("its bond was deleted");
 }
 
-/// What a phone stores: each step once, acknowledged when it is stored.
+/// The steps that a phone has stored, each once.
 #[derive(Default)]
 struct Store(Vec<Step>);
 
 impl Store {
-    fn take(&mut self, step: Step) {
+    fn add(&mut self, step: Step) {
         if self.0.last().is_none_or(|last| step.step > last.step) {
             self.0.push(step);
         }
@@ -244,75 +251,75 @@ impl Store {
 fn links_that_break_at_any_moment_lose_no_step() {
     const STEPS: usize = 300;
     const CUTS: u32 = 100;
-    /// Steps that may be made while the phone has not stored one; the insole has six at hand and keeps thousands.
+    /// Steps by which the walk may be ahead of the phone; the insole queues six in RAM and stores thousands.
     const AHEAD: u32 = 8;
     let mut world = World::start(WALK(STEPS));
     let (_, steps) = replay(&world.insole.recording, ContactRule::COUNTED, |_| false);
     assert_eq!(steps.len(), STEPS);
     let scans_a_step = world.insole.scans() / STEPS as u32;
     let mut phone = world.bonded_phone(247);
-    phone.set_tissue(&mut world.air, tissue());
+    phone.set_tissue(&mut world.radio, tissue());
     let (mut store, mut cuts, mut random) = (Store::default(), 0, 1_u32);
     while cuts < CUTS || store.0.len() < STEPS {
-        // A cut after some values, in the middle of a message or between two; in every fourth session live frames come too.
-        phone.send(&mut world.air, ToDevice::Stream { live: cuts % 4 == 3 });
+        // The link is cut after a random number of values, within a message or between two. Every fourth session has live frames.
+        phone.send(&mut world.radio, ToDevice::Stream { live: cuts % 4 == 3 });
         random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         for _ in 0..random >> 28 {
             if store.0.len() == STEPS {
                 break;
             }
             world.insole.play((store.0.len() as u32 + AHEAD) * scans_a_step);
-            let (of, value) = phone.value(&mut world.air);
+            let (of, value) = phone.value(&mut world.radio);
             let joiner = phone.joiners.entry(of).or_default();
-            if let Some(message) = joiner.push(&value).expect("pieces come in order")
+            if let Some(message) = joiner.push(&value).expect("fragments arrive in order")
                 && let Some(ToHost::Step(step)) = decode(message)
             {
-                store.take(step);
-                // Every other acknowledgement is lost with the link.
+                store.add(step);
+                // Every other step is not acknowledged, as if the acknowledgement were lost with the link.
                 if step.step % 2 == 1 {
-                    phone.send(&mut world.air, ToDevice::Acknowledge { step: step.step });
+                    phone.send(&mut world.radio, ToDevice::Acknowledge { step: step.step });
                 }
             }
         }
-        phone.cut(&mut world.air);
+        phone.cut(&mut world.radio);
         cuts += 1;
-        // A step takes two values, or a dozen.
-        phone.reopen(&mut world.air, if cuts % 8 == 0 { 23 } else { 247 });
+        // A step takes two values, or about a dozen with the smallest MTU.
+        phone.reopen(&mut world.radio, if cuts % 8 == 0 { 23 } else { 247 });
     }
     println!("{cuts} cuts, {} steps", store.0.len());
     assert_eq!(store.0, steps);
-    let status = phone.status(&mut world.air);
+    let status = phone.status(&mut world.radio);
     assert_eq!((status.steps, status.steps_dropped), (STEPS as u32, 0));
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn malformed_values_are_refused_and_the_session_goes_on() {
+fn malformed_values_are_refused_and_the_session_continues() {
     let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(247);
-    let mut refused = |way: &str, value: &[u8]| phone.refused(&mut world.air, way, value);
+    let mut refused = |characteristic: &str, value: &[u8]| phone.refused(&mut world.radio, characteristic, value);
     assert_eq!(refused(CONTROL, &[]), Some(INVALID_LENGTH));
-    assert_eq!(refused(CONTROL, &[0x80]), Some(NOT_UNDERSTOOD), "no message");
+    assert_eq!(refused(CONTROL, &[0x80]), Some(NOT_UNDERSTOOD), "an empty message");
     assert_eq!(refused(CONTROL, &[0x80, 99]), Some(NOT_UNDERSTOOD), "an unknown message");
-    assert_eq!(refused(CONTROL, &[0x81, 3]), Some(OUT_OF_ORDER), "the second piece alone");
+    assert_eq!(refused(CONTROL, &[0x81, 3]), Some(OUT_OF_ORDER), "a second fragment without a first one");
     assert_eq!(refused(CONTROL, &[0x80, 5]), Some(NOT_UNDERSTOOD), "parameters on the control point");
-    assert_eq!(refused(PARAMETERS, &[0x80, 3]), Some(NOT_UNDERSTOOD), "control among the parameters");
+    assert_eq!(refused(PARAMETERS, &[0x80, 3]), Some(NOT_UNDERSTOOD), "a control message on the parameters");
     assert_eq!(refused(CURRENT_TIME, &[0xff; 10]), Some(VALUE_NOT_ALLOWED));
     assert_eq!(refused(CURRENT_TIME, &[0; 9]), Some(VALUE_NOT_ALLOWED));
-    // The first piece on one characteristic, the second on another.
-    phone.write(&mut world.air, PARAMETERS, &[0x00, 4]).expect("a first piece");
-    assert_eq!(phone.refused(&mut world.air, CONTROL, &[0x81, 0]), Some(OUT_OF_ORDER));
-    // Longer than any message.
-    phone.write(&mut world.air, PARAMETERS, &[0x00; 244]).expect("a first piece");
-    assert_eq!(phone.refused(&mut world.air, PARAMETERS, &[0x01; 244]), Some(INVALID_LENGTH));
+    // The first fragment is written to one characteristic, the second to another.
+    phone.write(&mut world.radio, PARAMETERS, &[0x00, 4]).expect("a first fragment");
+    assert_eq!(phone.refused(&mut world.radio, CONTROL, &[0x81, 0]), Some(OUT_OF_ORDER));
+    // The fragments are longer than any message.
+    phone.write(&mut world.radio, PARAMETERS, &[0x00; 244]).expect("a first fragment");
+    assert_eq!(phone.refused(&mut world.radio, PARAMETERS, &[0x01; 244]), Some(INVALID_LENGTH));
     let mut bad = tissue();
     bad.id ^= 1;
-    assert_eq!(phone.answer(&mut world.air, ToDevice::SetTissue(bad)), ToHost::Refused(Refusal::TissueId));
+    assert_eq!(phone.answer(&mut world.radio, ToDevice::SetTissue(bad)), ToHost::Refused(Refusal::TissueId));
     let mut force_laws = tissue().force_laws;
     force_laws[5].n = 99.0;
     let refusal = ToHost::Refused(Refusal::Tissue(Region::Hallux));
-    assert_eq!(phone.answer(&mut world.air, ToDevice::SetTissue(Tissue::new(force_laws))), refusal);
-    assert_eq!(phone.status(&mut world.air).bad_frames, 10);
+    assert_eq!(phone.answer(&mut world.radio, ToDevice::SetTissue(Tissue::new(force_laws))), refusal);
+    assert_eq!(phone.status(&mut world.radio).bad_frames, 10);
     stream_steps(&mut world, &mut phone, 1);
 }
 
@@ -320,35 +327,35 @@ fn malformed_values_are_refused_and_the_session_goes_on() {
 fn stream_steps(world: &mut World, phone: &mut Phone, steps: usize) {
     world.insole.play(u32::MAX);
     for _ in 0..steps {
-        assert!(matches!(phone.next(&mut world.air), ToHost::Step(_)));
+        assert!(matches!(phone.next(&mut world.radio), ToHost::Step(_)));
     }
 }
 
-/// The insole waits 30 s for the confirmation of an indication, and then no longer.
+/// The insole disconnects a phone that does not confirm an indication within 30 s.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn a_phone_that_never_confirms_is_disconnected_and_may_come_back() {
+fn a_phone_that_never_confirms_is_disconnected_and_can_connect_again() {
     let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(247);
-    world.air.order(json!({"do": "mute", "phone": phone.name}));
-    phone.send(&mut world.air, ToDevice::GetStatus);
-    phone.lose(&mut world.air);
-    phone.reopen(&mut world.air, 247);
-    assert_eq!(phone.status(&mut world.air).bad_frames, 0);
+    world.radio.request(json!({"do": "mute", "phone": phone.name}));
+    phone.send(&mut world.radio, ToDevice::GetStatus);
+    phone.lose(&mut world.radio);
+    phone.reopen(&mut world.radio, 247);
+    assert_eq!(phone.status(&mut world.radio).bad_frames, 0);
     stream_steps(&mut world, &mut phone, 1);
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn a_watch_sees_the_cadence_and_sets_the_clock() {
+fn standard_services_report_the_cadence_and_set_the_clock() {
     let mut world = World::start(WALK(3));
     let mut phone = world.bonded_phone(247);
-    world.air.order(json!({"do": "subscribe", "phone": phone.name, "to": CADENCE}));
+    world.radio.request(json!({"do": "subscribe", "phone": phone.name, "to": CADENCE}));
     let (_, steps) = replay(&world.insole.recording, ContactRule::COUNTED, |_| false);
     world.insole.play(u32::MAX);
     let mut measured = Vec::new();
     while measured.len() < 3 {
-        let (of, value) = phone.value(&mut world.air);
+        let (of, value) = phone.value(&mut world.radio);
         if of == CADENCE {
             assert_eq!((value.len(), &value[..3]), (4, &[0, 0, 0][..]));
             measured.push(value[3]);
@@ -359,26 +366,26 @@ fn a_watch_sees_the_cadence_and_sets_the_clock() {
 
     // Wednesday, 29 February 2040, 23:59:30.
     let written = [0xf8, 0x07, 2, 29, 23, 59, 30, 3, 0, 0];
-    phone.write(&mut world.air, CURRENT_TIME, &written).expect("it is a time");
-    let read = phone.read(&mut world.air, CURRENT_TIME);
+    phone.write(&mut world.radio, CURRENT_TIME, &written).expect("a valid time");
+    let read = phone.read(&mut world.radio, CURRENT_TIME);
     assert_eq!((&read[..6], read[7]), (&written[..6], 3));
     assert!(read[6] >= 30);
     // 2040-03-01 00:00:00.
-    phone.send(&mut world.air, ToDevice::SetClock { unix_us: 2_214_172_800_000_000 });
-    assert_eq!(phone.read(&mut world.air, CURRENT_TIME)[..6], [0xf8, 0x07, 3, 1, 0, 0]);
+    phone.send(&mut world.radio, ToDevice::SetClock { unix_us: 2_214_172_800_000_000 });
+    assert_eq!(phone.read(&mut world.radio, CURRENT_TIME)[..6], [0xf8, 0x07, 3, 1, 0, 0]);
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn the_time_comes_back_with_the_request() {
+fn the_time_is_answered_with_the_time_of_the_request() {
     let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(247);
     let mut before_us = 0;
     for host_us in 0..20 {
-        let answer = phone.answer(&mut world.air, ToDevice::GetTime { host_us });
+        let answer = phone.answer(&mut world.radio, ToDevice::GetTime { host_us });
         let ToHost::Time { host_us: echoed_us, device_us } = answer else { panic!("{answer:?}") };
         assert_eq!(echoed_us, host_us);
-        assert!(device_us > before_us, "the clock ran backwards");
+        assert!(device_us > before_us, "the clock runs forwards");
         before_us = device_us;
     }
 }
@@ -389,11 +396,11 @@ fn both_insoles_stream_at_once() {
     let mut world = World::start(WALK(5));
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 5, side: Side::Right, ..Default::default() });
     let firmware = firmware();
-    let right = Insole::boot(&mut world.air, &firmware, walk.recording, |_| {}, None);
+    let right = Insole::boot(&mut world.radio, &firmware, walk.recording, |_| {}, None);
     let mut phone = world.bonded_phone(247);
-    let mut other = world.air.bonded_phone(2, "Plantar R", 247);
-    assert_eq!(other.read(&mut world.air, "2a00"), b"Plantar R");
-    stream(&mut world.air, &mut [(&world.insole, &mut phone), (&right, &mut other)]);
+    let mut other = world.radio.bonded_phone(2, "Plantar R", 247);
+    assert_eq!(other.read(&mut world.radio, "2a00"), b"Plantar R");
+    stream(&mut world.radio, &mut [(&world.insole, &mut phone), (&right, &mut other)]);
 }
 
 #[test]
@@ -404,10 +411,10 @@ fn a_bonded_phone_sends_a_signed_image_and_the_insole_restarts_with_it() {
     let mut bytes = vec![0xff; 20 * CHUNK];
     let header = Header::new("emulated", "99.0.0").bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
-    let image = Image::sign(bytes, &development_key().expect("it is there")).expect("it has a header");
+    let image = Image::sign(bytes, &development_key().expect("the development key")).expect("the image has a header");
     let mut request = Request::Begin(image.offer());
     loop {
-        request = match phone.answer(&mut world.air, ToDevice::Update(request)) {
+        request = match phone.answer(&mut world.radio, ToDevice::Update(request)) {
             ToHost::Update(Progress::Next(number)) if number < image.offer().chunks => {
                 Request::Chunk { number, chunk: image.chunk(number) }
             }
@@ -415,5 +422,5 @@ fn a_bonded_phone_sends_a_signed_image_and_the_insole_restarts_with_it() {
             other => break assert_eq!(other, ToHost::Update(Progress::Accepted)),
         }
     }
-    assert!(world.insole.board.wait().expect("it runs"), "the bootloader swaps");
+    assert!(world.insole.board.wait().expect("the board runs"), "the bootloader swaps");
 }

@@ -1,4 +1,4 @@
-//! Codes to pressure and to contact, against the sensor's law in f64.
+//! Conversion of codes to pressure and contact, compared with the sensor's law in f64.
 
 use plantar::Region;
 use plantar::insole::Insole;
@@ -14,12 +14,12 @@ fn config() -> ProptestConfig {
 
 const LINEAR: SensorLaw = SensorLaw { full_kpa: 600.0, exponent: 1.0 };
 
-/// Resistive sensors: conductance grows slower than pressure, at most in proportion.
+/// Laws of resistive sensors: the conductance increases at most in proportion to the pressure.
 fn resistive_law() -> impl Strategy<Value = SensorLaw> {
     (200.0..2000.0f32, 0.3..=1.0f32).prop_map(|(full_kpa, exponent)| SensorLaw { full_kpa, exponent })
 }
 
-/// One cell on its own, with what it takes to feed it.
+/// One cell, with its sensor curve, its offset and its present share.
 struct Probe {
     curve: Curve,
     offset: u16,
@@ -46,7 +46,7 @@ impl Probe {
 }
 
 #[test]
-fn curve_is_within_a_thousandth_of_the_law() {
+fn the_curve_is_within_a_thousandth_of_the_law() {
     for full_kpa in [200.0, 1000.0, 1500.0] {
         let law = SensorLaw { full_kpa, exponent: 0.8 };
         let curve = curve(&law);
@@ -67,7 +67,7 @@ fn a_linear_sensor_is_exact() {
 }
 
 #[test]
-fn no_code_is_no_pressure_and_full_code_is_full_pressure() {
+fn code_0_is_no_pressure_and_full_code_is_full_pressure() {
     for exponent in [0.3, 0.8, 1.0, 3.0] {
         let law = SensorLaw { full_kpa: 800.0, exponent };
         let curve = curve(&law);
@@ -110,9 +110,9 @@ fn a_saturated_cell_is_reported_in_every_frame_and_in_its_region_only() {
 }
 
 #[test]
-fn contact_begins_at_on_and_ends_below_off() {
-    // Pressure in kPa, in contact?
-    let story = [
+fn contact_begins_at_on_kpa_and_ends_below_off_kpa() {
+    // Pressure in kPa, and whether the cell is in contact.
+    let sequence = [
         (0.0, false),
         (9.9, false),
         (10.0, true),
@@ -134,10 +134,10 @@ fn contact_begins_at_on_and_ends_below_off() {
     ];
     for calibration in calibrations {
         let mut probe = Probe::new(&LAW, &ContactRule::COUNTED, &calibration);
-        for (i, (pressure_kpa, in_contact)) in story.into_iter().enumerate() {
+        for (i, (pressure_kpa, in_contact)) in sequence.into_iter().enumerate() {
             let code = calibration.offset.saturating_add(code_of(&LAW, pressure_kpa / f64::from(calibration.gain)));
             let share = if in_contact { WHOLE } else { 0 };
-            assert_eq!(probe.share_at(code), share, "moment {i}: {pressure_kpa} kPa, {calibration:?}");
+            assert_eq!(probe.share_at(code), share, "sample {i}: {pressure_kpa} kPa, {calibration:?}");
         }
     }
 }
@@ -159,7 +159,7 @@ fn an_unloaded_cell_is_not_in_contact_under_any_law() {
 }
 
 #[test]
-fn a_threshold_beyond_the_scale_is_reached_at_its_end() {
+fn a_threshold_above_the_full_scale_is_reached_at_full_code() {
     let law = SensorLaw { full_kpa: 100.0, exponent: 0.8 };
     let rule = ContactRule { on_kpa: 200.0, off_kpa: 150.0, full_kpa: 0.0 };
     let mut probe = Probe::new(&law, &rule, &CellCalibration::IDEAL);
@@ -204,7 +204,7 @@ proptest! {
     #![proptest_config(config())]
 
     #[test]
-    fn curve_never_falls(full_kpa in 1.0..1e5f32, exponent in 0.3..3.0f32) {
+    fn the_curve_never_decreases(full_kpa in 1.0..1e5f32, exponent in 0.3..3.0f32) {
         let curve = curve(&SensorLaw { full_kpa, exponent });
         let mut last_kpa = 0.0;
         for code in 0..=i32::from(u16::MAX) {
@@ -215,15 +215,15 @@ proptest! {
     }
 
     #[test]
-    fn first_code_is_the_first(law in resistive_law(), pressure_kpa in 0.1..1500.0f32) {
+    fn first_code_at_returns_the_first_code_that_reads_the_pressure(law in resistive_law(), pressure_kpa in 0.1..1500.0f32) {
         let curve = curve(&law);
         let reads = |code: u16| curve.pressure_kpa::<f32>(i32::from(code)) >= pressure_kpa;
         prop_assert_eq!(curve.first_code_at(pressure_kpa), (0..u16::MAX).find(|&code| reads(code)).unwrap_or(u16::MAX));
     }
 
-    /// However the pressure was rounded to a code.
+    /// The rounding of the pressure to a code does not matter.
     #[test]
-    fn a_pressure_at_the_threshold_counts_and_one_well_below_does_not(
+    fn a_cell_is_in_contact_at_the_threshold_and_not_clearly_below_it(
         law in resistive_law(),
         on_share in 0.01..0.9f64,
         gain in 0.5..2.0f32,
@@ -237,14 +237,14 @@ proptest! {
         let mut probe = Probe::new(&law, &rule, &calibration);
         prop_assert_eq!(probe.share_at((code_of(&law, at_kpa) + offset).min(FULL_CODE)), WHOLE);
 
-        // The first code that reads the threshold, and for rounding the one before it.
+        // A few codes below the first one that reads the threshold, because of rounding.
         let first = curve(&law).first_code_at(at_kpa as f32);
         let mut probe = Probe::new(&law, &rule, &calibration);
         prop_assert_eq!(probe.share_at(first.saturating_sub(3) + offset), 0);
     }
 
     #[test]
-    fn a_share_is_the_root_of_pressure_over_full(
+    fn a_share_is_the_square_root_of_the_relative_pressure(
         full_kpa in 10.0..500.0f32,
         gain in 0.5..2.0f32,
         offset in 0u16..2000,
@@ -258,7 +258,7 @@ proptest! {
             let pressure_kpa =
                 f64::from(gain) * curve(&LAW).pressure_kpa::<f64>(i32::from(code.saturating_sub(offset)));
             let threshold_kpa = if before > 0 { rule.off_kpa } else { rule.on_kpa };
-            // A cell at the end of its scale is in contact whatever it reads.
+            // A saturated cell is in contact, even where its pressure is below the threshold.
             let exact = f64::from(WHOLE) * (pressure_kpa / f64::from(full_kpa)).min(1.0).sqrt();
             if share > 0 {
                 prop_assert!(pressure_kpa >= f64::from(threshold_kpa) * 0.998 || is_saturated(code.into()));
@@ -292,7 +292,7 @@ proptest! {
         narrow.set_up(setup, cells.iter().copied()).expect("set-up");
         wide.set_up(setup, cells.iter().copied()).expect("set-up");
         for (seq, codes) in frames.iter().enumerate() {
-            // Codes crowd around the thresholds.
+            // Many codes are near the thresholds.
             let codes: Vec<_> = codes.iter().map(|&c| if c % 2 == 0 { c } else { c / 16 }).collect();
             narrow.frame(seq as u32, &codes);
             wide.frame(seq as u32, &codes);

@@ -1,4 +1,4 @@
-//! What Bluetooth needs of the core: pieces of messages, cadence, the wall clock.
+//! The parts of the library that Bluetooth uses: fragments of messages, cadence, and the wall clock.
 
 use plantar::pipeline::cadence::Cadence;
 use plantar::protocol::MAX_MESSAGE;
@@ -6,61 +6,64 @@ use plantar::protocol::current_time::{from_current_time, to_current_time};
 use plantar::protocol::fragment::{FragmentError, Joiner, Splitter};
 use proptest::prelude::*;
 
-fn pieces(message: &[u8], room: usize) -> Vec<Vec<u8>> {
+fn fragments(message: &[u8], max_len: usize) -> Vec<Vec<u8>> {
     let mut splitter = Splitter::new();
     splitter.buffer()[..message.len()].copy_from_slice(message);
     splitter.start(message.len());
-    let mut piece = vec![0; room];
-    std::iter::from_fn(|| splitter.next(&mut piece).map(|len| piece[..len].to_vec())).collect()
+    let mut fragment = vec![0; max_len];
+    std::iter::from_fn(|| splitter.next(&mut fragment).map(|len| fragment[..len].to_vec())).collect()
 }
 
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn pieces_join_to_what_was_split(message in prop::collection::vec(any::<u8>(), 1..=MAX_MESSAGE), room in 4..=244_usize) {
+    fn fragments_are_joined_to_the_same_message(
+        message in prop::collection::vec(any::<u8>(), 1..=MAX_MESSAGE),
+        max_len in 4..=244_usize,
+    ) {
         let mut joiner = Joiner::new();
-        let pieces = pieces(&message, room);
-        let (last, first) = pieces.split_last().expect("there is one");
-        for (number, piece) in first.iter().enumerate() {
-            prop_assert_eq!(usize::from(piece[0]), number);
-            prop_assert_eq!(joiner.push(piece), Ok(None));
+        let fragments = fragments(&message, max_len);
+        let (last, first) = fragments.split_last().expect("a message has a fragment");
+        for (number, fragment) in first.iter().enumerate() {
+            prop_assert_eq!(usize::from(fragment[0]), number);
+            prop_assert_eq!(joiner.push(fragment), Ok(None));
         }
         prop_assert_eq!(usize::from(last[0]), 0x80 | first.len());
         prop_assert_eq!(joiner.push(last), Ok(Some(&message[..])));
     }
 
     #[test]
-    fn no_pieces_break_a_joiner(pieces in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..300), 0..20)) {
+    fn a_joiner_works_after_any_fragments(fragments in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..300), 0..20)) {
         let mut joiner = Joiner::new();
-        for piece in pieces {
-            let _ = joiner.push(&piece);
+        for fragment in fragments {
+            let _ = joiner.push(&fragment);
         }
         prop_assert_eq!(joiner.push(&[0x80, 7]), Ok(Some(&[7][..])));
     }
 
     #[test]
-    fn the_clock_comes_back(unix_s in 0..253_402_300_800_u64) {
+    fn any_time_survives_the_conversion_to_current_time_and_back(unix_s in 0..253_402_300_800_u64) {
         let time = to_current_time(Some(unix_s * 1_000_000));
         prop_assert_eq!(from_current_time(&time), Some(unix_s * 1_000_000));
     }
 }
 
 #[test]
-fn pieces_out_of_order_are_refused_and_the_next_message_is_taken() {
+fn fragments_out_of_order_are_refused_and_the_next_message_is_accepted() {
     let mut joiner = Joiner::new();
     assert_eq!(joiner.push(&[]), Err(FragmentError::Empty));
     assert_eq!(joiner.push(&[0x01, 1]), Err(FragmentError::OutOfOrder));
     assert_eq!(joiner.push(&[0x00, 1]), Ok(None));
     assert_eq!(joiner.push(&[0x82, 2]), Err(FragmentError::OutOfOrder));
-    assert_eq!(joiner.push(&[0x81, 2]), Err(FragmentError::OutOfOrder), "what was begun is dropped");
+    assert_eq!(joiner.push(&[0x81, 2]), Err(FragmentError::OutOfOrder), "the incomplete message was discarded");
     assert_eq!(joiner.push(&[0x00; 200]), Ok(None));
     assert_eq!(joiner.push(&[0x01; 200]), Err(FragmentError::TooLong));
     assert_eq!(joiner.push(&[0x80, 9]), Ok(Some(&[9][..])));
 }
 
 #[test]
-fn the_clock_knows_the_calendar() {
+fn current_time_follows_the_calendar() {
     assert_eq!(to_current_time(None), [0; 10]);
     assert_eq!(to_current_time(Some(0)), [0xb2, 0x07, 1, 1, 0, 0, 0, 4, 0, 0], "a Thursday");
     // 2024-02-29 12:34:56.5, a Thursday.
@@ -73,14 +76,14 @@ fn the_clock_knows_the_calendar() {
 }
 
 #[test]
-fn cadence_is_that_of_both_feet() {
-    let mut pace = Cadence::default();
-    assert_eq!(pace.per_min(0), 0);
-    pace.step(500_000);
-    assert_eq!(pace.per_min(600_000), 0, "one step is no rhythm");
-    pace.step(1_600_000);
-    assert_eq!(pace.per_min(2_000_000), 109);
-    assert_eq!(pace.per_min(5_000_000), 0, "the foot rests");
-    pace.step(9_000_000);
-    assert_eq!(pace.per_min(9_000_000), 0, "a new walk");
+fn cadence_counts_the_steps_of_both_feet() {
+    let mut cadence = Cadence::default();
+    assert_eq!(cadence.per_min(0), 0);
+    cadence.step(500_000);
+    assert_eq!(cadence.per_min(600_000), 0, "one step has no cadence");
+    cadence.step(1_600_000);
+    assert_eq!(cadence.per_min(2_000_000), 109);
+    assert_eq!(cadence.per_min(5_000_000), 0, "the wearer stands");
+    cadence.step(9_000_000);
+    assert_eq!(cadence.per_min(9_000_000), 0, "the first step of a new walk");
 }

@@ -1,4 +1,4 @@
-//! The host's side of a session, against an insole in memory.
+//! The host's side of a session, with an insole in memory.
 
 use client::{Client, Error, Framed, LinkCounters, unix_us};
 use plantar::Region;
@@ -20,23 +20,24 @@ struct Insole {
     hello: Hello,
     from_host: Decoder,
     to_host: VecDeque<u8>,
-    /// Pulls the plug.
+    /// The cable is unplugged.
     unplugged: bool,
-    /// Frames to drop and to damage on their way to the host.
+    /// Number of frames to the host that are dropped next.
     drop_next: usize,
+    /// Number of frames to the host that are damaged next.
     damage_next: usize,
 }
 
 impl Insole {
-    fn answer(&mut self, bytes: &[u8]) {
+    fn receive(&mut self, bytes: &[u8]) {
         for message in messages::<ToDevice>(&mut self.from_host, bytes) {
             self.link.receive(message, 0);
         }
     }
 
-    /// What the insole has to say, frame by frame onto the cable.
-    fn speak(&mut self) {
-        // All is kept at once.
+    /// Sends all messages that are due.
+    fn send(&mut self) {
+        // The pending command is completed at once.
         self.link.complete(Ok(CommandResult::Stored));
         let mut buffer = [0; MAX_MESSAGE];
         while let Some(message) = self.link.next(&self.hello, status, &mut buffer) {
@@ -48,7 +49,7 @@ impl Insole {
             }
             if self.damage_next > 0 {
                 self.damage_next -= 1;
-                // Stays other than zero: the frame's end is where it was.
+                // The byte does not become zero, so that the frame ends where it did.
                 out[len / 2] = if out[len / 2] == 1 { 2 } else { 1 };
             }
             self.to_host.extend(&out[..len]);
@@ -74,9 +75,9 @@ impl Cable {
     fn live_frames(&self, count: usize) {
         for _ in 0..count {
             let mut insole = self.insole();
-            let number = insole.link.next_live().expect("streaming");
+            let number = insole.link.next_live().expect("the stream starts");
             insole.link.push_live(live(number));
-            insole.speak();
+            insole.send();
         }
     }
 }
@@ -87,11 +88,11 @@ impl Read for Cable {
         if insole.unplugged {
             return Ok(0);
         }
-        insole.speak();
+        insole.send();
         if insole.to_host.is_empty() {
             return Err(io::ErrorKind::TimedOut.into());
         }
-        // In pieces that never fit a frame.
+        // Chunks of a length that does not match the frames.
         let len = out.len().min(37).min(insole.to_host.len());
         for (slot, byte) in out.iter_mut().zip(insole.to_host.drain(..len)) {
             *slot = byte;
@@ -102,7 +103,7 @@ impl Read for Cable {
 
 impl Write for Cable {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.insole().answer(bytes);
+        self.insole().receive(bytes);
         Ok(bytes.len())
     }
 
@@ -111,25 +112,26 @@ impl Write for Cable {
     }
 }
 
-const PATIENCE: Duration = Duration::from_secs(5);
+/// Longest wait for an answer.
+const TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Without parameters, as an insole starts.
+/// The hello of an insole without parameters.
 fn hello() -> Hello {
     Hello { tissue_id: 0, ..testkit::hello() }
 }
 
 fn connected() -> (Cable, Client<Framed<Cable>>) {
     let cable = Cable::new(hello());
-    let client = Client::connect(Framed::new(cable.clone()), PATIENCE).expect("an answer");
+    let client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("an answer");
     (cable, client)
 }
 
-/// Everything that arrives before the cable is silent for long: neither a piece of a frame nor a replayed step is a message.
+/// All messages until many reads in a row return none. A read also returns none for a part of a frame and for a repeated step.
 fn receive_all(client: &mut Client<Framed<Cable>>) -> Vec<ToHost> {
     let mut got = Vec::new();
     let mut silent = 0;
     while silent < 500 {
-        let message = client.receive().expect("the cable holds");
+        let message = client.receive().expect("the cable works");
         silent = if message.is_some() { 0 } else { silent + 1 };
         got.extend(message);
     }
@@ -145,103 +147,103 @@ fn push_steps(cable: &Cable, numbers: impl IntoIterator<Item = u32>) {
 }
 
 #[test]
-fn a_session_begins_with_who_answered() {
+fn a_session_begins_with_the_hello() {
     let (_, client) = connected();
     assert_eq!(*client.hello(), hello());
     assert_eq!(client.counters(), LinkCounters::default());
 }
 
 #[test]
-fn what_was_on_the_cable_before_is_passed_over() {
+fn bytes_that_were_in_transit_before_the_session_are_ignored() {
     let cable = Cable::new(hello());
     let before =
         [b"boot loader\r\n".as_slice(), &[0], &framed(&ToHost::Live(live(3))), &framed(&ToHost::Step(step(8)))];
     cable.insole().to_host.extend(before.concat());
-    let mut client = Client::connect(Framed::new(cable.clone()), PATIENCE).expect("an answer");
+    let mut client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("an answer");
     assert_eq!(client.counters().crc_errors, 1);
     push_steps(&cable, [9]);
     assert_eq!(receive_all(&mut client), [ToHost::Step(step(9))]);
 }
 
 #[test]
-fn the_insoles_clock_is_asked_for_while_it_is_listened_to() {
+fn receiving_also_requests_the_insoles_time() {
     let before_us = unix_us();
     let (_, mut client) = connected();
     assert_eq!(client.axis().host_us(0), None);
     assert_eq!(receive_all(&mut client), []);
-    // This insole's clock shows 0 when it is asked.
-    let asked_us = client.axis().host_us(0).expect("asked and answered");
-    assert!((before_us..=unix_us()).contains(&asked_us));
+    // This insole answers each request with the time 0.
+    let requested_us = client.axis().host_us(0).expect("an answer");
+    assert!((before_us..=unix_us()).contains(&requested_us));
 }
 
 #[test]
-fn a_replayed_step_is_delivered_once() {
+fn a_repeated_step_is_delivered_once() {
     let (cable, mut client) = connected();
     push_steps(&cable, 0..3);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2]);
-    client.send(ToDevice::Acknowledge { step: 0 }).expect("sent");
+    client.send(ToDevice::Acknowledge { step: 0 }).expect("the link works");
     push_steps(&cable, [3]);
-    client.reconnect(PATIENCE).expect("an answer");
-    assert_eq!(step_numbers(&receive_all(&mut client)), [3], "1 and 2 came before");
-    client.send(ToDevice::Acknowledge { step: 3 }).expect("sent");
+    client.reconnect(TIMEOUT).expect("an answer");
+    assert_eq!(step_numbers(&receive_all(&mut client)), [3], "1 and 2 were delivered before");
+    client.send(ToDevice::Acknowledge { step: 3 }).expect("the link works");
     push_steps(&cable, [4]);
-    client.reconnect(PATIENCE).expect("an answer");
+    client.reconnect(TIMEOUT).expect("an answer");
     assert_eq!(step_numbers(&receive_all(&mut client)), [4]);
 }
 
-/// An insole whose queue is full of steps that it sent would send no more.
+/// An insole with a queue full of unacknowledged steps would send no more.
 #[test]
-fn a_lost_acknowledgement_is_sent_again() {
+fn a_lost_acknowledgement_is_repeated() {
     let (cable, mut client) = connected();
     push_steps(&cable, [0, 1]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1]);
-    client.send(ToDevice::Acknowledge { step: 0 }).expect("the link holds");
+    client.send(ToDevice::Acknowledge { step: 0 }).expect("the link works");
     assert_eq!(cable.insole().link.take_acknowledged(), Some(0));
-    // As if it had not come; step 1 is not stored yet.
+    // The insole starts again as if the acknowledgement had not arrived; the host has not acknowledged step 1.
     cable.insole().link = Session::new();
     push_steps(&cable, [0, 1]);
-    client.reconnect(PATIENCE).expect("an answer");
+    client.reconnect(TIMEOUT).expect("an answer");
     assert_eq!(step_numbers(&receive_all(&mut client)), [0; 0]);
     assert_eq!(cable.insole().link.take_acknowledged(), Some(0));
 }
 
 #[test]
-fn a_step_that_comes_again_from_an_insole_that_restarted_is_known() {
+fn a_step_that_a_restarted_insole_repeats_is_recognised() {
     let (cable, mut client) = connected();
     push_steps(&cable, [0]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
     cable.insole().link = Session::new();
     cable.insole().link.push_step(Step { boots_since: 1, ..step(0) });
     push_steps(&cable, [1]);
-    client.reconnect(PATIENCE).expect("an answer");
+    client.reconnect(TIMEOUT).expect("an answer");
     assert_eq!(step_numbers(&receive_all(&mut client)), [1]);
 }
 
 #[test]
-fn a_carrier_is_let_go_of_before_the_next_is_opened() {
+fn a_carrier_is_dropped_before_the_next_one_is_opened() {
     let (cable, mut client) = connected();
-    let holders = Rc::strong_count(&cable.0);
+    let references = Rc::strong_count(&cable.0);
     let opened = client.reconnect_over(
         || {
-            assert_eq!(Rc::strong_count(&cable.0), holders - 1);
+            assert_eq!(Rc::strong_count(&cable.0), references - 1);
             Err(io::Error::from(io::ErrorKind::NotFound).into())
         },
-        PATIENCE,
+        TIMEOUT,
     );
     assert!(matches!(opened, Err(Error::Carrier(_))));
-    assert!(matches!(client.receive(), Err(Error::Carrier(_))), "there is none");
-    client.reconnect_over(|| Ok(Framed::new(cable.clone())), PATIENCE).expect("an answer");
+    assert!(matches!(client.receive(), Err(Error::Carrier(_))), "there is no carrier");
+    client.reconnect_over(|| Ok(Framed::new(cable.clone())), TIMEOUT).expect("an answer");
     push_steps(&cable, [0]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
 }
 
 #[test]
-fn a_step_that_was_lost_on_the_way_comes_with_the_next_session() {
+fn a_step_that_was_lost_in_transit_arrives_in_the_next_session() {
     let (cable, mut client) = connected();
     push_steps(&cable, [0]);
     cable.insole().drop_next = 1;
     assert!(step_numbers(&receive_all(&mut client)).is_empty());
-    client.reconnect(PATIENCE).expect("an answer");
+    client.reconnect(TIMEOUT).expect("an answer");
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
 }
 
@@ -250,20 +252,20 @@ fn step_numbers_wrap() {
     let (cable, mut client) = connected();
     push_steps(&cable, [u32::MAX - 1, u32::MAX, 0, 1]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [u32::MAX - 1, u32::MAX, 0, 1]);
-    client.reconnect(PATIENCE).expect("an answer");
+    client.reconnect(TIMEOUT).expect("an answer");
     assert!(step_numbers(&receive_all(&mut client)).is_empty());
 }
 
-/// It counts its steps from 0 again: they are new, not replayed.
+/// The insole counts its steps from 0 again: they are new steps, not repeated ones.
 #[test]
 fn steps_of_an_insole_that_restarted_are_delivered() {
     let (cable, mut client) = connected();
     push_steps(&cable, 0..5);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2, 3, 4]);
-    client.send(ToDevice::Acknowledge { step: 4 }).expect("sent");
+    client.send(ToDevice::Acknowledge { step: 4 }).expect("the link works");
     cable.insole().link = Session::new();
-    client.reconnect(PATIENCE).expect("an answer");
-    // Another walk: other times.
+    client.reconnect(TIMEOUT).expect("an answer");
+    // The steps of another walk have other times.
     let after = |number: u32| plantar::protocol::Step { start_us: 1_000_000 * u64::from(number), ..step(number) };
     (0..3).for_each(|number| cable.insole().link.push_step(after(number)));
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2]);
@@ -272,13 +274,13 @@ fn steps_of_an_insole_that_restarted_are_delivered() {
 #[test]
 fn lost_and_damaged_frames_are_counted() {
     let (cable, mut client) = connected();
-    client.stream().expect("streaming");
+    client.stream().expect("the stream starts");
     cable.live_frames(10);
     cable.insole().drop_next = 3;
     cable.live_frames(10);
     cable.insole().damage_next = 2;
     cable.live_frames(10);
-    client.send(ToDevice::GetStatus).expect("sent");
+    client.send(ToDevice::GetStatus).expect("the link works");
     let got = receive_all(&mut client);
     let numbers: Vec<_> =
         got.iter().filter_map(|m| if let ToHost::Live(live) = m { Some(live.sequence) } else { None }).collect();
@@ -289,7 +291,7 @@ fn lost_and_damaged_frames_are_counted() {
 }
 
 #[test]
-fn frames_that_hold_no_message_are_counted_as_damaged() {
+fn frames_without_a_message_are_counted_as_damaged() {
     let (cable, mut client) = connected();
     let mut out = [0; MAX_FRAME];
     let len = frame(&[200, 1, 2, 3], &mut out);
@@ -302,19 +304,18 @@ fn frames_that_hold_no_message_are_counted_as_damaged() {
 fn a_new_session_does_not_count_the_old_stream_as_lost() {
     let (cable, mut client) = connected();
     for _ in 0..2 {
-        client.stream().expect("streaming");
+        client.stream().expect("the stream starts");
         cable.live_frames(5);
         receive_all(&mut client);
-        client.reconnect(PATIENCE).expect("an answer");
+        client.reconnect(TIMEOUT).expect("an answer");
     }
     let counters = client.counters();
     assert_eq!((counters.frames_received, counters.frames_lost), (10, 0));
 }
 
-/// A program that died left its hello and its stream in a buffer on the way.
-/// An insole that numbers its frames wildly does not bring the host down.
+/// Implausible frame numbers of an insole do not make the host's counter overflow.
 #[test]
-fn losses_beyond_counting_are_as_many_as_can_be_counted() {
+fn the_counter_of_lost_frames_saturates() {
     let (cable, mut client) = connected();
     for sequence in [0, 1 << 30, 1 << 31, 3 << 30, 0, 1 << 30, 1 << 31] {
         cable.insole().to_host.extend(framed(&ToHost::Live(live(sequence))));
@@ -323,33 +324,34 @@ fn losses_beyond_counting_are_as_many_as_can_be_counted() {
     assert_eq!((client.counters().frames_received, client.counters().frames_lost), (7, u32::MAX));
 }
 
+/// The hello and live frames of a terminated program's session are still in a buffer of the link.
 #[test]
-fn leftovers_of_another_session_are_not_counted_as_lost() {
+fn messages_of_a_previous_session_are_not_counted_as_lost() {
     let cable = Cable::new(hello());
-    let leftovers =
+    let previous =
         [framed(&ToHost::Hello(hello())), framed(&ToHost::Live(live(100))), framed(&ToHost::Live(live(101)))];
-    cable.insole().to_host.extend(leftovers.concat());
-    let mut client = Client::connect(Framed::new(cable.clone()), PATIENCE).expect("an answer");
-    client.stream().expect("streaming");
+    cable.insole().to_host.extend(previous.concat());
+    let mut client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("an answer");
+    client.stream().expect("the stream starts");
     cable.live_frames(3);
     receive_all(&mut client);
     assert_eq!(client.counters().frames_lost, 0);
 }
 
 #[test]
-fn what_arrives_while_the_stream_is_turned_on_is_kept_in_order() {
+fn messages_that_arrive_while_the_stream_is_turned_on_are_delivered_in_order() {
     let (cable, mut client) = connected();
     push_steps(&cable, 0..3);
-    client.stream().expect("streaming");
+    client.stream().expect("the stream starts");
     cable.live_frames(1);
     let expected = [0, 1, 2].map(|number| ToHost::Step(step(number))).into_iter().chain([ToHost::Live(live(0))]);
     assert_eq!(receive_all(&mut client), expected.collect::<Vec<_>>());
 }
 
 #[test]
-fn a_status_tells_what_was_sent() {
+fn a_status_arrives_on_request() {
     let (_, mut client) = connected();
-    client.send(ToDevice::GetStatus).expect("sent");
+    client.send(ToDevice::GetStatus).expect("the link works");
     let expected = Status { live_due: 0, live_sent: 0, steps_dropped: 0, faults: 0, rezeroed: 0, ..status() };
     assert_eq!(receive_all(&mut client), [ToHost::Status(expected)]);
 }
@@ -357,7 +359,7 @@ fn a_status_tells_what_was_sent() {
 #[test]
 fn another_version_is_refused_with_both_in_the_message() {
     let other = Hello { major: MAJOR + 6, minor: 42, ..hello() };
-    let error = Client::connect(Framed::new(Cable::new(other.clone())), PATIENCE).err().expect("refused");
+    let error = Client::connect(Framed::new(Cable::new(other.clone())), TIMEOUT).err().expect("refused");
     let (theirs, ours) = (format!("{}.42", MAJOR + 6), format!("{MAJOR}.{MINOR}"));
     let message = error.to_string();
     assert!(message.contains(&theirs) && message.contains(&ours), "{message}");
@@ -366,24 +368,24 @@ fn another_version_is_refused_with_both_in_the_message() {
 }
 
 #[test]
-fn a_newer_minor_is_welcome() {
+fn a_newer_minor_version_is_accepted() {
     let newer = Hello { minor: MINOR + 1, ..hello() };
-    let client = Client::connect(Framed::new(Cable::new(newer.clone())), PATIENCE).expect("an answer");
+    let client = Client::connect(Framed::new(Cable::new(newer.clone())), TIMEOUT).expect("an answer");
     assert_eq!(*client.hello(), newer);
 }
 
 #[test]
-fn silence_is_an_error_that_says_how_long() {
+fn a_missing_answer_is_an_error_with_the_time_waited() {
     let cable = Cable::new(hello());
     cable.insole().drop_next = usize::MAX;
-    let patience = Duration::from_millis(20);
-    let error = Client::connect(Framed::new(cable), patience).err().expect("no answer");
-    assert!(matches!(error, Error::NoAnswer(time, 0) if time == patience), "{error}");
+    let timeout = Duration::from_millis(20);
+    let error = Client::connect(Framed::new(cable), timeout).err().expect("no answer");
+    assert!(matches!(error, Error::NoAnswer(time, 0) if time == timeout), "{error}");
     assert!(error.to_string().contains("20ms"), "{error}");
 }
 
 #[test]
-fn noise_is_no_answer_and_is_counted() {
+fn damaged_frames_are_no_answer_and_are_counted() {
     let cable = Cable::new(hello());
     cable.insole().damage_next = usize::MAX;
     let error = Client::connect(Framed::new(cable), Duration::from_millis(20)).err().expect("no answer");
@@ -398,21 +400,21 @@ fn an_unplugged_cable_is_an_error() {
 }
 
 #[test]
-fn parameters_arrive_and_come_back_as_they_were() {
+fn parameters_are_set_and_read_back_unchanged() {
     let (cable, mut client) = connected();
     assert_eq!(client.tissue().expect("an answer"), Tissue::NONE);
     client.set_tissue(&TISSUE).expect("accepted");
     assert_eq!(*cable.insole().link.tissue(), *TISSUE);
     assert_eq!(client.tissue().expect("an answer"), *TISSUE);
     assert_eq!(client.hello().tissue_id, TISSUE.id);
-    assert_eq!(client.reconnect(PATIENCE).expect("an answer").tissue_id, TISSUE.id);
-    assert_eq!(receive_all(&mut client), [], "the answers were taken");
+    assert_eq!(client.reconnect(TIMEOUT).expect("an answer").tissue_id, TISSUE.id);
+    assert_eq!(receive_all(&mut client), [], "the client has consumed the answers");
 }
 
 #[test]
-fn what_arrives_while_parameters_are_set_is_kept_in_order() {
+fn messages_that_arrive_while_parameters_are_set_are_delivered_in_order() {
     let (cable, mut client) = connected();
-    client.stream().expect("streaming");
+    client.stream().expect("the stream starts");
     push_steps(&cable, 0..2);
     cable.live_frames(3);
     client.set_tissue(&TISSUE).expect("accepted");
@@ -420,7 +422,7 @@ fn what_arrives_while_parameters_are_set_is_kept_in_order() {
     client.tissue().expect("an answer");
     let got = receive_all(&mut client);
     assert_eq!(step_numbers(&got), [0, 1, 2]);
-    assert_eq!(got.len(), 6, "and three live frames: {got:?}");
+    assert_eq!(got.len(), 6, "three steps and three live frames: {got:?}");
     assert_eq!(client.counters().frames_lost, 0);
 }
 
@@ -436,7 +438,7 @@ fn refused_parameters_are_an_error_with_the_reason() {
         (Tissue::NONE, Refusal::TissueId),
     ] {
         let error = client.set_tissue(&bad).expect_err("refused");
-        assert!(matches!(error, Error::Refused(said) if said == reason), "{error}");
+        assert!(matches!(error, Error::Refused(refusal) if refusal == reason), "{error}");
         assert!(error.to_string().contains(&reason.to_string()), "{error}");
     }
     assert_eq!(*cable.insole().link.tissue(), *TISSUE);
@@ -444,17 +446,17 @@ fn refused_parameters_are_an_error_with_the_reason() {
 }
 
 #[test]
-fn faults_come_on_request() {
+fn faults_arrive_on_request() {
     let (cable, mut client) = connected();
     assert_eq!(cable.insole().link.set_faults(&faults()), faults().found);
     assert_eq!(client.faults().expect("an answer"), faults());
 }
 
 #[test]
-fn parameters_that_get_lost_are_an_error_and_what_came_meanwhile_stays() {
+fn a_lost_answer_to_new_parameters_is_an_error_and_no_step_is_lost() {
     let (cable, mut client) = connected();
     push_steps(&cable, [7]);
-    cable.insole().speak();
+    cable.insole().send();
     cable.insole().drop_next = 1;
     let error = client.set_tissue(&TISSUE).expect_err("no answer");
     assert!(matches!(error, Error::NoAnswer(..)), "{error}");

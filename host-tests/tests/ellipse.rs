@@ -1,4 +1,4 @@
-//! Contact ellipses: known shapes in, their centre, radii and angle out.
+//! Contact ellipses: centre, radii and angle of known shapes.
 
 use plantar::Region;
 use plantar::insole::Insole;
@@ -12,7 +12,7 @@ fn config() -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }
 }
 
-/// `r_a_mm` along the direction `angle_deg` from x, `r_b_mm` across.
+/// A known ellipse: `r_a_mm` lies in the direction `angle_deg` from x, `r_b_mm` at a right angle to it.
 #[derive(Clone, Copy, Debug)]
 struct Truth {
     x_mm: f64,
@@ -30,7 +30,7 @@ impl Truth {
         (along / self.r_a_mm).powi(2) + (across / self.r_b_mm).powi(2) <= 1.0
     }
 
-    /// The share of a square cell within, of [`WHOLE`], from 16 by 16 points.
+    /// The covered share of a square cell, relative to [`WHOLE`], from 16 by 16 points.
     fn share(&self, x_mm: f32, y_mm: f32, side_mm: f64) -> u16 {
         let at = |i: usize| ((i % 16) as f64 / 16.0 + 1.0 / 32.0 - 0.5, (i / 16) as f64 / 16.0 + 1.0 / 32.0 - 0.5);
         let inside = |&i: &usize| {
@@ -41,10 +41,10 @@ impl Truth {
     }
 }
 
-/// Ellipses whose first radius lies clearly within 45 degrees of x and that are clearly no circles.
-fn truth(shortest_mm: f64, least_slimness: f64) -> impl Strategy<Value = Truth> {
+/// Ellipses that clearly differ from a circle, with the first radius clearly less than 45 degrees from x.
+fn truth(shortest_mm: f64, min_slimness: f64) -> impl Strategy<Value = Truth> {
     let centre = (-4.0..4.0f64, -4.0..4.0f64);
-    (centre, shortest_mm..30.0, least_slimness..3.0, any::<bool>(), -43.0..43.0f64).prop_map(
+    (centre, shortest_mm..30.0, min_slimness..3.0, any::<bool>(), -43.0..43.0f64).prop_map(
         |((x_mm, y_mm), short_mm, slimness, along_x, angle_deg)| {
             let long_mm = (short_mm * slimness).min(58.0);
             let (r_a_mm, r_b_mm) = if along_x { (long_mm, short_mm) } else { (short_mm, long_mm) };
@@ -53,7 +53,7 @@ fn truth(shortest_mm: f64, least_slimness: f64) -> impl Strategy<Value = Truth> 
     )
 }
 
-/// Centres of a square grid of cells with this side, `count` by `count`, about the origin.
+/// Centres of `count` by `count` square cells of this side, in a grid around the origin.
 fn grid(count: i32, side_mm: f32) -> impl Iterator<Item = (f32, f32)> + Clone {
     let at = move |i: i32| (i as f32 - (count - 1) as f32 / 2.0) * side_mm;
     (0..count).flat_map(move |iy| (0..count).map(move |ix| (at(ix), at(iy))))
@@ -82,8 +82,8 @@ fn assert_recovers(got: &Ellipse<f32>, truth: &Truth, position_mm: f64, radius: 
 proptest! {
     #![proptest_config(config())]
 
-    /// Cells of 2 mm by the share of them that is covered. The covered part of an edge cell is taken to be spread over all of
-    /// it, which makes the radii up to 2.5 % too large here.
+    /// Cells of 2 mm count by their covered share. The moments spread the covered part of an edge cell over the whole cell, which
+    /// makes the radii up to 2.5 % too large here.
     #[test]
     fn covered_shares_recover_the_ellipse(truth in truth(8.0, 1.2)) {
         let share = |(x, y): (f32, f32)| (heel_cell(x, y, 4.0), truth.share(x, y, 2.0));
@@ -92,7 +92,7 @@ proptest! {
         assert_recovers(&got, &truth, 0.05, 0.025, 0.5);
     }
 
-    /// Cells of 2 mm that count whole by their centre, as codes through the whole way.
+    /// Cells of 2 mm count whole if their centre is covered; their codes pass through the whole pipeline.
     #[test]
     fn counted_cells_recover_the_ellipse_in_foot_coordinates(truth in truth(12.0, 1.4), dx_mm in 0i16..80, dy_mm in 0i16..250) {
         let (dx_mm, dy_mm) = (f32::from(dx_mm), f32::from(dy_mm));
@@ -108,10 +108,10 @@ proptest! {
         prop_assert!(other_regions.into_iter().all(|r| insole.ellipse(r).is_none()));
     }
 
-    /// Any cells with any shares: mean and variances of the covered area, summed without fixed point.
+    /// Mean and variances of the covered area for any cells with any shares, compared with floating-point sums.
     #[test]
     fn moments_are_those_of_the_covered_squares(
-        // Positions in 1/64 mm and areas in 1/16 mm2: what the fixed point holds exactly.
+        // Positions in 1/64 mm and areas in 1/16 mm2, which the fixed-point numbers represent exactly.
         cells in prop::collection::vec((-3200i16..3200, -3200i16..3200, 1u16..1600, 0u16..=WHOLE), 1..256),
     ) {
         let place = |&(x, y, area, share): &(i16, i16, u16, u16)| {
@@ -132,7 +132,7 @@ proptest! {
         let (mean_x, mean_y) = (mean(&|c| f64::from(c.x_mm)), mean(&|c| f64::from(c.y_mm)));
         let dx = |c: &Cell| f64::from(c.x_mm) - mean_x;
         let dy = |c: &Cell| f64::from(c.y_mm) - mean_y;
-        // A square of area s2 has the variance s2 / 12 along any axis; the fixed point cuts it to 1/4096 mm2.
+        // A square of area s2 has the variance s2 / 12 along any axis; the fixed-point number truncates it to 1/4096 mm2.
         let expected = [
             (x_mm, mean_x, 1e-9),
             (y_mm, mean_y, 1e-9),
@@ -146,7 +146,7 @@ proptest! {
     }
 
     #[test]
-    fn reference_point_does_not_matter(
+    fn the_reference_point_does_not_change_the_ellipse(
         truth in truth(12.0, 1.4),
         x_64 in -3200i16..3200,
         y_64 in -3200i16..3200,
@@ -168,9 +168,9 @@ proptest! {
         }
     }
 
-    /// The device's precision, blocks and scatters of cells of a few millimetres.
+    /// Compact and scattered cells of a few millimetres, in the device's precision.
     #[test]
-    fn any_contact_has_a_real_ellipse(
+    fn any_contact_has_a_valid_ellipse(
         cells in prop::collection::vec((0i8..16, 0i8..16), 1..40),
         side_mm in 1u8..10,
         x_mm in -40.0..40.0f32,
@@ -179,25 +179,25 @@ proptest! {
         let side_mm = f32::from(side_mm);
         let place = |&(x, y): &(i8, i8)| (x_mm + f32::from(x) * side_mm, y_mm + f32::from(y) * side_mm);
         let places: Vec<_> = cells.iter().map(place).collect();
-        assert_real(&Ellipse::from_moments(&whole_cells(&places, side_mm * side_mm)).expect("contact"));
+        assert_valid(&Ellipse::from_moments(&whole_cells(&places, side_mm * side_mm)).expect("contact"));
     }
 
-    /// Down to the smallest cells and out to the largest reach that a set-up accepts.
+    /// Cells down to the smallest area and out to the largest distance that a set-up accepts.
     #[test]
-    fn a_far_and_small_cell_has_a_real_ellipse(
+    fn a_far_and_small_cell_has_a_valid_ellipse(
         x_mm in -MAX_DISTANCE_MM..MAX_DISTANCE_MM,
         y_mm in -MAX_DISTANCE_MM..MAX_DISTANCE_MM,
         area_16 in 1u16..20,
     ) {
         let far = whole_cells(&[(x_mm, y_mm)], f32::from(area_16) / 16.0);
-        assert_real(&Ellipse::from_moments(&far).expect("contact"));
+        assert_valid(&Ellipse::from_moments(&far).expect("contact"));
     }
 }
 
-fn assert_real(e: &Ellipse<f32>) {
+fn assert_valid(e: &Ellipse<f32>) {
     assert!([e.x_mm, e.y_mm].iter().all(|v| v.is_finite()), "{e:?}");
     assert!([e.r_a_mm, e.r_b_mm].iter().all(|v| v.is_finite() && *v > 0.0), "{e:?}");
-    // The arc tangent may be off by 0.16 / 2 degrees.
+    // The approximation of the arc tangent has an error of up to 0.16 degrees, and the angle half of it.
     assert!(e.angle_deg().abs() <= 45.1, "{} degrees: {e:?}", e.angle_deg());
 }
 
@@ -208,10 +208,10 @@ fn no_contact_has_no_ellipse() {
 }
 
 #[test]
-fn one_cell_is_a_circle_of_its_own_moments() {
+fn the_ellipse_of_one_cell_is_a_circle_with_the_moments_of_the_cell() {
     for (x_mm, y_mm) in [(0.0, 0.0), (-31.0, 12.5), (60.0, 110.0)] {
         let e = Ellipse::<f32>::from_moments(&whole_cells(&[(x_mm, y_mm)], 25.0)).expect("contact");
-        assert_real(&e);
+        assert_valid(&e);
         let radius_mm = 2.0 * (25.0f32 / 12.0).sqrt();
         assert!((e.x_mm - x_mm).abs() < 1e-3 && (e.y_mm - y_mm).abs() < 1e-3, "{e:?}");
         assert!((e.r_a_mm - radius_mm).abs() < 2e-3 && (e.r_b_mm - radius_mm).abs() < 2e-3, "{e:?}");
@@ -219,16 +219,16 @@ fn one_cell_is_a_circle_of_its_own_moments() {
 }
 
 #[test]
-fn a_line_of_cells_is_slim_along_it() {
+fn a_line_of_cells_has_its_longer_radius_along_the_line() {
     let line = |i: i32| i as f32 * 5.0 - 20.0;
-    // Nine cells 5 mm apart: variance 25 (81 - 1) / 12 and the cell's own.
+    // Nine cells at a distance of 5 mm have the variance 25 (81 - 1) / 12, plus the variance of a cell.
     let long_mm = 2.0 * (25.0f32 * 80.0 / 12.0 + 25.0 / 12.0).sqrt();
     let short_mm = 2.0 * (25.0f32 / 12.0).sqrt();
     let along_x = whole_cells(&(0..9).map(|i| (line(i), 0.0)).collect::<Vec<_>>(), 25.0);
     let along_y = whole_cells(&(0..9).map(|i| (0.0, line(i))).collect::<Vec<_>>(), 25.0);
     for (moments, r_a_mm, r_b_mm) in [(along_x, long_mm, short_mm), (along_y, short_mm, long_mm)] {
         let e = Ellipse::<f32>::from_moments(&moments).expect("contact");
-        assert_real(&e);
+        assert_valid(&e);
         assert!((e.r_a_mm - r_a_mm).abs() < 1e-2 && (e.r_b_mm - r_b_mm).abs() < 1e-2, "{e:?}");
         assert!(e.angle_deg().abs() < 0.2, "{}", e.angle_deg());
     }
@@ -238,9 +238,10 @@ fn a_line_of_cells_is_slim_along_it() {
 fn diagonal_cells_lie_at_45_degrees() {
     for (sign, angle_deg) in [(1.0, 45.0), (-1.0, -45.0)] {
         let e = Ellipse::<f32>::from_moments(&whole_cells(&[(0.0, 0.0), (5.0, sign * 5.0)], 25.0)).expect("contact");
-        assert_real(&e);
+        assert_valid(&e);
         assert!((e.angle_deg() - angle_deg).abs() < 0.2, "{}", e.angle_deg());
-        // Along the diagonal, the half distance squared and the cell's own; r_a is the long one at exactly 45 degrees.
+        // The variance along the diagonal is half the distance squared, plus that of a cell. At exactly 45 degrees r_a is the
+        // longer radius.
         let long_mm = 2.0 * (12.5f32 + 25.0 / 12.0).sqrt();
         assert!((e.r_a_mm - long_mm).abs() < 1e-2, "{e:?}");
         assert!((e.r_b_mm - 2.0 * (25.0f32 / 12.0).sqrt()).abs() < 1e-2, "{e:?}");
@@ -248,14 +249,14 @@ fn diagonal_cells_lie_at_45_degrees() {
 }
 
 #[test]
-fn a_square_block_is_a_circle_within_the_angles_promised() {
+fn a_square_block_is_a_circle_with_a_valid_angle() {
     // Off the reference point, so that rounding decides which variance is the larger.
     for i in 0..400 {
         let (x_mm, y_mm) = (i as f32 * 0.37 - 70.0, 60.0 - i as f32 * 0.29);
         let block = [(0.0, 0.0), (5.0, 0.0), (0.0, 5.0), (5.0, 5.0)].map(|(dx, dy)| (x_mm + dx, y_mm + dy));
         let e = Ellipse::<f32>::from_moments(&whole_cells(&block, 25.0)).expect("contact");
-        assert_real(&e);
-        // Rounding of the positions to 1/64 mm is all that may tell the radii apart.
+        assert_valid(&e);
+        // The radii differ only because the positions are rounded to 1/64 mm.
         assert!((e.r_a_mm / e.r_b_mm - 1.0).abs() < 0.01, "{e:?}");
     }
 }

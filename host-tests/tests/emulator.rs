@@ -1,4 +1,4 @@
-//! The real firmware in QEMU: what it sends of a walk is what a host computes of the same walk, whatever happens on the way.
+//! The real firmware in QEMU: its messages for a walk equal those that a host computes, also with faults of matrix and link.
 //!
 //! The firmware is the file that `PLANTAR_FIRMWARE` names.
 
@@ -24,13 +24,14 @@ use std::net::TcpStream;
 use std::time::Duration;
 use testkit::faults::one_of_each;
 
-/// A recording whose scans may answer less than all.
-struct Played {
+/// A recording in which some scans are incomplete.
+struct IncompleteWalk {
     walk: Recorded,
+    /// The answer to a scan, where it differs from a complete one.
     fault: fn(u32) -> Option<Scan>,
 }
 
-impl Walk for Played {
+impl Walk for IncompleteWalk {
     fn scans(&self) -> u32 {
         self.walk.scans()
     }
@@ -41,12 +42,12 @@ impl Walk for Played {
     }
 }
 
-/// When a fault begins, in the fifth of the steps of a computed walk, s.
+/// Time at which a fault begins, in the fifth step of a computed walk, s.
 const FAULT_S: f64 = 5.0;
-/// Reads of 50 ms without a message after which the board has stopped.
+/// Reads of 50 ms in a row without a message after which the board counts as stopped.
 const SILENT_READS: usize = 400;
 
-/// A session with the board that feels `recording`; time stands still until [`Board::play`].
+/// A session with a board that scans a walk; its time does not advance before [`Board::play`].
 struct Session {
     board: Board,
     client: Client<Framed<TcpStream>>,
@@ -54,49 +55,49 @@ struct Session {
 }
 
 impl Session {
-    /// With the wearer's parameters.
+    /// Starts a board with a recording, and sets the wearer's parameters.
     fn start(recording: &Recording, contact: ContactRule, fault: fn(u32) -> Option<Scan>) -> Self {
         let mut session = Self::start_without_tissue(recording, contact, fault);
-        session.client.set_tissue(&tissue()).expect("typical parameters are sound");
+        session.client.set_tissue(&tissue()).expect("typical parameters are valid");
         session
     }
 
     fn start_without_tissue(recording: &Recording, contact: ContactRule, fault: fn(u32) -> Option<Scan>) -> Self {
         let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
         let walk = Recorded::new(recording.clone(), worn.clone());
-        Self::start_walk(&worn, Played { walk, fault })
+        Self::start_walk(&worn, IncompleteWalk { walk, fault })
     }
 
     fn start_walk(worn: &VirtualInsole, walk: impl Walk + 'static) -> Self {
         let firmware = firmware();
         let scans = walk.scans();
-        let head = EmulatorConfig::new(worn.setup);
-        let board = Board::start(&firmware, &head, &worn.cells, Time::Max, walk).expect("the board boots");
-        let link = board.link().expect("the link is there");
-        link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
+        let config = EmulatorConfig::new(worn.setup);
+        let board = Board::start(&firmware, &config, &worn.cells, Time::Max, walk).expect("the board boots");
+        let link = board.link().expect("the board has a link");
+        link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
         let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
         Self { board, client, scans }
     }
 
-    /// The next message; a board that stays silent for long has stopped.
+    /// The next message.
     fn next(&mut self) -> ToHost {
         for _ in 0..SILENT_READS {
-            if let Some(message) = self.client.receive().expect("the link holds") {
+            if let Some(message) = self.client.receive().expect("the link works") {
                 return message;
             }
         }
-        panic!("the board has fallen silent");
+        panic!("the board sends nothing");
     }
 
-    /// Receives one message; true for an answer.
+    /// Receives one message; returns true if it is an answer.
     fn receive(&mut self, received: &mut Received) -> bool {
         let message = self.next();
         let is_answer = !matches!(message, ToHost::Live(_) | ToHost::Step(_));
         match message {
             ToHost::Live(live) => received.live.push(live),
             ToHost::Step(step) => {
-                self.client.send(ToDevice::Acknowledge { step: step.step }).expect("the link holds");
-                // The session's clock, which a replay does not have.
+                self.client.send(ToDevice::Acknowledge { step: step.step }).expect("the link works");
+                // A replay has no wall clock.
                 received.steps.push(Step { start_unix_us: None, ..step });
             }
             ToHost::Status(status) => received.status = status,
@@ -107,14 +108,14 @@ impl Session {
             | ToHost::Update(_)
             | ToHost::Identity(_)
             | ToHost::CalibrationBlock { .. } => {
-                panic!("nobody asked for it")
+                panic!("no request for this message was sent")
             }
             ToHost::Hello(hello) => panic!("the insole restarted: {:?}", hello.last_panic),
         }
         is_answer
     }
 
-    /// All that is sent until every scan is accounted for.
+    /// Receives until the board has counted every scan; returns the messages.
     fn finish(&mut self) -> Received {
         let mut received = Received::default();
         self.finish_into(&mut received);
@@ -131,8 +132,9 @@ impl Session {
         }
     }
 
+    /// Sends a request and receives until its answer arrives.
     fn ask(&mut self, request: ToDevice, received: &mut Received) {
-        self.client.send(request).expect("the link holds");
+        self.client.send(request).expect("the link works");
         while !self.receive(received) {}
     }
 }
@@ -141,27 +143,27 @@ impl Session {
 struct Received {
     live: Vec<Live>,
     steps: Vec<Step>,
-    /// With the number of live frames before each.
+    /// Parameters, each with the number of live frames before it.
     tissues: Vec<(usize, Tissue)>,
     refusals: Vec<Refusal>,
     status: Status,
 }
 
-/// Another wearer, stiffer everywhere.
+/// The parameters of another wearer, with a greater stiffness in every region.
 fn other_tissue() -> Tissue {
     let mut force_laws = tissue().force_laws;
     force_laws.iter_mut().for_each(|law| law.stiffness_pa *= 1.5);
     Tissue::new(force_laws)
 }
 
-/// Plays a recording and compares everything that the board sends with a replay.
-fn assert_device_equals_host(recording: &Recording, contact: ContactRule, least_steps: usize) {
+/// Plays a recording and compares all messages of the board with a replay.
+fn assert_device_equals_host(recording: &Recording, contact: ContactRule, min_steps: usize) {
     let mut session = Session::start(recording, contact, |_| None);
     session.client.stream().expect("the stream starts");
     session.board.play();
     let received = session.finish();
     let (live, steps) = replay(recording, contact, |_| false);
-    assert!(steps.len() >= least_steps, "{} steps in {}", steps.len(), recording.source);
+    assert!(steps.len() >= min_steps, "{} steps in {}", steps.len(), recording.source);
     assert_eq!(received.steps, steps);
     assert_eq!(received.live.len(), live.len());
     for (received, computed) in received.live.iter().zip(&live) {
@@ -189,7 +191,7 @@ fn fractional_contact_is_the_same_on_the_device_and_on_a_host() {
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn the_slowest_and_the_fastest_rate_work() {
+fn the_lowest_and_the_highest_rate_are_the_same_on_the_device_and_on_a_host() {
     for rate_hz in [50.0, 400.0] {
         assert_device_equals_host(&synthetic_walk(2, rate_hz), ContactRule::COUNTED, 2);
     }
@@ -198,12 +200,12 @@ fn the_slowest_and_the_fastest_rate_work() {
 #[test]
 #[ignore = "needs the emulated board's firmware and the data set SpeedPP2DS: cargo xtask test"]
 fn barefoot_steps_on_a_plate_are_the_same_on_the_device_and_on_a_host() {
-    let walk = jiku::import(common::jiku(), 2, 0..6, &mut |_, _| ()).expect("the data set is there");
+    let walk = jiku::import(common::jiku(), 2, 0..6, &mut |_, _| ()).expect("the data set");
     let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(DEVICE_CELLS)).expect("a walk can be binned");
     assert_device_equals_host(&walk, ContactRule::COUNTED, 6);
 }
 
-/// With recordings of people, which are not public.
+/// Tests with recordings of people, which are not public.
 mod unpublished {
     use super::*;
 
@@ -213,16 +215,16 @@ mod unpublished {
         let data = common::recordings().join("pedar");
         for side in [Side::Left, Side::Right] {
             let walk = pedar::import(data.join("pedar_example.asc"), data.join("geometry.csv"), side, &mut |_, _| ())
-                .expect("the recording is there");
+                .expect("the recording");
             assert_device_equals_host(&walk, ContactRule::COUNTED, 8);
         }
     }
 }
 
-/// The plant answers seven of its rows and then nothing, in three frames within a stance.
+/// The matrix answers only seven rows in three frames of a stance.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn a_plant_that_stops_mid_frame_is_a_counted_gap_and_the_walk_goes_on() {
+fn incomplete_scans_are_counted_as_missing_frames_and_bridged() {
     let is_missing = |seq: u32| (60..63).contains(&seq);
     let walk = synthetic_walk(3, 100.0);
     let fault = |seq: u32| (60..63).contains(&seq).then_some(Scan::Rows(7));
@@ -237,10 +239,10 @@ fn a_plant_that_stops_mid_frame_is_a_counted_gap_and_the_walk_goes_on() {
     assert_eq!(received.live, live, "the missing frames show as a gap in time");
 }
 
-/// Longer than can be bridged: that step is given up and counted, the others come.
+/// A gap that is too long to be bridged: the step is rejected and counted, and the others arrive.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn a_plant_that_stops_for_long_costs_one_step() {
+fn many_missing_frames_cost_one_step() {
     let walk = synthetic_walk(3, 100.0);
     let fault = |seq: u32| (60..70).contains(&seq).then_some(Scan::Rows(0));
     let mut session = Session::start(&walk, ContactRule::COUNTED, fault);
@@ -253,26 +255,26 @@ fn a_plant_that_stops_for_long_costs_one_step() {
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn garbage_and_foreign_bytes_on_the_link_are_counted_and_the_session_goes_on() {
+fn foreign_bytes_on_the_link_are_counted_and_the_session_continues() {
     let walk = synthetic_walk(2, 100.0);
     let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
-    let mut link = session.board.link().expect("the link is there");
-    // Text of another program, a frame cut in two, zeros, and more than any frame holds.
+    let mut link = session.board.link().expect("the board has a link");
+    // Text of another program, a truncated frame, zeros, and more bytes than any frame has.
     let long = [0x55; 2000];
-    for noise in [&b"AT+NAME?\r\n\0"[..], &[3, 1, 0], &[0, 0, 0], &long, &[0]] {
-        link.write_all(noise).expect("the link holds");
+    for bytes in [&b"AT+NAME?\r\n\0"[..], &[3, 1, 0], &[0, 0, 0], &long, &[0]] {
+        link.write_all(bytes).expect("the link works");
     }
-    session.client.stream().expect("the insole still listens");
+    session.client.stream().expect("the insole answers");
     session.board.play();
     let received = session.finish();
     assert_eq!(received.steps.len(), 2);
-    assert_eq!(received.status.bad_frames, 3, "the text, the half frame and the endless one");
+    assert_eq!(received.status.bad_frames, 3, "the text, the truncated frame and the long one");
 }
 
-/// Nobody acknowledges: a second session gets the same steps again.
+/// The first session acknowledges no step: a second one receives the same steps.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn steps_are_kept_until_they_are_acknowledged() {
+fn steps_are_sent_again_until_they_are_acknowledged() {
     let walk = synthetic_walk(3, 100.0);
     let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
     session.board.play();
@@ -282,11 +284,11 @@ fn steps_are_kept_until_they_are_acknowledged() {
             sent.push(step);
         }
     }
-    let link = session.board.link().expect("the link is there");
+    let link = session.board.link().expect("the board has a link");
     let mut again = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
     for step in &sent {
         let replayed = loop {
-            if let Some(ToHost::Step(step)) = again.receive().expect("the link holds") {
+            if let Some(ToHost::Step(step)) = again.receive().expect("the link works") {
                 break step;
             }
         };
@@ -296,27 +298,30 @@ fn steps_are_kept_until_they_are_acknowledged() {
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn a_host_of_another_major_version_is_told_so_and_gets_nothing_else() {
+fn a_host_of_another_major_version_receives_a_hello_and_nothing_else() {
     let walk = synthetic_walk(2, 100.0);
     let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
-    session.client.send(ToDevice::Connect { major: plantar::protocol::MAJOR + 1, minor: 0 }).expect("the link holds");
-    session.client.send(ToDevice::Stream { live: true }).expect("the link holds");
+    session.client.send(ToDevice::Connect { major: plantar::protocol::MAJOR + 1, minor: 0 }).expect("the link works");
+    session.client.send(ToDevice::Stream { live: true }).expect("the link works");
     session.board.play();
-    let mut heard = Vec::new();
-    // Until the walk is over and the link has been silent for a while.
+    let mut received = Vec::new();
+    // Receive until the walk is over and the link has been silent for a while.
     let mut silent = 0;
     while silent < 10 || session.board.plant().scans() < session.scans {
-        match session.client.receive().expect("the link holds") {
-            Some(message) => (heard, silent) = ([heard, vec![message]].concat(), 0),
+        match session.client.receive().expect("the link works") {
+            Some(message) => (received, silent) = ([received, vec![message]].concat(), 0),
             None => silent += 1,
         }
     }
-    assert!(matches!(heard.as_slice(), [ToHost::Hello(hello)] if hello.major == plantar::protocol::MAJOR), "{heard:?}");
+    assert!(
+        matches!(received.as_slice(), [ToHost::Hello(hello)] if hello.major == plantar::protocol::MAJOR),
+        "{received:?}"
+    );
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn the_hello_says_who_speaks() {
+fn the_hello_identifies_the_insole() {
     let walk = synthetic_walk(1, 100.0);
     let session = Session::start(&walk, ContactRule::COVERED, |_| None);
     let hello = session.client.hello();
@@ -325,7 +330,7 @@ fn the_hello_says_who_speaks() {
     assert_eq!((hello.board.as_str(), hello.last_panic.as_deref()), ("emulated", None));
 }
 
-/// A board that refuses its set-up still talks, and says why.
+/// A board that refuses its set-up still answers, and reports the reason.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_refused_set_up_is_reported_in_the_hello() {
@@ -335,18 +340,19 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     let mut cells = worn.cells.clone();
     cells.reverse();
     assert_ne!(cells.first().map(|c| c.cell.region), Some(Region::Heel));
-    let head = EmulatorConfig::new(worn.setup);
-    let board = Board::start(&firmware, &head, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");
-    let link = board.link().expect("the link is there");
-    link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
+    let config = EmulatorConfig::new(worn.setup);
+    let board =
+        Board::start(&firmware, &config, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");
+    let link = board.link().expect("the board has a link");
+    link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
     let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
-    let told = client.hello().last_panic.as_deref().unwrap_or_default().to_owned();
-    assert!(told.contains("belongs to a region before that of the previous cell"), "{told}");
+    let report = client.hello().last_panic.as_deref().unwrap_or_default().to_owned();
+    assert!(report.contains("belongs to a region before that of the previous cell"), "{report}");
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn without_parameters_areas_and_measured_forces_are_valid_and_the_model_is_silent() {
+fn without_parameters_areas_and_measured_forces_are_valid_and_model_forces_are_zero() {
     let walk = synthetic_walk(2, 100.0);
     let mut session = Session::start_without_tissue(&walk, ContactRule::COUNTED, |_| None);
     assert_eq!(session.client.hello().tissue_id, 0);
@@ -362,15 +368,15 @@ fn without_parameters_areas_and_measured_forces_are_valid_and_the_model_is_silen
     assert_eq!(received.steps.len(), 2);
 }
 
-/// From a frame on the live model force is the new wearer's, and so is every step that ends after it.
+/// The new parameters apply from one live frame on, and to every step that ends after it.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn parameters_change_while_walking_and_no_frame_is_disturbed() {
+fn parameters_change_during_a_walk_without_loss_of_a_frame() {
     let walk = synthetic_walk(4, 100.0);
     let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
     session.client.stream().expect("the stream starts");
     session.board.play();
-    // Into the second stance.
+    // Receive until the second stance has begun.
     let mut received = Received::default();
     while received.live.len() < 150 {
         session.receive(&mut received);
@@ -379,11 +385,11 @@ fn parameters_change_while_walking_and_no_frame_is_disturbed() {
     session.finish_into(&mut received);
     let [(changed, answer)] = received.tissues[..] else { panic!("{:?}", received.tissues) };
     assert_eq!(answer, other_tissue());
-    assert!(changed < session.scans as usize, "the walk was over before");
-    let walked = (received.live, received.steps);
+    assert!(changed < session.scans as usize, "the walk ended before the change");
+    let results = (received.live, received.steps);
     let tissues = [(0, tissue()), (changed, other_tissue())];
-    assert_eq!(walked, replay_with(&walk, ContactRule::COUNTED, |_| false, &tissues));
-    assert_ne!(walked, replay(&walk, ContactRule::COUNTED, |_| false), "the change is seen");
+    assert_eq!(results, replay_with(&walk, ContactRule::COUNTED, |_| false, &tissues));
+    assert_ne!(results, replay(&walk, ContactRule::COUNTED, |_| false), "the change has an effect");
     let counters = session.client.counters();
     assert_eq!((counters.frames_received, counters.frames_lost), (session.scans, 0));
     assert_eq!((received.status.frames_missed, received.status.frames_overrun), (0, 0));
@@ -395,27 +401,27 @@ fn parameters_change_while_walking_and_no_frame_is_disturbed() {
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn damaged_and_impossible_parameters_are_refused_and_the_old_ones_go_on() {
+fn damaged_and_invalid_parameters_are_refused_and_the_old_ones_remain() {
     let walk = synthetic_walk(3, 100.0);
     let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
     session.client.stream().expect("the stream starts");
     session.board.play();
-    let mut impossible = other_tissue().force_laws;
-    impossible[Region::Hallux as usize].ab_m2 = f32::NAN;
+    let mut invalid = other_tissue().force_laws;
+    invalid[Region::Hallux as usize].ab_m2 = f32::NAN;
     let mixed = Tissue { id: other_tissue().id, ..tissue() };
     let mut received = Received::default();
-    for bad in [Tissue::new(impossible), mixed, Tissue::NONE] {
+    for bad in [Tissue::new(invalid), mixed, Tissue::NONE] {
         session.ask(ToDevice::SetTissue(bad), &mut received);
     }
-    // A frame that is not whole, and one that is and holds the first half of a message: only the second is answered.
+    // A damaged frame, and an intact one with the first half of a message: only the second one is answered.
     let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-    let message = encode(&ToDevice::SetTissue(other_tissue()), &mut message).expect("it fits");
-    let mut link = session.board.link().expect("the link is there");
+    let message = encode(&ToDevice::SetTissue(other_tissue()), &mut message).expect("the message fits");
+    let mut link = session.board.link().expect("the board has a link");
     let len = frame(message, &mut framed);
     framed[len / 2] ^= 0x80;
-    link.write_all(&framed[..len]).expect("the link holds");
+    link.write_all(&framed[..len]).expect("the link works");
     let len = frame(&message[..message.len() / 2], &mut framed);
-    link.write_all(&framed[..len]).expect("the link holds");
+    link.write_all(&framed[..len]).expect("the link works");
     while !session.receive(&mut received) {}
     session.finish_into(&mut received);
     let reasons = [Refusal::Tissue(Region::Hallux), Refusal::TissueId, Refusal::TissueId, Refusal::NotUnderstood];
@@ -425,7 +431,8 @@ fn damaged_and_impossible_parameters_are_refused_and_the_old_ones_go_on() {
     assert_eq!(session.client.tissue().expect("an answer"), tissue());
 }
 
-/// Each fault is found while walking, told and masked, and all that is sent is what a host computes of the same codes.
+/// Each fault is detected during a walk, reported and masked, and all messages equal those that a host computes from the same
+/// codes.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
@@ -436,25 +443,26 @@ fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
         let played = Recorded::new(walk.clone(), worn.clone());
         let played = Faulty::new(played, vec![fault], worn.setup.period_us, zeros.clone());
         let mut session = Session::start_walk(&worn, played);
-        session.client.set_tissue(&tissue()).expect("typical parameters are sound");
+        session.client.set_tissue(&tissue()).expect("typical parameters are valid");
         session.client.stream().expect("the stream starts");
         session.board.play();
         let received = session.finish();
-        let told = session.client.faults().expect("an answer");
+        let faults = session.client.faults().expect("an answer");
         let (live, steps, found) = replay_faulty(&walk, &[fault]);
         assert_eq!(received.steps, steps, "{fault}");
         assert_eq!(received.live, live, "{fault}");
-        assert_eq!(told, found, "{fault}");
-        assert_eq!(received.status.faults, told.found, "{fault}");
+        assert_eq!(faults, found, "{fault}");
+        assert_eq!(received.status.faults, faults.found, "{fault}");
 
-        let is_it = |told: &&Fault| (told.kind, told.place) == (fault.kind, fault.place);
-        let it = told.list.iter().find(is_it).unwrap_or_else(|| panic!("{fault} is not among {:?}", told.list));
-        let found_s = f64::from(it.found_ms) / 1e3;
+        let is_same = |reported: &&Fault| (reported.kind, reported.place) == (fault.kind, fault.place);
+        let reported = faults.list.iter().find(is_same);
+        let reported = reported.unwrap_or_else(|| panic!("{fault} is not among {:?}", faults.list));
+        let found_s = f64::from(reported.found_ms) / 1e3;
         println!("{fault}: found at {found_s:.2} s");
         assert!(found_s > FAULT_S);
         let mut masked = [0; 8];
         fault.cells(worn.cells.len()).for_each(|cell| masked[worn.cells[cell].cell.region as usize] += 1);
-        assert_eq!(told.masked_cells, masked, "{fault}");
+        assert_eq!(faults.masked_cells, masked, "{fault}");
         let bits = masked.iter().enumerate().fold(0, |bits, (i, &cells)| bits | u8::from(cells > 0) << i);
         assert_eq!((received.live[0].masked, received.live.last().map(|live| live.masked)), (0, Some(bits)));
         let last = received.steps.last().expect("steps");
@@ -462,10 +470,11 @@ fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
     }
 }
 
-/// Identified on one half of a walker's steps and pushed, the insole's force in the other half is the fit's own evaluation.
+/// With parameters identified from some of a walker's steps, the insole's forces in all steps are those of the fit's own
+/// evaluation.
 #[test]
 #[ignore = "needs the emulated board's firmware and the data set SpeedPP2DS: cargo xtask test"]
-fn the_insole_gives_the_force_that_the_fit_evaluated() {
+fn the_insole_reports_the_force_that_the_fit_evaluated() {
     const FITTED: std::ops::Range<u32> = 6..14;
     let walk = jiku::import(common::jiku(), 2, 0..FITTED.end as usize, &mut |_, _| ()).expect("jiku-data");
     let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(240)).expect("a virtual insole");
@@ -473,7 +482,7 @@ fn the_insole_gives_the_force_that_the_fit_evaluated() {
         let options = Options::usual(InsoleSize::default().thickness_m());
         let mut study = Study::new("walker 2".into(), contact, options);
         let worn = VirtualInsole::new(&walk, contact, StanceRule::WALKING);
-        study.add("walk".into(), &walk, &worn, &mut |_| ()).expect("wearable");
+        study.add("walk".into(), &walk, &worn, &mut |_| ()).expect("a valid recording");
         let steps = study.steps.clone();
         study.steps.retain(|step| FITTED.contains(&step.number));
         study.fit(&|_| ());
@@ -485,7 +494,7 @@ fn the_insole_gives_the_force_that_the_fit_evaluated() {
             }
         }
         let mut session = Session::start_without_tissue(&walk, contact, |_| None);
-        session.client.set_tissue(&parameters.tissue()).expect("identified parameters are sound");
+        session.client.set_tissue(&parameters.tissue()).expect("identified parameters are valid");
         session.client.stream().expect("the insole answers");
         session.board.play();
         let received = session.finish();
@@ -499,7 +508,7 @@ fn the_insole_gives_the_force_that_the_fit_evaluated() {
                 let device = &device.regions[region];
                 let peak_n = ours.model_n.iter().copied().fold(0.0, f64::max);
                 let integral_n_s = ours.model_n.iter().sum::<f64>() * ours.sample_s;
-                // Rounded on both sides: the last unit of the wire.
+                // Both values are rounded: they may differ by one unit of the message.
                 let is_equal = |wire: u16, value: f64| (f64::from(wire) - value).abs() <= 1.0;
                 assert!(is_equal(device.model_peak_dn, peak_n * 10.0), "{device:?}, {peak_n} N");
                 assert!(is_equal(device.model_integral_cns, integral_n_s * 100.0), "{device:?}, {integral_n_s} N s");

@@ -1,4 +1,4 @@
-//! Faults of the sensor: found while walking, never where there are none, and what masking leaves of the model's force.
+//! Sensor faults: detection during a walk, absence of false alarms, and the effect of masked cells on the model's force.
 
 mod common;
 
@@ -35,14 +35,14 @@ fn no_fault_is_reported_for_barefoot_recordings() {
     assert_no_fault_is_reported(&barefoot(&common::jiku()));
 }
 
-/// Hours of no two equal steps: what is rare in a step is not in a day.
+/// Long walks in which no two steps are equal, because a rare false alarm does not appear in a short one.
 #[test]
-fn no_fault_is_told_of_long_walks() {
+fn no_fault_is_reported_in_long_walks() {
     for seed in 1..=4 {
         for rate_hz in [50.0, 100.0, 400.0] {
             let long = synthetic::SyntheticWalk { steps: 400, rate_hz, seed, ..Default::default() };
-            let told = walk(&synthetic::walk(&long).recording, ContactRule::COUNTED, None, &[]).faults;
-            assert_eq!(told, Faults::NONE, "seed {seed}, {rate_hz} Hz");
+            let faults = walk(&synthetic::walk(&long).recording, ContactRule::COUNTED, None, &[]).faults;
+            assert_eq!(faults, Faults::NONE, "seed {seed}, {rate_hz} Hz");
         }
     }
 }
@@ -51,13 +51,19 @@ fn no_fault_is_told_of_long_walks() {
 fn every_kind_of_fault_is_found_within_two_steps() {
     for (seed, clean) in computed().iter().enumerate() {
         println!("{}:", clean.name);
-        for told in detection(clean, 20, seed as u64) {
+        for result in detection(clean, 20, seed as u64) {
             println!(
                 "  {:<13} {} of {} found, the slowest after {:.2} s; {} false alarms",
-                told.what, told.found, told.injected, told.longest_s, told.false_alarms
+                result.name, result.found, result.injected, result.longest_s, result.false_alarms
             );
-            assert!(told.injected > 0, "{}", told.what);
-            assert_eq!((told.found, told.false_alarms), (told.injected, 0), "{}: {:?}", told.what, told.missed);
+            assert!(result.injected > 0, "{}", result.name);
+            assert_eq!(
+                (result.found, result.false_alarms),
+                (result.injected, 0),
+                "{}: {:?}",
+                result.name,
+                result.missed
+            );
         }
     }
 }
@@ -68,7 +74,9 @@ fn assert_masked_cells_cost_little(recordings: &[Clean]) {
         println!("{}: {:.2} % without faults", clean.name, error.clean_percent);
         for (percent, mean, largest) in error.masked {
             let times = mean / error.clean_percent;
-            println!("  {percent} % of the cells masked: {mean:.2} %, {times:.2} times; largest {largest:.2} %");
+            println!(
+                "  {percent} % of the cells masked: {mean:.2} %, {times:.2} times as much; largest {largest:.2} %"
+            );
             assert!(times <= 1.5, "{}", clean.name);
         }
     }
@@ -89,7 +97,7 @@ fn masked_cells_change_the_model_force_of_a_barefoot_walker_little() {
     assert_masked_cells_cost_little(&recordings);
 }
 
-/// With recordings of people, which are not public.
+/// Tests with recordings of people, which are not public.
 mod unpublished {
     use super::*;
 
@@ -101,7 +109,7 @@ mod unpublished {
 }
 
 #[test]
-fn faults_are_read_as_the_examples_are_and_errors_say_what_to_write() {
+fn fault_notation_is_parsed_and_errors_contain_examples() {
     let (examples, _) = FAULT_EXAMPLES.split_once(", each").expect("a list of examples");
     for text in examples.split(", ") {
         let fault: SensorFault = text.parse().expect("an example");
@@ -109,7 +117,7 @@ fn faults_are_read_as_the_examples_are_and_errors_say_what_to_write() {
     }
     let drift = SensorFault { kind: FaultKind::Drift, place: Place::Cell(17), value: -50.0, from_s: 2.0 };
     assert_eq!("drift:17=-50/s@2".parse(), Ok(drift));
-    for (text, why) in [
+    for (text, reason) in [
         ("open:17", "kind of fault is unknown"),
         ("open-cell", "KIND:PLACE"),
         ("open-cell:x", "numbers from 0"),
@@ -125,17 +133,17 @@ fn faults_are_read_as_the_examples_are_and_errors_say_what_to_write() {
         ("open-cell:17@-1", "0 s or later"),
         ("open-cell:17@soon", "in seconds"),
     ] {
-        let told = text.parse::<SensorFault>().expect_err(text).to_string();
-        assert!(told.contains(text) && told.contains(why) && told.contains("write for example"), "{told}");
+        let error = text.parse::<SensorFault>().expect_err(text).to_string();
+        assert!(error.contains(text) && error.contains(reason) && error.contains("write for example"), "{error}");
     }
 }
 
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, cases: 64, ..ProptestConfig::default() })]
 
-    /// Whatever the codes, forces stay finite and not negative, also of masked cells.
+    /// For any codes, forces are finite and not negative, including those of masked cells.
     #[test]
-    fn any_codes_give_finite_forces(seed in any::<u64>(), busy in 1u32..8) {
+    fn any_codes_give_finite_forces(seed in any::<u64>(), faulty_cells in 1u32..8) {
         let cells: Vec<SetupCell> = (0..64u8)
             .map(|i| SetupCell { row_column: i, ..cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0) })
             .collect();
@@ -144,12 +152,12 @@ proptest! {
         let mut random = fastrand::Rng::with_seed(seed);
         let mut codes = [0u16; 64];
         for seq in 0..1_000 {
-            // Stances of noise and swings in which some cells misbehave.
+            // Stances of random codes, and swings in which some cells are faulty.
             for (i, code) in codes.iter_mut().enumerate() {
-                let is_odd = random.u32(..64) < busy;
+                let is_faulty = random.u32(..64) < faulty_cells;
                 *code = match seq % 100 < 50 {
                     true if i % 7 > 0 => random.u16(..),
-                    _ if is_odd || i % 13 == 0 => *[0, 30_000, u16::MAX].get(random.usize(..3)).unwrap_or(&0),
+                    _ if is_faulty || i % 13 == 0 => *[0, 30_000, u16::MAX].get(random.usize(..3)).unwrap_or(&0),
                     _ => 0,
                 };
             }

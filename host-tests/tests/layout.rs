@@ -1,4 +1,4 @@
-//! The reference insole.
+//! The layout and the wiring of the reference insole.
 
 use plantar::firmware::layout::{self, CELLS, COLUMNS, ROWS, WIRING};
 use plantar::insole::Insole;
@@ -6,7 +6,7 @@ use plantar::pipeline::region::{Region, Side};
 use std::collections::BTreeSet;
 
 #[test]
-fn is_accepted_as_a_set_up() {
+fn the_layout_is_accepted_as_a_set_up() {
     let mut insole = Insole::<f32, CELLS>::new();
     assert_eq!(insole.set_up(layout::setup(Side::Left), layout::cells()), Ok(()));
     assert_eq!(insole.cells(), CELLS);
@@ -33,7 +33,7 @@ fn the_matrix_is_folded_at_half_the_length() {
         }
         for half in [&columns[..COLUMNS / 2], &columns[COLUMNS / 2..]] {
             let x_mm: Vec<f32> = half.iter().flatten().map(|&cell| cells[usize::from(cell)].cell.x_mm).collect();
-            assert!(x_mm.is_sorted(), "row {row} runs from medial to lateral");
+            assert!(x_mm.is_sorted(), "the cells of row {row} run from medial to lateral");
         }
     }
 }
@@ -47,6 +47,6 @@ fn cells_and_foot_have_the_right_size() {
         assert!(areas.iter().all(|area| (50.0..=130.0).contains(area)), "{}: {areas:?}", region.name());
         total_mm2 += areas.iter().sum::<f32>();
     }
-    // A sole of this length and 98 mm width fills three quarters of its box.
+    // A sole of this length and a width of 98 mm fills three quarters of its bounding box.
     assert!((0.70..0.85).contains(&(total_mm2 / (270.0 * 98.0))), "{total_mm2} mm2");
 }

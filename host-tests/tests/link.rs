@@ -1,4 +1,4 @@
-//! An insole's side of a session, message by message.
+//! The insole's side of a session, message by message.
 
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::tissue::Tissue;
@@ -11,7 +11,7 @@ use plantar::protocol::{
 use plantar::{Region, Side};
 use testkit::{TISSUE, hello, live, status, step};
 
-/// What the host gets, in short.
+/// A short form of a message to the host.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Sent {
     Hello,
@@ -30,7 +30,7 @@ enum Sent {
 fn next(link: &mut Session) -> Option<Sent> {
     let mut buffer = [0; MAX_MESSAGE];
     let bytes = link.next(&hello(), status, &mut buffer)?;
-    Some(match decode(bytes).expect("one whole message") {
+    Some(match decode(bytes).expect("one complete message") {
         ToHost::Hello(got) => {
             assert_eq!(got, Hello { tissue_id: link.tissue().id, ..hello() });
             Sent::Hello
@@ -76,8 +76,8 @@ fn acknowledge(link: &mut Session, step: u32) {
     link.receive(ToDevice::Acknowledge { step }, 0);
 }
 
-/// A frame as the insole makes it: only where somebody listens.
-fn frame(link: &mut Session) {
+/// Queues a live frame if the host streams, as the insole does.
+fn push_live(link: &mut Session) {
     if let Some(number) = link.next_live() {
         link.push_live(live(number));
     }
@@ -106,11 +106,15 @@ fn nothing_is_sent_before_a_host_connects() {
     assert_eq!(link.next_live(), None);
     assert_eq!(all(&mut link), []);
     connect(&mut link);
-    assert_eq!(all(&mut link), [Sent::Hello, Sent::Step(0), Sent::Step(1), Sent::Step(2)], "nor was anything taken");
+    assert_eq!(
+        all(&mut link),
+        [Sent::Hello, Sent::Step(0), Sent::Step(1), Sent::Step(2)],
+        "the acknowledgement was ignored"
+    );
 }
 
 #[test]
-fn a_host_of_another_major_gets_a_hello_and_nothing_else() {
+fn a_host_of_another_major_version_gets_a_hello_and_nothing_else() {
     for major in [0, MAJOR - 1, MAJOR + 1, u8::MAX] {
         let mut link = with_steps(0..3);
         for message in [
@@ -129,46 +133,46 @@ fn a_host_of_another_major_gets_a_hello_and_nothing_else() {
 }
 
 #[test]
-fn another_minor_is_welcome() {
+fn another_minor_version_is_accepted() {
     let mut link = with_steps(0..1);
     link.receive(ToDevice::Connect { major: MAJOR, minor: MINOR + 1 }, 0);
     assert_eq!(all(&mut link), [Sent::Hello, Sent::Step(0)]);
 }
 
 #[test]
-fn a_connect_by_another_major_ends_the_session() {
+fn a_host_of_another_major_version_ends_the_session() {
     let mut link = streaming();
-    frame(&mut link);
+    push_live(&mut link);
     link.receive(ToDevice::Connect { major: MAJOR + 1, minor: 0 }, 0);
     assert_eq!(link.next_live(), None);
     assert_eq!(all(&mut link), [Sent::Hello]);
 }
 
 #[test]
-fn steps_come_once_a_session_until_they_are_acknowledged() {
+fn steps_are_sent_once_in_each_session_until_they_are_acknowledged() {
     let mut link = with_steps(0..3);
     connect(&mut link);
     assert_eq!(steps(&mut link), [0, 1, 2]);
-    assert!(steps(&mut link).is_empty(), "not again in the same session");
+    assert!(steps(&mut link).is_empty(), "a step is not repeated in the same session");
     acknowledge(&mut link, 1);
     link.push_step(step(3));
     assert_eq!(steps(&mut link), [3]);
 
     connect(&mut link);
-    assert_eq!(steps(&mut link), [2, 3], "again in the next one");
+    assert_eq!(steps(&mut link), [2, 3], "unacknowledged steps are repeated in the next session");
     acknowledge(&mut link, 3);
     connect(&mut link);
     assert!(steps(&mut link).is_empty());
 }
 
 #[test]
-fn only_what_was_sent_is_acknowledged() {
+fn steps_that_were_not_sent_cannot_be_acknowledged() {
     let mut link = with_steps(0..3);
     connect(&mut link);
     assert_eq!([next(&mut link), next(&mut link)], [Some(Sent::Hello), Some(Sent::Step(0))]);
     acknowledge(&mut link, 2);
     assert_eq!(steps(&mut link), [1, 2]);
-    // Sent in an earlier session, not yet in this one.
+    // The steps were sent in an earlier session, but not yet in this one.
     connect(&mut link);
     acknowledge(&mut link, 2);
     assert_eq!(steps(&mut link), [1, 2]);
@@ -178,7 +182,7 @@ fn only_what_was_sent_is_acknowledged() {
 }
 
 #[test]
-fn an_old_acknowledgement_takes_nothing() {
+fn an_outdated_acknowledgement_has_no_effect() {
     let mut link = with_steps(10..13);
     connect(&mut link);
     assert_eq!(steps(&mut link), [10, 11, 12]);
@@ -200,7 +204,7 @@ fn step_numbers_wrap() {
 }
 
 #[test]
-fn the_oldest_step_makes_room_and_is_counted() {
+fn a_full_queue_drops_the_oldest_step_and_counts_it() {
     let count = STEP_QUEUE as u32;
     let mut link = with_steps(0..count + 5);
     connect(&mut link);
@@ -212,14 +216,14 @@ fn the_oldest_step_makes_room_and_is_counted() {
 }
 
 #[test]
-fn a_full_queue_of_sent_steps_takes_new_ones() {
+fn a_full_queue_of_sent_steps_accepts_new_ones() {
     let count = STEP_QUEUE as u32;
     let mut link = with_steps(0..count);
     connect(&mut link);
     assert_eq!(steps(&mut link).len(), STEP_QUEUE);
     link.push_step(step(count));
     link.push_step(step(count + 1));
-    assert_eq!(steps(&mut link), [count, count + 1], "none twice, none left out");
+    assert_eq!(steps(&mut link), [count, count + 1], "none is repeated and none is missing");
     acknowledge(&mut link, count);
     connect(&mut link);
     assert_eq!(steps(&mut link), [count + 1]);
@@ -229,70 +233,70 @@ fn a_full_queue_of_sent_steps_takes_new_ones() {
 fn live_frames_are_numbered_from_the_start_of_a_session() {
     let mut link = streaming();
     for number in 0..3 {
-        frame(&mut link);
+        push_live(&mut link);
         assert_eq!(all(&mut link), [Sent::Live(number)]);
     }
     connect(&mut link);
     assert_eq!(link.next_live(), None, "a new session does not stream by itself");
     link.receive(ToDevice::Stream { live: true }, 0);
-    frame(&mut link);
+    push_live(&mut link);
     assert_eq!(all(&mut link), [Sent::Hello, Sent::Live(0)]);
 }
 
 #[test]
-fn frames_that_a_slow_carrier_drops_leave_a_gap() {
+fn live_frames_that_a_slow_carrier_drops_leave_a_gap() {
     let mut link = streaming();
-    (0..100).for_each(|_| frame(&mut link));
+    (0..100).for_each(|_| push_live(&mut link));
     link.receive(ToDevice::GetStatus, 0);
     let sent = all(&mut link);
-    let (last, live) = sent.split_last().expect("a status at least");
+    let (last, live) = sent.split_last().expect("a status");
     let newest: Vec<_> = (100 - live.len() as u32..100).map(Sent::Live).collect();
-    assert_eq!(live, newest, "the newest, in order");
+    assert_eq!(live, newest, "the newest frames, in order");
     assert!((1..100).contains(&live.len()));
     assert!(matches!(last, Sent::Status(s) if s.live_due == 100 && s.live_sent as usize == live.len()), "{last:?}");
-    frame(&mut link);
+    push_live(&mut link);
     assert_eq!(all(&mut link), [Sent::Live(100)]);
 }
 
 #[test]
 fn a_stream_that_is_turned_off_stops_at_once() {
     let mut link = streaming();
-    frame(&mut link);
+    push_live(&mut link);
     link.receive(ToDevice::Stream { live: false }, 0);
     assert_eq!(link.next_live(), None);
     assert_eq!(all(&mut link), []);
     link.receive(ToDevice::Stream { live: true }, 0);
-    frame(&mut link);
-    assert_eq!(all(&mut link), [Sent::Live(1)], "the frame that was thrown away leaves a gap");
+    push_live(&mut link);
+    assert_eq!(all(&mut link), [Sent::Live(1)], "the frame that was discarded leaves a gap");
 }
 
 #[test]
-fn hello_comes_first_steps_before_live_frames_and_status_last() {
+fn hello_is_sent_first_then_steps_live_frames_and_the_status() {
     let mut link = streaming();
-    frame(&mut link);
+    push_live(&mut link);
     link.receive(ToDevice::GetStatus, 0);
     link.push_step(step(0));
-    frame(&mut link);
+    push_live(&mut link);
     let sent = all(&mut link);
     assert_eq!(sent[..3], [Sent::Step(0), Sent::Live(0), Sent::Live(1)]);
     let expected = Status { live_due: 2, live_sent: 2, steps_dropped: 0, faults: 0, rezeroed: 0, ..status() };
     assert_eq!(sent[3..], [Sent::Status(expected)]);
-    assert_eq!(all(&mut link), [], "one status a request");
+    assert_eq!(all(&mut link), [], "one status for each request");
 }
 
 #[test]
-fn close_ends_the_session_and_keeps_the_steps() {
+fn steps_remain_queued_when_the_session_is_closed() {
     let mut link = streaming();
     link.push_step(step(0));
     assert_eq!(steps(&mut link), [0]);
     link.push_step(step(1));
-    frame(&mut link);
+    push_live(&mut link);
     link.receive(ToDevice::GetStatus, 0);
     link.close();
     assert_eq!(link.next_live(), None);
     assert_eq!(all(&mut link), []);
     link.push_step(step(2));
-    assert_eq!(all(&mut link), [], "steps wait for a host");
+    assert_eq!(all(&mut link), [], "steps wait until a host connects");
     connect(&mut link);
     assert_eq!(all(&mut link), [Sent::Hello, Sent::Step(0), Sent::Step(1), Sent::Step(2)]);
 }
@@ -306,14 +310,14 @@ fn dropped_steps_are_counted_across_sessions() {
     assert!(matches!(all(&mut link).last(), Some(Sent::Status(s)) if s.steps_dropped == 2));
 }
 
-/// Another sound set.
+/// Other valid parameters.
 fn other_tissue() -> Tissue {
     let mut force_laws = TISSUE.force_laws;
     force_laws[0].stiffness_pa *= 2.0;
     Tissue::new(force_laws)
 }
 
-/// Sets that are refused, with the reason.
+/// Invalid parameters, each with the reason of the refusal.
 fn bad_tissues() -> [(Tissue, Refusal); 4] {
     let mut force_laws = TISSUE.force_laws;
     force_laws[Region::Toe2 as usize].c_m = 1.0;
@@ -326,30 +330,38 @@ fn bad_tissues() -> [(Tissue, Refusal); 4] {
 }
 
 #[test]
-fn accepted_parameters_are_answered_and_named_from_then_on() {
+fn accepted_parameters_are_confirmed_and_reported_from_then_on() {
     let mut link = streaming();
     link.receive(ToDevice::GetTissue, 0);
-    assert_eq!(all(&mut link), [Sent::Tissue(0)], "none yet");
+    assert_eq!(all(&mut link), [Sent::Tissue(0)], "there are no parameters yet");
     for tissue in [*TISSUE, other_tissue(), *TISSUE, *TISSUE] {
         link.receive(ToDevice::SetTissue(tissue), 0);
         assert_eq!(link.command(), Some(Command::Tissue(tissue)));
-        assert_eq!(all(&mut link), [], "not before they are kept");
+        assert_eq!(all(&mut link), [], "no answer before they are stored");
         link.complete(Ok(CommandResult::Stored));
         assert_eq!(*link.tissue(), tissue);
-        assert_eq!(link.tissue_due(), None, "frames before the answer are of the ones before");
+        assert_eq!(
+            link.tissue_due(),
+            None,
+            "the frames queued before the answer were computed with the previous parameters"
+        );
         assert_eq!(all(&mut link), [Sent::Tissue(tissue.id)]);
     }
-    assert!(link.next_live().is_some(), "the stream goes on");
+    assert!(link.next_live().is_some(), "the stream continues");
     link.close();
     link.receive(ToDevice::GetTissue, 0);
     assert_eq!(all(&mut link), []);
     connect(&mut link);
     link.receive(ToDevice::GetTissue, 0);
-    assert_eq!(all(&mut link), [Sent::Hello, Sent::Tissue(TISSUE.id)], "and the hello names them, see `next`");
+    assert_eq!(
+        all(&mut link),
+        [Sent::Hello, Sent::Tissue(TISSUE.id)],
+        "the hello contains their id, which `next` checks"
+    );
 }
 
 #[test]
-fn refused_parameters_are_answered_with_the_reason_and_the_old_stay() {
+fn refused_parameters_are_answered_with_the_reason_and_change_nothing() {
     let mut link = streaming();
     for before in [Tissue::NONE, *TISSUE] {
         for (bad, reason) in bad_tissues() {
@@ -366,10 +378,10 @@ fn refused_parameters_are_answered_with_the_reason_and_the_old_stay() {
 }
 
 #[test]
-fn answers_come_in_the_order_of_the_requests_and_after_what_was_before() {
+fn answers_are_sent_in_the_order_of_the_requests_after_queued_messages() {
     let mut link = streaming();
     let (bad, reason) = bad_tissues()[0];
-    frame(&mut link);
+    push_live(&mut link);
     link.push_step(step(0));
     for request in [
         ToDevice::SetTissue(bad),
@@ -388,17 +400,17 @@ fn answers_come_in_the_order_of_the_requests_and_after_what_was_before() {
     assert_eq!(sent[5..], [Sent::Refused(reason), Sent::Tissue(TISSUE.id), Sent::Refused(Refusal::NotUnderstood)]);
 }
 
-/// A carrier that takes one message where two frames come: the queue of live frames is never empty.
+/// The carrier sends one message for every two live frames, so that the queue of live frames is never empty.
 #[test]
-fn a_carrier_that_is_too_slow_for_live_frames_brings_answers() {
+fn a_carrier_that_is_too_slow_for_live_frames_delivers_answers() {
     let mut link = streaming();
     let sent_of = |link: &mut Session, requests: &[ToDevice]| {
         requests.iter().for_each(|request| link.receive(*request, 0));
         link.complete(Ok(CommandResult::Stored));
         let mut sent = Vec::new();
         for _ in 0..40 {
-            frame(link);
-            frame(link);
+            push_live(link);
+            push_live(link);
             sent.extend(next(link));
         }
         sent
@@ -408,14 +420,14 @@ fn a_carrier_that_is_too_slow_for_live_frames_brings_answers() {
     let at = sent.iter().position(|sent| matches!(sent, Sent::Status(_))).expect("an answer");
     assert!(at <= 8, "after {at} frames");
     assert!(matches!(sent[at + 1], Sent::Time { .. }));
-    // What the status counts as due is what was sent before it, and what is sent after it is not.
+    // The status counts exactly the live frames before it as due.
     let (Sent::Live(before), Sent::Status(status), Sent::Live(after)) = (sent[at - 1], sent[at], sent[at + 2]) else {
         panic!("{sent:?}")
     };
     assert!(before < status.live_due && status.live_due <= after, "{before}, {status:?}, {after}");
 
-    // No frame after the answer is older than it: those are of the parameters before.
-    let first = link.next_live().expect("it streams");
+    // Every live frame after the answer is newer than it, because older ones were computed with the previous parameters.
+    let first = link.next_live().expect("the host streams");
     let sent = sent_of(&mut link, &[ToDevice::SetTissue(*TISSUE)]);
     let at = sent.iter().position(|sent| *sent == Sent::Tissue(TISSUE.id)).expect("an answer");
     assert!(at <= 8, "after {at} frames");
@@ -424,7 +436,7 @@ fn a_carrier_that_is_too_slow_for_live_frames_brings_answers() {
 }
 
 #[test]
-fn parameters_are_not_taken_outside_of_a_session() {
+fn parameters_are_not_accepted_outside_of_a_session() {
     for connect in [None, Some(ToDevice::Connect { major: MAJOR + 1, minor: MINOR })] {
         let mut link = Session::new();
         connect.into_iter().for_each(|connect| link.receive(connect, 0));
@@ -438,7 +450,7 @@ fn parameters_are_not_taken_outside_of_a_session() {
 }
 
 #[test]
-fn a_flood_of_requests_is_answered_in_part() {
+fn too_many_requests_are_answered_in_part() {
     let mut link = streaming();
     (0..1000).for_each(|_| link.receive(ToDevice::GetTissue, 0));
     let sent = all(&mut link);
@@ -448,13 +460,13 @@ fn a_flood_of_requests_is_answered_in_part() {
 }
 
 #[test]
-fn what_is_kept_is_answered_when_it_is_and_one_job_waits_at_a_time() {
+fn a_command_is_answered_when_it_is_complete_and_others_are_refused_meanwhile() {
     let mut link = streaming();
     let serial = Serial::new("P-0001").expect("printable");
-    let name = ToDevice::SetIdentity { side: Side::Right, serial };
-    link.receive(name, 0);
+    let request = ToDevice::SetIdentity { side: Side::Right, serial };
+    link.receive(request, 0);
     assert_eq!(link.command(), Some(Command::SetIdentity(Side::Right, serial)));
-    // Another has to wait, and changes nothing.
+    // Another command is refused, and changes nothing.
     link.receive(ToDevice::SetTissue(*TISSUE), 0);
     assert_eq!(all(&mut link), [Sent::Refused(Refusal::Busy)]);
     assert_eq!(*link.tissue(), Tissue::NONE);
@@ -472,19 +484,19 @@ fn what_is_kept_is_answered_when_it_is_and_one_job_waits_at_a_time() {
     link.complete(Err(Refusal::Calibration));
     let sent = [Sent::CalibrationBlock(2), Sent::Refused(Refusal::NotStored), Sent::Refused(Refusal::Calibration)];
     assert_eq!(all(&mut link), sent);
-    assert_eq!(*link.tissue(), *TISSUE, "they hold until the next start");
+    assert_eq!(*link.tissue(), *TISSUE, "the parameters are in force until the next start");
     assert_eq!(link.identity(), identity);
     link.receive(ToDevice::Update(Request::Finish), 0);
     assert_eq!(link.command(), Some(Command::Update(Request::Finish)));
     link.complete(Ok(CommandResult::Update(Progress::Accepted)));
     assert_eq!(all(&mut link), [Sent::Update(Progress::Accepted)]);
-    // Nothing was asked.
+    // A result without a pending command has no effect.
     link.complete(Ok(CommandResult::Identity(Identity { calibration_id: 6, ..identity })));
     assert_eq!((all(&mut link), link.identity()), (vec![], identity));
 }
 
 #[test]
-fn what_makes_no_sense_is_not_kept() {
+fn invalid_calibrations_and_serial_numbers_are_refused() {
     let mut link = streaming();
     let bad = [f32::NAN, 0.0, -1.0, 1e9].map(|gain| CellCalibration { offset: 3, gain });
     for calibration in bad.into_iter().chain([CellCalibration { offset: u16::MAX, gain: 1.0 }]) {
@@ -493,16 +505,16 @@ fn what_makes_no_sense_is_not_kept() {
         link.receive(ToDevice::SetCalibrationBlock { block: 0, cells }, 0);
         assert_eq!(all(&mut link), [Sent::Refused(Refusal::Calibration)], "{calibration:?}");
     }
-    // Beyond the last part is the other calibration's place.
+    // The block numbers beyond the last block belong to the other slot of the calibration.
     for block in [16, 127, 128, 255] {
         let cells = [CellCalibration::IDEAL; BLOCK_CELLS];
         link.receive(ToDevice::SetCalibrationBlock { block, cells }, 0);
         assert_eq!(all(&mut link), [Sent::Refused(Refusal::Calibration)], "{block}");
     }
     let mut bytes = [0; MAX_MESSAGE];
-    let name = ToDevice::SetIdentity { side: Side::Left, serial: Serial::new("AB").expect("printable") };
-    let bytes = encode(&name, &mut bytes).expect("it fits");
-    // A character that is none, and one after the end.
+    let request = ToDevice::SetIdentity { side: Side::Left, serial: Serial::new("AB").expect("printable") };
+    let bytes = encode(&request, &mut bytes).expect("the message fits");
+    // A control character, and a character after the end of the text.
     for (at, byte) in [(2, 7), (10, b'x')] {
         let mut damaged = bytes.to_vec();
         damaged[at] = byte;
@@ -513,12 +525,12 @@ fn what_makes_no_sense_is_not_kept() {
 }
 
 #[test]
-fn acknowledged_steps_are_told_once_where_they_are_kept() {
+fn an_acknowledgement_is_handed_to_the_storage_once() {
     let mut link = with_steps(10..15);
     assert_eq!((link.has_room(), link.newest_step()), (STEP_QUEUE > 5, Some(14)));
     connect(&mut link);
     acknowledge(&mut link, 12);
-    assert_eq!(link.take_acknowledged(), None, "nothing was sent yet");
+    assert_eq!(link.take_acknowledged(), None, "no step was sent yet");
     assert_eq!(steps(&mut link), [10, 11, 12, 13, 14]);
     acknowledge(&mut link, 11);
     acknowledge(&mut link, 12);

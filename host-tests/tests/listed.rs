@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// In two parts, so that the test does not find itself.
+/// The keyword in two parts, so that the test does not find itself.
 const KEYWORD: &str = concat!("un", "safe");
 
 /// The folders with Rust sources. Some may be absent.
@@ -16,7 +16,7 @@ fn root() -> PathBuf {
 }
 
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
-    for entry in fs::read_dir(folder).expect("a folder").flatten() {
+    for entry in fs::read_dir(folder).expect("the folder can be read").flatten() {
         let (path, name) = (entry.path(), entry.file_name());
         if path.is_dir() && !["target", "node_modules"].iter().any(|other| name == *other) {
             sources(&path, found);
@@ -43,10 +43,10 @@ fn every_line_is_listed_and_every_block_has_its_reason() {
     }
     let mut found = BTreeMap::new();
     for file in files {
-        let text = fs::read_to_string(&file).expect("a source");
+        let text = fs::read_to_string(&file).expect("the source can be read");
         let lines: Vec<_> = text.lines().collect();
         let count = lines.iter().filter(|line| has_keyword(line)).count();
-        let name = file.strip_prefix(root()).expect("below the root").to_string_lossy().replace('\\', "/");
+        let name = file.strip_prefix(root()).expect("the file is below the root").to_string_lossy().replace('\\', "/");
         for (i, _) in lines.iter().enumerate().filter(|(_, line)| code(line).contains(&format!("{KEYWORD} {{"))) {
             let reason = lines[..i].iter().rev().take_while(|line| line.trim().starts_with("//"));
             assert!(reason.into_iter().any(|line| line.contains("SAFETY:")), "{name}:{} has no SAFETY comment", i + 1);
@@ -55,7 +55,7 @@ fn every_line_is_listed_and_every_block_has_its_reason() {
             found.insert(name, count);
         }
     }
-    let list = fs::read_to_string(root().join(format!("docs/{KEYWORD}.md"))).expect("the list");
+    let list = fs::read_to_string(root().join(format!("docs/{KEYWORD}.md"))).expect("the list can be read");
     let listed: BTreeMap<_, usize> = list
         .lines()
         .filter_map(|row| {

@@ -1,4 +1,4 @@
-//! A long walk with both feet on the host loops.
+//! A long walk with both feet, with the firmware's loops on a host.
 
 use testkit::scenario::LongWalk;
 

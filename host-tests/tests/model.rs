@@ -1,4 +1,4 @@
-//! The ellipsoid against geometry, quadrature and finite differences, all in f64.
+//! The ellipsoid model, compared with geometry, quadrature and finite differences in f64.
 
 use plantar::Real;
 use plantar::pipeline::live::LiveModel;
@@ -12,7 +12,7 @@ fn config() -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }
 }
 
-/// A plantar region's ellipsoid, every number one that f32 holds exactly.
+/// The ellipsoid of a plantar region, with numbers that f32 represents exactly.
 fn ellipsoid() -> impl Strategy<Value = Ellipsoid<f64>> {
     let lengths = (5e-3..50e-3f64, 5e-3..80e-3f64, 3e-3..30e-3f64, 5e-3..25e-3f64);
     // ln K and ln G: 1e4..1e7 Pa and 1..1e6 Pa s.
@@ -37,13 +37,13 @@ fn section_m2(e: &Ellipsoid<f64>) -> f64 {
     PI * e.a_m * e.b_m
 }
 
-/// Area at a deformation: the section of the ellipsoid by the ground plane, from x2/A2 + y2/B2 + z2/C2 = 1.
+/// Area at a deformation: the section of the ellipsoid x2/A2 + y2/B2 + z2/C2 = 1 by the ground plane.
 fn contact_area_m2(e: &Ellipsoid<f64>, deformation_m: f64) -> f64 {
     let z = (e.c_m - deformation_m) / e.c_m;
     section_m2(e) * (1.0 - z * z)
 }
 
-/// Nodes and weights of Gauss and Legendre on 0..1.
+/// Nodes and weights of the Gauss-Legendre quadrature on 0..1.
 fn gauss_legendre(count: usize) -> Vec<(f64, f64)> {
     let legendre = |x: f64| {
         let (mut before, mut here) = (1.0, x);
@@ -90,7 +90,7 @@ proptest! {
     #![proptest_config(config())]
 
     #[test]
-    fn contact_radii_and_area_are_one_ellipse(e in ellipsoid(), g in 1e-4..0.999f64) {
+    fn contact_radii_and_area_belong_to_one_ellipse(e in ellipsoid(), g in 1e-4..0.999f64) {
         let deformation_m = g * e.c_m;
         let (r_a_m, r_b_m) = e.contact_radii_m(deformation_m);
         let area_m2 = contact_area_m2(&e, deformation_m);
@@ -129,7 +129,7 @@ proptest! {
     }
 
     #[test]
-    fn gauge_form_is_the_same_force_without_tension(e in ellipsoid(), g in 1e-3..1.0f64, rate_m_s in -1.0..1.0f64) {
+    fn the_force_law_gives_the_same_force_without_tension(e in ellipsoid(), g in 1e-3..1.0f64, rate_m_s in -1.0..1.0f64) {
         let (deformation_m, law) = (g * e.c_m, e.force_law());
         let elastic_n = e.force_n(deformation_m, 0.0);
         let full_n = e.force_n(deformation_m, rate_m_s);
@@ -152,13 +152,13 @@ proptest! {
     }
 
     #[test]
-    fn force_knows_only_the_gauge_numbers(
+    fn the_force_depends_only_on_the_force_law(
         e in ellipsoid(),
         share in 1e-3..0.99f64,
         area_rate_m2_s in -0.1..0.1f64,
         [s_ab, s_c, s_d0] in [0.5..2.0f64, 0.5..2.0f64, 0.5..2.0f64],
     ) {
-        // K = k C^(n+1) / d0^n and G = c C^(m+1) / d0^m stay.
+        // K = k C^(n+1) / d0^n and G = c C^(m+1) / d0^m are unchanged.
         let stretched = Ellipsoid {
             a_m: e.a_m * s_ab,
             b_m: e.b_m / s_ab,
@@ -188,7 +188,7 @@ proptest! {
         let wide_g = wide.area_ratio(f64::from(area_m2)).normalised_deformation();
         close(f64::from(g), wide_g, wide_g, 1e-5)?;
 
-        // The rounding of g itself is seen through the slope of the force: the force law is compared at the same g.
+        // The rounding error of g changes the force by its slope: both force laws are compared at the same g.
         let g_wide = f64::from(g);
         let elastic_n = wide.force_n(g_wide, 0.0);
         close(f64::from(law.force_n(g, 0.0)), elastic_n, elastic_n, 1e-5)?;
@@ -240,7 +240,7 @@ fn area_ratio_is_guarded() {
             );
         }
     }
-    assert!((HEEL.deformation_m(largest_m2 * 2.0) - HEEL.c_m).abs() < 1e-17, "a clamped contact is all of C");
+    assert!((HEEL.deformation_m(largest_m2 * 2.0) - HEEL.c_m).abs() < 1e-17, "a clamped contact has the deformation C");
 }
 
 #[test]
@@ -254,9 +254,9 @@ fn without_contact_there_is_no_force() {
 }
 
 #[test]
-fn tension_is_cut_in_the_gauge_form_only() {
+fn only_the_force_law_limits_tension_to_zero() {
     let (g, rate_m_s) = (0.3, -5.0);
-    assert!(HEEL.force_n(g * HEEL.c_m, rate_m_s) < 0.0, "this release pulls");
+    assert!(HEEL.force_n(g * HEEL.c_m, rate_m_s) < 0.0, "the ellipsoid has tension in this release");
     assert_eq!(HEEL.force_law().force_n(g, rate_m_s / HEEL.c_m), 0.0);
 }
 
@@ -271,7 +271,7 @@ fn unknown_tissue_gives_no_deformation_and_no_force() {
 }
 
 #[test]
-fn unusable_parameters_are_refused() {
+fn invalid_parameters_are_refused() {
     assert!(HEEL.is_valid() && HEEL.force_law().is_valid());
     let bad_ellipsoids: [fn(&mut Ellipsoid<f64>); 12] = [
         |e| e.a_m = 0.0,
@@ -287,40 +287,40 @@ fn unusable_parameters_are_refused() {
         |e| e.m = -1.5,
         |e| e.m = f64::NAN,
     ];
-    for (i, spoil) in bad_ellipsoids.iter().enumerate() {
+    for (i, change) in bad_ellipsoids.iter().enumerate() {
         let mut e = HEEL;
-        spoil(&mut e);
+        change(&mut e);
         assert!(!e.is_valid(), "ellipsoid {i}: {e:?}");
     }
-    let bad_gauges: [fn(&mut ForceLaw<f64>); 17] = [
-        |g| g.ab_m2 = 0.0,
-        |g| g.ab_m2 = f64::NAN,
-        |g| g.c_m = -0.01,
-        |g| g.c_m = f64::INFINITY,
-        |g| g.stiffness_pa = -1.0,
-        |g| g.stiffness_pa = f64::INFINITY,
-        |g| g.damping_pa_s = -1.0,
-        |g| g.damping_pa_s = f64::NAN,
-        |g| g.n = -1.0,
-        |g| g.m = f64::NEG_INFINITY,
-        |g| g.ab_m2 = 0.99e-8,
-        |g| g.ab_m2 = 0.0401,
-        |g| g.c_m = 0.99e-4,
-        |g| g.c_m = 0.201,
-        |g| g.stiffness_pa = 1.01e9,
-        |g| g.damping_pa_s = 1.01e9,
-        |g| g.n = 10.01,
+    let bad_laws: [fn(&mut ForceLaw<f64>); 17] = [
+        |law| law.ab_m2 = 0.0,
+        |law| law.ab_m2 = f64::NAN,
+        |law| law.c_m = -0.01,
+        |law| law.c_m = f64::INFINITY,
+        |law| law.stiffness_pa = -1.0,
+        |law| law.stiffness_pa = f64::INFINITY,
+        |law| law.damping_pa_s = -1.0,
+        |law| law.damping_pa_s = f64::NAN,
+        |law| law.n = -1.0,
+        |law| law.m = f64::NEG_INFINITY,
+        |law| law.ab_m2 = 0.99e-8,
+        |law| law.ab_m2 = 0.0401,
+        |law| law.c_m = 0.99e-4,
+        |law| law.c_m = 0.201,
+        |law| law.stiffness_pa = 1.01e9,
+        |law| law.damping_pa_s = 1.01e9,
+        |law| law.n = 10.01,
     ];
-    for (i, spoil) in bad_gauges.iter().enumerate() {
-        let mut g = HEEL.force_law();
-        spoil(&mut g);
-        assert!(!g.is_valid(), "law {i}: {g:?}");
+    for (i, change) in bad_laws.iter().enumerate() {
+        let mut law = HEEL.force_law();
+        change(&mut law);
+        assert!(!law.is_valid(), "law {i}: {law:?}");
     }
     assert!(!ForceLaw::<f32>::NONE.is_valid());
 }
 
-/// Every number at either limit; an exponent above -1 is as near to it as single precision comes.
-fn gauges_at_their_limits() -> impl Iterator<Item = ForceLaw<f32>> {
+/// Force laws with every number at its lower or upper limit. The lower limit of an exponent is the smallest f32 above -1.
+fn laws_at_their_limits() -> impl Iterator<Item = ForceLaw<f32>> {
     let ends = |limit: &std::ops::RangeInclusive<f64>| [*limit.start() as f32, *limit.end() as f32];
     let exponents = [(-1.0f32).next_up(), MAX_EXPONENT as f32];
     let choices = [ends(&AB_M2), ends(&LENGTH_M), ends(&COEFFICIENT), ends(&COEFFICIENT), exponents, exponents];
@@ -331,8 +331,8 @@ fn gauges_at_their_limits() -> impl Iterator<Item = ForceLaw<f32>> {
 }
 
 #[test]
-fn limits_are_within_and_the_next_numbers_are_not() {
-    for law in gauges_at_their_limits() {
+fn the_limits_are_valid_and_the_next_numbers_are_not() {
+    for law in laws_at_their_limits() {
         assert!(law.is_valid(), "{law:?}");
         let mut beyond = [law; 6];
         let outwards = |value: f32, limit: f64| if value == limit as f32 { value.next_up() } else { value.next_down() };
@@ -348,11 +348,11 @@ fn limits_are_within_and_the_next_numbers_are_not() {
     }
 }
 
-/// Contact that comes and goes as fast as frames do, from a trace of it to far beyond the ellipsoid.
+/// The contact changes completely from frame to frame, from almost none to an area far beyond the ellipsoid.
 #[test]
 fn forces_at_the_limits_of_the_parameters_are_finite_in_single_precision() {
     let areas_mm2: Vec<f32> = (0..256).map(|i| [0.0, 1e5, 1e-3, 600.0, 0.01][i % 5]).collect();
-    for law in gauges_at_their_limits() {
+    for law in laws_at_their_limits() {
         for per_s in [20.0f32, 500.0] {
             let mut live = LiveModel::NEW;
             for &area_mm2 in &areas_mm2 {

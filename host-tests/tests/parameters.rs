@@ -1,4 +1,4 @@
-//! Parameter files and the set on an insole: either way through, the same bits.
+//! Parameter files and the parameters on an insole: conversion in either direction preserves every bit.
 
 use parameters::{InsoleSize, Parameters};
 use plantar::pipeline::model::{AB_M2, COEFFICIENT, ForceLaw, LENGTH_M, MAX_EXPONENT};
@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-/// Evenly over the bits, so over all magnitudes, and often a limit itself.
+/// Numbers within limits, distributed evenly over their bits and so over all magnitudes; often a limit itself.
 fn within(limit: &RangeInclusive<f64>) -> impl Strategy<Value = f32> + use<> {
     let (least, most) = (*limit.start() as f32, *limit.end() as f32);
     let inside = (least.to_bits()..=most.to_bits()).prop_map(f32::from_bits);
@@ -34,22 +34,22 @@ fn tissue() -> impl Strategy<Value = Tissue> {
 }
 
 fn through_a_file(parameters: &Parameters) -> Parameters {
-    Parameters::parse(&parameters.to_toml(), Path::new("pulled.toml")).expect("the file is sound")
+    Parameters::parse(&parameters.to_toml(), Path::new("pulled.toml")).expect("the file is valid")
 }
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 5000, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn any_set_that_an_insole_takes_comes_back_from_a_file_bit_for_bit(tissue in tissue()) {
+    fn valid_parameters_are_read_back_from_a_file_bit_for_bit(tissue in tissue()) {
         prop_assert_eq!(tissue.check(), Ok(()));
-        // Equal ids also tell 0 from -0.
+        // The id depends on every bit, so that it also distinguishes 0 from -0.
         prop_assert_eq!(through_a_file(&Parameters::from_tissue(&tissue)).tissue(), tissue);
     }
 }
 
 #[test]
-fn typical_parameters_come_back_from_a_file_and_from_an_insole() {
+fn typical_parameters_are_read_back_from_a_file_and_from_an_insole() {
     for size in 35..=46 {
         let typical = Parameters::typical(size.to_string().parse::<InsoleSize>().expect("a size"));
         assert_eq!(typical.tissue().check(), Ok(()), "size {size}");
@@ -60,24 +60,24 @@ fn typical_parameters_come_back_from_a_file_and_from_an_insole() {
 }
 
 #[test]
-fn lengths_at_their_limits_are_read() {
+fn lengths_within_their_limits_are_accepted() {
     let typical = Parameters::typical(InsoleSize::default()).to_toml();
     let c_of_heel = typical.lines().find(|line| line.starts_with("c_mm")).expect("a radius");
-    for (c_mm, is_read) in [("0.1", true), ("200", true), ("200.0", true), ("0.0999", false), ("200.1", false)] {
-        // So stiff in so thick a tissue that K would be too much.
+    for (c_mm, is_accepted) in [("0.1", true), ("200", true), ("200.0", true), ("0.0999", false), ("200.1", false)] {
+        // A small k, because the usual one in a tissue of 200 mm would give a stiffness K beyond its limit.
         let text = typical.replacen(c_of_heel, &format!("c_mm = {c_mm}"), 1).replace("k_n_m3 = ", "k_n_m3 = 1.0 # ");
         let read = Parameters::parse(&text, Path::new("params.toml"));
-        assert_eq!(read.is_ok(), is_read, "{c_mm}: {read:?}");
+        assert_eq!(read.is_ok(), is_accepted, "{c_mm}: {read:?}");
         if let Err(error) = read {
-            let said = error.to_string();
-            assert!(said.contains("line 12") && said.contains("from 0.1 to 200 mm"), "{said}");
+            let text = error.to_string();
+            assert!(text.contains("line 12") && text.contains("from 0.1 to 200 mm"), "{text}");
         }
     }
 }
 
-/// Rust's escapes are not those of TOML.
+/// The escape sequences of TOML differ from those of Rust.
 #[test]
-fn any_name_passes_through_a_file() {
+fn any_name_is_read_back_from_a_file() {
     let subject = "\"a\\b\"\u{0}\n\u{85}\u{301}'\u{1f9b6}";
     let named = Parameters { subject: subject.into(), ..Parameters::typical(InsoleSize::default()) };
     assert_eq!(through_a_file(&named).subject, subject);

@@ -1,4 +1,4 @@
-//! A whole insole's frame against a reference that starts every frame from nothing, in f64.
+//! The frames of a whole insole, compared with a reference in f64 that computes every frame from the start.
 
 use plantar::insole::Insole;
 use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
@@ -19,7 +19,7 @@ fn config() -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }
 }
 
-/// What a region should read.
+/// The expected values of a region.
 #[derive(Clone, Copy, Debug, Default)]
 struct Truth {
     area_mm2: f64,
@@ -33,12 +33,12 @@ struct Truth {
     saturated: bool,
 }
 
-/// The whole way done the slow way; only which cells are in contact is kept between frames.
+/// A direct computation of all values. Between frames it stores only which cells are in contact.
 struct Reference {
     setup: Setup,
     curve: Curve,
     cells: Vec<SetupCell>,
-    /// Codes from which each cell comes into contact, leaves it and counts whole.
+    /// For each cell, the codes at which its contact begins and ends, and at which it counts whole.
     thresholds: Vec<(u16, u16, u16)>,
     in_contact: Vec<bool>,
 }
@@ -46,7 +46,7 @@ struct Reference {
 impl Reference {
     fn new(setup: Setup, cells: &[SetupCell]) -> Self {
         let curve = curve(&setup.sensor);
-        // The code below the first one that reads the threshold: a code stands for a step of pressures.
+        // The code below the first one that reads the threshold, because each code stands for an interval of pressures.
         let code_at = |kpa: f32, c: &CellCalibration| {
             let reads = |code: &u16| curve.pressure_kpa::<f32>(i32::from(*code) + 1) >= kpa / c.gain;
             (1..FULL_CODE).find(reads).unwrap_or(FULL_CODE).saturating_add(c.offset).min(FULL_CODE)
@@ -67,7 +67,7 @@ impl Reference {
         self.curve.pressure_kpa::<f64>(i32::from(code.saturating_sub(offset))) * f64::from(gain)
     }
 
-    /// Share of a cell in contact, in parts of 256.
+    /// Share of a cell that is in contact, in 1/256.
     fn share(&self, i: usize, code: u16) -> f64 {
         if !self.in_contact[i] {
             0.0
@@ -117,7 +117,7 @@ impl Reference {
     }
 }
 
-/// Cells in order of their regions, some of which are empty; positions and areas that the fixed point holds exactly.
+/// Cells in the order of their regions, some of which are empty; the fixed-point numbers represent positions and areas exactly.
 fn layout() -> impl Strategy<Value = Vec<SetupCell>> {
     let place = (0usize..8, -1600i16..1600, -1600i16..1600, 16u16..1600);
     let one = (place, 0u16..4000, 0.2..5.0f32);
@@ -148,7 +148,7 @@ fn setup() -> impl Strategy<Value = Setup> {
     })
 }
 
-/// Codes of all sizes, many of them small, where thresholds are.
+/// Codes of all sizes, many of them small, near the thresholds.
 fn code() -> impl Strategy<Value = u16> {
     prop_oneof![Just(0), 0u16..6000, any::<u16>(), Just(FULL_CODE)]
 }
@@ -172,7 +172,7 @@ proptest! {
     #![proptest_config(config())]
 
     #[test]
-    fn frames_agree_with_the_slow_way(setup in setup(), cells in layout(), frames in frames()) {
+    fn frames_agree_with_the_reference(setup in setup(), cells in layout(), frames in frames()) {
         let mut reference = Reference::new(setup, &cells);
         let (mut wide, mut narrow) = (new_insole::<f64>(setup, &cells), new_insole::<f32>(setup, &cells));
         for (seq, codes) in frames.iter().enumerate() {
@@ -180,10 +180,10 @@ proptest! {
             narrow.frame(seq as u32, codes);
             for (region, truth) in reference.frame(codes).iter().enumerate() {
                 let (load, narrow_load) = (&wide.loads()[region].frame, &narrow.loads()[region].frame);
-                // Counted cells are exact. A share is cut to a whole number in single precision: it may miss by one.
+                // Counted cells are exact. A share is truncated in single precision: it may differ by one.
                 let area_mm2 = load.area.area_mm2::<f64>();
-                let off_mm2 = if setup.contact.full_kpa > 0.0 { region_area_mm2(&cells, region) / 256.0 } else { 0.0 };
-                prop_assert!((area_mm2 - truth.area_mm2).abs() <= off_mm2, "{} is not {:?}", area_mm2, truth);
+                let margin_mm2 = if setup.contact.full_kpa > 0.0 { region_area_mm2(&cells, region) / 256.0 } else { 0.0 };
+                prop_assert!((area_mm2 - truth.area_mm2).abs() <= margin_mm2, "{} is not {:?}", area_mm2, truth);
                 prop_assert_eq!(load.area, narrow_load.area);
                 prop_assert_eq!(load.saturated, truth.saturated);
                 prop_assert_eq!(narrow_load.saturated, truth.saturated);
@@ -204,7 +204,7 @@ proptest! {
 
                 let ellipse = wide.ellipse(region);
                 prop_assert_eq!(ellipse.is_some(), truth.area_mm2 > 0.0);
-                if let Some(ellipse) = ellipse.filter(|_| off_mm2 == 0.0) {
+                if let Some(ellipse) = ellipse.filter(|_| margin_mm2 == 0.0) {
                     prop_assert!((ellipse.x_mm - truth.x_mm).abs() < 1e-9 && (ellipse.y_mm - truth.y_mm).abs() < 1e-9);
                     // r2 / 4 are the eigenvalues of the covariance: their sum is its trace.
                     let trace = (ellipse.r_a_mm.powi(2) + ellipse.r_b_mm.powi(2)) / 4.0;
@@ -214,9 +214,9 @@ proptest! {
         }
     }
 
-    /// Positions and areas as they come: rounded to 1/64 mm and 1/16 mm2.
+    /// Arbitrary positions and areas are rounded to 1/64 mm and 1/16 mm2.
     #[test]
-    fn rounding_of_a_layout_is_below_a_thirty_second_of_a_cell(
+    fn rounding_a_layout_changes_an_area_by_less_than_1_32_mm2_per_cell(
         cells in prop::collection::vec((-100.0..100.0f32, -100.0..100.0f32, 0.5..200.0f32), 1..256),
     ) {
         let cells: Vec<_> = cells.iter().map(|&(x, y, area)| cell(Region::Toe2, x, y, area)).collect();
@@ -227,14 +227,14 @@ proptest! {
         let area_mm2 = insole.loads()[Region::Toe2 as usize].frame.area.area_mm2::<f64>();
         prop_assert!((area_mm2 - truth.area_mm2).abs() <= cells.len() as f64 / 32.0);
         let ellipse = insole.ellipse(Region::Toe2 as usize).expect("contact");
-        // Rounded weights move the middle by at most their share of the reach.
-        let off_mm = 1.0 / 128.0 + 200.0 * cells.len() as f64 / 32.0 / truth.area_mm2;
-        prop_assert!((ellipse.x_mm - truth.x_mm).abs() <= off_mm, "{:?} {:?}", ellipse, truth);
-        prop_assert!((ellipse.y_mm - truth.y_mm).abs() <= off_mm, "{:?} {:?}", ellipse, truth);
+        // Rounded weights move the centre by at most their share of the largest distance.
+        let margin_mm = 1.0 / 128.0 + 200.0 * cells.len() as f64 / 32.0 / truth.area_mm2;
+        prop_assert!((ellipse.x_mm - truth.x_mm).abs() <= margin_mm, "{:?} {:?}", ellipse, truth);
+        prop_assert!((ellipse.y_mm - truth.y_mm).abs() <= margin_mm, "{:?} {:?}", ellipse, truth);
     }
 }
 
-/// Numbers that look random and are the same in every run.
+/// Pseudorandom numbers, the same in every run.
 fn noise(seed: u32) -> impl FnMut() -> u16 {
     let mut state = seed.wrapping_mul(2_654_435_761).max(1);
     move || {
@@ -261,25 +261,25 @@ fn areas_and_forces_do_not_drift() {
     let cells = mixed_layout(64);
     let contact = ContactRule { full_kpa: 50.0, ..ContactRule::COUNTED };
     let setup = Setup { contact, ..SETUP };
-    let (mut worn, mut fresh) = (new_insole::<f32>(setup, &cells), new_insole::<f32>(setup, &cells));
+    let (mut used, mut fresh) = (new_insole::<f32>(setup, &cells), new_insole::<f32>(setup, &cells));
     let mut next = noise(1);
     for seq in 0..100_000 {
-        worn.frame(seq, &core::array::from_fn::<u16, 64, _>(|_| next() / (1 + next() % 4)));
+        used.frame(seq, &core::array::from_fn::<u16, 64, _>(|_| next() / (1 + next() % 4)));
     }
     let last = core::array::from_fn::<u16, 64, _>(|_| next());
     for (seq, codes) in [[0; 64], last].iter().enumerate() {
-        worn.frame(100_000 + seq as u32, codes);
+        used.frame(100_000 + seq as u32, codes);
         fresh.frame(seq as u32, codes);
-        for (a, b) in worn.loads().iter().zip(fresh.loads()) {
+        for (a, b) in used.loads().iter().zip(fresh.loads()) {
             assert_eq!(a.frame, b.frame);
         }
     }
-    worn.frame(100_002, &[0; 64]);
-    assert!(worn.loads().iter().all(|load| load.frame == RegionLoad::NONE.frame));
+    used.frame(100_002, &[0; 64]);
+    assert!(used.loads().iter().all(|load| load.frame == RegionLoad::NONE.frame));
 }
 
 #[test]
-fn a_new_set_up_starts_anew_and_keeps_the_tissue() {
+fn a_new_set_up_resets_everything_except_the_tissue() {
     let cells = mixed_layout(64);
     let mut insole = new_insole::<f32>(SETUP, &cells);
     insole.set_tissue(&TISSUE).expect("tissue");
@@ -290,12 +290,12 @@ fn a_new_set_up_starts_anew_and_keeps_the_tissue() {
     assert!(!insole.on_ground());
     insole.frame(0, &[30_000; 8]);
     let heel = &insole.loads()[0];
-    assert!(heel.tissue.model_n > 0.0, "the tissue is still known");
+    assert!(heel.tissue.model_n > 0.0, "the tissue remains");
     assert!(insole.loads()[1..].iter().all(|load| load.frame.area.area_mm2::<f32>() == 0.0));
 }
 
 #[test]
-fn nothing_happens_before_a_set_up_or_with_too_few_codes() {
+fn a_frame_without_a_set_up_or_with_too_few_codes_is_ignored() {
     let mut insole = Insole::<f32, 64>::new();
     assert!(!insole.frame(0, &[FULL_CODE; 64]));
     assert!(insole.setup().is_none() && insole.whole_step().is_none());
@@ -310,7 +310,7 @@ fn try_set_up(setup: Setup, cells: &[SetupCell]) -> Result<(), SetupError> {
 }
 
 #[test]
-fn bad_rules_are_refused_by_name() {
+fn invalid_rules_are_refused_by_name() {
     let one = [cell(Region::Heel, 0.0, 0.0, 25.0)];
     assert_eq!(try_set_up(SETUP, &one), Ok(()));
     for period_us in [0, 1_999, 50_001, u32::MAX] {
@@ -337,7 +337,7 @@ fn bad_rules_are_refused_by_name() {
 }
 
 #[test]
-fn bad_cells_are_refused_by_number() {
+fn invalid_cells_are_refused_by_number() {
     let good = cell(Region::Toe2, 30.0, 200.0, 25.0);
     let heel = cell(Region::Heel, 0.0, 0.0, 25.0);
     assert_eq!(try_set_up(SETUP, &[]), Err(SetupError::NoCells));
@@ -362,14 +362,14 @@ fn bad_cells_are_refused_by_number() {
     for bad in bad_cells {
         assert_eq!(try_set_up(SETUP, &[heel, good, bad]), Err(SetupError::Cell(2)), "{bad:?}");
     }
-    // Every cell is fine, all of them are more than a region holds.
+    // Every cell is valid, but their total area is too large for a region.
     let large = vec![cell(Region::Heel, 0.0, 0.0, MAX_CELL_MM2); 126];
     let mut insole = Box::new(Insole::<f32, 256>::new());
     assert_eq!(insole.set_up(SETUP, large.iter().copied()), Err(SetupError::Cell(125)));
 }
 
 #[test]
-fn bad_tissue_is_refused_with_its_reason_and_changes_nothing() {
+fn invalid_tissue_is_refused_with_its_reason_and_changes_nothing() {
     let mut insole = Insole::<f32, 4>::new();
     insole.set_tissue(&TISSUE).expect("tissue");
     let mut force_laws = TISSUE.force_laws;
@@ -387,14 +387,15 @@ fn bad_tissue_is_refused_with_its_reason_and_changes_nothing() {
     assert_eq!(insole.tissue_id(), TISSUE.id);
 }
 
-/// Every bit of a set takes part in its id.
+/// Every bit of the parameters changes their id.
 #[test]
-fn any_changed_bit_is_another_id() {
+fn any_changed_bit_changes_the_id() {
     let ids: HashSet<u32> = (0..8 * 6 * 32)
         .map(|bit| {
             let mut force_laws = TISSUE.force_laws;
-            let g = &mut force_laws[bit / 192];
-            let values = [&mut g.ab_m2, &mut g.c_m, &mut g.stiffness_pa, &mut g.damping_pa_s, &mut g.n, &mut g.m];
+            let law = &mut force_laws[bit / 192];
+            let values =
+                [&mut law.ab_m2, &mut law.c_m, &mut law.stiffness_pa, &mut law.damping_pa_s, &mut law.n, &mut law.m];
             let value = values.into_iter().nth(bit / 32 % 6).expect("six numbers");
             *value = f32::from_bits(value.to_bits() ^ 1 << (bit % 32));
             Tissue::new(force_laws).id
@@ -405,7 +406,7 @@ fn any_changed_bit_is_another_id() {
 }
 
 #[test]
-fn errors_read_as_sentences() {
+fn errors_name_the_cell_the_region_and_the_remedy() {
     assert_eq!(SetupError::Cell(3).to_string().split(' ').take(2).collect::<Vec<_>>(), ["cell", "3"]);
     assert!(SetupError::RegionOrder(9).to_string().contains("cell 9"));
     let out_of_bounds = Refusal::from(TissueError::Region(Region::Toes35)).to_string();
@@ -417,9 +418,9 @@ fn errors_read_as_sentences() {
     assert!(Refusal::NotUnderstood.to_string().contains("update"));
 }
 
-/// The largest layout that is accepted, all in contact: no sum overflows.
+/// The sums do not overflow for the largest accepted layout with all cells in contact.
 #[test]
-fn the_largest_region_stays_within_its_sums() {
+fn the_sums_of_the_largest_region_do_not_overflow() {
     let corner = |i: usize| {
         (
             if i.is_multiple_of(2) { -MAX_DISTANCE_MM } else { MAX_DISTANCE_MM },
@@ -437,10 +438,10 @@ fn the_largest_region_stays_within_its_sums() {
     assert!((trace / (truth.variance_x + truth.variance_y) - 1.0).abs() < 1e-9, "{ellipse:?} {truth:?}");
 }
 
-/// An ellipsoid pressed onto cells, pressure in proportion to the local deformation (Eq. 3): shares of edge cells come nearer to
-/// the true contact area than counting them whole, wherever between the cells it lies.
+/// An ellipsoid is pressed onto cells at random positions, with a pressure in proportion to the local deformation (Eq. 3).
+/// Covered shares of edge cells give a more accurate contact area than cells that count whole.
 #[test]
-fn covered_shares_come_nearer_to_the_area_of_an_ellipsoids_contact() {
+fn covered_shares_give_a_more_accurate_area_than_counted_cells() {
     const CELL_MM: [f64; 2] = [5.08, 7.62];
     const SIDE: usize = 16;
     const POINTS: usize = 12;
@@ -455,7 +456,7 @@ fn covered_shares_come_nearer_to_the_area_of_an_ellipsoids_contact() {
     let (r_mm, _) = e.contact_radii_m(deformation_m);
     let r_mm = r_mm * 1e3;
     let true_mm2 = std::f64::consts::PI * r_mm * r_mm;
-    // 700 kPa at the centre; at the rim a cell that is just covered then reads some 150.
+    // 700 kPa at the centre; a cell that is just covered at the edge then reads about 150 kPa.
     let stiffness = 700.0 / deformation_m;
     let area_mm2 = |rule: ContactRule, dx_mm: f64, dy_mm: f64| {
         let mut insole = new_insole::<f64>(Setup { contact: rule, ..SETUP }, &cells);

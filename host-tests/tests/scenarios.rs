@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use testkit::scenario::{Scenario, ScenarioError};
 
 #[rstest]
-fn has_the_expected_outcome(#[files("scenarios/*.toml")] file: PathBuf) {
+fn scenario_has_the_expected_outcome(#[files("scenarios/*.toml")] file: PathBuf) {
     let text = std::fs::read_to_string(&file).expect("the file can be read");
     let scenario = Scenario::parse(&text).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
     let mut outcome = scenario.run();
@@ -19,17 +19,17 @@ fn error_of(text: &str) -> ScenarioError {
     Scenario::parse(text).expect_err("the scenario is wrong")
 }
 
-const HEAD: &str = "title = \"A test.\"\nduration_s = 5.0\n";
+const HEADER: &str = "title = \"A test.\"\nduration_s = 5.0\n";
 
 #[test]
 fn an_unknown_event_is_named_with_its_line() {
-    let error = error_of(&format!("{HEAD}\n[[at]]\ns = 1.0\nevent.wlk = {{ steps = 1 }}\n")).to_string();
+    let error = error_of(&format!("{HEADER}\n[[at]]\ns = 1.0\nevent.wlk = {{ steps = 1 }}\n")).to_string();
     assert!(error.contains("line 6") && error.contains("wlk") && error.contains("walk"), "{error}");
 }
 
 #[test]
 fn an_unknown_value_is_named_with_its_line() {
-    let error = error_of(&format!("{HEAD}\n[[at]]\ns = 1.0\nevent.walk = {{ step = 1 }}\n")).to_string();
+    let error = error_of(&format!("{HEADER}\n[[at]]\ns = 1.0\nevent.walk = {{ step = 1 }}\n")).to_string();
     assert!(error.contains("line 6") && error.contains("step"), "{error}");
 }
 
@@ -45,7 +45,7 @@ fn events_in_an_impossible_order_are_named_with_their_line() {
         ("[[at]]\ns = 1.0\nevent.walk = { steps = 3 }\n[[at]]\ns = 2.0\nevent.walk = { steps = 3 }\n", 6, "walk"),
         ("[[at]]\ns = 1.0\nevent.sensor_fault = \"open-cell\"\n", 3, "open-cell:17"),
     ] {
-        let error = error_of(&format!("{HEAD}{events}"));
+        let error = error_of(&format!("{HEADER}{events}"));
         let text = error.to_string();
         assert!(matches!(error, ScenarioError::Order { line: found, .. } if found == line), "{events}: {text}");
         assert!(text.contains(word), "{events}: {text}");

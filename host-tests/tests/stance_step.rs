@@ -1,4 +1,5 @@
-//! Stances as stories of total force, and their numbers against a direct transcription of the paper's pipeline in f64.
+//! Stances from sequences of total force, and the quantities of a step compared with a direct transcription of the paper's
+//! pipeline in f64.
 
 use plantar::Real;
 use plantar::pipeline::model::ForceLaw;
@@ -27,26 +28,29 @@ fn push<R: Real>(stance: &mut Stance<R>, limits: &StanceLimits<R>, seq: u32, hee
     stance.push(limits, seq, [heel, &none, &none, &none, &none, &none, &none, &none])
 }
 
-/// Frames of one total force.
+/// A part of a sequence of frames.
 #[derive(Clone, Copy)]
 enum Part {
+    /// Number of frames, and their total force in N.
     Frames(u32, f64),
+    /// Number of missing frames.
     Missing(u32),
 }
 use Part::{Frames, Missing};
 
+/// A swing phase.
 const OFF: Part = Frames(10, 0.0);
 
-/// First frame, frames from heel strike to toe off, bridged frames.
+/// First frame, number of frames from heel strike to toe off, and number of bridged frames.
 type Found = (u32, u32, u32);
 
-/// Steps that a story gives from this frame number on.
-fn steps_of(story: &[Part], first_seq: u32) -> (Vec<Found>, Stance<f64>) {
+/// The steps that are detected in a sequence, which begins with this frame number.
+fn steps_of(sequence: &[Part], first_seq: u32) -> (Vec<Found>, Stance<f64>) {
     let limits = StanceLimits::new(&StanceRule::WALKING, PERIOD_US);
     let mut stance = Stance::new();
     let mut steps = Vec::new();
     let mut seq = first_seq;
-    for part in story {
+    for part in sequence {
         match *part {
             Missing(count) => seq = seq.wrapping_add(count),
             Frames(count, force_n) => {
@@ -63,19 +67,19 @@ fn steps_of(story: &[Part], first_seq: u32) -> (Vec<Found>, Stance<f64>) {
 }
 
 #[test]
-fn stories_become_steps_or_not() {
+fn steps_are_detected_in_sequences_of_force() {
     let none = Rejected::default();
     let short = Rejected { short: 1, ..none };
     let long = Rejected { long: 1, ..none };
     let broken = Rejected { broken: 1, ..none };
-    let stories: &[(&str, &[Part], &[Found], Rejected)] = &[
+    let sequences: &[(&str, &[Part], &[Found], Rejected)] = &[
         ("clean step", &[OFF, Frames(60, 500.0), OFF], &[(10, 60, 0)], none),
         ("two steps", &[OFF, Frames(60, 500.0), OFF, Frames(50, 400.0), OFF], &[(10, 60, 0), (80, 50, 0)], none),
         ("below heel strike", &[OFF, Frames(60, 29.9), OFF], &[], none),
         ("exactly heel strike", &[OFF, Frames(60, 30.0), OFF], &[(10, 60, 0)], none),
         ("fading to just above toe off", &[OFF, Frames(20, 30.0), Frames(20, 20.0), OFF], &[(10, 40, 0)], none),
         ("fading to just below toe off", &[OFF, Frames(20, 30.0), Frames(20, 19.9), OFF], &[(10, 20, 0)], none),
-        ("blip", &[OFF, Frames(14, 500.0), OFF], &[], short),
+        ("short peak", &[OFF, Frames(14, 500.0), OFF], &[], short),
         ("shortest step", &[OFF, Frames(15, 500.0), OFF], &[(10, 15, 0)], none),
         ("longest step", &[OFF, Frames(250, 500.0), OFF], &[(10, 250, 0)], none),
         ("standing", &[OFF, Frames(251, 500.0), OFF], &[], long),
@@ -100,14 +104,14 @@ fn stories_become_steps_or_not() {
             none,
         ),
         (
-            "a gap that is not",
+            "a gap that is too long",
             &[OFF, Frames(30, 500.0), Missing(BRIDGED_FRAMES + 1), Frames(30, 500.0), OFF, Frames(60, 500.0), OFF],
             &[(86, 60, 0)],
             broken,
         ),
         ("a gap across toe off", &[OFF, Frames(30, 500.0), Missing(4), OFF], &[(10, 30, 0)], none),
         (
-            "a gap after toe off is none of the step's",
+            "a gap after toe off does not belong to the step",
             &[OFF, Frames(30, 500.0), Frames(1, 0.0), Missing(2), OFF],
             &[(10, 30, 0)],
             none,
@@ -116,20 +120,25 @@ fn stories_become_steps_or_not() {
         ("start while loaded", &[Frames(60, 500.0), OFF, Frames(60, 500.0), OFF], &[(70, 60, 0)], none),
         ("start at rest, barely loaded", &[Frames(30, 25.0), Frames(30, 500.0), OFF], &[], none),
         ("end of the recording", &[OFF, Frames(60, 500.0)], &[], none),
-        ("end of the recording before toe off is sure", &[OFF, Frames(60, 500.0), Frames(3, 0.0)], &[], none),
-        ("end of the recording when it is", &[OFF, Frames(60, 500.0), Frames(4, 0.0)], &[(10, 60, 0)], none),
+        ("end of the recording before toe off is confirmed", &[OFF, Frames(60, 500.0), Frames(3, 0.0)], &[], none),
+        (
+            "end of the recording after toe off is confirmed",
+            &[OFF, Frames(60, 500.0), Frames(4, 0.0)],
+            &[(10, 60, 0)],
+            none,
+        ),
     ];
-    for (name, story, expected, rejected) in stories {
-        // Frame numbers wrap.
+    for (name, sequence, expected, rejected) in sequences {
+        // The second frame number wraps during the sequence.
         for first_seq in [0, u32::MAX - 30] {
-            let (steps, stance) = steps_of(story, first_seq);
+            let (steps, stance) = steps_of(sequence, first_seq);
             assert_eq!(steps, *expected, "{name}, from {first_seq}");
             assert_eq!(stance.rejected(), *rejected, "{name}, from {first_seq}");
         }
     }
 }
 
-/// The heel strike was among the missing frames: nobody knows when.
+/// The heel strike was among the missing frames, so that its time is unknown.
 #[test]
 fn a_heel_strike_in_a_long_gap_starts_no_step() {
     let (steps, _) = steps_of(&[OFF, Missing(40), Frames(30, 500.0), OFF, Frames(60, 500.0), OFF], 0);
@@ -137,8 +146,8 @@ fn a_heel_strike_in_a_long_gap_starts_no_step() {
 }
 
 #[test]
-fn foot_is_on_the_ground_from_strike_to_confirmed_toe_off() {
-    let on_ground = |story: &[Part]| steps_of(story, 0).1.on_ground();
+fn the_foot_is_on_the_ground_from_heel_strike_to_confirmed_toe_off() {
+    let on_ground = |sequence: &[Part]| steps_of(sequence, 0).1.on_ground();
     assert!(!on_ground(&[OFF]));
     assert!(on_ground(&[OFF, Frames(1, 500.0)]));
     assert!(on_ground(&[OFF, Frames(60, 500.0), Frames(3, 0.0)]));
@@ -148,7 +157,7 @@ fn foot_is_on_the_ground_from_strike_to_confirmed_toe_off() {
 }
 
 #[test]
-fn missing_frames_are_straight_lines() {
+fn missing_frames_are_interpolated_linearly() {
     let limits = StanceLimits::new(&StanceRule::WALKING, PERIOD_US);
     let mut stance = Stance::<f64>::new();
     push(&mut stance, &limits, 0, &frame(0.0, 0.0));
@@ -176,9 +185,9 @@ fn peak_and_saturation_belong_to_their_stance_and_region() {
         for i in 0..70 {
             let loaded = (10..50).contains(&i);
             let toe = frame(10.0 + i as f32, if loaded { 300.0 - f64::from(i - 30).abs() } else { 0.0 });
-            let hot = RegionFrame { saturated: walk == 0 && i == 20, ..toe };
+            let saturated = RegionFrame { saturated: walk == 0 && i == 20, ..toe };
             let none = RegionFrame::NONE;
-            let regions = [&none, &none, &none, &none, &none, &hot, &none, &none];
+            let regions = [&none, &none, &none, &none, &none, &saturated, &none, &none];
             if stance.push(&limits, (start + i) as u32, regions) {
                 assert_eq!(stance.saturated(), if walk == 0 { 1 << 5 } else { 0 });
                 assert_eq!(stance.moments_at_peak(5).area_mm2::<f64>(), 40.0, "the area of frame 30");
@@ -190,7 +199,7 @@ fn peak_and_saturation_belong_to_their_stance_and_region() {
 }
 
 #[test]
-fn a_long_stance_keeps_every_second_fourth_or_eighth_frame() {
+fn a_long_stance_stores_every_second_fourth_or_eighth_frame() {
     let rule = StanceRule { max_stance_ms: u16::MAX, ..StanceRule::WALKING };
     let limits = StanceLimits::new(&rule, 2_500);
     for (frames, stride) in [(255, 1), (256, 1), (257, 2), (511, 2), (512, 2), (513, 4), (1024, 4), (1025, 8)] {
@@ -202,17 +211,17 @@ fn a_long_stance_keeps_every_second_fourth_or_eighth_frame() {
         }
         let ended = (0..16).position(|i| push(&mut stance, &limits, 1 + frames + i, &frame(0.0, 0.0)));
         assert_eq!(ended, Some(15), "40 ms at 400 Hz");
-        let (area_mm2, kept_n) = stance.curves(0);
+        let (area_mm2, stored_n) = stance.curves(0);
         assert_eq!(stance.frames(), frames);
-        assert!(kept_n.len() <= STANCE_SAMPLES && area_mm2.len() == kept_n.len());
-        // The tail until toe off is sure may have doubled it once more.
+        assert!(stored_n.len() <= STANCE_SAMPLES && area_mm2.len() == stored_n.len());
+        // The frames until toe off is confirmed may have doubled the stride once more.
         assert!(stance.stride() == stride || stance.stride() == 2 * stride, "{frames}: {}", stance.stride());
         let expected: Vec<_> = (0..frames).step_by(stance.stride() as usize).map(force_n).collect();
-        assert_eq!(kept_n, expected, "{frames} frames");
+        assert_eq!(stored_n, expected, "{frames} frames");
     }
 }
 
-/// Coefficient-free least squares: the projection onto polynomials of `terms` coefficients, by Gram and Schmidt done twice.
+/// Least squares: the projection onto polynomials of `terms` coefficients, by Gram-Schmidt orthogonalisation, repeated once.
 fn projection(samples: &[f64], terms: usize) -> Vec<f64> {
     let count = samples.len();
     let mut basis: Vec<Vec<f64>> = Vec::new();
@@ -269,9 +278,9 @@ proptest! {
     }
 
     #[test]
-    fn polynomial_is_the_least_squares_one(samples in prop::collection::vec(0.0..1e3f32, 1..=STANCE_SAMPLES)) {
+    fn the_polynomial_is_the_least_squares_fit(samples in prop::collection::vec(0.0..1e3f32, 1..=STANCE_SAMPLES)) {
         let (mut narrow, mut wide) = both(&samples);
-        // Short curves: at most half as many coefficients as samples, and none below 4 samples.
+        // A short curve has at most half as many coefficients as samples; one below 4 samples is not changed.
         let expected = if wide.len() < 4 { wide.clone() } else { projection(&wide, (wide.len() / 2).min(6)) };
         smooth::polynomial(&mut narrow);
         smooth::polynomial(&mut wide);
@@ -282,7 +291,7 @@ proptest! {
     }
 
     #[test]
-    fn a_quintic_stays_as_it_is(coefficients in prop::array::uniform6(-1.0..1.0f64), count in 12usize..=STANCE_SAMPLES) {
+    fn a_quintic_is_not_changed(coefficients in prop::array::uniform6(-1.0..1.0f64), count in 12usize..=STANCE_SAMPLES) {
         let quintic = |i: usize| {
             let x = 2.0 * i as f64 / (count - 1) as f64 - 1.0;
             coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
@@ -293,13 +302,13 @@ proptest! {
         smooth::polynomial(&mut narrow);
         for ((wide, narrow), exact) in wide.into_iter().zip(narrow).zip(exact) {
             close(wide, exact, 1e-12)?;
-            // Of values up to 6.
+            // The values are as large as 6.
             close(narrow.into(), exact, 3e-5)?;
         }
     }
 
     #[test]
-    fn a_step_is_the_paper_s_pipeline(
+    fn a_step_agrees_with_the_papers_pipeline(
         count in 1usize..=STANCE_SAMPLES,
         (before, after) in (0usize..20, 0usize..20),
         peak_mm2 in 200.0..5000.0f64,
@@ -315,7 +324,7 @@ proptest! {
         let mut area_mm2 = vec![0.0; count_before];
         area_mm2.extend((0..count).map(|i| f64::from((peak_mm2 * bell(i, skew)) as f32)));
         area_mm2.resize(area_mm2.len() + count_after, 0.0);
-        // Force starts before the contact and ends after it, and is not in step with it.
+        // The force starts before the contact and ends after it, with its peak at another time.
         let force_n: Vec<_> = (0..area_mm2.len())
             .map(|i| f64::from((peak_n * (PI * (i as f64 + 0.5) / area_mm2.len() as f64).sin()) as f32))
             .collect();
@@ -327,15 +336,15 @@ proptest! {
         prop_assert!(wide.ellipse_at_peak.is_some());
 
         let narrow_of = |samples: &[f64]| samples.iter().map(|&v| v as f32).collect::<Vec<f32>>();
-        let narrow_gauge = ForceLaw::<f32> { stiffness_pa: law.stiffness_pa as f32, ..TISSUE.force_laws[0] };
+        let narrow_law = ForceLaw::<f32> { stiffness_pa: law.stiffness_pa as f32, ..TISSUE.force_laws[0] };
         let narrow = RegionStep::new(
-            &narrow_gauge, &narrow_of(&area_mm2), &narrow_of(&force_n), sample_s as f32, &area_moments(100.0),
+            &narrow_law, &narrow_of(&area_mm2), &narrow_of(&force_n), sample_s as f32, &area_moments(100.0),
         );
         compare(&narrow, &truth, 2e-3)?;
     }
 }
 
-/// What [`RegionStep`] should hold, in its own units.
+/// The expected values of a [`RegionStep`].
 #[derive(Debug, Default)]
 struct Truth {
     measured_peak_n: f64,
@@ -351,7 +360,7 @@ struct Truth {
     clamped: bool,
 }
 
-/// Section 2.3 and Eq. 13 to 20 as they are written, with the force law in its five numbers.
+/// Section 2.3 and Eq. 13 to 20 as they are printed, with the identifiable force law.
 fn transcription(law: &ForceLaw<f64>, area_mm2: &[f64], force_n: &[f64], sample_s: f64) -> Truth {
     let contact: Vec<usize> = (0..area_mm2.len()).filter(|&i| area_mm2[i] > 0.0).collect();
     let (first, last) = (contact[0], contact[contact.len() - 1]);
@@ -363,7 +372,7 @@ fn transcription(law: &ForceLaw<f64>, area_mm2: &[f64], force_n: &[f64], sample_
     let ratio: Vec<f64> = smooth_mm2.iter().map(|a| a * 1e-6 / (PI * law.ab_m2)).collect();
     let g: Vec<f64> = ratio.iter().map(|a| 1.0 - (1.0 - a.clamp(0.0, 1.0)).sqrt()).collect();
     let rate_per_s = |i: usize| {
-        // Eq. 16 looks forward; there is nothing after the last sample.
+        // Eq. 16 is a forward difference; the last sample has the rate of the one before it.
         let i = i.min(count.saturating_sub(2));
         if count > 1 { (g[i + 1] - g[i]) / sample_s } else { 0.0 }
     };
@@ -397,7 +406,7 @@ fn transcription(law: &ForceLaw<f64>, area_mm2: &[f64], force_n: &[f64], sample_
     }
 }
 
-/// `tolerance` is relative; forces and rates may miss by that share of their peaks.
+/// `tolerance` is relative; for forces and rates it is relative to their peaks.
 fn compare<R: Real>(got: &RegionStep<R>, want: &Truth, tolerance: f64) -> Result<(), TestCaseError> {
     for (name, got, want) in [
         ("measured peak", got.measured_peak_n, want.measured_peak_n),
@@ -412,22 +421,22 @@ fn compare<R: Real>(got: &RegionStep<R>, want: &Truth, tolerance: f64) -> Result
         let got = got.to_f64();
         prop_assert!((got - want).abs() <= tolerance * want.abs().max(1e-9), "{name}: {got} is not {want}");
     }
-    // A difference of forces: as exact as they are, over the measured one.
-    let off = tolerance * want.model_error.max(want.model_peak_n / want.measured_peak_n);
+    // The error of a difference of forces is that of the forces, relative to the measured one.
+    let margin = tolerance * want.model_error.max(want.model_peak_n / want.measured_peak_n);
     let (got_error, want_error) = (got.model_error.to_f64(), want.model_error);
-    prop_assert!((got_error - want_error).abs() <= off, "model error: {got_error} is not {want_error}");
+    prop_assert!((got_error - want_error).abs() <= margin, "model error: {got_error} is not {want_error}");
     let (got_m_s, want_m_s) = (got.deformation_rate_peak_m_s.to_f64(), want.deformation_rate_peak_m_s);
-    // A difference of neighbours: as exact as the deformation over a sample.
+    // The error of a difference of neighbouring samples is that of the deformation.
     let per_sample = want.contact_s.recip() * STANCE_SAMPLES as f64;
-    let off_m_s = tolerance * (want_m_s + 1e-2 * want.deformation_peak_m * per_sample);
-    prop_assert!((got_m_s - want_m_s).abs() <= off_m_s, "rate peak: {got_m_s} is not {want_m_s}");
+    let margin_m_s = tolerance * (want_m_s + 1e-2 * want.deformation_peak_m * per_sample);
+    prop_assert!((got_m_s - want_m_s).abs() <= margin_m_s, "rate peak: {got_m_s} is not {want_m_s}");
     prop_assert_eq!(got.clamped, want.clamped);
     Ok(())
 }
 
 #[test]
-fn a_step_by_hand() {
-    // Four frames of contact, a line in the area: smoothing keeps a line but for the ends of the average.
+fn a_step_agrees_with_values_computed_by_hand() {
+    // Four frames of contact.
     let law = ForceLaw { ab_m2: 1e-3, c_m: 0.01, stiffness_pa: 0.0, damping_pa_s: 0.0, n: 1.0, m: 1.0 };
     let area_mm2 = [0.0, 100.0, 200.0, 200.0, 100.0, 0.0];
     let force_n = [5.0, 10.0, 40.0, 20.0, 10.0, 5.0];
@@ -436,7 +445,7 @@ fn a_step_by_hand() {
     assert!(near(step.measured_peak_n, 40.0) && near(step.area_peak_mm2, 200.0), "{step:?}");
     assert!(near(step.contact_s, 0.08) && near(step.time_to_peak_s, 0.02), "{step:?}");
     assert!(near(step.measured_integral_n_s, 80.0 * 0.02), "{step:?}");
-    // No stiffness, no force: the error is the root mean square of the measured force over its peak.
+    // Without stiffness the model has no force: its error is the root mean square of the measured force, relative to its peak.
     assert!(near(step.model_peak_n, 0.0) && near(step.model_integral_n_s, 0.0), "{step:?}");
     assert!(near(step.model_error, (2200.0f64 / 4.0).sqrt() / 40.0), "{step:?}");
     assert_eq!(step.ellipse_at_peak, None);
@@ -450,7 +459,7 @@ fn a_region_without_contact_has_no_step() {
     assert_eq!(RegionStep::new(&law, &[], &[], 0.01, &area_moments(10.0)), none);
 }
 
-/// One walker at four frame rates: contact area and force of one region.
+/// Contact area and force of one region in the same step at four frame rates.
 #[test]
 fn frame_rate_does_not_change_the_step() {
     let stance_s = 0.68;
@@ -477,7 +486,7 @@ fn frame_rate_does_not_change_the_step() {
         RegionStep::new(&law, area_mm2, force_n, sample_s, stance.moments_at_peak(0))
     };
     let reference = step_at(400);
-    // The truth of what was measured: the force itself.
+    // The true integral and peak of the measured force.
     let samples: Vec<f64> = (0..6800).map(|i| force_n((f64::from(i) + 0.5) * 1e-4)).collect();
     let integral_n_s = samples.iter().sum::<f64>() * 1e-4;
     let peak_n = samples.iter().copied().fold(0.0, f64::max);
@@ -485,8 +494,8 @@ fn frame_rate_does_not_change_the_step() {
         let step = step_at(rate_hz);
         let sample_s = 1.0 / rate_hz as f32;
         let near = |name: &str, got: f32, want: f64, tolerance: f64| {
-            let off = (f64::from(got) / want - 1.0).abs();
-            assert!(off <= tolerance, "{rate_hz} Hz, {name}: {got}, not {want}");
+            let error = (f64::from(got) / want - 1.0).abs();
+            assert!(error <= tolerance, "{rate_hz} Hz, {name}: {got}, not {want}");
         };
         near("measured peak", step.measured_peak_n, peak_n, 0.01);
         near("measured integral", step.measured_integral_n_s, integral_n_s, 0.01);
@@ -494,7 +503,7 @@ fn frame_rate_does_not_change_the_step() {
         near("model peak", step.model_peak_n, reference.model_peak_n.into(), 0.03);
         near("model integral", step.model_integral_n_s, reference.model_integral_n_s.into(), 0.03);
         near("deformation peak", step.deformation_peak_m, reference.deformation_peak_m.into(), 0.02);
-        // The force of the first and last 30 N is outside; then a sample at each end.
+        // The stance begins and ends at a force threshold, and at a sample.
         assert!((step.contact_s - 0.68).abs() < 0.03 + 2.0 * sample_s, "{rate_hz} Hz: {}", step.contact_s);
         assert!((step.time_to_peak_s - reference.time_to_peak_s).abs() <= 2.0 * sample_s + 0.01, "{rate_hz} Hz");
         assert!((step.model_error - reference.model_error).abs() < 0.02, "{rate_hz} Hz: {}", step.model_error);

@@ -1,4 +1,4 @@
-//! What an insole keeps, on a flash chip in memory.
+//! The data that an insole stores, on a flash chip in memory.
 
 use embedded_storage_async::nor_flash::NorFlash;
 use plantar::Side;
@@ -40,22 +40,22 @@ fn numbers(store: &mut Chip) -> Vec<u32> {
     steps(store).iter().map(|step| step.step).collect()
 }
 
-/// The first operations of scripts on a new chip and on one whose sectors are used again; `cargo xtask soak` cuts all of them.
+/// Short scripts, on a new chip and on one that was used until its sectors were reused; `cargo xtask soak` runs longer ones.
 #[test]
-fn a_loss_of_power_at_any_moment_leaves_the_old_or_the_new() {
+fn a_loss_of_power_at_any_moment_leaves_the_old_or_the_new_value() {
     for (seed, used) in [(1, 0), (2, 12_000)] {
         let script = Script::new(seed, used, 60);
         for at in 0..script.operations {
             for torn in [Torn::Before, Torn::Within, Torn::After] {
-                script.cut(at, torn).expect("the old or the new is there");
+                script.cut(at, torn).expect("the old or the new value");
             }
         }
     }
 }
 
-/// The first start of a new chip, cut short anywhere.
+/// Power fails in each operation of the first start of a new chip.
 #[test]
-fn a_first_start_that_is_cut_short_loses_nothing_and_says_so() {
+fn an_interrupted_first_start_erases_nothing_at_the_next_start() {
     for torn in [Torn::Before, Torn::Within, Torn::After] {
         for at in 0.. {
             let mut chip = chip();
@@ -74,15 +74,15 @@ fn a_first_start_that_is_cut_short_loses_nothing_and_says_so() {
     }
 }
 
-/// A script long enough to use sectors again erases some: else the test above would not see it.
+/// A script that is long enough to reuse sectors erases some, so that scripts cover power cuts in erase operations.
 #[test]
-fn scripts_erase_sectors() {
+fn a_long_script_erases_sectors() {
     assert!(Script::new(2, 12_000, 400).erasures > 0);
 }
 
 /// `flash-1.bin` was written by the first firmware with storage: its first sector of records and two of the log.
 #[test]
-fn what_older_firmware_kept_is_read() {
+fn data_stored_by_older_firmware_are_read() {
     let capture = include_bytes!("../data/flash-1.bin");
     let mut chip = chip();
     let (records, log) = capture.split_at(SECTOR as usize);
@@ -96,27 +96,26 @@ fn what_older_firmware_kept_is_read() {
     let serial = Serial::new("P-0001").expect("printable");
     assert_eq!(now(store.get::<IdentityRecord>(0)), Ok(Some(IdentityRecord { side: Side::Right, serial })));
     assert_eq!(now(store.get::<Bonds>(0)), Ok(Some(Bonds([1, 2, 3, 4, 5].into_iter().collect()))));
-    let calibration = now(store.calibration(7, 40)).expect("the chip works").expect("one is in force");
-    for part in 0..3u16 {
-        let cells =
-            now(store.calibration_block(&calibration, part as u8)).expect("the chip works").expect("it is there");
-        for (i, cell) in (part * BLOCK_CELLS as u16..40).zip(cells) {
+    let calibration = now(store.calibration(7, 40)).expect("the chip works").expect("a calibration is valid");
+    for block in 0..3u16 {
+        let cells = now(store.calibration_block(&calibration, block as u8)).expect("the chip works").expect("a block");
+        for (i, cell) in (block * BLOCK_CELLS as u16..40).zip(cells) {
             assert_eq!(cell, CellCalibration { offset: 100 + i, gain: 1.0 + f32::from(i) / 64.0 });
         }
     }
-    let wanted = (5..20).map(|number| {
+    let expected = (5..20).map(|number| {
         let regions = step(number).regions.map(|region| StepRegion { masked_cells: 0, ..region });
         Step { regions, boots_since: 1, start_unix_us: None, ..step(number) }
     });
-    assert_eq!(steps(&mut store), wanted.collect::<Vec<_>>());
-    // Numbers go on, old and new steps are acknowledged together.
+    assert_eq!(steps(&mut store), expected.collect::<Vec<_>>());
+    // Numbering continues, and old and new steps are acknowledged together.
     assert_eq!(now(store.push_step(&step(20))), Ok(0));
     assert_eq!(now(store.acknowledge(18)), Ok(()));
     assert_eq!(numbers(&mut store), [19, 20]);
 }
 
 #[test]
-fn numbers_of_steps_go_on_after_all_were_acknowledged() {
+fn step_numbers_continue_after_all_steps_were_acknowledged() {
     let mut chip = chip();
     let mut store = open(&mut chip);
     for number in [u32::MAX - 1, u32::MAX, 0, 1] {
@@ -130,14 +129,14 @@ fn numbers_of_steps_go_on_after_all_were_acknowledged() {
         let mut store = open(&mut chip);
         assert_eq!(store.contents().next_step, 2);
         assert!(numbers(&mut store).is_empty());
-        // Once more, as by a host whose acknowledgement was cut off.
+        // Once more, as a host does that does not know whether its acknowledgement arrived.
         assert_eq!(now(store.acknowledge(1)), Ok(()));
     }
 }
 
-/// The chip did not take the last step, and a host got it from memory.
+/// The chip failed to store step 3, which the host received from RAM.
 #[test]
-fn numbers_of_steps_go_on_after_one_that_could_not_be_kept() {
+fn step_numbers_continue_after_a_step_that_could_not_be_stored() {
     let mut chip = chip();
     let mut store = open(&mut chip);
     for number in 0..3 {
@@ -150,7 +149,7 @@ fn numbers_of_steps_go_on_after_one_that_could_not_be_kept() {
 }
 
 #[test]
-fn a_full_log_keeps_at_least_the_last_2000_steps_and_counts_what_it_drops() {
+fn a_full_log_contains_at_least_the_last_2000_steps_and_counts_dropped_ones() {
     let mut chip = chip();
     let mut store = open(&mut chip);
     let (mut dropped, mut fewest) = (0, u32::MAX);
@@ -158,18 +157,18 @@ fn a_full_log_keeps_at_least_the_last_2000_steps_and_counts_what_it_drops() {
         let now_dropped = now(store.push_step(&step(number))).expect("the chip works");
         dropped += now_dropped;
         if now_dropped > 0 {
-            let kept = numbers(&mut store);
-            assert_eq!(kept, (dropped..=number).collect::<Vec<_>>(), "the last ones, without a gap");
-            fewest = fewest.min(kept.len() as u32);
+            let stored = numbers(&mut store);
+            assert_eq!(stored, (dropped..=number).collect::<Vec<_>>(), "the newest steps, without a gap");
+            fewest = fewest.min(stored.len() as u32);
         }
     }
     assert!(fewest >= 2000, "{fewest}");
-    let kept = numbers(&mut open(&mut chip));
-    assert_eq!(kept, (dropped..12_000).collect::<Vec<_>>());
+    let stored = numbers(&mut open(&mut chip));
+    assert_eq!(stored, (dropped..12_000).collect::<Vec<_>>());
 }
 
 #[test]
-fn records_of_newer_firmware_are_reported_and_left_alone() {
+fn records_of_newer_firmware_are_reported_and_not_changed() {
     let mut chip = chip();
     let newer_tissue: &[u8] = b"parameters as they will be";
     let newer_entry: &[u8] = &[9; 50];
@@ -186,7 +185,7 @@ fn records_of_newer_firmware_are_reported_and_left_alone() {
     assert_eq!(store.contents().newer_kinds, 1 << Tissue::KIND | 1 << 31);
     assert_eq!(store.contents().newer_steps, 1);
     assert_eq!(now(store.get::<Tissue>(0)), Ok(None));
-    // This firmware keeps its own beside them, until sectors are used again and again.
+    // This firmware stores its own records beside them, until sectors are reused several times.
     for i in 0..5000 {
         let tissue = Tissue::new(
             [plantar::pipeline::model::ForceLaw { c_m: 0.01 + i as f32 * 1e-6, ..TISSUE.force_laws[0] }; 8],
@@ -199,13 +198,13 @@ fn records_of_newer_firmware_are_reported_and_left_alone() {
     }
     assert_eq!(now(store.acknowledge(49)), Ok(()));
     assert!(numbers(&mut store).is_empty());
-    assert!(chip.erasures[0] > 1, "sectors of records were used again");
+    assert!(chip.erasures[0] > 1, "sectors of records were reused");
     now(async {
         let mut records = MapStorage::new(&mut chip, MapConfig::new(RECORDS), Cache::new_uncached());
         let mut buffer = [0; 400];
         for key in [[Tissue::KIND, 0, Tissue::VERSION + 1], [31, 0, 1]] {
-            let kept = records.fetch_item::<&[u8]>(&mut buffer, &key).await.expect("the chip works");
-            assert_eq!(kept, Some(newer_tissue));
+            let stored = records.fetch_item::<&[u8]>(&mut buffer, &key).await.expect("the chip works");
+            assert_eq!(stored, Some(newer_tissue));
         }
         let mut log = QueueStorage::new(&mut chip, QueueConfig::new(LOG), Cache::new_uncached());
         let oldest = log.peek(&mut buffer).await.expect("the chip works");
@@ -213,9 +212,9 @@ fn records_of_newer_firmware_are_reported_and_left_alone() {
     });
 }
 
-/// As after newer firmware that was on trial and is gone again.
+/// The state after newer firmware ran on trial and was swapped back.
 #[test]
-fn nothing_is_erased_where_only_newer_firmware_counted_starts() {
+fn nothing_is_erased_where_only_newer_firmware_counted_boots() {
     let mut chip = chip();
     let mut store = open(&mut chip);
     assert_eq!(now(store.put(0, &*TISSUE)), Ok(()));
@@ -225,7 +224,7 @@ fn nothing_is_erased_where_only_newer_firmware_counted_starts() {
         records
             .store_item(&mut buffer, &[BootCounters::KIND, 0, BootCounters::VERSION + 1], &&[1][..])
             .await
-            .expect("room");
+            .expect("there is room");
         records
             .remove_item(&mut buffer, &[BootCounters::KIND, 0, BootCounters::VERSION])
             .await
@@ -237,34 +236,34 @@ fn nothing_is_erased_where_only_newer_firmware_counted_starts() {
 }
 
 #[test]
-fn a_calibration_of_another_layout_or_in_pieces_is_not_used() {
+fn an_incomplete_calibration_or_one_of_another_layout_is_not_used() {
     let mut chip = chip();
     let mut store = open(&mut chip);
-    let part = [CellCalibration { offset: 5, gain: 2.0 }; BLOCK_CELLS];
+    let block = [CellCalibration { offset: 5, gain: 2.0 }; BLOCK_CELLS];
     let mut id = plantar::protocol::CalibrationId::new();
-    id.add(&part);
-    id.add(&part);
-    assert_eq!(now(store.put_calibration_block(0, &part)), Ok(()));
-    assert_eq!(now(store.put_calibration(7, 32, id.id())), Ok(false), "half of it is missing");
-    assert_eq!(now(store.put_calibration_block(1, &part)), Ok(()));
+    id.add(&block);
+    id.add(&block);
+    assert_eq!(now(store.put_calibration_block(0, &block)), Ok(()));
+    assert_eq!(now(store.put_calibration(7, 32, id.id())), Ok(false), "the second block is missing");
+    assert_eq!(now(store.put_calibration_block(1, &block)), Ok(()));
     assert_eq!(now(store.put_calibration(7, 32, id.id() ^ 1)), Ok(false), "another checksum");
     assert_eq!(now(store.calibration(7, 32)), Ok(None));
     assert_eq!(now(store.put_calibration(7, 32, id.id())), Ok(true));
     assert!(matches!(now(store.calibration(7, 32)), Ok(Some(_))));
     assert_eq!(now(store.calibration(8, 32)), Ok(None), "another layout");
-    assert_eq!(now(store.calibration(7, 31)), Ok(None), "other cells");
+    assert_eq!(now(store.calibration(7, 31)), Ok(None), "another number of cells");
 }
 
-/// Nothing that lies in a chip makes it useless or the firmware panic.
+/// No content makes a chip unusable or the firmware panic.
 #[test]
-fn a_chip_full_of_anything_works_again() {
+fn a_chip_with_any_content_becomes_usable() {
     let mut random = fastrand::Rng::with_seed(5);
     for round in 0..60 {
         let mut chip = chip();
         match round % 3 {
             0 => random.fill(&mut chip.bytes),
             1 => chip.bytes.fill(random.u8(..)),
-            // Used, and then struck by lightning.
+            // A used chip with flipped bits.
             _ => {
                 let mut store = open(&mut chip);
                 for number in 0..500 {
@@ -273,10 +272,10 @@ fn a_chip_full_of_anything_works_again() {
                 let mut at = random.usize(..RECORDS.end as usize);
                 for _ in 0..200 {
                     chip.bytes[at] ^= 1 << random.u8(0..8);
-                    // In the log where something is written: what is pushed there is not read back.
-                    let reach =
+                    // In the log only written bytes are flipped, because the log does not read its entries back.
+                    let range =
                         if random.bool() { 0..RECORDS.end as usize } else { LOG.start as usize..chip.bytes.len() };
-                    at = random.usize(reach);
+                    at = random.usize(range);
                     while at >= LOG.start as usize && chip.bytes[at] == 0xff {
                         at = random.usize(LOG.start as usize..chip.bytes.len());
                     }
@@ -296,7 +295,7 @@ fn a_chip_full_of_anything_works_again() {
 }
 
 #[test]
-fn a_dead_chip_is_told() {
+fn a_defective_chip_is_reported() {
     let mut chip = chip();
     chip.cut = Some((0, Torn::Before));
     let _ = now(chip.erase(0, SECTOR));
@@ -311,7 +310,7 @@ fn a_dead_chip_is_told() {
 #[test]
 fn serial_numbers_are_short_and_printable() {
     for good in ["", "P-0001", "ABCDEFGHIJKLMNOP"] {
-        let serial = Serial::new(good).expect("it is good");
+        let serial = Serial::new(good).expect("the serial number is valid");
         assert!(serial.is_valid());
         assert_eq!(serial.as_str(), good);
     }
@@ -320,9 +319,9 @@ fn serial_numbers_are_short_and_printable() {
     }
 }
 
-/// As the firmware does it: steps are read a few at a time, and acknowledged, while others are made.
+/// As in the firmware, a few steps at a time are read and acknowledged, while others are recorded.
 #[test]
-fn steps_come_and_go_for_ever() {
+fn steps_are_read_and_acknowledged_while_others_are_recorded() {
     let mut chip = chip();
     let mut store = open(&mut chip);
     let mut random = fastrand::Rng::with_seed(4);
@@ -344,9 +343,9 @@ fn steps_come_and_go_for_ever() {
                     }
                     has_room
                 }));
-                let wanted: Vec<u32> = (first..next).take(6).collect();
-                assert_eq!((more, &got), (Ok(next - first > 6), &wanted), "{oldest} {next}");
-                read = first + wanted.len() as u32;
+                let expected: Vec<u32> = (first..next).take(6).collect();
+                assert_eq!((more, &got), (Ok(next - first > 6), &expected), "{oldest} {next}");
+                read = first + expected.len() as u32;
             }
             _ if read > oldest => {
                 oldest += random.u32(1..=read - oldest);
@@ -361,12 +360,12 @@ fn steps_come_and_go_for_ever() {
     println!("{next} steps");
 }
 
-/// The figures of `docs/storage.md`: 10,000 steps a day, each acknowledged at once, or none of them.
+/// Prints the figures of `docs/storage.md`: 10,000 steps a day, each acknowledged at once, or none of them.
 #[test]
 fn a_day_of_steps_wears_the_chip_little() {
     const STEPS: u32 = 10_000;
     const DAYS: u32 = 3;
-    /// What the maker promises of a sector.
+    /// Erase operations for which a sector is specified.
     const ERASURES: f64 = 100_000.0;
     for is_acknowledged in [true, false] {
         let mut chip = chip();

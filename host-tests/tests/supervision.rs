@@ -1,6 +1,5 @@
-//! What goes wrong on the insole is found, told and over soon: the real firmware in QEMU, and the looks alone.
-//!
-//! The firmware is the file that `PLANTAR_FIRMWARE` names.
+//! Supervision: stalls, panics and hard faults are detected, reported and followed by a restart within a short time. The tests
+//! use the real firmware in QEMU, which is the file that `PLANTAR_FIRMWARE` names, and the watchdog's logic alone.
 
 mod common;
 
@@ -20,17 +19,17 @@ use std::net::TcpStream;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// The insole is back within this time.
-const BAR_S: f64 = 2.0;
-/// A machine that has not got there by then is too busy for this test.
-const PATIENCE: Duration = Duration::from_secs(120);
-/// A board that says nothing for so long is asked who it is.
+/// Time within which the insole must run again after a fault, s.
+const MAX_RECOVERY_S: f64 = 2.0;
+/// Longest duration of a test; a machine that needs more time is too busy for it.
+const TIMEOUT: Duration = Duration::from_secs(120);
+/// Time without a message after which the host connects again.
 const SILENCE: Duration = Duration::from_millis(50);
 
 /// A matrix that never answers.
-struct Mute;
+struct NoAnswer;
 
-impl Walk for Mute {
+impl Walk for NoAnswer {
     fn scans(&self) -> u32 {
         u32::MAX
     }
@@ -40,68 +39,68 @@ impl Walk for Mute {
     }
 }
 
-/// A board and what it says.
-struct Watched {
+/// A board and the link to it.
+struct ConnectedBoard {
     _board: Board,
     link: Framed<TcpStream>,
     firmware: PathBuf,
     began: Instant,
 }
 
-impl Watched {
-    /// With a walk that never ends; time is this machine's.
+impl ConnectedBoard {
+    /// Starts a board in real time with a walk that never ends.
     fn start(fault: Option<PlannedFault>) -> Self {
-        Self::start_with(|head| EmulatorConfig { fault, ..head }, Time::Real, None::<Mute>)
+        Self::start_with(|config| EmulatorConfig { fault, ..config }, Time::Real, None::<NoAnswer>)
     }
 
-    fn start_with(head: impl Fn(EmulatorConfig) -> EmulatorConfig, time: Time, walk: Option<impl Walk>) -> Self {
+    fn start_with(change: impl Fn(EmulatorConfig) -> EmulatorConfig, time: Time, walk: Option<impl Walk>) -> Self {
         let firmware = firmware();
         let recording = synthetic_walk(3, 100.0);
         let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
-        let head = head(EmulatorConfig::new(worn.setup));
+        let config = change(EmulatorConfig::new(worn.setup));
         let cells = worn.cells.clone();
         let board = match walk {
-            Some(walk) => Board::start(&firmware, &head, &cells, time, walk),
-            None => Board::start(&firmware, &head, &cells, time, Looped(Recorded::new(recording, worn))),
+            Some(walk) => Board::start(&firmware, &config, &cells, time, walk),
+            None => Board::start(&firmware, &config, &cells, time, Looped(Recorded::new(recording, worn))),
         };
-        Self::watch(board.expect("the board boots"), firmware)
+        Self::connect(board.expect("the board boots"), firmware)
     }
 
-    fn watch(board: Board, firmware: PathBuf) -> Self {
-        let link = board.link().expect("the link is there");
-        link.set_read_timeout(Some(SILENCE)).expect("a socket takes a time-out");
+    fn connect(board: Board, firmware: PathBuf) -> Self {
+        let link = board.link().expect("the board has a link");
+        link.set_read_timeout(Some(SILENCE)).expect("the socket accepts a timeout");
         Self { _board: board, link: Framed::new(link), firmware, began: Instant::now() }
     }
 
     fn send(&mut self, message: ToDevice) {
-        self.link.send(message).expect("the link holds");
+        self.link.send(message).expect("the link works");
     }
 
     fn receive(&mut self) -> Option<ToHost> {
-        assert!(self.began.elapsed() < PATIENCE, "the board is not there, or the machine too busy");
-        self.link.receive().expect("the link holds")
+        assert!(self.began.elapsed() < TIMEOUT, "the board does not run, or the machine is too busy");
+        self.link.receive().expect("the link works")
     }
 
-    /// Streams, and connects again whenever the board falls silent, until it says hello as asked for.
-    fn hello(&mut self, is_it: impl Fn(&Hello) -> bool) -> Hello {
-        let (found, _) = self.hello_after(is_it);
+    /// Streams, and connects again whenever the board is silent, until a hello meets the condition.
+    fn hello(&mut self, is_expected: impl Fn(&Hello) -> bool) -> Hello {
+        let (found, _) = self.hello_and_last_live(is_expected);
         found
     }
 
-    /// The same, and when the last live frame came before it.
-    fn hello_after(&mut self, is_it: impl Fn(&Hello) -> bool) -> (Hello, Instant) {
+    /// The same, with the time of the last live frame before the hello.
+    fn hello_and_last_live(&mut self, is_expected: impl Fn(&Hello) -> bool) -> (Hello, Instant) {
         let mut last_live = Instant::now();
-        let mut asked = None;
+        let mut requested = None;
         loop {
-            if last_live.max(asked.unwrap_or(last_live)).elapsed() > SILENCE {
-                asked = Some(Instant::now());
+            if last_live.max(requested.unwrap_or(last_live)).elapsed() > SILENCE {
+                requested = Some(Instant::now());
                 self.send(ToDevice::Connect { major: MAJOR, minor: MINOR });
             }
             match self.receive() {
                 Some(ToHost::Live(_)) => last_live = Instant::now(),
                 Some(ToHost::Hello(hello)) => {
                     self.send(ToDevice::Stream { live: true });
-                    if is_it(&hello) {
+                    if is_expected(&hello) {
                         return (hello, last_live);
                     }
                 }
@@ -124,15 +123,15 @@ impl Watched {
         }
     }
 
-    /// The functions that the addresses in a hello lie in, innermost first, those that were inlined among them.
-    fn functions(&self, told: &str) -> Vec<String> {
-        let loader = Loader::new(&self.firmware).expect("the firmware has its symbols");
+    /// The functions that contain the addresses in a fault report, innermost first, including inlined ones.
+    fn functions(&self, report: &str) -> Vec<String> {
+        let loader = Loader::new(&self.firmware).expect("the firmware has symbols");
         let is_address = |word: &&str| word.len() == 8;
-        let addresses = told.split(' ').filter(is_address).filter_map(|word| u64::from_str_radix(word, 16).ok());
+        let addresses = report.split(' ').filter(is_address).filter_map(|word| u64::from_str_radix(word, 16).ok());
         let mut functions = Vec::new();
         for address in addresses {
-            let mut frames = loader.find_frames(address).expect("the firmware has its lines");
-            while let Some(frame) = frames.next().expect("they can be read") {
+            let mut frames = loader.find_frames(address).expect("the firmware has line tables");
+            while let Some(frame) = frames.next().expect("the line tables can be read") {
                 functions.extend(frame.function.and_then(|name| Some(name.demangle().ok()?.into_owned())));
             }
         }
@@ -140,69 +139,71 @@ impl Watched {
     }
 }
 
-/// When the start ended that a text of the hello tells of, s.
-fn ended_s(told: &str) -> f64 {
-    let (_, after) = told.split_once(" after ").expect("when");
+/// The uptime at which the previous run ended, by a fault report, s.
+fn ended_s(report: &str) -> f64 {
+    let (_, after) = report.split_once(" after ").expect("a time");
     after.split(' ').next().and_then(|s| s.parse().ok()).expect("seconds")
 }
 
-fn told(hello: &Hello) -> &str {
+/// The fault report of the previous run.
+fn report(hello: &Hello) -> &str {
     hello.last_panic.as_deref().unwrap_or_default()
 }
 
+/// A fault that is injected once.
 fn once(kind: InjectedFault, after_ms: u32) -> Option<PlannedFault> {
     Some(PlannedFault { kind, after_ms, is_repeated: false })
 }
 
-/// A mishap in the midst of a walk: the board comes back and tells of it; gives what it told.
-fn assert_recovers(what: InjectedFault, reset: Reset, begins: &str, function: &str) {
+/// Injects a fault during a walk: the board must restart and report this text and function.
+fn assert_recovers(fault: InjectedFault, reset: Reset, text: &str, function: &str) {
     const AFTER_MS: u32 = 1500;
-    let mut board = Watched::start(once(what, AFTER_MS));
+    let mut board = ConnectedBoard::start(once(fault, AFTER_MS));
     let first = board.hello(|_| true);
-    assert_eq!((first.reset, told(&first)), (Reset::Power, ""));
-    let (hello, silent) = board.hello_after(|hello| hello.reset != Reset::Power);
-    assert_eq!(hello.reset, reset, "{}", told(&hello));
-    assert!(told(&hello).starts_with(begins), "{}", told(&hello));
-    let functions = board.functions(told(&hello));
-    assert!(functions.iter().any(|name| name.contains(function)), "{}: {functions:#?}", told(&hello));
+    assert_eq!((first.reset, report(&first)), (Reset::Power, ""));
+    let (hello, last_live) = board.hello_and_last_live(|hello| hello.reset != Reset::Power);
+    assert_eq!(hello.reset, reset, "{}", report(&hello));
+    assert!(report(&hello).starts_with(text), "{}", report(&hello));
+    let functions = board.functions(report(&hello));
+    assert!(functions.iter().any(|name| name.contains(function)), "{}: {functions:#?}", report(&hello));
     let up_s = board.status().uptime_us as f64 * 1e-6;
     board.live();
-    let host_s = silent.elapsed().as_secs_f64();
-    let found_s = (ended_s(told(&hello)) - f64::from(AFTER_MS) * 1e-3).max(0.0);
-    println!("{what:?}: {}", told(&hello));
+    let host_s = last_live.elapsed().as_secs_f64();
+    let found_s = (ended_s(report(&hello)) - f64::from(AFTER_MS) * 1e-3).max(0.0);
+    println!("{fault:?}: {}", report(&hello));
     println!(
-        "    found after {found_s:.1} s, {up_s:.3} s old as it answers (board's time); {host_s:.2} s without a frame here"
+        "    detected after {found_s:.1} s, answers {up_s:.3} s after its start (board's time); {host_s:.2} s without a live frame"
     );
-    assert!(found_s + up_s < BAR_S, "{found_s} s and {up_s} s");
+    assert!(found_s + up_s < MAX_RECOVERY_S, "{found_s} s and {up_s} s");
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn a_scan_that_goes_round_for_ever_is_found() {
+fn an_endless_loop_in_the_scan_is_detected() {
     assert_recovers(InjectedFault::ScanStalled, Reset::Watchdog, "stalled: scan", "read_row");
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn a_model_that_goes_round_for_ever_is_found() {
+fn an_endless_loop_in_the_model_is_detected() {
     assert_recovers(InjectedFault::ModelStalled, Reset::Watchdog, "stalled: model link", "process");
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn a_link_that_goes_round_for_ever_is_found() {
+fn an_endless_loop_in_the_link_is_detected() {
     assert_recovers(InjectedFault::LinkStalled, Reset::Watchdog, "stalled: model link", "serve");
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn a_stack_that_is_too_deep_is_caught() {
+fn a_stack_overflow_is_caught() {
     assert_recovers(InjectedFault::StackOverflow, Reset::Panic, "stack overflow", "too_deep");
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn a_fault_is_caught() {
+fn a_hard_fault_is_caught() {
     assert_recovers(InjectedFault::Fault, Reset::Panic, "fault", "inject");
 }
 
@@ -212,14 +213,15 @@ fn a_panic_is_caught() {
     assert_recovers(InjectedFault::Panic, Reset::Panic, "panic", "inject");
 }
 
-/// Every start that reads its set-up panics: the one that does not read it talks, scans, and goes on doing so.
+/// Every start that reads the set-up panics. The fallback start does not read it: it answers and scans.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn a_board_that_fails_again_and_again_falls_back_to_what_is_built_in() {
-    let mut board = Watched::start(Some(PlannedFault { kind: InjectedFault::Panic, after_ms: 0, is_repeated: true }));
+fn a_board_falls_back_to_its_built_in_insole_after_repeated_failures() {
+    let mut board =
+        ConnectedBoard::start(Some(PlannedFault { kind: InjectedFault::Panic, after_ms: 0, is_repeated: true }));
     let hello = board.hello(|_| true);
-    println!("{}", told(&hello));
-    assert!(told(&hello).starts_with("fallback after 3 failed starts: panic after 0.0 s at "), "{}", told(&hello));
+    println!("{}", report(&hello));
+    assert!(report(&hello).starts_with("fallback after 3 failed starts: panic after 0.0 s at "), "{}", report(&hello));
     assert_eq!((hello.reset, hello.layout_id, hello.cells), (Reset::Panic, 4201, 240), "the built-in insole");
     board.live();
     let frames = board.status().frames;
@@ -227,20 +229,21 @@ fn a_board_that_fails_again_and_again_falls_back_to_what_is_built_in() {
     assert!(board.status().frames > frames);
 }
 
-/// Failures that are far between are no reason to forget the set-up.
+/// Rare failures are no reason to start without the set-up.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn starts_that_lived_do_not_count_as_failed() {
+fn successful_starts_do_not_count_as_failed() {
     let after_ms = HEALTHY_CHECKS * CHECK_PERIOD_MS + 500;
-    let mut board = Watched::start(Some(PlannedFault { kind: InjectedFault::Panic, after_ms, is_repeated: true }));
+    let mut board =
+        ConnectedBoard::start(Some(PlannedFault { kind: InjectedFault::Panic, after_ms, is_repeated: true }));
     let layout_id = board.hello(|_| true).layout_id;
     let (mut starts, mut before_us) = (0, 0);
     while starts < 4 {
         let hello = board.hello(|_| true);
         let up_us = board.status().uptime_us;
-        // On a busy machine the same start is asked twice.
+        // On a busy machine two requests may reach the same start.
         if up_us < before_us {
-            assert!(told(&hello).starts_with("panic after "), "{}", told(&hello));
+            assert!(report(&hello).starts_with("panic after "), "{}", report(&hello));
             starts += 1;
         }
         assert_eq!(hello.layout_id, layout_id);
@@ -250,19 +253,20 @@ fn starts_that_lived_do_not_count_as_failed() {
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn without_a_set_up_the_board_has_the_built_in_insole_and_says_so() {
+fn without_a_set_up_the_board_uses_its_built_in_insole_and_reports_it() {
     let firmware = firmware();
-    let board = Board::start_without_set_up(&firmware, Mute).expect("the board boots");
-    let mut board = Watched::watch(board, firmware);
+    let board = Board::start_without_set_up(&firmware, NoAnswer).expect("the board boots");
+    let mut board = ConnectedBoard::connect(board, firmware);
     let hello = board.hello(|_| true);
     assert_eq!((hello.reset, hello.layout_id, hello.cells), (Reset::Power, 4201, 240));
-    assert_eq!(told(&hello), "setup.bin is missing or incomplete: the built-in insole is used");
+    assert_eq!(report(&hello), "setup.bin is missing or incomplete: the built-in insole is used");
 }
 
-/// Longer than anything may stand still, by the board's clock, and then as much again.
+/// Twice the time after which a stall is detected, us.
 const LONG_US: u64 = 2 * 1000 * (CHECK_PERIOD_MS * STALLED_CHECKS as u32) as u64;
 
-fn assert_lives_on(mut board: Watched) -> Status {
+/// Checks that the board is not restarted.
+fn assert_not_restarted(mut board: ConnectedBoard) -> Status {
     board.hello(|_| true);
     let status = loop {
         let status = board.status();
@@ -272,84 +276,84 @@ fn assert_lives_on(mut board: Watched) -> Status {
     };
     board.send(ToDevice::Connect { major: MAJOR, minor: MINOR });
     let hello = board.hello(|_| true);
-    assert_eq!((hello.reset, told(&hello)), (Reset::Power, ""));
+    assert_eq!((hello.reset, report(&hello)), (Reset::Power, ""));
     status
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn a_clock_that_stands_still_is_no_fault() {
-    let board = Watched::start_with(|head| head, Time::Max, None::<Mute>);
-    assert_eq!(assert_lives_on(board).frames, 0);
+fn a_stopped_frame_clock_is_no_fault() {
+    let board = ConnectedBoard::start_with(|config| config, Time::Max, None::<NoAnswer>);
+    assert_eq!(assert_not_restarted(board).frames, 0);
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_matrix_that_does_not_answer_is_no_fault() {
-    let board = Watched::start_with(|head| head, Time::Real, Some(Mute));
-    let status = assert_lives_on(board);
+    let board = ConnectedBoard::start_with(|config| config, Time::Real, Some(NoAnswer));
+    let status = assert_not_restarted(board);
     assert_eq!(status.frames, 0);
     assert!(status.frames_missed > 0);
 }
 
-/// Whenever a part stops, it is found after the looks that are allowed, and only then.
+/// A part that stops at any time is reported as stalled after the allowed number of checks, and not before.
 #[test]
-fn looks_find_who_stopped_and_when() {
+fn the_watchdog_finds_a_stalled_part_after_the_allowed_number_of_checks() {
     for stopped in 0..3 {
-        for lived in 1..30 {
-            let (life, mut watch) = (Heartbeats::new(), Watchdog::new());
-            let mut looks = 0;
-            let wedged = loop {
-                let runs = |part| part != stopped || looks < lived;
-                // The scan leaves frames even where nobody takes them.
+        for healthy in 1..30 {
+            let (heartbeats, mut watchdog) = (Heartbeats::new(), Watchdog::new());
+            let mut checks = 0;
+            let stalled = loop {
+                let runs = |part| part != stopped || checks < healthy;
+                // The scan queues frames even where the model does not process them.
                 if runs(0) {
-                    life.scan_progressed();
-                    life.frame_queued();
+                    heartbeats.scan_progressed();
+                    heartbeats.frame_queued();
                 }
                 if runs(1) && runs(0) {
-                    life.frame_processed();
+                    heartbeats.frame_processed();
                 }
                 if runs(2) {
-                    life.link_progressed();
+                    heartbeats.link_progressed();
                 }
-                looks += 1;
-                match watch.check(&life) {
-                    0 => assert!(looks <= lived + u32::from(STALLED_CHECKS)),
-                    wedged => break wedged,
+                checks += 1;
+                match watchdog.check(&heartbeats) {
+                    0 => assert!(checks <= healthy + u32::from(STALLED_CHECKS)),
+                    stalled => break stalled,
                 }
             };
-            assert_eq!((wedged, looks), (1 << stopped, lived + u32::from(STALLED_CHECKS)), "{stopped}");
-            assert_eq!(watch.checks(), looks);
+            assert_eq!((stalled, checks), (1 << stopped, healthy + u32::from(STALLED_CHECKS)), "{stopped}");
+            assert_eq!(watchdog.checks(), checks);
         }
     }
 }
 
-/// A start may wait for the flash chip, but not for ever, and has not succeeded meanwhile.
+/// A start may wait for the flash chip for a limited time, and does not count as successful meanwhile.
 #[test]
-fn a_start_that_never_begins_is_found() {
-    let (life, mut watch) = (Heartbeats::new(), Watchdog::new());
-    let found = (1..).find(|_| watch.check(&life) != 0);
+fn a_start_that_never_ends_is_detected() {
+    let (heartbeats, mut watchdog) = (Heartbeats::new(), Watchdog::new());
+    let found = (1..).find(|_| watchdog.check(&heartbeats) != 0);
     assert_eq!(found, Some(START_CHECKS - 1 + u32::from(STALLED_CHECKS)));
-    assert!(watch.healthy_checks() < HEALTHY_CHECKS);
+    assert!(watchdog.healthy_checks() < HEALTHY_CHECKS);
 }
 
 #[test]
-fn who_has_nothing_to_do_rests() {
-    let (life, mut watch) = (Heartbeats::new(), Watchdog::new());
-    // A frame clock that waits leaves heartbeats.
-    let waits = || {
-        life.scan_progressed();
-        life.link_progressed();
+fn an_idle_part_is_not_stalled() {
+    let (heartbeats, mut watchdog) = (Heartbeats::new(), Watchdog::new());
+    // Scan and link report heartbeats while they wait.
+    let wait = || {
+        heartbeats.scan_progressed();
+        heartbeats.link_progressed();
     };
     for _ in 0..1000 {
-        waits();
-        assert_eq!(watch.check(&life), 0);
+        wait();
+        assert_eq!(watchdog.check(&heartbeats), 0);
     }
-    // A frame that is not processed.
-    life.frame_queued();
+    // The model is stalled once a queued frame is not processed.
+    heartbeats.frame_queued();
     let found = (1..).find(|_| {
-        waits();
-        watch.check(&life) != 0
+        wait();
+        watchdog.check(&heartbeats) != 0
     });
     assert_eq!(found, Some(STALLED_CHECKS));
 }

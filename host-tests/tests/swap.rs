@@ -1,5 +1,5 @@
-//! Updates on a chip in memory: what is taken and refused, and what a loss of power leaves at any moment. The swap is the
-//! bootloaders' own code.
+//! Updates on a chip in memory: which images are accepted and refused, and which image is active after a loss of power at any
+//! moment. The swap is the bootloaders' own code.
 
 use embassy_boot::{AlignedBuffer, BootError, BootLoader, State};
 use embassy_futures::block_on as now;
@@ -23,33 +23,33 @@ static NEW: LazyLock<Image> = LazyLock::new(|| image("1.2.10", 60 * SECTOR as us
 
 const TORN: [Torn; 3] = [Torn::Before, Torn::Within, Torn::After];
 
-/// An image that no board would run, signed.
+/// A signed image with random content.
 fn image(version: &str, len: usize) -> Image {
     let mut random = fastrand::Rng::with_seed(len as u64);
     let mut bytes: Vec<u8> = std::iter::repeat_with(|| random.u8(..)).take(len).collect();
     let header = Header::new("board", version).bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
-    Image::sign(bytes, &SECRET).expect("it has a header")
+    Image::sign(bytes, &SECRET).expect("the image has a header")
 }
 
 fn key() -> [u8; 32] {
     SECRET.verifying_key().to_bytes()
 }
 
-/// A chip with the old image active.
+/// A chip on which the old image is active.
 fn chip() -> NorFlashChip {
     let mut chip = NorFlashChip::new(FLASH_BYTES);
     chip.bytes[ACTIVE_IMAGE.start as usize..][..OLD.bytes().len()].copy_from_slice(OLD.bytes());
     chip
 }
 
-/// Which image is active; a mixture is none.
+/// The active image; `None` for a mixture of both.
 fn active(chip: &NorFlashChip) -> Option<&'static Image> {
     let bytes = &chip.bytes[ACTIVE_IMAGE.start as usize..ACTIVE_IMAGE.end as usize];
     [&*OLD, &*NEW].into_iter().find(|image| bytes.starts_with(image.bytes()))
 }
 
-/// A start of the board.
+/// Runs the bootloader.
 fn boot(chip: &mut NorFlashChip) -> Result<State, BootError> {
     let chip = Mutex::new(chip);
     let active = Blocking(Partition::<_, CHUNK>::new(&chip, ACTIVE_IMAGE));
@@ -72,7 +72,7 @@ fn send(update: &mut Update, chip: &mut NorFlashChip, image: &Image) -> Result<P
     ask(update, chip, Request::Finish)
 }
 
-/// A chip with the new image accepted.
+/// A chip on which the new image is accepted.
 fn accepted() -> NorFlashChip {
     let mut chip = chip();
     assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Ok(Progress::Accepted));
@@ -84,7 +84,7 @@ fn a_signed_image_is_swapped_in_and_back_unless_it_is_confirmed() {
     let mut chip = accepted();
     assert_eq!(boot(&mut chip), Ok(State::Swap));
     assert!(active(&chip) == Some(&NEW) && now(is_on_trial(&mut chip)) == Ok(true));
-    // While it is on trial the one before is kept.
+    // While the new image is on trial, the area of the old one must not be overwritten.
     assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Err(Refusal::OnTrial));
 
     let mut confirmed = chip.clone();
@@ -94,16 +94,17 @@ fn a_signed_image_is_swapped_in_and_back_unless_it_is_confirmed() {
 
     boot(&mut chip).expect("the chip works");
     assert!(active(&chip) == Some(&OLD) && now(is_on_trial(&mut chip)) == Ok(false));
-    // And it can be tried again.
+    // The new image can be installed again.
     assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Ok(Progress::Accepted));
     boot(&mut chip).expect("the chip works");
     assert_eq!(active(&chip), Some(&*NEW));
 }
 
 #[test]
-fn what_is_not_signed_older_foreign_too_long_or_not_whole_changes_nothing() {
-    let strange = Image::sign(NEW.bytes().to_vec(), &SigningKey::from_bytes(&[8; 32])).expect("it has a header");
-    for (image, refusal) in [(&strange, Refusal::Signature), (&image("1.1.99", 8 * CHUNK), Refusal::Older)] {
+fn a_refused_image_changes_nothing() {
+    let other_key = SigningKey::from_bytes(&[8; 32]);
+    let other_key = Image::sign(NEW.bytes().to_vec(), &other_key).expect("the image has a header");
+    for (image, refusal) in [(&other_key, Refusal::Signature), (&image("1.1.99", 8 * CHUNK), Refusal::Older)] {
         let mut chip = chip();
         assert_eq!(send(&mut Update::new(), &mut chip, image), Err(refusal));
         assert!(boot(&mut chip) == Ok(State::Boot) && active(&chip) == Some(&OLD));
@@ -113,10 +114,10 @@ fn what_is_not_signed_older_foreign_too_long_or_not_whole_changes_nothing() {
         (Offer { header: Header::new("board", "9"), ..NEW.offer() }, Refusal::Older),
         (Offer { chunks: 0, ..NEW.offer() }, Refusal::Length),
         (Offer { chunks: (MAX_IMAGE as usize / CHUNK) as u16 + 1, ..NEW.offer() }, Refusal::Length),
-        // The signature holds the header, so a newer version cannot be claimed for it.
+        // The signature covers the header, so an offer with another version does not match.
         (Offer { header: Header::new("board", "9.9.9"), ..NEW.offer() }, Refusal::Header),
         (Offer { signature: [[0; 32]; 2], ..NEW.offer() }, Refusal::Signature),
-        // Cut short.
+        // A truncated image.
         (Offer { chunks: NEW.offer().chunks - 1, ..NEW.offer() }, Refusal::Signature),
     ] {
         let (mut update, mut chip) = (Update::new(), chip());
@@ -128,7 +129,7 @@ fn what_is_not_signed_older_foreign_too_long_or_not_whole_changes_nothing() {
         assert_eq!(answer, Err(refusal));
         assert!(boot(&mut chip) == Ok(State::Boot) && active(&chip) == Some(&OLD));
     }
-    // Nothing begun, or not all there.
+    // Requests without a beginning, and an incomplete transfer.
     let (mut update, mut chip) = (Update::new(), chip());
     assert_eq!(ask(&mut update, &mut chip, chunk(&NEW, 0)), Err(Refusal::NotBegun));
     assert_eq!(ask(&mut update, &mut chip, Request::Finish), Err(Refusal::NotBegun));
@@ -137,13 +138,13 @@ fn what_is_not_signed_older_foreign_too_long_or_not_whole_changes_nothing() {
 }
 
 #[test]
-fn a_bit_that_flips_on_the_way_or_in_the_chip_is_found() {
+fn a_flipped_bit_in_the_chip_is_detected() {
     let mut random = fastrand::Rng::with_seed(3);
     for _ in 0..8 {
         let (mut update, mut chip) = (Update::new(), chip());
-        ask(&mut update, &mut chip, Request::Begin(NEW.offer())).expect("it is begun");
+        ask(&mut update, &mut chip, Request::Begin(NEW.offer())).expect("the offer is accepted");
         for number in 0..NEW.offer().chunks {
-            ask(&mut update, &mut chip, chunk(&NEW, number)).expect("it is taken");
+            ask(&mut update, &mut chip, chunk(&NEW, number)).expect("the chunk is accepted");
         }
         let at = random.usize(0..NEW.bytes().len());
         chip.bytes[OTHER.start as usize + at] ^= 1 << random.u8(0..8);
@@ -156,9 +157,9 @@ fn a_bit_that_flips_on_the_way_or_in_the_chip_is_found() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Chunks that are lost, come twice or late, and hosts that begin anew: what was taken is the image.
+    /// Chunks are lost, repeated or late, and hosts begin again: the transferred image is complete and correct.
     #[test]
-    fn a_disturbed_transfer_goes_on_where_it_was(seed: u64) {
+    fn a_disturbed_transfer_continues_where_it_was(seed: u64) {
         let mut random = fastrand::Rng::with_seed(seed);
         let image = image("2.0.0", random.usize(3..80) * CHUNK);
         let (mut update, mut chip) = (Update::new(), chip());
@@ -172,7 +173,7 @@ proptest! {
             };
             next = match answer {
                 Ok(Progress::Next(now)) => { prop_assert!(now == next || now == next + 1); now }
-                // A chunk before the first beginning.
+                // A chunk was sent before the first `Begin`.
                 answer => { prop_assert_eq!(answer, Err(Refusal::NotBegun)); 0 }
             };
         }
@@ -181,18 +182,19 @@ proptest! {
     }
 }
 
-/// Runs `work` with power failing at every `stride`th operation of it in each way, and gives what is left to `check`; how many.
+/// Runs `work` with a power cut in every `stride`th of its operations, at each moment of it, and passes the chip to `check`
+/// afterwards. Returns the number of cuts.
 fn cuts(
     before: &NorFlashChip,
     stride: usize,
     work: impl Fn(&mut NorFlashChip),
     mut check: impl FnMut(&mut NorFlashChip, u64, Torn),
 ) -> usize {
-    let mut whole = before.restarted();
-    whole.operations = 0;
-    work(&mut whole);
+    let mut uninterrupted = before.restarted();
+    uninterrupted.operations = 0;
+    work(&mut uninterrupted);
     let mut count = 0;
-    for at in (0..whole.operations).step_by(stride) {
+    for at in (0..uninterrupted.operations).step_by(stride) {
         for torn in TORN {
             let mut chip = before.restarted();
             (chip.operations, chip.cut) = (0, Some((at, torn)));
@@ -210,7 +212,7 @@ fn a_loss_of_power_during_the_transfer_leaves_the_old_image() {
         let _ = send(&mut Update::new(), chip, &NEW);
     };
     let count = cuts(&chip(), 7, work, |chip, at, torn| {
-        // The last two operations are the mark to swap.
+        // The last two operations write the mark to swap.
         let booted = boot(chip);
         let is_marked = booted == Ok(State::Swap);
         assert_eq!(active(chip), Some(if is_marked { &*NEW } else { &*OLD }), "{at} {torn:?}");
@@ -225,10 +227,10 @@ fn a_loss_of_power_anywhere_in_the_swap_ends_in_the_new_image() {
         let _ = boot(chip);
     };
     let count = cuts(&before, 1, work, |chip, at, torn| {
-        // A cut after the last operation finds all done, and that is the second start.
+        // After a cut behind the last operation the swap is complete: this start is the second one, and swaps back.
         let booted = boot(chip);
-        let done = active(chip) == Some(&*OLD) && torn == Torn::After;
-        assert!(booted == Ok(State::Swap) && (active(chip) == Some(&*NEW) || done), "{at} {torn:?}");
+        let is_swapped_back = active(chip) == Some(&*OLD) && torn == Torn::After;
+        assert!(booted == Ok(State::Swap) && (active(chip) == Some(&*NEW) || is_swapped_back), "{at} {torn:?}");
         now(confirm(chip)).expect("the chip works");
         assert_eq!(boot(chip), Ok(State::Boot), "{at} {torn:?}");
     });
@@ -251,7 +253,7 @@ fn a_loss_of_power_anywhere_in_the_swap_back_ends_in_the_old_image() {
 }
 
 #[test]
-fn a_loss_of_power_while_the_new_image_is_confirmed_leaves_one_of_the_two() {
+fn a_loss_of_power_during_the_confirmation_leaves_one_of_the_two_images() {
     let mut before = accepted();
     boot(&mut before).expect("the chip works");
     let work = |chip: &mut NorFlashChip| {
@@ -268,7 +270,7 @@ fn a_loss_of_power_while_the_new_image_is_confirmed_leaves_one_of_the_two() {
 }
 
 #[test]
-fn nothing_is_touched_but_what_the_map_gives() {
+fn an_update_erases_only_its_own_areas() {
     let mut chip = accepted();
     boot(&mut chip).expect("the chip works");
     boot(&mut chip).expect("the chip works");

@@ -1,7 +1,7 @@
-//! Updates of the real firmware in QEMU, by the real bootloader: what is signed runs after the restart and stays once it is
-//! proven; what is not, and what fails, leaves the image that was there, whenever power fails.
+//! Updates of the real firmware in QEMU by the real bootloader: a signed image runs after the restart, and remains once it has
+//! confirmed itself. After an image that is refused or fails, the previous one runs, also where power fails at any moment.
 //!
-//! A newer image here is the same firmware with another version in its header, from where it tells it.
+//! A newer image in these tests is the same firmware with another version in its header, which is the version that it reports.
 
 mod common;
 
@@ -26,32 +26,32 @@ use testkit::nor_flash::NorFlashChip;
 const BOARD: &str = "emulated";
 const OLD: &str = env!("PLANTAR_VERSION");
 const NEW: &str = "99.0.1";
-/// An insole that starts answers within this time.
-const START: Duration = Duration::from_secs(20);
+/// Longest time from the start of an insole to its first answer.
+const START_TIMEOUT: Duration = Duration::from_secs(20);
 
 type Session = Client<Framed<TcpStream>>;
 
 fn signed(mut bytes: Vec<u8>, header: &Header, secret: &SigningKey) -> Image {
     let header = header.bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
-    Image::sign(bytes, secret).expect("it has a header")
+    Image::sign(bytes, secret).expect("the image has a header")
 }
 
 fn development() -> SigningKey {
-    development_key().expect("it is there")
+    development_key().expect("the development key")
 }
 
-/// The firmware as a newer version.
+/// The firmware with a newer version.
 fn newer(firmware: &Path) -> Image {
-    signed(flash_image(firmware).expect("it is built"), &Header::new(BOARD, NEW), &development())
+    signed(flash_image(firmware).expect("the firmware is built"), &Header::new(BOARD, NEW), &development())
 }
 
-/// Something short that does not run.
+/// A short image that does not run.
 fn broken(version: &str) -> Image {
     signed(vec![0xff; 20 * CHUNK], &Header::new(BOARD, version), &development())
 }
 
-/// An insole that is switched on and off, with one flash chip.
+/// An insole with one flash chip, which is switched on and off.
 struct Insole {
     firmware: PathBuf,
     flash: Option<Vec<u8>>,
@@ -65,28 +65,28 @@ impl Insole {
     fn start(&self, power_cut: Option<u32>, swapped: bool) -> Board {
         let walk = synthetic_walk(2, 100.0);
         let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-        let head = EmulatorConfig { power_cut, ..EmulatorConfig::new(worn.setup) };
+        let config = EmulatorConfig { power_cut, ..EmulatorConfig::new(worn.setup) };
         let cells = worn.cells.clone();
         let hardware = Hardware { flash: self.flash.clone(), swapped, ..Hardware::default() };
-        Board::start_with(&self.firmware, &head, &cells, Time::Max, Looped(Recorded::new(walk, worn)), &hardware)
-            .expect("it boots")
+        Board::start_with(&self.firmware, &config, &cells, Time::Max, Looped(Recorded::new(walk, worn)), &hardware)
+            .expect("the board boots")
     }
 
-    /// Waits until the board is off, and keeps its chip; true where it is to be started again.
+    /// Waits until the board is off, and saves its chip; returns true if the bootloader swapped images and requests a restart.
     fn wait(&mut self, mut board: Board) -> bool {
-        let swapped = board.wait().expect("it runs");
-        self.flash = Some(board.flash().expect("it is there"));
+        let swapped = board.wait().expect("the board runs");
+        self.flash = Some(board.flash().expect("the chip can be read"));
         swapped
     }
 
-    /// Power off, whatever it does.
+    /// Switches the board off at any moment, and saves its chip.
     fn switch_off(&mut self, board: Board) {
-        self.flash = Some(board.flash().expect("it is there"));
+        self.flash = Some(board.flash().expect("the chip can be read"));
     }
 
-    /// The image that is active.
+    /// The content of the active image's area.
     fn active(&self) -> &[u8] {
-        let flash = self.flash.as_ref().expect("it ran");
+        let flash = self.flash.as_ref().expect("a board ran");
         &flash[ACTIVE_IMAGE.start as usize..ACTIVE_IMAGE.end as usize]
     }
 }
@@ -95,11 +95,11 @@ fn connect(board: &Board) -> Session {
     try_connect(board).expect("the insole answers")
 }
 
-/// A session; `None` where the board goes off instead.
+/// A session; `None` where the board switches off instead.
 fn try_connect(board: &Board) -> Option<Session> {
-    let link = board.link().expect("the link is there");
-    link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
-    Client::connect(Framed::new(link), START).ok()
+    let link = board.link().expect("the board has a link");
+    link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
+    Client::connect(Framed::new(link), START_TIMEOUT).ok()
 }
 
 fn send(session: &mut Session, image: &Image) -> Result<Progress, Error> {
@@ -117,46 +117,46 @@ fn refusal(answer: Result<Progress, Error>) -> Option<Refusal> {
     }
 }
 
-/// Puts an accepted image into the chip of an insole as the insole itself does.
+/// Writes an accepted image to an insole's chip, with the insole's own code.
 fn accept(insole: &mut Insole, image: &Image) {
     let board = insole.start(None, false);
     connect(&board);
     insole.switch_off(board);
-    let flash = insole.flash.take().expect("it ran");
+    let flash = insole.flash.take().expect("a board ran");
     let mut chip = NorFlashChip::new(flash.len());
     chip.bytes = flash;
     let mut update = Update::new();
     let chunks = (0..image.offer().chunks).map(|number| Request::Chunk { number, chunk: image.chunk(number) });
     for request in [Request::Begin(image.offer())].into_iter().chain(chunks).chain([Request::Finish]) {
         let running = Header::new(BOARD, OLD);
-        embassy_futures::block_on(update.handle(&mut chip, &running, &KEY, &request)).expect("it is taken");
+        embassy_futures::block_on(update.handle(&mut chip, &running, &KEY, &request)).expect("the request is accepted");
     }
     insole.flash = Some(chip.bytes);
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn an_update_runs_after_the_restart_and_stays_once_it_is_proven() {
+fn an_update_runs_after_the_restart_and_remains_once_it_is_confirmed() {
     let mut insole = Insole::new();
     let image = newer(&insole.firmware);
     let board = insole.start(None, false);
     let mut session = connect(&board);
     assert_eq!((session.hello().firmware.as_str(), session.hello().board.as_str()), (OLD, BOARD));
     assert_eq!(send(&mut session, &image).ok(), Some(Progress::Accepted));
-    assert!(insole.wait(board), "it restarts by itself, and the bootloader swaps");
+    assert!(insole.wait(board), "the insole restarts by itself, and the bootloader swaps");
     assert!(insole.active().starts_with(image.bytes()));
 
     let board = insole.start(None, true);
     let mut session = connect(&board);
     assert_eq!(session.hello().firmware, NEW);
     let again = Request::Begin(image.offer());
-    assert_eq!(refusal(session.update(again)), Some(Refusal::OnTrial), "it has not scanned yet");
+    assert_eq!(refusal(session.update(again)), Some(Refusal::OnTrial), "the image has not scanned yet");
     board.play();
     while refusal(session.update(again)) == Some(Refusal::OnTrial) {}
-    // An older one is refused now, the one before too.
-    let before = flash_image(&insole.firmware).expect("it is built");
-    let before = signed(before, &Header::new(BOARD, OLD), &development());
-    assert_eq!(refusal(session.update(Request::Begin(before.offer()))), Some(Refusal::Older));
+    // An older image is refused now, including the previous one.
+    let previous = flash_image(&insole.firmware).expect("the firmware is built");
+    let previous = signed(previous, &Header::new(BOARD, OLD), &development());
+    assert_eq!(refusal(session.update(Request::Begin(previous.offer()))), Some(Refusal::Older));
     insole.switch_off(board);
 
     let board = insole.start(None, false);
@@ -171,11 +171,11 @@ fn an_image_that_makes_no_progress_is_swapped_back_at_the_next_start() {
     accept(&mut insole, &image);
     let board = insole.start(None, false);
     assert!(insole.wait(board));
-    // Nobody asks it for a scan here.
+    // Without `play` the new image cannot scan, so it does not confirm itself.
     let board = insole.start(None, true);
     let mut session = connect(&board);
     assert_eq!(session.hello().firmware, NEW);
-    session.send(ToDevice::Restart).expect("the link holds");
+    session.send(ToDevice::Restart).expect("the link works");
     assert!(insole.wait(board), "the bootloader swaps back");
     let board = insole.start(None, true);
     assert_eq!(connect(&board).hello().firmware, OLD);
@@ -190,7 +190,7 @@ fn a_signed_image_that_crashes_is_swapped_back() {
     assert!(insole.wait(board));
     assert!(insole.active().starts_with(broken(NEW).bytes()));
     let board = insole.start(None, true);
-    assert!(!insole.wait(board), "it crashes");
+    assert!(!insole.wait(board), "the image crashes");
     let board = insole.start(None, false);
     assert!(insole.wait(board), "the bootloader swaps back");
     let board = insole.start(None, true);
@@ -199,16 +199,16 @@ fn a_signed_image_that_crashes_is_swapped_back() {
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn what_is_unsigned_damaged_cut_short_older_foreign_or_too_long_is_refused_and_the_running_image_stays() {
+fn invalid_images_are_refused_and_the_running_image_remains() {
     let mut insole = Insole::new();
     let board = insole.start(None, false);
     let mut session = connect(&board);
     let good = broken(NEW);
     let offer = good.offer();
-    let stranger = signed(good.bytes().to_vec(), good.header(), &SigningKey::from_bytes(&[1; 32]));
+    let other_key = signed(good.bytes().to_vec(), good.header(), &SigningKey::from_bytes(&[1; 32]));
     let older = broken("0.0.9");
-    let foreign = signed(good.bytes().to_vec(), &Header::new("stm32wb55", NEW), &development());
-    for (image, why) in [(&stranger, Refusal::Signature), (&older, Refusal::Older), (&foreign, Refusal::Board)] {
+    let other_board = signed(good.bytes().to_vec(), &Header::new("stm32wb55", NEW), &development());
+    for (image, why) in [(&other_key, Refusal::Signature), (&older, Refusal::Older), (&other_board, Refusal::Board)] {
         assert_eq!(refusal(send(&mut session, image)), Some(why));
     }
     let mut unsigned = offer;
@@ -221,25 +221,25 @@ fn what_is_unsigned_damaged_cut_short_older_foreign_or_too_long_is_refused_and_t
         (offer, Some(5), Refusal::Signature),
         (offer, Some(HEADER as usize / CHUNK), Refusal::Header),
     ] {
-        session.update(Request::Begin(offer)).expect("it may be good");
+        session.update(Request::Begin(offer)).expect("the image is not yet verified");
         for number in 0..offer.chunks {
             let mut chunk = good.chunk(number);
             if flipped == Some(usize::from(number)) {
                 chunk[0][0] ^= 0x10;
             }
-            session.update(Request::Chunk { number, chunk }).expect("it may be good");
+            session.update(Request::Chunk { number, chunk }).expect("the image is not yet verified");
         }
         assert_eq!(refusal(session.update(Request::Finish)), Some(why));
     }
     let mut long = offer;
     long.chunks = u16::MAX;
     assert_eq!(refusal(session.update(Request::Begin(long))), Some(Refusal::Length));
-    // And an update that stops half way is none.
-    session.update(Request::Begin(offer)).expect("it is good");
-    session.update(Request::Chunk { number: 0, chunk: good.chunk(0) }).expect("it is good");
+    // An incomplete update is refused.
+    session.update(Request::Begin(offer)).expect("the request is accepted");
+    session.update(Request::Chunk { number: 0, chunk: good.chunk(0) }).expect("the request is accepted");
     assert_eq!(refusal(session.update(Request::Finish)), Some(Refusal::Incomplete));
 
-    assert_eq!(session.reconnect(START).expect("it runs").firmware, OLD);
+    assert_eq!(session.reconnect(START_TIMEOUT).expect("the insole answers").firmware, OLD);
     insole.switch_off(board);
     let board = insole.start(None, false);
     assert_eq!(connect(&board).hello().firmware, OLD);
@@ -254,14 +254,14 @@ fn a_loss_of_power_during_the_transfer_leaves_the_running_image() {
     loop {
         insole.flash = None;
         let board = insole.start(Some(cuts), false);
-        // Power may fail before the first word.
+        // Power may fail before the first answer.
         let sent = try_connect(&board).map(|mut session| send(&mut session, &image));
-        let is_whole = matches!(sent, Some(Ok(Progress::Accepted)));
+        let is_accepted = matches!(sent, Some(Ok(Progress::Accepted)));
         insole.wait(board);
-        if is_whole {
+        if is_accepted {
             break;
         }
-        // The mark to swap may be there although nobody heard of it.
+        // The mark to swap may be written although its answer did not arrive.
         let board = insole.start(None, false);
         match try_connect(&board) {
             Some(session) => assert_eq!(session.hello().firmware, OLD, "cut {cuts}"),
@@ -275,7 +275,7 @@ fn a_loss_of_power_during_the_transfer_leaves_the_running_image() {
     println!("{cuts} cuts");
 }
 
-/// Writes and erasures of a swap between two cuts that are tried.
+/// Write and erase operations of a swap from one tested power cut to the next.
 const STRIDE: usize = 29;
 
 #[test]

@@ -1,6 +1,6 @@
-//! An update that arrives in real time while the insole is walked in costs no frame. Scans that the busy emulator leaves out, with or
-//! without an update, are printed and not judged. Alone in its file, because other tests beside it
-//! would be measured too.
+//! An update that is transferred in real time during a walk loses no frame and no step. Scans that a busy emulator leaves out,
+//! with or without an update, are printed and not checked. The test is alone in its file, because tests that run beside it would
+//! disturb it.
 
 mod common;
 
@@ -16,27 +16,28 @@ use plantar::protocol::{Status, ToDevice, ToHost};
 use recording::VirtualInsole;
 use std::time::Duration;
 
-/// Of the image: a good part is enough.
+/// Number of chunks that are transferred: a part of the image is enough.
 const CHUNKS: u16 = 300;
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn a_transfer_beside_walking_loses_no_frame_and_no_step() {
+fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
     let firmware = firmware();
     let walk = synthetic_walk(8, 100.0);
     let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let (head, cells) = (EmulatorConfig::new(worn.setup), worn.cells.clone());
+    let (config, cells) = (EmulatorConfig::new(worn.setup), worn.cells.clone());
     let walk = Looped(Recorded::new(walk, worn));
-    let board = Board::start(&firmware, &head, &cells, Time::Real, walk).expect("it boots");
-    let link = board.link().expect("the link is there");
-    link.set_read_timeout(Some(Duration::from_millis(50))).expect("a socket takes a time-out");
+    let board = Board::start(&firmware, &config, &cells, Time::Real, walk).expect("the board boots");
+    let link = board.link().expect("the board has a link");
+    link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
     let mut session = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
     session.stream().expect("the stream starts");
 
-    let secret = development_key().expect("it is there");
-    let image = Image::sign(flash_image(&firmware).expect("it is built"), &secret).expect("it has a header");
+    let secret = development_key().expect("the development key");
+    let image =
+        Image::sign(flash_image(&firmware).expect("the firmware is built"), &secret).expect("the image has a header");
     let mut offer = image.offer();
-    // Looked through and refused at the end: so frames can be counted afterwards.
+    // The incomplete image is refused at the end, so that the insole does not restart and its counters can be read.
     offer.chunks = CHUNKS;
     let mut steps = Vec::new();
     let mut request = Request::Begin(offer);
@@ -47,16 +48,16 @@ fn a_transfer_beside_walking_loses_no_frame_and_no_step() {
         };
     }
     assert_eq!(request, Request::Finish);
-    // What came meanwhile waits in the session, and the answer comes after it.
-    session.send(ToDevice::GetStatus).expect("the link holds");
+    // Messages that arrived during the transfer are queued in the session, before the answer.
+    session.send(ToDevice::GetStatus).expect("the link works");
     let status = loop {
-        if let Some(status) = take(&mut session, &mut steps) {
+        if let Some(status) = receive(&mut session, &mut steps) {
             break status;
         }
     };
     let counters = session.counters();
     println!(
-        "{} chunks beside {} frames and {} steps; live frames lost {}, scans left out {}, overrun {}; stack {} bytes",
+        "{} chunks during {} frames and {} steps; live frames lost {}, scans left out {}, overrun {}; stack {} bytes",
         offer.chunks,
         status.frames,
         status.steps,
@@ -69,15 +70,15 @@ fn a_transfer_beside_walking_loses_no_frame_and_no_step() {
     assert!(status.steps > 0 && steps.windows(2).all(|pair| pair[1] == pair[0] + 1), "{steps:?}");
 }
 
-/// Receives a message; a status, where it is one.
-fn take(session: &mut Client<Framed<std::net::TcpStream>>, steps: &mut Vec<u32>) -> Option<Status> {
-    match session.receive().expect("the link holds")? {
+/// Receives a message; returns it if it is a status.
+fn receive(session: &mut Client<Framed<std::net::TcpStream>>, steps: &mut Vec<u32>) -> Option<Status> {
+    match session.receive().expect("the link works")? {
         ToHost::Step(step) => {
-            session.send(ToDevice::Acknowledge { step: step.step }).expect("the link holds");
+            session.send(ToDevice::Acknowledge { step: step.step }).expect("the link works");
             steps.push(step.step);
         }
         ToHost::Status(status) => return Some(status),
-        ToHost::Hello(hello) => panic!("it restarted: {hello:?}"),
+        ToHost::Hello(hello) => panic!("the insole restarted: {hello:?}"),
         _ => {}
     }
     None

@@ -1,4 +1,4 @@
-//! Messages and frames: what goes in comes out, and nothing else does.
+//! Messages and frames: every message is decoded as it was encoded, and damaged ones are refused.
 
 use plantar::checksum::crc32;
 use plantar::faults::{Fault, FaultKind, Faults, MAX_FAULTS, Place};
@@ -27,7 +27,7 @@ fn config() -> ProptestConfig {
 }
 
 fn encoded<T: serde::Serialize>(message: &T) -> Vec<u8> {
-    encode(message, &mut [0; MAX_MESSAGE]).expect("it fits").to_vec()
+    encode(message, &mut [0; MAX_MESSAGE]).expect("the message fits").to_vec()
 }
 
 fn side() -> impl Strategy<Value = Side> {
@@ -35,7 +35,7 @@ fn side() -> impl Strategy<Value = Side> {
 }
 
 fn contact_rule() -> impl Strategy<Value = ContactRule> {
-    let number = || any::<f32>().prop_filter("a number equals itself", |v| !v.is_nan());
+    let number = || any::<f32>().prop_filter("a NaN does not equal itself", |v| !v.is_nan());
     (number(), number(), number()).prop_map(|(on_kpa, off_kpa, full_kpa)| ContactRule { on_kpa, off_kpa, full_kpa })
 }
 
@@ -155,7 +155,7 @@ fn any_status() -> impl Strategy<Value = Status> {
 }
 
 fn any_tissue() -> impl Strategy<Value = Tissue> {
-    let number = any::<f32>().prop_filter("a number equals itself", |v| !v.is_nan());
+    let number = any::<f32>().prop_filter("a NaN does not equal itself", |v| !v.is_nan());
     let law = prop::array::uniform6(number).prop_map(|[ab_m2, c_m, stiffness_pa, damping_pa_s, n, m]| ForceLaw {
         ab_m2,
         c_m,
@@ -274,7 +274,7 @@ fn serial() -> impl Strategy<Value = Serial> {
     "[!-~]{0,16}".prop_map(|text| Serial::new(&text).expect("short and printable"))
 }
 
-/// One of each kind.
+/// One message of each kind.
 fn samples() -> Vec<ToHost> {
     vec![
         ToHost::Hello(hello()),
@@ -295,26 +295,26 @@ proptest! {
     #![proptest_config(config())]
 
     #[test]
-    fn messages_arrive_as_they_were(message in to_host(), command in to_device()) {
+    fn messages_arrive_unchanged(message in to_host(), command in to_device()) {
         let mut decoder = Decoder::new();
         prop_assert_eq!(messages::<ToHost>(&mut decoder, &framed(&message)), [message.clone()]);
         prop_assert_eq!(messages::<ToDevice>(&mut decoder, &framed(&command)), [command]);
         prop_assert_eq!(decoder.bad_frames, 0);
-        // On a packet carrier.
+        // The same without framing, on a packet carrier.
         prop_assert_eq!(decode::<ToHost>(&encoded(&message)), Some(message));
         prop_assert_eq!(decode::<ToDevice>(&encoded(&command)), Some(command));
     }
 
     #[test]
-    fn a_frame_holds_one_zero_and_fits(message in to_host()) {
+    fn a_frame_contains_one_zero_and_has_at_most_the_maximum_length(message in to_host()) {
         let bytes = framed(&message);
         prop_assert_eq!(bytes.iter().position(|&b| b == 0), Some(bytes.len() - 1));
         prop_assert!(bytes.len() <= MAX_FRAME);
     }
 
-    /// One packet is exactly one message.
+    /// A packet is exactly one message.
     #[test]
-    fn packets_with_too_few_or_too_many_bytes_are_none(message in to_host(), extra in any::<u8>(), cut in any::<prop::sample::Index>()) {
+    fn packets_with_too_few_or_too_many_bytes_are_refused(message in to_host(), extra in any::<u8>(), cut in any::<prop::sample::Index>()) {
         let bytes = encoded(&message);
         prop_assert_eq!(decode::<ToHost>(&bytes[..cut.index(bytes.len())]), None);
         let longer = [bytes.as_slice(), &[extra]].concat();
@@ -332,13 +332,13 @@ proptest! {
     }
 
     #[test]
-    fn foreign_streams_are_survived_and_end_at_a_zero(
+    fn a_message_is_received_after_any_bytes_and_a_zero(
         streams in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..2000), 1..4),
         message in to_host(),
     ) {
         let mut decoder = Decoder::new();
         for stream in streams {
-            // A CRC of 32 bits is not met by chance.
+            // It is practically impossible that random bytes have a valid CRC-32.
             prop_assert_eq!(messages::<ToHost>(&mut decoder, &stream), []);
             decoder.push(0);
             let bad = decoder.bad_frames;
@@ -348,7 +348,7 @@ proptest! {
     }
 
     #[test]
-    fn garbage_spoils_only_the_frame_it_touches(
+    fn garbage_damages_only_its_own_frame(
         all in prop::collection::vec(to_host(), 1..6),
         garbage in prop::collection::vec(prop::collection::vec(1u8.., 1..600), 6),
     ) {
@@ -364,7 +364,7 @@ proptest! {
     }
 
     #[test]
-    fn random_damage_is_never_another_message(message in to_host(), hits in prop::collection::vec((any::<prop::sample::Index>(), 1u8..), 1..8)) {
+    fn random_damage_never_produces_another_message(message in to_host(), hits in prop::collection::vec((any::<prop::sample::Index>(), 1u8..), 1..8)) {
         let mut bytes = framed(&message);
         for (at, flip) in hits {
             let at = at.index(bytes.len());
@@ -389,14 +389,14 @@ fn a_stream_may_be_split_at_any_byte() {
 }
 
 #[test]
-fn joining_in_the_middle_loses_one_frame_at_most() {
+fn starting_in_the_middle_of_a_stream_loses_one_frame_at_most() {
     let all = samples();
     let first_len = framed(&all[0]).len();
     let stream: Vec<u8> = all.iter().flat_map(framed).collect();
     for start in 1..first_len {
         let mut decoder = Decoder::new();
         assert_eq!(messages::<ToHost>(&mut decoder, &stream[start..]), all[1..], "from byte {start}");
-        // From its last byte on, the zero, there is nothing to be wrong.
+        // From its last byte on, only the final zero of the first frame is left, which does not count as a bad frame.
         assert_eq!(decoder.bad_frames, u32::from(start < first_len - 1), "from byte {start}");
     }
 }
@@ -411,7 +411,7 @@ fn a_truncated_frame_is_counted_and_the_next_one_received() {
             assert_eq!(messages::<ToHost>(&mut decoder, &stream), from_ref(&message), "{len} bytes");
             assert_eq!(decoder.bad_frames, 1, "{len} bytes");
 
-            // Without an end of its own it takes the next frame with it, and no more.
+            // Without its final zero, only the next frame is lost with it.
             let mut decoder = Decoder::new();
             let stream = [&bytes[..len], bytes.as_slice(), bytes.as_slice()].concat();
             assert_eq!(messages::<ToHost>(&mut decoder, &stream), from_ref(&message), "{len} bytes");
@@ -432,7 +432,7 @@ fn an_over_long_frame_is_counted_once() {
 }
 
 #[test]
-fn zeros_between_frames_are_no_errors() {
+fn zeros_between_frames_are_not_counted_as_errors() {
     let good = framed(&ToDevice::GetStatus);
     let mut decoder = Decoder::new();
     let stream = [&[0; 50], good.as_slice(), &[0; 50], good.as_slice()].concat();
@@ -441,7 +441,7 @@ fn zeros_between_frames_are_no_errors() {
 }
 
 #[test]
-fn a_message_too_long_to_frame_is_seen_as_bad() {
+fn a_message_that_is_too_long_for_a_frame_is_not_received() {
     let mut out = [0; MAX_FRAME];
     let len = frame(&[0x55; MAX_MESSAGE + 1], &mut out);
     assert!(len <= MAX_FRAME);
@@ -449,7 +449,7 @@ fn a_message_too_long_to_frame_is_seen_as_bad() {
 }
 
 #[test]
-fn no_single_bit_error_gives_another_message() {
+fn no_single_bit_error_produces_another_message() {
     for message in samples() {
         let bytes = framed(&message);
         for bit in 0..bytes.len() * 8 {
@@ -458,7 +458,7 @@ fn no_single_bit_error_gives_another_message() {
             let mut decoder = Decoder::new();
             let got = messages::<ToHost>(&mut decoder, &damaged);
             assert!(got.iter().all(|m| *m == message), "bit {bit}: {got:?}");
-            // A spoilt end takes the third frame along.
+            // Where the final zero is damaged, the third frame is lost too.
             let is_end = bit / 8 == bytes.len() - 1;
             assert_eq!(got.len(), if is_end { 1 } else { 2 }, "bit {bit}");
             assert!((1..=2).contains(&decoder.bad_frames), "bit {bit}: {}", decoder.bad_frames);
@@ -554,17 +554,17 @@ fn longest_messages_fit_their_limits() {
     assert!(frame(&[0xAA; MAX_MESSAGE], &mut out) <= MAX_FRAME);
 }
 
-/// Other carriers sort messages by their first byte.
+/// Other carriers select messages by their first byte.
 #[test]
-fn first_bytes_tell_the_message() {
+fn the_first_byte_identifies_the_message() {
     let first = |message: &ToHost| encoded(message)[0];
-    let told = [ToHost::LIVE, ToHost::STEP, ToHost::TISSUE, ToHost::REFUSED];
+    let expected = [ToHost::LIVE, ToHost::STEP, ToHost::TISSUE, ToHost::REFUSED];
     let samples = samples();
-    assert_eq!([1, 2, 4, 5].map(|i| first(&samples[i])), told);
+    assert_eq!([1, 2, 4, 5].map(|i| first(&samples[i])), expected);
 }
 
 #[test]
-fn checksum_is_the_common_crc_32() {
+fn the_checksum_is_crc_32_iso_hdlc() {
     // The check value of CRC-32/ISO-HDLC.
     assert_eq!(crc32(b"123456789"), 0xCBF4_3926);
 }
@@ -577,7 +577,7 @@ fn hex(bytes: &[u8]) -> String {
 /// `protocol::MAJOR`, a new message `protocol::MINOR`. Other hosts and insoles have these bytes built in.
 #[test]
 fn bytes_of_this_version() {
-    assert_eq!((MAJOR, MINOR), (2, 0), "new version: add its bytes here");
+    assert_eq!((MAJOR, MINOR), (2, 0), "the bytes of the new version are to be added here");
     let golden = [
         ("hello", framed(&ToHost::Hello(Hello { major: 1, minor: 0, ..hello() })), HELLO),
         ("live", framed(&ToHost::Live(live(300))), LIVE),
@@ -595,19 +595,19 @@ fn bytes_of_this_version() {
         ("get tissue", framed(&ToDevice::GetTissue), GET_TISSUE),
         ("time", framed(&ToHost::Time { host_us: 1_000, device_us: 300 }), TIME),
         ("get time", framed(&ToDevice::GetTime { host_us: 1_000 }), GET_TIME),
-        ("refused: not kept", framed(&ToHost::Refused(Refusal::NotStored)), NOT_KEPT),
+        ("refused: not stored", framed(&ToHost::Refused(Refusal::NotStored)), NOT_STORED),
         ("refused: busy", framed(&ToHost::Refused(Refusal::Busy)), BUSY),
         ("refused: serial", framed(&ToHost::Refused(Refusal::Serial)), SERIAL),
         ("refused: calibration", framed(&ToHost::Refused(Refusal::Calibration)), CALIBRATION),
-        ("identity", framed(&ToHost::Identity(identity())), IDENTITY_KEPT),
-        ("calibration part", framed(&ToHost::CalibrationBlock { block: 3 }), PART_KEPT),
+        ("identity", framed(&ToHost::Identity(identity())), IDENTITY),
+        ("calibration block", framed(&ToHost::CalibrationBlock { block: 3 }), BLOCK_STORED),
         ("get identity", framed(&ToDevice::GetIdentity), GET_IDENTITY),
         (
             "set identity",
             framed(&ToDevice::SetIdentity { side: identity().side, serial: identity().serial }),
             SET_IDENTITY,
         ),
-        ("set calibration part", framed(&ToDevice::SetCalibrationBlock { block: 3, cells: PART }), SET_PART),
+        ("set calibration block", framed(&ToDevice::SetCalibrationBlock { block: 3, cells: BLOCK }), SET_BLOCK),
         (
             "set calibration",
             framed(&ToDevice::SetCalibration { layout_id: 7, cells: 240, id: 0x1234_5678 }),
@@ -621,8 +621,8 @@ fn bytes_of_this_version() {
         ("update: accepted", framed(&ToHost::Update(Progress::Accepted)), ACCEPTED),
         ("refused: update", framed(&ToHost::Refused(Refusal::Update(update::Refusal::Signature))), UPDATE_REFUSED),
         ("set clock", framed(&ToDevice::SetClock { unix_us: 1_700_000_000_000_000 }), SET_CLOCK),
-        ("faults", framed(&ToHost::Faults(faults())), MAX_FAULTS_FOUND),
-        ("get faults", framed(&ToDevice::GetFaults), GET_MAX_FAULTS),
+        ("faults", framed(&ToHost::Faults(faults())), FAULTS_FOUND),
+        ("get faults", framed(&ToDevice::GetFaults), GET_FAULTS),
     ];
     for (name, bytes, expected) in golden {
         assert_eq!(hex(&bytes), expected, "{name}");
@@ -634,7 +634,7 @@ fn identity() -> Identity {
 }
 
 const OFFER: Offer = Offer { header: Header::new("board", "1.2.3"), chunks: 300, signature: [[1; 32], [2; 32]] };
-const PART: CalibrationBlock = [CellCalibration { offset: 300, gain: 1.5 }; BLOCK_CELLS];
+const BLOCK: CalibrationBlock = [CellCalibration { offset: 300, gain: 1.5 }; BLOCK_CELLS];
 
 const HELLO: &str =
     "0102011705302e312e30047465737401f8acd19101c801904e4d010320410103f0400101011104010961742061206c696e65f2c164b700";
@@ -653,28 +653,28 @@ const SET_TISSUE: &str = "0f04c395a3cf0a6f12033ba69b443c0424f44814409c459a99993f
 const GET_TISSUE: &str = "0605021b68a200";
 const TIME: &str = "0a06e807ac0226ef5ab300";
 const GET_TIME: &str = "0806e807e7490ff300";
-const NOT_KEPT: &str = "03050304b7a7a500";
+const NOT_STORED: &str = "03050304b7a7a500";
 const BUSY: &str = "070504a322c33b00";
 const SERIAL: &str = "0705053512c44c00";
 const CALIBRATION: &str = "0705068f43cdd500";
-const IDENTITY_KEPT: &str = "090801502d3030303101010101010101010107ac021276e54d00";
-const PART_KEPT: &str = "0709030cf8120900";
+const IDENTITY: &str = "090801502d3030303101010101010101010107ac021276e54d00";
+const BLOCK_STORED: &str = "0709030cf8120900";
 const GET_IDENTITY: &str = "06092957deab00";
 const SET_IDENTITY: &str = "090a01502d3030303101010101010101010105344ec81f00";
-const SET_PART: &str = "050b03ac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020107c03fa4b7df0900";
+const SET_BLOCK: &str = "050b03ac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020105c03fac020107c03fa4b7df0900";
 const SET_CALIBRATION: &str = "0e0c07f001f8acd19101346e354900";
 const RESTART: &str = "060d3093b3ac00";
-const MAX_FAULTS_FOUND: &str = "0d070308010203040506070803060103e05d040eac02c865010205b06ddd96d1eb00";
-const GET_MAX_FAULTS: &str = "0608bf67d9dc00";
+const FAULTS_FOUND: &str = "0d070308010203040506070803060103e05d040eac02c865010205b06ddd96d1eb00";
+const GET_FAULTS: &str = "0608bf67d9dc00";
 const SET_CLOCK: &str = "0e078080f9c0c1c48203c9aa264a00";
 
-/// Values beyond the wire's units are cut to them, whatever their size.
+/// Values outside the range of their field are limited to it.
 #[test]
-fn live_values_are_rounded_and_cut() {
+fn live_values_are_rounded_and_limited() {
     let mut insole = Insole::<f64, 1>::new();
     insole.set_up(Setup { ..testkit::SETUP }, [cell(Region::Heel, 0.0, 0.0, 25.0)].into_iter()).expect("set-up");
     let mut loads = *insole.loads();
-    // Newton and its tenth on the wire.
+    // Force in N, and the tenths of a newton in the message.
     let cases = [
         (0.0, 0),
         (0.04, 0),
@@ -703,9 +703,9 @@ fn live_values_are_rounded_and_cut() {
     }
 }
 
-/// The emulated board's set-up is taken whole or not at all.
+/// The emulated board accepts a complete set-up only.
 #[test]
-fn a_set_up_that_is_cut_off_is_none() {
+fn a_truncated_set_up_is_refused() {
     use emulation::{EmulatorConfig, read_setup};
     let setup = Setup {
         side: Side::Left,
@@ -717,15 +717,16 @@ fn a_set_up_that_is_cut_off_is_none() {
     };
     let cells = [cell(Region::Heel, 10.0, 10.0, 100.0), cell(Region::Hallux, 10.0, 200.0, 100.0)];
     let mut bytes = encoded(&EmulatorConfig::new(setup));
-    let head_len = bytes.len();
+    let config_len = bytes.len();
     bytes.extend(cells.iter().flat_map(encoded));
     let file = |len: usize| {
         let bytes = &bytes[..len];
         read_setup(move |at, buffer| bytes.get(at..).and_then(|mut rest| rest.read(buffer).ok()))
     };
-    let (head, read) = file(bytes.len()).expect("it is whole");
-    assert_eq!((head.setup, read.collect::<Vec<_>>()), (setup, cells.to_vec()));
-    for len in (0..bytes.len()).filter(|&len| len != head_len && len != (head_len + bytes.len()) / 2) {
+    let (config, read) = file(bytes.len()).expect("the set-up is complete");
+    assert_eq!((config.setup, read.collect::<Vec<_>>()), (setup, cells.to_vec()));
+    // A file that ends after the configuration or after the first cell is a complete set-up with fewer cells.
+    for len in (0..bytes.len()).filter(|&len| len != config_len && len != (config_len + bytes.len()) / 2) {
         assert!(file(len).is_none(), "{len} bytes");
     }
 }

@@ -28,7 +28,7 @@ const ERASE_US: u64 = 45_000;
 /// Rows of the matrix.
 pub const ROWS: usize = 16;
 
-/// The flash chip of an insole, which outlives its resets.
+/// The flash chip of an insole, the content of which survives resets.
 #[derive(Clone)]
 pub struct SharedChip(pub Rc<RefCell<NorFlashChip>>);
 
@@ -68,17 +68,17 @@ impl NorFlash for SharedChip {
 
 impl MultiwriteNorFlash for SharedChip {}
 
-/// What the pipeline computes of the frames that a boot scanned, as a reference for the steps that arrive.
+/// Runs the pipeline on the frames of one boot, as a reference for the steps that arrive.
 pub struct Reference {
     insole: Box<Insole<f32, DEVICE_CELLS>>,
     /// The steps of this boot, numbered from 0.
     pub steps: Vec<Step>,
-    /// Frames of this boot.
+    /// Number of frames of this boot.
     pub frames: u32,
 }
 
 impl Reference {
-    /// Configured like `wearer`'s insole.
+    /// A reference with the configuration of `wearer`'s insole.
     ///
     /// # Panics
     /// Where the configuration is refused.
@@ -97,7 +97,7 @@ impl Reference {
     }
 }
 
-/// The matrix under a wearer's foot.
+/// The sensor matrix under a wearer's foot.
 pub struct HostMatrix {
     /// The wearer.
     pub wearer: Rc<RefCell<Wearer>>,
@@ -125,7 +125,7 @@ impl Matrix for HostMatrix {
     }
 }
 
-/// Computing takes no virtual time.
+/// A stopwatch that reads 0, because computation takes no virtual time.
 pub struct NoStopwatch;
 
 impl Stopwatch for NoStopwatch {
@@ -141,7 +141,7 @@ impl Stopwatch for NoStopwatch {
 /// A serial cable between insole and host.
 #[derive(Default)]
 pub struct Cable {
-    /// Bytes on their way to the host.
+    /// Bytes in transit to the host.
     pub to_host: VecDeque<u8>,
     to_insole: VecDeque<u8>,
     reader: Option<Waker>,
@@ -149,7 +149,7 @@ pub struct Cable {
     pub is_cut: bool,
     /// Time of one byte to the host, us.
     pub byte_us: f64,
-    /// Every so many bytes to the host one is damaged; 0 for none.
+    /// Bytes to the host from one damaged byte to the next; 0 for no damage.
     pub damaged_every: u32,
     bytes: u32,
 }
@@ -212,80 +212,80 @@ impl embedded_io_async::Write for CableEnd {
 }
 
 /// A radio link between insole and central, at the level of GATT values.
-pub struct Air {
+pub struct RadioLink {
     /// The insole's side, while it runs.
     pub server: Option<Rc<dyn GattServer>>,
-    /// When the insole started, us.
+    /// Time of the insole's start, us.
     pub origin_us: u64,
-    /// Values on their way to the central.
+    /// Values in transit to the central.
     pub to_central: VecDeque<(GattChannel, Vec<u8>)>,
     /// A central is connected.
     pub is_connected: bool,
-    sender: Option<Waker>,
+    waker: Option<Waker>,
     /// Longest value, bytes.
     pub max_value: usize,
     /// Time between two values, us.
     pub value_us: u64,
 }
 
-impl Default for Air {
+impl Default for RadioLink {
     fn default() -> Self {
         Self {
             server: None,
             origin_us: 0,
             to_central: VecDeque::new(),
             is_connected: false,
-            sender: None,
+            waker: None,
             max_value: 244,
             value_us: 1_500,
         }
     }
 }
 
-impl Air {
+impl RadioLink {
     /// Connects or disconnects the central.
     pub fn set_connected(&mut self, is_connected: bool) {
         self.is_connected = is_connected;
         self.to_central.clear();
-        self.sender.take().into_iter().for_each(Waker::wake);
+        self.waker.take().into_iter().for_each(Waker::wake);
     }
 }
 
-/// The work of the Bluetooth stack: sends values while a central is connected, and ends the session when it is gone.
-pub async fn run_gatt(server: Rc<dyn GattServer>, air: Rc<RefCell<Air>>) {
+/// Acts as the Bluetooth stack: sends values while a central is connected, and closes the session when it disconnects.
+pub async fn run_gatt(server: Rc<dyn GattServer>, radio: Rc<RefCell<RadioLink>>) {
     loop {
-        until(&air, |air| air.is_connected).await;
+        until(&radio, |radio| radio.is_connected).await;
         let sending = async {
             loop {
                 server.changed().wait().await;
                 let mut value = [0; 244];
                 loop {
-                    let (room, value_us) = (air.borrow().max_value, air.borrow().value_us);
-                    let Some((channel, len)) = server.next(&mut value[..room]) else { break };
+                    let (max_len, value_us) = (radio.borrow().max_value, radio.borrow().value_us);
+                    let Some((channel, len)) = server.next(&mut value[..max_len]) else { break };
                     Timer::after_micros(value_us).await;
-                    air.borrow_mut().to_central.push_back((channel, value[..len].to_vec()));
+                    radio.borrow_mut().to_central.push_back((channel, value[..len].to_vec()));
                 }
             }
         };
-        embassy_futures::select::select(sending, until(&air, |air| !air.is_connected)).await;
+        embassy_futures::select::select(sending, until(&radio, |radio| !radio.is_connected)).await;
         server.close();
     }
 }
 
-/// Waits until the state of the link is this.
-async fn until(air: &RefCell<Air>, is: impl Fn(&Air) -> bool) {
+/// Waits until the link is in this state.
+async fn until(radio: &RefCell<RadioLink>, is_reached: impl Fn(&RadioLink) -> bool) {
     poll_fn(|context| {
-        let mut air = air.borrow_mut();
-        if is(&air) {
+        let mut radio = radio.borrow_mut();
+        if is_reached(&radio) {
             return Poll::Ready(());
         }
-        air.sender = Some(context.waker().clone());
+        radio.waker = Some(context.waker().clone());
         Poll::Pending
     })
     .await
 }
 
-/// A board with Bluetooth that always allows bonding.
+/// A board with Bluetooth on which bonding is always open.
 pub struct HostBluetooth;
 
 impl BluetoothBoard for HostBluetooth {
@@ -302,7 +302,7 @@ impl BluetoothBoard for HostBluetooth {
     }
 }
 
-/// The text of a crash record.
+/// The text of the crash record that a reset leaves.
 pub fn crash_text(reset: super::executor::Reset) -> Option<heapless::String<MAX_FAULT_TEXT>> {
     use super::executor::Reset;
     match reset {

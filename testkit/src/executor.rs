@@ -24,10 +24,10 @@ impl Wake for Woken {
     }
 }
 
-/// Why a simulated processor starts again.
+/// Why a simulated processor is reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reset {
-    /// The firmware requested it.
+    /// The firmware requested the reset.
     Software,
     /// The supervision found a stalled part; bits as [`plantar::firmware::supervise::Watchdog::check`] returns them.
     Watchdog(u32),
@@ -35,7 +35,7 @@ pub enum Reset {
     Panic,
 }
 
-/// Ends the running task and all others of its insole with this reset.
+/// Resets the insole of the running task, which ends all tasks of that insole.
 pub fn reset(reset: Reset) -> ! {
     resume_unwind(Box::new(reset))
 }
@@ -47,7 +47,7 @@ pub struct Executor {
 }
 
 impl Executor {
-    /// Without tasks. Their clock starts at `origin_us`.
+    /// An executor without tasks. The clock of its tasks starts at `origin_us`.
     pub fn new(origin_us: u64) -> Self {
         Self { tasks: Vec::new(), origin_us }
     }
@@ -64,7 +64,7 @@ impl Executor {
         self.tasks.iter_mut().filter(|task| task.name == name).for_each(|task| task.is_stalled = true);
     }
 
-    /// Runs each task that was woken once; true where one ran.
+    /// Runs each woken task once, until `is_off` returns true; returns true if a task ran.
     ///
     /// # Errors
     /// The reset that a task caused.

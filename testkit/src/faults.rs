@@ -1,4 +1,4 @@
-//! Faults of the sensor in walks of all kinds: which are found and when, and what masked cells do to the model's force.
+//! Sensor faults in walks of all kinds: how many are detected and how soon, and the effect of masked cells on the model's force.
 
 use emulation::COLUMNS;
 use emulator::SensorFault;
@@ -16,9 +16,9 @@ use std::path::Path;
 
 /// A recording without faults.
 pub struct Clean {
-    /// Which.
+    /// Its name in printed results.
     pub name: String,
-    /// What was recorded.
+    /// The recording.
     pub recording: Recording,
 }
 
@@ -36,7 +36,7 @@ pub fn computed() -> Vec<Clean> {
 pub fn barefoot(jiku: &Path) -> Vec<Clean> {
     let mut all = Vec::new();
     for walker in 0..10 {
-        let walk = jiku::import(jiku, walker, 0..60, &mut |_, _| ()).expect("the data set is there");
+        let walk = jiku::import(jiku, walker, 0..60, &mut |_, _| ()).expect("the data set");
         for rate_hz in [50.0, 100.0] {
             let recording = walk.at_rate(rate_hz).and_then(|walk| walk.binned(DEVICE_CELLS));
             all.push(Clean {
@@ -53,28 +53,28 @@ pub fn in_shoe(recordings: &Path) -> Vec<Clean> {
     let data = recordings.join("pedar");
     let clean = |side: Side| {
         let walk = pedar::import(data.join("pedar_example.asc"), data.join("geometry.csv"), side, &mut |_, _| ());
-        Clean { name: format!("in shoe, {}", side.name()), recording: walk.expect("the recording is there") }
+        Clean { name: format!("in shoe, {}", side.name()), recording: walk.expect("the recording") }
     };
     [Side::Left, Side::Right].map(clean).into()
 }
 
-/// What an insole says of a walk.
+/// The results of an insole for a walk.
 pub struct Outcome {
-    /// The faults at its end.
+    /// The faults that are reported at its end.
     pub faults: Faults,
-    /// When each step was over, s.
+    /// Time of each toe off, s.
     pub toe_offs_s: Vec<f64>,
     /// Model force and measured force of each region in each frame, N.
     pub forces_n: Vec<[(f64, f64); 8]>,
 }
 
-/// Walks with these faults.
+/// Passes a recording through an insole, with these sensor faults.
 pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>, faults: &[SensorFault]) -> Outcome {
     let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is sound");
+    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is valid");
     if let Some(tissue) = tissue {
-        insole.set_tissue(tissue).expect("the parameters are sound");
+        insole.set_tissue(tissue).expect("the parameters are valid");
     }
     let zeros: Vec<u16> = worn.cells.iter().map(|cell| cell.calibration.offset).collect();
     let mut codes = vec![0; zeros.len()];
@@ -94,23 +94,24 @@ pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>
     Outcome { faults: insole.faults().clone(), toe_offs_s, forces_n }
 }
 
-/// How the faults of a kind fared in one walk.
+/// The detection of one kind of fault in one walk.
 pub struct Detection {
-    /// What was injected, as [`SensorFault`] reads it.
-    pub what: &'static str,
-    /// How many, and how many were told as what and where they were, by the end of the second whole step after they began.
+    /// The injected kind, in the notation of [`SensorFault`].
+    pub name: &'static str,
+    /// Number of injected faults.
     pub injected: usize,
-    /// See `injected`.
+    /// Number of faults that were reported with the right kind and place by the end of the second complete step after their
+    /// beginning.
     pub found: usize,
-    /// The longest time that one of them took, s.
+    /// The longest time until the report of one of them, s.
     pub longest_s: f64,
-    /// Faults told that are none.
+    /// Number of reported faults that do not exist.
     pub false_alarms: usize,
-    /// Those that were not found.
+    /// The faults that were not found.
     pub missed: Vec<SensorFault>,
 }
 
-/// What is injected, and how it reads.
+/// The injected faults: notation, kind and value.
 const INJECTED: [(&str, FaultKind, f64); 10] = [
     ("open-cell", FaultKind::Open, 0.0),
     ("short-cell", FaultKind::Short, 0.0),
@@ -124,47 +125,47 @@ const INJECTED: [(&str, FaultKind, f64); 10] = [
     ("crosstalk", FaultKind::Crosstalk, 0.1),
 ];
 
-/// Walks again and again, each time with one fault that begins after a few steps, at a place that the walk loads.
+/// Repeats a walk, each time with one fault that begins in the fifth step, at a place that the walk loads.
 pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
     let recording = &clean.recording;
     let truth = walk(recording, ContactRule::COUNTED, None, &[]);
     let mut random = fastrand::Rng::with_seed(seed);
     let loaded = Loaded::new(recording, &truth.toe_offs_s);
     INJECTED
-        .map(|(what, kind, value)| {
-            let places = loaded.places(what);
-            let mut told =
-                Detection { what, injected: 0, found: 0, longest_s: 0.0, false_alarms: 0, missed: Vec::new() };
+        .map(|(name, kind, value)| {
+            let places = loaded.places(name);
+            let mut detection =
+                Detection { name, injected: 0, found: 0, longest_s: 0.0, false_alarms: 0, missed: Vec::new() };
             for _ in 0..count.min(4 * places.len()) {
-                // Some time in the fifth step.
+                // A random time in the fifth step.
                 let [before, after] = [truth.toe_offs_s[3], truth.toe_offs_s[4]];
                 let from_s = before + random.f64() * (after - before);
                 let fault = SensorFault { kind, place: places[random.usize(..places.len())], value, from_s };
                 let outcome = walk(recording, ContactRule::COUNTED, None, &[fault]);
-                // The sixth and the seventh step are the first two whole ones; their swing belongs to them.
+                // The sixth and the seventh step are the first two complete ones, each with its swing.
                 let end_s = truth.toe_offs_s[6] + SWING_S;
-                let is_it = |found: &&plantar::faults::Fault| found.kind == kind && found.place == fault.place;
-                // A cell of the line that was told before the line.
+                let is_same = |found: &&plantar::faults::Fault| found.kind == kind && found.place == fault.place;
+                // A cell of the faulty line that was reported before the line.
                 let is_part = |found: &&plantar::faults::Fault| {
                     let cells: Vec<_> = fault.cells(recording.cells()).collect();
                     matches!(found.place, Place::Cell(cell) if cells.contains(&cell.into()))
                 };
-                let found_s = outcome.faults.list.iter().find(is_it).map(|found| f64::from(found.found_ms) / 1e3);
-                // A drift that can be followed is no fault.
-                let followed = kind == FaultKind::Drift && outcome.faults.rezeroed > 0;
-                told.injected += 1;
-                told.false_alarms +=
-                    outcome.faults.list.iter().filter(|found| !is_it(found) && !is_part(found)).count();
+                let found_s = outcome.faults.list.iter().find(is_same).map(|found| f64::from(found.found_ms) / 1e3);
+                // A drift that zero tracking corrects is not reported as a fault.
+                let is_corrected = kind == FaultKind::Drift && outcome.faults.rezeroed > 0;
+                detection.injected += 1;
+                detection.false_alarms +=
+                    outcome.faults.list.iter().filter(|found| !is_same(found) && !is_part(found)).count();
                 match found_s {
-                    _ if followed => told.found += 1,
+                    _ if is_corrected => detection.found += 1,
                     Some(found_s) if found_s <= end_s => {
-                        told.found += 1;
-                        told.longest_s = told.longest_s.max(found_s - from_s);
+                        detection.found += 1;
+                        detection.longest_s = detection.longest_s.max(found_s - from_s);
                     }
-                    _ => told.missed.push(fault),
+                    _ => detection.missed.push(fault),
                 }
             }
-            told
+            detection
         })
         .into()
 }
@@ -175,25 +176,25 @@ pub fn one_of_each(recording: &Recording, from_s: f64) -> Vec<SensorFault> {
     let loaded = Loaded::new(recording, &truth.toe_offs_s);
     INJECTED
         .into_iter()
-        .map(|(what, kind, value)| {
-            let places = loaded.places(what);
-            // A drift that the zero does not follow.
+        .map(|(name, kind, value)| {
+            let places = loaded.places(name);
+            // A drift that is too fast for zero tracking.
             let value = if kind == FaultKind::Drift { 2_000.0 } else { value };
             SensorFault { kind, place: places[places.len() / 2], value, from_s }
         })
         .collect()
 }
 
-/// A swing lasts about so long, s.
+/// Approximate duration of a swing, s.
 const SWING_S: f64 = 0.45;
-/// Firmly loaded: twice the code of the contact rule's 10 kPa.
-const FIRM_KPA: f32 = 25.0;
+/// Pressure above which a cell counts as loaded, kPa: twice the code of the contact rule's 10 kPa.
+const LOADED_KPA: f32 = 25.0;
 
-/// Which places a walk loads so that a fault shows.
+/// The cells on which a walk shows a fault.
 struct Loaded {
-    /// Per cell, firmly in each of the first eight steps.
-    firm: Vec<bool>,
-    /// Of these, the ones with such cells all around.
+    /// For each cell, whether each of the first eight steps loads it.
+    loaded: Vec<bool>,
+    /// For each cell, whether it and all of its neighbours are loaded.
     inner: Vec<bool>,
 }
 
@@ -201,7 +202,7 @@ impl Loaded {
     fn new(recording: &Recording, toe_offs_s: &[f64]) -> Self {
         let worn = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING);
         let count = worn.cells.len();
-        let mut firm = vec![true; count];
+        let mut loaded = vec![true; count];
         let mut from = 0;
         for toe_off_s in toe_offs_s.iter().take(8) {
             let to = (toe_off_s * recording.rate_hz) as usize;
@@ -212,8 +213,8 @@ impl Loaded {
                 most.iter_mut().zip(&codes).for_each(|(most, &code)| *most = code.max(*most));
             }
             let law = worn.setup.sensor;
-            let firm_code = crate::code_of(&law, f64::from(FIRM_KPA));
-            firm.iter_mut().zip(&most).for_each(|(firm, &most)| *firm &= most > firm_code);
+            let loaded_code = crate::code_of(&law, f64::from(LOADED_KPA));
+            loaded.iter_mut().zip(&most).for_each(|(loaded, &most)| *loaded &= most > loaded_code);
         }
         let cells = &worn.cells;
         let is_inner = |i: usize| {
@@ -224,47 +225,49 @@ impl Loaded {
                 .map(|j| (j, cells[j].cell.x_mm - this.x_mm, cells[j].cell.y_mm - this.y_mm))
                 .filter(|(_, dx, dy)| dx.abs().max(dy.abs()) <= 1.5 * pitch_mm)
                 .collect();
-            around.len() >= 8 && around.iter().all(|&(j, ..)| firm[j])
+            around.len() >= 8 && around.iter().all(|&(j, ..)| loaded[j])
         };
-        let inner = (0..count).map(|i| firm[i] && is_inner(i)).collect();
-        Self { firm, inner }
+        let inner = (0..count).map(|i| loaded[i] && is_inner(i)).collect();
+        Self { loaded, inner }
     }
 
-    fn places(&self, what: &str) -> Vec<Place> {
-        let firm_on = |on: &dyn Fn(usize) -> bool| (0..self.firm.len()).filter(|&i| on(i) && self.firm[i]).count();
+    fn places(&self, name: &str) -> Vec<Place> {
+        let loaded_on =
+            |on: &dyn Fn(usize) -> bool| (0..self.loaded.len()).filter(|&i| on(i) && self.loaded[i]).count();
         let cells = |loaded: &[bool]| (0..loaded.len()).filter(|&i| loaded[i]).map(|i| Place::Cell(i as u16)).collect();
         let lines = 0..COLUMNS as u8;
-        match what {
+        match name {
             "open-cell" => cells(&self.inner),
-            // A line is told as one where four of its cells tell.
+            // A line is reported only where four of its cells show the fault.
             "open-row" | "short-row" | "crosstalk" => {
-                lines.filter(|&row| firm_on(&|i| i / COLUMNS == usize::from(row)) >= 4).map(Place::Row).collect()
+                lines.filter(|&row| loaded_on(&|i| i / COLUMNS == usize::from(row)) >= 4).map(Place::Row).collect()
             }
             "open-column" | "short-column" => lines
-                .filter(|&column| firm_on(&|i| i % COLUMNS == usize::from(column)) >= 4)
+                .filter(|&column| loaded_on(&|i| i % COLUMNS == usize::from(column)) >= 4)
                 .map(Place::Column)
                 .collect(),
-            _ => cells(&self.firm),
+            _ => cells(&self.loaded),
         }
     }
 }
 
-/// The model's force against the force without faults, root mean square over the region's peak, mean of the loaded regions: without
-/// faults, and with each share of the cells masked, the mean and the largest of some draws.
+/// Root mean square difference between the model's force and the measured force without faults, relative to the region's peak:
+/// the mean of the loaded regions.
 pub struct ModelError {
     /// Without faults, %.
     pub clean_percent: f64,
-    /// Per share of masked cells, %: that share, the mean and the largest error.
+    /// Share of masked cells, and mean and largest error of the draws, %.
     pub masked: Vec<(u32, f64, f64)>,
 }
 
-/// Masks cells of a walker whose own parameters were identified on the same walk.
+/// Masks random cells of a walk, with the parameters that are identified from the same walk; repeats this `draws` times for each
+/// share.
 pub fn model_error(clean: &Clean, draws: usize, seed: u64) -> ModelError {
     let recording = &clean.recording;
     let contact = ContactRule::COUNTED;
     let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut study = Study::new(clean.name.clone(), contact, Options::usual(InsoleSize::default().thickness_m()));
-    study.add("walk".into(), recording, &worn, &mut |_| ()).expect("wearable");
+    study.add("walk".into(), recording, &worn, &mut |_| ()).expect("a valid recording");
     study.fit(&|_| ());
     let mut parameters = Parameters::typical(InsoleSize::default());
     for (region, fit) in parameters.regions.iter_mut().zip(&study.fits) {
@@ -274,7 +277,7 @@ pub fn model_error(clean: &Clean, draws: usize, seed: u64) -> ModelError {
     }
     let tissue = parameters.tissue();
     let truth = walk(recording, contact, Some(&tissue), &[]);
-    // Shorted cells are found in two steps; from the fifth on they are masked.
+    // Shorted cells are found in two steps, and are masked from the fifth step on at the latest.
     let from = (truth.toe_offs_s[3] * recording.rate_hz) as usize;
     let error = |outcome: &Outcome| {
         let regions = (0..Region::ALL.len()).filter_map(|region| {

@@ -1,4 +1,4 @@
-//! Set-ups, messages and reference laws that tests share.
+//! Set-ups, messages and reference sensor laws for tests.
 
 use plantar::faults::{Fault, FaultKind, Faults, Place};
 use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
@@ -17,7 +17,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::sync::LazyLock;
 
-/// A resistive sensor as the examples use it.
+/// The law of a resistive sensor.
 pub const LAW: SensorLaw = SensorLaw { full_kpa: 1000.0, exponent: 0.8 };
 
 /// A left insole of 100 frames a second with counted cells.
@@ -30,12 +30,12 @@ pub const SETUP: Setup = Setup {
     stance: StanceRule::WALKING,
 };
 
-/// A soft tissue that no contact of a foot exceeds.
+/// A soft tissue with ellipsoids larger than any contact of a foot.
 pub static TISSUE: LazyLock<Tissue> = LazyLock::new(|| {
     Tissue::new([ForceLaw { ab_m2: 2e-3, c_m: 0.012, stiffness_pa: 5e5, damping_pa_s: 5e3, n: 1.2, m: 0.8 }; 8])
 });
 
-/// A cell with the common law.
+/// A cell with the ideal calibration.
 pub fn cell(region: Region, x_mm: f32, y_mm: f32, area_mm2: f32) -> SetupCell {
     SetupCell { cell: Cell { region, x_mm, y_mm, area_mm2 }, calibration: CellCalibration::IDEAL, row_column: 0 }
 }
@@ -57,7 +57,7 @@ pub fn pressure_of(law: &SensorLaw, code: u16) -> f64 {
     f64::from(law.full_kpa) * (f64::from(code) / f64::from(FULL_CODE)).powf(1.0 / f64::from(law.exponent))
 }
 
-/// Moments of cells with the shares of them that are in contact, about `(x_mm, y_mm)`.
+/// Moments of cells about `(x_mm, y_mm)`, each with the share of it that is in contact.
 pub fn moments(cells: &[(Cell, u16)], x_mm: f32, y_mm: f32) -> AreaMoments {
     let mut moments = AreaMoments::NONE;
     for (cell, share) in cells {
@@ -89,7 +89,7 @@ pub fn hello() -> Hello {
     }
 }
 
-/// A step with this number and different values everywhere.
+/// A step with this number and a different value in each field.
 pub fn step(step: u32) -> Step {
     let region = |i: u16| StepRegion {
         measured_peak_dn: 1000 + i,
@@ -125,7 +125,7 @@ pub fn step(step: u32) -> Step {
     }
 }
 
-/// A live frame with this number and different values everywhere.
+/// A live frame with this number and a different value in each field.
 pub fn live(sequence: u32) -> Live {
     let region =
         |i: u16| LiveRegion { area_mm2: 1000 + i, deformation_um: 2000 + i, model_dn: 3000 + i, measured_dn: 4000 + i };
@@ -139,7 +139,7 @@ pub fn live(sequence: u32) -> Live {
     }
 }
 
-/// A status with different values everywhere.
+/// A status with a different value in each field.
 pub fn status() -> Status {
     Status {
         uptime_us: 6_000_000_000,
@@ -161,7 +161,7 @@ pub fn status() -> Status {
     }
 }
 
-/// Faults with different values everywhere.
+/// Faults with a different value in each field.
 pub fn faults() -> Faults {
     let list = [
         Fault { kind: FaultKind::Open, place: Place::Row(3), found_ms: 12_000 },
@@ -171,10 +171,10 @@ pub fn faults() -> Faults {
     Faults { found: 3, rezeroed: 8, masked_cells: [1, 2, 3, 4, 5, 6, 7, 8], list: list.into_iter().collect() }
 }
 
-/// A message on a byte carrier.
+/// A message with the framing of a byte carrier.
 pub fn framed<T: Serialize>(message: &T) -> Vec<u8> {
     let (mut bytes, mut out) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-    let len = protocol::frame(protocol::encode(message, &mut bytes).expect("it fits"), &mut out);
+    let len = protocol::frame(protocol::encode(message, &mut bytes).expect("the message fits"), &mut out);
     out[..len].to_vec()
 }
 
@@ -183,7 +183,7 @@ pub fn messages<T: DeserializeOwned>(decoder: &mut Decoder, stream: &[u8]) -> Ve
     stream.iter().filter_map(|&byte| decoder.push(byte).and_then(protocol::decode)).collect()
 }
 
-/// A short text of the wire.
+/// A text with the length limit of a message.
 pub fn text<const N: usize>(text: &str) -> heapless::String<N> {
-    text.try_into().expect("it fits")
+    text.try_into().expect("the text fits")
 }

@@ -12,14 +12,14 @@ use std::time::Duration;
 
 /// Longest wait for a message, us.
 const WAIT_US: u64 = 50_000;
-/// A connected insole without any message for this time is connected to again, us. The host asks for its time more often.
+/// The host connects again after this time without a message, us. It requests the insole's time more often.
 const SILENCE_US: u64 = 2_000_000;
-/// Time for an answer to a connection request.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// Longest wait for the answer to a connection request.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 /// Wall clock at the virtual time 0, us since 1970.
 const UNIX_ORIGIN_US: u64 = 1_790_000_000_000_000;
 
-/// How a host reaches an insole.
+/// The link between a host and an insole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Over {
     /// The serial cable.
@@ -60,7 +60,7 @@ impl Write for SerialPort {
     }
 }
 
-/// A central with a bond.
+/// A bonded central.
 pub struct Central {
     world: SharedWorld,
     insole: usize,
@@ -77,12 +77,12 @@ impl Central {
     fn connect(world: SharedWorld, insole: usize) -> io::Result<Self> {
         {
             let mut world = world.borrow_mut();
-            let air = world.insoles[insole].air.clone();
-            if !world.run(now_us() + WAIT_US, |_| air.borrow().server.is_some()) {
+            let radio = world.insoles[insole].radio.clone();
+            if !world.run(now_us() + WAIT_US, |_| radio.borrow().server.is_some()) {
                 return Err(io::ErrorKind::NotFound.into());
             }
-            air.borrow_mut().set_connected(true);
-            // The stack takes up the connection.
+            radio.borrow_mut().set_connected(true);
+            // This gives the Bluetooth stack the time to notice the connection.
             world.run_for(1_000);
         }
         let channels = [GattChannel::Control, GattChannel::Live, GattChannel::Steps, GattChannel::Parameters];
@@ -91,7 +91,7 @@ impl Central {
     }
 
     fn is_connected(&self) -> bool {
-        self.world.borrow().insoles[self.insole].air.borrow().is_connected
+        self.world.borrow().insoles[self.insole].radio.borrow().is_connected
     }
 }
 
@@ -104,13 +104,13 @@ impl Carrier for Central {
         let len = encode(&message, self.splitter.buffer()).map_err(io::Error::other)?.len();
         self.splitter.start(len);
         let world = self.world.borrow();
-        let air = world.insoles[self.insole].air.clone();
-        let (server, origin_us, room) = {
-            let air = air.borrow();
-            (air.server.clone().ok_or(io::ErrorKind::NotConnected)?, air.origin_us, air.max_value)
+        let radio = world.insoles[self.insole].radio.clone();
+        let (server, origin_us, max_len) = {
+            let radio = radio.borrow();
+            (radio.server.clone().ok_or(io::ErrorKind::NotConnected)?, radio.origin_us, radio.max_value)
         };
         let mut value = [0; 244];
-        while let Some(len) = self.splitter.next(&mut value[..room]) {
+        while let Some(len) = self.splitter.next(&mut value[..max_len]) {
             with_origin(origin_us, || server.write(channel, &value[..len]))
                 .map_err(|error| io::Error::other(format!("{error:?}")))?;
         }
@@ -120,14 +120,14 @@ impl Carrier for Central {
 
     fn receive(&mut self) -> io::Result<Option<ToHost>> {
         let mut world = self.world.borrow_mut();
-        let air = world.insoles[self.insole].air.clone();
+        let radio = world.insoles[self.insole].radio.clone();
         let end_us = now_us() + WAIT_US;
         loop {
-            let is_over = |air: &crate::board::Air| !air.to_central.is_empty() || !air.is_connected;
-            if !world.run(end_us, |_| is_over(&air.borrow())) {
+            let is_ready = |radio: &crate::board::RadioLink| !radio.to_central.is_empty() || !radio.is_connected;
+            if !world.run(end_us, |_| is_ready(&radio.borrow())) {
                 return Ok(None);
             }
-            let Some((channel, value)) = air.borrow_mut().to_central.pop_front() else {
+            let Some((channel, value)) = radio.borrow_mut().to_central.pop_front() else {
                 return Err(io::ErrorKind::NotConnected.into());
             };
             let Some((_, joiner)) = self.joiners.iter_mut().find(|(of, _)| *of == channel) else { continue };
@@ -152,11 +152,11 @@ impl Carrier for Central {
     }
 }
 
-/// Either link.
+/// A link of either kind.
 pub enum Link {
-    /// Over the cable.
+    /// The cable.
     Serial(Box<Framed<SerialPort>>),
-    /// Over the radio.
+    /// The radio.
     Bluetooth(Box<Central>),
 }
 
@@ -164,7 +164,7 @@ impl Link {
     /// Opens a link to an insole.
     ///
     /// # Errors
-    /// Where an insole in radio range is off.
+    /// Where the link is [`Over::Bluetooth`] and the insole is off.
     pub fn open(world: &SharedWorld, insole: usize, over: Over) -> io::Result<Self> {
         Ok(match over {
             Over::Serial => Self::Serial(Box::new(Framed::new(SerialPort { world: world.clone(), insole }))),
@@ -220,15 +220,15 @@ pub struct Host {
     /// The link broke and is to be opened again.
     is_broken: bool,
     last_message_us: u64,
-    /// The steps that arrived, in their order.
+    /// The steps, in the order of their arrival.
     pub steps: Vec<Step>,
-    /// The live frames that arrived.
+    /// Number of live frames that arrived.
     pub live: u64,
     /// The last live frame.
     pub last_live: Option<Live>,
-    /// Every hello.
+    /// Every hello that arrived.
     pub hellos: Vec<Hello>,
-    /// What the client reported, in words.
+    /// The texts of the client's errors.
     pub errors: Vec<String>,
 }
 
@@ -253,7 +253,7 @@ impl Host {
         }
     }
 
-    /// Follows the insole from now on.
+    /// Follows the insole over this link from now on.
     pub fn connect(&mut self, over: Over, live: bool) {
         (self.over, self.wants_live, self.is_following) = (over, live, true);
         self.is_broken = true;
@@ -263,9 +263,9 @@ impl Host {
     pub fn disconnect(&mut self) {
         self.is_following = false;
         if self.over == Over::Bluetooth {
-            self.world.borrow().insoles[self.insole].air.borrow_mut().set_connected(false);
+            self.world.borrow().insoles[self.insole].radio.borrow_mut().set_connected(false);
         } else if let Some(client) = &mut self.client {
-            // A cable has no end of a session; the stream is turned off.
+            // No message ends a session over a cable: turn the stream off instead.
             let _ = client.send(ToDevice::Stream { live: false });
         }
     }
@@ -284,7 +284,7 @@ impl Host {
         match client.receive() {
             Ok(Some(message)) => {
                 self.last_message_us = now_us();
-                self.take(message);
+                self.handle(message);
             }
             Ok(None) => {}
             Err(error) => self.fail(&error),
@@ -299,8 +299,8 @@ impl Host {
     fn open(&mut self) {
         let open = || Link::open(&self.world, self.insole, self.over).map_err(client::Error::Carrier);
         let hello = match &mut self.client {
-            Some(client) => client.reconnect_over(open, PATIENCE).cloned(),
-            None => open().and_then(|link| Client::connect(link, PATIENCE)).map(|client| {
+            Some(client) => client.reconnect_over(open, CONNECT_TIMEOUT).cloned(),
+            None => open().and_then(|link| Client::connect(link, CONNECT_TIMEOUT)).map(|client| {
                 let hello = client.hello().clone();
                 self.client = Some(client);
                 hello
@@ -325,7 +325,7 @@ impl Host {
         }
     }
 
-    fn take(&mut self, message: ToHost) {
+    fn handle(&mut self, message: ToHost) {
         match message {
             ToHost::Live(live) => {
                 self.live += 1;

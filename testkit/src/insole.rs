@@ -1,7 +1,7 @@
 //! A simulated insole: the firmware's loops on a host board, through resets and losses of power.
 
 use crate::board::{
-    Air, Cable, CableEnd, HostBluetooth, HostMatrix, NoStopwatch, Reference, SharedChip, crash_text, run_gatt,
+    Cable, CableEnd, HostBluetooth, HostMatrix, NoStopwatch, RadioLink, Reference, SharedChip, crash_text, run_gatt,
 };
 use crate::executor::{Executor, Reset as Cause, reset};
 use crate::nor_flash::{NorFlashChip, Torn};
@@ -28,19 +28,19 @@ use std::rc::Rc;
 
 /// Length of the queue of frames, as on the reference board.
 const FRAMES: usize = 3;
-/// Failed starts in a row after which stored data are not used.
+/// Failed starts in a row after which the firmware starts without its stored data.
 const FAILED_STARTS: u32 = 3;
-/// Duration of a successful run, us.
+/// Uptime after which a start counts as successful, us.
 const HEALTHY_US: u64 = (HEALTHY_CHECKS * CHECK_PERIOD_MS) as u64 * 1_000;
 /// Time from a reset to the start of the firmware, us.
 const RESET_US: u64 = 20_000;
 
 /// Name of the board in images.
 pub const BOARD: &str = "host";
-/// Marks an image that stalls its model, after the header.
-const STALLS: u8 = 0xee;
+/// Value of the byte after the header that marks an image with a stalled model.
+const STALLED_IMAGE: u8 = 0xee;
 
-/// An image for the host board.
+/// An image for the host board; with `is_working` false, its model stalls.
 ///
 /// # Panics
 /// Where the version is longer than 16 bytes.
@@ -48,20 +48,20 @@ pub fn image(version: &str, is_working: bool) -> Image {
     let mut bytes = vec![0xa5; 40 * CHUNK];
     let header = Header::new(BOARD, version).bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
-    bytes[(HEADER + HEADER_BYTES) as usize] = if is_working { 0 } else { STALLS };
+    bytes[(HEADER + HEADER_BYTES) as usize] = if is_working { 0 } else { STALLED_IMAGE };
     let secret = firmware_image::development_key().expect("the development key is valid");
     Image::sign(bytes, &secret).expect("the image has a header")
 }
 
 /// One boot of an insole.
 pub struct Boot {
-    /// Why it started.
+    /// The reason of the reset.
     pub reset: Reset,
-    /// What the pipeline computes of the frames that it scanned.
+    /// The results of the pipeline for the frames that this boot scanned.
     pub reference: Rc<RefCell<Reference>>,
-    /// It ended by a loss of power, a crash or a stalled part, which may lose the last steps.
+    /// The boot ended by a loss of power, a crash or a stalled part, which may lose its last steps.
     pub is_cut_short: bool,
-    /// When it began, us.
+    /// Time of its start, us.
     pub from_us: u64,
 }
 
@@ -74,17 +74,17 @@ pub struct HostInsole {
     /// The serial cable.
     pub cable: Rc<RefCell<Cable>>,
     /// The radio link.
-    pub air: Rc<RefCell<Air>>,
+    pub radio: Rc<RefCell<RadioLink>>,
     /// All boots so far.
     pub boots: Vec<Boot>,
     executor: Option<Executor>,
     failed_starts: u32,
-    /// When to start, where it is off, and how.
+    /// Time, reset reason and cause of the next start, where the insole is off.
     restart: Option<(u64, Reset, Option<Cause>)>,
 }
 
 impl HostInsole {
-    /// An insole that was just built: an empty flash chip, and power comes on now.
+    /// A new insole, which is switched on now: its flash chip contains the firmware only.
     pub fn new(codes: Rc<Codes>) -> Self {
         let mut chip = NorFlashChip::new(FLASH_BYTES);
         let active = image(env!("CARGO_PKG_VERSION"), true);
@@ -93,7 +93,7 @@ impl HostInsole {
             wearer: Rc::new(RefCell::new(Wearer::new(codes))),
             chip: SharedChip(Rc::new(RefCell::new(chip))),
             cable: Rc::default(),
-            air: Rc::default(),
+            radio: Rc::default(),
             boots: Vec::new(),
             executor: None,
             failed_starts: 0,
@@ -106,7 +106,7 @@ impl HostInsole {
         self.executor.is_some()
     }
 
-    /// When the insole starts next, where it is off and will start, us.
+    /// Time of the next start, where the insole is off, us.
     pub fn starts_at_us(&self) -> Option<u64> {
         self.restart.map(|(at_us, ..)| at_us)
     }
@@ -125,7 +125,7 @@ impl HostInsole {
         chip.cut = Some((at, Torn::Within));
     }
 
-    /// Stops one of the loops, as if it were in an endless loop: `scan`, `model` or `link`.
+    /// Stalls `scan`, `model` or `link`, as if it were in an endless loop.
     pub fn stall(&mut self, part: &str) {
         self.executor.iter_mut().for_each(|executor| executor.stall(part));
     }
@@ -139,10 +139,10 @@ impl HostInsole {
 
     fn end(&mut self, is_cut_short: bool) {
         self.executor = None;
-        let mut air = self.air.borrow_mut();
-        air.server = None;
-        air.set_connected(false);
-        // What was on its way is lost.
+        let mut radio = self.radio.borrow_mut();
+        radio.server = None;
+        radio.set_connected(false);
+        // Bytes in transit are lost.
         let mut cable = self.cable.borrow_mut();
         cable.to_host.clear();
         if let Some(boot) = self.boots.last_mut() {
@@ -160,7 +160,7 @@ impl HostInsole {
         self.restart = Some((now_us() + RESET_US, kind, Some(cause)));
     }
 
-    /// Runs what is due now; true where something ran.
+    /// Boots the insole if its start is due, and runs its woken tasks; returns true if a task ran.
     pub fn run(&mut self) -> bool {
         if let Some((at_us, kind, cause)) = self.restart
             && at_us <= now_us()
@@ -176,7 +176,7 @@ impl HostInsole {
                 true
             }
             Ok(_) if self.chip.0.borrow().is_off() => {
-                // The supply comes back after a second.
+                // Power returns after a second.
                 let chip = self.chip.0.borrow().restarted();
                 self.chip.0.replace(chip);
                 self.cut_power(1_000_000);
@@ -193,7 +193,7 @@ impl HostInsole {
             _ => 0,
         };
         let is_fallback = self.failed_starts > FAILED_STARTS;
-        // The bootloader.
+        // The bootloader runs first.
         {
             let mut chip = self.chip.0.borrow_mut();
             let chip = Mutex::new(&mut *chip);
@@ -205,21 +205,21 @@ impl HostInsole {
             let chip = self.chip.0.borrow();
             let active = &chip.bytes[ACTIVE_IMAGE.start as usize..ACTIVE_IMAGE.end as usize];
             let header = active[HEADER as usize..].first_chunk().and_then(Header::read);
-            (header.expect("the active image is whole"), active[(HEADER + HEADER_BYTES) as usize] != STALLS)
+            (header.expect("the active image has a header"), active[(HEADER + HEADER_BYTES) as usize] != STALLED_IMAGE)
         };
         let reference = Rc::new(RefCell::new(Reference::new(&self.wearer.borrow())));
         let from_us = now_us();
         self.boots.push(Boot { reset: kind, reference: reference.clone(), is_cut_short: false, from_us });
-        let parts = Parts {
+        let resources = BootResources {
             chip: (!is_fallback).then(|| self.chip.clone()),
             report: BootReport { reset: kind, fault: cause.and_then(crash_text), is_fallback },
             image: Box::leak(Box::new(header)),
             matrix: HostMatrix { wearer: self.wearer.clone(), reference },
             cable: self.cable.clone(),
-            air: self.air.clone(),
+            radio: self.radio.clone(),
         };
         let mut executor = Executor::new(from_us);
-        parts.spawn(&mut executor, from_us);
+        resources.spawn(&mut executor, from_us);
         if !is_working {
             executor.stall("model");
         }
@@ -227,17 +227,17 @@ impl HostInsole {
     }
 }
 
-/// What a boot starts with.
-struct Parts {
+/// The resources of one boot.
+struct BootResources {
     chip: Option<SharedChip>,
     report: BootReport,
     image: &'static Header,
     matrix: HostMatrix,
     cable: Rc<RefCell<Cable>>,
-    air: Rc<RefCell<Air>>,
+    radio: Rc<RefCell<RadioLink>>,
 }
 
-/// The loops wait for the start of the firmware here.
+/// A place where a loop receives a value from the start of the firmware.
 type Slot<T> = Rc<RefCell<Option<T>>>;
 
 fn slot<T>() -> Slot<T> {
@@ -254,10 +254,10 @@ async fn take<T>(slot: Slot<T>) -> T {
     }
 }
 
-impl Parts {
-    /// Spawns the loops, each of which waits for the start. The static memory of a boot is leaked, as a test has few of them.
+impl BootResources {
+    /// Spawns the loops, each of which waits for the start. The static memory of a boot is leaked, because a test has few boots.
     fn spawn(self, executor: &mut Executor, from_us: u64) {
-        let Self { chip, report, image, matrix, cable, air } = self;
+        let Self { chip, report, image, matrix, cable, radio } = self;
         let counters: &'static ScanCounters = Box::leak(Box::new(ScanCounters::new()));
         let memory: &'static Memory<SharedChip, FRAMES> = Box::leak(Box::new(Memory::new()));
         let (setup, cells) = (matrix.wearer.borrow().setup(), matrix.wearer.borrow().cells());
@@ -295,11 +295,11 @@ impl Parts {
             let shared = take(for_gatt).await;
             let server = with_origin(from_us, || Rc::new(GattSession::new(shared, HostBluetooth)));
             {
-                let mut air = air.borrow_mut();
-                air.server = Some(server.clone());
-                air.origin_us = from_us;
+                let mut radio = radio.borrow_mut();
+                radio.server = Some(server.clone());
+                radio.origin_us = from_us;
             }
-            run_gatt(server, air).await
+            run_gatt(server, radio).await
         });
         executor.spawn("supervision", async move {
             let mut watchdog = Watchdog::new();

@@ -1,5 +1,5 @@
-//! What tests share: fixtures, a NOR flash chip with power cuts, walks with sensor faults, and the firmware on a host board in
-//! virtual time, with the real client at the other end of its links.
+//! Shared parts of the tests: fixtures, a NOR flash chip with power cuts, walks with sensor faults, and the firmware on a host
+//! board in virtual time, with the real client at the other end of its links.
 
 use critical_section as _; // the implementation of critical sections that the firmware links
 

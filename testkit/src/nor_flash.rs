@@ -1,4 +1,4 @@
-//! A NOR flash chip in memory whose supply fails when a test wants it to.
+//! A NOR flash chip in memory, the supply of which fails in an operation that a test chooses.
 
 use embedded_storage_async::nor_flash::{
     ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
@@ -8,18 +8,18 @@ use std::future::Future;
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
 
-/// Where in an operation power fails.
+/// The moment of an operation at which power fails.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Torn {
-    /// Before anything happened.
+    /// Before the operation changes anything.
     Before,
-    /// Some bytes are as they should be, the rest as before; of one byte, only some bits.
+    /// Within the operation: some bytes have their new value and one only some bits of it; the others are unchanged.
     Within,
-    /// When all was done, but nobody heard.
+    /// After the operation is complete, but before its success is reported.
     After,
 }
 
-/// The chip: what a write does to bits that are 0 already, and what a cut leaves, is as on a real one.
+/// The chip. As on a real one, a write only clears bits, and a power cut leaves an incomplete operation.
 #[derive(Clone)]
 pub struct NorFlashChip {
     /// Its contents.
@@ -30,12 +30,12 @@ pub struct NorFlashChip {
     pub erasures: Vec<u32>,
     /// Bytes written so far.
     pub written: u64,
-    /// Power fails in this operation, from 0, and is off from then on.
+    /// The operation in which power fails, counted from 0, and the moment of it. Power stays off from then on.
     pub cut: Option<(u64, Torn)>,
     random: fastrand::Rng,
 }
 
-/// Power is off.
+/// The error of every operation while power is off.
 #[derive(Debug, PartialEq, Eq)]
 pub struct PowerOff;
 
@@ -63,17 +63,17 @@ impl NorFlashChip {
         }
     }
 
-    /// The chip after power comes back.
+    /// The chip after power has returned.
     pub fn restarted(&self) -> Self {
         Self { cut: None, ..self.clone() }
     }
 
-    /// True from the cut on.
+    /// True once power has failed.
     pub fn is_off(&self) -> bool {
         self.cut.is_some_and(|(at, _)| self.operations > at)
     }
 
-    /// Counts an operation on `target`, of which each byte should become what `change` makes of it.
+    /// Counts an operation that replaces each byte of a range with the result of `change`, and executes it up to a power cut.
     fn operate(&mut self, offset: u32, len: usize, change: impl Fn(usize, u8) -> u8) -> Result<(), PowerOff> {
         let number = self.operations;
         let target = &mut self.bytes[offset as usize..][..len];
@@ -83,18 +83,18 @@ impl NorFlashChip {
             _ => None,
         };
         self.operations += 1;
-        let whole = match torn {
+        let complete = match torn {
             None | Some(Torn::After) => len,
             Some(Torn::Before) => 0,
             Some(Torn::Within) => self.random.usize(0..len),
         };
-        for (i, byte) in target[..whole].iter_mut().enumerate() {
+        for (i, byte) in target[..complete].iter_mut().enumerate() {
             *byte = change(i, *byte);
         }
         if torn == Some(Torn::Within) {
-            let (before, after) = (target[whole], change(whole, target[whole]));
+            let (before, after) = (target[complete], change(complete, target[complete]));
             let bits = self.random.u8(..);
-            target[whole] = before & !bits | after & bits;
+            target[complete] = before & !bits | after & bits;
         }
         torn.map_or(Ok(()), |_| Err(PowerOff))
     }
@@ -140,10 +140,10 @@ impl NorFlash for NorFlashChip {
 
 impl MultiwriteNorFlash for NorFlashChip {}
 
-/// Runs what never waits: nothing about this chip takes time.
+/// Returns the output of a future that never waits: the operations of this chip take no time.
 pub fn now<T>(work: impl Future<Output = T>) -> T {
     match pin!(work).poll(&mut Context::from_waker(Waker::noop())) {
-        Poll::Ready(done) => done,
-        Poll::Pending => panic!("there is nothing to wait for"),
+        Poll::Ready(output) => output,
+        Poll::Pending => panic!("the future waits"),
     }
 }

@@ -1,4 +1,4 @@
-//! A day in the life of a flash chip, and what must be true of it after a loss of power at any moment.
+//! Scripts of operations on a store, and a check of its content after a loss of power at any moment.
 
 use crate::fixtures::step;
 use crate::nor_flash::{NorFlashChip, Torn, now};
@@ -16,7 +16,7 @@ use plantar::storage::{Bonds, IdentityRecord, MAX_BONDS_BYTES, Record, StorageEr
 pub const CELLS: usize = 40;
 const LAYOUT: u32 = 7;
 
-/// What is done to a store. Numbers make values: the same number, the same value.
+/// An operation on a store. The stored value is a function of the number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Action {
     Tissue(u16),
@@ -24,36 +24,38 @@ enum Action {
     Bonds(u16),
     Calibration(u16),
     Step,
-    /// All steps but the last so many.
+    /// Acknowledges all steps except this number of newest ones.
     AcknowledgeBut(u32),
     Restart,
 }
 
-/// What is kept.
+/// The content that a store should have.
 #[derive(Clone, Debug, Default, PartialEq)]
-struct Kept {
+struct Content {
     tissue: Option<u16>,
     name: Option<u16>,
     bonds: Option<u16>,
     calibration: Option<u16>,
-    starts: u32,
-    /// The oldest step that is not acknowledged, and the next one.
+    boots: u32,
+    /// The numbers of the oldest unacknowledged step and of the next step.
     steps: (u32, u32),
 }
 
-impl Kept {
+impl Content {
     fn after(&self, action: Action) -> Self {
-        let mut kept = self.clone();
+        let mut content = self.clone();
         match action {
-            Action::Tissue(value) => kept.tissue = Some(value),
-            Action::Name(value) => kept.name = Some(value),
-            Action::Bonds(value) => kept.bonds = Some(value),
-            Action::Calibration(value) => kept.calibration = Some(value),
-            Action::Step => kept.steps.1 += 1,
-            Action::AcknowledgeBut(rest) => kept.steps.0 = kept.steps.0.max(kept.steps.1.saturating_sub(rest)),
-            Action::Restart => kept.starts += 1,
+            Action::Tissue(value) => content.tissue = Some(value),
+            Action::Name(value) => content.name = Some(value),
+            Action::Bonds(value) => content.bonds = Some(value),
+            Action::Calibration(value) => content.calibration = Some(value),
+            Action::Step => content.steps.1 += 1,
+            Action::AcknowledgeBut(rest) => {
+                content.steps.0 = content.steps.0.max(content.steps.1.saturating_sub(rest));
+            }
+            Action::Restart => content.boots += 1,
         }
-        kept
+        content
     }
 }
 
@@ -64,7 +66,7 @@ fn tissue(value: u16) -> Tissue {
 
 fn name(value: u16) -> IdentityRecord {
     let side = if value.is_multiple_of(2) { Side::Left } else { Side::Right };
-    IdentityRecord { side, serial: Serial::new(&format!("P{value}")).expect("it is short and printable") }
+    IdentityRecord { side, serial: Serial::new(&format!("P{value}")).expect("short and printable") }
 }
 
 fn bonds(value: u16) -> Bonds {
@@ -76,55 +78,53 @@ fn calibrations(value: u16) -> Vec<CellCalibration> {
     (0..CELLS as u16).map(|i| CellCalibration { offset: value % 30_000 + i, gain: 1.0 + f32::from(i) / 64.0 }).collect()
 }
 
-fn parts(value: u16) -> (Vec<CalibrationBlock>, u32) {
+fn blocks(value: u16) -> (Vec<CalibrationBlock>, u32) {
     let cells = calibrations(value);
     let mut id = CalibrationId::new();
     id.add(&cells);
-    let part =
+    let block =
         |cells: &[CellCalibration]| core::array::from_fn(|i| cells.get(i).copied().unwrap_or(CellCalibration::IDEAL));
-    (cells.chunks(BLOCK_CELLS).map(part).collect(), id.id())
+    (cells.chunks(BLOCK_CELLS).map(block).collect(), id.id())
 }
 
 type Chip<'c> = Store<&'c mut NorFlashChip>;
 
-async fn act(store: &mut Chip<'_>, action: Action, kept: &Kept) -> Result<(), StorageError> {
+async fn act(store: &mut Chip<'_>, action: Action, content: &Content) -> Result<(), StorageError> {
     match action {
         Action::Tissue(value) => store.put(0, &tissue(value)).await,
         Action::Name(value) => store.put(0, &name(value)).await,
         Action::Bonds(value) => store.put(0, &bonds(value)).await,
         Action::Calibration(value) => {
-            let (parts, id) = parts(value);
-            for (number, part) in (0..).zip(&parts) {
-                store.put_calibration_block(number, part).await?;
+            let (blocks, id) = blocks(value);
+            for (number, block) in (0..).zip(&blocks) {
+                store.put_calibration_block(number, block).await?;
             }
-            assert!(store.put_calibration(LAYOUT, CELLS as u16, id).await?, "the parts are all there");
+            assert!(store.put_calibration(LAYOUT, CELLS as u16, id).await?, "every block is stored");
             Ok(())
         }
         Action::Step => {
-            assert_eq!(store.push_step(&step(kept.steps.1)).await?, 0, "there is room");
+            assert_eq!(store.push_step(&step(content.steps.1)).await?, 0, "the log has room");
             Ok(())
         }
-        Action::AcknowledgeBut(rest) => match kept.steps.1.checked_sub(rest + 1) {
-            Some(last) if last >= kept.steps.0 => store.acknowledge(last).await,
+        Action::AcknowledgeBut(rest) => match content.steps.1.checked_sub(rest + 1) {
+            Some(last) if last >= content.steps.0 => store.acknowledge(last).await,
             _ => Ok(()),
         },
-        Action::Restart => unreachable!("a restart makes another store"),
+        Action::Restart => unreachable!("`run` opens another store for a restart"),
     }
 }
 
-async fn found<R: Record>(store: &mut Chip<'_>, wanted: Option<R>) -> bool {
-    store.get::<R>(0).await.expect("the chip works") == wanted
+async fn has_record<R: Record>(store: &mut Chip<'_>, expected: Option<R>) -> bool {
+    store.get::<R>(0).await.expect("the chip works") == expected
 }
 
-/// Everything that `kept` says is there, and nothing else. The store was opened for this, which counts.
-async fn holds(store: &mut Chip<'_>, kept: &Kept) -> Result<(), String> {
+/// Checks that the store has exactly this content. Opening it for the check counts as one more boot.
+async fn check_content(store: &mut Chip<'_>, expected: &Content) -> Result<(), String> {
     let calibration = store.calibration(LAYOUT, CELLS as u16).await.expect("the chip works");
     let mut cells = Vec::new();
     if let Some(calibration) = &calibration {
-        for part in 0..CELLS.div_ceil(BLOCK_CELLS) as u8 {
-            cells.extend(
-                store.calibration_block(calibration, part).await.expect("the chip works").expect("it is whole"),
-            );
+        for block in 0..CELLS.div_ceil(BLOCK_CELLS) as u8 {
+            cells.extend(store.calibration_block(calibration, block).await.expect("the chip works").expect("a block"));
         }
         cells.truncate(CELLS);
     }
@@ -133,38 +133,38 @@ async fn holds(store: &mut Chip<'_>, kept: &Kept) -> Result<(), String> {
         steps.push(step);
         true
     });
-    assert!(!more.await.expect("the chip works"), "all were taken");
-    let is_step = |(number, kept): (u32, &Step)| *kept == Step { boots_since: kept.boots_since, ..step(number) };
+    assert!(!more.await.expect("the chip works"), "all steps were read");
+    let is_step = |(number, stored): (u32, &Step)| *stored == Step { boots_since: stored.boots_since, ..step(number) };
     let numbers = || steps.iter().map(|step| step.step);
     let contents = store.contents();
     let checks = [
-        (found(store, kept.tissue.map(tissue)).await, "parameters"),
-        (found(store, kept.name.map(name)).await, "name"),
-        (found(store, kept.bonds.map(bonds)).await, "bonds"),
-        (cells == kept.calibration.map(calibrations).unwrap_or_default(), "calibration"),
-        (numbers().eq(kept.steps.0..kept.steps.1), "steps"),
-        ((kept.steps.0..).zip(&steps).all(is_step), "contents of steps"),
-        (contents.next_step == kept.steps.1, "number of the next step"),
-        (contents.start == kept.starts + 1, "number of starts"),
+        (has_record(store, expected.tissue.map(tissue)).await, "parameters"),
+        (has_record(store, expected.name.map(name)).await, "name"),
+        (has_record(store, expected.bonds.map(bonds)).await, "bonds"),
+        (cells == expected.calibration.map(calibrations).unwrap_or_default(), "calibration"),
+        (numbers().eq(expected.steps.0..expected.steps.1), "steps"),
+        ((expected.steps.0..).zip(&steps).all(is_step), "contents of steps"),
+        (contents.next_step == expected.steps.1, "number of the next step"),
+        (contents.start == expected.boots + 1, "number of boots"),
         (contents.erased == 0, "nothing erased"),
     ];
-    match checks.iter().find(|(holds, _)| !holds) {
+    match checks.iter().find(|(is_met, _)| !is_met) {
         None => Ok(()),
-        Some((_, what)) => Err(format!(
-            "{what}: {contents:?}, steps {:?}, wanted {kept:?}",
+        Some((_, item)) => Err(format!(
+            "{item}: {contents:?}, steps {:?}, expected {expected:?}",
             numbers().next().zip(numbers().next_back())
         )),
     }
 }
 
-/// A script that keeps everything again and again, on a chip that has been used for a while.
+/// A script that stores items of every kind repeatedly, on a chip that was used before.
 pub struct Script {
     chip: NorFlashChip,
-    before: Kept,
+    before: Content,
     actions: Vec<Action>,
-    /// Writes and erasures of the whole script.
+    /// Number of write and erase operations of the whole script.
     pub operations: u64,
-    /// Erasures among them.
+    /// Number of erase operations among them.
     pub erasures: u32,
 }
 
@@ -184,7 +184,7 @@ impl Script {
         let past: Vec<Action> = (0..used).map(|_| action()).collect();
         let actions = (0..len).map(|_| action()).collect();
         let mut chip = NorFlashChip::new(LOG.end as usize);
-        let (before, _) = run(&mut chip, Kept::default(), &past);
+        let (before, _) = run(&mut chip, Content::default(), &past);
         chip.operations = 0;
         chip.erasures.fill(0);
         let mut script = Self { chip, before, actions, operations: 0, erasures: 0 };
@@ -195,25 +195,28 @@ impl Script {
         script
     }
 
-    /// Cuts power in operation `at`, starts again, and tells what is neither as before nor as after the action that was cut.
-    /// Then everything is kept once more, which must work.
+    /// Cuts power in operation `at`, starts again, and checks that the content is the one before or the one after the interrupted
+    /// action. Then stores items of every kind once more, which must succeed.
+    ///
+    /// # Errors
+    /// A description of the item that is wrong.
     pub fn cut(&self, at: u64, torn: Torn) -> Result<(), String> {
         let mut chip = self.chip.clone();
         chip.cut = Some((at, torn));
-        let (kept, action) = run(&mut chip, self.before.clone(), &self.actions);
+        let (content, action) = run(&mut chip, self.before.clone(), &self.actions);
         let action = action.ok_or("the script ended before the cut")?;
         let mut chip = chip.restarted();
-        let outcomes = outcomes(&kept, action);
+        let outcomes = outcomes(&content, action);
         let mut failures = Vec::new();
-        let held = outcomes.into_iter().find(|outcome| {
-            // Looking must not change what the next look sees, but for a start.
+        let found = outcomes.into_iter().find(|outcome| {
+            // A copy, because opening the store for the check changes the chip: it counts a boot.
             let mut chip = chip.clone();
             now(async {
                 let mut store = Store::open(Some(&mut chip), Reset::Power).await;
-                holds(&mut store, outcome).await.map_err(|error| failures.push(error)).is_ok()
+                check_content(&mut store, outcome).await.map_err(|error| failures.push(error)).is_ok()
             })
         });
-        let Some(held) = held else {
+        let Some(found) = found else {
             return Err(format!("cut {torn:?} in operation {at}, {action:?}: {}", failures.join("; ")));
         };
         let again = [
@@ -224,44 +227,44 @@ impl Script {
             Action::Step,
             Action::AcknowledgeBut(1),
         ];
-        let (kept, _) = run(&mut chip, held, &again);
-        now(async { holds(&mut Store::open(Some(&mut chip), Reset::Power).await, &kept).await })
+        let (content, _) = run(&mut chip, found, &again);
+        now(async { check_content(&mut Store::open(Some(&mut chip), Reset::Power).await, &content).await })
             .map_err(|error| format!("after a cut {torn:?} in operation {at}, {action:?}: {error}"))
     }
 }
 
-/// What may be kept after an action that was cut.
-fn outcomes(kept: &Kept, action: Action) -> Vec<Kept> {
-    let after = kept.after(action);
+/// The contents that are allowed after an action during which power failed.
+fn outcomes(before: &Content, action: Action) -> Vec<Content> {
+    let after = before.after(action);
     match action {
-        // Steps are forgotten one by one, the oldest first.
-        Action::AcknowledgeBut(_) => (kept.steps.0..=after.steps.0.max(kept.steps.0))
-            .map(|oldest| Kept { steps: (oldest, kept.steps.1), ..kept.clone() })
+        // Steps are deleted one by one, the oldest first.
+        Action::AcknowledgeBut(_) => (before.steps.0..=after.steps.0.max(before.steps.0))
+            .map(|oldest| Content { steps: (oldest, before.steps.1), ..before.clone() })
             .collect(),
-        _ => vec![kept.clone(), after],
+        _ => vec![before.clone(), after],
     }
 }
 
-/// Starts and runs actions until power fails; what was kept before the one in which it did, and that one.
-fn run(chip: &mut NorFlashChip, mut kept: Kept, actions: &[Action]) -> (Kept, Option<Action>) {
-    for sitting in actions.split(|action| *action == Action::Restart) {
+/// Starts and runs actions until power fails. Returns the content before the interrupted action, and that action.
+fn run(chip: &mut NorFlashChip, mut content: Content, actions: &[Action]) -> (Content, Option<Action>) {
+    for session in actions.split(|action| *action == Action::Restart) {
         let cut = now(async {
             let mut store = Store::open(Some(&mut *chip), Reset::Power).await;
             if store.flash().is_some_and(|chip| chip.is_off()) {
                 return Some(Action::Restart);
             }
-            kept = kept.after(Action::Restart);
-            for &action in sitting {
-                if act(&mut store, action, &kept).await.is_err() {
+            content = content.after(Action::Restart);
+            for &action in session {
+                if act(&mut store, action, &content).await.is_err() {
                     return Some(action);
                 }
-                kept = kept.after(action);
+                content = content.after(action);
             }
             None
         });
         if cut.is_some() {
-            return (kept, cut);
+            return (content, cut);
         }
     }
-    (kept, None)
+    (content, None)
 }

@@ -1,7 +1,7 @@
-//! Scenarios: what happens to simulated insoles and their hosts, as data, and what is expected of them.
+//! Scenarios: events that happen to simulated insoles and their hosts, and the expected outcome, as data.
 //!
-//! A scenario is a TOML file with a title, a list of events with their times, and the expected outcome; `host-tests/scenarios` has
-//! examples of every event. Whatever happens, the invariants of [`Outcome::verify`] must hold.
+//! A scenario is a TOML file with a title, a list of events with their times, and the expected outcome; `host-tests/scenarios`
+//! has examples of every event. Whatever happens, the invariants of [`Outcome::verify`] must hold.
 
 use crate::host::{Host, Over};
 use crate::insole::image;
@@ -20,7 +20,7 @@ use std::time::Duration;
 use thiserror::Error;
 use toml::Spanned;
 
-/// Time in which everything that is due arrives after the last event, s.
+/// Time after the end of a scenario in which all pending messages arrive, s.
 const SETTLE_S: f64 = 4.0;
 
 /// Why a scenario cannot run.
@@ -51,9 +51,9 @@ pub struct Scenario {
     /// Frames per second.
     #[serde(default = "hundred")]
     pub rate_hz: f64,
-    /// When the last effect of the events is over, s.
+    /// Time at which the last effect of the events is over, s.
     pub duration_s: f64,
-    /// What happens, by time.
+    /// The events, sorted by time.
     #[serde(default, rename = "at")]
     pub events: Vec<Spanned<Entry>>,
     /// The expected outcome.
@@ -73,16 +73,16 @@ fn hundred() -> f64 {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Entry {
-    /// Time since power came on, s.
+    /// Time since the start of the scenario, s.
     pub s: f64,
     /// The insole that it concerns: 0 is the left one.
     #[serde(default)]
     pub insole: usize,
-    /// What happens.
+    /// The event.
     pub event: Event,
 }
 
-/// What happens. The events up to `panic` are physical; the others are actions of the host.
+/// An event. The events up to `panic` are physical; the others are actions of the host.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Event {
@@ -111,18 +111,18 @@ pub enum Event {
         /// Bytes per second.
         bytes_per_s: f64,
     },
-    /// Bytes to the host are damaged from now on, or no longer with 0.
+    /// Bytes to the host are damaged at regular distances from now on, or no longer with 0.
     Damage {
-        /// One of so many.
+        /// Bytes from one damaged byte to the next.
         every_bytes: u32,
     },
     /// The radio link is lost.
     RadioLost,
     /// The matrix does not answer.
     MissFrames {
-        /// For so many frames.
+        /// Number of frames for which it does not answer.
         frames: u32,
-        /// From this row on.
+        /// The first row that does not answer.
         #[serde(default)]
         from_row: usize,
     },
@@ -143,9 +143,9 @@ pub enum Event {
     },
     /// The host ends its session.
     Disconnect,
-    /// The host acknowledges steps, or stores them without.
+    /// The host acknowledges the steps that it receives, or does not.
     Acknowledge(bool),
-    /// Values of the radio link are at most so long.
+    /// Limits the length of the values of the radio link, bytes.
     ValueLength(usize),
     /// The host sets the wearer's parameters: typical ones.
     SetParameters,
@@ -189,16 +189,16 @@ pub enum OverName {
     Bluetooth,
 }
 
-/// The expected outcome; what is absent is not checked.
+/// The expected outcome. Absent items are not checked.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Expect {
-    /// Steps that arrive, each once, of all insoles.
+    /// Number of steps that arrive from all insoles, each once.
     pub steps: Option<usize>,
-    /// Steps that are lost with the power or in a crash, at most.
+    /// Largest number of steps that a loss of power or a crash may lose.
     #[serde(default)]
     pub lost_at_most: usize,
-    /// Why the first insole started, each time.
+    /// The reset reason of each start of the first insole.
     pub resets: Option<Vec<String>>,
     /// Faults that the first insole reports.
     pub faults: Option<Vec<String>>,
@@ -206,17 +206,17 @@ pub struct Expect {
     pub loses_live: Option<bool>,
     /// Frames without a complete scan since the last start.
     pub frames_missed: Option<u32>,
-    /// Contacts that did not become steps since the last start: short, long, broken.
+    /// Contacts since the last start that were not counted as steps: too short, too long, interrupted by missing frames.
     pub rejected: Option<[u32; 3]>,
-    /// Version that the first insole runs in the end.
+    /// Firmware version of the first insole at the end.
     pub version: Option<String>,
-    /// Serial number of the first insole in the end.
+    /// Serial number of the first insole at the end.
     pub serial: Option<String>,
-    /// Whether the first insole has parameters in the end.
+    /// Whether the first insole has parameters at the end.
     pub parameters: Option<bool>,
-    /// A text in one of the errors that the host saw.
+    /// A text that one of the client's errors contains.
     pub error: Option<String>,
-    /// A text in the last hello's report of the previous run.
+    /// A text that the last hello's report of the previous run contains.
     pub last_fault: Option<String>,
 }
 
@@ -260,7 +260,7 @@ impl Scenario {
     }
 }
 
-/// Lets the hosts receive until this time, or as much later as their last wait takes.
+/// Lets the hosts receive until this time; the last wait of a host may end later.
 pub fn follow(hosts: &mut [Host], until_us: u64) {
     while now_us() < until_us {
         hosts.iter_mut().for_each(Host::poll);
@@ -278,7 +278,7 @@ fn physical(event: &Event) -> Option<Physical> {
         Event::Damage { every_bytes } => Physical::Damage { every_bytes: *every_bytes },
         Event::RadioLost => Physical::RadioLost,
         Event::MissFrames { frames, from_row } => Physical::MissFrames { frames: *frames, from_row: *from_row },
-        // `OrderCheck` has parsed it.
+        // `OrderCheck` has verified that it can be parsed.
         Event::SensorFault(fault) => Physical::SensorFault(fault.parse().ok()?),
         Event::Stall(Part::Scan) => Physical::Stall("scan"),
         Event::Stall(Part::Model) => Physical::Stall("model"),
@@ -288,9 +288,9 @@ fn physical(event: &Event) -> Option<Physical> {
     })
 }
 
-/// Executes an action of a host. What goes wrong is among [`Host::errors`].
+/// Executes an action of a host. A failure is added to [`Host::errors`].
 fn act(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) {
-    let done = match event {
+    let result = match event {
         Event::Connect { over, live } => {
             let over = match over {
                 OverName::Serial => Over::Serial,
@@ -308,17 +308,17 @@ fn act(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) {
             Ok(())
         }
         Event::ValueLength(bytes) => {
-            world.borrow().insoles[insole].air.borrow_mut().max_value = *bytes;
+            world.borrow().insoles[insole].radio.borrow_mut().max_value = *bytes;
             Ok(())
         }
         _ => request(host, event),
     };
-    if let Err(error) = done {
+    if let Err(error) = result {
         host.errors.push(error.to_string());
     }
 }
 
-/// Sends what a host requests, and waits for the answer.
+/// Sends a host's request, and waits for the answer.
 fn request(host: &mut Host, event: &Event) -> Result<(), client::Error> {
     let Some(client) = &mut host.client else { return Ok(()) };
     match event {
@@ -341,7 +341,7 @@ fn request(host: &mut Host, event: &Event) -> Result<(), client::Error> {
     }
 }
 
-/// Finds events that cannot follow the ones before.
+/// Finds events that are impossible after the previous ones.
 struct OrderCheck {
     insoles: usize,
     last_s: f64,
@@ -408,28 +408,28 @@ impl OrderCheck {
 
 /// One insole at the end of a scenario.
 pub struct InsoleOutcome {
-    /// The host with what it received.
+    /// The host, with the messages that it received.
     pub host: Host,
-    /// The counters of the last boot; `None` where nobody is connected.
+    /// The counters of the last boot; `None` where the host has ended its session.
     pub status: Option<Status>,
-    /// Steps that the pipeline computed, by boot, and whether the boot was cut short.
+    /// For each boot, the steps that the pipeline computed, and whether the boot was cut short.
     computed: Vec<(Vec<Step>, bool)>,
-    /// Frames that the last boot scanned.
+    /// Number of frames that the last boot scanned.
     frames: u32,
-    /// Frame times of the last boot so far.
+    /// Number of frame periods since the last boot.
     elapsed_frames: u32,
-    /// Why the insole started, each time.
+    /// The reset reason of each start.
     pub resets: Vec<String>,
 }
 
-/// What a scenario led to.
+/// The outcome of a scenario.
 pub struct Outcome {
     /// Each insole.
     pub insoles: Vec<InsoleOutcome>,
 }
 
 impl Outcome {
-    /// Reads the counters and collects what arrived.
+    /// Reads the insoles' counters, and collects the steps that were computed.
     pub fn new(world: &SharedWorld, hosts: Vec<Host>) -> Self {
         let collect = |(index, mut host): (usize, Host)| {
             // A slow cable would delay the counters.
@@ -455,11 +455,11 @@ impl Outcome {
         Self { insoles: hosts.into_iter().enumerate().map(collect).collect() }
     }
 
-    /// Checks what must hold whatever happens: every step that was computed arrives once, in order and unchanged, except the last ones
-    /// of a boot that was cut short; numbers increase; counters add up. Returns the number of lost steps.
+    /// Checks the invariants of all scenarios: every computed step arrives once, in order and unchanged, except the last ones of
+    /// a boot that was cut short; step numbers increase; counters are consistent. Returns the number of lost steps.
     ///
     /// # Errors
-    /// What does not hold.
+    /// The first invariant that is violated.
     pub fn verify(&self) -> Result<usize, String> {
         let mut lost = 0;
         for (index, insole) in self.insoles.iter().enumerate() {
@@ -474,26 +474,26 @@ impl Outcome {
     /// Compares with the expected outcome.
     ///
     /// # Errors
-    /// Every difference.
+    /// A list of all differences.
     pub fn compare(&mut self, expect: &Expect) -> Result<(), String> {
         let mut differences = Vec::new();
-        let mut differ = |what: &str, expected: String, found: String| {
+        let mut compare = |name: &str, expected: String, found: String| {
             if expected != found {
-                differences.push(format!("{what}: expected {expected}, found {found}"));
+                differences.push(format!("{name}: expected {expected}, found {found}"));
             }
         };
         let all: usize = self.insoles.iter().map(|insole| insole.host.steps.len()).sum();
         if let Some(steps) = expect.steps {
-            differ("steps", steps.to_string(), all.to_string());
+            compare("steps", steps.to_string(), all.to_string());
         }
         match self.verify() {
             Ok(lost) if lost <= expect.lost_at_most => {}
-            Ok(lost) => differ("lost steps", format!("at most {}", expect.lost_at_most), lost.to_string()),
-            Err(error) => differ("invariants", "hold".into(), error),
+            Ok(lost) => compare("lost steps", format!("at most {}", expect.lost_at_most), lost.to_string()),
+            Err(error) => compare("invariants", "hold".into(), error),
         }
         let first = &mut self.insoles[0];
         if let Some(resets) = &expect.resets {
-            differ("resets", format!("{resets:?}"), format!("{:?}", first.resets));
+            compare("resets", format!("{resets:?}"), format!("{:?}", first.resets));
         }
         if let Some(faults) = &expect.faults {
             let found = first.host.client.as_mut().and_then(|client| client.faults().ok());
@@ -502,46 +502,46 @@ impl Outcome {
                 .flat_map(|faults| &faults.list)
                 .map(|fault| format!("{} {}", fault.kind.name(), fault.place))
                 .collect();
-            differ("faults", format!("{faults:?}"), format!("{found:?}"));
+            compare("faults", format!("{faults:?}"), format!("{found:?}"));
         }
         if let Some(loses) = expect.loses_live {
             let lost = first.host.client.as_ref().map_or(0, |client| client.counters().frames_lost);
-            differ("loses live frames", loses.to_string(), (lost > 0).to_string());
+            compare("loses live frames", loses.to_string(), (lost > 0).to_string());
         }
         let status = first.status.unwrap_or_default();
         if let Some(missed) = expect.frames_missed {
-            differ("missed frames", missed.to_string(), status.frames_missed.to_string());
+            compare("missed frames", missed.to_string(), status.frames_missed.to_string());
         }
         if let Some(rejected) = expect.rejected {
             let found = [status.rejected.short, status.rejected.long, status.rejected.broken];
-            differ("rejected contacts", format!("{rejected:?}"), format!("{found:?}"));
+            compare("rejected contacts", format!("{rejected:?}"), format!("{found:?}"));
         }
         let hello = first.host.hellos.last();
         if let Some(version) = &expect.version {
-            differ("version", version.clone(), hello.map_or(String::new(), |hello| hello.firmware.as_str().into()));
+            compare("version", version.clone(), hello.map_or(String::new(), |hello| hello.firmware.as_str().into()));
         }
         if let Some(text) = &expect.last_fault {
             let fault = hello.and_then(|hello| hello.last_panic.as_deref()).unwrap_or("none");
-            differ("last fault", text.clone(), if fault.contains(text) { text.clone() } else { fault.into() });
+            compare("last fault", text.clone(), if fault.contains(text) { text.clone() } else { fault.into() });
         }
         if let Some(serial) = &expect.serial {
             let identity = first.host.client.as_mut().and_then(|client| client.identity().ok());
             let found = identity.map_or(String::new(), |identity| identity.serial.as_str().into());
-            differ("serial number", serial.clone(), found);
+            compare("serial number", serial.clone(), found);
         }
         if let Some(parameters) = expect.parameters {
             let tissue = first.host.client.as_mut().and_then(|client| client.tissue().ok());
-            differ("has parameters", parameters.to_string(), tissue.is_some_and(|tissue| tissue.id != 0).to_string());
+            compare("has parameters", parameters.to_string(), tissue.is_some_and(|tissue| tissue.id != 0).to_string());
         }
         if let Some(text) = &expect.error {
             let has = first.host.errors.iter().any(|error| error.contains(text));
-            differ("error", text.clone(), if has { text.clone() } else { format!("{:?}", first.host.errors) });
+            compare("error", text.clone(), if has { text.clone() } else { format!("{:?}", first.host.errors) });
         }
         if differences.is_empty() { Ok(()) } else { Err(differences.join("\n")) }
     }
 }
 
-/// The measured content of a step, without its number, the boots since, the wall clock and the model, which parameters change.
+/// A step without its number, the boots since, the wall-clock time, and the results of the model, which depend on the parameters.
 fn measured(step: &Step) -> Step {
     let regions = step.regions.map(|region| StepRegion {
         model_peak_dn: 0,
@@ -555,7 +555,7 @@ fn measured(step: &Step) -> Step {
 }
 
 impl InsoleOutcome {
-    /// The number of lost steps.
+    /// Verifies the steps; returns the number of lost ones.
     fn verify_steps(&self) -> Result<usize, String> {
         for pair in self.host.steps.windows(2) {
             if !is_after(pair[1].step, pair[0].step) {
@@ -571,7 +571,7 @@ impl InsoleOutcome {
                     missing.push(index);
                 }
             }
-            // Without a host, or before it acknowledges, steps wait in the insole.
+            // Steps of the last boot may still be on the insole if the host has ended its session or does not acknowledge.
             let is_last = boot + 1 == self.computed.len();
             let may_lose = if *is_cut_short { STEP_QUEUE + 1 } else { 0 };
             let from = computed.len().saturating_sub(may_lose);
@@ -589,18 +589,18 @@ impl InsoleOutcome {
 
     fn verify_counters(&self, status: &Status) -> Result<(), String> {
         let computed = self.computed.last().map_or(0, |(steps, _)| steps.len()) as u32;
-        let same = |what: &str, counter: u32, found: u32, tolerance: u32| {
+        let check = |name: &str, counter: u32, found: u32, tolerance: u32| {
             if counter.abs_diff(found) > tolerance {
-                return Err(format!("{what}: the insole counts {counter}, the test {found}"));
+                return Err(format!("{name}: the insole counts {counter}, the test {found}"));
             }
             Ok(())
         };
-        same("steps", status.steps, computed, 0)?;
-        // A frame may be under way.
-        same("frames", status.frames + status.frames_overrun, self.frames + status.frames_overrun, 1)?;
-        // The start takes some frame times.
+        check("steps", status.steps, computed, 0)?;
+        // A frame may be scanned and not yet processed.
+        check("frames", status.frames + status.frames_overrun, self.frames + status.frames_overrun, 1)?;
+        // The start takes some frame periods.
         let frames = status.frames + status.frames_missed + status.frames_overrun;
-        same("frame times", frames, self.elapsed_frames, 12)?;
+        check("frame periods", frames, self.elapsed_frames, 12)?;
         if status.live_sent > status.live_due {
             return Err(format!("live frames: {} were due, {} sent", status.live_due, status.live_sent));
         }
@@ -608,7 +608,7 @@ impl InsoleOutcome {
     }
 }
 
-/// Connects, walks, and lets a foot's steps arrive: the load of a speed measurement and of a long soak.
+/// A long walk with both feet, for speed measurements and endurance tests.
 pub struct LongWalk {
     /// Steps of each foot.
     pub steps: u32,
@@ -617,8 +617,8 @@ pub struct LongWalk {
 }
 
 impl LongWalk {
-    /// Walks with both feet, with storage, one foot over the cable and the other over the radio, live frames on both. `progress` is
-    /// called every virtual minute with the steps that arrived.
+    /// Runs the walk, with the left foot connected over the cable, the right one over the radio, and live frames from both.
+    /// `progress` is called after each virtual minute with the number of steps that arrived.
     pub fn run(&self, mut progress: impl FnMut(usize)) -> (Outcome, Duration) {
         let start_us = now_us();
         let world: SharedWorld = Rc::new(RefCell::new(World::new(2, self.rate_hz)));

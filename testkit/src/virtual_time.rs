@@ -24,7 +24,7 @@ impl Driver for VirtualTime {
     }
 
     fn schedule_wake(&self, at: u64, waker: &Waker) {
-        // The end of time is never reached; timers for it would fill the queue as insoles restart.
+        // A timer at `u64::MAX` never expires, and would stay in the queue after its insole restarts.
         if let Some(at) = at.checked_add(ORIGIN_US.get()).filter(|at| *at != u64::MAX) {
             TIMERS.with_borrow_mut(|timers| timers.schedule_wake(at, waker));
         }
@@ -39,17 +39,17 @@ pub fn now_us() -> u64 {
 /// Runs `work` with a clock that started at `origin_us`.
 pub fn with_origin<T>(origin_us: u64, work: impl FnOnce() -> T) -> T {
     let before = ORIGIN_US.replace(origin_us);
-    let done = work();
+    let result = work();
     ORIGIN_US.set(before);
-    done
+    result
 }
 
-/// Forgets all timers of this thread, which belong to a world that is gone.
-pub fn forget_timers() {
+/// Removes all timers of this thread, which belong to a world that no longer exists.
+pub fn clear_timers() {
     TIMERS.replace(Queue::new());
 }
 
-/// Wakes the tasks with timers that are due; returns when the next one is due, us.
+/// Wakes the tasks whose timers are due; returns the time of the next timer, us.
 pub fn wake_due() -> u64 {
     TIMERS.with_borrow_mut(|timers| timers.next_expiration(now_us()))
 }
@@ -59,6 +59,6 @@ pub fn wake_due() -> u64 {
 /// # Panics
 /// Where the time is in the past.
 pub fn advance_to(at_us: u64) {
-    assert!(at_us >= now_us(), "time does not go back");
+    assert!(at_us >= now_us(), "time never goes backwards");
     NOW_US.set(at_us);
 }

@@ -1,4 +1,4 @@
-//! The wearer of a simulated insole: walks that begin when a test says so, and sensor faults.
+//! The wearer of a simulated insole: walks that a test starts, and sensor faults.
 
 use emulator::SensorFault;
 use plantar::Side;
@@ -12,12 +12,12 @@ use std::rc::Rc;
 /// Steps of the computed walk that is repeated.
 const LOOP_STEPS: usize = 8;
 
-/// A computed walk as codes.
+/// A computed walk as sensor codes.
 pub struct Codes {
     worn: VirtualInsole,
     cells: usize,
     frames: Vec<u16>,
-    /// The frame in the swing after each step.
+    /// The frame at which each step with its swing ends.
     step_ends: Vec<usize>,
 }
 
@@ -48,17 +48,19 @@ impl Codes {
         self.frames.len() / self.cells
     }
 
-    /// Frames of a walk of so many steps.
+    /// Number of frames of a walk with this number of steps.
     fn walk_frames(&self, steps: u32) -> usize {
         let (loops, rest) = (steps as usize / LOOP_STEPS, steps as usize % LOOP_STEPS);
         loops * self.frames() + rest.checked_sub(1).map_or(0, |last| self.step_ends[last])
     }
 }
 
-/// One walk: from `from_us` on, for so many frames.
+/// One walk.
 #[derive(Clone, Copy)]
 struct Bout {
+    /// Time of its start, us.
     from_us: u64,
+    /// Its number of frames.
     frames: usize,
 }
 
@@ -67,13 +69,13 @@ pub struct Wearer {
     codes: Rc<Codes>,
     bout: Option<Bout>,
     faults: Vec<SensorFault>,
-    /// Frames that are left in which the matrix does not answer from a row on.
+    /// Remaining frames in which the matrix does not answer, and the first row that does not.
     missing: Option<(u32, usize)>,
     is_frame_missing: bool,
 }
 
 impl Wearer {
-    /// Sits still.
+    /// A wearer whose foot does not load the insole.
     pub fn new(codes: Rc<Codes>) -> Self {
         Self { codes, bout: None, faults: Vec::new(), missing: None, is_frame_missing: false }
     }
@@ -88,24 +90,24 @@ impl Wearer {
         self.codes.worn.cells.clone().into_iter()
     }
 
-    /// Begins a walk; returns when it ends, us.
+    /// Begins a walk; returns the time of its end, us.
     pub fn walk(&mut self, now_us: u64, steps: u32) -> u64 {
         let frames = self.codes.walk_frames(steps);
         self.bout = Some(Bout { from_us: now_us, frames });
         now_us + frames as u64 * u64::from(self.setup().period_us)
     }
 
-    /// Adds a fault of the sensor, which begins now.
+    /// Adds a sensor fault that begins now.
     pub fn add_fault(&mut self, fault: SensorFault, now_us: u64) {
         self.faults.push(SensorFault { from_s: now_us as f64 / 1e6, ..fault });
     }
 
-    /// Lets the matrix stop answering from this row on, for so many frames.
+    /// Prevents answers of the matrix from this row on, for this number of frames.
     pub fn miss_frames(&mut self, frames: u32, from_row: usize) {
         self.missing = Some((frames, from_row));
     }
 
-    /// The codes of all cells now; called once a frame.
+    /// Writes the present codes of all cells; called once in each frame.
     pub fn codes_at(&mut self, now_us: u64, codes: &mut [u16; DEVICE_CELLS]) {
         let Codes { cells, frames, .. } = &*self.codes;
         let period_us = u64::from(self.codes.worn.setup.period_us);

@@ -1,7 +1,7 @@
 //! Simulated insoles in virtual time, and the physical events that happen to them.
 
 use crate::insole::HostInsole;
-use crate::virtual_time::{advance_to, forget_timers, now_us, wake_due};
+use crate::virtual_time::{advance_to, clear_timers, now_us, wake_due};
 use crate::walk::Codes;
 use emulator::SensorFault;
 use plantar::Side;
@@ -12,7 +12,7 @@ use std::rc::Rc;
 /// Something physical that happens to an insole or its links.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Physical {
-    /// The wearer walks so many steps.
+    /// The wearer walks.
     Walk {
         /// Steps of this foot.
         steps: u32,
@@ -22,9 +22,9 @@ pub enum Physical {
         /// Duration, us.
         off_us: u64,
     },
-    /// Power fails within a write or erase of the flash chip, the `operations`-th from now on, and comes back after a second.
+    /// Power fails within a write or erase operation of the flash chip, and returns after a second.
     PowerCutInWrite {
-        /// Operations that still succeed.
+        /// Operations from now on that still succeed.
         operations: u64,
     },
     /// The cable is cut for this time.
@@ -32,21 +32,21 @@ pub enum Physical {
         /// Duration, us.
         for_us: u64,
     },
-    /// The cable carries so many bytes a second from now on; 0 for any number.
+    /// The rate of the cable is limited from now on, or no longer limited.
     CableRate {
-        /// Bytes a second.
+        /// Bytes per second; 0 for no limit.
         bytes_per_s: f64,
     },
-    /// One of so many bytes to the host is damaged from now on; 0 for none.
+    /// Bytes to the host are damaged at regular distances from now on, or no longer damaged.
     Damage {
-        /// Bytes from one damaged byte to the next.
+        /// Bytes from one damaged byte to the next; 0 for no damage.
         every_bytes: u32,
     },
     /// The radio link is lost.
     RadioLost,
-    /// The matrix stops answering from a row on, for so many frames.
+    /// The matrix does not answer from a row on.
     MissFrames {
-        /// Frames.
+        /// Number of frames for which it does not answer.
         frames: u32,
         /// The first row that does not answer.
         from_row: usize,
@@ -57,7 +57,7 @@ pub enum Physical {
     Stall(&'static str),
     /// The firmware panics.
     Panic,
-    /// The end of a cut cable.
+    /// A cut cable is repaired.
     CableRepaired,
 }
 
@@ -73,7 +73,7 @@ struct Due {
 pub struct World {
     /// The insoles: the left one first.
     pub insoles: Vec<HostInsole>,
-    /// By time.
+    /// Scheduled events, sorted by time.
     due: VecDeque<Due>,
 }
 
@@ -83,7 +83,7 @@ pub type SharedWorld = Rc<RefCell<World>>;
 impl World {
     /// A left and, if `count` is 2, a right insole that scan at this rate. A thread has one world at a time.
     pub fn new(count: usize, rate_hz: f64) -> Self {
-        forget_timers();
+        clear_timers();
         let codes = |side| Rc::new(Codes::new(side, rate_hz));
         let insoles = [Side::Left, Side::Right].into_iter().take(count).map(|side| HostInsole::new(codes(side)));
         Self { insoles: insoles.collect(), due: VecDeque::new() }
@@ -95,7 +95,7 @@ impl World {
         self.due.insert(index, Due { at_us, insole, event });
     }
 
-    /// Runs until `is_done` returns true, or until `until_us`; true where it is done.
+    /// Runs until `is_done` returns true, or until `until_us`; returns whether `is_done` returned true.
     pub fn run(&mut self, until_us: u64, mut is_done: impl FnMut(&mut Self) -> bool) -> bool {
         loop {
             self.run_due();
@@ -113,10 +113,10 @@ impl World {
         }
     }
 
-    /// Runs all tasks until none is ready; returns when the next timer is due, us.
+    /// Runs all tasks until none is ready; returns the time of the next timer, us.
     ///
     /// # Panics
-    /// Where a task never waits, so that no time would pass.
+    /// Where a task never waits, so that no virtual time would pass.
     fn run_ready(&mut self) -> u64 {
         for _ in 0..100_000 {
             let next_timer_us = wake_due();
@@ -127,7 +127,7 @@ impl World {
         panic!("a task of the firmware never waits");
     }
 
-    /// Runs for this time.
+    /// Runs for this duration.
     pub fn run_for(&mut self, time_us: u64) {
         self.run(now_us() + time_us, |_| false);
     }
@@ -155,7 +155,7 @@ impl World {
                 insole.cable.borrow_mut().byte_us = if bytes_per_s > 0.0 { 1e6 / bytes_per_s } else { 0.0 };
             }
             Physical::Damage { every_bytes } => insole.cable.borrow_mut().damaged_every = every_bytes,
-            Physical::RadioLost => insole.air.borrow_mut().set_connected(false),
+            Physical::RadioLost => insole.radio.borrow_mut().set_connected(false),
             Physical::MissFrames { frames, from_row } => insole.wearer.borrow_mut().miss_frames(frames, from_row),
             Physical::SensorFault(fault) => insole.wearer.borrow_mut().add_fault(fault, now_us()),
             Physical::Stall(part) => insole.stall(part),

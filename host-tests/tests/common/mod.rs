@@ -1,5 +1,5 @@
-//! What the tests of the firmware share.
-#![allow(dead_code, reason = "not every test needs all of it")]
+//! Shared parts of the tests that run the firmware.
+#![allow(dead_code, reason = "each test uses a part of it")]
 
 use emulator::SensorFault;
 use parameters::{InsoleSize, Parameters};
@@ -46,9 +46,9 @@ pub fn recordings() -> PathBuf {
     named_by("PLANTAR_RECORDINGS", "a folder with recordings of people")
 }
 
-fn named_by(variable: &str, what: &str) -> PathBuf {
+fn named_by(variable: &str, content: &str) -> PathBuf {
     let path = std::env::var_os(variable).map(PathBuf::from);
-    path.unwrap_or_else(|| panic!("set {variable} to {what}; `cargo xtask test` does"))
+    path.unwrap_or_else(|| panic!("set {variable} to {content}; `cargo xtask test` does so"))
 }
 
 /// Typical parameters.
@@ -56,12 +56,12 @@ pub fn tissue() -> Tissue {
     Parameters::typical(InsoleSize::default()).tissue()
 }
 
-/// What a host computes of the same codes.
+/// Computes live frames and steps from a recording, as a host does.
 pub fn replay(recording: &Recording, contact: ContactRule, is_missing: fn(u32) -> bool) -> (Vec<Live>, Vec<Step>) {
     replay_with(recording, contact, is_missing, &[(0, tissue())])
 }
 
-/// The same with parameters that change, each before the live frame of its number.
+/// The same with parameters that change: each set applies from the live frame with its number on.
 pub fn replay_with(
     recording: &Recording,
     contact: ContactRule,
@@ -72,7 +72,7 @@ pub fn replay_with(
     (live, steps)
 }
 
-/// What a host computes of the codes of a sensor with these faults, and what it finds.
+/// Computes live frames, steps and detected faults from a recording with these sensor faults.
 pub fn replay_faulty(recording: &Recording, faults: &[SensorFault]) -> (Vec<Live>, Vec<Step>, Faults) {
     replay_codes(recording, ContactRule::COUNTED, |_| false, &[(0, tissue())], faults)
 }
@@ -86,7 +86,7 @@ fn replay_codes(
 ) -> (Vec<Live>, Vec<Step>, Faults) {
     let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is sound");
+    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is valid");
     let zeros: Vec<u16> = worn.cells.iter().map(|cell| cell.calibration.offset).collect();
     let mut codes = vec![0; worn.cells.len()];
     let (mut live, mut steps) = (Vec::new(), Vec::new());
@@ -95,7 +95,7 @@ fn replay_codes(
             continue;
         }
         for (_, tissue) in tissues.iter().filter(|(before, _)| *before == live.len()) {
-            insole.set_tissue(tissue).expect("the parameters are sound");
+            insole.set_tissue(tissue).expect("the parameters are valid");
         }
         worn.codes_of(recording, i as usize, &mut codes);
         let t_us = u64::from(i) * u64::from(worn.setup.period_us);

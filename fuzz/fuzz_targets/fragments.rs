@@ -1,5 +1,5 @@
-//! Fragments of messages, as a central writes them: they are joined or refused, and a message is the same after fragments of any
-//! size.
+//! Fragments of messages, as a central writes them: they are joined or refused, and a message that is split into fragments of any
+//! size is joined to the same message.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -26,8 +26,8 @@ fuzz_target!(|data: &[u8]| {
     // From the shortest value of a characteristic to longer than a message.
     let mut piece = vec![0; usize::from(size).max(4)];
     loop {
-        let len = splitter.next(&mut piece).expect("more to come");
-        let joined = joiner.push(&piece[..len]).expect("in order");
+        let len = splitter.next(&mut piece).expect("another fragment");
+        let joined = joiner.push(&piece[..len]).expect("the fragments are in order");
         assert_eq!(joined.is_some(), splitter.is_done());
         if let Some(joined) = joined {
             assert_eq!(joined, message);

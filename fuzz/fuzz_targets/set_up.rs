@@ -7,7 +7,7 @@ use plantar::insole::Insole;
 use plantar::num::Real;
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::tissue::Tissue;
-use plantar_fuzz::frame;
+use plantar_fuzz::check_frame;
 use std::io::Read;
 
 /// Size of eight force laws, bytes.
@@ -24,12 +24,12 @@ fuzz_target!(|data: &[u8]| {
 });
 
 fn walk<R: Real>(setup: &[u8], tissue: &Tissue, frames: &[u8]) {
-    let Some((head, cells)) = read_setup(|at, buffer| setup.get(at..).and_then(|mut rest| rest.read(buffer).ok()))
+    let Some((config, cells)) = read_setup(|at, buffer| setup.get(at..).and_then(|mut rest| rest.read(buffer).ok()))
     else {
         return;
     };
     let mut insole = Box::new(Insole::<R, DEVICE_CELLS>::new());
-    if insole.set_up(head.setup, cells).is_err() {
+    if insole.set_up(config.setup, cells).is_err() {
         assert!(insole.setup().is_none());
         return;
     }
@@ -40,6 +40,6 @@ fn walk<R: Real>(setup: &[u8], tissue: &Tissue, frames: &[u8]) {
     for bytes in frames.chunks_exact(1 + insole.cells()) {
         seq = seq.wrapping_add(1).wrapping_add(bytes[0].into());
         let codes: Vec<_> = bytes[1..].iter().map(|&byte| u16::from_le_bytes([byte, byte])).collect();
-        frame(&mut insole, seq, &codes);
+        check_frame(&mut insole, seq, &codes);
     }
 }
