@@ -407,7 +407,7 @@ fn any_changed_bit_changes_the_id() {
 
 #[test]
 fn errors_name_the_cell_the_region_and_the_remedy() {
-    assert_eq!(SetupError::Cell(3).to_string().split(' ').take(2).collect::<Vec<_>>(), ["cell", "3"]);
+    assert!(SetupError::Cell(3).to_string().starts_with("cell 3: "));
     assert!(SetupError::RegionOrder(9).to_string().contains("cell 9"));
     let out_of_bounds = Refusal::from(TissueError::Region(Region::Toes35)).to_string();
     assert!(

@@ -4,6 +4,7 @@ use crate::command::{built, run};
 use crate::{BOARDS, TARGET, setup};
 use anyhow::{Result, bail};
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The name of the reference board's controller in probe-rs, as in `boards/wb55/.cargo/config.toml`.
 const CHIP: &str = "STM32WB55RGVx";
@@ -31,9 +32,24 @@ pub fn cargo_firmware(command: &str, package: &str, arguments: &[&str]) -> Resul
     run("cargo", &[&common, arguments].concat())
 }
 
-/// Builds a host program.
+/// Set once all host programs are built.
+static HOST_IS_BUILT: AtomicBool = AtomicBool::new(false);
+
+/// Builds a host program, unless [`build_whole_host`] built it.
 pub fn build_host(package: &str) -> Result<()> {
+    if HOST_IS_BUILT.load(Ordering::Relaxed) {
+        return Ok(());
+    }
     run("cargo", &["build", "--locked", "--release", "--package", package])
+}
+
+/// Builds all host programs with their tests.
+///
+/// Cargo unifies the features within one build: built one by one, the programs would compile their shared dependencies again.
+pub fn build_whole_host() -> Result<()> {
+    run("cargo", &["build", "--locked", "--release", "--all-targets"])?;
+    HOST_IS_BUILT.store(true, Ordering::Relaxed);
+    Ok(())
 }
 
 /// Builds the firmware of all boards and the command line.

@@ -121,7 +121,8 @@ fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
     let output = Command::new(&tool).arg("--version").output().map(|output| output.stdout).unwrap_or_default();
     if String::from_utf8_lossy(&output).trim() != format!("{name} {version}") {
         let tool = format!("{name}@{version}");
-        run("cargo", &["install", "--locked", "--root", &folder.to_string_lossy(), &tool])
+        // Without optimisation the tool compiles faster, and it is still fast enough.
+        run("cargo", &["install", "--locked", "--debug", "--root", &folder.to_string_lossy(), &tool])
             .with_context(|| format!("{tool} comes from the Rust package registry: check the network connection"))?;
     }
     Ok(tool)

@@ -1,7 +1,7 @@
 //! The test suite: a quick part for use after each change, and the complete suite.
 
 use crate::arguments::{FUZZ_MINUTES, Soak};
-use crate::build::{bootloader, build_firmware, build_host, cargo_firmware, firmware};
+use crate::build::{bootloader, build_firmware, build_whole_host, cargo_firmware, firmware};
 use crate::command::{built, root, run, run_command};
 use crate::setup::Python;
 use crate::{BOARDS, EMULATED, TARGET, bench, fuzz, limits, page, setup};
@@ -40,7 +40,7 @@ pub fn all() -> Result<()> {
         run("cargo", &["check", "--locked", "--release", "--package", "plantar", "--lib", "--target", target])?;
     }
     page::build()?;
-    build_host("plantar-cli")?;
+    build_whole_host()?;
     page::test(&built("release/plantar"), &firmware(EMULATED))?;
     host_tests(&python)?;
     Soak { short: true, json: None }.run()?;
