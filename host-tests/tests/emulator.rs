@@ -239,20 +239,6 @@ fn incomplete_scans_are_counted_as_missing_frames_and_bridged() {
     assert_eq!(received.live, live, "the missing frames show as a gap in time");
 }
 
-/// A gap that is too long to be bridged: the step is rejected and counted, and the others arrive.
-#[test]
-#[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn many_missing_frames_cost_one_step() {
-    let walk = synthetic_walk(3, 100.0);
-    let fault = |seq: u32| (60..70).contains(&seq).then_some(Scan::Rows(0));
-    let mut session = Session::start(&walk, ContactRule::COUNTED, fault);
-    session.board.play();
-    let received = session.finish();
-    assert_eq!(received.status.frames_missed, 10);
-    assert_eq!(received.status.rejected.broken, 1);
-    assert_eq!(received.steps.len(), 2);
-}
-
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn foreign_bytes_on_the_link_are_counted_and_the_session_continues() {
@@ -269,54 +255,6 @@ fn foreign_bytes_on_the_link_are_counted_and_the_session_continues() {
     let received = session.finish();
     assert_eq!(received.steps.len(), 2);
     assert_eq!(received.status.bad_frames, 3, "the text, the truncated frame and the long one");
-}
-
-/// The first session acknowledges no step: a second one receives the same steps.
-#[test]
-#[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn steps_are_sent_again_until_they_are_acknowledged() {
-    let walk = synthetic_walk(3, 100.0);
-    let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
-    session.board.play();
-    let mut sent = Vec::new();
-    while sent.len() < 3 {
-        if let ToHost::Step(step) = session.next() {
-            sent.push(step);
-        }
-    }
-    let link = session.board.link().expect("the board has a link");
-    let mut again = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
-    for step in &sent {
-        let replayed = loop {
-            if let Some(ToHost::Step(step)) = again.receive().expect("the link works") {
-                break step;
-            }
-        };
-        assert_eq!(&replayed, step);
-    }
-}
-
-#[test]
-#[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn a_host_of_another_major_version_receives_a_hello_and_nothing_else() {
-    let walk = synthetic_walk(2, 100.0);
-    let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
-    session.client.send(ToDevice::Connect { major: plantar::protocol::MAJOR + 1, minor: 0 }).expect("the link works");
-    session.client.send(ToDevice::Stream { live: true }).expect("the link works");
-    session.board.play();
-    let mut received = Vec::new();
-    // Receive until the walk is over and the link has been silent for a while.
-    let mut silent = 0;
-    while silent < 10 || session.board.plant().scans() < session.scans {
-        match session.client.receive().expect("the link works") {
-            Some(message) => (received, silent) = ([received, vec![message]].concat(), 0),
-            None => silent += 1,
-        }
-    }
-    assert!(
-        matches!(received.as_slice(), [ToHost::Hello(hello)] if hello.major == plantar::protocol::MAJOR),
-        "{received:?}"
-    );
 }
 
 #[test]
