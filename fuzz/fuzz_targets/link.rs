@@ -122,7 +122,12 @@ fn next(link: &mut Session, expected: &mut Expected) -> bool {
         ToHost::Time { device_us, .. } => assert_eq!(device_us, u64::MAX),
         ToHost::Faults(faults) => assert_eq!(faults, Faults::NONE),
         ToHost::Identity(identity) => assert_eq!(identity, link.identity()),
-        ToHost::CalibrationBlock { .. } | ToHost::Update(_) => {}
+        ToHost::CalibrationBlock { .. }
+        | ToHost::Update(_)
+        | ToHost::CellStream(_)
+        | ToHost::Cells(_)
+        | ToHost::Setup(_)
+        | ToHost::SetupCells { .. } => {}
         ToHost::Refused(refusal) => assert!(!refusal.to_string().is_empty()),
     }
     true

@@ -106,6 +106,10 @@ impl Session {
             ToHost::Time { .. }
             | ToHost::Faults(_)
             | ToHost::Update(_)
+            | ToHost::CellStream(_)
+            | ToHost::Cells(_)
+            | ToHost::Setup(_)
+            | ToHost::SetupCells { .. }
             | ToHost::Identity(_)
             | ToHost::CalibrationBlock { .. } => {
                 panic!("no request for this message was sent")

@@ -6,10 +6,11 @@ use plantar::protocol::BLOCK_CELLS;
 use plantar::protocol::session::{Command, CommandResult, STEP_QUEUE, Session};
 use plantar::protocol::update::{Progress, Request};
 use plantar::protocol::{
-    Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Serial, Status, ToDevice, ToHost, decode, encode,
+    CellStream, Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Resolution, SETUP_CELLS, Serial, Status, ToDevice,
+    ToHost, decode, encode,
 };
 use plantar::{Region, Side};
-use testkit::{TISSUE, hello, live, status, step};
+use testkit::{SETUP, TISSUE, cell, hello, live, status, step};
 
 /// A short form of a message to the host.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,6 +26,10 @@ enum Sent {
     CalibrationBlock(u8),
     Update(Progress),
     Faults(u32),
+    CellStream(Option<CellStream>),
+    Cells { scan: u32, dropped: u32 },
+    Setup,
+    SetupCells(usize),
 }
 
 fn next(link: &mut Session) -> Option<Sent> {
@@ -57,6 +62,13 @@ fn next(link: &mut Session) -> Option<Sent> {
         ToHost::CalibrationBlock { block } => Sent::CalibrationBlock(block),
         ToHost::Update(progress) => Sent::Update(progress),
         ToHost::Faults(got) => Sent::Faults(got.found),
+        ToHost::CellStream(got) => Sent::CellStream(got),
+        ToHost::Cells(got) => Sent::Cells { scan: got.scan, dropped: got.dropped },
+        ToHost::Setup(got) => {
+            assert_eq!(got, SETUP);
+            Sent::Setup
+        }
+        ToHost::SetupCells { cells, .. } => Sent::SetupCells(cells.len()),
     })
 }
 
@@ -539,4 +551,53 @@ fn an_acknowledgement_is_handed_to_the_storage_once() {
     link.close();
     acknowledge(&mut link, 14);
     assert_eq!(link.take_acknowledged(), None);
+}
+
+/// The frames of cells wait for everything else. Where the carrier is too slow, scans are dropped whole and counted, and the
+/// frames that are sent can be unpacked one after the other.
+#[test]
+fn frames_of_cells_are_sent_last_and_dropped_whole() {
+    let mut link = streaming();
+    let stream = CellStream { resolution: Resolution::Converter, every: 1 };
+    link.receive(ToDevice::StreamCells(Some(stream)), 0);
+    assert_eq!(all(&mut link), [Sent::CellStream(Some(stream))]);
+    (0..5).for_each(|scan| link.push_cells(scan, &[100 * scan as u16; 240]));
+    push_live(&mut link);
+    link.push_step(step(0));
+    let cells = |scan, dropped| Sent::Cells { scan, dropped };
+    assert_eq!(all(&mut link), [Sent::Step(0), Sent::Live(0), cells(0, 0), cells(1, 0), cells(2, 0)]);
+    link.push_cells(5, &[500; 240]);
+    let mut buffer = [0; MAX_MESSAGE];
+    let frame = link.next(&hello(), status, &mut buffer).and_then(decode);
+    let Some(ToHost::Cells(frame)) = frame else { panic!("{frame:?}") };
+    assert_eq!((frame.sequence, frame.scan, frame.dropped), (3, 5, 2));
+
+    link.receive(ToDevice::StreamCells(None), 0);
+    link.push_cells(6, &[600; 240]);
+    assert_eq!(all(&mut link), [Sent::CellStream(None)]);
+}
+
+#[test]
+fn one_of_every_n_scans_is_sent() {
+    let mut link = streaming();
+    link.receive(ToDevice::StreamCells(Some(CellStream { resolution: Resolution::Oversampled, every: 3 })), 0);
+    (0..9).for_each(|scan| link.push_cells(scan, &[0; 240]));
+    let sent: Vec<_> = all(&mut link).into_iter().skip(1).collect();
+    assert_eq!(sent, [0, 3, 6].map(|scan| Sent::Cells { scan, dropped: 0 }));
+}
+
+#[test]
+fn the_configuration_is_read_in_parts_and_refused_without_one() {
+    let mut link = streaming();
+    link.receive(ToDevice::GetSetup, 0);
+    link.receive(ToDevice::GetSetupCells { first: 0 }, 0);
+    assert_eq!(all(&mut link), [Sent::Refused(Refusal::NoLayout); 2]);
+    let cells: &'static [_] = vec![cell(Region::Heel, 10.0, 20.0, 25.0); SETUP_CELLS + 4].leak();
+    link.set_layout(SETUP, cells);
+    link.receive(ToDevice::GetSetup, 0);
+    for first in [0, SETUP_CELLS as u16, 1000] {
+        link.receive(ToDevice::GetSetupCells { first }, 0);
+    }
+    let expected = [Sent::Setup, Sent::SetupCells(SETUP_CELLS), Sent::SetupCells(4), Sent::SetupCells(0)];
+    assert_eq!(all(&mut link), expected);
 }

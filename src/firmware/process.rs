@@ -31,6 +31,7 @@ pub async fn process(
             if let Some(sequence) = session.next_live() {
                 session.push_live(Live::new(sequence, u64::from(seq) * period_us, insole.loads(), insole.masked()));
             }
+            session.push_cells(seq, frame.codes.get(..insole.cells()).unwrap_or_default());
         }
         let cycles = stopwatch.cycles_since(start);
         frames.receive_done();

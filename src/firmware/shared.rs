@@ -5,7 +5,7 @@ use crate::log;
 use crate::pipeline::cadence::Cadence;
 use crate::pipeline::stance::Rejected;
 use crate::protocol::session::Session;
-use crate::protocol::{Contents, Hello, Identity, Status, Step, ToDevice};
+use crate::protocol::{CellStream, Contents, Hello, Identity, Refusal, Status, Step, ToDevice, gatt};
 use crate::storage::{Bonds, IdentityRecord, MAX_BONDS_BYTES, Store};
 use core::cell::{Cell, RefCell};
 use core::sync::atomic::Ordering;
@@ -43,6 +43,7 @@ pub struct Shared {
     /// Time of the last processed frame since the first scan.
     pub(super) frame_us: Cell<u64>,
     pub(super) hello: Hello,
+    serial_bytes_per_s: u32,
     pub(super) counters: RefCell<ProcessCounters>,
     pub(super) scan: &'static ScanCounters,
     /// Returns the deepest use of the stack so far, bytes.
@@ -71,7 +72,7 @@ pub(super) struct ProcessCounters {
 
 impl Shared {
     /// Before the first connection.
-    pub fn new(hello: Hello, scan: &'static ScanCounters, stack_bytes: fn() -> u32) -> Self {
+    pub fn new(hello: Hello, serial_bytes_per_s: u32, scan: &'static ScanCounters, stack_bytes: fn() -> u32) -> Self {
         let counters =
             ProcessCounters { steps: 0, rejected: Rejected::default(), bad_frames: 0, frame_cycles: (u32::MAX, 0) };
         Self {
@@ -81,6 +82,7 @@ impl Shared {
             cadence: Cell::default(),
             frame_us: Cell::default(),
             hello,
+            serial_bytes_per_s,
             counters: RefCell::new(counters),
             scan,
             stack_bytes,
@@ -123,10 +125,23 @@ impl Shared {
         let mut session = self.session.borrow_mut();
         match message {
             _ if self.carrier.get() != carrier => {}
+            Some(ToDevice::StreamCells(Some(stream))) if let Some(refusal) = self.refuses(carrier, stream) => {
+                session.refuse(refusal);
+            }
             Some(message) => session.receive(message, self.now_us()),
             None => session.receive_unknown(),
         }
         self.to_persist.signal(());
+    }
+
+    /// The refusal of a stream of cells for which the carrier is too slow.
+    fn refuses(&self, carrier: Carrier, stream: CellStream) -> Option<Refusal> {
+        let bytes_per_s = match carrier {
+            Carrier::Serial => self.serial_bytes_per_s,
+            Carrier::Bluetooth => gatt::BYTES_PER_S,
+        };
+        let every = stream.fitting(self.hello.cells.into(), self.hello.period_us, bytes_per_s).unwrap_or(0);
+        (every == 0 || every > stream.every).then_some(Refusal::CellRate { every })
     }
 
     /// The bonded centrals, as [`Shared::set_bonds`] received them.

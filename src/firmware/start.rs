@@ -5,7 +5,7 @@ use super::scan::{Frame, ScanCounters};
 use super::shared::Shared;
 use crate::insole::Insole;
 use crate::log;
-use crate::pipeline::setup::{Setup, SetupCell};
+use crate::pipeline::setup::{DEVICE_CELLS, Setup, SetupCell};
 use crate::protocol::update::Header;
 use crate::protocol::{BLOCK_CELLS, Hello, MAJOR, MAX_FAULT_TEXT, MINOR, Reset, Serial};
 use crate::storage::{IdentityRecord, Store};
@@ -13,7 +13,7 @@ use core::fmt::{Display, Write};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
-use heapless::String;
+use heapless::{String, Vec};
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// The circumstances of a start.
@@ -32,6 +32,8 @@ pub struct Configuration<C> {
     pub setup: Setup,
     /// The cells.
     pub cells: C,
+    /// Bytes per second of the serial port.
+    pub serial_bytes_per_s: u32,
     /// The reason, where this is not the intended configuration.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
 }
@@ -40,6 +42,7 @@ pub struct Configuration<C> {
 /// many frame times.
 pub struct Memory<F, const FRAMES: usize> {
     insole: ConstStaticCell<DeviceInsole>,
+    cells: ConstStaticCell<Vec<SetupCell, DEVICE_CELLS>>,
     frames: ConstStaticCell<[Frame; FRAMES]>,
     channel: StaticCell<Channel<'static, CriticalSectionRawMutex, Frame>>,
     store: StaticCell<Store<F>>,
@@ -51,6 +54,7 @@ impl<F, const FRAMES: usize> Memory<F, FRAMES> {
     pub const fn new() -> Self {
         Self {
             insole: ConstStaticCell::new(Insole::new()),
+            cells: ConstStaticCell::new(Vec::new()),
             frames: ConstStaticCell::new([Frame::EMPTY; FRAMES]),
             channel: StaticCell::new(),
             store: StaticCell::new(),
@@ -99,7 +103,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     if let Some(fault) = &boot.fault {
         log::error!("start: the previous run ended by: {}", fault.as_str());
     }
-    let Configuration { mut setup, cells, fault } = configuration;
+    let Configuration { mut setup, cells, serial_bytes_per_s, fault } = configuration;
     let store = memory.store.init(Store::open(chip, boot.reset).await);
     let contents = store.contents();
     log::info!("storage: boot {}, next step {}", contents.start, contents.next_step);
@@ -112,12 +116,20 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     let insole = memory.insole.take();
     insole.count_steps_from(contents.next_step);
     let refused = insole.set_up(setup, cells.clone()).err().map(truncated);
-    let calibration_id = restore_calibration(store, insole, cells).await;
+    let calibrated = memory.cells.take();
+    if refused.is_none() {
+        // The insole has as many places.
+        calibrated.extend(cells.clone().take(DEVICE_CELLS));
+    }
+    let calibration_id = restore_calibration(store, insole, cells, calibrated).await;
     log::info!("settings: layout {}, calibration {:x}", setup.layout_id, calibration_id);
     let hello = hello(image, &setup, insole, boot.reset, boot.fault.or(fault).or(refused));
     let (to_process, scanned) = memory.channel.init(Channel::new(memory.frames.take())).split();
-    let shared = memory.shared.init(Shared::new(hello, counters, stack_bytes));
+    let shared = memory.shared.init(Shared::new(hello, serial_bytes_per_s, counters, stack_bytes));
     shared.restore(store, identity, calibration_id).await;
+    if !calibrated.is_empty() {
+        shared.session.borrow_mut().set_layout(setup, calibrated);
+    }
     Started { insole, store, shared, to_process, scanned, period_us: setup.period_us }
 }
 
@@ -147,11 +159,12 @@ fn hello(
     }
 }
 
-/// Applies the stored calibration to the insole; returns its identifier, 0 without one.
+/// Applies the stored calibration to the insole and to the copy of its cells; returns its identifier, 0 without one.
 async fn restore_calibration(
     store: &mut Store<impl MultiwriteNorFlash>,
     insole: &mut DeviceInsole,
     cells: impl Iterator<Item = SetupCell> + Clone,
+    calibrated: &mut [SetupCell],
 ) -> u32 {
     let layout_id = insole.setup().map_or(0, |setup| setup.layout_id);
     let stored = store.calibration(layout_id, insole.cells() as u16).await;
@@ -161,6 +174,8 @@ async fn restore_calibration(
         let block = store.calibration_block(&calibration, (first / BLOCK_CELLS) as u8).await;
         let Ok(Some(block)) = block else { return 0 };
         insole.recalibrate(cells.clone(), first, &block);
+        let valid = calibrated.iter_mut().skip(first).zip(block).filter(|(_, new)| new.is_valid());
+        valid.for_each(|(cell, calibration)| cell.calibration = calibration);
     }
     calibration.id
 }

@@ -4,7 +4,7 @@ use crate::checksum::crc32;
 use serde::{Deserialize, Serialize};
 
 /// Longest message, bytes.
-pub const MAX_MESSAGE: usize = 320;
+pub const MAX_MESSAGE: usize = 560;
 /// Longest frame on a byte carrier: message, CRC, COBS overhead and the final zero, bytes.
 pub const MAX_FRAME: usize = MAX_MESSAGE + 4 + (MAX_MESSAGE + 4) / 254 + 1 + 1;
 

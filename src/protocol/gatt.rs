@@ -14,12 +14,16 @@ const fn uuid(number: u128) -> u128 {
 pub const SERVICE: u128 = uuid(0);
 /// Requests and their answers.
 pub const CONTROL: u128 = uuid(1);
-/// Live frames.
+/// Live frames, and frames of all cells.
 pub const LIVE: u128 = uuid(2);
 /// Steps.
 pub const STEPS: u128 = uuid(3);
 /// The wearer's parameters.
 pub const PARAMETERS: u128 = uuid(4);
+
+/// Bytes per second that a link is assumed to carry from the insole: four values of 244 bytes in each connection interval of
+/// 30 ms, the longest one that common phones choose for a link in use.
+pub const BYTES_PER_S: u32 = 4 * 244 * 1000 / 30;
 
 /// The advertised name of an insole.
 pub const fn name(side: Side) -> &'static str {
@@ -58,7 +62,7 @@ impl GattChannel {
     /// The characteristic that an encoded [`ToHost`] is sent on.
     pub fn of_answer(message: &[u8]) -> Self {
         match message.first() {
-            Some(&ToHost::LIVE) => Self::Live,
+            Some(&(ToHost::LIVE | ToHost::CELLS)) => Self::Live,
             Some(&ToHost::STEP) => Self::Steps,
             // A request that is not understood is refused by an attribute error, so a refusal concerns a value to be stored.
             Some(&(ToHost::TISSUE | ToHost::REFUSED)) => Self::Parameters,

@@ -1,16 +1,21 @@
 //! The two directions of messages, and their version.
 
 use super::update;
-use super::{CalibrationBlock, Hello, Identity, Live, Refusal, Serial, Status, Step};
+use super::{CalibrationBlock, CellFrame, CellStream, Hello, Identity, Live, Refusal, Serial, Status, Step};
 use crate::faults::Faults;
 use crate::pipeline::region::Side;
+use crate::pipeline::setup::{Setup, SetupCell};
 use crate::pipeline::tissue::Tissue;
+use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 /// Major protocol version of this build.
 pub const MAJOR: u8 = 2;
 /// Minor protocol version of this build.
-pub const MINOR: u8 = 0;
+pub const MINOR: u8 = 1;
+
+/// Number of cells in a [`ToHost::SetupCells`].
+pub const SETUP_CELLS: usize = 16;
 
 /// A message from the insole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,6 +51,19 @@ pub enum ToHost {
     },
     /// The answer to [`ToDevice::Update`].
     Update(update::Progress),
+    /// The answer to [`ToDevice::StreamCells`]: the stream that runs from now on.
+    CellStream(Option<CellStream>),
+    /// All cells of one frame.
+    Cells(CellFrame),
+    /// The answer to [`ToDevice::GetSetup`].
+    Setup(Setup),
+    /// The answer to [`ToDevice::GetSetupCells`].
+    SetupCells {
+        /// Index of the first cell.
+        first: u16,
+        /// The cells from there on; fewer than [`SETUP_CELLS`] at the end of the layout.
+        cells: Vec<SetupCell, SETUP_CELLS>,
+    },
 }
 
 impl ToHost {
@@ -57,6 +75,8 @@ impl ToHost {
     pub const TISSUE: u8 = 4;
     /// First byte of an encoded [`ToHost::Refused`].
     pub const REFUSED: u8 = 5;
+    /// First byte of an encoded [`ToHost::Cells`].
+    pub const CELLS: u8 = 12;
 }
 
 /// A message to the insole.
@@ -128,4 +148,14 @@ pub enum ToDevice {
     Restart,
     /// A step of a firmware update; answered by [`ToHost::Update`] or [`ToHost::Refused`].
     Update(update::Request),
+    /// Turns the stream of cells on or off; answered by [`ToHost::CellStream`], or by [`ToHost::Refused`] where the carrier is too
+    /// slow.
+    StreamCells(Option<CellStream>),
+    /// Asks for [`ToHost::Setup`].
+    GetSetup,
+    /// Asks for [`ToHost::SetupCells`].
+    GetSetupCells {
+        /// Index of the first cell.
+        first: u16,
+    },
 }

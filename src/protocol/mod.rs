@@ -8,6 +8,8 @@
 //! message added at the end of an enum raises [`MINOR`]. Peers of different majors exchange hellos only.
 
 mod calibration;
+mod cell_stream;
+mod cells;
 mod codec;
 pub mod current_time;
 pub mod fragment;
@@ -25,12 +27,14 @@ mod step;
 pub mod update;
 
 pub use calibration::{BLOCK_CELLS, CALIBRATION_BLOCKS, CalibrationBlock, CalibrationId};
+pub use cell_stream::CellStream;
+pub use cells::{CellCoder, CellFrame, KEY_INTERVAL, MAX_PACKED, Resolution};
 pub use codec::{Decoder, EncodeError, MAX_FRAME, MAX_MESSAGE, decode, encode, frame};
 pub use hello::{Hello, MAX_FAULT_TEXT, Reset};
 pub use identity::{Identity, Serial};
 pub use live::{Live, LiveRegion, MAX_LIVE};
 pub use live_counter::LiveCounter;
-pub use messages::{MAJOR, MINOR, ToDevice, ToHost};
+pub use messages::{MAJOR, MINOR, SETUP_CELLS, ToDevice, ToHost};
 pub use quantities::{COUNT, Flag, Quantity};
 pub use refusal::Refusal;
 pub use status::{Contents, Status};

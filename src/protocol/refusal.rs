@@ -26,6 +26,13 @@ pub enum Refusal {
     Calibration,
     /// The image is not accepted.
     Update(update::Refusal),
+    /// The carrier is too slow for this stream of cells.
+    CellRate {
+        /// It is fast enough for every frame with a number that this divides, or for none, where it is 0.
+        every: u8,
+    },
+    /// The insole has no valid layout.
+    NoLayout,
 }
 
 impl From<TissueError> for Refusal {
@@ -66,6 +73,13 @@ impl fmt::Display for Refusal {
                 COEFFICIENT.end(),
             ),
             Self::Update(refusal) => refusal.fmt(f),
+            Self::CellRate { every: 0 } => f.write_str("the connection is too slow for a stream of cells"),
+            Self::CellRate { every } => write!(
+                f,
+                "the connection is too slow for this stream of cells: request one of every {every} frames, or use the \
+                 serial port"
+            ),
+            Self::NoLayout => f.write_str("the insole has no valid layout; its hello has the reason"),
         }
     }
 }

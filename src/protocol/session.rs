@@ -5,14 +5,16 @@
 //! acknowledged, and is sent again in the next session. The session holds the oldest steps; the step log ([`crate::storage`])
 //! contains all of them. The wearer's parameters and the clock remain after the session that set them.
 
+use super::cell_stream::{CellSender, CellStream};
 use super::update;
 use super::{
-    CALIBRATION_BLOCKS, CalibrationBlock, Hello, Identity, Live, MAJOR, MAX_LIVE, Refusal, Serial, Status, Step,
-    ToDevice, ToHost, encode,
+    CALIBRATION_BLOCKS, CalibrationBlock, Hello, Identity, Live, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Serial, Status,
+    Step, ToDevice, ToHost, encode,
 };
 use crate::faults::Faults;
 use crate::pipeline::calibrate::CellCalibration;
 use crate::pipeline::region::Side;
+use crate::pipeline::setup::{Setup, SetupCell};
 use crate::pipeline::tissue::Tissue;
 use crate::sequence;
 use heapless::{Deque, Vec};
@@ -35,6 +37,9 @@ enum Answer {
     Identity,
     CalibrationBlock(u8),
     Update(update::Progress),
+    CellStream(Option<CellStream>),
+    Setup,
+    SetupCells(u16),
 }
 
 impl Answer {
@@ -101,6 +106,8 @@ pub struct Session {
     command: Option<Command>,
     tissue: Tissue,
     identity: Identity,
+    layout: Option<(Setup, &'static [SetupCell])>,
+    cells: CellSender,
     faults: Faults,
     /// The wall clock, us since 1970, minus the device's time.
     unix_offset_us: Option<u64>,
@@ -126,6 +133,8 @@ impl Session {
             command: None,
             tissue: Tissue::NONE,
             identity: Identity { side: Side::Left, serial: Serial::NONE, calibration_id: 0 },
+            layout: None,
+            cells: CellSender::new(),
             faults: Faults::NONE,
             unix_offset_us: None,
             clock_sets: 0,
@@ -179,6 +188,15 @@ impl Session {
             }
             ToDevice::Restart => self.begin(Command::Restart),
             ToDevice::Update(request) => self.begin(Command::Update(request)),
+            ToDevice::StreamCells(stream) => {
+                self.cells.start(stream);
+                self.answer(Answer::CellStream(stream));
+            }
+            ToDevice::GetSetup | ToDevice::GetSetupCells { .. } if self.layout.is_none() => {
+                self.answer(Answer::Refused(Refusal::NoLayout));
+            }
+            ToDevice::GetSetup => self.answer(Answer::Setup),
+            ToDevice::GetSetupCells { first } => self.answer(Answer::SetupCells(first)),
         }
     }
 
@@ -219,6 +237,18 @@ impl Session {
         self.identity = identity;
     }
 
+    /// Sets the configuration that hosts can read.
+    pub fn set_layout(&mut self, setup: Setup, cells: &'static [SetupCell]) {
+        self.layout = Some((setup, cells));
+    }
+
+    /// Answers a request with a refusal.
+    pub fn refuse(&mut self, refusal: Refusal) {
+        if self.is_open {
+            self.answer(Answer::Refused(refusal));
+        }
+    }
+
     /// The stored identity of the insole.
     pub fn identity(&self) -> Identity {
         self.identity
@@ -246,9 +276,7 @@ impl Session {
 
     /// Receives a frame that arrived intact and contains no known message.
     pub fn receive_unknown(&mut self) {
-        if self.is_open {
-            self.answer(Answer::Refused(Refusal::NotUnderstood));
-        }
+        self.refuse(Refusal::NotUnderstood);
     }
 
     fn answer(&mut self, answer: Answer) {
@@ -303,6 +331,7 @@ impl Session {
             command: self.command,
             tissue: self.tissue,
             identity: self.identity,
+            layout: self.layout,
             faults: core::mem::take(&mut self.faults),
             unix_offset_us: self.unix_offset_us,
             clock_sets: self.clock_sets,
@@ -333,6 +362,11 @@ impl Session {
         }
     }
 
+    /// Packs and queues the codes of a scan for a host that receives all cells.
+    pub fn push_cells(&mut self, scan: u32, codes: &[u16]) {
+        self.cells.push(scan, codes);
+    }
+
     /// Holds a step until it is acknowledged; a full queue drops and counts its oldest step.
     pub fn push_step(&mut self, step: Step) {
         if self.steps.is_full() {
@@ -344,7 +378,7 @@ impl Session {
     }
 
     /// The next message to send, encoded into `buffer`; `None` when there is nothing to send. The hello comes first, then steps,
-    /// then live frames, then answers in the order of their requests. On a carrier that is too slow for the live stream, at most
+    /// then live frames, then answers in the order of their requests, then frames of cells. On a carrier that is too slow for the live stream, at most
     /// [`LIVE_QUEUE`] live frames go before an answer.
     pub fn next<'b>(
         &mut self,
@@ -366,7 +400,7 @@ impl Session {
             out.copy_from_slice(&live);
             return Some(out);
         } else {
-            let answer = self.answers.pop_front()?;
+            let Some(answer) = self.answers.pop_front() else { return self.next_cells(buffer) };
             if answer.is_announcement() {
                 self.live.clear();
             }
@@ -387,10 +421,25 @@ impl Session {
                 Answer::Identity => ToHost::Identity(self.identity),
                 Answer::CalibrationBlock(block) => ToHost::CalibrationBlock { block },
                 Answer::Update(progress) => ToHost::Update(progress),
+                Answer::CellStream(stream) => ToHost::CellStream(stream),
+                Answer::Setup => ToHost::Setup(self.layout?.0),
+                Answer::SetupCells(first) => {
+                    let rest = self.layout?.1.get(usize::from(first)..).unwrap_or_default();
+                    let cells = rest.iter().copied().take(SETUP_CELLS).collect();
+                    ToHost::SetupCells { first, cells }
+                }
             }
         };
         // Every message fits MAX_MESSAGE, the least size of `buffer`.
         encode(&message, buffer).ok().map(|used| &*used)
+    }
+
+    /// The next frame of cells: it waits for all other messages.
+    fn next_cells<'b>(&mut self, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
+        let message = self.cells.pop()?;
+        let out = buffer.get_mut(..message.len())?;
+        out.copy_from_slice(&message);
+        Some(out)
     }
 }
 

@@ -264,7 +264,7 @@ impl BootResources {
         let slots = (slot(), slot(), slot(), slot(), slot());
         let (for_scan, for_process, for_serve, for_persist, for_gatt) = slots.clone();
         executor.spawn("start", async move {
-            let configuration = Configuration { setup, cells, fault: None };
+            let configuration = Configuration { setup, cells, serial_bytes_per_s: 46_080, fault: None };
             let started = start(memory, chip, report, image, configuration, counters, || 0).await;
             let Started { insole, store, shared, to_process, scanned, period_us } = started;
             for_scan.replace(Some((Ticker::new(period_us), to_process)));

@@ -54,6 +54,8 @@ defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 #[unsafe(link_section = ".header")]
 static IMAGE: Header = Header::new("emulated", env!("PLANTAR_VERSION"));
 
+/// Of a serial port at 460,800 bit/s; the emulator ignores bit rates.
+const SERIAL_BYTES_PER_S: u32 = 46_080;
 static LINK: Port = Port::new(USART1);
 static HCI: Port = Port::new(USART2);
 static FROM_RADIO: HciPipe = HciPipe::new();
@@ -170,7 +172,7 @@ async fn start_with(
     cells: impl Iterator<Item = SetupCell> + Clone,
     fault: Option<String<MAX_FAULT_TEXT>>,
 ) -> Started<FlashFile> {
-    let configuration = Configuration { setup, cells, fault };
+    let configuration = Configuration { setup, cells, serial_bytes_per_s: SERIAL_BYTES_PER_S, fault };
     start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, cortex_m_platform::stack_bytes).await
 }
 

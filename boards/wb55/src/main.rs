@@ -187,7 +187,13 @@ async fn main(spawner: Spawner) {
     } else {
         Some(block_on(flash::open(p.SPI2, p.PB13, p.PB15, p.PB14, p.DMA1_CH2, p.DMA1_CH3, select)))
     };
-    let configuration = Configuration { setup: layout::setup(side), cells: layout::cells(), fault: None };
+    let configuration = Configuration {
+        setup: layout::setup(side),
+        cells: layout::cells(),
+        // A byte is ten bits.
+        serial_bytes_per_s: LINK_BIT_HZ / 10,
+        fault: None,
+    };
     let stack_bytes = cortex_m_platform::stack_bytes;
     let started = block_on(start(&MEMORY, chip, boot, image, configuration, &SCAN_COUNTERS, stack_bytes));
     let Started { insole, store, shared, to_process, scanned, period_us } = started;

@@ -139,7 +139,12 @@ async fn main(spawner: Spawner) {
     let image = black_box(&IMAGE);
     // Here the board initialises its clocks, ports and SysTick, which must call `tick` every
     // `plantar::firmware::supervise::CHECK_PERIOD_MS`.
-    let configuration = Configuration { setup: layout::setup(Side::Left), cells: layout::cells(), fault: None };
+    let configuration = Configuration {
+        setup: layout::setup(Side::Left),
+        cells: layout::cells(),
+        serial_bytes_per_s: 11_520,
+        fault: None,
+    };
     let stack_bytes = cortex_m_platform::stack_bytes;
     let started = block_on(start(&MEMORY, Some(NoChip), boot, image, configuration, &SCAN_COUNTERS, stack_bytes));
     let Started { insole, store, shared, to_process, scanned, period_us } = started;

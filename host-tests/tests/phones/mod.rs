@@ -368,7 +368,7 @@ impl Phone {
             let Some(message) = joiner.push(&value).expect("fragments arrive in order") else { continue };
             let message = decode(message).expect("one complete message");
             let characteristic = match message {
-                ToHost::Live(_) => LIVE,
+                ToHost::Live(_) | ToHost::Cells(_) => LIVE,
                 ToHost::Step(_) => STEPS,
                 ToHost::Tissue(_) | ToHost::Refused(_) => PARAMETERS,
                 ToHost::Hello(_)
@@ -377,7 +377,10 @@ impl Phone {
                 | ToHost::Faults(_)
                 | ToHost::Identity(_)
                 | ToHost::CalibrationBlock { .. }
-                | ToHost::Update(_) => CONTROL,
+                | ToHost::Update(_)
+                | ToHost::CellStream(_)
+                | ToHost::Setup(_)
+                | ToHost::SetupCells { .. } => CONTROL,
             };
             assert_eq!(of, characteristic);
             return (at, message);

@@ -8,7 +8,7 @@ use emulator::{Board, Scan, Time, Walk};
 use parameters::{InsoleSize, Parameters};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
-use plantar::protocol::{Status, ToDevice, ToHost};
+use plantar::protocol::{CellStream, Resolution, Status, ToDevice, ToHost};
 use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, synthetic};
 use std::path::Path;
@@ -32,6 +32,24 @@ impl Walk for Loaded {
     fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
         if seq > 0 {
             codes.copy_from_slice(&self.0);
+        }
+        Scan::Whole
+    }
+}
+
+/// The same foot with one bit of noise of the converter: each code is exact, or one bit of 12 more.
+struct Noisy(Vec<u16>, fastrand::Rng);
+
+impl Walk for Noisy {
+    fn scans(&self) -> u32 {
+        SCANS
+    }
+
+    fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
+        if seq > 0 {
+            for (code, &exact) in codes.iter_mut().zip(&self.0) {
+                *code = exact.saturating_add(self.1.u16(..2) << 4);
+            }
         }
         Scan::Whole
     }
@@ -64,16 +82,37 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
                 bail!("{} is not loaded", region.name());
             }
         }
-        let status = walk_through(firmware, &virtual_insole, Time::Counted, Loaded(codes))?;
-        // The least number of cycles, because interrupts of the scan lengthen some frames.
-        let (least, _) = status.frame_cycles;
-        figures.add(key, (f64::from(least) * NS_PER_CYCLE).round(), meaning);
+        let measure = |walk: Loaded| instructions(&walk_through(firmware, &virtual_insole, Time::Counted, walk, None)?);
+        figures.add(key, measure(Loaded(codes.clone()))?, meaning);
+        if contact == ContactRule::COUNTED {
+            let noisy = || Noisy(codes.clone(), fastrand::Rng::with_seed(1));
+            let all = Some(CellStream { resolution: Resolution::Converter, every: 1 });
+            let with = walk_through(firmware, &virtual_insole, Time::Counted, noisy(), all)?;
+            let without = walk_through(firmware, &virtual_insole, Time::Counted, noisy(), None)?;
+            figures.add(
+                "cells_instructions",
+                instructions(&with)? - instructions(&without)?,
+                "at most 6,000: packing of 240 loaded cells with one bit of noise, only while cells are streamed",
+            );
+        }
     }
     Ok(())
 }
 
-/// Plays a whole walk into the emulated board, with a live stream, and returns the board's counters.
-pub fn walk_through(firmware: &Path, insole: &VirtualInsole, time: Time, walk: impl Walk) -> Result<Status> {
+/// Instructions of one frame: the least number, because interrupts of the scan lengthen some frames.
+fn instructions(status: &Status) -> Result<f64> {
+    let (least, _) = status.frame_cycles;
+    Ok((f64::from(least) * NS_PER_CYCLE).round())
+}
+
+/// Plays a whole walk into the emulated board, with a live stream and perhaps one of all cells, and returns the board's counters.
+pub fn walk_through(
+    firmware: &Path,
+    insole: &VirtualInsole,
+    time: Time,
+    walk: impl Walk,
+    cells: Option<CellStream>,
+) -> Result<Status> {
     let scans = walk.scans();
     let config = EmulatorConfig::new(insole.setup);
     let board = Board::start(firmware, &config, &insole.cells, time, walk)?;
@@ -82,6 +121,7 @@ pub fn walk_through(firmware: &Path, insole: &VirtualInsole, time: Time, walk: i
     let mut client = Client::connect(Framed::new(link), Duration::from_secs(20))?;
     client.set_tissue(&Parameters::typical(InsoleSize::default()).tissue())?;
     client.stream()?;
+    client.stream_cells(cells)?;
     board.play();
     loop {
         client.send(ToDevice::GetStatus)?;

@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod bytes;
+mod cells;
 mod cohort;
 mod idle;
 mod identify;
@@ -52,6 +53,7 @@ fn main() -> Result<()> {
         idle::measure(&arguments.firmware, &mut figures)?;
         bench::host_loops::measure_speed(&mut figures)?;
         if let (Some(jiku), Some(plantar)) = (&arguments.jiku, &arguments.plantar) {
+            cells::measure(jiku, &mut figures)?;
             walkers::measure(jiku, &mut figures)?;
             cohort::measure(plantar, jiku, &mut figures)?;
         }

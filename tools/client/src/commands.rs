@@ -5,8 +5,11 @@ use crate::{Carrier, Client, Error};
 use plantar::Side;
 use plantar::faults::Faults;
 use plantar::pipeline::calibrate::CellCalibration;
+use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::{BLOCK_CELLS, CalibrationId, Hello, Identity, Serial, Status, ToDevice, ToHost};
+use plantar::protocol::{
+    BLOCK_CELLS, CalibrationId, CellStream, Hello, Identity, SETUP_CELLS, Serial, Status, ToDevice, ToHost,
+};
 use std::time::Duration;
 
 /// All requests fail with [`Error::NoAnswer`], [`Error::Refused`] or an error of the carrier.
@@ -97,6 +100,47 @@ impl<C: Carrier> Client<C> {
         self.request(ToDevice::GetFaults, |message| match message {
             ToHost::Faults(faults) => Some(faults.clone()),
             _ => None,
+        })
+    }
+
+    /// The rules of the insole.
+    ///
+    /// # Errors
+    /// See this block.
+    pub fn setup(&mut self) -> Result<Setup, Error> {
+        self.request(ToDevice::GetSetup, |message| match message {
+            ToHost::Setup(setup) => Some(*setup),
+            _ => None,
+        })
+    }
+
+    /// The cells of the insole with the calibration in force, in the order of their codes.
+    ///
+    /// # Errors
+    /// See this block.
+    pub fn setup_cells(&mut self) -> Result<Vec<SetupCell>, Error> {
+        let mut all = Vec::new();
+        loop {
+            let next = all.len() as u16;
+            let cells = self.request(ToDevice::GetSetupCells { first: next }, |message| match message {
+                ToHost::SetupCells { first, cells } if *first == next => Some(cells.clone()),
+                _ => None,
+            })?;
+            let is_last = cells.len() < SETUP_CELLS;
+            all.extend(cells);
+            if is_last {
+                return Ok(all);
+            }
+        }
+    }
+
+    /// Turns the stream of cells on or off. It is off after a reconnection.
+    ///
+    /// # Errors
+    /// See this block; [`plantar::protocol::Refusal::CellRate`] offers the highest rate if the carrier is too slow.
+    pub fn stream_cells(&mut self, stream: Option<CellStream>) -> Result<(), Error> {
+        self.request(ToDevice::StreamCells(stream), |message| {
+            matches!(message, ToHost::CellStream(running) if *running == stream).then_some(())
         })
     }
 

@@ -4,6 +4,7 @@ mod axis;
 #[cfg(feature = "ble")]
 pub mod ble;
 mod carrier;
+mod cells;
 mod commands;
 mod counters;
 mod delivered;
@@ -17,6 +18,7 @@ mod update;
 
 pub use axis::Axis;
 pub use carrier::{Carrier, Framed, READ_TIMEOUT};
+pub use cells::CellReceiver;
 pub use counters::LinkCounters;
 pub use error::Error;
 pub use file::create_new;

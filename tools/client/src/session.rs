@@ -232,7 +232,11 @@ impl<C: Carrier> Client<C> {
             | ToHost::Faults(_)
             | ToHost::Identity(_)
             | ToHost::CalibrationBlock { .. }
-            | ToHost::Update(_) => {}
+            | ToHost::Update(_)
+            | ToHost::CellStream(_)
+            | ToHost::Cells(_)
+            | ToHost::Setup(_)
+            | ToHost::SetupCells { .. } => {}
         }
         Ok(Some(message))
     }

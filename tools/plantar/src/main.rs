@@ -1,6 +1,7 @@
 //! The command line of Plantar.
 
 mod carrier;
+mod cells;
 mod cohort;
 mod emulate;
 mod fit;

@@ -5,8 +5,8 @@ use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use client::{Axis, Event, ReconnectPolicy, SessionStart, step_to_json};
-use plantar::protocol::{Live, Step, ToDevice, ToHost};
+use client::{Axis, Carrier, Client, Event, ReconnectPolicy, SessionStart, step_to_json};
+use plantar::protocol::{CellFrame, Live, Step, ToDevice, ToHost};
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -38,8 +38,13 @@ pub trait Sink {
     /// The number of the last step stored since the last call: the steps up to it can be acknowledged.
     fn take_stored(&mut self) -> Option<u32>;
 
+    /// Processes a frame of all cells.
+    fn cells(&mut self, _frame: &CellFrame) -> Result<()> {
+        Ok(())
+    }
+
     /// Called when another session began: the insole may have restarted, with step numbers and a clock that start again.
-    fn reconnected(&mut self) -> Result<()>;
+    fn reconnected(&mut self, client: &mut Client<Box<dyn Carrier>>) -> Result<()>;
 
     /// True once the limit of this sink is reached, which ends the session.
     fn has_reached_limit(&self) -> bool;
@@ -60,6 +65,7 @@ pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sin
                 sink.step(&step, insole.client().axis())?;
                 view.step(&step)?;
             }
+            Event::Message(ToHost::Cells(frame)) => sink.cells(&frame)?,
             Event::Message(_) | Event::Started(SessionStart::Connected) | Event::Timeout => {}
             Event::Started(start) => {
                 let hello = insole.client().hello();
@@ -70,11 +76,11 @@ pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sin
                     hello.side.name(),
                     side.name()
                 );
-                sink.reconnected()?;
                 match start {
                     SessionStart::Greeted => view.restarted(hello),
                     SessionStart::Connected | SessionStart::Reconnected => view.reconnected(hello),
                 }
+                sink.reconnected(insole.client())?;
             }
             Event::Lost(error) if error.is_link_failure() => {
                 let error = anyhow::Error::new(error);
@@ -158,7 +164,7 @@ impl Sink for Steps<'_> {
         self.stored.take()
     }
 
-    fn reconnected(&mut self) -> Result<()> {
+    fn reconnected(&mut self, _: &mut Client<Box<dyn Carrier>>) -> Result<()> {
         Ok(())
     }
 

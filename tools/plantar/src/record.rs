@@ -1,14 +1,17 @@
 //! `plantar record`: stores a session with an insole as Parquet files.
 
 use crate::carrier::Connection;
+use crate::cells::CellRecorder;
 use crate::monitor::{Sink, follow};
 use crate::summary;
 use crate::table::{self, Row, Value};
 use crate::view::View;
 use anyhow::{Result, bail};
 use clap::Args;
-use client::{Axis, ReconnectPolicy};
-use plantar::protocol::{Flag, Live, LiveRegion, Quantity, Step, StepRegion, ToDevice};
+use client::{Axis, Carrier, Client, ReconnectPolicy};
+use plantar::protocol::{
+    CellFrame, CellStream, Flag, Live, LiveRegion, Quantity, Resolution, Step, StepRegion, ToDevice,
+};
 use plantar::{Region, Side};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -17,7 +20,8 @@ use std::time::{Duration, Instant};
 ///
 /// FOLDER/live/*.parquet has one row per frame and region, FOLDER/steps/*.parquet one per step and region; pandas, Polars,
 /// DuckDB and Spark read each as one table. A file is completed every half minute, so a crash loses at most the live frames
-/// of that time; steps remain on the insole until their file is complete. When the link is lost, the program reconnects. In a
+/// of that time; steps remain on the insole until their file is complete. With --cells, each folder FOLDER/cells/* is a recording
+/// that all other commands read; another one begins after a loss that is too long to be interpolated. When the link is lost, the program reconnects. In a
 /// terminal, press q or Ctrl-C to end.
 #[derive(Args)]
 pub struct Record {
@@ -26,6 +30,15 @@ pub struct Record {
     out: PathBuf,
     #[command(flatten)]
     connection: Connection,
+    /// Also record all cells.
+    #[arg(long)]
+    cells: bool,
+    /// With --cells: record one of N frames, for a connection that is too slow for all.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..), requires = "cells")]
+    every: u8,
+    /// With --cells: 12 bits of each code, or all 16 of an insole that sums several conversions.
+    #[arg(long, value_name = "BITS", default_value = "12", value_parser = ["12", "16"], requires = "cells")]
+    bits: String,
     /// End after this many steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
@@ -47,6 +60,7 @@ impl Record {
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
         let mut view = View::open(insole.client().hello())?;
         let mut recorder = Recorder::new(self, insole.client().hello().side);
+        recorder.begin_cells(insole.client())?;
         let followed = follow(&self.connection, &mut insole, &mut view, &mut recorder);
         view.close();
         // The messages that arrived are stored even where an error ended the session.
@@ -64,6 +78,9 @@ impl Record {
         summary::print(&recorder.all_steps);
         summary::print_faults_of(insole.client());
         println!("wrote {}: {} frames, {} steps", self.out.display(), recorder.frames, recorder.all_steps.len());
+        if let Some(cells) = &recorder.cells {
+            cells.print();
+        }
         followed.and(completed)
     }
 }
@@ -85,6 +102,7 @@ struct Recorder<'r> {
     stored: Option<u32>,
     all_steps: Vec<Step>,
     frames: usize,
+    cells: Option<CellRecorder>,
 }
 
 impl<'r> Recorder<'r> {
@@ -103,7 +121,20 @@ impl<'r> Recorder<'r> {
             stored: None,
             all_steps: Vec::new(),
             frames: 0,
+            cells: None,
         }
+    }
+
+    /// Starts the stream of cells of a session, if cells are recorded.
+    fn begin_cells(&mut self, client: &mut Client<Box<dyn Carrier>>) -> Result<()> {
+        if self.record.cells {
+            let resolution = if self.record.bits == "16" { Resolution::Oversampled } else { Resolution::Converter };
+            let stream = CellStream { resolution, every: self.record.every };
+            let folder = self.record.out.join("cells");
+            let number = self.cells.as_ref().map_or(0, |cells| cells.recording + 1);
+            self.cells = Some(CellRecorder::begin(client, stream, folder, number)?);
+        }
+        Ok(())
     }
 
     /// Writes the collected rows as the next file of each table; their steps can then be acknowledged.
@@ -114,6 +145,9 @@ impl<'r> Recorder<'r> {
                 table::write(&path(table), None, rows)?;
                 rows.clear();
             }
+        }
+        if let Some(cells) = &mut self.cells {
+            cells.complete_part()?;
         }
         self.file_number += 1;
         self.file_start = Instant::now();
@@ -159,10 +193,14 @@ impl Sink for Recorder<'_> {
         self.stored.take()
     }
 
-    fn reconnected(&mut self) -> Result<()> {
+    fn cells(&mut self, frame: &CellFrame) -> Result<()> {
+        self.cells.as_mut().map_or(Ok(()), |cells| cells.frame(frame))
+    }
+
+    fn reconnected(&mut self, client: &mut Client<Box<dyn Carrier>>) -> Result<()> {
         self.complete_file()?;
         self.session += 1;
-        Ok(())
+        self.begin_cells(client)
     }
 
     fn has_reached_limit(&self) -> bool {

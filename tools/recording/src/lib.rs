@@ -19,9 +19,11 @@ mod insole;
 mod layout;
 mod names;
 mod pages;
+mod parts;
 mod rate;
 mod recording;
 mod standing;
+mod streamed;
 mod table;
 mod zero;
 
@@ -30,4 +32,5 @@ pub use insole::VirtualInsole;
 pub use layout::{Cell, Layout, MAX_CELLS};
 pub use recording::Recording;
 pub use standing::StandingTrial;
+pub use streamed::StreamedCells;
 pub use zero::{FootZero, Zero};

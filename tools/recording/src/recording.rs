@@ -1,6 +1,6 @@
 //! A recording in memory.
 
-use crate::{Layout, Result, bins, file, rate};
+use crate::{Layout, Result, bins, file, parts, rate};
 use plantar::Side;
 use std::path::Path;
 
@@ -49,13 +49,14 @@ impl Recording {
         self.layout.force_n(self.frame(i))
     }
 
-    /// Reads a recording from Parquet.
+    /// Reads a recording from Parquet: a file, or a folder with its parts.
     ///
     /// # Errors
     /// Where the file cannot be read, is not a recording, or violates a rule of recordings: finite pressures of at least 0,
     /// uniform increasing time, at most [`crate::MAX_CELLS`] cells.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
-        file::read(path.as_ref())
+        let path = path.as_ref();
+        if path.is_dir() { parts::read(path) } else { file::read(path) }
     }
 
     /// As [`Recording::read`], from the content of a file; messages name `path`.

@@ -1,0 +1,102 @@
+//! The stream of all cells through the emulated board and its link: equal to the codes of the walk, and no recording without it.
+
+mod common;
+
+use client::{CellReceiver, Client, Error, Framed};
+use common::{firmware, synthetic_walk, tissue};
+use emulation::EmulatorConfig;
+use emulator::{Board, Recorded, Time};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::{CellStream, Refusal, Resolution, ToDevice, ToHost};
+use recording::{StreamedCells, VirtualInsole};
+use std::net::TcpStream;
+use std::time::Duration;
+
+/// They take a little more than a minute.
+const STEPS: usize = 57;
+const TIMEOUT: Duration = Duration::from_secs(20);
+
+fn connect(board: &Board) -> Client<Framed<TcpStream>> {
+    let link = board.link().expect("the board has a link");
+    link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
+    Client::connect(Framed::new(link), TIMEOUT).expect("the insole answers")
+}
+
+/// One minute at 100 Hz, with live frames and steps beside the cells.
+#[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn every_cell_of_every_frame_arrives_in_either_resolution() {
+    let walk = synthetic_walk(STEPS, 100.0);
+    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    for (resolution, mask) in [(Resolution::Converter, 0xfff0), (Resolution::Oversampled, 0xffff)] {
+        let board = Board::start(
+            &firmware(),
+            &EmulatorConfig::new(insole.setup),
+            &insole.cells,
+            Time::Max,
+            Recorded::new(walk.clone(), insole.clone()),
+        )
+        .expect("the board boots");
+        let mut client = connect(&board);
+        client.set_tissue(&tissue()).expect("typical parameters are valid");
+        let (setup, cells) = (client.setup().expect("an answer"), client.setup_cells().expect("answers"));
+        assert_eq!((setup, &cells), (insole.setup, &insole.cells));
+        let stream = CellStream { resolution, every: 1 };
+        client.stream().expect("the stream starts");
+        client.stream_cells(Some(stream)).expect("the port is fast enough");
+        let mut receiver = CellReceiver::new(&stream);
+        let mut streamed = StreamedCells::new(setup, cells, stream.every);
+        let (mut codes, mut expected) = (vec![0; insole.cells.len()], vec![0; insole.cells.len()]);
+        let frames = insole.frames(&walk);
+        board.play();
+        while (receiver.received as usize) < frames {
+            match client.receive().expect("the link works") {
+                Some(ToHost::Cells(frame)) => {
+                    assert!(receiver.frame(&frame, &mut codes), "frame {} cannot be unpacked", frame.sequence);
+                    insole.codes_of(&walk, frame.scan as usize, &mut expected);
+                    expected.iter_mut().for_each(|code| *code &= mask);
+                    assert_eq!(codes, expected, "scan {}", frame.scan);
+                    streamed.push(frame.scan, &codes);
+                }
+                Some(ToHost::Step(step)) => {
+                    client.send(ToDevice::Acknowledge { step: step.step }).expect("the link works")
+                }
+                _ => {}
+            }
+        }
+        assert_eq!((receiver.lost, receiver.dropped), (0, 0));
+        assert!(frames >= 6_000, "{frames} frames");
+        let status = client.status().expect("an answer");
+        assert_eq!((status.frames_missed, status.frames_overrun, status.steps), (0, 0, STEPS as u32));
+        let counters = client.counters();
+        assert_eq!((counters.frames_received as usize, counters.frames_lost), (frames, 0));
+
+        // The recording of the full resolution is the one that was played: its pressures give the same codes.
+        let recording = streamed.take("Recorded in a test").expect("frames");
+        let again = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        for i in 0..recording.frames() {
+            again.codes_of(&recording, i, &mut codes);
+            insole.codes_of(&walk, i, &mut expected);
+            expected.iter_mut().for_each(|code| *code &= mask);
+            assert_eq!(codes, expected, "frame {i} of the recording");
+        }
+    }
+}
+
+#[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn a_rate_that_the_port_cannot_carry_is_refused_with_the_highest_that_it_can() {
+    let walk = synthetic_walk(1, 400.0);
+    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let config = EmulatorConfig::new(insole.setup);
+    let board = Board::start(&firmware(), &config, &insole.cells, Time::Max, Recorded::new(walk, insole.clone()))
+        .expect("the board boots");
+    let mut client = connect(&board);
+    let request = |every| Some(CellStream { resolution: Resolution::Converter, every });
+    let Err(Error::Refused(Refusal::CellRate { every })) = client.stream_cells(request(1)) else {
+        panic!("400 frames of 240 cells do not fit into 46,080 bytes")
+    };
+    assert!(every > 1, "one of {every} frames");
+    client.stream_cells(request(every)).expect("the rate that was offered is accepted");
+}

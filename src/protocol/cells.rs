@@ -1,0 +1,254 @@
+//! The stream of cells: the codes of all cells of a frame, packed without loss.
+//!
+//! The codes of a frame are coded in groups of [`GROUP`] cells, as differences from the frame before. A group begins with four
+//! bits: the width of its differences, 0 for a group without change and [`PLAIN`] for plain codes. Then follows one number for
+//! each cell of the group, differences with alternating sign (0, -1, 1, -2, ...). Numbers begin at the least significant bit. So
+//! unloaded cells take half a bit each, and loaded ones about as many bits as their codes change by.
+//!
+//! A frame can only be unpacked after the frame that was packed before it. Every [`KEY_INTERVAL`]th frame is a key frame, which
+//! is coded as differences from zero, so that a receiver can begin there, also after a loss.
+
+use crate::pipeline::setup::DEVICE_CELLS;
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+
+/// Number of cells that share a width.
+const GROUP: usize = 8;
+/// Instead of a width: the codes follow as they are.
+const PLAIN: u32 = 15;
+/// Number of bits of a width.
+const WIDTH_BITS: u32 = 4;
+/// Distance of two key frames.
+pub const KEY_INTERVAL: u32 = 64;
+/// Longest packed frame, bytes: plain codes of 16 bits, a width for each group, and the rest of a 16-bit unit.
+pub const MAX_PACKED: usize = 2 * DEVICE_CELLS + DEVICE_CELLS.div_ceil(GROUP) / 2 + 2;
+
+/// The resolution of the codes in a stream of cells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Resolution {
+    /// The upper 12 bits: a code of the converter.
+    Converter,
+    /// All 16 bits: the sum of 16 conversions.
+    Oversampled,
+}
+
+impl Resolution {
+    /// Bits of a code.
+    pub const fn bits(self) -> u32 {
+        match self {
+            Self::Converter => 12,
+            Self::Oversampled => 16,
+        }
+    }
+
+    const fn shift(self) -> u32 {
+        16 - self.bits()
+    }
+}
+
+/// All cells of one frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CellFrame {
+    /// Number of the frame in its stream. A gap is a frame that was lost on the way; the next key frame ends the loss.
+    pub sequence: u32,
+    /// Number of the scan since the start of the insole. A gap without a gap in `sequence` is a scan that was missed, or dropped
+    /// because the carrier was too slow.
+    pub scan: u32,
+    /// Number of scans since the start of the stream that were dropped because the carrier was too slow.
+    pub dropped: u32,
+    /// Sum of the codes in the resolution of the stream, modulo 2^16: a check that the frame was unpacked against the right one.
+    pub sum: u16,
+    /// The packed codes.
+    pub packed: Vec<u8, MAX_PACKED>,
+}
+
+/// Writes numbers of up to 16 bits.
+struct BitWriter<'b> {
+    bytes: &'b mut Vec<u8, MAX_PACKED>,
+    pending: u32,
+    bits: u32,
+}
+
+impl BitWriter<'_> {
+    #[inline(always)]
+    fn push(&mut self, value: u32, width: u32) {
+        // Fewer than 16 bits are pending, so 32 bits hold both.
+        self.pending |= value << self.bits;
+        self.bits += width;
+        if self.bits >= 16 {
+            // MAX_PACKED is the length of the longest frame.
+            let _ = self.bytes.extend_from_slice(&(self.pending as u16).to_le_bytes());
+            self.pending >>= 16;
+            self.bits -= 16;
+        }
+    }
+
+    fn finish(self) {
+        let rest = self.pending.to_le_bytes();
+        let _ = self.bytes.extend_from_slice(&rest[..self.bits.div_ceil(8) as usize]);
+    }
+}
+
+/// Reads what a [`BitWriter`] wrote.
+struct BitReader<'b> {
+    bytes: &'b [u8],
+    pending: u32,
+    bits: u32,
+}
+
+impl BitReader<'_> {
+    /// `None` at the end of the bytes.
+    fn pull(&mut self, width: u32) -> Option<u32> {
+        while self.bits < width {
+            let (&byte, rest) = self.bytes.split_first()?;
+            self.pending |= u32::from(byte) << self.bits;
+            (self.bytes, self.bits) = (rest, self.bits + 8);
+        }
+        let value = self.pending & ((1 << width) - 1);
+        self.pending >>= width;
+        self.bits -= width;
+        Some(value)
+    }
+}
+
+/// Differences with alternating sign: 0, -1, 1, -2, ... are 0, 1, 2, 3, ...
+#[inline(always)]
+fn zigzag(difference: i32) -> u32 {
+    ((difference << 1) ^ (difference >> 31)) as u32
+}
+
+fn unzigzag(number: u32) -> i32 {
+    (number >> 1) as i32 ^ -((number & 1) as i32)
+}
+
+/// The codes of the frame before, from which the next one is packed or unpacked.
+#[derive(Debug)]
+pub struct CellCoder {
+    resolution: Resolution,
+    codes: [u16; DEVICE_CELLS],
+    /// Number of the next frame.
+    sequence: u32,
+}
+
+impl CellCoder {
+    /// A coder at the start of a stream.
+    pub const fn new(resolution: Resolution) -> Self {
+        Self { resolution, codes: [0; DEVICE_CELLS], sequence: 0 }
+    }
+
+    /// Packs the codes of a scan.
+    pub fn pack(&mut self, scan: u32, dropped: u32, codes: &[u16]) -> CellFrame {
+        let mut frame = CellFrame { sequence: self.sequence, scan, dropped, sum: 0, packed: Vec::new() };
+        if self.sequence.is_multiple_of(KEY_INTERVAL) {
+            self.codes = [0; DEVICE_CELLS];
+        }
+        self.sequence = self.sequence.wrapping_add(1);
+        let mut writer = BitWriter { bytes: &mut frame.packed, pending: 0, bits: 0 };
+        let mut sum = 0u32;
+        for (codes, before) in codes.chunks(GROUP).zip(self.codes.chunks_mut(GROUP)) {
+            sum = sum.wrapping_add(pack_group(&mut writer, self.resolution, codes, before));
+        }
+        writer.finish();
+        frame.sum = sum as u16;
+        frame
+    }
+
+    /// Unpacks the codes of a frame into `codes`, one for each cell, in 16 bits in either resolution. `None` where the frame does
+    /// not continue the stream, or is damaged; the next key frame can be unpacked again.
+    pub fn unpack(&mut self, frame: &CellFrame, codes: &mut [u16]) -> Option<()> {
+        if frame.sequence.is_multiple_of(KEY_INTERVAL) {
+            self.codes = [0; DEVICE_CELLS];
+        } else if frame.sequence != self.sequence {
+            return None;
+        }
+        // Until this frame is unpacked, no other one than a key frame can follow.
+        self.sequence = 0;
+        let mut reader = BitReader { bytes: &frame.packed, pending: 0, bits: 0 };
+        let (bits, shift) = (self.resolution.bits(), self.resolution.shift());
+        let mut sum = 0u16;
+        for (codes, before) in codes.chunks_mut(GROUP).zip(self.codes.chunks_mut(GROUP)) {
+            let width = reader.pull(WIDTH_BITS)?;
+            for (code, before) in codes.iter_mut().zip(before) {
+                *before = match width {
+                    PLAIN => reader.pull(bits)? as u16,
+                    width => before.wrapping_add_signed(unzigzag(reader.pull(width)?) as i16),
+                };
+                sum = sum.wrapping_add(*before);
+                *code = *before << shift;
+            }
+        }
+        let is_whole = reader.bytes.is_empty() && reader.pending == 0 && sum == frame.sum;
+        self.sequence = frame.sequence.wrapping_add(1);
+        is_whole.then_some(()).or_else(|| {
+            self.sequence = 0;
+            None
+        })
+    }
+}
+
+/// Packs the codes of a group as differences from the codes `before`, which they replace. Returns their sum.
+#[inline(always)]
+fn pack_group(writer: &mut BitWriter, resolution: Resolution, codes: &[u16], before: &mut [u16]) -> u32 {
+    let shift = resolution.shift();
+    let mut numbers = [0u32; GROUP];
+    let (mut all, mut sum) = (0, 0);
+    for ((number, &code), before) in numbers.iter_mut().zip(codes).zip(before) {
+        let code = code >> shift;
+        *number = zigzag(i32::from(code) - i32::from(*before));
+        all |= *number;
+        sum += u32::from(code);
+        *before = code;
+    }
+    let width = u32::BITS - all.leading_zeros();
+    if width < PLAIN.min(resolution.bits()) {
+        writer.push(width, WIDTH_BITS);
+        if width > 0 {
+            numbers[..codes.len()].iter().for_each(|&number| writer.push(number, width));
+        }
+    } else {
+        writer.push(PLAIN, WIDTH_BITS);
+        codes.iter().for_each(|&code| writer.push(u32::from(code >> shift), resolution.bits()));
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn packed_codes_unpack_to_the_same() {
+        let mut random = 1u32;
+        for resolution in [Resolution::Converter, Resolution::Oversampled] {
+            for cells in [1, 7, 8, 240, DEVICE_CELLS] {
+                let (mut packer, mut unpacker) = (CellCoder::new(resolution), CellCoder::new(resolution));
+                let mut codes = [0u16; DEVICE_CELLS];
+                for scan in 0..3 * KEY_INTERVAL {
+                    for code in &mut codes {
+                        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                        let change = (random >> 16) as u16;
+                        *code = if scan % 7 == 0 { change } else { code.wrapping_add(change >> (scan % 16)) };
+                    }
+                    let frame = packer.pack(scan, 0, &codes[..cells]);
+                    let mut unpacked = [0; DEVICE_CELLS];
+                    unpacker.unpack(&frame, &mut unpacked[..cells]).expect("a frame of this stream");
+                    let mask = u16::MAX << resolution.shift();
+                    assert!(codes[..cells].iter().zip(&unpacked).all(|(code, unpacked)| code & mask == *unpacked));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn after_a_lost_frame_the_next_key_frame_can_be_unpacked() {
+        let (mut packer, mut unpacker) = (CellCoder::new(Resolution::Converter), CellCoder::new(Resolution::Converter));
+        let mut unpacked = [0; 16];
+        for scan in 0..2 * KEY_INTERVAL {
+            let frame = packer.pack(scan, 0, &[scan as u16 * 100; 16]);
+            if scan != 3 {
+                let is_unpacked = unpacker.unpack(&frame, &mut unpacked).is_some();
+                assert_eq!(is_unpacked, !(3..KEY_INTERVAL).contains(&scan), "frame {scan}");
+            }
+        }
+    }
+}

@@ -1,0 +1,63 @@
+//! Bytes of a packed frame of all cells in stance and in swing, with one bit of noise.
+
+use anyhow::Result;
+use bench::Figures;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::{CellCoder, MAX_MESSAGE, Resolution, ToHost, encode};
+use recording::{VirtualInsole, jiku};
+use std::path::Path;
+
+/// The device's usual number of cells.
+const CELLS: usize = 240;
+const RATE_HZ: f64 = 100.0;
+/// A frame with more force than this belongs to a stance, N: the heel strike of the stance rule.
+const STANCE_N: f64 = 30.0;
+/// One bit of the converter, of 12 in codes of 16.
+const NOISE: u16 = 1 << 4;
+/// Walkers, and steps of each.
+const WALKERS: usize = 10;
+const TRIALS: usize = 12;
+
+pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
+    let mut random = fastrand::Rng::with_seed(1);
+    let mut bytes = [0; 2];
+    let mut frames = [0; 2];
+    let mut plain_bytes = 0.0;
+    for walker in 0..WALKERS {
+        let walk = jiku::import(data, walker, 0..TRIALS, &mut |_, _| ())?.at_rate(RATE_HZ)?.binned(CELLS)?;
+        let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+        let mut coder = CellCoder::new(Resolution::Converter);
+        let mut codes = [0; DEVICE_CELLS];
+        let codes = &mut codes[..walk.cells()];
+        for i in 0..walk.frames() {
+            insole.codes_of(&walk, i, codes);
+            // An unloaded cell is an open circuit without noise of its own.
+            codes
+                .iter_mut()
+                .filter(|code| **code > 0)
+                .for_each(|code| *code = code.saturating_add(random.u16(..2) * NOISE));
+            let mut message = [0; MAX_MESSAGE];
+            let len = encode(&ToHost::Cells(coder.pack(i as u32, 0, codes)), &mut message)?.len();
+            let phase = usize::from(walk.force_n(i) < STANCE_N);
+            bytes[phase] += len;
+            frames[phase] += 1;
+        }
+        plain_bytes += walk.cells() as f64 * f64::from(Resolution::Converter.bits()) / 8.0 / WALKERS as f64;
+    }
+    for (phase, name, limit) in [(0, "stance", 60), (1, "swing", 10)] {
+        let mean = bytes[phase] as f64 / frames[phase] as f64;
+        figures.add(
+            &format!("cells_bytes_per_frame.{name}"),
+            (mean * 10.0).round() / 10.0,
+            &format!("mean of {} frames of ten walkers with a bit of noise", frames[phase]),
+        );
+        figures.add(
+            &format!("cells_percent.{name}"),
+            (mean / plain_bytes * 1000.0).round() / 10.0,
+            &format!("at most {limit}: the same in % of plain codes of 12 bits"),
+        );
+    }
+    Ok(())
+}

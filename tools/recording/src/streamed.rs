@@ -1,0 +1,110 @@
+//! Recordings of the codes that an insole streamed.
+
+use crate::{Cell, Layout, Recording};
+use plantar::pipeline::calibrate::{FULL_CODE, SensorLaw};
+use plantar::pipeline::setup::{Setup, SetupCell};
+
+/// Scans that are missing in a row and interpolated; a longer gap ends the recording. An insole bridges as many in a stance.
+const MAX_BRIDGED: u32 = 3;
+
+/// Collects the codes of scans, and converts them to pressures by the configuration of the insole.
+#[derive(Clone, Debug)]
+pub struct StreamedCells {
+    setup: Setup,
+    cells: Vec<SetupCell>,
+    /// Scans between two frames of the stream.
+    every: u32,
+    /// Number and pressures of the last scan, also after [`StreamedCells::take`].
+    last: Option<(u32, Vec<f32>)>,
+    /// Numbers of the scans since [`StreamedCells::take`], increasing.
+    scans: Vec<u32>,
+    pressure_kpa: Vec<f32>,
+    bridged: u32,
+}
+
+impl StreamedCells {
+    /// No scans yet, from an insole with this configuration that sends one of `every` scans.
+    pub fn new(setup: Setup, cells: Vec<SetupCell>, every: u8) -> Self {
+        let every = u32::from(every.max(1));
+        Self { setup, cells, every, last: None, scans: Vec::new(), pressure_kpa: Vec::new(), bridged: 0 }
+    }
+
+    /// True where a scan continues the scans so far, perhaps over a gap that is short enough to be interpolated.
+    pub fn is_continued_by(&self, scan: u32) -> bool {
+        self.last.as_ref().is_none_or(|(last, _)| {
+            let step = scan.wrapping_sub(*last);
+            step > 0 && step.is_multiple_of(self.every) && step / self.every <= 1 + MAX_BRIDGED
+        })
+    }
+
+    /// Begins another recording, with any scan.
+    pub fn restart(&mut self) {
+        self.last = None;
+    }
+
+    /// Adds the codes of a scan that continues the scans so far, one code for each cell.
+    pub fn push(&mut self, scan: u32, codes: &[u16]) {
+        let kpa = |(cell, &code): (&SetupCell, &u16)| pressure_kpa(&self.setup.sensor, cell, code);
+        let new: Vec<f32> = self.cells.iter().zip(codes).map(kpa).collect();
+        if let Some((last, before)) = &self.last {
+            let steps = scan.wrapping_sub(*last) / self.every;
+            for step in 1..steps {
+                let part = step as f32 / steps as f32;
+                self.pressure_kpa.extend(before.iter().zip(&new).map(|(before, new)| before + part * (new - before)));
+                self.scans.push(last.wrapping_add(step * self.every));
+                self.bridged += 1;
+            }
+        }
+        self.pressure_kpa.extend(&new);
+        self.scans.push(scan);
+        self.last = Some((scan, new));
+    }
+
+    /// Number of frames since [`StreamedCells::take`], with interpolated ones.
+    pub fn frames(&self) -> usize {
+        self.scans.len()
+    }
+
+    /// The frames since the last call as a recording, with times since the start of the insole; `None` without frames.
+    pub fn take(&mut self, source: &str) -> Option<Recording> {
+        let (&first, &last) = self.scans.first().zip(self.scans.last())?;
+        let period_s = f64::from(self.setup.period_us) * 1e-6;
+        // Scans are counted from the first one, because their numbers wrap.
+        let t_s = self.scans.iter().map(|scan| (f64::from(first) + f64::from(scan.wrapping_sub(first))) * period_s);
+        let SensorLaw { full_kpa, exponent } = self.setup.sensor;
+        let contact = self.setup.contact;
+        let recording = Recording {
+            side: self.setup.side,
+            layout: layout(&self.setup, &self.cells),
+            rate_hz: 1.0 / (period_s * f64::from(self.every)),
+            source: format!(
+                "{source}, layout {:#010x}, sensor {full_kpa} kPa at full scale with exponent {exponent}, contact on at \
+                 {} kPa and off at {} kPa with full_kpa {}; scans {first} to {last}, {} of them interpolated.",
+                self.setup.layout_id, contact.on_kpa, contact.off_kpa, contact.full_kpa, self.bridged
+            ),
+            t_s: t_s.collect(),
+            pressure_kpa: std::mem::take(&mut self.pressure_kpa),
+        };
+        self.scans.clear();
+        self.bridged = 0;
+        Some(recording)
+    }
+}
+
+/// The cells in the order of the insole.
+fn layout(setup: &Setup, cells: &[SetupCell]) -> Layout {
+    let cell = |SetupCell { cell, .. }: &SetupCell| Cell {
+        x_mm: cell.x_mm.into(),
+        y_mm: cell.y_mm.into(),
+        area_mm2: cell.area_mm2.into(),
+        region: cell.region,
+    };
+    Layout { name: format!("insole {:#010x}", setup.layout_id), cells: cells.iter().map(cell).collect() }
+}
+
+/// The pressure of a cell, kPa, by the sensor law itself, whose table on the insole is coarse near zero.
+fn pressure_kpa(law: &SensorLaw, cell: &SetupCell, code: u16) -> f32 {
+    let code = code.saturating_sub(cell.calibration.offset);
+    let share = f64::from(code) / f64::from(FULL_CODE);
+    cell.calibration.gain * (f64::from(law.full_kpa) * share.powf(1.0 / f64::from(law.exponent))) as f32
+}
