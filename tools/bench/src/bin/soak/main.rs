@@ -27,10 +27,10 @@ struct Arguments {
 fn main() -> Result<()> {
     let Arguments { firmware, short, json } = Arguments::parse();
     let mut figures = Figures::default();
+    bench::host_loops::soak(short, &mut figures)?;
     bits::soak(short, &mut figures)?;
     power::in_memory(short, &mut figures)?;
     power::of_the_firmware(&firmware, short, &mut figures)?;
     walk::soak(&firmware, short, &mut figures)?;
-    bench::host_loops::soak(short, &mut figures)?;
     json.map_or(Ok(()), |path| figures.write(&path))
 }
