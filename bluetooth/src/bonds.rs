@@ -43,7 +43,7 @@ impl StoredBond {
 /// Version of the stored form.
 const VERSION: u8 = 1;
 
-/// Loads the stored bonds; an empty vector where they are damaged or of another version.
+/// Loads the stored bonds; an empty vector if they are damaged or of another version.
 pub fn load(insole: &dyn GattServer) -> Vec<StoredBond, MAX_BONDS> {
     let mut bytes = [0; MAX_BONDS_BYTES];
     let len = insole.load_bonds(&mut bytes);

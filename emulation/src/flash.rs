@@ -11,7 +11,7 @@ use semihosting::io::{self, Read, Seek, SeekFrom, Write};
 
 /// The chip. Its operations take no time.
 pub struct FlashFile {
-    /// `None` where there is no chip.
+    /// `None` if there is no chip.
     file: Option<File>,
     /// Number of write and erase operations before power fails.
     operations_left: Option<u32>,

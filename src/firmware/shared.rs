@@ -36,8 +36,9 @@ pub enum Carrier {
 /// it.
 pub struct Shared {
     pub(super) session: RefCell<Session>,
+    /// The carrier of the session.
     carrier: Cell<Carrier>,
-    /// One for each carrier.
+    /// For each carrier: signalled when there may be something to send.
     changed: [Signal<NoopRawMutex, ()>; 2],
     pub(super) cadence: Cell<Cadence>,
     /// Time of the last processed frame since the first scan.
@@ -52,9 +53,9 @@ pub struct Shared {
     /// The bonded centrals.
     bonds: RefCell<Vec<u8, MAX_BONDS_BYTES>>,
     pub(super) bonds_changed: Cell<bool>,
-    /// Number of frames before the first of the steps that are not stored yet.
+    /// Number of frames that were processed before the end of the first step that is not stored yet; `None` if all are stored.
     pub(super) frames_before: Cell<Option<u32>>,
-    /// There may be something to persist.
+    /// Signalled when there may be something to persist.
     pub(super) to_persist: Signal<NoopRawMutex, ()>,
     pub(super) contents: Cell<Contents>,
     /// Number of items that could not be stored.
@@ -70,7 +71,7 @@ pub(super) struct ProcessCounters {
 }
 
 impl Shared {
-    /// Before the first connection.
+    /// The state before the first connection.
     pub fn new(hello: Hello, scan: &'static ScanCounters, stack_bytes: fn() -> u32) -> Self {
         let counters =
             ProcessCounters { steps: 0, rejected: Rejected::default(), bad_frames: 0, frame_cycles: (u32::MAX, 0) };
@@ -114,7 +115,7 @@ impl Shared {
         Instant::now().as_micros().saturating_sub(self.scan.began_us.load(Ordering::Relaxed).into())
     }
 
-    /// Receives a message over a carrier; `None` stands for one that is not understood.
+    /// Receives a message over a carrier; `None` stands for a message that was not understood.
     pub fn receive(&self, carrier: Carrier, message: Option<ToDevice>) {
         if matches!(message, Some(ToDevice::Connect { .. })) {
             log::info!("link: a host connects over {}", carrier);
@@ -180,13 +181,13 @@ impl Shared {
         self.changed.iter().for_each(|carrier| carrier.signal(()));
     }
 
-    /// Number of steps, and cadence in steps of both feet per minute.
+    /// Number of steps of this foot so far, and cadence in steps of both feet per minute.
     pub(super) fn cadence(&self) -> (u32, u8) {
         let cadence = self.cadence.get();
         (cadence.steps, cadence.per_min(self.frame_us.get()))
     }
 
-    /// The wall clock, us since 1970, where it is set.
+    /// The wall clock, us since 1970; `None` until it is set.
     pub(super) fn unix_us(&self) -> Option<u64> {
         self.session.borrow().unix_us(self.now_us())
     }

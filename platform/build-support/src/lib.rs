@@ -114,7 +114,7 @@ fn out_dir() -> PathBuf {
 }
 
 /// # Panics
-/// Where the file cannot be written, which ends the build with the reason.
+/// If the file cannot be written, which ends the build with the reason.
 fn write(path: &Path, text: &str) {
     fs::write(path, text).unwrap_or_else(|error| panic!("cannot write {}: {error}", path.display()));
 }
