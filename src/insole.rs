@@ -18,7 +18,7 @@ use heapless::Vec;
 /// the crate has an example.
 #[derive(Debug)]
 pub struct Insole<R, const N: usize> {
-    /// The time between frames in it is 0 until [`Insole::set_up`].
+    /// [`Setup::period_us`] is 0 until [`Insole::set_up`].
     setup: Setup,
     curve: Curve,
     cells: Vec<InsoleCell<R>, N>,
@@ -170,7 +170,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         let (mut cells, mut codes) = (self.cells.as_mut_slice(), all_codes);
         let mut start = 0;
         for (load, &end) in self.loads.iter_mut().zip(&self.division.ends) {
-            // The ends increase, the last one is the number of cells, and `frame` has checked the number of codes.
+            // The ends increase, the last end is the number of cells, and `frame` has checked the number of codes.
             let (region_cells, other_cells) = cells.split_at_mut(end - start);
             let (region_codes, other_codes) = codes.split_at(end - start);
             change += sum_region(&self.curve, region_cells, region_codes, &mut load.frame);
@@ -184,7 +184,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Interpolates masked cells and runs the fault detection. Out of line, because a loaded frame without faults needs neither.
+    /// Interpolates masked cells and runs the fault detection. It is not inlined, because a loaded frame without faults needs
+    /// neither.
     #[cold]
     #[inline(never)]
     fn detect_faults(&mut self, seq: u32, codes: &[u16], is_saturated: bool) {

@@ -162,7 +162,7 @@ impl Real for f32 {
 
 #[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
 mod fpu {
-    // A function, because inline assembly has no single-precision register class on this target.
+    // The instruction is in a function of its own, because inline assembly has no single-precision register class on this target.
     core::arch::global_asm!(
         ".fpu fpv4-sp-d16",
         ".section .text.plantar_sqrt, \"ax\", %progbits",

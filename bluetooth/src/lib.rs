@@ -27,7 +27,7 @@ use trouble_host::prelude::*;
 
 /// Time after power-on, or after a reset by the user, in which a central can bond.
 pub const BONDING_WINDOW: Duration = Duration::from_secs(60);
-/// Largest number of stored bonds. A further bond replaces the least recently used one.
+/// Largest number of stored bonds. A further bond replaces the least recently used bond.
 pub const MAX_BONDS: usize = 4;
 /// Longest value of a characteristic, bytes: a packet of 251 bytes without its L2CAP and ATT headers.
 pub const MAX_VALUE: usize = 244;

@@ -1,4 +1,4 @@
-//! Kinds of faults, their places, and the report of the detected ones.
+//! Kinds of faults, their places, and the report of the detected faults.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};

@@ -94,8 +94,8 @@ impl RowSearch {
         }
     }
 
-    /// Ends a step: returns the row with crosstalk that was inspected most. Only one row is returned, because its crosstalk
-    /// enlarges the contact and leaves fewer inspections of other rows.
+    /// Ends a step: returns the row with crosstalk that was inspected most often. Only one row is returned, because the crosstalk
+    /// of one row enlarges the contact and leaves fewer inspections of other rows.
     pub(super) fn conclude(&mut self) -> Option<usize> {
         let mut worst = None;
         for (index, row) in self.rows.iter_mut().enumerate() {

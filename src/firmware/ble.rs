@@ -1,4 +1,4 @@
-//! The session over Bluetooth LE: the meaning of the GATT values, the same on every board.
+//! The session over Bluetooth LE. It defines the values of the GATT characteristics, which are the same on every board.
 //!
 //! The messages are those of the serial port, [`crate::protocol`], without frames: each value of a characteristic is a fragment
 //! of a message ([`crate::protocol::fragment`]). The Bluetooth stack (package `bluetooth`) has advertising, bonds and the

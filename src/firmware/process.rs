@@ -67,7 +67,7 @@ fn report_faults(faults: &Faults, shared: &Shared) {
 fn adopt_tissue(insole: &mut DeviceInsole, shared: &Shared) {
     let session = shared.session.borrow();
     if let Some(tissue) = session.tissue_due().filter(|tissue| tissue.id != insole.tissue_id()) {
-        // The session accepts no parameters that are refused here.
+        // This cannot fail: the session has applied the same check before it accepted the parameters.
         let _ = insole.set_tissue(tissue);
         log::info!("settings: parameters {:x} are in force", tissue.id);
     }

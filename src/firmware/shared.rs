@@ -31,9 +31,9 @@ pub enum Carrier {
 
 /// The state that the loops on the thread executor share.
 ///
-/// There is one session at a time, with the host that sent [`ToDevice::Connect`] last, over either carrier. Messages of other
-/// hosts are ignored until they connect again. So all steps wait in one queue, and each leaves it once a host has acknowledged
-/// it.
+/// There is one session at a time. It belongs to the host that sent [`ToDevice::Connect`] last, over either carrier; messages over
+/// the other carrier are ignored until a host connects there. So all steps wait in one queue, and a step leaves the queue once a
+/// host has acknowledged it.
 pub struct Shared {
     pub(super) session: RefCell<Session>,
     /// The carrier of the session.

@@ -28,7 +28,7 @@ pub struct BootReport {
 
 /// A board's configuration: the rules and cells of its insole.
 pub struct Configuration<C> {
-    /// The rules. If the chip has a stored identity, its foot replaces [`Setup::side`].
+    /// The rules. If an identity is stored in the chip, the foot of that identity replaces [`Setup::side`].
     pub setup: Setup,
     /// The cells.
     pub cells: C,

@@ -32,7 +32,7 @@ pub struct CellCalibration {
     /// Mean code of the unloaded cell (see [`zero_offset`]), below half of [`FULL_CODE`]. It is subtracted before the law is
     /// applied.
     pub offset: u16,
-    /// Ratio of the pressure of this cell to that of the law at the same code, 0.1 to 10.
+    /// Ratio of the pressure of this cell to the pressure of the sensor law at the same code, 0.1 to 10.
     pub gain: f32,
 }
 
@@ -54,7 +54,7 @@ pub fn zero_offset(unloaded_codes: impl IntoIterator<Item = u16>) -> Option<u16>
     (count > 0).then(|| sum.div_ceil(count) as u16)
 }
 
-/// True if a code is at full scale: the pressure is at least the reported one.
+/// True if a code is at full scale: the true pressure may then be higher than the reported pressure.
 pub fn is_saturated(code: u32) -> bool {
     code >= u32::from(FULL_CODE)
 }

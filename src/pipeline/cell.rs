@@ -30,8 +30,8 @@ impl<R: Real> InsoleCell<R> {
         }
     }
 
-    /// Updates contact and region with a code that may change them; returns the change of [`area_units`]. Out of line, because
-    /// few cells change in a frame.
+    /// Updates contact and region with a code that may change them; returns the change of [`area_units`]. It is not inlined,
+    /// because few cells change in a frame.
     #[cold]
     #[inline(never)]
     fn update(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) -> i32 {

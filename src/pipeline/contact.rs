@@ -7,7 +7,7 @@ use super::calibrate::{CellCalibration, Curve, FULL_CODE};
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
-/// The rule that determines contact area from pressures. Areas depend on it, so each result must state it.
+/// The rule that determines contact area from pressures. Areas depend on the rule, so each result must state its rule.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ContactRule {
     /// A cell comes into contact at this pressure, kPa, at most 1000.
@@ -121,7 +121,7 @@ impl ContactCell {
         self.share > 0
     }
 
-    /// The code of the load threshold: it is twice as far above the offset as the contact threshold.
+    /// The code at which a cell counts as loaded: it is twice as far above the offset as the code of first contact.
     pub(crate) fn load_threshold(&self, offset: u16) -> u32 {
         (2 * u32::from(self.on)).saturating_sub(offset.into())
     }

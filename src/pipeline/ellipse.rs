@@ -75,8 +75,8 @@ impl<R: Real> Ellipse<R> {
     /// Angle from the x axis to the axis of `r_a_mm`, -45 to 45 degrees, counter-clockwise seen from above with x to the right
     /// and y forwards.
     ///
-    /// The arc tangent is that of `micromath`. Its error of 0.0028 rad is 0.08 degrees here, below the resolution of cells of a
-    /// few millimetres, and no other quantity depends on the angle.
+    /// The arc tangent is computed by `micromath`. Its error of 0.0028 rad is 0.08 degrees here, below the resolution of cells of
+    /// a few millimetres, and no other quantity depends on the angle.
     pub fn angle_deg(&self) -> f32 {
         let (cos, sin) = self.double_angle;
         micromath::F32(sin.to_f32()).atan2(micromath::F32(cos.to_f32())).0.to_degrees() * 0.5

@@ -4,7 +4,8 @@ use super::contact::ContactCell;
 
 /// Number of rows of the matrix, and of columns.
 pub(crate) const LINES: usize = 16;
-/// Largest deviation of an unloaded cell from its zero that counts as noise, codes: 0.07 kPa at 1000 kPa full scale.
+/// Largest deviation of an unloaded cell from its zero that counts as noise, codes: 0.07 kPa with the sensor law of the reference
+/// insole.
 pub(crate) const NOISE: u16 = 32;
 
 /// The cell responded since the last review: it read more than noise above its zero.

@@ -58,7 +58,7 @@ pub struct SetupCell {
     pub row_column: u8,
 }
 
-/// The reason why a configuration was rejected. The previous one remains in force.
+/// The reason why a configuration was rejected. The previous configuration remains in force.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SetupError {
     /// The frame period is outside of [`PERIOD_US`].

@@ -64,7 +64,7 @@ pub struct StepRecord<R> {
     pub side: Side,
     /// Number of the step; see [`Insole::count_steps_from`](crate::insole::Insole::count_steps_from).
     pub step: u32,
-    /// Time of heel strike, us: its sequence number times the frame period.
+    /// Time of heel strike, us: the number of the frame of heel strike times the time between frames.
     pub start_us: u64,
     /// Stance time, from heel strike to toe off, us.
     pub duration_us: u32,

@@ -2,7 +2,8 @@
 
 use crate::sequence;
 
-/// Counts the received frames of live streams, and the lost ones by gaps in the sequence numbers and by the insole's own count.
+/// Counts the received and the lost frames of live streams. Lost frames are found by gaps in the sequence numbers and by the
+/// insole's own count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LiveCounter {
     /// Frames that were received in all sessions.

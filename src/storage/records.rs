@@ -66,7 +66,7 @@ impl BootCounters {
         }
     }
 
-    /// Number of all boots, which is the number of the running one.
+    /// Number of all boots, which is also the number of the present boot.
     pub fn total(&self) -> u32 {
         self.0.iter().fold(0, |sum, count| sum.wrapping_add(*count))
     }

@@ -1,4 +1,4 @@
-//! Receives a firmware image, verifies its signature, and marks it for the bootloader to swap with the running one.
+//! Receives a firmware image, verifies its signature, and marks it for the bootloader to swap with the running image.
 //!
 //! The bootloader, `embassy-boot`, swaps the images at the next start, and swaps them back at the start after that, unless the new
 //! image has confirmed itself. `docs/update.md` has the whole procedure.
@@ -81,7 +81,7 @@ impl Update {
         if !(1..=MAX_IMAGE).contains(&(u32::from(offer.chunks) * CHUNK as u32)) {
             return Err(Refusal::Length);
         }
-        // The previous image occupies the place of the new one.
+        // During a trial, the previous image is at the address to which the new image would be written.
         if is_on_trial(flash).await? {
             return Err(Refusal::OnTrial);
         }

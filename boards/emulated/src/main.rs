@@ -121,8 +121,8 @@ fn main() -> ! {
 
     // The task has static memory of its own and is spawned once, so spawning cannot fail.
     EXECUTOR.start(Interrupt::TIM3).spawn(run(boot, image).unwrap());
-    // The executors run in interrupts. `wfi` stops the emulator's processor until the next one, whereas the `wfe` of a thread
-    // executor would occupy a core of the host.
+    // The executors run in interrupts. `wfi` stops the emulator's processor until the next interrupt, whereas the `wfe` of a
+    // thread executor would occupy a core of the host.
     loop {
         cortex_m::asm::wfi();
     }

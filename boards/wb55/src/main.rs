@@ -75,7 +75,7 @@ static TO_SEND: ConstStaticCell<[u8; 192]> = ConstStaticCell::new([0; 192]);
 /// The buffer is longer than the longest message to the insole.
 static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
 
-/// Counts the core's cycles, including those of interrupts.
+/// Counts the core's cycles, including the cycles of interrupts.
 struct CycleCounter;
 
 impl Stopwatch for CycleCounter {
@@ -106,7 +106,7 @@ fn clocks() -> rcc::Config {
     // The maximum of the radio's core is 32 MHz.
     clocks.core2_ahb_pre = rcc::AHBPrescaler::DIV2;
     clocks.msi = None;
-    // The random number generator of the radio's core needs it.
+    // The random number generator of the radio's core needs this clock.
     clocks.hsi48 = Some(rcc::Hsi48Config { sync_from_usb: false });
     clocks.ls = rcc::LsConfig::off();
     // The sleep clock of the radio is HSE / 1024, which saves a second crystal.
@@ -152,8 +152,8 @@ async fn main(spawner: Spawner) {
     core.SYST.clear_current();
     core.SYST.enable_counter();
     core.SYST.enable_interrupt();
-    // The scan has a higher priority than the thread, and a lower one than timer, DMA and port, which have the highest by
-    // default.
+    // The scan has a higher priority than the thread, and a lower priority than timer, DMA and port, which have the highest
+    // priority by default.
     interrupt::SAI1.set_priority(Priority::P6);
 
     // The strap is connected to ground on a right insole.

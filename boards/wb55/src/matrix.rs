@@ -2,7 +2,7 @@
 //!
 //! Time of a row at 64 MHz (`docs/hardware.md`): 30 us for settling, 16 columns x 16 conversions x 25 cycles = 100 us for the
 //! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.32 ms, and 2.34 ms with the first conversion,
-//! which is discarded, of the 2.5 ms of a frame at 400 Hz. After a longer scan the next one starts late, or is skipped and
+//! which is discarded, of the 2.5 ms of a frame at 400 Hz. After a longer scan, the next scan starts late, or is skipped and
 //! counted.
 
 use embassy_stm32::adc::vals::{OversamplingRatio, OversamplingShift, Rovsm, Trovs};

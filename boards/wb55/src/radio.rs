@@ -39,12 +39,13 @@ macro_rules! at {
     }};
 }
 
-/// All packets that can be in a queue: those of the pool and the two spare ones.
+/// All packets that can be in a queue: the packets of the pool, and the two spare packets.
 type Packets = Vec<u32, { POOLED + 2 }>;
 
 /// Reads a word that the other core may have written.
 fn read(at: u32) -> u32 {
-    // SAFETY: every address here is that of a whole word in SHARED; volatile because the other core writes to it.
+    // SAFETY: every caller passes the address of a whole word in SHARED. The access is volatile, because the other core writes to
+    // the word.
     unsafe { (at as *const u32).read_volatile() }
 }
 

@@ -95,8 +95,9 @@ fn save_crash_record_and_reset(cause: u32, pc: Option<u32>, from: u32) -> ! {
 /// Saves the crash record in an exception, and resets. `frame` is the address of the registers that the exception put on the
 /// stack.
 fn save_exception_and_reset(cause: u32, frame: u32) -> ! {
-    /// Size of these registers, and the offset of the program counter, bytes.
+    /// Size of these registers, bytes.
     const FRAME: u32 = 32;
+    /// Offset of the program counter in them, bytes.
     const PC: u32 = 24;
     save_crash_record_and_reset(cause, Some(word(frame + PC)), frame + FRAME)
 }

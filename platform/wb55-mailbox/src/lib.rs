@@ -149,7 +149,7 @@ pub struct BleInit {
 }
 
 impl BleInit {
-    /// Parameters for one central; the timing is that of ST's examples.
+    /// Parameters for one central, with the timing of ST's examples.
     pub const PERIPHERAL: Self = Self {
         unused_buffer: [0; 2],
         host_attributes: [0; 3],
