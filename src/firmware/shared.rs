@@ -16,7 +16,7 @@ use embassy_time::Instant;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use heapless::Vec;
 
-/// Steps that can wait to be stored.
+/// Number of steps that can wait to be stored.
 pub const STEP_QUEUE: usize = 2;
 
 /// The kind of link to a host.
@@ -148,7 +148,7 @@ impl Shared {
         self.not_stored.set(self.not_stored.get().wrapping_add(1));
     }
 
-    /// Counts a frame or value from a host that could not be decoded.
+    /// Counts a frame, or a value over Bluetooth, that came from a host and could not be decoded.
     pub(super) fn count_bad_frame(&self) {
         let mut counters = self.counters.borrow_mut();
         counters.bad_frames = counters.bad_frames.wrapping_add(1);
@@ -168,7 +168,7 @@ impl Shared {
         }
     }
 
-    /// Signals that there may be something to send over a carrier.
+    /// The signal of a carrier, which is signalled when there may be something to send.
     pub fn changed(&self, carrier: Carrier) -> &Signal<NoopRawMutex, ()> {
         match carrier {
             Carrier::Serial => &self.changed[0],

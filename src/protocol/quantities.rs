@@ -1,4 +1,4 @@
-//! Quantities of steps and live frames: the description from which the wire structures, the columns of files, the page's types
+//! Quantities of steps and live frames: the description from which the message structures, the columns of files, the page's types
 //! and `docs/quantities.md` are derived. `step.rs` and `live.rs` hold the declarations.
 
 /// A quantity of a `T`: its encoding in messages, and its names in files.
@@ -53,7 +53,7 @@ pub struct Flag<T: 'static> {
     pub meaning: &'static str,
     /// Definition.
     pub source: &'static str,
-    /// Bit i: region i has it.
+    /// Bit i: region i has the property.
     pub regions: fn(&T) -> u8,
 }
 
@@ -69,7 +69,8 @@ pub(super) fn bits<T>(regions: &[T; 8], is_set: fn(&T) -> bool) -> u8 {
     regions.iter().enumerate().fold(0, |bits, (i, region)| bits | u8::from(is_set(region)) << i)
 }
 
-/// Declares a wire structure, its conversion from the pipeline's type, and the description of its fields. A field is declared as
+/// Declares a message structure, its conversion from the type of the pipeline, and the description of its fields. A field is
+/// declared as
 ///
 /// ```text
 /// /// Meaning, one sentence on one line.
@@ -104,8 +105,8 @@ macro_rules! quantities {
         pub struct $struct {
             $(
                 #[doc = $meaning]
-                $(#[doc = concat!("\n\nOn the wire: ", $per_unit, " per ", $unit, ". Source: ", $source)])?
-                $(#[doc = concat!("\n\nOn the wire: bit i is region i. Source: ", $flag_source)])?
+                $(#[doc = concat!("\n\nIn messages: ", $per_unit, " per ", $unit, ". Source: ", $source)])?
+                $(#[doc = concat!("\n\nIn messages: bit i is region i. Source: ", $flag_source)])?
                 $(#[$attribute])*
                 pub $field: $type,
             )*
@@ -124,7 +125,7 @@ macro_rules! quantities {
                 }
             )?)*
 
-            /// The quantities, in the order of the wire.
+            /// The quantities, in the order of their fields.
             pub const QUANTITIES: &'static [$crate::protocol::Quantity<Self>] = &[
                 $($(
                     $crate::protocol::Quantity {
@@ -146,7 +147,7 @@ macro_rules! quantities {
                 )?)*
             ];
 
-            /// The properties of each region, in the order of the wire.
+            /// The properties of each region, in the order of their fields.
             pub const FLAGS: &'static [$crate::protocol::Flag<Self>] = &[
                 $($(
                     $crate::protocol::Flag {

@@ -1,4 +1,4 @@
-//! The step record on the wire.
+//! The step record as a message.
 
 use super::quantities::{bits, quantities};
 use crate::num::Real;

@@ -95,7 +95,7 @@ pub struct Offer {
     pub signature: Signature,
 }
 
-/// A step of an update.
+/// A request of a host during a firmware update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "requests live one at a time, in place")]
 pub enum Request {

@@ -66,7 +66,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         store
     }
 
-    /// The contents, as surveyed and changed since.
+    /// The contents: determined by [`Store::open`] and updated since.
     pub fn contents(&self) -> Contents {
         self.contents
     }
