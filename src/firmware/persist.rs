@@ -28,7 +28,7 @@ struct Persist<'a> {
     update: Update,
     /// Time of the restart after an accepted update.
     restart_at: Instant,
-    /// The trial of the running image; `None` if it is confirmed.
+    /// The trial of the running image; `None` if no trial is in progress.
     trial: Option<Trial>,
 }
 
