@@ -75,7 +75,7 @@ pub struct Sum {
 }
 
 impl Sum {
-    /// Selects the step; `None` where no region was fitted.
+    /// Selects the step; `None` if no region was fitted.
     pub fn of(study: &Study) -> Option<Self> {
         fitted(study).next()?;
         let sums = (0..study.steps.len()).filter_map(|step| Self::of_step(study, step));
@@ -133,7 +133,7 @@ fn chart(study: &Study, height: f64, largest: f64) -> Curves {
     }
 }
 
-/// The chart of contact area, measured and smoothed; `None` where the region was not fitted.
+/// The chart of contact area, measured and smoothed; `None` if the region was not fitted.
 pub fn area(study: &Study, region: usize, typical: &Result<Typical, String>) -> Option<Drawing> {
     let Typical { start_s, curves, .. } = typical.as_ref().ok()?;
     let chart = chart(study, AREA_HEIGHT, largest([&curves.area_mm2, &curves.filtered_mm2]));

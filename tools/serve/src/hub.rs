@@ -23,7 +23,7 @@ pub(crate) struct Hub {
 #[derive(Default)]
 struct Insole {
     hello: Option<Hello>,
-    /// The wearer's parameters, where they are known.
+    /// The wearer's parameters, if they are known.
     tissue: Option<Tissue>,
     status: Status,
     /// Converts between the insole's clock and this computer's.
@@ -242,7 +242,7 @@ impl Page {
         }
     }
 
-    /// The next bytes for the page: the index of an insole, and a message; `None` where there is nothing to send.
+    /// The next bytes for the page: the index of an insole, and a message; `None` if there is nothing to send.
     pub fn next(&self) -> Option<Vec<u8>> {
         (0..self.hub.insoles.len()).find_map(|index| {
             let mut insole = self.hub.insole(index);

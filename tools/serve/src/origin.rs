@@ -2,7 +2,7 @@
 
 use std::net::IpAddr;
 
-/// True where a page from `origin` may connect to this server; `host` is the Host header of its request.
+/// True if a page from `origin` may connect to this server; `host` is the Host header of its request.
 ///
 /// For the served page both have the same host. An attacker can let a name resolve to this computer, so the host must be an
 /// address or `localhost`. Programs other than browsers send no origin.

@@ -20,7 +20,7 @@ impl StreamFile {
     /// Begins a file, which must be new or empty; its time starts now.
     ///
     /// # Errors
-    /// Where the file is not empty or cannot be written.
+    /// If the file is not empty or cannot be written.
     pub fn create(path: &Path) -> io::Result<Self> {
         let out = BufWriter::new(create_new(path)?);
         Ok(Self { path: path.into(), out, start: Instant::now(), has_failed: false })
@@ -49,7 +49,7 @@ impl StreamFile {
 /// Writes one message.
 ///
 /// # Errors
-/// Where it cannot be written.
+/// If it cannot be written.
 pub fn append(out: &mut impl Write, t_ms: u32, insole: u8, message: &ToHost) -> io::Result<()> {
     let mut buffer = [0; MAX_MESSAGE];
     let message = encode(message, &mut buffer).map_err(io::Error::other)?;

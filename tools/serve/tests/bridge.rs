@@ -331,7 +331,7 @@ async fn a_repeated_step_is_acknowledged_again_and_recorded_once() {
     assert_eq!(recorded(&path).into_iter().filter(is_step).collect::<Vec<_>>(), steps);
 }
 
-/// Where the recording cannot be written, a step is acknowledged to the insole once a page acknowledged it.
+/// If the recording cannot be written, a step is acknowledged to the insole once a page acknowledged it.
 #[tokio::test]
 #[cfg(target_os = "linux")]
 async fn a_full_disk_loses_no_step() {
