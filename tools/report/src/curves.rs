@@ -30,7 +30,7 @@ impl Typical {
     /// Selects the step.
     ///
     /// # Errors
-    /// The reason where the region was not fitted.
+    /// The reason why the region was not fitted.
     pub fn of(study: &Study, region: usize) -> Result<Self, String> {
         let fit = fit_of(study, region)?;
         let steps = fit.steps.iter().filter_map(|&step| {
@@ -115,7 +115,7 @@ fn add(sum: &mut [f64], start: usize, values: &[f64]) {
     sum.iter_mut().skip(start).zip(values).for_each(|(sum, value)| *sum += value);
 }
 
-/// The largest value of several curves; 0 without a positive one.
+/// The largest value of several curves; 0 if no value is positive.
 fn largest<'v>(curves: impl IntoIterator<Item = &'v Vec<f64>>) -> f64 {
     curves.into_iter().flatten().copied().fold(0.0, f64::max)
 }
@@ -152,8 +152,8 @@ pub fn area(study: &Study, region: usize, typical: &Result<Typical, String>) -> 
     })
 }
 
-/// The chart of force, measured, smoothed by the polynomial of the paper, and of the model; or the reason why the region was not
-/// fitted.
+/// The chart of force: measured, smoothed by the polynomial of the paper, and of the model. For a region that was not fitted, a
+/// drawing with the reason.
 pub fn force(study: &Study, region: usize, typical: &Result<Typical, String>) -> Drawing {
     let Typical { start_s, curves, .. } = match typical {
         Ok(typical) => typical,

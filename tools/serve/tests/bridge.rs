@@ -178,7 +178,7 @@ async fn two_pages_receive_both_feet_and_a_step_is_acknowledged_once_one_page_ac
     for page in [&mut one, &mut other] {
         assert_eq!(page.hello(0).await.side, Side::Left);
         assert_eq!(page.hello(1).await.side, Side::Right);
-        // This answer follows the start of the requested stream.
+        // The answer to this request arrives after the requested stream has started.
         page.status(1).await;
     }
     right.live();
@@ -242,7 +242,7 @@ async fn a_slow_page_loses_counted_live_frames_and_no_step() {
     let (mut slow, mut quick) = (Page::open(address).await, Page::open(address).await);
     slow.status(0).await;
     quick.status(0).await;
-    // These are far more frames than fit into the buffers of a socket. The slow page reads nothing meanwhile.
+    // These are far more frames than fit into the buffers of a socket, and the slow page reads none of them before the end.
     const FRAMES: u32 = 100_000;
     for sequence in 0..FRAMES {
         cable.live();
@@ -320,7 +320,7 @@ async fn a_repeated_step_is_acknowledged_again_and_recorded_once() {
         insole.is_unplugged = false;
     });
     assert!(cable.acknowledged(0));
-    // A page receives it once, and then the next step.
+    // A page receives the repeated step once, and then the next step.
     let mut page = Page::open(address).await;
     assert_eq!(page.step(0).await, step(Side::Left, 0));
     cable.step(1);
