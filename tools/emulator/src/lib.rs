@@ -235,7 +235,7 @@ impl Board {
         Ok(log::decode(&std::fs::read(firmware)?, &std::fs::read(self.directory.path().join(LOG_FILE))?)?)
     }
 
-    /// Waits until the board is off; true where the bootloader swapped images and the board must be started again.
+    /// Waits until the board is off. True if the bootloader swapped images, so that the board must be started again.
     ///
     /// # Errors
     /// If the operating system does not report the exit.
