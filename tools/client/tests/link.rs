@@ -17,7 +17,7 @@ const POLICY: ReconnectPolicy = ReconnectPolicy {
     give_up: Some(Duration::from_millis(100)),
 };
 
-/// An insole with the firmware's own session.
+/// An insole in memory, with the firmware's own session. It also serves as the carrier of the client.
 #[derive(Clone)]
 struct Insole(Arc<Mutex<State>>);
 
@@ -26,6 +26,7 @@ struct State {
     firmware: &'static str,
     is_unplugged: bool,
     is_silent: bool,
+    /// Number of attempts to open the carrier.
     opened: u32,
 }
 

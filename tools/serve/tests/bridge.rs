@@ -20,10 +20,11 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 
-/// An insole and its cable.
+/// An insole in memory, with its end of the cable.
 struct Insole {
     link: Session,
     from_host: Decoder,
+    /// Bytes that the host has not read yet.
     to_host: VecDeque<u8>,
     /// Steps whose acknowledgement the insole received.
     acknowledged: Vec<u32>,
@@ -33,6 +34,7 @@ struct Insole {
     failed_opens: u32,
 }
 
+/// A handle of an insole; as a byte stream it is the host's end of the cable. The condition variable signals changes.
 #[derive(Clone)]
 struct Cable(Arc<(Mutex<Insole>, Condvar)>);
 
