@@ -76,7 +76,7 @@ pub enum Error {
 
 /// A connected insole.
 pub struct BleCarrier {
-    /// Makes progress only while a call of a method of this type waits.
+    /// Drives the Bluetooth tasks. They make progress only while a method of this type waits.
     runtime: Runtime,
     peripheral: Peripheral,
     notifications: Notifications,
