@@ -72,7 +72,7 @@ pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sin
                 );
                 sink.reconnected()?;
                 match start {
-                    SessionStart::Greeted => view.restarted(hello),
+                    SessionStart::AfterSilence => view.restarted(hello),
                     SessionStart::Connected | SessionStart::Reconnected => view.reconnected(hello),
                 }
             }
