@@ -22,8 +22,8 @@ pub struct Interval {
     pub bootstrap: Option<[f64; 2]>,
     /// The estimate is at a bound of the search.
     pub at_bound: bool,
-    /// The force depends on the parameter; false for m where G is 0. Named as in the JSON output.
-    pub told: bool,
+    /// True if the force depends on the parameter. False for m if G is 0. The JSON output calls this `told`.
+    pub is_identifiable: bool,
 }
 
 /// The intervals and the correlation of the estimates.
@@ -98,7 +98,7 @@ pub fn from_jacobian(samples: &Samples, bounds: &Bounds, identified: &Identified
             value,
             jacobian: [raw[0].clamp(least, most), raw[1].clamp(least, most)],
             bootstrap: None,
-            told: is_determined(i),
+            is_identifiable: is_determined(i),
             at_bound: at_bound(i),
         }
     };

@@ -27,7 +27,7 @@ pub use identify::Bounds;
 pub use quality::Quality;
 pub use region::{RegionFit, fit_step};
 pub use samples::Samples;
-pub use screen::{MIN_FORCE_N, MIN_SAMPLES, Unfit};
+pub use screen::{MIN_FORCE_N, MIN_SAMPLES, NotFitted};
 pub use steps::{Filter, RegionCurves, Step};
 pub use study::Study;
 
@@ -95,7 +95,7 @@ const MIXED_REGIONS: usize = 2;
 ///
 /// # Errors
 /// For each region, the reason where it could not be fitted.
-pub fn fit(steps: &[Step], options: &Options, progress: &(dyn Fn(Region) + Sync)) -> [Result<RegionFit, Unfit>; 8] {
+pub fn fit(steps: &[Step], options: &Options, progress: &(dyn Fn(Region) + Sync)) -> [Result<RegionFit, NotFitted>; 8] {
     let mut fits: Vec<_> = (0..8)
         .into_par_iter()
         .map(|region| {
@@ -108,7 +108,7 @@ pub fn fit(steps: &[Step], options: &Options, progress: &(dyn Fn(Region) + Sync)
     if fits.iter().flatten().filter_map(differs).count() >= MIXED_REGIONS {
         for fit in &mut fits {
             if let Some(ratio) = fit.as_ref().ok().and_then(differs) {
-                *fit = Err(Unfit::MixedPeople(ratio));
+                *fit = Err(NotFitted::MixedPeople(ratio));
             }
         }
     }

@@ -4,7 +4,7 @@ use crate::identify::{Identified, identify as identify_by_projection, refine};
 use crate::interval::{self, Uncertainty};
 use crate::pins::Pins;
 use crate::quality::{Evaluated, Quality};
-use crate::screen::{Unfit, usable};
+use crate::screen::{NotFitted, usable};
 use crate::steps::MeanEllipse;
 use crate::{Method, Options, RegionCurves, Samples, Step, paper, steps, verdict};
 use plantar::Side;
@@ -48,13 +48,13 @@ pub struct RegionFit {
 ///
 /// # Errors
 /// The reason where the region cannot be fitted to the step.
-pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(RegionFit, Evaluated), Unfit> {
+pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(RegionFit, Evaluated), NotFitted> {
     let steps = std::slice::from_ref(step);
     let used = usable(steps, region, options.filter)?;
     let curves = &steps[used[0]].regions[region];
     let best = search([curves], options);
     let pins = best.pins(pins_of(&[curves], region, options));
-    let evaluated = Evaluated::new(curves, options.filter, &best.law).ok_or(Unfit::NeverLoaded)?;
+    let evaluated = Evaluated::new(curves, options.filter, &best.law).ok_or(NotFitted::NeverLoaded)?;
     let one = std::slice::from_ref(&evaluated);
     let quality = Quality::new(one, one, &[]);
     let uncertainty = best.identified.map(|i| interval::from_jacobian(&best.samples, &options.bounds, &i));
@@ -65,7 +65,7 @@ pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(Region
 ///
 /// # Errors
 /// The reason where no step passes or the result is out of range.
-pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Result<RegionFit, Unfit> {
+pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Result<RegionFit, NotFitted> {
     let used = usable(steps, region, options.filter)?;
     let curves: Vec<&RegionCurves> = used.iter().map(|&i| &steps[i].regions[region]).collect();
     let recordings: Vec<_> = used.iter().map(|&i| (steps[i].recording, steps[i].side)).collect();
@@ -175,12 +175,12 @@ impl SearchResult {
         pins: Pins,
         uncertainty: Option<Uncertainty>,
         quality: Quality,
-    ) -> Result<RegionFit, Unfit> {
+    ) -> Result<RegionFit, NotFitted> {
         let law = ForceLaw { c_m: pins.c_m(self.g_max()), ..self.law };
         let ellipsoid = self.ellipsoid.unwrap_or_else(|| pins.ellipsoid(&law));
         let lengths = [ellipsoid.a_m, ellipsoid.b_m, ellipsoid.c_m, ellipsoid.d0_m];
         if !law.is_valid() || !lengths.iter().all(|&length| is_within(length, &LENGTH_M)) {
-            return Err(Unfit::OutOfRange);
+            return Err(NotFitted::OutOfRange);
         }
         let levels = self.samples.steps.iter().map(|step| {
             let areas: BTreeSet<u64> = self.samples.raw_area_m2[step.clone()].iter().map(|a| a.to_bits()).collect();

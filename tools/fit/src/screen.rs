@@ -15,7 +15,7 @@ const SATURATED_AREA: f64 = 0.98;
 
 /// The reason why a region could not be fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Unfit {
+pub enum NotFitted {
     /// No step.
     NoSteps,
     /// No cell of the region was ever in contact.
@@ -38,7 +38,7 @@ pub enum Unfit {
     MixedPeople(f64),
 }
 
-impl fmt::Display for Unfit {
+impl fmt::Display for NotFitted {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoSteps => f.write_str("no whole step: record a walk of several steps"),
@@ -78,15 +78,15 @@ impl fmt::Display for Unfit {
     }
 }
 
-impl std::error::Error for Unfit {}
+impl std::error::Error for NotFitted {}
 
 /// The indices of the steps to which a region can be fitted.
 ///
 /// # Errors
 /// The reason where no step qualifies.
-pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Vec<usize>, Unfit> {
+pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Vec<usize>, NotFitted> {
     if steps.is_empty() {
-        return Err(Unfit::NoSteps);
+        return Err(NotFitted::NoSteps);
     }
     // The reason of the step that passed the most checks is reported.
     let mut reasons = Vec::new();
@@ -97,44 +97,44 @@ pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Ve
             Err(reason) => reasons.push(reason),
         }
     }
-    let rank = |reason: &Unfit| match reason {
-        Unfit::NeverLoaded => (0, 0.0),
-        Unfit::ZeroForce => (1, 0.0),
-        Unfit::HardlyLoaded(peak_n) => (2, *peak_n),
-        Unfit::TooFewFrames(samples) => (3, *samples as f64),
-        Unfit::ConstantArea => (4, 0.0),
-        Unfit::SaturatedArea(share) => (5, -share),
+    let rank = |reason: &NotFitted| match reason {
+        NotFitted::NeverLoaded => (0, 0.0),
+        NotFitted::ZeroForce => (1, 0.0),
+        NotFitted::HardlyLoaded(peak_n) => (2, *peak_n),
+        NotFitted::TooFewFrames(samples) => (3, *samples as f64),
+        NotFitted::ConstantArea => (4, 0.0),
+        NotFitted::SaturatedArea(share) => (5, -share),
         _ => (6, 0.0),
     };
     let furthest = reasons.into_iter().max_by(|a, b| rank(a).partial_cmp(&rank(b)).unwrap_or(Ordering::Equal));
-    if used.is_empty() { Err(furthest.unwrap_or(Unfit::NoSteps)) } else { Ok(used) }
+    if used.is_empty() { Err(furthest.unwrap_or(NotFitted::NoSteps)) } else { Ok(used) }
 }
 
 /// Checks one step.
-fn check(curves: &RegionCurves, filter: Filter) -> Result<(), Unfit> {
+fn check(curves: &RegionCurves, filter: Filter) -> Result<(), NotFitted> {
     let samples = Samples::new([curves], filter);
     let area = &samples.raw_area_m2;
     if samples.is_empty() {
-        return Err(Unfit::NeverLoaded);
+        return Err(NotFitted::NeverLoaded);
     }
     let peak_n = quality::largest(&samples.force_n);
     if peak_n <= 0.0 {
-        return Err(Unfit::ZeroForce);
+        return Err(NotFitted::ZeroForce);
     }
     if peak_n < MIN_FORCE_N {
-        return Err(Unfit::HardlyLoaded(peak_n));
+        return Err(NotFitted::HardlyLoaded(peak_n));
     }
     if samples.len() < MIN_SAMPLES {
-        return Err(Unfit::TooFewFrames(samples.len()));
+        return Err(NotFitted::TooFewFrames(samples.len()));
     }
     if curves.saturated {
-        return Err(Unfit::Clipped);
+        return Err(NotFitted::Clipped);
     }
     let most = quality::largest(area);
     let least = area.iter().copied().fold(f64::INFINITY, f64::min);
     if least > 0.999 * most {
-        return Err(Unfit::ConstantArea);
+        return Err(NotFitted::ConstantArea);
     }
     let at_most = area.iter().filter(|&&a| a >= SATURATED_AREA * most).count() as f64 / area.len() as f64;
-    if at_most >= SATURATED_SHARE { Err(Unfit::SaturatedArea(at_most)) } else { Ok(()) }
+    if at_most >= SATURATED_SHARE { Err(NotFitted::SaturatedArea(at_most)) } else { Ok(()) }
 }

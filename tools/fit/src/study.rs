@@ -1,7 +1,7 @@
 //! A study of one person: the recordings, their steps, and the identified parameters.
 
 use crate::steps::{self, LeftOut};
-use crate::{Options, RegionFit, Step, Unfit};
+use crate::{NotFitted, Options, RegionFit, Step};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::SetupError;
 use plantar::{Region, Side};
@@ -38,7 +38,7 @@ pub struct Study {
     /// The options of the fit.
     pub options: Options,
     /// The result of each region in the order of [`Region::ALL`]; empty before the fit.
-    pub fits: Vec<Result<RegionFit, Unfit>>,
+    pub fits: Vec<Result<RegionFit, NotFitted>>,
 }
 
 impl Study {

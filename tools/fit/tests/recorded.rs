@@ -2,7 +2,7 @@
 
 use fit::quality::Evaluated;
 use fit::steps::Why;
-use fit::{Filter, Options, Study, Unfit};
+use fit::{Filter, NotFitted, Options, Study};
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::model::ForceLaw;
@@ -79,7 +79,7 @@ fn steps_in_shoes_are_fitted_as_well_as_by_the_reference() {
     assert_eq!(studies[1].left_out.iter().map(|l| l.why).collect::<Vec<_>>(), [Why::NoHeelStrike, Why::NoToeOff]);
     assert_golden(&studies[0], &LEFT_SHOE);
     assert_golden(&studies[1], &RIGHT_SHOE);
-    assert!(matches!(studies[0].fits[6], Err(Unfit::HardlyLoaded(_))));
+    assert!(matches!(studies[0].fits[6], Err(NotFitted::HardlyLoaded(_))));
 }
 
 #[test]
@@ -128,8 +128,8 @@ fn the_errors_of_a_fit_are_those_of_the_insole() {
 fn recordings_of_two_walkers_are_rejected_and_those_of_one_walker_are_not() {
     let (Some(one), Some(more), Some(other)) = (walker(1, 0..10), walker(1, 20..30), walker(4, 0..10)) else { return };
     let mixed = study(&[one.clone(), other], ContactRule::COUNTED);
-    let mixed_regions = mixed.fits.iter().filter(|f| matches!(f, Err(Unfit::MixedPeople(_)))).count();
+    let mixed_regions = mixed.fits.iter().filter(|f| matches!(f, Err(NotFitted::MixedPeople(_)))).count();
     assert!((2..8).contains(&mixed_regions), "{mixed_regions}");
     let halves = study(&[one, more], ContactRule::COUNTED);
-    assert!(halves.fits.iter().all(|f| !matches!(f, Err(Unfit::MixedPeople(_)))));
+    assert!(halves.fits.iter().all(|f| !matches!(f, Err(NotFitted::MixedPeople(_)))));
 }

@@ -65,7 +65,7 @@ impl LawTable {
 
 impl VirtualInsole {
     /// The insole of a recording. Its calibration is ideal: pressures differ from the recorded ones by the resolution of the
-    /// sensor alone, less than 0.1 % above 1 % of full scale. [`crate::Zero::wear`] sets the offsets of the cells.
+    /// sensor alone, less than 0.1 % above 1 % of full scale. [`crate::Zero::apply_to`] sets the offsets of the cells.
     pub fn new(recording: &Recording, contact: ContactRule, stance: StanceRule) -> Self {
         let largest_kpa = recording.pressure_kpa.iter().fold(0.0f32, |a, &b| a.max(b));
         let mut sensor = SensorLaw { full_kpa: FULL_KPA, exponent: EXPONENT };

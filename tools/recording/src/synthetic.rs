@@ -9,7 +9,7 @@ mod walk;
 
 pub use ellipse::loaded_frame;
 pub use insole::insole;
-pub use sensor::read_with;
+pub use sensor::add_sensor_errors;
 pub use standing::{SyntheticStanding, standing};
 pub use walk::{SyntheticWalk, Walk, walk};
 

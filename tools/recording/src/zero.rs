@@ -134,13 +134,13 @@ impl Zero {
     ///
     /// # Errors
     /// Where this zero is that of the other foot or of other cells, or an offset exceeds half of a cell's scale.
-    pub fn wear(&self, insole: &mut VirtualInsole, place: &str) -> Result<()> {
+    pub fn apply_to(&self, insole: &mut VirtualInsole, place: &str) -> Result<()> {
         let (foot, other) = match insole.setup.side {
             Side::Left => (&self.left, Side::Right),
             Side::Right => (&self.right, Side::Left),
         };
         match foot {
-            Some(foot) => foot.wear(insole, place),
+            Some(foot) => foot.apply_to(insole, place),
             None => {
                 let (side, other) = (insole.setup.side.name(), other.name());
                 let problem = format!("no zero of the {side} foot, only of the {other}");
@@ -170,15 +170,15 @@ impl FootZero {
         // A trial has lifted frames, so every cell has codes.
         let offsets = (0..cells).map(|cell| insole.pressure_kpa(offset(cell).unwrap_or(0)));
         let zero = Self { layout_id: insole.setup.layout_id, offset_kpa: offsets.collect() };
-        zero.wear(&mut insole, place)?;
+        zero.apply_to(&mut insole, place)?;
         Ok(zero)
     }
 
-    /// As [`Zero::wear`], for an insole of either side.
+    /// As [`Zero::apply_to`], for an insole of either side.
     ///
     /// # Errors
-    /// As [`Zero::wear`].
-    pub fn wear(&self, insole: &mut VirtualInsole, place: &str) -> Result<()> {
+    /// As [`Zero::apply_to`].
+    pub fn apply_to(&self, insole: &mut VirtualInsole, place: &str) -> Result<()> {
         let (found, cells) = (self.offset_kpa.len(), insole.cells.len());
         if self.layout_id != insole.setup.layout_id || found != cells {
             return Err(Error::content(

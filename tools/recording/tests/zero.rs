@@ -22,7 +22,7 @@ fn offsets(cells: usize) -> Vec<f32> {
 fn trial(parameters: &SyntheticStanding) -> Recording {
     let mut recording = synthetic::standing(parameters);
     let offset_kpa = offsets(parameters.cells);
-    synthetic::read_with(&mut recording, &offset_kpa, 8.0, 7);
+    synthetic::add_sensor_errors(&mut recording, &offset_kpa, 8.0, 7);
     recording
 }
 
@@ -79,10 +79,10 @@ fn offsets_are_recovered_to_the_code_despite_noise() {
     let parameters = SyntheticStanding::default();
     for noise_codes in [0.0, 2.0, 8.0] {
         let mut recording = synthetic::standing(&parameters);
-        synthetic::read_with(&mut recording, &offsets(parameters.cells), noise_codes, 7);
+        synthetic::add_sensor_errors(&mut recording, &offsets(parameters.cells), noise_codes, 7);
         let (found, zero) = measured(&recording);
         let mut insole = virtual_insole(&recording);
-        zero.wear(&mut insole, "zero").expect("this insole's zero");
+        zero.apply_to(&mut insole, "zero").expect("this insole's zero");
         let frames = found.lifted[0].len() + found.lifted[1].len();
         let error = 4.0 * noise_codes / (3.0 * frames as f64).sqrt();
         // In the order of the insole: by region, otherwise as recorded.
@@ -107,7 +107,7 @@ fn offsets_are_recovered_to_the_code_despite_noise() {
 fn a_zero_is_exact_at_its_own_full_scale_and_at_others() {
     let parameters = SyntheticStanding { sway: 0.0, ..Default::default() };
     let mut recording = synthetic::standing(&parameters);
-    synthetic::read_with(&mut recording, &offsets(parameters.cells), 0.0, 1);
+    synthetic::add_sensor_errors(&mut recording, &offsets(parameters.cells), 0.0, 1);
     let (_, zero) = measured(&recording);
     let text = Zero { right: Some(zero), left: None }.to_toml();
     let zero = Zero::parse(&text, Path::new("zero.toml")).expect("its own file");
@@ -116,7 +116,7 @@ fn a_zero_is_exact_at_its_own_full_scale_and_at_others() {
         let mut walk = cut(&recording, 0.0..0.1);
         walk.pressure_kpa[parameters.cells] = largest_kpa;
         let mut insole = virtual_insole(&walk);
-        zero.wear(&mut insole, "zero.toml").expect("this insole's zero");
+        zero.apply_to(&mut insole, "zero.toml").expect("this insole's zero");
         let mut unloaded = vec![0; insole.cells.len()];
         insole.codes(walk.frame(0), &mut unloaded);
         for (cell, &code) in insole.cells.iter().zip(&unloaded) {
@@ -133,7 +133,7 @@ fn the_mean_force_while_standing_is_the_applied_one() {
     let recording = trial(&parameters);
     let (found, zero) = measured(&recording);
     let mut insole = virtual_insole(&recording);
-    zero.wear(&mut insole, "zero").expect("this insole's zero");
+    zero.apply_to(&mut insole, "zero").expect("this insole's zero");
     let frames = found.standing.len() as f64;
     let measured_n = |i| recording.layout.force_n(&insole.measured_kpa(recording.frame(i)));
     let mean_n = found.standing.clone().map(measured_n).sum::<f64>() / frames;
@@ -162,11 +162,11 @@ fn replay(recording: &Recording, insole: &VirtualInsole) -> (Vec<[(f64, f64); 8]
 fn a_walk_with_offsets_and_its_zero_equals_a_walk_without_offsets() {
     let ideal = synthetic::walk(&SyntheticWalk::default()).recording;
     let mut recorded = ideal.clone();
-    synthetic::read_with(&mut recorded, &offsets(240), 0.0, 1);
+    synthetic::add_sensor_errors(&mut recorded, &offsets(240), 0.0, 1);
     let (_, zero) = measured(&trial(&SyntheticStanding::default()));
     let mut insole = virtual_insole(&recorded);
     let before = insole.clone();
-    Zero { right: Some(zero), left: None }.wear(&mut insole, "zero").expect("this insole's zero");
+    Zero { right: Some(zero), left: None }.apply_to(&mut insole, "zero").expect("this insole's zero");
     let (expected, steps) = replay(&ideal, &virtual_insole(&ideal));
     let (found, found_steps) = replay(&recorded, &insole);
     assert_eq!((steps, found_steps), (10, 10));
@@ -198,7 +198,7 @@ fn other_recordings_are_rejected_with_the_reason() {
     };
     assert!(StandingTrial::find(&joined(&[&sit, &stand, &sit]), "trial").is_ok());
     let mut walk = synthetic::walk(&SyntheticWalk { cells: 60, steps: 20, ..Default::default() }).recording;
-    synthetic::read_with(&mut walk, &offsets(60), 8.0, 7);
+    synthetic::add_sensor_errors(&mut walk, &offsets(60), 8.0, 7);
     for (recording, reason) in [
         (stand.clone(), "no difference"),
         (joined(&[&sit, &sit]), "no difference"),
@@ -227,7 +227,7 @@ fn feet_that_rest_on_the_floor_do_not_count_as_lifted() {
         let frame = &mut recording.pressure_kpa[i * 240..(i + 1) * 240];
         frame.iter_mut().zip(&standing).for_each(|(kpa, standing)| *kpa = kpa.max(0.2 * standing));
     }
-    synthetic::read_with(&mut recording, &offsets(240), 8.0, 7);
+    synthetic::add_sensor_errors(&mut recording, &offsets(240), 8.0, 7);
     let (found, _) = measured(&recording);
     let seconds = |part: &std::ops::Range<usize>| (part.start as f64 * 0.01, part.end as f64 * 0.01);
     let is_close =
@@ -241,7 +241,7 @@ fn a_zero_of_other_cells_or_above_half_of_the_scale_is_rejected() {
     let recording = synthetic::standing(&SyntheticStanding::default());
     let (_, zero) = measured(&recording);
     let refused = |zero: &FootZero, words: &[&str]| {
-        let error = zero.wear(&mut virtual_insole(&recording), "zero.toml").expect_err("refused").to_string();
+        let error = zero.apply_to(&mut virtual_insole(&recording), "zero.toml").expect_err("refused").to_string();
         assert!(words.iter().all(|word| error.contains(word)), "{words:?}: {error}");
     };
     refused(&FootZero { layout_id: 1, ..zero.clone() }, &["zero.toml", "other cells", "--cells"]);
@@ -252,13 +252,13 @@ fn a_zero_of_other_cells_or_above_half_of_the_scale_is_rejected() {
         refused(&high, &["x ", "half of its scale"]);
     }
     let only_left = Zero { left: Some(zero), right: None };
-    let error = only_left.wear(&mut virtual_insole(&recording), "zero.toml").expect_err("refused").to_string();
+    let error = only_left.apply_to(&mut virtual_insole(&recording), "zero.toml").expect_err("refused").to_string();
     assert!(error.contains("no zero of the right foot, only of the left"), "{error}");
 
     let mut broken = recording.clone();
     let mut offset_kpa = offsets(240);
     offset_kpa[100] = 500.0;
-    synthetic::read_with(&mut broken, &offset_kpa, 0.0, 1);
+    synthetic::add_sensor_errors(&mut broken, &offset_kpa, 0.0, 1);
     let found = StandingTrial::find(&broken, "trial").expect("a standing trial");
     let error = FootZero::measure(&broken, &found, "trial").expect_err("refused").to_string();
     assert!(error.contains("500 kPa unloaded"), "{error}");

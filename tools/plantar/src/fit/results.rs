@@ -65,7 +65,7 @@ fn five_in_words(fit: &RegionFit) -> Vec<String> {
             .iter()
             .zip(units)
             .map(|(interval, unit)| {
-                if !interval.told {
+                if !interval.is_identifiable {
                     return "-".into();
                 }
                 let [low, high] = widest(interval).map(|end| summary::significant(end * unit));
@@ -112,7 +112,7 @@ pub fn to_toml(study: &Study, size: InsoleSize) -> String {
 }
 
 /// The comment on a value: how it was determined.
-fn note(fit: &Result<RegionFit, fit::Unfit>, name: &str, method: Method) -> String {
+fn note(fit: &Result<RegionFit, fit::NotFitted>, name: &str, method: Method) -> String {
     let fit = match fit {
         Ok(fit) => fit,
         Err(reason) if name == "a_mm" => return format!("typical, NOT identified: {reason}"),
@@ -123,7 +123,7 @@ fn note(fit: &Result<RegionFit, fit::Unfit>, name: &str, method: Method) -> Stri
     };
     let identified = |i: usize, scale: f64| {
         let interval = &uncertainty.intervals[i];
-        if !interval.told {
+        if !interval.is_identifiable {
             return "NOT identifiable from force: G is 0".into();
         }
         let [low, high] = widest(interval).map(|end| summary::significant(end * scale));
@@ -169,7 +169,7 @@ pub fn to_json(study: &Study) -> Value {
     })
 }
 
-fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
+fn fit_to_json(fit: &Result<RegionFit, fit::NotFitted>) -> Value {
     let fit = match fit {
         Ok(fit) => fit,
         Err(reason) => return json!({ "fitted": false, "reason": reason.to_string() }),
@@ -178,7 +178,7 @@ fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
     let intervals = fit.uncertainty.as_ref().map(|uncertainty| {
         let names = ["ab_m2", "stiffness_pa", "damping_pa_s", "n", "m"];
         let of = |i: &Interval| {
-            json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.told })
+            json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.is_identifiable })
         };
         let all: Map<String, Value> =
             names.iter().zip(&uncertainty.intervals).map(|(name, i)| ((*name).into(), of(i))).collect();

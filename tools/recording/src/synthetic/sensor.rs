@@ -13,7 +13,7 @@ use plantar::pipeline::calibrate::FULL_CODE;
 ///
 /// # Panics
 /// Where the number of offsets is not that of the cells.
-pub fn read_with(recording: &mut Recording, offset_kpa: &[f32], noise_codes: f64, seed: u64) {
+pub fn add_sensor_errors(recording: &mut Recording, offset_kpa: &[f32], noise_codes: f64, seed: u64) {
     assert_eq!(offset_kpa.len(), recording.cells(), "one offset for each cell");
     let (full_kpa, full_code, exponent) = (f64::from(FULL_KPA), f64::from(FULL_CODE), f64::from(EXPONENT));
     let code = |kpa: f32| full_code * (f64::from(kpa) / full_kpa).powf(exponent);
