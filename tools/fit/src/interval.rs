@@ -69,7 +69,7 @@ pub fn from_jacobian(samples: &Samples, bounds: &Bounds, identified: &Identified
         });
         free.pseudo_inverse(1e-13).unwrap_or(Matrix5::identity() * f64::INFINITY)
     };
-    // Where the model has a systematic error, neighbouring residuals are correlated, so that fewer of them are independent. The
+    // If the model has a systematic error, neighbouring residuals are correlated, so that fewer of them are independent. The
     // fit of five parameters lowers the estimated correlation by about 5 / (samples - 5), which is added again.
     let autocorrelation =
         samples.autocorrelation(law.residuals().as_slice()) + 5.0 / (samples.len() as f64 - 5.0).max(5.0);

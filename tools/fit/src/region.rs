@@ -47,7 +47,7 @@ pub struct RegionFit {
 /// Fits one region to one step alone, as the paper does before it averages.
 ///
 /// # Errors
-/// The reason where the region cannot be fitted to the step.
+/// The reason if the region cannot be fitted to the step.
 pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(RegionFit, Evaluated), NotFitted> {
     let steps = std::slice::from_ref(step);
     let used = usable(steps, region, options.filter)?;
@@ -64,7 +64,7 @@ pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(Region
 /// Fits one region to all steps that pass the screening.
 ///
 /// # Errors
-/// The reason where no step passes or the result is out of range.
+/// The reason if no step passes or the result is out of range.
 pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Result<RegionFit, NotFitted> {
     let used = usable(steps, region, options.filter)?;
     let curves: Vec<&RegionCurves> = used.iter().map(|&i| &steps[i].regions[region]).collect();
@@ -217,7 +217,7 @@ fn pins_of(curves: &[&RegionCurves], region: usize, options: &Options) -> Pins {
 const COMPARED_STEPS: usize = 10;
 
 /// Median error of a recording's steps predicted from the other recordings of the same foot, divided by the error predicted from
-/// itself; the largest of all recordings, `None` where none can be compared. `recordings` has the recording and the foot of each
+/// itself; the largest of all recordings, `None` if none can be compared. `recordings` has the recording and the foot of each
 /// curve.
 fn recordings_ratio(
     curves: &[&RegionCurves],

@@ -83,7 +83,7 @@ impl std::error::Error for NotFitted {}
 /// The indices of the steps to which a region can be fitted.
 ///
 /// # Errors
-/// The reason where no step qualifies.
+/// The reason if no step qualifies.
 pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Vec<usize>, NotFitted> {
     if steps.is_empty() {
         return Err(NotFitted::NoSteps);

@@ -170,7 +170,7 @@ const PARTIAL: f64 = 0.6;
 /// recording. `progress` receives the number of frames processed.
 ///
 /// # Errors
-/// Where the insole cannot be set up.
+/// Fails if the insole cannot be set up.
 pub fn isolate(
     recording: &Recording,
     insole: &VirtualInsole,

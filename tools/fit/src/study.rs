@@ -59,7 +59,7 @@ impl Study {
     /// processed.
     ///
     /// # Errors
-    /// Where the insole cannot be set up; the study is then unchanged.
+    /// Fails if the insole cannot be set up; the study is then unchanged.
     pub fn add(
         &mut self,
         name: String,

@@ -45,7 +45,7 @@ fn pedar_feet() -> Option<[Recording; 2]> {
 }
 
 /// Mean NRMSE of each region against the measured force, %, by SciPy's least squares (trust region reflective) for the same
-/// filtered areas and bounds: the best of 24 random starts. `None` where the region is not fitted.
+/// filtered areas and bounds: the best of 24 random starts. `None` if the region is not fitted.
 type Golden = [Option<f64>; 8];
 
 const LEFT_SHOE: Golden =

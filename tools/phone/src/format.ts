@@ -20,7 +20,7 @@ export const regionTitle = (name: string) => TITLES[name] ?? name;
 export const QUANTITIES = ["measured", "model", "deformation", "area"] as const;
 export type Quantity = (typeof QUANTITIES)[number];
 
-/** A quantity of a region with its unit; `null` where it requires the wearer's parameters and the insole has none. */
+/** A quantity of a region with its unit; `null` if it requires the wearer's parameters and the insole has none. */
 export function quantityText(region: LiveRegion, quantity: Quantity, has_parameters: boolean, settings: Settings): string | null {
   const needs_parameters = quantity === "model" || quantity === "deformation";
   if (needs_parameters && !has_parameters) return null;

@@ -7,7 +7,7 @@ import type { Wire } from "./wire";
 
 export interface StoredStep {
   step: Step;
-  /** Largest total force of the foot in the live frames; `null` where too many of these are missing. */
+  /** Largest total force of the foot in the live frames; `null` if too many of these are missing. */
   peak_n: number | null;
   /** Time of first contact on the browser's clock; `null` without a time from the insole. */
   start_unix_s: number | null;
