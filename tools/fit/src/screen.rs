@@ -1,4 +1,4 @@
-//! Screening: the steps to which a region can be fitted, or the reason why none qualifies.
+//! Screening: selects the steps to which a region can be fitted, or determines why no step qualifies.
 
 use crate::{Filter, RegionCurves, Samples, Step, quality};
 use std::cmp::Ordering;
@@ -8,7 +8,8 @@ use std::fmt;
 pub const MIN_SAMPLES: usize = 12;
 /// Smallest peak force of a region, N: the force below which a whole foot counts as in swing.
 pub const MIN_FORCE_N: f64 = 20.0;
-/// Largest fraction of the contact in which the area is at its maximum; beyond it, force cannot be related to area.
+/// The area must be below its maximum for some of the contact time. If it is at its maximum for at least this fraction, force
+/// cannot be related to area.
 const SATURATED_SHARE: f64 = 0.8;
 /// An area of at least this fraction of the maximum counts as the maximum.
 const SATURATED_AREA: f64 = 0.98;
@@ -16,7 +17,7 @@ const SATURATED_AREA: f64 = 0.98;
 /// The reason why a region could not be fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NotFitted {
-    /// No step.
+    /// There is no step.
     NoSteps,
     /// No cell of the region was ever in contact.
     NeverLoaded,
@@ -34,7 +35,8 @@ pub enum NotFitted {
     SaturatedArea(f64),
     /// The parameters are outside of the range that an insole accepts: see [`plantar::pipeline::model::ForceLaw::is_valid`].
     OutOfRange,
-    /// The recordings disagree: the error of predicting one from the other, divided by the error of predicting it from itself.
+    /// The recordings disagree, probably because they are of several people. The value is the
+    /// [`recordings_ratio`](crate::RegionFit::recordings_ratio).
     MixedPeople(f64),
 }
 
@@ -80,15 +82,14 @@ impl fmt::Display for NotFitted {
 
 impl std::error::Error for NotFitted {}
 
-/// The indices of the steps to which a region can be fitted.
+/// The indices of the steps to which the region with index `region` can be fitted.
 ///
 /// # Errors
-/// The reason if no step qualifies.
+/// If no step qualifies, returns the reason of the step that came closest to passing all checks.
 pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Vec<usize>, NotFitted> {
     if steps.is_empty() {
         return Err(NotFitted::NoSteps);
     }
-    // The reason of the step that passed the most checks is reported.
     let mut reasons = Vec::new();
     let mut used = Vec::new();
     for (i, step) in steps.iter().enumerate() {
@@ -97,6 +98,8 @@ pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Ve
             Err(reason) => reasons.push(reason),
         }
     }
+    // A step ranks higher if it failed a later check; a clipped step ranks highest. For equal reasons, the step that came closer to
+    // passing the check ranks higher.
     let rank = |reason: &NotFitted| match reason {
         NotFitted::NeverLoaded => (0, 0.0),
         NotFitted::ZeroForce => (1, 0.0),
@@ -110,7 +113,7 @@ pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Ve
     if used.is_empty() { Err(furthest.unwrap_or(NotFitted::NoSteps)) } else { Ok(used) }
 }
 
-/// Checks one step.
+/// Checks whether a region can be fitted to one step.
 fn check(curves: &RegionCurves, filter: Filter) -> Result<(), NotFitted> {
     let samples = Samples::new([curves], filter);
     let area = &samples.raw_area_m2;

@@ -1,4 +1,5 @@
-//! Extraction of the steps of a recording by the code of the insole, with the excluded contacts and the reasons.
+//! Extraction of the steps of a recording by the code of the insole. Contacts that are not complete steps are excluded and listed
+//! with the reason.
 
 use crate::quality::largest;
 use plantar::Side;
@@ -10,9 +11,11 @@ use std::fmt;
 /// The filters of the device for the contact area.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
-    /// The filter of the step record: three-point mean and a polynomial of 5th order over the contact phase, rate by Eq. 16.
+    /// The filter of the step record. The area is smoothed by a three-point mean and a polynomial of 5th order over the contact
+    /// phase; the deformation rate is the difference to the next sample (Eq. 16).
     Step,
-    /// The filter of the live stream: mean of three frames, rate by the backward difference.
+    /// The filter of the live stream. The area is the mean of the last three frames; the deformation rate is the difference to the
+    /// previous frame.
     Live,
 }
 
@@ -33,7 +36,7 @@ pub struct RegionCurves {
     pub area_mm2: Vec<f64>,
     /// Measured force at the same times, N.
     pub force_n: Vec<f64>,
-    /// Time between these samples, s: the frame period, or a multiple of it in a long stance.
+    /// Time between these samples, s. It is the frame period, or a multiple of the frame period in a long stance.
     pub sample_s: f64,
     /// Contact area of every frame, mm2: the input of the live filter.
     pub frame_area_mm2: Vec<f64>,
@@ -41,30 +44,30 @@ pub struct RegionCurves {
     pub frame_force_n: Vec<f64>,
     /// Time between frames, s.
     pub frame_s: f64,
-    /// A cell of the region was saturated.
+    /// True if a cell of the region was saturated.
     pub saturated: bool,
-    /// Contact ellipse, mean over the stance, weighted by force; `None` without contact.
+    /// Mean contact ellipse over the stance, weighted by force. `None` without contact.
     pub ellipse: Option<MeanEllipse>,
 }
 
 /// A contact ellipse in foot coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MeanEllipse {
-    /// Centre, medial-lateral, mm.
+    /// Centre along the medial-lateral axis, mm.
     pub x_mm: f64,
-    /// Centre, heel-toe, mm.
+    /// Centre along the heel-toe axis, mm.
     pub y_mm: f64,
-    /// Radius along the paper's X (nearer to the medial-lateral axis), mm.
+    /// Radius along the axis X of the paper, which is the axis of the ellipse nearer to the medial-lateral axis, mm.
     pub r_a_mm: f64,
-    /// Radius along the paper's Y (nearer to the heel-toe axis), mm.
+    /// Radius along the axis Y of the paper, which is the axis of the ellipse nearer to the heel-toe axis, mm.
     pub r_b_mm: f64,
-    /// Angle from the medial-lateral axis to the first radius, -45 to 45 degrees.
+    /// Angle from the medial-lateral axis to the axis X, -45 to 45 degrees.
     pub angle_deg: f64,
 }
 
 impl MeanEllipse {
-    /// The weighted mean of ellipses, `None` without weight. The mean of the radii is geometric, so that the mean aspect ratio
-    /// does not favour an axis.
+    /// The weighted mean of ellipses, which are given with their weights. `None` if the weights add up to 0. The mean of the radii
+    /// is geometric, so that the mean aspect ratio does not favour an axis.
     pub fn of(weighted: impl IntoIterator<Item = (f64, Self)>) -> Option<Self> {
         let mut sum = Self::default();
         let mut all = 0.0;
@@ -116,7 +119,7 @@ pub struct Step {
     pub duration_s: f64,
     /// Largest force on the whole foot, N.
     pub peak_n: f64,
-    /// The curves, in the order of [`plantar::Region::ALL`].
+    /// The curves of the regions, in the order of [`plantar::Region::ALL`].
     pub regions: [RegionCurves; 8],
 }
 
@@ -134,17 +137,17 @@ pub struct LeftOut {
 /// The reason why a contact was excluded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Why {
-    /// The foot is on the ground from the first frame on, so the heel strike is missing.
+    /// The foot is on the ground in the first frame, so the heel strike is missing.
     NoHeelStrike,
-    /// The foot is on the ground until the last frame, so the toe off is missing.
+    /// The foot is on the ground in the last frame, so the toe off is missing.
     NoToeOff,
     /// Shorter than a step.
     Short,
-    /// Longer than a step: standing.
+    /// Longer than a step, because the person stands.
     Long,
-    /// Frames are missing in it.
+    /// Frames are missing in the contact.
     Broken,
-    /// The foot was loaded partially: the peak force divided by the median peak force of the recording.
+    /// The foot was loaded only partially. The value is the peak force divided by the median peak force of the recording.
     Partial(f64),
 }
 
@@ -163,11 +166,11 @@ impl fmt::Display for Why {
     }
 }
 
-/// A step with a peak force below this fraction of the median was loaded partially.
+/// A step counts as partially loaded if its peak force is below this fraction of the median peak force of the recording.
 const PARTIAL: f64 = 0.6;
 
-/// The steps of a recording, which is number `index` of the study, and its excluded contacts. `insole` is the insole of the
-/// recording. `progress` receives the number of frames processed.
+/// The steps of a recording and its excluded contacts. `insole` is the virtual insole of the recording. `index` is the index of the
+/// recording in the study. `progress` receives the number of frames that have been processed.
 ///
 /// # Errors
 /// Fails if the insole cannot be set up.
@@ -185,7 +188,7 @@ pub fn isolate(
     let (mut rejected, mut starts_loaded) = (device.rejected(), false);
     let period_s = f64::from(insole.setup.period_us) * 1e-6;
     let first_s = recording.t_s.first().copied().unwrap_or(0.0);
-    let longest = (u32::from(insole.setup.stance.max_stance_ms) * 1000 / insole.setup.period_us) as usize
+    let longest_frames = (u32::from(insole.setup.stance.max_stance_ms) * 1000 / insole.setup.period_us) as usize
         + (u32::from(insole.setup.stance.min_swing_ms) * 1000 / insole.setup.period_us) as usize;
     let count = insole.frames(recording);
     for i in 0..count {
@@ -197,8 +200,8 @@ pub fn isolate(
             contact.start = i;
             starts_loaded = i == 0;
         }
-        // A contact that is longer than a step is rejected, so its further frames are not needed.
-        if device.on_ground() && contact.frames.len() <= longest {
+        // The insole rejects a contact that is longer than a step, so further frames of such a contact are not needed.
+        if device.on_ground() && contact.frames.len() <= longest_frames {
             contact.push(&device);
         }
         let mut exclude = |why, frame: usize| {
@@ -256,7 +259,7 @@ pub fn isolate(
     Ok((steps, left_out))
 }
 
-/// The reason of a rejection by the insole between `before` and `now`.
+/// The reason if the insole rejected a contact between the counts `before` and `now`; otherwise `None`.
 fn new_rejection(before: &Rejected, now: &Rejected) -> Option<Why> {
     if now.short != before.short {
         Some(Why::Short)
@@ -269,7 +272,7 @@ fn new_rejection(before: &Rejected, now: &Rejected) -> Option<Why> {
     }
 }
 
-/// The median; 0 without values.
+/// The median; 0 if there are no values.
 pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_by(f64::total_cmp);
@@ -283,7 +286,7 @@ pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
 #[derive(Default)]
 struct Contact {
     start: usize,
-    /// Area, mm2, force, N, and ellipse of each region.
+    /// For each frame, the area, mm2, the force, N, and the ellipse of each region.
     frames: Vec<[(f64, f64, Option<MeanEllipse>); 8]>,
 }
 
@@ -306,13 +309,14 @@ impl Contact {
         }));
     }
 
-    /// Largest force on the whole foot in the first `frames`, N.
+    /// Largest force on the whole foot in the first `frames` frames, N.
     fn peak_n(&self, frames: usize) -> f64 {
         let total = |frame: &[(f64, f64, Option<MeanEllipse>); 8]| frame.iter().map(|(_, force, _)| force).sum::<f64>();
         self.frames.iter().take(frames).map(total).fold(0.0, f64::max)
     }
 
-    /// The curves of a region over the first `frames`, without those of the step filter.
+    /// The curves of a region in the first `frames` frames. The input of [`Filter::Step`] is empty. `frame_s` is the time between
+    /// frames, s.
     fn region(&self, region: usize, frames: usize, frame_s: f64) -> RegionCurves {
         let frames = &self.frames[..frames.min(self.frames.len())];
         let weighted = frames.iter().filter_map(|frame| Some((frame[region].1, frame[region].2?)));

@@ -7,7 +7,7 @@ use plantar::Side;
 
 const OPTIONS: Options = Options::usual([0.012; 8]);
 
-/// Six steps with the curves of the heel replaced.
+/// Six steps in which `heel` replaces the curves of the heel.
 fn with_heel(heel: impl Fn(RegionCurves) -> RegionCurves) -> Vec<Step> {
     let mut steps = walk(6, 100.0, Filter::Step, 0.01, 1);
     for step in &mut steps {
@@ -22,7 +22,8 @@ fn reason(steps: &[Step]) -> NotFitted {
     fits[0].clone().expect_err("the heel is not fitted")
 }
 
-fn all(area_mm2: &mut [f64], value: f64) {
+/// Replaces all areas during contact by `value`.
+fn set_all(area_mm2: &mut [f64], value: f64) {
     area_mm2.iter_mut().filter(|a| **a > 0.0).for_each(|a| *a = value);
 }
 
@@ -42,7 +43,7 @@ fn each_reason_is_recognised() {
     let clipped = with_heel(|c| RegionCurves { saturated: true, ..c });
     assert_eq!(reason(&clipped), NotFitted::Clipped);
     let constant = with_heel(|mut c| {
-        all(&mut c.area_mm2, 2000.0);
+        set_all(&mut c.area_mm2, 2000.0);
         c
     });
     assert_eq!(reason(&constant), NotFitted::ConstantArea);
@@ -54,7 +55,7 @@ fn each_reason_is_recognised() {
     assert!(fit(&[], &OPTIONS, &|_| ()).iter().all(|f| f == &Err(NotFitted::NoSteps)));
 }
 
-/// With this thickness the ellipsoid is larger than an insole accepts.
+/// With a thickness of 5 m, the ellipsoid is larger than an insole accepts.
 #[test]
 fn parameters_outside_of_the_range_of_an_insole_are_rejected() {
     let steps = walk(3, 100.0, Filter::Step, 0.01, 1);
@@ -62,14 +63,14 @@ fn parameters_outside_of_the_range_of_an_insole_are_rejected() {
     assert!(fits.iter().all(|f| f == &Err(NotFitted::OutOfRange)));
 }
 
-/// The error on steps that were not used for the fit is the amplitude of the noise.
+/// On steps that were not used for the fit, the error is the standard deviation of the noise.
 #[test]
 fn many_steps_are_cross_validated_in_groups() {
     let steps = walk(70, 50.0, Filter::Step, 0.03, 1);
     for fit in fit(&steps, &OPTIONS, &|_| ()) {
         let fit = fit.expect("fitted");
-        assert_eq!(fit.unseen.len(), 70);
-        let mean = fit.unseen.iter().sum::<f64>() / 70.0;
+        assert_eq!(fit.predicted_nrmse.len(), 70);
+        let mean = fit.predicted_nrmse.iter().sum::<f64>() / 70.0;
         assert!((0.025..0.035).contains(&mean) && Some(mean) == fit.quality.predicted, "{mean}");
     }
 }
@@ -84,7 +85,7 @@ fn steps_that_fail_the_screening_are_not_used_for_a_region() {
     assert_eq!(fits[1].as_ref().expect("fitted").steps.len(), 6);
 }
 
-/// Recordings disagree if the tissue differs, and not if only the noise differs.
+/// Recordings disagree if the tissue differs. They do not disagree if only the noise differs.
 #[test]
 fn recordings_of_two_people_are_recognised() {
     let one = walk(10, 100.0, Filter::Step, 0.02, 1);
@@ -111,7 +112,7 @@ fn recordings_of_two_people_are_recognised() {
     assert!(fit(&[one, other].concat(), &OPTIONS, &|_| ()).iter().all(Result::is_ok));
 }
 
-/// The same steps result in the same numbers, those of the bootstrap included, with any number of threads.
+/// The same steps result in the same numbers, including the numbers of the bootstrap, with any number of threads.
 #[test]
 fn a_fit_is_repeatable_and_its_bootstrap_agrees_with_the_jacobian() {
     let steps = walk(12, 100.0, Filter::Step, 0.01, 4);

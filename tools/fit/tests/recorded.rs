@@ -1,4 +1,6 @@
-//! Recorded steps: the errors of the fits agree with an independent reference and with the code of the insole.
+//! Fits to recorded steps: their errors agree with an independent reference and with the code of the insole. The recordings are not
+//! part of this repository: the tests are skipped unless `PLANTAR_JIKU` names the folder SpeedPP2DS of `jiku-data`, or the folder
+//! `shared/data/pedar` exists beside the repository.
 
 use fit::quality::Evaluated;
 use fit::steps::Why;
@@ -35,7 +37,7 @@ fn walker(walker: usize, trials: std::ops::Range<usize>) -> Option<Recording> {
 fn pedar_feet() -> Option<[Recording; 2]> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/pedar");
     if !folder.is_dir() {
-        println!("skipped: no ../shared/data");
+        println!("skipped: the folder ../shared/data/pedar does not exist");
         return None;
     }
     let (asc, geometry) = (folder.join("pedar_example.asc"), folder.join("geometry.csv"));
@@ -44,8 +46,8 @@ fn pedar_feet() -> Option<[Recording; 2]> {
     )
 }
 
-/// Mean NRMSE of each region against the measured force, %, by SciPy's least squares (trust region reflective) for the same
-/// filtered areas and bounds: the best of 24 random starts. `None` if the region is not fitted.
+/// The mean NRMSE of each region against the measured force, %, of fits by SciPy's least squares (trust region reflective). They
+/// used the same filtered areas and bounds; each is the best result of 24 random starts. `None` if the region is not fitted.
 type Golden = [Option<f64>; 8];
 
 const LEFT_SHOE: Golden =
@@ -55,7 +57,7 @@ const RIGHT_SHOE: Golden =
 const BAREFOOT: Golden =
     [Some(11.83), Some(21.48), Some(11.51), Some(13.91), Some(20.68), Some(14.95), Some(13.93), Some(9.90)];
 
-/// Asserts that the search without random starts is at most a twentieth of a percentage point worse than the best of 24.
+/// Asserts that the NRMSE of the fits, which use no random starts, is at most 0.05 percentage points above `golden`.
 fn assert_golden(study: &Study, golden: &Golden) {
     for ((region, fit), golden) in Region::ALL.iter().zip(&study.fits).zip(golden) {
         match (fit, golden) {
@@ -90,7 +92,7 @@ fn barefoot_steps_are_fitted_as_well_as_by_the_reference() {
     assert_golden(&study, &BAREFOOT);
 }
 
-/// The errors of each fit equal the errors that the core computes from the recording with the same parameters.
+/// The errors of each fit equal the errors that the code of the insole computes from the recording with the same parameters.
 #[test]
 fn the_errors_of_a_fit_are_those_of_the_insole() {
     let Some(walk) = walker(2, 0..8) else { return };

@@ -207,7 +207,7 @@ fn fit_to_json(fit: &Result<RegionFit, fit::NotFitted>) -> Value {
         },
         "peak_bias_percent": q.peak_bias * 100.0,
         "saturated_share": q.saturated,
-        "unseen_percent": fit.unseen.iter().map(|share| share * 100.0).collect::<Vec<_>>(),
+        "unseen_percent": fit.predicted_nrmse.iter().map(|share| share * 100.0).collect::<Vec<_>>(),
         "area_levels": fit.area_levels,
         "recordings_ratio": fit.recordings_ratio,
         "evaluations": fit.evaluations,
