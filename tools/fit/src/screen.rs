@@ -73,8 +73,8 @@ impl fmt::Display for NotFitted {
             ),
             Self::MixedPeople(ratio) => write!(
                 f,
-                "the recordings disagree: predicting one from the other has {ratio:.1} times the error of predicting it from \
-                 itself; check that all are of one person, in the same shoes and on the same kind of sensor"
+                "the recordings disagree: with parameters from the other recordings, the error of a recording is {ratio:.1} times \
+                 the error with its own; check that all are of one person, in the same shoes and on the same kind of sensor"
             ),
         }
     }

@@ -81,6 +81,7 @@ fn messages() -> String {
     text
 }
 
+/// Adds the TypeScript declaration of `T` to `text`.
 fn declare<T: TS>(text: &mut String, config: &Config) {
     let declaration = format!("{}export {}", T::docs().unwrap_or_default(), T::decl(config));
     // Every description fits on one line.
