@@ -2,8 +2,8 @@
 //!
 //! For a given shape (`max_ratio`, n, m) the force is linear in K and G, and the best values of K and G within bounds follow from a
 //! 2 x 2 system. The identification has three stages. The first evaluates a grid over the shape. The second searches over the
-//! shape, from the best points of the grid. The third searches over all five parameters; as on the device, tensile force is set to
-//! 0. The result is deterministic.
+//! shape, from the best points of the grid. The third searches over all five parameters, and omits tensile force as the device does.
+//! The result is deterministic.
 
 use crate::bounded::{self, Residuals};
 use crate::law::{Column, Deformation, Shape};

@@ -125,18 +125,18 @@ pub struct Step {
 
 /// A contact that was excluded.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LeftOut {
+pub struct ExcludedContact {
     /// Index of the recording.
     pub recording: usize,
     /// Time of the contact in the recording, s.
     pub at_s: f64,
     /// The reason.
-    pub why: Why,
+    pub reason: ExclusionReason,
 }
 
 /// The reason why a contact was excluded.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Why {
+pub enum ExclusionReason {
     /// The foot is on the ground in the first frame, so the heel strike is missing.
     NoHeelStrike,
     /// The foot is on the ground in the last frame, so the toe off is missing.
@@ -151,7 +151,7 @@ pub enum Why {
     Partial(f64),
 }
 
-impl fmt::Display for Why {
+impl fmt::Display for ExclusionReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoHeelStrike => f.write_str("on the ground from the first frame on: its heel strike is missing"),
@@ -179,11 +179,11 @@ pub fn isolate(
     insole: &VirtualInsole,
     index: usize,
     progress: &mut dyn FnMut(usize),
-) -> Result<(Vec<Step>, Vec<LeftOut>), plantar::pipeline::setup::SetupError> {
+) -> Result<(Vec<Step>, Vec<ExcludedContact>), plantar::pipeline::setup::SetupError> {
     let mut device = Box::new(Insole::<f64, MAX_CELLS>::new());
     device.set_up(insole.setup, insole.cells.iter().copied())?;
     let mut codes = vec![0; insole.cells.len()];
-    let (mut steps, mut left_out) = (Vec::new(), Vec::new());
+    let (mut steps, mut excluded) = (Vec::new(), Vec::new());
     let mut contact = Contact::default();
     let (mut rejected, mut starts_loaded) = (device.rejected(), false);
     let period_s = f64::from(insole.setup.period_us) * 1e-6;
@@ -204,15 +204,15 @@ pub fn isolate(
         if device.on_ground() && contact.frames.len() <= longest_frames {
             contact.push(&device);
         }
-        let mut exclude = |why, frame: usize| {
-            left_out.push(LeftOut { recording: index, at_s: first_s + frame as f64 * period_s, why });
+        let mut exclude = |reason, frame: usize| {
+            excluded.push(ExcludedContact { recording: index, at_s: first_s + frame as f64 * period_s, reason });
         };
-        if let Some(why) = new_rejection(&rejected, &device.rejected()) {
-            exclude(why, contact.start);
+        if let Some(reason) = new_rejection(&rejected, &device.rejected()) {
+            exclude(reason, contact.start);
         }
         rejected = device.rejected();
         if was_on_ground && !device.on_ground() && !toe_off && starts_loaded {
-            exclude(Why::NoHeelStrike, 0);
+            exclude(ExclusionReason::NoHeelStrike, 0);
             starts_loaded = false;
         }
         if toe_off && let Some(record) = device.whole_step() {
@@ -243,30 +243,34 @@ pub fn isolate(
         }
     }
     if device.on_ground() {
-        let why = if starts_loaded { Why::NoHeelStrike } else { Why::NoToeOff };
-        left_out.push(LeftOut { recording: index, at_s: first_s + contact.start as f64 * period_s, why });
+        let reason = if starts_loaded { ExclusionReason::NoHeelStrike } else { ExclusionReason::NoToeOff };
+        excluded.push(ExcludedContact { recording: index, at_s: first_s + contact.start as f64 * period_s, reason });
     }
     let median_n = median(steps.iter().map(|step| step.peak_n));
     steps.retain(|step| {
         let share = step.peak_n / median_n;
         let is_whole = share >= PARTIAL;
         if !is_whole {
-            left_out.push(LeftOut { recording: index, at_s: step.start_s, why: Why::Partial(share) });
+            excluded.push(ExcludedContact {
+                recording: index,
+                at_s: step.start_s,
+                reason: ExclusionReason::Partial(share),
+            });
         }
         is_whole
     });
-    left_out.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
-    Ok((steps, left_out))
+    excluded.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+    Ok((steps, excluded))
 }
 
 /// The reason if the insole rejected a contact between the counts `before` and `now`; otherwise `None`.
-fn new_rejection(before: &Rejected, now: &Rejected) -> Option<Why> {
+fn new_rejection(before: &Rejected, now: &Rejected) -> Option<ExclusionReason> {
     if now.short != before.short {
-        Some(Why::Short)
+        Some(ExclusionReason::Short)
     } else if now.long != before.long {
-        Some(Why::Long)
+        Some(ExclusionReason::Long)
     } else if now.broken != before.broken {
-        Some(Why::Broken)
+        Some(ExclusionReason::Broken)
     } else {
         None
     }

@@ -1,6 +1,6 @@
 //! The identification of one person: the recordings, their steps, and the identified parameters.
 
-use crate::steps::{self, LeftOut};
+use crate::steps::{self, ExcludedContact};
 use crate::{NotFitted, Options, RegionFit, Step};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::SetupError;
@@ -34,7 +34,7 @@ pub struct Study {
     /// The steps that a fit may use.
     pub steps: Vec<Step>,
     /// The contacts that were excluded.
-    pub left_out: Vec<LeftOut>,
+    pub excluded_contacts: Vec<ExcludedContact>,
     /// The options of the fit.
     pub options: Options,
     /// The results of the regions, in the order of [`Region::ALL`]. Empty before [`Study::fit`].
@@ -49,7 +49,7 @@ impl Study {
             sources: Vec::new(),
             contact,
             steps: Vec::new(),
-            left_out: Vec::new(),
+            excluded_contacts: Vec::new(),
             options,
             fits: Vec::new(),
         }
@@ -67,9 +67,9 @@ impl Study {
         insole: &VirtualInsole,
         progress: &mut dyn FnMut(usize),
     ) -> Result<(), SetupError> {
-        let (steps, left_out) = steps::isolate(recording, insole, self.sources.len(), progress)?;
+        let (steps, excluded) = steps::isolate(recording, insole, self.sources.len(), progress)?;
         self.steps.extend(steps);
-        self.left_out.extend(left_out);
+        self.excluded_contacts.extend(excluded);
         self.sources.push(Source {
             name,
             origin: recording.source.clone(),

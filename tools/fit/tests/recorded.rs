@@ -3,7 +3,7 @@
 //! `shared/data/pedar` exists beside the repository.
 
 use fit::quality::Evaluated;
-use fit::steps::Why;
+use fit::steps::ExclusionReason;
 use fit::{Filter, NotFitted, Options, Study};
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
@@ -77,8 +77,11 @@ fn steps_in_shoes_are_fitted_as_well_as_by_the_reference() {
     let studies = [left, right].map(|foot| study(&[foot], ContactRule::COUNTED));
     assert_eq!(studies.each_ref().map(|s| s.steps.len()), [9, 8]);
     // The recording begins while the person stands and ends within a step.
-    assert_eq!(studies.each_ref().map(|s| s.left_out.len()), [1, 2]);
-    assert_eq!(studies[1].left_out.iter().map(|l| l.why).collect::<Vec<_>>(), [Why::NoHeelStrike, Why::NoToeOff]);
+    assert_eq!(studies.each_ref().map(|s| s.excluded_contacts.len()), [1, 2]);
+    assert_eq!(
+        studies[1].excluded_contacts.iter().map(|contact| contact.reason).collect::<Vec<_>>(),
+        [ExclusionReason::NoHeelStrike, ExclusionReason::NoToeOff]
+    );
     assert_golden(&studies[0], &LEFT_SHOE);
     assert_golden(&studies[1], &RIGHT_SHOE);
     assert!(matches!(studies[0].fits[6], Err(NotFitted::HardlyLoaded(_))));
@@ -88,7 +91,7 @@ fn steps_in_shoes_are_fitted_as_well_as_by_the_reference() {
 fn barefoot_steps_are_fitted_as_well_as_by_the_reference() {
     let Some(walk) = walker(0, 0..6) else { return };
     let study = study(&[walk], ContactRule::COUNTED);
-    assert_eq!((study.steps.len(), study.left_out.len()), (6, 0));
+    assert_eq!((study.steps.len(), study.excluded_contacts.len()), (6, 0));
     assert_golden(&study, &BAREFOOT);
 }
 

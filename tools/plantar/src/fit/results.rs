@@ -18,8 +18,8 @@ pub fn print(study: &Study) {
         study.options.filter.name(),
         rule_in_words(&study.contact)
     );
-    for contact in &study.left_out {
-        println!("left out: {} at {:.2} s, {}", study.sources[contact.recording].name, contact.at_s, contact.why);
+    for contact in &study.excluded_contacts {
+        println!("left out: {} at {:.2} s, {}", study.sources[contact.recording].name, contact.at_s, contact.reason);
     }
     let mut table = summary::table();
     table.set_header(["region", "steps", "A B mm2", "K kPa", "G kPa s", "n", "m", "error %", "unseen %", "floor %"]);
@@ -162,8 +162,8 @@ pub fn to_json(study: &Study) -> Value {
             "recording": s.recording, "number": s.number, "start_s": s.start_s, "duration_s": s.duration_s,
             "peak_force_n": s.peak_n,
         })).collect::<Vec<_>>(),
-        "left_out": study.left_out.iter().map(|c| json!({
-            "recording": c.recording, "at_s": c.at_s, "why": c.why.to_string(),
+        "left_out": study.excluded_contacts.iter().map(|c| json!({
+            "recording": c.recording, "at_s": c.at_s, "why": c.reason.to_string(),
         })).collect::<Vec<_>>(),
         "regions": regions,
     })
