@@ -2,8 +2,8 @@
 //!
 //! For a given shape (`max_ratio`, n, m) the force is linear in K and G, and the best values of K and G within bounds follow from a
 //! 2 x 2 system. The identification has three stages. The first evaluates a grid over the shape. The second searches over the
-//! shape, from the best points of the grid. The third searches over all five parameters, and omits tensile force as the device does.
-//! The result is deterministic.
+//! shape, from the best points of the grid. The third searches over all five parameters, and omits tensile force as the device
+//! does. The result is deterministic.
 
 use crate::bounded::{self, Residuals};
 use crate::law::{Column, Deformation, Shape};
@@ -95,7 +95,9 @@ impl Identified {
 
 /// The grid over the shape. For the exponents, 0 is the lower and 1 the upper bound.
 const MAX_RATIO_GRID: [f64; 5] = [0.28, 0.64, 0.88, 0.98, 0.999];
+/// See [`MAX_RATIO_GRID`].
 const N_GRID: [f64; 5] = [0.0, 0.1, 0.25, 0.5, 0.8];
+/// See [`MAX_RATIO_GRID`].
 const M_GRID: [f64; 3] = [0.05, 0.25, 0.6];
 /// Number of points of the grid from which searches over the shape start.
 const STARTS: usize = 3;

@@ -35,6 +35,7 @@ const TOLERANCE: f64 = 1e-9;
 const DIFFERENCE: f64 = 1e-7;
 
 type Constraint = fn(&[f64], Option<&mut [f64]>, &mut ()) -> f64;
+/// The solver also accepts constraints, but only bounds are used.
 const UNCONSTRAINED: &[Constraint] = &[];
 
 /// The best ellipsoid, and the number of evaluations of the model.

@@ -173,6 +173,11 @@ impl SearchResult {
         self.ellipsoid.map_or(pinned, |ellipsoid| paper::pins(&ellipsoid, &self.law, self.g_max()))
     }
 
+    /// The fit with these pins, without cross-validation and without a comparison of recordings. `steps` are the indices of the
+    /// steps that were used.
+    ///
+    /// # Errors
+    /// Fails if the parameters are outside of the range that an insole accepts.
     fn into_fit(
         self,
         steps: Vec<usize>,

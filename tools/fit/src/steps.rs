@@ -299,6 +299,7 @@ impl Contact {
         self.frames.clear();
     }
 
+    /// Adds the frame that `insole` processed last.
     fn push(&mut self, insole: &Insole<f64, MAX_CELLS>) {
         self.frames.push(std::array::from_fn(|region| {
             let frame = &insole.loads()[region].frame;

@@ -23,11 +23,13 @@ import type { Wire } from "./wire";
 const isAddress = (host: string) => host === "localhost" || /^[\d.]+$|^\[/.test(host);
 /** Time between two updates of the sessions and of the texts on the page. */
 const UPDATE_MS = 100;
+/** The example: a recording of a computed walk. */
 const COMPUTED_WALK = "./walk.plantar";
 const CANNOT_STORE =
   "This browser cannot store steps, because its storage is full or not allowed. Free some storage, or allow it for this site. " +
   "Until then, the insole stores your steps.";
 
+/** The page. */
 export class App {
   private readonly settings = loadSettings(localStorage);
   private readonly recorder = new Recorder();

@@ -8,6 +8,7 @@ import type { Wire } from "./wire";
 
 type Cell = string | number | null;
 
+/** A line of a CSV file. `null` becomes an empty cell. */
 const line = (cells: readonly Cell[]) => cells.map((cell) => cell ?? "").join(",") + "\n";
 
 /**

@@ -12,6 +12,7 @@ export function byId<T extends HTMLElement = HTMLElement>(id: string, type?: new
 
 const SVG = "http://www.w3.org/2000/svg";
 
+/** Creates the element or text of a node, to be appended to `parent`. */
 function build(node: Node, parent: Element): globalThis.Node {
   if (typeof node === "string") return document.createTextNode(node);
   const [name, attributes, ...children] = node;

@@ -3,6 +3,7 @@
 import type { LiveRegion } from "./generated/quantities";
 import { type Settings, percentOfWeight } from "./settings";
 
+/** The titles of the regions by their names in messages. */
 const TITLES: Record<string, string> = {
   heel: "Heel",
   posterior_midfoot: "Rear midfoot",

@@ -6,6 +6,7 @@ import { Session, type StepMessage } from "./session";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport/transport";
 import type { Wire } from "./wire";
 
+/** Events of the insoles for the page. */
 export interface InsoleEvents {
   /** A live frame arrived from the insole of this foot. */
   live(live: Live, side: Side): void;
@@ -13,6 +14,7 @@ export interface InsoleEvents {
   step(message: StepMessage, bytes: Uint8Array, session: Session): void;
 }
 
+/** Creates a session for each insole of the transport in use, and passes the events of the transport to the sessions. */
 export class Insoles {
   sessions: Session[] = [];
   transport: Transport | undefined;

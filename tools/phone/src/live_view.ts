@@ -22,6 +22,7 @@ const TEXTS: Record<SessionState, string> = {
   "other-version": "Update needed",
 };
 
+/** Shows the live frames and the states of the insoles. */
 export class LiveView {
   private readonly soles: Soles;
   private readonly pictures: Record<Side, SolePicture>;

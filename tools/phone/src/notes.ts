@@ -19,6 +19,7 @@ export function problems(insoles: Insoles, live_view: LiveView, facts: Facts): s
   return notes;
 }
 
+/** The problems of one session. */
 function sessionProblems({ hello, state, reason }: Session, facts: Facts): string[] {
   if (!hello) return [];
   const insole = `The ${hello.side} insole`;

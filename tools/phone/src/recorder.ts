@@ -3,6 +3,7 @@
 import { type Entry, entries, entry } from "./stream_file";
 import type { Insole } from "./transport/transport";
 
+/** Holds at most one recording in memory. */
 export class Recorder {
   private chunks: Uint8Array<ArrayBuffer>[] = [];
   /** Start of the running recording; `undefined` if no recording is running. */

@@ -3,6 +3,7 @@
  * equal, also to people who do not distinguish the colours.
  */
 
+/** Number of colours. */
 const COLOURS = 64;
 /** Round forces at which a scale may end. */
 const ENDS_N = [50, 100, 150, 200, 250, 300, 400, 500, 600, 700, 800, 1000, 1200, 1500, 2000, 3000, 5000];

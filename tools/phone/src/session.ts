@@ -15,8 +15,17 @@ const RATE_MS = 2000;
 /** Duration for which the total forces of live frames are stored. The peak force of a step is determined from them. */
 const HISTORY_S = 10;
 
+/**
+ * State of a session:
+ * - "closed": there is no link, and the insole has never sent a hello;
+ * - "waiting": the link is open, but the insole has not sent its hello;
+ * - "live": the insole has sent its hello, and messages arrive;
+ * - "lost": the link broke, or messages no longer arrive;
+ * - "other-version": the insole uses another major version of the protocol.
+ */
 export type SessionState = "closed" | "waiting" | "live" | "lost" | "other-version";
 
+/** A decoded message that contains a step. */
 export type StepMessage = Extract<ToHost, { kind: "step" }>;
 
 /** The total force on a foot in one live frame. */
@@ -31,6 +40,7 @@ export const totalForce = (live: Live) => live.regions.reduce((sum, region) => s
 /** Converts a time of `performance.now()` to us since 1970. */
 const unix_us = (now_ms: number) => Math.round((performance.timeOrigin + now_ms) * 1000);
 
+/** The session with one insole. */
 export class Session {
   state: SessionState = "closed";
   hello: Hello | undefined;

@@ -69,6 +69,7 @@ export function updateSettingsView(insoles: Insoles, recorder: Recorder, now_ms:
   updateRecording(recorder, insoles);
 }
 
+/** The details of one insole; none before its hello. */
 function insoleDetails(session: Session, now_ms: number): Node[] {
   const { hello, counter, status, damaged, battery_percent } = session;
   if (!hello) return [];
@@ -85,6 +86,7 @@ function insoleDetails(session: Session, now_ms: number): Node[] {
   return [["div", {}, title, ...details.map((detail): Node => ["dd", {}, detail])]];
 }
 
+/** Updates the buttons that record and export. */
 function updateRecording(recorder: Recorder, insoles: Insoles): void {
   const record = byId("record", HTMLButtonElement);
   record.disabled = !insoles.transport;

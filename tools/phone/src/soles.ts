@@ -28,6 +28,7 @@ interface Ink {
   sole: string;
 }
 
+/** The canvas with both soles. */
 export class Soles {
   private readonly context: CanvasRenderingContext2D;
   private readonly outline: Path2D;
@@ -200,6 +201,7 @@ function appearanceOf({ live, text, ellipses, path }: SolePicture, colours: read
   return [text, ...colours, ...flags, ...shapes, path.length, path.at(0)?.t_s, path.at(-1)?.t_s].join();
 }
 
+/** A closed polygon for drawing. */
 function polygon(points: readonly Point[]): Path2D {
   const path = new Path2D();
   points.forEach(([x, y]) => path.lineTo(x, y));

@@ -8,6 +8,7 @@ export interface StepRecord {
   start_unix_s: number | null;
 }
 
+/** A storage of steps. */
 export interface StepStorage {
   load(): Promise<StepRecord[]>;
   add(record: StepRecord): Promise<void>;
@@ -59,6 +60,7 @@ export class DatabaseStorage implements StepStorage {
   }
 }
 
+/** The error of a database operation. */
 const failed = (error: DOMException | null) => error ?? new Error("The browser's database failed.");
 
 /** Resolves with the result of a request. */

@@ -5,6 +5,7 @@ import type { ForceSample, StepMessage } from "./session";
 import type { StepRecord, StepStorage } from "./step_storage";
 import type { Wire } from "./wire";
 
+/** A step with the quantities that the page determined when the step arrived. */
 export interface StoredStep {
   step: Step;
   /** Largest total force on the foot in the live frames of the step; `null` if too many of these frames are missing. */
@@ -13,6 +14,7 @@ export interface StoredStep {
   start_unix_s: number | null;
 }
 
+/** Holds all steps that the page shows, and stores new steps. */
 export class StepStore {
   readonly steps: StoredStep[] = [];
   /** Keys of the steps that an insole may send again, oldest first. */

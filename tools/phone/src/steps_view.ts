@@ -56,6 +56,7 @@ export function drawSteps(steps: readonly StoredStep[], settings: Settings): voi
   ]));
 }
 
+/** True if cells were masked in any region of the step. */
 const hasMaskedCells = (step: Step) => Object.values(step.regions).some(({ masked_cells }) => masked_cells > 0);
 
 /** A measure of the walk: its name, its value, and a detail below the value. */

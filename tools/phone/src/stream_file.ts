@@ -9,6 +9,7 @@ import { INSOLES, type Insole } from "./transport/transport";
 const HEAD = 7;
 const NOT_A_RECORDING = "This file is not a recording of insoles. Use a file that this page or plantar serve recorded.";
 
+/** A recorded message. */
 export interface Entry {
   /** Time since the start of the recording. */
   t_ms: number;

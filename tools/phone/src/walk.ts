@@ -9,12 +9,14 @@ const LONGEST_STRIDE_S = 2.5;
 /** Measures are averaged over this number of the last steps of each foot. */
 export const LATEST = 20;
 
+/** The steps of one foot. */
 export const stepsOf = (steps: readonly StoredStep[], side: Side) => steps.filter(({ step }) => step.side === side);
 
 /** Force-time integral of the whole foot in one step. */
 export const impulse_n_s = (step: Step) =>
   Object.values(step.regions).reduce((sum, region) => sum + region.measured_force_integral_n_s, 0);
 
+/** The mean; `null` if there are no values. */
 export function mean(values: readonly number[]): number | null {
   return values.length === 0 ? null : values.reduce((sum, value) => sum + value, 0) / values.length;
 }
@@ -40,12 +42,15 @@ export function cadence_per_min(steps: readonly StoredStep[]): number | null {
   return stride_s === null ? null : 120 / stride_s;
 }
 
-/** Measures of one foot. The means are over the last steps. */
+/** Measures of one foot. All except `count` are means over the last {@link LATEST} steps; `null` if there are none. */
 export interface FootMeasures {
   /** Number of all stored steps of the foot. */
   count: number;
+  /** Peak force on the whole foot. */
   peak_n: number | null;
+  /** Force-time integral of the whole foot. */
   impulse_n_s: number | null;
+  /** Stance time. */
   contact_s: number | null;
 }
 

@@ -125,6 +125,7 @@ fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {
     Ok(Layout { name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(), cells })
 }
 
+/// The index of each column in the file of the layout.
 struct LayoutColumns {
     cell: usize,
     x_mm: usize,
@@ -133,6 +134,7 @@ struct LayoutColumns {
     region: Option<usize>,
 }
 
+/// Finds the columns in the header of the layout.
 fn layout_columns(header: &StringRecord, path: &Path) -> Result<LayoutColumns> {
     const KNOWN: [&str; 5] = ["cell", "x_mm", "y_mm", "area_mm2", "region"];
     let remedy = "the header is cell,x_mm,y_mm,area_mm2 and optionally region";
@@ -254,6 +256,7 @@ fn read_frames(
     Ok(frames)
 }
 
+/// Checks that the header of the frames matches the number of cells of the layout.
 fn check_frames_header(header: &StringRecord, path: &Path, layout_path: &Path, cells: usize) -> Result<()> {
     let problem = |problem: String, remedy: &str| Err(Error::content(at_line(path, 1), problem, remedy));
     for (i, name) in header.iter().enumerate() {

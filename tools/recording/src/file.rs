@@ -71,6 +71,7 @@ pub fn write(recording: &Recording, path: &Path) -> Result<()> {
     write_columns(recording, json, file).map_err(|e| Error::io(path)(std::io::Error::other(e)))
 }
 
+/// Writes the columns, and `json` to the metadata.
 fn write_columns(recording: &Recording, json: String, file: File) -> std::result::Result<(), ParquetError> {
     let properties = WriterProperties::builder()
         .set_compression(Compression::SNAPPY)
@@ -104,6 +105,7 @@ fn write_columns(recording: &Recording, json: String, file: File) -> std::result
     Ok(())
 }
 
+/// The columns of a recording with this number of cells.
 fn schema(cells: usize) -> std::result::Result<Type, ParquetError> {
     let fields = (0..=cells)
         .map(|index| {
@@ -140,6 +142,7 @@ pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<Recording> {
     })
 }
 
+/// See [`Recording::parse`]. The Parquet library may panic.
 fn decode(bytes: Bytes, path: &Path) -> Result<Recording> {
     let file = path.display().to_string();
     let has_start = bytes.starts_with(MAGIC);
@@ -179,6 +182,7 @@ fn decode(bytes: Bytes, path: &Path) -> Result<Recording> {
     Ok(recording)
 }
 
+/// Reads the JSON in the metadata of the file.
 fn metadata(reader: &SerializedFileReader<Bytes>, file: &str) -> Result<Metadata<'static>> {
     let json = reader
         .metadata()
@@ -213,6 +217,7 @@ fn metadata(reader: &SerializedFileReader<Bytes>, file: &str) -> Result<Metadata
     serde_json::from_str(json).map_err(broken)
 }
 
+/// Checks that the file has the columns of a recording with this number of cells.
 fn check_columns(schema: &SchemaDescriptor, cells: usize, file: &str) -> Result<()> {
     let reimport = "import the measurement again";
     if schema.num_columns() != cells + 1 {

@@ -60,6 +60,7 @@ impl LawTable {
         Self { lines: lines.collect(), first }
     }
 
+    /// The code of a cell without an offset under a pressure below the full scale.
     fn code(&self, kpa: f32) -> u16 {
         let entry = (kpa.to_bits() >> INTERPOLATED_BITS).wrapping_sub(self.first) as usize;
         // The full scale exceeds every pressure, so a pressure without an entry is smaller than the first one: its code is 0.

@@ -159,6 +159,7 @@ struct Grid {
 }
 
 impl Grid {
+    /// The cells that are loaded in at least one of these steps after their shifts.
     fn of(steps: &[Step], shifts: &[Shift]) -> Self {
         let mut indices = BTreeMap::new();
         for (step, shift) in steps.iter().zip(shifts) {
@@ -172,6 +173,7 @@ impl Grid {
         Self { indices }
     }
 
+    /// The cells in foot coordinates, in the order of their indices.
     fn cells(&self) -> Vec<Cell> {
         let least = |axis: fn(&(isize, isize)) -> isize| self.indices.keys().map(axis).min();
         let (Some(back), Some(medial)) = (least(|k| k.0), least(|k| k.1)) else {

@@ -21,6 +21,7 @@ const LINES_PER_REPORT: usize = 1000;
 /// First word of the line that names the columns.
 const TIME_COLUMN: &str = "time[secs]";
 
+/// Header of the file that describes the geometry.
 const GEOMETRY_HEADER: [&str; 11] =
     ["side", "sensor", "area_mm2", "x1_mm", "y1_mm", "x2_mm", "y2_mm", "x3_mm", "y3_mm", "x4_mm", "y4_mm"];
 

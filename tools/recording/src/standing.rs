@@ -33,6 +33,7 @@ const LIFTED: f64 = 0.05;
 /// Largest difference between the lowest forces before and after standing.
 const DRIFT: f64 = 0.1;
 
+/// The remedy for a recording that is not a standing trial.
 const REMEDY: &str =
     "record the trial again: sit and lift both feet for 5 s, stand still for 10 s, sit and lift both feet for 5 s";
 
@@ -128,6 +129,7 @@ impl Force {
         Self { sums_n: std::iter::once(0.0).chain(sums).collect() }
     }
 
+    /// Mean force in a range of frames, N.
     fn mean_n(&self, frames: Range<usize>) -> f64 {
         (self.sums_n[frames.end] - self.sums_n[frames.start]) / frames.len() as f64
     }

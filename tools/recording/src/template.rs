@@ -6,6 +6,7 @@ use plantar::pipeline::template::region_at;
 
 /// Bands in which the widths of heel and forefoot are measured, fractions of the foot's length.
 const HEEL_BAND: [f64; 2] = [0.05, 0.25];
+/// See [`HEEL_BAND`].
 const FOREFOOT_BAND: [f64; 2] = [0.60, 0.78];
 
 /// Assigns each cell its region by [`region_at`]. The length of the foot is the extent of the cells. The edges of the foot are
@@ -50,6 +51,7 @@ impl Extent {
     }
 }
 
+/// The extent of cells along the axis of `along`, including half of the side of each cell.
 fn extent(cells: &[Cell], along: fn(&Cell) -> f64) -> Extent {
     let start = Extent { low_mm: f64::INFINITY, high_mm: f64::NEG_INFINITY };
     cells.iter().fold(start, |extent, cell| Extent {

@@ -18,6 +18,7 @@ interface Connected {
   writing: Promise<void>;
 }
 
+/** The insoles that the wearer chose. */
 export class BluetoothTransport implements Transport {
   readonly location = "over Bluetooth";
   readonly is_replay = false;

@@ -3,7 +3,9 @@
  * bit 7 marks the last fragment of a message, and bits 0 to 6 are the number of the fragment, counted from 0.
  */
 
+/** The bit of the header that marks the last fragment. */
 const LAST = 0x80;
+/** The bits of the header that contain the number of the fragment. */
 const NUMBER = 0x7f;
 
 /** Joins fragments to messages. `damaged` is called once for each message that cannot be joined. */

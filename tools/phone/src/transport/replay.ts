@@ -6,6 +6,7 @@ import { INSOLES, type Insole, type Transport, type TransportEvents } from "./tr
 /** Interval of the checks for messages that are due. It is half of the time between frames at 100 Hz. */
 const TICK_MS = 5;
 
+/** The insoles of a recording. */
 export class ReplayTransport implements Transport {
   readonly location = "in a recording";
   readonly is_replay = true;

@@ -5,6 +5,7 @@ export const INSOLES = [0, 1] as const;
 /** Index of an insole on its transport. The index does not depend on the foot, which the insole reports in its hello. */
 export type Insole = (typeof INSOLES)[number];
 
+/** Events of a transport. */
 export interface TransportEvents {
   /** The link to an insole is open. The insole has not sent a message yet. */
   opened(insole: Insole): void;
@@ -18,6 +19,7 @@ export interface TransportEvents {
   battery(insole: Insole, percent: number): void;
 }
 
+/** A transport. */
 export interface Transport {
   /** Completes the sentence "Waiting for an insole ..." for the wearer, for example by "over Bluetooth". */
   readonly location: string;

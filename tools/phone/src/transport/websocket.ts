@@ -6,6 +6,7 @@
 import { Reconnect } from "../reconnect";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport";
 
+/** The insoles of `plantar serve`. */
 export class WebSocketTransport implements Transport {
   readonly location = "on this computer";
   readonly is_replay = false;

@@ -121,6 +121,7 @@ pub fn decode_to_json(bytes: &[u8]) -> Option<String> {
 }
 
 impl Message {
+    /// The message for the page; `None` for messages that the page does not use.
     fn new(message: ToHost) -> Option<Self> {
         Some(match message {
             ToHost::Hello(hello) => Self::Hello(hello.into()),

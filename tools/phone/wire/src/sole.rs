@@ -16,6 +16,7 @@ pub const WIDTH_MM: f32 = GENERIC_SOLE.width_mm() as f32;
 /// The y, the medial edge and the lateral edge of the heel and of the forefoot, mm. Between heel and forefoot, the edges of the
 /// foot are interpolated for the template.
 const HEEL_MM: [f32; 3] = [40.2, 7.0, 71.7];
+/// See [`HEEL_MM`].
 const FOREFOOT_MM: [f32; 3] = [184.9, 0.0, 96.0];
 /// Number of points on each arc of the outline.
 const ARC_POINTS: usize = 4;

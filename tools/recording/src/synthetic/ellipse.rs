@@ -57,6 +57,7 @@ impl LoadEllipse {
             + ((y_mm - self.centre_mm[1]) / self.radii_mm[1]).powi(2)
     }
 
+    /// The squared distances of the grid points in a cell, ascending.
     fn points(&self, cell: &Cell) -> Vec<f64> {
         let side_mm = cell.area_mm2.sqrt();
         let offset = |i: usize| ((i as f64 + 0.5) / POINTS as f64 - 0.5) * side_mm;
