@@ -10,7 +10,7 @@ use crate::table::Row;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use fit::steps::isolate;
-use fit::{Options, Step, Unfit, fit_step};
+use fit::{NotFitted, Options, Step, fit_step};
 use parameters::{InsoleSize, Participant};
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
@@ -160,7 +160,7 @@ impl Cohort {
         }
         if rows.is_empty() {
             let count = person.recordings.len();
-            bail!("{}: {count} recordings (*.parquet), {}", person.folder.display(), Unfit::NoSteps);
+            bail!("{}: {count} recordings (*.parquet), {}", person.folder.display(), NotFitted::NoSteps);
         }
         // Recordings that were left out are tried again in the next run.
         let made_from = if left_out.is_empty() { made_from } else { String::new() };

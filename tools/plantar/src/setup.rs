@@ -133,7 +133,7 @@ impl ZeroArgs {
     /// Sets the offsets of the insole's cells, where a baseline file is given.
     pub fn apply(&self, insole: &mut VirtualInsole) -> Result<()> {
         if let Some(path) = &self.zero {
-            Zero::read(path)?.wear(insole, &path.display().to_string())?;
+            Zero::read(path)?.apply_to(insole, &path.display().to_string())?;
         }
         Ok(())
     }

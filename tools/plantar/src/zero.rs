@@ -67,7 +67,7 @@ fn measure(path: &Path, weight_n: Option<f64>) -> Result<(Side, FootZero, f64)> 
     let foot = FootZero::measure(&recording, &trial, &place)?;
     // Contact and stance rule have no influence on pressures.
     let mut insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
-    foot.wear(&mut insole, &place)?;
+    foot.apply_to(&mut insole, &place)?;
 
     let lifted_n = trial.lifted.clone().map(|phase| mean(phase, |i| recording.force_n(i)));
     let above_zero_n = |i| recording.layout.force_n(&insole.measured_kpa(recording.frame(i)));

@@ -197,7 +197,7 @@ fn offsets() -> Vec<f32> {
 /// Writes a standing trial of a foot with this load.
 fn write_trial(path: &Path, side: plantar::Side, standing_n: f64) -> Recording {
     let mut trial = synthetic::standing(&SyntheticStanding { side, standing_n, ..Default::default() });
-    synthetic::read_with(&mut trial, &offsets(), 8.0, 7);
+    synthetic::add_sensor_errors(&mut trial, &offsets(), 8.0, 7);
     trial.write(path).expect("written");
     trial
 }
@@ -243,7 +243,7 @@ fn a_replay_with_the_baseline_results_in_the_steps_of_cells_without_offsets() {
     write_trial(&path.join("standing.parquet"), plantar::Side::Right, 350.0);
     let mut walk = synthetic::walk(&SyntheticWalk { steps: 3, ..Default::default() }).recording;
     walk.write(path.join("ideal.parquet")).expect("written");
-    synthetic::read_with(&mut walk, &offsets(), 0.0, 1);
+    synthetic::add_sensor_errors(&mut walk, &offsets(), 0.0, 1);
     walk.write(path.join("walk.parquet")).expect("written");
     succeed(&path, "zero standing.parquet --out zero.toml");
     succeed(&path, "replay ideal.parquet --json ideal.json");

@@ -2,7 +2,7 @@
 
 use crate::table::{Row, Value};
 use anyhow::{Result, bail};
-use fit::{Options, RegionFit, Step, Unfit};
+use fit::{NotFitted, Options, RegionFit, Step};
 use parameters::InsoleSize;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
@@ -34,7 +34,7 @@ const FIVE_COLUMNS: [[&str; 4]; 5] = [
 ];
 
 /// The row of one region of a step.
-pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, Unfit>) -> Row {
+pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, NotFitted>) -> Row {
     let text = |text: &str| Value::Text(Some(text.into()));
     let integer = |value: Option<usize>| Value::Integer(value.and_then(|v| i32::try_from(v).ok()));
     let real = |value: Option<f64>| Value::Real(value.filter(|v| v.is_finite()));
@@ -51,7 +51,7 @@ pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, 
         ("duration_s", real(Some(step.duration_s))),
         ("region", text(region.name())),
         ("fitted", Value::Flag(Some(fit.is_ok()))),
-        ("reason", Value::Text(fit.as_ref().err().map(Unfit::to_string))),
+        ("reason", Value::Text(fit.as_ref().err().map(NotFitted::to_string))),
         ("contact_on_kpa", kpa(contact.on_kpa)),
         ("contact_off_kpa", kpa(contact.off_kpa)),
         ("contact_full_kpa", kpa(contact.full_kpa)),

@@ -18,8 +18,8 @@ pub fn print(study: &Study) {
         study.options.filter.name(),
         rule_in_words(&study.contact)
     );
-    for contact in &study.left_out {
-        println!("left out: {} at {:.2} s, {}", study.sources[contact.recording].name, contact.at_s, contact.why);
+    for contact in &study.excluded_contacts {
+        println!("left out: {} at {:.2} s, {}", study.sources[contact.recording].name, contact.at_s, contact.reason);
     }
     let mut table = summary::table();
     table.set_header(["region", "steps", "A B mm2", "K kPa", "G kPa s", "n", "m", "error %", "unseen %", "floor %"]);
@@ -65,7 +65,7 @@ fn five_in_words(fit: &RegionFit) -> Vec<String> {
             .iter()
             .zip(units)
             .map(|(interval, unit)| {
-                if !interval.told {
+                if !interval.is_identifiable {
                     return "-".into();
                 }
                 let [low, high] = widest(interval).map(|end| summary::significant(end * unit));
@@ -112,7 +112,7 @@ pub fn to_toml(study: &Study, size: InsoleSize) -> String {
 }
 
 /// The comment on a value: how it was determined.
-fn note(fit: &Result<RegionFit, fit::Unfit>, name: &str, method: Method) -> String {
+fn note(fit: &Result<RegionFit, fit::NotFitted>, name: &str, method: Method) -> String {
     let fit = match fit {
         Ok(fit) => fit,
         Err(reason) if name == "a_mm" => return format!("typical, NOT identified: {reason}"),
@@ -123,7 +123,7 @@ fn note(fit: &Result<RegionFit, fit::Unfit>, name: &str, method: Method) -> Stri
     };
     let identified = |i: usize, scale: f64| {
         let interval = &uncertainty.intervals[i];
-        if !interval.told {
+        if !interval.is_identifiable {
             return "NOT identifiable from force: G is 0".into();
         }
         let [low, high] = widest(interval).map(|end| summary::significant(end * scale));
@@ -162,14 +162,14 @@ pub fn to_json(study: &Study) -> Value {
             "recording": s.recording, "number": s.number, "start_s": s.start_s, "duration_s": s.duration_s,
             "peak_force_n": s.peak_n,
         })).collect::<Vec<_>>(),
-        "left_out": study.left_out.iter().map(|c| json!({
-            "recording": c.recording, "at_s": c.at_s, "why": c.why.to_string(),
+        "left_out": study.excluded_contacts.iter().map(|c| json!({
+            "recording": c.recording, "at_s": c.at_s, "why": c.reason.to_string(),
         })).collect::<Vec<_>>(),
         "regions": regions,
     })
 }
 
-fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
+fn fit_to_json(fit: &Result<RegionFit, fit::NotFitted>) -> Value {
     let fit = match fit {
         Ok(fit) => fit,
         Err(reason) => return json!({ "fitted": false, "reason": reason.to_string() }),
@@ -178,7 +178,7 @@ fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
     let intervals = fit.uncertainty.as_ref().map(|uncertainty| {
         let names = ["ab_m2", "stiffness_pa", "damping_pa_s", "n", "m"];
         let of = |i: &Interval| {
-            json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.told })
+            json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.is_identifiable })
         };
         let all: Map<String, Value> =
             names.iter().zip(&uncertainty.intervals).map(|(name, i)| ((*name).into(), of(i))).collect();
@@ -207,7 +207,7 @@ fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
         },
         "peak_bias_percent": q.peak_bias * 100.0,
         "saturated_share": q.saturated,
-        "unseen_percent": fit.unseen.iter().map(|share| share * 100.0).collect::<Vec<_>>(),
+        "unseen_percent": fit.predicted_nrmse.iter().map(|share| share * 100.0).collect::<Vec<_>>(),
         "area_levels": fit.area_levels,
         "recordings_ratio": fit.recordings_ratio,
         "evaluations": fit.evaluations,
