@@ -224,7 +224,7 @@ fn a_standing_trial_results_in_a_baseline_and_a_check_of_the_weight() {
     assert!(zero.contains("[left]") && zero.contains("[right]"));
 
     let text = succeed(&path, "zero left.parquet right.parquet --out zero.toml --mass 90");
-    assert!(text.contains("NOT good") && text.contains("10 % off") && text.contains("calibrate"), "{text}");
+    assert!(text.contains("NOT good") && text.contains("more than 10 %") && text.contains("calibrate"), "{text}");
     let text = succeed(&path, "zero right.parquet --out right.toml --mass 70");
     assert!(text.contains("% of body weight") && !text.contains("good") && !text.contains("both"), "{text}");
     let text = succeed(&path, "zero left.parquet right.parquet --out zero.toml");

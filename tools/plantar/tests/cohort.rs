@@ -182,7 +182,7 @@ fn a_second_run_processes_only_changed_participants() {
         assert_eq!(status, Some(0), "{text_of_run}");
         assert!(words.iter().all(|word| text_of_run.contains(word)), "{text_of_run}");
     };
-    again("", &["0 steps of 0 participants", "2 participants were in the table already"]);
+    again("", &["0 steps of 0 participants", "2 participants were already up to date"]);
     let ann = path.join("table/participant=ann/steps.parquet");
     let bob = path.join("table/participant=bob%3Db./steps.parquet");
     let written = |path: &Path| path.metadata().and_then(|file| file.modified()).expect("a time");
@@ -190,7 +190,7 @@ fn a_second_run_processes_only_changed_participants() {
     // This is the state after an interruption while ann's file was written.
     fs::remove_file(&ann).expect("removed");
     fs::write(ann.with_file_name(".steps.part"), "PAR1").expect("written");
-    again("", &["6 steps of 1 participants", "1 participants were in the table already"]);
+    again("", &["6 steps of 1 participants", "1 participants were already up to date"]);
     assert_eq!((summary(&path), written(&bob)), (complete_summary.clone(), bob_written));
     // A damaged file, another recording, another size, other options.
     fs::write(&ann, "PAR1").expect("written");
@@ -206,7 +206,7 @@ fn a_second_run_processes_only_changed_participants() {
     assert_eq!((status, text_of_invalid.contains("--contact-off")), (Some(1), true), "{text_of_invalid}");
     // A participant without a folder is no longer counted, and is named.
     fs::rename(path.join("people/ann"), path.join("ann")).expect("moved");
-    again("--negative-n", &["1 participants were in the table already", "participant=ann", "remove it"]);
+    again("--negative-n", &["1 participants were already up to date", "participant=ann", "remove it"]);
     assert!(!summary(&path).contains("37-38"));
 }
 
@@ -217,7 +217,7 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
     let good = fs::read(&damaged).expect("a recording");
     fs::write(&damaged, &good[..good.len() / 2]).expect("written");
     fs::create_dir(path.join("people/nobody")).expect("made");
-    for cached in ["0 participants were in the table", "1 participants were in the table"] {
+    for cached in ["0 participants were already up to date", "1 participants were already up to date"] {
         let (status, text_of_run) = outcome(&cohort(&path, ""));
         assert_eq!(status, Some(3), "{text_of_run}");
         for words in ["left out: people/ann/b.parquet", "nobody: 0 recordings", "no whole step", cached] {
@@ -257,7 +257,7 @@ fn thickness_and_baseline_of_a_participant_are_used() {
     let (status, text_of_all) = outcome(&cohort(&path, "--size 39"));
     assert_eq!(status, Some(0), "{text_of_all}");
     assert!(
-        text_of_all.contains("1 participants without a size in participant.toml count as size 39"),
+        text_of_all.contains("1 participants without a size in participant.toml are counted as size 39"),
         "{text_of_all}"
     );
     let rows = rows(&path, "ann");

@@ -140,7 +140,7 @@ fn a_signed_image_is_sent_and_the_new_version_is_reported() {
     let output = update(&file, address);
     let text = String::from_utf8(output.stdout).expect("text");
     assert!(output.status.success(), "{text} {}", String::from_utf8_lossy(&output.stderr));
-    assert!(text.contains(&format!("runs {OLD}")) && text.contains(&format!("runs {NEW}, {OLD} before")), "{text}");
+    assert!(text.contains(&format!("runs {OLD}")) && text.contains(&format!("runs {NEW} (before: {OLD})")), "{text}");
     let insole = insole.lock().expect("no panic");
     assert!(insole.chip.bytes[ACTIVE_IMAGE.start as usize..].starts_with(new.bytes()));
 }
