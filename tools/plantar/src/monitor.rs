@@ -90,7 +90,7 @@ pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sin
     Ok(())
 }
 
-/// A file with a JSON array. It is valid JSON whenever an object was added.
+/// A file with a JSON array. The file is valid JSON after each object.
 struct JsonArray<'m> {
     path: &'m Path,
     file: File,
@@ -107,7 +107,7 @@ impl<'m> JsonArray<'m> {
         Ok(Self { path, file, len: 0 })
     }
 
-    /// Appends an object. If this fails, the file has the previous objects as before.
+    /// Appends an object. If this fails, the file is reset to the previous objects.
     fn push(&mut self, object: &serde_json::Value) -> Result<()> {
         let before = if self.len == 0 { "[\n" } else { ",\n" };
         let added = format!("{before}{object:#}");

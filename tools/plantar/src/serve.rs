@@ -39,9 +39,9 @@ pub struct Serve {
     /// The firmware file of the emulated board, from `cargo xtask build`.
     #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
     firmware: PathBuf,
-    /// Write all messages of the insoles to this file, which must be new or empty. The page can play the file: add ?replay=FILE to
-    /// its address. An insole deletes a step once the step is written to this file or, without this option, once a page has
-    /// stored it.
+    /// Write all messages of the insoles to this file, which must be new or empty. An insole deletes a step once the step is written
+    /// to this file or, without this option, once a page has stored it. To play the file later, open the page with ?replay=URL,
+    /// where URL is the address at which a web server offers the file.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// TCP port of the page; with 0, a free port is chosen.

@@ -1,4 +1,4 @@
-//! `plantar update`: sends a signed image to an insole, and waits until the insole runs and has confirmed it.
+//! `plantar update`: sends a signed image to an insole, and waits until the insole runs the image and has confirmed it.
 
 use crate::carrier::{Connection, Insole};
 use anyhow::{Result, anyhow, bail};
@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 /// Longest duration of the trial of a new image, at the end of which the insole confirms it.
 const TRIAL: Duration = Duration::from_secs(30);
 
-/// Sends signed firmware to an insole, and waits until the insole runs and has confirmed it.
+/// Sends signed firmware to an insole, and waits until the insole runs the firmware and has confirmed it.
 ///
 /// The insole continues to measure during the transfer and restarts after it. It refuses an image that is not signed with the
 /// accepted key, is older than the running firmware, is for another board or is cut short. If the new firmware does not work,
@@ -100,8 +100,8 @@ fn wait_for_trial(image: &Image, insole: &mut Insole) -> Result<()> {
                 std::thread::sleep(ReconnectPolicy::RESTART.retry);
             }
             Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) => bail!(
-                "{} runs but does not measure, so the insole has not confirmed it: switch the insole off and on, which restores \
-                 the previous version",
+                "{} runs but does not measure, so it is not confirmed: switch the insole off and on, which restores the \
+                 previous version",
                 image.header().version()
             ),
             Err(error) => return Err(error.into()),
