@@ -109,8 +109,8 @@ fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut 
     Ok(())
 }
 
-/// Soft ellipsoids whose largest section is only one percent larger than the largest contact. With these, single precision is least
-/// accurate.
+/// Soft ellipsoids whose largest section is only one percent larger than the largest contact. With these, single precision is
+/// least accurate.
 fn tight_tissue(walk: &Recording, typical: &Tissue) -> Result<Tissue> {
     let virtual_insole = VirtualInsole::new(walk, ContactRule::COUNTED, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());

@@ -1,4 +1,5 @@
-//! The figures of a run. They are printed as they are measured, and written to a file as one JSON object with a number for each key.
+//! The figures of a run. They are printed as they are measured, and written to a file as one JSON object with a number for each
+//! key.
 
 use anyhow::{Context, Result};
 use serde_json::{Map, Value};

@@ -1,5 +1,5 @@
-//! Long walks on the host loops: the firmware's loops run in virtual time on this computer, for both feet, with storage and the real
-//! client.
+//! Long walks on the host loops: the firmware's loops run in virtual time on this computer, for both feet, with storage and the
+//! real client.
 
 use crate::Figures;
 use anyhow::{Result, anyhow, ensure};

@@ -69,7 +69,7 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     figures.add(
         "fit_over_paper",
         round(ratio, 1),
-        "at least 100: time of the paper's search for each successful region, divided by the time of this identification",
+        "at least 100: time of the paper's search for each successful region, relative to this identification",
     );
 
     let start = Instant::now();

@@ -16,8 +16,8 @@ use bench::Figures;
 use clap::Parser;
 use std::path::PathBuf;
 
-/// Runs the benchmarks and prints the figures: instructions for a frame, accuracy of single precision, lengths of messages, speed of
-/// a replay compared with NumPy, and identification compared with SciPy.
+/// Runs the benchmarks and prints the figures: instructions for a frame, accuracy of single precision, lengths of messages, speed
+/// of a replay compared with NumPy, and identification compared with SciPy.
 #[derive(Parser)]
 struct Arguments {
     /// The firmware file of the emulated board.
@@ -26,7 +26,8 @@ struct Arguments {
     /// A Python interpreter with NumPy and SciPy.
     #[arg(long, required_unless_present = "stack_json")]
     python: Option<PathBuf>,
-    /// The folder SpeedPP2DS of the Python package jiku-data. With this option, the identification is also measured on its walkers.
+    /// The folder SpeedPP2DS of the Python package jiku-data. With this option, the identification is also measured on its
+    /// walkers.
     #[arg(long, requires = "plantar")]
     jiku: Option<PathBuf>,
     /// The program `plantar`, to measure the time of `plantar cohort`.

@@ -1,5 +1,5 @@
-//! Measures the errors of the identification for ten barefoot walkers on a pressure plate (SpeedPP2DS). Each step is predicted from
-//! the walker's other steps.
+//! Measures the errors of the identification for ten barefoot walkers on a pressure plate (SpeedPP2DS). Each step is predicted
+//! from the walker's other steps.
 
 use anyhow::Result;
 use bench::Figures;

@@ -94,8 +94,7 @@ pub fn open_serial(port: &str, baud: u32) -> Result<Box<dyn SerialPort>> {
                 None => "plug the insole in; this computer has no serial port".into(),
             },
             ErrorKind::Io(io::ErrorKind::PermissionDenied) => {
-                "your user account may not open it; on Linux, join the group of the port, often dialout, and log in again"
-                    .into()
+                "you may not open it; on Linux, join the group of the port, often dialout, and log in again".into()
             }
             _ => format!("is it a serial port, and does it support {baud} bit/s?"),
         };

@@ -133,7 +133,7 @@ impl Cohort {
             let path = entry?.path().join("steps.parquet");
             if path.exists() && !known.contains(&path) {
                 eprintln!(
-                    "note: the table has {}, but there is no folder of this participant: remove the file unless you need it",
+                    "note: the table has {}, but this participant has no folder: remove the file unless you need it",
                     path.display()
                 );
             }
@@ -213,7 +213,7 @@ impl Cohort {
             println!("wrote {}", path.display());
         }
         println!(
-            "wrote {}: {steps} steps of {} participants in {:.1} s; {cached} participants were already up to date in the table",
+            "wrote {}: {steps} steps of {} participants in {:.1} s; {cached} participants were already up to date",
             self.out.display(),
             means.len() - cached,
             start.elapsed().as_secs_f64()
@@ -235,7 +235,8 @@ struct Person {
 }
 
 impl Person {
-    /// Describes everything that determines the rows: the files with their sizes and times, the options and the program's version.
+    /// Describes everything that determines the rows: the files with their sizes and times, the options and the program's
+    /// version.
     fn made_from(&self) -> Result<String> {
         let Self { known, size, options, contact, .. } = self;
         let mut text = format!("{} {size} {known:?} {options:?} {contact:?}", env!("PLANTAR_VERSION"));

@@ -61,8 +61,8 @@ pub struct Search {
     /// (live). The parameters are valid only for that one.
     #[arg(long, value_enum, default_value_t = FilterName::Step)]
     filter: FilterName,
-    /// The search: five parameters by variable projection (projection) or, for comparison, the paper's search for eight parameters
-    /// from ten random starts (paper).
+    /// The search: five parameters by variable projection (projection) or, for comparison, the paper's search for eight
+    /// parameters from ten random starts (paper).
     #[arg(long, value_enum, default_value_t = MethodName::Projection)]
     method: MethodName,
     /// Allow a negative stiffness exponent n, down to -0.95. The paper does not allow it, but many regions then fit better.

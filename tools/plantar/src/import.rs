@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 pub enum Import {
     /// Import two CSV files: the layout of the cells, and their pressures.
     ///
-    /// The layout has the columns cell,x_mm,y_mm,area_mm2 and optionally region. It has one line per cell; cells are numbered from
-    /// 0. x increases towards the lateral side of the foot, y from heel to toes. Without the column region, a template divides
-    /// the foot into regions. The pressures are in a file with the columns t_s,c0,c1,...: time in s, and the pressure of each
-    /// cell in kPa.
+    /// The layout has the columns cell,x_mm,y_mm,area_mm2 and optionally region. It has one line per cell; cells are numbered
+    /// from 0. x increases towards the lateral side of the foot, y from heel to toes. Without the column region, a template
+    /// divides the foot into regions. The pressures are in a file with the columns t_s,c0,c1,...: time in s, and the pressure of
+    /// each cell in kPa.
     Csv {
         /// The file with the layout of the cells.
         #[arg(long, value_name = "FILE")]

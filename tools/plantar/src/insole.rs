@@ -123,7 +123,7 @@ fn show(connection: &Connection) -> Result<()> {
     let warnings = [
         (
             status.not_stored > 0,
-            "the insole could not store some data: its flash chip is failing, and a restart loses settings that are not stored",
+            "the insole could not store some data: its flash chip is failing, and a restart loses unstored settings",
         ),
         (
             contents.newer_kinds > 0,

@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 
 /// Shows the live loads of the eight regions, and a table of the steps at the end.
 ///
-/// In a terminal, press q or Ctrl-C to end. When the link is lost, the program reconnects. A step remains on the insole until it has
-/// arrived on this computer and, with --json, is written to the file.
+/// In a terminal, press q or Ctrl-C to end. When the link is lost, the program reconnects. A step remains on the insole until it
+/// has arrived on this computer and, with --json, is written to the file.
 #[derive(Args)]
 pub struct Monitor {
     #[command(flatten)]
@@ -46,8 +46,8 @@ pub trait Sink {
     fn has_reached_limit(&self) -> bool;
 }
 
-/// Passes messages to the view and the sink until the user ends the session or the sink has reached its limit. Reconnects when the
-/// link is lost.
+/// Passes messages to the view and the sink until the user ends the session or the sink has reached its limit. Reconnects when
+/// the link is lost.
 pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sink: &mut dyn Sink) -> Result<()> {
     let side = insole.client().hello().side;
     while !view.wants_to_end()? && !sink.has_reached_limit() {

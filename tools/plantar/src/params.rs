@@ -97,8 +97,8 @@ fn push(file: &Path, connection: &Connection) -> Result<()> {
 fn pull(out: &Path, connection: &Connection) -> Result<()> {
     let tissue = read_tissue(connection)?;
     let text = format!(
-        "# Read from an insole, which stores only A B, C, K, n, G and m. The other values are not known: this file has\n\
-         # a = b = sqrt(A B), d0 = C, k = K / C and c = G / C, which result in the same force. An insole does not\n\
+        "# Read from an insole, which stores only A B, C, K, n, G and m. The other values are not known: here\n\
+         # a = b = sqrt(A B), d0 = C, k = K / C and c = G / C, which results in the same force. An insole does not\n\
          # store whether its parameters are personal.\n\n{}",
         Parameters::from_tissue(&tissue).to_toml()
     );

@@ -15,10 +15,10 @@ use std::time::{Duration, Instant};
 
 /// Stores live frames and steps of an insole in a folder of Parquet files.
 ///
-/// The files FOLDER/live/*.parquet have one row per frame and region, the files FOLDER/steps/*.parquet one row per step and region.
-/// pandas, Polars, DuckDB and Spark read the files of a folder as one table. Files are completed at least every half minute, so a
-/// crash loses the live frames of at most this time. No step is lost, because a step remains on the insole until its file is
-/// complete. When the link is lost, the program reconnects. In a terminal, press q or Ctrl-C to end.
+/// The files FOLDER/live/*.parquet have one row per frame and region, the files FOLDER/steps/*.parquet one row per step and
+/// region. pandas, Polars, DuckDB and Spark read the files of a folder as one table. Files are completed at least every half
+/// minute, so a crash loses the live frames of at most this time. No step is lost, because a step remains on the insole until its
+/// file is complete. When the link is lost, the program reconnects. In a terminal, press q or Ctrl-C to end.
 #[derive(Args)]
 pub struct Record {
     /// The folder to write. It must be new or empty.

@@ -18,8 +18,8 @@ use std::time::Instant;
 
 /// Computes the steps of a recording as the insole would, with the same code.
 ///
-/// Recorded pressures are first converted to the codes of a virtual sensor, exactly as in `plantar emulate`. In f32, the steps are
-/// therefore equal to those of the emulated insole, to the last digit. A replay in f64 shows the error of single precision.
+/// Recorded pressures are first converted to the codes of a virtual sensor, exactly as in `plantar emulate`. In f32, the steps
+/// are therefore equal to those of the emulated insole, to the last digit. A replay in f64 shows the error of single precision.
 #[derive(Args)]
 pub struct Replay {
     /// The recording.
@@ -30,8 +30,8 @@ pub struct Replay {
     contact: ContactArgs,
     #[command(flatten)]
     zero: ZeroArgs,
-    /// Floating-point arithmetic: single precision as on the insole (f32), or double precision (f64). The steps are rounded to the
-    /// resolution of an insole's messages; the values of --frames are not rounded.
+    /// Floating-point arithmetic: single precision as on the insole (f32), or double precision (f64). The steps are rounded to
+    /// the resolution of an insole's messages; the values of --frames are not rounded.
     #[arg(long, value_enum, default_value_t = Precision::F32)]
     precision: Precision,
     /// Write the steps to this JSON file, one object per step: side, number, start, duration, and every quantity of each region.

@@ -14,8 +14,8 @@ use std::path::PathBuf;
 
 /// Shows one or two insoles in a browser: live loads, steps, trends, and export.
 ///
-/// Give one --serial, --tcp or --emulate per foot. Several pages can be open at the same time. Without --bind, only browsers on this
-/// computer can connect. Every page that can connect receives all data.
+/// Give one --serial, --tcp or --emulate per foot. Several pages can be open at the same time. Without --bind, only browsers on
+/// this computer can connect. Every page that can connect receives all data.
 #[derive(Args)]
 pub struct Serve {
     /// Serial port of an insole, such as /dev/ttyACM0 or COM3.
@@ -39,9 +39,9 @@ pub struct Serve {
     /// The firmware file of the emulated board, from `cargo xtask build`.
     #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
     firmware: PathBuf,
-    /// Write all messages of the insoles to this file, which must be new or empty. An insole deletes a step once the step is written
-    /// to this file or, without this option, once a page has stored it. To play the file later, open the page with ?replay=URL,
-    /// where URL is the address at which a web server offers the file.
+    /// Write all messages of the insoles to this file, which must be new or empty. An insole deletes a step once the step is
+    /// written to this file or, without this option, once a page has stored it. To play the file later, open the page with
+    /// ?replay=URL, where URL is the address at which a web server offers the file.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// TCP port of the page; with 0, a free port is chosen.
@@ -112,8 +112,8 @@ fn source(name: String, mut open: impl FnMut() -> Result<Box<dyn Carrier + Send>
     Source { name, open: Box::new(move || open().map_err(open_error)), tissue: None }
 }
 
-/// Finds the folder of the built page: below the current folder or, if this program is in the repository's `target` folder, in the
-/// repository.
+/// Finds the folder of the built page: below the current folder or, if this program is in the repository's `target` folder, in
+/// the repository.
 fn find_page() -> PathBuf {
     let program = std::env::current_exe().unwrap_or_default();
     let above = program.ancestors().map(|folder| folder.join(PAGE));

@@ -70,8 +70,8 @@ impl ContactArgs {
         if !rule.is_valid() {
             bail!(
                 "invalid contact rule, on at {} kPa, off below {} kPa, whole cell from {} kPa: --contact-off must be \
-                 positive, --contact-off may not be above --contact-on, --contact-on not above 1000, and --contact-full \
-                 either 0, for whole cells, or from --contact-on to 2000",
+                 positive, --contact-off may not be above --contact-on, --contact-on not above 1000, and \
+                 --contact-full either 0, for whole cells, or from --contact-on to 2000",
                 rule.on_kpa,
                 rule.off_kpa,
                 rule.full_kpa

@@ -79,8 +79,8 @@ pub fn print(steps: &[Step]) {
     }
     align(&mut table);
     println!(
-        "Mean of each region over the steps that loaded it, of {} steps. Force, model, area and deformation are the peak \
-         values of a step:\n{table}",
+        "Mean of each region over the steps that loaded it, of {} steps. Force, model, area and deformation are the \
+         peak values of a step:\n{table}",
         steps.len()
     );
     println!("Contact: {}.", rule_in_words(&first.contact_rule));

@@ -100,8 +100,8 @@ fn wait_for_trial(image: &Image, insole: &mut Insole) -> Result<()> {
                 std::thread::sleep(ReconnectPolicy::RESTART.retry);
             }
             Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) => bail!(
-                "{} runs but does not measure, so it is not confirmed: switch the insole off and on, which restores the \
-                 previous version",
+                "{} runs but does not measure, so it is not confirmed: switch the insole off and on, which restores \
+                 the previous version",
                 image.header().version()
             ),
             Err(error) => return Err(error.into()),

@@ -16,8 +16,8 @@ const GOOD_PERCENT: f64 = 10.0;
 /// Determines the baseline of the unloaded cells from a standing trial, and compares the measured force with the body weight.
 ///
 /// In this trial, the person sits with both feet lifted for 5 s, stands still for 10 s, and sits with both feet lifted again for
-/// 5 s. The command finds the exact times of these phases in the recording, and excludes half a second at each end of a phase. Make
-/// sure that the feet are off the floor while the person sits: the command cannot detect this in a recording.
+/// 5 s. The command finds the exact times of these phases in the recording, and excludes half a second at each end of a phase.
+/// Make sure that the feet are off the floor while the person sits: the command cannot detect this in a recording.
 ///
 /// `plantar fit`, `plantar replay` and `plantar emulate` accept the file with --zero.
 #[derive(Args)]

@@ -24,14 +24,14 @@ pub enum Task {
     Build,
     /// Build the page for a phone to tools/phone/dist.
     Page,
-    /// Show a walk on the emulated insole: identify a walker's parameters from some steps, send them to the firmware in QEMU, play
-    /// other steps into its sensor matrix, and show the loads live in the terminal. Then print a table of the steps, and serve the
-    /// page for a phone with the same walk.
+    /// Show a walk on the emulated insole: identify a walker's parameters from some steps, send them to the firmware in QEMU,
+    /// play other steps into its sensor matrix, and show the loads live in the terminal. Then print a table of the steps, and
+    /// serve the page for a phone with the same walk.
     Demo(Demo),
     /// Run everything that continuous integration runs.
     Test {
-        /// Check only the format and the lints, and run only the host tests, for use after each change. Tests that need the firmware,
-        /// the emulator, the page, Python or data are reported as ignored.
+        /// Check only the format and the lints, and run only the host tests, for use after each change. Tests that need the
+        /// firmware, the emulator, the page, Python or data are reported as ignored.
         #[arg(long)]
         quick: bool,
     },
@@ -41,17 +41,18 @@ pub enum Task {
         #[arg(long, value_name = "N", default_value_t = FUZZ_MINUTES)]
         minutes: f64,
     },
-    /// Test the endurance: power cuts in every write, bit errors on the cable, and a day of walking. The test takes about an hour.
+    /// Test the endurance: power cuts in every write, bit errors on the cable, and a day of walking. The test takes about an
+    /// hour.
     Soak(Soak),
     /// Compare the dependencies with RustSec's database of known vulnerabilities, which is downloaded.
     Advisories,
-    /// Measure the instructions for a frame, the accuracy, the lengths of messages, the speed of a replay, the identification and the
-    /// sizes of the firmware.
+    /// Measure the instructions for a frame, the accuracy, the lengths of messages, the speed of a replay, the identification and
+    /// the sizes of the firmware.
     Bench(Json),
     /// Measure the flash and RAM that the firmware of each board needs.
     Size(Json),
-    /// Print the source locations of the calls in an insole's crash report, "panic after ... at ...". The firmware that crashed must
-    /// be the last build in this repository.
+    /// Print the source locations of the calls in an insole's crash report, "panic after ... at ...". The firmware that crashed
+    /// must be the last build in this repository.
     Explain {
         /// The board that sent the report.
         #[arg(value_parser = BOARDS)]

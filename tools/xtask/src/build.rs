@@ -43,8 +43,8 @@ pub fn build_host(package: &str) -> Result<()> {
     run("cargo", &["build", "--locked", "--release", "--package", package])
 }
 
-/// Builds all host programs and their tests at once. Separate builds would compile shared dependencies repeatedly, because each build
-/// may enable other features of them.
+/// Builds all host programs and their tests at once. Separate builds would compile shared dependencies repeatedly, because each
+/// build may enable other features of them.
 pub fn build_whole_host() -> Result<()> {
     run("cargo", &["build", "--locked", "--release", "--all-targets"])?;
     HOST_IS_BUILT.store(true, Ordering::Relaxed);

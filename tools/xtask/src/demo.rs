@@ -50,8 +50,8 @@ impl Demo {
         run_command(&mut command)?;
         if self.recording.is_none() {
             println!(
-                "The insole's parameters were identified from steps {FITTED_STEPS} of this walker. The errors above are \
-                 those of other steps.\nReport on the identification: {}",
+                "The insole's parameters were identified from steps {FITTED_STEPS} of this walker. The errors above \
+                 are those of other steps.\nReport on the identification: {}",
                 report().display()
             );
         }
@@ -66,8 +66,8 @@ impl Demo {
         Ok(())
     }
 
-    /// Builds the firmware and the command line, and meanwhile installs the other programs. Returns the path of the command line and,
-    /// unless the user gave a recording, the path of the data set of the sample walk.
+    /// Builds the firmware and the command line, and meanwhile installs the other programs. Returns the path of the command line
+    /// and, unless the user gave a recording, the path of the data set of the sample walk.
     fn prepare(&self, with_page: bool) -> Result<(PathBuf, Option<PathBuf>)> {
         setup::rust()?;
         std::thread::scope(|scope| {
@@ -84,7 +84,8 @@ impl Demo {
     }
 }
 
-/// Builds the command line with the profile `dev` and only the features that the demonstration uses, because this takes less time.
+/// Builds the command line with the profile `dev` and only the features that the demonstration uses, because this takes less
+/// time.
 fn build_plantar(with_page: bool) -> Result<PathBuf> {
     let common: &[&str] = &["build", "--locked", "--package", "plantar-cli", "--no-default-features"];
     let serve = ["--features", "serve"];

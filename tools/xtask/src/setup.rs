@@ -86,7 +86,7 @@ pub fn node() -> Result<()> {
     let major = version.trim_start_matches('v').split('.').next().and_then(|major| major.parse::<u32>().ok());
     if major.is_none_or(|major| major < NODE_MAJOR) {
         bail!(
-            "the page needs Node.js {NODE_MAJOR} or newer, but version {version} is installed: see https://nodejs.org/en/download"
+            "the page needs Node.js {NODE_MAJOR} or newer, but {version} is installed: see https://nodejs.org/en/download"
         );
     }
     Ok(())
@@ -113,7 +113,8 @@ pub fn cargo_deny() -> Result<PathBuf> {
     cargo_tool("cargo-deny", "0.20.2")
 }
 
-/// Installs exactly this version of a tool in the private cache. A version that the user has installed is neither used nor changed.
+/// Installs exactly this version of a tool in the private cache. A version that the user has installed is neither used nor
+/// changed.
 fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
     let folder = cache().join("cargo");
     let tool = folder.join("bin").join(name);

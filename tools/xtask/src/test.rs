@@ -59,8 +59,8 @@ fn lint_host() -> Result<()> {
     run("cargo", &[&["clippy", "--locked", "--release", "--all-targets"], &DENY_WARNINGS[..]].concat())
 }
 
-/// Runs all tests on the host, including those that need firmware, Python, a browser or data. Tests that need recordings of people
-/// are skipped if there are none on this machine.
+/// Runs all tests on the host, including those that need firmware, Python, a browser or data. Tests that need recordings of
+/// people are skipped if there are none on this machine.
 fn host_tests(python: &Python) -> Result<()> {
     let mut command = Command::new("cargo");
     command

@@ -7,8 +7,8 @@ use plantar::Region;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-/// The columns of which means are computed: the paper's eight parameters, the combinations of them that a force determines, and the
-/// errors.
+/// The columns of which means are computed: the paper's eight parameters, the combinations of them that a force determines, and
+/// the errors.
 const COLUMNS: [&str; 13] = [
     "a_mm",
     "b_mm",
@@ -115,8 +115,8 @@ pub fn print(participants: &[Means]) {
         "Each step is fitted separately to the measured force (NRMSE: Eq. 20). The means are taken over the steps of a"
     );
     println!(
-        "recording, then over recordings, then over participants. As in the paper, all means are arithmetic, also those\n\
-         of k, c, K and G, in which a few stiff steps can dominate."
+        "recording, then over recordings, then over participants. As in the paper, all means are arithmetic, also\n\
+         those of k, c, K and G, in which a few stiff steps can dominate."
     );
 }
 

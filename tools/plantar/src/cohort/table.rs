@@ -12,8 +12,8 @@ use std::collections::HashMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-/// The metadata key under which a file stores the description of its inputs. A later run compares the description with the present
-/// inputs to determine whether the file is up to date.
+/// The metadata key under which a file stores the description of its inputs. A later run compares the description with the
+/// present inputs to determine whether the file is up to date.
 pub const KEY: &str = "plantar.made_from";
 
 /// The values that are the same in all rows of a recording.
@@ -25,8 +25,8 @@ pub struct Origin<'a> {
     pub options: Options,
 }
 
-/// The columns of the five identified parameters. Each has a value, the two ends of its 95 % interval, and whether the value is at
-/// a bound of the search.
+/// The columns of the five identified parameters. Each has a value, the two ends of its 95 % interval, and whether the value is
+/// at a bound of the search.
 const FIVE_COLUMNS: [[&str; 4]; 5] = [
     ["ab_mm2", "ab_mm2_low", "ab_mm2_high", "ab_at_bound"],
     ["stiffness_pa", "stiffness_pa_low", "stiffness_pa_high", "stiffness_at_bound"],

@@ -1,5 +1,5 @@
-//! Tests the endurance of an insole with power cuts, bit errors and a day of walking. The run ends with an error at the first violated
-//! requirement.
+//! Tests the endurance of an insole with power cuts, bit errors and a day of walking. The run ends with an error at the first
+//! violated requirement.
 
 mod bits;
 mod power;

@@ -7,8 +7,8 @@ use testkit::nor_flash::Torn;
 use testkit::power::Script;
 use testkit::switched_off::Bench;
 
-/// Tests the store on a simulated chip: power fails before, within and after each operation of two fixed sequences of storage calls.
-/// `short` tests only every eleventh operation.
+/// Tests the store on a simulated chip: power fails before, within and after each operation of two fixed sequences of storage
+/// calls. `short` tests only every eleventh operation.
 pub fn test_store(short: bool, figures: &mut Figures) -> Result<()> {
     let stride = if short { 11 } else { 1 };
     let (mut cuts, mut operations, mut erasures) = (0u64, 0, 0);
@@ -38,8 +38,8 @@ pub fn test_store(short: bool, figures: &mut Figures) -> Result<()> {
     Ok(())
 }
 
-/// Tests the real firmware in the emulator: power fails during sessions that store data of every kind. `short` tests every seventh
-/// operation of one session.
+/// Tests the real firmware in the emulator: power fails during sessions that store data of every kind. `short` tests every
+/// seventh operation of one session.
 pub fn test_firmware(firmware: &Path, short: bool, figures: &mut Figures) -> Result<()> {
     /// The test ends after at least this number of power cuts.
     const CUTS: u32 = 1000;

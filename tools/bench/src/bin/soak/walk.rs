@@ -28,8 +28,8 @@ const SHORT_STEPS: u32 = 400;
 const SCANS_BEFORE_WRAP: u32 = 5_000;
 /// Number of steps before their sequence number wraps.
 const STEPS_BEFORE_WRAP: u32 = 20;
-/// The live stream is on during this number of steps. It is then switched off, because each of its bytes costs the emulator a system
-/// call.
+/// The live stream is on during this number of steps. It is then switched off, because each of its bytes costs the emulator a
+/// system call.
 const LIVE_STEPS: u32 = 1_000;
 /// Number of steps between two requests for the status.
 const STATUS_INTERVAL: u32 = 100;
