@@ -41,8 +41,8 @@ use table::Origin;
 /// recording could not be used before. A new version of the program processes
 /// all participants again.
 ///
-/// Exit status: 0 if all recordings were used, 3 if some could not be used,
-/// 1 if no step of any participant was found.
+/// Exit status: 0 if all participants and recordings were used, 3 if some could
+/// not be used, 1 if no step of any participant was found.
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct Cohort {
@@ -71,7 +71,7 @@ struct Processed {
 }
 
 impl Cohort {
-    /// Runs the command. Returns true if all recordings were used.
+    /// Runs the command. Returns true if all participants and recordings were used.
     pub fn run(&self) -> Result<bool> {
         let start = Instant::now();
         // Checks the options once, because invalid options would cause an error for every participant.
@@ -145,7 +145,7 @@ impl Cohort {
     /// recordings cannot be used to `left_out`.
     fn participant(&self, name: &str, path: &Path, left_out: &mut Vec<String>) -> Result<Processed> {
         let person = self.person(&self.participants.join(name))?;
-        let has_size = person.known.size.is_some();
+        let has_size = person.settings.size.is_some();
         let done = |rows: &[_], is_cached| Processed { means: Means::of(rows), is_cached, has_size };
         let made_from = person.made_from()?;
         // A file that cannot be read counts as out of date and is replaced.
@@ -174,10 +174,10 @@ impl Cohort {
     /// Reads a participant's folder.
     fn person(&self, folder: &Path) -> Result<Person> {
         let file = folder.join("participant.toml");
-        let known = if file.exists() { Participant::read(&file)? } else { Participant::default() };
+        let settings = if file.exists() { Participant::read(&file)? } else { Participant::default() };
         let mut search = self.search.clone();
-        search.size = known.size.unwrap_or(search.size);
-        search.thickness = known.thickness.clone().or(search.thickness);
+        search.size = settings.size.unwrap_or(search.size);
+        search.thickness = settings.thickness.clone().or(search.thickness);
         let mut recordings = Vec::new();
         for entry in fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))? {
             recordings.push(entry?.path());
@@ -190,7 +190,7 @@ impl Cohort {
             size: search.size,
             options: search.options(0)?,
             contact: self.contact.rule(None)?,
-            known,
+            settings,
         })
     }
 
@@ -227,7 +227,7 @@ struct Person {
     folder: PathBuf,
     recordings: Vec<PathBuf>,
     /// The values of participant.toml, or none without this file.
-    known: Participant,
+    settings: Participant,
     /// The size in participant.toml, or else the option --size.
     size: InsoleSize,
     options: Options,
@@ -238,9 +238,9 @@ impl Person {
     /// Describes everything that determines the rows: the files with their sizes and times, the options and the program's
     /// version.
     fn made_from(&self) -> Result<String> {
-        let Self { known, size, options, contact, .. } = self;
-        let mut text = format!("{} {size} {known:?} {options:?} {contact:?}", env!("PLANTAR_VERSION"));
-        for path in self.recordings.iter().chain(&known.zero) {
+        let Self { settings, size, options, contact, .. } = self;
+        let mut text = format!("{} {size} {settings:?} {options:?} {contact:?}", env!("PLANTAR_VERSION"));
+        for path in self.recordings.iter().chain(&settings.zero) {
             let file = path.metadata().with_context(|| format!("cannot read {}", path.display()))?;
             let name = path.file_name().unwrap_or_default();
             text += &format!("\n{name:?} {} {:?}", file.len(), file.modified()?);
@@ -255,7 +255,7 @@ impl Person {
             self.steps(&recording).with_context(|| format!("{}: the recording cannot be evaluated", path.display()))?;
         let origin = Origin {
             size: self.size,
-            mass_kg: self.known.mass_kg,
+            mass_kg: self.settings.mass_kg,
             recording: &path.file_name().unwrap_or_default().to_string_lossy(),
             contact: self.contact,
             options: self.options,
@@ -271,7 +271,7 @@ impl Person {
     /// The complete steps of a recording.
     fn steps(&self, recording: &Recording) -> Result<Vec<Step>> {
         let mut insole = setup::insole(recording, self.contact)?;
-        ZeroArgs { zero: self.known.zero.clone() }.apply(&mut insole)?;
+        ZeroArgs { zero: self.settings.zero.clone() }.apply(&mut insole)?;
         let (steps, _) = isolate(recording, &insole, 0, &mut |_| ())?;
         Ok(steps)
     }

@@ -48,9 +48,9 @@ pub enum Task {
     Advisories,
     /// Measure the instructions for a frame, the accuracy, the lengths of messages, the speed of a replay, the identification and
     /// the sizes of the firmware.
-    Bench(Json),
+    Bench(FiguresFile),
     /// Measure the flash and RAM that the firmware of each board needs.
-    Size(Json),
+    Size(FiguresFile),
     /// Print the source locations of the calls in an insole's crash report, "panic after ... at ...". The firmware that crashed
     /// must be the last build in this repository.
     Explain {
@@ -103,7 +103,7 @@ pub struct Soak {
 }
 
 #[derive(Args)]
-pub struct Json {
+pub struct FiguresFile {
     /// Also write the figures to this file, as one JSON object with a number for each key.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,

@@ -1,6 +1,6 @@
 //! Runs the benchmarks and the endurance test, and measures the sizes of the firmware.
 
-use crate::arguments::{Json, Soak};
+use crate::arguments::{FiguresFile, Soak};
 use crate::build::{bootloader, build_firmware, build_host, firmware};
 use crate::command::{built, run_command};
 use crate::{BOARDS, EMULATED, image, setup};
@@ -83,7 +83,7 @@ fn read(json: &Path) -> Result<Figures> {
     Ok(serde_json::from_str(&text)?)
 }
 
-impl Json {
+impl FiguresFile {
     /// Writes the figures to the file, if the option is given.
     pub fn write(&self, figures: &Figures) -> Result<()> {
         let Some(path) = &self.json else { return Ok(()) };

@@ -86,7 +86,8 @@ pub fn node() -> Result<()> {
     let major = version.trim_start_matches('v').split('.').next().and_then(|major| major.parse::<u32>().ok());
     if major.is_none_or(|major| major < NODE_MAJOR) {
         bail!(
-            "the page needs Node.js {NODE_MAJOR} or newer, but {version} is installed: see https://nodejs.org/en/download"
+            "the page needs Node.js {NODE_MAJOR} or newer, but {version} is installed: see \
+             https://nodejs.org/en/download"
         );
     }
     Ok(())
