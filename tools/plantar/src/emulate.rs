@@ -47,7 +47,7 @@ pub struct Emulate {
     /// cells.
     #[arg(long, value_name = "FAULT")]
     fault: Vec<SensorFault>,
-    /// End after this many steps.
+    /// End the walk after this number of steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
     /// Write the steps, the mean error of the model in each region and the counters of the live frames to this JSON file.
@@ -245,7 +245,7 @@ impl Emulate {
 
 /// The error message for an insole that restarted during the walk.
 fn restarted(hello: &Hello) -> String {
-    let reason = hello.last_panic.as_deref().unwrap_or("no fault reported");
+    let reason = hello.last_panic.as_deref().unwrap_or("no failure reported");
     format!(
         "the insole restarted during the walk (reset reason: {}, {reason}): its steps are not shown",
         hello.reset.name()

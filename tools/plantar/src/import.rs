@@ -1,4 +1,4 @@
-//! `plantar import`: converts the exports of other systems to recordings.
+//! `plantar import`: converts the exports of other systems to recordings, and computes example recordings.
 
 use crate::replay::progress;
 use anyhow::{Result, bail};
@@ -48,7 +48,7 @@ pub enum Import {
     },
     /// Import barefoot steps on a plate from the Python package jiku-data (data set SpeedPP2DS, GPLv3, 10 walkers).
     ///
-    /// Each trial of that data set is one footprint; the trials are concatenated with unloaded swing phases between them.
+    /// Each trial of that data set is one footprint. The trials are joined to a walk, with unloaded swing phases between them.
     Jiku {
         /// The folder SpeedPP2DS of the installed package.
         #[arg(long, value_name = "FOLDER")]

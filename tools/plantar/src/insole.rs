@@ -112,13 +112,13 @@ fn show(connection: &Connection) -> Result<()> {
     println!("{} insole, firmware {}, {} cells", hello.board, hello.firmware, hello.cells);
     print(&identity);
     println!(
-        "boot number {} (reset reason: {}), steps so far {}",
+        "boot number {}, reset reason: {}, steps so far: {}",
         contents.start,
         hello.reset.name(),
         contents.next_step
     );
     if let Some(last) = &hello.last_panic {
-        println!("note: {last}");
+        println!("note: the insole reports a failure: {last}");
     }
     let warnings = [
         (
@@ -135,7 +135,7 @@ fn show(connection: &Connection) -> Result<()> {
         ),
         (
             contents.erased > 0,
-            "a part of the insole's flash chip was damaged; it was erased, and its contents are lost",
+            "a part of the insole's flash chip was damaged and had to be erased, so its contents are lost",
         ),
         (status.steps_dropped > 0, "the insole's step log was full, so the oldest steps were dropped"),
     ];

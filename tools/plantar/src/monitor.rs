@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 pub struct Monitor {
     #[command(flatten)]
     connection: Connection,
-    /// End after this many steps.
+    /// End the session after this number of steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
     /// Write the steps to this JSON file as they arrive, one object per step. The file must be new or empty.

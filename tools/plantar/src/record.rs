@@ -26,10 +26,10 @@ pub struct Record {
     out: PathBuf,
     #[command(flatten)]
     connection: Connection,
-    /// End after this many steps.
+    /// End the session after this number of steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
-    /// End after this many seconds.
+    /// End the session after this number of seconds.
     #[arg(long, value_name = "S")]
     seconds: Option<u64>,
 }

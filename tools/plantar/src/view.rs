@@ -40,7 +40,7 @@ impl View {
     pub fn open(hello: &Hello) -> Result<Self> {
         let title = title(hello);
         if let Some(panic) = &hello.last_panic {
-            eprintln!("note: the insole reports a fault: {panic}");
+            eprintln!("note: the insole reports a failure: {panic}");
         }
         if hello.tissue_id == 0 {
             eprintln!(
@@ -68,7 +68,7 @@ impl View {
 
     /// Shows that the insole restarted, and the reason.
     pub fn restarted(&mut self, hello: &Hello) {
-        let reason = hello.last_panic.as_deref().unwrap_or("no fault reported");
+        let reason = hello.last_panic.as_deref().unwrap_or("no failure reported");
         self.title = format!(" restarted (reset reason: {}, {reason}) ", hello.reset.name());
         if self.terminal.is_none() {
             println!("the insole{}", self.title.trim_end());
