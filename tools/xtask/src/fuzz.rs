@@ -15,7 +15,6 @@ const HANG_S: u32 = 25;
 /// Runs every target. Returns an error that names the target and the input of the first failure.
 pub fn run(minutes: f64) -> Result<()> {
     let tool = setup::cargo_fuzz()?;
-    // No sanitizer is used (see the options below). It would need a nightly toolchain, and the parsers contain no unsafe code.
     let cargo_fuzz = |arguments: &[&str]| {
         let mut command = Command::new(&tool);
         command.current_dir(root()).args(arguments);
@@ -28,6 +27,7 @@ pub fn run(minutes: f64) -> Result<()> {
         bail!("no fuzz targets in fuzz/Cargo.toml");
     }
     let folder = built("fuzz");
+    // A sanitizer would need a nightly toolchain, and the parsers contain no unsafe code.
     let options = ["--sanitizer", "none", "--target-dir", &folder.to_string_lossy()];
     run_command(&mut cargo_fuzz(&[&["build"], &options[..]].concat()))?;
     let seconds = (minutes * 60.0 / targets.len() as f64).ceil().max(1.0) as u64;
