@@ -209,7 +209,7 @@ fn a_second_run_processes_only_changed_participants() {
     assert_eq!((status, text_of_invalid.contains("--contact-off")), (Some(1), true), "{text_of_invalid}");
     // A participant without a folder is no longer counted, but a note names the participant's file.
     fs::rename(path.join("people/ann"), path.join("ann")).expect("moved");
-    again("--negative-n", &["1 participants were already up to date", "participant=ann", "remove it"]);
+    again("--negative-n", &["1 participants were already up to date", "participant=ann", "remove the file"]);
     assert!(!summary(&path).contains("37-38"));
 }
 
