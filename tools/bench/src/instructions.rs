@@ -14,11 +14,14 @@ use recording::{Recording, VirtualInsole, synthetic};
 use std::path::Path;
 use std::time::Duration;
 
+/// Number of cells of the layout.
 const CELLS: usize = 240;
+/// Number of scans of the walk.
 const SCANS: u32 = 200;
-/// Timeouts of the carrier without a message after which the board counts as stalled.
+/// The board counts as stalled after this number of successive read timeouts without a message.
 const MAX_TIMEOUTS: u32 = 400;
-/// An instruction takes one nanosecond of emulated time, a SysTick cycle 1/168 MHz.
+/// Duration of a cycle of the board's cycle counter, SysTick at 168 MHz. An instruction takes 1 ns of emulated time, so this is
+/// also the number of instructions for each cycle.
 const NS_PER_CYCLE: f64 = 1000.0 / 168.0;
 
 /// A foot that loads every cell of every region from the second frame on, always with the same codes.
@@ -37,6 +40,7 @@ impl Walk for Loaded {
     }
 }
 
+/// Counts the instructions with whole cells and with fractional contact.
 pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     let layout = synthetic::insole(CELLS);
     let pressure_kpa = synthetic::loaded_frame(&layout);
@@ -49,7 +53,11 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
         pressure_kpa,
     };
     for (key, contact, meaning) in [
-        ("frame_instructions", ContactRule::COUNTED, "240 loaded cells, 8 regions, codes to encoded live message"),
+        (
+            "frame_instructions",
+            ContactRule::COUNTED,
+            "instructions for a frame with 240 loaded cells in 8 regions, from codes to encoded live message",
+        ),
         (
             "frame_instructions_fractional",
             ContactRule { full_kpa: 100.0, ..ContactRule::COUNTED },
@@ -65,14 +73,14 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
             }
         }
         let status = walk_through(firmware, &virtual_insole, Time::Counted, Loaded(codes))?;
-        // The least number of cycles, because interrupts of the scan lengthen some frames.
+        // Takes the frame with the fewest cycles, because interrupts of the scan lengthen others.
         let (least, _) = status.frame_cycles;
         figures.add(key, (f64::from(least) * NS_PER_CYCLE).round(), meaning);
     }
     Ok(())
 }
 
-/// Plays a whole walk into the emulated board, with a live stream, and returns the board's counters.
+/// Plays a whole walk into the emulated board while the live stream is on. Returns the board's counters.
 pub fn walk_through(firmware: &Path, insole: &VirtualInsole, time: Time, walk: impl Walk) -> Result<Status> {
     let scans = walk.scans();
     let config = EmulatorConfig::new(insole.setup);
