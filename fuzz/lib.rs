@@ -32,14 +32,14 @@ pub fn check_recording(recording: &Recording) {
     assert!(recording.rate_hz > 0.0 && recording.rate_hz.is_finite());
     assert!(recording.pressure_kpa.iter().all(|&kpa| kpa >= 0.0 && kpa.is_finite()));
     assert!(recording.t_s.iter().all(|t_s| t_s.is_finite()));
-    let worn = VirtualInsole::new(recording, ContactRule::COVERED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(recording, ContactRule::COVERED, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    if insole.set_up(worn.setup, worn.cells.iter().copied()).is_err() {
+    if insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).is_err() {
         return;
     }
-    let mut codes = vec![0; worn.cells.len()];
-    for i in 0..worn.frames(recording).min(REPLAYED_FRAMES) {
-        worn.codes_of(recording, i, &mut codes);
+    let mut codes = vec![0; virtual_insole.cells.len()];
+    for i in 0..virtual_insole.frames(recording).min(REPLAYED_FRAMES) {
+        virtual_insole.codes_of(recording, i, &mut codes);
         check_frame(&mut insole, i as u32, &codes);
     }
 }

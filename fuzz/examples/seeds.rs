@@ -28,10 +28,10 @@ use std::path::Path;
 fn main() {
     let recording =
         synthetic::walk(&SyntheticWalk { cells: 8, steps: 1, rate_hz: 50.0, ..Default::default() }).recording;
-    let worn = VirtualInsole::new(&recording, ContactRule::COVERED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COVERED, StanceRule::WALKING);
     let parameters = Parameters::typical(InsoleSize::default());
     let tissue = parameters.tissue();
-    let (live, step) = walked(&recording, &worn, &tissue);
+    let (live, step) = walked(&recording, &virtual_insole, &tissue);
 
     let serial = Serial::new("R-0001").expect("printable");
     let fault = Fault { kind: FaultKind::Open, place: Place::Cell(0), found_ms: 1_920 };
@@ -48,12 +48,12 @@ fn main() {
         ToDevice::GetIdentity,
         ToDevice::SetIdentity { side: Side::Right, serial },
         ToDevice::SetCalibrationBlock { block: 0, cells: [CellCalibration::IDEAL; BLOCK_CELLS] },
-        ToDevice::SetCalibration { layout_id: worn.setup.layout_id, cells: 8, id: 1 },
+        ToDevice::SetCalibration { layout_id: virtual_insole.setup.layout_id, cells: 8, id: 1 },
         ToDevice::Restart,
     ]
     .map(|message| encoded(&message));
     let to_host = [
-        ToHost::Hello(hello(&worn, tissue.id)),
+        ToHost::Hello(hello(&virtual_insole, tissue.id)),
         ToHost::Status(Status { uptime_us: 12_345_678, frames: 1000, live_due: 3, live_sent: 2, ..Status::default() }),
         ToHost::Tissue(tissue),
         ToHost::Live(live),
@@ -91,10 +91,10 @@ fn main() {
     let full = [connect, stream].into_iter().chain([&b"S"[..], b"L"].into_iter().cycle().take(40));
     seed("link", "full", &pieces(full));
 
-    seed("set_up", "walk", &set_up_and_walk(&recording, &worn, &tissue));
+    seed("set_up", "walk", &set_up_and_walk(&recording, &virtual_insole, &tissue));
 
     seed("parameters", "typical", parameters.to_toml().as_bytes());
-    let zero = FootZero { layout_id: worn.setup.layout_id, offset_kpa: vec![1.5; recording.cells()] };
+    let zero = FootZero { layout_id: virtual_insole.setup.layout_id, offset_kpa: vec![1.5; recording.cells()] };
     seed("parameters", "zero", Zero { left: None, right: Some(zero) }.to_toml().as_bytes());
     seed("parameters", "thickness", b"heel = 17.5\ntoe_2 = 8\n");
     seed(
@@ -142,14 +142,14 @@ fn pieces<'p>(pieces: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
 }
 
 /// The last live frame of the first stance, and its step.
-fn walked(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> (Live, Step) {
+fn walked(recording: &Recording, virtual_insole: &VirtualInsole, tissue: &Tissue) -> (Live, Step) {
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a valid recording");
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a valid recording");
     insole.set_tissue(tissue).expect("typical parameters are valid");
-    let mut codes = vec![0; worn.cells.len()];
+    let mut codes = vec![0; virtual_insole.cells.len()];
     let mut live = Live::default();
-    for i in 0..worn.frames(recording) {
-        worn.codes_of(recording, i, &mut codes);
+    for i in 0..virtual_insole.frames(recording) {
+        virtual_insole.codes_of(recording, i, &mut codes);
         if insole.frame(i as u32, &codes) {
             return (live, Step::new(&insole.whole_step().expect("a step")));
         }
@@ -160,18 +160,18 @@ fn walked(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> (Live
     panic!("the walk has a step");
 }
 
-fn hello(worn: &VirtualInsole, tissue_id: u32) -> Hello {
+fn hello(virtual_insole: &VirtualInsole, tissue_id: u32) -> Hello {
     Hello {
         major: MAJOR,
         minor: MINOR,
         firmware: "0.1.0".try_into().expect("the text fits"),
         board: "emulated".try_into().expect("the text fits"),
         side: Side::Right,
-        layout_id: worn.setup.layout_id,
-        cells: worn.cells.len() as u16,
-        period_us: worn.setup.period_us,
+        layout_id: virtual_insole.setup.layout_id,
+        cells: virtual_insole.cells.len() as u16,
+        period_us: virtual_insole.setup.period_us,
         tissue_id,
-        contact_rule: worn.setup.contact,
+        contact_rule: virtual_insole.setup.contact,
         reset: Reset::Panic,
         last_panic: Some("app.rs:1 said".try_into().expect("the text fits")),
     }
@@ -187,18 +187,19 @@ fn fragments(message: &[u8]) -> Vec<Vec<u8>> {
 }
 
 /// An input of the target `set_up`: set-up, parameters and the frames of a walk.
-fn set_up_and_walk(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> Vec<u8> {
-    let mut setup = postcard::to_stdvec(&EmulatorConfig { is_paced: true, ..EmulatorConfig::new(worn.setup) })
-        .expect("the value can be encoded");
-    for cell in &worn.cells {
+fn set_up_and_walk(recording: &Recording, virtual_insole: &VirtualInsole, tissue: &Tissue) -> Vec<u8> {
+    let mut setup =
+        postcard::to_stdvec(&EmulatorConfig { is_paced: true, ..EmulatorConfig::new(virtual_insole.setup) })
+            .expect("the value can be encoded");
+    for cell in &virtual_insole.cells {
         setup = postcard::to_extend(cell, setup).expect("the value can be encoded");
     }
     let mut input = (setup.len() as u16).to_le_bytes().to_vec();
     input.extend(setup);
     input.extend(postcard::to_stdvec(&tissue.force_laws).expect("the value can be encoded"));
-    let mut codes = vec![0; worn.cells.len()];
-    for i in 0..worn.frames(recording) {
-        worn.codes_of(recording, i, &mut codes);
+    let mut codes = vec![0; virtual_insole.cells.len()];
+    for i in 0..virtual_insole.frames(recording) {
+        virtual_insole.codes_of(recording, i, &mut codes);
         // One missing frame in the stance is bridged.
         input.push(u8::from(i == 30));
         input.extend(codes.iter().map(|code| (code >> 8) as u8));

@@ -118,15 +118,15 @@ fn both_feet_stream_a_minute_in_real_time() {
     let mut feet = [(Side::Left, "Plantar L"), (Side::Right, "Plantar R")].map(|(side, name)| {
         let walk = synthetic::SyntheticWalk { steps: STEPS, side, rate_hz: 100.0, ..Default::default() };
         let recording = synthetic::walk(&walk).recording;
-        let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
         let scanned = Arc::<Mutex<Vec<Instant>>>::default();
-        let walk = Recorded::new(recording, worn.clone());
+        let walk = Recorded::new(recording, virtual_insole.clone());
         scans = walk.scans();
         let walk = DelayedWalk { walk, is_started: is_started.clone(), first: None, scanned: scanned.clone() };
-        boards.push(boot(&mut radio, &firmware, &worn, Time::Real, walk, |_| {}, None));
+        boards.push(boot(&mut radio, &firmware, &virtual_insole, Time::Real, walk, |_| {}, None));
         let mut phone = radio.bonded_phone(boards.len() as u8, name, 247);
         phone.set_tissue(&mut radio, tissue());
-        let period_us = worn.setup.period_us;
+        let period_us = virtual_insole.setup.period_us;
         Foot { phone, scanned, period_us, live: Vec::new(), steps: Vec::new(), axis: Axis::new() }
     });
     for foot in &mut feet {

@@ -63,16 +63,16 @@ impl Session {
     }
 
     fn start_without_tissue(recording: &Recording, contact: ContactRule, fault: fn(u32) -> Option<Scan>) -> Self {
-        let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
-        let walk = Recorded::new(recording.clone(), worn.clone());
-        Self::start_walk(&worn, IncompleteWalk { walk, fault })
+        let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+        let walk = Recorded::new(recording.clone(), virtual_insole.clone());
+        Self::start_walk(&virtual_insole, IncompleteWalk { walk, fault })
     }
 
-    fn start_walk(worn: &VirtualInsole, walk: impl Walk + 'static) -> Self {
+    fn start_walk(virtual_insole: &VirtualInsole, walk: impl Walk + 'static) -> Self {
         let firmware = firmware();
         let scans = walk.scans();
-        let config = EmulatorConfig::new(worn.setup);
-        let board = Board::start(&firmware, &config, &worn.cells, Time::Max, walk).expect("the board boots");
+        let config = EmulatorConfig::new(virtual_insole.setup);
+        let board = Board::start(&firmware, &config, &virtual_insole.cells, Time::Max, walk).expect("the board boots");
         let link = board.link().expect("the board has a link");
         link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
         let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
@@ -274,13 +274,13 @@ fn the_hello_identifies_the_insole() {
 fn a_refused_set_up_is_reported_in_the_hello() {
     let firmware = firmware();
     let walk = synthetic_walk(1, 100.0);
-    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let mut cells = worn.cells.clone();
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let mut cells = virtual_insole.cells.clone();
     cells.reverse();
     assert_ne!(cells.first().map(|c| c.cell.region), Some(Region::Heel));
-    let config = EmulatorConfig::new(worn.setup);
-    let board =
-        Board::start(&firmware, &config, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");
+    let config = EmulatorConfig::new(virtual_insole.setup);
+    let board = Board::start(&firmware, &config, &cells, Time::Max, Recorded::new(walk, virtual_insole))
+        .expect("the board boots");
     let link = board.link().expect("the board has a link");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
     let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
@@ -375,12 +375,12 @@ fn damaged_and_invalid_parameters_are_refused_and_the_old_ones_remain() {
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
     let walk = synthetic_walk(10, 100.0);
-    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let zeros: Vec<u16> = worn.cells.iter().map(|cell| cell.calibration.offset).collect();
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let zeros: Vec<u16> = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
     for fault in one_of_each(&walk, FAULT_S) {
-        let played = Recorded::new(walk.clone(), worn.clone());
-        let played = Faulty::new(played, vec![fault], worn.setup.period_us, zeros.clone());
-        let mut session = Session::start_walk(&worn, played);
+        let played = Recorded::new(walk.clone(), virtual_insole.clone());
+        let played = Faulty::new(played, vec![fault], virtual_insole.setup.period_us, zeros.clone());
+        let mut session = Session::start_walk(&virtual_insole, played);
         session.client.set_tissue(&tissue()).expect("typical parameters are valid");
         session.client.stream().expect("the stream starts");
         session.board.play();
@@ -399,7 +399,9 @@ fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
         println!("{fault}: found at {found_s:.2} s");
         assert!(found_s > FAULT_S);
         let mut masked = [0; 8];
-        fault.cells(worn.cells.len()).for_each(|cell| masked[worn.cells[cell].cell.region as usize] += 1);
+        fault
+            .cells(virtual_insole.cells.len())
+            .for_each(|cell| masked[virtual_insole.cells[cell].cell.region as usize] += 1);
         assert_eq!(faults.masked_cells, masked, "{fault}");
         let bits = masked.iter().enumerate().fold(0, |bits, (i, &cells)| bits | u8::from(cells > 0) << i);
         assert_eq!((received.live[0].masked, received.live.last().map(|live| live.masked)), (0, Some(bits)));
@@ -419,8 +421,8 @@ fn the_insole_reports_the_force_that_the_fit_evaluated() {
     for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
         let options = Options::usual(InsoleSize::default().thickness_m());
         let mut study = Study::new("walker 2".into(), contact, options);
-        let worn = VirtualInsole::new(&walk, contact, StanceRule::WALKING);
-        study.add("walk".into(), &walk, &worn, &mut |_| ()).expect("a valid recording");
+        let virtual_insole = VirtualInsole::new(&walk, contact, StanceRule::WALKING);
+        study.add("walk".into(), &walk, &virtual_insole, &mut |_| ()).expect("a valid recording");
         let steps = study.steps.clone();
         study.steps.retain(|step| FITTED.contains(&step.number));
         study.fit(&|_| ());

@@ -19,12 +19,14 @@ const PATIENCE: Duration = Duration::from_secs(20);
 fn the_firmware_reports_its_state_changes_with_levels() {
     let firmware = firmware();
     let recording = synthetic_walk(8, 100.0);
-    let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
     let faults: Vec<SensorFault> = vec!["short-cell:20@1.5".parse().expect("a fault of a cell")];
-    let zeros = worn.cells.iter().map(|cell| cell.calibration.offset).collect();
-    let walk = Faulty::new(Recorded::new(recording, worn.clone()), faults, worn.setup.period_us, zeros);
-    let board = Board::start(&firmware, &EmulatorConfig::new(worn.setup), &worn.cells, Time::Max, walk)
-        .expect("the board starts");
+    let zeros = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
+    let walk =
+        Faulty::new(Recorded::new(recording, virtual_insole.clone()), faults, virtual_insole.setup.period_us, zeros);
+    let board =
+        Board::start(&firmware, &EmulatorConfig::new(virtual_insole.setup), &virtual_insole.cells, Time::Max, walk)
+            .expect("the board starts");
     let link = board.link().expect("a serial link");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("a read timeout");
     let mut client = Client::connect(Framed::new(link), PATIENCE).expect("the insole answers");

@@ -13,7 +13,7 @@ use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
 use testkit::nor_flash::{NorFlashChip, Torn, now};
-use testkit::power::Script;
+use testkit::store_script::Script;
 use testkit::{TISSUE, step};
 
 type Chip<'c> = Store<&'c mut NorFlashChip>;

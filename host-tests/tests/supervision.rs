@@ -56,12 +56,12 @@ impl ConnectedBoard {
     fn start_with(change: impl Fn(EmulatorConfig) -> EmulatorConfig, time: Time, walk: Option<impl Walk>) -> Self {
         let firmware = firmware();
         let recording = synthetic_walk(3, 100.0);
-        let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
-        let config = change(EmulatorConfig::new(worn.setup));
-        let cells = worn.cells.clone();
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let config = change(EmulatorConfig::new(virtual_insole.setup));
+        let cells = virtual_insole.cells.clone();
         let board = match walk {
             Some(walk) => Board::start(&firmware, &config, &cells, time, walk),
-            None => Board::start(&firmware, &config, &cells, time, Looped(Recorded::new(recording, worn))),
+            None => Board::start(&firmware, &config, &cells, time, Looped(Recorded::new(recording, virtual_insole))),
         };
         Self::connect(board.expect("the board boots"), firmware)
     }

@@ -29,12 +29,19 @@ fn session(board: &Board) -> Client<Framed<TcpStream>> {
 fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
     let firmware = firmware();
     let walk = synthetic_walk(3, 100.0);
-    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
     let boot = |flash| {
         let hardware = Hardware { flash, ..Hardware::default() };
-        let walk = Recorded::new(walk.clone(), worn.clone());
-        Board::start_with(&firmware, &EmulatorConfig::new(worn.setup), &worn.cells, Time::Max, walk, &hardware)
-            .expect("the board boots")
+        let walk = Recorded::new(walk.clone(), virtual_insole.clone());
+        Board::start_with(
+            &firmware,
+            &EmulatorConfig::new(virtual_insole.setup),
+            &virtual_insole.cells,
+            Time::Max,
+            walk,
+            &hardware,
+        )
+        .expect("the board boots")
     };
     let board = boot(None);
     let mut client = session(&board);

@@ -64,12 +64,19 @@ impl Insole {
 
     fn start(&self, power_cut: Option<u32>, swapped: bool) -> Board {
         let walk = synthetic_walk(2, 100.0);
-        let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-        let config = EmulatorConfig { power_cut, ..EmulatorConfig::new(worn.setup) };
-        let cells = worn.cells.clone();
+        let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+        let config = EmulatorConfig { power_cut, ..EmulatorConfig::new(virtual_insole.setup) };
+        let cells = virtual_insole.cells.clone();
         let hardware = Hardware { flash: self.flash.clone(), swapped, ..Hardware::default() };
-        Board::start_with(&self.firmware, &config, &cells, Time::Max, Looped(Recorded::new(walk, worn)), &hardware)
-            .expect("the board boots")
+        Board::start_with(
+            &self.firmware,
+            &config,
+            &cells,
+            Time::Max,
+            Looped(Recorded::new(walk, virtual_insole)),
+            &hardware,
+        )
+        .expect("the board boots")
     }
 
     /// Waits until the board is off, and saves its chip; returns true if the bootloader swapped images and requests a restart.

@@ -24,9 +24,9 @@ const CHUNKS: u16 = 300;
 fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
     let firmware = firmware();
     let walk = synthetic_walk(8, 100.0);
-    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let (config, cells) = (EmulatorConfig::new(worn.setup), worn.cells.clone());
-    let walk = Looped(Recorded::new(walk, worn));
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let (config, cells) = (EmulatorConfig::new(virtual_insole.setup), virtual_insole.cells.clone());
+    let walk = Looped(Recorded::new(walk, virtual_insole));
     let board = Board::start(&firmware, &config, &cells, Time::Real, walk).expect("the board boots");
     let link = board.link().expect("the board has a link");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");

@@ -70,18 +70,18 @@ pub struct Outcome {
 
 /// Passes a recording through an insole, with these sensor faults.
 pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>, faults: &[SensorFault]) -> Outcome {
-    let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is valid");
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a recording's insole is valid");
     if let Some(tissue) = tissue {
         insole.set_tissue(tissue).expect("the parameters are valid");
     }
-    let zeros: Vec<u16> = worn.cells.iter().map(|cell| cell.calibration.offset).collect();
+    let zeros: Vec<u16> = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
     let mut codes = vec![0; zeros.len()];
     let (mut toe_offs_s, mut forces_n) = (Vec::new(), Vec::new());
-    for i in 0..worn.frames(recording) {
-        let t_s = i as f64 * f64::from(worn.setup.period_us) / 1e6;
-        worn.codes_of(recording, i, &mut codes);
+    for i in 0..virtual_insole.frames(recording) {
+        let t_s = i as f64 * f64::from(virtual_insole.setup.period_us) / 1e6;
+        virtual_insole.codes_of(recording, i, &mut codes);
         faults.iter().for_each(|fault| fault.apply(t_s, &zeros, &mut codes));
         if insole.frame(i as u32, &codes) {
             toe_offs_s.push(t_s);
@@ -200,8 +200,8 @@ struct Loaded {
 
 impl Loaded {
     fn new(recording: &Recording, toe_offs_s: &[f64]) -> Self {
-        let worn = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING);
-        let count = worn.cells.len();
+        let virtual_insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let count = virtual_insole.cells.len();
         let mut loaded = vec![true; count];
         let mut from = 0;
         for toe_off_s in toe_offs_s.iter().take(8) {
@@ -209,14 +209,14 @@ impl Loaded {
             let mut most = vec![0u16; count];
             let mut codes = vec![0; count];
             for i in core::mem::replace(&mut from, to)..to {
-                worn.codes_of(recording, i, &mut codes);
+                virtual_insole.codes_of(recording, i, &mut codes);
                 most.iter_mut().zip(&codes).for_each(|(most, &code)| *most = code.max(*most));
             }
-            let law = worn.setup.sensor;
+            let law = virtual_insole.setup.sensor;
             let loaded_code = crate::code_of(&law, f64::from(LOADED_KPA));
             loaded.iter_mut().zip(&most).for_each(|(loaded, &most)| *loaded &= most > loaded_code);
         }
-        let cells = &worn.cells;
+        let cells = &virtual_insole.cells;
         let is_inner = |i: usize| {
             let this = &cells[i].cell;
             let pitch_mm = this.area_mm2.sqrt();
@@ -265,9 +265,9 @@ pub struct ModelError {
 pub fn model_error(clean: &Clean, draws: usize, seed: u64) -> ModelError {
     let recording = &clean.recording;
     let contact = ContactRule::COUNTED;
-    let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut study = Study::new(clean.name.clone(), contact, Options::usual(InsoleSize::default().thickness_m()));
-    study.add("walk".into(), recording, &worn, &mut |_| ()).expect("a valid recording");
+    study.add("walk".into(), recording, &virtual_insole, &mut |_| ()).expect("a valid recording");
     study.fit(&|_| ());
     let mut parameters = Parameters::typical(InsoleSize::default());
     for (region, fit) in parameters.regions.iter_mut().zip(&study.fits) {

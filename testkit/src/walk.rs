@@ -14,7 +14,7 @@ const LOOP_STEPS: usize = 8;
 
 /// A computed walk as sensor codes.
 pub struct Codes {
-    worn: VirtualInsole,
+    virtual_insole: VirtualInsole,
     cells: usize,
     frames: Vec<u16>,
     /// The frame at which each step with its swing ends.
@@ -29,11 +29,11 @@ impl Codes {
     pub fn new(side: Side, rate_hz: f64) -> Self {
         let walk = SyntheticWalk { steps: LOOP_STEPS, side, rate_hz, ..SyntheticWalk::default() };
         let recording = synthetic::walk(&walk).recording;
-        let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
-        let cells = worn.cells.len();
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let cells = virtual_insole.cells.len();
         let mut frames = vec![0; cells * recording.frames()];
         for (i, codes) in frames.chunks_exact_mut(cells).enumerate() {
-            worn.codes_of(&recording, i, codes);
+            virtual_insole.codes_of(&recording, i, codes);
         }
         // Each step ends in the last unloaded frame before the next one begins.
         let is_loaded = |i: usize| frames[i * cells..(i + 1) * cells].iter().any(|&code| code > 0);
@@ -41,7 +41,7 @@ impl Codes {
         let mut step_ends: Vec<_> = begins.skip(1).collect();
         step_ends.push(recording.frames());
         assert_eq!(step_ends.len(), LOOP_STEPS, "the swing after each step is unloaded");
-        Self { worn, cells, frames, step_ends }
+        Self { virtual_insole, cells, frames, step_ends }
     }
 
     fn frames(&self) -> usize {
@@ -82,12 +82,12 @@ impl Wearer {
 
     /// The rules of the insole.
     pub fn setup(&self) -> Setup {
-        self.codes.worn.setup
+        self.codes.virtual_insole.setup
     }
 
     /// The cells of the insole.
     pub fn cells(&self) -> impl Iterator<Item = SetupCell> + Clone + use<> {
-        self.codes.worn.cells.clone().into_iter()
+        self.codes.virtual_insole.cells.clone().into_iter()
     }
 
     /// Begins a walk; returns the time of its end, us.
@@ -110,7 +110,7 @@ impl Wearer {
     /// Writes the present codes of all cells; called once in each frame.
     pub fn codes_at(&mut self, now_us: u64, codes: &mut [u16; DEVICE_CELLS]) {
         let Codes { cells, frames, .. } = &*self.codes;
-        let period_us = u64::from(self.codes.worn.setup.period_us);
+        let period_us = u64::from(self.codes.virtual_insole.setup.period_us);
         let bout = self.bout.map(|bout| (bout, ((now_us - bout.from_us) / period_us) as usize));
         match bout.filter(|(bout, frame)| *frame < bout.frames) {
             Some((_, frame)) => {

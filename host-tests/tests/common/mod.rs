@@ -84,21 +84,21 @@ fn replay_codes(
     tissues: &[(usize, Tissue)],
     faults: &[SensorFault],
 ) -> (Vec<Live>, Vec<Step>, Faults) {
-    let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is valid");
-    let zeros: Vec<u16> = worn.cells.iter().map(|cell| cell.calibration.offset).collect();
-    let mut codes = vec![0; worn.cells.len()];
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a recording's insole is valid");
+    let zeros: Vec<u16> = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
+    let mut codes = vec![0; virtual_insole.cells.len()];
     let (mut live, mut steps) = (Vec::new(), Vec::new());
-    for i in 0..worn.frames(recording) as u32 {
+    for i in 0..virtual_insole.frames(recording) as u32 {
         if is_missing(i) {
             continue;
         }
         for (_, tissue) in tissues.iter().filter(|(before, _)| *before == live.len()) {
             insole.set_tissue(tissue).expect("the parameters are valid");
         }
-        worn.codes_of(recording, i as usize, &mut codes);
-        let t_us = u64::from(i) * u64::from(worn.setup.period_us);
+        virtual_insole.codes_of(recording, i as usize, &mut codes);
+        let t_us = u64::from(i) * u64::from(virtual_insole.setup.period_us);
         faults.iter().for_each(|fault| fault.apply(t_us as f64 / 1e6, &zeros, &mut codes));
         let toe_off = insole.frame(i, &codes);
         live.push(Live::new(live.len() as u32, t_us, insole.loads(), insole.masked()));

@@ -179,10 +179,14 @@ impl Insole {
         change: impl FnOnce(&mut EmulatorConfig),
         flash: Option<Vec<u8>>,
     ) -> Self {
-        let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
         let allowed = Arc::<Allowed>::default();
-        let walk = Paced { walk: Recorded::new(recording.clone(), worn.clone()), scanned: 0, allowed: allowed.clone() };
-        let board = boot(radio, firmware, &worn, Time::Max, walk, change, flash);
+        let walk = Paced {
+            walk: Recorded::new(recording.clone(), virtual_insole.clone()),
+            scanned: 0,
+            allowed: allowed.clone(),
+        };
+        let board = boot(radio, firmware, &virtual_insole, Time::Max, walk, change, flash);
         board.play();
         Self { board, recording, allowed }
     }
@@ -202,8 +206,8 @@ impl Insole {
 
     /// Number of scans of the whole walk.
     pub fn scans(&self) -> u32 {
-        let worn = VirtualInsole::new(&self.recording, ContactRule::COUNTED, StanceRule::WALKING);
-        worn.frames(&self.recording) as u32
+        let virtual_insole = VirtualInsole::new(&self.recording, ContactRule::COUNTED, StanceRule::WALKING);
+        virtual_insole.frames(&self.recording) as u32
     }
 }
 
@@ -211,18 +215,19 @@ impl Insole {
 pub fn boot(
     radio: &mut RadioSimulation,
     firmware: &Path,
-    worn: &VirtualInsole,
+    virtual_insole: &VirtualInsole,
     time: Time,
     walk: impl Walk,
     change: impl FnOnce(&mut EmulatorConfig),
     flash: Option<Vec<u8>>,
 ) -> Board {
-    let side = worn.setup.side;
-    let mut config = EmulatorConfig { address: [1 + side as u8, 0, 0, 0, 0, 0xc0], ..EmulatorConfig::new(worn.setup) };
+    let side = virtual_insole.setup.side;
+    let mut config =
+        EmulatorConfig { address: [1 + side as u8, 0, 0, 0, 0, 0xc0], ..EmulatorConfig::new(virtual_insole.setup) };
     change(&mut config);
     let port = radio.request(json!({"do": "radio", "name": side.name()}))["port"].as_u64().expect("a port");
     let hardware = Hardware { hci: Some(([127, 0, 0, 1], port as u16).into()), flash, swapped: false };
-    Board::start_with(firmware, &config, &worn.cells, time, walk, &hardware).expect("the board boots")
+    Board::start_with(firmware, &config, &virtual_insole.cells, time, walk, &hardware).expect("the board boots")
 }
 
 /// A left insole and the radio simulation.

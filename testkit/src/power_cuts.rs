@@ -70,7 +70,7 @@ struct KnownState {
 pub struct Bench {
     firmware: PathBuf,
     recording: Recording,
-    worn: VirtualInsole,
+    virtual_insole: VirtualInsole,
     chip: Vec<u8>,
     insole: KnownState,
     round: u16,
@@ -81,7 +81,7 @@ impl Bench {
     pub fn new(firmware: &Path) -> Self {
         let walk = synthetic::SyntheticWalk { steps: STEPS as usize, side: Side::Left, ..Default::default() };
         let recording = synthetic::walk(&walk).recording;
-        let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
         let insole = KnownState {
             tissue_id: Known::new(0),
             serial: Known::new(Serial::NONE),
@@ -89,14 +89,14 @@ impl Bench {
             acknowledged: Known::new(0),
             arrived: 0,
         };
-        Self { firmware: firmware.into(), recording, worn, chip: vec![0xff; FLASH_BYTES], insole, round: 0 }
+        Self { firmware: firmware.into(), recording, virtual_insole, chip: vec![0xff; FLASH_BYTES], insole, round: 0 }
     }
 
     fn switch_on(&self, chip: &[u8], power_cut: Option<u32>) -> (Board, Result<Session, Error>) {
-        let config = EmulatorConfig { power_cut, ..EmulatorConfig::new(self.worn.setup) };
-        let walk = Recorded::new(self.recording.clone(), self.worn.clone());
+        let config = EmulatorConfig { power_cut, ..EmulatorConfig::new(self.virtual_insole.setup) };
+        let walk = Recorded::new(self.recording.clone(), self.virtual_insole.clone());
         let hardware = Hardware { flash: Some(chip.into()), ..Hardware::default() };
-        let board = Board::start_with(&self.firmware, &config, &self.worn.cells, Time::Max, walk, &hardware);
+        let board = Board::start_with(&self.firmware, &config, &self.virtual_insole.cells, Time::Max, walk, &hardware);
         let board = board.expect("the board boots");
         let link = board.link().expect("the board has a link");
         link.set_read_timeout(Some(Duration::from_millis(20))).expect("the socket accepts a timeout");
@@ -129,7 +129,7 @@ impl Bench {
         client.set_identity(Side::Left, serial)?;
         insole.serial.confirm();
 
-        let cells = self.worn.cells.iter().map(|cell| cell.calibration);
+        let cells = self.virtual_insole.cells.iter().map(|cell| cell.calibration);
         let gain = 1.0 + f32::from(round) * 1e-4;
         let cells: Vec<_> = cells.map(|calibration| CellCalibration { gain, ..calibration }).collect();
         let mut id = CalibrationId::new();
