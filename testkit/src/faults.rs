@@ -1,4 +1,5 @@
-//! Sensor faults in walks of all kinds: how many are detected and how soon, and the effect of masked cells on the model's force.
+//! Sensor faults in walks of all kinds: how many faults are detected, how soon they are detected, and the effect of masked cells
+//! on the model's force.
 
 use emulation::COLUMNS;
 use emulator::SensorFault;
@@ -16,7 +17,7 @@ use std::path::Path;
 
 /// A recording without faults.
 pub struct Clean {
-    /// Its name in printed results.
+    /// The name of the recording in printed results.
     pub name: String,
     /// The recording.
     pub recording: Recording,
@@ -32,7 +33,7 @@ pub fn computed() -> Vec<Clean> {
     [50.0, 100.0, 400.0].map(clean).into()
 }
 
-/// The barefoot walkers of the data set SpeedPP2DS in this folder.
+/// The barefoot walkers of the data set SpeedPP2DS, which is in the folder `jiku`.
 pub fn barefoot(jiku: &Path) -> Vec<Clean> {
     let mut all = Vec::new();
     for walker in 0..10 {
@@ -48,7 +49,7 @@ pub fn barefoot(jiku: &Path) -> Vec<Clean> {
     all
 }
 
-/// The in-shoe recordings in this folder.
+/// The in-shoe recordings, which are in the subfolder `pedar` of `recordings`.
 pub fn in_shoe(recordings: &Path) -> Vec<Clean> {
     let data = recordings.join("pedar");
     let clean = |side: Side| {
@@ -60,15 +61,16 @@ pub fn in_shoe(recordings: &Path) -> Vec<Clean> {
 
 /// The results of an insole for a walk.
 pub struct Outcome {
-    /// The faults that are reported at its end.
+    /// The faults that the insole reports at the end of the walk.
     pub faults: Faults,
     /// Time of each toe off, s.
     pub toe_offs_s: Vec<f64>,
-    /// Model force and measured force of each region in each frame, N.
+    /// For each frame, model force and measured force of each region, N.
     pub forces_n: Vec<[(f64, f64); 8]>,
 }
 
-/// Passes a recording through an insole, with these sensor faults.
+/// Passes a recording with these sensor faults through an insole. Without `tissue` the insole has no parameters, and its model
+/// force is 0.
 pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>, faults: &[SensorFault]) -> Outcome {
     let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
@@ -96,16 +98,16 @@ pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>
 
 /// The detection of one kind of fault in one walk.
 pub struct Detection {
-    /// The injected kind, in the notation of [`SensorFault`].
+    /// The kind of the injected faults, in the notation of [`SensorFault`].
     pub name: &'static str,
     /// Number of injected faults.
     pub injected: usize,
-    /// Number of faults that were reported with the right kind and place by the end of the second complete step after their
-    /// beginning.
+    /// Number of faults that were reported with the right kind and place, or corrected by zero tracking, by the end of the second
+    /// complete step after the fault began.
     pub found: usize,
-    /// The longest time until the report of one of them, s.
+    /// The longest time from the beginning of a fault to its report, s.
     pub longest_s: f64,
-    /// Number of reported faults that do not exist.
+    /// Number of reported faults that were not injected.
     pub false_alarms: usize,
     /// The faults that were not found.
     pub missed: Vec<SensorFault>,
@@ -125,7 +127,8 @@ const INJECTED: [(&str, FaultKind, f64); 10] = [
     ("crosstalk", FaultKind::Crosstalk, 0.1),
 ];
 
-/// Repeats a walk, each time with one fault that begins in the fifth step, at a place that the walk loads.
+/// Repeats a walk, each time with one fault that begins in the fifth step, at a random place that the walk loads: up to `count`
+/// times for each kind of fault. The seed determines times and places.
 pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
     let recording = &clean.recording;
     let truth = walk(recording, ContactRule::COUNTED, None, &[]);
@@ -145,7 +148,7 @@ pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
                 // The sixth and the seventh step are the first two complete ones, each with its swing.
                 let end_s = truth.toe_offs_s[6] + SWING_S;
                 let is_same = |found: &&plantar::faults::Fault| found.kind == kind && found.place == fault.place;
-                // A cell of the faulty line that was reported before the line.
+                // A cell of the faulty line may be reported before the line is.
                 let is_part = |found: &&plantar::faults::Fault| {
                     let cells: Vec<_> = fault.cells(recording.cells()).collect();
                     matches!(found.place, Place::Cell(cell) if cells.contains(&cell.into()))
@@ -170,7 +173,7 @@ pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
         .into()
 }
 
-/// One fault of each kind that begins at `from_s`, at a place that the walk loads.
+/// One fault of each kind that [`detection`] injects. Each begins at `from_s`, at a place that the walk loads.
 pub fn one_of_each(recording: &Recording, from_s: f64) -> Vec<SensorFault> {
     let truth = walk(recording, ContactRule::COUNTED, None, &[]);
     let loaded = Loaded::new(recording, &truth.toe_offs_s);
@@ -187,14 +190,14 @@ pub fn one_of_each(recording: &Recording, from_s: f64) -> Vec<SensorFault> {
 
 /// Approximate duration of a swing, s.
 const SWING_S: f64 = 0.45;
-/// Pressure above which a cell counts as loaded, kPa: twice the code of the contact rule's 10 kPa.
+/// Pressure above which a cell counts as loaded here, kPa. Its code is about twice that of the contact rule's 10 kPa.
 const LOADED_KPA: f32 = 25.0;
 
-/// The cells on which a walk shows a fault.
+/// The cells that every step of a walk loads, so that a fault of such a cell has an effect.
 struct Loaded {
     /// For each cell, whether each of the first eight steps loads it.
     loaded: Vec<bool>,
-    /// For each cell, whether it and all of its neighbours are loaded.
+    /// For each cell, whether each of these steps loads the cell and all of its eight neighbours.
     inner: Vec<bool>,
 }
 
@@ -231,6 +234,7 @@ impl Loaded {
         Self { loaded, inner }
     }
 
+    /// The places at which a fault of this kind, in the notation of [`SensorFault`], has an effect.
     fn places(&self, name: &str) -> Vec<Place> {
         let loaded_on =
             |on: &dyn Fn(usize) -> bool| (0..self.loaded.len()).filter(|&i| on(i) && self.loaded[i]).count();
@@ -238,7 +242,7 @@ impl Loaded {
         let lines = 0..COLUMNS as u8;
         match name {
             "open-cell" => cells(&self.inner),
-            // A line is reported only where four of its cells show the fault.
+            // A line is reported only if four of its cells have the fault.
             "open-row" | "short-row" | "crosstalk" => {
                 lines.filter(|&row| loaded_on(&|i| i / COLUMNS == usize::from(row)) >= 4).map(Place::Row).collect()
             }
@@ -251,17 +255,17 @@ impl Loaded {
     }
 }
 
-/// Root mean square difference between the model's force and the measured force without faults, relative to the region's peak:
-/// the mean of the loaded regions.
+/// The error of the model's force: its root mean square difference from the force measured without faults, relative to the region's
+/// peak force. Each value is the mean over the loaded regions.
 pub struct ModelError {
-    /// Without faults, %.
+    /// The error without faults, %.
     pub clean_percent: f64,
-    /// Share of masked cells, and mean and largest error of the draws, %.
+    /// For each share of masked cells: the share, and the mean and the largest error of all draws, %.
     pub masked: Vec<(u32, f64, f64)>,
 }
 
-/// Masks random cells of a walk, with the parameters that are identified from the same walk; repeats this `draws` times for each
-/// share.
+/// Computes the error of the model's force with random masked cells, `draws` times for each share of masked cells. The parameters
+/// are identified from the same walk. The seed determines the cells.
 pub fn model_error(clean: &Clean, draws: usize, seed: u64) -> ModelError {
     let recording = &clean.recording;
     let contact = ContactRule::COUNTED;
@@ -277,7 +281,7 @@ pub fn model_error(clean: &Clean, draws: usize, seed: u64) -> ModelError {
     }
     let tissue = parameters.tissue();
     let truth = walk(recording, contact, Some(&tissue), &[]);
-    // Shorted cells are found in two steps, and are masked from the fifth step on at the latest.
+    // Shorted cells are detected within two steps, so that they are masked from the fifth step on.
     let from = (truth.toe_offs_s[3] * recording.rate_hz) as usize;
     let error = |outcome: &Outcome| {
         let regions = (0..Region::ALL.len()).filter_map(|region| {
