@@ -1,4 +1,4 @@
-//! The log of the emulated board, as `plantar emulate --log` writes it.
+//! The log of the firmware on the emulated board, which `plantar emulate --log` writes.
 
 mod common;
 
@@ -12,7 +12,8 @@ use plantar::protocol::ToHost;
 use recording::VirtualInsole;
 use std::time::{Duration, Instant};
 
-const PATIENCE: Duration = Duration::from_secs(20);
+/// Longest wait for an answer, and for the steps of the walk.
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
@@ -29,16 +30,16 @@ fn the_firmware_reports_its_state_changes_with_levels() {
             .expect("the board starts");
     let link = board.link().expect("a serial link");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("a read timeout");
-    let mut client = Client::connect(Framed::new(link), PATIENCE).expect("the insole answers");
+    let mut client = Client::connect(Framed::new(link), TIMEOUT).expect("the insole answers");
     client.set_tissue(&tissue()).expect("valid parameters");
     board.play();
     let (start, mut steps) = (Instant::now(), 0);
-    while steps < 4 && start.elapsed() < PATIENCE {
+    while steps < 4 && start.elapsed() < TIMEOUT {
         if let Some(ToHost::Step(_)) = client.receive().expect("the link holds") {
             steps += 1;
         }
     }
-    let restart = client.restart(PATIENCE);
+    let restart = client.restart(TIMEOUT);
 
     let log = board.log(&firmware).expect("the log can be decoded");
     log.iter().for_each(|entry| println!("{entry}"));

@@ -1,4 +1,4 @@
-//! Data that the real firmware stores are available after a restart and after a loss of power between write operations. Power
+//! Settings and steps that the real firmware has stored are available after a restart and after the insole was switched off. Power
 //! cuts within write operations are part of `cargo xtask soak`.
 
 mod common;
@@ -18,6 +18,7 @@ use std::time::Duration;
 /// Longest wait for the insole's answer.
 const TIMEOUT: Duration = Duration::from_secs(20);
 
+/// Opens a session with a new client.
 fn session(board: &Board) -> Client<Framed<TcpStream>> {
     let link = board.link().expect("the board has a link");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
@@ -56,9 +57,9 @@ fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
             recorded.push(step);
         }
     }
-    // The first restart is by command, the second one by a loss of power.
+    // The insole first restarts on command, and then after a loss of power.
     client.restart(TIMEOUT).expect("the insole answers again");
-    // The client would not deliver steps that it knows: a new one receives them again.
+    // A client does not deliver a step twice: a new client receives the steps again.
     client = session(&board);
     let mut boards = vec![board];
     for boots_since in 1..3 {

@@ -1,4 +1,4 @@
-//! Set-ups, messages, and sensor laws evaluated in f64, for tests. A sensor law is the code of a cell as a function of its pressure.
+//! Set-ups, messages, and sensor laws evaluated in f64, for tests. A sensor law is a cell's code as a function of its pressure.
 
 use plantar::faults::{Fault, FaultKind, Faults, Place};
 use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
