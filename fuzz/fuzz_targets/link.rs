@@ -33,20 +33,20 @@ impl Expected {
 }
 
 fuzz_target!(|data: &[u8]| {
-    let mut link = Session::new();
+    let mut session = Session::new();
     let mut expected = Expected::default();
     // A piece is a message from the host, or one of these events.
     for piece in Pieces(data) {
         match piece {
             [b'L'] => {
-                if let Some(sequence) = link.next_live() {
+                if let Some(sequence) = session.next_live() {
                     assert_eq!(sequence, expected.live_due);
-                    link.push_live(Live { sequence, t_us: u64::MAX, ..Live::default() });
+                    session.push_live(Live { sequence, t_us: u64::MAX, ..Live::default() });
                     expected.live_due += 1;
                 }
             }
             [b'S'] => {
-                link.push_step(step(expected.pushed));
+                session.push_step(step(expected.pushed));
                 expected.unacknowledged.push(expected.pushed);
                 expected.pushed += 1;
                 if expected.unacknowledged.len() > STEP_QUEUE {
@@ -56,29 +56,29 @@ fuzz_target!(|data: &[u8]| {
                 }
             }
             [b'N'] => {
-                next(&mut link, &mut expected);
+                next(&mut session, &mut expected);
             }
             // The pending command succeeds or fails.
-            [b'K'] => link.complete(Ok(CommandResult::Stored)),
-            [b'F'] => link.complete(Err(Refusal::NotStored)),
+            [b'K'] => session.complete(Ok(CommandResult::Stored)),
+            [b'F'] => session.complete(Err(Refusal::NotStored)),
             [b'C'] => {
-                link.close();
+                session.close();
                 expected.end_session();
             }
             message => match decode::<ToDevice>(message) {
-                Some(message) => receive(&mut link, message, &mut expected),
-                None => link.receive_unknown(),
+                Some(message) => receive(&mut session, message, &mut expected),
+                None => session.receive_unknown(),
             },
         }
     }
     // A host that connects at the end receives every step that it has not acknowledged, in order.
-    receive(&mut link, ToDevice::Connect { major: MAJOR, minor: MINOR }, &mut expected);
-    while next(&mut link, &mut expected) {}
+    receive(&mut session, ToDevice::Connect { major: MAJOR, minor: MINOR }, &mut expected);
+    while next(&mut session, &mut expected) {}
     assert_eq!(expected.sent, expected.unacknowledged.len());
     assert_eq!(expected.unacknowledged.len() as u32 + expected.dropped + expected.acknowledged, expected.pushed);
 });
 
-fn receive(link: &mut Session, message: ToDevice, expected: &mut Expected) {
+fn receive(session: &mut Session, message: ToDevice, expected: &mut Expected) {
     // A closed session has no stream and accepts no acknowledgement: `sent` is 0 then.
     match message {
         ToDevice::Connect { .. } => expected.end_session(),
@@ -93,12 +93,12 @@ fn receive(link: &mut Session, message: ToDevice, expected: &mut Expected) {
         }
         _ => {}
     }
-    link.receive(message, u64::MAX);
+    session.receive(message, u64::MAX);
 }
 
-fn next(link: &mut Session, expected: &mut Expected) -> bool {
+fn next(session: &mut Session, expected: &mut Expected) -> bool {
     let mut buffer = [0; MAX_MESSAGE];
-    let Some(message) = link.next(&hello(), Status::default, &mut buffer) else { return false };
+    let Some(message) = session.next(&hello(), Status::default, &mut buffer) else { return false };
     match decode(message).expect("a message of this version") {
         ToHost::Step(step) => {
             assert_eq!(step.step, expected.unacknowledged[expected.sent]);
@@ -118,10 +118,10 @@ fn next(link: &mut Session, expected: &mut Expected) -> bool {
             assert_eq!(status.steps_dropped, expected.dropped);
         }
         ToHost::Tissue(tissue) => assert!(tissue.id == 0 || tissue.check().is_ok()),
-        ToHost::Hello(hello) => assert_eq!(hello.tissue_id, link.tissue().id),
+        ToHost::Hello(hello) => assert_eq!(hello.tissue_id, session.tissue().id),
         ToHost::Time { device_us, .. } => assert_eq!(device_us, u64::MAX),
         ToHost::Faults(faults) => assert_eq!(faults, Faults::NONE),
-        ToHost::Identity(identity) => assert_eq!(identity, link.identity()),
+        ToHost::Identity(identity) => assert_eq!(identity, session.identity()),
         ToHost::CalibrationBlock { .. } | ToHost::Update(_) => {}
         ToHost::Refused(refusal) => assert!(!refusal.to_string().is_empty()),
     }

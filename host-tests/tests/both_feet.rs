@@ -21,8 +21,8 @@ use std::time::Instant;
 
 /// Number of steps of each foot: a minute of walking.
 const STEPS: usize = 58;
-/// Number of messages between two requests for the insole's time. It is a prime number, so that the requests have no fixed relation
-/// to the frames.
+/// Number of messages between two requests for the insole's time: a prime number, so that the requests have no fixed relation to
+/// the frames.
 const REQUEST_INTERVAL: u32 = 17;
 
 /// A walk that begins on command, and records the time of each scan.
@@ -95,8 +95,8 @@ impl Foot {
         at.duration_since(scanned[scan as usize]).as_secs_f64() * 1e3
     }
 
-    /// True offset of the insole's time from the time since `start`, us. Each scan takes place at its time or a little later, so that
-    /// the largest difference is the offset.
+    /// True offset of the insole's time from the time since `start`, us. Each scan takes place at its time or a little later, and
+    /// so the offset is the largest difference.
     fn true_offset_us(&self, start: Instant) -> i64 {
         let scanned = self.scanned.lock().unwrap_or_else(PoisonError::into_inner);
         let offset_us = |(scan, &at): (usize, &Instant)| {

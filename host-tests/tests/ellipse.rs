@@ -41,8 +41,8 @@ impl Truth {
     }
 }
 
-/// Ellipses with a shorter radius from `shortest_mm` to 30 mm, a ratio of the radii from `min_slimness` to 3, and the first radius
-/// clearly less than 45 degrees from x.
+/// Ellipses with a shorter radius from `shortest_mm` to 30 mm, a ratio of the radii from `min_slimness` to 3, and the first
+/// radius clearly less than 45 degrees from x.
 fn truth(shortest_mm: f64, min_slimness: f64) -> impl Strategy<Value = Truth> {
     let centre = (-4.0..4.0f64, -4.0..4.0f64);
     (centre, shortest_mm..30.0, min_slimness..3.0, any::<bool>(), -43.0..43.0f64).prop_map(
@@ -92,8 +92,8 @@ fn assert_recovers(
 proptest! {
     #![proptest_config(config())]
 
-    /// Each cell of 2 mm counts by its covered share. The moments distribute the covered part of an edge cell over the whole cell,
-    /// which makes the radii up to 2.5 % too large here.
+    /// Each cell of 2 mm counts by its covered share. The moments distribute the covered part of an edge cell over the whole
+    /// cell, which makes the radii up to 2.5 % too large here.
     #[test]
     fn covered_shares_recover_the_ellipse(truth in truth(8.0, 1.2)) {
         let share = |(x, y): (f32, f32)| (heel_cell(x, y, 4.0), truth.share(x, y, 2.0));

@@ -43,7 +43,7 @@ fn numbers(store: &mut Chip) -> Vec<u32> {
     steps(store).iter().map(|step| step.step).collect()
 }
 
-/// The scripts are short ones, on a new chip and on a chip that was used until its sectors were reused. `cargo xtask soak` runs longer
+/// The scripts are short, on a new chip and on a chip that was used until its sectors were reused. `cargo xtask soak` runs longer
 /// scripts.
 #[test]
 fn a_loss_of_power_at_any_moment_leaves_the_old_or_the_new_value() {

@@ -1,5 +1,5 @@
-//! Settings and steps that the real firmware has stored are available after a restart and after the insole was switched off. Power
-//! cuts within write operations are part of `cargo xtask soak`.
+//! Settings and steps that the real firmware has stored are available after a restart and after the insole was switched off.
+//! Power cuts within write operations are part of `cargo xtask soak`.
 
 mod common;
 

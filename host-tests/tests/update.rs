@@ -66,8 +66,9 @@ impl Insole {
         Self { firmware: firmware(), flash: None }
     }
 
-    /// Switches the insole on. With `power_cut`, power fails in the write or erase operation of the chip with this number, counted
-    /// from 0. `swapped` is the result of [`Self::wait`] for the start before: true if the active image in the chip is to run.
+    /// Switches the insole on. With `power_cut`, power fails in the write or erase operation of the chip with this number,
+    /// counted from 0. `swapped` is the result of [`Self::wait`] for the start before: true if the active image in the chip is to
+    /// run.
     fn start(&self, power_cut: Option<u32>, swapped: bool) -> Board {
         let walk = synthetic_walk(2, 100.0);
         let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
@@ -85,8 +86,8 @@ impl Insole {
         .expect("the board boots")
     }
 
-    /// Waits until the board ends by a swap, a crash or a power cut, and saves its chip. Returns true if the bootloader swapped images, so that the insole
-    /// must be started again.
+    /// Waits until the board ends by a swap, a crash or a power cut, and saves its chip. Returns true if the bootloader swapped
+    /// images, so that the insole must be started again.
     fn wait(&mut self, mut board: Board) -> bool {
         let swapped = board.wait().expect("the board runs");
         self.flash = Some(board.flash().expect("the chip can be read"));

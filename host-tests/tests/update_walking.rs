@@ -1,6 +1,6 @@
 //! The transfer of an update in real time during a walk costs no live frame and no step. The number of scans that a busy emulator
-//! leaves out, which happens without an update too, is printed and not checked. The test is alone in its file, because other tests
-//! of the file would run at the same time and disturb it.
+//! leaves out, which happens without an update too, is printed and not checked. The test is alone in its file, because other
+//! tests of the file would run at the same time and disturb it.
 
 mod common;
 

@@ -255,8 +255,8 @@ impl Loaded {
     }
 }
 
-/// The error of the model's force: its root mean square difference from the force measured without faults, relative to the region's
-/// peak force. Each value is the mean over the loaded regions.
+/// The error of the model's force: its root mean square difference from the force measured without faults, relative to the
+/// region's peak force. Each value is the mean over the loaded regions.
 pub struct ModelError {
     /// The error without faults, %.
     pub clean_percent: f64,

@@ -120,7 +120,8 @@ impl HostInsole {
         self.restart = Some((now_us() + off_us, Reset::Power, None));
     }
 
-    /// Schedules a loss of power within a write or erase operation of the flash chip, after `operations` complete ones from now on.
+    /// Schedules a loss of power within a write or erase operation of the flash chip, after `operations` complete ones from now
+    /// on.
     pub fn cut_power_in_operation(&mut self, operations: u64) {
         let mut chip = self.chip.0.borrow_mut();
         let at = chip.operations + operations;

@@ -13,8 +13,8 @@ use std::task::{Context, Poll, Waker};
 pub enum Torn {
     /// Before the operation changes anything.
     Before,
-    /// Within the operation: the first bytes have their new values, the next byte has some bits of its new value, and the remaining
-    /// bytes are unchanged.
+    /// Within the operation: the first bytes have their new values, the next byte has some bits of its new value, and the
+    /// remaining bytes are unchanged.
     Within,
     /// After the operation is complete, but before its success is reported.
     After,

@@ -111,8 +111,8 @@ impl Bench {
         (board, client)
     }
 
-    /// Runs a session that stores items of every kind, with a power cut as in [`Self::switch_on`]. Returns the known state and the
-    /// chip at its end, and whether power failed.
+    /// Runs a session that stores items of every kind, with a power cut as in [`Self::switch_on`]. Returns the known state and
+    /// the chip at its end, and whether power failed.
     fn session(&self, power_cut: Option<u32>) -> (KnownState, Vec<u8>, bool) {
         let (board, client) = self.switch_on(&self.chip, power_cut);
         let mut known = self.known.clone();

@@ -551,8 +551,8 @@ impl Outcome {
     }
 }
 
-/// A step without the values that the reference of a boot does not have: number, boots since then, wall-clock time, and the results
-/// of the model, which depend on the wearer's parameters.
+/// A step without the values that the reference of a boot does not have: number, boots since then, wall-clock time, and the
+/// results of the model, which depend on the wearer's parameters.
 fn measured(step: &Step) -> Step {
     let regions = step.regions.map(|region| StepRegion {
         model_peak_dn: 0,

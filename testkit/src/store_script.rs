@@ -18,7 +18,8 @@ pub const CELLS: usize = 40;
 /// Identifier of the insole's layout.
 const LAYOUT: u32 = 7;
 
-/// An action on a store, which takes several write and erase operations of the chip. The stored value is computed from the number.
+/// An action on a store, which takes several write and erase operations of the chip. The stored value is computed from the
+/// number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Action {
     Tissue(u16),
@@ -204,9 +205,9 @@ impl Script {
         script
     }
 
-    /// Runs the script with a power cut in operation `at` of the chip, counted from 0, at the moment `torn`. Opens the store again,
-    /// and checks that its content is the one before or the one after the interrupted action. Then stores items of every kind once
-    /// more, which must succeed.
+    /// Runs the script with a power cut in operation `at` of the chip, counted from 0, at the moment `torn`. Opens the store
+    /// again, and checks that its content is the one before or the one after the interrupted action. Then stores items of every
+    /// kind once more, which must succeed.
     ///
     /// # Errors
     /// A description of the item that is wrong.
@@ -255,8 +256,8 @@ fn outcomes(before: &Content, action: Action) -> Vec<Content> {
     }
 }
 
-/// Opens the store and runs actions until all are complete or power fails. Returns the content after the complete actions, and the
-/// interrupted action if power failed.
+/// Opens the store and runs actions until all are complete or power fails. Returns the content after the complete actions, and
+/// the interrupted action if power failed.
 fn run(chip: &mut NorFlashChip, mut content: Content, actions: &[Action]) -> (Content, Option<Action>) {
     for session in actions.split(|action| *action == Action::Restart) {
         let cut = now(async {

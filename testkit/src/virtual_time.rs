@@ -44,7 +44,8 @@ pub fn with_origin<T>(origin_us: u64, work: impl FnOnce() -> T) -> T {
     result
 }
 
-/// Removes all timers of this thread. A new world begins with this call, because the timers of the previous world are still queued.
+/// Removes all timers of this thread. A new world begins with this call, because the timers of the previous world are still
+/// queued.
 pub fn clear_timers() {
     TIMERS.replace(Queue::new());
 }

@@ -59,8 +59,8 @@ pub fn tissue() -> Tissue {
     Parameters::typical(InsoleSize::default()).tissue()
 }
 
-/// Computes live frames and steps from a recording by the insole's code on the host, with typical parameters. `is_missing` selects
-/// the frames that the matrix does not deliver, by their numbers.
+/// Computes live frames and steps from a recording by the insole's code on the host, with typical parameters. `is_missing`
+/// selects the frames that the matrix does not deliver, by their numbers.
 pub fn replay(recording: &Recording, contact: ContactRule, is_missing: fn(u32) -> bool) -> (Vec<Live>, Vec<Step>) {
     replay_with(recording, contact, is_missing, &[(0, tissue())])
 }
