@@ -1,7 +1,8 @@
-//! Writes the seeds in `corpus/`, one folder for each target, from computed data: `cargo run --example seeds` in this workspace.
+//! Writes the seeds of the fuzz targets to `corpus/`, which has one folder for each target. The seeds are made from computed
+//! data. Run it by `cargo run --example seeds` in this workspace.
 //!
-//! This program does not write the seeds of `jiku`, because nothing in this project writes HDF5: h5py wrote them from computed
-//! trials.
+//! This program does not write the seeds of `jiku`, because nothing in this project writes HDF5. Those seeds were written from
+//! computed trials with h5py.
 
 use emulation::EmulatorConfig;
 use parameters::{InsoleSize, Parameters};
@@ -125,10 +126,12 @@ fn seed(target: &str, name: &str, bytes: &[u8]) {
     fs::write(folder.join(name), bytes).expect("the seed is written");
 }
 
+/// A message without framing.
 fn encoded<T: serde::Serialize>(message: &T) -> Vec<u8> {
     encode(message, &mut [0; MAX_MESSAGE]).expect("the message fits").to_vec()
 }
 
+/// An encoded message with the framing of a byte carrier.
 fn framed(message: &[u8]) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
     let len = frame(message, &mut out);
@@ -141,7 +144,7 @@ fn pieces<'p>(pieces: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
     pieces.into_iter().flat_map(|piece| [&(piece.len() as u16).to_le_bytes(), piece].concat()).collect()
 }
 
-/// The last live frame of the first stance, and its step.
+/// The last live frame of the first stance of a walk, and the step of that stance.
 fn walked(recording: &Recording, virtual_insole: &VirtualInsole, tissue: &Tissue) -> (Live, Step) {
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a valid recording");
@@ -160,6 +163,7 @@ fn walked(recording: &Recording, virtual_insole: &VirtualInsole, tissue: &Tissue
     panic!("the walk has a step");
 }
 
+/// A hello of this insole.
 fn hello(virtual_insole: &VirtualInsole, tissue_id: u32) -> Hello {
     Hello {
         major: MAJOR,
@@ -200,13 +204,14 @@ fn set_up_and_walk(recording: &Recording, virtual_insole: &VirtualInsole, tissue
     let mut codes = vec![0; virtual_insole.cells.len()];
     for i in 0..virtual_insole.frames(recording) {
         virtual_insole.codes_of(recording, i, &mut codes);
-        // One missing frame in the stance is bridged.
+        // One frame of the stance is missing, and is bridged.
         input.push(u8::from(i == 30));
         input.extend(codes.iter().map(|code| (code >> 8) as u8));
     }
     input
 }
 
+/// Writes the seeds of the targets `layout` and `frames`.
 fn csv(recording: &Recording) {
     let mut layout = "cell,x_mm,y_mm,area_mm2,region\n".to_string();
     for (i, cell) in recording.layout.cells.iter().enumerate() {
@@ -222,7 +227,7 @@ fn csv(recording: &Recording) {
     seed("frames", "walk", frames.as_bytes());
 }
 
-/// An export with two sensors for each foot.
+/// An input of the target `pedar`: the geometry and an export with two sensors for each foot.
 fn pedar() -> Vec<u8> {
     let mut text = "side,sensor,area_mm2,x1_mm,y1_mm,x2_mm,y2_mm,x3_mm,y3_mm,x4_mm,y4_mm\n".to_string();
     for (side, x_mm) in [("left", 0), ("right", 100)] {

@@ -1,4 +1,5 @@
-//! A firmware image, as `plantar update` reads it, and its header, as an insole reads it.
+//! A firmware image, as `plantar update` reads it, and its header, as an insole reads it: both are refused, or are the same bytes
+//! when written again.
 #![no_main]
 
 use firmware_image::Image;

@@ -1,4 +1,5 @@
-//! An insole's side of a session with any host: messages fit, counters are consistent, and every lost step is counted.
+//! An insole's side of a session with a host that sends any messages: messages fit their limits, counters are consistent, and
+//! every lost step is counted.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -11,18 +12,24 @@ use plantar::protocol::{
 };
 use plantar_fuzz::Pieces;
 
-/// The state of the session, as its messages imply it.
+/// The state that the session should have.
 #[derive(Default)]
 struct Expected {
+    /// Number of steps that were queued.
     pushed: u32,
+    /// Number of steps that a full queue dropped.
     dropped: u32,
+    /// Number of acknowledged steps.
     acknowledged: u32,
+    /// The numbers of the steps in the queue.
     unacknowledged: Vec<u32>,
-    /// How many of `unacknowledged` were sent in this session.
+    /// Number of steps of `unacknowledged` that were sent in this session, from the first one on.
     sent: usize,
+    /// Number of live frames that were due in this session.
     live_due: u32,
+    /// Number of live frames that were sent in this session.
     live_sent: u32,
-    /// All live frames before this number were sent, or counted as due in a status.
+    /// All live frames before this number were sent or dropped.
     live_passed: u32,
 }
 
@@ -35,9 +42,10 @@ impl Expected {
 fuzz_target!(|data: &[u8]| {
     let mut session = Session::new();
     let mut expected = Expected::default();
-    // A piece is a message from the host, or one of these events.
+    // A piece is a message from the host, or a single letter for one of these events.
     for piece in Pieces(data) {
         match piece {
+            // A live frame is due.
             [b'L'] => {
                 if let Some(sequence) = session.next_live() {
                     assert_eq!(sequence, expected.live_due);
@@ -45,6 +53,7 @@ fuzz_target!(|data: &[u8]| {
                     expected.live_due += 1;
                 }
             }
+            // A step is complete.
             [b'S'] => {
                 session.push_step(step(expected.pushed));
                 expected.unacknowledged.push(expected.pushed);
@@ -55,12 +64,14 @@ fuzz_target!(|data: &[u8]| {
                     expected.dropped += 1;
                 }
             }
+            // The carrier sends the next message.
             [b'N'] => {
                 next(&mut session, &mut expected);
             }
             // The pending command succeeds or fails.
             [b'K'] => session.complete(Ok(CommandResult::Stored)),
             [b'F'] => session.complete(Err(Refusal::NotStored)),
+            // The carrier is disconnected.
             [b'C'] => {
                 session.close();
                 expected.end_session();
@@ -78,24 +89,26 @@ fuzz_target!(|data: &[u8]| {
     assert_eq!(expected.unacknowledged.len() as u32 + expected.dropped + expected.acknowledged, expected.pushed);
 });
 
+/// Passes a message from the host to the session.
 fn receive(session: &mut Session, message: ToDevice, expected: &mut Expected) {
-    // A closed session has no stream and accepts no acknowledgement: `sent` is 0 then.
+    // A closed session accepts no acknowledgement: `sent` is 0 in a closed session.
     match message {
         ToDevice::Connect { .. } => expected.end_session(),
         ToDevice::Acknowledge { step } => {
-            let stored = expected.unacknowledged[..expected.sent]
+            let accepted = expected.unacknowledged[..expected.sent]
                 .iter()
                 .take_while(|&&waiting| step.wrapping_sub(waiting) < u32::MAX / 2);
-            let stored = stored.count();
-            expected.unacknowledged.drain(..stored);
-            expected.sent -= stored;
-            expected.acknowledged += stored as u32;
+            let accepted = accepted.count();
+            expected.unacknowledged.drain(..accepted);
+            expected.sent -= accepted;
+            expected.acknowledged += accepted as u32;
         }
         _ => {}
     }
     session.receive(message, u64::MAX);
 }
 
+/// Checks the next message to the host; returns false if there is none.
 fn next(session: &mut Session, expected: &mut Expected) -> bool {
     let mut buffer = [0; MAX_MESSAGE];
     let Some(message) = session.next(&hello(), Status::default, &mut buffer) else { return false };
@@ -110,7 +123,7 @@ fn next(session: &mut Session, expected: &mut Expected) -> bool {
             expected.live_passed = live.sequence + 1;
         }
         ToHost::Status(status) => {
-            // All live frames before this number were sent or dropped; the queued ones are sent later.
+            // All live frames before `live_due` were sent or dropped. Queued frames are sent later.
             assert!((expected.live_passed..=expected.live_due).contains(&status.live_due));
             assert!(expected.live_due - status.live_due <= LIVE_QUEUE as u32);
             expected.live_passed = status.live_due;
