@@ -34,7 +34,7 @@ fn main() {
     let tissue = parameters.tissue();
     let (live, step) = walked(&recording, &virtual_insole, &tissue);
 
-    let serial = Serial::new("R-0001").expect("printable");
+    let serial = Serial::new("R-0001").expect("the serial number is valid");
     let fault = Fault { kind: FaultKind::Open, place: Place::Cell(0), found_ms: 1_920 };
     let to_device = [
         ToDevice::Connect { major: MAJOR, minor: MINOR },
@@ -109,7 +109,7 @@ fn main() {
     csv(&recording);
     seed("pedar", "walk", &pedar());
 
-    let file = tempfile::NamedTempFile::new().expect("a file");
+    let file = tempfile::NamedTempFile::new().expect("the file can be created");
     let short = Recording {
         t_s: recording.t_s[..24].to_vec(),
         pressure_kpa: recording.pressure_kpa[..24 * recording.cells()].to_vec(),
@@ -122,7 +122,7 @@ fn main() {
 /// Writes one seed of a target.
 fn seed(target: &str, name: &str, bytes: &[u8]) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
-    fs::create_dir_all(&folder).expect("a folder");
+    fs::create_dir_all(&folder).expect("the folder can be created");
     fs::write(folder.join(name), bytes).expect("the seed is written");
 }
 
@@ -147,14 +147,14 @@ fn pieces<'p>(pieces: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
 /// The last live frame of the first stance of a walk, and the step of that stance.
 fn walked(recording: &Recording, virtual_insole: &VirtualInsole, tissue: &Tissue) -> (Live, Step) {
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a valid recording");
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the recording is valid");
     insole.set_tissue(tissue).expect("typical parameters are valid");
     let mut codes = vec![0; virtual_insole.cells.len()];
     let mut live = Live::default();
     for i in 0..virtual_insole.frames(recording) {
         virtual_insole.codes_of(recording, i, &mut codes);
         if insole.frame(i as u32, &codes) {
-            return (live, Step::new(&insole.whole_step().expect("a step")));
+            return (live, Step::new(&insole.whole_step().expect("the step is complete")));
         }
         if insole.on_ground() {
             live = Live::new(i as u32, i as u64 * 20_000, insole.loads(), insole.masked());

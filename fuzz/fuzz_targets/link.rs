@@ -112,7 +112,7 @@ fn receive(session: &mut Session, message: ToDevice, expected: &mut Expected) {
 fn next(session: &mut Session, expected: &mut Expected) -> bool {
     let mut buffer = [0; MAX_MESSAGE];
     let Some(message) = session.next(&hello(), Status::default, &mut buffer) else { return false };
-    match decode(message).expect("a message of this version") {
+    match decode(message).expect("the message has this version") {
         ToHost::Step(step) => {
             assert_eq!(step.step, expected.unacknowledged[expected.sent]);
             expected.sent += 1;

@@ -28,7 +28,7 @@ fn read(path: &Path) -> String {
 fn files(folder: &str, ending: &str) -> Vec<String> {
     let mut found = Vec::new();
     for entry in fs::read_dir(root().join(folder)).expect("the folder can be read").flatten() {
-        let name = entry.file_name().into_string().expect("UTF-8");
+        let name = entry.file_name().into_string().expect("the name is UTF-8");
         let path = if folder.is_empty() { name.clone() } else { format!("{folder}/{name}") };
         if entry.path().is_dir() {
             let is_source = !name.starts_with('.') && !["fuzz", "node_modules", "target"].contains(&name.as_str());
@@ -126,7 +126,7 @@ fn parse_tree<'t>(text: &'t str, prefix: &[String], paths: &mut Vec<Vec<String>>
                 }
                 let behind = parse_tree(list, &path, paths).trim_start();
                 // The new name in `a as b` is ignored.
-                let end = behind.find([',', '}']).expect("the end of an item");
+                let end = behind.find([',', '}']).expect("an item has an end");
                 list = behind[end..].trim_start_matches(',');
             }
         }
@@ -233,7 +233,7 @@ fn crates() -> (BTreeMap<String, String>, Graph) {
     let name = |manifest: &str| {
         let name =
             manifest.lines().skip_while(|line| *line != "[package]").find_map(|line| line.strip_prefix("name = "));
-        name.expect("a package with a name").trim_matches('"').to_owned()
+        name.expect("the package has a name").trim_matches('"').to_owned()
     };
     let folders: BTreeMap<_, _> = manifests
         .iter()
@@ -319,8 +319,8 @@ fn the_diagrams_agree_with_the_sources() {
     let diagrams = diagrams(&top_level(&Modules::of_library().graph()), &folders, &crates);
     let path = root().join(DOCUMENT);
     let text = read(&path);
-    let (before, rest) = text.split_once(BEGIN).expect("the beginning of the diagrams");
-    let (written, after) = rest.split_once(END).expect("the end of the diagrams");
+    let (before, rest) = text.split_once(BEGIN).expect("the document contains the beginning of the diagrams");
+    let (written, after) = rest.split_once(END).expect("the document contains the end of the diagrams");
     if std::env::var_os("UPDATE_DOCS").is_some() {
         fs::write(&path, [before, BEGIN, &diagrams, END, after].concat()).expect("the document is written");
     } else {

@@ -1,4 +1,4 @@
-//! [`Axis`], which converts the times of insoles to the host's time: tests with known clocks.
+//! The conversion of insoles' times to the host's time, tested with known clocks.
 
 use client::Axis;
 use fastrand::Rng;

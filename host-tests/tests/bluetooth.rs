@@ -85,7 +85,7 @@ fn an_unbonded_phone_reads_the_device_information_and_nothing_else() {
     for characteristic in CHARACTERISTICS {
         let subscribed = world.radio.try_request(json!({"do": "subscribe", "phone": phone.name, "to": characteristic}));
         assert_eq!(
-            subscribed.expect_err("the subscription is refused").att,
+            subscribed.expect_err("the subscription must be refused").att,
             Some(INSUFFICIENT_AUTHENTICATION),
             "{characteristic}"
         );
@@ -157,7 +157,7 @@ fn messages_are_the_same_with_the_smallest_mtu() {
 fn a_bond_survives_a_reset_and_a_wrong_key_is_refused() {
     let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(247);
-    let bonds = world.insole.bonds().expect("a bond");
+    let bonds = world.insole.bonds().expect("the insole has a bond");
     // Bonding is closed after this reset, so that only the existing bond gives access.
     world.restart(|config| config.bonding_s = 0);
     phone.connect(&mut world.radio, 247);
@@ -171,7 +171,7 @@ fn a_bond_survives_a_reset_and_a_wrong_key_is_refused() {
 
     phone.connect(&mut world.radio, 23);
     world.radio.request(json!({"do": "spoil_key", "phone": phone.name}));
-    world.radio.try_request(json!({"do": "encrypt", "phone": phone.name})).expect_err("the key is wrong");
+    world.radio.try_request(json!({"do": "encrypt", "phone": phone.name})).expect_err("a wrong key must be refused");
     world.radio.discard_events();
     // Other phones can connect to the insole again.
     let mut other = world.new_phone(2);
@@ -190,7 +190,10 @@ fn phones_bond_only_while_bonding_is_open() {
     let mut other = world.new_phone(2);
     for phone in [&mut phone, &mut other] {
         phone.connect(&mut world.radio, 23);
-        world.radio.try_request(json!({"do": "pair", "phone": phone.name})).expect_err("bonding is closed");
+        world
+            .radio
+            .try_request(json!({"do": "pair", "phone": phone.name}))
+            .expect_err("pairing must be refused while bonding is closed");
         let connect = fragments(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
         assert!(phone.write(&mut world.radio, CONTROL, &connect).is_err());
         phone.disconnect(&mut world.radio);
@@ -239,7 +242,7 @@ fn four_bonds_are_stored() {
     world
         .radio
         .try_request(json!({"do": "encrypt", "phone": phones[0].name}))
-        .expect_err("the oldest bond was deleted");
+        .expect_err("the oldest bond must be deleted");
 }
 
 /// The steps that a phone has stored. A step that arrives again is not stored again.
@@ -316,10 +319,10 @@ fn malformed_values_are_refused_and_the_session_continues() {
     assert_eq!(refused(CURRENT_TIME, &[0xff; 10]), Some(VALUE_NOT_ALLOWED));
     assert_eq!(refused(CURRENT_TIME, &[0; 9]), Some(VALUE_NOT_ALLOWED));
     // The first fragment is written to one characteristic, the second to another.
-    phone.write(&mut world.radio, PARAMETERS, &[0x00, 4]).expect("a first fragment");
+    phone.write(&mut world.radio, PARAMETERS, &[0x00, 4]).expect("the first fragment is accepted");
     assert_eq!(phone.refused(&mut world.radio, CONTROL, &[0x81, 0]), Some(OUT_OF_ORDER));
     // Together the fragments are longer than any message.
-    phone.write(&mut world.radio, PARAMETERS, &[0x00; 244]).expect("a first fragment");
+    phone.write(&mut world.radio, PARAMETERS, &[0x00; 244]).expect("the first fragment is accepted");
     assert_eq!(phone.refused(&mut world.radio, PARAMETERS, &[0x01; 244]), Some(INVALID_LENGTH));
     let mut bad = tissue();
     bad.id ^= 1;
@@ -375,7 +378,7 @@ fn standard_services_report_the_cadence_and_set_the_clock() {
 
     // The time is set to Wednesday, 29 February 2040, 23:59:30.
     let written = [0xf8, 0x07, 2, 29, 23, 59, 30, 3, 0, 0];
-    phone.write(&mut world.radio, CURRENT_TIME, &written).expect("a valid time");
+    phone.write(&mut world.radio, CURRENT_TIME, &written).expect("the time is valid");
     let read = phone.read(&mut world.radio, CURRENT_TIME);
     assert_eq!((&read[..6], read[7]), (&written[..6], 3));
     assert!(read[6] >= 30);
@@ -420,7 +423,8 @@ fn a_signed_image_from_a_bonded_phone_is_swapped_in_after_the_restart() {
     let mut bytes = vec![0xff; 20 * CHUNK];
     let header = Header::new("emulated", "99.0.0").bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
-    let image = Image::sign(bytes, &development_key().expect("the development key")).expect("the image has a header");
+    let image =
+        Image::sign(bytes, &development_key().expect("the development key is valid")).expect("the image has a header");
     let mut request = Request::Begin(image.offer());
     loop {
         request = match phone.answer(&mut world.radio, ToDevice::Update(request)) {

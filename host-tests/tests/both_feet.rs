@@ -154,7 +154,7 @@ fn both_feet_stream_a_minute_in_real_time() {
     for (foot, side) in feet.iter_mut().zip(["left", "right"]) {
         foot.phone.send(&mut radio, ToDevice::GetStatus);
         let status = std::iter::repeat_with(|| foot.receive(&mut radio)).find_map(|status| status);
-        let status = status.expect("an answer");
+        let status = status.expect("the insole answers");
         assert_eq!(foot.live.len() as u32, status.live_sent, "every frame that was sent must arrive");
         assert!(foot.live.windows(2).all(|pair| pair[0].1.sequence < pair[1].1.sequence));
         assert!(

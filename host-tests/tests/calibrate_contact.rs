@@ -99,7 +99,7 @@ fn saturation_starts_at_full_code() {
 fn a_saturated_cell_is_reported_in_every_frame_and_in_its_region_only() {
     let mut insole = Insole::<f32, 2>::new();
     let cells = [cell(Region::Heel, 0.0, 0.0, 25.0), cell(Region::Hallux, 0.0, 200.0, 25.0)];
-    insole.set_up(SETUP, cells.into_iter()).expect("set-up");
+    insole.set_up(SETUP, cells.into_iter()).expect("the set-up is accepted");
     let full_contact = [0, FULL_CODE];
     for (seq, codes) in [full_contact, full_contact, [FULL_CODE - 1; 2], full_contact, [0, 0]].iter().enumerate() {
         insole.frame(seq as u32, codes);
@@ -290,8 +290,8 @@ proptest! {
         let setup = plantar::pipeline::setup::Setup { sensor: law, contact, ..SETUP };
         let mut narrow = Insole::<f32, 64>::new();
         let mut wide = Insole::<f64, 64>::new();
-        narrow.set_up(setup, cells.iter().copied()).expect("set-up");
-        wide.set_up(setup, cells.iter().copied()).expect("set-up");
+        narrow.set_up(setup, cells.iter().copied()).expect("the set-up is accepted");
+        wide.set_up(setup, cells.iter().copied()).expect("the set-up is accepted");
         for (seq, codes) in frames.iter().enumerate() {
             // Many codes are near the thresholds.
             let codes: Vec<_> = codes.iter().map(|&c| if c % 2 == 0 { c } else { c / 16 }).collect();

@@ -1,4 +1,4 @@
-//! The host's side of a session: the client with a simulated insole, which has the insole's own side of the session.
+//! The host's side of a session: tests of the client with a simulated insole.
 
 use client::{Client, Error, Framed, LinkCounters, unix_us};
 use plantar::Region;
@@ -132,7 +132,7 @@ fn hello() -> Hello {
 /// A client with a session, and its cable.
 fn connected() -> (Cable, Client<Framed<Cable>>) {
     let cable = Cable::new(hello());
-    let client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("an answer");
+    let client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("the insole answers");
     (cable, client)
 }
 
@@ -169,7 +169,7 @@ fn bytes_that_were_in_transit_before_the_session_are_ignored() {
     let before =
         [b"boot loader\r\n".as_slice(), &[0], &framed(&ToHost::Live(live(3))), &framed(&ToHost::Step(step(8)))];
     cable.insole().to_host.extend(before.concat());
-    let mut client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("an answer");
+    let mut client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("the insole answers");
     assert_eq!(client.counters().crc_errors, 1);
     push_steps(&cable, [9]);
     assert_eq!(receive_all(&mut client), [ToHost::Step(step(9))]);
@@ -182,7 +182,7 @@ fn the_client_requests_the_insoles_time_while_it_receives() {
     assert_eq!(client.axis().host_us(0), None);
     assert_eq!(receive_all(&mut client), []);
     // This insole answers each request with the time 0.
-    let requested_us = client.axis().host_us(0).expect("an answer");
+    let requested_us = client.axis().host_us(0).expect("the insole answers");
     assert!((before_us..=unix_us()).contains(&requested_us));
 }
 
@@ -193,11 +193,11 @@ fn a_repeated_step_is_delivered_once() {
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2]);
     client.send(ToDevice::Acknowledge { step: 0 }).expect("the link works");
     push_steps(&cable, [3]);
-    client.reconnect(TIMEOUT).expect("an answer");
+    client.reconnect(TIMEOUT).expect("the insole answers");
     assert_eq!(step_numbers(&receive_all(&mut client)), [3], "steps 1 and 2 were delivered before");
     client.send(ToDevice::Acknowledge { step: 3 }).expect("the link works");
     push_steps(&cable, [4]);
-    client.reconnect(TIMEOUT).expect("an answer");
+    client.reconnect(TIMEOUT).expect("the insole answers");
     assert_eq!(step_numbers(&receive_all(&mut client)), [4]);
 }
 
@@ -212,7 +212,7 @@ fn a_lost_acknowledgement_is_repeated() {
     // The insole starts again, as if the acknowledgement of step 0 had been lost. The host has not acknowledged step 1.
     cable.insole().session = Session::new();
     push_steps(&cable, [0, 1]);
-    client.reconnect(TIMEOUT).expect("an answer");
+    client.reconnect(TIMEOUT).expect("the insole answers");
     assert_eq!(step_numbers(&receive_all(&mut client)), [0; 0]);
     assert_eq!(cable.insole().session.take_acknowledged(), Some(0));
 }
@@ -225,7 +225,7 @@ fn a_step_that_a_restarted_insole_repeats_is_recognised() {
     cable.insole().session = Session::new();
     cable.insole().session.push_step(Step { boots_since: 1, ..step(0) });
     push_steps(&cable, [1]);
-    client.reconnect(TIMEOUT).expect("an answer");
+    client.reconnect(TIMEOUT).expect("the insole answers");
     assert_eq!(step_numbers(&receive_all(&mut client)), [1]);
 }
 
@@ -242,7 +242,7 @@ fn a_carrier_is_dropped_before_the_next_one_is_opened() {
     );
     assert!(matches!(opened, Err(Error::Carrier(_))));
     assert!(matches!(client.receive(), Err(Error::Carrier(_))), "a client without a carrier must return an error");
-    client.reconnect_over(|| Ok(Framed::new(cable.clone())), TIMEOUT).expect("an answer");
+    client.reconnect_over(|| Ok(Framed::new(cable.clone())), TIMEOUT).expect("the insole answers");
     push_steps(&cable, [0]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
 }
@@ -253,7 +253,7 @@ fn a_step_that_was_lost_in_transit_arrives_in_the_next_session() {
     push_steps(&cable, [0]);
     cable.insole().drop_next = 1;
     assert!(step_numbers(&receive_all(&mut client)).is_empty());
-    client.reconnect(TIMEOUT).expect("an answer");
+    client.reconnect(TIMEOUT).expect("the insole answers");
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
 }
 
@@ -262,7 +262,7 @@ fn step_numbers_wrap() {
     let (cable, mut client) = connected();
     push_steps(&cable, [u32::MAX - 1, u32::MAX, 0, 1]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [u32::MAX - 1, u32::MAX, 0, 1]);
-    client.reconnect(TIMEOUT).expect("an answer");
+    client.reconnect(TIMEOUT).expect("the insole answers");
     assert!(step_numbers(&receive_all(&mut client)).is_empty());
 }
 
@@ -274,7 +274,7 @@ fn steps_of_an_insole_that_restarted_are_delivered() {
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2, 3, 4]);
     client.send(ToDevice::Acknowledge { step: 4 }).expect("the link works");
     cable.insole().session = Session::new();
-    client.reconnect(TIMEOUT).expect("an answer");
+    client.reconnect(TIMEOUT).expect("the insole answers");
     // The steps of another walk have other times.
     let after = |number: u32| plantar::protocol::Step { start_us: 1_000_000 * u64::from(number), ..step(number) };
     (0..3).for_each(|number| cable.insole().session.push_step(after(number)));
@@ -317,7 +317,7 @@ fn a_new_session_does_not_count_the_old_stream_as_lost() {
         client.stream().expect("the stream starts");
         cable.live_frames(5);
         receive_all(&mut client);
-        client.reconnect(TIMEOUT).expect("an answer");
+        client.reconnect(TIMEOUT).expect("the insole answers");
     }
     let counters = client.counters();
     assert_eq!((counters.frames_received, counters.frames_lost), (10, 0));
@@ -341,7 +341,7 @@ fn messages_of_a_previous_session_are_not_counted_as_lost() {
     let previous =
         [framed(&ToHost::Hello(hello())), framed(&ToHost::Live(live(100))), framed(&ToHost::Live(live(101)))];
     cable.insole().to_host.extend(previous.concat());
-    let mut client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("an answer");
+    let mut client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("the insole answers");
     client.stream().expect("the stream starts");
     cable.live_frames(3);
     receive_all(&mut client);
@@ -381,7 +381,7 @@ fn another_version_is_refused_with_both_versions_in_the_message() {
 #[test]
 fn a_newer_minor_version_is_accepted() {
     let newer = Hello { minor: MINOR + 1, ..hello() };
-    let client = Client::connect(Framed::new(Cable::new(newer.clone())), TIMEOUT).expect("an answer");
+    let client = Client::connect(Framed::new(Cable::new(newer.clone())), TIMEOUT).expect("the insole answers");
     assert_eq!(*client.hello(), newer);
 }
 
@@ -413,12 +413,12 @@ fn an_unplugged_cable_is_an_error() {
 #[test]
 fn parameters_are_set_and_read_back_unchanged() {
     let (cable, mut client) = connected();
-    assert_eq!(client.tissue().expect("an answer"), Tissue::NONE);
+    assert_eq!(client.tissue().expect("the insole answers"), Tissue::NONE);
     client.set_tissue(&TISSUE).expect("the parameters are accepted");
     assert_eq!(*cable.insole().session.tissue(), *TISSUE);
-    assert_eq!(client.tissue().expect("an answer"), *TISSUE);
+    assert_eq!(client.tissue().expect("the insole answers"), *TISSUE);
     assert_eq!(client.hello().tissue_id, TISSUE.id);
-    assert_eq!(client.reconnect(TIMEOUT).expect("an answer").tissue_id, TISSUE.id);
+    assert_eq!(client.reconnect(TIMEOUT).expect("the insole answers").tissue_id, TISSUE.id);
     assert_eq!(receive_all(&mut client), [], "the client must consume the answers");
 }
 
@@ -430,7 +430,7 @@ fn messages_that_arrive_while_parameters_are_set_are_delivered_in_order() {
     cable.live_frames(3);
     client.set_tissue(&TISSUE).expect("the parameters are accepted");
     push_steps(&cable, 2..3);
-    client.tissue().expect("an answer");
+    client.tissue().expect("the insole answers");
     let got = receive_all(&mut client);
     assert_eq!(step_numbers(&got), [0, 1, 2]);
     assert_eq!(got.len(), 6, "there must be three steps and three live frames: {got:?}");
@@ -453,14 +453,14 @@ fn refused_parameters_are_an_error_with_the_reason() {
         assert!(error.to_string().contains(&reason.to_string()), "{error}");
     }
     assert_eq!(*cable.insole().session.tissue(), *TISSUE);
-    assert_eq!(client.tissue().expect("an answer"), *TISSUE);
+    assert_eq!(client.tissue().expect("the insole answers"), *TISSUE);
 }
 
 #[test]
 fn faults_arrive_on_request() {
     let (cable, mut client) = connected();
     assert_eq!(cable.insole().session.set_faults(&faults()), faults().found);
-    assert_eq!(client.faults().expect("an answer"), faults());
+    assert_eq!(client.faults().expect("the insole answers"), faults());
 }
 
 #[test]

@@ -98,7 +98,7 @@ proptest! {
     fn covered_shares_recover_the_ellipse(truth in truth(8.0, 1.2)) {
         let share = |(x, y): (f32, f32)| (heel_cell(x, y, 4.0), truth.share(x, y, 2.0));
         let cells: Vec<_> = grid(64, 2.0).map(share).collect();
-        let got = Ellipse::from_moments(&moments(&cells, 0.0, 0.0)).expect("contact");
+        let got = Ellipse::from_moments(&moments(&cells, 0.0, 0.0)).expect("there is contact");
         assert_recovers(&got, &truth, 0.05, 0.025, 0.5);
     }
 
@@ -108,12 +108,12 @@ proptest! {
         let (dx_mm, dy_mm) = (f32::from(dx_mm), f32::from(dy_mm));
         let cells = grid(64, 2.0).map(|(x, y)| cell(Region::Hallux, x + dx_mm, y + dy_mm, 4.0));
         let mut insole = Box::new(Insole::<f32, 4096>::new());
-        insole.set_up(SETUP, cells).expect("set-up");
+        insole.set_up(SETUP, cells).expect("the set-up is accepted");
         let loaded = code_of(&LAW, 100.0);
         let code = |(x, y): (f32, f32)| if truth.contains(f64::from(x), f64::from(y)) { loaded } else { 0 };
         insole.frame(0, &grid(64, 2.0).map(code).collect::<Vec<_>>());
         let moved = Truth { x_mm: truth.x_mm + f64::from(dx_mm), y_mm: truth.y_mm + f64::from(dy_mm), ..truth };
-        assert_recovers(&insole.ellipse(Region::Hallux as usize).expect("contact"), &moved, 0.6, 0.05, 4.0);
+        assert_recovers(&insole.ellipse(Region::Hallux as usize).expect("there is contact"), &moved, 0.6, 0.05, 4.0);
         let other_regions = (0..8).filter(|&r| r != Region::Hallux as usize);
         prop_assert!(other_regions.into_iter().all(|r| insole.ellipse(r).is_none()));
     }
@@ -164,8 +164,8 @@ proptest! {
         let inside = grid(32, 4.0).filter(|&(x, y)| truth.contains(f64::from(x), f64::from(y)));
         let cells: Vec<_> = inside.map(|(x, y)| (heel_cell(x, y, 16.0), WHOLE)).collect();
         let (x_mm, y_mm) = (f32::from(x_64) / 64.0, f32::from(y_64) / 64.0);
-        let here = Ellipse::<f64>::from_moments(&moments(&cells, 0.0, 0.0)).expect("contact");
-        let there = Ellipse::<f64>::from_moments(&moments(&cells, x_mm, y_mm)).expect("contact");
+        let here = Ellipse::<f64>::from_moments(&moments(&cells, 0.0, 0.0)).expect("there is contact");
+        let there = Ellipse::<f64>::from_moments(&moments(&cells, x_mm, y_mm)).expect("there is contact");
         let back = there.moved(f64::from(x_mm), f64::from(y_mm));
         for (a, b) in [
             (here.x_mm, back.x_mm),
@@ -189,7 +189,7 @@ proptest! {
         let side_mm = f32::from(side_mm);
         let place = |&(x, y): &(i8, i8)| (x_mm + f32::from(x) * side_mm, y_mm + f32::from(y) * side_mm);
         let places: Vec<_> = cells.iter().map(place).collect();
-        assert_valid(&Ellipse::from_moments(&whole_cells(&places, side_mm * side_mm)).expect("contact"));
+        assert_valid(&Ellipse::from_moments(&whole_cells(&places, side_mm * side_mm)).expect("there is contact"));
     }
 
     /// Single cells with areas down to the smallest one and distances up to the largest one that a set-up accepts.
@@ -200,7 +200,7 @@ proptest! {
         area_16 in 1u16..20,
     ) {
         let far = whole_cells(&[(x_mm, y_mm)], f32::from(area_16) / 16.0);
-        assert_valid(&Ellipse::from_moments(&far).expect("contact"));
+        assert_valid(&Ellipse::from_moments(&far).expect("there is contact"));
     }
 }
 
@@ -221,7 +221,7 @@ fn no_contact_has_no_ellipse() {
 #[test]
 fn the_ellipse_of_one_cell_is_a_circle_with_the_moments_of_the_cell() {
     for (x_mm, y_mm) in [(0.0, 0.0), (-31.0, 12.5), (60.0, 110.0)] {
-        let e = Ellipse::<f32>::from_moments(&whole_cells(&[(x_mm, y_mm)], 25.0)).expect("contact");
+        let e = Ellipse::<f32>::from_moments(&whole_cells(&[(x_mm, y_mm)], 25.0)).expect("there is contact");
         assert_valid(&e);
         let radius_mm = 2.0 * (25.0f32 / 12.0).sqrt();
         assert!((e.x_mm - x_mm).abs() < 1e-3 && (e.y_mm - y_mm).abs() < 1e-3, "{e:?}");
@@ -238,7 +238,7 @@ fn a_line_of_cells_has_its_longer_radius_along_the_line() {
     let along_x = whole_cells(&(0..9).map(|i| (line(i), 0.0)).collect::<Vec<_>>(), 25.0);
     let along_y = whole_cells(&(0..9).map(|i| (0.0, line(i))).collect::<Vec<_>>(), 25.0);
     for (moments, r_a_mm, r_b_mm) in [(along_x, long_mm, short_mm), (along_y, short_mm, long_mm)] {
-        let e = Ellipse::<f32>::from_moments(&moments).expect("contact");
+        let e = Ellipse::<f32>::from_moments(&moments).expect("there is contact");
         assert_valid(&e);
         assert!((e.r_a_mm - r_a_mm).abs() < 1e-2 && (e.r_b_mm - r_b_mm).abs() < 1e-2, "{e:?}");
         assert!(e.angle_deg().abs() < 0.2, "{}", e.angle_deg());
@@ -248,7 +248,8 @@ fn a_line_of_cells_has_its_longer_radius_along_the_line() {
 #[test]
 fn diagonal_cells_lie_at_45_degrees() {
     for (sign, angle_deg) in [(1.0, 45.0), (-1.0, -45.0)] {
-        let e = Ellipse::<f32>::from_moments(&whole_cells(&[(0.0, 0.0), (5.0, sign * 5.0)], 25.0)).expect("contact");
+        let e = Ellipse::<f32>::from_moments(&whole_cells(&[(0.0, 0.0), (5.0, sign * 5.0)], 25.0))
+            .expect("there is contact");
         assert_valid(&e);
         assert!((e.angle_deg() - angle_deg).abs() < 0.2, "{}", e.angle_deg());
         // The centres are 5 sqrt(2) mm apart: their variance along the diagonal is 12.5 mm2, to which the variance of a cell is
@@ -265,7 +266,7 @@ fn a_square_block_is_a_circle_with_a_valid_angle() {
     for i in 0..400 {
         let (x_mm, y_mm) = (i as f32 * 0.37 - 70.0, 60.0 - i as f32 * 0.29);
         let block = [(0.0, 0.0), (5.0, 0.0), (0.0, 5.0), (5.0, 5.0)].map(|(dx, dy)| (x_mm + dx, y_mm + dy));
-        let e = Ellipse::<f32>::from_moments(&whole_cells(&block, 25.0)).expect("contact");
+        let e = Ellipse::<f32>::from_moments(&whole_cells(&block, 25.0)).expect("there is contact");
         assert_valid(&e);
         // The radii differ only because the positions are rounded to 1/64 mm.
         assert!((e.r_a_mm / e.r_b_mm - 1.0).abs() < 0.01, "{e:?}");

@@ -204,7 +204,7 @@ fn walks_at_50_and_400_hz_are_the_same_on_the_device_and_on_a_host() {
 #[test]
 #[ignore = "needs the emulated board's firmware and the data set SpeedPP2DS: cargo xtask test"]
 fn barefoot_steps_on_a_plate_are_the_same_on_the_device_and_on_a_host() {
-    let walk = jiku::import(common::jiku(), 2, 0..6, &mut |_, _| ()).expect("the data set");
+    let walk = jiku::import(common::jiku(), 2, 0..6, &mut |_, _| ()).expect("the data set can be read");
     let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(DEVICE_CELLS)).expect("a walk can be binned");
     assert_device_equals_host(&walk, ContactRule::COUNTED, 6);
 }
@@ -219,7 +219,7 @@ mod unpublished {
         let data = common::recordings().join("pedar");
         for side in [Side::Left, Side::Right] {
             let walk = pedar::import(data.join("pedar_example.asc"), data.join("geometry.csv"), side, &mut |_, _| ())
-                .expect("the recording");
+                .expect("the recording can be read");
             assert_device_equals_host(&walk, ContactRule::COUNTED, 8);
         }
     }
@@ -298,7 +298,7 @@ fn without_parameters_areas_and_measured_forces_are_valid_and_model_forces_are_z
     let walk = synthetic_walk(2, 100.0);
     let mut session = Session::start_without_tissue(&walk, ContactRule::COUNTED, |_| None);
     assert_eq!(session.client.hello().tissue_id, 0);
-    assert_eq!(session.client.tissue().expect("an answer"), Tissue::NONE);
+    assert_eq!(session.client.tissue().expect("the insole answers"), Tissue::NONE);
     session.client.stream().expect("the stream starts");
     session.board.play();
     let received = session.finish();
@@ -337,7 +337,7 @@ fn parameters_change_during_a_walk_without_loss_of_a_frame() {
     assert_eq!((received.status.frames_missed, received.status.frames_overrun), (0, 0));
 
     assert_eq!(
-        session.client.tissue().expect("an answer"),
+        session.client.tissue().expect("the insole answers"),
         other_tissue(),
         "the parameters must be the same bit for bit"
     );
@@ -374,7 +374,7 @@ fn damaged_and_invalid_parameters_are_refused_and_the_old_ones_remain() {
     assert_eq!(received.refusals, reasons);
     assert_eq!(received.status.bad_frames, 2);
     assert_eq!((received.live, received.steps), replay(&walk, ContactRule::COUNTED, |_| false));
-    assert_eq!(session.client.tissue().expect("an answer"), tissue());
+    assert_eq!(session.client.tissue().expect("the insole answers"), tissue());
 }
 
 /// Each fault is detected during a walk, reported and masked. All messages equal those that a host computes from the same codes.
@@ -392,7 +392,7 @@ fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
         session.client.stream().expect("the stream starts");
         session.board.play();
         let received = session.finish();
-        let faults = session.client.faults().expect("an answer");
+        let faults = session.client.faults().expect("the insole answers");
         let (live, steps, found) = replay_faulty(&walk, &[fault]);
         assert_eq!(received.steps, steps, "{fault}");
         assert_eq!(received.live, live, "{fault}");
@@ -412,7 +412,7 @@ fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
         assert_eq!(faults.masked_cells, masked, "{fault}");
         let bits = masked.iter().enumerate().fold(0, |bits, (i, &cells)| bits | u8::from(cells > 0) << i);
         assert_eq!((received.live[0].masked, received.live.last().map(|live| live.masked)), (0, Some(bits)));
-        let last = received.steps.last().expect("steps");
+        let last = received.steps.last().expect("there are steps");
         assert_eq!(last.regions.map(|region| region.masked_cells), masked, "{fault}");
     }
 }
@@ -423,13 +423,14 @@ fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
 #[ignore = "needs the emulated board's firmware and the data set SpeedPP2DS: cargo xtask test"]
 fn the_insole_reports_the_force_that_the_fit_evaluated() {
     const FITTED: std::ops::Range<u32> = 6..14;
-    let walk = jiku::import(common::jiku(), 2, 0..FITTED.end as usize, &mut |_, _| ()).expect("jiku-data");
-    let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(240)).expect("a virtual insole");
+    let walk =
+        jiku::import(common::jiku(), 2, 0..FITTED.end as usize, &mut |_, _| ()).expect("the data set can be read");
+    let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(240)).expect("a walk can be binned");
     for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
         let options = Options::usual(InsoleSize::default().thickness_m());
         let mut study = Study::new("walker 2".into(), contact, options);
         let virtual_insole = VirtualInsole::new(&walk, contact, StanceRule::WALKING);
-        study.add("walk".into(), &walk, &virtual_insole, &mut |_| ()).expect("a valid recording");
+        study.add("walk".into(), &walk, &virtual_insole, &mut |_| ()).expect("the recording is valid");
         let steps = study.steps.clone();
         study.steps.retain(|step| FITTED.contains(&step.number));
         study.fit(&|_| ());

@@ -151,7 +151,7 @@ proptest! {
             .map(|i| SetupCell { row_column: i, ..cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0) })
             .collect();
         let mut insole = Box::new(Insole::<f32, 64>::new());
-        insole.set_up(SETUP, cells.into_iter()).expect("set-up");
+        insole.set_up(SETUP, cells.into_iter()).expect("the set-up is accepted");
         let mut random = fastrand::Rng::with_seed(seed);
         let mut codes = [0u16; 64];
         for seq in 0..1_000 {

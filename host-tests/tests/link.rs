@@ -31,7 +31,7 @@ enum Sent {
 fn next(session: &mut Session) -> Option<Sent> {
     let mut buffer = [0; MAX_MESSAGE];
     let bytes = session.next(&hello(), status, &mut buffer)?;
-    Some(match decode(bytes).expect("one complete message") {
+    Some(match decode(bytes).expect("the bytes are one complete message") {
         ToHost::Hello(got) => {
             assert_eq!(got, Hello { tissue_id: session.tissue().id, ..hello() });
             Sent::Hello
@@ -257,7 +257,7 @@ fn live_frames_that_a_slow_carrier_drops_leave_a_gap() {
     (0..100).for_each(|_| push_live(&mut session));
     session.receive(ToDevice::GetStatus, 0);
     let sent = all(&mut session);
-    let (last, live) = sent.split_last().expect("a status");
+    let (last, live) = sent.split_last().expect("the insole sends a status");
     let newest: Vec<_> = (100 - live.len() as u32..100).map(Sent::Live).collect();
     assert_eq!(live, newest, "the newest frames must be sent, in order");
     assert!((1..100).contains(&live.len()));
@@ -425,7 +425,7 @@ fn a_carrier_that_is_too_slow_for_live_frames_delivers_answers() {
     };
     sent_of(&mut session, &[]);
     let sent = sent_of(&mut session, &[ToDevice::GetStatus, ToDevice::GetTime { host_us: 1 }]);
-    let at = sent.iter().position(|sent| matches!(sent, Sent::Status(_))).expect("an answer");
+    let at = sent.iter().position(|sent| matches!(sent, Sent::Status(_))).expect("the insole answers");
     assert!(at <= 8, "after {at} frames");
     assert!(matches!(sent[at + 1], Sent::Time { .. }));
     // The status counts as due exactly the live frames before the status.
@@ -437,7 +437,7 @@ fn a_carrier_that_is_too_slow_for_live_frames_delivers_answers() {
     // Every live frame after the answer was queued after it, because earlier frames were computed with the previous parameters.
     let first = session.next_live().expect("the host streams");
     let sent = sent_of(&mut session, &[ToDevice::SetTissue(*TISSUE)]);
-    let at = sent.iter().position(|sent| *sent == Sent::Tissue(TISSUE.id)).expect("an answer");
+    let at = sent.iter().position(|sent| *sent == Sent::Tissue(TISSUE.id)).expect("the insole answers");
     assert!(at <= 8, "after {at} frames");
     let Sent::Live(after) = sent[at + 1] else { panic!("{sent:?}") };
     assert!(after >= first + 2 * at as u32, "{first} {at} {after}");
@@ -470,7 +470,7 @@ fn only_some_of_too_many_requests_are_answered() {
 #[test]
 fn a_command_is_answered_when_it_is_complete_and_others_are_refused_meanwhile() {
     let mut session = streaming();
-    let serial = Serial::new("P-0001").expect("printable");
+    let serial = Serial::new("P-0001").expect("the serial number is valid");
     let request = ToDevice::SetIdentity { side: Side::Right, serial };
     session.receive(request, 0);
     assert_eq!(session.command(), Some(Command::SetIdentity(Side::Right, serial)));
@@ -520,13 +520,14 @@ fn invalid_calibrations_and_serial_numbers_are_refused() {
         assert_eq!(all(&mut session), [Sent::Refused(Refusal::Calibration)], "{block}");
     }
     let mut bytes = [0; MAX_MESSAGE];
-    let request = ToDevice::SetIdentity { side: Side::Left, serial: Serial::new("AB").expect("printable") };
+    let request =
+        ToDevice::SetIdentity { side: Side::Left, serial: Serial::new("AB").expect("the serial number is valid") };
     let bytes = encode(&request, &mut bytes).expect("the message fits");
     // A control character in the serial number, and a character after its end.
     for (at, byte) in [(2, 7), (10, b'x')] {
         let mut damaged = bytes.to_vec();
         damaged[at] = byte;
-        session.receive(decode(&damaged).expect("a message"), 0);
+        session.receive(decode(&damaged).expect("the bytes are a message"), 0);
         assert_eq!(all(&mut session), [Sent::Refused(Refusal::Serial)]);
     }
     assert_eq!(session.command(), None);

@@ -62,7 +62,7 @@ fn every_unsafe_line_is_listed_and_every_unsafe_block_has_a_safety_comment() {
         .filter_map(|row| {
             let mut cells = row.split('|').map(str::trim).skip(1);
             let (file, lines) = (cells.next()?, cells.next()?);
-            file.ends_with(".rs").then(|| (file.to_owned(), lines.parse().expect("a number of lines")))
+            file.ends_with(".rs").then(|| (file.to_owned(), lines.parse().expect("the row contains a number of lines")))
         })
         .collect();
     assert_eq!(found, listed);

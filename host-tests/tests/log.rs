@@ -21,21 +21,21 @@ fn the_firmware_reports_its_state_changes_with_levels() {
     let firmware = firmware();
     let recording = synthetic_walk(8, 100.0);
     let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
-    let faults: Vec<SensorFault> = vec!["short-cell:20@1.5".parse().expect("a fault of a cell")];
+    let faults: Vec<SensorFault> = vec!["short-cell:20@1.5".parse().expect("the fault can be parsed")];
     let zeros = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
     let walk =
         Faulty::new(Recorded::new(recording, virtual_insole.clone()), faults, virtual_insole.setup.period_us, zeros);
     let board =
         Board::start(&firmware, &EmulatorConfig::new(virtual_insole.setup), &virtual_insole.cells, Time::Max, walk)
-            .expect("the board starts");
-    let link = board.link().expect("a serial link");
-    link.set_read_timeout(Some(Duration::from_millis(50))).expect("a read timeout");
+            .expect("the board boots");
+    let link = board.link().expect("the board has a link");
+    link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
     let mut client = Client::connect(Framed::new(link), TIMEOUT).expect("the insole answers");
-    client.set_tissue(&tissue()).expect("valid parameters");
+    client.set_tissue(&tissue()).expect("the parameters are accepted");
     board.play();
     let (start, mut steps) = (Instant::now(), 0);
     while steps < 4 && start.elapsed() < TIMEOUT {
-        if let Some(ToHost::Step(_)) = client.receive().expect("the link holds") {
+        if let Some(ToHost::Step(_)) = client.receive().expect("the link works") {
             steps += 1;
         }
     }

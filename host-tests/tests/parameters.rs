@@ -53,7 +53,7 @@ proptest! {
 #[test]
 fn typical_parameters_are_read_back_from_a_file_and_from_an_insole() {
     for size in 35..=46 {
-        let typical = Parameters::typical(size.to_string().parse::<InsoleSize>().expect("a size"));
+        let typical = Parameters::typical(size.to_string().parse::<InsoleSize>().expect("the size is valid"));
         assert_eq!(typical.tissue().check(), Ok(()), "size {size}");
         assert_eq!(through_a_file(&typical).tissue(), typical.tissue(), "size {size}");
         let pulled = Parameters::from_tissue(&typical.tissue());
@@ -64,7 +64,7 @@ fn typical_parameters_are_read_back_from_a_file_and_from_an_insole() {
 #[test]
 fn lengths_within_their_limits_are_accepted() {
     let typical = Parameters::typical(InsoleSize::default()).to_toml();
-    let c_of_heel = typical.lines().find(|line| line.starts_with("c_mm")).expect("a radius");
+    let c_of_heel = typical.lines().find(|line| line.starts_with("c_mm")).expect("the file contains a radius");
     for (c_mm, is_accepted) in [("0.1", true), ("200", true), ("200.0", true), ("0.0999", false), ("200.1", false)] {
         // k is small, because with the usual k a tissue of 200 mm would have a stiffness K beyond its limit.
         let text = typical.replacen(c_of_heel, &format!("c_mm = {c_mm}"), 1).replace("k_n_m3 = ", "k_n_m3 = 1.0 # ");

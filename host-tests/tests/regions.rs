@@ -162,7 +162,7 @@ fn frames() -> impl Strategy<Value = Vec<Vec<u16>>> {
 
 fn new_insole<R: Real>(setup: Setup, cells: &[SetupCell]) -> Box<Insole<R, 256>> {
     let mut insole = Box::new(Insole::new());
-    insole.set_up(setup, cells.iter().copied()).expect("set-up");
+    insole.set_up(setup, cells.iter().copied()).expect("the set-up is accepted");
     insole
 }
 
@@ -229,7 +229,7 @@ proptest! {
         let truth = Reference::new(SETUP, &cells).frame(&codes)[Region::Toe2 as usize];
         let area_mm2 = insole.loads()[Region::Toe2 as usize].frame.area.area_mm2::<f64>();
         prop_assert!((area_mm2 - truth.area_mm2).abs() <= cells.len() as f64 / 32.0);
-        let ellipse = insole.ellipse(Region::Toe2 as usize).expect("contact");
+        let ellipse = insole.ellipse(Region::Toe2 as usize).expect("there is contact");
         // Rounded areas move the centre by at most the relative error of the area times the largest distance.
         let margin_mm = 1.0 / 128.0 + 200.0 * cells.len() as f64 / 32.0 / truth.area_mm2;
         prop_assert!((ellipse.x_mm - truth.x_mm).abs() <= margin_mm, "{:?} {:?}", ellipse, truth);
@@ -286,9 +286,9 @@ fn areas_and_forces_do_not_drift() {
 fn a_new_set_up_resets_everything_except_the_tissue() {
     let cells = mixed_layout(64);
     let mut insole = new_insole::<f32>(SETUP, &cells);
-    insole.set_tissue(&TISSUE).expect("tissue");
+    insole.set_tissue(&TISSUE).expect("the parameters are accepted");
     insole.frame(0, &[30_000; 64]);
-    insole.set_up(Setup { layout_id: 8, ..SETUP }, cells[..8].iter().copied()).expect("set-up");
+    insole.set_up(Setup { layout_id: 8, ..SETUP }, cells[..8].iter().copied()).expect("the set-up is accepted");
     assert_eq!(insole.loads(), &[RegionLoad::NONE; 8]);
     assert_eq!((insole.cells(), insole.tissue_id(), insole.setup().map(|s| s.layout_id)), (8, TISSUE.id, Some(8)));
     assert!(!insole.on_ground());
@@ -304,7 +304,7 @@ fn a_frame_without_a_set_up_or_with_too_few_codes_is_ignored() {
     assert!(!insole.frame(0, &[FULL_CODE; 64]));
     assert!(insole.setup().is_none() && insole.whole_step().is_none());
     assert_eq!(insole.loads(), &[RegionLoad::NONE; 8]);
-    insole.set_up(SETUP, mixed_layout(64).into_iter()).expect("set-up");
+    insole.set_up(SETUP, mixed_layout(64).into_iter()).expect("the set-up is accepted");
     assert!(!insole.frame(0, &[FULL_CODE; 63]));
     assert_eq!(insole.loads(), &[RegionLoad::NONE; 8]);
 }
@@ -375,7 +375,7 @@ fn invalid_cells_are_refused_by_number() {
 #[test]
 fn invalid_tissue_is_refused_with_its_reason_and_changes_nothing() {
     let mut insole = Insole::<f32, 4>::new();
-    insole.set_tissue(&TISSUE).expect("tissue");
+    insole.set_tissue(&TISSUE).expect("the parameters are accepted");
     let mut force_laws = TISSUE.force_laws;
     force_laws[Region::Hallux as usize].ab_m2 = 0.0;
     for (bad, reason) in [
@@ -399,7 +399,7 @@ fn any_changed_bit_changes_the_id() {
             let law = &mut force_laws[bit / 192];
             let values =
                 [&mut law.ab_m2, &mut law.c_m, &mut law.stiffness_pa, &mut law.damping_pa_s, &mut law.n, &mut law.m];
-            let value = values.into_iter().nth(bit / 32 % 6).expect("six numbers");
+            let value = values.into_iter().nth(bit / 32 % 6).expect("a force law has six numbers");
             *value = f32::from_bits(value.to_bits() ^ 1 << (bit % 32));
             Tissue::new(force_laws).id
         })
@@ -434,7 +434,7 @@ fn the_sums_of_the_largest_region_do_not_overflow() {
     let mut insole = new_insole::<f64>(SETUP, &cells);
     insole.frame(0, &[FULL_CODE - 1; 125]);
     assert_eq!(insole.loads()[0].frame.area.area_mm2::<f64>(), 500_000.0);
-    let ellipse = insole.ellipse(0).expect("contact");
+    let ellipse = insole.ellipse(0).expect("there is contact");
     let truth = Reference::new(SETUP, &cells).frame(&[FULL_CODE - 1; 125])[0];
     assert!((ellipse.x_mm - truth.x_mm).abs() < 1e-6 && (ellipse.y_mm - truth.y_mm).abs() < 1e-6);
     let trace = (ellipse.r_a_mm.powi(2) + ellipse.r_b_mm.powi(2)) / 4.0;

@@ -97,12 +97,14 @@ fn data_stored_by_older_firmware_are_read() {
     let contents = store.contents();
     assert_eq!((contents.start, contents.next_step, contents.newer_kinds, contents.newer_steps), (2, 20, 0, 0));
     assert_eq!(now(store.get::<Tissue>(0)), Ok(Some(*TISSUE)));
-    let serial = Serial::new("P-0001").expect("printable");
+    let serial = Serial::new("P-0001").expect("the serial number is valid");
     assert_eq!(now(store.get::<IdentityRecord>(0)), Ok(Some(IdentityRecord { side: Side::Right, serial })));
     assert_eq!(now(store.get::<Bonds>(0)), Ok(Some(Bonds([1, 2, 3, 4, 5].into_iter().collect()))));
-    let calibration = now(store.calibration(7, 40)).expect("the chip works").expect("a calibration is valid");
+    let calibration = now(store.calibration(7, 40)).expect("the chip works").expect("the calibration is valid");
     for block in 0..3u16 {
-        let cells = now(store.calibration_block(&calibration, block as u8)).expect("the chip works").expect("a block");
+        let cells = now(store.calibration_block(&calibration, block as u8))
+            .expect("the chip works")
+            .expect("the block is stored");
         for (i, cell) in (block * BLOCK_CELLS as u16..40).zip(cells) {
             assert_eq!(cell, CellCalibration { offset: 100 + i, gain: 1.0 + f32::from(i) / 64.0 });
         }

@@ -142,10 +142,10 @@ impl ConnectedBoard {
     }
 }
 
-/// The uptime at which the previous run ended, which its fault report contains, s.
+/// The uptime at which the previous run ended, from its fault report, s.
 fn ended_s(report: &str) -> f64 {
-    let (_, after) = report.split_once(" after ").expect("a time");
-    after.split(' ').next().and_then(|s| s.parse().ok()).expect("seconds")
+    let (_, after) = report.split_once(" after ").expect("the report contains a time");
+    after.split(' ').next().and_then(|s| s.parse().ok()).expect("the time is a number")
 }
 
 /// The fault report of the previous run; empty if there is none.

@@ -46,9 +46,9 @@ fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
     };
     let board = boot(None);
     let mut client = session(&board);
-    let serial = Serial::new("P-0001").expect("printable");
-    client.set_tissue(&tissue()).expect("accepted");
-    let identity = client.set_identity(Side::Right, serial).expect("accepted");
+    let serial = Serial::new("P-0001").expect("the serial number is valid");
+    client.set_tissue(&tissue()).expect("the request is accepted");
+    let identity = client.set_identity(Side::Right, serial).expect("the request is accepted");
     assert_eq!((identity.side, identity.serial, client.hello().side), (Side::Right, serial, Side::Left));
     board.play();
     let mut recorded = Vec::new();
@@ -75,11 +75,11 @@ fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
         for (recorded, again) in recorded.iter().zip(&again) {
             assert_eq!(*again, plantar::protocol::Step { boots_since, ..*recorded });
         }
-        let status = client.status().expect("an answer");
+        let status = client.status().expect("the insole answers");
         assert_eq!((status.contents.start, status.contents.next_step), (boots_since + 1, 3));
         let flash = boards.pop().expect("a board is on").flash().expect("the chip can be read");
         boards.push(boot(Some(flash)));
         client = session(&boards[0]);
     }
-    assert_eq!(client.identity().expect("an answer").serial, serial);
+    assert_eq!(client.identity().expect("the insole answers").serial, serial);
 }

@@ -40,7 +40,7 @@ fn signed(mut bytes: Vec<u8>, header: &Header, secret: &SigningKey) -> Image {
 
 /// The key that signs development images, which the emulated board accepts.
 fn development() -> SigningKey {
-    development_key().expect("the development key")
+    development_key().expect("the development key is valid")
 }
 
 /// The firmware with a newer version.

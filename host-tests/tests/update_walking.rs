@@ -33,7 +33,7 @@ fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
     let mut session = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
     session.stream().expect("the stream starts");
 
-    let secret = development_key().expect("the development key");
+    let secret = development_key().expect("the development key is valid");
     let image =
         Image::sign(flash_image(&firmware).expect("the firmware is built"), &secret).expect("the image has a header");
     let mut offer = image.offer();

@@ -271,7 +271,7 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
 }
 
 fn serial() -> impl Strategy<Value = Serial> {
-    "[!-~]{0,16}".prop_map(|text| Serial::new(&text).expect("short and printable"))
+    "[!-~]{0,16}".prop_map(|text| Serial::new(&text).expect("the serial number is valid"))
 }
 
 /// One message of each kind to the host.
@@ -631,7 +631,11 @@ fn bytes_of_this_version() {
 }
 
 fn identity() -> Identity {
-    Identity { side: Side::Right, serial: Serial::new("P-0001").expect("printable"), calibration_id: 300 }
+    Identity {
+        side: Side::Right,
+        serial: Serial::new("P-0001").expect("the serial number is valid"),
+        calibration_id: 300,
+    }
 }
 
 const OFFER: Offer = Offer { header: Header::new("board", "1.2.3"), chunks: 300, signature: [[1; 32], [2; 32]] };
@@ -679,7 +683,9 @@ const SET_CLOCK: &str = "0e078080f9c0c1c48203c9aa264a00";
 #[test]
 fn live_values_are_rounded_and_limited() {
     let mut insole = Insole::<f64, 1>::new();
-    insole.set_up(Setup { ..testkit::SETUP }, [cell(Region::Heel, 0.0, 0.0, 25.0)].into_iter()).expect("set-up");
+    insole
+        .set_up(Setup { ..testkit::SETUP }, [cell(Region::Heel, 0.0, 0.0, 25.0)].into_iter())
+        .expect("the set-up is accepted");
     let mut loads = *insole.loads();
     // Force in N, and the value in the message in 0.1 N.
     let cases = [

@@ -33,11 +33,11 @@ pub fn computed() -> Vec<Clean> {
     [50.0, 100.0, 400.0].map(clean).into()
 }
 
-/// The barefoot walkers of the data set SpeedPP2DS, which is in the folder `jiku`.
+/// The barefoot walkers of the data set SpeedPP2DS; `jiku` is its folder.
 pub fn barefoot(jiku: &Path) -> Vec<Clean> {
     let mut all = Vec::new();
     for walker in 0..10 {
-        let walk = jiku::import(jiku, walker, 0..60, &mut |_, _| ()).expect("the data set");
+        let walk = jiku::import(jiku, walker, 0..60, &mut |_, _| ()).expect("the data set can be read");
         for rate_hz in [50.0, 100.0] {
             let recording = walk.at_rate(rate_hz).and_then(|walk| walk.binned(DEVICE_CELLS));
             all.push(Clean {
@@ -54,7 +54,7 @@ pub fn in_shoe(recordings: &Path) -> Vec<Clean> {
     let data = recordings.join("pedar");
     let clean = |side: Side| {
         let walk = pedar::import(data.join("pedar_example.asc"), data.join("geometry.csv"), side, &mut |_, _| ());
-        Clean { name: format!("in shoe, {}", side.name()), recording: walk.expect("the recording") }
+        Clean { name: format!("in shoe, {}", side.name()), recording: walk.expect("the recording can be read") }
     };
     [Side::Left, Side::Right].map(clean).into()
 }
@@ -181,7 +181,7 @@ pub fn one_of_each(recording: &Recording, from_s: f64) -> Vec<SensorFault> {
         .into_iter()
         .map(|(name, kind, value)| {
             let places = loaded.places(name);
-            // A drift that is too fast for zero tracking.
+            // This drift is too fast for zero tracking.
             let value = if kind == FaultKind::Drift { 2_000.0 } else { value };
             SensorFault { kind, place: places[places.len() / 2], value, from_s }
         })
@@ -271,7 +271,7 @@ pub fn model_error(clean: &Clean, draws: usize, seed: u64) -> ModelError {
     let contact = ContactRule::COUNTED;
     let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut study = Study::new(clean.name.clone(), contact, Options::usual(InsoleSize::default().thickness_m()));
-    study.add("walk".into(), recording, &virtual_insole, &mut |_| ()).expect("a valid recording");
+    study.add("walk".into(), recording, &virtual_insole, &mut |_| ()).expect("the recording is valid");
     study.fit(&|_| ());
     let mut parameters = Parameters::typical(InsoleSize::default());
     for (region, fit) in parameters.regions.iter_mut().zip(&study.fits) {

@@ -120,7 +120,7 @@ impl Bench {
         // A board without power closes the link.
         let was_cut = matches!(ended, Err(Error::Carrier(_)));
         assert!(was_cut || ended.is_ok(), "{ended:?}");
-        (insole, board.flash().expect("the chip can be read"), was_cut)
+        (known, board.flash().expect("the chip can be read"), was_cut)
     }
 
     /// Stores items of every kind through `client`, and records in `known` which of them the insole has confirmed.
@@ -133,7 +133,7 @@ impl Bench {
         client.set_tissue(&tissue)?;
         known.tissue_id.confirm();
 
-        let serial = Serial::new(&format!("P{round}")).expect("short and printable");
+        let serial = Serial::new(&format!("P{round}")).expect("the serial number is valid");
         known.serial.set_pending(serial);
         client.set_identity(Side::Left, serial)?;
         known.serial.confirm();
@@ -201,12 +201,12 @@ impl Bench {
         let is_gapless = steps.iter().copied().eq(oldest..status.contents.next_step);
         let most = known.acknowledged.pending.unwrap_or(known.acknowledged.confirmed);
         let checks = [
-            (insole.tissue_id.allows(&tissue_id), "parameters"),
-            (insole.serial.allows(&identity.serial), "serial number"),
-            (insole.calibration_id.allows(&identity.calibration_id), "calibration"),
-            (is_gapless && (insole.acknowledged.confirmed..=most).contains(&oldest), "oldest step"),
+            (known.tissue_id.allows(&tissue_id), "parameters"),
+            (known.serial.allows(&identity.serial), "serial number"),
+            (known.calibration_id.allows(&identity.calibration_id), "calibration"),
+            (is_gapless && (known.acknowledged.confirmed..=most).contains(&oldest), "oldest step"),
             // The insole may have recorded one more step than those that arrived.
-            ((insole.arrived..=insole.arrived + 1).contains(&status.contents.next_step), "steps"),
+            ((known.arrived..=known.arrived + 1).contains(&status.contents.next_step), "steps"),
             (status.contents.erased == 0 && status.not_stored == 0, "counters of the chip"),
         ];
         match checks.iter().find(|(is_met, _)| !is_met) {

@@ -71,7 +71,7 @@ fn tissue(value: u16) -> Tissue {
 
 fn identity(value: u16) -> IdentityRecord {
     let side = if value.is_multiple_of(2) { Side::Left } else { Side::Right };
-    IdentityRecord { side, serial: Serial::new(&format!("P{value}")).expect("short and printable") }
+    IdentityRecord { side, serial: Serial::new(&format!("P{value}")).expect("the serial number is valid") }
 }
 
 fn bonds(value: u16) -> Bonds {
@@ -134,7 +134,13 @@ async fn check_content(store: &mut Chip<'_>, expected: &Content) -> Result<(), S
     let mut cells = Vec::new();
     if let Some(calibration) = &calibration {
         for block in 0..CELLS.div_ceil(BLOCK_CELLS) as u8 {
-            cells.extend(store.calibration_block(calibration, block).await.expect("the chip works").expect("a block"));
+            cells.extend(
+                store
+                    .calibration_block(calibration, block)
+                    .await
+                    .expect("the chip works")
+                    .expect("the block is stored"),
+            );
         }
         cells.truncate(CELLS);
     }
@@ -174,7 +180,7 @@ pub struct Script {
     actions: Vec<Action>,
     /// Number of write and erase operations of the chip in the whole script.
     pub operations: u64,
-    /// Number of erase operations among them.
+    /// Number of erase operations of the chip in the whole script.
     pub erasures: u32,
 }
 
@@ -220,7 +226,7 @@ impl Script {
         let outcomes = outcomes(&content, action);
         let mut failures = Vec::new();
         let found = outcomes.into_iter().find(|outcome| {
-            // A copy, because opening the store for the check changes the chip: it counts a boot.
+            // The check uses a copy of the chip, because opening the store counts a boot and so changes the chip.
             let mut chip = chip.clone();
             now(async {
                 let mut store = Store::open(Some(&mut chip), Reset::Power).await;

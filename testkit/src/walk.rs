@@ -58,12 +58,12 @@ impl Codes {
     }
 }
 
-/// One walk.
+/// A walk of the wearer.
 #[derive(Clone, Copy)]
 struct Bout {
-    /// Time of its start, us.
+    /// Time of the first frame, us.
     from_us: u64,
-    /// Its number of frames.
+    /// Number of frames.
     frames: usize,
 }
 

@@ -236,7 +236,9 @@ pub fn boot(
     let mut config =
         EmulatorConfig { address: [1 + side as u8, 0, 0, 0, 0, 0xc0], ..EmulatorConfig::new(virtual_insole.setup) };
     change(&mut config);
-    let port = radio.request(json!({"do": "radio", "name": side.name()}))["port"].as_u64().expect("a port");
+    let port = radio.request(json!({"do": "radio", "name": side.name()}))["port"]
+        .as_u64()
+        .expect("the simulation returns a port");
     let hardware = Hardware { hci: Some(([127, 0, 0, 1], port as u16).into()), flash, swapped: false };
     Board::start_with(firmware, &config, &virtual_insole.cells, time, walk, &hardware).expect("the board boots")
 }
@@ -392,7 +394,7 @@ impl Phone {
             assert!(value.len() <= self.max_len);
             let joiner = self.joiners.entry(of.clone()).or_default();
             let Some(message) = joiner.push(&value).expect("fragments arrive in order") else { continue };
-            let message = decode(message).expect("one complete message");
+            let message = decode(message).expect("the bytes are one complete message");
             let characteristic = match message {
                 ToHost::Live(_) => LIVE,
                 ToHost::Step(_) => STEPS,
@@ -442,8 +444,11 @@ pub fn hex(bytes: &[u8]) -> String {
 
 /// The bytes of a JSON string of hexadecimal digits.
 pub fn unhex(text: &Value) -> Vec<u8> {
-    let text = text.as_str().expect("hex");
-    (0..text.len()).step_by(2).map(|i| u8::from_str_radix(&text[i..i + 2], 16).expect("hex")).collect()
+    let text = text.as_str().expect("the text is hexadecimal");
+    (0..text.len())
+        .step_by(2)
+        .map(|i| u8::from_str_radix(&text[i..i + 2], 16).expect("the text is hexadecimal"))
+        .collect()
 }
 
 /// The fragments of a message, each of at most `max_len` bytes.
