@@ -140,7 +140,7 @@ impl StateMachineTest for AnyOrder {
 
     fn check_invariants(simulated: &Simulated, _: &Schedule) {
         for pair in simulated.hosts[0].steps.windows(2) {
-            assert!(plantar::sequence::is_after(pair[1].step, pair[0].step), "step numbers increase");
+            assert!(plantar::sequence::is_after(pair[1].step, pair[0].step), "step numbers must increase");
         }
     }
 

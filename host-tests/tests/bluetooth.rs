@@ -71,7 +71,7 @@ fn an_unbonded_phone_reads_the_device_information_and_nothing_else() {
     assert_eq!(phone.read(&mut world.radio, "2a24"), b"emulated");
     assert_eq!(phone.read(&mut world.radio, "2a26"), env!("PLANTAR_VERSION").as_bytes());
     assert_eq!(phone.read(&mut world.radio, "2a19"), [100]);
-    assert_eq!(phone.read(&mut world.radio, CURRENT_TIME), [0; 10], "the clock is not set");
+    assert_eq!(phone.read(&mut world.radio, CURRENT_TIME), [0; 10], "the clock must not be set yet");
     assert_eq!(phone.read(&mut world.radio, "2a54"), [0, 0]);
 
     let connect = fragments(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);

@@ -59,7 +59,7 @@ fn the_curve_is_within_a_thousandth_of_the_law() {
 }
 
 #[test]
-fn a_linear_sensor_is_exact() {
+fn the_curve_of_a_linear_sensor_is_exact() {
     let curve = curve(&LINEAR);
     for code in 1..=u16::MAX {
         let (exact, got) = (pressure_of(&LINEAR, code), curve.pressure_kpa::<f32>(i32::from(code)));

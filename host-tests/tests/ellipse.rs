@@ -246,7 +246,7 @@ fn a_line_of_cells_has_its_longer_radius_along_the_line() {
 }
 
 #[test]
-fn diagonal_cells_lie_at_45_degrees() {
+fn the_ellipse_of_diagonal_cells_lies_at_45_degrees() {
     for (sign, angle_deg) in [(1.0, 45.0), (-1.0, -45.0)] {
         let e = Ellipse::<f32>::from_moments(&whole_cells(&[(0.0, 0.0), (5.0, sign * 5.0)], 25.0))
             .expect("there is contact");
@@ -261,7 +261,7 @@ fn diagonal_cells_lie_at_45_degrees() {
 }
 
 #[test]
-fn a_square_block_is_a_circle_with_a_valid_angle() {
+fn the_ellipse_of_a_square_block_is_a_circle_with_a_valid_angle() {
     // The block is not at the reference point, so that rounding decides which of the two variances is larger.
     for i in 0..400 {
         let (x_mm, y_mm) = (i as f32 * 0.37 - 70.0, 60.0 - i as f32 * 0.29);

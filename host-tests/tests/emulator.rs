@@ -327,7 +327,7 @@ fn parameters_change_during_a_walk_without_loss_of_a_frame() {
     session.finish_into(&mut received);
     let [(changed, answer)] = received.tissues[..] else { panic!("{:?}", received.tissues) };
     assert_eq!(answer, other_tissue());
-    assert!(changed < session.scans as usize, "the walk ended before the change");
+    assert!(changed < session.scans as usize, "the parameters must change before the end of the walk");
     let results = (received.live, received.steps);
     let tissues = [(0, tissue()), (changed, other_tissue())];
     assert_eq!(results, replay_with(&walk, ContactRule::COUNTED, |_| false, &tissues));

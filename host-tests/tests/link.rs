@@ -351,7 +351,7 @@ fn accepted_parameters_are_confirmed_and_reported_from_then_on() {
         assert_eq!(
             session.tissue_due(),
             None,
-            "the frames queued before the answer were computed with the previous parameters"
+            "new parameters must not apply before the answer, because earlier live frames use the previous ones"
         );
         assert_eq!(all(&mut session), [Sent::Tissue(tissue.id)]);
     }
@@ -364,7 +364,7 @@ fn accepted_parameters_are_confirmed_and_reported_from_then_on() {
     assert_eq!(
         all(&mut session),
         [Sent::Hello, Sent::Tissue(TISSUE.id)],
-        "`next` checks that the hello contains the identifier of the parameters"
+        "the parameters must remain; `next` checks their identifier in the hello"
     );
 }
 

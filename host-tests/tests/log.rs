@@ -17,7 +17,7 @@ const TIMEOUT: Duration = Duration::from_secs(20);
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn the_firmware_reports_its_state_changes_with_levels() {
+fn the_log_contains_the_state_changes_of_the_firmware_with_their_levels() {
     let firmware = firmware();
     let recording = synthetic_walk(8, 100.0);
     let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);

@@ -204,7 +204,7 @@ const HEEL: Ellipsoid<f64> =
     Ellipsoid { a_m: 0.026, b_m: 0.033, c_m: 0.012, d0_m: 0.016, k: 2e7, n: 1.2, c: 4e5, m: 0.8 };
 
 #[test]
-fn printed_equation_15_would_be_twice_the_slope() {
+fn the_printed_equation_15_is_twice_the_slope() {
     // In light contact dd/dt = C dAe/dt / (2 pi A B). The printed equation lacks the factor 1/2.
     let rate_m_s = HEEL.deformation_rate_m_s(1e-12, 0.01);
     let expected_m_s = HEEL.c_m * 0.01 / (2.0 * section_m2(&HEEL));
@@ -218,7 +218,7 @@ fn full_contact_has_the_radii_of_the_ellipsoid() {
 }
 
 #[test]
-fn area_ratio_is_guarded() {
+fn the_area_ratio_is_limited_to_0_to_1() {
     let largest_m2 = section_m2(&HEEL);
     // Contact area, expected ratio, and whether the ratio is clamped.
     let cases = [
@@ -336,7 +336,7 @@ fn laws_at_their_limits() -> impl Iterator<Item = ForceLaw<f32>> {
 }
 
 #[test]
-fn the_limits_are_valid_and_the_next_numbers_are_not() {
+fn the_limits_are_valid_and_the_next_numbers_beyond_them_are_not() {
     for law in laws_at_their_limits() {
         assert!(law.is_valid(), "{law:?}");
         let mut beyond = [law; 6];

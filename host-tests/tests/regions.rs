@@ -314,7 +314,7 @@ fn try_set_up(setup: Setup, cells: &[SetupCell]) -> Result<(), SetupError> {
 }
 
 #[test]
-fn invalid_rules_are_refused_by_name() {
+fn invalid_rules_are_refused_with_the_kind_of_rule() {
     let one = [cell(Region::Heel, 0.0, 0.0, 25.0)];
     assert_eq!(try_set_up(SETUP, &one), Ok(()));
     for period_us in [0, 1_999, 50_001, u32::MAX] {
@@ -341,7 +341,7 @@ fn invalid_rules_are_refused_by_name() {
 }
 
 #[test]
-fn invalid_cells_are_refused_by_number() {
+fn invalid_cells_are_refused_with_their_number() {
     let good = cell(Region::Toe2, 30.0, 200.0, 25.0);
     let heel = cell(Region::Heel, 0.0, 0.0, 25.0);
     assert_eq!(try_set_up(SETUP, &[]), Err(SetupError::NoCells));

@@ -577,7 +577,7 @@ fn hex(bytes: &[u8]) -> String {
 /// Connect must never change. A change of another message requires a higher `protocol::MAJOR`, a new message a higher
 /// `protocol::MINOR`.
 #[test]
-fn bytes_of_this_version() {
+fn messages_have_the_bytes_of_this_version() {
     assert_eq!((MAJOR, MINOR), (2, 0), "add the bytes of the new version to this test");
     let golden = [
         ("hello", framed(&ToHost::Hello(Hello { major: 1, minor: 0, ..hello() })), HELLO),

@@ -234,7 +234,7 @@ impl Bench {
             }
         }
         let (known, chip, was_cut) = self.session(None);
-        assert!(!was_cut, "the session without a power cut failed");
+        assert!(!was_cut, "a session without a power cut must be complete");
         (self.known, self.chip) = (known, chip);
         cuts
     }

@@ -106,11 +106,11 @@ async fn act(store: &mut Chip<'_>, action: Action, content: &Content) -> Result<
             for (number, block) in (0..).zip(&blocks) {
                 store.put_calibration_block(number, block).await?;
             }
-            assert!(store.put_calibration(LAYOUT, CELLS as u16, id).await?, "every block is stored");
+            assert!(store.put_calibration(LAYOUT, CELLS as u16, id).await?, "every block must be stored");
             Ok(())
         }
         Action::Step => {
-            assert_eq!(store.push_step(&step(content.steps.1)).await?, 0, "the log has room");
+            assert_eq!(store.push_step(&step(content.steps.1)).await?, 0, "the log must have room");
             Ok(())
         }
         Action::AcknowledgeAllBut(rest) => match content.steps.1.checked_sub(rest + 1) {
@@ -149,7 +149,7 @@ async fn check_content(store: &mut Chip<'_>, expected: &Content) -> Result<(), S
         steps.push(step);
         true
     });
-    assert!(!more.await.expect("the chip works"), "all steps were read");
+    assert!(!more.await.expect("the chip works"), "all steps must be read");
     let is_step = |(number, stored): (u32, &Step)| *stored == Step { boots_since: stored.boots_since, ..step(number) };
     let numbers = || steps.iter().map(|step| step.step);
     let contents = store.contents();

@@ -60,6 +60,6 @@ pub fn wake_due() -> u64 {
 /// # Panics
 /// If the time is in the past.
 pub fn advance_to(at_us: u64) {
-    assert!(at_us >= now_us(), "time never goes backwards");
+    assert!(at_us >= now_us(), "time must not go backwards");
     NOW_US.set(at_us);
 }

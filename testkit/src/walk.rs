@@ -42,7 +42,7 @@ impl Codes {
         let begins = (1..recording.frames()).filter(|&i| is_loaded(i) && !is_loaded(i - 1));
         let mut step_ends: Vec<_> = begins.skip(1).collect();
         step_ends.push(recording.frames());
-        assert_eq!(step_ends.len(), LOOP_STEPS, "the swing after each step is unloaded");
+        assert_eq!(step_ends.len(), LOOP_STEPS, "the swing phase after each step must be unloaded");
         Self { virtual_insole, cells, frames, step_ends }
     }
 
