@@ -1,6 +1,7 @@
 //! The real firmware in QEMU and simulated phones, on a simulated radio link.
 //!
-//! `PLANTAR_FIRMWARE` names the file of the firmware, `PLANTAR_PYTHON` the Python interpreter that runs the phones.
+//! `PLANTAR_FIRMWARE` contains the path of the firmware, and `PLANTAR_PYTHON` that of the Python interpreter that runs the
+//! phones.
 
 mod common;
 mod phones;

@@ -86,7 +86,7 @@ pub struct HostInsole {
 }
 
 impl HostInsole {
-    /// A new insole, which is switched on now: its flash chip contains the firmware only.
+    /// A new insole that is switched on now. Its flash chip contains only the firmware.
     pub fn new(codes: Rc<Codes>) -> Self {
         let mut chip = NorFlashChip::new(FLASH_BYTES);
         let active = image(env!("CARGO_PKG_VERSION"), true);
