@@ -1,6 +1,6 @@
 //! Writes the seeds of the fuzz targets to `corpus/`, which has one folder for each target. The seeds are made from computed
-//! data. In this workspace, `cargo run --example seeds` runs the
-//! program.
+//! data. The command
+//! is `cargo run --example seeds`, in this workspace.
 //!
 //! This program does not write the seeds of `jiku`, because nothing in this project writes HDF5. Those seeds were written from
 //! computed trials with h5py.
