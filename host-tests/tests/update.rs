@@ -49,7 +49,7 @@ fn newer(firmware: &Path) -> Image {
 }
 
 /// A short image with a valid signature that crashes at its start, because it contains no program.
-fn crashing(version: &str) -> Image {
+fn crashing_image(version: &str) -> Image {
     signed(vec![0xff; 20 * CHUNK], &Header::new(BOARD, version), &development())
 }
 
@@ -204,9 +204,9 @@ fn an_image_that_makes_no_progress_is_swapped_back_at_the_next_start() {
 fn a_signed_image_that_crashes_is_swapped_back() {
     let mut insole = Insole::new();
     let board = insole.start(None, false);
-    assert_eq!(send(&mut connect(&board), &crashing(NEW)).ok(), Some(Progress::Accepted));
+    assert_eq!(send(&mut connect(&board), &crashing_image(NEW)).ok(), Some(Progress::Accepted));
     assert!(insole.wait(board));
-    assert!(insole.active().starts_with(crashing(NEW).bytes()));
+    assert!(insole.active().starts_with(crashing_image(NEW).bytes()));
     let board = insole.start(None, true);
     assert!(!insole.wait(board), "the image must crash, and not be swapped");
     let board = insole.start(None, false);
@@ -221,11 +221,11 @@ fn invalid_images_are_refused_and_the_running_image_remains() {
     let mut insole = Insole::new();
     let board = insole.start(None, false);
     let mut session = connect(&board);
-    let valid = crashing(NEW);
-    let offer = valid.offer();
-    let other_key = signed(valid.bytes().to_vec(), valid.header(), &SigningKey::from_bytes(&[1; 32]));
-    let older = crashing("0.0.9");
-    let other_board = signed(valid.bytes().to_vec(), &Header::new("stm32wb55", NEW), &development());
+    let signed_image = crashing_image(NEW);
+    let offer = signed_image.offer();
+    let other_key = signed(signed_image.bytes().to_vec(), signed_image.header(), &SigningKey::from_bytes(&[1; 32]));
+    let older = crashing_image("0.0.9");
+    let other_board = signed(signed_image.bytes().to_vec(), &Header::new("stm32wb55", NEW), &development());
     for (image, reason) in [(&other_key, Refusal::Signature), (&older, Refusal::Older), (&other_board, Refusal::Board)]
     {
         assert_eq!(refusal(send(&mut session, image)), Some(reason));
@@ -243,7 +243,7 @@ fn invalid_images_are_refused_and_the_running_image_remains() {
     ] {
         session.update(Request::Begin(offer)).expect("an image is accepted until it is verified");
         for number in 0..offer.chunks {
-            let mut chunk = valid.chunk(number);
+            let mut chunk = signed_image.chunk(number);
             if flipped == Some(usize::from(number)) {
                 chunk[0][0] ^= 0x10;
             }
@@ -256,7 +256,7 @@ fn invalid_images_are_refused_and_the_running_image_remains() {
     assert_eq!(refusal(session.update(Request::Begin(long))), Some(Refusal::Length));
     // A transfer without all of its chunks is refused.
     session.update(Request::Begin(offer)).expect("the request is accepted");
-    session.update(Request::Chunk { number: 0, chunk: valid.chunk(0) }).expect("the request is accepted");
+    session.update(Request::Chunk { number: 0, chunk: signed_image.chunk(0) }).expect("the request is accepted");
     assert_eq!(refusal(session.update(Request::Finish)), Some(Refusal::Incomplete));
 
     assert_eq!(session.reconnect(START_TIMEOUT).expect("the insole answers").firmware, OLD);
@@ -269,7 +269,7 @@ fn invalid_images_are_refused_and_the_running_image_remains() {
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_loss_of_power_during_the_transfer_leaves_the_running_image() {
     let mut insole = Insole::new();
-    let image = crashing(NEW);
+    let image = crashing_image(NEW);
     let mut cuts = 0;
     loop {
         insole.flash = None;
@@ -327,7 +327,7 @@ fn a_loss_of_power_during_the_swap_ends_in_the_new_image() {
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_loss_of_power_during_the_swap_back_ends_in_the_old_image() {
     let mut insole = Insole::new();
-    accept(&mut insole, &crashing(NEW));
+    accept(&mut insole, &crashing_image(NEW));
     let board = insole.start(None, false);
     assert!(insole.wait(board));
     let swapped = insole.flash.clone();
