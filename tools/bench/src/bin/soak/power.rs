@@ -4,8 +4,8 @@ use anyhow::{Error, Result};
 use bench::Figures;
 use std::path::Path;
 use testkit::nor_flash::Torn;
-use testkit::power::Script;
-use testkit::switched_off::Bench;
+use testkit::power_cuts::Bench;
+use testkit::store_script::Script;
 
 /// Tests the store on a simulated chip: power fails before, within and after each operation of two fixed sequences of storage
 /// calls. `short` tests only every eleventh operation.
