@@ -1,4 +1,4 @@
-//! Functions that several fuzz targets use.
+//! Input formats and checks that several fuzz targets use.
 
 use plantar::insole::Insole;
 use plantar::num::Real;
@@ -22,29 +22,31 @@ impl<'d> Iterator for Pieces<'d> {
     }
 }
 
-/// Largest number of frames of a recording that are replayed: enough for a step, and few enough for many executions.
+/// Largest number of frames of a recording that a target replays: enough for a step, and few enough for many executions per
+/// second.
 const REPLAYED_FRAMES: usize = 128;
 
-/// Checks that a recording that was read is consistent, and that an insole either refuses it or computes finite numbers from it.
+/// Checks that a recording is consistent after reading, and that an insole either refuses its layout or computes finite numbers
+/// from its frames.
 pub fn check_recording(recording: &Recording) {
     assert_eq!(recording.pressure_kpa.len(), recording.frames() * recording.cells());
     assert!((1..=MAX_CELLS).contains(&recording.cells()) && recording.frames() > 0);
     assert!(recording.rate_hz > 0.0 && recording.rate_hz.is_finite());
     assert!(recording.pressure_kpa.iter().all(|&kpa| kpa >= 0.0 && kpa.is_finite()));
     assert!(recording.t_s.iter().all(|t_s| t_s.is_finite()));
-    let worn = VirtualInsole::new(recording, ContactRule::COVERED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(recording, ContactRule::COVERED, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    if insole.set_up(worn.setup, worn.cells.iter().copied()).is_err() {
+    if insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).is_err() {
         return;
     }
-    let mut codes = vec![0; worn.cells.len()];
-    for i in 0..worn.frames(recording).min(REPLAYED_FRAMES) {
-        worn.codes_of(recording, i, &mut codes);
+    let mut codes = vec![0; virtual_insole.cells.len()];
+    for i in 0..virtual_insole.frames(recording).min(REPLAYED_FRAMES) {
+        virtual_insole.codes_of(recording, i, &mut codes);
         check_frame(&mut insole, i as u32, &codes);
     }
 }
 
-/// Passes one frame through an insole and checks that every result is finite, whatever the codes.
+/// Passes one frame with any codes through an insole, and checks that every result is finite.
 pub fn check_frame<R: Real, const N: usize>(insole: &mut Insole<R, N>, seq: u32, codes: &[u16]) {
     let is_step = insole.frame(seq, codes);
     for (region, load) in insole.loads().iter().enumerate() {
@@ -62,7 +64,7 @@ pub fn check_frame<R: Real, const N: usize>(insole: &mut Insole<R, N>, seq: u32,
     if !is_step {
         return;
     }
-    let step = insole.whole_step().expect("a step after toe off");
+    let step = insole.whole_step().expect("a step is complete after toe off");
     Step::new(&step);
     for r in &step.regions {
         let numbers = [
@@ -81,8 +83,8 @@ pub fn check_frame<R: Real, const N: usize>(insole: &mut Insole<R, N>, seq: u32,
     }
 }
 
-/// Lets a panic within the crate `name` unwind: its caller catches it and reports the file as damaged. Any other panic still
-/// aborts the process, as libFuzzer requires.
+/// Lets panics in sources whose paths contain `name` unwind: the code under test catches them, and reports the file as damaged.
+/// Any other panic still aborts the process, as libFuzzer requires.
 pub fn tolerate_panics_of(name: &'static str) {
     let abort = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

@@ -18,7 +18,7 @@ use heapless::Vec;
 /// the crate has an example.
 #[derive(Debug)]
 pub struct Insole<R, const N: usize> {
-    /// The frame period is 0 until [`Insole::set_up`].
+    /// [`Setup::period_us`] is 0 until [`Insole::set_up`].
     setup: Setup,
     curve: Curve,
     cells: Vec<InsoleCell<R>, N>,
@@ -32,12 +32,14 @@ pub struct Insole<R, const N: usize> {
     stance: Stance<R>,
     loads: [RegionLoad<R>; 8],
     detector: FaultDetector,
+    /// Number of the last frame.
     last_seq: Option<u32>,
+    /// Number of the next step.
     steps: u32,
 }
 
 impl<R: Real, const N: usize> Insole<R, N> {
-    /// An insole without cells; see [`Insole::set_up`]. All zeros, so that a static one occupies no flash.
+    /// An insole without cells; see [`Insole::set_up`]. All of its bytes are zero, so that a static insole occupies no flash.
     pub const fn new() -> Self {
         const {
             assert!(N <= 4096, "an insole has at most 4096 cells");
@@ -60,10 +62,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Replaces geometry, calibration and rules. Resets the state; the tissue parameters remain. Iterates over `cells` twice.
+    /// Replaces geometry, calibration and rules, and resets the state. The tissue parameters and the number of the next step
+    /// remain. Iterates over `cells` twice.
     ///
     /// # Errors
-    /// Where the configuration is invalid; the previous one then remains in force.
+    /// If the configuration is invalid; the previous configuration then remains in force.
     pub fn set_up<I>(&mut self, setup: Setup, cells: I) -> Result<(), SetupError>
     where
         I: Iterator<Item = SetupCell> + Clone,
@@ -109,10 +112,10 @@ impl<R: Real, const N: usize> Insole<R, N> {
     }
 
     /// Replaces the tissue parameters of the wearer from the next frame on. A stance that is in progress is evaluated with the
-    /// new ones.
+    /// new parameters.
     ///
     /// # Errors
-    /// Where the parameters are damaged or out of range; the previous ones then remain in force.
+    /// If the parameters are damaged or out of range; the previous parameters then remain in force.
     pub fn set_tissue(&mut self, tissue: &Tissue) -> Result<(), TissueError> {
         tissue.check()?;
         self.tissue_id = tissue.id;
@@ -138,10 +141,10 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.tissue_id
     }
 
-    /// Processes frame number `seq` with one raw code for each cell. True where the frame confirms toe off: then
-    /// [`Insole::step_region`] and [`Insole::step`] return the step until the next frame. Has no effect before
-    /// [`Insole::set_up`], and with fewer codes than cells. Sequence numbers wrap; a difference of more than 1 means missing
-    /// frames.
+    /// Processes frame number `seq` with one raw code for each cell. True if the frame confirms toe off: then
+    /// [`Insole::step_region`] and [`Insole::step`] return the step, until the next frame is processed. The call has no effect
+    /// before [`Insole::set_up`], or if there are fewer codes than cells. Sequence numbers wrap; a difference of more than 1
+    /// between two frames means that frames are missing.
     #[inline(never)]
     pub fn frame(&mut self, seq: u32, codes: &[u16]) -> bool {
         if self.setup().is_none() || codes.len() < self.cells() {
@@ -161,26 +164,28 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.stance.push(&self.limits, seq, self.loads.each_ref().map(|load| &load.frame))
     }
 
-    /// Sums the cells region by region, then runs the fault detection where the frame needs it.
+    /// Sums the cells region by region, then runs the fault detection if this frame needs it.
     fn sum_cells(&mut self, seq: u32, all_codes: &[u16]) {
         let mut change = 0;
         let (mut cells, mut codes) = (self.cells.as_mut_slice(), all_codes);
         let mut start = 0;
         for (load, &end) in self.loads.iter_mut().zip(&self.division.ends) {
-            // The ends increase, the last one is the number of cells, and `frame` has checked the number of codes.
+            // The ends increase, the last end is the number of cells, and `frame` has checked the number of codes.
             let (region_cells, other_cells) = cells.split_at_mut(end - start);
             let (region_codes, other_codes) = codes.split_at(end - start);
             change += sum_region(&self.curve, region_cells, region_codes, &mut load.frame);
             (cells, codes, start) = (other_cells, other_codes, end);
         }
         let is_foot_down = self.detector.is_foot_down(change);
+        // A cell was saturated in the stance that is in progress, or in the last one.
         let is_saturated = self.stance.saturated() != 0;
         if self.detector.has_masks() || is_saturated || !is_foot_down {
             self.detect_faults(seq, all_codes, is_saturated);
         }
     }
 
-    /// Interpolates masked cells and runs the fault detection. Out of line, because a loaded frame without faults needs neither.
+    /// Interpolates masked cells and runs the fault detection. It is not inlined, because a loaded frame without faults needs
+    /// neither.
     #[cold]
     #[inline(never)]
     fn detect_faults(&mut self, seq: u32, codes: &[u16], is_saturated: bool) {
@@ -215,7 +220,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// Contact ellipse of a region in the last frame, foot coordinates; `None` without contact.
     ///
     /// # Panics
-    /// Where `region` is not an index of [`crate::Region::ALL`].
+    /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn ellipse(&self, region: usize) -> Option<Ellipse<R>> {
         Ellipse::from_moments(&self.loads[region].frame.area).map(|e| self.in_foot(region, e))
     }
@@ -223,7 +228,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// Centre of pressure of a region in the last frame, foot coordinates, mm; `None` without force.
     ///
     /// # Panics
-    /// Where `region` is not an index of [`crate::Region::ALL`].
+    /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn centre_of_pressure_mm(&self, region: usize) -> Option<(R, R)> {
         let (x_mm, y_mm) = self.loads[region].frame.force.centre_of_pressure_mm()?;
         let origin = self.division.origins_mm[region];
@@ -236,7 +241,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         ellipse.moved(R::of_f32(x_mm), R::of_f32(y_mm))
     }
 
-    /// True from heel strike until toe off is confirmed, and in contacts that will not become steps.
+    /// True from heel strike until toe off is confirmed, and during contacts that will not become steps.
     pub fn on_ground(&self) -> bool {
         self.stance.on_ground()
     }
@@ -250,7 +255,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// between samples (s).
     ///
     /// # Panics
-    /// Where `region` is not an index of [`crate::Region::ALL`].
+    /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn curves(&self, region: usize) -> (&[R], &[R], R) {
         let (area_mm2, force_n) = self.stance.curves(region);
         (area_mm2, force_n, R::of_u32(self.stance.stride()) / self.frame_rate_hz)
@@ -260,7 +265,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// device should let other tasks run between two regions.
     ///
     /// # Panics
-    /// Where `region` is not an index of [`crate::Region::ALL`].
+    /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn step_region(&self, region: usize) -> RegionStep<R> {
         let (area_mm2, force_n, sample_s) = self.curves(region);
         let step =

@@ -1,4 +1,4 @@
-//! Log messages of the firmware: `defmt` where the board has a logger, nothing elsewhere.
+//! Log messages of the firmware. They are written by `defmt` if the board has a logger, and discarded otherwise.
 
 #[cfg(feature = "defmt")]
 pub(crate) use defmt::{error, info, warn};

@@ -1,8 +1,8 @@
 //! The arithmetic of the data path: [`Real`] is `f32` on a device, and `f32` or `f64` on a host.
 //!
 //! Transcendental functions are those of `libm` on all targets, never those of `std`, so that a host in `f32` computes exactly
-//! the same bits as a device. The square root is an instruction of the FPU where one exists. It is correctly rounded, as that of
-//! `libm` is, so its results are equal, too.
+//! the same bits as a device. The square root is an instruction of the FPU if there is one. The instruction is correctly rounded,
+//! as the function of `libm` is, so both have equal results.
 
 use core::fmt::Debug;
 use core::iter::Sum;
@@ -63,11 +63,11 @@ pub trait Real:
     /// Exponential.
     fn exp(self) -> Self;
 
-    /// The larger number; `other` where this one is NaN.
+    /// The larger number; `other` if this one is NaN.
     fn max(self, other: Self) -> Self {
         if self > other { self } else { other }
     }
-    /// The smaller number; `other` where this one is NaN.
+    /// The smaller number; `other` if this one is NaN.
     fn min(self, other: Self) -> Self {
         if self < other { self } else { other }
     }
@@ -142,7 +142,7 @@ impl Real for f32 {
     }
     #[inline(always)]
     fn round_u16(self) -> u16 {
-        // Converts to u32 first, because the FPU does so with saturation in one instruction.
+        // The number is converted to u32 first, because the FPU has an instruction for this conversion with saturation.
         ((self + 0.5) as u32).min(u32::from(u16::MAX)) as u16
     }
     fn round_i16(self) -> i16 {
@@ -162,7 +162,7 @@ impl Real for f32 {
 
 #[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
 mod fpu {
-    // A function, because inline assembly has no single-precision register class on this target.
+    // The instruction is in a function of its own, because inline assembly has no single-precision register class on this target.
     core::arch::global_asm!(
         ".fpu fpv4-sp-d16",
         ".section .text.plantar_sqrt, \"ax\", %progbits",

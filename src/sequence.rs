@@ -1,14 +1,14 @@
 //! Wrapping sequence numbers: the one comparison that firmware, host and page share.
 //!
-//! Numbers count modulo 2^32. Number `a` is later than number `b` where the difference `a - b` modulo 2^32 is from 1 to
+//! Numbers count modulo 2^32. Number `a` is later than number `b` if the difference `a - b` modulo 2^32 is from 1 to
 //! 2^31 - 1, as in RFC 1982 (serial number arithmetic).
 
-/// True where number `a` comes after number `b`.
+/// True if number `a` comes after number `b`.
 pub const fn is_after(a: u32, b: u32) -> bool {
     a != b && a.wrapping_sub(b) < 1 << 31
 }
 
-/// Number of values that were skipped between `expected` and `received`; 0 where `received` comes before `expected`, as after a
+/// Number of values that were skipped between `expected` and `received`; 0 if `received` comes before `expected`, as after a
 /// restart.
 pub const fn skipped(expected: u32, received: u32) -> u32 {
     if is_after(received, expected) { received.wrapping_sub(expected) } else { 0 }

@@ -43,7 +43,7 @@ impl StoredBond {
 /// Version of the stored form.
 const VERSION: u8 = 1;
 
-/// Loads the stored bonds; an empty vector where they are damaged or of another version.
+/// Loads the stored bonds; an empty vector if they are damaged or of another version.
 pub fn load(insole: &dyn GattServer) -> Vec<StoredBond, MAX_BONDS> {
     let mut bytes = [0; MAX_BONDS_BYTES];
     let len = insole.load_bonds(&mut bytes);
@@ -59,7 +59,7 @@ pub fn load(insole: &dyn GattServer) -> Vec<StoredBond, MAX_BONDS> {
 fn store(bonds: &[BondInformation], insole: &dyn GattServer) {
     let (mut bytes, mut before) = ([0; MAX_BONDS_BYTES], [0; MAX_BONDS_BYTES]);
     let stored: Vec<StoredBond, MAX_BONDS> = bonds.iter().map(StoredBond::new).collect();
-    // Neither step fails: four bonds of at most 40 bytes and the checksum fit.
+    // Neither operation can fail: four bonds of at most 40 bytes each, the version and the checksum fit.
     let Ok(len) = postcard::to_slice(&(VERSION, stored), &mut bytes).map(|used| used.len()) else { return };
     let crc = CRC.checksum(&bytes[..len]).to_le_bytes();
     let Some(place) = bytes.get_mut(len..len + crc.len()) else { return };
@@ -71,8 +71,8 @@ fn store(bonds: &[BondInformation], insole: &dyn GattServer) {
     }
 }
 
-/// Makes a bond the most recently used one, removes the least recently used one where there are too many, and stores the bonds
-/// where they changed.
+/// Makes a bond the most recently used one, removes the least recently used bond if there are too many, and stores the bonds if
+/// they changed.
 pub fn remember<C: Controller>(
     stack: &Stack<'_, C, DefaultPacketPool>,
     bond: BondInformation,
@@ -81,7 +81,7 @@ pub fn remember<C: Controller>(
     if !bond.is_bonded {
         return;
     }
-    // Removed and added again, the bond becomes the last one.
+    // The bond is removed and added again, so that it becomes the last one.
     let _ = stack.remove_bond_information(bond.identity);
     let _ = stack.add_bond_information(bond);
     let oldest = stack.with_bond_information(|bonds| match bonds {

@@ -1,4 +1,4 @@
-//! A filter between radio and Bluetooth host: it removes packets to which the host would respond incorrectly.
+//! A filter between radio and Bluetooth host: it replaces packets to which the host would respond incorrectly.
 
 use bt_hci::ControllerToHostPacket;
 use bt_hci::cmd::{self, AsyncCmd, SyncCmd};

@@ -1,5 +1,6 @@
 //! The insole as a Bluetooth LE peripheral: advertising, bonds, and the GATT table of `docs/bluetooth.md`. The values of the
-//! characteristics are defined in [`plantar::firmware::ble`].
+//! characteristics are defined in [`plantar::firmware::ble`]. In this package, the host is the Bluetooth host (`trouble-host`),
+//! which runs on the insole.
 //!
 //! This is a separate package because it is compiled for size, while the data path is compiled for speed. Its entry point,
 //! [`run`], is not generic: generic code would be compiled with its caller.
@@ -24,9 +25,9 @@ use table::{Server, Table};
 use trouble_host::att::{AttClient, AttErrorCode, AttReq};
 use trouble_host::prelude::*;
 
-/// Time after power-on in which a central can bond.
+/// Time after power-on, or after a reset by the user, in which a central can bond.
 pub const BONDING_WINDOW: Duration = Duration::from_secs(60);
-/// Largest number of stored bonds. A further bond replaces the least recently used one.
+/// Largest number of stored bonds. A further bond replaces the least recently used bond.
 pub const MAX_BONDS: usize = 4;
 /// Longest value of a characteristic, bytes: a packet of 251 bytes without its L2CAP and ATT headers.
 pub const MAX_VALUE: usize = 244;
@@ -46,9 +47,9 @@ type Connected<'s, 'v> = GattConnection<'s, 'v, DefaultPacketPool>;
 /// The controller behind its HCI byte streams.
 type Radio = ExternalController<SerialTransport<NoopRawMutex, &'static HciPipe, &'static HciPipe>, 4>;
 
-/// Advertises, and serves one central at a time. Never returns. Where the radio does not respond, this task waits and no other
-/// task is affected. It is a task and not an async function, because the future of a function would be compiled with its caller,
-/// for speed.
+/// Advertises, and serves one central at a time. Never returns. If the radio does not respond, this task waits, and no other task
+/// is affected. It is a task and not an async function, because the future of a function would be compiled with its caller, for
+/// speed.
 #[embassy_executor::task]
 pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insole: &'static dyn GattServer) -> ! {
     let radio: Radio = ExternalController::new(SerialTransport::new(from_radio, to_radio));
@@ -59,9 +60,9 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
         answered.reset();
         let stack = set_up(&radio, &answered, insole, &mut resources);
         let (mut rx, mut control, mut tx) = stack.runner().split();
-        // All of them end where the radio fails; it is then set up again.
+        // If the radio fails, one of these futures ends, and the host is set up again.
         select3(rx.run(), control.run(), async {
-            // Without a radio, sender and server would wait in a busy loop, so they start after its first answer.
+            // Without a radio, sender and server would wait in a busy loop, so they start after the first answer of the radio.
             answered.wait().await;
             select(tx.run(), serve(&stack, table, insole)).await
         })
@@ -71,10 +72,11 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
     }
 }
 
-/// Resources of the Bluetooth host for one central, with one more bond: the new one is added before the oldest is removed.
+/// Resources of the Bluetooth host for one central. There is room for one more bond, because a new bond is added before the oldest
+/// one is removed.
 type Resources = HostResources<DefaultPacketPool, 1, 0, 1, { MAX_BONDS + 1 }>;
 
-/// Builds the GATT table. Out of line, like [`set_up`], so that its stack is not reserved permanently.
+/// Builds the GATT table. Like [`set_up`], it is not inlined, so that the stack that it needs is not reserved permanently.
 #[inline(never)]
 fn build_table(insole: &'static dyn GattServer) -> &'static (Table, Server<'static>) {
     static TABLE: StaticCell<(Table, Server<'static>)> = StaticCell::new();
@@ -105,7 +107,7 @@ fn set_up<'a>(
 /// The Bluetooth host.
 type Host<'s> = Stack<'s, Gate<'s, Radio>, DefaultPacketPool>;
 
-/// Advertises and serves centrals. Returns where the radio fails.
+/// Advertises and serves centrals. Returns if the radio fails.
 async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: &dyn GattServer) -> Result<(), Error> {
     let mut peripheral = stack.peripheral();
     let (mut advertised, mut scanned) = ([0; 31], [0; 31]);
@@ -127,7 +129,7 @@ async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: 
         let advertised = peripheral.advertise(&AdvertisementParameters::default(), advertisement).await;
         let advertiser = advertised.map_err(|_| Error::Other)?;
         let Ok(connection) = advertiser.accept().await else { continue };
-        // Always bondable for the host: the gate rejects pairing requests while bonding is not allowed.
+        // The host always allows bonding: the gate rejects pairing requests while the insole does not allow it.
         let _ = connection.set_bondable(true);
         let Ok(connection) = connection.with_attribute_server(server) else { continue };
         let serving = select(answer(&connection, table, stack, insole), async {
@@ -136,7 +138,7 @@ async fn serve(stack: &Host<'_>, (table, server): &(Table, Server<'_>), insole: 
             }
             core::future::pending::<()>().await
         });
-        // The host drops the event of a disconnection where its queue is full, so the connection is checked, too.
+        // The host drops the event of a disconnection if its queue is full, so the connection is also checked periodically.
         select(serving, async {
             while connection.raw().is_connected() {
                 Timer::after(CONNECTION_CHECK).await;
@@ -251,8 +253,8 @@ async fn free_packets<const N: usize>() {
     }
 }
 
-/// Sends a value to a central that has subscribed: as an indication where the characteristic has indications, otherwise as a
-/// notification. With an indication, returns after the confirmation of the central.
+/// Sends a value to a central that has subscribed: as an indication if the characteristic has indications, otherwise as a
+/// notification. After an indication, it returns once the central has confirmed it.
 async fn deliver<T: AsGatt>(
     connection: &Connected<'_, '_>,
     characteristic: &Characteristic<T>,

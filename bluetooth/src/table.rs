@@ -33,7 +33,7 @@ impl Table {
         use trouble_host::prelude::{characteristic as c, service as s};
         let mut table = AttributeTable::new();
         let appearance = &appearance::running_walking_sensor::IN_SHOE_RUNNING_WALKING_SENSOR;
-        // Fails for names of more than 22 bytes only, which the insole does not have.
+        // This fails only for names of more than 22 bytes, and the name of an insole is shorter.
         let _ = GapConfig::Peripheral(PeripheralConfig { name: insole.name(), appearance }).build(&mut table);
 
         let mut information = table.add_service(Service::new(s::DEVICE_INFORMATION));
@@ -60,7 +60,7 @@ impl Table {
         (Self { battery, time, cadence, control, live, steps, parameters }, AttributeServer::new(table))
     }
 
-    /// True for handles that only a bonded central on an encrypted link may write, subscriptions included.
+    /// True for handles that only a bonded central on an encrypted link may write. Handles of subscriptions are included.
     pub fn is_guarded(&self, handle: u16) -> bool {
         handle == self.time.handle || Some(handle) == self.time.cccd_handle || handle >= self.control.handle
     }

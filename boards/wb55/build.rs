@@ -7,6 +7,6 @@ use build_support::{Program, Region, link};
 const MAILBOX: Region = Region { name: "MAILBOX", origin: 0x2003_0000, bytes: 10 << 10 };
 
 fn main() {
-    // SRAM1 has 192 KiB; the firmware uses as much as the smallest board has.
+    // SRAM1 has 192 KiB. The firmware uses 128 KiB of it, because the smallest board has no more.
     link(Program::Application, 0x2000_0000..0x2002_0000, &[MAILBOX]);
 }

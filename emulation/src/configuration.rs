@@ -5,7 +5,7 @@ use plantar::pipeline::setup::SetupCell;
 use semihosting::fs::File;
 use semihosting::io::{Read, Seek, SeekFrom};
 
-/// The configuration; `None` where the file is absent or incomplete.
+/// The configuration; `None` if the file is absent or incomplete.
 pub fn configuration() -> Option<(EmulatorConfig, impl Iterator<Item = SetupCell> + Clone)> {
     read_setup(|at, bytes| {
         let mut file = File::open(SETUP_FILE).ok()?;

@@ -11,7 +11,7 @@ use semihosting::io::{self, Read, Seek, SeekFrom, Write};
 
 /// The chip. Its operations take no time.
 pub struct FlashFile {
-    /// `None` where there is no chip.
+    /// `None` if there is no chip.
     file: Option<File>,
     /// Number of write and erase operations before power fails.
     operations_left: Option<u32>,
@@ -34,11 +34,12 @@ impl NorFlashError for NoAnswer {
 }
 
 impl FlashFile {
-    /// Opens the chip; power fails in operation number `cut_at`, from 0.
+    /// Opens the chip. Power fails in operation number `cut_at` (write or erase, from 0); never for `None`.
     pub fn open(cut_at: Option<u32>) -> Self {
         Self { file: File::options().read(true).write(true).open(FLASH_FILE).ok(), operations_left: cut_at }
     }
 
+    /// The file at this offset, if the chip has `len` bytes there.
     fn at(&mut self, offset: u32, len: usize) -> Result<&mut File, NoAnswer> {
         let file = self.file.as_mut().filter(|_| offset as usize + len <= FLASH_BYTES).ok_or(NoAnswer)?;
         file.seek(SeekFrom::Start(offset.into()))?;
@@ -50,6 +51,7 @@ impl FlashFile {
         if self.operations_left == Some(0) { len / 2 } else { len }
     }
 
+    /// Counts an operation. If power fails in it, the emulator exits.
     fn end_operation(&mut self) {
         match &mut self.operations_left {
             Some(0) => semihosting::process::exit(0),

@@ -1,4 +1,4 @@
-//! The interface between the emulated board and the sensor plant on the host.
+//! The interface between the emulated board and the sensor plant, which is the simulation of the sensor matrix on the host.
 //!
 //! The plant writes three files to the emulator's working directory: [`SETUP_FILE`], a `postcard` [`EmulatorConfig`] followed by
 //! its cells as [`SetupCell`]; [`MATRIX_FILE`], the codes of the current scan, little endian, in the order of the cells; and
@@ -31,19 +31,19 @@ pub const SETUP_FILE: &core::ffi::CStr = c"setup.bin";
 pub const MATRIX_FILE: &core::ffi::CStr = c"matrix.bin";
 /// Name of the file with the contents of the board's flash chip.
 pub const FLASH_FILE: &core::ffi::CStr = c"flash.bin";
-/// Size of that chip, bytes.
+/// Size of the flash chip, bytes.
 pub const FLASH_BYTES: usize = CHIP_BYTES as usize;
-/// Addresses of the active image in that chip, because the controller's flash is read-only in the emulator.
+/// Addresses of the active image. It is in the flash chip, because the controller's flash is read-only in the emulator.
 pub const ACTIVE_IMAGE: Range<u32> = 0x20_0000..0x20_0000 + MAX_IMAGE;
 /// Exit status after the bootloader swapped images: the emulator must be started again with the image that is active now.
 pub const SWAPPED: i32 = 3;
-/// Name of a file that exists after such an exit: the next start continues with the application.
+/// Name of a file that exists after an exit with [`SWAPPED`]: at the next start, the bootloader starts the application directly.
 pub const SWAPPED_FILE: &core::ffi::CStr = c"swapped";
 /// Cells in a row of the emulated matrix; the last row may be shorter.
 pub const COLUMNS: usize = 16;
 /// Requests a scan.
 pub const SCAN: u8 = b'S';
-/// Requests the time of the next scan; only where the plant paces the scans.
+/// Requests the time of the next scan; used only if the plant paces the scans.
 pub const TICK: u8 = b'T';
 
 /// A fault to inject into the board's software.
@@ -59,7 +59,7 @@ pub enum InjectedFault {
     StackOverflow,
     /// Processing executes an undefined instruction.
     Fault,
-    /// Processing panics; or the start does, where the fault is already due.
+    /// Processing panics. If the fault is due immediately after the reset, the start panics.
     Panic,
 }
 
@@ -85,11 +85,11 @@ pub struct EmulatorConfig {
     pub bonding_s: u16,
     /// The random static Bluetooth address: the emulated controller has no unique number to derive it from.
     pub address: [u8; 6],
-    /// Number of the first scan, where the plant paces the scans.
+    /// Number of the first scan, if the plant paces the scans.
     pub first_scan: u32,
-    /// Number of the flash operation (write or erase, from 0) in which power fails.
+    /// Number of the flash operation (write or erase, from 0) in which power fails; `None` if power does not fail.
     pub power_cut: Option<u32>,
-    /// The fault to inject.
+    /// The fault to inject; `None` for no fault.
     pub fault: Option<PlannedFault>,
 }
 
@@ -112,7 +112,7 @@ impl EmulatorConfig {
 const ITEM_BYTES: usize = 192;
 
 /// Decodes the set-up file item by item, because all of it would take kilobytes of stack. `read` fills a buffer from an offset in
-/// the file, and returns how many bytes it read. `None` where the file is absent or incomplete.
+/// the file, and returns how many bytes it read. `None` if the file is absent or incomplete.
 pub fn read_setup<F>(read: F) -> Option<(EmulatorConfig, impl Iterator<Item = SetupCell> + Clone)>
 where
     F: Fn(usize, &mut [u8]) -> Option<usize> + Clone,

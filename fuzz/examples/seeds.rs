@@ -1,7 +1,9 @@
-//! Writes the seeds in `corpus/`, one folder for each target, from computed data: `cargo run --example seeds` in this workspace.
+//! Writes the seeds of the fuzz targets to `corpus/`, which has one folder for each target. The seeds are made from computed
+//! data. The command
+//! is `cargo run --example seeds`, in this workspace.
 //!
-//! This program does not write the seeds of `jiku`, because nothing in this project writes HDF5: h5py wrote them from computed
-//! trials.
+//! This program does not write the seeds of `jiku`, because nothing in this project writes HDF5. Those seeds were written from
+//! computed trials with h5py.
 
 use emulation::EmulatorConfig;
 use parameters::{InsoleSize, Parameters};
@@ -28,12 +30,12 @@ use std::path::Path;
 fn main() {
     let recording =
         synthetic::walk(&SyntheticWalk { cells: 8, steps: 1, rate_hz: 50.0, ..Default::default() }).recording;
-    let worn = VirtualInsole::new(&recording, ContactRule::COVERED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COVERED, StanceRule::WALKING);
     let parameters = Parameters::typical(InsoleSize::default());
     let tissue = parameters.tissue();
-    let (live, step) = walked(&recording, &worn, &tissue);
+    let (live, step) = walked(&recording, &virtual_insole, &tissue);
 
-    let serial = Serial::new("R-0001").expect("printable");
+    let serial = Serial::new("R-0001").expect("the serial number is valid");
     let fault = Fault { kind: FaultKind::Open, place: Place::Cell(0), found_ms: 1_920 };
     let to_device = [
         ToDevice::Connect { major: MAJOR, minor: MINOR },
@@ -48,12 +50,12 @@ fn main() {
         ToDevice::GetIdentity,
         ToDevice::SetIdentity { side: Side::Right, serial },
         ToDevice::SetCalibrationBlock { block: 0, cells: [CellCalibration::IDEAL; BLOCK_CELLS] },
-        ToDevice::SetCalibration { layout_id: worn.setup.layout_id, cells: 8, id: 1 },
+        ToDevice::SetCalibration { layout_id: virtual_insole.setup.layout_id, cells: 8, id: 1 },
         ToDevice::Restart,
     ]
     .map(|message| encoded(&message));
     let to_host = [
-        ToHost::Hello(hello(&worn, tissue.id)),
+        ToHost::Hello(hello(&virtual_insole, tissue.id)),
         ToHost::Status(Status { uptime_us: 12_345_678, frames: 1000, live_due: 3, live_sent: 2, ..Status::default() }),
         ToHost::Tissue(tissue),
         ToHost::Live(live),
@@ -91,10 +93,10 @@ fn main() {
     let full = [connect, stream].into_iter().chain([&b"S"[..], b"L"].into_iter().cycle().take(40));
     seed("link", "full", &pieces(full));
 
-    seed("set_up", "walk", &set_up_and_walk(&recording, &worn, &tissue));
+    seed("set_up", "walk", &set_up_and_walk(&recording, &virtual_insole, &tissue));
 
     seed("parameters", "typical", parameters.to_toml().as_bytes());
-    let zero = FootZero { layout_id: worn.setup.layout_id, offset_kpa: vec![1.5; recording.cells()] };
+    let zero = FootZero { layout_id: virtual_insole.setup.layout_id, offset_kpa: vec![1.5; recording.cells()] };
     seed("parameters", "zero", Zero { left: None, right: Some(zero) }.to_toml().as_bytes());
     seed("parameters", "thickness", b"heel = 17.5\ntoe_2 = 8\n");
     seed(
@@ -108,7 +110,7 @@ fn main() {
     csv(&recording);
     seed("pedar", "walk", &pedar());
 
-    let file = tempfile::NamedTempFile::new().expect("a file");
+    let file = tempfile::NamedTempFile::new().expect("the file can be created");
     let short = Recording {
         t_s: recording.t_s[..24].to_vec(),
         pressure_kpa: recording.pressure_kpa[..24 * recording.cells()].to_vec(),
@@ -121,14 +123,16 @@ fn main() {
 /// Writes one seed of a target.
 fn seed(target: &str, name: &str, bytes: &[u8]) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
-    fs::create_dir_all(&folder).expect("a folder");
+    fs::create_dir_all(&folder).expect("the folder can be created");
     fs::write(folder.join(name), bytes).expect("the seed is written");
 }
 
+/// A message without framing.
 fn encoded<T: serde::Serialize>(message: &T) -> Vec<u8> {
     encode(message, &mut [0; MAX_MESSAGE]).expect("the message fits").to_vec()
 }
 
+/// An encoded message with the framing of a byte carrier.
 fn framed(message: &[u8]) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
     let len = frame(message, &mut out);
@@ -141,17 +145,17 @@ fn pieces<'p>(pieces: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
     pieces.into_iter().flat_map(|piece| [&(piece.len() as u16).to_le_bytes(), piece].concat()).collect()
 }
 
-/// The last live frame of the first stance, and its step.
-fn walked(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> (Live, Step) {
+/// The last live frame of the first stance of a walk, and the step of that stance.
+fn walked(recording: &Recording, virtual_insole: &VirtualInsole, tissue: &Tissue) -> (Live, Step) {
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a valid recording");
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the recording is valid");
     insole.set_tissue(tissue).expect("typical parameters are valid");
-    let mut codes = vec![0; worn.cells.len()];
+    let mut codes = vec![0; virtual_insole.cells.len()];
     let mut live = Live::default();
-    for i in 0..worn.frames(recording) {
-        worn.codes_of(recording, i, &mut codes);
+    for i in 0..virtual_insole.frames(recording) {
+        virtual_insole.codes_of(recording, i, &mut codes);
         if insole.frame(i as u32, &codes) {
-            return (live, Step::new(&insole.whole_step().expect("a step")));
+            return (live, Step::new(&insole.whole_step().expect("the step is complete")));
         }
         if insole.on_ground() {
             live = Live::new(i as u32, i as u64 * 20_000, insole.loads(), insole.masked());
@@ -160,18 +164,19 @@ fn walked(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> (Live
     panic!("the walk has a step");
 }
 
-fn hello(worn: &VirtualInsole, tissue_id: u32) -> Hello {
+/// A hello of this insole.
+fn hello(virtual_insole: &VirtualInsole, tissue_id: u32) -> Hello {
     Hello {
         major: MAJOR,
         minor: MINOR,
         firmware: "0.1.0".try_into().expect("the text fits"),
         board: "emulated".try_into().expect("the text fits"),
         side: Side::Right,
-        layout_id: worn.setup.layout_id,
-        cells: worn.cells.len() as u16,
-        period_us: worn.setup.period_us,
+        layout_id: virtual_insole.setup.layout_id,
+        cells: virtual_insole.cells.len() as u16,
+        period_us: virtual_insole.setup.period_us,
         tissue_id,
-        contact_rule: worn.setup.contact,
+        contact_rule: virtual_insole.setup.contact,
         reset: Reset::Panic,
         last_panic: Some("app.rs:1 said".try_into().expect("the text fits")),
     }
@@ -187,25 +192,27 @@ fn fragments(message: &[u8]) -> Vec<Vec<u8>> {
 }
 
 /// An input of the target `set_up`: set-up, parameters and the frames of a walk.
-fn set_up_and_walk(recording: &Recording, worn: &VirtualInsole, tissue: &Tissue) -> Vec<u8> {
-    let mut setup = postcard::to_stdvec(&EmulatorConfig { is_paced: true, ..EmulatorConfig::new(worn.setup) })
-        .expect("the value can be encoded");
-    for cell in &worn.cells {
+fn set_up_and_walk(recording: &Recording, virtual_insole: &VirtualInsole, tissue: &Tissue) -> Vec<u8> {
+    let mut setup =
+        postcard::to_stdvec(&EmulatorConfig { is_paced: true, ..EmulatorConfig::new(virtual_insole.setup) })
+            .expect("the value can be encoded");
+    for cell in &virtual_insole.cells {
         setup = postcard::to_extend(cell, setup).expect("the value can be encoded");
     }
     let mut input = (setup.len() as u16).to_le_bytes().to_vec();
     input.extend(setup);
     input.extend(postcard::to_stdvec(&tissue.force_laws).expect("the value can be encoded"));
-    let mut codes = vec![0; worn.cells.len()];
-    for i in 0..worn.frames(recording) {
-        worn.codes_of(recording, i, &mut codes);
-        // One missing frame in the stance is bridged.
+    let mut codes = vec![0; virtual_insole.cells.len()];
+    for i in 0..virtual_insole.frames(recording) {
+        virtual_insole.codes_of(recording, i, &mut codes);
+        // One frame of the stance is missing, and is bridged.
         input.push(u8::from(i == 30));
         input.extend(codes.iter().map(|code| (code >> 8) as u8));
     }
     input
 }
 
+/// Writes the seeds of the targets `layout` and `frames`.
 fn csv(recording: &Recording) {
     let mut layout = "cell,x_mm,y_mm,area_mm2,region\n".to_string();
     for (i, cell) in recording.layout.cells.iter().enumerate() {
@@ -221,7 +228,7 @@ fn csv(recording: &Recording) {
     seed("frames", "walk", frames.as_bytes());
 }
 
-/// An export with two sensors for each foot.
+/// An input of the target `pedar`: the geometry and an export with two sensors for each foot.
 fn pedar() -> Vec<u8> {
     let mut text = "side,sensor,area_mm2,x1_mm,y1_mm,x2_mm,y2_mm,x3_mm,y3_mm,x4_mm,y4_mm\n".to_string();
     for (side, x_mm) in [("left", 0), ("right", 100)] {

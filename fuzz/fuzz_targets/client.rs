@@ -1,4 +1,5 @@
-//! The host's side of a session with any insole: it ends with an error or normally, and its counters are consistent.
+//! The host's side of a session with an insole that sends any messages: the session ends normally or with an error, and the
+//! host's counters are consistent.
 #![no_main]
 
 use client::{Client, Framed, step_to_json};
@@ -9,12 +10,12 @@ use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::time::Duration;
 
-/// An insole that sends the given bytes, whatever it receives.
+/// An insole that sends these bytes, independently of the requests that it receives.
 struct Insole(VecDeque<u8>);
 
 impl Read for Insole {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        // 0 at the end, as from a broken carrier.
+        // At the end of the bytes this returns 0, as a broken carrier does.
         self.0.read(buffer)
     }
 }
@@ -37,7 +38,7 @@ fuzz_target!(|data: &[u8]| {
         bytes.extend(&framed[..len]);
     }
     let Ok(mut client) = Client::connect(Framed::new(Insole(bytes)), Duration::MAX) else { return };
-    // A request that is not answered ends with an error, because the carrier breaks.
+    // A request without an answer ends with an error, because the carrier breaks at the end of the bytes.
     let _ = client.stream();
     let _ = client.tissue();
     let mut live = 0;

@@ -1,4 +1,4 @@
-//! A stream of bytes: each frame in it is a message or is counted as bad, and the frame after a damaged one is received.
+//! A stream of bytes: each frame in the stream is a message or is counted as bad, and a valid frame is received after any bytes.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,5 +1,5 @@
-//! Fragments of messages, as a central writes them: they are joined or refused, and a message that is split into fragments of any
-//! size is joined to the same message.
+//! Fragments of messages, as a central writes them: any fragments are joined or refused, and the fragments of a message, of any
+//! size, are joined to the same message.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -23,10 +23,10 @@ fuzz_target!(|data: &[u8]| {
     let mut splitter = Splitter::new();
     splitter.buffer()[..message.len()].copy_from_slice(message);
     splitter.start(message.len());
-    // From the shortest value of a characteristic to longer than a message.
+    // A fragment has at most 4 to 255 bytes here, and at most 20 to 244 bytes on a real link.
     let mut piece = vec![0; usize::from(size).max(4)];
     loop {
-        let len = splitter.next(&mut piece).expect("another fragment");
+        let len = splitter.next(&mut piece).expect("the message has another fragment");
         let joined = joiner.push(&piece[..len]).expect("the fragments are in order");
         assert_eq!(joined.is_some(), splitter.is_done());
         if let Some(joined) = joined {

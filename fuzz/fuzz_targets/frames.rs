@@ -1,4 +1,4 @@
-//! The frames file of a CSV import, with a fixed layout.
+//! The frames file of a CSV import, with a fixed layout of two cells: the recording is consistent, or the file is refused.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,5 @@
-//! A firmware image, as `plantar update` reads it, and its header, as an insole reads it.
+//! A firmware image, as `plantar update` reads it, and its header, as an insole reads it: each is refused, or has the same bytes
+//! when it is written again.
 #![no_main]
 
 use firmware_image::Image;

@@ -1,4 +1,4 @@
-//! The HDF5 file of one walker from `jiku-data`.
+//! The HDF5 file of one walker from `jiku-data`: the recording is consistent, or the file is refused.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,5 @@
-//! The layout file of a CSV import, with the fewest unloaded frames that make a recording.
+//! The layout file of a CSV import, with two unloaded frames, the fewest of a recording: the recording is consistent, or the file
+//! is refused.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,5 @@
-//! An insole's side of a session with any host: messages fit, counters are consistent, and every lost step is counted.
+//! An insole's side of a session with a host that sends any messages: messages fit their limits, counters are consistent, and
+//! every lost step is counted.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -11,18 +12,24 @@ use plantar::protocol::{
 };
 use plantar_fuzz::Pieces;
 
-/// The state of the session, as its messages imply it.
+/// The state that the session should have.
 #[derive(Default)]
 struct Expected {
+    /// Number of steps that were queued.
     pushed: u32,
+    /// Number of steps that a full queue dropped.
     dropped: u32,
+    /// Number of acknowledged steps.
     acknowledged: u32,
+    /// The numbers of the steps in the queue.
     unacknowledged: Vec<u32>,
-    /// How many of `unacknowledged` were sent in this session.
+    /// Number of steps of `unacknowledged` that were sent in this session, from the first one on.
     sent: usize,
+    /// Number of live frames that were due in this session.
     live_due: u32,
+    /// Number of live frames that were sent in this session.
     live_sent: u32,
-    /// All live frames before this number were sent, or counted as due in a status.
+    /// All live frames before this number were sent or dropped.
     live_passed: u32,
 }
 
@@ -33,20 +40,22 @@ impl Expected {
 }
 
 fuzz_target!(|data: &[u8]| {
-    let mut link = Session::new();
+    let mut session = Session::new();
     let mut expected = Expected::default();
-    // A piece is a message from the host, or one of these events.
+    // A piece is a message from the host, or a single letter for one of these events.
     for piece in Pieces(data) {
         match piece {
+            // A live frame is due.
             [b'L'] => {
-                if let Some(sequence) = link.next_live() {
+                if let Some(sequence) = session.next_live() {
                     assert_eq!(sequence, expected.live_due);
-                    link.push_live(Live { sequence, t_us: u64::MAX, ..Live::default() });
+                    session.push_live(Live { sequence, t_us: u64::MAX, ..Live::default() });
                     expected.live_due += 1;
                 }
             }
+            // A step is complete.
             [b'S'] => {
-                link.push_step(step(expected.pushed));
+                session.push_step(step(expected.pushed));
                 expected.unacknowledged.push(expected.pushed);
                 expected.pushed += 1;
                 if expected.unacknowledged.len() > STEP_QUEUE {
@@ -55,51 +64,55 @@ fuzz_target!(|data: &[u8]| {
                     expected.dropped += 1;
                 }
             }
+            // The carrier sends the next message.
             [b'N'] => {
-                next(&mut link, &mut expected);
+                next(&mut session, &mut expected);
             }
             // The pending command succeeds or fails.
-            [b'K'] => link.complete(Ok(CommandResult::Stored)),
-            [b'F'] => link.complete(Err(Refusal::NotStored)),
+            [b'K'] => session.complete(Ok(CommandResult::Stored)),
+            [b'F'] => session.complete(Err(Refusal::NotStored)),
+            // The carrier is disconnected.
             [b'C'] => {
-                link.close();
+                session.close();
                 expected.end_session();
             }
             message => match decode::<ToDevice>(message) {
-                Some(message) => receive(&mut link, message, &mut expected),
-                None => link.receive_unknown(),
+                Some(message) => receive(&mut session, message, &mut expected),
+                None => session.receive_unknown(),
             },
         }
     }
     // A host that connects at the end receives every step that it has not acknowledged, in order.
-    receive(&mut link, ToDevice::Connect { major: MAJOR, minor: MINOR }, &mut expected);
-    while next(&mut link, &mut expected) {}
+    receive(&mut session, ToDevice::Connect { major: MAJOR, minor: MINOR }, &mut expected);
+    while next(&mut session, &mut expected) {}
     assert_eq!(expected.sent, expected.unacknowledged.len());
     assert_eq!(expected.unacknowledged.len() as u32 + expected.dropped + expected.acknowledged, expected.pushed);
 });
 
-fn receive(link: &mut Session, message: ToDevice, expected: &mut Expected) {
-    // A closed session has no stream and accepts no acknowledgement: `sent` is 0 then.
+/// Passes a message from the host to the session.
+fn receive(session: &mut Session, message: ToDevice, expected: &mut Expected) {
+    // A closed session accepts no acknowledgement: `sent` is 0 in a closed session.
     match message {
         ToDevice::Connect { .. } => expected.end_session(),
         ToDevice::Acknowledge { step } => {
-            let stored = expected.unacknowledged[..expected.sent]
+            let accepted = expected.unacknowledged[..expected.sent]
                 .iter()
                 .take_while(|&&waiting| step.wrapping_sub(waiting) < u32::MAX / 2);
-            let stored = stored.count();
-            expected.unacknowledged.drain(..stored);
-            expected.sent -= stored;
-            expected.acknowledged += stored as u32;
+            let accepted = accepted.count();
+            expected.unacknowledged.drain(..accepted);
+            expected.sent -= accepted;
+            expected.acknowledged += accepted as u32;
         }
         _ => {}
     }
-    link.receive(message, u64::MAX);
+    session.receive(message, u64::MAX);
 }
 
-fn next(link: &mut Session, expected: &mut Expected) -> bool {
+/// Checks the next message to the host; returns false if there is none.
+fn next(session: &mut Session, expected: &mut Expected) -> bool {
     let mut buffer = [0; MAX_MESSAGE];
-    let Some(message) = link.next(&hello(), Status::default, &mut buffer) else { return false };
-    match decode(message).expect("a message of this version") {
+    let Some(message) = session.next(&hello(), Status::default, &mut buffer) else { return false };
+    match decode(message).expect("the message has this version") {
         ToHost::Step(step) => {
             assert_eq!(step.step, expected.unacknowledged[expected.sent]);
             expected.sent += 1;
@@ -110,7 +123,7 @@ fn next(link: &mut Session, expected: &mut Expected) -> bool {
             expected.live_passed = live.sequence + 1;
         }
         ToHost::Status(status) => {
-            // All live frames before this number were sent or dropped; the queued ones are sent later.
+            // All live frames before `live_due` were sent or dropped. Queued frames are sent later.
             assert!((expected.live_passed..=expected.live_due).contains(&status.live_due));
             assert!(expected.live_due - status.live_due <= LIVE_QUEUE as u32);
             expected.live_passed = status.live_due;
@@ -118,10 +131,10 @@ fn next(link: &mut Session, expected: &mut Expected) -> bool {
             assert_eq!(status.steps_dropped, expected.dropped);
         }
         ToHost::Tissue(tissue) => assert!(tissue.id == 0 || tissue.check().is_ok()),
-        ToHost::Hello(hello) => assert_eq!(hello.tissue_id, link.tissue().id),
+        ToHost::Hello(hello) => assert_eq!(hello.tissue_id, session.tissue().id),
         ToHost::Time { device_us, .. } => assert_eq!(device_us, u64::MAX),
         ToHost::Faults(faults) => assert_eq!(faults, Faults::NONE),
-        ToHost::Identity(identity) => assert_eq!(identity, link.identity()),
+        ToHost::Identity(identity) => assert_eq!(identity, session.identity()),
         ToHost::CalibrationBlock { .. }
         | ToHost::Update(_)
         | ToHost::CellStream(_)

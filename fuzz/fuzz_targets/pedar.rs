@@ -1,4 +1,5 @@
-//! A pedar export and its geometry, separated by a zero byte.
+//! The geometry of pedar insoles and an export, separated by a zero byte: the recordings of both feet are consistent, or the
+//! files are refused.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,4 @@
-//! A recording's Parquet file.
+//! The Parquet file of a recording: the recording is consistent, or the file is refused.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,5 @@
-//! An insole's set-up, its wearer's parameters, and frames of any codes: they are refused, or every result is finite.
+//! An insole's set-up, its wearer's parameters, and frames with any codes: set-up or parameters are refused, or every result is
+//! finite.
 #![no_main]
 
 use emulation::read_setup;
@@ -36,7 +37,7 @@ fn walk<R: Real>(setup: &[u8], tissue: &Tissue, frames: &[u8]) {
     // After a refusal the insole has no parameters.
     let _ = insole.set_tissue(tissue);
     let mut seq = 0u32;
-    // For each frame the number of missing frames before it, and one byte for each cell.
+    // Each frame consists of the number of missing frames before it, and of one byte for each cell.
     for bytes in frames.chunks_exact(1 + insole.cells()) {
         seq = seq.wrapping_add(1).wrapping_add(bytes[0].into());
         let codes: Vec<_> = bytes[1..].iter().map(|&byte| u16::from_le_bytes([byte, byte])).collect();

@@ -1,4 +1,4 @@
-//! Messages without framing: a decoded message can be encoded, in no more bytes, and is the same after decoding again.
+//! Messages without framing: a decoded message can be encoded in at most as many bytes, and is the same after decoding again.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

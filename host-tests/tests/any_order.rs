@@ -1,5 +1,4 @@
-//! Events of all kinds in any order: no stored step is lost or delivered twice, step numbers increase, and counters are
-//! consistent.
+//! Random events in any order: no stored step is lost or delivered twice, step numbers increase, and counters are consistent.
 
 use proptest::prelude::*;
 use proptest_state_machine::{ReferenceStateMachine, StateMachineTest, prop_state_machine};
@@ -19,7 +18,7 @@ const HEALTHY_MS: u64 = 8_000;
 #[derive(Clone, Debug)]
 struct Transition {
     event: Event,
-    then_ms: u64,
+    until_next_ms: u64,
 }
 
 #[derive(Clone, Debug)]
@@ -32,16 +31,17 @@ enum Event {
     Nothing,
 }
 
-/// The state that restricts the next events.
+/// The times that restrict which event can be next.
 #[derive(Clone, Debug, Default)]
 struct Schedule {
     now_ms: u64,
     /// End of the present walk.
     walks_until_ms: u64,
-    /// Earliest time of the next crash: several failed starts in a row would make the insole start without its stored data.
+    /// Earliest time of the next crash. After several failed starts in a row the insole would start without its stored data.
     crashes_from_ms: u64,
 }
 
+/// The state machine of the test.
 struct AnyOrder;
 
 fn events() -> impl Strategy<Value = Event> {
@@ -76,12 +76,12 @@ impl ReferenceStateMachine for AnyOrder {
     }
 
     fn transitions(_: &Schedule) -> BoxedStrategy<Transition> {
-        (events(), 10u64..4_000).prop_map(|(event, then_ms)| Transition { event, then_ms }).boxed()
+        (events(), 10u64..4_000).prop_map(|(event, until_next_ms)| Transition { event, until_next_ms }).boxed()
     }
 
     fn preconditions(state: &Schedule, transition: &Transition) -> bool {
         match transition.event {
-            // One walk at a time.
+            // A walk begins after the end of the previous one.
             Event::Physical(Physical::Walk { .. }) => state.now_ms >= state.walks_until_ms,
             Event::Physical(Physical::Stall(_) | Physical::Panic) => state.now_ms >= state.crashes_from_ms,
             _ => true,
@@ -98,7 +98,7 @@ impl ReferenceStateMachine for AnyOrder {
             }
             _ => {}
         }
-        state.now_ms += transition.then_ms;
+        state.now_ms += transition.until_next_ms;
         state
     }
 }
@@ -115,7 +115,7 @@ impl StateMachineTest for AnyOrder {
     fn init_test(_: &Schedule) -> Simulated {
         let world = Rc::new(RefCell::new(World::new(1, 100.0)));
         let mut hosts = vec![Host::new(&world, 0)];
-        // The host receives one step first, because it cannot notice the loss of the very first step.
+        // The host receives one step before the events, because it could not detect the loss of an insole's very first step.
         hosts[0].connect(Over::Serial, true);
         world.borrow_mut().schedule(now_us() + 500_000, 0, Physical::Walk { steps: 1 });
         follow(&mut hosts, now_us() + 3_000_000);
@@ -123,7 +123,7 @@ impl StateMachineTest for AnyOrder {
         Simulated { world, hosts }
     }
 
-    fn apply(mut simulated: Simulated, _: &Schedule, Transition { event, then_ms }: Transition) -> Simulated {
+    fn apply(mut simulated: Simulated, _: &Schedule, Transition { event, until_next_ms }: Transition) -> Simulated {
         let Simulated { world, hosts } = &mut simulated;
         let host = &mut hosts[0];
         match event {
@@ -134,17 +134,17 @@ impl StateMachineTest for AnyOrder {
             Event::Restart => host.restart(),
             Event::Nothing => {}
         }
-        follow(hosts, now_us() + then_ms * 1_000);
+        follow(hosts, now_us() + until_next_ms * 1_000);
         simulated
     }
 
     fn check_invariants(simulated: &Simulated, _: &Schedule) {
         for pair in simulated.hosts[0].steps.windows(2) {
-            assert!(plantar::sequence::is_after(pair[1].step, pair[0].step), "step numbers increase");
+            assert!(plantar::sequence::is_after(pair[1].step, pair[0].step), "step numbers must increase");
         }
     }
 
-    /// At the end the link works again, and every step arrives.
+    /// Repairs the link at the end. Every step must then arrive.
     fn teardown(simulated: Simulated, _: Schedule) {
         let Simulated { world, mut hosts } = simulated;
         let repairs = [Physical::CableRate { bytes_per_s: 0.0 }, Physical::Damage { every_bytes: 0 }];

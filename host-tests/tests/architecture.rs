@@ -6,14 +6,14 @@ use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The modules or crates that each one uses.
+/// For each module or crate, the modules or crates that it uses.
 type Graph = BTreeMap<String, BTreeSet<String>>;
 
 const DOCUMENT: &str = "docs/architecture.md";
 const BEGIN: &str = "<!-- The diagrams are generated: see CONTRIBUTING.md. -->\n";
 const END: &str = "<!-- End of the generated diagrams. -->\n";
 
-/// Folders with programs and tests for a host, which no firmware may use.
+/// Folders with programs and tests for a host. No firmware may use the crates in these folders.
 const HOST: [&str; 3] = ["host-tests", "testkit", "tools"];
 
 fn root() -> PathBuf {
@@ -24,11 +24,11 @@ fn read(path: &Path) -> String {
     fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// All files with this ending below a folder of the workspace, by their paths from its root.
+/// The paths of all files with this ending below a folder of the workspace, relative to the root of the workspace.
 fn files(folder: &str, ending: &str) -> Vec<String> {
     let mut found = Vec::new();
     for entry in fs::read_dir(root().join(folder)).expect("the folder can be read").flatten() {
-        let name = entry.file_name().into_string().expect("UTF-8");
+        let name = entry.file_name().into_string().expect("the name is UTF-8");
         let path = if folder.is_empty() { name.clone() } else { format!("{folder}/{name}") };
         if entry.path().is_dir() {
             let is_source = !name.starts_with('.') && !["fuzz", "node_modules", "target"].contains(&name.as_str());
@@ -43,6 +43,7 @@ fn files(folder: &str, ending: &str) -> Vec<String> {
     found
 }
 
+/// Adds the dependency of `from` on `to`.
 fn add(graph: &mut Graph, from: &str, to: &str) {
     if from != to {
         graph.entry(from.into()).or_default().insert(to.into());
@@ -77,12 +78,12 @@ fn assert_no_cycle(graph: &Graph) {
     }
 }
 
-/// True where `to` can be reached from `from`.
+/// True if `to` can be reached from `from`.
 fn reaches(graph: &Graph, from: &str, to: &str) -> bool {
     from == to || graph.get(from).into_iter().flatten().any(|next| reaches(graph, next, to))
 }
 
-/// The graph without the dependencies that others imply.
+/// The graph without the direct dependencies that other dependencies imply.
 fn reduced(graph: &Graph) -> Graph {
     assert_no_cycle(graph);
     let is_implied =
@@ -91,8 +92,8 @@ fn reduced(graph: &Graph) -> Graph {
     graph.iter().map(|(from, uses)| (from.clone(), direct(uses))).collect()
 }
 
-/// The paths within the library that a source uses: those that begin with `crate`, `self` or `super`, with braces expanded.
-/// Tests, which are at the end of a file, do not count.
+/// The paths within the library that a source uses: paths that begin with `crate`, `self` or `super`, with braces expanded. The
+/// tests at the end of a file do not count.
 fn used_paths(source: &str) -> Vec<Vec<String>> {
     let code = source.split("\n#[cfg(test)]").next().unwrap_or_default();
     let code: String = code.lines().map(|line| line.split("//").next().unwrap_or_default().to_owned() + "\n").collect();
@@ -124,8 +125,8 @@ fn parse_tree<'t>(text: &'t str, prefix: &[String], paths: &mut Vec<Vec<String>>
                     return rest;
                 }
                 let behind = parse_tree(list, &path, paths).trim_start();
-                // A new name, as in `a as b`, is ignored.
-                let end = behind.find([',', '}']).expect("the end of an item");
+                // The new name in `a as b` is ignored.
+                let end = behind.find([',', '}']).expect("an item has an end");
                 list = behind[end..].trim_start_matches(',');
             }
         }
@@ -142,9 +143,11 @@ fn parse_tree<'t>(text: &'t str, prefix: &[String], paths: &mut Vec<Vec<String>>
     }
 }
 
-/// The modules of the library: the file of each, and the items that it exports from other modules.
+/// The modules of the library.
 struct Modules {
+    /// The source of each module.
     files: BTreeMap<String, String>,
+    /// For each item that a module exports from its submodules, the path of its definition.
     exports: BTreeMap<String, String>,
 }
 
@@ -171,7 +174,7 @@ impl Modules {
         modules
     }
 
-    /// The module that defines `path`, as it is used in module `user`.
+    /// The module that defines the item with the path `path` in the module `user`.
     fn resolve(&self, user: &str, path: &[String]) -> String {
         let mut names: Vec<&str> = user.split("::").filter(|name| !name.is_empty()).collect();
         for name in path {
@@ -192,7 +195,7 @@ impl Modules {
         path
     }
 
-    /// The modules that each module uses. An item that a module only exports does not count as used.
+    /// For each module, the modules that it uses. An item that a module only exports does not count as used.
     fn graph(&self) -> Graph {
         let mut graph = Graph::new();
         for (module, source) in self.files.iter().filter(|(module, _)| !module.is_empty()) {
@@ -207,13 +210,13 @@ impl Modules {
     }
 }
 
-/// The tree of a `pub use` of submodules, where `text` begins after its `pub`.
+/// The tree of a `pub use` of submodules. `text` begins after the `pub`.
 fn exported_tree(text: &str) -> Option<&str> {
     let text = text.strip_prefix("(crate)").unwrap_or(text).strip_prefix(" use ")?;
     (!["crate::", "self::", "super::"].iter().any(|other| text.starts_with(other))).then_some(text)
 }
 
-/// The top-level modules that each one uses.
+/// For each top-level module, the top-level modules that it uses.
 fn top_level(modules: &Graph) -> Graph {
     let top = |module: &str| module.split("::").next().unwrap_or_default().to_owned();
     let mut graph = Graph::new();
@@ -224,13 +227,13 @@ fn top_level(modules: &Graph) -> Graph {
     graph
 }
 
-/// The crates of the workspace: the folder of each, and the crates that each one uses, without those that only its tests use.
+/// The folder of each crate of the workspace, and the crates that each crate uses other than in its tests.
 fn crates() -> (BTreeMap<String, String>, Graph) {
     let manifests: Vec<_> = files("", "Cargo.toml").into_iter().map(|file| (read(&root().join(&file)), file)).collect();
     let name = |manifest: &str| {
         let name =
             manifest.lines().skip_while(|line| *line != "[package]").find_map(|line| line.strip_prefix("name = "));
-        name.expect("a package with a name").trim_matches('"').to_owned()
+        name.expect("the package has a name").trim_matches('"').to_owned()
     };
     let folders: BTreeMap<_, _> = manifests
         .iter()
@@ -243,7 +246,8 @@ fn crates() -> (BTreeMap<String, String>, Graph) {
         let mut is_list = false;
         for line in manifest.lines() {
             if line.starts_with('[') {
-                // Dependencies of the package, its build script or a target, but neither of its tests nor of the workspace.
+                // Lists of dependencies of the package, of its build script and of a target count; those of tests and of the
+                // workspace do not.
                 is_list = line.ends_with("dependencies]") && !line.contains("dev-") && !line.contains("workspace");
             }
             let used = line.split([' ', '.', '=']).next().unwrap_or_default();
@@ -260,6 +264,7 @@ fn first_folder(path: &str) -> &str {
     path.split('/').next().unwrap_or_default()
 }
 
+/// Writes the dependencies in Mermaid's notation.
 fn write_edges(text: &mut String, graph: &Graph) {
     for (from, uses) in reduced(graph).iter().filter(|(_, uses)| !uses.is_empty()) {
         let uses = uses.iter().map(String::as_str).collect::<Vec<_>>().join(" & ");
@@ -314,8 +319,8 @@ fn the_diagrams_agree_with_the_sources() {
     let diagrams = diagrams(&top_level(&Modules::of_library().graph()), &folders, &crates);
     let path = root().join(DOCUMENT);
     let text = read(&path);
-    let (before, rest) = text.split_once(BEGIN).expect("the beginning of the diagrams");
-    let (written, after) = rest.split_once(END).expect("the end of the diagrams");
+    let (before, rest) = text.split_once(BEGIN).expect("the document contains the beginning of the diagrams");
+    let (written, after) = rest.split_once(END).expect("the document contains the end of the diagrams");
     if std::env::var_os("UPDATE_DOCS").is_some() {
         fs::write(&path, [before, BEGIN, &diagrams, END, after].concat()).expect("the document is written");
     } else {

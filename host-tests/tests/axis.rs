@@ -1,17 +1,20 @@
-//! The clocks of two insoles on one time axis, compared with known clocks.
+//! The conversion of insoles' times to the host's time, tested with known clocks.
 
 use client::Axis;
 use fastrand::Rng;
 
-/// An insole's clock and the delay of the link to it.
+/// The true clock of an insole, and the delay of the link to the insole.
 struct Clock {
+    /// The insole's time at the host's time 0, us.
     start_us: f64,
+    /// Rate of the insole's clock relative to the host's clock, minus 1.
     drift: f64,
-    /// Interval of connection events: a request waits for the next event, or for a later one if that is lost.
+    /// Interval of the link's connection events, us. A request waits for the next event, or for a later one if events are lost.
     interval_us: f64,
 }
 
 impl Clock {
+    /// The insole's time at this time of the host, us.
     fn at(&self, host_us: f64) -> f64 {
         self.start_us + (1.0 + self.drift) * host_us
     }
@@ -22,7 +25,7 @@ const EPOCH_US: u64 = 1_735_689_600_000_000;
 
 #[test]
 fn two_insoles_share_one_axis_within_2_ms() {
-    // Largest differences before and after the drift is known.
+    // Largest differences between the two insoles' times, before and after the drift is known.
     let (mut early_us, mut late_us) = (0.0f64, 0.0f64);
     for seed in 0..40 {
         let mut random = Rng::with_seed(seed);
@@ -37,7 +40,7 @@ fn two_insoles_share_one_axis_within_2_ms() {
                 let delay_us = 400.0 + clock.interval_us * (random.f64() + missed);
                 axis.answer(EPOCH_US + host_us as u64, clock.at(host_us + delay_us) as u64);
             }
-            // Both clocks are read at the same moment.
+            // Both insoles' times of the same moment are converted to the host's time.
             let [left_us, right_us] = [0, 1].map(|i| {
                 let found_us = axes[i].host_us(clocks[i].at(host_us) as u64).expect("the axis has an answer");
                 found_us as f64 - EPOCH_US as f64
@@ -48,13 +51,13 @@ fn two_insoles_share_one_axis_within_2_ms() {
                 ..40e6 => early_us = early_us.max(apart_us),
                 _ => {
                     late_us = late_us.max(apart_us);
-                    // The axis is near the host's clock, too: only the shortest delay is unknown.
+                    // The converted time is also near the true one: it is wrong only by the shortest delay of a request.
                     assert!((left_us - host_us).abs() < 2000.0, "{left_us} {host_us}");
                 }
             }
         }
     }
-    println!("at most {early_us:.0} us apart from 5 s on, {late_us:.0} us from 40 s on");
+    println!("largest difference: {early_us:.0} us from 5 s to 40 s, {late_us:.0} us after 40 s");
     assert!(early_us < 5000.0, "{early_us}");
     assert!(late_us < 2000.0, "{late_us}");
 }

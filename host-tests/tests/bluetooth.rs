@@ -1,6 +1,7 @@
 //! The real firmware in QEMU and simulated phones, on a simulated radio link.
 //!
-//! `PLANTAR_FIRMWARE` names the file of the firmware, `PLANTAR_PYTHON` the Python interpreter that runs the phones.
+//! `PLANTAR_FIRMWARE` contains the path of the firmware, and `PLANTAR_PYTHON` that of the Python interpreter that runs the
+//! phones.
 
 mod common;
 mod phones;
@@ -21,7 +22,7 @@ use recording::{Recording, synthetic};
 use serde_json::{Value, json};
 use std::time::Instant;
 
-/// Error codes of the attribute protocol; those from 0x80 on are the insole's own.
+// Error codes of the attribute protocol. The codes from 0x80 on are defined by the insole.
 const INSUFFICIENT_AUTHENTICATION: u64 = 0x05;
 const INVALID_LENGTH: u64 = 0x0d;
 const INSUFFICIENT_ENCRYPTION: u64 = 0x0f;
@@ -37,6 +38,7 @@ fn an_unbonded_phone_reads_the_device_information_and_nothing_else() {
     let mut world = World::start(WALK(1));
     let mut phone = world.new_phone(1);
     let table = phone.connect(&mut world.radio, 247);
+    // Properties of a characteristic.
     let (read, write, notify, indicate) = (0x02, 0x08, 0x10, 0x20);
     let expected: Vec<(&str, Vec<(&str, u64)>)> = vec![
         ("1800", vec![("2a00", read), ("2a01", read)]),
@@ -70,7 +72,7 @@ fn an_unbonded_phone_reads_the_device_information_and_nothing_else() {
     assert_eq!(phone.read(&mut world.radio, "2a24"), b"emulated");
     assert_eq!(phone.read(&mut world.radio, "2a26"), env!("PLANTAR_VERSION").as_bytes());
     assert_eq!(phone.read(&mut world.radio, "2a19"), [100]);
-    assert_eq!(phone.read(&mut world.radio, CURRENT_TIME), [0; 10], "the clock is not set");
+    assert_eq!(phone.read(&mut world.radio, CURRENT_TIME), [0; 10], "the clock must not be set yet");
     assert_eq!(phone.read(&mut world.radio, "2a54"), [0, 0]);
 
     let connect = fragments(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
@@ -83,13 +85,17 @@ fn an_unbonded_phone_reads_the_device_information_and_nothing_else() {
     }
     for characteristic in CHARACTERISTICS {
         let subscribed = world.radio.try_request(json!({"do": "subscribe", "phone": phone.name, "to": characteristic}));
-        assert_eq!(subscribed.expect_err("it is refused").att, Some(INSUFFICIENT_AUTHENTICATION), "{characteristic}");
+        assert_eq!(
+            subscribed.expect_err("the subscription must be refused").att,
+            Some(INSUFFICIENT_AUTHENTICATION),
+            "{characteristic}"
+        );
         assert!(world.radio.try_request(json!({"do": "read", "phone": phone.name, "of": characteristic})).is_err());
     }
     assert_eq!(world.insole.bonds(), None);
 }
 
-/// Streams complete walks, each to its phone, and compares every message with a replay.
+/// Plays the complete walk of each insole, streams it to the insole's phone, and compares every message with a replay.
 fn stream(radio: &mut RadioSimulation, feet: &mut [(&Insole, &mut Phone)]) {
     let mut got = vec![(Vec::<Live>::new(), Vec::<Step>::new()); feet.len()];
     let mut expected = Vec::new();
@@ -152,7 +158,7 @@ fn messages_are_the_same_with_the_smallest_mtu() {
 fn a_bond_survives_a_reset_and_a_wrong_key_is_refused() {
     let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(247);
-    let bonds = world.insole.bonds().expect("a bond");
+    let bonds = world.insole.bonds().expect("the insole has a bond");
     // Bonding is closed after this reset, so that only the existing bond gives access.
     world.restart(|config| config.bonding_s = 0);
     phone.connect(&mut world.radio, 247);
@@ -166,7 +172,7 @@ fn a_bond_survives_a_reset_and_a_wrong_key_is_refused() {
 
     phone.connect(&mut world.radio, 23);
     world.radio.request(json!({"do": "spoil_key", "phone": phone.name}));
-    world.radio.try_request(json!({"do": "encrypt", "phone": phone.name})).expect_err("the key is wrong");
+    world.radio.try_request(json!({"do": "encrypt", "phone": phone.name})).expect_err("a wrong key must be refused");
     world.radio.discard_events();
     // Other phones can connect to the insole again.
     let mut other = world.new_phone(2);
@@ -185,7 +191,10 @@ fn phones_bond_only_while_bonding_is_open() {
     let mut other = world.new_phone(2);
     for phone in [&mut phone, &mut other] {
         phone.connect(&mut world.radio, 23);
-        world.radio.try_request(json!({"do": "pair", "phone": phone.name})).expect_err("bonding is closed");
+        world
+            .radio
+            .try_request(json!({"do": "pair", "phone": phone.name}))
+            .expect_err("pairing must be refused while bonding is closed");
         let connect = fragments(&ToDevice::Connect { major: MAJOR, minor: MINOR }, 20).remove(0);
         assert!(phone.write(&mut world.radio, CONTROL, &connect).is_err());
         phone.disconnect(&mut world.radio);
@@ -199,7 +208,7 @@ fn phones_bond_only_while_bonding_is_open() {
     assert_ne!(world.insole.bonds(), bonds);
 }
 
-/// A phone that pairs without bonding has an encrypted link, but no more access than an unknown phone.
+/// The link of such a phone is encrypted, but the phone has no more access than an unknown one.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn a_phone_that_pairs_without_bonding_has_no_access() {
@@ -213,7 +222,7 @@ fn a_phone_that_pairs_without_bonding_has_no_access() {
     assert_eq!(world.insole.bonds(), None);
 }
 
-/// A fifth bond replaces the oldest one.
+/// The fifth bond replaces the oldest one.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn four_bonds_are_stored() {
@@ -231,14 +240,18 @@ fn four_bonds_are_stored() {
         phone.disconnect(&mut world.radio);
     }
     phones[0].connect(&mut world.radio, 23);
-    world.radio.try_request(json!({"do": "encrypt", "phone": phones[0].name})).expect_err("its bond was deleted");
+    world
+        .radio
+        .try_request(json!({"do": "encrypt", "phone": phones[0].name}))
+        .expect_err("the oldest bond must be deleted");
 }
 
-/// The steps that a phone has stored, each once.
+/// The steps that a phone has stored. A step that arrives again is not stored again.
 #[derive(Default)]
 struct Store(Vec<Step>);
 
 impl Store {
+    /// Stores a step, unless it was stored before.
     fn add(&mut self, step: Step) {
         if self.0.last().is_none_or(|last| step.step > last.step) {
             self.0.push(step);
@@ -251,7 +264,7 @@ impl Store {
 fn links_that_break_at_any_moment_lose_no_step() {
     const STEPS: usize = 300;
     const CUTS: u32 = 100;
-    /// Steps by which the walk may be ahead of the phone; the insole queues six in RAM and stores thousands.
+    /// Number of steps by which the walk may be ahead of the phone. The insole queues six steps in RAM and stores thousands.
     const AHEAD: u32 = 8;
     let mut world = World::start(WALK(STEPS));
     let (_, steps) = replay(&world.insole.recording, ContactRule::COUNTED, |_| false);
@@ -283,7 +296,7 @@ fn links_that_break_at_any_moment_lose_no_step() {
         }
         phone.cut(&mut world.radio);
         cuts += 1;
-        // A step takes two values, or about a dozen with the smallest MTU.
+        // A step message has two fragments, or about a dozen with the smallest MTU.
         phone.reopen(&mut world.radio, if cuts % 8 == 0 { 23 } else { 247 });
     }
     println!("{cuts} cuts, {} steps", store.0.len());
@@ -307,10 +320,10 @@ fn malformed_values_are_refused_and_the_session_continues() {
     assert_eq!(refused(CURRENT_TIME, &[0xff; 10]), Some(VALUE_NOT_ALLOWED));
     assert_eq!(refused(CURRENT_TIME, &[0; 9]), Some(VALUE_NOT_ALLOWED));
     // The first fragment is written to one characteristic, the second to another.
-    phone.write(&mut world.radio, PARAMETERS, &[0x00, 4]).expect("a first fragment");
+    phone.write(&mut world.radio, PARAMETERS, &[0x00, 4]).expect("the first fragment is accepted");
     assert_eq!(phone.refused(&mut world.radio, CONTROL, &[0x81, 0]), Some(OUT_OF_ORDER));
-    // The fragments are longer than any message.
-    phone.write(&mut world.radio, PARAMETERS, &[0x00; 244]).expect("a first fragment");
+    // Together the fragments are longer than any message.
+    phone.write(&mut world.radio, PARAMETERS, &[0x00; 244]).expect("the first fragment is accepted");
     assert_eq!(phone.refused(&mut world.radio, PARAMETERS, &[0x01; 244]), Some(INVALID_LENGTH));
     let mut bad = tissue();
     bad.id ^= 1;
@@ -331,7 +344,7 @@ fn stream_steps(world: &mut World, phone: &mut Phone, steps: usize) {
     }
 }
 
-/// The insole disconnects a phone that does not confirm an indication within 30 s.
+/// The insole disconnects such a phone after 30 s without the confirmation of an indication.
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn a_phone_that_never_confirms_is_disconnected_and_can_connect_again() {
@@ -364,20 +377,20 @@ fn standard_services_report_the_cadence_and_set_the_clock() {
     let cadence = |i: usize| (120_000_000 / (steps[i].start_us - steps[i - 1].start_us)) as u8;
     assert_eq!(measured, [0, cadence(1), cadence(2)]);
 
-    // Wednesday, 29 February 2040, 23:59:30.
+    // The time is set to Wednesday, 29 February 2040, 23:59:30.
     let written = [0xf8, 0x07, 2, 29, 23, 59, 30, 3, 0, 0];
-    phone.write(&mut world.radio, CURRENT_TIME, &written).expect("a valid time");
+    phone.write(&mut world.radio, CURRENT_TIME, &written).expect("the time is valid");
     let read = phone.read(&mut world.radio, CURRENT_TIME);
     assert_eq!((&read[..6], read[7]), (&written[..6], 3));
     assert!(read[6] >= 30);
-    // 2040-03-01 00:00:00.
+    // The clock is set to 2040-03-01 00:00:00.
     phone.send(&mut world.radio, ToDevice::SetClock { unix_us: 2_214_172_800_000_000 });
     assert_eq!(phone.read(&mut world.radio, CURRENT_TIME)[..6], [0xf8, 0x07, 3, 1, 0, 0]);
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn the_time_is_answered_with_the_time_of_the_request() {
+fn a_request_for_the_time_is_answered_with_the_times_of_host_and_insole() {
     let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(247);
     let mut before_us = 0;
@@ -385,7 +398,7 @@ fn the_time_is_answered_with_the_time_of_the_request() {
         let answer = phone.answer(&mut world.radio, ToDevice::GetTime { host_us });
         let ToHost::Time { host_us: echoed_us, device_us } = answer else { panic!("{answer:?}") };
         assert_eq!(echoed_us, host_us);
-        assert!(device_us > before_us, "the clock runs forwards");
+        assert!(device_us > before_us, "the insole's time must increase");
         before_us = device_us;
     }
 }
@@ -405,13 +418,14 @@ fn both_insoles_stream_at_once() {
 
 #[test]
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
-fn a_bonded_phone_sends_a_signed_image_and_the_insole_restarts_with_it() {
+fn a_signed_image_from_a_bonded_phone_is_swapped_in_after_the_restart() {
     let mut world = World::start(WALK(1));
     let mut phone = world.bonded_phone(247);
     let mut bytes = vec![0xff; 20 * CHUNK];
     let header = Header::new("emulated", "99.0.0").bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
-    let image = Image::sign(bytes, &development_key().expect("the development key")).expect("the image has a header");
+    let image =
+        Image::sign(bytes, &development_key().expect("the development key is valid")).expect("the image has a header");
     let mut request = Request::Begin(image.offer());
     loop {
         request = match phone.answer(&mut world.radio, ToDevice::Update(request)) {
@@ -422,5 +436,5 @@ fn a_bonded_phone_sends_a_signed_image_and_the_insole_restarts_with_it() {
             other => break assert_eq!(other, ToHost::Update(Progress::Accepted)),
         }
     }
-    assert!(world.insole.board.wait().expect("the board runs"), "the bootloader swaps");
+    assert!(world.insole.board.wait().expect("the board runs"), "the bootloader must swap the images");
 }

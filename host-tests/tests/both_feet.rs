@@ -1,7 +1,7 @@
-//! Both feet over Bluetooth in real time: every step arrives, and every lost live frame is counted. The age of the messages and
-//! the error of the clocks are printed and not checked, because they depend on this machine as much as on the insole.
+//! Two insoles over Bluetooth in real time: every step arrives, and every lost live frame is counted. The age of the messages and
+//! the error of the clocks are printed and not checked, because they depend on the host machine as much as on the insoles.
 //!
-//! The test is alone in its file, because tests that run beside it would disturb it.
+//! The test is alone in its file, because other tests of the file would run at the same time and disturb it.
 
 mod common;
 mod phones;
@@ -19,16 +19,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-/// Steps of each foot: a minute of walking.
+/// Number of steps of each foot: a minute of walking.
 const STEPS: usize = 58;
-/// Messages between two requests for the insole's time, unrelated to the interval of the frames.
+/// Number of messages between two requests for the insole's time: a prime number, so that the requests have no fixed relation to
+/// the frames.
 const REQUEST_INTERVAL: u32 = 17;
 
 /// A walk that begins on command, and records the time of each scan.
 struct DelayedWalk {
     walk: Recorded,
     is_started: Arc<AtomicBool>,
+    /// Number of the first scan of the walk.
     first: Option<u32>,
+    /// The time of each scan.
     scanned: Arc<Mutex<Vec<Instant>>>,
 }
 
@@ -39,7 +42,7 @@ impl Walk for DelayedWalk {
 
     fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
         let mut scanned = self.scanned.lock().unwrap_or_else(PoisonError::into_inner);
-        // A scan that was left out gets the time of the next one.
+        // A scan that the emulator left out gets the time of the next one.
         scanned.resize(seq as usize + 1, Instant::now());
         if self.first.is_none() && self.is_started.load(Ordering::Relaxed) {
             self.first = Some(seq);
@@ -53,11 +56,14 @@ impl Walk for DelayedWalk {
 /// A foot, and the messages that its phone received.
 struct Foot {
     phone: Phone,
+    /// The time of each scan.
     scanned: Arc<Mutex<Vec<Instant>>>,
     period_us: u32,
+    /// The live frames, and the times at which they arrived.
     live: Vec<(Instant, Live)>,
+    /// The steps, and the times at which they arrived.
     steps: Vec<(Instant, Step)>,
-    /// The insole's clock against the time since `start`.
+    /// Converts the insole's time to the time since the start of the test.
     axis: Axis,
 }
 
@@ -82,14 +88,15 @@ impl Foot {
         None
     }
 
-    /// Age of a message that arrived at `at` and belongs to the scan at `t_us`, ms.
+    /// Age of a message that arrived at `at` and belongs to the scan at the insole's time `t_us`, ms.
     fn age_ms(&self, at: Instant, t_us: u64) -> f64 {
         let scanned = self.scanned.lock().unwrap_or_else(PoisonError::into_inner);
         let scan = t_us / u64::from(self.period_us);
         at.duration_since(scanned[scan as usize]).as_secs_f64() * 1e3
     }
 
-    /// True offset of the insole's clock from the time since `start`, us: each scan is requested at its time or a little later.
+    /// True offset of the insole's time from the time since `start`, us. Each scan takes place at its time or a little later, and
+    /// so the offset is the largest difference.
     fn true_offset_us(&self, start: Instant) -> i64 {
         let scanned = self.scanned.lock().unwrap_or_else(PoisonError::into_inner);
         let offset_us = |(scan, &at): (usize, &Instant)| {
@@ -118,15 +125,15 @@ fn both_feet_stream_a_minute_in_real_time() {
     let mut feet = [(Side::Left, "Plantar L"), (Side::Right, "Plantar R")].map(|(side, name)| {
         let walk = synthetic::SyntheticWalk { steps: STEPS, side, rate_hz: 100.0, ..Default::default() };
         let recording = synthetic::walk(&walk).recording;
-        let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
         let scanned = Arc::<Mutex<Vec<Instant>>>::default();
-        let walk = Recorded::new(recording, worn.clone());
+        let walk = Recorded::new(recording, virtual_insole.clone());
         scans = walk.scans();
         let walk = DelayedWalk { walk, is_started: is_started.clone(), first: None, scanned: scanned.clone() };
-        boards.push(boot(&mut radio, &firmware, &worn, Time::Real, walk, |_| {}, None));
+        boards.push(boot(&mut radio, &firmware, &virtual_insole, Time::Real, walk, |_| {}, None));
         let mut phone = radio.bonded_phone(boards.len() as u8, name, 247);
         phone.set_tissue(&mut radio, tissue());
-        let period_us = worn.setup.period_us;
+        let period_us = virtual_insole.setup.period_us;
         Foot { phone, scanned, period_us, live: Vec::new(), steps: Vec::new(), axis: Axis::new() }
     });
     for foot in &mut feet {
@@ -147,12 +154,15 @@ fn both_feet_stream_a_minute_in_real_time() {
     for (foot, side) in feet.iter_mut().zip(["left", "right"]) {
         foot.phone.send(&mut radio, ToDevice::GetStatus);
         let status = std::iter::repeat_with(|| foot.receive(&mut radio)).find_map(|status| status);
-        let status = status.expect("an answer");
-        assert_eq!(foot.live.len() as u32, status.live_sent, "every sent frame arrives");
-        assert!(foot.live.windows(2).all(|two| two[0].1.sequence < two[1].1.sequence));
-        assert!(foot.steps.iter().map(|(_, step)| step.step).eq(0..status.steps), "every step, once, in order");
+        let status = status.expect("the insole answers");
+        assert_eq!(foot.live.len() as u32, status.live_sent, "every frame that was sent must arrive");
+        assert!(foot.live.windows(2).all(|pair| pair[0].1.sequence < pair[1].1.sequence));
+        assert!(
+            foot.steps.iter().map(|(_, step)| step.step).eq(0..status.steps),
+            "every step must arrive once, in order"
+        );
         assert_eq!((status.steps_dropped, status.bad_frames), (0, 0));
-        // The emulated board misses scans on a busy host; too many of them in a stance cost that step, which is counted.
+        // The emulated board misses scans if the host is busy. Too many missed scans in a stance cost its step, which is counted.
         assert_eq!(status.steps + status.rejected.broken, STEPS as u32);
 
         let live_ms = foot.live.iter().map(|(at, live)| foot.age_ms(*at, live.t_us));
@@ -173,7 +183,7 @@ fn both_feet_stream_a_minute_in_real_time() {
              most {step_most_ms:.0})"
         );
     }
-    // The errors of the clocks, which phones cannot know.
+    // A phone cannot determine these errors, because it knows only the delays of its own requests.
     let errors_us = feet.each_ref().map(|foot| {
         let (_, last) = foot.live[foot.live.len() - 1];
         let found_us = foot.axis.host_us(last.t_us).expect("the axis has answers") as i64;

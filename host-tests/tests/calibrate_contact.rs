@@ -1,4 +1,4 @@
-//! Conversion of codes to pressure and contact, compared with the sensor's law in f64.
+//! Conversion of codes to pressures and contact, compared with the sensor law evaluated in f64.
 
 use plantar::Region;
 use plantar::insole::Insole;
@@ -12,14 +12,15 @@ fn config() -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }
 }
 
+/// A sensor law in which code and pressure are proportional.
 const LINEAR: SensorLaw = SensorLaw { full_kpa: 600.0, exponent: 1.0 };
 
-/// Laws of resistive sensors: the conductance increases at most in proportion to the pressure.
+/// Sensor laws of resistive cells: the conductance increases at most in proportion to the pressure.
 fn resistive_law() -> impl Strategy<Value = SensorLaw> {
     (200.0..2000.0f32, 0.3..=1.0f32).prop_map(|(full_kpa, exponent)| SensorLaw { full_kpa, exponent })
 }
 
-/// One cell, with its sensor curve, its offset and its present share.
+/// One cell, with its sensor curve, its offset and its present share in contact.
 struct Probe {
     curve: Curve,
     offset: u16,
@@ -34,7 +35,7 @@ impl Probe {
         Self { curve, offset: calibration.offset, cell, share: 0 }
     }
 
-    /// The share in contact after a code.
+    /// The share in contact after a frame with this code.
     fn share_at(&mut self, code: u16) -> u16 {
         let code = u32::from(code);
         if !self.cell.is_unchanged(code) {
@@ -58,7 +59,7 @@ fn the_curve_is_within_a_thousandth_of_the_law() {
 }
 
 #[test]
-fn a_linear_sensor_is_exact() {
+fn the_curve_of_a_linear_sensor_is_exact() {
     let curve = curve(&LINEAR);
     for code in 1..=u16::MAX {
         let (exact, got) = (pressure_of(&LINEAR, code), curve.pressure_kpa::<f32>(i32::from(code)));
@@ -98,7 +99,7 @@ fn saturation_starts_at_full_code() {
 fn a_saturated_cell_is_reported_in_every_frame_and_in_its_region_only() {
     let mut insole = Insole::<f32, 2>::new();
     let cells = [cell(Region::Heel, 0.0, 0.0, 25.0), cell(Region::Hallux, 0.0, 200.0, 25.0)];
-    insole.set_up(SETUP, cells.into_iter()).expect("set-up");
+    insole.set_up(SETUP, cells.into_iter()).expect("the set-up is accepted");
     let full_contact = [0, FULL_CODE];
     for (seq, codes) in [full_contact, full_contact, [FULL_CODE - 1; 2], full_contact, [0, 0]].iter().enumerate() {
         insole.frame(seq as u32, codes);
@@ -111,7 +112,7 @@ fn a_saturated_cell_is_reported_in_every_frame_and_in_its_region_only() {
 
 #[test]
 fn contact_begins_at_on_kpa_and_ends_below_off_kpa() {
-    // Pressure in kPa, and whether the cell is in contact.
+    // Pressures in kPa in the order of the frames, and whether the cell is then in contact.
     let sequence = [
         (0.0, false),
         (9.9, false),
@@ -221,7 +222,7 @@ proptest! {
         prop_assert_eq!(curve.first_code_at(pressure_kpa), (0..u16::MAX).find(|&code| reads(code)).unwrap_or(u16::MAX));
     }
 
-    /// The rounding of the pressure to a code does not matter.
+    /// The threshold is reached at its own code, in spite of the rounding of the pressure to a code.
     #[test]
     fn a_cell_is_in_contact_at_the_threshold_and_not_clearly_below_it(
         law in resistive_law(),
@@ -237,7 +238,7 @@ proptest! {
         let mut probe = Probe::new(&law, &rule, &calibration);
         prop_assert_eq!(probe.share_at((code_of(&law, at_kpa) + offset).min(FULL_CODE)), WHOLE);
 
-        // A few codes below the first one that reads the threshold, because of rounding.
+        // Because of rounding, the code here is a few codes below the first one that reads the threshold.
         let first = curve(&law).first_code_at(at_kpa as f32);
         let mut probe = Probe::new(&law, &rule, &calibration);
         prop_assert_eq!(probe.share_at(first.saturating_sub(3) + offset), 0);
@@ -258,7 +259,7 @@ proptest! {
             let pressure_kpa =
                 f64::from(gain) * curve(&LAW).pressure_kpa::<f64>(i32::from(code.saturating_sub(offset)));
             let threshold_kpa = if before > 0 { rule.off_kpa } else { rule.on_kpa };
-            // A saturated cell is in contact, even where its pressure is below the threshold.
+            // A saturated cell is in contact even if its pressure is below the threshold.
             let exact = f64::from(WHOLE) * (pressure_kpa / f64::from(full_kpa)).min(1.0).sqrt();
             if share > 0 {
                 prop_assert!(pressure_kpa >= f64::from(threshold_kpa) * 0.998 || is_saturated(code.into()));
@@ -289,8 +290,8 @@ proptest! {
         let setup = plantar::pipeline::setup::Setup { sensor: law, contact, ..SETUP };
         let mut narrow = Insole::<f32, 64>::new();
         let mut wide = Insole::<f64, 64>::new();
-        narrow.set_up(setup, cells.iter().copied()).expect("set-up");
-        wide.set_up(setup, cells.iter().copied()).expect("set-up");
+        narrow.set_up(setup, cells.iter().copied()).expect("the set-up is accepted");
+        wide.set_up(setup, cells.iter().copied()).expect("the set-up is accepted");
         for (seq, codes) in frames.iter().enumerate() {
             // Many codes are near the thresholds.
             let codes: Vec<_> = codes.iter().map(|&c| if c % 2 == 0 { c } else { c / 16 }).collect();

@@ -1,4 +1,4 @@
-//! The parts of the library that Bluetooth uses: fragments of messages, cadence, and the wall clock.
+//! The parts of the library that Bluetooth uses: fragments of messages, cadence, and the characteristic Current Time.
 
 use plantar::pipeline::cadence::Cadence;
 use plantar::protocol::MAX_MESSAGE;
@@ -56,7 +56,7 @@ fn fragments_out_of_order_are_refused_and_the_next_message_is_accepted() {
     assert_eq!(joiner.push(&[0x01, 1]), Err(FragmentError::OutOfOrder));
     assert_eq!(joiner.push(&[0x00, 1]), Ok(None));
     assert_eq!(joiner.push(&[0x82, 2]), Err(FragmentError::OutOfOrder));
-    assert_eq!(joiner.push(&[0x81, 2]), Err(FragmentError::OutOfOrder), "the incomplete message was discarded");
+    assert_eq!(joiner.push(&[0x81, 2]), Err(FragmentError::OutOfOrder), "the incomplete message must be discarded");
     assert_eq!(joiner.push(&[0x00; 200]), Ok(None));
     assert_eq!(joiner.push(&[0x01; 200]), Err(FragmentError::TooLong));
     assert_eq!(joiner.push(&[0x80, 9]), Ok(Some(&[9][..])));
@@ -65,8 +65,8 @@ fn fragments_out_of_order_are_refused_and_the_next_message_is_accepted() {
 #[test]
 fn current_time_follows_the_calendar() {
     assert_eq!(to_current_time(None), [0; 10]);
-    assert_eq!(to_current_time(Some(0)), [0xb2, 0x07, 1, 1, 0, 0, 0, 4, 0, 0], "a Thursday");
-    // 2024-02-29 12:34:56.5, a Thursday.
+    assert_eq!(to_current_time(Some(0)), [0xb2, 0x07, 1, 1, 0, 0, 0, 4, 0, 0], "1 January 1970 was a Thursday");
+    // Thursday, 29 February 2024, 12:34:56.5.
     assert_eq!(to_current_time(Some(1_709_210_096_500_000)), [0xe8, 0x07, 2, 29, 12, 34, 56, 4, 128, 0]);
     for wrong in [[0xe9, 0x07, 2, 29], [0xe8, 0x07, 13, 1], [0xe8, 0x07, 4, 31], [0xe8, 0x07, 1, 0], [0xb1, 0x07, 1, 1]]
     {
@@ -80,10 +80,10 @@ fn cadence_counts_the_steps_of_both_feet() {
     let mut cadence = Cadence::default();
     assert_eq!(cadence.per_min(0), 0);
     cadence.step(500_000);
-    assert_eq!(cadence.per_min(600_000), 0, "one step has no cadence");
+    assert_eq!(cadence.per_min(600_000), 0, "one step must have no cadence");
     cadence.step(1_600_000);
     assert_eq!(cadence.per_min(2_000_000), 109);
-    assert_eq!(cadence.per_min(5_000_000), 0, "the wearer stands");
+    assert_eq!(cadence.per_min(5_000_000), 0, "a standing wearer must have no cadence");
     cadence.step(9_000_000);
-    assert_eq!(cadence.per_min(9_000_000), 0, "the first step of a new walk");
+    assert_eq!(cadence.per_min(9_000_000), 0, "the first step of a new walk must have no cadence");
 }

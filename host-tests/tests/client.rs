@@ -1,4 +1,4 @@
-//! The host's side of a session, with an insole in memory.
+//! The host's side of a session: tests of the client with a simulated insole.
 
 use client::{Client, Error, Framed, LinkCounters, unix_us};
 use plantar::Region;
@@ -16,31 +16,31 @@ use testkit::{TISSUE, faults, framed, live, messages, status, step};
 
 /// An insole and the cable to it.
 struct Insole {
-    link: Session,
+    session: Session,
     hello: Hello,
     from_host: Decoder,
     to_host: VecDeque<u8>,
     /// The cable is unplugged.
-    unplugged: bool,
-    /// Number of frames to the host that are dropped next.
+    is_unplugged: bool,
+    /// Number of the next frames to the host that are dropped.
     drop_next: usize,
-    /// Number of frames to the host that are damaged next.
+    /// Number of the next frames to the host that are damaged.
     damage_next: usize,
 }
 
 impl Insole {
     fn receive(&mut self, bytes: &[u8]) {
         for message in messages::<ToDevice>(&mut self.from_host, bytes) {
-            self.link.receive(message, 0);
+            self.session.receive(message, 0);
         }
     }
 
     /// Sends all messages that are due.
     fn send(&mut self) {
         // The pending command is completed at once.
-        self.link.complete(Ok(CommandResult::Stored));
+        self.session.complete(Ok(CommandResult::Stored));
         let mut buffer = [0; MAX_MESSAGE];
-        while let Some(message) = self.link.next(&self.hello, status, &mut buffer) {
+        while let Some(message) = self.session.next(&self.hello, status, &mut buffer) {
             let mut out = [0; MAX_FRAME];
             let len = frame(message, &mut out);
             if self.drop_next > 0 {
@@ -49,7 +49,7 @@ impl Insole {
             }
             if self.damage_next > 0 {
                 self.damage_next -= 1;
-                // The byte does not become zero, so that the frame ends where it did.
+                // The damaged byte is not zero, because a zero would end the frame.
                 out[len / 2] = if out[len / 2] == 1 { 2 } else { 1 };
             }
             self.to_host.extend(&out[..len]);
@@ -57,14 +57,22 @@ impl Insole {
     }
 }
 
+/// The host's end of the cable to an insole.
 #[derive(Clone)]
 struct Cable(Rc<RefCell<Insole>>);
 
 impl Cable {
     fn new(hello: Hello) -> Self {
         let (from_host, to_host) = (Decoder::new(), VecDeque::new());
-        let insole =
-            Insole { link: Session::new(), hello, from_host, to_host, unplugged: false, drop_next: 0, damage_next: 0 };
+        let insole = Insole {
+            session: Session::new(),
+            hello,
+            from_host,
+            to_host,
+            is_unplugged: false,
+            drop_next: 0,
+            damage_next: 0,
+        };
         Self(Rc::new(RefCell::new(insole)))
     }
 
@@ -72,11 +80,12 @@ impl Cable {
         self.0.borrow_mut()
     }
 
+    /// Lets the insole send this number of live frames.
     fn live_frames(&self, count: usize) {
         for _ in 0..count {
             let mut insole = self.insole();
-            let number = insole.link.next_live().expect("the stream starts");
-            insole.link.push_live(live(number));
+            let number = insole.session.next_live().expect("the stream starts");
+            insole.session.push_live(live(number));
             insole.send();
         }
     }
@@ -85,14 +94,14 @@ impl Cable {
 impl Read for Cable {
     fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
         let mut insole = self.insole();
-        if insole.unplugged {
+        if insole.is_unplugged {
             return Ok(0);
         }
         insole.send();
         if insole.to_host.is_empty() {
             return Err(io::ErrorKind::TimedOut.into());
         }
-        // Chunks of a length that does not match the frames.
+        // The client receives chunks whose length does not match the frames.
         let len = out.len().min(37).min(insole.to_host.len());
         for (slot, byte) in out.iter_mut().zip(insole.to_host.drain(..len)) {
             *slot = byte;
@@ -120,13 +129,14 @@ fn hello() -> Hello {
     Hello { tissue_id: 0, ..testkit::hello() }
 }
 
+/// A client with a session, and its cable.
 fn connected() -> (Cable, Client<Framed<Cable>>) {
     let cable = Cable::new(hello());
-    let client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("an answer");
+    let client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("the insole answers");
     (cable, client)
 }
 
-/// All messages until many reads in a row return none. A read also returns none for a part of a frame and for a repeated step.
+/// Receives until many reads in a row return no message. A read of a part of a frame or of a repeated step returns none either.
 fn receive_all(client: &mut Client<Framed<Cable>>) -> Vec<ToHost> {
     let mut got = Vec::new();
     let mut silent = 0;
@@ -143,7 +153,7 @@ fn step_numbers(messages: &[ToHost]) -> Vec<u32> {
 }
 
 fn push_steps(cable: &Cable, numbers: impl IntoIterator<Item = u32>) {
-    numbers.into_iter().for_each(|number| cable.insole().link.push_step(step(number)));
+    numbers.into_iter().for_each(|number| cable.insole().session.push_step(step(number)));
 }
 
 #[test]
@@ -159,20 +169,20 @@ fn bytes_that_were_in_transit_before_the_session_are_ignored() {
     let before =
         [b"boot loader\r\n".as_slice(), &[0], &framed(&ToHost::Live(live(3))), &framed(&ToHost::Step(step(8)))];
     cable.insole().to_host.extend(before.concat());
-    let mut client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("an answer");
+    let mut client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("the insole answers");
     assert_eq!(client.counters().crc_errors, 1);
     push_steps(&cable, [9]);
     assert_eq!(receive_all(&mut client), [ToHost::Step(step(9))]);
 }
 
 #[test]
-fn receiving_also_requests_the_insoles_time() {
+fn the_client_requests_the_insoles_time_while_it_receives() {
     let before_us = unix_us();
     let (_, mut client) = connected();
     assert_eq!(client.axis().host_us(0), None);
     assert_eq!(receive_all(&mut client), []);
     // This insole answers each request with the time 0.
-    let requested_us = client.axis().host_us(0).expect("an answer");
+    let requested_us = client.axis().host_us(0).expect("the insole answers");
     assert!((before_us..=unix_us()).contains(&requested_us));
 }
 
@@ -183,28 +193,28 @@ fn a_repeated_step_is_delivered_once() {
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2]);
     client.send(ToDevice::Acknowledge { step: 0 }).expect("the link works");
     push_steps(&cable, [3]);
-    client.reconnect(TIMEOUT).expect("an answer");
-    assert_eq!(step_numbers(&receive_all(&mut client)), [3], "1 and 2 were delivered before");
+    client.reconnect(TIMEOUT).expect("the insole answers");
+    assert_eq!(step_numbers(&receive_all(&mut client)), [3], "steps 1 and 2 were delivered before");
     client.send(ToDevice::Acknowledge { step: 3 }).expect("the link works");
     push_steps(&cable, [4]);
-    client.reconnect(TIMEOUT).expect("an answer");
+    client.reconnect(TIMEOUT).expect("the insole answers");
     assert_eq!(step_numbers(&receive_all(&mut client)), [4]);
 }
 
-/// An insole with a queue full of unacknowledged steps would send no more.
+/// Without the repetition, an insole with a queue full of unacknowledged steps would send no further step.
 #[test]
 fn a_lost_acknowledgement_is_repeated() {
     let (cable, mut client) = connected();
     push_steps(&cable, [0, 1]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1]);
     client.send(ToDevice::Acknowledge { step: 0 }).expect("the link works");
-    assert_eq!(cable.insole().link.take_acknowledged(), Some(0));
-    // The insole starts again as if the acknowledgement had not arrived; the host has not acknowledged step 1.
-    cable.insole().link = Session::new();
+    assert_eq!(cable.insole().session.take_acknowledged(), Some(0));
+    // The insole starts again, as if the acknowledgement of step 0 had been lost. The host has not acknowledged step 1.
+    cable.insole().session = Session::new();
     push_steps(&cable, [0, 1]);
-    client.reconnect(TIMEOUT).expect("an answer");
+    client.reconnect(TIMEOUT).expect("the insole answers");
     assert_eq!(step_numbers(&receive_all(&mut client)), [0; 0]);
-    assert_eq!(cable.insole().link.take_acknowledged(), Some(0));
+    assert_eq!(cable.insole().session.take_acknowledged(), Some(0));
 }
 
 #[test]
@@ -212,10 +222,10 @@ fn a_step_that_a_restarted_insole_repeats_is_recognised() {
     let (cable, mut client) = connected();
     push_steps(&cable, [0]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
-    cable.insole().link = Session::new();
-    cable.insole().link.push_step(Step { boots_since: 1, ..step(0) });
+    cable.insole().session = Session::new();
+    cable.insole().session.push_step(Step { boots_since: 1, ..step(0) });
     push_steps(&cable, [1]);
-    client.reconnect(TIMEOUT).expect("an answer");
+    client.reconnect(TIMEOUT).expect("the insole answers");
     assert_eq!(step_numbers(&receive_all(&mut client)), [1]);
 }
 
@@ -231,8 +241,8 @@ fn a_carrier_is_dropped_before_the_next_one_is_opened() {
         TIMEOUT,
     );
     assert!(matches!(opened, Err(Error::Carrier(_))));
-    assert!(matches!(client.receive(), Err(Error::Carrier(_))), "there is no carrier");
-    client.reconnect_over(|| Ok(Framed::new(cable.clone())), TIMEOUT).expect("an answer");
+    assert!(matches!(client.receive(), Err(Error::Carrier(_))), "a client without a carrier must return an error");
+    client.reconnect_over(|| Ok(Framed::new(cable.clone())), TIMEOUT).expect("the insole answers");
     push_steps(&cable, [0]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
 }
@@ -243,7 +253,7 @@ fn a_step_that_was_lost_in_transit_arrives_in_the_next_session() {
     push_steps(&cable, [0]);
     cable.insole().drop_next = 1;
     assert!(step_numbers(&receive_all(&mut client)).is_empty());
-    client.reconnect(TIMEOUT).expect("an answer");
+    client.reconnect(TIMEOUT).expect("the insole answers");
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
 }
 
@@ -252,22 +262,22 @@ fn step_numbers_wrap() {
     let (cable, mut client) = connected();
     push_steps(&cable, [u32::MAX - 1, u32::MAX, 0, 1]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [u32::MAX - 1, u32::MAX, 0, 1]);
-    client.reconnect(TIMEOUT).expect("an answer");
+    client.reconnect(TIMEOUT).expect("the insole answers");
     assert!(step_numbers(&receive_all(&mut client)).is_empty());
 }
 
-/// The insole counts its steps from 0 again: they are new steps, not repeated ones.
+/// An insole without stored steps counts from 0 again. These steps are new ones, not repeated ones.
 #[test]
 fn steps_of_an_insole_that_restarted_are_delivered() {
     let (cable, mut client) = connected();
     push_steps(&cable, 0..5);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2, 3, 4]);
     client.send(ToDevice::Acknowledge { step: 4 }).expect("the link works");
-    cable.insole().link = Session::new();
-    client.reconnect(TIMEOUT).expect("an answer");
+    cable.insole().session = Session::new();
+    client.reconnect(TIMEOUT).expect("the insole answers");
     // The steps of another walk have other times.
     let after = |number: u32| plantar::protocol::Step { start_us: 1_000_000 * u64::from(number), ..step(number) };
-    (0..3).for_each(|number| cable.insole().link.push_step(after(number)));
+    (0..3).for_each(|number| cable.insole().session.push_step(after(number)));
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2]);
 }
 
@@ -307,13 +317,13 @@ fn a_new_session_does_not_count_the_old_stream_as_lost() {
         client.stream().expect("the stream starts");
         cable.live_frames(5);
         receive_all(&mut client);
-        client.reconnect(TIMEOUT).expect("an answer");
+        client.reconnect(TIMEOUT).expect("the insole answers");
     }
     let counters = client.counters();
     assert_eq!((counters.frames_received, counters.frames_lost), (10, 0));
 }
 
-/// Implausible frame numbers of an insole do not make the host's counter overflow.
+/// An insole that sends implausible frame numbers cannot make the host's counter overflow.
 #[test]
 fn the_counter_of_lost_frames_saturates() {
     let (cable, mut client) = connected();
@@ -324,14 +334,14 @@ fn the_counter_of_lost_frames_saturates() {
     assert_eq!((client.counters().frames_received, client.counters().frames_lost), (7, u32::MAX));
 }
 
-/// The hello and live frames of a terminated program's session are still in a buffer of the link.
+/// The hello and live frames of a session, which a terminated program has opened, are still in a buffer of the link.
 #[test]
 fn messages_of_a_previous_session_are_not_counted_as_lost() {
     let cable = Cable::new(hello());
     let previous =
         [framed(&ToHost::Hello(hello())), framed(&ToHost::Live(live(100))), framed(&ToHost::Live(live(101)))];
     cable.insole().to_host.extend(previous.concat());
-    let mut client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("an answer");
+    let mut client = Client::connect(Framed::new(cable.clone()), TIMEOUT).expect("the insole answers");
     client.stream().expect("the stream starts");
     cable.live_frames(3);
     receive_all(&mut client);
@@ -357,9 +367,10 @@ fn a_status_arrives_on_request() {
 }
 
 #[test]
-fn another_version_is_refused_with_both_in_the_message() {
+fn another_version_is_refused_with_both_versions_in_the_message() {
     let other = Hello { major: MAJOR + 6, minor: 42, ..hello() };
-    let error = Client::connect(Framed::new(Cable::new(other.clone())), TIMEOUT).err().expect("refused");
+    let error =
+        Client::connect(Framed::new(Cable::new(other.clone())), TIMEOUT).err().expect("the version must be refused");
     let (theirs, ours) = (format!("{}.42", MAJOR + 6), format!("{MAJOR}.{MINOR}"));
     let message = error.to_string();
     assert!(message.contains(&theirs) && message.contains(&ours), "{message}");
@@ -370,7 +381,7 @@ fn another_version_is_refused_with_both_in_the_message() {
 #[test]
 fn a_newer_minor_version_is_accepted() {
     let newer = Hello { minor: MINOR + 1, ..hello() };
-    let client = Client::connect(Framed::new(Cable::new(newer.clone())), TIMEOUT).expect("an answer");
+    let client = Client::connect(Framed::new(Cable::new(newer.clone())), TIMEOUT).expect("the insole answers");
     assert_eq!(*client.hello(), newer);
 }
 
@@ -379,7 +390,7 @@ fn a_missing_answer_is_an_error_with_the_time_waited() {
     let cable = Cable::new(hello());
     cable.insole().drop_next = usize::MAX;
     let timeout = Duration::from_millis(20);
-    let error = Client::connect(Framed::new(cable), timeout).err().expect("no answer");
+    let error = Client::connect(Framed::new(cable), timeout).err().expect("there must be no answer");
     assert!(matches!(error, Error::NoAnswer(time, 0) if time == timeout), "{error}");
     assert!(error.to_string().contains("20ms"), "{error}");
 }
@@ -388,27 +399,27 @@ fn a_missing_answer_is_an_error_with_the_time_waited() {
 fn damaged_frames_are_no_answer_and_are_counted() {
     let cable = Cable::new(hello());
     cable.insole().damage_next = usize::MAX;
-    let error = Client::connect(Framed::new(cable), Duration::from_millis(20)).err().expect("no answer");
+    let error = Client::connect(Framed::new(cable), Duration::from_millis(20)).err().expect("there must be no answer");
     assert!(matches!(error, Error::NoAnswer(_, damaged) if damaged > 0), "{error}");
 }
 
 #[test]
 fn an_unplugged_cable_is_an_error() {
     let (cable, mut client) = connected();
-    cable.insole().unplugged = true;
+    cable.insole().is_unplugged = true;
     assert!(matches!(client.receive(), Err(Error::Carrier(_))));
 }
 
 #[test]
 fn parameters_are_set_and_read_back_unchanged() {
     let (cable, mut client) = connected();
-    assert_eq!(client.tissue().expect("an answer"), Tissue::NONE);
-    client.set_tissue(&TISSUE).expect("accepted");
-    assert_eq!(*cable.insole().link.tissue(), *TISSUE);
-    assert_eq!(client.tissue().expect("an answer"), *TISSUE);
+    assert_eq!(client.tissue().expect("the insole answers"), Tissue::NONE);
+    client.set_tissue(&TISSUE).expect("the parameters are accepted");
+    assert_eq!(*cable.insole().session.tissue(), *TISSUE);
+    assert_eq!(client.tissue().expect("the insole answers"), *TISSUE);
     assert_eq!(client.hello().tissue_id, TISSUE.id);
-    assert_eq!(client.reconnect(TIMEOUT).expect("an answer").tissue_id, TISSUE.id);
-    assert_eq!(receive_all(&mut client), [], "the client has consumed the answers");
+    assert_eq!(client.reconnect(TIMEOUT).expect("the insole answers").tissue_id, TISSUE.id);
+    assert_eq!(receive_all(&mut client), [], "the client must consume the answers");
 }
 
 #[test]
@@ -417,19 +428,19 @@ fn messages_that_arrive_while_parameters_are_set_are_delivered_in_order() {
     client.stream().expect("the stream starts");
     push_steps(&cable, 0..2);
     cable.live_frames(3);
-    client.set_tissue(&TISSUE).expect("accepted");
+    client.set_tissue(&TISSUE).expect("the parameters are accepted");
     push_steps(&cable, 2..3);
-    client.tissue().expect("an answer");
+    client.tissue().expect("the insole answers");
     let got = receive_all(&mut client);
     assert_eq!(step_numbers(&got), [0, 1, 2]);
-    assert_eq!(got.len(), 6, "three steps and three live frames: {got:?}");
+    assert_eq!(got.len(), 6, "there must be three steps and three live frames: {got:?}");
     assert_eq!(client.counters().frames_lost, 0);
 }
 
 #[test]
 fn refused_parameters_are_an_error_with_the_reason() {
     let (cable, mut client) = connected();
-    client.set_tissue(&TISSUE).expect("accepted");
+    client.set_tissue(&TISSUE).expect("the parameters are accepted");
     let mut force_laws = TISSUE.force_laws;
     force_laws[Region::Toe2 as usize].stiffness_pa = -1.0;
     for (bad, reason) in [
@@ -437,19 +448,19 @@ fn refused_parameters_are_an_error_with_the_reason() {
         (Tissue { force_laws, ..*TISSUE }, Refusal::TissueId),
         (Tissue::NONE, Refusal::TissueId),
     ] {
-        let error = client.set_tissue(&bad).expect_err("refused");
+        let error = client.set_tissue(&bad).expect_err("the parameters must be refused");
         assert!(matches!(error, Error::Refused(refusal) if refusal == reason), "{error}");
         assert!(error.to_string().contains(&reason.to_string()), "{error}");
     }
-    assert_eq!(*cable.insole().link.tissue(), *TISSUE);
-    assert_eq!(client.tissue().expect("an answer"), *TISSUE);
+    assert_eq!(*cable.insole().session.tissue(), *TISSUE);
+    assert_eq!(client.tissue().expect("the insole answers"), *TISSUE);
 }
 
 #[test]
 fn faults_arrive_on_request() {
     let (cable, mut client) = connected();
-    assert_eq!(cable.insole().link.set_faults(&faults()), faults().found);
-    assert_eq!(client.faults().expect("an answer"), faults());
+    assert_eq!(cable.insole().session.set_faults(&faults()), faults().found);
+    assert_eq!(client.faults().expect("the insole answers"), faults());
 }
 
 #[test]
@@ -458,7 +469,7 @@ fn a_lost_answer_to_new_parameters_is_an_error_and_no_step_is_lost() {
     push_steps(&cable, [7]);
     cable.insole().send();
     cable.insole().drop_next = 1;
-    let error = client.set_tissue(&TISSUE).expect_err("no answer");
+    let error = client.set_tissue(&TISSUE).expect_err("there must be no answer");
     assert!(matches!(error, Error::NoAnswer(..)), "{error}");
     assert_eq!(step_numbers(&receive_all(&mut client)), [7]);
 }

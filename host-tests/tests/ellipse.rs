@@ -1,4 +1,4 @@
-//! Contact ellipses: centre, radii and angle of known shapes.
+//! Contact ellipses: centre, radii and angle, compared with those of known shapes.
 
 use plantar::Region;
 use plantar::insole::Insole;
@@ -30,7 +30,7 @@ impl Truth {
         (along / self.r_a_mm).powi(2) + (across / self.r_b_mm).powi(2) <= 1.0
     }
 
-    /// The covered share of a square cell, relative to [`WHOLE`], from 16 by 16 points.
+    /// The share of a square cell that the ellipse covers, relative to [`WHOLE`]: the number of covered points of a 16 x 16 grid.
     fn share(&self, x_mm: f32, y_mm: f32, side_mm: f64) -> u16 {
         let at = |i: usize| ((i % 16) as f64 / 16.0 + 1.0 / 32.0 - 0.5, (i / 16) as f64 / 16.0 + 1.0 / 32.0 - 0.5);
         let inside = |&i: &usize| {
@@ -41,7 +41,8 @@ impl Truth {
     }
 }
 
-/// Ellipses that clearly differ from a circle, with the first radius clearly less than 45 degrees from x.
+/// Ellipses with a shorter radius from `shortest_mm` to 30 mm, a ratio of the radii from `min_slimness` to 3, and the first
+/// radius clearly less than 45 degrees from x.
 fn truth(shortest_mm: f64, min_slimness: f64) -> impl Strategy<Value = Truth> {
     let centre = (-4.0..4.0f64, -4.0..4.0f64);
     (centre, shortest_mm..30.0, min_slimness..3.0, any::<bool>(), -43.0..43.0f64).prop_map(
@@ -59,51 +60,60 @@ fn grid(count: i32, side_mm: f32) -> impl Iterator<Item = (f32, f32)> + Clone {
     (0..count).flat_map(move |iy| (0..count).map(move |ix| (at(ix), at(iy))))
 }
 
+/// A cell of the heel.
 fn heel_cell(x_mm: f32, y_mm: f32, area_mm2: f32) -> Cell {
     cell(Region::Heel, x_mm, y_mm, area_mm2).cell
 }
 
+/// Area moments about the origin of cells that are wholly in contact.
 fn whole_cells(cells: &[(f32, f32)], area_mm2: f32) -> AreaMoments {
     let cells: Vec<_> = cells.iter().map(|&(x, y)| (heel_cell(x, y, area_mm2), WHOLE)).collect();
     moments(&cells, 0.0, 0.0)
 }
 
-fn assert_recovers(got: &Ellipse<f32>, truth: &Truth, position_mm: f64, radius: f64, angle_deg: f64) {
+/// Checks that an ellipse agrees with the known one. The tolerance of the radii is relative; the area has twice that tolerance.
+fn assert_recovers(
+    got: &Ellipse<f32>,
+    truth: &Truth,
+    position_tolerance_mm: f64,
+    radius_tolerance: f64,
+    angle_tolerance_deg: f64,
+) {
     let near = |got: f32, want: f64, tolerance: f64| (f64::from(got) - want).abs() <= tolerance;
-    assert!(near(got.x_mm, truth.x_mm, position_mm), "x: {got:?}, {truth:?}");
-    assert!(near(got.y_mm, truth.y_mm, position_mm), "y: {got:?}, {truth:?}");
-    assert!(near(got.r_a_mm, truth.r_a_mm, radius * truth.r_a_mm), "r_a: {got:?}, {truth:?}");
-    assert!(near(got.r_b_mm, truth.r_b_mm, radius * truth.r_b_mm), "r_b: {got:?}, {truth:?}");
-    assert!(near(got.angle_deg(), truth.angle_deg, angle_deg), "angle {}: {truth:?}", got.angle_deg());
+    assert!(near(got.x_mm, truth.x_mm, position_tolerance_mm), "x: {got:?}, {truth:?}");
+    assert!(near(got.y_mm, truth.y_mm, position_tolerance_mm), "y: {got:?}, {truth:?}");
+    assert!(near(got.r_a_mm, truth.r_a_mm, radius_tolerance * truth.r_a_mm), "r_a: {got:?}, {truth:?}");
+    assert!(near(got.r_b_mm, truth.r_b_mm, radius_tolerance * truth.r_b_mm), "r_b: {got:?}, {truth:?}");
+    assert!(near(got.angle_deg(), truth.angle_deg, angle_tolerance_deg), "angle {}: {truth:?}", got.angle_deg());
     let area_mm2 = std::f64::consts::PI * truth.r_a_mm * truth.r_b_mm;
-    assert!(near(got.area_mm2(), area_mm2, 2.0 * radius * area_mm2), "area {}: {truth:?}", got.area_mm2());
+    assert!(near(got.area_mm2(), area_mm2, 2.0 * radius_tolerance * area_mm2), "area {}: {truth:?}", got.area_mm2());
 }
 
 proptest! {
     #![proptest_config(config())]
 
-    /// Cells of 2 mm count by their covered share. The moments spread the covered part of an edge cell over the whole cell, which
-    /// makes the radii up to 2.5 % too large here.
+    /// Each cell of 2 mm counts by its covered share. The moments distribute the covered part of an edge cell over the whole
+    /// cell, which makes the radii up to 2.5 % too large here.
     #[test]
     fn covered_shares_recover_the_ellipse(truth in truth(8.0, 1.2)) {
         let share = |(x, y): (f32, f32)| (heel_cell(x, y, 4.0), truth.share(x, y, 2.0));
         let cells: Vec<_> = grid(64, 2.0).map(share).collect();
-        let got = Ellipse::from_moments(&moments(&cells, 0.0, 0.0)).expect("contact");
+        let got = Ellipse::from_moments(&moments(&cells, 0.0, 0.0)).expect("there is contact");
         assert_recovers(&got, &truth, 0.05, 0.025, 0.5);
     }
 
-    /// Cells of 2 mm count whole if their centre is covered; their codes pass through the whole pipeline.
+    /// Each cell of 2 mm counts whole if its centre is covered. The codes of the cells pass through the whole pipeline.
     #[test]
     fn counted_cells_recover_the_ellipse_in_foot_coordinates(truth in truth(12.0, 1.4), dx_mm in 0i16..80, dy_mm in 0i16..250) {
         let (dx_mm, dy_mm) = (f32::from(dx_mm), f32::from(dy_mm));
         let cells = grid(64, 2.0).map(|(x, y)| cell(Region::Hallux, x + dx_mm, y + dy_mm, 4.0));
         let mut insole = Box::new(Insole::<f32, 4096>::new());
-        insole.set_up(SETUP, cells).expect("set-up");
+        insole.set_up(SETUP, cells).expect("the set-up is accepted");
         let loaded = code_of(&LAW, 100.0);
         let code = |(x, y): (f32, f32)| if truth.contains(f64::from(x), f64::from(y)) { loaded } else { 0 };
         insole.frame(0, &grid(64, 2.0).map(code).collect::<Vec<_>>());
         let moved = Truth { x_mm: truth.x_mm + f64::from(dx_mm), y_mm: truth.y_mm + f64::from(dy_mm), ..truth };
-        assert_recovers(&insole.ellipse(Region::Hallux as usize).expect("contact"), &moved, 0.6, 0.05, 4.0);
+        assert_recovers(&insole.ellipse(Region::Hallux as usize).expect("there is contact"), &moved, 0.6, 0.05, 4.0);
         let other_regions = (0..8).filter(|&r| r != Region::Hallux as usize);
         prop_assert!(other_regions.into_iter().all(|r| insole.ellipse(r).is_none()));
     }
@@ -132,7 +142,7 @@ proptest! {
         let (mean_x, mean_y) = (mean(&|c| f64::from(c.x_mm)), mean(&|c| f64::from(c.y_mm)));
         let dx = |c: &Cell| f64::from(c.x_mm) - mean_x;
         let dy = |c: &Cell| f64::from(c.y_mm) - mean_y;
-        // A square of area s2 has the variance s2 / 12 along any axis; the fixed-point number truncates it to 1/4096 mm2.
+        // A square of the area A has the variance A / 12 along any axis. The fixed-point number is truncated to 1/4096 mm2.
         let expected = [
             (x_mm, mean_x, 1e-9),
             (y_mm, mean_y, 1e-9),
@@ -154,8 +164,8 @@ proptest! {
         let inside = grid(32, 4.0).filter(|&(x, y)| truth.contains(f64::from(x), f64::from(y)));
         let cells: Vec<_> = inside.map(|(x, y)| (heel_cell(x, y, 16.0), WHOLE)).collect();
         let (x_mm, y_mm) = (f32::from(x_64) / 64.0, f32::from(y_64) / 64.0);
-        let here = Ellipse::<f64>::from_moments(&moments(&cells, 0.0, 0.0)).expect("contact");
-        let there = Ellipse::<f64>::from_moments(&moments(&cells, x_mm, y_mm)).expect("contact");
+        let here = Ellipse::<f64>::from_moments(&moments(&cells, 0.0, 0.0)).expect("there is contact");
+        let there = Ellipse::<f64>::from_moments(&moments(&cells, x_mm, y_mm)).expect("there is contact");
         let back = there.moved(f64::from(x_mm), f64::from(y_mm));
         for (a, b) in [
             (here.x_mm, back.x_mm),
@@ -168,7 +178,7 @@ proptest! {
         }
     }
 
-    /// Compact and scattered cells of a few millimetres, in the device's precision.
+    /// Compact and scattered contacts of cells with a side of 1 to 9 mm, in the device's precision.
     #[test]
     fn any_contact_has_a_valid_ellipse(
         cells in prop::collection::vec((0i8..16, 0i8..16), 1..40),
@@ -179,10 +189,10 @@ proptest! {
         let side_mm = f32::from(side_mm);
         let place = |&(x, y): &(i8, i8)| (x_mm + f32::from(x) * side_mm, y_mm + f32::from(y) * side_mm);
         let places: Vec<_> = cells.iter().map(place).collect();
-        assert_valid(&Ellipse::from_moments(&whole_cells(&places, side_mm * side_mm)).expect("contact"));
+        assert_valid(&Ellipse::from_moments(&whole_cells(&places, side_mm * side_mm)).expect("there is contact"));
     }
 
-    /// Cells down to the smallest area and out to the largest distance that a set-up accepts.
+    /// Single cells with areas down to the smallest one and distances up to the largest one that a set-up accepts.
     #[test]
     fn a_far_and_small_cell_has_a_valid_ellipse(
         x_mm in -MAX_DISTANCE_MM..MAX_DISTANCE_MM,
@@ -190,14 +200,15 @@ proptest! {
         area_16 in 1u16..20,
     ) {
         let far = whole_cells(&[(x_mm, y_mm)], f32::from(area_16) / 16.0);
-        assert_valid(&Ellipse::from_moments(&far).expect("contact"));
+        assert_valid(&Ellipse::from_moments(&far).expect("there is contact"));
     }
 }
 
+/// Checks that an ellipse has finite numbers, positive radii, and an angle of at most 45 degrees.
 fn assert_valid(e: &Ellipse<f32>) {
     assert!([e.x_mm, e.y_mm].iter().all(|v| v.is_finite()), "{e:?}");
     assert!([e.r_a_mm, e.r_b_mm].iter().all(|v| v.is_finite() && *v > 0.0), "{e:?}");
-    // The approximation of the arc tangent has an error of up to 0.16 degrees, and the angle half of it.
+    // The approximation of the arc tangent has an error of up to 0.16 degrees; the angle has half of that error.
     assert!(e.angle_deg().abs() <= 45.1, "{} degrees: {e:?}", e.angle_deg());
 }
 
@@ -210,7 +221,7 @@ fn no_contact_has_no_ellipse() {
 #[test]
 fn the_ellipse_of_one_cell_is_a_circle_with_the_moments_of_the_cell() {
     for (x_mm, y_mm) in [(0.0, 0.0), (-31.0, 12.5), (60.0, 110.0)] {
-        let e = Ellipse::<f32>::from_moments(&whole_cells(&[(x_mm, y_mm)], 25.0)).expect("contact");
+        let e = Ellipse::<f32>::from_moments(&whole_cells(&[(x_mm, y_mm)], 25.0)).expect("there is contact");
         assert_valid(&e);
         let radius_mm = 2.0 * (25.0f32 / 12.0).sqrt();
         assert!((e.x_mm - x_mm).abs() < 1e-3 && (e.y_mm - y_mm).abs() < 1e-3, "{e:?}");
@@ -227,7 +238,7 @@ fn a_line_of_cells_has_its_longer_radius_along_the_line() {
     let along_x = whole_cells(&(0..9).map(|i| (line(i), 0.0)).collect::<Vec<_>>(), 25.0);
     let along_y = whole_cells(&(0..9).map(|i| (0.0, line(i))).collect::<Vec<_>>(), 25.0);
     for (moments, r_a_mm, r_b_mm) in [(along_x, long_mm, short_mm), (along_y, short_mm, long_mm)] {
-        let e = Ellipse::<f32>::from_moments(&moments).expect("contact");
+        let e = Ellipse::<f32>::from_moments(&moments).expect("there is contact");
         assert_valid(&e);
         assert!((e.r_a_mm - r_a_mm).abs() < 1e-2 && (e.r_b_mm - r_b_mm).abs() < 1e-2, "{e:?}");
         assert!(e.angle_deg().abs() < 0.2, "{}", e.angle_deg());
@@ -235,13 +246,14 @@ fn a_line_of_cells_has_its_longer_radius_along_the_line() {
 }
 
 #[test]
-fn diagonal_cells_lie_at_45_degrees() {
+fn the_ellipse_of_diagonal_cells_lies_at_45_degrees() {
     for (sign, angle_deg) in [(1.0, 45.0), (-1.0, -45.0)] {
-        let e = Ellipse::<f32>::from_moments(&whole_cells(&[(0.0, 0.0), (5.0, sign * 5.0)], 25.0)).expect("contact");
+        let e = Ellipse::<f32>::from_moments(&whole_cells(&[(0.0, 0.0), (5.0, sign * 5.0)], 25.0))
+            .expect("there is contact");
         assert_valid(&e);
         assert!((e.angle_deg() - angle_deg).abs() < 0.2, "{}", e.angle_deg());
-        // The variance along the diagonal is half the distance squared, plus that of a cell. At exactly 45 degrees r_a is the
-        // longer radius.
+        // The centres are 5 sqrt(2) mm apart: their variance along the diagonal is 12.5 mm2, to which the variance of a cell is
+        // added. At exactly 45 degrees r_a is the longer radius.
         let long_mm = 2.0 * (12.5f32 + 25.0 / 12.0).sqrt();
         assert!((e.r_a_mm - long_mm).abs() < 1e-2, "{e:?}");
         assert!((e.r_b_mm - 2.0 * (25.0f32 / 12.0).sqrt()).abs() < 1e-2, "{e:?}");
@@ -249,12 +261,12 @@ fn diagonal_cells_lie_at_45_degrees() {
 }
 
 #[test]
-fn a_square_block_is_a_circle_with_a_valid_angle() {
-    // Off the reference point, so that rounding decides which variance is the larger.
+fn the_ellipse_of_a_square_block_is_a_circle_with_a_valid_angle() {
+    // The block is not at the reference point, so that rounding decides which of the two variances is larger.
     for i in 0..400 {
         let (x_mm, y_mm) = (i as f32 * 0.37 - 70.0, 60.0 - i as f32 * 0.29);
         let block = [(0.0, 0.0), (5.0, 0.0), (0.0, 5.0), (5.0, 5.0)].map(|(dx, dy)| (x_mm + dx, y_mm + dy));
-        let e = Ellipse::<f32>::from_moments(&whole_cells(&block, 25.0)).expect("contact");
+        let e = Ellipse::<f32>::from_moments(&whole_cells(&block, 25.0)).expect("there is contact");
         assert_valid(&e);
         // The radii differ only because the positions are rounded to 1/64 mm.
         assert!((e.r_a_mm / e.r_b_mm - 1.0).abs() < 0.01, "{e:?}");

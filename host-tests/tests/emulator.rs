@@ -1,6 +1,6 @@
-//! The real firmware in QEMU: its messages for a walk equal those that a host computes, also with faults of matrix and link.
+//! The real firmware in QEMU: its messages for a walk equal those that a host computes, also if matrix or link have faults.
 //!
-//! The firmware is the file that `PLANTAR_FIRMWARE` names.
+//! `PLANTAR_FIRMWARE` contains the path of the firmware.
 
 mod common;
 
@@ -27,7 +27,7 @@ use testkit::faults::one_of_each;
 /// A recording in which some scans are incomplete.
 struct IncompleteWalk {
     walk: Recorded,
-    /// The answer to a scan, where it differs from a complete one.
+    /// The result of the scan with this number; `None` for a complete scan.
     fault: fn(u32) -> Option<Scan>,
 }
 
@@ -44,18 +44,19 @@ impl Walk for IncompleteWalk {
 
 /// Time at which a fault begins, in the fifth step of a computed walk, s.
 const FAULT_S: f64 = 5.0;
-/// Reads of 50 ms in a row without a message after which the board counts as stopped.
+/// Number of successive reads of 50 ms without a message after which the board counts as stopped.
 const SILENT_READS: usize = 400;
 
 /// A session with a board that scans a walk; its time does not advance before [`Board::play`].
 struct Session {
     board: Board,
     client: Client<Framed<TcpStream>>,
+    /// Number of scans of the walk.
     scans: u32,
 }
 
 impl Session {
-    /// Starts a board with a recording, and sets the wearer's parameters.
+    /// Starts a board with a recording, and sets typical parameters. `fault` selects the incomplete scans.
     fn start(recording: &Recording, contact: ContactRule, fault: fn(u32) -> Option<Scan>) -> Self {
         let mut session = Self::start_without_tissue(recording, contact, fault);
         session.client.set_tissue(&tissue()).expect("typical parameters are valid");
@@ -63,16 +64,16 @@ impl Session {
     }
 
     fn start_without_tissue(recording: &Recording, contact: ContactRule, fault: fn(u32) -> Option<Scan>) -> Self {
-        let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
-        let walk = Recorded::new(recording.clone(), worn.clone());
-        Self::start_walk(&worn, IncompleteWalk { walk, fault })
+        let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+        let walk = Recorded::new(recording.clone(), virtual_insole.clone());
+        Self::start_walk(&virtual_insole, IncompleteWalk { walk, fault })
     }
 
-    fn start_walk(worn: &VirtualInsole, walk: impl Walk + 'static) -> Self {
+    fn start_walk(virtual_insole: &VirtualInsole, walk: impl Walk + 'static) -> Self {
         let firmware = firmware();
         let scans = walk.scans();
-        let config = EmulatorConfig::new(worn.setup);
-        let board = Board::start(&firmware, &config, &worn.cells, Time::Max, walk).expect("the board boots");
+        let config = EmulatorConfig::new(virtual_insole.setup);
+        let board = Board::start(&firmware, &config, &virtual_insole.cells, Time::Max, walk).expect("the board boots");
         let link = board.link().expect("the board has a link");
         link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
         let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
@@ -119,13 +120,14 @@ impl Session {
         is_answer
     }
 
-    /// Receives until the board has counted every scan; returns the messages.
+    /// Receives until the board has counted all scans of the walk; returns the messages.
     fn finish(&mut self) -> Received {
         let mut received = Received::default();
         self.finish_into(&mut received);
         received
     }
 
+    /// The same as [`Self::finish`], after messages that were received before.
     fn finish_into(&mut self, received: &mut Received) {
         loop {
             self.ask(ToDevice::GetStatus, received);
@@ -143,13 +145,15 @@ impl Session {
     }
 }
 
+/// The messages that a session received.
 #[derive(Default)]
 struct Received {
     live: Vec<Live>,
     steps: Vec<Step>,
-    /// Parameters, each with the number of live frames before it.
+    /// Confirmed parameters, each with the number of live frames that arrived before.
     tissues: Vec<(usize, Tissue)>,
     refusals: Vec<Refusal>,
+    /// The last status.
     status: Status,
 }
 
@@ -189,13 +193,13 @@ fn a_synthetic_walk_is_the_same_on_the_device_and_on_a_host() {
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn fractional_contact_is_the_same_on_the_device_and_on_a_host() {
+fn covered_shares_are_the_same_on_the_device_and_on_a_host() {
     assert_device_equals_host(&synthetic_walk(3, 100.0), ContactRule::COVERED, 3);
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn the_lowest_and_the_highest_rate_are_the_same_on_the_device_and_on_a_host() {
+fn walks_at_50_and_400_hz_are_the_same_on_the_device_and_on_a_host() {
     for rate_hz in [50.0, 400.0] {
         assert_device_equals_host(&synthetic_walk(2, rate_hz), ContactRule::COUNTED, 2);
     }
@@ -204,7 +208,7 @@ fn the_lowest_and_the_highest_rate_are_the_same_on_the_device_and_on_a_host() {
 #[test]
 #[ignore = "needs the emulated board's firmware and the data set SpeedPP2DS: cargo xtask test"]
 fn barefoot_steps_on_a_plate_are_the_same_on_the_device_and_on_a_host() {
-    let walk = jiku::import(common::jiku(), 2, 0..6, &mut |_, _| ()).expect("the data set");
+    let walk = jiku::import(common::jiku(), 2, 0..6, &mut |_, _| ()).expect("the data set can be read");
     let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(DEVICE_CELLS)).expect("a walk can be binned");
     assert_device_equals_host(&walk, ContactRule::COUNTED, 6);
 }
@@ -219,13 +223,13 @@ mod unpublished {
         let data = common::recordings().join("pedar");
         for side in [Side::Left, Side::Right] {
             let walk = pedar::import(data.join("pedar_example.asc"), data.join("geometry.csv"), side, &mut |_, _| ())
-                .expect("the recording");
+                .expect("the recording can be read");
             assert_device_equals_host(&walk, ContactRule::COUNTED, 8);
         }
     }
 }
 
-/// The matrix answers only seven rows in three frames of a stance.
+/// In three frames of a stance the matrix answers only for seven rows.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn incomplete_scans_are_counted_as_missing_frames_and_bridged() {
@@ -240,7 +244,7 @@ fn incomplete_scans_are_counted_as_missing_frames_and_bridged() {
     assert_eq!(received.status.frames_missed, 3);
     assert_eq!(received.steps, steps);
     assert_eq!(received.steps.iter().map(|step| step.bridged_frames).collect::<Vec<_>>(), [3, 0, 0]);
-    assert_eq!(received.live, live, "the missing frames show as a gap in time");
+    assert_eq!(received.live, live, "the missing frames must show as a gap in time");
 }
 
 #[test]
@@ -258,7 +262,7 @@ fn foreign_bytes_on_the_link_are_counted_and_the_session_continues() {
     session.board.play();
     let received = session.finish();
     assert_eq!(received.steps.len(), 2);
-    assert_eq!(received.status.bad_frames, 3, "the text, the truncated frame and the long one");
+    assert_eq!(received.status.bad_frames, 3, "the text, the truncated frame and the long frame must count");
 }
 
 #[test]
@@ -272,19 +276,19 @@ fn the_hello_identifies_the_insole() {
     assert_eq!((hello.board.as_str(), hello.last_panic.as_deref()), ("emulated", None));
 }
 
-/// A board that refuses its set-up still answers, and reports the reason.
+/// A board that refuses its set-up answers nevertheless, and reports the reason.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_refused_set_up_is_reported_in_the_hello() {
     let firmware = firmware();
     let walk = synthetic_walk(1, 100.0);
-    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let mut cells = worn.cells.clone();
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let mut cells = virtual_insole.cells.clone();
     cells.reverse();
     assert_ne!(cells.first().map(|c| c.cell.region), Some(Region::Heel));
-    let config = EmulatorConfig::new(worn.setup);
-    let board =
-        Board::start(&firmware, &config, &cells, Time::Max, Recorded::new(walk, worn)).expect("the board boots");
+    let config = EmulatorConfig::new(virtual_insole.setup);
+    let board = Board::start(&firmware, &config, &cells, Time::Max, Recorded::new(walk, virtual_insole))
+        .expect("the board boots");
     let link = board.link().expect("the board has a link");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
     let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
@@ -298,7 +302,7 @@ fn without_parameters_areas_and_measured_forces_are_valid_and_model_forces_are_z
     let walk = synthetic_walk(2, 100.0);
     let mut session = Session::start_without_tissue(&walk, ContactRule::COUNTED, |_| None);
     assert_eq!(session.client.hello().tissue_id, 0);
-    assert_eq!(session.client.tissue().expect("an answer"), Tissue::NONE);
+    assert_eq!(session.client.tissue().expect("the insole answers"), Tissue::NONE);
     session.client.stream().expect("the stream starts");
     session.board.play();
     let received = session.finish();
@@ -310,7 +314,7 @@ fn without_parameters_areas_and_measured_forces_are_valid_and_model_forces_are_z
     assert_eq!(received.steps.len(), 2);
 }
 
-/// The new parameters apply from one live frame on, and to every step that ends after it.
+/// The new parameters apply from one live frame on, and to every step that ends after that frame.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn parameters_change_during_a_walk_without_loss_of_a_frame() {
@@ -318,7 +322,7 @@ fn parameters_change_during_a_walk_without_loss_of_a_frame() {
     let mut session = Session::start(&walk, ContactRule::COUNTED, |_| None);
     session.client.stream().expect("the stream starts");
     session.board.play();
-    // Receive until the second stance has begun.
+    // The parameters change after the beginning of the second stance.
     let mut received = Received::default();
     while received.live.len() < 150 {
         session.receive(&mut received);
@@ -327,16 +331,20 @@ fn parameters_change_during_a_walk_without_loss_of_a_frame() {
     session.finish_into(&mut received);
     let [(changed, answer)] = received.tissues[..] else { panic!("{:?}", received.tissues) };
     assert_eq!(answer, other_tissue());
-    assert!(changed < session.scans as usize, "the walk ended before the change");
+    assert!(changed < session.scans as usize, "the parameters must change before the end of the walk");
     let results = (received.live, received.steps);
     let tissues = [(0, tissue()), (changed, other_tissue())];
     assert_eq!(results, replay_with(&walk, ContactRule::COUNTED, |_| false, &tissues));
-    assert_ne!(results, replay(&walk, ContactRule::COUNTED, |_| false), "the change has an effect");
+    assert_ne!(results, replay(&walk, ContactRule::COUNTED, |_| false), "the change must have an effect");
     let counters = session.client.counters();
     assert_eq!((counters.frames_received, counters.frames_lost), (session.scans, 0));
     assert_eq!((received.status.frames_missed, received.status.frames_overrun), (0, 0));
 
-    assert_eq!(session.client.tissue().expect("an answer"), other_tissue(), "bit for bit");
+    assert_eq!(
+        session.client.tissue().expect("the insole answers"),
+        other_tissue(),
+        "the parameters must be the same bit for bit"
+    );
     let hello = session.client.reconnect(Duration::from_secs(20)).expect("the insole answers");
     assert_eq!(hello.tissue_id, other_tissue().id);
 }
@@ -355,7 +363,7 @@ fn damaged_and_invalid_parameters_are_refused_and_the_old_ones_remain() {
     for bad in [Tissue::new(invalid), mixed, Tissue::NONE] {
         session.ask(ToDevice::SetTissue(bad), &mut received);
     }
-    // A damaged frame, and an intact one with the first half of a message: only the second one is answered.
+    // A damaged frame is followed by an intact frame with the first half of a message. Only the intact frame is answered.
     let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
     let message = encode(&ToDevice::SetTissue(other_tissue()), &mut message).expect("the message fits");
     let mut link = session.board.link().expect("the board has a link");
@@ -370,26 +378,25 @@ fn damaged_and_invalid_parameters_are_refused_and_the_old_ones_remain() {
     assert_eq!(received.refusals, reasons);
     assert_eq!(received.status.bad_frames, 2);
     assert_eq!((received.live, received.steps), replay(&walk, ContactRule::COUNTED, |_| false));
-    assert_eq!(session.client.tissue().expect("an answer"), tissue());
+    assert_eq!(session.client.tissue().expect("the insole answers"), tissue());
 }
 
-/// Each fault is detected during a walk, reported and masked, and all messages equal those that a host computes from the same
-/// codes.
+/// Each fault is detected during a walk, reported and masked. All messages equal those that a host computes from the same codes.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
     let walk = synthetic_walk(10, 100.0);
-    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let zeros: Vec<u16> = worn.cells.iter().map(|cell| cell.calibration.offset).collect();
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let zeros: Vec<u16> = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
     for fault in one_of_each(&walk, FAULT_S) {
-        let played = Recorded::new(walk.clone(), worn.clone());
-        let played = Faulty::new(played, vec![fault], worn.setup.period_us, zeros.clone());
-        let mut session = Session::start_walk(&worn, played);
+        let played = Recorded::new(walk.clone(), virtual_insole.clone());
+        let played = Faulty::new(played, vec![fault], virtual_insole.setup.period_us, zeros.clone());
+        let mut session = Session::start_walk(&virtual_insole, played);
         session.client.set_tissue(&tissue()).expect("typical parameters are valid");
         session.client.stream().expect("the stream starts");
         session.board.play();
         let received = session.finish();
-        let faults = session.client.faults().expect("an answer");
+        let faults = session.client.faults().expect("the insole answers");
         let (live, steps, found) = replay_faulty(&walk, &[fault]);
         assert_eq!(received.steps, steps, "{fault}");
         assert_eq!(received.live, live, "{fault}");
@@ -403,28 +410,31 @@ fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
         println!("{fault}: found at {found_s:.2} s");
         assert!(found_s > FAULT_S);
         let mut masked = [0; 8];
-        fault.cells(worn.cells.len()).for_each(|cell| masked[worn.cells[cell].cell.region as usize] += 1);
+        fault
+            .cells(virtual_insole.cells.len())
+            .for_each(|cell| masked[virtual_insole.cells[cell].cell.region as usize] += 1);
         assert_eq!(faults.masked_cells, masked, "{fault}");
         let bits = masked.iter().enumerate().fold(0, |bits, (i, &cells)| bits | u8::from(cells > 0) << i);
         assert_eq!((received.live[0].masked, received.live.last().map(|live| live.masked)), (0, Some(bits)));
-        let last = received.steps.last().expect("steps");
+        let last = received.steps.last().expect("there are steps");
         assert_eq!(last.regions.map(|region| region.masked_cells), masked, "{fault}");
     }
 }
 
-/// With parameters identified from some of a walker's steps, the insole's forces in all steps are those of the fit's own
-/// evaluation.
+/// The parameters are identified from some steps of a walker. In all steps the insole reports the forces that the identification
+/// itself computes from these parameters.
 #[test]
 #[ignore = "needs the emulated board's firmware and the data set SpeedPP2DS: cargo xtask test"]
 fn the_insole_reports_the_force_that_the_fit_evaluated() {
     const FITTED: std::ops::Range<u32> = 6..14;
-    let walk = jiku::import(common::jiku(), 2, 0..FITTED.end as usize, &mut |_, _| ()).expect("jiku-data");
-    let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(240)).expect("a virtual insole");
+    let walk =
+        jiku::import(common::jiku(), 2, 0..FITTED.end as usize, &mut |_, _| ()).expect("the data set can be read");
+    let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(240)).expect("a walk can be binned");
     for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
         let options = Options::usual(InsoleSize::default().thickness_m());
         let mut study = Study::new("walker 2".into(), contact, options);
-        let worn = VirtualInsole::new(&walk, contact, StanceRule::WALKING);
-        study.add("walk".into(), &walk, &worn, &mut |_| ()).expect("a valid recording");
+        let virtual_insole = VirtualInsole::new(&walk, contact, StanceRule::WALKING);
+        study.add("walk".into(), &walk, &virtual_insole, &mut |_| ()).expect("the recording is valid");
         let steps = study.steps.clone();
         study.steps.retain(|step| FITTED.contains(&step.number));
         study.fit(&|_| ());
@@ -451,7 +461,7 @@ fn the_insole_reports_the_force_that_the_fit_evaluated() {
                 let peak_n = ours.model_n.iter().copied().fold(0.0, f64::max);
                 let integral_n_s = ours.model_n.iter().sum::<f64>() * ours.sample_s;
                 // Both values are rounded: they may differ by one unit of the message.
-                let is_equal = |wire: u16, value: f64| (f64::from(wire) - value).abs() <= 1.0;
+                let is_equal = |sent: u16, value: f64| (f64::from(sent) - value).abs() <= 1.0;
                 assert!(is_equal(device.model_peak_dn, peak_n * 10.0), "{device:?}, {peak_n} N");
                 assert!(is_equal(device.model_integral_cns, integral_n_s * 100.0), "{device:?}, {integral_n_s} N s");
                 let error_bp = (ours.nrmse() * 1e4).min(f64::from(u16::MAX));

@@ -1,4 +1,5 @@
-//! Sensor faults: detection during a walk, absence of false alarms, and the effect of masked cells on the model's force.
+//! Sensor faults: their detection during a walk, the absence of false alarms, and the effect of masked cells on the model's
+//! force.
 
 mod common;
 
@@ -35,7 +36,7 @@ fn no_fault_is_reported_for_barefoot_recordings() {
     assert_no_fault_is_reported(&barefoot(&common::jiku()));
 }
 
-/// Long walks in which no two steps are equal, because a rare false alarm does not appear in a short one.
+/// The walks are long and no two steps are equal, because a rare false alarm would not appear in a short walk.
 #[test]
 fn no_fault_is_reported_in_long_walks() {
     for seed in 1..=4 {
@@ -68,6 +69,7 @@ fn every_kind_of_fault_is_found_within_two_steps() {
     }
 }
 
+/// Checks that masked cells increase the error of the model's force by at most half.
 fn assert_masked_cells_cost_little(recordings: &[Clean]) {
     for clean in recordings {
         let error = model_error(clean, 6, 1);
@@ -110,9 +112,9 @@ mod unpublished {
 
 #[test]
 fn fault_notation_is_parsed_and_errors_contain_examples() {
-    let (examples, _) = FAULT_EXAMPLES.split_once(", each").expect("a list of examples");
+    let (examples, _) = FAULT_EXAMPLES.split_once(", each").expect("the text has a list of examples");
     for text in examples.split(", ") {
-        let fault: SensorFault = text.parse().expect("an example");
+        let fault: SensorFault = text.parse().expect("an example can be parsed");
         assert_eq!(format!("{text}@1.5").parse(), Ok(SensorFault { from_s: 1.5, ..fault }));
     }
     let drift = SensorFault { kind: FaultKind::Drift, place: Place::Cell(17), value: -50.0, from_s: 2.0 };
@@ -133,7 +135,8 @@ fn fault_notation_is_parsed_and_errors_contain_examples() {
         ("open-cell:17@-1", "0 s or later"),
         ("open-cell:17@soon", "in seconds"),
     ] {
-        let error = text.parse::<SensorFault>().expect_err(text).to_string();
+        let Err(error) = text.parse::<SensorFault>() else { panic!("{text} must be refused") };
+        let error = error.to_string();
         assert!(error.contains(text) && error.contains(reason) && error.contains("write for example"), "{error}");
     }
 }
@@ -141,18 +144,18 @@ fn fault_notation_is_parsed_and_errors_contain_examples() {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, cases: 64, ..ProptestConfig::default() })]
 
-    /// For any codes, forces are finite and not negative, including those of masked cells.
+    /// Forces are finite and not negative for any codes, also if cells are masked.
     #[test]
     fn any_codes_give_finite_forces(seed in any::<u64>(), faulty_cells in 1u32..8) {
         let cells: Vec<SetupCell> = (0..64u8)
             .map(|i| SetupCell { row_column: i, ..cell(Region::Heel, f32::from(i % 8) * 10.0, f32::from(i / 8) * 10.0, 100.0) })
             .collect();
         let mut insole = Box::new(Insole::<f32, 64>::new());
-        insole.set_up(SETUP, cells.into_iter()).expect("set-up");
+        insole.set_up(SETUP, cells.into_iter()).expect("the set-up is accepted");
         let mut random = fastrand::Rng::with_seed(seed);
         let mut codes = [0u16; 64];
         for seq in 0..1_000 {
-            // Stances of random codes, and swings in which some cells are faulty.
+            // Fifty frames of stance with random codes are followed by fifty frames of swing, in which some cells are faulty.
             for (i, code) in codes.iter_mut().enumerate() {
                 let is_faulty = random.u32(..64) < faulty_cells;
                 *code = match seq % 100 < 50 {

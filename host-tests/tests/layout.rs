@@ -27,26 +27,27 @@ fn the_matrix_is_folded_at_half_the_length() {
     let cells: Vec<_> = layout::cells().collect();
     for (row, columns) in WIRING.iter().enumerate() {
         for (column, cell) in columns.iter().enumerate().filter_map(|(i, cell)| Some((i, usize::from((*cell)?)))) {
+            // The first half of the columns has the cells of the rear half of the insole, and the second half those of the front.
             let line = row + ROWS * (column / (COLUMNS / 2));
             let y_mm = (line as f32 + 0.5) * 270.0 / 32.0;
             assert!((cells[cell].cell.y_mm - y_mm).abs() < 1e-3, "row {row} column {column}");
         }
         for half in [&columns[..COLUMNS / 2], &columns[COLUMNS / 2..]] {
             let x_mm: Vec<f32> = half.iter().flatten().map(|&cell| cells[usize::from(cell)].cell.x_mm).collect();
-            assert!(x_mm.is_sorted(), "the cells of row {row} run from medial to lateral");
+            assert!(x_mm.is_sorted(), "the cells of row {row} must be in order from medial to lateral");
         }
     }
 }
 
 #[test]
-fn cells_and_foot_have_the_right_size() {
+fn cells_and_sole_have_the_right_size() {
     let mut total_mm2 = 0.0;
     for region in Region::ALL {
         let areas: Vec<f32> = layout::cells().filter(|c| c.cell.region == region).map(|c| c.cell.area_mm2).collect();
-        assert!(areas.len() >= 4, "{} has {} cells", region.name(), areas.len());
+        assert!(areas.len() >= 4, "{} has only {} cells", region.name(), areas.len());
         assert!(areas.iter().all(|area| (50.0..=130.0).contains(area)), "{}: {areas:?}", region.name());
         total_mm2 += areas.iter().sum::<f32>();
     }
-    // A sole of this length and a width of 98 mm fills three quarters of its bounding box.
+    // A sole that is 270 mm long and 98 mm wide fills about three quarters of its bounding box.
     assert!((0.70..0.85).contains(&(total_mm2 / (270.0 * 98.0))), "{total_mm2} mm2");
 }

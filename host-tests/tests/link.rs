@@ -1,4 +1,4 @@
-//! The insole's side of a session, message by message.
+//! The insole's side of a session, tested message by message.
 
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::tissue::Tissue;
@@ -12,7 +12,7 @@ use plantar::protocol::{
 use plantar::{Region, Side};
 use testkit::{SETUP, TISSUE, cell, hello, live, status, step};
 
-/// A short form of a message to the host.
+/// A message to the host, in a short form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Sent {
     Hello,
@@ -32,12 +32,13 @@ enum Sent {
     SetupCells(usize),
 }
 
-fn next(link: &mut Session) -> Option<Sent> {
+/// The next message that the insole sends. Its content must be that of the fixtures.
+fn next(session: &mut Session) -> Option<Sent> {
     let mut buffer = [0; MAX_MESSAGE];
-    let bytes = link.next(&hello(), status, &mut buffer)?;
-    Some(match decode(bytes).expect("one complete message") {
+    let bytes = session.next(&hello(), status, &mut buffer)?;
+    Some(match decode(bytes).expect("the bytes are one complete message") {
         ToHost::Hello(got) => {
-            assert_eq!(got, Hello { tissue_id: link.tissue().id, ..hello() });
+            assert_eq!(got, Hello { tissue_id: session.tissue().id, ..hello() });
             Sent::Hello
         }
         ToHost::Live(got) => {
@@ -50,13 +51,13 @@ fn next(link: &mut Session) -> Option<Sent> {
         }
         ToHost::Status(got) => Sent::Status(got),
         ToHost::Tissue(got) => {
-            assert_eq!(got, *link.tissue());
+            assert_eq!(got, *session.tissue());
             Sent::Tissue(got.id)
         }
         ToHost::Refused(got) => Sent::Refused(got),
         ToHost::Time { host_us, device_us } => Sent::Time { host_us, device_us },
         ToHost::Identity(got) => {
-            assert_eq!(got, link.identity());
+            assert_eq!(got, session.identity());
             Sent::Identity(got)
         }
         ToHost::CalibrationBlock { block } => Sent::CalibrationBlock(block),
@@ -72,156 +73,163 @@ fn next(link: &mut Session) -> Option<Sent> {
     })
 }
 
-fn all(link: &mut Session) -> Vec<Sent> {
-    std::iter::from_fn(|| next(link)).collect()
+/// All messages that the insole sends now.
+fn all(session: &mut Session) -> Vec<Sent> {
+    std::iter::from_fn(|| next(session)).collect()
 }
 
-fn steps(link: &mut Session) -> Vec<u32> {
-    all(link).into_iter().filter_map(|sent| if let Sent::Step(number) = sent { Some(number) } else { None }).collect()
+/// The numbers of the steps among all messages that the insole sends now.
+fn steps(session: &mut Session) -> Vec<u32> {
+    all(session)
+        .into_iter()
+        .filter_map(|sent| if let Sent::Step(number) = sent { Some(number) } else { None })
+        .collect()
 }
 
-fn connect(link: &mut Session) {
-    link.receive(ToDevice::Connect { major: MAJOR, minor: MINOR }, 0);
+fn connect(session: &mut Session) {
+    session.receive(ToDevice::Connect { major: MAJOR, minor: MINOR }, 0);
 }
 
-fn acknowledge(link: &mut Session, step: u32) {
-    link.receive(ToDevice::Acknowledge { step }, 0);
+fn acknowledge(session: &mut Session, step: u32) {
+    session.receive(ToDevice::Acknowledge { step }, 0);
 }
 
-/// Queues a live frame if the host streams, as the insole does.
-fn push_live(link: &mut Session) {
-    if let Some(number) = link.next_live() {
-        link.push_live(live(number));
+/// Queues a live frame if the host requested live frames, as the insole does.
+fn push_live(session: &mut Session) {
+    if let Some(number) = session.next_live() {
+        session.push_live(live(number));
     }
 }
 
+/// A session in which the host has requested live frames.
 fn streaming() -> Session {
-    let mut link = Session::new();
-    connect(&mut link);
-    link.receive(ToDevice::Stream { live: true }, 0);
-    assert_eq!(all(&mut link), [Sent::Hello]);
-    link
+    let mut session = Session::new();
+    connect(&mut session);
+    session.receive(ToDevice::Stream { live: true }, 0);
+    assert_eq!(all(&mut session), [Sent::Hello]);
+    session
 }
 
+/// A closed session with these queued steps.
 fn with_steps(numbers: impl IntoIterator<Item = u32>) -> Session {
-    let mut link = Session::new();
-    numbers.into_iter().for_each(|number| link.push_step(step(number)));
-    link
+    let mut session = Session::new();
+    numbers.into_iter().for_each(|number| session.push_step(step(number)));
+    session
 }
 
 #[test]
 fn nothing_is_sent_before_a_host_connects() {
-    let mut link = with_steps(0..3);
-    link.receive(ToDevice::Stream { live: true }, 0);
-    link.receive(ToDevice::GetStatus, 0);
-    acknowledge(&mut link, 2);
-    assert_eq!(link.next_live(), None);
-    assert_eq!(all(&mut link), []);
-    connect(&mut link);
+    let mut session = with_steps(0..3);
+    session.receive(ToDevice::Stream { live: true }, 0);
+    session.receive(ToDevice::GetStatus, 0);
+    acknowledge(&mut session, 2);
+    assert_eq!(session.next_live(), None);
+    assert_eq!(all(&mut session), []);
+    connect(&mut session);
     assert_eq!(
-        all(&mut link),
+        all(&mut session),
         [Sent::Hello, Sent::Step(0), Sent::Step(1), Sent::Step(2)],
-        "the acknowledgement was ignored"
+        "the acknowledgement must be ignored"
     );
 }
 
 #[test]
 fn a_host_of_another_major_version_gets_a_hello_and_nothing_else() {
     for major in [0, MAJOR - 1, MAJOR + 1, u8::MAX] {
-        let mut link = with_steps(0..3);
+        let mut session = with_steps(0..3);
         for message in [
             ToDevice::Connect { major, minor: MINOR },
             ToDevice::Stream { live: true },
             ToDevice::GetStatus,
             ToDevice::Acknowledge { step: 2 },
         ] {
-            link.receive(message, 0);
+            session.receive(message, 0);
         }
-        assert_eq!(link.next_live(), None);
-        assert_eq!(all(&mut link), [Sent::Hello], "major {major}");
-        connect(&mut link);
-        assert_eq!(steps(&mut link), [0, 1, 2], "major {major}");
+        assert_eq!(session.next_live(), None);
+        assert_eq!(all(&mut session), [Sent::Hello], "major {major}");
+        connect(&mut session);
+        assert_eq!(steps(&mut session), [0, 1, 2], "major {major}");
     }
 }
 
 #[test]
 fn another_minor_version_is_accepted() {
-    let mut link = with_steps(0..1);
-    link.receive(ToDevice::Connect { major: MAJOR, minor: MINOR + 1 }, 0);
-    assert_eq!(all(&mut link), [Sent::Hello, Sent::Step(0)]);
+    let mut session = with_steps(0..1);
+    session.receive(ToDevice::Connect { major: MAJOR, minor: MINOR + 1 }, 0);
+    assert_eq!(all(&mut session), [Sent::Hello, Sent::Step(0)]);
 }
 
 #[test]
 fn a_host_of_another_major_version_ends_the_session() {
-    let mut link = streaming();
-    push_live(&mut link);
-    link.receive(ToDevice::Connect { major: MAJOR + 1, minor: 0 }, 0);
-    assert_eq!(link.next_live(), None);
-    assert_eq!(all(&mut link), [Sent::Hello]);
+    let mut session = streaming();
+    push_live(&mut session);
+    session.receive(ToDevice::Connect { major: MAJOR + 1, minor: 0 }, 0);
+    assert_eq!(session.next_live(), None);
+    assert_eq!(all(&mut session), [Sent::Hello]);
 }
 
 #[test]
 fn steps_are_sent_once_in_each_session_until_they_are_acknowledged() {
-    let mut link = with_steps(0..3);
-    connect(&mut link);
-    assert_eq!(steps(&mut link), [0, 1, 2]);
-    assert!(steps(&mut link).is_empty(), "a step is not repeated in the same session");
-    acknowledge(&mut link, 1);
-    link.push_step(step(3));
-    assert_eq!(steps(&mut link), [3]);
+    let mut session = with_steps(0..3);
+    connect(&mut session);
+    assert_eq!(steps(&mut session), [0, 1, 2]);
+    assert!(steps(&mut session).is_empty(), "a step must not be repeated in the same session");
+    acknowledge(&mut session, 1);
+    session.push_step(step(3));
+    assert_eq!(steps(&mut session), [3]);
 
-    connect(&mut link);
-    assert_eq!(steps(&mut link), [2, 3], "unacknowledged steps are repeated in the next session");
-    acknowledge(&mut link, 3);
-    connect(&mut link);
-    assert!(steps(&mut link).is_empty());
+    connect(&mut session);
+    assert_eq!(steps(&mut session), [2, 3], "unacknowledged steps must be repeated in the next session");
+    acknowledge(&mut session, 3);
+    connect(&mut session);
+    assert!(steps(&mut session).is_empty());
 }
 
 #[test]
 fn steps_that_were_not_sent_cannot_be_acknowledged() {
-    let mut link = with_steps(0..3);
-    connect(&mut link);
-    assert_eq!([next(&mut link), next(&mut link)], [Some(Sent::Hello), Some(Sent::Step(0))]);
-    acknowledge(&mut link, 2);
-    assert_eq!(steps(&mut link), [1, 2]);
-    // The steps were sent in an earlier session, but not yet in this one.
-    connect(&mut link);
-    acknowledge(&mut link, 2);
-    assert_eq!(steps(&mut link), [1, 2]);
-    acknowledge(&mut link, 2);
-    connect(&mut link);
-    assert!(steps(&mut link).is_empty());
+    let mut session = with_steps(0..3);
+    connect(&mut session);
+    assert_eq!([next(&mut session), next(&mut session)], [Some(Sent::Hello), Some(Sent::Step(0))]);
+    acknowledge(&mut session, 2);
+    assert_eq!(steps(&mut session), [1, 2]);
+    // Steps that were sent in an earlier session, but not yet in this one, cannot be acknowledged either.
+    connect(&mut session);
+    acknowledge(&mut session, 2);
+    assert_eq!(steps(&mut session), [1, 2]);
+    acknowledge(&mut session, 2);
+    connect(&mut session);
+    assert!(steps(&mut session).is_empty());
 }
 
 #[test]
 fn an_outdated_acknowledgement_has_no_effect() {
-    let mut link = with_steps(10..13);
-    connect(&mut link);
-    assert_eq!(steps(&mut link), [10, 11, 12]);
+    let mut session = with_steps(10..13);
+    connect(&mut session);
+    assert_eq!(steps(&mut session), [10, 11, 12]);
     for old in [0, 9, u32::MAX] {
-        acknowledge(&mut link, old);
+        acknowledge(&mut session, old);
     }
-    connect(&mut link);
-    assert_eq!(steps(&mut link), [10, 11, 12]);
+    connect(&mut session);
+    assert_eq!(steps(&mut session), [10, 11, 12]);
 }
 
 #[test]
 fn step_numbers_wrap() {
-    let mut link = with_steps([u32::MAX - 1, u32::MAX, 0, 1]);
-    connect(&mut link);
-    assert_eq!(steps(&mut link), [u32::MAX - 1, u32::MAX, 0, 1]);
-    acknowledge(&mut link, 0);
-    connect(&mut link);
-    assert_eq!(steps(&mut link), [1]);
+    let mut session = with_steps([u32::MAX - 1, u32::MAX, 0, 1]);
+    connect(&mut session);
+    assert_eq!(steps(&mut session), [u32::MAX - 1, u32::MAX, 0, 1]);
+    acknowledge(&mut session, 0);
+    connect(&mut session);
+    assert_eq!(steps(&mut session), [1]);
 }
 
 #[test]
 fn a_full_queue_drops_the_oldest_step_and_counts_it() {
     let count = STEP_QUEUE as u32;
-    let mut link = with_steps(0..count + 5);
-    connect(&mut link);
-    link.receive(ToDevice::GetStatus, 0);
-    let sent = all(&mut link);
+    let mut session = with_steps(0..count + 5);
+    connect(&mut session);
+    session.receive(ToDevice::GetStatus, 0);
+    let sent = all(&mut session);
     let expected: Vec<_> = (5..count + 5).map(Sent::Step).collect();
     assert_eq!(sent[1..=STEP_QUEUE], expected);
     assert!(matches!(sent.last(), Some(Sent::Status(s)) if s.steps_dropped == 5), "{sent:?}");
@@ -230,96 +238,96 @@ fn a_full_queue_drops_the_oldest_step_and_counts_it() {
 #[test]
 fn a_full_queue_of_sent_steps_accepts_new_ones() {
     let count = STEP_QUEUE as u32;
-    let mut link = with_steps(0..count);
-    connect(&mut link);
-    assert_eq!(steps(&mut link).len(), STEP_QUEUE);
-    link.push_step(step(count));
-    link.push_step(step(count + 1));
-    assert_eq!(steps(&mut link), [count, count + 1], "none is repeated and none is missing");
-    acknowledge(&mut link, count);
-    connect(&mut link);
-    assert_eq!(steps(&mut link), [count + 1]);
+    let mut session = with_steps(0..count);
+    connect(&mut session);
+    assert_eq!(steps(&mut session).len(), STEP_QUEUE);
+    session.push_step(step(count));
+    session.push_step(step(count + 1));
+    assert_eq!(steps(&mut session), [count, count + 1], "no step must be repeated or missing");
+    acknowledge(&mut session, count);
+    connect(&mut session);
+    assert_eq!(steps(&mut session), [count + 1]);
 }
 
 #[test]
 fn live_frames_are_numbered_from_the_start_of_a_session() {
-    let mut link = streaming();
+    let mut session = streaming();
     for number in 0..3 {
-        push_live(&mut link);
-        assert_eq!(all(&mut link), [Sent::Live(number)]);
+        push_live(&mut session);
+        assert_eq!(all(&mut session), [Sent::Live(number)]);
     }
-    connect(&mut link);
-    assert_eq!(link.next_live(), None, "a new session does not stream by itself");
-    link.receive(ToDevice::Stream { live: true }, 0);
-    push_live(&mut link);
-    assert_eq!(all(&mut link), [Sent::Hello, Sent::Live(0)]);
+    connect(&mut session);
+    assert_eq!(session.next_live(), None, "a new session must not have live frames without a request");
+    session.receive(ToDevice::Stream { live: true }, 0);
+    push_live(&mut session);
+    assert_eq!(all(&mut session), [Sent::Hello, Sent::Live(0)]);
 }
 
 #[test]
 fn live_frames_that_a_slow_carrier_drops_leave_a_gap() {
-    let mut link = streaming();
-    (0..100).for_each(|_| push_live(&mut link));
-    link.receive(ToDevice::GetStatus, 0);
-    let sent = all(&mut link);
-    let (last, live) = sent.split_last().expect("a status");
+    let mut session = streaming();
+    (0..100).for_each(|_| push_live(&mut session));
+    session.receive(ToDevice::GetStatus, 0);
+    let sent = all(&mut session);
+    let (last, live) = sent.split_last().expect("the insole sends a status");
     let newest: Vec<_> = (100 - live.len() as u32..100).map(Sent::Live).collect();
-    assert_eq!(live, newest, "the newest frames, in order");
+    assert_eq!(live, newest, "the newest frames must be sent, in order");
     assert!((1..100).contains(&live.len()));
     assert!(matches!(last, Sent::Status(s) if s.live_due == 100 && s.live_sent as usize == live.len()), "{last:?}");
-    push_live(&mut link);
-    assert_eq!(all(&mut link), [Sent::Live(100)]);
+    push_live(&mut session);
+    assert_eq!(all(&mut session), [Sent::Live(100)]);
 }
 
 #[test]
 fn a_stream_that_is_turned_off_stops_at_once() {
-    let mut link = streaming();
-    push_live(&mut link);
-    link.receive(ToDevice::Stream { live: false }, 0);
-    assert_eq!(link.next_live(), None);
-    assert_eq!(all(&mut link), []);
-    link.receive(ToDevice::Stream { live: true }, 0);
-    push_live(&mut link);
-    assert_eq!(all(&mut link), [Sent::Live(1)], "the frame that was discarded leaves a gap");
+    let mut session = streaming();
+    push_live(&mut session);
+    session.receive(ToDevice::Stream { live: false }, 0);
+    assert_eq!(session.next_live(), None);
+    assert_eq!(all(&mut session), []);
+    session.receive(ToDevice::Stream { live: true }, 0);
+    push_live(&mut session);
+    assert_eq!(all(&mut session), [Sent::Live(1)], "the frame that was discarded must leave a gap");
 }
 
 #[test]
-fn hello_is_sent_first_then_steps_live_frames_and_the_status() {
-    let mut link = streaming();
-    push_live(&mut link);
-    link.receive(ToDevice::GetStatus, 0);
-    link.push_step(step(0));
-    push_live(&mut link);
-    let sent = all(&mut link);
+fn steps_are_sent_before_live_frames_and_live_frames_before_the_status() {
+    let mut session = streaming();
+    push_live(&mut session);
+    session.receive(ToDevice::GetStatus, 0);
+    session.push_step(step(0));
+    push_live(&mut session);
+    let sent = all(&mut session);
     assert_eq!(sent[..3], [Sent::Step(0), Sent::Live(0), Sent::Live(1)]);
     let expected = Status { live_due: 2, live_sent: 2, steps_dropped: 0, faults: 0, rezeroed: 0, ..status() };
     assert_eq!(sent[3..], [Sent::Status(expected)]);
-    assert_eq!(all(&mut link), [], "one status for each request");
+    assert_eq!(all(&mut session), [], "there must be one status for each request");
 }
 
 #[test]
 fn steps_remain_queued_when_the_session_is_closed() {
-    let mut link = streaming();
-    link.push_step(step(0));
-    assert_eq!(steps(&mut link), [0]);
-    link.push_step(step(1));
-    push_live(&mut link);
-    link.receive(ToDevice::GetStatus, 0);
-    link.close();
-    assert_eq!(link.next_live(), None);
-    assert_eq!(all(&mut link), []);
-    link.push_step(step(2));
-    assert_eq!(all(&mut link), [], "steps wait until a host connects");
-    connect(&mut link);
-    assert_eq!(all(&mut link), [Sent::Hello, Sent::Step(0), Sent::Step(1), Sent::Step(2)]);
+    let mut session = streaming();
+    session.push_step(step(0));
+    assert_eq!(steps(&mut session), [0]);
+    session.push_step(step(1));
+    push_live(&mut session);
+    session.receive(ToDevice::GetStatus, 0);
+    session.close();
+    assert_eq!(session.next_live(), None);
+    assert_eq!(all(&mut session), []);
+    session.push_step(step(2));
+    assert_eq!(all(&mut session), [], "steps must wait until a host connects");
+    connect(&mut session);
+    assert_eq!(all(&mut session), [Sent::Hello, Sent::Step(0), Sent::Step(1), Sent::Step(2)]);
 }
 
 #[test]
 fn dropped_steps_are_counted_across_sessions() {
-    let mut link = with_steps(0..STEP_QUEUE as u32 + 2);
-    link.close();
-    connect(&mut link);
-    link.receive(ToDevice::GetStatus, 0);
-    assert!(matches!(all(&mut link).last(), Some(Sent::Status(s)) if s.steps_dropped == 2));
+    let mut session = with_steps(0..STEP_QUEUE as u32 + 2);
+    session.close();
+    connect(&mut session);
+    session.receive(ToDevice::GetStatus, 0);
+    assert!(matches!(all(&mut session).last(), Some(Sent::Status(s)) if s.steps_dropped == 2));
 }
 
 /// Other valid parameters.
@@ -343,58 +351,58 @@ fn bad_tissues() -> [(Tissue, Refusal); 4] {
 
 #[test]
 fn accepted_parameters_are_confirmed_and_reported_from_then_on() {
-    let mut link = streaming();
-    link.receive(ToDevice::GetTissue, 0);
-    assert_eq!(all(&mut link), [Sent::Tissue(0)], "there are no parameters yet");
+    let mut session = streaming();
+    session.receive(ToDevice::GetTissue, 0);
+    assert_eq!(all(&mut session), [Sent::Tissue(0)], "there must be no parameters yet");
     for tissue in [*TISSUE, other_tissue(), *TISSUE, *TISSUE] {
-        link.receive(ToDevice::SetTissue(tissue), 0);
-        assert_eq!(link.command(), Some(Command::Tissue(tissue)));
-        assert_eq!(all(&mut link), [], "no answer before they are stored");
-        link.complete(Ok(CommandResult::Stored));
-        assert_eq!(*link.tissue(), tissue);
+        session.receive(ToDevice::SetTissue(tissue), 0);
+        assert_eq!(session.command(), Some(Command::Tissue(tissue)));
+        assert_eq!(all(&mut session), [], "there must be no answer before the parameters are stored");
+        session.complete(Ok(CommandResult::Stored));
+        assert_eq!(*session.tissue(), tissue);
         assert_eq!(
-            link.tissue_due(),
+            session.tissue_due(),
             None,
-            "the frames queued before the answer were computed with the previous parameters"
+            "new parameters must not apply before the answer, because earlier live frames use the previous ones"
         );
-        assert_eq!(all(&mut link), [Sent::Tissue(tissue.id)]);
+        assert_eq!(all(&mut session), [Sent::Tissue(tissue.id)]);
     }
-    assert!(link.next_live().is_some(), "the stream continues");
-    link.close();
-    link.receive(ToDevice::GetTissue, 0);
-    assert_eq!(all(&mut link), []);
-    connect(&mut link);
-    link.receive(ToDevice::GetTissue, 0);
+    assert!(session.next_live().is_some(), "the stream must continue");
+    session.close();
+    session.receive(ToDevice::GetTissue, 0);
+    assert_eq!(all(&mut session), []);
+    connect(&mut session);
+    session.receive(ToDevice::GetTissue, 0);
     assert_eq!(
-        all(&mut link),
+        all(&mut session),
         [Sent::Hello, Sent::Tissue(TISSUE.id)],
-        "the hello contains their id, which `next` checks"
+        "the parameters must remain; `next` checks their identifier in the hello"
     );
 }
 
 #[test]
 fn refused_parameters_are_answered_with_the_reason_and_change_nothing() {
-    let mut link = streaming();
+    let mut session = streaming();
     for before in [Tissue::NONE, *TISSUE] {
         for (bad, reason) in bad_tissues() {
-            link.receive(ToDevice::SetTissue(bad), 0);
-            assert_eq!(*link.tissue(), before);
-            assert_eq!(all(&mut link), [Sent::Refused(reason)]);
+            session.receive(ToDevice::SetTissue(bad), 0);
+            assert_eq!(*session.tissue(), before);
+            assert_eq!(all(&mut session), [Sent::Refused(reason)]);
         }
-        link.receive_unknown();
-        assert_eq!(all(&mut link), [Sent::Refused(Refusal::NotUnderstood)]);
-        link.receive(ToDevice::SetTissue(*TISSUE), 0);
-        link.complete(Ok(CommandResult::Stored));
-        all(&mut link);
+        session.receive_unknown();
+        assert_eq!(all(&mut session), [Sent::Refused(Refusal::NotUnderstood)]);
+        session.receive(ToDevice::SetTissue(*TISSUE), 0);
+        session.complete(Ok(CommandResult::Stored));
+        all(&mut session);
     }
 }
 
 #[test]
 fn answers_are_sent_in_the_order_of_the_requests_after_queued_messages() {
-    let mut link = streaming();
+    let mut session = streaming();
     let (bad, reason) = bad_tissues()[0];
-    push_live(&mut link);
-    link.push_step(step(0));
+    push_live(&mut session);
+    session.push_step(step(0));
     for request in [
         ToDevice::SetTissue(bad),
         ToDevice::SetTissue(*TISSUE),
@@ -402,46 +410,46 @@ fn answers_are_sent_in_the_order_of_the_requests_after_queued_messages() {
         ToDevice::SetTissue(bad),
         ToDevice::GetTissue,
     ] {
-        link.receive(request, 0);
-        link.complete(Ok(CommandResult::Stored));
+        session.receive(request, 0);
+        session.complete(Ok(CommandResult::Stored));
     }
-    link.receive_unknown();
-    let sent = all(&mut link);
+    session.receive_unknown();
+    let sent = all(&mut session);
     assert_eq!(sent[..4], [Sent::Step(0), Sent::Live(0), Sent::Refused(reason), Sent::Tissue(TISSUE.id)]);
     assert!(matches!(sent[4], Sent::Status(_)));
     assert_eq!(sent[5..], [Sent::Refused(reason), Sent::Tissue(TISSUE.id), Sent::Refused(Refusal::NotUnderstood)]);
 }
 
-/// The carrier sends one message for every two live frames, so that the queue of live frames is never empty.
+/// The carrier sends one message while the insole queues two live frames, so that the queue of live frames is never empty.
 #[test]
 fn a_carrier_that_is_too_slow_for_live_frames_delivers_answers() {
-    let mut link = streaming();
-    let sent_of = |link: &mut Session, requests: &[ToDevice]| {
-        requests.iter().for_each(|request| link.receive(*request, 0));
-        link.complete(Ok(CommandResult::Stored));
+    let mut session = streaming();
+    let sent_of = |session: &mut Session, requests: &[ToDevice]| {
+        requests.iter().for_each(|request| session.receive(*request, 0));
+        session.complete(Ok(CommandResult::Stored));
         let mut sent = Vec::new();
         for _ in 0..40 {
-            push_live(link);
-            push_live(link);
-            sent.extend(next(link));
+            push_live(session);
+            push_live(session);
+            sent.extend(next(session));
         }
         sent
     };
-    sent_of(&mut link, &[]);
-    let sent = sent_of(&mut link, &[ToDevice::GetStatus, ToDevice::GetTime { host_us: 1 }]);
-    let at = sent.iter().position(|sent| matches!(sent, Sent::Status(_))).expect("an answer");
+    sent_of(&mut session, &[]);
+    let sent = sent_of(&mut session, &[ToDevice::GetStatus, ToDevice::GetTime { host_us: 1 }]);
+    let at = sent.iter().position(|sent| matches!(sent, Sent::Status(_))).expect("the insole answers");
     assert!(at <= 8, "after {at} frames");
     assert!(matches!(sent[at + 1], Sent::Time { .. }));
-    // The status counts exactly the live frames before it as due.
+    // The status counts as due exactly the live frames before the status.
     let (Sent::Live(before), Sent::Status(status), Sent::Live(after)) = (sent[at - 1], sent[at], sent[at + 2]) else {
         panic!("{sent:?}")
     };
     assert!(before < status.live_due && status.live_due <= after, "{before}, {status:?}, {after}");
 
-    // Every live frame after the answer is newer than it, because older ones were computed with the previous parameters.
-    let first = link.next_live().expect("the host streams");
-    let sent = sent_of(&mut link, &[ToDevice::SetTissue(*TISSUE)]);
-    let at = sent.iter().position(|sent| *sent == Sent::Tissue(TISSUE.id)).expect("an answer");
+    // Every live frame after the answer was queued after it, because earlier frames were computed with the previous parameters.
+    let first = session.next_live().expect("the host streams");
+    let sent = sent_of(&mut session, &[ToDevice::SetTissue(*TISSUE)]);
+    let at = sent.iter().position(|sent| *sent == Sent::Tissue(TISSUE.id)).expect("the insole answers");
     assert!(at <= 8, "after {at} frames");
     let Sent::Live(after) = sent[at + 1] else { panic!("{sent:?}") };
     assert!(after >= first + 2 * at as u32, "{first} {at} {after}");
@@ -450,107 +458,108 @@ fn a_carrier_that_is_too_slow_for_live_frames_delivers_answers() {
 #[test]
 fn parameters_are_not_accepted_outside_of_a_session() {
     for connect in [None, Some(ToDevice::Connect { major: MAJOR + 1, minor: MINOR })] {
-        let mut link = Session::new();
-        connect.into_iter().for_each(|connect| link.receive(connect, 0));
-        link.receive(ToDevice::SetTissue(*TISSUE), 0);
-        link.receive(ToDevice::SetTissue(bad_tissues()[0].0), 0);
-        link.receive(ToDevice::GetTissue, 0);
-        link.receive_unknown();
-        assert_eq!(*link.tissue(), Tissue::NONE);
-        assert!(all(&mut link).iter().all(|sent| *sent == Sent::Hello));
+        let mut session = Session::new();
+        connect.into_iter().for_each(|connect| session.receive(connect, 0));
+        session.receive(ToDevice::SetTissue(*TISSUE), 0);
+        session.receive(ToDevice::SetTissue(bad_tissues()[0].0), 0);
+        session.receive(ToDevice::GetTissue, 0);
+        session.receive_unknown();
+        assert_eq!(*session.tissue(), Tissue::NONE);
+        assert!(all(&mut session).iter().all(|sent| *sent == Sent::Hello));
     }
 }
 
 #[test]
-fn too_many_requests_are_answered_in_part() {
-    let mut link = streaming();
-    (0..1000).for_each(|_| link.receive(ToDevice::GetTissue, 0));
-    let sent = all(&mut link);
+fn only_some_of_too_many_requests_are_answered() {
+    let mut session = streaming();
+    (0..1000).for_each(|_| session.receive(ToDevice::GetTissue, 0));
+    let sent = all(&mut session);
     assert!((11..1000).contains(&sent.len()), "{} answers", sent.len());
-    link.receive(ToDevice::GetStatus, 0);
-    assert!(matches!(all(&mut link)[..], [Sent::Status(_)]));
+    session.receive(ToDevice::GetStatus, 0);
+    assert!(matches!(all(&mut session)[..], [Sent::Status(_)]));
 }
 
 #[test]
 fn a_command_is_answered_when_it_is_complete_and_others_are_refused_meanwhile() {
-    let mut link = streaming();
-    let serial = Serial::new("P-0001").expect("printable");
+    let mut session = streaming();
+    let serial = Serial::new("P-0001").expect("the serial number is valid");
     let request = ToDevice::SetIdentity { side: Side::Right, serial };
-    link.receive(request, 0);
-    assert_eq!(link.command(), Some(Command::SetIdentity(Side::Right, serial)));
+    session.receive(request, 0);
+    assert_eq!(session.command(), Some(Command::SetIdentity(Side::Right, serial)));
     // Another command is refused, and changes nothing.
-    link.receive(ToDevice::SetTissue(*TISSUE), 0);
-    assert_eq!(all(&mut link), [Sent::Refused(Refusal::Busy)]);
-    assert_eq!(*link.tissue(), Tissue::NONE);
+    session.receive(ToDevice::SetTissue(*TISSUE), 0);
+    assert_eq!(all(&mut session), [Sent::Refused(Refusal::Busy)]);
+    assert_eq!(*session.tissue(), Tissue::NONE);
     let identity = Identity { side: Side::Right, serial, calibration_id: 5 };
-    link.complete(Ok(CommandResult::Identity(identity)));
-    assert_eq!((link.command(), all(&mut link)), (None, vec![Sent::Identity(identity)]));
+    session.complete(Ok(CommandResult::Identity(identity)));
+    assert_eq!((session.command(), all(&mut session)), (None, vec![Sent::Identity(identity)]));
 
     let cells = [CellCalibration { offset: 3, gain: 1.0 }; BLOCK_CELLS];
-    link.receive(ToDevice::SetCalibrationBlock { block: 2, cells }, 0);
-    assert_eq!(link.command(), Some(Command::CalibrationBlock(2, cells)));
-    link.complete(Ok(CommandResult::Stored));
-    link.receive(ToDevice::SetTissue(*TISSUE), 0);
-    link.complete(Err(Refusal::NotStored));
-    link.receive(ToDevice::SetCalibration { layout_id: 1, cells: 2, id: 3 }, 0);
-    link.complete(Err(Refusal::Calibration));
+    session.receive(ToDevice::SetCalibrationBlock { block: 2, cells }, 0);
+    assert_eq!(session.command(), Some(Command::CalibrationBlock(2, cells)));
+    session.complete(Ok(CommandResult::Stored));
+    session.receive(ToDevice::SetTissue(*TISSUE), 0);
+    session.complete(Err(Refusal::NotStored));
+    session.receive(ToDevice::SetCalibration { layout_id: 1, cells: 2, id: 3 }, 0);
+    session.complete(Err(Refusal::Calibration));
     let sent = [Sent::CalibrationBlock(2), Sent::Refused(Refusal::NotStored), Sent::Refused(Refusal::Calibration)];
-    assert_eq!(all(&mut link), sent);
-    assert_eq!(*link.tissue(), *TISSUE, "the parameters are in force until the next start");
-    assert_eq!(link.identity(), identity);
-    link.receive(ToDevice::Update(Request::Finish), 0);
-    assert_eq!(link.command(), Some(Command::Update(Request::Finish)));
-    link.complete(Ok(CommandResult::Update(Progress::Accepted)));
-    assert_eq!(all(&mut link), [Sent::Update(Progress::Accepted)]);
+    assert_eq!(all(&mut session), sent);
+    assert_eq!(*session.tissue(), *TISSUE, "parameters that could not be stored must be in force until the next start");
+    assert_eq!(session.identity(), identity);
+    session.receive(ToDevice::Update(Request::Finish), 0);
+    assert_eq!(session.command(), Some(Command::Update(Request::Finish)));
+    session.complete(Ok(CommandResult::Update(Progress::Accepted)));
+    assert_eq!(all(&mut session), [Sent::Update(Progress::Accepted)]);
     // A result without a pending command has no effect.
-    link.complete(Ok(CommandResult::Identity(Identity { calibration_id: 6, ..identity })));
-    assert_eq!((all(&mut link), link.identity()), (vec![], identity));
+    session.complete(Ok(CommandResult::Identity(Identity { calibration_id: 6, ..identity })));
+    assert_eq!((all(&mut session), session.identity()), (vec![], identity));
 }
 
 #[test]
 fn invalid_calibrations_and_serial_numbers_are_refused() {
-    let mut link = streaming();
+    let mut session = streaming();
     let bad = [f32::NAN, 0.0, -1.0, 1e9].map(|gain| CellCalibration { offset: 3, gain });
     for calibration in bad.into_iter().chain([CellCalibration { offset: u16::MAX, gain: 1.0 }]) {
         let mut cells = [CellCalibration::IDEAL; BLOCK_CELLS];
         cells[7] = calibration;
-        link.receive(ToDevice::SetCalibrationBlock { block: 0, cells }, 0);
-        assert_eq!(all(&mut link), [Sent::Refused(Refusal::Calibration)], "{calibration:?}");
+        session.receive(ToDevice::SetCalibrationBlock { block: 0, cells }, 0);
+        assert_eq!(all(&mut session), [Sent::Refused(Refusal::Calibration)], "{calibration:?}");
     }
-    // The block numbers beyond the last block belong to the other slot of the calibration.
+    // In the store, the numbers after that of the last block belong to the other slot of the calibration.
     for block in [16, 127, 128, 255] {
         let cells = [CellCalibration::IDEAL; BLOCK_CELLS];
-        link.receive(ToDevice::SetCalibrationBlock { block, cells }, 0);
-        assert_eq!(all(&mut link), [Sent::Refused(Refusal::Calibration)], "{block}");
+        session.receive(ToDevice::SetCalibrationBlock { block, cells }, 0);
+        assert_eq!(all(&mut session), [Sent::Refused(Refusal::Calibration)], "{block}");
     }
     let mut bytes = [0; MAX_MESSAGE];
-    let request = ToDevice::SetIdentity { side: Side::Left, serial: Serial::new("AB").expect("printable") };
+    let request =
+        ToDevice::SetIdentity { side: Side::Left, serial: Serial::new("AB").expect("the serial number is valid") };
     let bytes = encode(&request, &mut bytes).expect("the message fits");
-    // A control character, and a character after the end of the text.
+    // A control character in the serial number, and a character after its end.
     for (at, byte) in [(2, 7), (10, b'x')] {
         let mut damaged = bytes.to_vec();
         damaged[at] = byte;
-        link.receive(decode(&damaged).expect("a message"), 0);
-        assert_eq!(all(&mut link), [Sent::Refused(Refusal::Serial)]);
+        session.receive(decode(&damaged).expect("the bytes are a message"), 0);
+        assert_eq!(all(&mut session), [Sent::Refused(Refusal::Serial)]);
     }
-    assert_eq!(link.command(), None);
+    assert_eq!(session.command(), None);
 }
 
 #[test]
-fn an_acknowledgement_is_handed_to_the_storage_once() {
-    let mut link = with_steps(10..15);
-    assert_eq!((link.has_room(), link.newest_step()), (STEP_QUEUE > 5, Some(14)));
-    connect(&mut link);
-    acknowledge(&mut link, 12);
-    assert_eq!(link.take_acknowledged(), None, "no step was sent yet");
-    assert_eq!(steps(&mut link), [10, 11, 12, 13, 14]);
-    acknowledge(&mut link, 11);
-    acknowledge(&mut link, 12);
-    assert_eq!(link.take_acknowledged(), Some(12));
-    assert_eq!(link.take_acknowledged(), None);
-    link.close();
-    acknowledge(&mut link, 14);
-    assert_eq!(link.take_acknowledged(), None);
+fn an_acknowledgement_is_passed_to_the_storage_once() {
+    let mut session = with_steps(10..15);
+    assert_eq!((session.has_room(), session.newest_step()), (STEP_QUEUE > 5, Some(14)));
+    connect(&mut session);
+    acknowledge(&mut session, 12);
+    assert_eq!(session.take_acknowledged(), None, "steps that were not sent must not be acknowledged");
+    assert_eq!(steps(&mut session), [10, 11, 12, 13, 14]);
+    acknowledge(&mut session, 11);
+    acknowledge(&mut session, 12);
+    assert_eq!(session.take_acknowledged(), Some(12));
+    assert_eq!(session.take_acknowledged(), None);
+    session.close();
+    acknowledge(&mut session, 14);
+    assert_eq!(session.take_acknowledged(), None);
 }
 
 /// The frames of cells wait for everything else. Where the carrier is too slow, scans are dropped whole and counted, and the

@@ -1,4 +1,4 @@
-//! docs/unsafe.md lists all unsafe code.
+//! The list of unsafe code in docs/unsafe.md is complete, and every unsafe block has a SAFETY comment.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -15,6 +15,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
+/// Adds all Rust sources below a folder to `found`.
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).expect("the folder can be read").flatten() {
         let (path, name) = (entry.path(), entry.file_name());
@@ -26,7 +27,7 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// The line without its comment.
+/// A line without its comment.
 fn code(line: &str) -> &str {
     line.split_once("//").map_or(line, |(code, _)| code)
 }
@@ -36,7 +37,7 @@ fn has_keyword(line: &str) -> bool {
 }
 
 #[test]
-fn every_line_is_listed_and_every_block_has_its_reason() {
+fn every_unsafe_line_is_listed_and_every_unsafe_block_has_a_safety_comment() {
     let mut files = Vec::new();
     for folder in FOLDERS.map(|folder| root().join(folder)).iter().filter(|folder| folder.is_dir()) {
         sources(folder, &mut files);
@@ -61,7 +62,7 @@ fn every_line_is_listed_and_every_block_has_its_reason() {
         .filter_map(|row| {
             let mut cells = row.split('|').map(str::trim).skip(1);
             let (file, lines) = (cells.next()?, cells.next()?);
-            file.ends_with(".rs").then(|| (file.to_owned(), lines.parse().expect("a number of lines")))
+            file.ends_with(".rs").then(|| (file.to_owned(), lines.parse().expect("the row contains a number of lines")))
         })
         .collect();
     assert_eq!(found, listed);

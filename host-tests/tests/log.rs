@@ -1,4 +1,4 @@
-//! The log of the emulated board, as `plantar emulate --log` writes it.
+//! The log of the firmware on the emulated board, which `plantar emulate --log` writes.
 
 mod common;
 
@@ -12,31 +12,34 @@ use plantar::protocol::ToHost;
 use recording::VirtualInsole;
 use std::time::{Duration, Instant};
 
-const PATIENCE: Duration = Duration::from_secs(20);
+/// Longest wait for an answer, and for the steps of the walk.
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn the_firmware_reports_its_state_changes_with_levels() {
+fn the_log_contains_the_state_changes_of_the_firmware_with_their_levels() {
     let firmware = firmware();
     let recording = synthetic_walk(8, 100.0);
-    let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
-    let faults: Vec<SensorFault> = vec!["short-cell:20@1.5".parse().expect("a fault of a cell")];
-    let zeros = worn.cells.iter().map(|cell| cell.calibration.offset).collect();
-    let walk = Faulty::new(Recorded::new(recording, worn.clone()), faults, worn.setup.period_us, zeros);
-    let board = Board::start(&firmware, &EmulatorConfig::new(worn.setup), &worn.cells, Time::Max, walk)
-        .expect("the board starts");
-    let link = board.link().expect("a serial link");
-    link.set_read_timeout(Some(Duration::from_millis(50))).expect("a read timeout");
-    let mut client = Client::connect(Framed::new(link), PATIENCE).expect("the insole answers");
-    client.set_tissue(&tissue()).expect("valid parameters");
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+    let faults: Vec<SensorFault> = vec!["short-cell:20@1.5".parse().expect("the fault can be parsed")];
+    let zeros = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
+    let walk =
+        Faulty::new(Recorded::new(recording, virtual_insole.clone()), faults, virtual_insole.setup.period_us, zeros);
+    let board =
+        Board::start(&firmware, &EmulatorConfig::new(virtual_insole.setup), &virtual_insole.cells, Time::Max, walk)
+            .expect("the board boots");
+    let link = board.link().expect("the board has a link");
+    link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
+    let mut client = Client::connect(Framed::new(link), TIMEOUT).expect("the insole answers");
+    client.set_tissue(&tissue()).expect("the parameters are accepted");
     board.play();
     let (start, mut steps) = (Instant::now(), 0);
-    while steps < 4 && start.elapsed() < PATIENCE {
-        if let Some(ToHost::Step(_)) = client.receive().expect("the link holds") {
+    while steps < 4 && start.elapsed() < TIMEOUT {
+        if let Some(ToHost::Step(_)) = client.receive().expect("the link works") {
             steps += 1;
         }
     }
-    let restart = client.restart(PATIENCE);
+    let restart = client.restart(TIMEOUT);
 
     let log = board.log(&firmware).expect("the log can be decoded");
     log.iter().for_each(|entry| println!("{entry}"));

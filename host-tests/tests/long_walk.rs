@@ -1,4 +1,4 @@
-//! A long walk with both feet, with the firmware's loops on a host.
+//! A long walk with both feet: the firmware's tasks on a host in virtual time.
 
 use testkit::scenario::LongWalk;
 

@@ -25,6 +25,7 @@ fn ellipsoid() -> impl Strategy<Value = Ellipsoid<f64>> {
     })
 }
 
+/// Checks that `got` differs from `want` by at most `tolerance` times `scale`.
 fn close(got: f64, want: f64, scale: f64, tolerance: f64) -> Result<(), TestCaseError> {
     prop_assert!(
         (got - want).abs() <= tolerance * scale.abs(),
@@ -33,17 +34,18 @@ fn close(got: f64, want: f64, scale: f64, tolerance: f64) -> Result<(), TestCase
     Ok(())
 }
 
+/// Area of the section of an ellipsoid at its centre, parallel to the ground.
 fn section_m2(e: &Ellipsoid<f64>) -> f64 {
     PI * e.a_m * e.b_m
 }
 
-/// Area at a deformation: the section of the ellipsoid x2/A2 + y2/B2 + z2/C2 = 1 by the ground plane.
+/// Contact area at a deformation: the section of the ellipsoid x2/A2 + y2/B2 + z2/C2 = 1 by the ground plane.
 fn contact_area_m2(e: &Ellipsoid<f64>, deformation_m: f64) -> f64 {
     let z = (e.c_m - deformation_m) / e.c_m;
     section_m2(e) * (1.0 - z * z)
 }
 
-/// Nodes and weights of the Gauss-Legendre quadrature on 0..1.
+/// Nodes and weights of the Gauss-Legendre quadrature in the interval from 0 to 1.
 fn gauss_legendre(count: usize) -> Vec<(f64, f64)> {
     let legendre = |x: f64| {
         let (mut before, mut here) = (1.0, x);
@@ -65,7 +67,7 @@ fn gauss_legendre(count: usize) -> Vec<(f64, f64)> {
     (0..count).map(node).collect()
 }
 
-/// Eq. 11 and 12 integrated over the contact ellipse: elastic and viscous force.
+/// Elastic and viscous force: Eq. 11 and 12 of the paper, integrated over the contact ellipse.
 fn quadrature_n(e: &Ellipsoid<f64>, deformation_m: f64, rate_m_s: f64) -> (f64, f64) {
     let z0_m = e.c_m - deformation_m;
     let rim = (1.0 - (z0_m / e.c_m).powi(2)).sqrt();
@@ -158,7 +160,7 @@ proptest! {
         area_rate_m2_s in -0.1..0.1f64,
         [s_ab, s_c, s_d0] in [0.5..2.0f64, 0.5..2.0f64, 0.5..2.0f64],
     ) {
-        // K = k C^(n+1) / d0^n and G = c C^(m+1) / d0^m are unchanged.
+        // A B, K = k C^(n+1) / d0^n and G = c C^(m+1) / d0^m are the same for both ellipsoids.
         let stretched = Ellipsoid {
             a_m: e.a_m * s_ab,
             b_m: e.b_m / s_ab,
@@ -188,7 +190,7 @@ proptest! {
         let wide_g = wide.area_ratio(f64::from(area_m2)).normalised_deformation();
         close(f64::from(g), wide_g, wide_g, 1e-5)?;
 
-        // The rounding error of g changes the force by its slope: both force laws are compared at the same g.
+        // Both force laws are compared at the same g, because the rounding error of g would add to the error of the force.
         let g_wide = f64::from(g);
         let elastic_n = wide.force_n(g_wide, 0.0);
         close(f64::from(law.force_n(g, 0.0)), elastic_n, elastic_n, 1e-5)?;
@@ -202,8 +204,8 @@ const HEEL: Ellipsoid<f64> =
     Ellipsoid { a_m: 0.026, b_m: 0.033, c_m: 0.012, d0_m: 0.016, k: 2e7, n: 1.2, c: 4e5, m: 0.8 };
 
 #[test]
-fn printed_equation_15_would_be_twice_the_slope() {
-    // At light contact dd/dt = C dAe/dt / (2 pi A B): the factor 1/2 that the printed equation lacks.
+fn the_printed_equation_15_is_twice_the_slope() {
+    // In light contact dd/dt = C dAe/dt / (2 pi A B). The printed equation lacks the factor 1/2.
     let rate_m_s = HEEL.deformation_rate_m_s(1e-12, 0.01);
     let expected_m_s = HEEL.c_m * 0.01 / (2.0 * section_m2(&HEEL));
     assert!((rate_m_s / expected_m_s - 1.0).abs() < 1e-8, "{rate_m_s} {expected_m_s}");
@@ -216,9 +218,9 @@ fn full_contact_has_the_radii_of_the_ellipsoid() {
 }
 
 #[test]
-fn area_ratio_is_guarded() {
+fn the_area_ratio_is_limited_to_0_to_1() {
     let largest_m2 = section_m2(&HEEL);
-    // Area, ratio, clamped.
+    // Contact area, expected ratio, and whether the ratio is clamped.
     let cases = [
         (0.0, 0.0, false),
         (-1e-4, 0.0, false),
@@ -240,7 +242,10 @@ fn area_ratio_is_guarded() {
             );
         }
     }
-    assert!((HEEL.deformation_m(largest_m2 * 2.0) - HEEL.c_m).abs() < 1e-17, "a clamped contact has the deformation C");
+    assert!(
+        (HEEL.deformation_m(largest_m2 * 2.0) - HEEL.c_m).abs() < 1e-17,
+        "the deformation of a clamped contact must be C"
+    );
 }
 
 #[test]
@@ -256,7 +261,7 @@ fn without_contact_there_is_no_force() {
 #[test]
 fn only_the_force_law_limits_tension_to_zero() {
     let (g, rate_m_s) = (0.3, -5.0);
-    assert!(HEEL.force_n(g * HEEL.c_m, rate_m_s) < 0.0, "the ellipsoid has tension in this release");
+    assert!(HEEL.force_n(g * HEEL.c_m, rate_m_s) < 0.0, "the ellipsoid's force must be a tension during this release");
     assert_eq!(HEEL.force_law().force_n(g, rate_m_s / HEEL.c_m), 0.0);
 }
 
@@ -319,7 +324,7 @@ fn invalid_parameters_are_refused() {
     assert!(!ForceLaw::<f32>::NONE.is_valid());
 }
 
-/// Force laws with every number at its lower or upper limit. The lower limit of an exponent is the smallest f32 above -1.
+/// Force laws in which each number is at its lower or upper limit. The lower limit of an exponent is the smallest f32 above -1.
 fn laws_at_their_limits() -> impl Iterator<Item = ForceLaw<f32>> {
     let ends = |limit: &std::ops::RangeInclusive<f64>| [*limit.start() as f32, *limit.end() as f32];
     let exponents = [(-1.0f32).next_up(), MAX_EXPONENT as f32];
@@ -331,7 +336,7 @@ fn laws_at_their_limits() -> impl Iterator<Item = ForceLaw<f32>> {
 }
 
 #[test]
-fn the_limits_are_valid_and_the_next_numbers_are_not() {
+fn the_limits_are_valid_and_the_next_numbers_beyond_them_are_not() {
     for law in laws_at_their_limits() {
         assert!(law.is_valid(), "{law:?}");
         let mut beyond = [law; 6];
@@ -348,7 +353,7 @@ fn the_limits_are_valid_and_the_next_numbers_are_not() {
     }
 }
 
-/// The contact changes completely from frame to frame, from almost none to an area far beyond the ellipsoid.
+/// The contact area changes abruptly from frame to frame, between 0 and an area far larger than the ellipsoid's.
 #[test]
 fn forces_at_the_limits_of_the_parameters_are_finite_in_single_precision() {
     let areas_mm2: Vec<f32> = (0..256).map(|i| [0.0, 1e5, 1e-3, 600.0, 0.01][i % 5]).collect();

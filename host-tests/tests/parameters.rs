@@ -1,4 +1,4 @@
-//! Parameter files and the parameters on an insole: conversion in either direction preserves every bit.
+//! Conversion between parameter files and the parameters on an insole: it preserves every bit in either direction.
 
 use parameters::{InsoleSize, Parameters};
 use plantar::pipeline::model::{AB_M2, COEFFICIENT, ForceLaw, LENGTH_M, MAX_EXPONENT};
@@ -7,13 +7,14 @@ use proptest::prelude::*;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-/// Numbers within limits, distributed evenly over their bits and so over all magnitudes; often a limit itself.
+/// Numbers within limits, and often a limit itself. Their bits are evenly distributed, so that all magnitudes occur.
 fn within(limit: &RangeInclusive<f64>) -> impl Strategy<Value = f32> + use<> {
     let (least, most) = (*limit.start() as f32, *limit.end() as f32);
     let inside = (least.to_bits()..=most.to_bits()).prop_map(f32::from_bits);
     prop_oneof![8 => inside, 1 => Just(least), 1 => Just(most)]
 }
 
+/// Exponents within their limits, above -1.
 fn exponent() -> impl Strategy<Value = f32> {
     let negative = within(&(0.0..=f64::from(1.0f32.next_down()))).prop_map(|v| -v);
     prop_oneof![within(&(0.0..=MAX_EXPONENT)), negative]
@@ -33,6 +34,7 @@ fn tissue() -> impl Strategy<Value = Tissue> {
     prop::array::uniform8(law).prop_map(Tissue::new)
 }
 
+/// The parameters after they were written to a file and read again.
 fn through_a_file(parameters: &Parameters) -> Parameters {
     Parameters::parse(&parameters.to_toml(), Path::new("pulled.toml")).expect("the file is valid")
 }
@@ -43,7 +45,7 @@ proptest! {
     #[test]
     fn valid_parameters_are_read_back_from_a_file_bit_for_bit(tissue in tissue()) {
         prop_assert_eq!(tissue.check(), Ok(()));
-        // The id depends on every bit, so that it also distinguishes 0 from -0.
+        // Equal identifiers show that 0 and -0 were not exchanged, because the identifier depends on every bit.
         prop_assert_eq!(through_a_file(&Parameters::from_tissue(&tissue)).tissue(), tissue);
     }
 }
@@ -51,7 +53,7 @@ proptest! {
 #[test]
 fn typical_parameters_are_read_back_from_a_file_and_from_an_insole() {
     for size in 35..=46 {
-        let typical = Parameters::typical(size.to_string().parse::<InsoleSize>().expect("a size"));
+        let typical = Parameters::typical(size.to_string().parse::<InsoleSize>().expect("the size is valid"));
         assert_eq!(typical.tissue().check(), Ok(()), "size {size}");
         assert_eq!(through_a_file(&typical).tissue(), typical.tissue(), "size {size}");
         let pulled = Parameters::from_tissue(&typical.tissue());
@@ -62,9 +64,9 @@ fn typical_parameters_are_read_back_from_a_file_and_from_an_insole() {
 #[test]
 fn lengths_within_their_limits_are_accepted() {
     let typical = Parameters::typical(InsoleSize::default()).to_toml();
-    let c_of_heel = typical.lines().find(|line| line.starts_with("c_mm")).expect("a radius");
+    let c_of_heel = typical.lines().find(|line| line.starts_with("c_mm")).expect("the file contains a radius");
     for (c_mm, is_accepted) in [("0.1", true), ("200", true), ("200.0", true), ("0.0999", false), ("200.1", false)] {
-        // A small k, because the usual one in a tissue of 200 mm would give a stiffness K beyond its limit.
+        // k is small, because with the usual k a tissue of 200 mm would have a stiffness K beyond its limit.
         let text = typical.replacen(c_of_heel, &format!("c_mm = {c_mm}"), 1).replace("k_n_m3 = ", "k_n_m3 = 1.0 # ");
         let read = Parameters::parse(&text, Path::new("params.toml"));
         assert_eq!(read.is_ok(), is_accepted, "{c_mm}: {read:?}");
@@ -75,7 +77,7 @@ fn lengths_within_their_limits_are_accepted() {
     }
 }
 
-/// The escape sequences of TOML differ from those of Rust.
+/// The name needs escape sequences, and those of TOML differ from those of Rust.
 #[test]
 fn any_name_is_read_back_from_a_file() {
     let subject = "\"a\\b\"\u{0}\n\u{85}\u{301}'\u{1f9b6}";

@@ -1,4 +1,4 @@
-//! The frames of a whole insole, compared with a reference in f64 that computes every frame from the start.
+//! The results of a whole insole for each frame, compared with a reference in f64 that computes every frame from its codes alone.
 
 use plantar::insole::Insole;
 use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
@@ -33,12 +33,13 @@ struct Truth {
     saturated: bool,
 }
 
-/// A direct computation of all values. Between frames it stores only which cells are in contact.
+/// A direct computation of all values. Only the set of cells in contact is stored from frame to frame.
 struct Reference {
     setup: Setup,
     curve: Curve,
     cells: Vec<SetupCell>,
-    /// For each cell, the codes at which its contact begins and ends, and at which it counts whole.
+    /// For each cell, the code at which its contact begins, the code below which its contact ends, and the code from which on it
+    /// counts whole.
     thresholds: Vec<(u16, u16, u16)>,
     in_contact: Vec<bool>,
 }
@@ -46,7 +47,8 @@ struct Reference {
 impl Reference {
     fn new(setup: Setup, cells: &[SetupCell]) -> Self {
         let curve = curve(&setup.sensor);
-        // The code below the first one that reads the threshold, because each code stands for an interval of pressures.
+        // The threshold is one code below the first code that reads its pressure, because each code stands for an interval of
+        // pressures.
         let code_at = |kpa: f32, c: &CellCalibration| {
             let reads = |code: &u16| curve.pressure_kpa::<f32>(i32::from(*code) + 1) >= kpa / c.gain;
             (1..FULL_CODE).find(reads).unwrap_or(FULL_CODE).saturating_add(c.offset).min(FULL_CODE)
@@ -67,7 +69,7 @@ impl Reference {
         self.curve.pressure_kpa::<f64>(i32::from(code.saturating_sub(offset))) * f64::from(gain)
     }
 
-    /// Share of a cell that is in contact, in 1/256.
+    /// Share of a cell in contact, in 1/256.
     fn share(&self, i: usize, code: u16) -> f64 {
         if !self.in_contact[i] {
             0.0
@@ -117,7 +119,8 @@ impl Reference {
     }
 }
 
-/// Cells in the order of their regions, some of which are empty; the fixed-point numbers represent positions and areas exactly.
+/// Cells in the order of their regions; some regions have no cells. Fixed-point numbers represent the positions and areas
+/// exactly.
 fn layout() -> impl Strategy<Value = Vec<SetupCell>> {
     let place = (0usize..8, -1600i16..1600, -1600i16..1600, 16u16..1600);
     let one = (place, 0u16..4000, 0.2..5.0f32);
@@ -148,7 +151,7 @@ fn setup() -> impl Strategy<Value = Setup> {
     })
 }
 
-/// Codes of all sizes, many of them small, near the thresholds.
+/// Codes of all sizes. Many of them are small, near the thresholds.
 fn code() -> impl Strategy<Value = u16> {
     prop_oneof![Just(0), 0u16..6000, any::<u16>(), Just(FULL_CODE)]
 }
@@ -159,7 +162,7 @@ fn frames() -> impl Strategy<Value = Vec<Vec<u16>>> {
 
 fn new_insole<R: Real>(setup: Setup, cells: &[SetupCell]) -> Box<Insole<R, 256>> {
     let mut insole = Box::new(Insole::new());
-    insole.set_up(setup, cells.iter().copied()).expect("set-up");
+    insole.set_up(setup, cells.iter().copied()).expect("the set-up is accepted");
     insole
 }
 
@@ -180,7 +183,7 @@ proptest! {
             narrow.frame(seq as u32, codes);
             for (region, truth) in reference.frame(codes).iter().enumerate() {
                 let (load, narrow_load) = (&wide.loads()[region].frame, &narrow.loads()[region].frame);
-                // Counted cells are exact. A share is truncated in single precision: it may differ by one.
+                // The area of counted cells is exact. A share is truncated in single precision, and may differ by 1/256.
                 let area_mm2 = load.area.area_mm2::<f64>();
                 let margin_mm2 = if setup.contact.full_kpa > 0.0 { region_area_mm2(&cells, region) / 256.0 } else { 0.0 };
                 prop_assert!((area_mm2 - truth.area_mm2).abs() <= margin_mm2, "{} is not {:?}", area_mm2, truth);
@@ -214,7 +217,7 @@ proptest! {
         }
     }
 
-    /// Arbitrary positions and areas are rounded to 1/64 mm and 1/16 mm2.
+    /// The insole rounds positions to 1/64 mm and areas to 1/16 mm2.
     #[test]
     fn rounding_a_layout_changes_an_area_by_less_than_1_32_mm2_per_cell(
         cells in prop::collection::vec((-100.0..100.0f32, -100.0..100.0f32, 0.5..200.0f32), 1..256),
@@ -226,8 +229,8 @@ proptest! {
         let truth = Reference::new(SETUP, &cells).frame(&codes)[Region::Toe2 as usize];
         let area_mm2 = insole.loads()[Region::Toe2 as usize].frame.area.area_mm2::<f64>();
         prop_assert!((area_mm2 - truth.area_mm2).abs() <= cells.len() as f64 / 32.0);
-        let ellipse = insole.ellipse(Region::Toe2 as usize).expect("contact");
-        // Rounded weights move the centre by at most their share of the largest distance.
+        let ellipse = insole.ellipse(Region::Toe2 as usize).expect("there is contact");
+        // Rounded areas move the centre by at most the relative error of the area times the largest distance.
         let margin_mm = 1.0 / 128.0 + 200.0 * cells.len() as f64 / 32.0 / truth.area_mm2;
         prop_assert!((ellipse.x_mm - truth.x_mm).abs() <= margin_mm, "{:?} {:?}", ellipse, truth);
         prop_assert!((ellipse.y_mm - truth.y_mm).abs() <= margin_mm, "{:?} {:?}", ellipse, truth);
@@ -245,6 +248,7 @@ fn noise(seed: u32) -> impl FnMut() -> u16 {
     }
 }
 
+/// A layout of random cells in all regions, the same in every run.
 fn mixed_layout(count: usize) -> Vec<SetupCell> {
     let mut next = noise(7);
     let mut random = || f32::from(next()) / 65536.0;
@@ -282,15 +286,15 @@ fn areas_and_forces_do_not_drift() {
 fn a_new_set_up_resets_everything_except_the_tissue() {
     let cells = mixed_layout(64);
     let mut insole = new_insole::<f32>(SETUP, &cells);
-    insole.set_tissue(&TISSUE).expect("tissue");
+    insole.set_tissue(&TISSUE).expect("the parameters are accepted");
     insole.frame(0, &[30_000; 64]);
-    insole.set_up(Setup { layout_id: 8, ..SETUP }, cells[..8].iter().copied()).expect("set-up");
+    insole.set_up(Setup { layout_id: 8, ..SETUP }, cells[..8].iter().copied()).expect("the set-up is accepted");
     assert_eq!(insole.loads(), &[RegionLoad::NONE; 8]);
     assert_eq!((insole.cells(), insole.tissue_id(), insole.setup().map(|s| s.layout_id)), (8, TISSUE.id, Some(8)));
     assert!(!insole.on_ground());
     insole.frame(0, &[30_000; 8]);
     let heel = &insole.loads()[0];
-    assert!(heel.tissue.model_n > 0.0, "the tissue remains");
+    assert!(heel.tissue.model_n > 0.0, "the tissue must remain");
     assert!(insole.loads()[1..].iter().all(|load| load.frame.area.area_mm2::<f32>() == 0.0));
 }
 
@@ -300,7 +304,7 @@ fn a_frame_without_a_set_up_or_with_too_few_codes_is_ignored() {
     assert!(!insole.frame(0, &[FULL_CODE; 64]));
     assert!(insole.setup().is_none() && insole.whole_step().is_none());
     assert_eq!(insole.loads(), &[RegionLoad::NONE; 8]);
-    insole.set_up(SETUP, mixed_layout(64).into_iter()).expect("set-up");
+    insole.set_up(SETUP, mixed_layout(64).into_iter()).expect("the set-up is accepted");
     assert!(!insole.frame(0, &[FULL_CODE; 63]));
     assert_eq!(insole.loads(), &[RegionLoad::NONE; 8]);
 }
@@ -310,7 +314,7 @@ fn try_set_up(setup: Setup, cells: &[SetupCell]) -> Result<(), SetupError> {
 }
 
 #[test]
-fn invalid_rules_are_refused_by_name() {
+fn invalid_rules_are_refused_with_the_kind_of_rule() {
     let one = [cell(Region::Heel, 0.0, 0.0, 25.0)];
     assert_eq!(try_set_up(SETUP, &one), Ok(()));
     for period_us in [0, 1_999, 50_001, u32::MAX] {
@@ -337,7 +341,7 @@ fn invalid_rules_are_refused_by_name() {
 }
 
 #[test]
-fn invalid_cells_are_refused_by_number() {
+fn invalid_cells_are_refused_with_their_number() {
     let good = cell(Region::Toe2, 30.0, 200.0, 25.0);
     let heel = cell(Region::Heel, 0.0, 0.0, 25.0);
     assert_eq!(try_set_up(SETUP, &[]), Err(SetupError::NoCells));
@@ -362,7 +366,7 @@ fn invalid_cells_are_refused_by_number() {
     for bad in bad_cells {
         assert_eq!(try_set_up(SETUP, &[heel, good, bad]), Err(SetupError::Cell(2)), "{bad:?}");
     }
-    // Every cell is valid, but their total area is too large for a region.
+    // Each cell is valid, but the total area of the cells is too large for a region.
     let large = vec![cell(Region::Heel, 0.0, 0.0, MAX_CELL_MM2); 126];
     let mut insole = Box::new(Insole::<f32, 256>::new());
     assert_eq!(insole.set_up(SETUP, large.iter().copied()), Err(SetupError::Cell(125)));
@@ -371,7 +375,7 @@ fn invalid_cells_are_refused_by_number() {
 #[test]
 fn invalid_tissue_is_refused_with_its_reason_and_changes_nothing() {
     let mut insole = Insole::<f32, 4>::new();
-    insole.set_tissue(&TISSUE).expect("tissue");
+    insole.set_tissue(&TISSUE).expect("the parameters are accepted");
     let mut force_laws = TISSUE.force_laws;
     force_laws[Region::Hallux as usize].ab_m2 = 0.0;
     for (bad, reason) in [
@@ -387,7 +391,6 @@ fn invalid_tissue_is_refused_with_its_reason_and_changes_nothing() {
     assert_eq!(insole.tissue_id(), TISSUE.id);
 }
 
-/// Every bit of the parameters changes their id.
 #[test]
 fn any_changed_bit_changes_the_id() {
     let ids: HashSet<u32> = (0..8 * 6 * 32)
@@ -396,7 +399,7 @@ fn any_changed_bit_changes_the_id() {
             let law = &mut force_laws[bit / 192];
             let values =
                 [&mut law.ab_m2, &mut law.c_m, &mut law.stiffness_pa, &mut law.damping_pa_s, &mut law.n, &mut law.m];
-            let value = values.into_iter().nth(bit / 32 % 6).expect("six numbers");
+            let value = values.into_iter().nth(bit / 32 % 6).expect("a force law has six numbers");
             *value = f32::from_bits(value.to_bits() ^ 1 << (bit % 32));
             Tissue::new(force_laws).id
         })
@@ -418,7 +421,7 @@ fn errors_name_the_cell_the_region_and_the_remedy() {
     assert!(Refusal::NotUnderstood.to_string().contains("update"));
 }
 
-/// The sums do not overflow for the largest accepted layout with all cells in contact.
+/// The layout is the largest one that is accepted, and all of its cells are in contact.
 #[test]
 fn the_sums_of_the_largest_region_do_not_overflow() {
     let corner = |i: usize| {
@@ -431,15 +434,14 @@ fn the_sums_of_the_largest_region_do_not_overflow() {
     let mut insole = new_insole::<f64>(SETUP, &cells);
     insole.frame(0, &[FULL_CODE - 1; 125]);
     assert_eq!(insole.loads()[0].frame.area.area_mm2::<f64>(), 500_000.0);
-    let ellipse = insole.ellipse(0).expect("contact");
+    let ellipse = insole.ellipse(0).expect("there is contact");
     let truth = Reference::new(SETUP, &cells).frame(&[FULL_CODE - 1; 125])[0];
     assert!((ellipse.x_mm - truth.x_mm).abs() < 1e-6 && (ellipse.y_mm - truth.y_mm).abs() < 1e-6);
     let trace = (ellipse.r_a_mm.powi(2) + ellipse.r_b_mm.powi(2)) / 4.0;
     assert!((trace / (truth.variance_x + truth.variance_y) - 1.0).abs() < 1e-9, "{ellipse:?} {truth:?}");
 }
 
-/// An ellipsoid is pressed onto cells at random positions, with a pressure in proportion to the local deformation (Eq. 3).
-/// Covered shares of edge cells give a more accurate contact area than cells that count whole.
+/// An ellipsoid is pressed onto cells at random positions. The pressure is proportional to the local deformation (Eq. 3).
 #[test]
 fn covered_shares_give_a_more_accurate_area_than_counted_cells() {
     const CELL_MM: [f64; 2] = [5.08, 7.62];
@@ -456,7 +458,7 @@ fn covered_shares_give_a_more_accurate_area_than_counted_cells() {
     let (r_mm, _) = e.contact_radii_m(deformation_m);
     let r_mm = r_mm * 1e3;
     let true_mm2 = std::f64::consts::PI * r_mm * r_mm;
-    // 700 kPa at the centre; a cell that is just covered at the edge then reads about 150 kPa.
+    // The pressure at the centre is 700 kPa. A cell that is just covered at the edge then reads about 150 kPa.
     let stiffness = 700.0 / deformation_m;
     let area_mm2 = |rule: ContactRule, dx_mm: f64, dy_mm: f64| {
         let mut insole = new_insole::<f64>(Setup { contact: rule, ..SETUP }, &cells);

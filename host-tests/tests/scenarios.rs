@@ -1,4 +1,4 @@
-//! The firmware's loops on a host, in virtual time, against the real client: one test for each file in `scenarios`.
+//! The firmware's tasks on a host in virtual time, with the real client: one test for each file in `scenarios`.
 
 use rstest::rstest;
 use std::path::PathBuf;
@@ -15,10 +15,12 @@ fn scenario_has_the_expected_outcome(#[files("scenarios/*.toml")] file: PathBuf)
     }
 }
 
+/// The error of an invalid scenario.
 fn error_of(text: &str) -> ScenarioError {
-    Scenario::parse(text).expect_err("the scenario is wrong")
+    Scenario::parse(text).expect_err("the scenario must be refused")
 }
 
+/// The beginning of a scenario: the first two lines of the file.
 const HEADER: &str = "title = \"A test.\"\nduration_s = 5.0\n";
 
 #[test]
@@ -35,6 +37,7 @@ fn an_unknown_value_is_named_with_its_line() {
 
 #[test]
 fn events_in_an_impossible_order_are_named_with_their_line() {
+    // Events, the line of the impossible one, and a word that the error must contain.
     for (events, line, word) in [
         ("[[at]]\ns = 2.0\nevent.walk = { steps = 1 }\n[[at]]\ns = 1.0\nevent = \"panic\"\n", 6, "sort"),
         ("[[at]]\ns = 1.0\nevent = \"restart\"\n", 3, "connect"),

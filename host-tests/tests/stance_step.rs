@@ -1,5 +1,5 @@
-//! Stances from sequences of total force, and the quantities of a step compared with a direct transcription of the paper's
-//! pipeline in f64.
+//! The detection of stances in sequences of total force, and the quantities of a step, compared with a direct transcription of
+//! the paper's method in f64.
 
 use plantar::Real;
 use plantar::pipeline::model::ForceLaw;
@@ -17,12 +17,13 @@ fn config() -> ProptestConfig {
 
 const PERIOD_US: u32 = 10_000;
 
+/// The region's values in a frame with this contact area and this force.
 fn frame<R: Real>(area_mm2: f32, force_n: f64) -> RegionFrame<R> {
     let force = ForceMoments { force_n: R::of(force_n), ..ForceMoments::NONE };
     RegionFrame { area: area_moments(area_mm2), force, saturated: false }
 }
 
-/// Pushes a frame in which only the heel is loaded.
+/// Passes a frame in which only the heel is loaded to `stance`. Returns true if a step is complete.
 fn push<R: Real>(stance: &mut Stance<R>, limits: &StanceLimits<R>, seq: u32, heel: &RegionFrame<R>) -> bool {
     let none = RegionFrame::NONE;
     stance.push(limits, seq, [heel, &none, &none, &none, &none, &none, &none, &none])
@@ -41,10 +42,10 @@ use Part::{Frames, Missing};
 /// A swing phase.
 const OFF: Part = Frames(10, 0.0);
 
-/// First frame, number of frames from heel strike to toe off, and number of bridged frames.
+/// A detected step: number of its first frame, number of frames from heel strike to toe off, and number of bridged frames.
 type Found = (u32, u32, u32);
 
-/// The steps that are detected in a sequence, which begins with this frame number.
+/// The steps that are detected in a sequence, which begins with the frame number `first_seq`.
 fn steps_of(sequence: &[Part], first_seq: u32) -> (Vec<Found>, Stance<f64>) {
     let limits = StanceLimits::new(&StanceRule::WALKING, PERIOD_US);
     let mut stance = Stance::new();
@@ -72,6 +73,7 @@ fn steps_are_detected_in_sequences_of_force() {
     let short = Rejected { short: 1, ..none };
     let long = Rejected { long: 1, ..none };
     let broken = Rejected { broken: 1, ..none };
+    // Name, sequence, expected steps, and expected rejections. The thresholds are 30 N for heel strike and 20 N for toe off.
     let sequences: &[(&str, &[Part], &[Found], Rejected)] = &[
         ("clean step", &[OFF, Frames(60, 500.0), OFF], &[(10, 60, 0)], none),
         ("two steps", &[OFF, Frames(60, 500.0), OFF, Frames(50, 400.0), OFF], &[(10, 60, 0), (80, 50, 0)], none),
@@ -129,7 +131,7 @@ fn steps_are_detected_in_sequences_of_force() {
         ),
     ];
     for (name, sequence, expected, rejected) in sequences {
-        // The second frame number wraps during the sequence.
+        // With the second value the frame number wraps during the sequence.
         for first_seq in [0, u32::MAX - 30] {
             let (steps, stance) = steps_of(sequence, first_seq);
             assert_eq!(steps, *expected, "{name}, from {first_seq}");
@@ -138,7 +140,7 @@ fn steps_are_detected_in_sequences_of_force() {
     }
 }
 
-/// The heel strike was among the missing frames, so that its time is unknown.
+/// The heel strike is in one of the missing frames, so that its time is unknown.
 #[test]
 fn a_heel_strike_in_a_long_gap_starts_no_step() {
     let (steps, _) = steps_of(&[OFF, Missing(40), Frames(30, 500.0), OFF, Frames(60, 500.0), OFF], 0);
@@ -190,7 +192,11 @@ fn peak_and_saturation_belong_to_their_stance_and_region() {
             let regions = [&none, &none, &none, &none, &none, &saturated, &none, &none];
             if stance.push(&limits, (start + i) as u32, regions) {
                 assert_eq!(stance.saturated(), if walk == 0 { 1 << 5 } else { 0 });
-                assert_eq!(stance.moments_at_peak(5).area_mm2::<f64>(), 40.0, "the area of frame 30");
+                assert_eq!(
+                    stance.moments_at_peak(5).area_mm2::<f64>(),
+                    40.0,
+                    "the area must be that of frame 30, which has the peak force"
+                );
                 assert_eq!(*stance.moments_at_peak(0), AreaMoments::NONE);
             }
         }
@@ -210,18 +216,19 @@ fn a_long_stance_stores_every_second_fourth_or_eighth_frame() {
             assert!(!push(&mut stance, &limits, 1 + i, &frame(50.0, force_n(i))));
         }
         let ended = (0..16).position(|i| push(&mut stance, &limits, 1 + frames + i, &frame(0.0, 0.0)));
-        assert_eq!(ended, Some(15), "40 ms at 400 Hz");
+        assert_eq!(ended, Some(15), "toe off must be confirmed after 40 ms, 16 frames at 400 Hz");
         let (area_mm2, stored_n) = stance.curves(0);
         assert_eq!(stance.frames(), frames);
         assert!(stored_n.len() <= STANCE_SAMPLES && area_mm2.len() == stored_n.len());
-        // The frames until toe off is confirmed may have doubled the stride once more.
+        // The frames between toe off and its confirmation may have doubled the stride once more.
         assert!(stance.stride() == stride || stance.stride() == 2 * stride, "{frames}: {}", stance.stride());
         let expected: Vec<_> = (0..frames).step_by(stance.stride() as usize).map(force_n).collect();
         assert_eq!(stored_n, expected, "{frames} frames");
     }
 }
 
-/// Least squares: the projection onto polynomials of `terms` coefficients, by Gram-Schmidt orthogonalisation, repeated once.
+/// The least-squares fit of a polynomial with `terms` coefficients: the projection of the samples onto these polynomials. The
+/// Gram-Schmidt orthogonalisation is repeated once for accuracy.
 fn projection(samples: &[f64], terms: usize) -> Vec<f64> {
     let count = samples.len();
     let mut basis: Vec<Vec<f64>> = Vec::new();
@@ -252,7 +259,7 @@ fn naive_moving_average(samples: &[f64]) -> Vec<f64> {
     (0..samples.len()).map(|i| mean(&samples[i.saturating_sub(1)..(i + 2).min(samples.len())])).collect()
 }
 
-/// The same samples in f32 and f64.
+/// The samples in f32 and in f64.
 fn both(samples: &[f32]) -> (Vec<f32>, Vec<f64>) {
     (samples.to_vec(), samples.iter().map(|&v| f64::from(v)).collect())
 }
@@ -280,7 +287,8 @@ proptest! {
     #[test]
     fn the_polynomial_is_the_least_squares_fit(samples in prop::collection::vec(0.0..1e3f32, 1..=STANCE_SAMPLES)) {
         let (mut narrow, mut wide) = both(&samples);
-        // A short curve has at most half as many coefficients as samples; one below 4 samples is not changed.
+        // The polynomial of a short curve has half as many coefficients as the curve has samples. A curve of fewer than four
+        // samples is not changed.
         let expected = if wide.len() < 4 { wide.clone() } else { projection(&wide, (wide.len() / 2).min(6)) };
         smooth::polynomial(&mut narrow);
         smooth::polynomial(&mut wide);
@@ -302,7 +310,7 @@ proptest! {
         smooth::polynomial(&mut narrow);
         for ((wide, narrow), exact) in wide.into_iter().zip(narrow).zip(exact) {
             close(wide, exact, 1e-12)?;
-            // The values are as large as 6.
+            // This tolerance is absolute; the values are as large as 6.
             close(narrow.into(), exact, 3e-5)?;
         }
     }
@@ -324,7 +332,7 @@ proptest! {
         let mut area_mm2 = vec![0.0; count_before];
         area_mm2.extend((0..count).map(|i| f64::from((peak_mm2 * bell(i, skew)) as f32)));
         area_mm2.resize(area_mm2.len() + count_after, 0.0);
-        // The force starts before the contact and ends after it, with its peak at another time.
+        // The force begins before the contact and ends after it. Its peak is at another time than that of the contact area.
         let force_n: Vec<_> = (0..area_mm2.len())
             .map(|i| f64::from((peak_n * (PI * (i as f64 + 0.5) / area_mm2.len() as f64).sin()) as f32))
             .collect();
@@ -360,7 +368,7 @@ struct Truth {
     clamped: bool,
 }
 
-/// Section 2.3 and Eq. 13 to 20 as they are printed, with the identifiable force law.
+/// The method of the paper's section 2.3 and its Eq. 13 to 20 as printed, with the identifiable force law.
 fn transcription(law: &ForceLaw<f64>, area_mm2: &[f64], force_n: &[f64], sample_s: f64) -> Truth {
     let contact: Vec<usize> = (0..area_mm2.len()).filter(|&i| area_mm2[i] > 0.0).collect();
     let (first, last) = (contact[0], contact[contact.len() - 1]);
@@ -372,7 +380,7 @@ fn transcription(law: &ForceLaw<f64>, area_mm2: &[f64], force_n: &[f64], sample_
     let ratio: Vec<f64> = smooth_mm2.iter().map(|a| a * 1e-6 / (PI * law.ab_m2)).collect();
     let g: Vec<f64> = ratio.iter().map(|a| 1.0 - (1.0 - a.clamp(0.0, 1.0)).sqrt()).collect();
     let rate_per_s = |i: usize| {
-        // Eq. 16 is a forward difference; the last sample has the rate of the one before it.
+        // Eq. 16 is a forward difference. The last sample has the rate of the sample before it.
         let i = i.min(count.saturating_sub(2));
         if count > 1 { (g[i + 1] - g[i]) / sample_s } else { 0.0 }
     };
@@ -406,7 +414,7 @@ fn transcription(law: &ForceLaw<f64>, area_mm2: &[f64], force_n: &[f64], sample_
     }
 }
 
-/// `tolerance` is relative; for forces and rates it is relative to their peaks.
+/// Compares a step with the expected values. The tolerance is relative; for forces and rates it is relative to their peaks.
 fn compare<R: Real>(got: &RegionStep<R>, want: &Truth, tolerance: f64) -> Result<(), TestCaseError> {
     for (name, got, want) in [
         ("measured peak", got.measured_peak_n, want.measured_peak_n),
@@ -421,12 +429,12 @@ fn compare<R: Real>(got: &RegionStep<R>, want: &Truth, tolerance: f64) -> Result
         let got = got.to_f64();
         prop_assert!((got - want).abs() <= tolerance * want.abs().max(1e-9), "{name}: {got} is not {want}");
     }
-    // The error of a difference of forces is that of the forces, relative to the measured one.
+    // The model error is a difference of forces relative to the measured peak, and so its tolerance is that of the forces.
     let margin = tolerance * want.model_error.max(want.model_peak_n / want.measured_peak_n);
     let (got_error, want_error) = (got.model_error.to_f64(), want.model_error);
     prop_assert!((got_error - want_error).abs() <= margin, "model error: {got_error} is not {want_error}");
     let (got_m_s, want_m_s) = (got.deformation_rate_peak_m_s.to_f64(), want.deformation_rate_peak_m_s);
-    // The error of a difference of neighbouring samples is that of the deformation.
+    // The rate is a difference of neighbouring samples, and so its tolerance depends on that of the deformation.
     let per_sample = want.contact_s.recip() * STANCE_SAMPLES as f64;
     let margin_m_s = tolerance * (want_m_s + 1e-2 * want.deformation_peak_m * per_sample);
     prop_assert!((got_m_s - want_m_s).abs() <= margin_m_s, "rate peak: {got_m_s} is not {want_m_s}");
@@ -445,7 +453,7 @@ fn a_step_agrees_with_values_computed_by_hand() {
     assert!(near(step.measured_peak_n, 40.0) && near(step.area_peak_mm2, 200.0), "{step:?}");
     assert!(near(step.contact_s, 0.08) && near(step.time_to_peak_s, 0.02), "{step:?}");
     assert!(near(step.measured_integral_n_s, 80.0 * 0.02), "{step:?}");
-    // Without stiffness the model has no force: its error is the root mean square of the measured force, relative to its peak.
+    // A model without stiffness has no force. Its error is the root mean square of the measured force, relative to the peak.
     assert!(near(step.model_peak_n, 0.0) && near(step.model_integral_n_s, 0.0), "{step:?}");
     assert!(near(step.model_error, (2200.0f64 / 4.0).sqrt() / 40.0), "{step:?}");
     assert_eq!(step.ellipse_at_peak, None);
@@ -459,7 +467,7 @@ fn a_region_without_contact_has_no_step() {
     assert_eq!(RegionStep::new(&law, &[], &[], 0.01, &area_moments(10.0)), none);
 }
 
-/// Contact area and force of one region in the same step at four frame rates.
+/// The same contact area and force of one region are sampled at four frame rates.
 #[test]
 fn frame_rate_does_not_change_the_step() {
     let stance_s = 0.68;
@@ -503,7 +511,7 @@ fn frame_rate_does_not_change_the_step() {
         near("model peak", step.model_peak_n, reference.model_peak_n.into(), 0.03);
         near("model integral", step.model_integral_n_s, reference.model_integral_n_s.into(), 0.03);
         near("deformation peak", step.deformation_peak_m, reference.deformation_peak_m.into(), 0.02);
-        // The stance begins and ends at a force threshold, and at a sample.
+        // The stance begins and ends at the first sample beyond a force threshold.
         assert!((step.contact_s - 0.68).abs() < 0.03 + 2.0 * sample_s, "{rate_hz} Hz: {}", step.contact_s);
         assert!((step.time_to_peak_s - reference.time_to_peak_s).abs() <= 2.0 * sample_s + 0.01, "{rate_hz} Hz");
         assert!((step.model_error - reference.model_error).abs() < 0.02, "{rate_hz} Hz: {}", step.model_error);

@@ -1,4 +1,4 @@
-//! The data that an insole stores, on a flash chip in memory.
+//! The data that an insole stores, on a simulated flash chip.
 
 use embedded_storage_async::nor_flash::NorFlash;
 use plantar::Side;
@@ -13,7 +13,7 @@ use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
 use testkit::nor_flash::{NorFlashChip, Torn, now};
-use testkit::power::Script;
+use testkit::store_script::Script;
 use testkit::{TISSUE, step};
 
 type Chip<'c> = Store<&'c mut NorFlashChip>;
@@ -22,10 +22,12 @@ fn chip() -> NorFlashChip {
     NorFlashChip::new(LOG.end as usize)
 }
 
+/// Opens the store as after a loss of power.
 fn open(chip: &mut NorFlashChip) -> Chip<'_> {
     now(Store::open(Some(chip), Reset::Power))
 }
 
+/// All stored steps.
 fn steps(store: &mut Chip) -> Vec<Step> {
     let mut steps = Vec::new();
     let more = now(store.steps(None, |step| {
@@ -36,18 +38,20 @@ fn steps(store: &mut Chip) -> Vec<Step> {
     steps
 }
 
+/// The numbers of all stored steps.
 fn numbers(store: &mut Chip) -> Vec<u32> {
     steps(store).iter().map(|step| step.step).collect()
 }
 
-/// Short scripts, on a new chip and on one that was used until its sectors were reused; `cargo xtask soak` runs longer ones.
+/// The scripts are short, on a new chip and on a chip that was used until its sectors were reused. `cargo xtask soak` runs longer
+/// scripts.
 #[test]
 fn a_loss_of_power_at_any_moment_leaves_the_old_or_the_new_value() {
     for (seed, used) in [(1, 0), (2, 12_000)] {
         let script = Script::new(seed, used, 60);
         for at in 0..script.operations {
             for torn in [Torn::Before, Torn::Within, Torn::After] {
-                script.cut(at, torn).expect("the old or the new value");
+                script.cut(at, torn).expect("the store must have the old or the new value");
             }
         }
     }
@@ -74,7 +78,7 @@ fn an_interrupted_first_start_erases_nothing_at_the_next_start() {
     }
 }
 
-/// A script that is long enough to reuse sectors erases some, so that scripts cover power cuts in erase operations.
+/// A script that is long enough to reuse sectors erases some of them. Scripts therefore cover power cuts in erase operations.
 #[test]
 fn a_long_script_erases_sectors() {
     assert!(Script::new(2, 12_000, 400).erasures > 0);
@@ -93,12 +97,14 @@ fn data_stored_by_older_firmware_are_read() {
     let contents = store.contents();
     assert_eq!((contents.start, contents.next_step, contents.newer_kinds, contents.newer_steps), (2, 20, 0, 0));
     assert_eq!(now(store.get::<Tissue>(0)), Ok(Some(*TISSUE)));
-    let serial = Serial::new("P-0001").expect("printable");
+    let serial = Serial::new("P-0001").expect("the serial number is valid");
     assert_eq!(now(store.get::<IdentityRecord>(0)), Ok(Some(IdentityRecord { side: Side::Right, serial })));
     assert_eq!(now(store.get::<Bonds>(0)), Ok(Some(Bonds([1, 2, 3, 4, 5].into_iter().collect()))));
-    let calibration = now(store.calibration(7, 40)).expect("the chip works").expect("a calibration is valid");
+    let calibration = now(store.calibration(7, 40)).expect("the chip works").expect("the calibration is valid");
     for block in 0..3u16 {
-        let cells = now(store.calibration_block(&calibration, block as u8)).expect("the chip works").expect("a block");
+        let cells = now(store.calibration_block(&calibration, block as u8))
+            .expect("the chip works")
+            .expect("the block is stored");
         for (i, cell) in (block * BLOCK_CELLS as u16..40).zip(cells) {
             assert_eq!(cell, CellCalibration { offset: 100 + i, gain: 1.0 + f32::from(i) / 64.0 });
         }
@@ -129,12 +135,12 @@ fn step_numbers_continue_after_all_steps_were_acknowledged() {
         let mut store = open(&mut chip);
         assert_eq!(store.contents().next_step, 2);
         assert!(numbers(&mut store).is_empty());
-        // Once more, as a host does that does not know whether its acknowledgement arrived.
+        // A host repeats its acknowledgement if it does not know whether the first one arrived.
         assert_eq!(now(store.acknowledge(1)), Ok(()));
     }
 }
 
-/// The chip failed to store step 3, which the host received from RAM.
+/// The chip failed to store step 3. The host received that step from RAM, and acknowledges it.
 #[test]
 fn step_numbers_continue_after_a_step_that_could_not_be_stored() {
     let mut chip = chip();
@@ -158,7 +164,11 @@ fn a_full_log_contains_at_least_the_last_2000_steps_and_counts_dropped_ones() {
         dropped += now_dropped;
         if now_dropped > 0 {
             let stored = numbers(&mut store);
-            assert_eq!(stored, (dropped..=number).collect::<Vec<_>>(), "the newest steps, without a gap");
+            assert_eq!(
+                stored,
+                (dropped..=number).collect::<Vec<_>>(),
+                "the newest steps must be stored, without a gap"
+            );
             fewest = fewest.min(stored.len() as u32);
         }
     }
@@ -185,7 +195,7 @@ fn records_of_newer_firmware_are_reported_and_not_changed() {
     assert_eq!(store.contents().newer_kinds, 1 << Tissue::KIND | 1 << 31);
     assert_eq!(store.contents().newer_steps, 1);
     assert_eq!(now(store.get::<Tissue>(0)), Ok(None));
-    // This firmware stores its own records beside them, until sectors are reused several times.
+    // This firmware stores its own records in the same sectors, until the sectors were reused several times.
     for i in 0..5000 {
         let tissue = Tissue::new(
             [plantar::pipeline::model::ForceLaw { c_m: 0.01 + i as f32 * 1e-6, ..TISSUE.force_laws[0] }; 8],
@@ -198,7 +208,7 @@ fn records_of_newer_firmware_are_reported_and_not_changed() {
     }
     assert_eq!(now(store.acknowledge(49)), Ok(()));
     assert!(numbers(&mut store).is_empty());
-    assert!(chip.erasures[0] > 1, "sectors of records were reused");
+    assert!(chip.erasures[0] > 1, "sectors of records must be reused");
     now(async {
         let mut records = MapStorage::new(&mut chip, MapConfig::new(RECORDS), Cache::new_uncached());
         let mut buffer = [0; 400];
@@ -212,9 +222,9 @@ fn records_of_newer_firmware_are_reported_and_not_changed() {
     });
 }
 
-/// The state after newer firmware ran on trial and was swapped back.
+/// This is the state after newer firmware ran on trial and was swapped back.
 #[test]
-fn nothing_is_erased_where_only_newer_firmware_counted_boots() {
+fn nothing_is_erased_if_only_newer_firmware_counted_boots() {
     let mut chip = chip();
     let mut store = open(&mut chip);
     assert_eq!(now(store.put(0, &*TISSUE)), Ok(()));
@@ -244,14 +254,22 @@ fn an_incomplete_calibration_or_one_of_another_layout_is_not_used() {
     id.add(&block);
     id.add(&block);
     assert_eq!(now(store.put_calibration_block(0, &block)), Ok(()));
-    assert_eq!(now(store.put_calibration(7, 32, id.id())), Ok(false), "the second block is missing");
+    assert_eq!(
+        now(store.put_calibration(7, 32, id.id())),
+        Ok(false),
+        "a calibration without its second block must be refused"
+    );
     assert_eq!(now(store.put_calibration_block(1, &block)), Ok(()));
-    assert_eq!(now(store.put_calibration(7, 32, id.id() ^ 1)), Ok(false), "another checksum");
+    assert_eq!(
+        now(store.put_calibration(7, 32, id.id() ^ 1)),
+        Ok(false),
+        "a calibration with another checksum must be refused"
+    );
     assert_eq!(now(store.calibration(7, 32)), Ok(None));
     assert_eq!(now(store.put_calibration(7, 32, id.id())), Ok(true));
     assert!(matches!(now(store.calibration(7, 32)), Ok(Some(_))));
-    assert_eq!(now(store.calibration(8, 32)), Ok(None), "another layout");
-    assert_eq!(now(store.calibration(7, 31)), Ok(None), "another number of cells");
+    assert_eq!(now(store.calibration(8, 32)), Ok(None), "a calibration of another layout must not be used");
+    assert_eq!(now(store.calibration(7, 31)), Ok(None), "a calibration of another number of cells must not be used");
 }
 
 /// No content makes a chip unusable or the firmware panic.
@@ -263,7 +281,7 @@ fn a_chip_with_any_content_becomes_usable() {
         match round % 3 {
             0 => random.fill(&mut chip.bytes),
             1 => chip.bytes.fill(random.u8(..)),
-            // A used chip with flipped bits.
+            // The content of a used chip, with flipped bits.
             _ => {
                 let mut store = open(&mut chip);
                 for number in 0..500 {
@@ -272,7 +290,8 @@ fn a_chip_with_any_content_becomes_usable() {
                 let mut at = random.usize(..RECORDS.end as usize);
                 for _ in 0..200 {
                     chip.bytes[at] ^= 1 << random.u8(0..8);
-                    // In the log only written bytes are flipped, because the log does not read its entries back.
+                    // In the log only bits of written bytes are flipped: the log does not verify an entry after writing it, and a
+                    // flipped bit in an erased area would damage a later entry.
                     let range =
                         if random.bool() { 0..RECORDS.end as usize } else { LOG.start as usize..chip.bytes.len() };
                     at = random.usize(range);
@@ -319,7 +338,7 @@ fn serial_numbers_are_short_and_printable() {
     }
 }
 
-/// As in the firmware, a few steps at a time are read and acknowledged, while others are recorded.
+/// As in the firmware, a few steps are read and acknowledged at a time, while others are recorded.
 #[test]
 fn steps_are_read_and_acknowledged_while_others_are_recorded() {
     let mut chip = chip();
@@ -360,12 +379,12 @@ fn steps_are_read_and_acknowledged_while_others_are_recorded() {
     println!("{next} steps");
 }
 
-/// Prints the figures of `docs/storage.md`: 10,000 steps a day, each acknowledged at once, or none of them.
+/// Prints the figures of `docs/storage.md`: for 10,000 steps a day, which are all acknowledged at once or not at all.
 #[test]
 fn a_day_of_steps_wears_the_chip_little() {
     const STEPS: u32 = 10_000;
     const DAYS: u32 = 3;
-    /// Erase operations for which a sector is specified.
+    /// Number of erase operations for which a sector is specified.
     const ERASURES: f64 = 100_000.0;
     for is_acknowledged in [true, false] {
         let mut chip = chip();

@@ -1,5 +1,5 @@
-//! Supervision: stalls, panics and hard faults are detected, reported and followed by a restart within a short time. The tests
-//! use the real firmware in QEMU, which is the file that `PLANTAR_FIRMWARE` names, and the watchdog's logic alone.
+//! Supervision: stalls, panics and hard faults are detected, reported and followed by a restart within a short time. Some tests
+//! run the real firmware in QEMU, from the file in `PLANTAR_FIRMWARE`; the others test only the watchdog's logic.
 
 mod common;
 
@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 /// Time within which the insole must run again after a fault, s.
 const MAX_RECOVERY_S: f64 = 2.0;
-/// Longest duration of a test; a machine that needs more time is too busy for it.
+/// Longest duration of a test. A machine that needs more time is too busy for the test.
 const TIMEOUT: Duration = Duration::from_secs(120);
 /// Time without a message after which the host connects again.
 const SILENCE: Duration = Duration::from_millis(50);
@@ -44,24 +44,26 @@ struct ConnectedBoard {
     _board: Board,
     link: Framed<TcpStream>,
     firmware: PathBuf,
+    /// Start of the test.
     began: Instant,
 }
 
 impl ConnectedBoard {
-    /// Starts a board in real time with a walk that never ends.
+    /// Starts a board in real time with a walk that never ends, and injects a fault.
     fn start(fault: Option<PlannedFault>) -> Self {
         Self::start_with(|config| EmulatorConfig { fault, ..config }, Time::Real, None::<NoAnswer>)
     }
 
+    /// Starts a board with a changed configuration. Without `walk`, the wearer walks without end.
     fn start_with(change: impl Fn(EmulatorConfig) -> EmulatorConfig, time: Time, walk: Option<impl Walk>) -> Self {
         let firmware = firmware();
         let recording = synthetic_walk(3, 100.0);
-        let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
-        let config = change(EmulatorConfig::new(worn.setup));
-        let cells = worn.cells.clone();
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let config = change(EmulatorConfig::new(virtual_insole.setup));
+        let cells = virtual_insole.cells.clone();
         let board = match walk {
             Some(walk) => Board::start(&firmware, &config, &cells, time, walk),
-            None => Board::start(&firmware, &config, &cells, time, Looped(Recorded::new(recording, worn))),
+            None => Board::start(&firmware, &config, &cells, time, Looped(Recorded::new(recording, virtual_insole))),
         };
         Self::connect(board.expect("the board boots"), firmware)
     }
@@ -76,18 +78,19 @@ impl ConnectedBoard {
         self.link.send(message).expect("the link works");
     }
 
+    /// Receives a message or waits a short time.
     fn receive(&mut self) -> Option<ToHost> {
         assert!(self.began.elapsed() < TIMEOUT, "the board does not run, or the machine is too busy");
         self.link.receive().expect("the link works")
     }
 
-    /// Streams, and connects again whenever the board is silent, until a hello meets the condition.
+    /// Requests live frames, and connects again whenever the board is silent, until a hello meets the condition.
     fn hello(&mut self, is_expected: impl Fn(&Hello) -> bool) -> Hello {
         let (found, _) = self.hello_and_last_live(is_expected);
         found
     }
 
-    /// The same, with the time of the last live frame before the hello.
+    /// The same as [`Self::hello`]; also returns the time of the last live frame before the hello.
     fn hello_and_last_live(&mut self, is_expected: impl Fn(&Hello) -> bool) -> (Hello, Instant) {
         let mut last_live = Instant::now();
         let mut requested = None;
@@ -139,13 +142,13 @@ impl ConnectedBoard {
     }
 }
 
-/// The uptime at which the previous run ended, by a fault report, s.
+/// The uptime at which the previous run ended, from its fault report, s.
 fn ended_s(report: &str) -> f64 {
-    let (_, after) = report.split_once(" after ").expect("a time");
-    after.split(' ').next().and_then(|s| s.parse().ok()).expect("seconds")
+    let (_, after) = report.split_once(" after ").expect("the report contains a time");
+    after.split(' ').next().and_then(|s| s.parse().ok()).expect("the time is a number")
 }
 
-/// The fault report of the previous run.
+/// The fault report of the previous run; empty if there is none.
 fn report(hello: &Hello) -> &str {
     hello.last_panic.as_deref().unwrap_or_default()
 }
@@ -155,7 +158,8 @@ fn once(kind: InjectedFault, after_ms: u32) -> Option<PlannedFault> {
     Some(PlannedFault { kind, after_ms, is_repeated: false })
 }
 
-/// Injects a fault during a walk: the board must restart and report this text and function.
+/// Injects a fault during a walk. The board must restart within [`MAX_RECOVERY_S`], and report this reset reason, this text, and
+/// an address in this function.
 fn assert_recovers(fault: InjectedFault, reset: Reset, text: &str, function: &str) {
     const AFTER_MS: u32 = 1500;
     let mut board = ConnectedBoard::start(once(fault, AFTER_MS));
@@ -172,7 +176,7 @@ fn assert_recovers(fault: InjectedFault, reset: Reset, text: &str, function: &st
     let found_s = (ended_s(report(&hello)) - f64::from(AFTER_MS) * 1e-3).max(0.0);
     println!("{fault:?}: {}", report(&hello));
     println!(
-        "    detected after {found_s:.1} s, answers {up_s:.3} s after its start (board's time); {host_s:.2} s without a live frame"
+        "    detected after {found_s:.1} s; the board answers {up_s:.3} s after its start (board's time); {host_s:.2} s without a live frame"
     );
     assert!(found_s + up_s < MAX_RECOVERY_S, "{found_s} s and {up_s} s");
 }
@@ -185,7 +189,7 @@ fn an_endless_loop_in_the_scan_is_detected() {
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
-fn an_endless_loop_in_the_model_is_detected() {
+fn an_endless_loop_in_the_processing_is_detected() {
     assert_recovers(InjectedFault::ModelStalled, Reset::Watchdog, "stalled: model link", "process");
 }
 
@@ -213,7 +217,7 @@ fn a_panic_is_caught() {
     assert_recovers(InjectedFault::Panic, Reset::Panic, "panic", "inject");
 }
 
-/// Every start that reads the set-up panics. The fallback start does not read it: it answers and scans.
+/// Every start that reads the set-up panics. The fallback start does not read the set-up, and so the board answers and scans.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_board_falls_back_to_its_built_in_insole_after_repeated_failures() {
@@ -222,14 +226,19 @@ fn a_board_falls_back_to_its_built_in_insole_after_repeated_failures() {
     let hello = board.hello(|_| true);
     println!("{}", report(&hello));
     assert!(report(&hello).starts_with("fallback after 3 failed starts: panic after 0.0 s at "), "{}", report(&hello));
-    assert_eq!((hello.reset, hello.layout_id, hello.cells), (Reset::Panic, 4201, 240), "the built-in insole");
+    assert_eq!(
+        (hello.reset, hello.layout_id, hello.cells),
+        (Reset::Panic, 4201, 240),
+        "the insole must be the built-in one"
+    );
     board.live();
     let frames = board.status().frames;
     board.live();
     assert!(board.status().frames > frames);
 }
 
-/// Rare failures are no reason to start without the set-up.
+/// The board panics again and again, but each time after its start has counted as successful. It must not start without its
+/// set-up.
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn successful_starts_do_not_count_as_failed() {
@@ -241,7 +250,7 @@ fn successful_starts_do_not_count_as_failed() {
     while starts < 4 {
         let hello = board.hello(|_| true);
         let up_us = board.status().uptime_us;
-        // On a busy machine two requests may reach the same start.
+        // On a busy machine the host may connect twice during one run of the board.
         if up_us < before_us {
             assert!(report(&hello).starts_with("panic after "), "{}", report(&hello));
             starts += 1;
@@ -265,7 +274,7 @@ fn without_a_set_up_the_board_uses_its_built_in_insole_and_reports_it() {
 /// Twice the time after which a stall is detected, us.
 const LONG_US: u64 = 2 * 1000 * (CHECK_PERIOD_MS * STALLED_CHECKS as u32) as u64;
 
-/// Checks that the board is not restarted.
+/// Checks that the board runs longer than a stall may last, and is not restarted.
 fn assert_not_restarted(mut board: ConnectedBoard) -> Status {
     board.hello(|_| true);
     let status = loop {
@@ -296,16 +305,16 @@ fn a_matrix_that_does_not_answer_is_no_fault() {
     assert!(status.frames_missed > 0);
 }
 
-/// A part that stops at any time is reported as stalled after the allowed number of checks, and not before.
+/// `stopped` is the index of the task that stops, and `healthy` the number of checks before that.
 #[test]
-fn the_watchdog_finds_a_stalled_part_after_the_allowed_number_of_checks() {
+fn the_watchdog_finds_a_stalled_task_after_the_allowed_number_of_checks_and_not_before() {
     for stopped in 0..3 {
         for healthy in 1..30 {
             let (heartbeats, mut watchdog) = (Heartbeats::new(), Watchdog::new());
             let mut checks = 0;
             let stalled = loop {
-                let runs = |part| part != stopped || checks < healthy;
-                // The scan queues frames even where the model does not process them.
+                let runs = |task| task != stopped || checks < healthy;
+                // The scan queues frames even if processing is stalled.
                 if runs(0) {
                     heartbeats.scan_progressed();
                     heartbeats.frame_queued();
@@ -328,7 +337,7 @@ fn the_watchdog_finds_a_stalled_part_after_the_allowed_number_of_checks() {
     }
 }
 
-/// A start may wait for the flash chip for a limited time, and does not count as successful meanwhile.
+/// A start may wait for the flash chip for a limited time. It does not count as successful meanwhile.
 #[test]
 fn a_start_that_never_ends_is_detected() {
     let (heartbeats, mut watchdog) = (Heartbeats::new(), Watchdog::new());
@@ -338,7 +347,7 @@ fn a_start_that_never_ends_is_detected() {
 }
 
 #[test]
-fn an_idle_part_is_not_stalled() {
+fn an_idle_task_is_not_stalled() {
     let (heartbeats, mut watchdog) = (Heartbeats::new(), Watchdog::new());
     // Scan and link report heartbeats while they wait.
     let wait = || {
@@ -349,7 +358,7 @@ fn an_idle_part_is_not_stalled() {
         wait();
         assert_eq!(watchdog.check(&heartbeats), 0);
     }
-    // The model is stalled once a queued frame is not processed.
+    // Processing is stalled if a queued frame is not processed.
     heartbeats.frame_queued();
     let found = (1..).find(|_| {
         wait();

@@ -1,5 +1,5 @@
-//! Updates on a chip in memory: which images are accepted and refused, and which image is active after a loss of power at any
-//! moment. The swap is the bootloaders' own code.
+//! Updates on a simulated flash chip: which images are accepted and refused, and which image is active after a loss of power at
+//! any moment. The images are swapped by the code that the bootloaders use.
 
 use embassy_boot::{AlignedBuffer, BootError, BootLoader, State};
 use embassy_futures::block_on as now;
@@ -36,34 +36,37 @@ fn key() -> [u8; 32] {
     SECRET.verifying_key().to_bytes()
 }
 
-/// A chip on which the old image is active.
+/// A chip on which the image [`OLD`] is active.
 fn chip() -> NorFlashChip {
     let mut chip = NorFlashChip::new(FLASH_BYTES);
     chip.bytes[ACTIVE_IMAGE.start as usize..][..OLD.bytes().len()].copy_from_slice(OLD.bytes());
     chip
 }
 
-/// The active image; `None` for a mixture of both.
+/// The active image: [`OLD`] or [`NEW`]; `None` if it is a mixture of both.
 fn active(chip: &NorFlashChip) -> Option<&'static Image> {
     let bytes = &chip.bytes[ACTIVE_IMAGE.start as usize..ACTIVE_IMAGE.end as usize];
     [&*OLD, &*NEW].into_iter().find(|image| bytes.starts_with(image.bytes()))
 }
 
-/// Runs the bootloader.
+/// Runs the bootloader's function that swaps images or swaps them back if necessary; returns what it found.
 fn boot(chip: &mut NorFlashChip) -> Result<State, BootError> {
     let chip = Mutex::new(chip);
     let active = Blocking(Partition::<_, CHUNK>::new(&chip, ACTIVE_IMAGE));
     BootLoader::new(config(&chip, active)).prepare_boot(AlignedBuffer([0; BUFFER]).as_mut())
 }
 
+/// Passes a request to the insole's update function.
 fn ask(update: &mut Update, chip: &mut NorFlashChip, request: Request) -> Result<Progress, Refusal> {
     now(update.handle(chip, OLD.header(), &key(), &request))
 }
 
+/// The request that transfers a chunk of an image.
 fn chunk(image: &Image, number: u16) -> Request {
     Request::Chunk { number, chunk: image.chunk(number) }
 }
 
+/// Transfers a complete image.
 fn send(update: &mut Update, chip: &mut NorFlashChip, image: &Image) -> Result<Progress, Refusal> {
     ask(update, chip, Request::Begin(image.offer()))?;
     for number in 0..image.offer().chunks {
@@ -72,7 +75,7 @@ fn send(update: &mut Update, chip: &mut NorFlashChip, image: &Image) -> Result<P
     ask(update, chip, Request::Finish)
 }
 
-/// A chip on which the new image is accepted.
+/// A chip on which [`OLD`] is active and [`NEW`] was accepted, so that the next start swaps them.
 fn accepted() -> NorFlashChip {
     let mut chip = chip();
     assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Ok(Progress::Accepted));
@@ -117,7 +120,7 @@ fn a_refused_image_changes_nothing() {
         // The signature covers the header, so an offer with another version does not match.
         (Offer { header: Header::new("board", "9.9.9"), ..NEW.offer() }, Refusal::Header),
         (Offer { signature: [[0; 32]; 2], ..NEW.offer() }, Refusal::Signature),
-        // A truncated image.
+        // The image is truncated.
         (Offer { chunks: NEW.offer().chunks - 1, ..NEW.offer() }, Refusal::Signature),
     ] {
         let (mut update, mut chip) = (Update::new(), chip());
@@ -129,7 +132,7 @@ fn a_refused_image_changes_nothing() {
         assert_eq!(answer, Err(refusal));
         assert!(boot(&mut chip) == Ok(State::Boot) && active(&chip) == Some(&OLD));
     }
-    // Requests without a beginning, and an incomplete transfer.
+    // Requests without `Begin`, and a transfer without its chunks, are refused.
     let (mut update, mut chip) = (Update::new(), chip());
     assert_eq!(ask(&mut update, &mut chip, chunk(&NEW, 0)), Err(Refusal::NotBegun));
     assert_eq!(ask(&mut update, &mut chip, Request::Finish), Err(Refusal::NotBegun));
@@ -157,7 +160,7 @@ fn a_flipped_bit_in_the_chip_is_detected() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Chunks are lost, repeated or late, and hosts begin again: the transferred image is complete and correct.
+    /// Chunks are lost, repeated or late, and hosts begin again. The transferred image must be complete and correct.
     #[test]
     fn a_disturbed_transfer_continues_where_it_was(seed: u64) {
         let mut random = fastrand::Rng::with_seed(seed);
@@ -173,7 +176,7 @@ proptest! {
             };
             next = match answer {
                 Ok(Progress::Next(now)) => { prop_assert!(now == next || now == next + 1); now }
-                // A chunk was sent before the first `Begin`.
+                // The chunk was sent before the first `Begin`.
                 answer => { prop_assert_eq!(answer, Err(Refusal::NotBegun)); 0 }
             };
         }
@@ -182,8 +185,9 @@ proptest! {
     }
 }
 
-/// Runs `work` with a power cut in every `stride`th of its operations, at each moment of it, and passes the chip to `check`
-/// afterwards. Returns the number of cuts.
+/// Runs `work` on copies of the chip `before`, each with a power cut in another one of its write and erase operations, at each of
+/// the moments [`TORN`]: in every `stride`th operation. Passes each chip to `check` afterwards, with the number of the operation
+/// and the moment. Returns the number of cuts.
 fn cuts(
     before: &NorFlashChip,
     stride: usize,
@@ -212,7 +216,7 @@ fn a_loss_of_power_during_the_transfer_leaves_the_old_image() {
         let _ = send(&mut Update::new(), chip, &NEW);
     };
     let count = cuts(&chip(), 7, work, |chip, at, torn| {
-        // The last two operations write the mark to swap.
+        // The last two operations mark the image for the swap.
         let booted = boot(chip);
         let is_marked = booted == Ok(State::Swap);
         assert_eq!(active(chip), Some(if is_marked { &*NEW } else { &*OLD }), "{at} {torn:?}");
@@ -227,7 +231,8 @@ fn a_loss_of_power_anywhere_in_the_swap_ends_in_the_new_image() {
         let _ = boot(chip);
     };
     let count = cuts(&before, 1, work, |chip, at, torn| {
-        // After a cut behind the last operation the swap is complete: this start is the second one, and swaps back.
+        // If power fails after the last operation, the swap is already complete. This start is then the second one, and swaps
+        // back.
         let booted = boot(chip);
         let is_swapped_back = active(chip) == Some(&*OLD) && torn == Torn::After;
         assert!(booted == Ok(State::Swap) && (active(chip) == Some(&*NEW) || is_swapped_back), "{at} {torn:?}");
@@ -270,14 +275,14 @@ fn a_loss_of_power_during_the_confirmation_leaves_one_of_the_two_images() {
 }
 
 #[test]
-fn an_update_erases_only_its_own_areas() {
+fn an_update_erases_only_the_areas_of_images_and_state() {
     let mut chip = accepted();
     boot(&mut chip).expect("the chip works");
     boot(&mut chip).expect("the chip works");
     for (sector, erasures) in chip.erasures.iter().enumerate() {
         let at = sector as u32 * SECTOR;
-        let is_ours = [STATE, OTHER, ACTIVE_IMAGE].iter().any(|range| range.contains(&at));
-        assert!(*erasures == 0 || is_ours, "{at:#x}");
+        let is_allowed = [STATE, OTHER, ACTIVE_IMAGE].iter().any(|range| range.contains(&at));
+        assert!(*erasures == 0 || is_allowed, "{at:#x}");
     }
     const { assert!(LOG.end <= STATE.start) };
 }

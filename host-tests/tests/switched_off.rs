@@ -1,5 +1,5 @@
-//! Data that the real firmware stores are available after a restart and after a loss of power between write operations. Power
-//! cuts within write operations are part of `cargo xtask soak`.
+//! Settings and steps that the real firmware has stored are available after a restart and after the insole was switched off.
+//! Power cuts within write operations are part of `cargo xtask soak`.
 
 mod common;
 
@@ -18,6 +18,7 @@ use std::time::Duration;
 /// Longest wait for the insole's answer.
 const TIMEOUT: Duration = Duration::from_secs(20);
 
+/// Opens a session with a new client.
 fn session(board: &Board) -> Client<Framed<TcpStream>> {
     let link = board.link().expect("the board has a link");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
@@ -29,18 +30,25 @@ fn session(board: &Board) -> Client<Framed<TcpStream>> {
 fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
     let firmware = firmware();
     let walk = synthetic_walk(3, 100.0);
-    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
     let boot = |flash| {
         let hardware = Hardware { flash, ..Hardware::default() };
-        let walk = Recorded::new(walk.clone(), worn.clone());
-        Board::start_with(&firmware, &EmulatorConfig::new(worn.setup), &worn.cells, Time::Max, walk, &hardware)
-            .expect("the board boots")
+        let walk = Recorded::new(walk.clone(), virtual_insole.clone());
+        Board::start_with(
+            &firmware,
+            &EmulatorConfig::new(virtual_insole.setup),
+            &virtual_insole.cells,
+            Time::Max,
+            walk,
+            &hardware,
+        )
+        .expect("the board boots")
     };
     let board = boot(None);
     let mut client = session(&board);
-    let serial = Serial::new("P-0001").expect("printable");
-    client.set_tissue(&tissue()).expect("accepted");
-    let identity = client.set_identity(Side::Right, serial).expect("accepted");
+    let serial = Serial::new("P-0001").expect("the serial number is valid");
+    client.set_tissue(&tissue()).expect("the request is accepted");
+    let identity = client.set_identity(Side::Right, serial).expect("the request is accepted");
     assert_eq!((identity.side, identity.serial, client.hello().side), (Side::Right, serial, Side::Left));
     board.play();
     let mut recorded = Vec::new();
@@ -49,9 +57,9 @@ fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
             recorded.push(step);
         }
     }
-    // The first restart is by command, the second one by a loss of power.
+    // The insole first restarts on command, and then after a loss of power.
     client.restart(TIMEOUT).expect("the insole answers again");
-    // The client would not deliver steps that it knows: a new one receives them again.
+    // A client does not deliver a step twice: a new client receives the steps again.
     client = session(&board);
     let mut boards = vec![board];
     for boots_since in 1..3 {
@@ -67,11 +75,11 @@ fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
         for (recorded, again) in recorded.iter().zip(&again) {
             assert_eq!(*again, plantar::protocol::Step { boots_since, ..*recorded });
         }
-        let status = client.status().expect("an answer");
+        let status = client.status().expect("the insole answers");
         assert_eq!((status.contents.start, status.contents.next_step), (boots_since + 1, 3));
         let flash = boards.pop().expect("a board is on").flash().expect("the chip can be read");
         boards.push(boot(Some(flash)));
         client = session(&boards[0]);
     }
-    assert_eq!(client.identity().expect("an answer").serial, serial);
+    assert_eq!(client.identity().expect("the insole answers").serial, serial);
 }

@@ -1,7 +1,7 @@
-//! Updates of the real firmware in QEMU by the real bootloader: a signed image runs after the restart, and remains once it has
-//! confirmed itself. After an image that is refused or fails, the previous one runs, also where power fails at any moment.
+//! Updates of the real firmware in QEMU by the real bootloader. A signed image runs after the restart, and remains active once it
+//! has confirmed itself. If an image is refused or fails, the previous one runs. Both hold if power fails at any moment.
 //!
-//! A newer image in these tests is the same firmware with another version in its header, which is the version that it reports.
+//! The newer image of these tests is the same firmware with another version in its header. The firmware reports that version.
 
 mod common;
 
@@ -31,14 +31,16 @@ const START_TIMEOUT: Duration = Duration::from_secs(20);
 
 type Session = Client<Framed<TcpStream>>;
 
+/// An image of these bytes, with this header and a signature by `secret`.
 fn signed(mut bytes: Vec<u8>, header: &Header, secret: &SigningKey) -> Image {
     let header = header.bytes();
     bytes[HEADER as usize..][..header.len()].copy_from_slice(&header);
     Image::sign(bytes, secret).expect("the image has a header")
 }
 
+/// The key that signs development images, which the emulated board accepts.
 fn development() -> SigningKey {
-    development_key().expect("the development key")
+    development_key().expect("the development key is valid")
 }
 
 /// The firmware with a newer version.
@@ -46,14 +48,16 @@ fn newer(firmware: &Path) -> Image {
     signed(flash_image(firmware).expect("the firmware is built"), &Header::new(BOARD, NEW), &development())
 }
 
-/// A short image that does not run.
-fn broken(version: &str) -> Image {
+/// A short image with a valid signature that crashes at its start, because it contains no program.
+fn crashing_image(version: &str) -> Image {
     signed(vec![0xff; 20 * CHUNK], &Header::new(BOARD, version), &development())
 }
 
-/// An insole with one flash chip, which is switched on and off.
+/// An insole that is switched on and off. Its flash chip remains the same.
 struct Insole {
+    /// The firmware file of the first start.
     firmware: PathBuf,
+    /// The content of the flash chip while the insole is off; `None` for a new chip.
     flash: Option<Vec<u8>>,
 }
 
@@ -62,29 +66,40 @@ impl Insole {
         Self { firmware: firmware(), flash: None }
     }
 
+    /// Switches the insole on. With `power_cut`, power fails in the write or erase operation of the chip with this number,
+    /// counted from 0. `swapped` is the result of [`Self::wait`] for the start before: true if the active image in the chip is to
+    /// run.
     fn start(&self, power_cut: Option<u32>, swapped: bool) -> Board {
         let walk = synthetic_walk(2, 100.0);
-        let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-        let config = EmulatorConfig { power_cut, ..EmulatorConfig::new(worn.setup) };
-        let cells = worn.cells.clone();
+        let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+        let config = EmulatorConfig { power_cut, ..EmulatorConfig::new(virtual_insole.setup) };
+        let cells = virtual_insole.cells.clone();
         let hardware = Hardware { flash: self.flash.clone(), swapped, ..Hardware::default() };
-        Board::start_with(&self.firmware, &config, &cells, Time::Max, Looped(Recorded::new(walk, worn)), &hardware)
-            .expect("the board boots")
+        Board::start_with(
+            &self.firmware,
+            &config,
+            &cells,
+            Time::Max,
+            Looped(Recorded::new(walk, virtual_insole)),
+            &hardware,
+        )
+        .expect("the board boots")
     }
 
-    /// Waits until the board is off, and saves its chip; returns true if the bootloader swapped images and requests a restart.
+    /// Waits until the board ends by a swap, a crash or a power cut, and saves its chip. Returns true if the bootloader swapped
+    /// images, so that the insole must be started again.
     fn wait(&mut self, mut board: Board) -> bool {
         let swapped = board.wait().expect("the board runs");
         self.flash = Some(board.flash().expect("the chip can be read"));
         swapped
     }
 
-    /// Switches the board off at any moment, and saves its chip.
+    /// Switches the board off now, and saves its chip.
     fn switch_off(&mut self, board: Board) {
         self.flash = Some(board.flash().expect("the chip can be read"));
     }
 
-    /// The content of the active image's area.
+    /// The content of the area of the chip with the active image.
     fn active(&self) -> &[u8] {
         let flash = self.flash.as_ref().expect("a board ran");
         &flash[ACTIVE_IMAGE.start as usize..ACTIVE_IMAGE.end as usize]
@@ -95,13 +110,14 @@ fn connect(board: &Board) -> Session {
     try_connect(board).expect("the insole answers")
 }
 
-/// A session; `None` where the board switches off instead.
+/// A session; `None` if the board ends before its first answer.
 fn try_connect(board: &Board) -> Option<Session> {
     let link = board.link().expect("the board has a link");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
     Client::connect(Framed::new(link), START_TIMEOUT).ok()
 }
 
+/// Transfers a complete image.
 fn send(session: &mut Session, image: &Image) -> Result<Progress, Error> {
     session.update(Request::Begin(image.offer()))?;
     for number in 0..image.offer().chunks {
@@ -110,6 +126,7 @@ fn send(session: &mut Session, image: &Image) -> Result<Progress, Error> {
     session.update(Request::Finish)
 }
 
+/// The insole's reason for a refusal; `None` for any other answer.
 fn refusal(answer: Result<Progress, Error>) -> Option<Refusal> {
     match answer {
         Err(Error::Refused(protocol::Refusal::Update(refusal))) => Some(refusal),
@@ -117,7 +134,8 @@ fn refusal(answer: Result<Progress, Error>) -> Option<Refusal> {
     }
 }
 
-/// Writes an accepted image to an insole's chip, with the insole's own code.
+/// Writes an image to an insole's chip as an accepted update, by the insole's own code. This is faster than a transfer
+/// over the link.
 fn accept(insole: &mut Insole, image: &Image) {
     let board = insole.start(None, false);
     connect(&board);
@@ -143,14 +161,14 @@ fn an_update_runs_after_the_restart_and_remains_once_it_is_confirmed() {
     let mut session = connect(&board);
     assert_eq!((session.hello().firmware.as_str(), session.hello().board.as_str()), (OLD, BOARD));
     assert_eq!(send(&mut session, &image).ok(), Some(Progress::Accepted));
-    assert!(insole.wait(board), "the insole restarts by itself, and the bootloader swaps");
+    assert!(insole.wait(board), "the bootloader must swap the images after the insole's own restart");
     assert!(insole.active().starts_with(image.bytes()));
 
     let board = insole.start(None, true);
     let mut session = connect(&board);
     assert_eq!(session.hello().firmware, NEW);
     let again = Request::Begin(image.offer());
-    assert_eq!(refusal(session.update(again)), Some(Refusal::OnTrial), "the image has not scanned yet");
+    assert_eq!(refusal(session.update(again)), Some(Refusal::OnTrial), "an image is on trial until it has scanned");
     board.play();
     while refusal(session.update(again)) == Some(Refusal::OnTrial) {}
     // An older image is refused now, including the previous one.
@@ -176,7 +194,7 @@ fn an_image_that_makes_no_progress_is_swapped_back_at_the_next_start() {
     let mut session = connect(&board);
     assert_eq!(session.hello().firmware, NEW);
     session.send(ToDevice::Restart).expect("the link works");
-    assert!(insole.wait(board), "the bootloader swaps back");
+    assert!(insole.wait(board), "the bootloader must swap back");
     let board = insole.start(None, true);
     assert_eq!(connect(&board).hello().firmware, OLD);
 }
@@ -186,13 +204,13 @@ fn an_image_that_makes_no_progress_is_swapped_back_at_the_next_start() {
 fn a_signed_image_that_crashes_is_swapped_back() {
     let mut insole = Insole::new();
     let board = insole.start(None, false);
-    assert_eq!(send(&mut connect(&board), &broken(NEW)).ok(), Some(Progress::Accepted));
+    assert_eq!(send(&mut connect(&board), &crashing_image(NEW)).ok(), Some(Progress::Accepted));
     assert!(insole.wait(board));
-    assert!(insole.active().starts_with(broken(NEW).bytes()));
+    assert!(insole.active().starts_with(crashing_image(NEW).bytes()));
     let board = insole.start(None, true);
-    assert!(!insole.wait(board), "the image crashes");
+    assert!(!insole.wait(board), "the image must crash, and not be swapped");
     let board = insole.start(None, false);
-    assert!(insole.wait(board), "the bootloader swaps back");
+    assert!(insole.wait(board), "the bootloader must swap back");
     let board = insole.start(None, true);
     assert_eq!(connect(&board).hello().firmware, OLD);
 }
@@ -203,40 +221,42 @@ fn invalid_images_are_refused_and_the_running_image_remains() {
     let mut insole = Insole::new();
     let board = insole.start(None, false);
     let mut session = connect(&board);
-    let good = broken(NEW);
-    let offer = good.offer();
-    let other_key = signed(good.bytes().to_vec(), good.header(), &SigningKey::from_bytes(&[1; 32]));
-    let older = broken("0.0.9");
-    let other_board = signed(good.bytes().to_vec(), &Header::new("stm32wb55", NEW), &development());
-    for (image, why) in [(&other_key, Refusal::Signature), (&older, Refusal::Older), (&other_board, Refusal::Board)] {
-        assert_eq!(refusal(send(&mut session, image)), Some(why));
+    let signed_image = crashing_image(NEW);
+    let offer = signed_image.offer();
+    let other_key = signed(signed_image.bytes().to_vec(), signed_image.header(), &SigningKey::from_bytes(&[1; 32]));
+    let older = crashing_image("0.0.9");
+    let other_board = signed(signed_image.bytes().to_vec(), &Header::new("stm32wb55", NEW), &development());
+    for (image, reason) in [(&other_key, Refusal::Signature), (&older, Refusal::Older), (&other_board, Refusal::Board)]
+    {
+        assert_eq!(refusal(send(&mut session, image)), Some(reason));
     }
     let mut unsigned = offer;
     unsigned.signature = Default::default();
     let mut short = offer;
     short.chunks -= 1;
-    for (offer, flipped, why) in [
+    // The third and the fourth image have a flipped bit in this chunk.
+    for (offer, flipped, reason) in [
         (unsigned, None, Refusal::Signature),
         (short, None, Refusal::Signature),
         (offer, Some(5), Refusal::Signature),
         (offer, Some(HEADER as usize / CHUNK), Refusal::Header),
     ] {
-        session.update(Request::Begin(offer)).expect("the image is not yet verified");
+        session.update(Request::Begin(offer)).expect("an image is accepted until it is verified");
         for number in 0..offer.chunks {
-            let mut chunk = good.chunk(number);
+            let mut chunk = signed_image.chunk(number);
             if flipped == Some(usize::from(number)) {
                 chunk[0][0] ^= 0x10;
             }
-            session.update(Request::Chunk { number, chunk }).expect("the image is not yet verified");
+            session.update(Request::Chunk { number, chunk }).expect("an image is accepted until it is verified");
         }
-        assert_eq!(refusal(session.update(Request::Finish)), Some(why));
+        assert_eq!(refusal(session.update(Request::Finish)), Some(reason));
     }
     let mut long = offer;
     long.chunks = u16::MAX;
     assert_eq!(refusal(session.update(Request::Begin(long))), Some(Refusal::Length));
-    // An incomplete update is refused.
+    // A transfer without all of its chunks is refused.
     session.update(Request::Begin(offer)).expect("the request is accepted");
-    session.update(Request::Chunk { number: 0, chunk: good.chunk(0) }).expect("the request is accepted");
+    session.update(Request::Chunk { number: 0, chunk: signed_image.chunk(0) }).expect("the request is accepted");
     assert_eq!(refusal(session.update(Request::Finish)), Some(Refusal::Incomplete));
 
     assert_eq!(session.reconnect(START_TIMEOUT).expect("the insole answers").firmware, OLD);
@@ -249,7 +269,7 @@ fn invalid_images_are_refused_and_the_running_image_remains() {
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_loss_of_power_during_the_transfer_leaves_the_running_image() {
     let mut insole = Insole::new();
-    let image = broken(NEW);
+    let image = crashing_image(NEW);
     let mut cuts = 0;
     loop {
         insole.flash = None;
@@ -261,13 +281,13 @@ fn a_loss_of_power_during_the_transfer_leaves_the_running_image() {
         if is_accepted {
             break;
         }
-        // The mark to swap may be written although its answer did not arrive.
+        // The insole may have marked the image for the swap although its answer did not arrive.
         let board = insole.start(None, false);
         match try_connect(&board) {
-            Some(session) => assert_eq!(session.hello().firmware, OLD, "cut {cuts}"),
+            Some(session) => assert_eq!(session.hello().firmware, OLD, "after the cut in operation {cuts}"),
             None => {
-                assert!(insole.wait(board), "cut {cuts}");
-                assert!(insole.active().starts_with(image.bytes()), "cut {cuts}");
+                assert!(insole.wait(board), "no swap after the cut in operation {cuts}");
+                assert!(insole.active().starts_with(image.bytes()), "after the cut in operation {cuts}");
             }
         }
         cuts += 1;
@@ -275,7 +295,8 @@ fn a_loss_of_power_during_the_transfer_leaves_the_running_image() {
     println!("{cuts} cuts");
 }
 
-/// Write and erase operations of a swap from one tested power cut to the next.
+/// Number of write and erase operations of a swap from one tested power cut to the next. Testing every operation would take too
+/// long in the emulator; the test `swap` does that on a simulated chip.
 const STRIDE: usize = 29;
 
 #[test]
@@ -293,10 +314,10 @@ fn a_loss_of_power_during_the_swap_ends_in_the_new_image() {
             break;
         }
         let board = insole.start(None, false);
-        assert!(insole.wait(board), "cut {cut}");
-        assert!(insole.active().starts_with(image.bytes()), "cut {cut}");
+        assert!(insole.wait(board), "no swap after the cut in operation {cut}");
+        assert!(insole.active().starts_with(image.bytes()), "after the cut in operation {cut}");
         let board = insole.start(None, true);
-        assert_eq!(connect(&board).hello().firmware, NEW, "cut {cut}");
+        assert_eq!(connect(&board).hello().firmware, NEW, "after the cut in operation {cut}");
         cuts += 1;
     }
     println!("{cuts} cuts");
@@ -306,7 +327,7 @@ fn a_loss_of_power_during_the_swap_ends_in_the_new_image() {
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_loss_of_power_during_the_swap_back_ends_in_the_old_image() {
     let mut insole = Insole::new();
-    accept(&mut insole, &broken(NEW));
+    accept(&mut insole, &crashing_image(NEW));
     let board = insole.start(None, false);
     assert!(insole.wait(board));
     let swapped = insole.flash.clone();
@@ -319,9 +340,9 @@ fn a_loss_of_power_during_the_swap_back_ends_in_the_old_image() {
         }
         let board = insole.start(None, false);
         let is_swapped = insole.wait(board);
-        assert!(is_swapped, "cut {cut}");
-        let board = insole.start(None, is_swapped);
-        assert_eq!(connect(&board).hello().firmware, OLD, "cut {cut}");
+        assert!(is_swapped, "no swap after the cut in operation {cut}");
+        let board = insole.start(None, true);
+        assert_eq!(connect(&board).hello().firmware, OLD, "after the cut in operation {cut}");
         cuts += 1;
     }
     println!("{cuts} cuts");

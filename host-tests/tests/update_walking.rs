@@ -1,6 +1,6 @@
-//! An update that is transferred in real time during a walk loses no frame and no step. Scans that a busy emulator leaves out,
-//! with or without an update, are printed and not checked. The test is alone in its file, because tests that run beside it would
-//! disturb it.
+//! The transfer of an update in real time during a walk costs no live frame and no step. The number of scans that a busy emulator
+//! leaves out, which happens without an update too, is printed and not checked. The test is alone in its file, because other
+//! tests of the file would run at the same time and disturb it.
 
 mod common;
 
@@ -16,7 +16,7 @@ use plantar::protocol::{Status, ToDevice, ToHost};
 use recording::VirtualInsole;
 use std::time::Duration;
 
-/// Number of chunks that are transferred: a part of the image is enough.
+/// Number of chunks that are transferred. A part of the image is enough.
 const CHUNKS: u16 = 300;
 
 #[test]
@@ -24,20 +24,20 @@ const CHUNKS: u16 = 300;
 fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
     let firmware = firmware();
     let walk = synthetic_walk(8, 100.0);
-    let worn = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let (config, cells) = (EmulatorConfig::new(worn.setup), worn.cells.clone());
-    let walk = Looped(Recorded::new(walk, worn));
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let (config, cells) = (EmulatorConfig::new(virtual_insole.setup), virtual_insole.cells.clone());
+    let walk = Looped(Recorded::new(walk, virtual_insole));
     let board = Board::start(&firmware, &config, &cells, Time::Real, walk).expect("the board boots");
     let link = board.link().expect("the board has a link");
     link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
     let mut session = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
     session.stream().expect("the stream starts");
 
-    let secret = development_key().expect("the development key");
+    let secret = development_key().expect("the development key is valid");
     let image =
         Image::sign(flash_image(&firmware).expect("the firmware is built"), &secret).expect("the image has a header");
     let mut offer = image.offer();
-    // The incomplete image is refused at the end, so that the insole does not restart and its counters can be read.
+    // The insole refuses the incomplete image at the end. It therefore does not restart, and its counters can be read.
     offer.chunks = CHUNKS;
     let mut steps = Vec::new();
     let mut request = Request::Begin(offer);
@@ -48,7 +48,7 @@ fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
         };
     }
     assert_eq!(request, Request::Finish);
-    // Messages that arrived during the transfer are queued in the session, before the answer.
+    // Messages that arrived during the transfer are queued in the client, and are returned before the status.
     session.send(ToDevice::GetStatus).expect("the link works");
     let status = loop {
         if let Some(status) = receive(&mut session, &mut steps) {

@@ -1,4 +1,4 @@
-//! Messages and frames: every message is decoded as it was encoded, and damaged ones are refused.
+//! Messages and frames: every message arrives as it was sent, and damaged messages are refused.
 
 use plantar::checksum::crc32;
 use plantar::faults::{Fault, FaultKind, Faults, MAX_FAULTS, Place};
@@ -271,10 +271,10 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
 }
 
 fn serial() -> impl Strategy<Value = Serial> {
-    "[!-~]{0,16}".prop_map(|text| Serial::new(&text).expect("short and printable"))
+    "[!-~]{0,16}".prop_map(|text| Serial::new(&text).expect("the serial number is valid"))
 }
 
-/// One message of each kind.
+/// One message of each kind to the host.
 fn samples() -> Vec<ToHost> {
     vec![
         ToHost::Hello(hello()),
@@ -312,7 +312,7 @@ proptest! {
         prop_assert!(bytes.len() <= MAX_FRAME);
     }
 
-    /// A packet is exactly one message.
+    /// A packet of a packet carrier is exactly one message.
     #[test]
     fn packets_with_too_few_or_too_many_bytes_are_refused(message in to_host(), extra in any::<u8>(), cut in any::<prop::sample::Index>()) {
         let bytes = encoded(&message);
@@ -396,13 +396,13 @@ fn starting_in_the_middle_of_a_stream_loses_one_frame_at_most() {
     for start in 1..first_len {
         let mut decoder = Decoder::new();
         assert_eq!(messages::<ToHost>(&mut decoder, &stream[start..]), all[1..], "from byte {start}");
-        // From its last byte on, only the final zero of the first frame is left, which does not count as a bad frame.
+        // From the last byte of the first frame on, only its final zero is left, which does not count as a bad frame.
         assert_eq!(decoder.bad_frames, u32::from(start < first_len - 1), "from byte {start}");
     }
 }
 
 #[test]
-fn a_truncated_frame_is_counted_and_the_next_one_received() {
+fn a_truncated_frame_is_counted_and_the_next_frame_is_received() {
     for message in samples() {
         let bytes = framed(&message);
         for len in 1..bytes.len() - 1 {
@@ -411,7 +411,7 @@ fn a_truncated_frame_is_counted_and_the_next_one_received() {
             assert_eq!(messages::<ToHost>(&mut decoder, &stream), from_ref(&message), "{len} bytes");
             assert_eq!(decoder.bad_frames, 1, "{len} bytes");
 
-            // Without its final zero, only the next frame is lost with it.
+            // If the final zero of the frame is lost too, the next frame is lost with it, and no other.
             let mut decoder = Decoder::new();
             let stream = [&bytes[..len], bytes.as_slice(), bytes.as_slice()].concat();
             assert_eq!(messages::<ToHost>(&mut decoder, &stream), from_ref(&message), "{len} bytes");
@@ -458,7 +458,7 @@ fn no_single_bit_error_produces_another_message() {
             let mut decoder = Decoder::new();
             let got = messages::<ToHost>(&mut decoder, &damaged);
             assert!(got.iter().all(|m| *m == message), "bit {bit}: {got:?}");
-            // Where the final zero is damaged, the third frame is lost too.
+            // If the damaged bit is in the final zero, the third frame is lost too.
             let is_end = bit / 8 == bytes.len() - 1;
             assert_eq!(got.len(), if is_end { 1 } else { 2 }, "bit {bit}");
             assert!((1..=2).contains(&decoder.bad_frames), "bit {bit}: {}", decoder.bad_frames);
@@ -554,7 +554,7 @@ fn longest_messages_fit_their_limits() {
     assert!(frame(&[0xAA; MAX_MESSAGE], &mut out) <= MAX_FRAME);
 }
 
-/// Other carriers select messages by their first byte.
+/// Carriers such as Bluetooth select messages by their first byte.
 #[test]
 fn the_first_byte_identifies_the_message() {
     let first = |message: &ToHost| encoded(message)[0];
@@ -565,7 +565,7 @@ fn the_first_byte_identifies_the_message() {
 
 #[test]
 fn the_checksum_is_crc_32_iso_hdlc() {
-    // The check value of CRC-32/ISO-HDLC.
+    // The check value that the definition of CRC-32/ISO-HDLC contains.
     assert_eq!(crc32(b"123456789"), 0xCBF4_3926);
 }
 
@@ -573,11 +573,12 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// The bytes of version 2.0 on a byte carrier. A change of Hello or Connect is forbidden; a change of another line raises
-/// `protocol::MAJOR`, a new message `protocol::MINOR`. Other hosts and insoles have these bytes built in.
+/// The bytes of all messages of version 2.0 on a byte carrier, on which hosts and insoles in use depend. The bytes of Hello and
+/// Connect must never change. A change of another message requires a higher `protocol::MAJOR`, a new message a higher
+/// `protocol::MINOR`.
 #[test]
-fn bytes_of_this_version() {
-    assert_eq!((MAJOR, MINOR), (2, 0), "the bytes of the new version are to be added here");
+fn messages_have_the_bytes_of_this_version() {
+    assert_eq!((MAJOR, MINOR), (2, 0), "add the bytes of the new version to this test");
     let golden = [
         ("hello", framed(&ToHost::Hello(Hello { major: 1, minor: 0, ..hello() })), HELLO),
         ("live", framed(&ToHost::Live(live(300))), LIVE),
@@ -630,7 +631,11 @@ fn bytes_of_this_version() {
 }
 
 fn identity() -> Identity {
-    Identity { side: Side::Right, serial: Serial::new("P-0001").expect("printable"), calibration_id: 300 }
+    Identity {
+        side: Side::Right,
+        serial: Serial::new("P-0001").expect("the serial number is valid"),
+        calibration_id: 300,
+    }
 }
 
 const OFFER: Offer = Offer { header: Header::new("board", "1.2.3"), chunks: 300, signature: [[1; 32], [2; 32]] };
@@ -666,15 +671,23 @@ const SET_CALIBRATION: &str = "0e0c07f001f8acd19101346e354900";
 const RESTART: &str = "060d3093b3ac00";
 const FAULTS_FOUND: &str = "0d070308010203040506070803060103e05d040eac02c865010205b06ddd96d1eb00";
 const GET_FAULTS: &str = "0608bf67d9dc00";
+const BEGIN: &str = "020e0e706c616e74617231626f6172640101010101010101010106312e322e330101010101010101010147ac0201010101010101010101010101010101010101010101010101010101010101010202020202020202020202020202020202020202020202020202020202020202eb650d0800";
+const CHUNK: &str = "ff0e01ac02070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070b07070707070720840f5500";
+const FINISH: &str = "070e025d5e543100";
+const NEXT: &str = "020a07ac02b1ad45a200";
+const ACCEPTED: &str = "070a01e3ca31cc00";
+const UPDATE_REFUSED: &str = "080507079d18af2800";
 const SET_CLOCK: &str = "0e078080f9c0c1c48203c9aa264a00";
 
-/// Values outside the range of their field are limited to it.
+/// Values outside the range of their field are limited to that range.
 #[test]
 fn live_values_are_rounded_and_limited() {
     let mut insole = Insole::<f64, 1>::new();
-    insole.set_up(Setup { ..testkit::SETUP }, [cell(Region::Heel, 0.0, 0.0, 25.0)].into_iter()).expect("set-up");
+    insole
+        .set_up(Setup { ..testkit::SETUP }, [cell(Region::Heel, 0.0, 0.0, 25.0)].into_iter())
+        .expect("the set-up is accepted");
     let mut loads = *insole.loads();
-    // Force in N, and the tenths of a newton in the message.
+    // Force in N, and the value in the message in 0.1 N.
     let cases = [
         (0.0, 0),
         (0.04, 0),
@@ -686,7 +699,7 @@ fn live_values_are_rounded_and_limited() {
         (-5.0, 0),
         (f64::NAN, 0),
     ];
-    for (force_n, wire_dn) in cases {
+    for (force_n, message_dn) in cases {
         loads[3].tissue.model_n = force_n;
         loads[3].tissue.deformation_m = force_n * 1e-7;
         loads[3].frame = RegionFrame {
@@ -696,14 +709,15 @@ fn live_values_are_rounded_and_limited() {
         };
         loads[5].tissue.clamped = true;
         let live = Live::new(9, 10, &loads, 1 << 6);
-        let region = LiveRegion { area_mm2: 0, deformation_um: wire_dn, model_dn: wire_dn, measured_dn: wire_dn };
+        let region =
+            LiveRegion { area_mm2: 0, deformation_um: message_dn, model_dn: message_dn, measured_dn: message_dn };
         let deformation_um = (force_n * 0.1).max(0.0).round().min(65535.0) as u16;
         assert_eq!(live.regions[3], LiveRegion { deformation_um, ..region }, "{force_n} N");
         assert_eq!((live.sequence, live.t_us, live.saturated, live.clamped), (9, 10, 1 << 3, 1 << 5));
     }
 }
 
-/// The emulated board accepts a complete set-up only.
+/// The emulated board accepts only a complete set-up.
 #[test]
 fn a_truncated_set_up_is_refused() {
     use emulation::{EmulatorConfig, read_setup};
@@ -730,9 +744,3 @@ fn a_truncated_set_up_is_refused() {
         assert!(file(len).is_none(), "{len} bytes");
     }
 }
-const BEGIN: &str = "020e0e706c616e74617231626f6172640101010101010101010106312e322e330101010101010101010147ac0201010101010101010101010101010101010101010101010101010101010101010202020202020202020202020202020202020202020202020202020202020202eb650d0800";
-const CHUNK: &str = "ff0e01ac02070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070707070b07070707070720840f5500";
-const FINISH: &str = "070e025d5e543100";
-const NEXT: &str = "020a07ac02b1ad45a200";
-const ACCEPTED: &str = "070a01e3ca31cc00";
-const UPDATE_REFUSED: &str = "080507079d18af2800";

@@ -12,9 +12,9 @@ use crate::pipeline::cell::{AREA_SHIFT, InsoleCell};
 use crate::pipeline::marks::{IMPLAUSIBLE_SATURATION, LINES, MASKED};
 use heapless::Vec;
 
-/// Saturated cells that are compared with their neighbours in one frame.
+/// Largest number of saturated cells that are compared with their neighbours in one frame.
 const SATURATED_PER_FRAME: usize = 4;
-/// A saturation is plausible where the mean of the neighbours is at least this fraction of it.
+/// The saturation of a cell is plausible if the mean of its neighbours is at least its code divided by this number.
 const PLAUSIBLE_FRACTION: u32 = 4;
 
 /// The state of the detection, and the detected faults.
@@ -24,16 +24,19 @@ pub(crate) struct FaultDetector {
     total_area: i32,
     /// Area in contact, without masked cells.
     contact_area: i32,
+    /// [`SETTLE_MS`] in frames.
     settle_frames: u32,
+    /// The insole has at most [`MATRIX_CELLS`] cells, so their rows and columns are known.
     has_lines: bool,
-    /// Frames since the contact became small and constant, 0 while the foot is down; and the area at that time.
+    /// Number of frames since the contact became small and constant; 0 while the foot is down.
     settled_frames: u32,
+    /// Contact area when it became small and constant.
     settled_area: i32,
-    /// The foot was down since the last review.
+    /// The foot was down since the last review began.
     has_stance: bool,
     /// A stance interrupted the last review.
     is_interrupted: bool,
-    /// The next cell of a running review.
+    /// Index of the next cell of the running review; `None` if no review is running.
     next_cell: Option<usize>,
     review: Review,
     rows: RowSearch,
@@ -43,7 +46,7 @@ pub(crate) struct FaultDetector {
 }
 
 impl FaultDetector {
-    /// No faults; all zeros, so that a static one takes no flash.
+    /// A detector without cells. All of its bytes are zero, so that a static detector occupies no flash.
     pub(crate) const fn new() -> Self {
         Self {
             total_area: 0,
@@ -63,7 +66,7 @@ impl FaultDetector {
         }
     }
 
-    /// Starts from the beginning with these cells.
+    /// Resets the detector for an insole with these cells and this time between frames.
     pub(crate) fn set_up<R: Real>(&mut self, cells: &[InsoleCell<R>], period_us: u32) {
         *self = Self::new();
         self.total_area = cells.iter().map(|cell| cell.region.whole() >> AREA_SHIFT).sum();
@@ -83,7 +86,8 @@ impl FaultDetector {
         self.masking.regions
     }
 
-    /// Adds the change of the contact area; true where most of the insole is in contact. Such a frame needs no further work.
+    /// Adds `change`, in units of [`crate::pipeline::cell::area_units`], to the contact area. True if more than half of the insole
+    /// is in contact: then [`FaultDetector::frame`] only checks saturated cells.
     #[inline(always)]
     pub(crate) fn is_foot_down(&mut self, change: i32) -> bool {
         self.contact_area += change;
@@ -94,7 +98,7 @@ impl FaultDetector {
         is_down
     }
 
-    /// True where [`FaultDetector::interpolate`] has something to do.
+    /// True if there are masked cells to interpolate.
     #[inline(always)]
     pub(crate) fn has_masks(&self) -> bool {
         self.masking.has_masks()
@@ -105,7 +109,8 @@ impl FaultDetector {
         self.masking.interpolate(curve, frame);
     }
 
-    /// Processes a frame with a saturated cell, or with at most half of the insole in contact.
+    /// Processes a frame. It need not be called for a frame with more than half of the insole in contact and without saturation.
+    /// `is_saturated` states whether a cell was saturated in the stance that is in progress or was the last one.
     pub(crate) fn frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, is_saturated: bool) {
         if is_saturated {
             check_saturation(frame);
@@ -115,7 +120,8 @@ impl FaultDetector {
         }
     }
 
-    /// Processes a frame with most cells unloaded, which leaves time for the search.
+    /// Processes a frame with at most half of the insole in contact. The other stages need less time for such a frame, which
+    /// leaves time for the search for faults.
     #[inline(never)]
     fn light_frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) {
         let area = self.contact_area;
@@ -123,7 +129,7 @@ impl FaultDetector {
             self.rows.inspect(frame);
         }
         if self.settled_frames == 0 {
-            // A stance began: a review that it interrupts is abandoned.
+            // The foot is down. A review that this stance interrupts is abandoned.
             self.is_interrupted |= self.next_cell.is_some();
             (self.has_stance, self.next_cell) = (true, None);
         }
@@ -141,7 +147,8 @@ impl FaultDetector {
         if self.has_stance && self.next_cell.is_none() {
             self.has_stance = false;
             if core::mem::take(&mut self.is_interrupted) {
-                // The reviewed half of the cells has counted this step already: no step may count twice.
+                // The cells that were reviewed before the interruption have counted a step already. This review is skipped, so
+                // that no step counts twice.
                 frame.cells.iter_mut().for_each(InsoleCell::begin_step);
                 return;
             }
@@ -181,13 +188,13 @@ impl FaultDetector {
         }
         self.rows.begin_step();
         if self.faults.found != before {
-            // With other cells in contact, rows are inspected at other moments.
+            // Masking changes the contact area, and so the moments at which rows are inspected: earlier steps are not comparable.
             self.rows.forget();
             self.masking.choose_neighbours(frame);
         }
     }
 
-    /// Reports a line, rows first, and masks its cells.
+    /// Reports a fault of a line and masks its cells. Lines 0 to 15 are the rows, lines 16 to 31 the columns.
     fn mark_line_faulty<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, kind: FaultKind, line: usize) {
         let place = if line < LINES { Place::Row(line as u8) } else { Place::Column((line - LINES) as u8) };
         self.report(frame, kind, place);
@@ -198,14 +205,14 @@ impl FaultDetector {
         }
     }
 
-    /// Adds a fault to the list; where it is full, the fault is only counted.
+    /// Counts a fault and adds it to the list, unless the list is full.
     fn report<R: Real>(&mut self, frame: &FrameContext<'_, R>, kind: FaultKind, place: Place) {
         self.faults.found = self.faults.found.wrapping_add(1);
         let found_ms = (u64::from(frame.seq) * u64::from(frame.period_us) / 1000) as u32;
         let _ = self.faults.list.push(Fault { kind, place, found_ms });
     }
 
-    /// Masks a cell, unless it is masked.
+    /// Masks a cell, unless it is masked already.
     fn mask<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, index: usize) {
         if frame.cells[index].marks.is_masked() {
             return;

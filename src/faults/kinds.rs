@@ -1,9 +1,9 @@
-//! Kinds of faults, their places, and the report of the detected ones.
+//! Kinds of faults, their places, and the report of the detected faults.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-/// Largest number of listed faults; further ones are counted and masked.
+/// Largest number of listed faults. Further faults are counted, and their cells masked.
 pub const MAX_FAULTS: usize = 16;
 
 /// The kind of a fault.
@@ -18,14 +18,14 @@ pub enum FaultKind {
     Stuck,
     /// Full scale while the neighbouring cells read little.
     Saturated,
-    /// A zero that drifts faster, or farther in total, than the correction allows.
+    /// The zero of a cell, its unloaded reading, drifts faster, or farther in total, than the correction allows.
     Drift,
     /// All cells of a row read a part of the row's load.
     Crosstalk,
 }
 
 impl FaultKind {
-    /// All kinds, in the order of the wire.
+    /// All kinds, in the order of their numbers in encoded messages.
     pub const ALL: [Self; 6] = [Self::Open, Self::Short, Self::Stuck, Self::Saturated, Self::Drift, Self::Crosstalk];
 
     /// One word, lower case.
@@ -79,11 +79,11 @@ pub struct Fault {
 pub struct Faults {
     /// Number of all faults, listed or not.
     pub found: u32,
-    /// Number of zero corrections of cells.
+    /// Number of times that the zero of a cell was corrected, for all cells together.
     pub rezeroed: u32,
-    /// Masked cells of each region, 255 for more.
+    /// Number of masked cells of each region; 255 stands for 255 or more.
     pub masked_cells: [u8; 8],
-    /// The first faults.
+    /// The first [`MAX_FAULTS`] faults, in the order of their detection.
     pub list: Vec<Fault, MAX_FAULTS>,
 }
 

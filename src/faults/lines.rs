@@ -4,13 +4,13 @@ use super::neighbourhood::FrameContext;
 use super::{FaultKind, MIN_LINE_CELLS};
 use crate::pipeline::marks::{Count, LINES, NO_RESPONSE};
 
-/// Number of successive steps in which a line must be open.
+/// Number of successive steps in which a line must be open before it is reported.
 const STEPS: u8 = 2;
 
 /// The state of the search for faulty lines.
 #[derive(Debug)]
 pub(super) struct LineSearch {
-    /// Number of successive steps in which exactly this line did not respond: rows, then columns.
+    /// For each line, rows first: the number of successive steps in which it did not respond.
     open_steps: [u8; 2 * LINES],
 }
 
@@ -19,8 +19,8 @@ impl LineSearch {
         Self { open_steps: [0; 2 * LINES] }
     }
 
-    /// The fault of a line, rows first, after all cells were reviewed. `unresponsive` is the number of cells without a response
-    /// that carried load; those of an open line are subtracted.
+    /// Concludes the fault of line number `line`, rows first, after all cells were reviewed. `unresponsive` is the number of cells
+    /// on all lines that carried load before and did not respond in this step; the cells of an open line are subtracted from it.
     pub(super) fn conclude<R>(
         &mut self,
         frame: &mut FrameContext<'_, R>,
@@ -36,7 +36,8 @@ impl LineSearch {
             return Some(FaultKind::Open);
         }
         if is_open {
-            // The next step must count the same cells again.
+            // The review has lowered the count of loaded steps of these cells. It is restored, so that the next step counts the
+            // same cells again.
             for marks in frame.cells.iter_mut().map(|cell| &mut cell.marks).filter(|marks| marks.is_on(line)) {
                 if marks.has(NO_RESPONSE) && marks.count(Count::Loaded) > 0 {
                     marks.set_count(Count::Loaded, marks.count(Count::Loaded) + 1);
@@ -50,14 +51,17 @@ impl LineSearch {
 /// The evidence of the unmasked cells of a line.
 #[derive(Default)]
 struct LineEvidence {
+    /// Number of unmasked cells.
     cells: u32,
-    /// Cells without a response, and those of them that carried load before.
+    /// Number of cells that did not respond.
     unresponsive: u32,
+    /// Number of cells that did not respond and carried load before.
     unresponsive_loaded: u32,
-    /// Cells that responded and carried load before.
+    /// Number of cells that responded and carried load before.
     responsive_loaded: u32,
-    /// Cells by diagnosis, and those without one.
+    /// Number of cells with each diagnosis, in the order of [`FaultKind::ALL`].
     diagnosed: [u32; FaultKind::ALL.len()],
+    /// Number of cells without a diagnosis.
     healthy: u32,
 }
 
@@ -80,7 +84,8 @@ impl LineEvidence {
         evidence
     }
 
-    /// True where the line did not respond; `unresponsive` is the number of such cells that carried load, on any line.
+    /// True if the line did not respond. `unresponsive` is the number of cells on all lines that carried load before and did not
+    /// respond.
     fn is_open(&self, unresponsive: u32) -> bool {
         let others = unresponsive.saturating_sub(self.unresponsive_loaded);
         let is_only_here = self.unresponsive_loaded >= MIN_LINE_CELLS && 4 * others <= self.unresponsive_loaded;
@@ -88,7 +93,7 @@ impl LineEvidence {
         self.responsive_loaded == 0 && (is_only_here || is_most)
     }
 
-    /// The fault that most cells of the line show.
+    /// The fault that at least four in five unmasked cells of the line show.
     fn common_diagnosis(&self) -> Option<FaultKind> {
         let all = self.healthy + self.diagnosed.iter().sum::<u32>();
         [FaultKind::Short, FaultKind::Stuck, FaultKind::Saturated, FaultKind::Drift].into_iter().find(|&kind| {

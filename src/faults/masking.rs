@@ -1,4 +1,4 @@
-//! Masked cells, and the readings that replace theirs.
+//! The masking of faulty cells, and the interpolation of their readings.
 
 use super::MAX_INTERPOLATED;
 use super::neighbourhood::{FrameContext, NEARBY};
@@ -7,12 +7,14 @@ use crate::pipeline::calibrate::Curve;
 use crate::pipeline::cell::area_units;
 use heapless::Vec;
 
-/// A masked cell and the cells that it is interpolated from.
+/// A masked cell, and the cells from which its reading is interpolated.
 #[derive(Clone, Copy, Debug)]
 struct Mask {
+    /// Index of the masked cell.
     cell: u16,
+    /// Offset of the cell before it was masked.
     offset: u16,
-    /// The nearest healthy cells, filled up with the cell itself where there are fewer.
+    /// Indices of the nearest healthy cells. If there are fewer than four, the index of the masked cell fills the rest.
     neighbours: [u16; 4],
 }
 
@@ -34,7 +36,7 @@ impl Masking {
         !self.masks.is_empty()
     }
 
-    /// Masks a cell; returns the change of [`area_units`]. Beyond [`MAX_INTERPOLATED`] masked cells it is not interpolated.
+    /// Masks a cell; returns the change of [`area_units`]. At most [`MAX_INTERPOLATED`] masked cells are interpolated, the first.
     pub(super) fn mask<R: Real>(&mut self, frame: &mut FrameContext<'_, R>, index: usize) -> i32 {
         let region = frame.region(index);
         let cell = &mut frame.cells[index];
@@ -76,7 +78,7 @@ impl Masking {
         }
     }
 
-    /// Chooses up to four nearest healthy cells for each masked one.
+    /// Chooses the nearest healthy cells of the same region, at most four, for each masked cell.
     pub(super) fn choose_neighbours<R: Real>(&mut self, frame: &FrameContext<'_, R>) {
         for mask in &mut self.masks {
             let index = usize::from(mask.cell);

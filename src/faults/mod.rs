@@ -1,11 +1,12 @@
 //! Sensor faults, detected while walking, and the masking of faulty cells.
 //!
-//! Detection has two parts, and neither adds more than a comparison to a loaded frame. In stance, a cell records changes of its
-//! contact (`pipeline/cell.rs`), in the rarely executed code that runs when the contact changes. In swing, once the contact has
-//! been small and constant for `SETTLE_MS`, all cells are reviewed, a few in each frame: their records of the stance, and their
-//! unloaded reading. A fault is reported once two steps have shown it; `docs/faults.md` has the rules.
+//! Detection has two parts. In stance, a cell records evidence (`pipeline/cell.rs`) in the rarely executed code that runs when
+//! the contact of the cell changes; so a frame with the foot on the ground costs only a few more comparisons, independent of the
+//! number of cells. In swing, once the contact has been small and constant for `SETTLE_MS`, all cells are reviewed, a few in each
+//! frame: their evidence of the stance, and their unloaded reading. Most faults are reported once two steps have shown them;
+//! `docs/faults.md` has the rules. A line is a row or a column of the matrix.
 //!
-//! A masked cell reads the mean of the nearest healthy cells of its region, or nothing where there are none.
+//! A masked cell reads the mean of the nearest healthy cells of its region, or zero if there are none nearby.
 
 mod detector;
 mod kinds;
@@ -19,13 +20,13 @@ pub(crate) use detector::FaultDetector;
 pub use kinds::{Fault, FaultKind, Faults, MAX_FAULTS, Place};
 pub(crate) use neighbourhood::FrameContext;
 
-/// Masked cells that are interpolated: one line of the matrix and some more. Further ones read nothing.
+/// Largest number of masked cells that are interpolated: one line of the matrix and a few more. Further masked cells read zero.
 pub const MAX_INTERPOLATED: usize = 24;
-/// Cells of the largest matrix with known rows and columns, 16 by 16.
+/// Largest number of cells of an insole with known rows and columns, 16 by 16. Only such an insole is searched for faulty lines.
 pub const MATRIX_CELLS: usize = 256;
 
 /// Time for which the contact must be small and constant before the foot counts as lifted, ms: by then the toes are unloaded.
-/// The review takes as long again, and a swing lasts three times as long.
+/// The review takes up to another 100 ms. A swing lasts about 300 ms or longer, so both fit.
 const SETTLE_MS: u32 = 100;
-/// Cells of a line that must agree before the line counts as faulty.
+/// Smallest number of cells of a line that must agree before the line counts as faulty.
 const MIN_LINE_CELLS: u32 = 4;

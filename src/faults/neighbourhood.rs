@@ -8,7 +8,8 @@ use core::ops::Range;
 
 /// Largest distance of an adjacent cell along an axis, in tenths of the side of a cell: the eight cells around it.
 pub(super) const ADJACENT: i32 = 16;
-/// Largest distance of a nearby cell, likewise: also those across one line.
+/// Largest distance of a nearby cell, in the same unit. It includes the cells behind the adjacent ones, and so the cells on the
+/// far side of a line that is faulty as a whole.
 pub(super) const NEARBY: i32 = 28;
 
 /// One frame, after the cells were summed.
@@ -16,11 +17,15 @@ pub(crate) struct FrameContext<'a, R> {
     pub(crate) cells: &'a mut [InsoleCell<R>],
     /// One past the last cell of each region.
     pub(crate) ends: &'a [usize; 8],
+    /// Reference point of each region, foot coordinates, mm.
     pub(crate) origins_mm: &'a [(f32, f32); 8],
     /// One code for each cell.
     pub(crate) codes: &'a [u16],
+    /// The loads of the regions in this frame.
     pub(crate) loads: &'a mut [RegionLoad<R>; 8],
+    /// Number of the frame.
     pub(crate) seq: u32,
+    /// Time between frames, us.
     pub(crate) period_us: u32,
 }
 
@@ -41,12 +46,13 @@ impl<R> FrameContext<'_, R> {
 /// The healthy cells around a cell, in all regions.
 #[derive(Default)]
 pub(super) struct Neighbourhood {
-    /// Adjacent cells, and those of them that exceeded the load threshold.
+    /// Number of adjacent cells.
     pub(super) adjacent: u32,
+    /// Number of adjacent cells that exceeded the load threshold since the last review.
     pub(super) loaded: u32,
     /// Area of the largest adjacent cell, in the units of [`crate::pipeline::region::RegionCell::whole`].
     pub(super) largest: i32,
-    /// Whether a nearby cell exceeded the load threshold on the medial, lateral, heel and toe side.
+    /// Whether a nearby cell on the medial, lateral, heel or toe side exceeded the load threshold since the last review.
     loaded_sides: [bool; 4],
 }
 
@@ -58,6 +64,7 @@ impl Neighbourhood {
         let own_origin = frame.origins_mm[frame.region(index)];
         let mut start = 0;
         for (&end, origin) in frame.ends.iter().zip(frame.origins_mm) {
+            // `offset_from` counts 64 units in 1 mm.
             let region_dx = ((origin.0 - own_origin.0) * 64.0) as i32;
             let region_dy = ((origin.1 - own_origin.1) * 64.0) as i32;
             for i in core::mem::replace(&mut start, end)..end {
@@ -82,18 +89,18 @@ impl Neighbourhood {
         around
     }
 
-    /// True where cells on two opposite sides were loaded.
+    /// True if cells on two opposite sides were loaded.
     pub(super) fn is_between_loaded(&self) -> bool {
         let [medial, lateral, heel, toes] = self.loaded_sides;
         medial && lateral || heel && toes
     }
 
-    /// True where cells on all four sides were loaded.
+    /// True if cells on all four sides were loaded.
     pub(super) fn is_surrounded(&self) -> bool {
         self.loaded_sides == [true; 4]
     }
 
-    /// True where at least two adjacent cells exist and half of them or more were loaded.
+    /// True if at least two adjacent cells exist and half of them or more were loaded.
     pub(super) fn is_mostly_loaded(&self) -> bool {
         self.adjacent >= 2 && 2 * self.loaded >= self.adjacent
     }

@@ -9,16 +9,17 @@ use crate::pipeline::marks::{
     CellMarks, Count, DRIFT, IMPLAUSIBLE_SATURATION, LOADED, NO_RESPONSE, NOISE, RESPONDED, STUCK, UNCHANGED,
 };
 
-/// Largest correction of a zero in one swing and in sum, codes: 1 kPa and 13 kPa at 1000 kPa full scale.
-const MAX_STEP: i16 = 256;
+/// Largest correction of a zero in one swing, codes: 1 kPa with the sensor law of the reference insole.
+const MAX_CORRECTION: i16 = 256;
+/// Largest sum of the corrections of a zero, codes: 13 kPa with the same law.
 const MAX_SUM: i32 = 2048;
-/// Largest reading in swing that can be a slow drift, codes.
+/// Largest deviation from the zero in swing that can be a slow drift, codes.
 const MAX_SLOW: u16 = 1024;
 
 /// The result of a running review so far.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Review {
-    /// Cells without a response that carried load before.
+    /// Number of cells that carried load before and did not respond in this step.
     pub(super) unresponsive: u32,
 }
 
@@ -27,8 +28,8 @@ impl Review {
         Self { unresponsive: 0 }
     }
 
-    /// Reviews some cells from index `first` on, all of them within `frames` frames; returns the next one, or `None` after the
-    /// last.
+    /// Reviews some cells from index `first` on, as many as it takes to review all cells in `frames` frames. Returns the index of
+    /// the next cell, or `None` after the last one.
     pub(super) fn cells<R: Real>(
         &mut self,
         frame: &mut FrameContext<'_, R>,
@@ -54,7 +55,8 @@ impl Review {
     }
 }
 
-/// The unloaded reading: full scale, stuck, or a drift of the zero, which is corrected within limits.
+/// Reviews the unloaded reading of a cell: it can be at full scale, stuck, or show a drift of the zero, which is corrected within
+/// limits. `around` are the neighbours, if their state was determined.
 fn review_swing<R: Real>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Neighbourhood>, faults: &mut Faults) {
     let above = i32::from(code) - i32::from(cell.offset);
     let reading = above.clamp(i16::MIN.into(), i16::MAX.into()) as i16;
@@ -75,7 +77,8 @@ fn review_swing<R: Real>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Ne
     }
 
     let (size, size_before) = (reading.unsigned_abs(), reading_before.unsigned_abs());
-    // Far readings must also grow: a constant one is a residual load, not a drift.
+    // A drift grows from swing to swing. A reading far from the zero must grow by more than a quarter, because a nearly constant
+    // reading is a residual load.
     let least = if size > 8 * NOISE { size_before + size_before / 4 } else { size_before };
     let is_drift = (reading < 0) == (reading_before < 0)
         && size_before > NOISE / 2
@@ -85,21 +88,21 @@ fn review_swing<R: Real>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Ne
     if !is_drift {
         return;
     }
-    let step = reading.clamp(-MAX_STEP, MAX_STEP);
-    let sum = i32::from(cell.marks.rezeroed) * i32::from(NOISE) + i32::from(step);
+    let correction = reading.clamp(-MAX_CORRECTION, MAX_CORRECTION);
+    let sum = i32::from(cell.marks.rezeroed) * i32::from(NOISE) + i32::from(correction);
     if size > MAX_SLOW || sum.abs() > MAX_SUM {
         cell.marks.add(DRIFT);
     } else if !cell.contact.is_loaded() {
-        cell.offset = cell.offset.saturating_add_signed(step);
-        cell.contact.shift(step);
-        cell.marks.swing_reading -= step;
-        // Within the limit, so within 8 bits; rounded, so that the remainders cancel out.
+        cell.offset = cell.offset.saturating_add_signed(correction);
+        cell.contact.shift(correction);
+        cell.marks.swing_reading -= correction;
+        // The sum is at most MAX_SUM, so it fits 8 bits in units of NOISE. It is rounded, so that the remainders cancel out.
         cell.marks.rezeroed = ((sum + sum.signum() * i32::from(NOISE / 2)) / i32::from(NOISE)) as i8;
         faults.rezeroed = faults.rezeroed.wrapping_add(1);
     }
 }
 
-/// The evidence of the stance. True where a cell did not respond that carried load before.
+/// Reviews the evidence of the stance. True if the cell carried load before and did not respond in this step.
 fn review_stance<R: Real>(cell: &mut InsoleCell<R>, around: Option<&Neighbourhood>) -> bool {
     let marks = &mut cell.marks;
     let loaded_steps = marks.count(Count::Loaded);
@@ -113,9 +116,9 @@ fn review_stance<R: Real>(cell: &mut InsoleCell<R>, around: Option<&Neighbourhoo
         if carried_load || around.is_between_loaded() {
             marks.add(NO_RESPONSE);
         }
-        // An unresponsive cell is evidence where all adjacent cells are loaded: at the edge of the contact the foot may not have
-        // touched it, nor a cell that a region's boundary made much smaller than its neighbours. The area of a cell that carried
-        // load before is irrelevant.
+        // An unresponsive cell is evidence of a fault only if all adjacent cells are loaded: at the edge of the contact the foot
+        // may not have touched the cell. The foot may also miss a cell that a region's boundary made much smaller than its
+        // neighbours, so a small cell counts only if it carried load before.
         let is_full_size = carried_load || 2 * cell.region.whole() >= around.largest;
         let is_hole = around.is_surrounded() && around.adjacent >= 7 && around.loaded == around.adjacent;
         is_isolated = is_full_size && is_hole;
@@ -127,14 +130,14 @@ fn review_stance<R: Real>(cell: &mut InsoleCell<R>, around: Option<&Neighbourhoo
 }
 
 impl CellMarks {
-    /// The fault that the evidence of the steps so far shows.
+    /// The fault that the evidence shows; `None` without a fault.
     pub(super) fn diagnosis(&self) -> Option<FaultKind> {
         if self.has(STUCK) {
             Some(FaultKind::Stuck)
         } else if self.has(DRIFT) {
             Some(FaultKind::Drift)
         } else if self.count(Count::OffScale) >= 2 {
-            // Far below zero is not full scale.
+            // The reading is at full scale, or far below its zero; the latter is a stuck code.
             Some(if self.swing_reading < 0 { FaultKind::Stuck } else { FaultKind::Short })
         } else if self.count(Count::ImplausibleSaturation) >= 2 {
             Some(FaultKind::Saturated)

@@ -1,34 +1,39 @@
 //! Crosstalk: a row of which every cell reads a part of the row's load.
 //!
-//! A row without crosstalk shows it whenever one of its cells is loaded and another is not. Rows are inspected in turn while the
-//! foot is partly in contact. A row that was clean in earlier steps and no longer is has crosstalk.
+//! An inspection shows that a row is clean, that is, free of crosstalk, if one of its cells is loaded and another is not. Rows are
+//! inspected in turn while the foot is partly in contact. A row that was clean in earlier steps, and then is not clean in
+//! successive steps, has crosstalk.
 
 use super::MIN_LINE_CELLS;
 use super::neighbourhood::FrameContext;
 use crate::pipeline::calibrate::FULL_CODE;
 use crate::pipeline::marks::LINES;
 
-/// A row is conclusive when one of its cells reads at least this much above zero, codes (31 kPa at 1000 kPa full scale).
+/// An inspection is conclusive if the highest reading of the row is at least this much above its zero, codes (31 kPa with the
+/// sensor law of the reference insole), and below half of full scale.
 const CONCLUSIVE_LOAD: u16 = 4096;
-/// A row is clean when its least loaded cell reads less than this fraction of its most loaded one.
+/// A conclusive inspection is clean if the lowest reading of the row is less than the highest one divided by this number.
 const CLEAN_FRACTION: u16 = 32;
-/// Number of clean inspections that make a row clean in a step. A healthy row with fewer may have none in the next step.
+/// Number of clean inspections after which a row counts as clean in a step. Fewer are not reliable: in the next step, the same
+/// healthy row may have no clean inspection.
 const CLEAN_INSPECTIONS: u8 = 2;
-/// Inspections in a step, none of them clean, that make a row suspect.
+/// Number of conclusive inspections in a step after which a row without a clean inspection is suspect.
 const SUSPECT_INSPECTIONS: u8 = 3;
-/// Number of steps in which a row must be clean first, and of successive steps in which it must be suspect afterwards.
+/// A row is reported if it was clean in this number of steps first, and suspect in this number of successive steps afterwards.
 const STEPS: u8 = 2;
 /// Time in which every row that is not known to be clean is inspected once, at any frame rate, us.
 const ROUND_US: u32 = 40_000;
 
-/// One row in the running step and the steps before.
+/// The state of one row, from the present step and the earlier ones.
 #[derive(Clone, Copy, Debug)]
 struct Row {
-    /// Conclusive inspections in this step, and those of them that were clean.
+    /// Number of conclusive inspections in this step.
     inspections: u8,
+    /// Number of clean inspections in this step.
     clean: u8,
-    /// Number of clean steps so far, and of successive suspect steps since.
+    /// Number of clean steps so far.
     clean_steps: u8,
+    /// Number of successive suspect steps after the last clean one.
     suspect_steps: u8,
     /// The row has masked cells, so that its inspections are not conclusive.
     is_excluded: bool,
@@ -56,7 +61,7 @@ impl RowSearch {
         self.rows_per_frame = (LINES as u32 * period_us).div_ceil(ROUND_US).min(LINES as u32);
     }
 
-    /// Inspects some rows in turn, without those that are clean in this step.
+    /// Inspects some of the rows, in turn. Rows that are already clean in this step, or excluded, are skipped.
     pub(super) fn inspect<R>(&mut self, frame: &FrameContext<'_, R>) {
         let mut due = 0u16;
         for _ in 0..LINES {
@@ -89,13 +94,14 @@ impl RowSearch {
         }
     }
 
-    /// Ends a step: returns the row with crosstalk that was inspected most. Only one row is returned, because its crosstalk
-    /// enlarges the contact and leaves fewer inspections of other rows.
+    /// Ends a step: returns the row with crosstalk that was inspected most often. Only one row is returned, because the crosstalk
+    /// of one row enlarges the contact and leaves fewer inspections of other rows.
     pub(super) fn conclude(&mut self) -> Option<usize> {
         let mut worst = None;
         for (index, row) in self.rows.iter_mut().enumerate() {
             if row.clean > 0 {
-                // A suspect row that is clean again was covered by the foot, and may be so again.
+                // A suspect row that is clean again had no crosstalk: the foot covered all of its cells, which can happen again.
+                // Its clean steps are counted from 0.
                 let is_clean = u8::from(row.clean >= CLEAN_INSPECTIONS);
                 row.clean_steps = if row.suspect_steps == 0 { row.clean_steps.saturating_add(is_clean) } else { 0 };
                 row.suspect_steps = 0;
@@ -109,21 +115,21 @@ impl RowSearch {
         worst.map(|(_, index)| index)
     }
 
-    /// Forgets the inspections of the last step.
+    /// Discards the inspections of the last step.
     pub(super) fn begin_step(&mut self) {
         for row in &mut self.rows {
             (row.inspections, row.clean) = (0, 0);
         }
     }
 
-    /// Forgets the steps before.
+    /// Discards the results of all earlier steps.
     pub(super) fn forget(&mut self) {
         for row in &mut self.rows {
             (row.clean_steps, row.suspect_steps) = (0, 0);
         }
     }
 
-    /// A cell of this row is masked: it may be the one that showed that the row is clean.
+    /// Excludes a row with a masked cell from the search: this cell may be the one that showed that the row is clean.
     pub(super) fn exclude(&mut self, row: usize) {
         if let Some(row) = self.rows.get_mut(row) {
             row.is_excluded = true;

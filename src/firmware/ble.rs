@@ -1,8 +1,8 @@
-//! The session over Bluetooth LE: the meaning of the GATT values, the same on every board.
+//! The session over Bluetooth LE. It defines the values of the GATT characteristics, which are the same on every board.
 //!
 //! The messages are those of the serial port, [`crate::protocol`], without frames: each value of a characteristic is a fragment
-//! of a message ([`crate::protocol::fragment`]). The stack below implements [`GattServer`]'s other side: advertising, bonds and
-//! the attribute table (package `bluetooth`).
+//! of a message ([`crate::protocol::fragment`]). The Bluetooth stack (package `bluetooth`) has advertising, bonds and the
+//! attribute table; it uses the session through [`GattServer`].
 
 use super::board::BluetoothBoard;
 use super::shared::{Carrier, Shared};
@@ -29,9 +29,9 @@ pub trait GattServer {
     fn battery_percent(&self) -> u8;
     /// See [`BluetoothBoard::allows_bonding`].
     fn allows_bonding(&self) -> bool;
-    /// Copies the stored bonds into `bytes` and returns their length, 0 where none are stored.
+    /// Copies the stored bonds into `bytes` and returns their length, 0 if no bonds are stored.
     fn load_bonds(&self, bytes: &mut [u8; MAX_BONDS_BYTES]) -> usize;
-    /// Replaces the stored bonds, whole or not at all.
+    /// Replaces the stored bonds, completely or not at all.
     fn save_bonds(&self, bytes: &[u8]);
     /// The wall clock as the value of Current Time.
     fn current_time(&self) -> [u8; 10];
@@ -40,7 +40,7 @@ pub trait GattServer {
     /// # Errors
     /// The reason, which the central receives as an attribute error.
     fn write(&self, channel: GattChannel, value: &[u8]) -> Result<(), WriteError>;
-    /// The signal that there may be something to send.
+    /// Signalled when there may be something to send.
     fn changed(&self) -> &Signal<NoopRawMutex, ()>;
     /// Writes the next value to send into `value`, which is as long as the link allows; returns its characteristic and length.
     fn next(&self, value: &mut [u8]) -> Option<(GattChannel, usize)>;
@@ -56,12 +56,12 @@ pub struct GattSession<'a, B> {
     joiner: RefCell<(GattChannel, Joiner)>,
     /// The message that is being sent, and its characteristic.
     splitter: RefCell<(GattChannel, Splitter)>,
-    /// The cadence and the number of clock settings that were sent last.
+    /// The values of [`Shared::cadence`] and [`Shared::clock_sets`] at the last notification.
     notified: Cell<((u32, u8), u32)>,
 }
 
 impl<'a, B> GattSession<'a, B> {
-    /// Before the first connection.
+    /// The state before the first connection.
     pub fn new(shared: &'a Shared, board: B) -> Self {
         Self {
             shared,
@@ -72,6 +72,7 @@ impl<'a, B> GattSession<'a, B> {
         }
     }
 
+    /// Adds a fragment of a request that was written to `channel`, and passes the request to the session once it is complete.
     fn join(&self, channel: GattChannel, fragment: &[u8]) -> Result<(), WriteError> {
         let (joining, joiner) = &mut *self.joiner.borrow_mut();
         // A message that was begun on one characteristic does not continue on another.

@@ -17,7 +17,7 @@ pub trait FrameClock {
 pub struct Ticker {
     start: Instant,
     period_us: u64,
-    /// The next frame. Wider than the reported number, which wraps after 124 days at 400 Hz.
+    /// Number of the next frame. It has more bits than the reported number, which wraps after 124 days at 400 Hz.
     next: u64,
 }
 
@@ -53,21 +53,21 @@ pub trait Matrix {
     /// Reads one row in scan number `seq`, and writes the codes of its cells to their places in the frame.
     ///
     /// # Errors
-    /// Where the matrix does not answer; the frame is then abandoned and counted as missed.
+    /// If the matrix does not answer; the frame is then abandoned and counted as missed.
     async fn read_row(&mut self, seq: u32, row: usize, codes: &mut [u16; DEVICE_CELLS]) -> Result<(), MatrixTimeout>;
 }
 
 /// Counts processor cycles within one frame.
 pub trait Stopwatch {
-    /// A mark to measure from; called at the beginning of every processed frame.
+    /// Begins a measurement and returns its mark. Called at the beginning of every processed frame.
     fn start(&self) -> u32;
-    /// Cycles since `start`, which is less than a millisecond ago.
+    /// Number of cycles since the mark `start`, which was returned less than a millisecond ago.
     fn cycles_since(&self, start: u32) -> u32;
 }
 
 /// The functions of a board that Bluetooth needs.
 pub trait BluetoothBoard {
-    /// The random static address, or `None` where the controller has a public one.
+    /// The random static address; `None` if the Bluetooth controller has a public address.
     fn address(&self) -> Option<[u8; 6]>;
 
     /// Charge of the battery, percent.

@@ -1,9 +1,9 @@
 //! The reference insole: the positions of 240 cells in an outline of EU size 42, and their wiring to a matrix of 16 by 16.
 //!
-//! Lengthwise there are 32 lines of up to 8 cells. Electrically they are folded into 16 by 16: row `r` drives the lines `r`
-//! and `r + 16`; the columns 0 to 7 read the lines of the rear half, 8 to 15 those of the front half, both from medial to
-//! lateral. A square matrix needs the fewest wires, a foot is nearly three times as long as wide, and so cells are nearly
-//! square. Left and right are mirror images in the same foot coordinates.
+//! From heel to toes there are 32 lines of up to 8 cells each. Electrically they are folded into 16 by 16: row `r` drives the
+//! lines `r` and `r + 16`; columns 0 to 7 read the lines of the rear half, columns 8 to 15 the lines of the front half, both from
+//! medial to lateral. A square matrix needs the fewest wires; because a foot is nearly three times as long as wide, the folding
+//! makes its cells nearly square. Left and right insoles are mirror images, with the same foot coordinates.
 
 use crate::pipeline::calibrate::{CellCalibration, FULL_CODE, SensorLaw};
 use crate::pipeline::contact::ContactRule;
@@ -16,25 +16,26 @@ use crate::pipeline::template::region_at;
 /// Time between frames, us: 100 Hz, the rate of common clinical systems.
 pub const PERIOD_US: u32 = 10_000;
 
-/// Electrical rows and columns.
+/// Number of electrical rows.
 pub const ROWS: usize = 16;
-/// See [`ROWS`].
+/// Number of electrical columns.
 pub const COLUMNS: usize = 16;
 /// Number of cells; 16 positions of the matrix at the ends of the foot are outside of the outline.
 pub const CELLS: usize = 240;
 
-/// Size 42, first version.
+/// Identifies the layout: size 42, first version.
 const LAYOUT_ID: u32 = 4201;
 const LENGTH_MM: f32 = REFERENCE_INSOLE.length_mm() as f32;
-/// Lines across the foot and cells on a full line.
+/// Number of lines across the foot.
 const LINES: usize = 2 * ROWS;
+/// Number of cells on a full line.
 const ACROSS: usize = COLUMNS / 2;
 
 /// Rows are at ground and columns at 1/11 of the supply, so an unloaded cell reads 1/11 of full scale: an initial value, to be
 /// replaced by the measured zero of each insole.
 const UNLOADED: CellCalibration = CellCalibration { offset: FULL_CODE / 11, gain: 1.0 };
 
-/// Cells on a line: fewer where the outline closes.
+/// Number of cells on a line: fewer at the ends of the foot, where the outline is narrow.
 const fn cells_on(line: usize) -> usize {
     match line {
         0 | 30 => 4,
@@ -76,7 +77,7 @@ const fn lay_out() -> Layout {
             while across < cells_on(line) {
                 let cell = cell(line, across);
                 if cell.region as usize == region {
-                    // A short line lies on the middle columns.
+                    // A short line uses the middle columns.
                     let column = (ACROSS - cells_on(line)) / 2 + across + ACROSS * (line / ROWS);
                     layout.wiring[line % ROWS][column] = Some(count as u8);
                     layout.cells[count] = cell;
@@ -104,8 +105,8 @@ pub fn cells() -> impl Iterator<Item = SetupCell> + Clone {
     cells.map(|(&cell, &row_column)| SetupCell { cell, calibration: UNLOADED, row_column })
 }
 
-/// The default rules. The feedback resistors are chosen for this full scale; the exponent is that of a typical piezoresistive
-/// sheet, to be replaced by a calibration.
+/// The default rules. The feedback resistors are chosen for this full scale. The exponent is a typical value for a piezoresistive
+/// sheet and must be replaced by a measured one.
 pub fn setup(side: Side) -> Setup {
     Setup {
         side,

@@ -1,10 +1,11 @@
-//! The firmware's loops over a few board traits, independent of any chip, executor or simulator.
+//! The firmware's loops, which reach the hardware through a few board traits and are independent of any chip, executor or
+//! simulator.
 //!
 //! A board initialises its hardware, calls [`start::start`], and spawns the loops. [`scan::scan`] belongs on an interrupt
-//! executor: its deadline is one frame time, and a miss is a frame that is skipped and counted. [`process::process`],
-//! [`serve::serve`] and [`persist::persist`] share the thread executor. Processing has as many frame times as the board's queue
-//! holds before frames are dropped and counted; persisting has the time of [`shared::STEP_QUEUE`] steps before one is dropped and
-//! counted; the link has no deadline. [`supervise`] checks that scan, processing and link make progress.
+//! executor: its deadline is one frame time, and a frame that it misses is skipped and counted. [`process::process`],
+//! [`serve::serve`] and [`persist::persist`] share the thread executor. Processing may be late by as many frames as the board's
+//! queue holds, and persisting by [`shared::STEP_QUEUE`] steps; what exceeds these queues is dropped and counted. The link has no
+//! deadline. [`supervise`] checks that scan, processing and link make progress.
 
 #![allow(async_fn_in_trait, reason = "boards implement these traits for executors that do not move tasks")]
 

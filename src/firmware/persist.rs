@@ -15,29 +15,33 @@ use embassy_futures::select::select;
 use embassy_time::{Duration, Instant, Timer};
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 
-/// Time between an accepted update and the restart, in which its answer is sent.
+/// Time from the acceptance of an update to the restart, in which the answer to the host is sent.
 const RESTART_DELAY: Duration = Duration::from_millis(500);
 
 /// The state of persisting.
 struct Persist<'a> {
     shared: &'a Shared,
-    /// The log may hold steps after the newest one in RAM.
+    /// The log may contain steps after the newest step in RAM.
     has_more_in_log: bool,
+    /// The last attempt to read steps from the log succeeded.
     is_log_readable: bool,
     update: Update,
+    /// Time of the restart after an accepted update.
     restart_at: Instant,
+    /// The trial of the running image; `None` if no trial is in progress.
     trial: Option<Trial>,
 }
 
-/// Persists steps, acknowledgements, parameters and bonds. Never returns. An item that the chip does not store is in force
-/// until the next start, and is counted. Receives updates of the running `image`, and confirms it after its trial.
+/// Persists steps, acknowledgements, parameters and bonds. Never returns. An item that the chip fails to store is counted, and is
+/// in force until the next start. Receives firmware updates, and confirms the running image after its trial; `image` is its
+/// header.
 pub async fn persist(
     store: &mut Store<impl MultiwriteNorFlash>,
     shared: &Shared,
     image: &Header,
     restart: fn() -> !,
 ) -> ! {
-    // Without a chip nothing can have been swapped.
+    // Without a chip no image can have been swapped.
     let is_on_trial = match store.flash() {
         Some(flash) => update::is_on_trial(flash).await == Ok(true),
         None => false,
@@ -84,7 +88,8 @@ impl Persist<'_> {
         self.shared.frames_before.set(None);
     }
 
-    /// Stores a step. False where the session must hold it, because it is the next one to send.
+    /// Stores a step. False if the session must also hold it in RAM, because it follows the steps there or could not be stored.
+    /// True if it will be loaded from the log later, or is lost.
     async fn store_step(&mut self, store: &mut Store<impl MultiwriteNorFlash>, step: &Step) -> bool {
         match store.push_step(step).await {
             Ok(dropped) => {
@@ -95,7 +100,8 @@ impl Persist<'_> {
             }
             Err(_) => {
                 self.shared.count_not_stored();
-                // From RAM this step would be sent before those in the log, which are more numerous.
+                // If this step were in RAM, only steps after it would be loaded from the log. It is dropped, because the steps
+                // before it, which are in the log only, are more numerous.
                 let is_lost = self.has_more_in_log && self.is_log_readable;
                 self.shared.session.borrow_mut().count_dropped(is_lost.into());
                 is_lost
@@ -112,7 +118,7 @@ impl Persist<'_> {
         }
     }
 
-    /// Loads the steps after those in RAM from the log, as many as the session can hold.
+    /// Loads steps from the log, those after the newest step in RAM, as many as the session can hold.
     async fn refill_from_log(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         let newest = self.shared.session.borrow().newest_step();
         let push = |step| {
@@ -197,13 +203,14 @@ impl Persist<'_> {
         }
     }
 
+    /// Confirms the running image once it has passed its trial.
     async fn check_trial(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         if !self.trial.as_mut().is_some_and(|trial| trial.is_passed(&self.shared.scan.heartbeats)) {
             return;
         }
         self.trial = None;
         if let Some(flash) = store.flash() {
-            // An image that cannot be confirmed is swapped back at the next start, and the host sees the old version.
+            // An image that cannot be confirmed is swapped back at the next start, and the hello then reports the old version.
             if update::confirm(flash).await.is_ok() {
                 log::info!("update: the image is confirmed");
             } else {
@@ -213,7 +220,8 @@ impl Persist<'_> {
     }
 }
 
-/// Polls in a stack frame of its own, so that the stack which the verification of a signature needs is not reserved permanently.
+/// Polls a future in a stack frame of its own, so that the stack that the verification of a signature needs is not reserved
+/// permanently.
 #[inline(never)]
 fn poll_separately<F: Future>(work: Pin<&mut F>, context: &mut Context<'_>) -> Poll<F::Output> {
     work.poll(context)

@@ -50,7 +50,7 @@ pub async fn process(
         }
         shared.scan.heartbeats.frame_processed();
         shared.signal_changed();
-        // Lets the link run, also while frames are queued.
+        // The link can run here, even while further frames are queued.
         yield_now().await;
     }
 }
@@ -64,17 +64,17 @@ fn report_faults(faults: &Faults, shared: &Shared) {
     }
 }
 
-/// Uses new parameters from this frame on, once the session has announced them.
+/// Puts new parameters in force from this frame on, once the session has announced them.
 fn adopt_tissue(insole: &mut DeviceInsole, shared: &Shared) {
     let session = shared.session.borrow();
     if let Some(tissue) = session.tissue_due().filter(|tissue| tissue.id != insole.tissue_id()) {
-        // The session accepts no parameters that are refused here.
+        // This cannot fail: the session has applied the same check before it accepted the parameters.
         let _ = insole.set_tissue(tissue);
         log::info!("settings: parameters {:x} are in force", tissue.id);
     }
 }
 
-/// Evaluates the step that just ended, and queues it to be stored. Other tasks run between two regions.
+/// Evaluates the step that just ended, and queues it to be stored. Other tasks can run between the evaluations of two regions.
 async fn complete_step(insole: &mut DeviceInsole, shared: &Shared) {
     let mut regions = [RegionStep::default(); 8];
     for (region, step) in regions.iter_mut().enumerate() {

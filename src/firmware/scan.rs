@@ -21,9 +21,9 @@ impl Frame {
 /// The counters of the scan. They are atomic because they are read at a lower priority.
 #[derive(Default)]
 pub struct ScanCounters {
-    /// Frame times without a complete scan.
+    /// Number of frame times without a complete scan.
     pub(super) missed: AtomicU32,
-    /// Scans that were dropped because processing was behind.
+    /// Number of frames that were not scanned because the queue to processing was full.
     pub(super) overrun: AtomicU32,
     /// When the first scan was due, us since the start.
     pub(super) began_us: AtomicU32,
@@ -48,15 +48,15 @@ fn add(counter: &AtomicU32, count: u32) {
     counter.store(counter.load(Ordering::Relaxed).wrapping_add(count), Ordering::Relaxed);
 }
 
-/// Scans at the clock's frame times. Never waits for processing: without a free frame the scan is skipped and counted. Never
-/// returns.
+/// Scans at the frame times of the clock. Never waits for processing: if the queue of frames is full, the scan is skipped and
+/// counted. Never returns.
 pub async fn scan(
     mut clock: impl FrameClock,
     mut matrix: impl Matrix,
     mut frames: Sender<'_, CriticalSectionRawMutex, Frame>,
     counters: &ScanCounters,
 ) -> ! {
-    // Scanning begins within the first hour, so that the time in us fits into 32 bits.
+    // Scanning begins within the first hour after the start, so the time in us fits into 32 bits.
     counters.began_us.store(clock.start().as_micros() as u32, Ordering::Relaxed);
     let mut last = None;
     loop {

@@ -16,7 +16,7 @@ use embassy_time::Instant;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use heapless::Vec;
 
-/// Steps that can wait to be stored.
+/// Number of steps that can wait to be stored.
 pub const STEP_QUEUE: usize = 2;
 
 /// The kind of link to a host.
@@ -31,13 +31,14 @@ pub enum Carrier {
 
 /// The state that the loops on the thread executor share.
 ///
-/// There is one session at a time, with the host that sent [`ToDevice::Connect`] last, over either carrier. Messages of other
-/// hosts are ignored until they connect again. So all steps wait in one queue, and each leaves it once a host has acknowledged
-/// it.
+/// There is one session at a time. It belongs to the host that sent [`ToDevice::Connect`] last, over either carrier; messages over
+/// the other carrier are ignored until a host connects there. So all steps wait in one queue, and a step leaves the queue once a
+/// host has acknowledged it.
 pub struct Shared {
     pub(super) session: RefCell<Session>,
+    /// The carrier of the session.
     carrier: Cell<Carrier>,
-    /// One for each carrier.
+    /// For each carrier: signalled when there may be something to send.
     changed: [Signal<NoopRawMutex, ()>; 2],
     pub(super) cadence: Cell<Cadence>,
     /// Time of the last processed frame since the first scan.
@@ -53,9 +54,9 @@ pub struct Shared {
     /// The bonded centrals.
     bonds: RefCell<Vec<u8, MAX_BONDS_BYTES>>,
     pub(super) bonds_changed: Cell<bool>,
-    /// Number of frames before the first of the steps that are not stored yet.
+    /// Number of frames that were processed before the end of the first step that is not stored yet; `None` if all are stored.
     pub(super) frames_before: Cell<Option<u32>>,
-    /// There may be something to persist.
+    /// Signalled when there may be something to persist.
     pub(super) to_persist: Signal<NoopRawMutex, ()>,
     pub(super) contents: Cell<Contents>,
     /// Number of items that could not be stored.
@@ -71,7 +72,7 @@ pub(super) struct ProcessCounters {
 }
 
 impl Shared {
-    /// Before the first connection.
+    /// The state before the first connection.
     pub fn new(hello: Hello, serial_bytes_per_s: u32, scan: &'static ScanCounters, stack_bytes: fn() -> u32) -> Self {
         let counters =
             ProcessCounters { steps: 0, rejected: Rejected::default(), bad_frames: 0, frame_cycles: (u32::MAX, 0) };
@@ -116,7 +117,7 @@ impl Shared {
         Instant::now().as_micros().saturating_sub(self.scan.began_us.load(Ordering::Relaxed).into())
     }
 
-    /// Receives a message over a carrier; `None` stands for one that is not understood.
+    /// Receives a message over a carrier; `None` stands for a message that was not understood.
     pub fn receive(&self, carrier: Carrier, message: Option<ToDevice>) {
         if matches!(message, Some(ToDevice::Connect { .. })) {
             log::info!("link: a host connects over {}", carrier);
@@ -162,7 +163,7 @@ impl Shared {
         self.not_stored.set(self.not_stored.get().wrapping_add(1));
     }
 
-    /// Counts a frame or value from a host that could not be decoded.
+    /// Counts a frame, or a value over Bluetooth, that came from a host and could not be decoded.
     pub(super) fn count_bad_frame(&self) {
         let mut counters = self.counters.borrow_mut();
         counters.bad_frames = counters.bad_frames.wrapping_add(1);
@@ -182,7 +183,7 @@ impl Shared {
         }
     }
 
-    /// Signals that there may be something to send over a carrier.
+    /// The signal of a carrier, which is signalled when there may be something to send.
     pub fn changed(&self, carrier: Carrier) -> &Signal<NoopRawMutex, ()> {
         match carrier {
             Carrier::Serial => &self.changed[0],
@@ -195,13 +196,13 @@ impl Shared {
         self.changed.iter().for_each(|carrier| carrier.signal(()));
     }
 
-    /// Number of steps, and cadence in steps of both feet per minute.
+    /// Number of steps of this foot so far, and cadence in steps of both feet per minute.
     pub(super) fn cadence(&self) -> (u32, u8) {
         let cadence = self.cadence.get();
         (cadence.steps, cadence.per_min(self.frame_us.get()))
     }
 
-    /// The wall clock, us since 1970, where it is set.
+    /// The wall clock, us since 1970; `None` until it is set.
     pub(super) fn unix_us(&self) -> Option<u64> {
         self.session.borrow().unix_us(self.now_us())
     }

@@ -1,4 +1,4 @@
-//! The start that every board shares: from a flash chip and a configuration to the state that the loops run on.
+//! The start that every board shares: it creates the state of the loops from a flash chip and a configuration.
 
 use super::DeviceInsole;
 use super::scan::{Frame, ScanCounters};
@@ -20,26 +20,26 @@ use static_cell::{ConstStaticCell, StaticCell};
 pub struct BootReport {
     /// Why the board started.
     pub reset: Reset,
-    /// The failure that ended the previous run, where one did.
+    /// The failure that ended the previous run; `None` if there was none.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
-    /// Several successive starts failed: stored data are not used.
+    /// Several successive starts failed, so this start does not use stored data.
     pub is_fallback: bool,
 }
 
 /// A board's configuration: the rules and cells of its insole.
 pub struct Configuration<C> {
-    /// The rules. The stored side replaces its side.
+    /// The rules. If an identity is stored in the chip, the foot of that identity replaces [`Setup::side`].
     pub setup: Setup,
     /// The cells.
     pub cells: C,
     /// Bytes per second of the serial port.
     pub serial_bytes_per_s: u32,
-    /// The reason, where this is not the intended configuration.
+    /// Why the board does not have the configuration that it should have; `None` if it has.
     pub fault: Option<String<MAX_FAULT_TEXT>>,
 }
 
-/// The static memory of the loops. `FRAMES` is the length of the frame queue: the evaluation of a step may take as
-/// many frame times.
+/// The static memory of the loops. `FRAMES` is the length of the frame queue: the evaluation of a step may take as many frame
+/// times.
 pub struct Memory<F, const FRAMES: usize> {
     insole: ConstStaticCell<DeviceInsole>,
     cells: ConstStaticCell<Vec<SetupCell, DEVICE_CELLS>>,
@@ -50,7 +50,7 @@ pub struct Memory<F, const FRAMES: usize> {
 }
 
 impl<F, const FRAMES: usize> Memory<F, FRAMES> {
-    /// All zeros, so that it takes no flash.
+    /// Unused memory. All of its bytes are zero, so that it occupies no flash.
     pub const fn new() -> Self {
         Self {
             insole: ConstStaticCell::new(Insole::new()),
@@ -86,7 +86,7 @@ pub struct Started<F: 'static> {
 }
 
 /// Opens the store on `chip`, configures the insole, restores the persisted state, and composes the hello. `image` is the header
-/// of the running image, `stack_bytes` returns the deepest use of the stack so far.
+/// of the running image; `stack_bytes` returns the deepest use of the stack so far, bytes.
 ///
 /// # Panics
 /// When called twice with the same memory.
@@ -133,7 +133,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     Started { insole, store, shared, to_process, scanned, period_us: setup.period_us }
 }
 
-/// The hello of a board that runs `image`. `fault` describes the failure before or during this start, where there was one.
+/// The hello of a board that runs `image`. `fault` is the text of [`Hello::last_panic`].
 fn hello(
     image: &Header,
     setup: &Setup,
@@ -144,14 +144,14 @@ fn hello(
     Hello {
         major: MAJOR,
         minor: MINOR,
-        // Both have at most 16 bytes, as here.
+        // A header has room for 16 bytes of each, as the hello has, so the conversions cannot fail.
         firmware: image.version().try_into().unwrap_or_default(),
         board: image.board().try_into().unwrap_or_default(),
         side: setup.side,
         layout_id: setup.layout_id,
         cells: insole.cells() as u16,
         period_us: setup.period_us,
-        // The session replaces it by the identifier of the set in force.
+        // The session replaces it by the identifier of the parameters in force.
         tissue_id: 0,
         contact_rule: setup.contact,
         reset,
@@ -159,7 +159,8 @@ fn hello(
     }
 }
 
-/// Applies the stored calibration to the insole and to the copy of its cells; returns its identifier, 0 without one.
+/// Applies the stored calibration to the insole and to the copy of its cells. Returns its identifier, or 0 if no calibration is
+/// stored.
 async fn restore_calibration(
     store: &mut Store<impl MultiwriteNorFlash>,
     insole: &mut DeviceInsole,
@@ -170,7 +171,7 @@ async fn restore_calibration(
     let stored = store.calibration(layout_id, insole.cells() as u16).await;
     let Some(calibration) = stored.ok().flatten() else { return 0 };
     for first in (0..insole.cells()).step_by(BLOCK_CELLS) {
-        // All blocks were complete just now.
+        // `Store::calibration` has just read all blocks, so reading one fails only if the chip has failed since.
         let block = store.calibration_block(&calibration, (first / BLOCK_CELLS) as u8).await;
         let Ok(Some(block)) = block else { return 0 };
         insole.recalibrate(cells.clone(), first, &block);
@@ -180,7 +181,7 @@ async fn restore_calibration(
     calibration.id
 }
 
-/// A text for the hello; truncated where it is too long.
+/// A text for the hello; truncated if it is too long.
 pub fn truncated(text: impl Display) -> String<MAX_FAULT_TEXT> {
     struct Truncated(String<MAX_FAULT_TEXT>);
 

@@ -1,14 +1,15 @@
-//! Supervision: heartbeats of scan, processing and link, and the detection of a stalled one.
+//! Supervision of three parts of the firmware, scan, processing and link: their heartbeats, and the detection of a stalled part.
 //!
 //! The tasks count heartbeats; an interrupt above their executors checks them every [`CHECK_PERIOD_MS`]. Checks are counted, not
-//! time: a processor that is stopped for seconds, as by a debugger, is one check late, and nothing counts as stalled.
+//! time: if the processor is stopped for seconds, as by a debugger, one check is late, and no part counts as stalled. A hardware
+//! watchdog, which a board may also have, is not aware of this and resets the board.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
 /// Time between checks, ms.
 pub const CHECK_PERIOD_MS: u32 = 100;
 /// Number of successive checks without a heartbeat after which a part counts as stalled: one second, because the insole must run
-/// again within two. Every part has a heartbeat at least every 200 ms.
+/// again within two seconds. Every part has a heartbeat at least every 200 ms.
 pub const STALLED_CHECKS: u8 = 10;
 /// Number of healthy checks after which a start counts as successful: 5 s.
 pub const HEALTHY_CHECKS: u32 = 50;
@@ -16,14 +17,16 @@ pub const HEALTHY_CHECKS: u32 = 50;
 /// long; any other start takes a second.
 pub const START_CHECKS: u32 = 1200;
 
-/// Names of the three parts, in the order of the bits that [`Watchdog::check`] returns.
+/// Names of the three parts in crash reports, in the order of the bits that [`Watchdog::check`] returns. `model` is processing.
 pub const PARTS: [&str; 3] = ["scan", "model", "link"];
 
 /// Counters that change while their part makes progress. Each has one writer.
 #[derive(Default)]
 pub struct Heartbeats {
     scan: AtomicU32,
+    /// Frames that were queued for processing.
     queued: AtomicU32,
+    /// Frames that were processed.
     processed: AtomicU32,
     link: AtomicU32,
 }
@@ -43,22 +46,22 @@ impl Heartbeats {
         }
     }
 
-    /// Scanning made progress: a row, a skipped frame, a matrix that does not answer, or a frame clock that waits deliberately.
+    /// Counts a heartbeat of scanning: a frame became due, a row was read, or the frame clock waits as intended.
     pub fn scan_progressed(&self) {
         count(&self.scan);
     }
 
-    /// A frame was queued for processing.
+    /// Counts a frame that was queued for processing.
     pub fn frame_queued(&self) {
         count(&self.queued);
     }
 
-    /// A frame was processed.
+    /// Counts a frame that was processed, which is the heartbeat of processing.
     pub fn frame_processed(&self) {
         count(&self.processed);
     }
 
-    /// The link made progress.
+    /// Counts a heartbeat of the link.
     pub fn link_progressed(&self) {
         count(&self.link);
     }
@@ -84,14 +87,16 @@ impl Heartbeats {
 pub struct Watchdog {
     checks: u32,
     healthy_checks: u32,
-    before: [u32; 3],
-    stalled: [u8; 3],
+    /// The counts of the heartbeats at the last check.
+    previous_counts: [u32; 3],
+    /// For each part, number of successive checks without a heartbeat.
+    checks_without_heartbeat: [u8; 3],
 }
 
 impl Watchdog {
     /// No check yet.
     pub const fn new() -> Self {
-        Self { checks: 0, healthy_checks: 0, before: [0; 3], stalled: [0; 3] }
+        Self { checks: 0, healthy_checks: 0, previous_counts: [0; 3], checks_without_heartbeat: [0; 3] }
     }
 
     /// Number of checks so far.
@@ -99,33 +104,34 @@ impl Watchdog {
         self.checks
     }
 
-    /// Number of checks since all parts have started.
+    /// Number of checks since the parts have started, or since [`START_CHECKS`] passed without their start.
     pub fn healthy_checks(&self) -> u32 {
         self.healthy_checks
     }
 
-    /// Checks all parts. Once one is stalled, returns a bit for each stalled part by its position in [`PARTS`]; 0 otherwise.
+    /// Checks all parts. Once a part is stalled, returns a bit for each stalled part, by its position in [`PARTS`]; 0 otherwise.
     /// Processing without frames is idle, not stalled.
     pub fn check(&mut self, heartbeats: &Heartbeats) -> u32 {
         self.checks = self.checks.saturating_add(1);
-        let now = heartbeats.counts();
-        // The parts are started together, and the link always has heartbeats.
-        if now[2] == 0 && self.checks < START_CHECKS {
+        let counts = heartbeats.counts();
+        // The parts are started together, and the link always has heartbeats: without one, the parts have not started yet.
+        if counts[2] == 0 && self.checks < START_CHECKS {
             return 0;
         }
         self.healthy_checks = self.healthy_checks.saturating_add(1);
         let is_idle = [false, heartbeats.pending_frames() == 0, false];
-        for (stalled, ((now, before), is_idle)) in
-            self.stalled.iter_mut().zip(now.iter().zip(&self.before).zip(is_idle))
+        for (checks, ((count, previous), is_idle)) in
+            self.checks_without_heartbeat.iter_mut().zip(counts.iter().zip(&self.previous_counts).zip(is_idle))
         {
-            *stalled = if now != before || is_idle { 0 } else { stalled.saturating_add(1) };
+            *checks = if count != previous || is_idle { 0 } else { checks.saturating_add(1) };
         }
-        self.before = now;
-        if self.stalled.iter().all(|&stalled| stalled < STALLED_CHECKS) {
+        self.previous_counts = counts;
+        if self.checks_without_heartbeat.iter().all(|&checks| checks < STALLED_CHECKS) {
             return 0;
         }
-        // Parts on the executor of the stalled one stopped up to two checks earlier or later.
-        let bits = self.stalled.iter().enumerate().filter(|(_, stalled)| **stalled >= STALLED_CHECKS - 2);
+        // A stalled part also stops the other parts on its executor. Their last heartbeats can be up to two checks later.
+        let bits =
+            self.checks_without_heartbeat.iter().enumerate().filter(|(_, checks)| **checks >= STALLED_CHECKS - 2);
         bits.fold(0, |parts, (bit, _)| parts | 1 << bit)
     }
 }

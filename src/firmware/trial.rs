@@ -1,4 +1,4 @@
-//! An image on trial after an update: it is confirmed once all parts have made progress for some seconds.
+//! An image on trial after an update: it is confirmed once scanning, processing and link have made progress for some seconds.
 
 use super::supervise::Heartbeats;
 use embassy_time::{Duration, Instant};
@@ -12,25 +12,27 @@ const PERIOD: Duration = Duration::from_secs(1);
 pub(super) struct Trial {
     checks_left: u8,
     next_check: Instant,
-    before: [u32; 3],
+    /// The counts of the heartbeats at the last check.
+    previous_counts: [u32; 3],
 }
 
 impl Trial {
     pub(super) fn new(heartbeats: &Heartbeats) -> Self {
-        Self { checks_left: CHECKS, next_check: Instant::now() + PERIOD, before: heartbeats.counts() }
+        Self { checks_left: CHECKS, next_check: Instant::now() + PERIOD, previous_counts: heartbeats.counts() }
     }
 
     pub(super) fn next_check(&self) -> Instant {
         self.next_check
     }
 
-    /// True once scanning, processing and link each made progress before each of [`CHECKS`] successive checks.
+    /// Checks the image if a check is due. True once scanning, processing and link have each made progress before each of
+    /// [`CHECKS`] successive checks.
     pub(super) fn is_passed(&mut self, heartbeats: &Heartbeats) -> bool {
         if Instant::now() >= self.next_check {
-            let now = heartbeats.counts();
-            let has_progress = now.iter().zip(&self.before).all(|(now, before)| now != before);
+            let counts = heartbeats.counts();
+            let has_progress = counts.iter().zip(&self.previous_counts).all(|(count, previous)| count != previous);
             let checks_left = if has_progress { self.checks_left - 1 } else { CHECKS };
-            *self = Self { checks_left, next_check: Instant::now() + PERIOD, before: now };
+            *self = Self { checks_left, next_check: Instant::now() + PERIOD, previous_counts: counts };
         }
         self.checks_left == 0
     }

@@ -20,19 +20,19 @@ pub struct SensorLaw {
 }
 
 impl SensorLaw {
-    /// True where both numbers are in range.
+    /// True if both numbers are in range.
     pub fn is_valid(&self) -> bool {
         self.full_kpa > 0.0 && self.full_kpa <= 1e5 && self.exponent >= 0.3 && self.exponent <= 3.0
     }
 }
 
-/// The deviation of one cell from the common law.
+/// The deviation of one cell from the sensor law.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CellCalibration {
     /// Mean code of the unloaded cell (see [`zero_offset`]), below half of [`FULL_CODE`]. It is subtracted before the law is
     /// applied.
     pub offset: u16,
-    /// Ratio of the pressure of this cell to that of the law at the same code, 0.1 to 10.
+    /// Ratio of the pressure of this cell to the pressure of the sensor law at the same code, 0.1 to 10.
     pub gain: f32,
 }
 
@@ -40,7 +40,7 @@ impl CellCalibration {
     /// No deviation.
     pub const IDEAL: Self = Self { offset: 0, gain: 1.0 };
 
-    /// True where both numbers are in range.
+    /// True if both numbers are in range.
     pub fn is_valid(&self) -> bool {
         self.gain >= 0.1 && self.gain <= 10.0 && self.offset < FULL_CODE / 2
     }
@@ -54,17 +54,18 @@ pub fn zero_offset(unloaded_codes: impl IntoIterator<Item = u16>) -> Option<u16>
     (count > 0).then(|| sum.div_ceil(count) as u16)
 }
 
-/// True where a code is at full scale: the pressure is at least the reported one.
+/// True if a code is at full scale: the true pressure may then be higher than the reported pressure.
 pub fn is_saturated(code: u32) -> bool {
     code >= u32::from(FULL_CODE)
 }
 
 /// Number of segments of a [`Curve`].
 const SEGMENTS: usize = 256;
+/// Number of low bits of a code that are its position within a segment.
 const SEGMENT_SHIFT: u32 = 16 - SEGMENTS.ilog2();
 
-/// The inverse of a [`SensorLaw`], from code to pressure, as straight segments. At an exponent of 0.8 it is within 0.1 % of the
-/// law above 1 % of full scale. At exponents above 1 its pressures in the first segment, 1/256 of full scale, are too low.
+/// The inverse of a [`SensorLaw`], from code to pressure, as straight segments. At an exponent of 0.8 and above 1 % of full scale,
+/// it is within 0.1 % of the law. At exponents above 1, its pressures in the first segment, 1/256 of full scale, are too low.
 ///
 /// The table is in single precision on every machine, so that all machines evaluate the same curve.
 ///
@@ -80,7 +81,7 @@ const SEGMENT_SHIFT: u32 = 16 - SEGMENTS.ilog2();
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Curve {
-    /// For each segment: pressure extrapolated to code 0, kPa, and slope, kPa per code.
+    /// For each segment: the pressure on its extension at code 0, kPa, and its slope, kPa per code.
     segments: [(f32, f32); SEGMENTS],
 }
 
@@ -115,7 +116,7 @@ impl Curve {
         R::of_f32(base) + R::of_f32(slope) * R::of_i32(code)
     }
 
-    /// The smallest code with at least `pressure_kpa`, kPa; [`u16::MAX`] where the pressure is beyond the curve.
+    /// The smallest code with at least `pressure_kpa`, kPa; [`u16::MAX`] if the pressure is beyond the curve.
     pub fn first_code_at(&self, pressure_kpa: f32) -> u16 {
         let (mut below, mut at) = (0u16, u16::MAX);
         while below < at {

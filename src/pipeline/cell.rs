@@ -10,6 +10,7 @@ use crate::num::Real;
 /// The parameters and the state of one cell.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InsoleCell<R> {
+    /// Code of the unloaded cell; [`u16::MAX`] for a masked cell.
     pub(crate) offset: u16,
     pub(crate) contact: ContactCell,
     pub(crate) region: RegionCell<R>,
@@ -29,8 +30,8 @@ impl<R: Real> InsoleCell<R> {
         }
     }
 
-    /// Updates contact and region with a code that may change them; returns the change of [`area_units`]. Out of line, because
-    /// few cells change in a frame.
+    /// Updates contact and region with a code that may change them; returns the change of [`area_units`]. It is not inlined,
+    /// because few cells change in a frame.
     #[cold]
     #[inline(never)]
     fn update(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) -> i32 {
@@ -50,8 +51,8 @@ impl<R> InsoleCell<R> {
     }
 }
 
-/// Calibrates the cells of a region, sums their forces, and updates the area where the contact of a cell changed. Returns the
-/// change of [`area_units`]. A device spends most of its time in this loop; it has a function of its own so that all registers
+/// Calibrates the cells of a region, sums their forces, and updates the contact area if the contact of a cell changed. Returns the
+/// change of [`area_units`]. A device spends most of its time in this loop, which has a function of its own so that all registers
 /// are available.
 #[inline(never)]
 pub(crate) fn sum_region<R: Real>(

@@ -7,7 +7,7 @@ use super::calibrate::{CellCalibration, Curve, FULL_CODE};
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
-/// The rule that determines contact area from pressures. Areas depend on it, so each result must state it.
+/// The rule that determines contact area from pressures. Areas depend on the rule, so each result must state its rule.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ContactRule {
     /// A cell comes into contact at this pressure, kPa, at most 1000.
@@ -15,21 +15,21 @@ pub struct ContactRule {
     /// A cell loses contact below this pressure, kPa; above 0 and at most `on_kpa`.
     pub off_kpa: f32,
     /// 0: a cell in contact counts with its whole area, as in the paper. From `on_kpa` to 2000 kPa: a cell counts with the share
-    /// `sqrt(p / full_kpa)` of its area, at most 1, because low readings at the edge of a contact are those of partly covered
-    /// cells. Deformation rises from 0 at the edge in proportion to the distance from it (Eq. 3), so a cell of which the share s
-    /// is covered reads s^2 of the pressure of a cell that is just covered. The larger `full_kpa` is, the more the area depends
-    /// on pressure.
+    /// `sqrt(p / full_kpa)` of its area, at most 1, because a low reading at the edge of a contact comes from a cell that the
+    /// foot covers in part. Deformation rises from 0 at the edge in proportion to the distance from the edge (Eq. 3), so a cell
+    /// of which the share s is covered reads s^2 times the pressure of a cell that is just covered as a whole. The larger
+    /// `full_kpa` is, the more the area depends on pressure.
     pub full_kpa: f32,
 }
 
 impl ContactRule {
-    /// Counted cells, in contact from 10 kPa until they fall below 7.5 kPa.
+    /// Every cell counts with its whole area, and is in contact from 10 kPa until its pressure falls below 7.5 kPa.
     pub const COUNTED: Self = Self { on_kpa: 10.0, off_kpa: 7.5, full_kpa: 0.0 };
-    /// Covered shares, with the same thresholds and whole cells from 150 kPa. docs/identification.md has the reason for this
-    /// value.
+    /// Every cell counts with its covered share, with the same thresholds, and with its whole area from 150 kPa on.
+    /// docs/identification.md has the reason for this value.
     pub const COVERED: Self = Self { full_kpa: 150.0, ..Self::COUNTED };
 
-    /// True where the pressures are in range and in order.
+    /// True if the pressures are in range and in order.
     pub fn is_valid(&self) -> bool {
         self.off_kpa > 0.0
             && self.off_kpa <= self.on_kpa
@@ -57,14 +57,16 @@ pub const WHOLE: u16 = 256;
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub struct ContactCell {
-    /// Codes at the thresholds of the rule.
+    /// Code at which the cell comes into contact.
     on: u16,
+    /// Code below which the cell loses contact.
     off: u16,
-    /// Code from which on the cell counts with its whole area; 0 for counted cells.
+    /// Code from which on the cell counts with its whole area; 0 if the rule counts whole cells only.
     full: u16,
-    /// Square of the share, in units of [`WHOLE`], per kPa on the common curve; unused where `full` is below `off`.
+    /// Square of the share, in units of 1/[`WHOLE`], per kPa on the sensor curve that all cells share; unused if `full` is below
+    /// `off`.
     squared_shares_per_kpa: f32,
-    /// The present share, in units of [`WHOLE`].
+    /// The present share, in units of 1/[`WHOLE`].
     share: u16,
     /// The codes from `low` to `low + span - 1` do not change the share.
     low: u16,
@@ -74,7 +76,8 @@ pub struct ContactCell {
 impl ContactCell {
     /// An unloaded cell. Its thresholds are codes that include its offset.
     pub fn new(rule: &ContactRule, curve: &Curve, cell: &CellCalibration) -> Self {
-        // One code below the threshold, so that a pressure of exactly the threshold is in contact after quantisation.
+        // The code is one below that of the threshold, so that a pressure of exactly the threshold is in contact after
+        // quantisation.
         let code_at = |kpa: f32| {
             let code = curve.first_code_at(kpa / cell.gain).saturating_sub(1).max(1);
             code.saturating_add(cell.offset).min(FULL_CODE)
@@ -87,18 +90,18 @@ impl ContactCell {
         Self { on, off: code_at(rule.off_kpa), full, squared_shares_per_kpa, share: 0, low: 0, span: on }
     }
 
-    /// True where the code neither changes the share, nor is saturated, nor requires a notification, so that
-    /// [`ContactCell::update`] need not be called.
+    /// True if [`ContactCell::update`] need not be called: the code neither changes the share, nor is saturated, nor was requested
+    /// by one of the `notify` functions.
     #[inline(always)]
     pub fn is_unchanged(&self, code: u32) -> bool {
         // A code below `low` wraps to a number above any span.
         code.wrapping_sub(u32::from(self.low)) < u32::from(self.span)
     }
 
-    /// Processes a code, with `curve_kpa` its pressure on the common curve, kPa, and returns the change of the share, in units of
-    /// [`WHOLE`].
+    /// Processes a code and returns the change of the share, in units of 1/[`WHOLE`]. `curve_kpa` is the pressure of the code on
+    /// the sensor curve that all cells share, kPa.
     ///
-    /// Computed in single precision and integers on every machine, so that the area is the same on all.
+    /// The share is computed in single precision and integers on every machine, so that all machines compute the same area.
     pub fn update(&mut self, code: u32, curve_kpa: f32) -> i32 {
         let before = self.share;
         let threshold = if before > 0 { self.off } else { self.on };
@@ -113,12 +116,12 @@ impl ContactCell {
         i32::from(self.share) - i32::from(before)
     }
 
-    /// True where a part of the cell is in contact.
+    /// True if a part of the cell is in contact.
     pub fn is_loaded(&self) -> bool {
         self.share > 0
     }
 
-    /// The code of the load threshold: it is twice as far above the offset as the contact threshold.
+    /// The code at which a cell counts as loaded: it is twice as far above the offset as the code of first contact.
     pub(crate) fn load_threshold(&self, offset: u16) -> u32 {
         (2 * u32::from(self.on)).saturating_sub(offset.into())
     }
@@ -129,12 +132,12 @@ impl ContactCell {
         self.span = code.saturating_sub(self.low.into()).min(self.span.into()) as u16;
     }
 
-    /// Requests [`ContactCell::update`] for codes that differ from this one by more than [`SAME_CODE`].
+    /// Requests [`ContactCell::update`] for codes that differ from `code` by more than [`SAME_CODE`].
     pub(crate) fn notify_on_change(&mut self, code: u16) {
         (self.low, self.span) = (code.saturating_sub(SAME_CODE), 2 * SAME_CODE + 1);
     }
 
-    /// Requests [`ContactCell::update`] for no code.
+    /// Ends all calls of [`ContactCell::update`], whatever the code, as for a masked cell.
     pub(crate) fn disable(&mut self) {
         (self.low, self.span) = (0, u16::MAX);
     }
@@ -142,7 +145,7 @@ impl ContactCell {
     /// Shifts the thresholds of a cell without contact, after its offset was changed by the same number of codes.
     pub(crate) fn shift(&mut self, codes: i16) {
         for threshold in [&mut self.on, &mut self.off, &mut self.full] {
-            // 0 in `full` stands for counted cells.
+            // 0 in `full` is not a code: the rule counts whole cells only.
             if *threshold > 0 {
                 *threshold = threshold.saturating_add_signed(codes).clamp(1, FULL_CODE);
             }

@@ -28,14 +28,13 @@ use crate::num::Real;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ellipse<R> {
-    /// Centre, mm, in the coordinates of the moments: from [`Ellipse::from_moments`] relative to the reference point of the
-    /// region.
+    /// x of the centre, mm. [`Ellipse::from_moments`] returns it relative to the reference point of the region.
     pub x_mm: R,
-    /// See `x_mm`.
+    /// y of the centre, mm, likewise.
     pub y_mm: R,
-    /// Radius along X of the paper: of the principal axis nearer to the medial-lateral axis, mm.
+    /// Radius along the principal axis that is nearer to the medial-lateral axis (X of the paper), mm.
     pub r_a_mm: R,
-    /// Radius along Y of the paper: of the principal axis nearer to the heel-toe axis, mm.
+    /// Radius along the principal axis that is nearer to the heel-toe axis (Y of the paper), mm.
     pub r_b_mm: R,
     /// Cosine and sine of twice the angle from the x axis to the axis of `r_a_mm`; (1, 0) for a circle.
     double_angle: (R, R),
@@ -52,8 +51,8 @@ impl<R: Real> Ellipse<R> {
             ((variance_x_mm2 + variance_y_mm2) * half, (variance_x_mm2 - variance_y_mm2) * half);
         let deviation = (half_difference * half_difference + covariance_mm2 * covariance_mm2).sqrt();
         let long = R::of(2.0) * (mean + deviation).sqrt();
-        // The smaller eigenvalue as determinant over the larger: for a slim ellipse, mean - deviation would lose half of the
-        // digits.
+        // The smaller eigenvalue is computed as the determinant divided by the larger eigenvalue: for a slim ellipse, mean -
+        // deviation would lose half of the digits.
         let determinant = (variance_x_mm2 * variance_y_mm2 - covariance_mm2 * covariance_mm2).max(R::ZERO);
         let short = R::of(2.0) * (determinant / (mean + deviation)).sqrt();
         // `r_a_mm` belongs to the axis within 45 degrees of x. On a grid of cells, exactly 45 degrees and circles are frequent;
@@ -68,7 +67,7 @@ impl<R: Real> Ellipse<R> {
         Some(Self { x_mm, y_mm, r_a_mm, r_b_mm, double_angle })
     }
 
-    /// The same ellipse with its centre moved, mm.
+    /// The same ellipse with its centre moved by `dx_mm` and `dy_mm`.
     pub fn moved(self, dx_mm: R, dy_mm: R) -> Self {
         Self { x_mm: self.x_mm + dx_mm, y_mm: self.y_mm + dy_mm, ..self }
     }
@@ -76,8 +75,8 @@ impl<R: Real> Ellipse<R> {
     /// Angle from the x axis to the axis of `r_a_mm`, -45 to 45 degrees, counter-clockwise seen from above with x to the right
     /// and y forwards.
     ///
-    /// The arc tangent is that of `micromath`. Its error of 0.0028 rad is 0.08 degrees here, below the resolution of cells of a
-    /// few millimetres, and no other quantity depends on the angle.
+    /// The arc tangent is computed by `micromath`. Its error of 0.0028 rad is 0.08 degrees here, below the resolution of cells of
+    /// a few millimetres, and no other quantity depends on the angle.
     pub fn angle_deg(&self) -> f32 {
         let (cos, sin) = self.double_angle;
         micromath::F32(sin.to_f32()).atan2(micromath::F32(cos.to_f32())).0.to_degrees() * 0.5

@@ -1,7 +1,8 @@
 //! The live model: causal, frame by frame, for display.
 //!
-//! The area is the mean of the last three frames, the deformation rate the backward difference of Eq. 16. This delays the result
-//! by one frame. The values of a step record are computed by [`super::step`], which smooths over the whole stance.
+//! The area is the mean of the last three frames, which delays the result by one frame. The deformation rate is the backward
+//! difference, to the previous frame, because the forward difference of Eq. 16 needs the next frame. The values of a step record
+//! are computed by [`super::step`], which smooths over the whole stance.
 
 use super::model::ForceLaw;
 use super::region::RegionFrame;
@@ -24,6 +25,7 @@ use crate::num::Real;
 pub struct LiveModel<R> {
     /// Areas of the last two frames, the older one first.
     previous_area_mm2: [R; 2],
+    /// Mean area of the last three frames.
     previous_smoothed_m2: R,
     /// Normalised deformation in the last frame.
     previous_g: R,
@@ -54,7 +56,7 @@ impl<R: Real> LiveModel<R> {
         self.previous_g = law.area_ratio(self.previous_smoothed_m2).normalised_deformation();
     }
 
-    /// Processes the contact area of a frame, mm2. `per_s` is one over the time since the previous frame, 1/s.
+    /// Processes the contact area of a frame, mm2. `per_s` is the reciprocal of the time since the previous frame, 1/s.
     #[inline(always)]
     pub fn update(&mut self, law: &ForceLaw<R>, area_mm2: R, per_s: R) -> LiveTissue<R> {
         let [before, last] = self.previous_area_mm2;

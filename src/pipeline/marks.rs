@@ -4,7 +4,8 @@ use super::contact::ContactCell;
 
 /// Number of rows of the matrix, and of columns.
 pub(crate) const LINES: usize = 16;
-/// Largest deviation of an unloaded cell from its zero that counts as noise, codes: 0.07 kPa at 1000 kPa full scale.
+/// Largest deviation of an unloaded cell from its zero that counts as noise, codes: 0.07 kPa with the sensor law of the reference
+/// insole.
 pub(crate) const NOISE: u16 = 32;
 
 /// The cell responded since the last review: it read more than noise above its zero.
@@ -37,7 +38,7 @@ pub(crate) enum Count {
     ImplausibleSaturation = 6,
 }
 
-/// The evidence on one cell. Its size is only six bytes, because every cell has one.
+/// The evidence on one cell. It is packed into six bytes, because it exists for every cell.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CellMarks {
     /// Reading above the zero in the last reviewed swing, codes.
@@ -56,7 +57,7 @@ impl CellMarks {
         Self { swing_reading: 0, rezeroed: 0, row_column, flags: 0, counts: 0 }
     }
 
-    /// Records a code that changed the contact or exceeded a notification threshold, and arms the next notification.
+    /// Records a code for which [`ContactCell::update`] was called, and requests the next notification.
     pub(crate) fn note(&mut self, code: u32, offset: u16, contact: &mut ContactCell) {
         self.clear(UNCHANGED);
         if code > u32::from(offset) + u32::from(NOISE) {
@@ -98,12 +99,12 @@ impl CellMarks {
         self.flags = MASKED;
     }
 
-    /// True where no evidence of a fault is pending.
+    /// True if the cell is not masked and there is no evidence yet that its reading is wrong.
     pub(crate) fn is_sound(&self) -> bool {
         !self.has(MASKED | STUCK | UNCHANGED) && self.count(Count::OffScale) == 0
     }
 
-    /// True where any of these flags is set.
+    /// True if any of these flags is set.
     pub(crate) fn has(&self, flags: u8) -> bool {
         self.flags & flags != 0
     }
@@ -124,7 +125,7 @@ impl CellMarks {
         self.counts = self.counts & !(3 << count as u8) | value.min(3) << count as u8;
     }
 
-    /// Increments the count where `again`; resets it otherwise.
+    /// Increments the count if `again` is true; resets it otherwise.
     pub(crate) fn count_if(&mut self, count: Count, again: bool) {
         self.set_count(count, if again { self.count(count) + 1 } else { 0 });
     }
@@ -137,7 +138,7 @@ impl CellMarks {
         usize::from(self.row_column) % LINES
     }
 
-    /// True where the cell is on this row or, from [`LINES`] on, column.
+    /// True if the cell is on this line. Lines below [`LINES`] are rows, those from [`LINES`] on are columns.
     pub(crate) fn is_on(&self, line: usize) -> bool {
         line == self.row() || line == LINES + self.column()
     }

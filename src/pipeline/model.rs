@@ -12,14 +12,14 @@ use serde::{Deserialize, Serialize};
 pub const LENGTH_M: RangeInclusive<f64> = 1e-4..=0.2;
 /// Range of A B, the product of two radii, m2.
 pub const AB_M2: RangeInclusive<f64> = 1e-8..=0.04;
-/// Range of K, Pa, and G, Pa s: up to a thousand times that of a sole. With all parameters at their limits, a force is below 1e11
-/// N, and its square is within single precision.
+/// Range of K, Pa, and G, Pa s: up to a thousand times the values of a sole. With all parameters at their limits, a force is below
+/// 1e11 N, and its square is within single precision.
 pub const COEFFICIENT: RangeInclusive<f64> = 0.0..=1e9;
 /// Largest exponent n or m; a steeper law is almost a step function. Both exponents are above -1, so that pressure vanishes with
 /// deformation.
 pub const MAX_EXPONENT: f64 = 10.0;
 
-/// True where `value` is within the inclusive limits after rounding to single precision, in which parameters are sent.
+/// True if `value` is within the inclusive limits after rounding to single precision, in which parameters are sent.
 pub fn is_within(value: f64, limits: &RangeInclusive<f64>) -> bool {
     (*limits.start() as f32..=*limits.end() as f32).contains(&(value as f32))
 }
@@ -64,7 +64,7 @@ impl<R: Real> Ellipsoid<R> {
         self.c_m * area_rate_m2_s / (R::of(2.0) * section_m2 * (R::ONE - a).sqrt())
     }
 
-    /// Deformation rate between two samples with `dt_s` between them, m/s (Eq. 16).
+    /// Deformation rate from one sample to the next one, which is `dt_s` later, m/s (Eq. 16, a forward difference).
     pub fn deformation_rate_between_m_s(&self, area_m2: R, next_area_m2: R, dt_s: R) -> R {
         (self.deformation_m(next_area_m2) - self.deformation_m(area_m2)) / dt_s
     }
@@ -86,6 +86,7 @@ impl<R: Real> Ellipsoid<R> {
         rate_m_s * (R::ONE - q * q * (self.c_m - deformation_m) / self.depth_m(deformation_m, q))
     }
 
+    /// Vertical distance from the centre of the ellipsoid to its surface at the point `q`, m.
     fn depth_m(&self, deformation_m: R, q: R) -> R {
         let chord = R::of(2.0) * self.c_m * deformation_m - deformation_m * deformation_m;
         (self.c_m * self.c_m - q * q * chord).sqrt()
@@ -101,7 +102,7 @@ impl<R: Real> Ellipsoid<R> {
         self.c * power(deformation_m / self.d0_m, self.m)
     }
 
-    /// Vertical force, N (Eq. 13), not limited: negative during unloading where the viscous term exceeds the elastic one.
+    /// Vertical force, N (Eq. 13), not limited: negative during unloading if the viscous term exceeds the elastic term.
     pub fn force_n(&self, deformation_m: R, rate_m_s: R) -> R {
         if deformation_m <= R::ZERO {
             return R::ZERO;
@@ -114,7 +115,7 @@ impl<R: Real> Ellipsoid<R> {
         R::of(core::f64::consts::PI) * self.a_m * self.b_m * d / c * (elastic + viscous)
     }
 
-    /// The identifiable form of the same force.
+    /// The force law in its identifiable form, which gives the same force.
     pub fn force_law(&self) -> ForceLaw<R> {
         ForceLaw {
             ab_m2: self.a_m * self.b_m,
@@ -126,7 +127,7 @@ impl<R: Real> Ellipsoid<R> {
         }
     }
 
-    /// True where all numbers are finite, lengths positive, coefficients not negative and exponents above -1.
+    /// True if all numbers are finite, lengths positive, coefficients not negative and exponents above -1.
     pub fn is_valid(&self) -> bool {
         let positive = [self.a_m, self.b_m, self.c_m, self.d0_m].iter().all(|&v| v > R::ZERO && v.to_f64().is_finite());
         let coefficients = [self.k, self.c].iter().all(|&v| v >= R::ZERO && v.to_f64().is_finite());
@@ -143,7 +144,7 @@ fn power<R: Real>(base: R, exponent: R) -> R {
     (base.ln() * exponent).exp()
 }
 
-/// `Ae / (pi A B)` within 0..=1.
+/// `Ae / (pi A B)`, the contact area over the largest section of the ellipsoid, limited to 0..=1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AreaRatio<R> {
     /// The ratio, 0 to 1.
@@ -213,7 +214,7 @@ impl<R: Real> ForceLaw<R> {
     pub const NONE: Self =
         Self { ab_m2: R::ZERO, c_m: R::ZERO, stiffness_pa: R::ZERO, damping_pa_s: R::ZERO, n: R::ZERO, m: R::ZERO };
 
-    /// From parameters in single precision; exact.
+    /// Converts a force law in single precision; exact.
     pub fn of(law: &ForceLaw<f32>) -> Self {
         Self {
             ab_m2: R::of_f32(law.ab_m2),
@@ -225,7 +226,7 @@ impl<R: Real> ForceLaw<R> {
         }
     }
 
-    /// Rounded to single precision, as a device stores it.
+    /// The force law rounded to single precision, as a device stores it.
     pub fn single(&self) -> ForceLaw<f32> {
         ForceLaw {
             ab_m2: self.ab_m2.to_f32(),
@@ -243,8 +244,8 @@ impl<R: Real> ForceLaw<R> {
         AreaRatio::new(area_m2, self.ab_m2)
     }
 
-    /// Vertical force, N, at a normalised deformation, 0 to 1, and its rate, 1/s (Eq. 13). A tensile force is
-    /// replaced by 0, because the contact cannot transmit it.
+    /// Vertical force, N, at a normalised deformation `g`, 0 to 1, and its rate, 1/s (Eq. 13). A tensile force is replaced by 0,
+    /// because the contact cannot transmit it.
     pub fn force_n(&self, g: R, g_rate_per_s: R) -> R {
         if g <= R::ZERO {
             return R::ZERO;
@@ -257,7 +258,7 @@ impl<R: Real> ForceLaw<R> {
         (R::of(core::f64::consts::PI) * self.ab_m2 * (elastic + viscous)).max(R::ZERO)
     }
 
-    /// True where all numbers are within their limits: [`AB_M2`], [`LENGTH_M`] for C, [`COEFFICIENT`], [`MAX_EXPONENT`].
+    /// True if all numbers are within their limits: [`AB_M2`], [`LENGTH_M`] for C, [`COEFFICIENT`], [`MAX_EXPONENT`].
     pub fn is_valid(&self) -> bool {
         is_within(self.ab_m2.to_f64(), &AB_M2)
             && is_within(self.c_m.to_f64(), &LENGTH_M)

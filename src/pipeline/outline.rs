@@ -1,8 +1,9 @@
-//! Outlines of soles, EU size 42, in foot coordinates: tables of the medial and the lateral edge, straight between their rows.
+//! Outlines of soles, EU size 42, in foot coordinates: tables of the medial and the lateral edge, with straight lines between
+//! their rows.
 //!
-//! The two outlines differ deliberately: [`REFERENCE_INSOLE`] is the sheet that is cut for the device, and
-//! [`GENERIC_SOLE`] is the foot that the computed walk steps with and that is drawn on screens. At the toes they differ by up to
-//! 13 mm in width. Changing one of them changes the positions of its cells.
+//! The two outlines differ deliberately: [`REFERENCE_INSOLE`] is the sheet that is cut for the device, and [`GENERIC_SOLE`] is
+//! the sole of the computed walk and of drawings on screens. At the toes their widths differ by up to 13 mm. The positions of
+//! cells are computed from the outlines, so a change of an outline changes the layout.
 
 /// The outline of a sole.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -11,7 +12,7 @@ pub struct Outline {
     pub rows_mm: &'static [[f64; 3]],
 }
 
-/// The reference insole of `firmware::layout`. Drawn after a common insole of this size, not measured on one.
+/// The reference insole of `firmware::layout`. It imitates a common insole of this size and is not a measured outline.
 pub const REFERENCE_INSOLE: Outline = Outline {
     rows_mm: &[
         [0.0, 30.0, 60.0],
@@ -30,7 +31,7 @@ pub const REFERENCE_INSOLE: Outline = Outline {
     ],
 };
 
-/// A generic sole, for the computed walk and for drawings of a foot where the positions of the cells are not known.
+/// A generic sole, for the computed walk, and for drawings of a foot if the positions of the cells are not known.
 pub const GENERIC_SOLE: Outline = Outline {
     rows_mm: &[
         [0.0, 24.0, 52.0],

@@ -83,49 +83,50 @@ impl Side {
 pub struct Cell {
     /// Region.
     pub region: Region,
-    /// Centroid, mm.
+    /// x of the centroid, mm.
     pub x_mm: f32,
-    /// See `x_mm`.
+    /// y of the centroid, mm.
     pub y_mm: f32,
     /// Sensitive area, mm2, [`MIN_CELL_MM2`] to [`MAX_CELL_MM2`].
     pub area_mm2: f32,
 }
 
-/// Units of a cell's area in 1 mm2, and of its coordinates in 1 mm: fine enough that rounding is below the accuracy of any
-/// layout, and coarse enough that all sums fit into 64-bit integers.
+/// Number of units of a cell's area in 1 mm2. The units of area and of coordinates are so small that rounding is below the
+/// accuracy of any layout, and so large that all sums fit into 64-bit integers.
 const PER_MM2: f32 = 16.0;
+/// Number of units of a cell's coordinates in 1 mm.
 const PER_MM: f32 = 64.0;
-/// Units of [`AreaMoments`] in 1 mm2 that is entirely in contact.
+/// Number of units of the area in [`AreaMoments`] in 1 mm2 that is entirely in contact.
 const SHARES_PER_MM2: f32 = PER_MM2 * WHOLE as f32;
 
 /// Smallest area of a cell, mm2: one unit.
 pub const MIN_CELL_MM2: f32 = 1.0 / PER_MM2;
 /// Largest area of a cell, mm2.
 pub const MAX_CELL_MM2: f32 = 4_000.0;
-/// Largest area of a region, mm2: many times that of a foot.
+/// Largest area of a region, mm2: many times the area of a foot.
 pub const MAX_REGION_MM2: f32 = 500_000.0;
 /// Largest distance of a cell from its region's reference point along an axis, mm.
 pub const MAX_DISTANCE_MM: f32 = 500.0;
 
-/// A cell in the form that the sums of its region require. Coordinates are relative to the reference point of the region, so that
-/// single precision suffices.
+/// A cell in the form from which the sums of its region are computed. Coordinates are relative to the reference point of the
+/// region, so that single precision suffices.
 #[derive(Clone, Copy, Debug)]
 pub struct RegionCell<R> {
     /// Centroid relative to the reference point, mm.
     x_mm: R,
     y_mm: R,
-    /// Force at a pressure of 1 kPa on the common curve, N.
+    /// Force of the cell, N, for 1 kPa on the sensor curve that all cells share: its area times its gain.
     n_per_kpa: R,
-    /// Centroid relative to the reference point, units of [`PER_MM`].
+    /// Centroid relative to the reference point, in units of 1/[`PER_MM`] mm.
     x: i16,
     y: i16,
-    /// Area, units of [`PER_MM2`].
+    /// Area, in units of 1/[`PER_MM2`] mm2.
     area: u16,
 }
 
 impl<R: Real> RegionCell<R> {
     /// A cell of a region with the reference point `(x_mm, y_mm)`, at most [`MAX_DISTANCE_MM`] away along each axis. `gain` is
-    /// the pressure of the cell over that of the common curve.
+    /// the ratio of the pressure of the cell to the pressure on the sensor curve that all cells share.
     pub fn new(cell: &Cell, gain: f32, x_mm: f32, y_mm: f32) -> Self {
         let (dx_mm, dy_mm) = (cell.x_mm - x_mm, cell.y_mm - y_mm);
         Self {
@@ -139,7 +140,7 @@ impl<R: Real> RegionCell<R> {
         }
     }
 
-    /// Area of the whole cell, in the units of [`AreaMoments::units`].
+    /// Area of the whole cell, in units of 1/[`SHARES_PER_MM2`] mm2.
     pub(crate) fn whole(&self) -> i32 {
         i32::from(self.area) * i32::from(WHOLE)
     }
@@ -150,7 +151,8 @@ impl<R: Real> RegionCell<R> {
         (PER_MM as i32) * u32::from(self.area).isqrt() as i32 / 4
     }
 
-    /// Position of the cell relative to another one of its region, in units of [`PER_MM`].
+    /// Position of the cell relative to another cell of the same region, in units of 1/[`PER_MM`] mm. For a cell of another
+    /// region, the difference of the two reference points must be added.
     pub(crate) fn offset_from(&self, other: &Self) -> (i32, i32) {
         (i32::from(self.x) - i32::from(other.x), i32::from(self.y) - i32::from(other.y))
     }
@@ -158,7 +160,7 @@ impl<R: Real> RegionCell<R> {
 
 /// Zeroth to second moments of the contact area of a region about its reference point.
 ///
-/// They are integers, so that adding and removing cells accumulates no error, and all machines compute the same area.
+/// The moments are integers, so that adding and removing cells accumulates no error, and all machines compute the same area.
 ///
 /// ```
 /// use plantar::Region;
@@ -189,8 +191,9 @@ impl AreaMoments {
     /// No contact.
     pub const NONE: Self = Self { area: 0, x: 0, y: 0, xx: 0, xy: 0, yy: 0 };
 
-    /// Adds a change of the share of a cell in contact, in units of [`WHOLE`]. The part in contact is assumed to have the centre
-    /// and the extent of the whole cell: a square of the cell's area, with a variance of area / 12 along each axis.
+    /// Updates the moments after a change of the share of a cell that is in contact. `share` is the change, in units of
+    /// 1/[`WHOLE`]. The part in contact is assumed to have the centre and the extent of the whole cell: a square of the cell's
+    /// area, with a variance of area / 12 along each axis.
     pub fn change<R>(&mut self, cell: &RegionCell<R>, share: i32) {
         let area = share * i32::from(cell.area);
         let (x, y) = (i32::from(cell.x), i32::from(cell.y));
@@ -204,7 +207,7 @@ impl AreaMoments {
         self.yy += weighted(y * y + own_variance);
     }
 
-    /// Contact area, in the units of [`RegionCell::whole`].
+    /// Contact area, in units of 1/[`SHARES_PER_MM2`] mm2.
     #[inline(always)]
     pub(crate) fn units(&self) -> i32 {
         self.area
@@ -221,8 +224,8 @@ impl AreaMoments {
         if self.area <= 0 {
             return None;
         }
-        // The moments are shifted in integers to the coordinate unit next to the mean: for a contact far from the reference
-        // point, single precision would lose the variance in the difference of large squares.
+        // The moments are first shifted, in integers, to the coordinate unit nearest to the mean. Without this shift, the variance
+        // of a contact far from the reference point would be a small difference of large squares, which single precision loses.
         let area = i64::from(self.area);
         let (centre_x, centre_y) = (self.x / area, self.y / area);
         let (x, y) = (self.x - centre_x * area, self.y - centre_y * area);
@@ -246,9 +249,9 @@ impl AreaMoments {
 /// Mean position and covariance of a contact area.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SecondMoments<R> {
-    /// Mean position relative to the reference point of the region, mm.
+    /// x of the mean position relative to the reference point of the region, mm.
     pub x_mm: R,
-    /// See `x_mm`.
+    /// y of the mean position relative to the reference point of the region, mm.
     pub y_mm: R,
     /// Variance along x, mm2.
     pub variance_x_mm2: R,
@@ -258,7 +261,7 @@ pub struct SecondMoments<R> {
     pub covariance_mm2: R,
 }
 
-/// Measured force of a region and its first moments about the reference point. All cells count, in contact or not.
+/// Measured force of a region and its first moments about the reference point. All cells contribute, whether in contact or not.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ForceMoments<R> {
     /// Force, N.
@@ -273,7 +276,7 @@ impl<R: Real> ForceMoments<R> {
     /// No force.
     pub const NONE: Self = Self { force_n: R::ZERO, x_n_mm: R::ZERO, y_n_mm: R::ZERO };
 
-    /// Adds the force of a cell with a pressure of `curve_kpa` on the common curve, kPa.
+    /// Adds the force of a cell. `curve_kpa` is its pressure on the sensor curve that all cells share, before its gain, kPa.
     #[inline(always)]
     pub fn add(&mut self, cell: &RegionCell<R>, curve_kpa: R) {
         let force_n = curve_kpa * cell.n_per_kpa;
@@ -295,7 +298,7 @@ pub struct RegionFrame<R> {
     pub area: AreaMoments,
     /// Measured force.
     pub force: ForceMoments<R>,
-    /// A cell was saturated: the area is valid, the force is a lower bound.
+    /// A cell is saturated: the area is valid, the force is a lower bound.
     pub saturated: bool,
 }
 

@@ -7,7 +7,7 @@ use super::stance::StanceRule;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
-/// Largest number of cells of a device; a host may have more.
+/// Largest number of cells that a device processes; a host can process more.
 pub const DEVICE_CELLS: usize = 256;
 
 /// Range of the time between frames, us: 500 Hz to 20 Hz. Devices run at 50 to 400 Hz.
@@ -53,12 +53,12 @@ pub struct SetupCell {
     pub cell: Cell,
     /// Calibration.
     pub calibration: CellCalibration,
-    /// Position in the matrix, row times 16 plus column, by which faults of a whole line are recognised. Ignored in an insole
-    /// with more than [`crate::faults::MATRIX_CELLS`] cells.
+    /// Position in the matrix, row times 16 plus column, from which faults of whole rows and columns are recognised. It is ignored
+    /// in an insole with more than [`crate::faults::MATRIX_CELLS`] cells.
     pub row_column: u8,
 }
 
-/// The reason why a configuration was rejected. The previous one remains in force.
+/// The reason why a configuration was rejected. The previous configuration remains in force.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SetupError {
     /// The frame period is outside of [`PERIOD_US`].
@@ -73,8 +73,8 @@ pub enum SetupError {
     TooManyCells,
     /// The configuration has no cells.
     NoCells,
-    /// The cell with this index has coordinates that are not finite or are metres away, an area out of range, too large a
-    /// distance from its region, or an invalid calibration.
+    /// The cell with this index has coordinates that are not finite or are metres away, an area out of range, or an invalid
+    /// calibration; or its region is too large, in extent or in area, from this cell on.
     Cell(u16),
     /// The cell with this index belongs to a region before that of the previous cell.
     RegionOrder(u16),
@@ -85,16 +85,16 @@ impl fmt::Display for SetupError {
         match self {
             Self::Period => write!(f, "frame period outside of {} to {} us", PERIOD_US.start(), PERIOD_US.end()),
             Self::Sensor => f.write_str("sensor law out of range"),
-            Self::Contact => {
-                f.write_str("contact: needs 0 < off_kpa <= on_kpa <= 1000, and full_kpa 0 or on_kpa to 2000")
-            }
+            Self::Contact => f.write_str(
+                "contact: needs 0 < off_kpa <= on_kpa <= 1000, and full_kpa = 0 or on_kpa <= full_kpa <= 2000",
+            ),
             Self::Stance => f.write_str(
                 "stance: needs 0 < release_n <= strike_n <= 1000, min_stance_ms < max_stance_ms, min_swing_ms > 0",
             ),
             Self::TooManyCells => f.write_str("more cells than this device holds"),
             Self::NoCells => f.write_str("no cells"),
             Self::Cell(i) => {
-                write!(f, "cell {i}: coordinates, area or calibration out of range, or too far from its region")
+                write!(f, "cell {i}: coordinates, area or calibration out of range, or its region is too large")
             }
             Self::RegionOrder(i) => write!(f, "cell {i} belongs to a region before that of the previous cell"),
         }
@@ -119,7 +119,7 @@ impl Division {
 /// Checks a configuration for an insole of at most `capacity` cells. Returns the division of the cells into regions.
 ///
 /// # Errors
-/// The first [`SetupError`] in the order of its variants.
+/// The first error. The rules are checked first, then the cells in their order.
 pub(crate) fn check_setup(
     setup: &Setup,
     cells: impl Iterator<Item = SetupCell>,
@@ -140,7 +140,7 @@ pub(crate) fn check_setup(
 /// Checks the cells and divides them into regions.
 ///
 /// # Errors
-/// The first invalid cell, or a wrong number of cells.
+/// If a cell is invalid, or there are too many cells or none.
 fn divide(cells: impl Iterator<Item = SetupCell>, capacity: usize) -> Result<Division, SetupError> {
     let mut counts = [0usize; 8];
     let mut areas_mm2 = [0.0f32; 8];

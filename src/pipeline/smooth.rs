@@ -67,6 +67,7 @@ pub fn polynomial<R: Real>(samples: &mut [R]) {
 struct Gram<R> {
     /// Distance between two points.
     spacing: R,
+    /// The coefficients b(k) of the recurrence.
     b: [R; DEGREE + 1],
     /// One over the squared norm of each polynomial.
     per_norm: [R; DEGREE + 1],

@@ -31,7 +31,7 @@ impl StanceRule {
     pub const WALKING: Self =
         Self { strike_n: 30.0, release_n: 20.0, min_stance_ms: 150, min_swing_ms: 40, max_stance_ms: 2500 };
 
-    /// True where forces and times are in range and in order.
+    /// True if forces and times are in range and in order.
     pub fn is_valid(&self) -> bool {
         self.release_n > 0.0
             && self.release_n <= self.strike_n
@@ -114,18 +114,25 @@ enum Phase {
 #[derive(Debug)]
 pub struct Stance<R> {
     phase: Phase,
+    /// Number of the frame of heel strike.
     start_seq: u32,
+    /// Number of the last frame.
     last_seq: u32,
-    /// Number of frames since heel strike, bridged ones included, and up to the last loaded one.
+    /// Number of frames since heel strike, including bridged frames.
     pushed: u32,
+    /// Number of these frames up to the last frame with the foot on the ground.
     loaded: u32,
-    /// Number of bridged frames since heel strike, and up to the last loaded one.
+    /// Number of bridged frames since heel strike.
     bridged_so_far: u32,
+    /// Number of bridged frames up to the last frame with the foot on the ground.
     bridged: u32,
-    /// Number of frames between two samples of the curves, and number of samples.
+    /// Number of frames from one sample of the curves to the next one.
     stride: u32,
+    /// Number of samples of the curves.
     len: usize,
+    /// Contact area of each region, mm2.
     area_mm2: [[R; STANCE_SAMPLES]; 8],
+    /// Measured force of each region, N.
     force_n: [[R; STANCE_SAMPLES]; 8],
     /// Area, mm2, and force, N, of each region in the last frame.
     last: [(R, R); 8],
@@ -164,8 +171,8 @@ impl<R: Real> Stance<R> {
         self.rejected = Rejected::default();
     }
 
-    /// Processes frame number `seq`. True where it confirms toe off; then the curves are valid until the next call. Sequence
-    /// numbers wrap, and a difference of more than 1 means missing frames.
+    /// Processes frame number `seq`. True if it confirms toe off; then the curves are valid until the next call. Sequence numbers
+    /// wrap, and a difference of more than 1 between two frames means that frames are missing.
     pub fn push(&mut self, limits: &StanceLimits<R>, seq: u32, regions: [&RegionFrame<R>; 8]) -> bool {
         let total_n: R = regions.iter().map(|r| r.force.force_n).sum();
         let missing = seq.wrapping_sub(self.last_seq).wrapping_sub(1);
@@ -247,7 +254,7 @@ impl<R: Real> Stance<R> {
         (self.pushed, self.loaded) = (0, 0);
     }
 
-    /// Adds linearly interpolated frames for the `missing` ones before `regions`.
+    /// Adds linearly interpolated frames for the `missing` frames between the last one and `regions`.
     fn bridge(&mut self, missing: u32, regions: &[&RegionFrame<R>; 8]) {
         let from = self.last;
         for i in 1..=missing {
@@ -272,7 +279,7 @@ impl<R: Real> Stance<R> {
         }
     }
 
-    /// Stores area and force of a frame, unless the stride skips it. True where the frame is stored.
+    /// Stores area and force of a frame, unless the stride skips it. True if the frame is stored.
     fn store_sample(&mut self, sample: impl Fn(usize) -> (R, R)) -> bool {
         if self.len == STANCE_SAMPLES {
             for curve in self.area_mm2.iter_mut().chain(&mut self.force_n) {
@@ -297,7 +304,7 @@ impl<R: Real> Stance<R> {
         is_stored
     }
 
-    /// True from heel strike until toe off is confirmed, and in contacts that will not become steps.
+    /// True from heel strike until toe off is confirmed, and during contacts that will not become steps.
     pub fn on_ground(&self) -> bool {
         matches!(self.phase, Phase::Stance | Phase::Ignored)
     }
@@ -306,7 +313,7 @@ impl<R: Real> Stance<R> {
     /// frames.
     ///
     /// # Panics
-    /// Where `region` is not an index of [`crate::Region::ALL`].
+    /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn curves(&self, region: usize) -> (&[R], &[R]) {
         (&self.area_mm2[region][..self.len], &self.force_n[region][..self.len])
     }
@@ -314,7 +321,7 @@ impl<R: Real> Stance<R> {
     /// Area moments of a region, about its reference point, in the stored frame of its largest measured force.
     ///
     /// # Panics
-    /// Where `region` is not an index of [`crate::Region::ALL`].
+    /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn moments_at_peak(&self, region: usize) -> &AreaMoments {
         &self.at_peak[region].1
     }
@@ -329,12 +336,12 @@ impl<R: Real> Stance<R> {
         self.loaded
     }
 
-    /// Number of these frames that were missing and bridged.
+    /// Number of frames from heel strike to toe off that were missing and bridged.
     pub fn bridged(&self) -> u32 {
         self.bridged
     }
 
-    /// Number of frames between two samples of the curves, a power of 2.
+    /// Number of frames from one sample of the curves to the next one, a power of 2.
     pub fn stride(&self) -> u32 {
         self.stride
     }

@@ -44,14 +44,14 @@ pub struct RegionStep<R> {
     pub contact_s: R,
     /// Time from the first sample in contact to the largest measured force, s.
     pub time_to_peak_s: R,
-    /// Contact ellipse in the sample of the largest measured force; `None` without contact. From [`RegionStep::new`] its centre
-    /// is relative to the reference point of the region, from [`Insole::step_region`](crate::insole::Insole::step_region) in foot
-    /// coordinates.
+    /// Contact ellipse in the sample of the largest measured force; `None` without contact. [`RegionStep::new`] returns its centre
+    /// relative to the reference point of the region; [`Insole::step_region`](crate::insole::Insole::step_region) returns it in
+    /// foot coordinates.
     pub ellipse_at_peak: Option<Ellipse<R>>,
     /// NRMSE (Eq. 20): root mean square of model minus measured force over the contact, divided by the largest measured force.
     /// The measured force is not smoothed. 0.1 is 10 %.
     pub model_error: R,
-    /// The smoothed area exceeded pi A B in some samples, where deformation and model force are lower bounds.
+    /// The smoothed area exceeded pi A B in some samples, in which deformation and model force are lower bounds.
     pub clamped: bool,
     /// Number of cells that were masked at toe off, at most 255.
     pub masked_cells: u8,
@@ -64,7 +64,7 @@ pub struct StepRecord<R> {
     pub side: Side,
     /// Number of the step; see [`Insole::count_steps_from`](crate::insole::Insole::count_steps_from).
     pub step: u32,
-    /// Time of heel strike, us: its sequence number times the frame period.
+    /// Time of heel strike, us: the number of the frame of heel strike times the time between frames.
     pub start_us: u64,
     /// Stance time, from heel strike to toe off, us.
     pub duration_us: u32,
@@ -81,15 +81,15 @@ pub struct StepRecord<R> {
 }
 
 impl<R: Real> RegionStep<R> {
-    /// Evaluates a region. `area_mm2` and `force_n` are the curves of the stance, of equal length, at most [`STANCE_SAMPLES`],
-    /// with `sample_s` between samples. `at_peak` are the area moments at the largest measured force, about the reference point
-    /// of the region; so the centre of [`RegionStep::ellipse_at_peak`] is relative to this point.
+    /// Evaluates a region. `area_mm2` and `force_n` are the curves of the stance. They have the same number of samples, at most
+    /// [`STANCE_SAMPLES`], and the time `sample_s` between samples. `at_peak` are the area moments at the largest measured force,
+    /// about the reference point of the region; so the centre of [`RegionStep::ellipse_at_peak`] is relative to this point.
     ///
     /// The area is smoothed over the contact phase by a three-point mean and a polynomial of 5th order. The deformation follows
     /// from Eq. 14, its rate from Eq. 16, and the force from Eq. 13. Negative areas and forces are replaced by 0.
     ///
     /// # Panics
-    /// Where `force_n` is shorter than the contact, or a curve is longer than [`STANCE_SAMPLES`].
+    /// If `force_n` is shorter than the contact, or a curve is longer than [`STANCE_SAMPLES`].
     pub fn new(law: &ForceLaw<R>, area_mm2: &[R], force_n: &[R], sample_s: R, at_peak: &AreaMoments) -> Self {
         let in_contact = |&area: &R| area > R::ZERO;
         let (Some(first), Some(last)) = (area_mm2.iter().position(in_contact), area_mm2.iter().rposition(in_contact))

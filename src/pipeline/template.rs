@@ -1,4 +1,4 @@
-//! The template: the regions of cells from their position under the foot, for layouts without regions.
+//! The template determines the region of a cell from its position under the foot, for layouts that do not state regions.
 //!
 //! The template is defined in fractions of the foot: y from the back of the heel (0) to the tip of the toes (1), x from the
 //! medial edge (0) to the lateral edge (1) of the foot at that y.
@@ -15,9 +15,9 @@
 //!  y = 0   heel
 //! ```
 //!
-//! Its boundaries follow barefoot and in-shoe pressures of a dozen feet. It is a convention for comparing feet, not anatomy; a
-//! layout with known anatomical regions should state them. The template assumes a sheet about as long as the foot. On a sheet
-//! that extends far beyond the toes, the toes are assigned to the metatarsals.
+//! The boundaries were chosen from barefoot and in-shoe pressures of a dozen feet. The template is a convention for comparing
+//! feet, not anatomy; a layout with known anatomical regions should state them. The template assumes a sensor sheet about as long
+//! as the foot. On a sheet that extends far beyond the toes, it assigns the toes to the metatarsals.
 
 use super::region::Region;
 
@@ -37,8 +37,8 @@ const METATARSALS_SPLIT: f32 = 0.45;
 /// Boundaries between hallux and toe 2, and between toes 2 and 3.
 const TOES_SPLIT: [f32; 2] = [0.40, 0.58];
 
-/// The region at a fraction of the width (0 medial, 1 lateral) and of the length (0 heel, 1 toes). Outside of 0..=1 it is the
-/// nearest region.
+/// The region at a fraction of the width (0 medial, 1 lateral) and of the length (0 heel, 1 toes). A position outside of 0..=1 has
+/// the region of the nearest position inside.
 ///
 /// ```
 /// use plantar::{Region, pipeline::template::region_at};
@@ -65,7 +65,7 @@ pub const fn region_at(x_fraction: f32, y_fraction: f32) -> Region {
     }
 }
 
-/// Linear interpolation between the edges.
+/// Interpolates linearly between the values at the medial and at the lateral edge.
 const fn between([medial, lateral]: [f32; 2], x_fraction: f32) -> f32 {
     medial + (lateral - medial) * x_fraction.clamp(0.0, 1.0)
 }

@@ -30,7 +30,7 @@ impl Tissue {
     /// No parameters: areas and measured forces remain valid; deformation and model force are 0.
     pub const NONE: Self = Self { id: 0, force_laws: [ForceLaw::NONE; 8] };
 
-    /// A set with its identifier.
+    /// The set of these force laws, with its identifier.
     pub fn new(force_laws: [ForceLaw<f32>; 8]) -> Self {
         let mut bytes = [0; 8 * 6 * size_of::<f32>()];
         let numbers =
@@ -45,7 +45,7 @@ impl Tissue {
     /// Checks a set that was received or loaded.
     ///
     /// # Errors
-    /// [`TissueError::Id`] where the set is damaged or [`Tissue::NONE`]; [`TissueError::Region`] where a value is out of range.
+    /// [`TissueError::Id`] if the set is damaged or is [`Tissue::NONE`]; [`TissueError::Region`] if a value is out of range.
     pub fn check(&self) -> Result<(), TissueError> {
         if self.id != Self::new(self.force_laws).id {
             return Err(TissueError::Id);

@@ -4,13 +4,13 @@ use crate::checksum::crc32;
 use crate::pipeline::calibrate::CellCalibration;
 use crate::pipeline::setup::DEVICE_CELLS;
 
-/// Cells in a [`CalibrationBlock`].
+/// Number of cells in a [`CalibrationBlock`].
 pub const BLOCK_CELLS: usize = 16;
 
-/// Blocks of the largest calibration.
+/// Number of blocks of the largest calibration.
 pub const CALIBRATION_BLOCKS: usize = DEVICE_CELLS / BLOCK_CELLS;
 
-/// Calibrations of [`BLOCK_CELLS`] cells; those beyond the last cell are ignored.
+/// Calibrations of [`BLOCK_CELLS`] successive cells. In the last block, those beyond the last cell of the insole are ignored.
 pub type CalibrationBlock = [CellCalibration; BLOCK_CELLS];
 
 /// Computes the identifier of a calibration, cell by cell.
@@ -18,12 +18,12 @@ pub type CalibrationBlock = [CellCalibration; BLOCK_CELLS];
 pub struct CalibrationId(u32);
 
 impl CalibrationId {
-    /// No cells yet.
+    /// The state before the first cell.
     pub const fn new() -> Self {
         Self(0)
     }
 
-    /// Adds cells.
+    /// Adds the calibrations of the next cells.
     pub fn add(&mut self, cells: &[CellCalibration]) {
         for cell in cells {
             let mut bytes = [0; 10];

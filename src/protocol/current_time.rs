@@ -1,9 +1,9 @@
-//! The wall clock as the Bluetooth characteristic Current Time: ten bytes, year (little endian), month, day, hour, minute,
-//! second, day of the week from Monday 1, 1/256 s, and the reason of the adjustment.
+//! The wall clock as the Bluetooth characteristic Current Time. Its ten bytes are: year (two bytes, little endian), month, day,
+//! hour, minute, second, day of the week (Monday is 1), fraction of the second in 1/256 s, and reason for the last adjustment.
 
 const DAY_US: u64 = 86_400_000_000;
 
-/// Number of days of a month, 1 to 12. Not inlined, because the program is compiled for speed and would contain several copies.
+/// Number of days of a month, which is 1 to 12. Not inlined: this code is compiled for speed, and would contain several copies.
 #[inline(never)]
 const fn month_days(year: u16, month: u8) -> u64 {
     match month {
@@ -18,7 +18,7 @@ const fn year_days(year: u16) -> u64 {
     337 + month_days(year, 2)
 }
 
-/// Encodes a time, us since 1970, as ten bytes. They are all zero, which means unknown, for `None`.
+/// Encodes a time, us since 1970, as ten bytes. `None` is encoded as ten zeros, which stand for an unknown time.
 pub fn to_current_time(unix_us: Option<u64>) -> [u8; 10] {
     let Some(unix_us) = unix_us else { return [0; 10] };
     let (mut day, in_day_us) = (unix_us / DAY_US, unix_us % DAY_US);
@@ -42,7 +42,7 @@ pub fn to_current_time(unix_us: Option<u64>) -> [u8; 10] {
     [low, high, month, day, hour, minute, second, weekday as u8, fraction as u8, 0]
 }
 
-/// Decodes ten bytes to a time, us since 1970; `None` where they are not a valid time since then. The day of the week is ignored.
+/// Decodes ten bytes to a time, us since 1970; `None` if they are not a valid time since then. The day of the week is ignored.
 pub fn from_current_time(bytes: &[u8]) -> Option<u64> {
     let &[low, high, month, day, hour, minute, second, _, fraction, _] = bytes else { return None };
     let year = u16::from_le_bytes([low, high]);

@@ -26,7 +26,7 @@ impl Splitter {
         Self { message: [0; MAX_MESSAGE], len: 0, sent: 0, next: 0 }
     }
 
-    /// The place for the next message, before [`Splitter::start`].
+    /// The buffer for the next message, to be filled before [`Splitter::start`].
     pub fn buffer(&mut self) -> &mut [u8; MAX_MESSAGE] {
         &mut self.message
     }
@@ -36,7 +36,7 @@ impl Splitter {
         *self = Self { len: len.min(MAX_MESSAGE), sent: 0, next: 0, ..*self };
     }
 
-    /// True where all fragments of the message were returned.
+    /// True if all fragments of the message were returned.
     pub fn is_done(&self) -> bool {
         self.sent == self.len
     }
@@ -49,7 +49,7 @@ impl Splitter {
         room[..len].copy_from_slice(&rest[..len]);
         self.sent += len;
         *header = self.next | if self.is_done() { LAST } else { 0 };
-        // The longest message in the shortest fragments has fewer than 128.
+        // Even the longest message in the shortest fragments has fewer than 128 of them, so the number fits 7 bits.
         self.next = (self.next + 1) & !LAST;
         Some(len + 1)
     }
@@ -88,7 +88,9 @@ impl core::error::Error for FragmentError {}
 #[derive(Debug, Default)]
 pub struct Joiner {
     message: Vec<u8, MAX_MESSAGE>,
+    /// Number of the next fragment.
     next: u8,
+    /// `message` is complete.
     whole: bool,
 }
 
@@ -98,10 +100,10 @@ impl Joiner {
         Self { message: Vec::new(), next: 0, whole: false }
     }
 
-    /// Adds a fragment; returns the message where this was its last fragment. Fragment 0 always starts a message.
+    /// Adds a fragment; returns the message if this was its last fragment. Fragment 0 always starts a message.
     ///
     /// # Errors
-    /// Where the fragment does not continue the message.
+    /// If the fragment does not continue the message.
     pub fn push(&mut self, fragment: &[u8]) -> Result<Option<&[u8]>, FragmentError> {
         let joined = self.join(fragment);
         if joined.is_err() {

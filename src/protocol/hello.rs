@@ -29,13 +29,13 @@ pub struct Hello {
     pub period_us: u32,
     /// Identifies the wearer's parameters; 0 without any.
     pub tissue_id: u32,
-    /// The rule that areas are counted by.
+    /// The rule that determines contact areas.
     pub contact_rule: ContactRule,
     /// Why the insole last started.
     pub reset: Reset,
-    /// The failure that ended the previous run: its cause, its time, the program's addresses, which `cargo xtask explain`
-    /// translates to source lines, and whether this start is a fallback. Otherwise, the reason why the set-up of this start was
-    /// refused, if it was.
+    /// If a failure ended the previous run: its cause, its time, and addresses in the program, which `cargo xtask explain`
+    /// translates to source lines; the text also states whether this start is a fallback. Otherwise, if the set-up of this start
+    /// was refused: the reason, in which case the insole cannot measure.
     pub last_panic: Option<String<MAX_FAULT_TEXT>>,
 }
 
@@ -48,7 +48,7 @@ pub enum Reset {
     Pin,
     /// Requested by the software.
     Software,
-    /// The watchdog: scan, model or link was stalled.
+    /// The watchdog: scanning, processing or the link was stalled.
     Watchdog,
     /// After a panic, a hard fault or a stack overflow; see [`Hello::last_panic`].
     Panic,

@@ -3,18 +3,18 @@
 use crate::pipeline::region::Side;
 use serde::{Deserialize, Serialize};
 
-/// The stored identity of an insole; a change is in force from its next start on.
+/// The stored identity of an insole. A change is in force from the next start of the insole on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     /// The foot.
     pub side: Side,
     /// The serial number.
     pub serial: Serial,
-    /// Identifies the cells' calibration; 0 for the built-in one.
+    /// Identifies the calibration of the cells; 0 stands for the built-in calibration.
     pub calibration_id: u32,
 }
 
-/// A serial number: up to 16 printable ASCII characters.
+/// A serial number: up to 16 printable ASCII characters without spaces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Serial([u8; 16]);
 
@@ -22,12 +22,12 @@ impl Serial {
     /// No serial number.
     pub const NONE: Self = Self([0; 16]);
 
-    /// True where it consists of printable ASCII followed by zeros only.
+    /// True if the 16 bytes are printable ASCII characters without spaces, followed by zeros only.
     pub fn is_valid(&self) -> bool {
         self.0.iter().skip(self.as_str().len()).all(|byte| *byte == 0)
     }
 
-    /// A serial number; `None` where `text` is longer or has other characters.
+    /// The serial number `text`; `None` if `text` is longer than 16 characters or contains other characters.
     pub fn new(text: &str) -> Option<Self> {
         let mut serial = Self::default();
         let is_printable = text.bytes().all(|byte| byte.is_ascii_graphic());

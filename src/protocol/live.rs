@@ -34,7 +34,7 @@ quantities! {
         regions: [LiveRegion; 8] = loads.each_ref().map(LiveRegion::new);
     }
 
-    /// Rounds one frame to the units of the wire; `masked` is [`crate::insole::Insole::masked`].
+    /// Rounds one frame to the integer units of the message. `masked` is the value of [`crate::insole::Insole::masked`].
     pub fn new<R: Real>(sequence: u32, t_us: u64, loads: &[RegionLoad<R>; 8], masked: u8);
 }
 
@@ -53,20 +53,20 @@ quantities! {
         /// Model force.
         model_dn: u16 = (load.tissue.model_n * R::of(10.0)).round_u16()
             => model_force_n as "model_n" [10 per "N"],
-            "Eq. 13 with the backward difference of Eq. 16.";
+            "Eq. 13, with the backward difference instead of the forward difference of Eq. 16.";
         /// Measured force.
         measured_dn: u16 = (load.frame.force.force_n * R::of(10.0)).round_u16()
             => measured_force_n as "measured_n" [10 per "N"],
             "Sum over the cells of pressure times area.";
     }
 
-    /// Rounds a region to the units of the wire.
+    /// Rounds a region to the integer units of the message.
     fn new<R: Real>(load: &RegionLoad<R>);
     fn numbers(&self) -> [u16];
 }
 
 /// Serialises the regions of a [`Live`] frame as one sequence of bytes, two for each number, little endian. This takes fewer
-/// instructions than number by number.
+/// instructions than serialising every number.
 mod live_regions {
     use super::LiveRegion;
     use core::fmt;

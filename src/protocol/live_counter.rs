@@ -2,7 +2,8 @@
 
 use crate::sequence;
 
-/// Counts the received frames of live streams, and the lost ones by gaps in the sequence numbers and by the insole's own count.
+/// Counts the received and the lost frames of live streams. Lost frames are found by gaps in the sequence numbers and by the
+/// insole's own count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LiveCounter {
     /// Frames that were received in all sessions.
@@ -21,7 +22,7 @@ impl LiveCounter {
     /// A counter before the first frame.
     pub const NEW: Self = Self { received: 0, lost: 0, session_received: 0, session_lost: 0, expected: None };
 
-    /// Begins a session, whose sequence numbers and counts start again.
+    /// Begins a session, in which the sequence numbers and the counts of the insole start from 0 again.
     pub fn new_session(&mut self) {
         *self = Self { received: self.received, lost: self.lost, ..Self::NEW };
     }
@@ -36,8 +37,8 @@ impl LiveCounter {
         self.expected = Some(sequence.wrapping_add(1));
     }
 
-    /// Compares with `live_due`, the insole's count of the frames of this session. Unlike gaps, this also reveals losses before
-    /// the first and after the last received frame.
+    /// Counts the losses that `live_due` reveals, the number of frames that the insole had to send in this session. Unlike gaps,
+    /// it also reveals losses before the first and after the last received frame.
     pub fn due(&mut self, live_due: u32) {
         self.add_lost(live_due.saturating_sub(self.session_received).saturating_sub(self.session_lost));
     }

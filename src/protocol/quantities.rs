@@ -1,7 +1,7 @@
-//! Quantities of steps and live frames: the description from which the wire structures, the columns of files, the page's types
+//! Quantities of steps and live frames: the description from which the message structures, the columns of files, the page's types
 //! and `docs/quantities.md` are derived. `step.rs` and `live.rs` hold the declarations.
 
-/// A quantity of a `T`: how the wire carries it and how files name it.
+/// A quantity of a `T`: its encoding in messages, and its names in files.
 #[derive(Debug)]
 pub struct Quantity<T: 'static> {
     /// Field of `T`.
@@ -20,7 +20,7 @@ pub struct Quantity<T: 'static> {
     pub meaning: &'static str,
     /// Equation or definition.
     pub source: &'static str,
-    /// The field's value; `None` where `T` has none.
+    /// The field's value; `None` if the `T` lacks this quantity.
     pub value: fn(&T) -> Option<i64>,
 }
 
@@ -33,12 +33,12 @@ impl<T> Quantity<T> {
         self.unit == COUNT
     }
 
-    /// The value in [`Quantity::unit`], exact to the resolution of the wire; `None` where `of` has none.
+    /// The value in [`Quantity::unit`], in the resolution of the message; `None` if `of` lacks this quantity.
     pub fn in_unit(&self, of: &T) -> Option<f64> {
         (self.value)(of).map(|value| value as f64 / f64::from(self.per_unit))
     }
 
-    /// The object that holds the quantity in JSON, where [`Quantity::key`] is nested, and its key there.
+    /// The JSON object that contains the quantity, if [`Quantity::key`] is nested, and the key in that object.
     pub fn path(&self) -> (Option<&'static str>, &'static str) {
         self.key.split_once('.').map_or((None, self.key), |(object, key)| (Some(object), key))
     }
@@ -53,12 +53,12 @@ pub struct Flag<T: 'static> {
     pub meaning: &'static str,
     /// Definition.
     pub source: &'static str,
-    /// Bit i: region i has it.
+    /// Bit i: region i has the property.
     pub regions: fn(&T) -> u8,
 }
 
 impl<T> Flag<T> {
-    /// True where region number `region` has the property.
+    /// True if region number `region` has the property.
     pub fn is_set(&self, of: &T, region: usize) -> bool {
         (self.regions)(of) >> region & 1 == 1
     }
@@ -69,7 +69,8 @@ pub(super) fn bits<T>(regions: &[T; 8], is_set: fn(&T) -> bool) -> u8 {
     regions.iter().enumerate().fold(0, |bits, (i, region)| bits | u8::from(is_set(region)) << i)
 }
 
-/// Declares a wire structure, its conversion from the pipeline's type, and the description of its fields. A field is declared as
+/// Declares a message structure, its conversion from the type of the pipeline, and the description of its fields. A field is
+/// declared as
 ///
 /// ```text
 /// /// Meaning, one sentence on one line.
@@ -78,7 +79,7 @@ pub(super) fn bits<T>(regions: &[T; 8], is_set: fn(&T) -> bool) -> u8 {
 ///     "Equation or definition.";
 /// ```
 ///
-/// `as` is omitted where the name is also the key. `if` names a field that is 0 where the quantity is absent. A field with one
+/// `as` is omitted if the name is also the key. `if` names a field that is 0 if the quantity is absent. A field with one
 /// bit for each region is described by `, flags "Definition.";`. A field without a description is not a quantity.
 ///
 /// `fn new` names the inputs of the expressions. With `fn numbers` the structure can also be read as an array.
@@ -104,8 +105,8 @@ macro_rules! quantities {
         pub struct $struct {
             $(
                 #[doc = $meaning]
-                $(#[doc = concat!("\n\nOn the wire: ", $per_unit, " per ", $unit, ". Source: ", $source)])?
-                $(#[doc = concat!("\n\nOn the wire: bit i is region i. Source: ", $flag_source)])?
+                $(#[doc = concat!("\n\nIn messages: ", $per_unit, " per ", $unit, ". Source: ", $source)])?
+                $(#[doc = concat!("\n\nIn messages: bit i is region i. Source: ", $flag_source)])?
                 $(#[$attribute])*
                 pub $field: $type,
             )*
@@ -124,7 +125,7 @@ macro_rules! quantities {
                 }
             )?)*
 
-            /// The quantities, in the order of the wire.
+            /// The quantities, in the order of their fields.
             pub const QUANTITIES: &'static [$crate::protocol::Quantity<Self>] = &[
                 $($(
                     $crate::protocol::Quantity {
@@ -146,7 +147,7 @@ macro_rules! quantities {
                 )?)*
             ];
 
-            /// The properties of each region, in the order of the wire.
+            /// The properties of each region, in the order of their fields.
             pub const FLAGS: &'static [$crate::protocol::Flag<Self>] = &[
                 $($(
                     $crate::protocol::Flag {

@@ -43,7 +43,9 @@ enum Answer {
 }
 
 impl Answer {
-    /// True where the answer announces which parameters are in force. Live frames that are still queued used the previous ones.
+    /// True if the answer announces parameters that are in force from now on. [`Refusal::NotStored`] is such an answer, because
+    /// parameters that could not be stored are in force until the insole restarts. Live frames that are still queued used the
+    /// previous parameters.
     fn is_announcement(&self) -> bool {
         matches!(self, Self::Tissue | Self::Refused(Refusal::NotStored))
     }
@@ -95,7 +97,9 @@ pub struct Session {
     live_before_answer: u8,
     is_streaming: bool,
     live: Deque<Vec<u8, MAX_LIVE>, LIVE_QUEUE>,
+    /// Number of live frames that were due in this session, which is also the sequence number of the next one.
     live_due: u32,
+    /// Number of live frames that were passed to the carrier in this session.
     live_sent: u32,
     steps: Deque<Step, STEP_QUEUE>,
     /// Number of `steps`, from the front, that were sent in this session.
@@ -215,6 +219,7 @@ impl Session {
     /// Completes the pending command with its result, and queues the answer.
     pub fn complete(&mut self, result: Result<CommandResult, Refusal>) {
         let Some(command) = self.command.take() else { return };
+        // Parameters that could not be stored are in force until the insole restarts.
         if let (Command::Tissue(tissue), Ok(_) | Err(Refusal::NotStored)) = (command, result) {
             self.tissue = tissue;
         }

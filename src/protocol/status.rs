@@ -8,33 +8,35 @@ use serde::{Deserialize, Serialize};
 pub struct Status {
     /// Time since the start, us.
     pub uptime_us: u64,
-    /// Processed frames, together with the steps that ended in them.
+    /// Number of processed frames. The frame that ends a step, and the frames after it, are counted only once the step is stored:
+    /// so a host that receives this number has received, or will receive, all steps of these frames.
     pub frames: u32,
-    /// Frame times that passed without a complete scan: late, or the matrix did not answer.
+    /// Number of frame times without a complete scan, because the scan was late or the matrix did not answer.
     pub frames_missed: u32,
-    /// Scanned frames that were dropped because processing was behind.
+    /// Number of frames that were not scanned because the queue to processing was full.
     pub frames_overrun: u32,
-    /// Live frames that were due in this session.
+    /// Number of live frames that were due in this session.
     pub live_due: u32,
-    /// Live frames given to the carrier in this session.
+    /// Number of live frames that were passed to the carrier in this session.
     pub live_sent: u32,
-    /// Steps completed since the start.
+    /// Number of steps completed since the start.
     pub steps: u32,
-    /// Unacknowledged steps that were dropped in favour of newer ones.
+    /// Number of unacknowledged steps that were dropped.
     pub steps_dropped: u32,
-    /// Contacts that did not become steps.
+    /// Number of contacts that did not become steps.
     pub rejected: Rejected,
-    /// Frames received with a wrong CRC or no known message.
+    /// Number of frames, or values over Bluetooth, that arrived with a wrong CRC or without a known message.
     pub bad_frames: u32,
-    /// Processor cycles of a frame with the foot on the ground, from codes to encoded live message: smallest and largest so far.
+    /// Smallest and largest number of processor cycles so far for a frame with the foot on the ground, from codes to encoded live
+    /// message.
     pub frame_cycles: (u32, u32),
     /// Deepest use of the main stack so far, bytes.
     pub stack_bytes: u32,
-    /// Sensor faults detected since the start; see [`super::ToDevice::GetFaults`].
+    /// Number of sensor faults detected since the start; see [`super::ToDevice::GetFaults`].
     pub faults: u32,
     /// Number of zero corrections of unloaded cells.
     pub rezeroed: u32,
-    /// Records, steps and acknowledgements that could not be stored.
+    /// Number of records, steps and acknowledgements that could not be stored.
     pub not_stored: u32,
     /// Contents of the flash chip.
     pub contents: Contents,
@@ -45,12 +47,12 @@ pub struct Status {
 pub struct Contents {
     /// Number of the present boot, from 1.
     pub start: u32,
-    /// Number of the next step, as far as the step log shows.
+    /// Number of the next step, according to the step log.
     pub next_step: u32,
-    /// Bit k: records of kind k have a newer version than this firmware knows. They are not changed.
+    /// Bit k: records of kind k exist in a newer format than this firmware knows. They are not changed.
     pub newer_kinds: u32,
-    /// Entries of the step log with a newer version. They are not changed until the log is full.
+    /// Number of entries of the step log in a newer format. They are not changed until the log is full.
     pub newer_steps: u32,
-    /// Areas that were damaged beyond repair and had to be erased.
+    /// Number of areas, records or step log, that were damaged beyond repair and were erased at this start.
     pub erased: u32,
 }

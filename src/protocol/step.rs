@@ -1,4 +1,4 @@
-//! The step record on the wire.
+//! The step record as a message.
 
 use super::quantities::{bits, quantities};
 use crate::num::Real;
@@ -48,11 +48,11 @@ quantities! {
         boots_since: u32 = 0
             => starts_ago [1 per "count"],
             "Counted by the insole.";
-        /// `start_us` on the wall clock, us since 1970, UTC; `None` where the clock was not set.
+        /// `start_us` on the wall clock, us since 1970, UTC; `None` if the clock was not set.
         start_unix_us: Option<u64> = None;
     }
 
-    /// Rounds a step of the running boot to the units of the wire.
+    /// Rounds a step of the running boot to the integer units of the message.
     pub fn new<R: Real>(record: &StepRecord<R>);
 }
 
@@ -141,21 +141,21 @@ quantities! {
             "Cells that the fault detector replaces by their neighbours.";
     }
 
-    /// Rounds a region to the units of the wire.
+    /// Rounds a region to the integer units of the message.
     fn new<R: Real>(region: &RegionStep<R>);
 }
 
 impl Step {
     /// The step without the field that changes when an insole repeats it after a restart.
     ///
-    /// Equal contents are the same step. The number alone does not identify a step: an insole with a new flash chip numbers its
-    /// steps from 0 again.
+    /// Two records with equal contents describe the same step. The number alone does not identify a step: an insole with a new
+    /// flash chip numbers its steps from 0 again.
     #[must_use]
     pub fn content(&self) -> Self {
         Self { boots_since: 0, ..*self }
     }
 
-    /// True where both are the same step, before and after a restart of the insole.
+    /// True if both records describe the same step, even if the insole restarted between them.
     #[must_use]
     pub fn is_same(&self, other: &Self) -> bool {
         self.content() == other.content()

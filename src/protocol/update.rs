@@ -3,14 +3,15 @@
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
-/// Length of a chunk, bytes. An image is padded to whole chunks and sent chunk by chunk. It is the largest length that the flash
-/// chip writes at once.
+/// Length of a chunk, bytes: the largest number of bytes that the flash chip writes at once. An image is padded to whole chunks
+/// and sent chunk by chunk.
 pub const CHUNK: usize = 256;
 /// A chunk of an image; a nested array, because serde supports arrays of up to 32 elements.
 pub type Chunk = [[u8; 32]; CHUNK / 32];
 /// An ed25519 signature of an image's SHA-512; a nested array, as above.
 pub type Signature = [[u8; 32]; 2];
 
+/// The first bytes of every header.
 const MAGIC: [u8; 8] = *b"plantar1";
 
 /// The header of an image, [`crate::storage::flash_map::HEADER`] bytes after its beginning.
@@ -26,7 +27,7 @@ impl Header {
     /// Length of [`Header::bytes`].
     pub const BYTES: usize = size_of::<Self>();
 
-    /// The header of an image for a board. Name and version (`1.2.3` or `1.2.3+build`) have at most 16 bytes.
+    /// The header of an image for a board. Its name and the version (`1.2.3` or `1.2.3+build`) have at most 16 bytes each.
     pub const fn new(board: &str, version: &str) -> Self {
         const fn padded(text: &str) -> [u8; 16] {
             let (text, mut bytes) = (text.as_bytes(), [0; 16]);
@@ -36,7 +37,7 @@ impl Header {
         Self { magic: MAGIC, board: padded(board), version: padded(version) }
     }
 
-    /// Decodes a header; `None` where `bytes` hold none.
+    /// Decodes a header; `None` if `bytes` are not a valid header.
     pub fn read(bytes: &[u8; Self::BYTES]) -> Option<Self> {
         let (magic, rest) = bytes.split_first_chunk()?;
         let (board, rest) = rest.split_first_chunk()?;
@@ -65,7 +66,8 @@ impl Header {
         text(&self.version)
     }
 
-    /// The three numbers of the version, for comparison. What follows a plus sign, as in `1.2.3+build`, does not count.
+    /// The three numbers of the version, for comparison; `None` if it has another form. A part after a plus sign, as in
+    /// `1.2.3+build`, is ignored.
     pub fn number(&self) -> Option<[u16; 3]> {
         let (release, _build) = self.version().split_once('+').unwrap_or((self.version(), ""));
         let mut parts = release.split('.');
@@ -85,15 +87,15 @@ fn text(bytes: &[u8; 16]) -> &str {
 /// An image that a host offers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Offer {
-    /// Its header.
+    /// The header of the image.
     pub header: Header,
-    /// Its length, chunks.
+    /// The length of the image, chunks.
     pub chunks: u16,
-    /// Its signature.
+    /// The signature of the image.
     pub signature: Signature,
 }
 
-/// A step of an update.
+/// A request of a host during a firmware update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "requests live one at a time, in place")]
 pub enum Request {
@@ -101,9 +103,9 @@ pub enum Request {
     Begin(Offer),
     /// A chunk of the image.
     Chunk {
-        /// Its number, from 0.
+        /// The number of the chunk, from 0.
         number: u16,
-        /// Its content.
+        /// The content of the chunk.
         chunk: Chunk,
     },
     /// Ends the transfer: the insole checks the signature and restarts with the new image.
@@ -119,7 +121,7 @@ pub enum Progress {
     Accepted,
 }
 
-/// Why an image was not accepted; the running one remains in use.
+/// Why an image was not accepted; the running image remains in use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
     /// The image is for another board.
@@ -130,7 +132,7 @@ pub enum Refusal {
     Length,
     /// The running image is still on trial.
     OnTrial,
-    /// No transfer was begun, as after a restart.
+    /// No transfer is in progress, because none was begun or the insole restarted.
     NotBegun,
     /// Chunks are missing.
     Incomplete,

@@ -1,4 +1,4 @@
-//! Addresses in flash, which bootloaders, application, build scripts and host programs agree on.
+//! Addresses in flash, for bootloaders, application, build scripts and host programs.
 
 use core::ops::Range;
 
@@ -20,11 +20,11 @@ pub const RECORDS: Range<u32> = 0..16 * SECTOR;
 pub const LOG: Range<u32> = RECORDS.end..RECORDS.end + 256 * SECTOR;
 /// The state of the bootloader, in the flash chip.
 pub const STATE: Range<u32> = 0x12_0000..0x12_0000 + SECTOR;
-/// The image that is being received, later the previous one, in the flash chip. The bootloader swaps it with [`ACTIVE`] through
-/// one more sector.
+/// The image that is being received, or after a swap the previous image, in the flash chip. The bootloader swaps it with
+/// [`ACTIVE`], for which it needs one more sector.
 pub const OTHER: Range<u32> = 0x14_0000..0x14_0000 + MAX_IMAGE + SECTOR;
 
-/// Offset of the [`crate::protocol::update::Header`] in an image: after the longest vector table.
+/// Offset of the [`crate::protocol::update::Header`] in an image: after the longest vector table of the supported controllers.
 pub const HEADER: u32 = 0x200;
 /// Size that is reserved for the header, bytes.
 pub const HEADER_BYTES: u32 = 64;

@@ -9,8 +9,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "entries exist one at a time, in place")]
 pub(super) enum Entry {
+    /// A step that no host has acknowledged yet.
     Step {
-        /// The boot that recorded the step.
+        /// Number of the boot that recorded the step.
         boot: u32,
         step: Step,
     },
@@ -18,7 +19,7 @@ pub(super) enum Entry {
     Acknowledged { next: u32 },
 }
 
-/// Version of [`Entry`], its first byte.
+/// Version of [`Entry`], the first byte of an encoded entry.
 const VERSION: u8 = 2;
 
 impl Entry {

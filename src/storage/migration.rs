@@ -5,12 +5,12 @@ use crate::pipeline::region::Side;
 use crate::protocol::{Step, StepRegion, decode};
 use serde::Deserialize;
 
-/// Reads an older version of a record. All kinds are at version 1, so there is none.
+/// Decodes an older version of a record. All kinds are at version 1, so there is no older version yet.
 pub(super) fn record<R>(_version: u8, _bytes: &[u8]) -> Option<R> {
     None
 }
 
-/// Bytes of a [`StepRegion`] in version 1, which lacks the number of masked cells, its last byte.
+/// Number of bytes of a [`StepRegion`] in version 1, which lacks the present last byte, the number of masked cells.
 const REGION_V1_BYTES: usize = 30;
 
 /// Version 1 of the entries of the step log.

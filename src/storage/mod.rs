@@ -1,9 +1,9 @@
 //! Persistent data in a NOR flash chip: records that are replaced, a log of steps that no host has acknowledged, and firmware
 //! images.
 //!
-//! Records and log are `sequential-storage`'s, which spreads the wear, protects every item by a CRC-32 and recovers from a loss
-//! of power during any write: an item is stored completely or not at all. Every record and step contains the version of its
-//! format. `docs/storage.md` has the map, the wear and the rules.
+//! Records and log use the package `sequential-storage`, which spreads the wear, protects every item by a CRC-32 and recovers
+//! from a loss of power during any write: an item is stored completely or not at all. Every record and step contains the version
+//! of its format. `docs/storage.md` has the map of the chip, its wear, and the rules for the stored data.
 
 pub mod boot;
 pub mod flash_map;

@@ -16,12 +16,14 @@ pub fn state_partition<F>(chip: &Mutex<NoopRawMutex, F>) -> Partition<'_, F, STA
     Partition::new(chip, STATE)
 }
 
-/// A range of the flash chip, written `WRITE` bytes at a time. Short reads are served from a buffered page, and other tasks run
-/// between pages.
+/// A range of the flash chip, written `WRITE` bytes at a time. Short reads are served from a buffered page; other tasks can run
+/// after each page that is read into the buffer.
 pub struct Partition<'a, F, const WRITE: usize> {
     chip: &'a Mutex<NoopRawMutex, F>,
     range: Range<u32>,
+    /// The buffered page.
     page: [u8; CHUNK],
+    /// Address of the buffered page in the chip; `None` if no page is buffered.
     page_at: Option<u32>,
 }
 
@@ -31,7 +33,10 @@ impl<'a, F, const WRITE: usize> Partition<'a, F, WRITE> {
         Self { chip, range, page: [0; CHUNK], page_at: None }
     }
 
-    /// The address of the `len` bytes at `offset`, where they are within the partition.
+    /// The address in the chip of the `len` bytes at `offset`.
+    ///
+    /// # Errors
+    /// If they are not within the partition.
     fn at(&self, offset: u32, len: u32) -> Result<u32, NorFlashErrorKind> {
         let room = (self.range.end - self.range.start).checked_sub(offset).ok_or(NorFlashErrorKind::OutOfBounds)?;
         if len <= room { Ok(self.range.start + offset) } else { Err(NorFlashErrorKind::OutOfBounds) }

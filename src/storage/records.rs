@@ -42,7 +42,7 @@ pub struct CalibrationRecord {
     pub cells: u16,
     /// Checksum of the cells' calibrations, from [`crate::protocol::CalibrationId`].
     pub id: u32,
-    /// The slot that contains it, of two: the next calibration is written to the other slot.
+    /// The slot that contains its blocks, 0 or 0x80. The next calibration is written to the other slot.
     pub slot: u8,
 }
 
@@ -54,7 +54,7 @@ pub struct CellsRecord(pub CalibrationBlock);
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Bonds(pub Vec<u8, MAX_BONDS_BYTES>);
 
-/// Number of boots for each [`Reset`], in their order.
+/// Number of boots for each variant of [`Reset`], in their order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BootCounters(pub [u32; 6]);
 
@@ -66,7 +66,7 @@ impl BootCounters {
         }
     }
 
-    /// Number of all boots, which is the number of the running one.
+    /// Number of all boots, which is also the number of the present boot.
     pub fn total(&self) -> u32 {
         self.0.iter().fold(0, |sum, count| sum.wrapping_add(*count))
     }
@@ -94,5 +94,6 @@ records! {
     BootCounters: 6, 1;
 }
 
-/// Key of a record: kind, part and version. Versions have separate keys, so that none replaces a newer one.
+/// Key of a record: kind, part (for blocks of a calibration; otherwise 0) and version. The version is in the key so that a record
+/// never replaces a newer version.
 pub(super) type Key = [u8; 3];

@@ -14,10 +14,11 @@ use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
 
-/// Attempts to write a record that can be read back.
+/// Largest number of attempts to write a record. An attempt fails if the record cannot be read back.
 const WRITE_ATTEMPTS: usize = 3;
 
-/// Distinguishes the blocks in one slot from those in the other: a bit above all block numbers.
+/// The second of the two slots for a calibration; the first is 0. The part of a block's record is the slot combined with the block
+/// number, which is below this bit.
 const OTHER_SLOT: u8 = 0x80;
 
 type LogCache = Cache<CalculatedPageStates, Uncached, Uncached>;
@@ -35,7 +36,8 @@ pub struct Store<F> {
 }
 
 impl<F: MultiwriteNorFlash> Store<F> {
-    /// Surveys the chip and counts this boot. Without a chip, or where it fails, the contents are unknown and nothing is stored.
+    /// Determines the contents of the chip, erases areas that cannot be used, and counts this boot. Without a chip, or if it
+    /// fails, the contents are unknown and nothing is stored.
     pub async fn open(flash: Option<F>, reset: Reset) -> Self {
         let mut store = Self { flash, log_cache: empty_cache(), buffer: [0; BUFFER], contents: Contents::default() };
         // A new chip is blank. A chip with foreign data, or damaged beyond repair, could not store anything unless it is erased.
@@ -43,15 +45,16 @@ impl<F: MultiwriteNorFlash> Store<F> {
         let log = store.survey_log().await;
         let boots = store.get::<BootCounters>(0).await;
         let has_boots = matches!(boots, Ok(Some(_)));
-        // A new chip, on which the first boot was interrupted, has at most the first entry of the log.
-        let is_ours = has_boots || store.contents.next_step != 0;
-        // Where anything can be read, the rest may have been written by a newer firmware.
+        // This firmware has used the chip before if the chip has a count of boots or a step number. The first boot on a new chip
+        // may have been interrupted: then it has at most the first log entry, with step number 0, and nothing is lost by erasing.
+        let is_in_use = has_boots || store.contents.next_step != 0;
+        // An area is not erased if anything in it can be read, because a newer firmware may have written the rest.
         let is_empty = |count| matches!(count, Ok(0) | Err(StorageError::Contents));
         if is_empty(records) && matches!(boots, Ok(None) | Err(StorageError::Contents)) {
-            store.clear(RECORDS, is_ours).await;
+            store.clear(RECORDS, is_in_use).await;
         }
         if is_empty(log) {
-            store.clear(LOG, is_ours).await;
+            store.clear(LOG, is_in_use).await;
             // From here on the log always has an entry, so that numbering continues after a restart.
             let _ = store.push(&Entry::Acknowledged { next: 0 }).await;
         }
@@ -63,23 +66,24 @@ impl<F: MultiwriteNorFlash> Store<F> {
         store
     }
 
-    /// The contents, as surveyed and changed since.
+    /// The contents: determined by [`Store::open`] and updated since.
     pub fn contents(&self) -> Contents {
         self.contents
     }
 
-    /// The chip, for areas outside the store.
+    /// The chip, for access to areas outside the store.
     pub fn flash(&mut self) -> Option<&mut F> {
         self.flash.as_mut()
     }
 
-    /// Erases the range unless it is blank. A chip that fails here fails again at the next write, which is reported.
-    async fn clear(&mut self, range: Range<u32>, is_ours: bool) {
+    /// Erases the range unless it is blank. With `count_as_loss`, an erased range is counted in [`Contents::erased`]. A chip that
+    /// fails here fails again at the next write, which is reported.
+    async fn clear(&mut self, range: Range<u32>, count_as_loss: bool) {
         let Some(flash) = &mut self.flash else { return };
         let mut bytes = [0; 128];
         for at in range.clone().step_by(bytes.len()) {
             if flash.read(at, &mut bytes).await.is_ok() && bytes.iter().any(|byte| *byte != 0xff) {
-                self.contents.erased += u32::from(is_ours);
+                self.contents.erased += u32::from(count_as_loss);
                 self.log_cache = empty_cache();
                 let _ = flash.erase(range.start, range.end).await;
                 return;
@@ -87,7 +91,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         }
     }
 
-    /// Number of stored items; each version of a record counts.
+    /// Counts the stored items, and notes kinds with a newer version. Each version of a record is an item.
     async fn survey_records(&mut self) -> Result<u32, StorageError> {
         let mut records = records(&mut self.flash)?;
         let mut items = records.fetch_all_items(&mut self.buffer).await?;
@@ -102,7 +106,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(count)
     }
 
-    /// Number of log entries.
+    /// Counts the log entries, and determines the number of the next step.
     async fn survey_log(&mut self) -> Result<u32, StorageError> {
         let Self { flash, log_cache, buffer, contents } = self;
         with_log(flash, log_cache, async |log| {
@@ -120,7 +124,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         .await
     }
 
-    /// Part `part` of the record of a kind; `None` where there is none that this firmware can read.
+    /// Reads part `part` of the record `R`; `None` if there is none that this firmware can read.
     ///
     /// # Errors
     /// See [`StorageError`].
@@ -135,7 +139,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(None)
     }
 
-    /// Replaces part `part` of the record of a kind. A loss of power leaves the old or the new one.
+    /// Replaces part `part` of the record `R`. A loss of power leaves either the old or the new part.
     ///
     /// # Errors
     /// See [`StorageError`].
@@ -157,6 +161,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Err(StorageError::Chip)
     }
 
+    /// Removes the older versions of a part of the record `R`.
     async fn remove_older<R: Record>(&mut self, part: u8) -> Result<(), StorageError> {
         let mut records = records(&mut self.flash)?;
         for older in 1..R::VERSION {
@@ -174,7 +179,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         self.put(slot | block, &CellsRecord(*cells)).await
     }
 
-    /// Puts the calibration made of the stored blocks in force. False where the checksum of its cells is not `id`.
+    /// Makes the stored blocks the calibration that is in force from the next start on. Returns false, and changes nothing, if the
+    /// checksum of their cells is not `id`.
     ///
     /// # Errors
     /// See [`StorageError`].
@@ -187,7 +193,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(found == Some(id))
     }
 
-    /// The calibration in force, where it is complete and belongs to this layout.
+    /// Reads the calibration in force; `None` if it is incomplete or belongs to another layout.
     ///
     /// # Errors
     /// See [`StorageError`].
@@ -197,7 +203,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok((fits && self.calibration_id(&calibration).await? == Some(calibration.id)).then_some(calibration))
     }
 
-    /// A block of a calibration; `None` where it is not stored.
+    /// A block of a calibration; `None` if it is not stored.
     ///
     /// # Errors
     /// See [`StorageError`].
@@ -215,6 +221,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(in_force.map_or(0, |calibration| calibration.slot ^ OTHER_SLOT))
     }
 
+    /// The checksum of the stored cells of a calibration; `None` if a block is missing.
     async fn calibration_id(&mut self, calibration: &CalibrationRecord) -> Result<Option<u32>, StorageError> {
         let mut id = CalibrationId::new();
         let mut left = usize::from(calibration.cells);
@@ -237,6 +244,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(dropped)
     }
 
+    /// Appends an entry to the log. A full log drops its oldest entries; returns the number of dropped steps.
     async fn push(&mut self, entry: &Entry) -> Result<u32, StorageError> {
         let mut bytes = [0; BUFFER];
         let bytes = entry.encode(&mut bytes);
@@ -260,8 +268,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// See [`StorageError`].
     pub async fn acknowledge(&mut self, step: u32) -> Result<(), StorageError> {
         let next = step.wrapping_add(1);
-        // Without this entry the log would become empty and lose the number of the next step. The acknowledged step may also be
-        // one after the last stored one, which could not be stored.
+        // All stored steps are acknowledged, so the log would become empty and lose the number of the next step; this entry
+        // preserves it. The acknowledged step can be later than all stored steps, if it could not be stored.
         if !is_after(self.contents.next_step, next) {
             self.push(&Entry::Acknowledged { next }).await?;
             self.contents.next_step = next;
@@ -282,8 +290,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
         .await
     }
 
-    /// Passes the steps after number `after`, or all, to `take`, oldest first and each with the number of boots since it was
-    /// recorded, until `take` returns false. True where steps remain.
+    /// Passes the stored steps after number `after`, or all stored steps for `None`, to `take`, the oldest first, until `take`
+    /// returns false. Each step has the number of boots since it was recorded. True if steps remain.
     ///
     /// # Errors
     /// See [`StorageError`].
@@ -310,11 +318,12 @@ impl<F: MultiwriteNorFlash> Store<F> {
 
 type Records<'f, F> = MapStorage<Key, &'f mut F, Cache<Uncached, Uncached, Uncached, Key>>;
 
+/// Access to the records.
 fn records<F: MultiwriteNorFlash>(flash: &mut Option<F>) -> Result<Records<'_, F>, StorageError> {
     Ok(MapStorage::new(flash.as_mut().ok_or(StorageError::Chip)?, MapConfig::new(RECORDS), Cache::new_uncached()))
 }
 
-/// Gives `work` access to the log, and preserves the cached state of its pages.
+/// Gives `work` access to the log, and preserves the cached state of its pages unless `work` fails.
 async fn with_log<F: MultiwriteNorFlash, T>(
     flash: &mut Option<F>,
     cache: &mut LogCache,

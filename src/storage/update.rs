@@ -1,7 +1,7 @@
-//! Receives a firmware image, verifies its signature, and marks it for the bootloader to swap with the running one.
+//! Receives a firmware image, verifies its signature, and marks it for the bootloader to swap with the running image.
 //!
-//! The bootloader, `embassy-boot`, swaps at the next start, and swaps back at the start after that unless the new image confirmed
-//! itself. `docs/update.md` has the whole procedure.
+//! The bootloader, `embassy-boot`, swaps the images at the next start, and swaps them back at the start after that, unless the new
+//! image has confirmed itself. `docs/update.md` has the whole procedure.
 
 use super::flash_map::{HEADER, MAX_IMAGE, OTHER, SECTOR};
 use super::partition::{Partition, STATE_WORD, state_partition};
@@ -36,7 +36,9 @@ const fn from_hex(text: &str) -> [u8; 32] {
 /// The state of a transfer.
 #[derive(Debug, Default)]
 pub struct Update {
+    /// The image that is being received.
     offer: Option<Offer>,
+    /// Number of the next chunk.
     next: u16,
 }
 
@@ -46,7 +48,7 @@ impl Update {
         Self { offer: None, next: 0 }
     }
 
-    /// Executes a request. `running` is the header of the running image, `key` the public key that signatures are verified with.
+    /// Executes a request. `running` is the header of the running image, `key` the public key for verifying the signature.
     ///
     /// # Errors
     /// The [`Refusal`] to send to the host.
@@ -79,7 +81,7 @@ impl Update {
         if !(1..=MAX_IMAGE).contains(&(u32::from(offer.chunks) * CHUNK as u32)) {
             return Err(Refusal::Length);
         }
-        // The previous image occupies the place of the new one.
+        // During a trial, the previous image is at the address to which the new image would be written.
         if is_on_trial(flash).await? {
             return Err(Refusal::OnTrial);
         }
@@ -91,7 +93,7 @@ impl Update {
 
     async fn chunk<F: NorFlash>(&mut self, flash: &mut F, number: u16, chunk: &Chunk) -> Result<Progress, Refusal> {
         let offer = self.offer.as_ref().ok_or(Refusal::NotBegun)?;
-        // A chunk with any other number is stored already, or follows one that was lost.
+        // A chunk with any other number is ignored: it is stored already, or an earlier chunk was lost.
         if number == self.next && number < offer.chunks {
             let at = OTHER.start + u32::from(number) * CHUNK as u32;
             if at.is_multiple_of(SECTOR) {
@@ -108,7 +110,7 @@ impl Update {
         if self.next < offer.chunks {
             return Err(Refusal::Incomplete);
         }
-        // Sending more chunks cannot correct an error from here on.
+        // The transfer ends here: more chunks could not correct any of the following errors.
         *self = Self::new();
         let mut header = [0; Header::BYTES];
         flash.read(OTHER.start + HEADER, &mut header).await.map_err(|error| error.kind())?;
@@ -126,10 +128,10 @@ impl Update {
     }
 }
 
-/// True where the bootloader swaps the running image back unless it is confirmed.
+/// True if the running image is on trial: the bootloader swaps it back at the next start, unless it is confirmed before.
 ///
 /// # Errors
-/// [`Refusal::Chip`] where the chip fails.
+/// [`Refusal::Chip`] if the chip fails.
 pub async fn is_on_trial<F: NorFlash>(flash: &mut F) -> Result<bool, Refusal> {
     let (chip, mut word) = (Mutex::new(flash), [0; STATE_WORD]);
     Ok(FirmwareState::new(state_partition(&chip), &mut word).get_state().await? == State::Swap)
@@ -138,7 +140,7 @@ pub async fn is_on_trial<F: NorFlash>(flash: &mut F) -> Result<bool, Refusal> {
 /// Confirms the running image.
 ///
 /// # Errors
-/// [`Refusal::Chip`] where the chip fails.
+/// [`Refusal::Chip`] if the chip fails.
 pub async fn confirm<F: NorFlash>(flash: &mut F) -> Result<(), Refusal> {
     let (chip, mut word) = (Mutex::new(flash), [0; STATE_WORD]);
     Ok(FirmwareState::new(state_partition(&chip), &mut word).mark_booted().await?)

@@ -1,8 +1,10 @@
-//! The parts of a simulated insole: matrix, flash chip, serial cable and the radio link.
+//! The parts of a simulated insole: sensor matrix, flash chip, serial cable and radio link.
 
+use crate::executor::ResetCause;
 use crate::fixtures::text;
 use crate::nor_flash::{NorFlashChip, PowerOff};
 use crate::virtual_time::now_us;
+use crate::walk::Wearer;
 use embassy_time::Timer;
 use embedded_io_async::ErrorType;
 use embedded_storage_async::nor_flash::{self, MultiwriteNorFlash, NorFlash, ReadNorFlash};
@@ -19,16 +21,15 @@ use std::future::poll_fn;
 use std::rc::Rc;
 use std::task::{Poll, Waker};
 
-use crate::walk::Wearer;
-
-/// Duration of a write and of an erase of the flash chip, us: typical values of a W25Q32.
+/// Duration of a write operation of the flash chip, us: a typical value of a W25Q32.
 const WRITE_US: u64 = 700;
+/// Duration of an erase operation of a sector, us: a typical value of a W25Q32.
 const ERASE_US: u64 = 45_000;
 
 /// Rows of the matrix.
 pub const ROWS: usize = 16;
 
-/// The flash chip of an insole, the content of which survives resets.
+/// The flash chip of an insole. The test and each boot of the insole share it, so that its content survives resets.
 #[derive(Clone)]
 pub struct SharedChip(pub Rc<RefCell<NorFlashChip>>);
 
@@ -81,13 +82,14 @@ impl Reference {
     /// A reference with the configuration of `wearer`'s insole.
     ///
     /// # Panics
-    /// Where the configuration is refused.
+    /// If the configuration is refused.
     pub fn new(wearer: &Wearer) -> Self {
         let mut insole = Box::new(Insole::new());
         insole.set_up(wearer.setup(), wearer.cells()).expect("a computed insole is valid");
         Self { insole, steps: Vec::new(), frames: 0 }
     }
 
+    /// Passes a complete frame through the pipeline.
     fn frame(&mut self, seq: u32, codes: &[u16]) {
         self.frames += 1;
         if self.insole.frame(seq, codes) {
@@ -144,13 +146,15 @@ pub struct Cable {
     /// Bytes in transit to the host.
     pub to_host: VecDeque<u8>,
     to_insole: VecDeque<u8>,
+    /// Wakes the insole's task that waits for bytes.
     reader: Option<Waker>,
     /// The cable is cut: bytes are lost in both directions.
     pub is_cut: bool,
-    /// Time of one byte to the host, us.
+    /// Duration of the transfer of one byte to the host, us; 0 for an unlimited rate.
     pub byte_us: f64,
     /// Bytes to the host from one damaged byte to the next; 0 for no damage.
     pub damaged_every: u32,
+    /// Number of bytes sent to the host so far.
     bytes: u32,
 }
 
@@ -163,6 +167,7 @@ impl Cable {
         }
     }
 
+    /// Transfers bytes from the insole to the host.
     fn receive(&mut self, bytes: &[u8]) {
         for byte in bytes {
             self.bytes = self.bytes.wrapping_add(1);
@@ -213,7 +218,7 @@ impl embedded_io_async::Write for CableEnd {
 
 /// A radio link between insole and central, at the level of GATT values.
 pub struct RadioLink {
-    /// The insole's side, while it runs.
+    /// The insole's GATT server, while the insole is on.
     pub server: Option<Rc<dyn GattServer>>,
     /// Time of the insole's start, us.
     pub origin_us: u64,
@@ -222,9 +227,9 @@ pub struct RadioLink {
     /// A central is connected.
     pub is_connected: bool,
     waker: Option<Waker>,
-    /// Longest value, bytes.
+    /// Largest length of a value, bytes: the ATT MTU minus 3.
     pub max_value: usize,
-    /// Time between two values, us.
+    /// Duration of the transfer of one value to the central, us.
     pub value_us: u64,
 }
 
@@ -285,7 +290,7 @@ async fn until(radio: &RefCell<RadioLink>, is_reached: impl Fn(&RadioLink) -> bo
     .await
 }
 
-/// A board with Bluetooth on which bonding is always open.
+/// A Bluetooth board on which centrals can bond at any time.
 pub struct HostBluetooth;
 
 impl BluetoothBoard for HostBluetooth {
@@ -302,16 +307,15 @@ impl BluetoothBoard for HostBluetooth {
     }
 }
 
-/// The text of the crash record that a reset leaves.
-pub fn crash_text(reset: super::executor::Reset) -> Option<heapless::String<MAX_FAULT_TEXT>> {
-    use super::executor::Reset;
-    match reset {
-        Reset::Software => None,
-        Reset::Watchdog(parts) => {
+/// The text of the crash record that the firmware saves before a reset.
+pub fn crash_text(cause: ResetCause) -> Option<heapless::String<MAX_FAULT_TEXT>> {
+    match cause {
+        ResetCause::Software => None,
+        ResetCause::Watchdog(parts) => {
             let names = plantar::firmware::supervise::PARTS.iter().enumerate();
             let stalled = names.filter(|(bit, _)| parts >> bit & 1 == 1).map(|(_, name)| *name);
             Some(text(&format!("stalled: {}", stalled.collect::<Vec<_>>().join(" "))))
         }
-        Reset::Panic => Some(text("panic")),
+        ResetCause::Panic => Some(text("panic")),
     }
 }

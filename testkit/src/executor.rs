@@ -26,18 +26,18 @@ impl Wake for Woken {
 
 /// Why a simulated processor is reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reset {
+pub enum ResetCause {
     /// The firmware requested the reset.
     Software,
-    /// The supervision found a stalled part; bits as [`plantar::firmware::supervise::Watchdog::check`] returns them.
+    /// The watchdog found stalled tasks; their bits, as [`plantar::firmware::supervise::Watchdog::check`] returns them.
     Watchdog(u32),
     /// The firmware panicked.
     Panic,
 }
 
-/// Resets the insole of the running task, which ends all tasks of that insole.
-pub fn reset(reset: Reset) -> ! {
-    resume_unwind(Box::new(reset))
+/// Resets the insole to which the running task belongs: all tasks of that insole end.
+pub fn reset(cause: ResetCause) -> ! {
+    resume_unwind(Box::new(cause))
 }
 
 /// Runs tasks in the order in which they were spawned.
@@ -64,14 +64,14 @@ impl Executor {
         self.tasks.iter_mut().filter(|task| task.name == name).for_each(|task| task.is_stalled = true);
     }
 
-    /// Runs each woken task once, until `is_off` returns true; returns true if a task ran.
+    /// Runs each woken task once, and stops early if `is_off` returns true after a task. Returns true if a task ran.
     ///
     /// # Errors
     /// The reset that a task caused.
     ///
     /// # Panics
-    /// With the panic of a task that is not a [`Reset`].
-    pub fn run_woken(&mut self, mut is_off: impl FnMut() -> bool) -> Result<bool, Reset> {
+    /// If a task panics; [`reset`] does not count as a panic.
+    pub fn run_woken(&mut self, mut is_off: impl FnMut() -> bool) -> Result<bool, ResetCause> {
         let mut has_run = false;
         let mut index = 0;
         while let Some(task) = self.tasks.get_mut(index) {
@@ -98,9 +98,9 @@ impl Executor {
     }
 }
 
-fn reset_of(payload: Box<dyn Any + Send>) -> Reset {
-    match payload.downcast::<Reset>() {
-        Ok(reset) => *reset,
+fn reset_of(payload: Box<dyn Any + Send>) -> ResetCause {
+    match payload.downcast::<ResetCause>() {
+        Ok(cause) => *cause,
         Err(payload) => resume_unwind(payload),
     }
 }

@@ -1,4 +1,5 @@
-//! Sensor faults in walks of all kinds: how many are detected and how soon, and the effect of masked cells on the model's force.
+//! Sensor faults in walks of all kinds: how many faults are detected, how soon they are detected, and the effect of masked cells
+//! on the model's force.
 
 use emulation::COLUMNS;
 use emulator::SensorFault;
@@ -16,7 +17,7 @@ use std::path::Path;
 
 /// A recording without faults.
 pub struct Clean {
-    /// Its name in printed results.
+    /// The name of the recording in printed results.
     pub name: String,
     /// The recording.
     pub recording: Recording,
@@ -32,11 +33,11 @@ pub fn computed() -> Vec<Clean> {
     [50.0, 100.0, 400.0].map(clean).into()
 }
 
-/// The barefoot walkers of the data set SpeedPP2DS in this folder.
+/// The barefoot walkers of the data set SpeedPP2DS; `jiku` is its folder.
 pub fn barefoot(jiku: &Path) -> Vec<Clean> {
     let mut all = Vec::new();
     for walker in 0..10 {
-        let walk = jiku::import(jiku, walker, 0..60, &mut |_, _| ()).expect("the data set");
+        let walk = jiku::import(jiku, walker, 0..60, &mut |_, _| ()).expect("the data set can be read");
         for rate_hz in [50.0, 100.0] {
             let recording = walk.at_rate(rate_hz).and_then(|walk| walk.binned(DEVICE_CELLS));
             all.push(Clean {
@@ -48,40 +49,41 @@ pub fn barefoot(jiku: &Path) -> Vec<Clean> {
     all
 }
 
-/// The in-shoe recordings in this folder.
+/// The in-shoe recordings, which are in the subfolder `pedar` of `recordings`.
 pub fn in_shoe(recordings: &Path) -> Vec<Clean> {
     let data = recordings.join("pedar");
     let clean = |side: Side| {
         let walk = pedar::import(data.join("pedar_example.asc"), data.join("geometry.csv"), side, &mut |_, _| ());
-        Clean { name: format!("in shoe, {}", side.name()), recording: walk.expect("the recording") }
+        Clean { name: format!("in shoe, {}", side.name()), recording: walk.expect("the recording can be read") }
     };
     [Side::Left, Side::Right].map(clean).into()
 }
 
 /// The results of an insole for a walk.
 pub struct Outcome {
-    /// The faults that are reported at its end.
+    /// The faults that the insole reports at the end of the walk.
     pub faults: Faults,
     /// Time of each toe off, s.
     pub toe_offs_s: Vec<f64>,
-    /// Model force and measured force of each region in each frame, N.
+    /// For each frame, model force and measured force of each region, N.
     pub forces_n: Vec<[(f64, f64); 8]>,
 }
 
-/// Passes a recording through an insole, with these sensor faults.
+/// Passes a recording with these sensor faults through an insole. Without `tissue` the insole has no parameters, and its model
+/// force is 0.
 pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>, faults: &[SensorFault]) -> Outcome {
-    let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is valid");
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a recording's insole is valid");
     if let Some(tissue) = tissue {
         insole.set_tissue(tissue).expect("the parameters are valid");
     }
-    let zeros: Vec<u16> = worn.cells.iter().map(|cell| cell.calibration.offset).collect();
+    let zeros: Vec<u16> = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
     let mut codes = vec![0; zeros.len()];
     let (mut toe_offs_s, mut forces_n) = (Vec::new(), Vec::new());
-    for i in 0..worn.frames(recording) {
-        let t_s = i as f64 * f64::from(worn.setup.period_us) / 1e6;
-        worn.codes_of(recording, i, &mut codes);
+    for i in 0..virtual_insole.frames(recording) {
+        let t_s = i as f64 * f64::from(virtual_insole.setup.period_us) / 1e6;
+        virtual_insole.codes_of(recording, i, &mut codes);
         faults.iter().for_each(|fault| fault.apply(t_s, &zeros, &mut codes));
         if insole.frame(i as u32, &codes) {
             toe_offs_s.push(t_s);
@@ -96,16 +98,16 @@ pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>
 
 /// The detection of one kind of fault in one walk.
 pub struct Detection {
-    /// The injected kind, in the notation of [`SensorFault`].
+    /// The kind of the injected faults, in the notation of [`SensorFault`].
     pub name: &'static str,
     /// Number of injected faults.
     pub injected: usize,
-    /// Number of faults that were reported with the right kind and place by the end of the second complete step after their
-    /// beginning.
+    /// Number of faults that were reported with the right kind and place, or corrected by zero tracking, by the end of the second
+    /// complete step after the fault began.
     pub found: usize,
-    /// The longest time until the report of one of them, s.
+    /// The longest time from the beginning of a fault to its report, s.
     pub longest_s: f64,
-    /// Number of reported faults that do not exist.
+    /// Number of reported faults that were not injected.
     pub false_alarms: usize,
     /// The faults that were not found.
     pub missed: Vec<SensorFault>,
@@ -125,7 +127,8 @@ const INJECTED: [(&str, FaultKind, f64); 10] = [
     ("crosstalk", FaultKind::Crosstalk, 0.1),
 ];
 
-/// Repeats a walk, each time with one fault that begins in the fifth step, at a place that the walk loads.
+/// Repeats a walk, each time with one fault that begins in the fifth step, at a random place that the walk loads: up to `count`
+/// times for each kind of fault. The seed determines times and places.
 pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
     let recording = &clean.recording;
     let truth = walk(recording, ContactRule::COUNTED, None, &[]);
@@ -145,7 +148,7 @@ pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
                 // The sixth and the seventh step are the first two complete ones, each with its swing.
                 let end_s = truth.toe_offs_s[6] + SWING_S;
                 let is_same = |found: &&plantar::faults::Fault| found.kind == kind && found.place == fault.place;
-                // A cell of the faulty line that was reported before the line.
+                // A cell of the faulty line may be reported before the line is.
                 let is_part = |found: &&plantar::faults::Fault| {
                     let cells: Vec<_> = fault.cells(recording.cells()).collect();
                     matches!(found.place, Place::Cell(cell) if cells.contains(&cell.into()))
@@ -170,7 +173,7 @@ pub fn detection(clean: &Clean, count: usize, seed: u64) -> Vec<Detection> {
         .into()
 }
 
-/// One fault of each kind that begins at `from_s`, at a place that the walk loads.
+/// One fault of each kind that [`detection`] injects. Each begins at `from_s`, at a place that the walk loads.
 pub fn one_of_each(recording: &Recording, from_s: f64) -> Vec<SensorFault> {
     let truth = walk(recording, ContactRule::COUNTED, None, &[]);
     let loaded = Loaded::new(recording, &truth.toe_offs_s);
@@ -178,7 +181,7 @@ pub fn one_of_each(recording: &Recording, from_s: f64) -> Vec<SensorFault> {
         .into_iter()
         .map(|(name, kind, value)| {
             let places = loaded.places(name);
-            // A drift that is too fast for zero tracking.
+            // This drift is too fast for zero tracking.
             let value = if kind == FaultKind::Drift { 2_000.0 } else { value };
             SensorFault { kind, place: places[places.len() / 2], value, from_s }
         })
@@ -187,21 +190,21 @@ pub fn one_of_each(recording: &Recording, from_s: f64) -> Vec<SensorFault> {
 
 /// Approximate duration of a swing, s.
 const SWING_S: f64 = 0.45;
-/// Pressure above which a cell counts as loaded, kPa: twice the code of the contact rule's 10 kPa.
+/// Pressure above which a cell counts as loaded here, kPa. Its code is about twice that of the contact rule's 10 kPa.
 const LOADED_KPA: f32 = 25.0;
 
-/// The cells on which a walk shows a fault.
+/// The cells that every step of a walk loads, so that a fault of such a cell has an effect.
 struct Loaded {
     /// For each cell, whether each of the first eight steps loads it.
     loaded: Vec<bool>,
-    /// For each cell, whether it and all of its neighbours are loaded.
+    /// For each cell, whether each of these steps loads the cell and all of its eight neighbours.
     inner: Vec<bool>,
 }
 
 impl Loaded {
     fn new(recording: &Recording, toe_offs_s: &[f64]) -> Self {
-        let worn = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING);
-        let count = worn.cells.len();
+        let virtual_insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let count = virtual_insole.cells.len();
         let mut loaded = vec![true; count];
         let mut from = 0;
         for toe_off_s in toe_offs_s.iter().take(8) {
@@ -209,14 +212,14 @@ impl Loaded {
             let mut most = vec![0u16; count];
             let mut codes = vec![0; count];
             for i in core::mem::replace(&mut from, to)..to {
-                worn.codes_of(recording, i, &mut codes);
+                virtual_insole.codes_of(recording, i, &mut codes);
                 most.iter_mut().zip(&codes).for_each(|(most, &code)| *most = code.max(*most));
             }
-            let law = worn.setup.sensor;
+            let law = virtual_insole.setup.sensor;
             let loaded_code = crate::code_of(&law, f64::from(LOADED_KPA));
             loaded.iter_mut().zip(&most).for_each(|(loaded, &most)| *loaded &= most > loaded_code);
         }
-        let cells = &worn.cells;
+        let cells = &virtual_insole.cells;
         let is_inner = |i: usize| {
             let this = &cells[i].cell;
             let pitch_mm = this.area_mm2.sqrt();
@@ -231,6 +234,7 @@ impl Loaded {
         Self { loaded, inner }
     }
 
+    /// The places at which a fault of this kind, in the notation of [`SensorFault`], has an effect.
     fn places(&self, name: &str) -> Vec<Place> {
         let loaded_on =
             |on: &dyn Fn(usize) -> bool| (0..self.loaded.len()).filter(|&i| on(i) && self.loaded[i]).count();
@@ -238,7 +242,7 @@ impl Loaded {
         let lines = 0..COLUMNS as u8;
         match name {
             "open-cell" => cells(&self.inner),
-            // A line is reported only where four of its cells show the fault.
+            // A line is reported only if four of its cells have the fault.
             "open-row" | "short-row" | "crosstalk" => {
                 lines.filter(|&row| loaded_on(&|i| i / COLUMNS == usize::from(row)) >= 4).map(Place::Row).collect()
             }
@@ -251,23 +255,23 @@ impl Loaded {
     }
 }
 
-/// Root mean square difference between the model's force and the measured force without faults, relative to the region's peak:
-/// the mean of the loaded regions.
+/// The error of the model's force: its root mean square difference from the force measured without faults, relative to the
+/// region's peak force. Each value is the mean over the loaded regions.
 pub struct ModelError {
-    /// Without faults, %.
+    /// The error without faults, %.
     pub clean_percent: f64,
-    /// Share of masked cells, and mean and largest error of the draws, %.
+    /// For each share of masked cells: the share, and the mean and the largest error of all draws, %.
     pub masked: Vec<(u32, f64, f64)>,
 }
 
-/// Masks random cells of a walk, with the parameters that are identified from the same walk; repeats this `draws` times for each
-/// share.
+/// Computes the error of the model's force with random masked cells, `draws` times for each share of masked cells. The parameters
+/// are identified from the same walk. The seed determines the cells.
 pub fn model_error(clean: &Clean, draws: usize, seed: u64) -> ModelError {
     let recording = &clean.recording;
     let contact = ContactRule::COUNTED;
-    let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut study = Study::new(clean.name.clone(), contact, Options::usual(InsoleSize::default().thickness_m()));
-    study.add("walk".into(), recording, &worn, &mut |_| ()).expect("a valid recording");
+    study.add("walk".into(), recording, &virtual_insole, &mut |_| ()).expect("the recording is valid");
     study.fit(&|_| ());
     let mut parameters = Parameters::typical(InsoleSize::default());
     for (region, fit) in parameters.regions.iter_mut().zip(&study.fits) {
@@ -277,7 +281,7 @@ pub fn model_error(clean: &Clean, draws: usize, seed: u64) -> ModelError {
     }
     let tissue = parameters.tissue();
     let truth = walk(recording, contact, Some(&tissue), &[]);
-    // Shorted cells are found in two steps, and are masked from the fifth step on at the latest.
+    // Shorted cells are detected within two steps, so that they are masked from the fifth step on.
     let from = (truth.toe_offs_s[3] * recording.rate_hz) as usize;
     let error = |outcome: &Outcome| {
         let regions = (0..Region::ALL.len()).filter_map(|region| {

@@ -1,4 +1,4 @@
-//! Set-ups, messages and reference sensor laws for tests.
+//! Set-ups, messages, and sensor laws evaluated in f64, for tests. A sensor law is a cell's code as a function of its pressure.
 
 use plantar::faults::{Fault, FaultKind, Faults, Place};
 use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
@@ -17,7 +17,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::sync::LazyLock;
 
-/// The law of a resistive sensor.
+/// The sensor law of a resistive sensor.
 pub const LAW: SensorLaw = SensorLaw { full_kpa: 1000.0, exponent: 0.8 };
 
 /// A left insole of 100 frames a second with counted cells.
@@ -30,7 +30,7 @@ pub const SETUP: Setup = Setup {
     stance: StanceRule::WALKING,
 };
 
-/// A soft tissue with ellipsoids larger than any contact of a foot.
+/// Tissue parameters with the same force law in every region. Its ellipsoid is larger than the contact of any region.
 pub static TISSUE: LazyLock<Tissue> = LazyLock::new(|| {
     Tissue::new([ForceLaw { ab_m2: 2e-3, c_m: 0.012, stiffness_pa: 5e5, damping_pa_s: 5e3, n: 1.2, m: 0.8 }; 8])
 });
@@ -40,24 +40,24 @@ pub fn cell(region: Region, x_mm: f32, y_mm: f32, area_mm2: f32) -> SetupCell {
     SetupCell { cell: Cell { region, x_mm, y_mm, area_mm2 }, calibration: CellCalibration::IDEAL, row_column: 0 }
 }
 
-/// A tabulated law.
+/// The table of a sensor law, which the firmware evaluates.
 pub fn curve(law: &SensorLaw) -> Curve {
     let mut curve = Curve::new();
     curve.set(law);
     curve
 }
 
-/// The code of a pressure by the law itself, in f64.
+/// The code of a pressure, computed in f64 from the sensor law without a table.
 pub fn code_of(law: &SensorLaw, pressure_kpa: f64) -> u16 {
     (f64::from(FULL_CODE) * (pressure_kpa / f64::from(law.full_kpa)).powf(f64::from(law.exponent))).round() as u16
 }
 
-/// The pressure of a code by the law itself, in f64.
+/// The pressure of a code, computed in f64 from the sensor law without a table.
 pub fn pressure_of(law: &SensorLaw, code: u16) -> f64 {
     f64::from(law.full_kpa) * (f64::from(code) / f64::from(FULL_CODE)).powf(1.0 / f64::from(law.exponent))
 }
 
-/// Moments of cells about `(x_mm, y_mm)`, each with the share of it that is in contact.
+/// Area moments about the point `(x_mm, y_mm)` of cells, each with its share in contact relative to [`WHOLE`].
 pub fn moments(cells: &[(Cell, u16)], x_mm: f32, y_mm: f32) -> AreaMoments {
     let mut moments = AreaMoments::NONE;
     for (cell, share) in cells {
@@ -66,12 +66,12 @@ pub fn moments(cells: &[(Cell, u16)], x_mm: f32, y_mm: f32) -> AreaMoments {
     moments
 }
 
-/// Moments of one cell of this area, wholly in contact.
+/// Area moments of one cell of this area that is wholly in contact, about its centre.
 pub fn area_moments(area_mm2: f32) -> AreaMoments {
     moments(&[(cell(Region::Heel, 0.0, 0.0, area_mm2).cell, WHOLE)], 0.0, 0.0)
 }
 
-/// A hello with every field set.
+/// A hello in which every optional field is present.
 pub fn hello() -> Hello {
     Hello {
         major: protocol::MAJOR,
@@ -178,12 +178,12 @@ pub fn framed<T: Serialize>(message: &T) -> Vec<u8> {
     out[..len].to_vec()
 }
 
-/// Every message that a decoder finds in a stream.
+/// All messages that a decoder finds in a stream of bytes.
 pub fn messages<T: DeserializeOwned>(decoder: &mut Decoder, stream: &[u8]) -> Vec<T> {
     stream.iter().filter_map(|&byte| decoder.push(byte).and_then(protocol::decode)).collect()
 }
 
-/// A text with the length limit of a message.
+/// A text as a message contains it, with at most `N` bytes.
 pub fn text<const N: usize>(text: &str) -> heapless::String<N> {
     text.try_into().expect("the text fits")
 }

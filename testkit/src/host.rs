@@ -1,4 +1,4 @@
-//! A host: the real client over a simulated cable or radio link.
+//! A host that runs the real client over a simulated cable or radio link.
 
 use crate::virtual_time::{now_us, with_origin};
 use crate::world::SharedWorld;
@@ -10,13 +10,14 @@ use plantar::protocol::{Hello, Live, Status, Step, ToDevice, ToHost, decode, enc
 use std::io::{self, Read, Write};
 use std::time::Duration;
 
-/// Longest wait for a message, us.
+/// Longest wait for a message in one call, us.
 const WAIT_US: u64 = 50_000;
-/// The host connects again after this time without a message, us. It requests the insole's time more often.
+/// Time without a message after which the host connects again, us. A working link is never silent that long, because the client
+/// requests the insole's time more often.
 const SILENCE_US: u64 = 2_000_000;
 /// Longest wait for the answer to a connection request.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
-/// Wall clock at the virtual time 0, us since 1970.
+/// The wall clock's time at the virtual time 0, us since 1970.
 const UNIX_ORIGIN_US: u64 = 1_790_000_000_000_000;
 
 /// The link between a host and an insole.
@@ -60,12 +61,13 @@ impl Write for SerialPort {
     }
 }
 
-/// A bonded central.
+/// The end of a radio link in a host: a central that is bonded with the insole.
 pub struct Central {
     world: SharedWorld,
     insole: usize,
     splitter: Splitter,
     joiners: Vec<(GattChannel, Joiner)>,
+    /// Number of received messages that could not be decoded.
     damaged: u32,
 }
 
@@ -73,7 +75,7 @@ impl Central {
     /// Connects to an insole.
     ///
     /// # Errors
-    /// Where the insole is off.
+    /// If the insole remains off.
     fn connect(world: SharedWorld, insole: usize) -> io::Result<Self> {
         {
             let mut world = world.borrow_mut();
@@ -82,7 +84,7 @@ impl Central {
                 return Err(io::ErrorKind::NotFound.into());
             }
             radio.borrow_mut().set_connected(true);
-            // This gives the Bluetooth stack the time to notice the connection.
+            // The Bluetooth stack needs this time to detect the connection.
             world.run_for(1_000);
         }
         let channels = [GattChannel::Control, GattChannel::Live, GattChannel::Steps, GattChannel::Parameters];
@@ -152,7 +154,7 @@ impl Carrier for Central {
     }
 }
 
-/// A link of either kind.
+/// The host's end of a link of either kind.
 pub enum Link {
     /// The cable.
     Serial(Box<Framed<SerialPort>>),
@@ -164,7 +166,7 @@ impl Link {
     /// Opens a link to an insole.
     ///
     /// # Errors
-    /// Where the link is [`Over::Bluetooth`] and the insole is off.
+    /// If the link is [`Over::Bluetooth`] and the insole remains off.
     pub fn open(world: &SharedWorld, insole: usize, over: Over) -> io::Result<Self> {
         Ok(match over {
             Over::Serial => Self::Serial(Box::new(Framed::new(SerialPort { world: world.clone(), insole }))),
@@ -211,20 +213,21 @@ pub struct Host {
     over: Over,
     /// The session; `None` before the first connection.
     pub client: Option<Client<Link>>,
-    /// The host wants a session.
+    /// True if the host has a session or tries to open one.
     pub is_following: bool,
-    /// The host asks for live frames.
+    /// True if the host requests live frames in each session.
     pub wants_live: bool,
-    /// The host acknowledges steps.
+    /// True if the host acknowledges the steps that it receives.
     pub acknowledges: bool,
-    /// The link broke and is to be opened again.
+    /// True if the link must be opened before the next message.
     is_broken: bool,
+    /// Time of the last message, us.
     last_message_us: u64,
     /// The steps, in the order of their arrival.
     pub steps: Vec<Step>,
     /// Number of live frames that arrived.
     pub live: u64,
-    /// The last live frame.
+    /// The last live frame that arrived.
     pub last_live: Option<Live>,
     /// Every hello that arrived.
     pub hellos: Vec<Hello>,
@@ -253,7 +256,7 @@ impl Host {
         }
     }
 
-    /// Follows the insole over this link from now on.
+    /// Follows the insole over this link from now on; requests live frames if `live` is true.
     pub fn connect(&mut self, over: Over, live: bool) {
         (self.over, self.wants_live, self.is_following) = (over, live, true);
         self.is_broken = true;
@@ -270,7 +273,7 @@ impl Host {
         }
     }
 
-    /// Receives one message or waits a short time; connects again where the link is lost.
+    /// Receives one message or waits a short time. Connects again if the link was lost.
     pub fn poll(&mut self) {
         if !self.is_following {
             self.world.borrow_mut().run_for(WAIT_US);
@@ -291,11 +294,13 @@ impl Host {
         }
     }
 
+    /// Records an error, and lets the next [`Self::poll`] open the link again.
     fn fail(&mut self, error: &client::Error) {
         self.errors.push(error.to_string());
         self.is_broken = true;
     }
 
+    /// Opens the link and a session.
     fn open(&mut self) {
         let open = || Link::open(&self.world, self.insole, self.over).map_err(client::Error::Carrier);
         let hello = match &mut self.client {
@@ -344,7 +349,7 @@ impl Host {
         }
     }
 
-    /// Sets typical parameters. A failure is among [`Host::errors`].
+    /// Sets typical parameters. An error is added to [`Host::errors`].
     pub fn set_parameters(&mut self) {
         let tissue = Parameters::typical(InsoleSize::default()).tissue();
         if let Some(Err(error)) = self.client.as_mut().map(|client| client.set_tissue(&tissue)) {
@@ -352,14 +357,14 @@ impl Host {
         }
     }
 
-    /// Restarts the insole. A failure is among [`Host::errors`].
+    /// Restarts the insole. An error is added to [`Host::errors`].
     pub fn restart(&mut self) {
         if let Some(Err(error)) = self.client.as_mut().map(|client| client.send(ToDevice::Restart)) {
             self.fail(&error);
         }
     }
 
-    /// The insole's counters; `None` where it does not answer.
+    /// The insole's counters; `None` if the insole does not answer.
     pub fn status(&mut self) -> Option<Status> {
         self.client.as_mut()?.status().ok()
     }

@@ -1,9 +1,9 @@
-//! A simulated insole: the firmware's loops on a host board, through resets and losses of power.
+//! A simulated insole: the firmware's tasks on a host board, with its restarts after resets and losses of power.
 
 use crate::board::{
     Cable, CableEnd, HostBluetooth, HostMatrix, NoStopwatch, RadioLink, Reference, SharedChip, crash_text, run_gatt,
 };
-use crate::executor::{Executor, Reset as Cause, reset};
+use crate::executor::{Executor, ResetCause, reset};
 use crate::nor_flash::{NorFlashChip, Torn};
 use crate::virtual_time::{now_us, with_origin};
 use crate::walk::{Codes, Wearer};
@@ -26,24 +26,24 @@ use plantar::storage::partition::Partition;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// Length of the queue of frames, as on the reference board.
+/// Number of frames in the queue between scan and processing, as on the reference board.
 const FRAMES: usize = 3;
-/// Failed starts in a row after which the firmware starts without its stored data.
-const FAILED_STARTS: u32 = 3;
+/// Number of failed starts in a row after which the firmware starts without its stored data, as on the boards.
+const MAX_FAILED_STARTS: u32 = 3;
 /// Uptime after which a start counts as successful, us.
 const HEALTHY_US: u64 = (HEALTHY_CHECKS * CHECK_PERIOD_MS) as u64 * 1_000;
-/// Time from a reset to the start of the firmware, us.
+/// Duration from a reset to the start of the firmware, us.
 const RESET_US: u64 = 20_000;
 
 /// Name of the board in images.
 pub const BOARD: &str = "host";
-/// Value of the byte after the header that marks an image with a stalled model.
+/// Value of the byte after the header in an image that stalls: its task `model`, which processes frames, never runs.
 const STALLED_IMAGE: u8 = 0xee;
 
-/// An image for the host board; with `is_working` false, its model stalls.
+/// A signed image for the host board. Its task `model`, which processes frames, stalls unless `is_working`.
 ///
 /// # Panics
-/// Where the version is longer than 16 bytes.
+/// If the version is longer than 16 bytes.
 pub fn image(version: &str, is_working: bool) -> Image {
     let mut bytes = vec![0xa5; 40 * CHUNK];
     let header = Header::new(BOARD, version).bytes();
@@ -55,13 +55,13 @@ pub fn image(version: &str, is_working: bool) -> Image {
 
 /// One boot of an insole.
 pub struct Boot {
-    /// The reason of the reset.
+    /// The reset reason that the insole reports.
     pub reset: Reset,
     /// The results of the pipeline for the frames that this boot scanned.
     pub reference: Rc<RefCell<Reference>>,
-    /// The boot ended by a loss of power, a crash or a stalled part, which may lose its last steps.
+    /// True if a loss of power, a crash or a stalled task ended the boot: its last steps may be lost.
     pub is_cut_short: bool,
-    /// Time of its start, us.
+    /// Time of the start of the firmware, us.
     pub from_us: u64,
 }
 
@@ -78,13 +78,15 @@ pub struct HostInsole {
     /// All boots so far.
     pub boots: Vec<Boot>,
     executor: Option<Executor>,
+    /// Number of successive starts that ended in a crash before they counted as successful.
     failed_starts: u32,
-    /// Time, reset reason and cause of the next start, where the insole is off.
-    restart: Option<(u64, Reset, Option<Cause>)>,
+    /// The next start while the insole is off: its time in us, the reset reason that the insole will report, and the cause of the
+    /// reset; `None` after a loss of power.
+    restart: Option<(u64, Reset, Option<ResetCause>)>,
 }
 
 impl HostInsole {
-    /// A new insole, which is switched on now: its flash chip contains the firmware only.
+    /// A new insole that is switched on now. Its flash chip contains only the firmware.
     pub fn new(codes: Rc<Codes>) -> Self {
         let mut chip = NorFlashChip::new(FLASH_BYTES);
         let active = image(env!("CARGO_PKG_VERSION"), true);
@@ -106,26 +108,27 @@ impl HostInsole {
         self.executor.is_some()
     }
 
-    /// Time of the next start, where the insole is off, us.
+    /// Time of the next start while the insole is off, us.
     pub fn starts_at_us(&self) -> Option<u64> {
         self.restart.map(|(at_us, ..)| at_us)
     }
 
-    /// Removes power for this time.
+    /// Removes power for `off_us`.
     pub fn cut_power(&mut self, off_us: u64) {
         self.end(true);
         self.failed_starts = 0;
         self.restart = Some((now_us() + off_us, Reset::Power, None));
     }
 
-    /// Lets power fail within the `operations`-th write or erase of the flash chip from now on.
+    /// Schedules a loss of power within a write or erase operation of the flash chip, after `operations` complete ones from now
+    /// on.
     pub fn cut_power_in_operation(&mut self, operations: u64) {
         let mut chip = self.chip.0.borrow_mut();
         let at = chip.operations + operations;
         chip.cut = Some((at, Torn::Within));
     }
 
-    /// Stalls `scan`, `model` or `link`, as if it were in an endless loop.
+    /// Stalls the task `scan`, `model` (which processes frames) or `link`, as an endless loop in that task would.
     pub fn stall(&mut self, part: &str) {
         self.executor.iter_mut().for_each(|executor| executor.stall(part));
     }
@@ -133,16 +136,16 @@ impl HostInsole {
     /// Resets the insole as after a panic.
     pub fn crash(&mut self) {
         if self.is_on() {
-            self.reset(Cause::Panic);
+            self.reset(ResetCause::Panic);
         }
     }
 
+    /// Ends the running boot: the radio link is lost, and bytes to the host that are in transit on the cable.
     fn end(&mut self, is_cut_short: bool) {
         self.executor = None;
         let mut radio = self.radio.borrow_mut();
         radio.server = None;
         radio.set_connected(false);
-        // Bytes in transit are lost.
         let mut cable = self.cable.borrow_mut();
         cable.to_host.clear();
         if let Some(boot) = self.boots.last_mut() {
@@ -150,23 +153,24 @@ impl HostInsole {
         }
     }
 
-    fn reset(&mut self, cause: Cause) {
-        self.end(cause != Cause::Software);
-        let kind = match cause {
-            Cause::Software => Reset::Software,
-            Cause::Watchdog(_) => Reset::Watchdog,
-            Cause::Panic => Reset::Panic,
+    /// Ends the running boot, and schedules the next one.
+    fn reset(&mut self, cause: ResetCause) {
+        self.end(cause != ResetCause::Software);
+        let reason = match cause {
+            ResetCause::Software => Reset::Software,
+            ResetCause::Watchdog(_) => Reset::Watchdog,
+            ResetCause::Panic => Reset::Panic,
         };
-        self.restart = Some((now_us() + RESET_US, kind, Some(cause)));
+        self.restart = Some((now_us() + RESET_US, reason, Some(cause)));
     }
 
     /// Boots the insole if its start is due, and runs its woken tasks; returns true if a task ran.
     pub fn run(&mut self) -> bool {
-        if let Some((at_us, kind, cause)) = self.restart
+        if let Some((at_us, reason, cause)) = self.restart
             && at_us <= now_us()
         {
             self.restart = None;
-            self.boot(kind, cause);
+            self.boot(reason, cause);
         }
         let Some(executor) = &mut self.executor else { return false };
         let chip = self.chip.clone();
@@ -186,14 +190,14 @@ impl HostInsole {
         }
     }
 
-    fn boot(&mut self, kind: Reset, cause: Option<Cause>) {
+    /// Runs the bootloader and starts the firmware.
+    fn boot(&mut self, reason: Reset, cause: Option<ResetCause>) {
         let run_us = self.boots.last().map_or(0, |boot| now_us() - boot.from_us);
-        self.failed_starts = match kind {
+        self.failed_starts = match reason {
             Reset::Watchdog | Reset::Panic if run_us < HEALTHY_US => self.failed_starts + 1,
             _ => 0,
         };
-        let is_fallback = self.failed_starts > FAILED_STARTS;
-        // The bootloader runs first.
+        let is_fallback = self.failed_starts >= MAX_FAILED_STARTS;
         {
             let mut chip = self.chip.0.borrow_mut();
             let chip = Mutex::new(&mut *chip);
@@ -209,10 +213,10 @@ impl HostInsole {
         };
         let reference = Rc::new(RefCell::new(Reference::new(&self.wearer.borrow())));
         let from_us = now_us();
-        self.boots.push(Boot { reset: kind, reference: reference.clone(), is_cut_short: false, from_us });
+        self.boots.push(Boot { reset: reason, reference: reference.clone(), is_cut_short: false, from_us });
         let resources = BootResources {
             chip: (!is_fallback).then(|| self.chip.clone()),
-            report: BootReport { reset: kind, fault: cause.and_then(crash_text), is_fallback },
+            report: BootReport { reset: reason, fault: cause.and_then(crash_text), is_fallback },
             image: Box::leak(Box::new(header)),
             matrix: HostMatrix { wearer: self.wearer.clone(), reference },
             cable: self.cable.clone(),
@@ -237,7 +241,7 @@ struct BootResources {
     radio: Rc<RefCell<RadioLink>>,
 }
 
-/// A place where a loop receives a value from the start of the firmware.
+/// A value that the task `start` passes to one of the firmware's loops; `None` until it is available.
 type Slot<T> = Rc<RefCell<Option<T>>>;
 
 fn slot<T>() -> Slot<T> {
@@ -255,7 +259,8 @@ async fn take<T>(slot: Slot<T>) -> T {
 }
 
 impl BootResources {
-    /// Spawns the loops, each of which waits for the start. The static memory of a boot is leaked, because a test has few boots.
+    /// Spawns the task `start` and the firmware's loops, each of which waits for its values from `start`. The static memory of a
+    /// boot is leaked, because a test has few boots.
     fn spawn(self, executor: &mut Executor, from_us: u64) {
         let Self { chip, report, image, matrix, cable, radio } = self;
         let counters: &'static ScanCounters = Box::leak(Box::new(ScanCounters::new()));
@@ -289,7 +294,7 @@ impl BootResources {
         });
         executor.spawn("persist", async move {
             let (store, shared) = take(for_persist).await;
-            persist::persist(store, shared, image, || reset(Cause::Software)).await
+            persist::persist(store, shared, image, || reset(ResetCause::Software)).await
         });
         executor.spawn("gatt", async move {
             let shared = take(for_gatt).await;
@@ -307,7 +312,7 @@ impl BootResources {
                 Timer::after_millis(CHECK_PERIOD_MS.into()).await;
                 let stalled = watchdog.check(&counters.heartbeats);
                 if stalled != 0 {
-                    reset(Cause::Watchdog(stalled));
+                    reset(ResetCause::Watchdog(stalled));
                 }
             }
         });

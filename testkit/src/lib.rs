@@ -1,7 +1,7 @@
-//! Shared parts of the tests: fixtures, a NOR flash chip with power cuts, walks with sensor faults, and the firmware on a host
-//! board in virtual time, with the real client at the other end of its links.
+//! Shared parts of the tests: fixtures, a simulated NOR flash chip with power cuts, walks with sensor faults, and the firmware on
+//! a host board in virtual time, with the real client at the other end of its links.
 
-use critical_section as _; // the implementation of critical sections that the firmware links
+use critical_section as _; // links the host's implementation of the critical sections that the firmware uses
 
 pub mod board;
 pub mod executor;
@@ -10,9 +10,9 @@ pub mod fixtures;
 pub mod host;
 pub mod insole;
 pub mod nor_flash;
-pub mod power;
+pub mod power_cuts;
 pub mod scenario;
-pub mod switched_off;
+pub mod store_script;
 pub mod virtual_time;
 pub mod walk;
 pub mod world;

@@ -1,4 +1,4 @@
-//! A NOR flash chip in memory, the supply of which fails in an operation that a test chooses.
+//! A simulated NOR flash chip. Its power fails in an operation that a test chooses.
 
 use embedded_storage_async::nor_flash::{
     ErrorType, MultiwriteNorFlash, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
@@ -13,24 +13,25 @@ use std::task::{Context, Poll, Waker};
 pub enum Torn {
     /// Before the operation changes anything.
     Before,
-    /// Within the operation: some bytes have their new value and one only some bits of it; the others are unchanged.
+    /// Within the operation: the first bytes have their new values, the next byte has some bits of its new value, and the
+    /// remaining bytes are unchanged.
     Within,
     /// After the operation is complete, but before its success is reported.
     After,
 }
 
-/// The chip. As on a real one, a write only clears bits, and a power cut leaves an incomplete operation.
+/// The chip. As on a real one, a write only clears bits, and an operation during which power fails remains incomplete.
 #[derive(Clone)]
 pub struct NorFlashChip {
-    /// Its contents.
+    /// The content of the chip.
     pub bytes: Vec<u8>,
-    /// Writes and erasures of a sector so far.
+    /// Number of write operations and of erase operations of a sector so far.
     pub operations: u64,
-    /// How often each sector was erased.
+    /// For each sector, the number of its erase operations so far.
     pub erasures: Vec<u32>,
-    /// Bytes written so far.
+    /// Number of bytes written so far.
     pub written: u64,
-    /// The operation in which power fails, counted from 0, and the moment of it. Power stays off from then on.
+    /// The operation in which power fails, counted from 0, and the moment of the power cut. Power stays off afterwards.
     pub cut: Option<(u64, Torn)>,
     random: fastrand::Rng,
 }
@@ -51,7 +52,7 @@ impl NorFlashChip {
         Self::of(vec![0xff; bytes])
     }
 
-    /// A chip with these contents.
+    /// A chip with this content.
     pub fn of(bytes: Vec<u8>) -> Self {
         Self {
             operations: 0,
@@ -140,7 +141,10 @@ impl NorFlash for NorFlashChip {
 
 impl MultiwriteNorFlash for NorFlashChip {}
 
-/// Returns the output of a future that never waits: the operations of this chip take no time.
+/// Returns the output of a future that never waits, because the operations of this chip take no time.
+///
+/// # Panics
+/// If the future waits.
 pub fn now<T>(work: impl Future<Output = T>) -> T {
     match pin!(work).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(output) => output,

@@ -1,7 +1,7 @@
 //! Scenarios: events that happen to simulated insoles and their hosts, and the expected outcome, as data.
 //!
 //! A scenario is a TOML file with a title, a list of events with their times, and the expected outcome; `host-tests/scenarios`
-//! has examples of every event. Whatever happens, the invariants of [`Outcome::verify`] must hold.
+//! has an example of every event. The invariants of [`Outcome::verify`] must hold after any events.
 
 use crate::host::{Host, Over};
 use crate::insole::image;
@@ -20,13 +20,13 @@ use std::time::Duration;
 use thiserror::Error;
 use toml::Spanned;
 
-/// Time after the end of a scenario in which all pending messages arrive, s.
+/// Time after the end of a scenario within which all pending messages arrive, s.
 const SETTLE_S: f64 = 4.0;
 
 /// Why a scenario cannot run.
 #[derive(Debug, Error)]
 pub enum ScenarioError {
-    /// The file is not a scenario: an unknown event, a missing value. The message names line and column.
+    /// The file is not a scenario: it has for example an unknown event, or lacks a value. The message contains line and column.
     #[error("{0}")]
     Syntax(#[from] toml::de::Error),
     /// The events are in an impossible order.
@@ -34,7 +34,7 @@ pub enum ScenarioError {
     Order {
         /// Line of the event, from 1.
         line: usize,
-        /// What is impossible, and the remedy.
+        /// Why the event is impossible there, and the remedy.
         reason: String,
     },
 }
@@ -43,15 +43,15 @@ pub enum ScenarioError {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
-    /// One sentence.
+    /// What happens and what is expected, in one sentence.
     pub title: String,
-    /// One insole, or a pair.
+    /// Number of insoles: 1, or 2 for a pair.
     #[serde(default = "one")]
     pub insoles: usize,
-    /// Frames per second.
+    /// Number of frames per second.
     #[serde(default = "hundred")]
     pub rate_hz: f64,
-    /// Time at which the last effect of the events is over, s.
+    /// Duration until the events have no further effect, s.
     pub duration_s: f64,
     /// The events, sorted by time.
     #[serde(default, rename = "at")]
@@ -75,7 +75,7 @@ fn hundred() -> f64 {
 pub struct Entry {
     /// Time since the start of the scenario, s.
     pub s: f64,
-    /// The insole that it concerns: 0 is the left one.
+    /// The insole that the event concerns: 0 for the left one, 1 for the right one.
     #[serde(default)]
     pub insole: usize,
     /// The event.
@@ -88,7 +88,7 @@ pub struct Entry {
 pub enum Event {
     /// The wearer walks.
     Walk {
-        /// Steps of this foot.
+        /// Number of steps of this foot.
         steps: u32,
     },
     /// Power is off.
@@ -96,9 +96,9 @@ pub enum Event {
         /// Duration, s.
         off_s: f64,
     },
-    /// Power fails within a write or erase of the flash chip.
+    /// Power fails within a write or erase operation of the flash chip, and returns after a second.
     PowerCutInWrite {
-        /// Operations that still succeed.
+        /// Number of operations from now on that still succeed.
         operations: u64,
     },
     /// The cable is cut.
@@ -106,46 +106,46 @@ pub enum Event {
         /// Duration, s.
         for_s: f64,
     },
-    /// The cable becomes slow, or fast with 0.
+    /// Limits the rate of the cable to the host from now on.
     CableRate {
-        /// Bytes per second.
+        /// Bytes per second; 0 for no limit.
         bytes_per_s: f64,
     },
-    /// Bytes to the host are damaged at regular distances from now on, or no longer with 0.
+    /// Damages bytes to the host at regular distances from now on.
     Damage {
-        /// Bytes from one damaged byte to the next.
+        /// Number of bytes from one damaged byte to the next; 0 for no damage.
         every_bytes: u32,
     },
     /// The radio link is lost.
     RadioLost,
-    /// The matrix does not answer.
+    /// The matrix answers only for its first rows, or not at all, for a number of frames.
     MissFrames {
-        /// Number of frames for which it does not answer.
+        /// Number of incomplete frames.
         frames: u32,
-        /// The first row that does not answer.
+        /// The first row for which the matrix does not answer.
         #[serde(default)]
         from_row: usize,
     },
-    /// The sensor has a fault from now on, as in `open-cell:17`.
+    /// The sensor has a fault from now on, in the notation of `plantar emulate --fault`: for example `open-cell:17`.
     SensorFault(String),
-    /// A loop of the firmware stalls.
+    /// A task of the firmware stalls, as an endless loop in it would.
     Stall(Part),
     /// The firmware panics.
     Panic,
 
-    /// The host follows the insole.
+    /// The host opens a session, and opens it again whenever the link is lost.
     Connect {
         /// The link.
         over: OverName,
-        /// With live frames.
+        /// True if the host requests live frames.
         #[serde(default)]
         live: bool,
     },
-    /// The host ends its session.
+    /// The host ends its session, and does not connect again.
     Disconnect,
-    /// The host acknowledges the steps that it receives, or does not.
+    /// Whether the host acknowledges the steps that it receives from now on.
     Acknowledge(bool),
-    /// Limits the length of the values of the radio link, bytes.
+    /// Limits the length of a value on the radio link, bytes: the ATT MTU minus 3.
     ValueLength(usize),
     /// The host sets the wearer's parameters: typical ones.
     SetParameters,
@@ -155,9 +155,9 @@ pub enum Event {
     Restart,
     /// The host sends a firmware image.
     Update {
-        /// Its version.
+        /// The version of the image.
         version: String,
-        /// False for an image that stalls.
+        /// False for an image whose processing of frames stalls.
         #[serde(default = "yes")]
         works: bool,
     },
@@ -167,19 +167,19 @@ fn yes() -> bool {
     true
 }
 
-/// A loop of the firmware.
+/// A task of the firmware that can stall.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Part {
-    /// Scanning.
+    /// Scans the matrix.
     Scan,
-    /// Processing.
+    /// Processes the frames.
     Model,
-    /// The serial link.
+    /// Serves the serial link.
     Link,
 }
 
-/// A link by name.
+/// The name of a link in a scenario.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum OverName {
@@ -195,18 +195,19 @@ pub enum OverName {
 pub struct Expect {
     /// Number of steps that arrive from all insoles, each once.
     pub steps: Option<usize>,
-    /// Largest number of steps that a loss of power or a crash may lose.
+    /// Largest number of computed steps that may be lost, by losses of power and crashes, from all insoles.
     #[serde(default)]
     pub lost_at_most: usize,
-    /// The reset reason of each start of the first insole.
+    /// The reset reasons of all starts of the first insole.
     pub resets: Option<Vec<String>>,
-    /// Faults that the first insole reports.
+    /// The sensor faults that the first insole reports.
     pub faults: Option<Vec<String>>,
-    /// Whether live frames were lost.
+    /// Whether live frames of the first insole were lost.
     pub loses_live: Option<bool>,
-    /// Frames without a complete scan since the last start.
+    /// Number of frames of the first insole without a complete scan since its last start.
     pub frames_missed: Option<u32>,
-    /// Contacts since the last start that were not counted as steps: too short, too long, interrupted by missing frames.
+    /// Numbers of contacts of the first insole since its last start that were rejected as steps: too short, too long, interrupted
+    /// by missing frames.
     pub rejected: Option<[u32; 3]>,
     /// Firmware version of the first insole at the end.
     pub version: Option<String>,
@@ -214,9 +215,9 @@ pub struct Expect {
     pub serial: Option<String>,
     /// Whether the first insole has parameters at the end.
     pub parameters: Option<bool>,
-    /// A text that one of the client's errors contains.
+    /// A part of the text of one of the client's errors.
     pub error: Option<String>,
-    /// A text that the last hello's report of the previous run contains.
+    /// A part of the last hello's report on the crash before that start.
     pub last_fault: Option<String>,
 }
 
@@ -224,7 +225,7 @@ impl Scenario {
     /// Reads a scenario.
     ///
     /// # Errors
-    /// Where the text is not a scenario, or its events are in an impossible order; the message names the line.
+    /// If the text is not a scenario, or its events are in an impossible order; the message contains the line.
     pub fn parse(text: &str) -> Result<Self, ScenarioError> {
         let scenario: Self = toml::from_str(text)?;
         let mut checker = OrderCheck::new(&scenario);
@@ -260,13 +261,14 @@ impl Scenario {
     }
 }
 
-/// Lets the hosts receive until this time; the last wait of a host may end later.
+/// Lets the hosts receive until this time. The last wait of a host may end a little later.
 pub fn follow(hosts: &mut [Host], until_us: u64) {
     while now_us() < until_us {
         hosts.iter_mut().for_each(Host::poll);
     }
 }
 
+/// The physical event of a scenario's event; `None` for an action of the host.
 fn physical(event: &Event) -> Option<Physical> {
     let us = |s: f64| (s * 1e6) as u64;
     Some(match event {
@@ -278,7 +280,7 @@ fn physical(event: &Event) -> Option<Physical> {
         Event::Damage { every_bytes } => Physical::Damage { every_bytes: *every_bytes },
         Event::RadioLost => Physical::RadioLost,
         Event::MissFrames { frames, from_row } => Physical::MissFrames { frames: *frames, from_row: *from_row },
-        // `OrderCheck` has verified that it can be parsed.
+        // `OrderCheck` has verified that the fault can be parsed.
         Event::SensorFault(fault) => Physical::SensorFault(fault.parse().ok()?),
         Event::Stall(Part::Scan) => Physical::Stall("scan"),
         Event::Stall(Part::Model) => Physical::Stall("model"),
@@ -288,7 +290,7 @@ fn physical(event: &Event) -> Option<Physical> {
     })
 }
 
-/// Executes an action of a host. A failure is added to [`Host::errors`].
+/// Executes an action of a host. An error is added to [`Host::errors`].
 fn act(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) {
     let result = match event {
         Event::Connect { over, live } => {
@@ -318,7 +320,7 @@ fn act(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) {
     }
 }
 
-/// Sends a host's request, and waits for the answer.
+/// Sends a host's request, and waits for the answer if there is one. Has no effect before the first connection.
 fn request(host: &mut Host, event: &Event) -> Result<(), client::Error> {
     let Some(client) = &mut host.client else { return Ok(()) };
     match event {
@@ -343,11 +345,17 @@ fn request(host: &mut Host, event: &Event) -> Result<(), client::Error> {
 
 /// Finds events that are impossible after the previous ones.
 struct OrderCheck {
+    /// Number of insoles.
     insoles: usize,
+    /// Time of the previous event, s.
     last_s: f64,
+    /// Duration of the scenario, s.
     end_s: f64,
+    /// For each insole, the end of its last walk, s.
     walks_until_s: Vec<f64>,
+    /// For each insole, the time at which power is back after the last cut, s.
     off_until_s: Vec<f64>,
+    /// For each insole, whether its host has a session.
     is_following: Vec<bool>,
 }
 
@@ -364,6 +372,7 @@ impl OrderCheck {
         }
     }
 
+    /// Checks the next event; returns the reason why it is impossible, with the remedy.
     fn check(&mut self, Entry { s, insole, event }: &Entry) -> Result<(), String> {
         let (s, insole) = (*s, *insole);
         if s < self.last_s {
@@ -377,6 +386,7 @@ impl OrderCheck {
         }
         self.last_s = s;
         let is_off = s < self.off_until_s[insole];
+        // A fault that cannot be parsed is not an action either: it is reported below.
         let is_action = physical(event).is_none() && !matches!(event, Event::SensorFault(_));
         match event {
             Event::Walk { .. } if s < self.walks_until_s[insole] => {
@@ -410,7 +420,7 @@ impl OrderCheck {
 pub struct InsoleOutcome {
     /// The host, with the messages that it received.
     pub host: Host,
-    /// The counters of the last boot; `None` where the host has ended its session.
+    /// The counters of the last boot; `None` if the host has ended its session or the insole did not answer.
     pub status: Option<Status>,
     /// For each boot, the steps that the pipeline computed, and whether the boot was cut short.
     computed: Vec<(Vec<Step>, bool)>,
@@ -429,10 +439,10 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Reads the insoles' counters, and collects the steps that were computed.
+    /// Reads the insoles' counters through their hosts, and collects the steps that the insoles computed.
     pub fn new(world: &SharedWorld, hosts: Vec<Host>) -> Self {
         let collect = |(index, mut host): (usize, Host)| {
-            // A slow cable would delay the counters.
+            // A slow cable would delay the answer.
             world.borrow().insoles[index].cable.borrow_mut().byte_us = 0.0;
             let status = if host.is_following { host.status() } else { None };
             let world = world.borrow();
@@ -471,7 +481,7 @@ impl Outcome {
         Ok(lost)
     }
 
-    /// Compares with the expected outcome.
+    /// Compares the outcome with the expected one.
     ///
     /// # Errors
     /// A list of all differences.
@@ -541,7 +551,8 @@ impl Outcome {
     }
 }
 
-/// A step without its number, the boots since, the wall-clock time, and the results of the model, which depend on the parameters.
+/// A step without the values that the reference of a boot does not have: number, boots since then, wall-clock time, and the
+/// results of the model, which depend on the wearer's parameters.
 fn measured(step: &Step) -> Step {
     let regions = step.regions.map(|region| StepRegion {
         model_peak_dn: 0,
@@ -555,7 +566,7 @@ fn measured(step: &Step) -> Step {
 }
 
 impl InsoleOutcome {
-    /// Verifies the steps; returns the number of lost ones.
+    /// Verifies that the host received the computed steps; returns the number of lost ones.
     fn verify_steps(&self) -> Result<usize, String> {
         for pair in self.host.steps.windows(2) {
             if !is_after(pair[1].step, pair[0].step) {
@@ -571,7 +582,7 @@ impl InsoleOutcome {
                     missing.push(index);
                 }
             }
-            // Steps of the last boot may still be on the insole if the host has ended its session or does not acknowledge.
+            // Steps of the last boot may still wait on the insole if the host has ended its session or does not acknowledge.
             let is_last = boot + 1 == self.computed.len();
             let may_lose = if *is_cut_short { STEP_QUEUE + 1 } else { 0 };
             let from = computed.len().saturating_sub(may_lose);
@@ -587,6 +598,7 @@ impl InsoleOutcome {
         }
     }
 
+    /// Compares the insole's counters with those of the test.
     fn verify_counters(&self, status: &Status) -> Result<(), String> {
         let computed = self.computed.last().map_or(0, |(steps, _)| steps.len()) as u32;
         let check = |name: &str, counter: u32, found: u32, tolerance: u32| {
@@ -597,8 +609,8 @@ impl InsoleOutcome {
         };
         check("steps", status.steps, computed, 0)?;
         // A frame may be scanned and not yet processed.
-        check("frames", status.frames + status.frames_overrun, self.frames + status.frames_overrun, 1)?;
-        // The start takes some frame periods.
+        check("frames", status.frames, self.frames, 1)?;
+        // The start of the firmware takes some frame periods.
         let frames = status.frames + status.frames_missed + status.frames_overrun;
         check("frame periods", frames, self.elapsed_frames, 12)?;
         if status.live_sent > status.live_due {
@@ -610,15 +622,16 @@ impl InsoleOutcome {
 
 /// A long walk with both feet, for speed measurements and endurance tests.
 pub struct LongWalk {
-    /// Steps of each foot.
+    /// Number of steps of each foot.
     pub steps: u32,
-    /// Frames per second.
+    /// Number of frames per second.
     pub rate_hz: f64,
 }
 
 impl LongWalk {
     /// Runs the walk, with the left foot connected over the cable, the right one over the radio, and live frames from both.
-    /// `progress` is called after each virtual minute with the number of steps that arrived.
+    /// Calls `progress` after each virtual minute with the number of steps that arrived. Returns the outcome, and the virtual
+    /// duration of the walk.
     pub fn run(&self, mut progress: impl FnMut(usize)) -> (Outcome, Duration) {
         let start_us = now_us();
         let world: SharedWorld = Rc::new(RefCell::new(World::new(2, self.rate_hz)));

@@ -44,7 +44,8 @@ pub fn with_origin<T>(origin_us: u64, work: impl FnOnce() -> T) -> T {
     result
 }
 
-/// Removes all timers of this thread, which belong to a world that no longer exists.
+/// Removes all timers of this thread. A new world begins with this call, because the timers of the previous world are still
+/// queued.
 pub fn clear_timers() {
     TIMERS.replace(Queue::new());
 }
@@ -57,8 +58,8 @@ pub fn wake_due() -> u64 {
 /// Advances the clock to this time.
 ///
 /// # Panics
-/// Where the time is in the past.
+/// If the time is in the past.
 pub fn advance_to(at_us: u64) {
-    assert!(at_us >= now_us(), "time never goes backwards");
+    assert!(at_us >= now_us(), "time must not go backwards");
     NOW_US.set(at_us);
 }

@@ -1,4 +1,4 @@
-//! The wearer of a simulated insole: walks that a test starts, and sensor faults.
+//! The wearer of a simulated insole: walks that a test starts, with sensor faults and frames without an answer of the matrix.
 
 use emulator::SensorFault;
 use plantar::Side;
@@ -9,15 +9,17 @@ use recording::synthetic::SyntheticWalk;
 use recording::{VirtualInsole, synthetic};
 use std::rc::Rc;
 
-/// Steps of the computed walk that is repeated.
+/// Number of steps of the computed walk. A longer walk repeats it.
 const LOOP_STEPS: usize = 8;
 
 /// A computed walk as sensor codes.
 pub struct Codes {
-    worn: VirtualInsole,
+    virtual_insole: VirtualInsole,
+    /// Number of cells.
     cells: usize,
+    /// The codes of all cells, frame by frame.
     frames: Vec<u16>,
-    /// The frame at which each step with its swing ends.
+    /// For each step, the number of frames from the start of the walk to the end of the swing phase after the step.
     step_ends: Vec<usize>,
 }
 
@@ -25,25 +27,26 @@ impl Codes {
     /// A walk of a foot, sampled at this rate.
     ///
     /// # Panics
-    /// Where the swings of the computed walk are not unloaded.
+    /// If a swing phase of the computed walk is not unloaded.
     pub fn new(side: Side, rate_hz: f64) -> Self {
         let walk = SyntheticWalk { steps: LOOP_STEPS, side, rate_hz, ..SyntheticWalk::default() };
         let recording = synthetic::walk(&walk).recording;
-        let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
-        let cells = worn.cells.len();
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let cells = virtual_insole.cells.len();
         let mut frames = vec![0; cells * recording.frames()];
         for (i, codes) in frames.chunks_exact_mut(cells).enumerate() {
-            worn.codes_of(&recording, i, codes);
+            virtual_insole.codes_of(&recording, i, codes);
         }
-        // Each step ends in the last unloaded frame before the next one begins.
+        // The swing phase after a step ends when the next step begins.
         let is_loaded = |i: usize| frames[i * cells..(i + 1) * cells].iter().any(|&code| code > 0);
         let begins = (1..recording.frames()).filter(|&i| is_loaded(i) && !is_loaded(i - 1));
         let mut step_ends: Vec<_> = begins.skip(1).collect();
         step_ends.push(recording.frames());
-        assert_eq!(step_ends.len(), LOOP_STEPS, "the swing after each step is unloaded");
-        Self { worn, cells, frames, step_ends }
+        assert_eq!(step_ends.len(), LOOP_STEPS, "the swing phase after each step must be unloaded");
+        Self { virtual_insole, cells, frames, step_ends }
     }
 
+    /// Number of frames of the computed walk.
     fn frames(&self) -> usize {
         self.frames.len() / self.cells
     }
@@ -55,22 +58,24 @@ impl Codes {
     }
 }
 
-/// One walk.
+/// A walk of the wearer.
 #[derive(Clone, Copy)]
 struct Bout {
-    /// Time of its start, us.
+    /// Time of the first frame, us.
     from_us: u64,
-    /// Its number of frames.
+    /// Number of frames.
     frames: usize,
 }
 
 /// The foot in one insole.
 pub struct Wearer {
     codes: Rc<Codes>,
+    /// The latest walk.
     bout: Option<Bout>,
     faults: Vec<SensorFault>,
-    /// Remaining frames in which the matrix does not answer, and the first row that does not.
+    /// Number of remaining frames that are incomplete, and the first row for which the matrix does not answer in them.
     missing: Option<(u32, usize)>,
+    /// True if the present frame is incomplete.
     is_frame_missing: bool,
 }
 
@@ -82,15 +87,15 @@ impl Wearer {
 
     /// The rules of the insole.
     pub fn setup(&self) -> Setup {
-        self.codes.worn.setup
+        self.codes.virtual_insole.setup
     }
 
     /// The cells of the insole.
     pub fn cells(&self) -> impl Iterator<Item = SetupCell> + Clone + use<> {
-        self.codes.worn.cells.clone().into_iter()
+        self.codes.virtual_insole.cells.clone().into_iter()
     }
 
-    /// Begins a walk; returns the time of its end, us.
+    /// Begins a walk of this number of steps; returns the time of its end, us.
     pub fn walk(&mut self, now_us: u64, steps: u32) -> u64 {
         let frames = self.codes.walk_frames(steps);
         self.bout = Some(Bout { from_us: now_us, frames });
@@ -102,15 +107,15 @@ impl Wearer {
         self.faults.push(SensorFault { from_s: now_us as f64 / 1e6, ..fault });
     }
 
-    /// Prevents answers of the matrix from this row on, for this number of frames.
+    /// Prevents the matrix from answering for `from_row` and the rows after it, in the next `frames` frames.
     pub fn miss_frames(&mut self, frames: u32, from_row: usize) {
         self.missing = Some((frames, from_row));
     }
 
-    /// Writes the present codes of all cells; called once in each frame.
+    /// Writes the present codes of all cells. Must be called once in each frame.
     pub fn codes_at(&mut self, now_us: u64, codes: &mut [u16; DEVICE_CELLS]) {
         let Codes { cells, frames, .. } = &*self.codes;
-        let period_us = u64::from(self.codes.worn.setup.period_us);
+        let period_us = u64::from(self.codes.virtual_insole.setup.period_us);
         let bout = self.bout.map(|bout| (bout, ((now_us - bout.from_us) / period_us) as usize));
         match bout.filter(|(bout, frame)| *frame < bout.frames) {
             Some((_, frame)) => {
@@ -131,7 +136,7 @@ impl Wearer {
         };
     }
 
-    /// True where the matrix does not answer with this row of the frame.
+    /// True if the matrix does not answer for this row of the present frame.
     pub fn is_row_missing(&self, row: usize) -> bool {
         self.is_frame_missing && self.missing.is_some_and(|(_, from_row)| row >= from_row)
     }

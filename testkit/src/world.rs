@@ -44,16 +44,16 @@ pub enum Physical {
     },
     /// The radio link is lost.
     RadioLost,
-    /// The matrix does not answer from a row on.
+    /// The matrix answers only for its first rows, for a number of frames.
     MissFrames {
-        /// Number of frames for which it does not answer.
+        /// Number of incomplete frames.
         frames: u32,
-        /// The first row that does not answer.
+        /// The first row for which the matrix does not answer.
         from_row: usize,
     },
     /// The sensor has a fault from now on.
     SensorFault(SensorFault),
-    /// One of the loops enters an endless loop: `scan`, `model` or `link`.
+    /// One of the tasks `scan`, `model` (which processes frames) and `link` stalls, as an endless loop in it would.
     Stall(&'static str),
     /// The firmware panics.
     Panic,
@@ -61,7 +61,7 @@ pub enum Physical {
     CableRepaired,
 }
 
-/// An event and its time.
+/// A scheduled event of an insole, and its time.
 #[derive(Clone, Copy, Debug)]
 struct Due {
     at_us: u64,
@@ -81,7 +81,7 @@ pub struct World {
 pub type SharedWorld = Rc<RefCell<World>>;
 
 impl World {
-    /// A left and, if `count` is 2, a right insole that scan at this rate. A thread has one world at a time.
+    /// A left insole and, if `count` is 2, a right one, which scan at this rate. A thread must have only one world at a time.
     pub fn new(count: usize, rate_hz: f64) -> Self {
         clear_timers();
         let codes = |side| Rc::new(Codes::new(side, rate_hz));
@@ -95,7 +95,7 @@ impl World {
         self.due.insert(index, Due { at_us, insole, event });
     }
 
-    /// Runs until `is_done` returns true, or until `until_us`; returns whether `is_done` returned true.
+    /// Runs all insoles until `is_done` returns true, or until the time `until_us`; returns whether `is_done` returned true.
     pub fn run(&mut self, until_us: u64, mut is_done: impl FnMut(&mut Self) -> bool) -> bool {
         loop {
             self.run_due();
@@ -116,7 +116,7 @@ impl World {
     /// Runs all tasks until none is ready; returns the time of the next timer, us.
     ///
     /// # Panics
-    /// Where a task never waits, so that no virtual time would pass.
+    /// If a task never waits, so that virtual time cannot advance.
     fn run_ready(&mut self) -> u64 {
         for _ in 0..100_000 {
             let next_timer_us = wake_due();
@@ -127,11 +127,12 @@ impl World {
         panic!("a task of the firmware never waits");
     }
 
-    /// Runs for this duration.
+    /// Runs all insoles for this duration.
     pub fn run_for(&mut self, time_us: u64) {
         self.run(now_us() + time_us, |_| false);
     }
 
+    /// Executes the events that are due.
     fn run_due(&mut self) {
         while let Some(due) = self.due.pop_front_if(|due| due.at_us <= now_us()) {
             self.execute(due);

@@ -1,9 +1,11 @@
-"""The paper's search through SciPy's SLSQP: eight variables, bounds, Eq. 18 with Eq. 19, ten starts.
+"""The paper's search through SciPy's SLSQP, for comparison: it minimises Eq. 18 with the penalty of Eq. 19 over eight
+bounded variables, from ten random starts.
 
-k and c are searched as logarithms, because the search rarely converges otherwise. The argument is a folder with one
-file of doubles for each region. A file has the number of samples and, for each sample, area (m2), later and earlier
-sample of the rate, one over the time between them (1/s), and force (N); at the end, the area before contact (m2).
-Prints a line for each region: seconds, evaluations and the best NRMSE.
+The search varies the logarithms of k and c, because it rarely converges otherwise. The argument is a folder with one file
+of doubles for each region, 0.f64 to 7.f64. A file has the number of samples; then for each sample: the area (m2), the
+indices of the later and the earlier sample from which the deformation rate is computed, the reciprocal of the time
+between these two (1/s), and the measured force (N); and at the end the area before contact (m2), which has the index
+after the last sample. The script prints a line for each region: seconds, model evaluations and the least NRMSE.
 """
 
 import os
@@ -18,14 +20,17 @@ import numpy as np
 from scipy.optimize import minimize
 
 STARTS = 10
+# A, B, C and d0 in m, ln(k / (N/m3)), n, ln(c / (N s/m3)), m.
 BOUNDS = [
     (0.002, 0.08), (0.002, 0.08), (0.002, 0.03), (0.004, 0.025),
     (11.5, 25.3), (0.0, 5.0), (6.9, 23.0), (0.0, 5.0),
 ]
+# A negative (tensile) force F adds this factor times F squared to the residual.
 PENALTY_PER_N = 1.0
 
 
 def force(x, area, later, earlier, per_s):
+    """The model force of each sample, with the penalty for a negative force."""
     a, b, c_m, d0, k, n, c, m = x
     k, c = np.exp(k), np.exp(c)
     ratio = np.clip(area / (np.pi * a * b), 0.0, 1.0)
@@ -52,6 +57,7 @@ for region in range(8):
     evaluations = 0
 
     def squares(x):
+        """The sum of squared residuals, relative to the peak force: the square of the NRMSE."""
         global evaluations
         evaluations += 1
         return np.sum((force(x, area, later, earlier, per_s) - measured) ** 2) / scale

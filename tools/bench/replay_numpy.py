@@ -1,8 +1,9 @@
-"""The stages of a replay in vectorised NumPy.
+"""A replay in vectorised NumPy, for comparison with the library.
 
-They are: codes of the virtual sensor, calibration, contact with hysteresis, areas, forces, centres of pressure, second
-moments, live model, and for each step the paper's smoothing and model. Prints seconds, steps and the peak live model
-force of every region.
+It has the same stages: codes of the virtual sensor, calibration, contact with hysteresis, areas, forces, centres of
+pressure, second moments, the live model, and for each step the paper's smoothing and model. The arguments are a folder
+with the data, the full scale of the sensor (kPa), the exponent of its curve, and the frames per second. The script
+prints the seconds, the number of steps, and the peak live model force of each region (N).
 """
 
 import sys
@@ -11,7 +12,9 @@ import time
 import numpy as np
 
 folder, full_kpa, exponent, rate_hz = sys.argv[1], *map(float, sys.argv[2:5])
+# The sensor's code at full scale.
 FULL_CODE = 16 * 4095
+# The library's default rules for contact and stance.
 ON_KPA, OFF_KPA = 10.0, 7.5
 STRIKE_N, RELEASE_N, MIN_SWING_S = 30.0, 20.0, 0.04
 
@@ -23,6 +26,7 @@ membership = (region[:, None] == np.arange(8)).astype(np.float32)
 
 
 def force(law, g, rate):
+    """The model force (N) for the normalised deformation g, which is the deformation over C, and its rate (1/s)."""
     ab, _, stiffness, damping, n, m = law.T
     with np.errstate(divide="ignore", invalid="ignore"):
         f = np.pi * ab * (

@@ -2,12 +2,16 @@ import { createHash } from "node:crypto";
 import type { Plugin } from "vite";
 import { defineConfig } from "vitest/config";
 
-/** Writes the service worker. It caches exactly the files of this build, under a name that is a hash of their content. */
+/**
+ * Writes the service worker. It caches the files that Vite bundles, the manifest and the icon. The name of the cache contains a
+ * hash of the bundled files. The manifest and the icon are not part of the hash: a change of them alone does not result in a new
+ * cache. The example walk is not cached.
+ */
 function offline(): Plugin {
   return {
     name: "offline",
     apply: "build",
-    // After index.html was generated.
+    // The plugin must run after index.html was generated, because it lists that file.
     enforce: "post",
     generateBundle(_, bundle) {
       const hash = createHash("sha256");
@@ -29,7 +33,7 @@ self.addEventListener("fetch", (event) => {
   if (event.request.method !== "GET" || new URL(event.request.url).origin !== location.origin) return;
   const respond = async () => {
     const cache = await caches.open(VERSION);
-    // The query parameters of the address do not select a file.
+    // Every address of the page shows index.html, whatever its query parameters are.
     return (await cache.match(event.request.mode === "navigate" ? "index.html" : event.request)) ?? fetch(event.request);
   };
   event.respondWith(respond());

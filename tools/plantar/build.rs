@@ -1,4 +1,4 @@
-//! Sets the version of the build.
+//! Sets the variable `PLANTAR_VERSION`: the version of the package and the commit.
 
 fn main() {
     build_support::version();

@@ -1,9 +1,32 @@
 """Simulates phones and Bluetooth controllers, for tests of the insole's Bluetooth.
 
-Input and output have one JSON object per line. The input has commands, {"do": <command>, ...its arguments}. The output
-has one result per command, in the same order: {"did": <command>, ...}, with "error" where the command failed; "att" is
-the code of an attribute error. Between the results, it has {"value": <hex>, "of": <uuid>, "phone": <name>} for each
-notification and indication, and {"lost": <reason>, "phone": <name>} for each connection that ends. Values are in hex.
+Each line of input and output is a JSON object. A line of input is a command with its arguments, {"do": <command>, ...}.
+For each command, in the same order, a line of output has the result, {"did": <command>, ...}. If the command failed, the
+result has "error" with a message and, after an error of the attribute protocol, "att" with the code. Other lines of
+output report events: {"value": <value>, "of": <uuid>, "phone": <name>} for each notification and indication, and
+{"lost": <reason>, "phone": <name>} for each connection that ends. Values are in hex, characteristics are given by UUID.
+
+These commands create simulated devices:
+
+    radio       Replaces or adds the controller `name` of an insole. Returns the TCP `port` for the insole's HCI.
+    phone       Adds the phone `name` with an `address`. It bonds when it pairs, unless `bonding` is false.
+
+All others have the argument `phone`, the name of the phone that executes the command:
+
+    scan        Finds the insole that advertises as `name`. Returns its `address` and the advertising `data`.
+    connect     Connects to `address`.
+    mtu         Requests an ATT MTU of `mtu` bytes. Returns the `mtu` in use.
+    discover    Discovers the GATT table. Returns it as `table`.
+    read        Reads the characteristic `of`. Returns its `value`.
+    write       Writes `value` to the characteristic `of`.
+    subscribe   Subscribes to the characteristic `to`.
+    pair        Pairs with the insole.
+    encrypt     Encrypts the connection with the key of the bond.
+    forget      Deletes the phone's bonds.
+    spoil_key   Replaces the keys of the phone's bonds by wrong ones.
+    mute        Stops confirming indications on this connection.
+    disconnect  Ends the connection.
+    cut         Breaks the link, as if the phone were out of range.
 """
 
 import asyncio
@@ -30,6 +53,7 @@ from bumble.pairing import PairingConfig, PairingDelegate
 from bumble.transport.common import AsyncPipeSink
 from bumble.transport.tcp_server import open_tcp_server_transport_with_socket
 
+# Longest time for a step of a command.
 TIMEOUT_S = 20
 
 
@@ -45,10 +69,10 @@ def drop_connections(controller):
 
 
 class Radio(Controller):
-    """An insole's controller."""
+    """The Bluetooth controller of an insole."""
 
     def on_hci_le_remove_device_from_resolving_list_command(self, command):
-        """Answers this command, which bumble does not implement."""
+        """Confirms this command, which bumble does not implement."""
         self.send_hci_packet(
             HCI_Command_Complete_Event(
                 num_hci_command_packets=1,
@@ -77,6 +101,7 @@ class Phone:
         self.characteristics = {}
 
     def set_bonding(self, bonding):
+        """Sets whether the phone bonds when it pairs."""
         delegate = PairingDelegate(PairingDelegate.NO_OUTPUT_NO_INPUT)
         self.device.pairing_config_factory = lambda _: PairingConfig(
             sc=True,
@@ -87,15 +112,17 @@ class Phone:
         )
 
     async def connect(self, address):
+        """Connects to an address."""
         self.disconnected.clear()
         self.connection = await self.device.connect(Address(address), timeout=TIMEOUT_S)
         self.connection.on('disconnection', self.lost)
         self.peer = Peer(self.connection)
-        # A bonded phone caches the GATT table of the insole: it uses the discovered characteristics in the new connection.
+        # Like a real phone, this one caches the insole's GATT table and uses it again in the new connection.
         for characteristic in self.characteristics.values():
             characteristic.client = self.peer.gatt_client
 
     def lost(self, reason):
+        """Reports the end of the connection."""
         write(lost=int(reason), phone=self.name)
         self.connection = None
         self.disconnected.set()
@@ -105,6 +132,7 @@ class Phone:
         return self.connection is not None and self.connection.peer_address == radio.random_address
 
     async def discover(self):
+        """Discovers the GATT table and returns it."""
         await self.peer.discover_services()
         table = []
         self.characteristics = {}
@@ -124,6 +152,7 @@ class Phone:
         return table
 
     async def subscribe(self, uuid):
+        """Subscribes to a characteristic, and writes its values to the output."""
         characteristic = self.characteristics[uuid]
         await self.peer.subscribe(
             characteristic,
@@ -140,7 +169,10 @@ class World:
         self.radios = {}
 
     def scan_response(self, address):
-        """The scan response of a controller. The simulated link has no scan requests, so it is read directly."""
+        """The scan response of the controller with this address.
+
+        The simulated link has no scan requests, so the response is read from the controller itself.
+        """
         for controller, _ in self.radios.values():
             if controller.random_address == address:
                 return AdvertisingData.from_bytes(bytes(controller.le_legacy_advertiser.scan_response_data))
@@ -151,11 +183,11 @@ class World:
         do = command['do']
         phone = self.phones.get(command.get('phone'))
         if do == 'radio':
-            # A controller for one insole; it listens for the insole's HCI.
+            # The controller listens on a TCP port for the HCI packets of its insole.
             listener = socket.socket()
             listener.bind(('127.0.0.1', 0))
             transport = await open_tcp_server_transport_with_socket(listener)
-            # This replaces the controller of the insole's previous run, if any.
+            # Removes the controller of the insole's previous run, if there is one.
             if (old := self.radios.get(command['name'])) is not None:
                 self.link.remove_controller(old[0])
                 old[1].server.close()
@@ -220,11 +252,11 @@ class World:
             await phone.disconnected.wait()
             return {}
         if do == 'mute':
-            # Indications are not confirmed on this connection.
+            # bumble confirms an indication in this handler.
             phone.peer.gatt_client.on_att_handle_value_indication = lambda _: None
             return {}
         if do == 'cut':
-            # Both ends detect the loss of the link, without a message between them.
+            # Both ends detect the loss of the link by themselves, without a message between them.
             for controller, _ in self.radios.values():
                 if phone.is_connected_to(controller):
                     drop_connections(controller)
@@ -235,7 +267,7 @@ class World:
 
 
 async def main():
-    # bumble warns about packets that are in flight when a link breaks.
+    # Otherwise bumble warns about packets that are in flight when a link breaks.
     logging.disable(logging.WARNING)
     loop = asyncio.get_running_loop()
     reader = asyncio.StreamReader()

@@ -6,7 +6,9 @@ use plantar::firmware::board::BluetoothBoard;
 
 /// The Bluetooth configuration of the emulated board.
 pub struct Emulated {
+    /// The random static address.
     pub address: [u8; 6],
+    /// Time after the start in which a central can bond.
     pub bonding: Duration,
 }
 
@@ -25,12 +27,12 @@ impl BluetoothBoard for Emulated {
     }
 }
 
-/// Copies bytes from one end to the other. Never returns.
+/// Copies all bytes of `from` to `to`. Never returns.
 pub async fn pump(mut from: impl Read, mut to: impl Write) -> ! {
     let mut bytes = [0; 32];
     loop {
         let len = from.read(&mut bytes).await.unwrap_or(0);
-        // Neither end can fail.
+        // Neither the ports nor the pipes can fail.
         let _ = to.write_all(&bytes[..len]).await;
     }
 }

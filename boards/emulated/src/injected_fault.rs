@@ -1,4 +1,5 @@
-//! Injects faults on request, so that tests observe the recovery. They are injected in the board's implementations of the traits.
+//! Injects faults on request, so that tests can observe the recovery. The calls of [`inject`] are in the code of this board, above
+//! all in its implementations of the board traits.
 
 use core::cell::Cell;
 use core::hint::black_box;
@@ -14,7 +15,7 @@ pub fn plan(planned: Option<PlannedFault>) {
     PLANNED.lock(|place| place.set(planned));
 }
 
-/// Injects a fault here, where one of the kinds in `here` is planned and due.
+/// Injects the planned fault, if its kind is one of `here` and it is due.
 pub fn inject(here: &[InjectedFault]) {
     let planned = PLANNED.lock(Cell::get).filter(|planned| here.contains(&planned.kind));
     let Some(planned) = planned.filter(|planned| Instant::now().as_millis() >= planned.after_ms.into()) else { return };
@@ -37,7 +38,7 @@ fn too_deep(n: u32) -> u32 {
     if room[1] == u32::MAX { 0 } else { too_deep(room[0] & 0xffff).wrapping_add(room[2]) }
 }
 
-/// A port of the link, which may stall.
+/// A port of the link, which stalls if this fault is planned.
 pub struct MayStall<R>(pub R);
 
 impl<R: ErrorType> ErrorType for MayStall<R> {

@@ -1,8 +1,8 @@
-//! The emulated board: an STM32F405 in QEMU (`-M netduinoplus2`) with the link on USART1, a Bluetooth controller on USART2 and
-//! the sensor plant on USART3.
+//! The emulated board: an STM32F405 in QEMU (`-M netduinoplus2`) with the link on USART1, a Bluetooth controller on USART2, and
+//! the sensor plant, a simulation of the sensor matrix on the host, on USART3.
 //!
-//! The emulator has no reset and clock control, no ADC and no cycle counter, so this board has its own small USART driver and a
-//! time driver over a timer. Everything above the board traits is the code of the real board.
+//! The emulator has no reset and clock control, no ADC and no cycle counter, so this board has its own small USART driver, and a
+//! time driver that uses a timer. Everything above the board traits is the code of the real board.
 #![no_std]
 #![no_main]
 
@@ -49,7 +49,8 @@ use time::{RELOAD, Time};
 embassy_time_driver::time_driver_impl!(static TIME: Time = Time::new());
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 
-/// The header of this image, at a fixed place for the host and for the image that it replaces.
+/// The header of this image. It is at a fixed place, so that host programs find it, and so does the running firmware that receives
+/// this image as an update.
 #[used]
 #[unsafe(link_section = ".header")]
 static IMAGE: Header = Header::new("emulated", env!("PLANTAR_VERSION"));
@@ -64,7 +65,7 @@ static PLANT: Port = Port::new(USART3);
 static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
-/// At 400 Hz the frames last 20 ms, longer than the evaluation of a step.
+/// Length of the frame queue. At 400 Hz, eight frames last 20 ms, longer than the evaluation of a step takes.
 const FRAMES: usize = 8;
 static MEMORY: Memory<FlashFile, FRAMES> = Memory::new();
 
@@ -72,11 +73,13 @@ static MEMORY: Memory<FlashFile, FRAMES> = Memory::new();
 const PROCESSING: [InjectedFault; 4] =
     [InjectedFault::ModelStalled, InjectedFault::StackOverflow, InjectedFault::Fault, InjectedFault::Panic];
 
-/// Counts cycles by SysTick, which starts over every millisecond, so that it measures less than that.
+/// Counts cycles with SysTick. It restarts every millisecond, so it can only measure shorter times.
 struct SysTick;
 
 impl Stopwatch for SysTick {
     fn start(&self) -> u32 {
+        // Processing calls this function whenever it has taken a frame from the queue. A real stopwatch does only the last line;
+        // this board also uses the call to wake the paced clock and to inject faults into processing.
         FRAME_TAKEN.signal(());
         inject(&PROCESSING);
         SYST::get_current()
@@ -99,7 +102,8 @@ fn main() -> ! {
     for port in [&LINK, &HCI, &PLANT] {
         port.start();
     }
-    // The timer and the ports that feed the scan have the highest priority, the scan the next one, and all else the lowest.
+    // SysTick, which drives the time and the supervision, keeps the highest priority, 0. The ports have the next priority, then
+    // follow the executor of the scan (TIM2) and, last, the executor of all other tasks (TIM3).
     for (interrupt, priority) in [
         (Interrupt::USART1, 0x40),
         (Interrupt::USART2, 0x40),
@@ -107,10 +111,10 @@ fn main() -> ! {
         (Interrupt::TIM2, 0x80),
         (Interrupt::TIM3, 0xc0),
     ] {
-        // SAFETY: no critical section of this program works by priority.
+        // SAFETY: no critical section of this program depends on interrupt priorities.
         unsafe { core.NVIC.set_priority(interrupt, priority) };
     }
-    // SAFETY: everything that the handlers use is set up above.
+    // SAFETY: everything that the handlers use is initialised above.
     unsafe {
         NVIC::unmask(Interrupt::USART1);
         NVIC::unmask(Interrupt::USART2);
@@ -119,8 +123,8 @@ fn main() -> ! {
 
     // The task has static memory of its own and is spawned once, so spawning cannot fail.
     EXECUTOR.start(Interrupt::TIM3).spawn(run(boot, image).unwrap());
-    // The executors run in interrupts. `wfi` stops the emulator's processor until the next one, whereas the `wfe` of a thread
-    // executor would occupy a core of the host.
+    // The executors run in interrupts. `wfi` stops the emulator's processor until the next interrupt, whereas the `wfe` of a
+    // thread executor would occupy a core of the host.
     loop {
         cortex_m::asm::wfi();
     }
@@ -136,7 +140,8 @@ async fn run(boot: BootReport, image: &'static Header) {
     injected_fault::plan(config.fault.filter(|planned| planned.is_repeated || boot.reset == Reset::Power));
     inject(&[InjectedFault::Panic]);
     let chip = (!boot.is_fallback).then(|| FlashFile::open(config.power_cut));
-    // Nothing else runs yet, so the start may block. Its state is then on the stack and not in the memory of this task.
+    // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory of
+    // this task.
     let started = match stored {
         Some((_, cells)) => block_on(start_with(chip, boot, image, config.setup, cells, None)),
         None => {
@@ -220,14 +225,14 @@ fn USART3() {
     PLANT.on_interrupt();
 }
 
-/// An unused timer: its interrupt runs the scan executor.
+/// The interrupt of a timer that is not used otherwise. It runs the scan executor.
 #[interrupt]
 unsafe fn TIM2() {
     // SAFETY: the executor was started before this interrupt was unmasked.
     unsafe { SCAN_EXECUTOR.on_interrupt() }
 }
 
-/// An unused timer: its interrupt runs the executor of all other tasks.
+/// The interrupt of a timer that is not used otherwise. It runs the executor of all other tasks.
 #[interrupt]
 unsafe fn TIM3() {
     // SAFETY: the executor was started before this interrupt was unmasked.
@@ -240,7 +245,7 @@ cortex_m_platform::on_systick!(tick);
 extern "C" fn tick(frame: u32) {
     static NEXT_CHECK_MS: AtomicU32 = AtomicU32::new(CHECK_PERIOD_MS);
     TIME.on_interrupt();
-    // 32 bits of milliseconds are seven weeks.
+    // A count of milliseconds in 32 bits wraps after seven weeks.
     let now_ms = Instant::now().as_millis() as u32;
     let next_ms = NEXT_CHECK_MS.load(Ordering::Relaxed);
     if !is_after(next_ms, now_ms) {

@@ -1,6 +1,8 @@
-//! The board's side of the sensor plant: the matrix and, where the plant paces the scans, the frame clock.
+//! The board's side of the sensor plant, the simulation of the sensor matrix on the host: the matrix and, if the plant paces the
+//! scans, the frame clock.
 //!
-//! Codes are in a file and only the handshake uses USART3: the emulated USART receives some 10 kB/s, and a walk has 50 kB/s.
+//! The codes are in a file and only the handshake uses USART3, because the emulated USART receives some 10 kB/s, and a walk has
+//! 50 kB/s.
 
 use crate::injected_fault::inject;
 use crate::port::Port;
@@ -16,7 +18,7 @@ use plantar::pipeline::setup::DEVICE_CELLS;
 use semihosting::fs::File;
 use semihosting::io::{Read, Seek, SeekFrom};
 
-/// A plant that does not answer within this time has stopped.
+/// Time after which a plant that does not answer counts as stopped. The frame is then abandoned.
 const ANSWER: Duration = Duration::from_millis(400);
 /// Time between heartbeats while a paced clock waits.
 const HEARTBEAT: Duration = Duration::from_millis(100);
@@ -26,18 +28,20 @@ fn request(port: &Port, kind: u8, seq: u32) {
     port.write(&[kind, a, b, c, d]);
 }
 
-/// The first byte of an answer of which the second byte is missing; [`NOTHING`] without one. A caller may time out between them.
-static HALF: AtomicU16 = AtomicU16::new(NOTHING);
-const NOTHING: u16 = u16::MAX;
+/// The first byte of an answer, until its second byte arrives; [`NO_BYTE`] at all other times. It is static because a caller may
+/// time out between the two bytes.
+static FIRST_BYTE: AtomicU16 = AtomicU16::new(NO_BYTE);
+const NO_BYTE: u16 = u16::MAX;
 
+/// Waits for the next answer of the plant.
 async fn answer(port: &Port) -> [u8; 2] {
     let mut byte = [0; 1];
-    if HALF.load(Ordering::Relaxed) == NOTHING {
+    if FIRST_BYTE.load(Ordering::Relaxed) == NO_BYTE {
         while port.read(&mut byte).await == 0 {}
-        HALF.store(byte[0].into(), Ordering::Relaxed);
+        FIRST_BYTE.store(byte[0].into(), Ordering::Relaxed);
     }
     while port.read(&mut byte).await == 0 {}
-    [HALF.swap(NOTHING, Ordering::Relaxed) as u8, byte[0]]
+    [FIRST_BYTE.swap(NO_BYTE, Ordering::Relaxed) as u8, byte[0]]
 }
 
 /// The matrix, with codes that the plant sets.
@@ -45,6 +49,7 @@ pub struct PlantMatrix {
     port: &'static Port,
     file: Option<File>,
     cells: usize,
+    /// Number of rows of the current scan that the file contains.
     rows_ready: usize,
 }
 
@@ -54,6 +59,7 @@ impl PlantMatrix {
         Self { port, file: File::open(MATRIX_FILE).ok(), cells, rows_ready: 0 }
     }
 
+    /// Waits until the file contains this row of scan `seq`.
     async fn row_ready(&mut self, seq: u32, row: usize) {
         while self.rows_ready <= row {
             let [number, rows] = answer(self.port).await;
@@ -96,7 +102,8 @@ impl Matrix for PlantMatrix {
     }
 }
 
-/// Signalled when processing takes a frame from the queue, after it completed the previous one.
+/// Signalled when processing takes a frame from the queue. The previous frame is then completed, so its place in the queue is
+/// free.
 pub static FRAME_TAKEN: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// The frame clock of the emulated board.

@@ -38,6 +38,7 @@ impl Port {
         }
     }
 
+    /// Waits for received bytes, copies them to `buffer`, and returns their number.
     pub async fn read(&self, buffer: &mut [u8]) -> usize {
         let len = self.received.read(buffer).await;
         cortex_m::interrupt::free(|_| self.registers.cr1().modify(|w| w.set_rxneie(true)));
@@ -53,7 +54,7 @@ impl Port {
     }
 }
 
-/// One end of a port for the link.
+/// A port with the traits of `embedded-io-async`. One `End` can read while another writes.
 pub struct End(pub &'static Port);
 
 impl ErrorType for End {

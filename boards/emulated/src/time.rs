@@ -1,7 +1,7 @@
 //! Time from the counter of TIM5, for the executor's own queue of timers.
 //!
-//! SysTick only triggers the queue: on a busy host the emulator drops some of its interrupts, so time that counted them would be
-//! slow.
+//! SysTick only triggers the queue. It does not count the time, because on a busy host the emulator drops some of its interrupts,
+//! and the time would be slow.
 
 use core::cell::RefCell;
 use core::task::Waker;
@@ -16,15 +16,16 @@ use stm32_metapac::TIM5;
 const CORE_HZ: u32 = 168_000_000;
 /// The emulator's timer clock, regardless of the clock tree.
 const TIMER_HZ: u64 = 1_000_000_000;
-/// SysTick counts down from here once a millisecond: the granularity of this board's timers.
+/// SysTick counts down from this value to 0 once in a millisecond, which is the granularity of this board's timers.
 pub const RELOAD: u32 = CORE_HZ / 1_000 - 1;
 
 /// The time driver; SysTick's exception must call [`Time::on_interrupt`].
 pub struct Time(CriticalSectionMutex<RefCell<State>>);
 
 struct State {
-    /// Number of wraps of the counter, and its last value. It wraps after 71 minutes and is read every millisecond.
+    /// Number of wraps of the counter. The counter wraps after 71 minutes and is read every millisecond.
     wraps: u32,
+    /// The last value of the counter.
     last: u32,
     queue: Queue,
 }

@@ -1,7 +1,7 @@
 //! The flash chip: a W25Q32 (4 MiB) on SPI2, with DMA.
 //!
-//! The controller's own flash is not used while the radio runs: erasing it stops the core for milliseconds, and needs a protocol
-//! with the radio's core.
+//! The controller's own flash is not written while the radio runs: erasing it stops the core for milliseconds, and must be agreed
+//! with the radio's core by a protocol of its own.
 
 use embassy_stm32::gpio::{Output, Pull};
 use embassy_stm32::mode::Async;
@@ -26,7 +26,7 @@ const BIT_HZ: u32 = 16_000_000;
 /// The chip.
 pub type Chip = W25<Q, ExclusiveDevice<Spi<'static, Async, Master>, Output<'static>, Delay>, (), ()>;
 
-/// Opens the chip once it is ready. A missing chip reads 0, which means ready; every write then fails.
+/// Opens the chip once it is ready. A missing chip reads 0, which means that it is ready; every write to it then fails.
 pub async fn open(
     spi: Peri<'static, SPI2>,
     clock: Peri<'static, PB13>,
@@ -40,8 +40,8 @@ pub async fn open(
     config.frequency = Hertz(BIT_HZ);
     config.miso_pull = Pull::Down;
     let spi = Spi::new(spi, clock, to_chip, from_chip, send, receive, Irqs, config);
-    // Neither a pin of this controller nor its SPI as master can fail. `unwrap` is avoided because the errors lack `Debug` or
-    // cost kilobytes of text.
+    // Neither a pin of this controller nor its SPI as master can fail. `unwrap` is not used, because it needs errors with `Debug`,
+    // which one of them lacks, and because the texts of the other would take kilobytes.
     let device = ExclusiveDevice::new(spi, select, Delay).unwrap_or_else(|_| unreachable!());
     W25::new_no_pins(device, CHIP_BYTES).await.unwrap_or_else(|_| unreachable!())
 }

@@ -50,7 +50,7 @@ const LINK_BIT_HZ: u32 = 460_800;
 /// The core's clock, kHz.
 const CORE_KHZ: u32 = 64_000;
 
-/// The board resets after this time without a check by the supervision.
+/// The independent watchdog resets the board after this time without a check by the supervision, us.
 const WATCHDOG_US: u32 = 1_000_000;
 
 bind_interrupts!(struct Irqs {
@@ -59,7 +59,8 @@ bind_interrupts!(struct Irqs {
 
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 
-/// The header of this image, at a fixed place for the host and for the image that it replaces.
+/// The header of this image. It is at a fixed place, so that host programs find it, and so does the running firmware that receives
+/// this image as an update.
 #[used]
 #[unsafe(link_section = ".header")]
 static IMAGE: Header = Header::new("stm32wb55", env!("PLANTAR_VERSION"));
@@ -68,13 +69,13 @@ static FROM_RADIO: HciPipe = HciPipe::new();
 static TO_RADIO: HciPipe = HciPipe::new();
 static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
-/// At the 100 Hz of this board three frames last 30 ms, longer than the evaluation of a step.
+/// The queue holds three frames: at the 100 Hz of this board they last 30 ms, longer than the evaluation of a step takes.
 static MEMORY: Memory<Chip, 3> = Memory::new();
 static TO_SEND: ConstStaticCell<[u8; 192]> = ConstStaticCell::new([0; 192]);
-/// The longest message fits.
+/// The buffer is longer than the longest message to the insole.
 static RECEIVED: ConstStaticCell<[u8; 288]> = ConstStaticCell::new([0; 288]);
 
-/// Counts the core's cycles, including those of interrupts.
+/// Counts the core's cycles, including the cycles of interrupts.
 struct CycleCounter;
 
 impl Stopwatch for CycleCounter {
@@ -105,7 +106,7 @@ fn clocks() -> rcc::Config {
     // The maximum of the radio's core is 32 MHz.
     clocks.core2_ahb_pre = rcc::AHBPrescaler::DIV2;
     clocks.msi = None;
-    // The random number generator of the radio's core needs it.
+    // The random number generator of the radio's core needs this clock.
     clocks.hsi48 = Some(rcc::Hsi48Config { sync_from_usb: false });
     clocks.ls = rcc::LsConfig::off();
     // The sleep clock of the radio is HSE / 1024, which saves a second crystal.
@@ -114,7 +115,7 @@ fn clocks() -> rcc::Config {
     clocks
 }
 
-/// Why the board started; clears the flags. Every reset also sets the pin's flag, so the pin comes last.
+/// Determines why the board started, and clears the flags. Every reset also sets the flag of the pin, so the pin is checked last.
 fn take_reset_reason() -> Reset {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
@@ -151,8 +152,8 @@ async fn main(spawner: Spawner) {
     core.SYST.clear_current();
     core.SYST.enable_counter();
     core.SYST.enable_interrupt();
-    // The scan has a higher priority than the thread, and a lower one than timer, DMA and port, which have the highest by
-    // default.
+    // The scan has a higher priority than the thread, and a lower priority than timer, DMA and port, which have the highest
+    // priority by default.
     interrupt::SAI1.set_priority(Priority::P6);
 
     // The strap is connected to ground on a right insole.
@@ -181,7 +182,8 @@ async fn main(spawner: Spawner) {
     let side = if strap.is_low() { Side::Right } else { Side::Left };
     let select = Output::new(p.PB12, Level::High, Speed::Medium);
     let is_started_by_user = matches!(boot.reset, Reset::Power | Reset::Pin);
-    // Nothing else runs yet, so the start may block. Its state is then on the stack and not in the memory of this task.
+    // No other task runs yet, so the start may block. The state of the start is then on the stack and not in the static memory of
+    // this task.
     let chip = if boot.is_fallback {
         None
     } else {
@@ -244,7 +246,7 @@ async fn run_radio(ipcc: Peri<'static, IPCC>) {
     radio::run(ipcc, &FROM_RADIO, &TO_RADIO).await;
 }
 
-/// An unused peripheral: its interrupt runs the scan executor.
+/// The interrupt of a peripheral that is not used otherwise. It runs the scan executor.
 #[interrupt]
 unsafe fn SAI1() {
     // SAFETY: the executor was started before this interrupt was unmasked.
@@ -253,7 +255,7 @@ unsafe fn SAI1() {
 
 cortex_m_platform::on_systick!(tick);
 
-/// The supervision feeds the hardware watchdog, which resets the board where no interrupt runs any more.
+/// Runs the supervision, then feeds the hardware watchdog, which resets the board if interrupts do not run any more.
 extern "C" fn tick(frame: u32) {
     cortex_m_platform::check(frame, &SCAN_COUNTERS.heartbeats);
     pac::IWDG.kr().write(|w| w.set_key(Key::RESET));

@@ -2,7 +2,7 @@
 //!
 //! Time of a row at 64 MHz (`docs/hardware.md`): 30 us for settling, 16 columns x 16 conversions x 25 cycles = 100 us for the
 //! conversions, and an allowance of 15 us for set-up and wake-ups. 16 rows take 2.32 ms, and 2.34 ms with the first conversion,
-//! which is discarded, of the 2.5 ms of a frame at 400 Hz. After a longer scan the next one starts late, or is skipped and
+//! which is discarded, of the 2.5 ms of a frame at 400 Hz. After a longer scan, the next scan starts late, or is skipped and
 //! counted.
 
 use embassy_stm32::adc::vals::{OversamplingRatio, OversamplingShift, Rovsm, Trovs};
@@ -21,7 +21,7 @@ bind_interrupts!(struct Irqs {
 });
 
 /// Settling time after a change of the row. The chain of amplifier (1.6 us), row line (2 us) and feedback (1.1 us) settles to
-/// 1/4096 of the step within 21 us (`docs/hardware.md`); the rest is a margin for longer lines.
+/// within 1/4096 of the final value in 21 us (`docs/hardware.md`); the rest is a margin for longer lines.
 const SETTLE: Duration = Duration::from_micros(30);
 
 /// Sampling time of a conversion: 195 ns at 64 MHz, two time constants of the 100 ohm and 1 nF at each input. Only the first of
@@ -34,7 +34,7 @@ const CONVERSION_TIMEOUT: Duration = Duration::from_millis(1);
 /// Codes from here on count as full scale: an amplifier may saturate up to 1 %, 33 mV, below its supply of 3.3 V.
 const CLIPPED: u16 = FULL_CODE - FULL_CODE / 100;
 
-/// Row switch and converter.
+/// The sensor matrix, behind the row switch and the converter.
 pub struct ResistiveMatrix {
     adc: Adc<'static, ADC1>,
     dma: Peri<'static, DMA1_CH1>,
@@ -45,7 +45,7 @@ pub struct ResistiveMatrix {
 }
 
 impl ResistiveMatrix {
-    /// Calibrates the converter and sets it to sums of 16.
+    /// Calibrates the converter and configures it to return sums of 16 conversions.
     pub fn new(
         adc: Peri<'static, ADC1>,
         dma: Peri<'static, DMA1_CH1>,
@@ -62,7 +62,7 @@ impl ResistiveMatrix {
         Self { adc: Adc::new_with_config(adc, config), dma, columns, address, enable }
     }
 
-    /// Disconnects all rows, then connects one.
+    /// Disconnects all rows, then connects this one.
     fn select(&mut self, row: usize) {
         self.enable.set_low();
         for (bit, line) in self.address.iter_mut().enumerate() {

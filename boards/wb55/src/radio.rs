@@ -1,7 +1,8 @@
 //! Bluetooth of the STM32WB55: HCI to the radio's core through memory that both cores share.
 //!
-//! The packets of the mailbox are H4 packets, so the byte stream is the same as that of a serial controller. While the flag of a
-//! channel is set, its queue belongs to the receiver, and otherwise to the sender.
+//! The packets of the mailbox have the format of H4, the transport of HCI over a serial port, so the byte stream is the same as
+//! that of a serial controller. While the flag of a channel is set, the queue of the channel belongs to the receiver, and
+//! otherwise to the sender. In this file, the host is the Bluetooth host on this core (package `bluetooth`).
 
 use bluetooth::{BONDING_WINDOW, HciPipe};
 use core::mem::MaybeUninit;
@@ -38,12 +39,13 @@ macro_rules! at {
     }};
 }
 
-/// All packets that can be in a queue: those of the pool and the two spare ones.
+/// All packets that can be in a queue: the packets of the pool, and the two spare packets.
 type Packets = Vec<u32, { POOLED + 2 }>;
 
 /// Reads a word that the other core may have written.
 fn read(at: u32) -> u32 {
-    // SAFETY: every address here is that of a whole word in SHARED; volatile because the other core writes to it.
+    // SAFETY: every caller passes the address of a whole word in SHARED. The access is volatile, because the other core writes to
+    // the word.
     unsafe { (at as *const u32).read_volatile() }
 }
 
@@ -52,12 +54,14 @@ fn write(at: u32, word: u32) {
     unsafe { (at as *mut u32).write_volatile(word) }
 }
 
-/// Offsets of the two words of a node.
+/// Offset of the address of the next node in a node.
 const NEXT: u32 = 0;
+/// Offset of the address of the previous node in a node.
 const PREVIOUS: u32 = 4;
+/// Offset of the H4 byte in a packet, after its node.
 const H4: u32 = size_of::<Node>() as u32;
 
-/// Empties a queue that belongs to this core.
+/// Empties a queue that belongs to this core, and returns its packets; `None` if it was empty.
 fn drain(queue: u32) -> Option<Packets> {
     let mut packets = Packets::new();
     let mut packet = read(queue + NEXT);
@@ -82,7 +86,8 @@ fn append(queue: u32, packet: u32) {
 /// The bytes of a packet that belongs to this core.
 fn bytes(packet: u32) -> &'static [u8] {
     let h4 = (packet + H4) as *const u8;
-    // SAFETY: the packet is in SHARED and is not written before it is returned, after the last use of these bytes.
+    // SAFETY: the packet is in SHARED, and the radio's core does not write it before this core returns it, which happens after the
+    // last use of these bytes.
     unsafe {
         let len = match *h4 {
             H4_DATA => 5 + usize::from(u16::from_le_bytes([*h4.add(3), *h4.add(4)])),
@@ -140,8 +145,8 @@ fn init_tables() {
     }
 }
 
-/// Starts the radio's core, then passes packets in both directions. Never returns. A radio's core without firmware never answers;
-/// the board then runs without Bluetooth.
+/// Starts the radio's core, then passes packets in both directions. Never returns. If the radio's core has no firmware, it never
+/// answers, and the board runs without Bluetooth.
 pub async fn run(ipcc: Peri<'static, IPCC>, from_radio: &HciPipe, to_radio: &HciPipe) -> ! {
     init_tables();
     let [(ble_command, ble_events), (mut system_command, mut system_events), _, (release, _), _, (data, _)] =
@@ -210,12 +215,13 @@ async fn send(mut command: IpccTxChannel<'_>, mut data: IpccTxChannel<'_>, mut h
 
 /// The Bluetooth configuration of this board.
 pub struct Wb55 {
-    /// The start was caused by power-on or the reset pin, and therefore by a person who holds the insole.
+    /// The start was caused by power-on or the reset pin, and therefore by a person who has the insole in hand.
     pub is_started_by_user: bool,
 }
 
 impl BluetoothBoard for Wb55 {
     fn address(&self) -> Option<[u8; 6]> {
+        // The address is derived from the unique number of the controller.
         let id = uid::uid();
         let mut address = core::array::from_fn(|i| id[i] ^ id[i + 6]);
         // The two highest bits mark a random static address.

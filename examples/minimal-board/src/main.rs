@@ -1,8 +1,8 @@
-//! The smallest board, as a template for a new one. Its sensor, its flash chip and its port are stubs, so it compiles and does
-//! nothing; replace each `impl` by a driver. `CONTRIBUTING.md` has the steps; `boards/wb55` is a complete board.
+//! The smallest board, as a template for a new board. Its sensor matrix, its flash chip and its port are stubs, so it compiles but
+//! has no function; replace each `impl` by a driver. `CONTRIBUTING.md` has the procedure; `boards/wb55` is a complete board.
 //!
-//! The example is checked and not linked, because it has no time driver for `embassy-time`: that is part of the controller's
-//! package, such as `embassy-stm32`.
+//! The example is type-checked but not linked, because it has no time driver for `embassy-time`: a real board has one in the
+//! package of its controller, such as `embassy-stm32`.
 #![no_std]
 #![no_main]
 
@@ -34,9 +34,10 @@ static IMAGE: Header = Header::new("minimal", env!("PLANTAR_VERSION"));
 
 static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
+/// The frame queue holds three frames.
 static MEMORY: Memory<NoChip, 3> = Memory::new();
 
-/// A matrix without load. A real one selects a row, converts its columns, and writes their codes.
+/// A matrix without load. A real matrix selects the row, converts its columns, and writes their codes.
 struct NoLoad;
 
 impl Matrix for NoLoad {
@@ -55,7 +56,7 @@ impl Matrix for NoLoad {
 /// A flash chip that fails: steps remain in RAM, and the status counts the items that could not be stored.
 struct NoChip;
 
-/// The chip does not answer.
+/// The error of the chip, which does not answer.
 #[derive(Debug)]
 struct NoAnswer;
 
@@ -137,8 +138,8 @@ async fn main(spawner: Spawner) {
     let boot = cortex_m_platform::boot_report(None);
     // The compiler must not assume the content of the header, because a tool may have patched it in the image.
     let image = black_box(&IMAGE);
-    // Here the board initialises its clocks, ports and SysTick, which must call `tick` every
-    // `plantar::firmware::supervise::CHECK_PERIOD_MS`.
+    // A real board initialises its clocks and ports here, and sets SysTick to a period of
+    // `plantar::firmware::supervise::CHECK_PERIOD_MS`, so that `tick` is called at this period.
     let configuration = Configuration {
         setup: layout::setup(Side::Left),
         cells: layout::cells(),
@@ -179,7 +180,7 @@ async fn run_persist(store: &'static mut Store<NoChip>, shared: &'static Shared,
     persist::persist(store, shared, image, cortex_m::peripheral::SCB::sys_reset).await
 }
 
-/// An interrupt that nothing else uses; its handler runs the scan executor.
+/// An interrupt that is not used otherwise. On a real board, its handler runs the scan executor.
 #[derive(Clone, Copy)]
 struct SpareInterrupt;
 
@@ -192,7 +193,7 @@ unsafe impl cortex_m::interrupt::InterruptNumber for SpareInterrupt {
 
 cortex_m_platform::on_systick!(tick);
 
-/// Checks that scan, processing and link make progress.
+/// Checks that scan, processing and link make progress, and resets the board if one of them is stalled.
 extern "C" fn tick(frame: u32) {
     cortex_m_platform::check(frame, &SCAN_COUNTERS.heartbeats);
 }

@@ -17,7 +17,7 @@ use std::path::PathBuf;
 /// The firmware of the emulated board.
 ///
 /// # Panics
-/// Where `PLANTAR_FIRMWARE` does not name it.
+/// If `PLANTAR_FIRMWARE` does not contain its path.
 pub fn firmware() -> PathBuf {
     named_by("PLANTAR_FIRMWARE", "the firmware of the emulated board")
 }
@@ -25,7 +25,7 @@ pub fn firmware() -> PathBuf {
 /// The data set SpeedPP2DS.
 ///
 /// # Panics
-/// Where `PLANTAR_JIKU` does not name it.
+/// If `PLANTAR_JIKU` does not contain its path.
 pub fn jiku() -> PathBuf {
     named_by("PLANTAR_JIKU", "the folder SpeedPP2DS of the package jiku-data")
 }
@@ -33,7 +33,7 @@ pub fn jiku() -> PathBuf {
 /// A Python interpreter with bumble.
 ///
 /// # Panics
-/// Where `PLANTAR_PYTHON` does not name it.
+/// If `PLANTAR_PYTHON` does not contain its path.
 pub fn python() -> PathBuf {
     named_by("PLANTAR_PYTHON", "a Python interpreter with bumble")
 }
@@ -41,27 +41,31 @@ pub fn python() -> PathBuf {
 /// The folder with recordings of people, which are not public.
 ///
 /// # Panics
-/// Where `PLANTAR_RECORDINGS` does not name it.
+/// If `PLANTAR_RECORDINGS` does not contain its path.
 pub fn recordings() -> PathBuf {
     named_by("PLANTAR_RECORDINGS", "a folder with recordings of people")
 }
 
+/// The path in an environment variable. `content` describes the file or folder.
 fn named_by(variable: &str, content: &str) -> PathBuf {
     let path = std::env::var_os(variable).map(PathBuf::from);
-    path.unwrap_or_else(|| panic!("set {variable} to {content}; `cargo xtask test` does so"))
+    path.unwrap_or_else(|| {
+        panic!("the environment variable {variable} must contain the path of {content}; `cargo xtask test` sets it")
+    })
 }
 
-/// Typical parameters.
+/// The typical parameters of a wearer.
 pub fn tissue() -> Tissue {
     Parameters::typical(InsoleSize::default()).tissue()
 }
 
-/// Computes live frames and steps from a recording, as a host does.
+/// Computes live frames and steps from a recording by the insole's code on the host, with typical parameters. `is_missing`
+/// selects the frames that the matrix does not deliver, by their numbers.
 pub fn replay(recording: &Recording, contact: ContactRule, is_missing: fn(u32) -> bool) -> (Vec<Live>, Vec<Step>) {
     replay_with(recording, contact, is_missing, &[(0, tissue())])
 }
 
-/// The same with parameters that change: each set applies from the live frame with its number on.
+/// The same as [`replay`], with parameters that change: each item of `tissues` applies from the live frame with its number on.
 pub fn replay_with(
     recording: &Recording,
     contact: ContactRule,
@@ -72,7 +76,7 @@ pub fn replay_with(
     (live, steps)
 }
 
-/// Computes live frames, steps and detected faults from a recording with these sensor faults.
+/// Computes live frames, steps and detected faults from a recording with these sensor faults, as [`replay`] does.
 pub fn replay_faulty(recording: &Recording, faults: &[SensorFault]) -> (Vec<Live>, Vec<Step>, Faults) {
     replay_codes(recording, ContactRule::COUNTED, |_| false, &[(0, tissue())], faults)
 }
@@ -84,21 +88,21 @@ fn replay_codes(
     tissues: &[(usize, Tissue)],
     faults: &[SensorFault],
 ) -> (Vec<Live>, Vec<Step>, Faults) {
-    let worn = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
-    insole.set_up(worn.setup, worn.cells.iter().copied()).expect("a recording's insole is valid");
-    let zeros: Vec<u16> = worn.cells.iter().map(|cell| cell.calibration.offset).collect();
-    let mut codes = vec![0; worn.cells.len()];
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a recording's insole is valid");
+    let zeros: Vec<u16> = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
+    let mut codes = vec![0; virtual_insole.cells.len()];
     let (mut live, mut steps) = (Vec::new(), Vec::new());
-    for i in 0..worn.frames(recording) as u32 {
+    for i in 0..virtual_insole.frames(recording) as u32 {
         if is_missing(i) {
             continue;
         }
         for (_, tissue) in tissues.iter().filter(|(before, _)| *before == live.len()) {
             insole.set_tissue(tissue).expect("the parameters are valid");
         }
-        worn.codes_of(recording, i as usize, &mut codes);
-        let t_us = u64::from(i) * u64::from(worn.setup.period_us);
+        virtual_insole.codes_of(recording, i as usize, &mut codes);
+        let t_us = u64::from(i) * u64::from(virtual_insole.setup.period_us);
         faults.iter().for_each(|fault| fault.apply(t_us as f64 / 1e6, &zeros, &mut codes));
         let toe_off = insole.frame(i, &codes);
         live.push(Live::new(live.len() as u32, t_us, insole.loads(), insole.masked()));

@@ -21,21 +21,25 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use testkit::nor_flash::{NorFlashChip, now};
 
-/// Longest wait for a message of the simulated phones.
+/// Longest wait for a line from the simulated phones.
 pub const TIMEOUT: Duration = Duration::from_secs(60);
 
+/// UUID of the insole's characteristic Control. The following constants are the other characteristics.
 pub const CONTROL: &str = "dca8c301-cb96-463f-8bec-f2094e1ccf7b";
 pub const LIVE: &str = "dca8c302-cb96-463f-8bec-f2094e1ccf7b";
 pub const STEPS: &str = "dca8c303-cb96-463f-8bec-f2094e1ccf7b";
 pub const PARAMETERS: &str = "dca8c304-cb96-463f-8bec-f2094e1ccf7b";
+/// The characteristics of the insole's own service.
 pub const CHARACTERISTICS: [&str; 4] = [CONTROL, LIVE, STEPS, PARAMETERS];
+/// The characteristic Current Time of the standard service of that name.
 pub const CURRENT_TIME: &str = "2a2b";
+/// The characteristic RSC Measurement, which contains the cadence.
 pub const CADENCE: &str = "2a53";
 
-/// The error of a phone's action.
+/// The reason why an action of a phone failed.
 #[derive(Debug)]
 pub struct PhoneError {
-    /// The code of the attribute protocol, where it is such an error.
+    /// The error code of the attribute protocol, if the insole sent one.
     pub att: Option<u64>,
     #[allow(dead_code, reason = "printed by `Debug`")]
     text: String,
@@ -45,12 +49,14 @@ pub struct PhoneError {
 pub struct RadioSimulation {
     python: Child,
     requests: ChildStdin,
+    /// The lines that the simulation writes, and their times.
     lines: Receiver<(Instant, Value)>,
     /// Events of the phones that no test has read yet.
     events: VecDeque<(Instant, Value)>,
 }
 
 impl RadioSimulation {
+    /// Starts the simulation without phones.
     pub fn start() -> Self {
         let script = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tools/virtual-phone/phone.py");
         let mut command = Command::new(python());
@@ -70,6 +76,7 @@ impl RadioSimulation {
         Self { python, requests, lines, events: VecDeque::new() }
     }
 
+    /// The next line of the simulation.
     fn line(&self) -> (Instant, Value) {
         self.lines.recv_timeout(TIMEOUT).expect("the simulated phones run")
     }
@@ -138,19 +145,21 @@ impl Drop for RadioSimulation {
     }
 }
 
-/// A walk that waits before each scan until it is allowed, so that a slow link loses no message.
+/// A walk that waits before each scan until the test allows the scan, so that no message is lost on a slow link.
 struct Paced {
     walk: Recorded,
+    /// Number of scans so far.
     scanned: u32,
     allowed: Arc<Allowed>,
 }
 
+/// The number of scans that the test allows, and the notification of its changes.
 #[derive(Default)]
 struct Allowed(Mutex<u32>, Condvar);
 
 impl Walk for Paced {
     fn scans(&self) -> u32 {
-        // The emulator calls this before each scan: it waits here.
+        // The emulator calls this function before each scan, and so waits here.
         let allowed = self.allowed.0.lock().unwrap_or_else(PoisonError::into_inner);
         let waits = |allowed: &mut u32| *allowed <= self.scanned && self.scanned < self.walk.scans();
         drop(self.allowed.1.wait_while(allowed, waits));
@@ -163,7 +172,7 @@ impl Walk for Paced {
     }
 }
 
-/// An emulated insole, the time of which advances as far as it is allowed.
+/// An emulated insole. Its time advances only as far as the test allows with [`Self::play`].
 pub struct Insole {
     pub board: Board,
     pub recording: Recording,
@@ -171,7 +180,8 @@ pub struct Insole {
 }
 
 impl Insole {
-    /// Starts the board.
+    /// Starts a board that plays this recording. `change` modifies its configuration, and `flash` is the content of its flash
+    /// chip; `None` for a new chip.
     pub fn boot(
         radio: &mut RadioSimulation,
         firmware: &Path,
@@ -179,10 +189,14 @@ impl Insole {
         change: impl FnOnce(&mut EmulatorConfig),
         flash: Option<Vec<u8>>,
     ) -> Self {
-        let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
         let allowed = Arc::<Allowed>::default();
-        let walk = Paced { walk: Recorded::new(recording.clone(), worn.clone()), scanned: 0, allowed: allowed.clone() };
-        let board = boot(radio, firmware, &worn, Time::Max, walk, change, flash);
+        let walk = Paced {
+            walk: Recorded::new(recording.clone(), virtual_insole.clone()),
+            scanned: 0,
+            allowed: allowed.clone(),
+        };
+        let board = boot(radio, firmware, &virtual_insole, Time::Max, walk, change, flash);
         board.play();
         Self { board, recording, allowed }
     }
@@ -193,7 +207,7 @@ impl Insole {
         now(async { Store::open(Some(&mut chip), Reset::Power).await.get(0).await }).expect("the chip works")
     }
 
-    /// Lets time advance until this number of scans is complete.
+    /// Allows time to advance until this number of scans is complete.
     pub fn play(&self, scans: u32) {
         let mut allowed = self.allowed.0.lock().unwrap_or_else(PoisonError::into_inner);
         *allowed = (*allowed).max(scans);
@@ -202,27 +216,31 @@ impl Insole {
 
     /// Number of scans of the whole walk.
     pub fn scans(&self) -> u32 {
-        let worn = VirtualInsole::new(&self.recording, ContactRule::COUNTED, StanceRule::WALKING);
-        worn.frames(&self.recording) as u32
+        let virtual_insole = VirtualInsole::new(&self.recording, ContactRule::COUNTED, StanceRule::WALKING);
+        virtual_insole.frames(&self.recording) as u32
     }
 }
 
-/// Starts a board with a radio of its own.
+/// Starts a board with a simulated radio of its own. `change` modifies the configuration, and `flash` is the content of the flash
+/// chip; `None` for a new chip.
 pub fn boot(
     radio: &mut RadioSimulation,
     firmware: &Path,
-    worn: &VirtualInsole,
+    virtual_insole: &VirtualInsole,
     time: Time,
     walk: impl Walk,
     change: impl FnOnce(&mut EmulatorConfig),
     flash: Option<Vec<u8>>,
 ) -> Board {
-    let side = worn.setup.side;
-    let mut config = EmulatorConfig { address: [1 + side as u8, 0, 0, 0, 0, 0xc0], ..EmulatorConfig::new(worn.setup) };
+    let side = virtual_insole.setup.side;
+    let mut config =
+        EmulatorConfig { address: [1 + side as u8, 0, 0, 0, 0, 0xc0], ..EmulatorConfig::new(virtual_insole.setup) };
     change(&mut config);
-    let port = radio.request(json!({"do": "radio", "name": side.name()}))["port"].as_u64().expect("a port");
+    let port = radio.request(json!({"do": "radio", "name": side.name()}))["port"]
+        .as_u64()
+        .expect("the simulation returns a port");
     let hardware = Hardware { hci: Some(([127, 0, 0, 1], port as u16).into()), flash, swapped: false };
-    Board::start_with(firmware, &config, &worn.cells, time, walk, &hardware).expect("the board boots")
+    Board::start_with(firmware, &config, &virtual_insole.cells, time, walk, &hardware).expect("the board boots")
 }
 
 /// A left insole and the radio simulation.
@@ -232,6 +250,7 @@ pub struct World {
 }
 
 impl World {
+    /// Starts the simulation and the insole.
     pub fn start(recording: Recording) -> Self {
         let firmware = firmware();
         let mut radio = RadioSimulation::start();
@@ -239,7 +258,7 @@ impl World {
         Self { radio, insole }
     }
 
-    /// Switches the board off and on again.
+    /// Switches the board off and on again, with a changed configuration.
     pub fn restart(&mut self, change: fn(&mut EmulatorConfig)) {
         let flash = self.insole.board.flash().expect("the chip can be read");
         let firmware = firmware();
@@ -248,10 +267,12 @@ impl World {
         self.radio.discard_events();
     }
 
+    /// A new phone that can connect to the insole.
     pub fn new_phone(&mut self, number: u8) -> Phone {
         self.radio.phone(number, "Plantar L")
     }
 
+    /// A bonded phone with a connection to the insole and an open session.
     pub fn bonded_phone(&mut self, mtu: u16) -> Phone {
         self.radio.bonded_phone(1, "Plantar L", mtu)
     }
@@ -259,17 +280,18 @@ impl World {
 
 /// A simulated phone.
 pub struct Phone {
+    /// The name of the phone in the simulation.
     pub name: String,
-    /// The insole's name.
+    /// The name of the insole to which the phone connects.
     insole: &'static str,
-    /// Longest value of a characteristic.
+    /// Largest length of a characteristic's value, bytes.
     max_len: usize,
     /// The joiner of each characteristic.
     pub joiners: BTreeMap<String, Joiner>,
 }
 
 impl Phone {
-    /// Finds the insole, connects and discovers its GATT table.
+    /// Finds the insole, connects to it, and returns its GATT table.
     pub fn connect(&mut self, radio: &mut RadioSimulation, mtu: u16) -> Value {
         self.connect_without_discovery(radio, mtu);
         radio.request(json!({"do": "discover", "phone": self.name}))["table"].clone()
@@ -304,6 +326,7 @@ impl Phone {
         self.open(radio);
     }
 
+    /// Ends the connection. Events that were not read are discarded.
     pub fn disconnect(&mut self, radio: &mut RadioSimulation) {
         radio.request(json!({"do": "disconnect", "phone": self.name}));
         radio.events.retain(|(_, line)| line["phone"] != self.name);
@@ -320,20 +343,24 @@ impl Phone {
         radio.events.retain(|(_, line)| line["phone"] != self.name);
     }
 
+    /// Writes a value to a characteristic.
     pub fn write(&self, radio: &mut RadioSimulation, characteristic: &str, value: &[u8]) -> Result<(), PhoneError> {
         radio
             .try_request(json!({"do": "write", "phone": self.name, "of": characteristic, "value": hex(value)}))
             .map(|_| ())
     }
 
+    /// Writes a value that must be refused; returns the error code of the attribute protocol.
     pub fn refused(&self, radio: &mut RadioSimulation, characteristic: &str, value: &[u8]) -> Option<u64> {
-        self.write(radio, characteristic, value).expect_err("it is refused").att
+        self.write(radio, characteristic, value).expect_err("the value must be refused").att
     }
 
+    /// The value of a characteristic.
     pub fn read(&self, radio: &mut RadioSimulation, characteristic: &str) -> Vec<u8> {
         unhex(&radio.request(json!({"do": "read", "phone": self.name, "of": characteristic}))["value"])
     }
 
+    /// Sends a message in fragments.
     pub fn send(&self, radio: &mut RadioSimulation, message: ToDevice) {
         let characteristic =
             if matches!(message, ToDevice::SetTissue(_) | ToDevice::GetTissue) { PARAMETERS } else { CONTROL };
@@ -342,19 +369,20 @@ impl Phone {
         }
     }
 
-    /// The next value and its characteristic.
+    /// The next value that the insole sends, and its characteristic.
     pub fn value(&mut self, radio: &mut RadioSimulation) -> (String, Vec<u8>) {
         let (_, of, value) = self.value_at(radio);
         (of, value)
     }
 
+    /// The same as [`Self::value`], with the time of arrival.
     fn value_at(&mut self, radio: &mut RadioSimulation) -> (Instant, String, Vec<u8>) {
         let (at, line) = radio.next_event(&self.name);
         let Some(of) = line["of"].as_str() else { panic!("the connection ended: {line}") };
         (at, of.into(), unhex(&line["value"]))
     }
 
-    /// The next message.
+    /// The next message that the insole sends.
     pub fn next(&mut self, radio: &mut RadioSimulation) -> ToHost {
         self.next_at(radio).1
     }
@@ -366,7 +394,7 @@ impl Phone {
             assert!(value.len() <= self.max_len);
             let joiner = self.joiners.entry(of.clone()).or_default();
             let Some(message) = joiner.push(&value).expect("fragments arrive in order") else { continue };
-            let message = decode(message).expect("one complete message");
+            let message = decode(message).expect("the bytes are one complete message");
             let characteristic = match message {
                 ToHost::Live(_) | ToHost::Cells(_) => LIVE,
                 ToHost::Step(_) => STEPS,
@@ -398,10 +426,12 @@ impl Phone {
         }
     }
 
+    /// Sets the wearer's parameters, which the insole must confirm.
     pub fn set_tissue(&mut self, radio: &mut RadioSimulation, tissue: Tissue) {
         assert_eq!(self.answer(radio, ToDevice::SetTissue(tissue)), ToHost::Tissue(tissue));
     }
 
+    /// The insole's counters.
     pub fn status(&mut self, radio: &mut RadioSimulation) -> Status {
         match self.answer(radio, ToDevice::GetStatus) {
             ToHost::Status(status) => status,
@@ -410,15 +440,21 @@ impl Phone {
     }
 }
 
+/// Bytes as hexadecimal digits.
 pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
+/// The bytes of a JSON string of hexadecimal digits.
 pub fn unhex(text: &Value) -> Vec<u8> {
-    let text = text.as_str().expect("hex");
-    (0..text.len()).step_by(2).map(|i| u8::from_str_radix(&text[i..i + 2], 16).expect("hex")).collect()
+    let text = text.as_str().expect("the text is hexadecimal");
+    (0..text.len())
+        .step_by(2)
+        .map(|i| u8::from_str_radix(&text[i..i + 2], 16).expect("the text is hexadecimal"))
+        .collect()
 }
 
+/// The fragments of a message, each of at most `max_len` bytes.
 pub fn fragments(message: &ToDevice, max_len: usize) -> Vec<Vec<u8>> {
     let mut splitter = Splitter::new();
     let len = encode(message, splitter.buffer()).expect("the message fits").len();

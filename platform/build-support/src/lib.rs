@@ -9,8 +9,8 @@ use std::{env, fs};
 
 /// Size of the stack, bytes: twice its deepest measured use, which occurs while pairing.
 const STACK_BYTES: u32 = 20 << 10;
-/// Size of the crash record with the stack of the fault handler, bytes.
-const EVIDENCE_BYTES: u32 = 1 << 10;
+/// Size of the region that contains the crash record and the stack of the fault handler, bytes.
+const CRASH_RECORD_BYTES: u32 = 1 << 10;
 
 /// The two programs of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,7 +21,7 @@ pub enum Program {
     Bootloader,
 }
 
-/// A further memory region, with a section of the same name in lower case after a dot.
+/// A further memory region of a board. Its section has the same name in lower case, after a dot (`.mailbox` for `MAILBOX`).
 #[derive(Clone, Copy, Debug)]
 pub struct Region {
     /// Name in capitals, such as `MAILBOX`.
@@ -41,7 +41,7 @@ pub fn link(program: Program, ram: Range<u32>, regions: &[Region]) {
         Program::Bootloader => BOOTLOADER,
     };
     let ram_start = ram.start + STACK_BYTES;
-    let evidence = ram.end - EVIDENCE_BYTES;
+    let crash_record = ram.end - CRASH_RECORD_BYTES;
     let mut text = String::new();
     let mut region = |name: &str, origin: u32, end: u32| {
         // Writing to a string cannot fail.
@@ -49,8 +49,8 @@ pub fn link(program: Program, ram: Range<u32>, regions: &[Region]) {
     };
     region("FLASH", flash.start, flash.end);
     region("STACK", ram.start, ram_start);
-    region("RAM", ram_start, evidence);
-    region("EVIDENCE", evidence, ram.end);
+    region("RAM", ram_start, crash_record);
+    region("CRASH_RECORD", crash_record, ram.end);
     let mut sections = String::from("SECTIONS\n{\n");
     for Region { name, origin, bytes } in regions {
         region(name, *origin, origin + bytes);
@@ -81,10 +81,10 @@ pub fn link(program: Program, ram: Range<u32>, regions: &[Region]) {
     version();
 }
 
-/// Sets the environment variable `PLANTAR_VERSION` for the package under build: the version of the package and, where the sources
-/// are a git checkout, the commit, as in `0.2.0+1a2b3c4`. The numbers alone decide which of two versions is newer.
+/// Sets the environment variable `PLANTAR_VERSION` for the package under build: the version of the package and, if the sources
+/// are a git checkout, the commit, as in `0.2.0+1a2b3c4`. Only the three numbers decide which of two versions is newer.
 pub fn version() {
-    // Cargo always sets it.
+    // Cargo always sets this variable.
     let version = env::var("CARGO_PKG_VERSION").unwrap_or_default();
     let commit = git(&["rev-parse", "--short=7", "HEAD"]).map_or(String::new(), |commit| format!("+{commit}"));
     println!("cargo:rustc-env=PLANTAR_VERSION={version}{commit}");
@@ -95,7 +95,7 @@ pub fn version() {
     println!("cargo:rerun-if-changed=build.rs");
 }
 
-/// The first line that git prints; `None` without git or a checkout.
+/// The text that git prints; `None` if git is missing, the sources are not a checkout, or the text is empty.
 fn git(arguments: &[&str]) -> Option<String> {
     let output = Command::new("git").args(arguments).current_dir(root()).output().ok()?;
     let text = String::from_utf8(output.stdout).ok()?;
@@ -104,17 +104,19 @@ fn git(arguments: &[&str]) -> Option<String> {
 
 /// The folder of the workspace.
 fn root() -> PathBuf {
-    // This package is two folders below.
+    // This package is two folders below the folder of the workspace.
     Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap_or(Path::new(".")).into()
 }
 
 fn out_dir() -> PathBuf {
-    // Cargo always sets it.
+    // Cargo always sets this variable.
     PathBuf::from(env::var_os("OUT_DIR").unwrap_or_default())
 }
 
+/// Writes a file.
+///
 /// # Panics
-/// Where the file cannot be written, which ends the build with the reason.
+/// If the file cannot be written, which ends the build with the reason.
 fn write(path: &Path, text: &str) {
     fs::write(path, text).unwrap_or_else(|error| panic!("cannot write {}: {error}", path.display()));
 }

@@ -18,29 +18,34 @@ const FAILED_STARTS: u32 = 3;
 /// Distinguishes a crash record from the contents of RAM after power-on.
 const MAGIC: u32 = 0x504c_414f;
 
-/// Number of return addresses in a crash record: as many as fit into the text.
+/// Number of return addresses in a crash record: at least as many as fit into the text of the hello.
 const CALLS: usize = 9;
 
-/// Causes for the end of a run; 0 stands for an unknown cause.
+/// The run ended by a panic. This and the following constants are the values of [`CrashRecord::cause`].
 const PANIC: u32 = 1;
+/// The run ended by a hard fault.
 const FAULT: u32 = 2;
+/// The run ended by a stack overflow.
 const OVERFLOW: u32 = 3;
-/// Combined with the bits of [`Watchdog::check`].
+/// The run ended because a part was stalled. Combined with the bits of [`Watchdog::check`].
 const STALLED: u32 = 1 << 8;
 
+/// The crash record. It is written at every start and when a failure ends the run, and read at the next start.
 #[repr(C)]
 #[derive(Clone, Copy)]
 struct CrashRecord {
     magic: u32,
     /// Number of successive failed starts. The present start counts as failed until it is healthy.
     failed_starts: u32,
+    /// The failure that ended the run; 0 if none was recorded.
     cause: u32,
-    /// Duration of the run, checks.
+    /// Duration of the run, number of checks.
     checks: u32,
+    /// The addresses of the calls in progress, the innermost first; 0 after the last one.
     calls: [u32; CALLS],
 }
 
-#[unsafe(link_section = ".evidence")]
+#[unsafe(link_section = ".crash_record")]
 static mut RECORD: MaybeUninit<CrashRecord> = MaybeUninit::uninit();
 
 static WATCHDOG: CriticalSectionMutex<Cell<Watchdog>> = CriticalSectionMutex::new(Cell::new(Watchdog::new()));
@@ -65,15 +70,16 @@ fn stack() -> (u32, u32) {
     (addr_of!(_stack_end) as u32, addr_of!(_stack_start) as u32)
 }
 
-/// A word of the stack between its ends.
+/// Reads a word of the stack, between its ends.
 fn word(at: u32) -> u32 {
     // SAFETY: the callers stay between the ends, which the linker aligns; the stack pointer is aligned too.
     unsafe { (at as *const u32).read_volatile() }
 }
 
-/// Records the cause, and the addresses of the calls in progress, the innermost first: `pc`, and the return addresses on the
-/// stack from `from` on, some of which may be stale. Then resets. The record contains addresses, because panic messages and
-/// locations would take a fifth of the flash; `cargo xtask explain` finds the source lines in the firmware's file.
+/// Records the cause and the addresses of the calls in progress, the innermost first, then resets. The addresses are `pc` and the
+/// return addresses on the stack from `from` on, some of which may be stale. The record contains addresses, because panic
+/// messages and locations would take a fifth of the flash; `cargo xtask explain` finds the source lines in the file of the
+/// firmware.
 fn save_crash_record_and_reset(cause: u32, pc: Option<u32>, from: u32) -> ! {
     cortex_m::interrupt::disable();
     let mut calls = [0; CALLS];
@@ -89,8 +95,9 @@ fn save_crash_record_and_reset(cause: u32, pc: Option<u32>, from: u32) -> ! {
 /// Saves the crash record in an exception, and resets. `frame` is the address of the registers that the exception put on the
 /// stack.
 fn save_exception_and_reset(cause: u32, frame: u32) -> ! {
-    /// Size of these registers, and the offset of the program counter, bytes.
+    /// Size of these registers, bytes.
     const FRAME: u32 = 32;
+    /// Offset of the program counter in them, bytes.
     const PC: u32 = 24;
     save_crash_record_and_reset(cause, Some(word(frame + PC)), frame + FRAME)
 }
@@ -100,20 +107,22 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
     save_crash_record_and_reset(PANIC, None, cortex_m::register::msp::read())
 }
 
-/// The handler of the hard fault. The stack may be its cause, so the handler uses another one, at the end of the region EVIDENCE.
+/// The handler of the hard fault. The stack may be the cause of the fault, so the handler uses another stack, at the end of the
+/// region CRASH_RECORD.
 #[unsafe(naked)]
 #[unsafe(export_name = "HardFault")]
 extern "C" fn hard_fault() -> ! {
     core::arch::naked_asm!(
         "mov r0, sp",
-        "movw r1, :lower16:_evidence_end",
-        "movt r1, :upper16:_evidence_end",
+        "movw r1, :lower16:_crash_record_end",
+        "movt r1, :upper16:_crash_record_end",
         "mov sp, r1",
         "b {fault}",
         fault = sym fault,
     )
 }
 
+/// Records a hard fault or a stack overflow. `frame` is the stack pointer at the exception.
 extern "C" fn fault(frame: u32) -> ! {
     /// Largest number of bytes that one instruction pushes: a fault this close to the end of the stack was caused by a push.
     const PUSH: u32 = 128;
@@ -139,7 +148,7 @@ macro_rules! on_systick {
     };
 }
 
-/// Checks that scan, processing and link make progress, and resets the board where one is stalled. To be called every
+/// Checks that scan, processing and link make progress, and resets the board if one of them is stalled. To be called every
 /// [`CHECK_PERIOD_MS`] in the exception `SysTick`, with the address that [`on_systick`] passed.
 pub fn check(frame: u32, heartbeats: &Heartbeats) {
     let (stalled, healthy_checks) = WATCHDOG.lock(|cell| {
@@ -156,19 +165,19 @@ pub fn check(frame: u32, heartbeats: &Heartbeats) {
     }
 }
 
-/// Reports the circumstances of this start. `flags` is the reset reason that the controller reports, where it reports one. To be
-/// called once, before interrupts are enabled.
-pub fn boot_report(flags: Option<Reset>) -> BootReport {
+/// Reports the circumstances of this start. `controller_reset` is the reset reason that the controller reports; `None` if it
+/// reports none. To be called once, before interrupts are enabled.
+pub fn boot_report(controller_reset: Option<Reset>) -> BootReport {
     let before = Some(read_record()).filter(|record| record.magic == MAGIC);
     let cause = before.map_or(0, |before| before.cause);
-    let reset = match (cause, flags, before) {
+    let reset = match (cause, controller_reset, before) {
         (PANIC | FAULT | OVERFLOW, ..) => Reset::Panic,
         (STALLED.., ..) => Reset::Watchdog,
-        (_, Some(flags), _) => flags,
+        (_, Some(reset), _) => reset,
         (_, None, Some(_)) => Reset::Software,
         (_, None, None) => Reset::Power,
     };
-    // A run that the user ended did not fail.
+    // A run that ended otherwise, as by the user, did not fail.
     let failed_starts =
         before.filter(|_| matches!(reset, Reset::Panic | Reset::Watchdog)).map_or(0, |before| before.failed_starts);
     let is_fallback = failed_starts >= FAILED_STARTS;
@@ -192,7 +201,8 @@ struct Text(String<MAX_FAULT_TEXT>);
 
 impl Text {
     fn push(&mut self, words: &str) -> &mut Self {
-        // The longest text without addresses is shorter.
+        // This cannot fail: the longest text without addresses is shorter than MAX_FAULT_TEXT, and addresses are only added if
+        // they fit.
         let _ = self.0.push_str(words);
         self
     }
@@ -212,7 +222,7 @@ impl Text {
         let _ = char::from_digit(digit, 16).map(|digit| self.0.push(digit));
     }
 
-    /// Adds the end of a run: its cause, its time, and as many return addresses as fit.
+    /// Adds the contents of a crash record: the cause, the duration of the run, and as many addresses as fit.
     fn push_record(&mut self, record: &CrashRecord) -> &mut Self {
         self.push(match record.cause {
             PANIC => "panic",
@@ -242,7 +252,7 @@ impl Text {
     }
 }
 
-/// The address of the call that returns to `word`, where it is a return address.
+/// The address of the call that returns to `word`; `None` if `word` is not a return address.
 fn call_before(word: u32) -> Option<u32> {
     unsafe extern "C" {
         static __stext: u16;

@@ -1,23 +1,29 @@
 //! The memory that the two cores of the STM32WB55 share, in the layout that the radio's core expects: ST's application note
-//! AN5289 and the headers of its open middleware (STM32CubeWB: mbox_def.h, tl.h, shci.h). `tests/tables.rs` checks offsets and
+//! AN5289 and the headers of ST's open middleware (STM32CubeWB: mbox_def.h, tl.h, shci.h). `tests/tables.rs` checks offsets and
 //! sizes.
 //!
-//! Addresses are numbers, so that the layout on a host is the same.
+//! Addresses are 32-bit numbers and not pointers, so that the layout is the same on the host that runs the tests.
 #![no_std]
 #![allow(missing_docs, reason = "the fields have the names and the meaning of ST's headers")]
 
-/// Longest command, event and data with their H4 byte, bytes.
+/// Length of the longest command, bytes. Like every packet, it begins with its H4 byte, which states the kind of the packet.
 pub const COMMAND: usize = 1 + 3 + 255;
+/// Length of the longest event, bytes.
 pub const EVENT: usize = 1 + 2 + 255;
+/// Length of the longest data packet, bytes.
 pub const DATA: usize = 1 + 4 + 251;
-/// Packets for received events and data (ST's examples have five), in whole words each.
+/// Number of packets in the pool for received events and data (ST's examples have five).
 pub const POOLED: usize = 4;
+/// Size of this pool, bytes. Each packet takes whole words.
 pub const POOL_BYTES: usize = POOLED * 4 * (size_of::<Node>() + EVENT).div_ceil(4);
 
-/// H4 bytes of Bluetooth packets, and ST's own of system packets.
+/// H4 byte of a Bluetooth command.
 pub const H4_COMMAND: u8 = 1;
+/// H4 byte of a Bluetooth data packet.
 pub const H4_DATA: u8 = 2;
+/// H4 byte of a Bluetooth event.
 pub const H4_EVENT: u8 = 4;
+/// H4 byte of a system command, defined by ST.
 pub const H4_SYSTEM_COMMAND: u8 = 0x10;
 
 /// The command that starts Bluetooth on the radio's core: SHCI_OPCODE_C2_BLE_INIT.
@@ -66,7 +72,7 @@ pub struct Memory {
     pub traces_bytes: u32,
 }
 
-/// A queue, or the link of a packet in one: a ring of addresses.
+/// The head of a queue, or the links of a packet in a queue. A queue is a ring of addresses.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct Node {
@@ -81,7 +87,7 @@ pub struct Packet<const N: usize> {
     pub h4: [u8; N],
 }
 
-/// All shared memory; the references come first.
+/// All of the shared memory. The references must come first.
 #[repr(C)]
 pub struct Shared {
     pub references: References,
@@ -111,7 +117,7 @@ pub struct BleInit {
     pub unused_buffer: [u32; 2],
     pub host_attributes: [u16; 3],
     pub links: u8,
-    /// Packets of 251 bytes.
+    /// 1 for data packets of up to 251 bytes.
     pub extended_length: u8,
     pub host_blocks: [u8; 2],
     pub host_mtu: u16,
@@ -120,12 +126,12 @@ pub struct BleInit {
     pub central_accuracy: u8,
     /// Bit 2: the sleep clock is HSE / 1024.
     pub sleep_clock: u8,
-    /// Longest connection event, 625/256 us.
+    /// Longest connection event, in units of 625/256 us.
     pub most_event: u32,
-    /// Start-up time of the crystal, 625/256 us.
+    /// Start-up time of the crystal, in units of 625/256 us.
     pub crystal_start: u16,
     pub viterbi: u8,
-    /// Bit 0: the link layer only.
+    /// Bit 0: the radio runs its link layer only.
     pub options: u8,
     pub hardware: u8,
     pub host_channels: u8,
@@ -134,7 +140,7 @@ pub struct BleInit {
     pub receiver_model: u8,
     pub advertising_sets: u8,
     pub advertising_bytes: u16,
-    /// Transmit and receive path, 0.1 dB.
+    /// Compensation of the transmit and the receive path, in units of 0.1 dB.
     pub path_decidb: [i16; 2],
     /// 11 stands for version 5.2.
     pub core_version: u8,
@@ -143,7 +149,7 @@ pub struct BleInit {
 }
 
 impl BleInit {
-    /// Parameters for one central; the timing is that of ST's examples.
+    /// Parameters for one central, with the timing of ST's examples.
     pub const PERIPHERAL: Self = Self {
         unused_buffer: [0; 2],
         host_attributes: [0; 3],

@@ -1,4 +1,4 @@
-//! Compares the device's single precision with double precision on the same codes.
+//! Compares single precision, as on the insole, with double precision on the same codes.
 
 use anyhow::Result;
 use bench::Figures;
@@ -11,13 +11,16 @@ use plantar::pipeline::stance::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use recording::{Recording, VirtualInsole, synthetic};
 
-/// Largest relative differences.
+/// Largest relative differences so far.
 #[derive(Default)]
 struct Worst {
+    /// Of forces, relative to the peak force of the region.
     force: f64,
+    /// Of areas and ellipse radii, relative to the value.
     area: f64,
 }
 
+/// Measures the differences with counted and fractional contact, and with typical and tight tissue.
 pub fn measure(figures: &mut Figures) -> Result<()> {
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 30, ..Default::default() }).recording;
     let mut worst = Worst::default();
@@ -31,12 +34,17 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
     figures.add(
         "device_vs_host_force_rel",
         worst.force,
-        "f32 against f64: largest difference of a force, relative to its region's peak",
+        "largest difference of a force between f32 and f64, relative to its region's peak",
     );
-    figures.add("device_vs_host_area_rel", worst.area, "the same for areas and ellipse radii, relative");
+    figures.add(
+        "device_vs_host_area_rel",
+        worst.area,
+        "largest relative difference of an area or ellipse radius between f32 and f64",
+    );
     Ok(())
 }
 
+/// Evaluates a walk in both precisions, and raises `worst` to the largest differences.
 fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut Worst) -> Result<()> {
     let virtual_insole = VirtualInsole::new(walk, contact, StanceRule::WALKING);
     let mut single = Box::new(Insole::<f32, DEVICE_CELLS>::new());
@@ -76,7 +84,7 @@ fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut 
                 let forces = [
                     (f64::from(s.model_peak_n), d.model_peak_n, d.model_peak_n),
                     (f64::from(s.measured_peak_n), d.measured_peak_n, d.measured_peak_n),
-                    // An integral is compared with the peak force times the contact time.
+                    // The difference of an integral is relative to the peak force times the contact time.
                     (f64::from(s.model_integral_n_s), d.model_integral_n_s, d.model_peak_n * d.contact_s),
                     (f64::from(s.measured_integral_n_s), d.measured_integral_n_s, d.measured_peak_n * d.contact_s),
                 ];
@@ -101,7 +109,8 @@ fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut 
     Ok(())
 }
 
-/// Soft ellipsoids with a section one percent larger than the largest contact: the least accurate case in single precision.
+/// Soft ellipsoids whose largest section is only one percent larger than the largest contact. With these, single precision is
+/// least accurate.
 fn tight_tissue(walk: &Recording, typical: &Tissue) -> Result<Tissue> {
     let virtual_insole = VirtualInsole::new(walk, ContactRule::COUNTED, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());

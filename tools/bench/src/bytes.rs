@@ -1,4 +1,4 @@
-//! Sizes of the longest messages: every field has the value with the longest encoding.
+//! Measures the lengths of the longest messages, in which every field has the value with the longest encoding.
 
 use anyhow::Result;
 use bench::Figures;
@@ -6,9 +6,10 @@ use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::{Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Step, StepRegion, ToHost, encode, frame};
 
-/// A hundred years, us: longer than any insole runs.
+/// A hundred years, us, which is longer than an insole can run.
 const CENTURY_US: u64 = 100 * 366 * 24 * 3600 * 1_000_000;
 
+/// Measures the lengths of a live frame and a step record.
 pub fn measure(figures: &mut Figures) -> Result<()> {
     let region = LiveRegion { area_mm2: u16::MAX, deformation_um: u16::MAX, model_dn: u16::MAX, measured_dn: u16::MAX };
     let live = Live {
@@ -34,14 +35,14 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
         start_unix_us: Some(2 * CENTURY_US),
     };
     for (key, message, meaning) in [
-        ("live_frame_bytes", ToHost::Live(live), "longest live frame"),
-        ("step_record_bytes", ToHost::Step(step), "longest step record"),
+        ("live_frame_bytes", ToHost::Live(live), "longest live frame, bytes"),
+        ("step_record_bytes", ToHost::Step(step), "longest step record, bytes"),
     ] {
         let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
         let message = encode(&message, &mut buffer)?;
         figures.add(key, message.len(), meaning);
         let on_uart = frame(message, &mut framed);
-        figures.add(&format!("{key}.uart"), on_uart, "the same with CRC, COBS and delimiter");
+        figures.add(&format!("{key}.uart"), on_uart, "the same on the serial port, with CRC, COBS and delimiter");
     }
     Ok(())
 }

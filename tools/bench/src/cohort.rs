@@ -1,4 +1,4 @@
-//! Measures the time of `plantar cohort` for ten walkers with sixty steps each, including the time to read the recordings.
+//! Measures the time of `plantar cohort` for ten walkers with sixty steps each. It includes the reading of the recordings.
 
 use anyhow::{Context, Result, bail};
 use bench::Figures;
@@ -7,6 +7,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
+/// Runs the command line at the path `plantar` on the data set in the folder `data`.
 pub fn measure(plantar: &Path, data: &Path, figures: &mut Figures) -> Result<()> {
     let directory = tempfile::tempdir()?;
     let people = directory.path().join("people");
@@ -35,7 +36,7 @@ pub fn measure(plantar: &Path, data: &Path, figures: &mut Figures) -> Result<()>
     figures.add(
         "cohort_s",
         (seconds * 100.0).round() / 100.0,
-        &format!("at most 60: s for {steps} steps of ten walkers, all cores"),
+        &format!("at most 60: time of `plantar cohort` for {steps} steps of ten walkers on all cores, s"),
     );
     Ok(())
 }

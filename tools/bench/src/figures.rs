@@ -1,10 +1,11 @@
-//! Figures of a run: printed as they are measured, and written to a file as one flat JSON object.
+//! The figures of a run. They are printed as they are measured, and written to a file as one JSON object with a number for each
+//! key.
 
 use anyhow::{Context, Result};
 use serde_json::{Map, Value};
 use std::path::Path;
 
-/// Figures of a run, in the order in which they were measured.
+/// The figures of a run, in the order in which they were measured.
 #[derive(Default)]
 pub struct Figures(Map<String, Value>);
 
@@ -19,7 +20,7 @@ impl Figures {
     /// Writes all figures as JSON.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
         let text = serde_json::to_string_pretty(&self.0)? + "\n";
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))

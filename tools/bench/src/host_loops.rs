@@ -1,41 +1,46 @@
-//! Long walks on the host loops: the firmware's loops in virtual time on this computer, with both feet, storage and the real
-//! client.
+//! Long walks on the host loops: the firmware's loops run in virtual time on this computer, for both feet, with storage and the
+//! real client.
 
 use crate::Figures;
 use anyhow::{Result, anyhow, ensure};
 use std::time::Instant;
 use testkit::scenario::LongWalk;
 
-/// Frames per second.
+/// Frames per second of each foot.
 const RATE_HZ: f64 = 100.0;
-/// Steps of each foot for the measurement of speed.
+/// Number of steps of each foot for the measurement of speed.
 const SPEED_STEPS: u32 = 400;
-/// Steps of each foot in a day, and in a short endurance test.
+/// Number of steps of each foot in the endurance test: more than a person walks in a day, without pauses about seven hours.
 const DAY_STEPS: u32 = 25_000;
+/// Number of steps of each foot in the short endurance test.
 const SHORT_STEPS: u32 = 1_000;
 
-/// Measures how many times faster than real time both feet walk.
+/// Measures how many times faster than real time the walk of both feet is computed.
 ///
 /// # Errors
-/// Where a step is lost or a counter does not add up.
+/// If a step is lost, or a counter does not agree with the messages that arrived.
 pub fn measure_speed(figures: &mut Figures) -> Result<()> {
     let start = Instant::now();
-    let (outcome, walked) = LongWalk { steps: SPEED_STEPS, rate_hz: RATE_HZ }.run(|_| ());
-    let speed = walked.as_secs_f64() / start.elapsed().as_secs_f64();
+    let (outcome, duration) = LongWalk { steps: SPEED_STEPS, rate_hz: RATE_HZ }.run(|_| ());
+    let speed = duration.as_secs_f64() / start.elapsed().as_secs_f64();
     let lost = outcome.verify().map_err(|error| anyhow!("{error}"))?;
     ensure!(lost == 0, "{lost} steps of the walk on the host loops were lost");
-    figures.add("scenario_speed", speed.round(), "at least 200: walking on the host loops, times real time, both feet");
+    figures.add(
+        "scenario_speed",
+        speed.round(),
+        "at least 200: speed of a walk of both feet on the host loops, relative to real time",
+    );
     Ok(())
 }
 
-/// A day of walking with both feet: every step arrives once, and all counters add up.
+/// Tests a day of walking with both feet, or a short walk: every step arrives once, and all counters agree with the messages.
 ///
 /// # Errors
-/// Where a step is lost or a counter does not add up.
+/// If a step is lost, or a counter does not agree with the messages that arrived.
 pub fn soak(is_short: bool, figures: &mut Figures) -> Result<()> {
     let steps = if is_short { SHORT_STEPS } else { DAY_STEPS };
     let mut minutes = 0;
-    let (outcome, walked) = LongWalk { steps, rate_hz: RATE_HZ }.run(|arrived| {
+    let (outcome, duration) = LongWalk { steps, rate_hz: RATE_HZ }.run(|arrived| {
         minutes += 1;
         if minutes % 60 == 0 {
             eprintln!("{arrived} of {} steps after {} h", 2 * steps, minutes / 60);
@@ -44,8 +49,12 @@ pub fn soak(is_short: bool, figures: &mut Figures) -> Result<()> {
     let lost = outcome.verify().map_err(|error| anyhow!("{error}"))?;
     let arrived: usize = outcome.insoles.iter().map(|insole| insole.host.steps.len()).sum();
     ensure!(lost == 0 && arrived == 2 * steps as usize, "{arrived} of {} steps arrived, {lost} were lost", 2 * steps);
-    figures.add("soak_steps", arrived, "steps of a day of walking on the host loops, each delivered once");
-    figures.add("soak_hours", (walked.as_secs_f64() / 360.0).round() / 10.0, "their duration in virtual time");
+    figures.add("soak_steps", arrived, "steps of both feet in a long walk on the host loops, each received once");
+    figures.add(
+        "soak_hours",
+        (duration.as_secs_f64() / 360.0).round() / 10.0,
+        "duration of this walk in virtual time, hours",
+    );
     for (insole, key) in outcome.insoles.iter().zip(["left", "right"]) {
         let status = insole.status.ok_or_else(|| anyhow!("the {key} insole does not answer at the end of the walk"))?;
         let counters = insole.host.client.as_ref().map(|client| client.counters()).unwrap_or_default();
@@ -59,9 +68,13 @@ pub fn soak(is_short: bool, figures: &mut Figures) -> Result<()> {
             ("damaged", counters.crc_errors),
         ];
         for (name, count) in losses {
-            ensure!(count == 0, "{key}: {name} is {count} after a walk without disturbances");
+            ensure!(count == 0, "{key} foot: {name} is {count} after a walk without disturbances");
         }
-        figures.add(&format!("soak_frames.{key}"), status.frames, "processed frames; none missed, dropped or damaged");
+        figures.add(
+            &format!("soak_frames.{key}"),
+            status.frames,
+            "frames of this foot in this walk; none missed, dropped or damaged",
+        );
     }
     Ok(())
 }

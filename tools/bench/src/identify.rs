@@ -1,5 +1,5 @@
-//! Measures accuracy, evaluations and time of the identification on steps with known parameters, and compares them with the
-//! paper's search.
+//! Measures the accuracy, the model evaluations and the time of the identification on computed steps with known parameters, and
+//! compares them with the paper's search.
 
 use crate::python;
 use anyhow::{Result, bail};
@@ -12,15 +12,18 @@ use fit::{Filter, Samples, paper};
 use std::path::Path;
 use std::time::Instant;
 
+/// Samples per second of the computed steps.
 const RATE_HZ: f64 = 100.0;
 /// Standard deviation of the noise, relative to the peak force.
 const NOISE: f64 = 0.01;
-/// The fastest of this number of runs counts, because other processes share the core.
+/// Number of runs. The fastest one is reported, because other processes slow the others down.
 const RUNS: usize = 20;
+/// Number of computed steps of each region for the coverage of the intervals.
 const COVERAGE_REPEATS: u64 = 200;
-/// A search succeeds where its NRMSE is at most this much above the best known one.
+/// A search counts as successful if its NRMSE exceeds that of this identification by less than this.
 const SUCCESS: f64 = 0.001;
 
+/// Measures all figures; `python` is an interpreter with NumPy and SciPy.
 pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     exact(figures);
     coverage(figures);
@@ -42,31 +45,31 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     figures.add(
         "fit_evaluations",
         evaluations,
-        "at most 600: model evaluations of one region and step, largest of eight regions",
+        "at most 600: model evaluations for one region and step, largest of eight regions",
     );
     let fit_ms = most(&mut best_s.iter().map(|s| s * 1e3));
-    figures.add("fit_ms", round(fit_ms, 3), "at most 2: time for them on one core, ms, largest of eight regions");
+    figures.add("fit_ms", round(fit_ms, 3), "at most 2: time of this on one core, ms, largest of eight regions");
 
-    // For one step, the sum of squares is the square of the NRMSE.
+    // For a single step, the sum of squares is the square of the NRMSE.
     let own_nrmse: Vec<f64> = found.iter().map(|f| f.squares.sqrt()).collect();
     let own_s: f64 = best_s.iter().sum::<f64>() / 8.0;
     let scipy = scipy(python, &samples)?;
     figures.add(
         "paper_evaluations",
         scipy.evaluations,
-        "the paper's search with SciPy's SLSQP, ten starts: mean of eight regions",
+        "model evaluations of the paper's search (SciPy's SLSQP, ten starts), mean of eight regions",
     );
     let succeeded = scipy.nrmse.iter().zip(&own_nrmse).filter(|(nrmse, own)| **nrmse < *own + SUCCESS).count();
     figures.add(
         "paper_success",
         succeeded,
-        "of 8 regions: the paper's search is within 0.1 percentage points of the best known NRMSE",
+        "of 8 regions: the NRMSE of the paper's search is less than 0.1 percentage points above this identification's",
     );
     let ratio = scipy.seconds / (succeeded as f64) / own_s;
     figures.add(
         "fit_over_paper",
         round(ratio, 1),
-        "at least 100: time of the paper's search for a successful region over that of this identification",
+        "at least 100: time of the paper's search for each successful region, relative to this identification",
     );
 
     let start = Instant::now();
@@ -83,12 +86,12 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     figures.add(
         "fit_over_paper_compiled",
         round(seconds / succeeded as f64 / own_s, 1),
-        &format!("the same for `--method paper`, compiled: {succeeded} of 8 regions succeed"),
+        &format!("the same for the paper's search in Rust (--method paper), successful in {succeeded} of 8 regions"),
     );
     Ok(())
 }
 
-/// Measures the errors for steps without noise, whose parameters should be found exactly.
+/// Measures the errors for steps without noise. Their parameters should be found exactly.
 fn exact(figures: &mut Figures) {
     let (mut nrmse, mut parameters) = (0.0f64, 0.0f64);
     for region in 0..8 {
@@ -110,11 +113,11 @@ fn exact(figures: &mut Figures) {
     figures.add(
         "fit_exact_parameters",
         parameters,
-        "below 1e-4: relative error of the five parameters there, largest of eight regions",
+        "below 1e-4: relative error of the five parameters for steps without noise, largest of eight regions",
     );
 }
 
-/// Measures the fraction of repeats in which a true value lies in its 95 % interval.
+/// Measures the fraction of noisy steps for which a true value lies in its 95 % interval.
 fn coverage(figures: &mut Figures) {
     let mut least = 1.0f64;
     let mut all = 0.0;
@@ -138,17 +141,22 @@ fn coverage(figures: &mut Figures) {
     figures.add(
         "fit_coverage",
         round(all, 4),
-        "0.90 to 0.99: true values inside their 95 % interval, noisy steps, all regions",
+        "0.90 to 0.99: fraction of true values inside their 95 % interval, noisy steps, all regions",
     );
     figures.add("fit_coverage_least", round(least, 4), "the same for the parameter and region with the least coverage");
 }
 
+/// The results of the paper's search through SciPy.
 struct Scipy {
+    /// Time for all regions.
     seconds: f64,
+    /// Model evaluations, mean of the regions.
     evaluations: f64,
+    /// The least NRMSE for each region.
     nrmse: Vec<f64>,
 }
 
+/// Runs the paper's search through SciPy; `samples` has one step of each region.
 fn scipy(python: &Path, samples: &[Samples]) -> Result<Scipy> {
     let directory = tempfile::tempdir()?;
     for (region, samples) in samples.iter().enumerate() {
@@ -160,7 +168,9 @@ fn scipy(python: &Path, samples: &[Samples]) -> Result<Scipy> {
     }
     let mut scipy = Scipy { seconds: 0.0, evaluations: 0.0, nrmse: Vec::new() };
     for numbers in python::run(python, "identify_scipy.py", directory.path(), &[])? {
-        let [seconds, evaluations, nrmse] = numbers[..] else { bail!("the SciPy version printed: {numbers:?}") };
+        let [seconds, evaluations, nrmse] = numbers[..] else {
+            bail!("identify_scipy.py printed an unexpected line: {numbers:?}")
+        };
         scipy.seconds += seconds;
         scipy.evaluations += evaluations / samples.len() as f64;
         scipy.nrmse.push(nrmse);
@@ -168,6 +178,7 @@ fn scipy(python: &Path, samples: &[Samples]) -> Result<Scipy> {
     Ok(scipy)
 }
 
+/// Rounds a value to this number of decimal places.
 fn round(value: f64, digits: i32) -> f64 {
     let scale = 10f64.powi(digits);
     (value * scale).round() / scale

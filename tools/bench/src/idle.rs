@@ -1,4 +1,4 @@
-//! Measures the processor time of the emulator while the emulated board processes a walk in real time.
+//! Measures the processor time that the emulator needs while the emulated board processes a walk in real time.
 
 use anyhow::{Context, Result};
 use bench::Figures;
@@ -11,14 +11,14 @@ use recording::{VirtualInsole, synthetic};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Time of the measurement.
+/// Duration of the measurement.
 const MEASURED: Duration = Duration::from_secs(6);
 /// Time within which the insole must answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
-/// Ticks per second of the times in `/proc`.
+/// The times in `/proc` are in ticks, of which this number is a second.
 const USER_HZ: f64 = 100.0;
 
-/// Measures the share of a core at 100 Hz with a live stream. Measures nothing where the host has no `/proc`.
+/// Measures the share of a core that the emulator uses at 100 Hz with a live stream. On a host without `/proc`, adds no figure.
 pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     if !Path::new("/proc/self/stat").exists() {
         return Ok(());
@@ -40,12 +40,12 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     figures.add(
         "emulator_cpu_share",
         (share * 100.0).round() / 100.0,
-        "at most 0.25: share of a core of an emulated foot at 100 Hz",
+        "at most 0.25: share of a core that an emulated foot uses at 100 Hz in real time",
     );
     Ok(())
 }
 
-/// Processor time of a process so far, s.
+/// Processor time that a process has used so far, s.
 fn processor_s(process: u32) -> Result<f64> {
     let stat = std::fs::read_to_string(format!("/proc/{process}/stat"))?;
     // The name in parentheses may contain spaces. User and system time are the fields 14 and 15.

@@ -14,11 +14,14 @@ use recording::{Recording, VirtualInsole, synthetic};
 use std::path::Path;
 use std::time::Duration;
 
+/// Number of cells of the layout.
 const CELLS: usize = 240;
+/// Number of scans of the walk.
 const SCANS: u32 = 200;
-/// Timeouts of the carrier without a message after which the board counts as stalled.
+/// The board counts as stalled after this number of successive read timeouts without a message.
 const MAX_TIMEOUTS: u32 = 400;
-/// An instruction takes one nanosecond of emulated time, a SysTick cycle 1/168 MHz.
+/// Duration of a cycle of the board's cycle counter, SysTick at 168 MHz. An instruction takes 1 ns of emulated time, so this is
+/// also the number of instructions for each cycle.
 const NS_PER_CYCLE: f64 = 1000.0 / 168.0;
 
 /// A foot that loads every cell of every region from the second frame on, always with the same codes.
@@ -55,6 +58,7 @@ impl Walk for Noisy {
     }
 }
 
+/// Counts the instructions with whole cells and with fractional contact.
 pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     let layout = synthetic::insole(CELLS);
     let pressure_kpa = synthetic::loaded_frame(&layout);
@@ -67,7 +71,11 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
         pressure_kpa,
     };
     for (key, contact, meaning) in [
-        ("frame_instructions", ContactRule::COUNTED, "240 loaded cells, 8 regions, codes to encoded live message"),
+        (
+            "frame_instructions",
+            ContactRule::COUNTED,
+            "instructions for a frame with 240 loaded cells in 8 regions, from codes to encoded live message",
+        ),
         (
             "frame_instructions_fractional",
             ContactRule { full_kpa: 100.0, ..ContactRule::COUNTED },
@@ -99,13 +107,14 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     Ok(())
 }
 
-/// Instructions of one frame: the least number, because interrupts of the scan lengthen some frames.
+/// Instructions of the frame with the fewest cycles, because interrupts of the scan lengthen others.
 fn instructions(status: &Status) -> Result<f64> {
     let (least, _) = status.frame_cycles;
     Ok((f64::from(least) * NS_PER_CYCLE).round())
 }
 
-/// Plays a whole walk into the emulated board, with a live stream and perhaps one of all cells, and returns the board's counters.
+/// Plays a whole walk into the emulated board while the live stream is on, and the stream of cells, if one is given. Returns the
+/// board's counters.
 pub fn walk_through(
     firmware: &Path,
     insole: &VirtualInsole,

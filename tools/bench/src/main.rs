@@ -1,4 +1,4 @@
-//! The benchmarks: figures of the data path, each measured in this run.
+//! The benchmarks of the data path and of the host programs.
 
 mod accuracy;
 mod bytes;
@@ -17,26 +17,27 @@ use bench::Figures;
 use clap::Parser;
 use std::path::PathBuf;
 
-/// Measures and prints instructions per frame in the emulator, f32 against f64, sizes of the messages, replay compared with
-/// NumPy, and identification compared with SciPy.
+/// Runs the benchmarks and prints the figures: instructions for a frame, accuracy of single precision, lengths of messages, speed
+/// of a replay compared with NumPy, and identification compared with SciPy.
 #[derive(Parser)]
 struct Arguments {
-    /// The firmware of the emulated board.
+    /// The firmware file of the emulated board.
     #[arg(long)]
     firmware: PathBuf,
-    /// A Python with NumPy and SciPy.
+    /// A Python interpreter with NumPy and SciPy.
     #[arg(long, required_unless_present = "stack_json")]
     python: Option<PathBuf>,
-    /// The folder SpeedPP2DS of the package jiku-data; with it, identification is also measured on its walkers.
+    /// The folder SpeedPP2DS of the Python package jiku-data. With this option, the identification is also measured on its
+    /// walkers.
     #[arg(long, requires = "plantar")]
     jiku: Option<PathBuf>,
     /// The program `plantar`, to measure the time of `plantar cohort`.
     #[arg(long)]
     plantar: Option<PathBuf>,
-    /// Also write the figures to this file, one flat JSON object.
+    /// Also write the figures to this file, as one JSON object with a number for each key.
     #[arg(long)]
     json: Option<PathBuf>,
-    /// Measure only the deepest stack of the emulated board in a walk, and write it to this file.
+    /// Measure only the deepest stack of the emulated board in a walk, and write this figure to this JSON file.
     #[arg(long, conflicts_with_all = ["python", "json"])]
     stack_json: Option<PathBuf>,
 }

@@ -1,10 +1,10 @@
-//! Runs the Python scripts of the comparisons. Their input is a folder with data, and they print numbers.
+//! Runs the Python scripts with which the library is compared. A script reads its data from a folder and prints numbers.
 
 use anyhow::{Context, Result, bail};
 use std::path::Path;
 use std::process::Command;
 
-/// Runs a script of this package on the data in `folder`; returns the numbers that it prints, line by line.
+/// Runs a script of this package on the data in `folder`. Returns the numbers of each line that it prints.
 pub fn run(python: &Path, script: &str, folder: &Path, arguments: &[String]) -> Result<Vec<Vec<f64>>> {
     let output = Command::new(python)
         .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join(script))
@@ -17,5 +17,9 @@ pub fn run(python: &Path, script: &str, folder: &Path, arguments: &[String]) -> 
     }
     let stdout = String::from_utf8(output.stdout)?;
     let line = |line: &str| line.split_whitespace().map(str::parse).collect::<Result<_, _>>();
-    stdout.lines().map(line).collect::<Result<_, _>>().with_context(|| format!("{script} printed: {stdout}"))
+    stdout
+        .lines()
+        .map(line)
+        .collect::<Result<_, _>>()
+        .with_context(|| format!("{script} printed something that is not a number: {stdout}"))
 }

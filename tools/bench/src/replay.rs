@@ -1,5 +1,5 @@
-//! Measures the frames per second of a replay on one core, from recorded pressures to codes, live values and steps, and compares
-//! them with a vectorised NumPy version of the same stages.
+//! Measures the speed of a replay on one core, from recorded pressures to codes, live values and steps, and compares it with a
+//! vectorised NumPy version of the same stages.
 
 use crate::python;
 use anyhow::{Result, bail};
@@ -14,10 +14,12 @@ use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;
 
+/// Number of steps of the walk.
 const STEPS: usize = 300;
-/// The fastest of this number of runs counts, because other processes share the core.
+/// Number of runs. The fastest one is reported, because other processes slow the others down.
 const RUNS: usize = 20;
 
+/// Measures both versions; `python` is an interpreter with NumPy.
 pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: STEPS, ..Default::default() }).recording;
     let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
@@ -49,7 +51,7 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     figures.add(
         "replay_frames_per_s",
         per_s,
-        &format!("{frames} frames of {cells} cells with {steps} steps, f32, one core"),
+        &format!("replay of {frames} frames of {cells} cells with {steps} steps, f32, one core, frames/s"),
     );
 
     let directory = tempfile::tempdir()?;
@@ -69,9 +71,9 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     let arguments = [sensor.full_kpa, sensor.exponent, walk.rate_hz as f32].map(|v| v.to_string());
     let numbers = python::run(python, "replay_numpy.py", directory.path(), &arguments)?.concat();
     let [seconds, numpy_steps, numpy_peaks @ ..] = &numbers[..] else {
-        bail!("the NumPy version printed: {numbers:?}")
+        bail!("replay_numpy.py printed unexpected numbers: {numbers:?}")
     };
-    // The times can be compared only where both versions computed the same.
+    // The speeds can be compared only if both versions compute the same.
     if *numpy_steps as usize != steps {
         bail!("NumPy found {numpy_steps} steps, this library {steps}");
     }
@@ -84,8 +86,8 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     figures.add(
         "numpy_frames_per_s",
         numpy_per_s.round(),
-        "NumPy, the same pressures, vectorised over all frames at once",
+        "the same in NumPy, vectorised over all frames at once, frames/s",
     );
-    figures.add("replay_over_numpy", (per_s / numpy_per_s * 100.0).round() / 100.0, "the ratio of the two");
+    figures.add("replay_over_numpy", (per_s / numpy_per_s * 100.0).round() / 100.0, "ratio of the two speeds");
     Ok(())
 }

@@ -9,6 +9,7 @@ use plantar::pipeline::stance::StanceRule;
 use recording::{VirtualInsole, synthetic};
 use std::path::Path;
 
+/// Plays a walk of three steps into the emulated board.
 pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 3, ..Default::default() }).recording;
     let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
@@ -16,6 +17,6 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     if status.steps != 3 {
         bail!("the walk of 3 steps resulted in {} steps", status.steps);
     }
-    figures.add("stack_bytes", status.stack_bytes, "deepest stack of the emulated board in a walk");
+    figures.add("stack_bytes", status.stack_bytes, "deepest stack of the emulated board in a walk, bytes");
     Ok(())
 }

@@ -1,5 +1,5 @@
-//! Identification for ten barefoot walkers on a pressure plate (SpeedPP2DS): each step is predicted from the walker's other
-//! steps.
+//! Measures the errors of the identification for ten barefoot walkers on a pressure plate (SpeedPP2DS). Each step is predicted
+//! from the walker's other steps.
 
 use anyhow::Result;
 use bench::Figures;
@@ -11,9 +11,10 @@ use plantar::pipeline::stance::StanceRule;
 use recording::{Recording, VirtualInsole, jiku};
 use std::path::Path;
 
-/// Predicted NRMSE of each region in the best of the earlier analyses of these steps, %.
+/// The NRMSE of each region, %, with which the best earlier analysis of these steps predicted them.
 const REFERENCE: [f64; 8] = [13.6, 23.5, 23.5, 26.5, 27.2, 18.4, 21.0, 19.5];
 
+/// Measures the errors of each region with counted cells and with fractional contact.
 pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
     let mut counted = Vec::new();
     let mut covered = Vec::new();
@@ -37,23 +38,26 @@ pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
         figures.add(
             &format!("nrmse.{name}.own"),
             mean(&counted, |q| Some(q.own)),
-            "NRMSE in %, each step fitted separately, counted cells",
+            "NRMSE, %, of each step with parameters fitted to it alone, counted cells",
         );
         figures.add(
             &format!("nrmse.{name}.predicted"),
             predicted,
-            &format!("at most {}: each step predicted from the walker's others, {walkers} walkers", REFERENCE[i]),
+            &format!(
+                "at most {}: NRMSE, %, of each step predicted from the walker's other steps, {walkers} walkers",
+                REFERENCE[i]
+            ),
         );
         figures.add(
             &format!("nrmse.{name}.floor"),
             mean(&counted, |q| Some(q.floor)),
-            "the same for the best increasing function of the area",
+            "least NRMSE, %, of any force law without damping for the measured areas",
         );
         let predicted_covered = mean(&covered, |q| q.predicted);
         figures.add(
             &format!("nrmse.{name}.covered"),
             predicted_covered,
-            "predicted, with fractional contact (150 kPa)",
+            "NRMSE, %, of each step predicted from the walker's other steps, fractional contact (150 kPa)",
         );
         totals[0] += predicted / 8.0;
         totals[1] += predicted_covered / 8.0;
@@ -62,18 +66,19 @@ pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
     figures.add(
         "nrmse.mean.predicted",
         (counted * 100.0).round() / 100.0,
-        &format!("mean of the regions, {steps} steps"),
+        &format!("mean of the predicted NRMSE over the regions, %, {steps} steps"),
     );
-    figures.add("nrmse.mean.covered", (covered * 100.0).round() / 100.0, "the same, with fractional contact");
+    figures.add("nrmse.mean.covered", (covered * 100.0).round() / 100.0, "the same with fractional contact");
     let reduction = (1.0 - covered / counted) * 100.0;
     figures.add(
         "nrmse.mean.less",
         (reduction * 10.0).round() / 10.0,
-        "at least 15: reduction of the mean by fractional contact, %",
+        "at least 15: relative reduction of this mean by fractional contact, %",
     );
     Ok(())
 }
 
+/// The errors in each region of a walk, and the number of steps, with this contact rule.
 fn qualities(walk: &Recording, contact: ContactRule) -> Result<([Option<Quality>; 8], usize)> {
     let options = Options::usual(InsoleSize::default().thickness_m());
     let mut study = Study::new(String::new(), contact, options);

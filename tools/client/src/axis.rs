@@ -1,22 +1,22 @@
-//! An insole's clock against the host's, so that several insoles share one time axis.
+//! Estimates an insole's clock relative to the host's, so that several insoles share one time axis.
 
 use plantar::protocol::Step;
 use std::collections::VecDeque;
 
-/// Of the requests within this time, only the one with the least delay counts.
+/// Length of a window, us: of the requests within a window, only the one with the least delay is used.
 const WINDOW_US: u64 = 5_000_000;
 /// Number of windows in use: five minutes in total.
 const WINDOWS: usize = 60;
-/// Largest plausible drift: that between two crystals with a tolerance of 50 ppm.
+/// Largest plausible drift, us per us: that between two crystals with a tolerance of 50 ppm.
 const MAX_DRIFT: f64 = 100e-6;
 
 /// Offset and drift of an insole's clock, from [`plantar::protocol::ToDevice::GetTime`] and its answers.
 ///
 /// A request that is sent at host time `a` arrives at the insole when the clock of the insole shows `d`: `d - a` is the offset of
-/// the clock plus the delay of the request. The delay is never negative, so the line that lies closest below all `d - a`
-/// estimates the clock (Moon, Skelly and Towsley 1999, "Estimation and removal of clock skew from network delay measurements").
-/// The delay of the answers has no influence. The least delay of a request remains as an error, which is the same for insoles on
-/// links of the same kind.
+/// the clock plus the delay of the request. The delay is never negative, so the line that lies closest below all `d - a` is an
+/// estimate of the clock's offset (Moon, Skelly and Towsley 1999, "Estimation and removal of clock skew from network delay
+/// measurements"). The delay of the answers has no influence. The least delay of the requests remains as an error, which is about
+/// the same for all insoles on links of the same kind.
 #[derive(Clone, Debug, Default)]
 pub struct Axis {
     /// The request with the least delay in each window, oldest first.
@@ -27,11 +27,13 @@ pub struct Axis {
 
 #[derive(Clone, Copy, Debug)]
 struct Sample {
+    /// The insole's clock when the request arrived.
     device_us: u64,
+    /// That time minus the host's clock when the request was sent.
     offset_us: i64,
 }
 
-/// Offset of the insole's clock: `offset_us` at `device_us`, and `drift` more in each microsecond.
+/// Offset of the insole's clock: `offset_us` at the insole's time `device_us`, and `drift` more in each microsecond after it.
 #[derive(Clone, Copy, Debug)]
 struct Line {
     device_us: u64,
@@ -45,7 +47,7 @@ impl Axis {
         Self { samples: VecDeque::new(), line: None }
     }
 
-    /// Adds an answer: the request was sent at `host_us` of the host's clock, and arrived at `device_us` of the insole's.
+    /// Adds an answer to a request that was sent at the host's time `host_us` and arrived at the insole's time `device_us`.
     pub fn answer(&mut self, host_us: u64, device_us: u64) {
         let sample = Sample { device_us, offset_us: device_us.wrapping_sub(host_us) as i64 };
         match self.samples.back_mut() {
@@ -75,8 +77,8 @@ impl Axis {
         Some(device_us.wrapping_sub(offset_us as u64))
     }
 
-    /// The host's time at the start of a step, us. For a step of an earlier boot it is the insole's own wall clock, where that
-    /// was set.
+    /// The host's time at the start of a step, us. For a step of an earlier boot it is the time of the insole's own wall clock;
+    /// `None` if that clock was not set.
     pub fn step_us(&self, step: &Step) -> Option<u64> {
         if step.boots_since == 0 { self.host_us(step.start_us) } else { step.start_unix_us }
     }
@@ -105,11 +107,12 @@ fn line_below(samples: &VecDeque<Sample>) -> Option<Line> {
         hull.push(sample);
     }
     let mean_us = samples.iter().map(|q| point(q).0).sum::<f64>() / samples.len() as f64;
+    // The hull's edge at the mean time of the samples.
     let edge = hull.windows(2).find(|edge| point(edge[1]).0 >= mean_us);
     let drift = edge.map(|edge| slope(edge[0], edge[1])).filter(|drift| drift.abs() <= MAX_DRIFT);
     let on_line = match (edge, drift) {
         (Some(edge), Some(_)) => edge[0],
-        // The samples span too short a time to estimate a drift.
+        // There is only one sample, or the slope is implausible, as that of samples within a short time: assume no drift.
         _ => samples.iter().min_by_key(|q| q.offset_us)?,
     };
     Some(Line { device_us: on_line.device_us, offset_us: on_line.offset_us, drift: drift.unwrap_or(0.0) })

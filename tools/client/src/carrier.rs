@@ -6,7 +6,7 @@ use std::io::{self, Read, Write};
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
-/// A suitable timeout for reading from a carrier: short enough for a program to react to its user in between.
+/// A suitable timeout for reading from a carrier: short enough for a program to react to its user between two reads.
 pub const READ_TIMEOUT: Duration = Duration::from_millis(50);
 
 /// Carries whole messages in both directions.
@@ -17,13 +17,13 @@ pub trait Carrier {
     /// Errors of the link, which end the session.
     fn send(&mut self, message: ToDevice) -> io::Result<()>;
 
-    /// The next message; `None` where none arrived within a timeout of a second at most.
+    /// The next message; `None` if no message arrived within the carrier's timeout, which is at most one second.
     ///
     /// # Errors
     /// Errors of the link, which end the session.
     fn receive(&mut self) -> io::Result<Option<ToHost>>;
 
-    /// Number of frames that arrived damaged or without a message of this version.
+    /// Number of frames that arrived damaged, or whose content is not a message of this protocol version.
     fn damaged(&self) -> u32;
 
     /// A monotonic clock, us: this computer's, or the virtual one of a simulated carrier.
@@ -59,12 +59,13 @@ impl<C: Carrier + ?Sized> Carrier for Box<C> {
 }
 
 /// Messages in frames over a byte stream: a serial port or a network connection. A read must return within a second, with
-/// [`io::ErrorKind::TimedOut`] or [`io::ErrorKind::WouldBlock`] where no byte arrived.
+/// [`io::ErrorKind::TimedOut`] or [`io::ErrorKind::WouldBlock`] if no byte arrived.
 pub struct Framed<B> {
     bytes: B,
     decoder: Decoder,
+    /// Decoded messages that [`Carrier::receive`] has not returned yet.
     waiting: VecDeque<ToHost>,
-    /// Undamaged frames without a message of this version.
+    /// Number of undamaged frames whose content is not a message of this protocol version.
     unknown: u32,
     buffer: Vec<u8>,
 }

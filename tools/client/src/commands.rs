@@ -1,4 +1,4 @@
-//! The requests that a session can send, each with its answer. Messages that arrive before the answer are received as usual.
+//! The requests of a host, each with its answer. [`Client::receive`] returns the other messages that arrive before the answer.
 
 use crate::session::elapsed;
 use crate::{Carrier, Client, Error};
@@ -12,12 +12,12 @@ use plantar::protocol::{
 };
 use std::time::Duration;
 
-/// All requests fail with [`Error::NoAnswer`], [`Error::Refused`] or an error of the carrier.
+/// The errors of each request are [`Error::NoAnswer`], [`Error::Refused`] and those of the carrier.
 impl<C: Carrier> Client<C> {
-    /// The insole's counters, after all messages that were due before them.
+    /// The insole's counters. They arrive after all messages that were due before the request.
     ///
     /// # Errors
-    /// See this block.
+    /// See the `impl` block.
     pub fn status(&mut self) -> Result<Status, Error> {
         self.request(ToDevice::GetStatus, |message| match message {
             ToHost::Status(status) => Some(*status),
@@ -25,19 +25,19 @@ impl<C: Carrier> Client<C> {
         })
     }
 
-    /// Sets the wearer's parameters. Returns once they are stored, and in force for the frames that follow. Steps that ended
-    /// before, and one that is being evaluated, still arrive with the previous parameters.
+    /// Sets the wearer's parameters. Returns once they are stored and in force for the next frames. Steps that have already ended
+    /// still arrive with results of the previous parameters.
     ///
     /// # Errors
-    /// See this block.
+    /// See the `impl` block.
     pub fn set_tissue(&mut self, tissue: &Tissue) -> Result<(), Error> {
         self.request_tissue(ToDevice::SetTissue(*tissue), |in_force| in_force.id == tissue.id).map(drop)
     }
 
-    /// The parameters that the insole uses; [`Tissue::NONE`] without any.
+    /// The parameters that the insole uses; [`Tissue::NONE`] if it has none.
     ///
     /// # Errors
-    /// See this block.
+    /// See the `impl` block.
     pub fn tissue(&mut self) -> Result<Tissue, Error> {
         self.request_tissue(ToDevice::GetTissue, |_| true)
     }
@@ -54,15 +54,15 @@ impl<C: Carrier> Client<C> {
     /// The identity that the insole has stored.
     ///
     /// # Errors
-    /// See this block.
+    /// See the `impl` block.
     pub fn identity(&mut self) -> Result<Identity, Error> {
         self.request_identity(ToDevice::GetIdentity)
     }
 
-    /// Sets foot and serial number, which are in force from the insole's next start on.
+    /// Stores the foot and the serial number, which are in force from the insole's next start on. Returns the stored identity.
     ///
     /// # Errors
-    /// See this block.
+    /// See the `impl` block.
     pub fn set_identity(&mut self, side: Side, serial: Serial) -> Result<Identity, Error> {
         self.request_identity(ToDevice::SetIdentity { side, serial })
     }
@@ -74,10 +74,11 @@ impl<C: Carrier> Client<C> {
         })
     }
 
-    /// Stores the calibrations of all cells in the order of the insole's layout; they are in force from its next start on.
+    /// Stores the calibrations of all cells in the order of the insole's layout; they are in force from the insole's
+    /// next start on. Returns the stored identity.
     ///
     /// # Errors
-    /// See this block.
+    /// See the `impl` block.
     pub fn calibrate(&mut self, cells: &[CellCalibration]) -> Result<Identity, Error> {
         let mut id = CalibrationId::new();
         id.add(cells);
@@ -95,7 +96,7 @@ impl<C: Carrier> Client<C> {
     /// The faults that the insole detected in its sensor.
     ///
     /// # Errors
-    /// See this block.
+    /// See the `impl` block.
     pub fn faults(&mut self) -> Result<Faults, Error> {
         self.request(ToDevice::GetFaults, |message| match message {
             ToHost::Faults(faults) => Some(faults.clone()),
@@ -106,7 +107,7 @@ impl<C: Carrier> Client<C> {
     /// The rules of the insole.
     ///
     /// # Errors
-    /// See this block.
+    /// See the `impl` block.
     pub fn setup(&mut self) -> Result<Setup, Error> {
         self.request(ToDevice::GetSetup, |message| match message {
             ToHost::Setup(setup) => Some(*setup),
@@ -117,7 +118,7 @@ impl<C: Carrier> Client<C> {
     /// The cells of the insole with the calibration in force, in the order of their codes.
     ///
     /// # Errors
-    /// See this block.
+    /// See the `impl` block.
     pub fn setup_cells(&mut self) -> Result<Vec<SetupCell>, Error> {
         let mut all = Vec::new();
         loop {
@@ -137,24 +138,26 @@ impl<C: Carrier> Client<C> {
     /// Turns the stream of cells on or off. It is off after a reconnection.
     ///
     /// # Errors
-    /// See this block; [`plantar::protocol::Refusal::CellRate`] offers the highest rate if the carrier is too slow.
+    /// See the `impl` block; [`plantar::protocol::Refusal::CellRate`] offers the highest rate if the carrier is too slow.
     pub fn stream_cells(&mut self, stream: Option<CellStream>) -> Result<(), Error> {
         self.request(ToDevice::StreamCells(stream), |message| {
             matches!(message, ToHost::CellStream(running) if *running == stream).then_some(())
         })
     }
 
-    /// Restarts the insole and opens the session again.
+    /// Restarts the insole and opens the session again within `patience`.
     ///
     /// # Errors
-    /// See this block; also where the restart closes the carrier: open it again with [`Client::reconnect_over`].
+    /// See the `impl` block. If the restart closes the carrier, the error is that of the carrier: use [`Client::reconnect_over`]
+    /// then.
     pub fn restart(&mut self, patience: Duration) -> Result<&Hello, Error> {
         let before = self.status()?;
         self.send(ToDevice::Restart)?;
         let sent_us = C::now_us();
         while elapsed::<C>(sent_us) < patience {
             self.reconnect(patience)?;
-            // The answer may come from before the restart. An insole without working storage does not count its boots.
+            // The hello may have been sent before the restart, so the counters decide. Without working storage the number of
+            // boots does not change, but the uptime does.
             let is_restarted =
                 |status: Status| status.contents.start != before.contents.start || status.uptime_us < before.uptime_us;
             if self.status().is_ok_and(is_restarted) {

@@ -1,14 +1,14 @@
-//! The steps that were delivered, so that each is delivered once, however often the insole repeats it.
+//! Remembers the steps that were delivered to the caller, so that each is delivered only once if the insole repeats it.
 
 use plantar::protocol::Step;
 use plantar::protocol::session::STEP_QUEUE;
 use plantar::sequence;
 use std::collections::VecDeque;
 
-/// Largest number of steps that an insole can send again: those in its RAM, and as many of which the acknowledgement was lost.
+/// Largest number of steps that an insole can send again: those in its RAM, and the same number whose acknowledgement was lost.
 const CAPACITY: usize = 2 * STEP_QUEUE;
 
-/// The last steps that were delivered, oldest first.
+/// The last steps that were delivered, oldest first, each with whether the caller acknowledged it.
 #[derive(Debug, Default)]
 pub(crate) struct Delivered(VecDeque<(Step, bool)>);
 

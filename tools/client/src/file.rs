@@ -8,7 +8,7 @@ use std::path::Path;
 /// acknowledged.
 ///
 /// # Errors
-/// Where the file is not empty or cannot be written.
+/// If the file cannot be opened for writing, or is not empty.
 pub fn create_new(path: &Path) -> io::Result<File> {
     let file = File::options().write(true).create(true).truncate(false).open(path)?;
     match file.metadata()?.len() {

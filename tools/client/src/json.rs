@@ -1,18 +1,18 @@
-//! Steps as JSON objects: names with units, values in the resolution of the wire.
+//! Steps as JSON objects. Names include units, and values have the resolution of the step message.
 
 use plantar::Region;
 use plantar::protocol::{Quantity, Step, StepRegion};
 use serde_json::{Map, Value, json};
 
-/// One object for a step; its regions by name under `regions`.
+/// A step as an object; the key `regions` has an object for each region by its name.
 ///
-/// Values have the resolution of the wire, so a step that an insole sent and the same step computed on a host have the same text.
-/// `docs/quantities.md` lists the names.
+/// Values have the resolution of the step message, so a step that an insole sent and the same step computed on a host have the
+/// same text. `docs/quantities.md` lists the names.
 pub fn step_to_json(step: &Step) -> Value {
     let mut object = Map::new();
     object.insert("side".into(), step.side.name().into());
     insert(&mut object, Step::QUANTITIES, step);
-    // The time of a step of the present boot is known by the host's clock, which is more accurate.
+    // For a step of the present boot the host's clock gives a more accurate time, so the insole's time is omitted.
     let start_unix_s = step.start_unix_us.filter(|_| step.boots_since > 0).map(|us| us as f64 / 1e6);
     object.insert("start_unix_s".into(), start_unix_s.into());
     object.insert("contact_rule".into(), contact_rule_to_json(step));
@@ -26,7 +26,7 @@ fn region_to_json(step: &Step, i: usize) -> Value {
     let mut object = Map::new();
     let (counts, mut quantities): (Vec<_>, Vec<_>) =
         StepRegion::QUANTITIES.iter().partition(|quantity| quantity.is_count());
-    // Nested objects and whole numbers come last.
+    // Nested objects follow the other quantities, and in both groups quantities without decimals come last.
     quantities.sort_by_key(|quantity| (quantity.path().0.is_some(), quantity.per_unit == 1));
     insert(&mut object, quantities, region);
     for flag in Step::FLAGS {
@@ -36,7 +36,7 @@ fn region_to_json(step: &Step, i: usize) -> Value {
     object.into()
 }
 
-/// Inserts quantities under their keys. A nested object is null where its quantities have no value.
+/// Inserts quantities under their keys. A nested object is null if its quantities have no value.
 fn insert<T: 'static>(
     object: &mut Map<String, Value>,
     quantities: impl IntoIterator<Item = &'static Quantity<T>>,

@@ -5,23 +5,25 @@ use plantar::protocol::{Hello, ToDevice, ToHost};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-/// The times to wait for an insole, between attempts, and until giving up.
+/// How long to wait for an insole, and when to try again and to give up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReconnectPolicy {
-    /// An insole answers a hello over a newly opened carrier within this time.
+    /// Time within which an insole must answer a connect request over a newly opened carrier.
     pub answer: Duration,
-    /// An insole answers a hello over the carrier in use within this time; otherwise the carrier is opened again.
+    /// Time within which a silent insole must answer a connect request over the carrier in use; otherwise the carrier is opened
+    /// again.
     pub probe: Duration,
-    /// Longest time without a message of a live stream. After a longer silence the insole may have restarted and need a hello.
+    /// Longest time without a message of a live stream. After a longer silence the insole may have restarted, so a connect
+    /// request is sent.
     pub silence: Duration,
     /// Time between two attempts.
     pub retry: Duration,
-    /// Time without success after which the link is given up; `None`: never.
+    /// Time without success after which the link is given up; `None` to try without end.
     pub give_up: Option<Duration>,
 }
 
 impl ReconnectPolicy {
-    /// For a live stream, which continues whenever the insole returns: it may be switched off for hours.
+    /// For a live stream, which continues as soon as the insole returns: the insole may be switched off for hours.
     pub const STREAM: Self = Self {
         answer: Duration::from_secs(5),
         probe: Duration::from_secs(5),
@@ -57,7 +59,7 @@ pub struct Link<C> {
 }
 
 enum State {
-    /// The insole answered a hello.
+    /// The insole answered a connect request; the requests that begin the session were not sent yet.
     Open(SessionStart),
     Streaming {
         last_message: Instant,
@@ -72,8 +74,8 @@ enum State {
 pub enum SessionStart {
     /// It is the first one.
     Connected,
-    /// The insole was silent, and answered another hello over the same carrier. It may have restarted.
-    Greeted,
+    /// The insole was silent, and answered a connect request over the same carrier. It may have restarted.
+    AfterSilence,
     /// The carrier was opened again. The insole may have restarted, or be another one.
     Reconnected,
 }
@@ -82,18 +84,18 @@ pub enum SessionStart {
 #[derive(Debug)]
 #[allow(clippy::large_enum_variant, reason = "events exist one at a time")]
 pub enum Event {
-    /// A session started, and its live stream is on; [`Client::hello`] is new.
+    /// A session started, and its live stream is on; [`Client::hello`] returns the hello of this session.
     Started(SessionStart),
     /// A message arrived.
     Message(ToHost),
-    /// No message within the carrier's timeout, or no insole.
+    /// No message arrived within the carrier's timeout, or the link is lost and was not opened again yet.
     Timeout,
     /// The session ended for this reason. The next calls open it again.
     Lost(Error),
 }
 
 impl<C: Carrier + 'static> Link<C> {
-    /// Opens a carrier and a session over it, which will stream live frames.
+    /// Opens a carrier and a session over it. The live stream starts with [`Link::start`] or the first [`Link::next_event`].
     ///
     /// # Errors
     /// Those of `open` and of [`Client::connect`].
@@ -146,7 +148,7 @@ impl<C: Carrier + 'static> Link<C> {
                 Ok(None) if last_message.elapsed() <= self.policy.silence => Event::Timeout,
                 Ok(None) => match self.client.reconnect(self.policy.probe) {
                     Ok(_) => {
-                        self.state = State::Open(SessionStart::Greeted);
+                        self.state = State::Open(SessionStart::AfterSilence);
                         Event::Timeout
                     }
                     Err(error) => self.lose(error),
@@ -165,7 +167,7 @@ impl<C: Carrier + 'static> Link<C> {
         }
     }
 
-    /// Sends a message. A failure ends the session, and is the next event.
+    /// Sends a message. A failure ends the session, and the next event reports it.
     pub fn send(&mut self, message: ToDevice) {
         let sent = self.client.send(message);
         if let (Err(error), State::Open(_) | State::Streaming { .. }) = (sent, &self.state) {
@@ -182,7 +184,7 @@ impl<C: Carrier + 'static> Link<C> {
         self.policy.give_up.is_some_and(|limit| since.elapsed() >= limit)
     }
 
-    /// Restarts the insole and opens the session again, over another carrier where the restart closed the one in use.
+    /// Restarts the insole and opens the session again, over another carrier if the restart closed the one in use.
     ///
     /// # Errors
     /// Those of [`Client::reconnect_over`].
@@ -193,8 +195,8 @@ impl<C: Carrier + 'static> Link<C> {
         Ok(self.client.hello())
     }
 
-    /// Waits for an insole that restarts by itself: sends hellos repeatedly, over another carrier where the one in use fails,
-    /// until `check` returns a value. `check` receives the insole's hello, and whether the insole was silent before it.
+    /// Waits for an insole that restarts by itself: sends connect requests, over another carrier if the one in use fails, until
+    /// `check` returns a value. `check` receives the insole's hello, and whether the insole was silent at any time before.
     ///
     /// # Errors
     /// The error of the last attempt, or [`Error::NoAnswer`], once the policy gives up.

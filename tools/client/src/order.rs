@@ -1,9 +1,11 @@
-//! The order of the steps that arrive, and the replay of those that were lost on the way.
+//! Checks the order of the steps that arrive, and decides when to request a replay of steps that were lost on the way.
+//!
+//! In a replay, the insole sends all its unacknowledged steps again, oldest first.
 
 use plantar::sequence::is_after;
 
-/// Number of replays without a missing step after which the step counts as dropped by the insole. A damaged link may lose it
-/// several times.
+/// Number of replays without the missing step after which the insole is assumed to have dropped it. A damaged link may lose the
+/// step in several replays.
 const REPLAYS: u8 = 8;
 
 /// The treatment of a step that arrives.
@@ -11,26 +13,26 @@ const REPLAYS: u8 = 8;
 pub(crate) enum Arrival {
     /// It is the next one.
     InOrder,
-    /// Steps before it are missing: request a replay, and ignore this step, which the replay includes.
+    /// Steps before it are missing. Request a replay and ignore this step, because the replay includes it.
     Gap,
-    /// A replay is in progress, which includes it.
+    /// A replay was requested and has not begun. Ignore the step, because the replay includes it.
     Awaited,
 }
 
-/// Finds steps that were lost on the way. An acknowledgement is for all steps before it, too, so a lost step must arrive before
-/// any later one is accepted.
+/// Detects steps that were lost on the way. An acknowledgement also covers all earlier steps, so a lost step must arrive before a
+/// later one is accepted.
 #[derive(Debug, Default)]
 pub(crate) struct StepOrder {
     /// The number after the last accepted step.
     expected: Option<u32>,
-    /// When the running replay was requested, by the carrier's clock, us.
+    /// When a replay that has not begun yet was requested, by the carrier's clock, us.
     requested_us: Option<u64>,
     /// The first missing number for which replays were requested, and the number of replays that have begun.
     replays: Option<(u32, u8)>,
 }
 
 impl StepOrder {
-    /// Decides on a step that did not arrive before.
+    /// Decides how to treat a step that was not delivered before.
     pub(crate) fn arrive(&mut self, step: u32) -> Arrival {
         if self.requested_us.is_some() {
             return Arrival::Awaited;
@@ -44,12 +46,13 @@ impl StepOrder {
         Arrival::InOrder
     }
 
-    /// A replay was requested.
+    /// Called when a replay was requested, at `now_us` of the carrier's clock.
     pub(crate) fn request(&mut self, now_us: u64) {
         self.requested_us = Some(now_us);
     }
 
-    /// A session begins: the insole sends the steps that it has from the oldest on. True where that was requested.
+    /// Called when a session begins, in which the insole sends its unacknowledged steps from the oldest on. True if this is the
+    /// replay that was requested.
     pub(crate) fn begin(&mut self) -> bool {
         let is_requested = self.requested_us.take().is_some();
         if let Some(expected) = self.expected.filter(|_| is_requested) {
@@ -59,7 +62,7 @@ impl StepOrder {
         is_requested
     }
 
-    /// When the running replay was requested, us.
+    /// When a replay that has not begun yet was requested, us.
     pub(crate) fn requested_us(&self) -> Option<u64> {
         self.requested_us
     }

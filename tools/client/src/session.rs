@@ -1,4 +1,4 @@
-//! A session: messages in both directions, with steps delivered once and live frames counted.
+//! The host's side of a session: sends and receives messages, delivers each step once, and counts live frames.
 
 use crate::counters::LinkCounters;
 use crate::delivered::Delivered;
@@ -11,8 +11,8 @@ use std::time::Duration;
 
 /// An insole answers a request within this time.
 const ANSWER: Duration = Duration::from_secs(2);
-/// Time between two hellos while no answer arrives.
-const HELLO_INTERVAL: Duration = Duration::from_millis(500);
+/// Time between two connect requests while the insole does not answer.
+const CONNECT_INTERVAL: Duration = Duration::from_millis(500);
 /// Time between two requests for the insole's time.
 const TIME_INTERVAL: Duration = Duration::from_millis(250);
 
@@ -20,11 +20,12 @@ const TIME_INTERVAL: Duration = Duration::from_millis(250);
 pub struct Client<C> {
     /// `None` between closing one carrier and opening the next one.
     carrier: Option<C>,
-    /// Number of damaged frames on earlier carriers.
+    /// Number of damaged frames that arrived over earlier carriers.
     damaged_before: u32,
-    /// Messages that arrived while another one was awaited.
+    /// Messages that arrived while a request waited for its answer, and that [`Client::receive`] will return.
     waiting: VecDeque<ToHost>,
     pub(crate) hello: Hello,
+    /// Number of live frames that the insole sent, by its last status.
     frames_sent: u32,
     live: LiveCounter,
     axis: Axis,
@@ -36,12 +37,12 @@ pub struct Client<C> {
 }
 
 impl<C: Carrier> Client<C> {
-    /// Sends a hello, and again twice a second until the insole answers.
+    /// Opens a session: sends a connect request twice a second until the insole answers with its hello.
     ///
     /// # Errors
-    /// [`Error::NoAnswer`] after `patience`; [`Error::OtherVersion`]; errors of the carrier.
+    /// [`Error::NoAnswer`] if the insole does not answer within `patience`; [`Error::OtherVersion`]; errors of the carrier.
     pub fn connect(mut carrier: C, patience: Duration) -> Result<Self, Error> {
-        let hello = greet(&mut carrier, patience)?;
+        let hello = open_session(&mut carrier, patience)?;
         Ok(Self {
             carrier: Some(carrier),
             damaged_before: 0,
@@ -57,12 +58,13 @@ impl<C: Carrier> Client<C> {
         })
     }
 
-    /// Opens the session again, as after a silence, and returns the insole's new hello. The live stream is off.
+    /// Opens the session again over the same carrier, as after a silence, and returns the insole's new hello. The live stream is
+    /// off.
     ///
     /// # Errors
     /// As [`Client::connect`].
     pub fn reconnect(&mut self, patience: Duration) -> Result<&Hello, Error> {
-        self.hello = greet(carrier(&mut self.carrier)?, patience)?;
+        self.hello = open_session(carrier(&mut self.carrier)?, patience)?;
         self.waiting.clear();
         self.axis = Axis::new();
         self.live.new_session();
@@ -93,8 +95,8 @@ impl<C: Carrier> Client<C> {
         &self.hello
     }
 
-    /// Sets the insole's clock, requests its time, and turns the live stream on. Returns once the stream is on; other messages
-    /// that arrive meanwhile are received as usual.
+    /// Sets the insole's clock, requests its time, and turns the live stream on. Returns once the stream is on.
+    /// [`Client::receive`] returns other messages that arrive meanwhile.
     ///
     /// # Errors
     /// [`Error::NoAnswer`]; errors of the carrier.
@@ -110,7 +112,8 @@ impl<C: Carrier> Client<C> {
         self.status().map(drop)
     }
 
-    /// Sends a request and waits for its answer; other messages that arrive meanwhile are received as usual.
+    /// Sends a request and waits for the message for which `answer` returns a value. [`Client::receive`] returns other messages
+    /// that arrive meanwhile.
     pub(crate) fn request<T>(&mut self, request: ToDevice, answer: impl Fn(&ToHost) -> Option<T>) -> Result<T, Error> {
         self.request_within(ANSWER, request, answer)
     }
@@ -131,7 +134,7 @@ impl<C: Carrier> Client<C> {
             match self.next() {
                 Err(error) => break Err(error),
                 Ok(Some(ToHost::Refused(refusal))) => break Err(Error::Refused(refusal)),
-                // A second hello answers a hello that was repeated.
+                // The connect request may have been sent twice, so a second hello may arrive.
                 Ok(Some(ToHost::Hello(_)) | None) => {}
                 Ok(Some(message)) => match answer(&message) {
                     Some(answer) => break Ok(answer),
@@ -156,7 +159,7 @@ impl<C: Carrier> Client<C> {
     /// Errors of the carrier.
     pub fn send(&mut self, message: ToDevice) -> Result<(), Error> {
         match message {
-            // Even where the message is lost on the way, the host has stored the step.
+            // This holds even if the message is lost on the way: the host has stored the step.
             ToDevice::Acknowledge { step } => self.delivered.acknowledge(step),
             ToDevice::Stream { live } => self.is_streaming = live,
             _ => {}
@@ -164,7 +167,8 @@ impl<C: Carrier> Client<C> {
         Ok(carrier(&mut self.carrier)?.send(message)?)
     }
 
-    /// The insole's clock against this computer's, us since 1970, UTC. Every call of [`Client::receive`] can refine it.
+    /// Converts between the insole's clock and this computer's, us since 1970, UTC. Every call of [`Client::receive`] can refine
+    /// it.
     pub fn axis(&self) -> &Axis {
         &self.axis
     }
@@ -177,19 +181,19 @@ impl<C: Carrier> Client<C> {
         Ok(())
     }
 
-    /// The next message; `None` where none arrived within the carrier's timeout. Requests the insole's time four times a second,
-    /// for [`Client::axis`].
+    /// The next message for the caller; `None` if there is none within the carrier's timeout. Requests the insole's time four
+    /// times a second, for [`Client::axis`].
     ///
-    /// Each step is returned once, however often the insole repeats it. Send [`ToDevice::Acknowledge`] once it is stored; a step
-    /// that the insole repeats after that is acknowledged here. Where a step is missing before one that arrives, all steps are
-    /// requested again, because an acknowledgement covers all steps before it, too.
+    /// Each step is returned once, however often the insole repeats it. Send [`ToDevice::Acknowledge`] once it is stored; if the
+    /// insole repeats it afterwards, this function acknowledges it again. If a step is missing before the one that arrives, this
+    /// function requests all unacknowledged steps again, because an acknowledgement also covers all earlier steps.
     ///
     /// # Errors
     /// Errors of the carrier.
     pub fn receive(&mut self) -> Result<Option<ToHost>, Error> {
         self.request_time_if_due()?;
         if self.order.requested_us().is_some_and(|requested_us| elapsed::<C>(requested_us) >= ANSWER) {
-            // The request or its answer was lost, too.
+            // The request for the replay, or its answer, was lost on the way.
             self.request_replay()?;
         }
         let Some(message) = self.next()? else { return Ok(None) };
@@ -209,7 +213,7 @@ impl<C: Carrier> Client<C> {
                     }
                 },
                 Some(is_acknowledged) => {
-                    // The insole did not receive the acknowledgement, and would wait for it without end.
+                    // The insole did not receive the acknowledgement, and would repeat the step without end.
                     if is_acknowledged {
                         self.send(ToDevice::Acknowledge { step: step.step })?;
                     }
@@ -241,7 +245,7 @@ impl<C: Carrier> Client<C> {
         Ok(Some(message))
     }
 
-    /// Opens the session again, so that the insole sends its steps from the oldest unacknowledged one on.
+    /// Requests to open the session again, so that the insole sends its steps from the oldest unacknowledged one on.
     fn request_replay(&mut self) -> Result<(), Error> {
         let is_streaming = self.is_streaming;
         self.order.request(C::now_us());
@@ -275,19 +279,19 @@ pub(crate) fn elapsed<C: Carrier>(since_us: u64) -> Duration {
     Duration::from_micros(C::now_us().saturating_sub(since_us))
 }
 
-/// The carrier, where one is open.
+/// The carrier, or an error if none is open.
 fn carrier<C>(carrier: &mut Option<C>) -> io::Result<&mut C> {
     carrier.as_mut().ok_or_else(|| io::ErrorKind::NotConnected.into())
 }
 
-/// Sends a hello until the insole answers.
-fn greet<C: Carrier>(carrier: &mut C, patience: Duration) -> Result<Hello, Error> {
+/// Sends connect requests until the insole answers with its hello.
+fn open_session<C: Carrier>(carrier: &mut C, patience: Duration) -> Result<Hello, Error> {
     let start_us = C::now_us();
     while elapsed::<C>(start_us) < patience {
         carrier.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;
         let sent_us = C::now_us();
-        while elapsed::<C>(sent_us) < HELLO_INTERVAL && elapsed::<C>(start_us) < patience {
-            // Messages before the hello belong to an earlier session.
+        while elapsed::<C>(sent_us) < CONNECT_INTERVAL && elapsed::<C>(start_us) < patience {
+            // Messages before the hello belong to an earlier session and are ignored.
             let Some(ToHost::Hello(hello)) = carrier.receive()? else { continue };
             if hello.major != MAJOR {
                 let firmware = hello.firmware.as_str().into();

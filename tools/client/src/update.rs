@@ -13,14 +13,15 @@ const VERIFICATION: Duration = Duration::from_secs(30);
 const ATTEMPTS: usize = 5;
 
 impl<C: Carrier> Client<C> {
-    /// Sends a request of an update until it is answered; other messages that arrive meanwhile are received as usual.
+    /// Sends a request of an update, repeatedly if necessary, until it is answered. [`Client::receive`] returns other messages
+    /// that arrive meanwhile.
     ///
     /// # Errors
-    /// [`Error::NoAnswer`] where no attempt was answered; [`Error::Refused`]; errors of the carrier.
+    /// [`Error::NoAnswer`] if no attempt was answered; [`Error::Refused`]; errors of the carrier.
     pub fn update(&mut self, request: Request) -> Result<Progress, Error> {
         let is_answer = |progress: Progress| match (request, progress) {
             (Request::Begin(_), Progress::Next(_)) | (Request::Finish, Progress::Accepted) => true,
-            // A lower number is the second answer to an earlier chunk that was sent twice.
+            // Any lower number is the answer to a repetition of an earlier chunk.
             (Request::Chunk { number, .. }, Progress::Next(next)) => next > number,
             _ => false,
         };
@@ -33,7 +34,7 @@ impl<C: Carrier> Client<C> {
                 _ => None,
             });
             match answer {
-                // The request or its answer was lost on the way.
+                // The request or its answer was lost on the way, or the insole is still executing another request.
                 Err(Error::NoAnswer(..) | Error::Refused(Refusal::Busy)) if attempts < ATTEMPTS => {}
                 answer => return answer,
             }

@@ -17,7 +17,7 @@ const POLICY: ReconnectPolicy = ReconnectPolicy {
     give_up: Some(Duration::from_millis(100)),
 };
 
-/// An insole with the firmware's own session.
+/// An insole in memory, with the firmware's own session. It also serves as the carrier of the client.
 #[derive(Clone)]
 struct Insole(Arc<Mutex<State>>);
 
@@ -26,6 +26,7 @@ struct State {
     firmware: &'static str,
     is_unplugged: bool,
     is_silent: bool,
+    /// Number of attempts to open the carrier.
     opened: u32,
 }
 
@@ -99,7 +100,7 @@ impl Carrier for Insole {
     }
 }
 
-/// The next event that is no timeout, while `insole` sends live frames.
+/// The next event other than a timeout, while `insole` sends live frames.
 fn next(insole: &Insole, link: &mut Link<Insole>) -> Result<Event, Error> {
     loop {
         let sequence = insole.state().session.next_live();
@@ -127,7 +128,7 @@ fn a_lost_carrier_is_reported_once_and_opened_again() {
     insole.state().is_unplugged = true;
     assert!(matches!(link.next_event(), Ok(Event::Lost(error)) if error.is_link_failure()));
     assert!(matches!(link.next_event(), Ok(Event::Timeout)));
-    // An acknowledgement in between is no second loss.
+    // A message that cannot be sent while the link is lost is not reported as a second loss.
     link.send(ToDevice::Acknowledge { step: 0 });
     assert!(matches!(link.next_event(), Ok(Event::Timeout)));
     insole.state().is_unplugged = false;
@@ -146,13 +147,13 @@ fn a_message_that_cannot_be_sent_ends_the_session() {
 }
 
 #[test]
-fn a_silent_insole_is_greeted_over_the_same_carrier_first() {
+fn a_silent_insole_is_first_connected_over_the_same_carrier() {
     let insole = Insole::new();
     let mut link = insole.connect().expect("an insole");
     link.start().expect("it streams");
-    // It restarts: the stream is off.
+    // The insole restarts, so its stream is off.
     insole.state().session = Session::new();
-    assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::Greeted))));
+    assert!(matches!(next(&insole, &mut link), Ok(Event::Started(SessionStart::AfterSilence))));
     assert_eq!(insole.state().opened, 1);
     expect_live(&insole, &mut link);
     insole.state().is_silent = true;
@@ -162,7 +163,7 @@ fn a_silent_insole_is_greeted_over_the_same_carrier_first() {
 }
 
 #[test]
-fn an_insole_that_does_not_return_counts_as_gone() {
+fn a_link_to_an_insole_that_does_not_return_is_given_up() {
     let insole = Insole::new();
     let mut link = insole.connect().expect("an insole");
     link.start().expect("it streams");

@@ -8,7 +8,7 @@ use std::fmt;
 use std::str::FromStr;
 use thiserror::Error;
 
-/// The load of a saturating cell is amplified by this factor.
+/// Factor by which the reading of a saturated cell is amplified, so that it reaches full scale once it is loaded.
 const SATURATING_GAIN: f64 = 100.0;
 
 /// An electrical fault of the sensor matrix, which begins at a certain time.
@@ -18,8 +18,8 @@ pub struct SensorFault {
     pub kind: FaultKind,
     /// Its place, in a matrix with rows of [`COLUMNS`] cells.
     pub place: Place,
-    /// Stuck: the code. Drift: codes per second. Crosstalk: the fraction of a row's largest load that its other cells read.
-    /// Otherwise 0.
+    /// The parameter of the fault. Stuck: the code. Drift: codes per second. Crosstalk: the fraction of the row's largest reading
+    /// that is added to the readings of its other cells. Other kinds: 0.
     pub value: f64,
     /// Time at which the fault begins, s.
     pub from_s: f64,
@@ -36,7 +36,7 @@ pub struct ParseFaultError {
 /// An example of each kind.
 pub const FAULT_EXAMPLES: &str = "open-cell:17, open-row:3, open-column:5, short-cell:17, short-row:3, short-column:5, \
                                   stuck:17=12000, saturate:17, drift:17=50/s, crosstalk:3=0.1, each with @SECONDS \
-                                  where it begins later";
+                                  if it begins later";
 
 impl FromStr for SensorFault {
     type Err = ParseFaultError;
@@ -109,7 +109,8 @@ impl SensorFault {
         })
     }
 
-    /// Changes the codes of a scan at `t_s` to the codes of the faulty matrix; `zeros` are the codes of the unloaded cells.
+    /// Changes the codes of a scan at the time `t_s`, s, to those of the faulty matrix; `zeros` are the codes of the unloaded
+    /// cells.
     pub fn apply(&self, t_s: f64, zeros: &[u16], codes: &mut [u16]) {
         if t_s < self.from_s {
             return;
@@ -144,7 +145,8 @@ pub struct Faulty<W> {
 }
 
 impl<W: Walk> Faulty<W> {
-    /// The faults are applied in this order; scans are `period_us` apart and `zeros` are the codes of the unloaded cells.
+    /// Applies `faults` to `walk`, in their order. `period_us` is the time between scans; `zeros` are the codes of the unloaded
+    /// cells.
     pub fn new(walk: W, faults: Vec<SensorFault>, period_us: u32, zeros: Vec<u16>) -> Self {
         Self { walk, faults, period_s: f64::from(period_us) / 1e6, zeros }
     }

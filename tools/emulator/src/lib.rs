@@ -1,6 +1,7 @@
-//! Runs the emulated board in QEMU: starts it, plays scans into its sensor matrix, and provides its link.
+//! Runs the emulated board in QEMU: starts it, plays a walk into its sensor matrix, and provides its serial link.
 //!
-//! The protocol between board and plant is described in [`emulation`].
+//! The *sensor plant* is the simulation of the sensor matrix in this process. [`emulation`] describes the protocol between the
+//! board and the plant.
 
 mod faults;
 #[cfg(feature = "log")]
@@ -36,17 +37,17 @@ const BOOTLOADER: &str = "emulated-bootloader";
 const ACTIVE_FILE: &str = "active.bin";
 /// The log, in the emulator's directory.
 const LOG_FILE: &str = "log.defmt";
-/// QEMU connects its ports within this time.
+/// Time within which QEMU must connect its serial ports.
 const START: Duration = Duration::from_secs(20);
 
 /// How the board's time passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Time {
-    /// Real time: the board scans by its own clock.
+    /// Real time: the board's own clock paces the scans.
     Real,
-    /// As fast as the emulator can: the plant paces the scans.
+    /// As fast as possible: the plant paces the scans.
     Max,
-    /// As [`Time::Max`], and each instruction takes one nanosecond, so that instructions can be counted.
+    /// As [`Time::Max`], but each instruction takes one nanosecond of the board's time, so that instructions can be counted.
     Counted,
 }
 
@@ -85,24 +86,25 @@ pub enum Error {
 pub struct Hardware {
     /// Address at which a Bluetooth controller listens for HCI (H4); `None` for a board without radio.
     pub hci: Option<SocketAddr>,
-    /// The contents of the flash chip, as [`Board::flash`] returned them before this start; `None` for a new chip. An image that
-    /// was swapped in is part of them, and runs instead of the firmware file.
+    /// The contents of the flash chip, as [`Board::flash`] returned them before this start; `None` for a new chip. If they
+    /// include an active image, for example one that was swapped in, this image runs instead of the firmware file.
     pub flash: Option<Vec<u8>>,
-    /// The result of [`Board::wait`] before this start.
+    /// True if the bootloader swapped images before this start: the result of [`Board::wait`].
     pub swapped: bool,
 }
 
-/// A running board. It is switched off when this is dropped.
+/// A running board, which is switched off when this value is dropped.
 pub struct Board {
     qemu: Qemu,
     plant: Plant,
     link: TcpStream,
-    // Dropped last, because QEMU and the plant use it.
+    // The last field, so that it is dropped after QEMU and the plant, which use it.
     directory: TempDir,
 }
 
 impl Board {
-    /// Starts `firmware` through the bootloader in the same folder, with this configuration and this walk in its sensor matrix.
+    /// Starts the bootloader in the folder of `firmware`, which starts `firmware`, with this configuration and these cells, and
+    /// with `walk` in the sensor matrix.
     ///
     /// # Errors
     /// See [`enum@Error`].
@@ -116,7 +118,7 @@ impl Board {
         Self::start_with(firmware, config, cells, time, walk, &Hardware::default())
     }
 
-    /// As [`Board::start`], with other hardware.
+    /// As [`Board::start`], with this hardware around the controller.
     ///
     /// # Errors
     /// See [`enum@Error`].
@@ -136,7 +138,7 @@ impl Board {
         Self::boot(firmware, Some(&setup), cells.len(), time, walk, hardware)
     }
 
-    /// Starts `firmware` without a set-up file: in real time, with the insole that is compiled in.
+    /// Starts `firmware` without a set-up file: in real time, with the built-in configuration.
     ///
     /// # Errors
     /// See [`enum@Error`].
@@ -206,7 +208,7 @@ impl Board {
     /// The board's serial link, a byte stream in both directions.
     ///
     /// # Errors
-    /// Where the socket cannot be cloned.
+    /// If the socket cannot be cloned.
     pub fn link(&self) -> io::Result<TcpStream> {
         self.link.try_clone()
     }
@@ -219,29 +221,29 @@ impl Board {
     /// The contents of the flash chip.
     ///
     /// # Errors
-    /// Where its file cannot be read.
+    /// If its file cannot be read.
     pub fn flash(&self) -> io::Result<Vec<u8>> {
         std::fs::read(self.directory.path().join(FLASH_FILE.to_string_lossy().as_ref()))
     }
 
-    /// The log of `firmware`, which runs on this board, since it was switched on.
+    /// The log of the board since it was switched on; `firmware` is the file of the firmware that runs on the board.
     ///
     /// # Errors
-    /// Where a file cannot be read, or the firmware file lacks the texts of its messages.
+    /// If a file cannot be read, or the firmware file lacks the texts of its messages.
     #[cfg(feature = "log")]
     pub fn log(&self, firmware: &Path) -> Result<Vec<LogEntry>, Error> {
         Ok(log::decode(&std::fs::read(firmware)?, &std::fs::read(self.directory.path().join(LOG_FILE))?)?)
     }
 
-    /// Waits until the board is off; true where the bootloader swapped images and the board must be started again.
+    /// Waits until the board is off. True if the bootloader swapped images, so that the board must be started again.
     ///
     /// # Errors
-    /// Where the operating system does not report the exit.
+    /// If the operating system does not report the exit.
     pub fn wait(&mut self) -> io::Result<bool> {
         Ok(self.qemu.0.wait()?.code() == Some(SWAPPED))
     }
 
-    /// Starts the walk; in [`Time::Real`] it started with the board.
+    /// Starts the walk. In [`Time::Real`] this has no effect, because the walk starts with the board.
     pub fn play(&self) {
         self.plant.play();
     }
@@ -252,18 +254,18 @@ impl Board {
     }
 }
 
-/// QEMU's process, which is killed when this is dropped.
+/// QEMU's process, which is killed when this value is dropped.
 struct Qemu(Child);
 
 impl Drop for Qemu {
     fn drop(&mut self) {
-        // This fails where QEMU has exited by itself.
+        // This fails if QEMU has exited by itself.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
-/// A local port that QEMU connects one of its serial ports to.
+/// A local TCP port to which QEMU connects one of its serial ports.
 struct Port(TcpListener);
 
 impl Port {

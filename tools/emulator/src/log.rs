@@ -11,7 +11,7 @@ pub struct LogEntry {
     pub time: String,
     /// "error", "warn", "info", "debug" or "trace".
     pub level: &'static str,
-    /// The message; it begins with the part of the firmware that it is about, as in "storage: ...".
+    /// The message. It begins with the name of a part of the firmware, as in "storage: ...".
     pub text: String,
 }
 
@@ -32,10 +32,11 @@ pub enum LogError {
     Table(String),
 }
 
-/// Decodes a log with the texts in the firmware file that wrote it. Damaged frames, as those of another firmware, are left out.
+/// Decodes a log with the texts in the firmware file that wrote it. Frames that cannot be decoded, for example those of another
+/// firmware, are skipped.
 ///
 /// # Errors
-/// Where the firmware file has no texts.
+/// See [`LogError`].
 pub fn decode(firmware: &[u8], log: &[u8]) -> Result<Vec<LogEntry>, LogError> {
     let table = Table::parse(firmware).map_err(|e| LogError::Table(e.to_string()))?.ok_or(LogError::NoTable)?;
     let mut decoder = table.new_stream_decoder();

@@ -1,4 +1,4 @@
-//! The sensor plant: answers the board's requests for scans and for time.
+//! The sensor plant, which simulates the sensor matrix: answers the board's requests for scans, and paces them if required.
 
 use emulation::{COLUMNS, SCAN, TICK};
 use std::fs::OpenOptions;
@@ -20,22 +20,25 @@ pub enum Scan {
 
 /// The load on the matrix over time.
 pub trait Walk: Send + 'static {
-    /// Number of scans; [`u32::MAX`] for a walk without end. After the last one, the codes remain; where the plant paces the
-    /// scans, its clock stops.
+    /// Number of scans; [`u32::MAX`] for a walk without end. After the last scan the codes stay as they are. If the plant paces
+    /// the scans, its clock then stops.
     fn scans(&self) -> u32;
 
-    /// Writes the codes of scan number `seq`, below [`Walk::scans`], one per cell in the order of the set-up.
+    /// Writes the codes of scan number `seq`, which is below [`Walk::scans`] unless the walk has no end: one code for each cell,
+    /// in the order of the set-up.
     fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan;
 }
 
-/// True where the walk has a scan with this number.
+/// True if the walk has a scan with this number.
 fn has_scan(walk: &impl Walk, seq: u32) -> bool {
     seq < walk.scans() || walk.scans() == u32::MAX
 }
 
-/// The thread that plays the walk into the matrix. It ends when the board closes its port.
+/// A handle of the thread that plays the walk into the matrix. The thread ends when the board closes its port.
 pub struct Plant {
+    /// Number of scans requested so far.
     requested: Arc<AtomicU32>,
+    /// Starts the clock of the plant.
     playing: Sender<()>,
 }
 
@@ -55,7 +58,7 @@ impl Plant {
                 let [kind, a, b, c, d] = request;
                 let seq = u32::from_le_bytes([a, b, c, d]);
                 let answered = match kind {
-                    // The clock waits for Plant::play. The sender is dropped with the board.
+                    // The first tick waits for Plant::play. An error means that the board, and with it the sender, was dropped.
                     TICK if seq == 0 && play.recv().is_err() => break,
                     TICK if has_scan(&walk, seq) => port.write_all(&[TICK, TICK]),
                     SCAN => {
@@ -82,7 +85,7 @@ impl Plant {
         Ok(Self { requested, playing })
     }
 
-    /// Starts the clock, where the plant paces the scans.
+    /// Starts the plant's clock, if the plant paces the scans.
     pub fn play(&self) {
         // The thread may have ended with the board.
         let _ = self.playing.send(());

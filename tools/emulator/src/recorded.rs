@@ -1,16 +1,16 @@
-//! A recording as the load on the matrix.
+//! Recordings as walks on the sensor matrix.
 
 use crate::{Scan, Walk};
 use recording::{Recording, VirtualInsole};
 
-/// A recording, played into a virtual insole.
+/// The walk of a recording, as a virtual insole measures it.
 pub struct Recorded {
     recording: Recording,
     insole: VirtualInsole,
 }
 
 impl Recorded {
-    /// The walk of a recording, as this insole measures it.
+    /// The walk of `recording`, as `insole` measures it.
     pub fn new(recording: Recording, insole: VirtualInsole) -> Self {
         Self { recording, insole }
     }

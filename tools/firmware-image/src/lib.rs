@@ -1,6 +1,7 @@
 //! Firmware images: made from the linker's output, signed, and verified before they are sent.
 //!
-//! A file contains the image, padded to whole chunks, its Ed25519 signature, and the public key that verifies it.
+//! An image file contains the image, padded to whole chunks, its Ed25519 signature, and the public key that verifies the
+//! signature.
 
 use ed25519_dalek::{Digest, Sha512, Signer, VerifyingKey};
 use object::{Object, ObjectSegment};
@@ -11,7 +12,7 @@ use thiserror::Error;
 
 pub use ed25519_dalek::SigningKey;
 
-/// The file of the published key for development.
+/// The contents of the file of the published key for development.
 pub const DEVELOPMENT_KEY: &str = include_str!("../development.key");
 
 const SIGNATURE_BYTES: usize = 64;
@@ -47,7 +48,7 @@ pub struct Image {
 }
 
 impl Image {
-    /// Signs an image from [`flash_image`]; `None` where it has no header.
+    /// Signs an image from [`flash_image`]; `None` if it has no header.
     pub fn sign(bytes: Vec<u8>, key: &SigningKey) -> Option<Self> {
         let header = header(&bytes)?;
         let signature = key.sign(&Sha512::digest(&bytes)).to_bytes();
@@ -90,7 +91,7 @@ impl Image {
         &self.header
     }
 
-    /// The code that runs on the board.
+    /// The image: the contents of the board's flash from the application's start on.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
@@ -105,7 +106,7 @@ impl Image {
         }
     }
 
-    /// The chunk with this number; zeros after the last one.
+    /// The chunk with this number; zeros if the image has fewer chunks.
     pub fn chunk(&self, number: u16) -> Chunk {
         let mut chunk = Chunk::default();
         let bytes = self.bytes.get(usize::from(number) * CHUNK..).unwrap_or_default();
@@ -124,7 +125,8 @@ fn header(bytes: &[u8]) -> Option<Header> {
     Header::read(bytes.get(HEADER as usize..)?.first_chunk()?)
 }
 
-/// The contents of a board's flash with this firmware, an ELF file from the linker; padded to whole chunks.
+/// The contents of a board's flash from the application's start on, padded to whole chunks, for `firmware`, an ELF file from the
+/// linker.
 ///
 /// # Errors
 /// [`Error::Read`] and [`Error::NotFirmware`].
@@ -140,7 +142,7 @@ fn loaded_bytes(elf: &[u8]) -> Option<Vec<u8>> {
     for segment in file.segments() {
         let (data, header) = (segment.data().ok()?, segment.elf_program_header());
         let address = header.p_paddr.get(file.endian());
-        // Skips segments that only reserve memory, which have no data, and those below the image.
+        // Skips segments without data, which only reserve memory, and segments at addresses below the image.
         let Some(start) = address.checked_sub(ACTIVE.start).filter(|_| !data.is_empty()) else { continue };
         let (start, end) = (start as usize, start as usize + data.len());
         if end > MAX_IMAGE as usize {
@@ -162,7 +164,7 @@ pub fn read_signing_key(path: &Path) -> Result<SigningKey, Error> {
     parse_signing_key(&text).ok_or_else(|| Error::NotAKey(path.into()))
 }
 
-/// The published key for development; `None` where its file is damaged.
+/// The published key for development; `None` if its file is damaged.
 pub fn development_key() -> Option<SigningKey> {
     parse_signing_key(DEVELOPMENT_KEY)
 }

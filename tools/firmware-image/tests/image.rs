@@ -52,7 +52,7 @@ fn errors_for_missing_firmware_and_keys_name_the_remedy() {
 }
 
 #[test]
-fn insoles_accept_the_development_key_unless_built_with_another() {
+fn firmware_accepts_the_development_key_unless_it_is_built_with_another_key() {
     if option_env!("PLANTAR_UPDATE_KEY").is_none() {
         assert_eq!(development_key().map(|key| key.verifying_key().to_bytes()), Some(KEY));
     }

@@ -1,15 +1,16 @@
-//! Least squares within bounds: Levenberg-Marquardt over the free parameters, while the others are held at their bounds.
+//! Least squares within bounds. The Levenberg-Marquardt method searches over the free parameters, while the other parameters are
+//! held at their bounds.
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 /// A least-squares problem: residuals and their derivatives at a point.
 pub(crate) trait Residuals {
-    /// Moves to the point `x`, which is within the bounds.
+    /// Sets the parameters to `x`, which is within the bounds.
     fn set(&mut self, x: &[f64]);
-    /// The residuals at the point, one for each sample.
+    /// The residuals at these parameters, one for each sample.
     fn residuals(&self) -> DVector<f64>;
-    /// The derivatives of the residuals by parameter `i`, one for each sample.
+    /// The derivatives of the residuals with respect to parameter `i`, one for each sample.
     fn derivative(&self, i: usize) -> DVector<f64>;
 }
 
@@ -24,8 +25,8 @@ pub(crate) struct Minimum {
     pub evaluations: usize,
 }
 
-/// Largest number of rounds. A round ends at the minimum over its free parameters; after it, parameters are held or released. Two
-/// or three rounds usually suffice.
+/// Largest number of rounds. A round ends at the minimum over its free parameters. After each round, parameters that reached a
+/// bound are held there, and held parameters may be released. Two or three rounds usually suffice.
 const ROUNDS: usize = 8;
 
 /// Searches from `x` until a step changes the parameters or the sum of squares by less than the relative `tolerance`. `least` and
@@ -48,24 +49,24 @@ pub(crate) fn minimise(
         let round = Round { problem, x: x.clone(), unclamped: x.clone(), free: free.clone(), least, most };
         let (round, report) = search.minimize(round);
         evaluations += report.number_of_evaluations;
-        let ended = round.x;
-        // The last step that the search tried may not be the one that it accepted.
-        problem.set(&ended);
+        let end = round.x;
+        // The last step that the search tried may differ from the last step that it accepted.
+        problem.set(&end);
         evaluations += 1;
         let residuals = problem.residuals();
         let before = std::mem::replace(&mut squares, residuals.norm_squared());
-        x = ended;
+        x = end;
         let mut changed = false;
         for i in 0..x.len() {
-            let is_free = if x[i] > least[i] && x[i] < most[i] {
+            let will_be_free = if x[i] > least[i] && x[i] < most[i] {
                 true
             } else {
-                // A parameter at a bound is released if the sum of squares decreases inwards.
+                // A parameter at a bound is released if the sum of squares decreases towards the inside of the bounds.
                 let slope = problem.derivative(i).dot(&residuals);
                 if x[i] <= least[i] { slope < 0.0 } else { slope > 0.0 }
             };
-            changed |= is_free != free[i];
-            free[i] = is_free;
+            changed |= will_be_free != free[i];
+            free[i] = will_be_free;
         }
         if !changed || (before - squares).abs() <= tolerance * squares {
             break;
@@ -74,10 +75,12 @@ pub(crate) fn minimise(
     Minimum { x, squares, evaluations }
 }
 
-/// A round of the search over the free parameters. A step beyond a bound is evaluated at the bound.
+/// A round of the search over the free parameters. A parameter that exceeds a bound is evaluated at the bound.
 struct Round<'p, P> {
     problem: &'p mut P,
+    /// The parameters at which the problem is evaluated, which are within the bounds.
     x: Vec<f64>,
+    /// The parameters as the search sets them, which may exceed the bounds.
     unclamped: Vec<f64>,
     free: Vec<bool>,
     least: &'p [f64],
@@ -118,7 +121,7 @@ impl<P: Residuals> LeastSquaresProblem<f64, Dyn, Dyn> for Round<'_, P> {
             .free()
             .map(|i| {
                 let column = self.problem.derivative(i);
-                // Beyond a bound the residuals are constant.
+                // Beyond a bound, the residuals do not depend on the parameter.
                 if self.unclamped[i] == self.x[i] { column } else { column * 0.0 }
             })
             .collect();

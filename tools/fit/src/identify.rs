@@ -1,8 +1,9 @@
 //! Identification of the five parameters that a force trace determines, by variable projection.
 //!
-//! For a given shape (`max_ratio`, n, m) the force is linear in K and G, and their best values within bounds follow from a 2 x 2
-//! system. Three stages: a grid over the shape; searches over the shape from the best points of the grid; a search over all five
-//! parameters with the force as the device evaluates it, with tensile force set to 0. The result is deterministic.
+//! For a given shape (`max_ratio`, n, m) the force is linear in K and G, and the best values of K and G within bounds follow from a
+//! 2 x 2 system. The identification has three stages. The first evaluates a grid over the shape. The second searches over the
+//! shape, from the best points of the grid. The third searches over all five parameters, and omits tensile force as the device
+//! does. The result is deterministic.
 
 use crate::bounded::{self, Residuals};
 use crate::law::{Column, Deformation, Shape};
@@ -26,11 +27,12 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Smallest stiffness exponent that can be searched: at -1 and below, force would not vanish with contact.
+    /// Smallest bound of the stiffness exponent. With an exponent of -1 or less, force would not approach 0 as the contact
+    /// vanishes.
     pub const LEAST_N: f64 = -0.95;
 
-    /// The default bounds. pi A B is 1 to 8.3 times the largest area. For a flatter ellipsoid, force approaches a power of area,
-    /// in which A B and K cannot be separated.
+    /// The default bounds. They allow pi A B to be 1 to 8.3 times the largest area. If it were larger, the ellipsoid would be so
+    /// flat that force is nearly a power of area, and A B and K could not be separated.
     pub const USUAL: Self = Self {
         max_ratio: [0.12, 0.999_999],
         stiffness_pa: [1e4, 1e7],
@@ -56,7 +58,7 @@ pub struct Identified {
 }
 
 impl Identified {
-    /// The parameters in the order of the search: `max_ratio`, n, m, K, G.
+    /// The parameters in the order in which the search uses them: `max_ratio`, n, m, K, G.
     pub(crate) fn x(&self) -> [f64; 5] {
         [self.shape.max_ratio, self.shape.n, self.shape.m, self.stiffness_pa, self.damping_pa_s]
     }
@@ -72,13 +74,13 @@ impl Identified {
         }
     }
 
-    /// The same parameters for samples with the largest area `to_m2` instead of `from_m2`, m2.
+    /// The same A B, K, G, n and m, for samples whose largest area is `to_m2` instead of `from_m2`, m2. Only `max_ratio` differs.
     pub(crate) fn rebased(&self, from_m2: f64, to_m2: f64, bounds: &Bounds) -> Self {
         let max_ratio = (to_m2 / from_m2 * self.shape.max_ratio).clamp(bounds.max_ratio[0], bounds.max_ratio[1]);
         Self { shape: Shape { max_ratio, ..self.shape }, ..*self }
     }
 
-    /// The force law that a device evaluates. `c_m`, the radius C, only scales the displayed deformation.
+    /// The force law that a device evaluates. `c_m` is the radius C, m, which only scales the displayed deformation.
     pub fn law(&self, area_max_m2: f64, c_m: f64) -> ForceLaw<f64> {
         ForceLaw {
             ab_m2: self.shape.ab_m2(area_max_m2),
@@ -91,16 +93,19 @@ impl Identified {
     }
 }
 
-/// The grid over the shape. The exponents are fractions of their bounds.
+/// The grid over the shape. For the exponents, 0 is the lower and 1 the upper bound.
 const MAX_RATIO_GRID: [f64; 5] = [0.28, 0.64, 0.88, 0.98, 0.999];
+/// See [`MAX_RATIO_GRID`].
 const N_GRID: [f64; 5] = [0.0, 0.1, 0.25, 0.5, 0.8];
+/// See [`MAX_RATIO_GRID`].
 const M_GRID: [f64; 3] = [0.05, 0.25, 0.6];
 /// Number of points of the grid from which searches over the shape start.
 const STARTS: usize = 3;
 
-/// Relative tolerances of a search: of a new fit, and of a refinement.
-const EXACT: f64 = 1e-12;
-const REFINED: f64 = 1e-6;
+/// Relative tolerance of a fit, from which the reported parameters result.
+const FIT_TOLERANCE: f64 = 1e-12;
+/// Relative tolerance of [`refine`].
+const REFINE_TOLERANCE: f64 = 1e-6;
 
 /// Identifies the parameters of one region.
 pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {
@@ -110,7 +115,7 @@ pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {
     let mut best: Option<bounded::Minimum> = None;
     for start in starts {
         let x = [start.max_ratio, start.n, start.m];
-        let minimum = bounded::minimise(&mut projected, &x, &least[..3], &most[..3], EXACT);
+        let minimum = bounded::minimise(&mut projected, &x, &least[..3], &most[..3], FIT_TOLERANCE);
         evaluations += minimum.evaluations;
         if best.as_ref().is_none_or(|best| minimum.squares < best.squares) {
             best = Some(minimum);
@@ -124,8 +129,9 @@ pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {
     Identified::from(&minimum, evaluations + 1)
 }
 
-/// Only the last stage, the search over all five parameters, from one point, for comparison. `start` contains fractions of the
-/// bounds, 0 to 1, in the order `max_ratio`, n, m, K (in logarithms), G. The search may end in a local minimum.
+/// Performs only the third stage, the search over all five parameters, from one point. It is for comparison, and may end in a local
+/// minimum. `start` contains numbers between 0, the lower bound, and 1, the upper bound, in the order `max_ratio`, n, m, K, G. The
+/// scale of K is logarithmic.
 pub fn identify_from(samples: &Samples, bounds: &Bounds, start: [f64; 5]) -> Identified {
     let [least, most] = limits(bounds);
     let at = |i: usize| match i {
@@ -140,7 +146,7 @@ pub fn identify_from(samples: &Samples, bounds: &Bounds, start: [f64; 5]) -> Ide
 /// Refines parameters that are already close to the minimum.
 pub(crate) fn refine(samples: &Samples, bounds: &Bounds, near: &Identified) -> Identified {
     let [least, most] = limits(bounds);
-    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &near.x(), &least, &most, REFINED);
+    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &near.x(), &least, &most, REFINE_TOLERANCE);
     Identified::from(&minimum, 0)
 }
 
@@ -149,7 +155,7 @@ pub(crate) fn limits(bounds: &Bounds) -> [[f64; 5]; 2] {
     [0, 1].map(|i| [bounds.max_ratio[i], bounds.n[i], bounds.m[i], bounds.stiffness_pa[i], bounds.damping_pa_s[i]])
 }
 
-/// The best points of the grid over the shape, and the number of its points.
+/// The best points of the grid over the shape, and the number of points of the grid.
 fn grid(samples: &Samples, bounds: &Bounds) -> (Vec<Shape>, usize) {
     let at = |range: [f64; 2], share: f64| range[0] + share * (range[1] - range[0]);
     let mut deformation = Deformation::default();
@@ -173,7 +179,7 @@ fn grid(samples: &Samples, bounds: &Bounds) -> (Vec<Shape>, usize) {
     }
     let count = points.len();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // One start for each `max_ratio`: starts that differ only in the exponents lead to the same minimum.
+    // No two starts have the same `max_ratio`, because starts that differ only in the exponents lead to the same minimum.
     let mut starts: Vec<Shape> = Vec::new();
     for (_, point) in points {
         if starts.len() < STARTS && starts.iter().all(|start| start.max_ratio != point.max_ratio) {
@@ -183,8 +189,8 @@ fn grid(samples: &Samples, bounds: &Bounds) -> (Vec<Shape>, usize) {
     (starts, count)
 }
 
-/// K and G with the smallest sum of squares within their bounds, and that sum: the unconstrained solution, or the best at a
-/// bound.
+/// The K and G within their bounds for which the sum of squares is smallest, and this sum. They are the unconstrained solution if
+/// it is within the bounds, otherwise the best point at a bound.
 fn linear(elastic: &[f64], viscous: &[f64], force_n: &[f64], bounds: &Bounds) -> ([f64; 2], f64) {
     let (mut ee, mut ev, mut vv, mut ef, mut vf, mut ff) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     for ((&e, &v), &f) in elastic.iter().zip(viscous).zip(force_n) {
@@ -211,14 +217,14 @@ fn linear(elastic: &[f64], viscous: &[f64], force_n: &[f64], bounds: &Bounds) ->
     candidates.fold(([k_range[0], g_range[0]], f64::INFINITY), |best, next| if next.1 < best.1 { next } else { best })
 }
 
-/// The force including tensile force, as a function of the shape, with K and G projected out.
+/// The force as a function of the shape. For each shape, K and G have their best values. Tensile force is not set to 0.
 struct ProjectedForce<'s> {
     samples: &'s Samples,
     bounds: &'s Bounds,
     deformation: Deformation,
     elastic: Column,
     viscous: Column,
-    /// K and G.
+    /// The best K and G for the current shape.
     linear: [f64; 2],
 }
 
@@ -249,7 +255,7 @@ impl Residuals for ProjectedForce<'_> {
         DVector::from_iterator(self.samples.len(), force.zip(&self.samples.target).map(|(f, measured)| f - measured))
     }
 
-    /// The derivative in Kaufman's approximation: without the part that a change of K and G compensates.
+    /// The derivative in Kaufman's approximation, which omits the part that a change of K and G compensates.
     fn derivative(&self, i: usize) -> DVector<f64> {
         let [k, g] = self.linear;
         let mut column: Vec<f64> = match i {
@@ -280,7 +286,7 @@ impl Residuals for ProjectedForce<'_> {
     }
 }
 
-/// The force as the device evaluates it, with tensile force set to 0, as a function of all five parameters.
+/// The force as a function of all five parameters. As on the device, tensile force is set to 0.
 pub(crate) struct NonNegativeForce<'s> {
     samples: &'s Samples,
     deformation: Deformation,
@@ -291,7 +297,7 @@ pub(crate) struct NonNegativeForce<'s> {
 }
 
 impl<'s> NonNegativeForce<'s> {
-    /// Before the first point, which [`Residuals::set`] sets.
+    /// The force without parameters. [`Residuals::set`] sets them.
     pub fn new(samples: &'s Samples) -> Self {
         Self {
             samples,

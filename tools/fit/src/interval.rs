@@ -15,24 +15,25 @@ pub const FIVE: [&str; 5] = ["A B", "K", "G", "n", "m"];
 pub struct Interval {
     /// The estimate, in the unit of [`FIVE`].
     pub value: f64,
-    /// From the Jacobian: the uncertainty due to the scatter of the force about the model, while other parameters that are at a
-    /// bound are held there.
+    /// The interval from the Jacobian. It describes the uncertainty due to the scatter of the force about the model. Other
+    /// parameters that are at a bound are held there.
     pub jacobian: [f64; 2],
-    /// From resampled steps: it includes the differences between steps. `None` for fewer than [`RESAMPLED_STEPS`] steps.
+    /// The interval from resampled steps, which includes the differences between steps. `None` for fewer than [`RESAMPLED_STEPS`]
+    /// steps, or without resamples.
     pub bootstrap: Option<[f64; 2]>,
-    /// The estimate is at a bound of the search.
+    /// True if the estimate is at a bound of the search.
     pub at_bound: bool,
-    /// The force depends on the parameter; false for m where G is 0. Named as in the JSON output.
-    pub told: bool,
+    /// True if the force depends on the parameter. False for m if G is 0. The JSON output calls this `told`.
+    pub is_identifiable: bool,
 }
 
 /// The intervals and the correlation of the estimates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Uncertainty {
-    /// In the order of [`FIVE`].
+    /// The intervals in the order of [`FIVE`].
     pub intervals: [Interval; 5],
-    /// Correlation matrix of the estimates (of A B, K and G in logarithms), in the order of [`FIVE`]; 0 for parameters at a bound
-    /// and for parameters on which the force does not depend.
+    /// Correlation matrix of the estimates, in the order of [`FIVE`]. For A B, K and G it is the correlation of their logarithms.
+    /// It is 0 for parameters at a bound and for parameters on which the force does not depend.
     pub correlation: [[f64; 5]; 5],
 }
 
@@ -52,25 +53,26 @@ pub fn from_jacobian(samples: &Samples, bounds: &Bounds, identified: &Identified
     let mut law = NonNegativeForce::new(samples);
     let x = identified.x();
     law.set(&x);
-    // Derivatives by ln A B, ln K, ln G, n, m instead of max_ratio, n, m, K, G; ln A B = constant - ln max_ratio.
+    // The derivatives with respect to max_ratio, n, m, K and G are converted to derivatives with respect to ln A B, ln K, ln G, n
+    // and m. Here ln A B is a constant minus ln max_ratio. If G is 0, the derivative with respect to G itself is used.
     let by = |i: usize| law.derivative(i);
     let columns = [-by(0) * x[0], by(3) * x[3], by(4) * if x[4] > 0.0 { x[4] } else { 1.0 }, by(1), by(2)];
     let norms = Vector5::from_fn(|i, _| columns[i].norm());
-    let is_determined = |i: usize| norms[i] > 1e-9 * norms.max();
+    let is_identifiable = |i: usize| norms[i] > 1e-9 * norms.max();
     let (order, ends) = ([0, 3, 4, 1, 2], crate::identify::limits(bounds));
     let at_bound = |i: usize| x[order[i]] <= ends[0][order[i]] || x[order[i]] >= ends[1][order[i]];
     let gram = Matrix5::from_fn(|i, j| columns[i].dot(&columns[j]) / (norms[i] * norms[j]));
     // A parameter at a bound is held there for the intervals of the others, and released for its own.
     let covariance = |freed: Option<usize>| {
-        let is_free = |i: usize| is_determined(i) && (!at_bound(i) || freed == Some(i));
+        let is_free = |i: usize| is_identifiable(i) && (!at_bound(i) || freed == Some(i));
         let free = Matrix5::from_fn(|i, j| match is_free(i) && is_free(j) {
             true => gram[(i, j)],
             false => f64::from(u8::from(i == j)),
         });
         free.pseudo_inverse(1e-13).unwrap_or(Matrix5::identity() * f64::INFINITY)
     };
-    // Where the model has a systematic error, neighbouring residuals are correlated, so that fewer of them are independent. The
-    // fit of five parameters lowers the estimated correlation by about 5 / (samples - 5), which is added again.
+    // If the model has a systematic error, neighbouring residuals are correlated, so that fewer of them are independent. The
+    // fit of five parameters lowers the estimated correlation by about 5 / (samples - 5), which is therefore added.
     let autocorrelation =
         samples.autocorrelation(law.residuals().as_slice()) + 5.0 / (samples.len() as f64 - 5.0).max(5.0);
     let autocorrelation = autocorrelation.clamp(0.0, 0.99);
@@ -78,15 +80,16 @@ pub fn from_jacobian(samples: &Samples, bounds: &Bounds, identified: &Identified
     let degrees_of_freedom = (independent - 5.0).max(1.0);
     let variance = identified.squares / degrees_of_freedom;
     let quantile = StudentsT::new(0.0, 1.0, degrees_of_freedom).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
-    let half = |i: usize| match is_determined(i) {
+    let half_width = |i: usize| match is_identifiable(i) {
         true => quantile * (covariance(Some(i))[(i, i)].max(0.0) * variance).sqrt() / norms[i],
         false => f64::INFINITY,
     };
     let values = five(identified, samples.area_max_m2);
     let limits = limits(bounds, samples.area_max_m2);
     let interval = |i: usize| {
-        let (value, half, [least, most]) = (values[i], half(i), limits[i]);
-        // The distributions of A B and K are skewed towards large values, and so is that of G where it is well determined.
+        let (value, half, [least, most]) = (values[i], half_width(i), limits[i]);
+        // The distributions of A B and K are skewed towards large values, so their intervals are symmetric in logarithms. The same
+        // applies to G if its uncertainty is small.
         let raw = match i < 2 || (i == 2 && value > 0.0 && half < 1.0) {
             true => [value * (-half).exp(), value * half.exp()],
             false => {
@@ -98,12 +101,12 @@ pub fn from_jacobian(samples: &Samples, bounds: &Bounds, identified: &Identified
             value,
             jacobian: [raw[0].clamp(least, most), raw[1].clamp(least, most)],
             bootstrap: None,
-            told: is_determined(i),
+            is_identifiable: is_identifiable(i),
             at_bound: at_bound(i),
         }
     };
-    let together = covariance(None);
-    let correlation = |i: usize, j: usize| together[(i, j)] / (together[(i, i)] * together[(j, j)]).sqrt();
+    let all_held = covariance(None);
+    let correlation = |i: usize, j: usize| all_held[(i, j)] / (all_held[(i, i)] * all_held[(j, j)]).sqrt();
     Uncertainty {
         intervals: std::array::from_fn(interval),
         correlation: std::array::from_fn(|i| std::array::from_fn(|j| correlation(i, j))),
@@ -116,7 +119,8 @@ fn limits(bounds: &Bounds, area_max_m2: f64) -> [[f64; 2]; 5] {
     [[ab(bounds.max_ratio[1]), ab(bounds.max_ratio[0])], bounds.stiffness_pa, bounds.damping_pa_s, bounds.n, bounds.m]
 }
 
-/// Adds the bootstrap intervals, the middle 95 % of fits to resampled steps. The same steps result in the same numbers.
+/// Adds the bootstrap intervals to `uncertainty`: the middle 95 % of the estimates from resampled steps. `identified` is the fit to
+/// all steps, and `area_max_m2` is the largest area in all steps. The same steps always result in the same intervals.
 pub fn add_bootstrap(
     uncertainty: &mut Uncertainty,
     curves: &[&RegionCurves],
@@ -131,8 +135,8 @@ pub fn add_bootstrap(
         .into_par_iter()
         .map(|seed| {
             let mut random = fastrand::Rng::with_seed(seed);
-            let drawn = (0..curves.len()).map(|_| curves[random.usize(..curves.len())]);
-            let samples = Samples::new(drawn, options.filter);
+            let resampled = (0..curves.len()).map(|_| curves[random.usize(..curves.len())]);
+            let samples = Samples::new(resampled, options.filter);
             let near = identified.rebased(area_max_m2, samples.area_max_m2, &options.bounds);
             five(&refine(&samples, &options.bounds, &near), samples.area_max_m2)
         })

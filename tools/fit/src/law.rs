@@ -1,6 +1,7 @@
 //! The force law (Eq. 13 in its identifiable form) over many samples at once, with its derivatives.
 //!
-//! A B is replaced by `max_ratio`, the largest area divided by pi A B: `max_ratio < 1` is the constraint pi A B >= max Ae.
+//! The parameter A B is replaced by `max_ratio`, the largest contact area divided by pi A B. So the constraint of the model, that
+//! pi A B exceeds every contact area, is the bound `max_ratio < 1`.
 
 use crate::Samples;
 use std::f64::consts::PI;
@@ -23,17 +24,18 @@ impl Shape {
     }
 }
 
-/// Normalised deformation g of all samples, and its derivative by `max_ratio`.
+/// The normalised deformation g of all samples, its rate, and the derivatives of both with respect to `max_ratio`.
 #[derive(Default)]
 pub(crate) struct Deformation {
-    /// pi A B times the weight of the sample.
+    /// For each sample, pi A B times its weight.
     section_m2: Vec<f64>,
-    /// Derivative of ln(pi A B) by `max_ratio`.
+    /// Derivative of ln(pi A B) with respect to `max_ratio`.
     ln_section_by_max_ratio: f64,
     /// ln g; 0 without contact.
     ln_g: Vec<f64>,
     g: Vec<f64>,
     g_by_max_ratio: Vec<f64>,
+    /// Rate of g, 1/s.
     rate: Vec<f64>,
     rate_by_max_ratio: Vec<f64>,
 }
@@ -65,7 +67,8 @@ impl Deformation {
         }
     }
 
-    /// The elastic term of the weighted force for K = 1 Pa, and its derivatives by `max_ratio` and `n`.
+    /// Writes the elastic term of the weighted force for K = 1 Pa, and its derivatives with respect to `max_ratio` and `n`, to
+    /// `out`.
     pub fn elastic(&self, n: f64, out: &mut Column) {
         self.fill(out, |i, g, ln_g| {
             let force = self.section_m2[i] * (ln_g * (n + 2.0)).exp() * (1.0 - g / 3.0);
@@ -74,7 +77,8 @@ impl Deformation {
         });
     }
 
-    /// The viscous term of the weighted force for G = 1 Pa s, and its derivatives by `max_ratio` and `m`.
+    /// Writes the viscous term of the weighted force for G = 1 Pa s, and its derivatives with respect to `max_ratio` and `m`, to
+    /// `out`.
     pub fn viscous(&self, m: f64, out: &mut Column) {
         self.fill(out, |i, g, ln_g| {
             let quadratic = 6.0 - 4.0 * g + g * g;
@@ -86,8 +90,9 @@ impl Deformation {
         });
     }
 
-    /// Fills a column. `term` computes the force and its derivative by `max_ratio` of a sample in contact from its index, g and
-    /// ln g. Both terms are a power of g, so that the derivative by the exponent follows.
+    /// Fills `out`. For a sample in contact, `term` computes the force and its derivative with respect to `max_ratio` from the
+    /// index of the sample, g and ln g. Both terms contain a power of g, so their derivative with respect to the exponent is the
+    /// force times ln g.
     fn fill(&self, out: &mut Column, term: impl Fn(usize, f64, f64) -> (f64, f64)) {
         out.clear();
         for i in 0..self.rate.len() {
@@ -98,7 +103,8 @@ impl Deformation {
     }
 }
 
-/// One of the two terms of the weighted force over all samples, with its derivatives.
+/// One of the two terms of the weighted force for all samples, with its derivatives with respect to `max_ratio` and to its
+/// exponent.
 #[derive(Default)]
 pub(crate) struct Column {
     pub force: Vec<f64>,

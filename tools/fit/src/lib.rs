@@ -4,8 +4,9 @@
 //! Biomech. 92 (2019) 137-145. Equation numbers refer to it.
 //!
 //! [`steps::isolate`] extracts the steps of recordings with the code of the insole. [`fit`] identifies, for each region, the five
-//! parameters that a force trace determines ([`identify`]), and pins the other three of the paper's eight ([`pins`]). It reports
-//! confidence intervals ([`interval`]) and errors ([`quality`]). [`paper`] is the search of the paper, for comparison.
+//! parameters that a force trace determines ([`identify`]). The other three of the paper's eight parameters follow from other
+//! measurements ([`pins`]). The result includes confidence intervals ([`interval`]) and errors ([`quality`]). [`paper`] is the
+//! search of the paper, for comparison.
 
 pub mod identify;
 pub mod interval;
@@ -27,19 +28,19 @@ pub use identify::Bounds;
 pub use quality::Quality;
 pub use region::{RegionFit, fit_step};
 pub use samples::Samples;
-pub use screen::{MIN_FORCE_N, MIN_SAMPLES, Unfit};
+pub use screen::{MIN_FORCE_N, MIN_SAMPLES, NotFitted};
 pub use steps::{Filter, RegionCurves, Step};
 pub use study::Study;
 
 use plantar::Region;
 use rayon::prelude::*;
 
-/// A method of search.
+/// A method of searching the parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// Five parameters by variable projection, deterministic.
+    /// Searches the five identifiable parameters by variable projection. The result is deterministic.
     Projection,
-    /// The method of the paper: eight variables, the best of ten random starts.
+    /// The method of the paper: searches all eight parameters from ten random starts, and returns the best result.
     Paper,
 }
 
@@ -56,7 +57,7 @@ impl Method {
 /// The options of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// The filter of the contact area. It must be the filter that the device applies.
+    /// The filter of the contact area. Use the filter with which the device will evaluate the parameters.
     pub filter: Filter,
     /// The method of search.
     pub method: Method,
@@ -84,18 +85,19 @@ impl Options {
     }
 }
 
-/// Recordings are assumed to be of two people if the error of predicting one from the other, divided by the error of predicting
-/// it from itself, exceeds this ratio in at least [`MIXED_REGIONS`] regions. That holds for two thirds of the pairs of the ten
-/// walkers of SpeedPP2DS, and for no pair of halves of one walker's steps.
+/// Recordings are assumed to be of several people if [`RegionFit::recordings_ratio`] exceeds this value in at least
+/// [`MIXED_REGIONS`] regions. Among the ten walkers of SpeedPP2DS, this recognises two thirds of the pairs of walkers. It never
+/// occurs if the recordings are the two halves of the steps of one walker.
 const MIXED_RATIO: f64 = 1.8;
-/// See [`MIXED_RATIO`].
+/// Smallest number of regions with a ratio above [`MIXED_RATIO`].
 const MIXED_REGIONS: usize = 2;
 
-/// Fits all regions, in the order of [`Region::ALL`]. `progress` receives each region when it is done, in any order.
+/// Fits all regions. The results are in the order of [`Region::ALL`]. `progress` receives each region when its fit is complete;
+/// regions may complete in any order.
 ///
 /// # Errors
-/// For each region, the reason where it could not be fitted.
-pub fn fit(steps: &[Step], options: &Options, progress: &(dyn Fn(Region) + Sync)) -> [Result<RegionFit, Unfit>; 8] {
+/// The element of a region that could not be fitted contains the reason.
+pub fn fit(steps: &[Step], options: &Options, progress: &(dyn Fn(Region) + Sync)) -> [Result<RegionFit, NotFitted>; 8] {
     let mut fits: Vec<_> = (0..8)
         .into_par_iter()
         .map(|region| {
@@ -108,7 +110,7 @@ pub fn fit(steps: &[Step], options: &Options, progress: &(dyn Fn(Region) + Sync)
     if fits.iter().flatten().filter_map(differs).count() >= MIXED_REGIONS {
         for fit in &mut fits {
             if let Some(ratio) = fit.as_ref().ok().and_then(differs) {
-                *fit = Err(Unfit::MixedPeople(ratio));
+                *fit = Err(NotFitted::MixedPeople(ratio));
             }
         }
     }

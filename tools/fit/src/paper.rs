@@ -1,16 +1,17 @@
-//! The identification of the paper, for comparison: eight variables within bounds, the sum of Eq. 18 with the term of Eq. 19, a
-//! general solver from several starts.
+//! The identification of the paper, for comparison. A general solver searches eight variables within bounds from several random
+//! starts. It minimises the sum of Eq. 18 with the penalty of Eq. 19.
 //!
-//! The paper's bounds (its Appendix A) and P are not published; the values here are this project's choice. k and c are searched
-//! in logarithms, because otherwise the solver rarely converges. The constraint pi A B >= max Ae is not stated in the paper and
-//! is not enforced here; where it does not hold, the device flags the step as clamped.
+//! The bounds of the paper (its Appendix A) and its penalty factor P are not published; the values here are this project's choice.
+//! The logarithms of k and c are searched instead of k and c, because otherwise the solver rarely converges. The constraint that pi
+//! A B exceeds every contact area is not stated in the paper and is not enforced here. If a result violates it, the device flags
+//! the step as clamped.
 
 use crate::Samples;
 use crate::pins::Pins;
 use plantar::pipeline::model::{Ellipsoid, ForceLaw};
 use std::cell::Cell;
 
-/// Number of starts; the best minimum is the result.
+/// Number of random starts. The result is the best of the minima.
 pub const STARTS: u64 = 10;
 
 /// Bounds of A, B, C and d0 (m), ln k, n, ln c, m.
@@ -24,7 +25,7 @@ const BOUNDS: [(f64, f64); 8] = [
     (6.9, 23.0), // 1e3 to 1e10 N s/m3
     (0.0, 5.0),
 ];
-/// P of Eq. 19, 1/N.
+/// The factor P of Eq. 19, 1/N.
 const PENALTY_PER_N: f64 = 1.0;
 /// Largest number of iterations of a search.
 const ITERATIONS: usize = 200;
@@ -34,6 +35,7 @@ const TOLERANCE: f64 = 1e-9;
 const DIFFERENCE: f64 = 1e-7;
 
 type Constraint = fn(&[f64], Option<&mut [f64]>, &mut ()) -> f64;
+/// The solver also accepts constraints, but only bounds are used.
 const UNCONSTRAINED: &[Constraint] = &[];
 
 /// The best ellipsoid, and the number of evaluations of the model.
@@ -47,10 +49,10 @@ pub fn identify(samples: &Samples) -> (Ellipsoid<f64>, usize) {
         let here = objective(x);
         if let Some(gradient) = gradient {
             for i in 0..x.len() {
-                let mut beside = x.to_vec();
+                let mut neighbour = x.to_vec();
                 let step = DIFFERENCE * (BOUNDS[i].1 - BOUNDS[i].0);
-                beside[i] += if x[i] + step > BOUNDS[i].1 { -step } else { step };
-                gradient[i] = (objective(&beside) - here) / (beside[i] - x[i]);
+                neighbour[i] += if x[i] + step > BOUNDS[i].1 { -step } else { step };
+                gradient[i] = (objective(&neighbour) - here) / (neighbour[i] - x[i]);
             }
         }
         here
@@ -78,7 +80,7 @@ fn ellipsoid(x: &[f64]) -> Ellipsoid<f64> {
     Ellipsoid { a_m: x[0], b_m: x[1], c_m: x[2], d0_m: x[3], k: x[4].exp(), n: x[5], c: x[6].exp(), m: x[7] }
 }
 
-/// Eq. 18 with the term of Eq. 19 as printed, divided by the squared peak force.
+/// The sum of Eq. 18 with the penalty of Eq. 19 as printed. Each residual is multiplied by its weight, see [`Samples`].
 fn squares(samples: &Samples, ellipsoid: &Ellipsoid<f64>) -> f64 {
     let mut sum = 0.0;
     for (i, (g, rate_per_s)) in samples.deformation(&ellipsoid.force_law()).enumerate() {
@@ -90,7 +92,7 @@ fn squares(samples: &Samples, ellipsoid: &Ellipsoid<f64>) -> f64 {
     sum
 }
 
-/// The pins that correspond to an ellipsoid that was searched directly.
+/// The values of the pinned quantities of an ellipsoid of which all eight parameters were searched.
 pub(crate) fn pins(ellipsoid: &Ellipsoid<f64>, law: &ForceLaw<f64>, g_max: f64) -> Pins {
     Pins {
         aspect: ellipsoid.a_m / ellipsoid.b_m,

@@ -1,11 +1,12 @@
 //! The paper's eight parameters from the five that a force trace determines.
 //!
-//! The force is the same for all values of A/B, C and d0 if the other parameters are adapted (the Jacobian has rank 5 of 8).
-//! These three are pinned, which means that other measurements determine them.
+//! Any change of A/B, C or d0 can be compensated by changes of the other parameters, so that the force remains the same: the
+//! Jacobian of the force with respect to the eight parameters has rank 5. These three are pinned, which means that they are
+//! determined by other measurements.
 
 use plantar::pipeline::model::{Ellipsoid, ForceLaw};
 
-/// Default largest compression, which pins C: 45.7 % of the thickness, measured under metatarsal heads (Cavanagh 1999).
+/// Default value of [`Pins::compression`]: 45.7 % of the thickness, as measured under metatarsal heads (Cavanagh 1999).
 pub const COMPRESSION: f64 = 0.457;
 
 /// The values that pin A/B, C and d0 of one region.
@@ -15,17 +16,18 @@ pub struct Pins {
     pub aspect: f64,
     /// d0, m.
     pub thickness_m: f64,
-    /// Largest deformation divided by d0, 0 to 1. It pins C.
+    /// Largest deformation divided by d0, 0 to 1. It determines C.
     pub compression: f64,
 }
 
 impl Pins {
-    /// C, m, such that the deformation at the normalised deformation `g_max` is `compression` times d0.
+    /// The C, m, for which the deformation is `compression` times d0 when the normalised deformation is `g_max`.
     pub fn c_m(&self, g_max: f64) -> f64 {
         self.compression * self.thickness_m / g_max
     }
 
-    /// The ellipsoid with the force of `law`. Solves K = k C^(n+1) / d0^n and G = c C^(m+1) / d0^m for k and c.
+    /// The ellipsoid that has these pins and the force of `law`. The function solves K = k C^(n+1) / d0^n and G = c C^(m+1) / d0^m
+    /// for k and c.
     pub fn ellipsoid(&self, law: &ForceLaw<f64>) -> Ellipsoid<f64> {
         let (c_m, d0_m) = (law.c_m, self.thickness_m);
         let coefficient = |value: f64, exponent: f64| value * (d0_m / c_m).powf(exponent) / c_m;

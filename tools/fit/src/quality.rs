@@ -1,40 +1,41 @@
-//! The errors of a set of parameters, evaluated as the device does.
+//! The errors of identified parameters. The force is computed as on the device.
 
 use crate::{Filter, RegionCurves, Samples};
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::smooth;
 
-/// An area of at least this fraction of the largest one in the step counts as the largest.
+/// An area of at least this fraction of the largest area in the step counts as the largest area.
 const AT_LARGEST: f64 = 0.97;
-/// A force that is below its peak by more than this fraction counts as different from the peak.
+/// A force that is below the peak force by more than this fraction of it counts as different from the peak.
 const CHANGED: f64 = 0.35;
 
-/// The errors of the parameters of a region, mean over its steps. NRMSE (Eq. 20) as a fraction: 0.1 is 10 %.
+/// The errors of the parameters of a region. Each error is the mean over the steps. NRMSE (Eq. 20) is a fraction: 0.1 is 10 %.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// NRMSE of all steps with the parameters that were fitted to all, against the measured force.
+    /// NRMSE of the steps with the parameters that were fitted to all steps, against the measured force.
     pub fitted: f64,
-    /// The same against the measured force, smoothed by the polynomial of 5th order of the paper.
+    /// As `fitted`, but against the measured force smoothed by the paper's polynomial of 5th order.
     pub fitted_smoothed: f64,
     /// NRMSE of each step with parameters that were fitted to it alone, against the measured force.
     pub own: f64,
-    /// The same against the smoothed force.
+    /// As `own`, but against the smoothed force.
     pub own_smoothed: f64,
     /// NRMSE of each step with parameters that were fitted to the other steps, against the measured force. `None` for a single
     /// step.
     pub predicted: Option<f64>,
-    /// NRMSE of the best non-decreasing function of the area of each step. No law without damping has a smaller error; a law with
-    /// damping may.
+    /// NRMSE of the non-decreasing function of area that fits the force of each step best. No force law without damping has a
+    /// smaller error; a law with damping may have one.
     pub floor: f64,
     /// Largest model force divided by largest measured force, minus 1.
     pub peak_bias: f64,
-    /// Fraction of the contact in which the area is at its largest while the force changes.
+    /// Fraction of the contact time in which the area is at its largest although the force is well below its peak.
     pub saturated: f64,
 }
 
 impl Quality {
-    /// Computes the errors from the steps, evaluated with the parameters that were fitted to all (`fitted`) and to each step
-    /// alone (`own`), and from the NRMSE of the steps with parameters that were fitted to the other steps (`predicted`).
+    /// Computes the errors. `fitted` contains the steps evaluated with the parameters that were fitted to all steps, and `own` the
+    /// steps evaluated with parameters that were fitted to each step alone. `predicted` contains the NRMSE of each step with
+    /// parameters that were fitted to the other steps.
     pub(crate) fn new(fitted: &[Evaluated], own: &[Evaluated], predicted: &[f64]) -> Self {
         let mean = |of: fn(&Evaluated) -> f64, all: &[Evaluated]| all.iter().map(of).sum::<f64>() / all.len() as f64;
         Self {
@@ -50,19 +51,19 @@ impl Quality {
     }
 }
 
-/// Fraction of the contact in which the area is at its largest while the force is well below its peak.
+/// See [`Quality::saturated`].
 fn saturated(steps: &[Evaluated]) -> f64 {
-    let (mut at_largest, mut all) = (0usize, 0usize);
+    let (mut saturated, mut all) = (0usize, 0usize);
     for step in steps {
         let (area, force) = (largest(&step.filtered_mm2), largest(&step.measured_n));
-        let flat = step.filtered_mm2.iter().zip(&step.measured_n);
-        at_largest += flat.filter(|(a, f)| **a >= AT_LARGEST * area && **f < (1.0 - CHANGED) * force).count();
+        let samples = step.filtered_mm2.iter().zip(&step.measured_n);
+        saturated += samples.filter(|(a, f)| **a >= AT_LARGEST * area && **f < (1.0 - CHANGED) * force).count();
         all += step.measured_n.len();
     }
-    at_largest as f64 / (all as f64).max(1.0)
+    saturated as f64 / (all as f64).max(1.0)
 }
 
-/// The curves of one region in one step, measured and of the model, over the contact phase of the region.
+/// The measured curves and the model curve of one region in one step, over the contact phase of the region.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluated {
     /// Time between samples, s.
@@ -73,14 +74,14 @@ pub struct Evaluated {
     pub filtered_mm2: Vec<f64>,
     /// Measured force, N.
     pub measured_n: Vec<f64>,
-    /// Measured force, smoothed by the polynomial of 5th order of the paper, N.
+    /// Measured force smoothed by the paper's polynomial of 5th order, N.
     pub smoothed_n: Vec<f64>,
     /// Model force, N.
     pub model_n: Vec<f64>,
 }
 
 impl Evaluated {
-    /// Evaluates the model in one step; `None` without contact.
+    /// Evaluates the model in one step. Returns `None` if the region was never in contact.
     pub fn new(curves: &RegionCurves, filter: Filter, law: &ForceLaw<f64>) -> Option<Self> {
         let samples = Samples::new([curves], filter);
         let range = samples.steps.first()?.clone();
@@ -101,13 +102,13 @@ impl Evaluated {
         nrmse(&self.model_n, &self.measured_n)
     }
 
-    /// The same against the smoothed force.
+    /// As [`Evaluated::nrmse`], but against the smoothed force.
     pub fn nrmse_smoothed(&self) -> f64 {
         nrmse(&self.model_n, &self.smoothed_n)
     }
 
-    /// The same for the best non-decreasing function of the filtered area. No law without damping has a smaller error; a law with
-    /// damping may.
+    /// NRMSE of the non-decreasing function of the filtered area that fits the measured force best. No force law without damping
+    /// has a smaller error; a law with damping may have one.
     pub fn floor(&self) -> f64 {
         nrmse(&best_non_decreasing(&self.filtered_mm2, &self.measured_n), &self.measured_n)
     }
@@ -124,13 +125,13 @@ fn nrmse(model: &[f64], measured: &[f64]) -> f64 {
     (squares / measured.len() as f64).sqrt() / largest(measured)
 }
 
-/// The largest value; 0 without a positive one.
+/// The largest value; 0 if no value is positive.
 pub(crate) fn largest(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }
 
-/// The non-decreasing function of `x` with the least squares to `y`, at each x (isotonic regression by pooling adjacent
-/// violators).
+/// The values, at each `x`, of the non-decreasing function of `x` that fits `y` best by least squares. This isotonic regression
+/// uses the pool-adjacent-violators algorithm.
 fn best_non_decreasing(x: &[f64], y: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..x.len()).collect();
     // For equal x the largest y comes first, so that these samples are pooled.
@@ -143,12 +144,12 @@ fn best_non_decreasing(x: &[f64], y: &[f64]) -> Vec<f64> {
             if before < after {
                 break;
             }
-            // The pattern guarantees two pools.
+            // The pattern in the loop condition guarantees two pools.
             let Some((mean, members)) = pools.pop() else { break };
-            let Some((below, all)) = pools.last_mut() else { break };
-            let (count, more) = (all.len() as f64, members.len() as f64);
-            *below = (*below * count + mean * more) / (count + more);
-            all.extend(members);
+            let Some((pooled_mean, pooled)) = pools.last_mut() else { break };
+            let (count, more) = (pooled.len() as f64, members.len() as f64);
+            *pooled_mean = (*pooled_mean * count + mean * more) / (count + more);
+            pooled.extend(members);
         }
     }
     let mut best = vec![0.0; x.len()];
@@ -166,7 +167,8 @@ mod tests {
 
     #[test]
     fn the_floor_is_the_best_non_decreasing_function() {
-        // By hand: 3 and 1 decrease and are pooled to 2; equal areas have one value.
+        // The expected values were computed by hand. In the first case, 3 and 1 decrease, so both are replaced by their mean, 2.
+        // Equal areas must have equal values.
         assert_eq!(best_non_decreasing(&[1.0, 2.0, 3.0, 4.0], &[0.0, 3.0, 1.0, 5.0]), [0.0, 2.0, 2.0, 5.0]);
         assert_eq!(best_non_decreasing(&[2.0, 1.0, 2.0], &[4.0, 1.0, 6.0]), [5.0, 1.0, 5.0]);
         assert_eq!(best_non_decreasing(&[1.0, 2.0, 3.0], &[6.0, 3.0, 0.0]), [3.0, 3.0, 3.0]);

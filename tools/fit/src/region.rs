@@ -1,10 +1,10 @@
-//! The fit of one region: search, pins, intervals and quality.
+//! The fit of one region: the search of its parameters, its pins, confidence intervals and errors.
 
 use crate::identify::{Identified, identify as identify_by_projection, refine};
 use crate::interval::{self, Uncertainty};
 use crate::pins::Pins;
 use crate::quality::{Evaluated, Quality};
-use crate::screen::{Unfit, usable};
+use crate::screen::{NotFitted, usable};
 use crate::steps::MeanEllipse;
 use crate::{Method, Options, RegionCurves, Samples, Step, paper, steps, verdict};
 use plantar::Side;
@@ -17,24 +17,26 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct RegionFit {
     /// Indices of the steps that were used.
     pub steps: Vec<usize>,
-    /// Largest area in these steps, filtered or not, m2.
+    /// The larger of the largest filtered and the largest unfiltered area in these steps, m2.
     pub area_max_m2: f64,
     /// The force law that a device evaluates.
     pub law: ForceLaw<f64>,
     /// The paper's eight parameters.
     pub ellipsoid: Ellipsoid<f64>,
-    /// The values that pinned three of the eight.
+    /// The values that pin three of the eight parameters.
     pub pins: Pins,
     /// Confidence intervals of the five identifiable parameters; `None` for [`Method::Paper`].
     pub uncertainty: Option<Uncertainty>,
-    /// Errors.
+    /// The errors of the parameters.
     pub quality: Quality,
-    /// NRMSE of each step with parameters that were fitted to the other steps, as a fraction; empty for a single step.
-    pub unseen: Vec<f64>,
+    /// NRMSE of each step, as a fraction, with parameters that were fitted to the other steps. Empty if there is only one step.
+    pub predicted_nrmse: Vec<f64>,
     /// Number of different areas in a step, median of the steps.
     pub area_levels: usize,
-    /// Median error of one recording's steps predicted from the other recordings, divided by the error predicted from itself; the
-    /// largest of all recordings. `None` without ten steps in each of two recordings of a foot.
+    /// How much worse a recording is predicted by parameters from the other recordings of the same foot than by its own: the median
+    /// error of its steps with parameters fitted to the other recordings, divided by their median error with parameters fitted to
+    /// the recording itself. The value is the largest ratio of all recordings. `None` if no recording and its other recordings have
+    /// ten steps each.
     pub recordings_ratio: Option<f64>,
     /// Number of evaluations of the model over all samples in the fit to all steps.
     pub evaluations: usize,
@@ -47,14 +49,14 @@ pub struct RegionFit {
 /// Fits one region to one step alone, as the paper does before it averages.
 ///
 /// # Errors
-/// The reason where the region cannot be fitted to the step.
-pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(RegionFit, Evaluated), Unfit> {
+/// Returns the reason if the region cannot be fitted to the step.
+pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(RegionFit, Evaluated), NotFitted> {
     let steps = std::slice::from_ref(step);
     let used = usable(steps, region, options.filter)?;
     let curves = &steps[used[0]].regions[region];
     let best = search([curves], options);
     let pins = best.pins(pins_of(&[curves], region, options));
-    let evaluated = Evaluated::new(curves, options.filter, &best.law).ok_or(Unfit::NeverLoaded)?;
+    let evaluated = Evaluated::new(curves, options.filter, &best.law).ok_or(NotFitted::NeverLoaded)?;
     let one = std::slice::from_ref(&evaluated);
     let quality = Quality::new(one, one, &[]);
     let uncertainty = best.identified.map(|i| interval::from_jacobian(&best.samples, &options.bounds, &i));
@@ -64,8 +66,8 @@ pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(Region
 /// Fits one region to all steps that pass the screening.
 ///
 /// # Errors
-/// The reason where no step passes or the result is out of range.
-pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Result<RegionFit, Unfit> {
+/// Returns the reason if no step passes the screening or the result is out of range.
+pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Result<RegionFit, NotFitted> {
     let used = usable(steps, region, options.filter)?;
     let curves: Vec<&RegionCurves> = used.iter().map(|&i| &steps[i].regions[region]).collect();
     let recordings: Vec<_> = used.iter().map(|&i| (steps[i].recording, steps[i].side)).collect();
@@ -82,18 +84,18 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     let evaluate = |curves: &RegionCurves, law: &ForceLaw<f64>| Evaluated::new(curves, options.filter, law);
     let fitted: Vec<_> = curves.iter().filter_map(|c| evaluate(c, &best.law)).collect();
     let own: Vec<_> = curves.par_iter().filter_map(|c| evaluate(c, &search([*c], options).law)).collect();
-    let unseen = cross_validate(&curves, &best, options);
-    let quality = Quality::new(&fitted, &own, &unseen);
+    let predicted_nrmse = cross_validate(&curves, &best, options);
+    let quality = Quality::new(&fitted, &own, &predicted_nrmse);
     let fit = best.into_fit(used, pins, uncertainty, quality)?;
-    Ok(RegionFit { unseen, recordings_ratio, ..fit })
+    Ok(RegionFit { predicted_nrmse, recordings_ratio, ..fit })
 }
 
-/// Cross-validation leaves out each step individually, up to this number of steps.
+/// Up to this number of steps, cross-validation leaves out one step at a time.
 const LEFT_OUT_ALONE: usize = 60;
-/// With more steps, cross-validation leaves them out in this number of groups.
+/// With more steps, cross-validation divides them into this number of groups and leaves out one group at a time.
 const GROUPS: usize = 20;
 
-/// The NRMSE of each step with parameters that were fitted to the other steps; empty for a single step.
+/// See [`RegionFit::predicted_nrmse`]. `near` is the fit to all steps, from which the other fits start.
 fn cross_validate(curves: &[&RegionCurves], near: &SearchResult, options: &Options) -> Vec<f64> {
     let groups = match curves.len() {
         0 | 1 => return Vec::new(),
@@ -114,13 +116,14 @@ fn cross_validate(curves: &[&RegionCurves], near: &SearchResult, options: &Optio
 struct SearchResult {
     samples: Samples,
     law: ForceLaw<f64>,
+    /// The five parameters if they were searched by variable projection; otherwise `None`.
     identified: Option<Identified>,
-    /// All eight parameters, where the search of the paper found them.
+    /// All eight parameters if the method of the paper was used; otherwise `None`.
     ellipsoid: Option<Ellipsoid<f64>>,
     evaluations: usize,
 }
 
-/// C, m, before it is pinned. Any value is possible, because the force does not depend on it.
+/// The C, m, of a force law whose C is not pinned yet. Any value is possible, because the force does not depend on C.
 const ANY_C_M: f64 = 0.01;
 
 /// Searches the parameters with the method of the options.
@@ -146,7 +149,7 @@ fn search<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, options: &Opti
     }
 }
 
-/// Fits to a part of the steps, starting from the fit to all of them.
+/// Fits to some of the steps. The search starts from `near`, the fit to all steps.
 fn refit<'c>(
     curves: impl IntoIterator<Item = &'c RegionCurves>,
     near: &SearchResult,
@@ -164,23 +167,29 @@ impl SearchResult {
         self.law.area_ratio(self.samples.area_max_m2).normalised_deformation()
     }
 
-    /// `pinned`, or the values that correspond to an ellipsoid that was searched directly.
+    /// The pins of the result. If all eight parameters were searched, they follow from these parameters; otherwise they are
+    /// `pinned`.
     fn pins(&self, pinned: Pins) -> Pins {
         self.ellipsoid.map_or(pinned, |ellipsoid| paper::pins(&ellipsoid, &self.law, self.g_max()))
     }
 
+    /// The fit with these pins, without cross-validation and without a comparison of recordings. `steps` are the indices of the
+    /// steps that were used.
+    ///
+    /// # Errors
+    /// Fails if the parameters are outside of the range that an insole accepts.
     fn into_fit(
         self,
         steps: Vec<usize>,
         pins: Pins,
         uncertainty: Option<Uncertainty>,
         quality: Quality,
-    ) -> Result<RegionFit, Unfit> {
+    ) -> Result<RegionFit, NotFitted> {
         let law = ForceLaw { c_m: pins.c_m(self.g_max()), ..self.law };
         let ellipsoid = self.ellipsoid.unwrap_or_else(|| pins.ellipsoid(&law));
         let lengths = [ellipsoid.a_m, ellipsoid.b_m, ellipsoid.c_m, ellipsoid.d0_m];
         if !law.is_valid() || !lengths.iter().all(|&length| is_within(length, &LENGTH_M)) {
-            return Err(Unfit::OutOfRange);
+            return Err(NotFitted::OutOfRange);
         }
         let levels = self.samples.steps.iter().map(|step| {
             let areas: BTreeSet<u64> = self.samples.raw_area_m2[step.clone()].iter().map(|a| a.to_bits()).collect();
@@ -195,7 +204,7 @@ impl SearchResult {
             pins,
             uncertainty,
             quality,
-            unseen: Vec::new(),
+            predicted_nrmse: Vec::new(),
             recordings_ratio: None,
             evaluations: self.evaluations,
             verdict: String::new(),
@@ -213,12 +222,11 @@ fn pins_of(curves: &[&RegionCurves], region: usize, options: &Options) -> Pins {
     Pins { aspect, thickness_m: options.thickness_m[region], compression: options.compression }
 }
 
-/// Smallest number of steps in a recording for a comparison. With fewer steps, recordings of one person differ by chance.
+/// Recordings with fewer steps are not compared, because recordings of one person would differ by chance.
 const COMPARED_STEPS: usize = 10;
 
-/// Median error of a recording's steps predicted from the other recordings of the same foot, divided by the error predicted from
-/// itself; the largest of all recordings, `None` where none can be compared. `recordings` has the recording and the foot of each
-/// curve.
+/// See [`RegionFit::recordings_ratio`]. `recordings` contains the recording and the foot of each curve. `near` is the fit to all
+/// steps, from which the other fits start.
 fn recordings_ratio(
     curves: &[&RegionCurves],
     recordings: &[(usize, Side)],
@@ -227,12 +235,12 @@ fn recordings_ratio(
 ) -> Option<f64> {
     let groups: BTreeMap<usize, Side> = recordings.iter().copied().collect();
     let ratios = groups.into_iter().filter_map(|(group, side)| {
-        let of = |wanted: bool| {
+        let curves_of = |this_recording: bool| {
             let pairs = curves.iter().zip(recordings);
-            let pairs = pairs.filter(move |(_, (r, s))| (*r == group) == wanted && *s == side);
+            let pairs = pairs.filter(move |(_, (r, s))| (*r == group) == this_recording && *s == side);
             pairs.map(|(c, _)| *c).collect::<Vec<&RegionCurves>>()
         };
-        let (own, others) = (of(true), of(false));
+        let (own, others) = (curves_of(true), curves_of(false));
         if own.len() < COMPARED_STEPS || others.len() < COMPARED_STEPS {
             return None;
         }

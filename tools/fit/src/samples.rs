@@ -1,27 +1,30 @@
-//! The data of a fit: the steps of one region, with the area filtered as on the device, and the force as measured.
+//! The data of a fit: the contact phases of one region. The area is filtered as on the device; the force is not filtered.
 
 use crate::{Filter, RegionCurves};
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::smooth;
 use std::ops::Range;
 
+/// Placeholder for the index of the unloaded tissue, which is known once all steps are added.
+const UNLOADED: u32 = u32::MAX;
+
 /// The samples of one region over the contact phases of some steps.
 #[derive(Clone, Debug)]
 pub struct Samples {
-    /// The largest area, filtered or not, m2: pi A B is at least this.
+    /// The larger of the largest filtered and the largest unfiltered area, m2. pi A B is at least this area.
     pub area_max_m2: f64,
-    /// Filtered area divided by [`Samples::area_max_m2`], 0 to 1. It has one value more than `force_n`: the last one is 0, for
-    /// the unloaded tissue.
+    /// Filtered area divided by [`Samples::area_max_m2`], 0 to 1. There is one value more than in `force_n`: the last value is 0
+    /// and stands for the unloaded tissue before contact.
     pub(crate) share: Vec<f64>,
-    /// For each sample, the indices of the later and the earlier sample from which its deformation rate is computed.
+    /// For each sample, the indices in `share` of the later and the earlier value from which its deformation rate is computed.
     pub(crate) difference: Vec<(u32, u32)>,
-    /// The reciprocal of the time between these two samples, 1/s.
+    /// The reciprocal of the time between these two values, 1/s.
     pub(crate) per_s: Vec<f64>,
     /// Measured force, N.
     pub force_n: Vec<f64>,
-    /// Weight of the residual of a sample, 1/N: the reciprocal of the peak force of the step times the square root of its number
-    /// of samples. So all steps have the same weight, and the sum of squares is the sum of the squared NRMSE (Eq. 20) of the
-    /// steps. For one step it corresponds to Eq. 18.
+    /// Weight of the residual of a sample, 1/N: 1 / (F sqrt(N)), where F is the peak force of the step and N its number of samples.
+    /// With these weights all steps count equally: the sum of squares is the sum of the squared NRMSE (Eq. 20) of the steps. For
+    /// one step, it is Eq. 18 up to a constant factor.
     pub(crate) weight: Vec<f64>,
     /// Measured force times weight.
     pub(crate) target: Vec<f64>,
@@ -32,7 +35,7 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// Filters the curves of one region. Steps without contact add no samples.
+    /// The samples of these curves of one region, which are filtered with `filter`. Steps without contact add no samples.
     pub fn new<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, filter: Filter) -> Self {
         let mut samples = Self {
             area_max_m2: 0.0,
@@ -58,11 +61,15 @@ impl Samples {
         samples.share.push(0.0);
         let unloaded = samples.force_n.len() as u32;
         for (_, earlier) in &mut samples.difference {
-            *earlier = (*earlier).min(unloaded);
+            if *earlier == UNLOADED {
+                *earlier = unloaded;
+            }
         }
         samples
     }
 
+    /// Adds the contact phase of one step. Until all steps are added, `share` is in m2 and [`UNLOADED`] stands for the index of the
+    /// unloaded tissue.
     fn push(&mut self, curve: &RegionCurves, filter: Filter) {
         let loaded = |&area: &f64| area > 0.0;
         let (area_mm2, force_n, sample_s) = curve.of(filter);
@@ -76,7 +83,8 @@ impl Samples {
             Filter::Step => {
                 smooth::moving_average(&mut filtered);
                 smooth::polynomial(&mut filtered);
-                // Eq. 16 is a forward difference; the last sample has the rate of the one before.
+                // As in Eq. 16, the rate of a sample is the difference to the next sample. The last sample has no next sample; its
+                // rate is that of the sample before.
                 let forward = (start..end).map(|i| if i + 1 < end { (i + 1, i) } else { (i, i.max(start + 1) - 1) });
                 self.difference.extend(forward.map(|(later, earlier)| (later as u32, earlier as u32)));
             }
@@ -85,9 +93,10 @@ impl Samples {
                     let at = |back: usize| (first + i).checked_sub(back).map_or(0.0, |i| area_mm2[i]);
                     *area = (at(2) + at(1) + at(0)) / 3.0;
                 }
-                // Before contact the region was unloaded: the index of the sample that `new` appends.
-                let backward = (start..end).map(|i| (i, if i > start { i - 1 } else { usize::MAX }));
-                self.difference.extend(backward.map(|(l, e)| (l as u32, u32::try_from(e).unwrap_or(u32::MAX))));
+                // In the live stream, the rate of a sample is the difference to the sample before. Before the first sample, the
+                // region was unloaded.
+                let backward = (start..end).map(|i| (i as u32, if i > start { (i - 1) as u32 } else { UNLOADED }));
+                self.difference.extend(backward);
             }
         }
         self.share.extend(filtered.iter().map(|area| area.max(0.0) * 1e-6));
@@ -106,7 +115,7 @@ impl Samples {
         self.force_n.len()
     }
 
-    /// True without any sample.
+    /// True if there are no samples.
     pub fn is_empty(&self) -> bool {
         self.force_n.is_empty()
     }
@@ -121,8 +130,9 @@ impl Samples {
         })
     }
 
-    /// For each sample: filtered area (m2), indices of the later and the earlier sample of its rate, reciprocal of the time
-    /// between them (1/s), measured force (N). An index beyond the last sample denotes the unloaded tissue before contact.
+    /// One row for each sample: the filtered area (m2), the indices of the later and the earlier sample from which its rate is
+    /// computed, the reciprocal of the time between these two samples (1/s), and the measured force (N). An index beyond the last
+    /// sample denotes the unloaded tissue before contact.
     pub fn table(&self) -> impl Iterator<Item = [f64; 5]> {
         (0..self.len()).map(|i| {
             let (later, earlier) = self.difference[i];
@@ -131,7 +141,7 @@ impl Samples {
         })
     }
 
-    /// Correlation of neighbouring residuals within the steps; `residuals` has one for each sample.
+    /// Correlation between neighbouring residuals of a step. `residuals` contains one residual for each sample.
     pub(crate) fn autocorrelation(&self, residuals: &[f64]) -> f64 {
         let (mut products, mut squares) = (0.0, 0.0);
         for step in &self.steps {

@@ -1,4 +1,4 @@
-//! Screening: the steps to which a region can be fitted, or the reason why none qualifies.
+//! Screening: selects the steps to which a region can be fitted, or determines why no step qualifies.
 
 use crate::{Filter, RegionCurves, Samples, Step, quality};
 use std::cmp::Ordering;
@@ -8,15 +8,16 @@ use std::fmt;
 pub const MIN_SAMPLES: usize = 12;
 /// Smallest peak force of a region, N: the force below which a whole foot counts as in swing.
 pub const MIN_FORCE_N: f64 = 20.0;
-/// Largest fraction of the contact in which the area is at its maximum; beyond it, force cannot be related to area.
+/// The area must be below its maximum for some of the contact time. If it is at its maximum for at least this fraction, force
+/// cannot be related to area.
 const SATURATED_SHARE: f64 = 0.8;
 /// An area of at least this fraction of the maximum counts as the maximum.
 const SATURATED_AREA: f64 = 0.98;
 
 /// The reason why a region could not be fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Unfit {
-    /// No step.
+pub enum NotFitted {
+    /// There is no step.
     NoSteps,
     /// No cell of the region was ever in contact.
     NeverLoaded,
@@ -34,11 +35,12 @@ pub enum Unfit {
     SaturatedArea(f64),
     /// The parameters are outside of the range that an insole accepts: see [`plantar::pipeline::model::ForceLaw::is_valid`].
     OutOfRange,
-    /// The recordings disagree: the error of predicting one from the other, divided by the error of predicting it from itself.
+    /// The recordings disagree, probably because they are of several people. The value is the
+    /// [`recordings_ratio`](crate::RegionFit::recordings_ratio).
     MixedPeople(f64),
 }
 
-impl fmt::Display for Unfit {
+impl fmt::Display for NotFitted {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoSteps => f.write_str("no whole step: record a walk of several steps"),
@@ -71,24 +73,23 @@ impl fmt::Display for Unfit {
             ),
             Self::MixedPeople(ratio) => write!(
                 f,
-                "the recordings disagree: predicting one from the other has {ratio:.1} times the error of predicting it from \
-                 itself; check that all are of one person, in the same shoes and on the same kind of sensor"
+                "the recordings disagree: with parameters from the other recordings, the error of a recording is {ratio:.1} times \
+                 the error with its own; check that all are of one person, in the same shoes and on the same kind of sensor"
             ),
         }
     }
 }
 
-impl std::error::Error for Unfit {}
+impl std::error::Error for NotFitted {}
 
-/// The indices of the steps to which a region can be fitted.
+/// The indices of the steps to which the region with index `region` can be fitted.
 ///
 /// # Errors
-/// The reason where no step qualifies.
-pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Vec<usize>, Unfit> {
+/// If no step qualifies, returns the reason of the step that came closest to passing all checks.
+pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Vec<usize>, NotFitted> {
     if steps.is_empty() {
-        return Err(Unfit::NoSteps);
+        return Err(NotFitted::NoSteps);
     }
-    // The reason of the step that passed the most checks is reported.
     let mut reasons = Vec::new();
     let mut used = Vec::new();
     for (i, step) in steps.iter().enumerate() {
@@ -97,44 +98,46 @@ pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Ve
             Err(reason) => reasons.push(reason),
         }
     }
-    let rank = |reason: &Unfit| match reason {
-        Unfit::NeverLoaded => (0, 0.0),
-        Unfit::ZeroForce => (1, 0.0),
-        Unfit::HardlyLoaded(peak_n) => (2, *peak_n),
-        Unfit::TooFewFrames(samples) => (3, *samples as f64),
-        Unfit::ConstantArea => (4, 0.0),
-        Unfit::SaturatedArea(share) => (5, -share),
+    // A step ranks higher if it failed a later check; a clipped step ranks highest. For equal reasons, the step that came closer to
+    // passing the check ranks higher.
+    let rank = |reason: &NotFitted| match reason {
+        NotFitted::NeverLoaded => (0, 0.0),
+        NotFitted::ZeroForce => (1, 0.0),
+        NotFitted::HardlyLoaded(peak_n) => (2, *peak_n),
+        NotFitted::TooFewFrames(samples) => (3, *samples as f64),
+        NotFitted::ConstantArea => (4, 0.0),
+        NotFitted::SaturatedArea(share) => (5, -share),
         _ => (6, 0.0),
     };
     let furthest = reasons.into_iter().max_by(|a, b| rank(a).partial_cmp(&rank(b)).unwrap_or(Ordering::Equal));
-    if used.is_empty() { Err(furthest.unwrap_or(Unfit::NoSteps)) } else { Ok(used) }
+    if used.is_empty() { Err(furthest.unwrap_or(NotFitted::NoSteps)) } else { Ok(used) }
 }
 
-/// Checks one step.
-fn check(curves: &RegionCurves, filter: Filter) -> Result<(), Unfit> {
+/// Checks whether a region can be fitted to one step.
+fn check(curves: &RegionCurves, filter: Filter) -> Result<(), NotFitted> {
     let samples = Samples::new([curves], filter);
     let area = &samples.raw_area_m2;
     if samples.is_empty() {
-        return Err(Unfit::NeverLoaded);
+        return Err(NotFitted::NeverLoaded);
     }
     let peak_n = quality::largest(&samples.force_n);
     if peak_n <= 0.0 {
-        return Err(Unfit::ZeroForce);
+        return Err(NotFitted::ZeroForce);
     }
     if peak_n < MIN_FORCE_N {
-        return Err(Unfit::HardlyLoaded(peak_n));
+        return Err(NotFitted::HardlyLoaded(peak_n));
     }
     if samples.len() < MIN_SAMPLES {
-        return Err(Unfit::TooFewFrames(samples.len()));
+        return Err(NotFitted::TooFewFrames(samples.len()));
     }
     if curves.saturated {
-        return Err(Unfit::Clipped);
+        return Err(NotFitted::Clipped);
     }
     let most = quality::largest(area);
     let least = area.iter().copied().fold(f64::INFINITY, f64::min);
     if least > 0.999 * most {
-        return Err(Unfit::ConstantArea);
+        return Err(NotFitted::ConstantArea);
     }
     let at_most = area.iter().filter(|&&a| a >= SATURATED_AREA * most).count() as f64 / area.len() as f64;
-    if at_most >= SATURATED_SHARE { Err(Unfit::SaturatedArea(at_most)) } else { Ok(()) }
+    if at_most >= SATURATED_SHARE { Err(NotFitted::SaturatedArea(at_most)) } else { Ok(()) }
 }

@@ -1,4 +1,5 @@
-//! Extraction of the steps of a recording by the code of the insole, with the excluded contacts and the reasons.
+//! Extraction of the steps of a recording by the code of the insole. Contacts that are not complete steps are excluded and listed
+//! with the reason.
 
 use crate::quality::largest;
 use plantar::Side;
@@ -10,9 +11,11 @@ use std::fmt;
 /// The filters of the device for the contact area.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
-    /// The filter of the step record: three-point mean and a polynomial of 5th order over the contact phase, rate by Eq. 16.
+    /// The filter of the step record. The area is smoothed by a three-point mean and a polynomial of 5th order over the contact
+    /// phase; the deformation rate is the difference to the next sample (Eq. 16).
     Step,
-    /// The filter of the live stream: mean of three frames, rate by the backward difference.
+    /// The filter of the live stream. The area is the mean of the last three frames; the deformation rate is the difference to the
+    /// previous frame.
     Live,
 }
 
@@ -33,7 +36,7 @@ pub struct RegionCurves {
     pub area_mm2: Vec<f64>,
     /// Measured force at the same times, N.
     pub force_n: Vec<f64>,
-    /// Time between these samples, s: the frame period, or a multiple of it in a long stance.
+    /// Time between these samples, s. It is the frame period, or a multiple of the frame period in a long stance.
     pub sample_s: f64,
     /// Contact area of every frame, mm2: the input of the live filter.
     pub frame_area_mm2: Vec<f64>,
@@ -41,30 +44,30 @@ pub struct RegionCurves {
     pub frame_force_n: Vec<f64>,
     /// Time between frames, s.
     pub frame_s: f64,
-    /// A cell of the region was saturated.
+    /// True if a cell of the region was saturated.
     pub saturated: bool,
-    /// Contact ellipse, mean over the stance, weighted by force; `None` without contact.
+    /// Mean contact ellipse over the stance, weighted by force. `None` without contact.
     pub ellipse: Option<MeanEllipse>,
 }
 
 /// A contact ellipse in foot coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MeanEllipse {
-    /// Centre, medial-lateral, mm.
+    /// Centre along the medial-lateral axis, mm.
     pub x_mm: f64,
-    /// Centre, heel-toe, mm.
+    /// Centre along the heel-toe axis, mm.
     pub y_mm: f64,
-    /// Radius along the paper's X (nearer to the medial-lateral axis), mm.
+    /// Radius along the axis X of the paper, which is the axis of the ellipse nearer to the medial-lateral axis, mm.
     pub r_a_mm: f64,
-    /// Radius along the paper's Y (nearer to the heel-toe axis), mm.
+    /// Radius along the axis Y of the paper, which is the axis of the ellipse nearer to the heel-toe axis, mm.
     pub r_b_mm: f64,
-    /// Angle from the medial-lateral axis to the first radius, -45 to 45 degrees.
+    /// Angle from the medial-lateral axis to the axis X, -45 to 45 degrees.
     pub angle_deg: f64,
 }
 
 impl MeanEllipse {
-    /// The weighted mean of ellipses, `None` without weight. The mean of the radii is geometric, so that the mean aspect ratio
-    /// does not favour an axis.
+    /// The weighted mean of ellipses, which are given with their weights. `None` if the weights add up to 0. The mean of the radii
+    /// is geometric, so that the mean aspect ratio does not favour an axis.
     pub fn of(weighted: impl IntoIterator<Item = (f64, Self)>) -> Option<Self> {
         let mut sum = Self::default();
         let mut all = 0.0;
@@ -116,39 +119,39 @@ pub struct Step {
     pub duration_s: f64,
     /// Largest force on the whole foot, N.
     pub peak_n: f64,
-    /// The curves, in the order of [`plantar::Region::ALL`].
+    /// The curves of the regions, in the order of [`plantar::Region::ALL`].
     pub regions: [RegionCurves; 8],
 }
 
 /// A contact that was excluded.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LeftOut {
+pub struct ExcludedContact {
     /// Index of the recording.
     pub recording: usize,
     /// Time of the contact in the recording, s.
     pub at_s: f64,
     /// The reason.
-    pub why: Why,
+    pub reason: ExclusionReason,
 }
 
 /// The reason why a contact was excluded.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Why {
-    /// The foot is on the ground from the first frame on, so the heel strike is missing.
+pub enum ExclusionReason {
+    /// The foot is on the ground in the first frame, so the heel strike is missing.
     NoHeelStrike,
-    /// The foot is on the ground until the last frame, so the toe off is missing.
+    /// The foot is on the ground in the last frame, so the toe off is missing.
     NoToeOff,
     /// Shorter than a step.
     Short,
-    /// Longer than a step: standing.
+    /// Longer than a step, because the person stands.
     Long,
-    /// Frames are missing in it.
+    /// Frames are missing in the contact.
     Broken,
-    /// The foot was loaded partially: the peak force divided by the median peak force of the recording.
+    /// The foot was loaded only partially. The value is the peak force divided by the median peak force of the recording.
     Partial(f64),
 }
 
-impl fmt::Display for Why {
+impl fmt::Display for ExclusionReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoHeelStrike => f.write_str("on the ground from the first frame on: its heel strike is missing"),
@@ -163,29 +166,29 @@ impl fmt::Display for Why {
     }
 }
 
-/// A step with a peak force below this fraction of the median was loaded partially.
+/// A step counts as partially loaded if its peak force is below this fraction of the median peak force of the recording.
 const PARTIAL: f64 = 0.6;
 
-/// The steps of a recording, which is number `index` of the study, and its excluded contacts. `insole` is the insole of the
-/// recording. `progress` receives the number of frames processed.
+/// The steps of a recording and its excluded contacts. `insole` is the virtual insole of the recording. `index` is the index of the
+/// recording in the study. `progress` receives the number of frames that have been processed.
 ///
 /// # Errors
-/// Where the insole cannot be set up.
+/// Fails if the insole cannot be set up.
 pub fn isolate(
     recording: &Recording,
     insole: &VirtualInsole,
     index: usize,
     progress: &mut dyn FnMut(usize),
-) -> Result<(Vec<Step>, Vec<LeftOut>), plantar::pipeline::setup::SetupError> {
+) -> Result<(Vec<Step>, Vec<ExcludedContact>), plantar::pipeline::setup::SetupError> {
     let mut device = Box::new(Insole::<f64, MAX_CELLS>::new());
     device.set_up(insole.setup, insole.cells.iter().copied())?;
     let mut codes = vec![0; insole.cells.len()];
-    let (mut steps, mut left_out) = (Vec::new(), Vec::new());
+    let (mut steps, mut excluded) = (Vec::new(), Vec::new());
     let mut contact = Contact::default();
     let (mut rejected, mut starts_loaded) = (device.rejected(), false);
     let period_s = f64::from(insole.setup.period_us) * 1e-6;
     let first_s = recording.t_s.first().copied().unwrap_or(0.0);
-    let longest = (u32::from(insole.setup.stance.max_stance_ms) * 1000 / insole.setup.period_us) as usize
+    let longest_frames = (u32::from(insole.setup.stance.max_stance_ms) * 1000 / insole.setup.period_us) as usize
         + (u32::from(insole.setup.stance.min_swing_ms) * 1000 / insole.setup.period_us) as usize;
     let count = insole.frames(recording);
     for i in 0..count {
@@ -197,19 +200,19 @@ pub fn isolate(
             contact.start = i;
             starts_loaded = i == 0;
         }
-        // A contact that is longer than a step is rejected, so its further frames are not needed.
-        if device.on_ground() && contact.frames.len() <= longest {
+        // The insole rejects a contact that is longer than a step, so further frames of such a contact are not needed.
+        if device.on_ground() && contact.frames.len() <= longest_frames {
             contact.push(&device);
         }
-        let mut exclude = |why, frame: usize| {
-            left_out.push(LeftOut { recording: index, at_s: first_s + frame as f64 * period_s, why });
+        let mut exclude = |reason, frame: usize| {
+            excluded.push(ExcludedContact { recording: index, at_s: first_s + frame as f64 * period_s, reason });
         };
-        if let Some(why) = new_rejection(&rejected, &device.rejected()) {
-            exclude(why, contact.start);
+        if let Some(reason) = new_rejection(&rejected, &device.rejected()) {
+            exclude(reason, contact.start);
         }
         rejected = device.rejected();
         if was_on_ground && !device.on_ground() && !toe_off && starts_loaded {
-            exclude(Why::NoHeelStrike, 0);
+            exclude(ExclusionReason::NoHeelStrike, 0);
             starts_loaded = false;
         }
         if toe_off && let Some(record) = device.whole_step() {
@@ -240,36 +243,40 @@ pub fn isolate(
         }
     }
     if device.on_ground() {
-        let why = if starts_loaded { Why::NoHeelStrike } else { Why::NoToeOff };
-        left_out.push(LeftOut { recording: index, at_s: first_s + contact.start as f64 * period_s, why });
+        let reason = if starts_loaded { ExclusionReason::NoHeelStrike } else { ExclusionReason::NoToeOff };
+        excluded.push(ExcludedContact { recording: index, at_s: first_s + contact.start as f64 * period_s, reason });
     }
     let median_n = median(steps.iter().map(|step| step.peak_n));
     steps.retain(|step| {
         let share = step.peak_n / median_n;
         let is_whole = share >= PARTIAL;
         if !is_whole {
-            left_out.push(LeftOut { recording: index, at_s: step.start_s, why: Why::Partial(share) });
+            excluded.push(ExcludedContact {
+                recording: index,
+                at_s: step.start_s,
+                reason: ExclusionReason::Partial(share),
+            });
         }
         is_whole
     });
-    left_out.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
-    Ok((steps, left_out))
+    excluded.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+    Ok((steps, excluded))
 }
 
-/// The reason of a rejection by the insole between `before` and `now`.
-fn new_rejection(before: &Rejected, now: &Rejected) -> Option<Why> {
+/// The reason if the insole rejected a contact between the counts `before` and `now`; otherwise `None`.
+fn new_rejection(before: &Rejected, now: &Rejected) -> Option<ExclusionReason> {
     if now.short != before.short {
-        Some(Why::Short)
+        Some(ExclusionReason::Short)
     } else if now.long != before.long {
-        Some(Why::Long)
+        Some(ExclusionReason::Long)
     } else if now.broken != before.broken {
-        Some(Why::Broken)
+        Some(ExclusionReason::Broken)
     } else {
         None
     }
 }
 
-/// The median; 0 without values.
+/// The median; 0 if there are no values.
 pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_by(f64::total_cmp);
@@ -283,7 +290,7 @@ pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
 #[derive(Default)]
 struct Contact {
     start: usize,
-    /// Area, mm2, force, N, and ellipse of each region.
+    /// For each frame, the area, mm2, the force, N, and the ellipse of each region.
     frames: Vec<[(f64, f64, Option<MeanEllipse>); 8]>,
 }
 
@@ -292,6 +299,7 @@ impl Contact {
         self.frames.clear();
     }
 
+    /// Adds the frame that `insole` processed last.
     fn push(&mut self, insole: &Insole<f64, MAX_CELLS>) {
         self.frames.push(std::array::from_fn(|region| {
             let frame = &insole.loads()[region].frame;
@@ -306,13 +314,14 @@ impl Contact {
         }));
     }
 
-    /// Largest force on the whole foot in the first `frames`, N.
+    /// Largest force on the whole foot in the first `frames` frames, N.
     fn peak_n(&self, frames: usize) -> f64 {
         let total = |frame: &[(f64, f64, Option<MeanEllipse>); 8]| frame.iter().map(|(_, force, _)| force).sum::<f64>();
         self.frames.iter().take(frames).map(total).fold(0.0, f64::max)
     }
 
-    /// The curves of a region over the first `frames`, without those of the step filter.
+    /// The curves of a region in the first `frames` frames. The input of [`Filter::Step`] is empty. `frame_s` is the time between
+    /// frames, s.
     fn region(&self, region: usize, frames: usize, frame_s: f64) -> RegionCurves {
         let frames = &self.frames[..frames.min(self.frames.len())];
         let weighted = frames.iter().filter_map(|frame| Some((frame[region].1, frame[region].2?)));

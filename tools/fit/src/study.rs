@@ -1,7 +1,7 @@
-//! A study of one person: the recordings, their steps, and the identified parameters.
+//! The identification of one person: the recordings, their steps, and the identified parameters.
 
-use crate::steps::{self, LeftOut};
-use crate::{Options, RegionFit, Step, Unfit};
+use crate::steps::{self, ExcludedContact};
+use crate::{NotFitted, Options, RegionFit, Step};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::SetupError;
 use plantar::{Region, Side};
@@ -10,7 +10,7 @@ use recording::{Layout, Recording, VirtualInsole};
 /// One recording of a [`Study`], without its pressures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Source {
-    /// Name for display: the file.
+    /// Name for display: the name of the file.
     pub name: String,
     /// Provenance, in sentences.
     pub origin: String,
@@ -22,23 +22,23 @@ pub struct Source {
     pub layout: Layout,
 }
 
-/// The steps of one person and, after [`Study::fit`], the parameters.
+/// The identification of one person: the recordings, their steps and, after [`Study::fit`], the parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Study {
     /// Name of the person.
     pub participant: String,
     /// The recordings, in the order in which they were added.
     pub sources: Vec<Source>,
-    /// The contact rule of the areas. The parameters are valid for this rule only.
+    /// The contact rule by which the areas were measured. The parameters are valid for this rule only.
     pub contact: ContactRule,
     /// The steps that a fit may use.
     pub steps: Vec<Step>,
     /// The contacts that were excluded.
-    pub left_out: Vec<LeftOut>,
+    pub excluded_contacts: Vec<ExcludedContact>,
     /// The options of the fit.
     pub options: Options,
-    /// The result of each region in the order of [`Region::ALL`]; empty before the fit.
-    pub fits: Vec<Result<RegionFit, Unfit>>,
+    /// The results of the regions, in the order of [`Region::ALL`]. Empty before [`Study::fit`].
+    pub fits: Vec<Result<RegionFit, NotFitted>>,
 }
 
 impl Study {
@@ -49,17 +49,17 @@ impl Study {
             sources: Vec::new(),
             contact,
             steps: Vec::new(),
-            left_out: Vec::new(),
+            excluded_contacts: Vec::new(),
             options,
             fits: Vec::new(),
         }
     }
 
-    /// Adds a recording and extracts its steps. `insole` is the insole of the recording. `progress` receives the number of frames
-    /// processed.
+    /// Adds a recording and extracts its steps. `name` is its name for display, and `insole` is its virtual insole. `progress`
+    /// receives the number of frames that have been processed.
     ///
     /// # Errors
-    /// Where the insole cannot be set up; the study is then unchanged.
+    /// Fails if the insole cannot be set up. The study is then unchanged.
     pub fn add(
         &mut self,
         name: String,
@@ -67,9 +67,9 @@ impl Study {
         insole: &VirtualInsole,
         progress: &mut dyn FnMut(usize),
     ) -> Result<(), SetupError> {
-        let (steps, left_out) = steps::isolate(recording, insole, self.sources.len(), progress)?;
+        let (steps, excluded) = steps::isolate(recording, insole, self.sources.len(), progress)?;
         self.steps.extend(steps);
-        self.left_out.extend(left_out);
+        self.excluded_contacts.extend(excluded);
         self.sources.push(Source {
             name,
             origin: recording.source.clone(),
@@ -80,7 +80,7 @@ impl Study {
         Ok(())
     }
 
-    /// Fits all regions. `progress` receives each region when it is done, in any order.
+    /// Fits all regions. `progress` receives each region when its fit is complete; regions may complete in any order.
     pub fn fit(&mut self, progress: &(dyn Fn(Region) + Sync)) {
         self.fits = crate::fit(&self.steps, &self.options, progress).into();
     }

@@ -1,5 +1,6 @@
-//! Computed steps with known true parameters, for tests and benchmarks: areas of a plausible shape, and forces by the force law
-//! of the core, with the filters of the device, which are implemented here a second time in a straightforward form.
+//! Computed steps with known true parameters, for tests and benchmarks. The curves of the area have a plausible shape. The forces
+//! follow from the filtered areas by the force law of the device. The deformation rates and the live filter are implemented here a
+//! second time, in a straightforward form, as a check of the device's implementation.
 
 use crate::{Filter, RegionCurves, Step};
 use plantar::Side;
@@ -8,8 +9,8 @@ use plantar::pipeline::smooth;
 use plantar::pipeline::stance::STANCE_SAMPLES;
 use std::f64::consts::PI;
 
-/// For each region: A B (mm2), K (kPa), G (kPa s), n, m; and start and end of the contact as fractions of stance, largest area
-/// divided by pi A B.
+/// Two arrays for each region. The first contains A B (mm2), K (kPa), G (kPa s), n and m. The second contains the start and the end
+/// of the contact as fractions of stance, and the largest area divided by pi A B.
 pub const TRUTH: [([f64; 5], [f64; 3]); 8] = [
     ([1150.0, 480.0, 20.0, 1.2, 0.8], [0.0, 0.6, 0.75]),
     ([600.0, 400.0, 16.0, 0.8, 1.0], [0.05, 0.7, 0.6]),
@@ -21,7 +22,7 @@ pub const TRUTH: [([f64; 5], [f64; 3]); 8] = [
     ([250.0, 1700.0, 60.0, 1.3, 1.0], [0.35, 0.98, 0.65]),
 ];
 
-/// Heel strike to toe off, s.
+/// Time from heel strike to toe off, s.
 const STANCE_S: f64 = 0.7;
 
 /// The force law of a region according to [`TRUTH`].
@@ -30,7 +31,7 @@ pub fn law(region: usize) -> ForceLaw<f64> {
     ForceLaw { ab_m2: ab_mm2 * 1e-6, c_m: 0.01, stiffness_pa: k * 1e3, damping_pa_s: g * 1e3, n, m }
 }
 
-/// A source of normal deviates.
+/// A source of normally distributed random numbers with variance 1.
 pub struct Noise {
     random: fastrand::Rng,
     autocorrelation: f64,
@@ -38,19 +39,19 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Independent deviates; equal seeds result in equal noise.
+    /// Independent numbers. Equal seeds result in equal noise.
     pub fn new(seed: u64) -> Self {
         Self::autocorrelated(seed, 0.0)
     }
 
-    /// Deviates with this correlation of neighbours, 0 to below 1.
+    /// Numbers with this correlation between successive numbers, which is at least 0 and below 1.
     pub fn autocorrelated(seed: u64, autocorrelation: f64) -> Self {
         Self { random: fastrand::Rng::with_seed(seed), autocorrelation, last: 0.0 }
     }
 
-    /// The next deviate, of variance 1.
+    /// The next number.
     pub fn normal(&mut self) -> f64 {
-        // Irwin and Hall: the sum of twelve uniform deviates.
+        // The sum of twelve uniformly distributed numbers has variance 1 and is nearly normally distributed (Irwin-Hall).
         let fresh = (0..12).map(|_| self.random.f64()).sum::<f64>() - 6.0;
         let correlation = self.autocorrelation;
         self.last = correlation * self.last + (1.0 - correlation * correlation).sqrt() * fresh;
@@ -58,8 +59,8 @@ impl Noise {
     }
 }
 
-/// The curves of a region in one step, with an area that rises faster than it falls. `size` scales the largest area; `noise` is
-/// the standard deviation of the force, relative to its peak.
+/// The curves of a region in one step. The area rises faster than it falls. `size` scales the area. `noise` is the standard
+/// deviation of the force, relative to its peak; `source` generates this noise. Only the input of `filter` contains a force.
 pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64, source: &mut Noise) -> RegionCurves {
     let ([ab_mm2, ..], [start, end, share]) = TRUTH[region];
     let area = |t_s: f64| {
@@ -74,12 +75,12 @@ pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64
     let every_frame: Vec<f64> = (0..frames).map(|i| area(i as f64 / rate_hz)).collect();
     // A device stores every second frame of a stance that is too long for its memory.
     let stride = if frames > STANCE_SAMPLES { 2 } else { 1 };
-    let of_stride: Vec<f64> = every_frame.iter().copied().step_by(stride).collect();
+    let stored: Vec<f64> = every_frame.iter().copied().step_by(stride).collect();
     let mut curves = RegionCurves {
         frame_force_n: vec![0.0; every_frame.len()],
-        force_n: vec![0.0; of_stride.len()],
+        force_n: vec![0.0; stored.len()],
         frame_area_mm2: every_frame,
-        area_mm2: of_stride,
+        area_mm2: stored,
         frame_s: 1.0 / rate_hz,
         sample_s: stride as f64 / rate_hz,
         ..RegionCurves::default()
@@ -98,7 +99,7 @@ pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64
     curves
 }
 
-/// Model force at each sample of the input of `filter`, N.
+/// The force of the model, N, at each sample of the area that is the input of `filter`.
 pub fn forces(curves: &RegionCurves, filter: Filter, law: &ForceLaw<f64>) -> Vec<f64> {
     let (area_mm2, _, sample_s) = curves.of(filter);
     let mut force_n = vec![0.0; area_mm2.len()];
@@ -131,7 +132,8 @@ pub fn forces(curves: &RegionCurves, filter: Filter, law: &ForceLaw<f64>) -> Vec
     force_n
 }
 
-/// Steps with all regions. Their areas differ slightly in size.
+/// Computed steps with all regions. The areas of successive steps differ slightly. `noise` is the standard deviation of the force,
+/// relative to its peak.
 pub fn walk(steps: usize, rate_hz: f64, filter: Filter, noise: f64, seed: u64) -> Vec<Step> {
     let mut source = Noise::new(seed);
     (0..steps)

@@ -1,29 +1,30 @@
-//! Assessment of a fit in plain words.
+//! Assessment of a fit in sentences.
 
 use crate::RegionFit;
 use crate::interval::{FIVE, Interval};
 
-/// Estimates with a larger absolute correlation cannot be separated.
+/// Two parameters cannot be separated if the absolute correlation of their estimates is larger than this.
 const INSEPARABLE: f64 = 0.95;
 
-/// Ratio of C to d0 above which the ellipsoid does not resemble a fat pad.
+/// If C is more than this multiple of d0, the ellipsoid does not resemble the fat pad of a foot.
 const FLAT: f64 = 2.0;
 
-/// Smallest number of different areas in a step. With fewer, the curve of the area is too coarse.
+/// With fewer different areas in a step, the curve of the area is too coarse.
 const FEW_AREAS: usize = 8;
 
-/// The area saturates if it is at its largest for more than this fraction of the contact.
+/// The area saturates if [`crate::Quality::saturated`] exceeds this fraction.
 const SATURATES: f64 = 0.2;
-/// The model follows the force if its error is below this fraction.
+/// The model follows the force if the NRMSE of prediction is below this fraction.
 const FOLLOWS: f64 = 0.1;
-/// The steps differ if the predicted error exceeds this multiple of the error of parameters fitted to each step alone.
+/// The steps differ if the NRMSE of prediction exceeds this multiple of the NRMSE with parameters fitted to each step alone.
 const STEPS_DIFFER: f64 = 1.5;
-/// The contact area limits the fit if the floor is above this fraction of the predicted error, and [`AT_FLOOR`] holds.
+/// The contact area limits the fit if [`crate::Quality::floor`] exceeds this fraction of the NRMSE of prediction, and the condition
+/// of [`AT_FLOOR`] is met.
 const NEAR_FLOOR: f64 = 0.6;
-/// See [`NEAR_FLOOR`]: the error of parameters fitted to each step alone is above this fraction of the floor.
+/// Second condition of [`NEAR_FLOOR`]: the NRMSE with parameters fitted to each step alone exceeds this fraction of the floor.
 const AT_FLOOR: f64 = 0.9;
 
-/// States whether and for which purpose the parameters can be used.
+/// A sentence that states how well the model predicts the force, and what limits it.
 pub(crate) fn verdict(fit: &RegionFit) -> String {
     let q = &fit.quality;
     let predicted = q.predicted.unwrap_or(q.own);
@@ -53,7 +54,7 @@ pub(crate) fn verdict(fit: &RegionFit) -> String {
     format!("approximate: {error}, and {:.0} % for the best non-decreasing function of area", q.floor * 100.0)
 }
 
-/// Limitations of a fit.
+/// The limitations of a fit, in sentences.
 pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
     let mut warnings = Vec::new();
     let Some(uncertainty) = &fit.uncertainty else { return warnings };

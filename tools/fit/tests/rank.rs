@@ -1,5 +1,5 @@
-//! Identifiability of the paper's eight parameters from a force trace: five combinations are identifiable, three directions are
-//! not.
+//! The identifiability of the paper's eight parameters from a force trace. Five combinations of them are identifiable. In three
+//! directions of the parameter space, the force does not change.
 
 use fit::pins::Pins;
 use fit::synthetic::law;
@@ -11,7 +11,7 @@ const PINS: Pins = Pins { aspect: 0.8, thickness_m: 0.012, compression: 0.457 };
 const SAMPLES: usize = 60;
 const SAMPLE_S: f64 = 0.01;
 
-/// Force over a stance by Eq. 13, 14 and 16 of the paper, N.
+/// The force during a stance by Eq. 13, 14 and 16 of the paper, N. `largest_m2` is the largest contact area.
 fn force_n(e: &Ellipsoid<f64>, largest_m2: f64) -> Vec<f64> {
     let area_m2 = |i: usize| largest_m2 * (std::f64::consts::PI * (i as f64 + 0.5) / SAMPLES as f64).sin().powf(0.8);
     (0..SAMPLES - 1)
@@ -22,6 +22,7 @@ fn force_n(e: &Ellipsoid<f64>, largest_m2: f64) -> Vec<f64> {
         .collect()
 }
 
+/// A plausible ellipsoid for a region, and the largest contact area, m2.
 fn ellipsoid(region: usize) -> (Ellipsoid<f64>, f64) {
     let law = law(region);
     (PINS.ellipsoid(&law), 0.75 * std::f64::consts::PI * law.ab_m2)
@@ -64,7 +65,8 @@ fn the_jacobian_by_the_eight_parameters_has_rank_five_in_every_region() {
     }
 }
 
-/// The three directions are A/B, C together with k and c, and d0 together with k and c.
+/// These are the three directions: a change of A/B; a change of C with matching changes of k and c; a change of d0 with matching
+/// changes of k and c.
 #[test]
 fn aspect_c_and_d0_leave_the_force_unchanged() {
     for region in 0..8 {

@@ -2,12 +2,12 @@
 
 use fit::interval::RESAMPLES;
 use fit::synthetic::{Noise, curves, walk};
-use fit::{Filter, Method, Options, RegionCurves, Step, Unfit, fit};
+use fit::{Filter, Method, NotFitted, Options, RegionCurves, Step, fit};
 use plantar::Side;
 
 const OPTIONS: Options = Options::usual([0.012; 8]);
 
-/// Six steps with the curves of the heel replaced.
+/// Six steps in which `heel` replaces the curves of the heel.
 fn with_heel(heel: impl Fn(RegionCurves) -> RegionCurves) -> Vec<Step> {
     let mut steps = walk(6, 100.0, Filter::Step, 0.01, 1);
     for step in &mut steps {
@@ -16,60 +16,61 @@ fn with_heel(heel: impl Fn(RegionCurves) -> RegionCurves) -> Vec<Step> {
     steps
 }
 
-fn reason(steps: &[Step]) -> Unfit {
+fn reason(steps: &[Step]) -> NotFitted {
     let fits = fit(steps, &OPTIONS, &|_| ());
     assert!(fits[1..].iter().all(Result::is_ok), "the other regions are fitted");
     fits[0].clone().expect_err("the heel is not fitted")
 }
 
-fn all(area_mm2: &mut [f64], value: f64) {
+/// Replaces all areas during contact by `value`.
+fn set_all(area_mm2: &mut [f64], value: f64) {
     area_mm2.iter_mut().filter(|a| **a > 0.0).for_each(|a| *a = value);
 }
 
 #[test]
 fn each_reason_is_recognised() {
     let never = with_heel(|c| RegionCurves { area_mm2: vec![0.0; c.area_mm2.len()], ..c });
-    assert_eq!(reason(&never), Unfit::NeverLoaded);
+    assert_eq!(reason(&never), NotFitted::NeverLoaded);
     let zero = with_heel(|c| RegionCurves { force_n: vec![0.0; c.force_n.len()], ..c });
-    assert_eq!(reason(&zero), Unfit::ZeroForce);
+    assert_eq!(reason(&zero), NotFitted::ZeroForce);
     let weak = with_heel(|c| RegionCurves { force_n: c.force_n.iter().map(|f| f * 0.01).collect(), ..c });
-    assert!(matches!(reason(&weak), Unfit::HardlyLoaded(peak_n) if (1.0..20.0).contains(&peak_n)));
+    assert!(matches!(reason(&weak), NotFitted::HardlyLoaded(peak_n) if (1.0..20.0).contains(&peak_n)));
     let few = with_heel(|c| {
         let short = |v: &[f64]| v.iter().copied().skip(10).take(8).collect::<Vec<_>>();
         RegionCurves { area_mm2: short(&c.area_mm2), force_n: short(&c.force_n), ..c }
     });
-    assert_eq!(reason(&few), Unfit::TooFewFrames(8));
+    assert_eq!(reason(&few), NotFitted::TooFewFrames(8));
     let clipped = with_heel(|c| RegionCurves { saturated: true, ..c });
-    assert_eq!(reason(&clipped), Unfit::Clipped);
+    assert_eq!(reason(&clipped), NotFitted::Clipped);
     let constant = with_heel(|mut c| {
-        all(&mut c.area_mm2, 2000.0);
+        set_all(&mut c.area_mm2, 2000.0);
         c
     });
-    assert_eq!(reason(&constant), Unfit::ConstantArea);
+    assert_eq!(reason(&constant), NotFitted::ConstantArea);
     let saturated = with_heel(|mut c| {
         c.area_mm2.iter_mut().for_each(|a| *a = (*a * 5.0).min(2000.0));
         c
     });
-    assert!(matches!(reason(&saturated), Unfit::SaturatedArea(share) if share > 0.8));
-    assert!(fit(&[], &OPTIONS, &|_| ()).iter().all(|f| f == &Err(Unfit::NoSteps)));
+    assert!(matches!(reason(&saturated), NotFitted::SaturatedArea(share) if share > 0.8));
+    assert!(fit(&[], &OPTIONS, &|_| ()).iter().all(|f| f == &Err(NotFitted::NoSteps)));
 }
 
-/// With this thickness the ellipsoid is larger than an insole accepts.
+/// With a thickness of 5 m, the ellipsoid is larger than an insole accepts.
 #[test]
 fn parameters_outside_of_the_range_of_an_insole_are_rejected() {
     let steps = walk(3, 100.0, Filter::Step, 0.01, 1);
     let fits = fit(&steps, &Options { thickness_m: [5.0; 8], ..OPTIONS }, &|_| ());
-    assert!(fits.iter().all(|f| f == &Err(Unfit::OutOfRange)));
+    assert!(fits.iter().all(|f| f == &Err(NotFitted::OutOfRange)));
 }
 
-/// The error on steps that were not used for the fit is the amplitude of the noise.
+/// On steps that were not used for the fit, the error is the standard deviation of the noise.
 #[test]
 fn many_steps_are_cross_validated_in_groups() {
     let steps = walk(70, 50.0, Filter::Step, 0.03, 1);
     for fit in fit(&steps, &OPTIONS, &|_| ()) {
         let fit = fit.expect("fitted");
-        assert_eq!(fit.unseen.len(), 70);
-        let mean = fit.unseen.iter().sum::<f64>() / 70.0;
+        assert_eq!(fit.predicted_nrmse.len(), 70);
+        let mean = fit.predicted_nrmse.iter().sum::<f64>() / 70.0;
         assert!((0.025..0.035).contains(&mean) && Some(mean) == fit.quality.predicted, "{mean}");
     }
 }
@@ -84,7 +85,7 @@ fn steps_that_fail_the_screening_are_not_used_for_a_region() {
     assert_eq!(fits[1].as_ref().expect("fitted").steps.len(), 6);
 }
 
-/// Recordings disagree if the tissue differs, and not if only the noise differs.
+/// Recordings disagree if the tissue differs. They do not disagree if only the noise differs.
 #[test]
 fn recordings_of_two_people_are_recognised() {
     let one = walk(10, 100.0, Filter::Step, 0.02, 1);
@@ -104,14 +105,14 @@ fn recordings_of_two_people_are_recognised() {
     }
     let fits = fit(&[one.clone(), other.clone()].concat(), &OPTIONS, &|_| ());
     for (region, fit) in fits.iter().enumerate() {
-        assert_eq!(matches!(fit, Err(Unfit::MixedPeople(_))), region < 3, "region {region}");
+        assert_eq!(matches!(fit, Err(NotFitted::MixedPeople(_))), region < 3, "region {region}");
     }
     // The two feet of a person may differ.
     other.iter_mut().for_each(|step| step.side = Side::Left);
     assert!(fit(&[one, other].concat(), &OPTIONS, &|_| ()).iter().all(Result::is_ok));
 }
 
-/// The same steps result in the same numbers, those of the bootstrap included, with any number of threads.
+/// The same steps result in the same numbers, including the numbers of the bootstrap, with any number of threads.
 #[test]
 fn a_fit_is_repeatable_and_its_bootstrap_agrees_with_the_jacobian() {
     let steps = walk(12, 100.0, Filter::Step, 0.01, 4);

@@ -1,4 +1,4 @@
-//! Identification of known parameters.
+//! Identification from computed steps, whose true parameters are known.
 
 use fit::identify::{Bounds, identify, identify_from};
 use fit::interval::{five, from_jacobian};
@@ -36,8 +36,8 @@ fn parameters_of_exact_steps_are_recovered() {
 
 const REPEATS: u64 = 200;
 
-/// Number of repeats in which the intervals from the Jacobian contain the true values, for noise with this correlation of
-/// neighbouring samples.
+/// For each parameter, the number of repeats in which the interval from the Jacobian contains the true value. `autocorrelation` is
+/// the correlation of the noise between neighbouring samples.
 fn covered(region: usize, autocorrelation: f64) -> [u32; 5] {
     let truth = law(region);
     let expected = [truth.ab_m2, truth.stiffness_pa, truth.damping_pa_s, truth.n, truth.m];
@@ -64,8 +64,8 @@ fn intervals_contain_the_truth() {
     }
 }
 
-/// The residuals of a model with a systematic error are correlated. Intervals for independent residuals would contain the true
-/// value in only half of the repeats.
+/// The residuals of a model with a systematic error are correlated. Intervals that assumed independent residuals would contain the
+/// true value in only half of the repeats.
 #[test]
 fn intervals_account_for_the_correlation_of_residuals() {
     for (autocorrelation, least) in [(0.5, 160), (0.8, 160)] {
@@ -78,8 +78,8 @@ fn intervals_account_for_the_correlation_of_residuals() {
     }
 }
 
-/// The error is at most a thousandth of a percentage point above the best of 60 random starts of the search over all five
-/// parameters.
+/// The NRMSE is at most a thousandth of a percentage point above the best of 60 searches over all five parameters, which start at
+/// random points.
 #[test]
 fn a_fit_to_noisy_steps_is_as_good_as_the_best_of_sixty_random_starts() {
     for filter in [Filter::Step, Filter::Live] {

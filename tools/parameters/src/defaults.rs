@@ -1,5 +1,5 @@
-//! Typical parameters by insole size. They were not identified from the wearer, so they suit a first view of a stream and do not
-//! support a statement about a person.
+//! Typical parameters by insole size. They were not identified from steps of the wearer: they are sufficient for a first view of
+//! a live stream, but do not support a statement about a person.
 
 use crate::Parameters;
 use plantar::pipeline::model::Ellipsoid;
@@ -37,8 +37,8 @@ impl InsoleSize {
         self.0
     }
 
-    /// Typical thickness of the unloaded tissue, m, in the order of [`plantar::Region::ALL`]; proportional to the size. At heel
-    /// and metatarsal heads it is within published ranges (docs/identification.md).
+    /// Typical thickness of the unloaded tissue, m, in the order of [`plantar::Region::ALL`]; proportional to the size. Under
+    /// the heel and the metatarsals it is within published ranges (docs/identification.md).
     pub fn thickness_m(self) -> [f64; 8] {
         SIZE_42.map(|[_, _, d0_mm, ..]| d0_mm * f64::from(self.0) / 42.0 * 1e-3)
     }
@@ -59,8 +59,8 @@ impl Default for InsoleSize {
 /// Size 42, for each region from heel to toes: A, B, d0 in mm; K in kPa, G in kPa s, n, m of the force law.
 ///
 /// pi A B exceeds the contact area of nine of ten barefoot walkers on a plate (SpeedPP2DS). K, G, n and m are the least-squares
-/// fit to all of them together, with an error of about a fifth of the peak force of each. In a shoe the foot spreads further, and
-/// the contact area often exceeds pi A B, which is flagged.
+/// fit to the steps of all ten together; its error is about a fifth of the peak force of a step. In a shoe the foot spreads
+/// further, and the contact area often exceeds pi A B; such results are flagged.
 const SIZE_42: [[f64; 7]; 8] = [
     [31.5, 39.5, 16.0, 481.0, 19.9, 0.0, 0.5],
     [28.5, 19.0, 12.0, 201.0, 3.9, 0.0, 0.5],
@@ -72,10 +72,10 @@ const SIZE_42: [[f64; 7]; 8] = [
     [12.0, 15.8, 7.0, 258.0, 0.0, 0.0, 0.5],
 ];
 
-/// Assumed largest deformation over thickness: 45.7 %, measured under the metatarsal heads (Cavanagh 1999). It determines C, with
-/// [`MAX_NORMALISED_DEFORMATION`].
+/// Assumed largest strain (deformation over thickness): 45.7 %, measured under the metatarsal heads (Cavanagh 1999). It
+/// determines C, together with [`MAX_NORMALISED_DEFORMATION`].
 const MAX_STRAIN: f64 = 0.457;
-/// Normalised deformation g (deformation over C) where the contact area is 90 % of pi A B (Eq. 14).
+/// Normalised deformation g (deformation over C) at a contact area of 90 % of pi A B (Eq. 14).
 const MAX_NORMALISED_DEFORMATION: f64 = 0.68;
 
 impl Parameters {

@@ -27,7 +27,7 @@ pub enum Error {
     /// The file cannot be read or written, with the operating system's reason.
     #[error("{0}: {1}; check the path and its permissions")]
     Io(PathBuf, std::io::Error),
-    /// The file is not TOML of the required form. The message names line and column where they are known.
+    /// The file is not TOML of the required form. The message names line and column if they are known.
     #[error("{file}: {problem}")]
     Form {
         /// The file.
@@ -50,17 +50,17 @@ pub enum Error {
 /// A wearer's parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameters {
-    /// Name of the wearer, or a description of the set.
+    /// Name of the wearer, or a description of the parameters.
     pub subject: String,
-    /// True where the parameters were identified from steps of the wearer.
+    /// True if the parameters were identified from steps of the wearer.
     pub personal: bool,
-    /// The conditions of the identification, where they are known.
+    /// The conditions of the identification, if they are known.
     pub identified: Option<Identified>,
     /// The ellipsoids in the order of [`Region::ALL`], SI units.
     pub regions: [Ellipsoid<f64>; 8],
 }
 
-/// The conditions of an identification. The parameters hold for areas with the same contact rule and filter.
+/// The conditions of an identification. The parameters are valid only for areas with the same contact rule and filter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identified {
     /// The filter of the area: `step` or `live`.
@@ -94,7 +94,7 @@ struct FileIdentified {
     steps: u32,
 }
 
-/// One region in a file: lengths in mm.
+/// The entries of a region in a file; the names include the units.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FileRegion {
@@ -112,7 +112,7 @@ impl Parameters {
     /// Reads a file and checks all values.
     ///
     /// # Errors
-    /// Where the file cannot be read, is not of the required form and version, or a region is missing, unknown or out of range.
+    /// If the file cannot be read, is not of the required form and version, or a region is missing, unknown or out of range.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::Io(path.into(), e))?;
         Self::parse(&text, path)
@@ -165,9 +165,9 @@ impl Parameters {
         Ok(Self { subject: file.subject, personal: file.personal, identified, regions })
     }
 
-    /// The force laws of an insole as ellipsoids with A = B and d0 = C, which a force law does not determine. The force is the
-    /// same, and [`Parameters::tissue`] is equal to `tissue` to the bit, also after a file was written and read: the rounding
-    /// errors of double precision are far below half a unit in the last place of single precision.
+    /// The force laws of an insole as ellipsoids with the same force. A force law determines neither A / B nor d0, so A = B and
+    /// d0 = C are assumed. [`Parameters::tissue`] of the result is equal to `tissue` to the bit, also after a file was written
+    /// and read: the rounding errors of double precision are far below half a unit in the last place of single precision.
     pub fn from_tissue(tissue: &Tissue) -> Self {
         let regions = tissue.force_laws.map(|law| {
             let law = ForceLaw::<f64>::of(&law);
@@ -194,7 +194,7 @@ impl Parameters {
     /// Writes the commented file.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// If the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), Error> {
         std::fs::write(path, self.to_toml()).map_err(|e| Error::Io(path.into(), e))
     }
@@ -204,7 +204,8 @@ impl Parameters {
         self.to_toml_with(&|_, _| None)
     }
 
-    /// The text of the commented file. `note` may return a comment on a value of a region, by the name of the value in the file.
+    /// As [`Parameters::to_toml`], with additional comments: `note` receives a region and the name of a value in the file, and
+    /// may return a comment on that value.
     pub fn to_toml_with(&self, note: &dyn Fn(Region, &str) -> Option<String>) -> String {
         let mut text = String::from(
             "# Plantar tissue parameters: one viscoelastic ellipsoid for each region of one foot.\n\
@@ -277,7 +278,7 @@ impl FileRegion {
     /// The ellipsoid in SI units.
     ///
     /// # Errors
-    /// The violated rule, where a value is out of range.
+    /// The violated rule, if a value is out of range.
     fn check(&self) -> Result<Ellipsoid<f64>, String> {
         let lengths = [("a_mm", self.a_mm), ("b_mm", self.b_mm), ("c_mm", self.c_mm), ("d0_mm", self.d0_mm)];
         let mm = 1e-3;

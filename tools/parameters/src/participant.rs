@@ -13,7 +13,7 @@ pub struct Participant {
     /// Body mass, 10 to 300 kg.
     #[serde(default, deserialize_with = "mass_kg")]
     pub mass_kg: Option<f64>,
-    /// Path of the file with the baselines of the insoles.
+    /// Path of the file with the zeros (unloaded readings) of the insoles, as `plantar zero` writes it.
     pub zero: Option<PathBuf>,
     /// Path of the file with the measured tissue thickness.
     pub thickness: Option<PathBuf>,
@@ -23,7 +23,7 @@ impl Participant {
     /// Reads a file and checks all values. Paths in the file are relative to its folder.
     ///
     /// # Errors
-    /// Where the file cannot be read, is not TOML of this form, or a value is out of range.
+    /// If the file cannot be read, is not TOML of this form, or a value is out of range.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::Io(path.into(), e))?;
         Self::parse(&text, path)

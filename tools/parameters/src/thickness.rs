@@ -5,7 +5,7 @@ use plantar::Region;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Plausible thickness of the tissue under a foot, mm.
+/// Accepted thickness of the tissue under a foot, mm.
 const THICKNESS_MM: std::ops::RangeInclusive<f64> = 2.0..=40.0;
 
 /// Thickness of the unloaded tissue in some or all regions: a TOML file with one line for each region, in mm, such as
@@ -17,7 +17,7 @@ impl Thickness {
     /// Reads a file and checks all values.
     ///
     /// # Errors
-    /// Where the file cannot be read, is not TOML of this form, names an unknown region, or a thickness is not 2 to 40 mm.
+    /// If the file cannot be read, is not TOML of this form, names an unknown region, or a thickness is not 2 to 40 mm.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::Io(path.into(), e))?;
         Self::parse(&text, path)
@@ -45,7 +45,8 @@ impl Thickness {
         Ok(thickness)
     }
 
-    /// Replaces the known values in `thickness_m`, m, in the order of [`Region::ALL`].
+    /// Replaces the values in `thickness_m` (m, in the order of [`Region::ALL`]) by the measured ones; regions without a measured
+    /// value are not changed.
     pub fn apply(&self, thickness_m: &mut [f64; 8]) {
         for (slot, known) in thickness_m.iter_mut().zip(self.0) {
             *slot = known.unwrap_or(*slot);

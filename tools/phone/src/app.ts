@@ -1,4 +1,4 @@
-/** Connects the insoles, the stored steps and the views. */
+/** The page: passes the messages of the insoles to the stored steps and to the views. */
 
 import { type Node, byId, fill } from "./dom";
 import type { Live, Side } from "./generated/quantities";
@@ -19,22 +19,24 @@ import type { Transport } from "./transport/transport";
 import { WebSocketTransport } from "./transport/websocket";
 import type { Wire } from "./wire";
 
-/** True for hosts at which `plantar serve` is reached: localhost and IP addresses. A page on a domain name has no insoles. */
+/** True for localhost and IP addresses, at which `plantar serve` serves the page. A server with a domain name has no insoles. */
 const isAddress = (host: string) => host === "localhost" || /^[\d.]+$|^\[/.test(host);
-/** Time between two updates of the texts and of the sessions. */
+/** Time between two updates of the sessions and of the texts on the page. */
 const UPDATE_MS = 100;
+/** The example: a recording of a computed walk. */
 const COMPUTED_WALK = "./walk.plantar";
 const CANNOT_STORE =
   "This browser cannot store steps, because its storage is full or not allowed. Free some storage, or allow it for this site. " +
   "Until then, the insole stores your steps.";
 
+/** The page. */
 export class App {
   private readonly settings = loadSettings(localStorage);
   private readonly recorder = new Recorder();
   private readonly insoles: Insoles;
   private readonly live_view: LiveView;
   private store: StepStore;
-  /** The last error, for the wearer. */
+  /** The last error, as a sentence for the wearer; empty without an error. */
   private problem = "";
 
   constructor(private readonly wire: Wire) {
@@ -60,7 +62,7 @@ export class App {
     this.tick();
   }
 
-  /** Shows the wearer's steps of earlier visits. */
+  /** Loads and shows the wearer's steps of earlier visits. */
   private async loadSteps(): Promise<void> {
     const storage: StepStorage = await DatabaseStorage.open().catch(() => new NoStorage());
     const store = new StepStore(this.wire, storage);
@@ -73,6 +75,7 @@ export class App {
     this.stepsChanged();
   }
 
+  /** Connects to the insoles of `plantar serve`. */
   private serve(): void {
     const url = new URL("insoles", location.href);
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
@@ -80,6 +83,7 @@ export class App {
     this.use(new WebSocketTransport(url.href, this.insoles.transportEvents));
   }
 
+  /** Plays the recording at `url`. */
   private async replay(url: string): Promise<void> {
     try {
       const transport = await ReplayTransport.load(url, this.insoles.transportEvents);
@@ -91,6 +95,7 @@ export class App {
     }
   }
 
+  /** Lets the wearer choose an insole, and connects it over Bluetooth. */
   private async bluetooth(): Promise<void> {
     const { transport: before } = this.insoles;
     const { gatt } = this.wire.facts;
@@ -98,7 +103,7 @@ export class App {
     try {
       this.problem = "";
       if (transport !== before) this.use(transport);
-      // From here on, the steps are the wearer's and not those of a recording.
+      // The steps of the recording are replaced by the wearer's steps.
       if (before?.is_replay) await this.loadSteps();
       await transport.add();
     } catch (error) {
@@ -108,6 +113,7 @@ export class App {
     this.tick();
   }
 
+  /** Replaces the transport of the insoles. */
   private use(transport: Transport): void {
     this.insoles.use(transport);
     this.live_view.reset();
@@ -119,7 +125,7 @@ export class App {
     const start_unix_s = step.starts_ago === 0 ? session.axis.unix_s(step.start_s) : step.start_unix_s;
     this.store.add(message, bytes, session.history, start_unix_s).then(
       () => session.acknowledge(step.step),
-      // Without an acknowledgement, the insole stores the step and sends it again.
+      // The step is not acknowledged, so the insole still stores it and sends it again.
       () => (this.problem = CANNOT_STORE),
     );
     this.stepsChanged();
@@ -138,7 +144,7 @@ export class App {
   private tick(): void {
     const now_ms = performance.now();
     this.insoles.tick(now_ms);
-    // In the background the sessions continue, but the texts are not visible.
+    // While the page is in the background, the sessions continue, but the texts are not visible.
     if (!document.hidden) this.update(now_ms);
   }
 
@@ -162,6 +168,7 @@ export class App {
     ]);
   }
 
+  /** Connects the buttons and the other events of the page. */
   private listen(): void {
     const buttons = [...document.querySelectorAll<HTMLButtonElement>("nav button")];
     for (const button of buttons) {

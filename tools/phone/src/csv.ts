@@ -8,12 +8,13 @@ import type { Wire } from "./wire";
 
 type Cell = string | number | null;
 
+/** A line of a CSV file. `null` becomes an empty cell. */
 const line = (cells: readonly Cell[]) => cells.map((cell) => cell ?? "").join(",") + "\n";
 
 /**
- * One row for each live frame. `unix_s` is the time of the scan on the browser's clock, which both feet share; it is empty where
- * the recording has no time message of the insole. `t_s` is the time of arrival since the start of the recording, and `device_t_s`
- * is the time of the scan on the insole's clock.
+ * Returns the lines of a CSV file with one row for each live frame. `unix_s` is the time of the scan on the browser's clock, which
+ * is the same for both feet. It is empty if the recording contains no time message of the insole. `t_s` is the time of arrival
+ * since the start of the recording. `device_t_s` is the time of the scan on the insole's clock.
  */
 export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
   const names = wire.facts.regions.map(({ name }) => name);
@@ -34,7 +35,7 @@ export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
   return rows;
 }
 
-/** One row for each step and region. */
+/** Returns the lines of a CSV file with one row for each region of each step. */
 export function stepsCsv(steps: readonly StoredStep[]): string[] {
   const head = ["start_unix_s", "side", "step", "start_s", "contact_time_foot_s", "peak_force_foot_n", "region", ...STEP_COLUMNS];
   const rows = [line([...head, ...ELLIPSE_COLUMNS.map((column) => `ellipse_${column}`)])];

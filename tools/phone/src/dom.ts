@@ -1,9 +1,9 @@
-/** Functions for the document of the page. */
+/** Functions that read and change the HTML document. */
 
-/** Text, or an element with its name, attributes and children. */
+/** A text, or an element: its name, its attributes and its children. */
 export type Node = string | [name: string, attributes: Record<string, string>, ...children: Node[]];
 
-/** The element with this id, which index.html contains. */
+/** The element of index.html with this id. Throws an error if there is none, or if it is not of this type. */
 export function byId<T extends HTMLElement = HTMLElement>(id: string, type?: new () => T): T {
   const element = document.getElementById(id);
   if (!element || (type && !(element instanceof type))) throw new Error(`index.html lacks ${id}`);
@@ -12,6 +12,7 @@ export function byId<T extends HTMLElement = HTMLElement>(id: string, type?: new
 
 const SVG = "http://www.w3.org/2000/svg";
 
+/** Creates the element or text of a node, to be appended to `parent`. */
 function build(node: Node, parent: Element): globalThis.Node {
   if (typeof node === "string") return document.createTextNode(node);
   const [name, attributes, ...children] = node;
@@ -22,10 +23,10 @@ function build(node: Node, parent: Element): globalThis.Node {
   return element;
 }
 
-/** The last content that {@link fill} wrote to each element. */
+/** The content that {@link fill} wrote to each element last, as JSON. */
 const filled = new WeakMap<Element, string>();
 
-/** Replaces the content of an element if it differs. */
+/** Replaces the content of an element, given by itself or by its id, unless it is unchanged since the last call. */
 export function fill(into: string | Element | null, nodes: readonly Node[]): void {
   const element = typeof into === "string" ? byId(into) : into;
   const content = JSON.stringify(nodes);
@@ -40,6 +41,6 @@ export function download(name: string, type: string, parts: BlobPart[]): void {
   link.href = URL.createObjectURL(new Blob(parts, { type }));
   link.download = name;
   link.click();
-  // The download has started by this time.
+  // The browser reads the data after the click, so the data must remain available until the download has started.
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }

@@ -3,6 +3,7 @@
 import type { LiveRegion } from "./generated/quantities";
 import { type Settings, percentOfWeight } from "./settings";
 
+/** The titles of the regions by their names in messages. */
 const TITLES: Record<string, string> = {
   heel: "Heel",
   posterior_midfoot: "Rear midfoot",
@@ -20,7 +21,7 @@ export const regionTitle = (name: string) => TITLES[name] ?? name;
 export const QUANTITIES = ["measured", "model", "deformation", "area"] as const;
 export type Quantity = (typeof QUANTITIES)[number];
 
-/** A quantity of a region with its unit; `null` where it requires the wearer's parameters and the insole has none. */
+/** A quantity of a region with its unit; `null` if the quantity requires the wearer's parameters and the insole has none. */
 export function quantityText(region: LiveRegion, quantity: Quantity, has_parameters: boolean, settings: Settings): string | null {
   const needs_parameters = quantity === "model" || quantity === "deformation";
   if (needs_parameters && !has_parameters) return null;
@@ -37,7 +38,10 @@ export function quantityText(region: LiveRegion, quantity: Quantity, has_paramet
 /** The unit in which forces are shown. */
 export const unitOf = (settings: Settings) => (settings.force_unit === "%BW" && settings.body_mass_kg !== null ? "%BW" : "N");
 
-/** A force in the chosen unit, and in the other one, or an empty text without a body mass. An empty `space` omits the unit. */
+/**
+ * Two texts: the force in the chosen unit, and in the other unit. Without a body mass, the first is in newtons and the second is
+ * empty. `space` is inserted before the unit; if it is empty, the unit is omitted, too.
+ */
 export function forceText(force_n: number, settings: Settings, space = " "): [string, string] {
   const text = (value: number, unit: string) => value.toFixed(0) + (space === "" ? "" : space + unit);
   const newtons = text(force_n, "N");
@@ -47,6 +51,6 @@ export function forceText(force_n: number, settings: Settings, space = " "): [st
   return unitOf(settings) === "%BW" ? [percent, newtons] : [newtons, percent];
 }
 
-/** A number, or a dash for `null`. */
+/** A number with this number of decimal digits and this unit, or a dash for `null`. */
 export const numberText = (value: number | null, digits: number, unit = "") =>
   value === null ? "–" : `${value.toFixed(digits)}${unit && " "}${unit}`;

@@ -6,11 +6,15 @@ import { Session, type StepMessage } from "./session";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport/transport";
 import type { Wire } from "./wire";
 
+/** Events of the insoles for the page. */
 export interface InsoleEvents {
+  /** A live frame arrived from the insole of this foot. */
   live(live: Live, side: Side): void;
+  /** A step arrived. `bytes` is the encoded message. */
   step(message: StepMessage, bytes: Uint8Array, session: Session): void;
 }
 
+/** Creates a session for each insole of the transport in use, and passes the events of the transport to the sessions. */
 export class Insoles {
   sessions: Session[] = [];
   transport: Transport | undefined;
@@ -31,16 +35,17 @@ export class Insoles {
     this.sessions = INSOLES.map((insole) => new Session(insole, this.wire, () => this.transport, this.events.step));
   }
 
-  /** The session with the insole of a foot. */
+  /** The session with the insole of this foot; `undefined` until that insole has sent its hello. */
   of(side: Side): Session | undefined {
     return this.sessions.find(({ hello }) => hello?.side === side);
   }
 
+  /** Sends the requests that are due. To be called a few times a second. */
   tick(now_ms: number): void {
     this.sessions.forEach((session) => session.tick(now_ms));
   }
 
-  /** The events of the transport in use. */
+  /** Receives the events of the transport in use. */
   readonly transportEvents: TransportEvents = {
     opened: (insole) => this.sessions[insole]?.opened(performance.now()),
     closed: (insole, reason) => this.sessions[insole]?.closed(reason),

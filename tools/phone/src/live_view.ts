@@ -13,7 +13,7 @@ import { SIDES, sideTitle } from "./side";
 import { type SolePicture, Soles } from "./soles";
 
 const NOT_CONNECTED = "Not connected";
-/** Shown on a sole without loads. */
+/** The text on a sole that shows no loads, for each state of its session. */
 const TEXTS: Record<SessionState, string> = {
   live: "",
   closed: NOT_CONNECTED,
@@ -22,15 +22,20 @@ const TEXTS: Record<SessionState, string> = {
   "other-version": "Update needed",
 };
 
+/** Shows the live frames and the states of the insoles. */
 export class LiveView {
   private readonly soles: Soles;
   private readonly pictures: Record<Side, SolePicture>;
-  /** Largest force of a region so far, which determines the scale. */
+  /** Largest force on a region since {@link reset}. It determines the scale of the colours. */
   private largest_n = 0;
-  /** Regions in which a cell was saturated. They remain listed, because a note that disappears would move the picture. */
+  /**
+   * Regions in which a cell has been saturated since {@link reset}. They are not removed again, because the picture would move if
+   * their note disappeared.
+   */
   private readonly saturated = new Set<string>();
   private quantity: Quantity = "measured";
   private is_draw_requested = false;
+  /** True after the first picture with a load, the time of which is marked for benchmarks. */
   private has_drawn_load = false;
 
   constructor(private readonly facts: Facts) {
@@ -46,20 +51,20 @@ export class LiveView {
     quantity.onchange = () => (this.quantity = QUANTITIES.find((known) => known === quantity.value) ?? "measured");
   }
 
-  /** Resets the scale and the saturated regions, for other insoles. */
+  /** Forgets the largest force and the saturated regions. To be called when other insoles are used. */
   reset(): void {
     this.largest_n = 0;
     this.saturated.clear();
   }
 
-  /** Shows a live frame. It is drawn with the next frame of the screen. */
+  /** Shows a live frame. It is drawn together with the next frame of the screen. */
   frame(live: Live, side: Side): void {
     const picture = this.pictures[side];
     picture.live = live;
     extendPath(picture.path, live, this.facts);
     live.regions.forEach(({ measured_n, saturated }, i) => {
       if (measured_n > this.largest_n) this.largest_n = measured_n;
-      if (saturated) this.saturated.add(this.placeText(side, i));
+      if (saturated) this.saturated.add(this.regionText(side, i));
     });
     this.requestDraw();
   }
@@ -70,17 +75,19 @@ export class LiveView {
     this.requestDraw();
   }
 
-  get saturatedPlaces(): string[] {
+  /** Names of the regions in which a cell has been saturated. */
+  get saturatedRegions(): string[] {
     return [...this.saturated];
   }
 
-  get maskedPlaces(): string[] {
+  /** Names of the regions with masked cells in the last live frames. */
+  get maskedRegions(): string[] {
     return SIDES.flatMap((side) =>
-      (this.pictures[side].live?.regions ?? []).flatMap(({ masked }, i) => (masked ? [this.placeText(side, i)] : [])),
+      (this.pictures[side].live?.regions ?? []).flatMap(({ masked }, i) => (masked ? [this.regionText(side, i)] : [])),
     );
   }
 
-  /** Updates the texts. To be called a few times a second. */
+  /** Updates the texts of the view. To be called a few times a second. */
   update(insoles: Insoles, settings: Settings): void {
     for (const side of SIDES) this.updateState(side, insoles.of(side)?.state ?? "closed");
     fill("totals", SIDES.map((side) => {
@@ -102,7 +109,7 @@ export class LiveView {
     fill("scale-to", [forceText(scaleEnd_n(this.largest_n), settings)[0]]);
   }
 
-  /** Shows the state of an insole, and removes its loads if it sends none. */
+  /** Shows the state of the session with an insole. Removes the loads of the foot unless the insole is live. */
   private updateState(side: Side, state: SessionState): void {
     const picture = this.pictures[side];
     const text = TEXTS[state];
@@ -115,11 +122,11 @@ export class LiveView {
     this.requestDraw();
   }
 
-  private placeText(side: Side, region: number): string {
+  private regionText(side: Side, region: number): string {
     return `${side} ${regionTitle(this.facts.regions[region]?.name ?? "").toLowerCase()}`;
   }
 
-  /** Requests one drawing with the next frame of the screen. Browsers draw no frames for a page in the background. */
+  /** Requests one drawing with the next frame of the screen. While a page is in the background, browsers do not execute it. */
   private requestDraw(): void {
     if (this.is_draw_requested || !this.soles.isVisible) return;
     this.is_draw_requested = true;
@@ -137,11 +144,12 @@ export class LiveView {
     }
   }
 
+  /** Adapts the picture to the size of the canvas and to the colour scheme. */
   private measure(is_dark: boolean): void {
     const palette = colours(is_dark);
     this.soles.measure(palette);
     byId("scale").style.background = `linear-gradient(to right, ${palette.filter((_, i) => i % 7 === 0).join(", ")})`;
-    // A resized canvas is empty, so it is drawn at once and not with the next frame of the screen.
+    // A resized canvas is empty, so it is drawn immediately instead of with the next frame of the screen.
     this.draw();
   }
 }

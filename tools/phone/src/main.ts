@@ -7,6 +7,6 @@ const wire = await Wire.load(fetch(wasm));
 await new App(wire).start();
 
 if (import.meta.env.PROD && "serviceWorker" in navigator) {
-  // Without a service worker the page works, but not offline.
+  // If the registration fails, the page works, but not offline.
   navigator.serviceWorker.register("./sw.js").catch(() => undefined);
 }

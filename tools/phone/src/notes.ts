@@ -9,7 +9,7 @@ import { SIDES } from "./side";
 /** Problems that affect the measurement. */
 export function problems(insoles: Insoles, live_view: LiveView, facts: Facts): string[] {
   const notes = insoles.sessions.flatMap((session) => sessionProblems(session, facts));
-  const { saturatedPlaces: saturated, maskedPlaces: masked } = live_view;
+  const { saturatedRegions: saturated, maskedRegions: masked } = live_view;
   if (saturated.length > 0) {
     notes.push(`The sensor reached its limit here: ${saturated.join(", ")}. The true forces are higher than the ones shown (▲).`);
   }
@@ -19,6 +19,7 @@ export function problems(insoles: Insoles, live_view: LiveView, facts: Facts): s
   return notes;
 }
 
+/** The problems of one session. */
 function sessionProblems({ hello, state, reason }: Session, facts: Facts): string[] {
   if (!hello) return [];
   const insole = `The ${hello.side} insole`;
@@ -35,6 +36,7 @@ function sessionProblems({ hello, state, reason }: Session, facts: Facts): strin
       ];
     case "live":
       if (!hello.last_panic) return [];
+      // After any other reset, the previous run did not end with a fault. Then `last_panic` states why the insole cannot measure.
       return ["panic", "watchdog"].includes(hello.reset)
         ? [`${insole} restarted after a fault. If this happens often, report this text to its supplier: ${hello.last_panic}`]
         : [`${insole} cannot measure. Restart it. If that does not help, report this text to its supplier: ${hello.last_panic}`];
@@ -48,10 +50,10 @@ function sessionProblems({ hello, state, reason }: Session, facts: Facts): strin
 export function remarks(insoles: Insoles): string[] {
   const { transport, sessions } = insoles;
   if (transport?.is_replay) return ["This is a recording."];
-  const lacking = SIDES.filter((side) => insoles.of(side)?.hello?.has_parameters === false);
-  if (lacking.length > 0) {
-    return [`Your personal parameters are not on the ${lacking.join(" and ")} insole, so no model values are shown.`];
+  const without_parameters = SIDES.filter((side) => insoles.of(side)?.hello?.has_parameters === false);
+  if (without_parameters.length > 0) {
+    return [`Your personal parameters are not on the ${without_parameters.join(" and ")} insole, so no model values are shown.`];
   }
   const is_waiting = sessions.every(({ state }) => state === "closed" || state === "waiting");
-  return transport && is_waiting ? [`Waiting for an insole ${transport.place}.`] : [];
+  return transport && is_waiting ? [`Waiting for an insole ${transport.location}.`] : [];
 }

@@ -5,17 +5,20 @@ import type { Live } from "./generated/quantities";
 
 export type Point = [x_mm: number, y_mm: number];
 
-/** Oldest point first. */
+/** Points of the centre of pressure with the times of their frames, oldest first. */
 export type Path = { t_s: number; at_mm: Point }[];
 
-/** Duration of the path. */
+/** Longest duration of a path. Older points are removed. */
 const PATH_S = 1;
-/** A longer time without a point is a swing, so that the next point starts a new path. */
+/** After a longer time without a point, which is a swing, the next point starts a new path. */
 const LONGEST_GAP_S = 0.1;
 /** Smallest total force for which the centre of pressure is computed. */
 const LEAST_N = 20;
 
-/** The mean of the centres of the regions, weighted by force: an estimate, because a live frame contains no cells. */
+/**
+ * The mean of the centres of the regions, weighted by their forces; `undefined` if the foot is hardly loaded. It is an estimate,
+ * because a live frame does not contain the pressures of the cells.
+ */
 export function centreOfPressure(live: Live, facts: Facts): Point | undefined {
   let [force_n, x, y] = [0, 0, 0];
   live.regions.forEach((region, i) => {
@@ -28,7 +31,7 @@ export function centreOfPressure(live: Live, facts: Facts): Point | undefined {
   return force_n < LEAST_N ? undefined : [x / force_n, y / force_n];
 }
 
-/** Adds the point of a frame to a path and removes points that are too old. The last path remains visible during swing. */
+/** Adds the point of a frame to a path and removes points that are too old. The path of a stance remains visible during swing. */
 export function extendPath(path: Path, live: Live, facts: Facts): void {
   const at_mm = centreOfPressure(live, facts);
   const last = path.at(-1);

@@ -1,18 +1,18 @@
-/** Reconnection: its times and its retries, the same for all transports and sessions. */
+/** Reconnection: the intervals that all transports and sessions use, and the retries of a transport. */
 
-/** Time between two attempts to open a link that broke. */
+/** Time after a link broke, or after an attempt failed, before the next attempt to open the link. */
 export const RETRY_MS = 1000;
-/** Longest time without a message in a session. After this time the connection counts as lost. */
+/** Longest time without a message. After this time the connection counts as lost. */
 export const TIMEOUT_MS = 2000;
-/** Time between two connect requests, which the insole answers with a hello. */
-export const HELLO_MS = 500;
+/** Time between two connect requests. The insole answers a connect request with a hello. */
+export const CONNECT_REQUEST_MS = 500;
 
-/** Retries to open a link until it succeeds. */
+/** Tries to open a link again until an attempt succeeds. */
 export class Reconnect {
   private timer: ReturnType<typeof setTimeout> | undefined;
   private is_stopped = false;
 
-  /** `open` throws or rejects if it fails. */
+  /** `open` opens the link. If this fails, it throws an error or rejects its promise. */
   constructor(private readonly open: () => unknown) {}
 
   /** Schedules an attempt. To be called when the link breaks. */
@@ -22,6 +22,7 @@ export class Reconnect {
     this.timer = setTimeout(() => void this.attempt(), RETRY_MS);
   }
 
+  /** Stops all further attempts. */
   stop(): void {
     this.is_stopped = true;
     clearTimeout(this.timer);

@@ -3,9 +3,12 @@
 import { type Entry, entries, entry } from "./stream_file";
 import type { Insole } from "./transport/transport";
 
+/** Holds at most one recording in memory. */
 export class Recorder {
   private chunks: Uint8Array<ArrayBuffer>[] = [];
+  /** Start of the running recording; `undefined` if no recording is running. */
   private start_ms: number | undefined;
+  /** Time of the last recorded message. */
   private end_ms = 0;
 
   get isRecording(): boolean {
@@ -28,18 +31,19 @@ export class Recorder {
     this.start_ms = undefined;
   }
 
-  /** Adds a message while a recording is running. */
+  /** Adds a message. Does nothing if no recording is running. */
   add(insole: Insole, message: Uint8Array, now_ms: number): void {
     if (this.start_ms === undefined) return;
     this.end_ms = now_ms;
     this.chunks.push(entry({ t_ms: Math.round(now_ms - this.start_ms), insole, message }) as Uint8Array<ArrayBuffer>);
   }
 
-  /** Duration of the running recording. */
+  /** Duration of the running recording; 0 if no recording is running. */
   seconds(): number {
     return this.start_ms === undefined ? 0 : (this.end_ms - this.start_ms) / 1000;
   }
 
+  /** The content of the stream file. */
   file(): Uint8Array<ArrayBuffer>[] {
     return this.chunks;
   }

@@ -1,53 +1,67 @@
-/** The session with one insole: connects, stores the latest messages, counts lost frames. */
+/** The session with one insole: sends the requests, stores the latest messages, and counts received and lost frames. */
 
 import type { Hello, Status, ToHost } from "./generated/messages";
 import type { Live } from "./generated/quantities";
-import { HELLO_MS, TIMEOUT_MS } from "./reconnect";
+import { CONNECT_REQUEST_MS, TIMEOUT_MS } from "./reconnect";
 import type { Insole, Transport } from "./transport/transport";
 import type { Axis, LiveCounter, Wire } from "./wire";
 
-/** Time between two requests for the status. */
+/** Interval of the requests for the status. */
 const STATUS_MS = 1000;
-/** Time between two requests for the time. */
+/** Interval of the requests for the time of the insole. */
 const TIME_MS = 250;
-/** Time over which the rate of live frames is averaged. */
+/** Duration over which the rate of live frames is averaged. */
 const RATE_MS = 2000;
-/** Time for which the total forces of live frames are stored: the peak force of a step is read from them. */
+/** Duration for which the total forces of live frames are stored. The peak force of a step is determined from them. */
 const HISTORY_S = 10;
 
+/**
+ * State of a session:
+ * - "closed": there is no link, and the insole has never sent a hello;
+ * - "waiting": the link is open, but the insole has not sent its hello;
+ * - "live": the insole has sent its hello, and messages arrive;
+ * - "lost": the link broke, or messages no longer arrive;
+ * - "other-version": the insole uses another major version of the protocol.
+ */
 export type SessionState = "closed" | "waiting" | "live" | "lost" | "other-version";
 
+/** A decoded message that contains a step. */
 export type StepMessage = Extract<ToHost, { kind: "step" }>;
 
+/** The total force on a foot in one live frame. */
 export interface ForceSample {
   t_s: number;
   force_n: number;
 }
 
+/** The sum of the measured forces on all regions, N. */
 export const totalForce = (live: Live) => live.regions.reduce((sum, region) => sum + region.measured_n, 0);
 
+/** Converts a time of `performance.now()` to us since 1970. */
 const unix_us = (now_ms: number) => Math.round((performance.timeOrigin + now_ms) * 1000);
 
+/** The session with one insole. */
 export class Session {
   state: SessionState = "closed";
   hello: Hello | undefined;
   live: Live | undefined;
   status: Status | undefined;
-  /** Why the connection was lost, for the wearer. */
+  /** The reason why the connection was lost, as a phrase for the wearer. */
   reason = "";
   battery_percent: number | undefined;
-  /** Damaged or unknown messages. */
+  /** Number of damaged or unknown messages. */
   damaged = 0;
   readonly axis: Axis;
   readonly counter: LiveCounter;
-  /** Total force, oldest first. */
+  /** Total forces of the last live frames, oldest first. */
   readonly history: ForceSample[] = [];
+  /** Times at which the last live frames arrived. */
   private readonly arrivals_ms: number[] = [];
-  private hello_ms = 0;
+  private hello_received_ms = 0;
   private last_message_ms = 0;
-  private asked_hello_ms = -Infinity;
-  private asked_status_ms = -Infinity;
-  private asked_time_ms = -Infinity;
+  private connect_requested_ms = -Infinity;
+  private status_requested_ms = -Infinity;
+  private time_requested_ms = -Infinity;
 
   constructor(
     readonly insole: Insole,
@@ -61,21 +75,24 @@ export class Session {
     this.counter.clear();
   }
 
+  /** To be called when the transport has opened the link. */
   opened(now_ms: number): void {
     this.state = "waiting";
-    this.asked_hello_ms = -Infinity;
+    this.connect_requested_ms = -Infinity;
     this.tick(now_ms);
   }
 
+  /** To be called when the link broke. `reason` is a phrase for the wearer. */
   closed(reason: string): void {
     this.state = this.hello ? "lost" : "closed";
     this.reason = reason;
   }
 
+  /** Handles a message of the insole. */
   receive(bytes: Uint8Array, now_ms: number): void {
     const message = this.wire.decode(bytes);
     if (!message) {
-      // Before the hello and from another major version, unknown messages are expected.
+      // Unknown messages are expected before the hello, and from an insole of another major version.
       if (this.state === "live") this.damaged += 1;
       return;
     }
@@ -96,7 +113,7 @@ export class Session {
       case "time":
         this.axis.answer(message);
         return;
-      // The page does not request these.
+      // The page does not use these messages.
       case "tissue":
       case "refused":
       case "faults":
@@ -105,7 +122,7 @@ export class Session {
 
   private receiveHello(hello: Hello, now_ms: number): void {
     this.hello = hello;
-    this.hello_ms = now_ms;
+    this.hello_received_ms = now_ms;
     this.axis.clear();
     this.counter.newSession();
     this.arrivals_ms.length = 0;
@@ -133,8 +150,8 @@ export class Session {
   /** Live frames per second, mean over the last seconds. */
   rate_hz(now_ms: number): number {
     while ((this.arrivals_ms[0] ?? Infinity) < now_ms - RATE_MS) this.arrivals_ms.shift();
-    // In the first seconds the mean is over the time since the hello.
-    const counted_ms = Math.min(RATE_MS, now_ms - this.hello_ms);
+    // In the first seconds, frames are averaged over the time since the hello.
+    const counted_ms = Math.min(RATE_MS, now_ms - this.hello_received_ms);
     return counted_ms > 0 ? (1000 * this.arrivals_ms.length) / counted_ms : 0;
   }
 
@@ -144,19 +161,19 @@ export class Session {
       this.state = "lost";
       this.reason = "no data for two seconds";
       // The insole may have restarted. Then it waits for a connect request.
-      this.asked_hello_ms = -Infinity;
+      this.connect_requested_ms = -Infinity;
     }
     const is_waiting = this.state === "waiting" || this.state === "lost";
-    if (is_waiting && now_ms - this.asked_hello_ms >= HELLO_MS) {
-      this.asked_hello_ms = now_ms;
+    if (is_waiting && now_ms - this.connect_requested_ms >= CONNECT_REQUEST_MS) {
+      this.connect_requested_ms = now_ms;
       this.send(this.wire.connect());
     }
-    if (this.state === "live" && now_ms - this.asked_status_ms >= STATUS_MS) {
-      this.asked_status_ms = now_ms;
+    if (this.state === "live" && now_ms - this.status_requested_ms >= STATUS_MS) {
+      this.status_requested_ms = now_ms;
       this.send(this.wire.getStatus());
     }
-    if (this.state === "live" && now_ms - this.asked_time_ms >= TIME_MS) {
-      this.asked_time_ms = now_ms;
+    if (this.state === "live" && now_ms - this.time_requested_ms >= TIME_MS) {
+      this.time_requested_ms = now_ms;
       this.send(this.wire.getTime(unix_us(performance.now())));
     }
   }

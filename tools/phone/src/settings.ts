@@ -1,9 +1,11 @@
 /** The wearer's settings, stored by the browser. */
 
+/** The key under which the browser stores the settings. */
 const KEY = "plantar.settings";
 const GRAVITY_M_S2 = 9.80665;
 export const KG_PER_LB = 0.45359237;
 
+/** The settings that the wearer can change. */
 export interface Settings {
   body_mass_kg: number | null;
   mass_unit: "kg" | "lb";
@@ -12,6 +14,7 @@ export interface Settings {
 
 const DEFAULTS: Settings = { body_mass_kg: null, mass_unit: "kg", force_unit: "N" };
 
+/** The stored settings. Missing or invalid settings have their defaults. */
 export function loadSettings(storage: Storage): Settings {
   try {
     const saved = JSON.parse(storage.getItem(KEY) ?? "{}") as Partial<Settings>;
@@ -25,6 +28,7 @@ export function loadSettings(storage: Storage): Settings {
   }
 }
 
+/** Stores the settings. */
 export function saveSettings(storage: Storage, settings: Settings): void {
   storage.setItem(KEY, JSON.stringify(settings));
 }

@@ -10,7 +10,7 @@ import { sideTitle } from "./side";
 import type { StepStore } from "./step_store";
 import type { Wire } from "./wire";
 
-/** Connects the form of the wearer's settings. `changed` is called after each change. */
+/** Shows the wearer's settings in the form, and stores each change of the form. `changed` is called after each change. */
 export function listenToSettings(settings: Settings, changed: () => void): void {
   const mass = byId("mass", HTMLInputElement);
   const mass_unit = byId("mass-unit", HTMLSelectElement);
@@ -40,7 +40,7 @@ export function listenToSettings(settings: Settings, changed: () => void): void 
   };
 }
 
-/** Connects the buttons that record and export. `cleared` is called after the steps were deleted. */
+/** Connects the buttons that record, export and delete. `cleared` is called after the steps were deleted. */
 export function listenToExport(
   wire: Wire,
   recorder: Recorder,
@@ -63,12 +63,13 @@ export function listenToExport(
   };
 }
 
-/** Updates the details of the insoles and the buttons. To be called a few times a second. */
+/** Updates the details of the insoles and the state of the buttons. To be called a few times a second. */
 export function updateSettingsView(insoles: Insoles, recorder: Recorder, now_ms: number): void {
   fill("insoles", insoles.sessions.flatMap((session) => insoleDetails(session, now_ms)));
   updateRecording(recorder, insoles);
 }
 
+/** The details of one insole; none before its hello. */
 function insoleDetails(session: Session, now_ms: number): Node[] {
   const { hello, counter, status, damaged, battery_percent } = session;
   if (!hello) return [];
@@ -85,6 +86,7 @@ function insoleDetails(session: Session, now_ms: number): Node[] {
   return [["div", {}, title, ...details.map((detail): Node => ["dd", {}, detail])]];
 }
 
+/** Updates the buttons that record and export. */
 function updateRecording(recorder: Recorder, insoles: Insoles): void {
   const record = byId("record", HTMLButtonElement);
   record.disabled = !insoles.transport;

@@ -6,7 +6,7 @@ import { type Path, type Point } from "./pressure_path";
 import { colourOf } from "./scale";
 import { SIDES } from "./side";
 
-/** Space around the soles, and between each sole and the middle of the canvas. */
+/** Distance of each sole from the edges and from the middle of the canvas. */
 const MARGIN_MM = 10;
 
 /** The content of the picture of one sole. */
@@ -28,6 +28,7 @@ interface Ink {
   sole: string;
 }
 
+/** The canvas with both soles. */
 export class Soles {
   private readonly context: CanvasRenderingContext2D;
   private readonly outline: Path2D;
@@ -37,7 +38,7 @@ export class Soles {
   /** Size of the canvas on the page; 0 while it is not displayed. */
   private width = 0;
   private height = 0;
-  /** The appearance of each sole as it is drawn on the canvas. */
+  /** The {@link appearanceOf} each sole when it was drawn last. */
   private readonly drawn: Record<Side, string> = { left: "", right: "" };
 
   constructor(
@@ -58,7 +59,7 @@ export class Soles {
     this.ink = { back: colour("back"), text: colour("text"), line: colour("line"), sole: colour("sole") };
     this.palette = palette;
     const { width, height } = this.canvas.getBoundingClientRect();
-    // More than two pixels per CSS pixel take time and are not visible.
+    // A resolution of more than two pixels per CSS pixel takes more time to draw and looks no different.
     const ratio = Math.min(2, window.devicePixelRatio);
     this.width = width;
     this.height = height;
@@ -91,7 +92,7 @@ export class Soles {
     const { context: c, width, height } = this;
     const { length_mm, width_mm } = this.facts.sole;
     const scale = Math.min(width / (2 * width_mm + 5 * MARGIN_MM), height / (length_mm + 2 * MARGIN_MM));
-    // Foot coordinates have x to the lateral side, so a left foot is mirrored.
+    // In foot coordinates x points to the lateral side, so a left foot is mirrored.
     const mirror = side === "left" ? -1 : 1;
     c.save();
     c.beginPath();
@@ -134,6 +135,7 @@ export class Soles {
     });
   }
 
+  /** Draws the path of the centre of pressure, with a disc at its last point. */
   private drawPath(path: Path, px: number): void {
     const { context: c } = this;
     const last = path.at(-1);
@@ -161,7 +163,10 @@ export class Soles {
     this.strokeWithHalo(2 * px);
   }
 
-  /** Strokes in the colour of the text over a wider line in that of the background, which is visible on any load. */
+  /**
+   * Strokes the current path in the colour of the text, over a wider line in the colour of the background. So the line is visible
+   * on a region of any colour.
+   */
   private strokeWithHalo(width: number): void {
     this.stroke(this.ink.back, 2.2 * width);
     this.stroke(this.ink.text, width);
@@ -173,6 +178,7 @@ export class Soles {
     this.context.stroke();
   }
 
+  /** Draws a text centred at (x, y), in lines that are at most `width` wide if their words allow it. */
   private drawText(text: string, x: number, y: number, width: number): void {
     const { context: c } = this;
     c.fillStyle = this.ink.text;
@@ -195,6 +201,7 @@ function appearanceOf({ live, text, ellipses, path }: SolePicture, colours: read
   return [text, ...colours, ...flags, ...shapes, path.length, path.at(0)?.t_s, path.at(-1)?.t_s].join();
 }
 
+/** A closed polygon for drawing. */
 function polygon(points: readonly Point[]): Path2D {
   const path = new Path2D();
   points.forEach(([x, y]) => path.lineTo(x, y));

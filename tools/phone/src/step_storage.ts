@@ -1,33 +1,35 @@
-/** Storage of steps across visits. */
+/** Storage of the wearer's steps across visits of the page. */
 
+/** A stored step. `peak_n` and `start_unix_s` are those of `StoredStep`. */
 export interface StepRecord {
-  /** The wire message. */
+  /** The encoded message of the step. */
   message: Uint8Array;
   peak_n: number | null;
   start_unix_s: number | null;
 }
 
+/** A storage of steps. */
 export interface StepStorage {
   load(): Promise<StepRecord[]>;
   add(record: StepRecord): Promise<void>;
   clear(): Promise<void>;
 }
 
-/** Stores nothing across visits: for the steps of a recording. */
+/** Accepts steps without storing them. It is used for the steps of a recording, which must not be shown at the next visit. */
 export class TemporaryStorage implements StepStorage {
   load = () => Promise.resolve([]);
   add = () => Promise.resolve();
   clear = () => Promise.resolve();
 }
 
-/** For a browser without a database. Adding a step fails, so that it is not acknowledged and the insole does not delete it. */
+/** Is used if the browser has no database. Adding a step fails, so that the step is not acknowledged and remains on the insole. */
 export class NoStorage implements StepStorage {
   load = () => Promise.resolve([]);
   add = () => Promise.reject(new Error("This browser has no database."));
   clear = () => Promise.resolve();
 }
 
-/** The browser's database. */
+/** Stores steps in the browser's database. */
 export class DatabaseStorage implements StepStorage {
   private constructor(private readonly database: IDBDatabase) {}
 
@@ -58,8 +60,10 @@ export class DatabaseStorage implements StepStorage {
   }
 }
 
+/** The error of a database operation. */
 const failed = (error: DOMException | null) => error ?? new Error("The browser's database failed.");
 
+/** Resolves with the result of a request. */
 function done<T>(request: IDBRequest<T>): Promise<T> {
   return new Promise((resolve, reject) => {
     request.onsuccess = () => resolve(request.result);
@@ -67,6 +71,7 @@ function done<T>(request: IDBRequest<T>): Promise<T> {
   });
 }
 
+/** Resolves when a transaction is stored. */
 function complete(transaction: IDBTransaction): Promise<void> {
   return new Promise((resolve, reject) => {
     transaction.oncomplete = () => resolve();

@@ -1,24 +1,27 @@
-/** The steps of the wearer, each once: a step is stored before it is acknowledged, and ignored when the insole repeats it. */
+/** The steps of the wearer. A step is stored before it is acknowledged, and is ignored if the insole sends it again. */
 
 import type { Step } from "./generated/quantities";
 import type { ForceSample, StepMessage } from "./session";
 import type { StepRecord, StepStorage } from "./step_storage";
 import type { Wire } from "./wire";
 
+/** A step with the quantities that the page determined when the step arrived. */
 export interface StoredStep {
   step: Step;
-  /** Largest total force of the foot in the live frames; `null` where too many of these are missing. */
+  /** Largest total force on the foot in the live frames of the step; `null` if too many of these frames are missing. */
   peak_n: number | null;
-  /** Time of first contact on the browser's clock; `null` without a time from the insole. */
+  /** Time of first contact on the browser's clock, s since 1970; `null` if it is unknown. */
   start_unix_s: number | null;
 }
 
+/** Holds all steps that the page shows, and stores new steps. */
 export class StepStore {
   readonly steps: StoredStep[] = [];
-  /** Keys of the steps that an insole may repeat, oldest first. */
+  /** Keys of the steps that an insole may send again, oldest first. */
   private readonly recent = new Set<string>();
   /** Steps that are not in the storage yet, oldest first. */
   private readonly pending: StepRecord[] = [];
+  /** The last attempt to store the pending steps. The next attempt waits for its end. */
   private storing = Promise.resolve();
 
   constructor(
@@ -31,7 +34,8 @@ export class StepStore {
     const keys = new Set<string>();
     for (const { message, peak_n, start_unix_s } of await this.storage.load()) {
       const decoded = this.wire.decode(message);
-      // Steps of another protocol version remain in the storage. Two pages in one browser may have stored a step twice.
+      // Steps of another protocol version are not shown, but remain in the storage. If two pages were open in one browser, they may
+      // have stored a step twice.
       if (decoded?.kind !== "step" || keys.has(decoded.key)) continue;
       keys.add(decoded.key);
       this.steps.push({ step: decoded.step, peak_n, start_unix_s });
@@ -39,7 +43,7 @@ export class StepStore {
     }
   }
 
-  /** Adds a step, unless it is a repetition; resolves once it and all earlier steps are stored. */
+  /** Adds a step, unless it was added before. Resolves once this step and all earlier steps are stored. */
   add(
     { key, step }: StepMessage,
     message: Uint8Array,
@@ -56,6 +60,7 @@ export class StepStore {
     return this.storing;
   }
 
+  /** Deletes all steps. */
   async clear(): Promise<void> {
     this.steps.length = 0;
     this.pending.length = 0;
@@ -72,13 +77,16 @@ export class StepStore {
 
   private remember(key: string): void {
     this.recent.add(key);
-    // The insole of each foot repeats at most the steps in its queue.
+    // Each of the two insoles sends at most the steps in its queue again.
     const [oldest] = this.recent;
     if (oldest !== undefined && this.recent.size > 2 * this.wire.facts.step_queue) this.recent.delete(oldest);
   }
 }
 
-/** The peak force of the whole foot. A step only has the peaks of its regions, which do not occur at the same time. */
+/**
+ * The peak force on the whole foot during a step; `null` if too many live frames are missing. The step itself contains only the
+ * peaks of its regions, which do not occur at the same time.
+ */
 export function peakForce(step: Step, history: readonly ForceSample[]): number | null {
   const end_s = step.start_s + step.duration_s;
   const within = history.filter(({ t_s }) => t_s >= step.start_s - 1e-6 && t_s <= end_s + 1e-6);

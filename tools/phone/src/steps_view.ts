@@ -8,11 +8,12 @@ import { SIDES, sideTitle } from "./side";
 import type { StoredStep } from "./step_store";
 import { cadence_per_min, footMeasures, impulse_n_s, stepsOf, symmetryIndex } from "./walk";
 
-/** Number of steps of each foot in the trend. */
-const TREND = 60;
+/** Number of steps of each foot in the diagram. */
+const TREND_STEPS = 60;
 /** Largest number of rows in the table. */
 const ROWS = 200;
 
+/** Shows the steps. To be called after each change of the steps or of the settings. */
 export function drawSteps(steps: readonly StoredStep[], settings: Settings): void {
   const is_empty = steps.length === 0;
   byId("no-steps").hidden = !is_empty;
@@ -55,8 +56,10 @@ export function drawSteps(steps: readonly StoredStep[], settings: Settings): voi
   ]));
 }
 
+/** True if cells were masked in any region of the step. */
 const hasMaskedCells = (step: Step) => Object.values(step.regions).some(({ masked_cells }) => masked_cells > 0);
 
+/** A measure of the walk: its name, its value, and a detail below the value. */
 function card(name: string, value: string, detail: string): Node {
   return ["div", {}, ["dt", {}, name], ["dd", {}, value, ["small", {}, detail]]];
 }
@@ -67,7 +70,7 @@ function trend(steps: readonly StoredStep[], settings: Settings): Node[] {
   const series = SIDES.map((side) => ({
     side,
     values: stepsOf(steps, side)
-      .slice(-TREND)
+      .slice(-TREND_STEPS)
       .flatMap(({ peak_n }) => (peak_n === null ? [] : [Number(forceText(peak_n, settings, "")[0])])),
   })).filter(({ values }) => values.length > 0);
   if (series.length === 0) return [];

@@ -1,4 +1,7 @@
-/** A recorded stream. Each entry is the time in ms (u32), the insole (u8) and the length (u16), little endian, and the message. */
+/**
+ * A recorded stream of messages. Each entry consists of the time in ms (u32), the index of the insole (u8), the length of the
+ * message (u16) and the message. Numbers are little endian.
+ */
 
 import { INSOLES, type Insole } from "./transport/transport";
 
@@ -6,15 +9,17 @@ import { INSOLES, type Insole } from "./transport/transport";
 const HEAD = 7;
 const NOT_A_RECORDING = "This file is not a recording of insoles. Use a file that this page or plantar serve recorded.";
 
+/** A recorded message. */
 export interface Entry {
+  /** Time since the start of the recording. */
   t_ms: number;
   insole: Insole;
   message: Uint8Array;
 }
 
 /**
- * The entries of a file. An incomplete entry at the end, as after a recorder was stopped, is omitted. Throws an error with a
- * message for the wearer if the file is not a recorded stream.
+ * The entries of a file. If the recorder was interrupted while it wrote, the last entry is incomplete; it is omitted. Throws an
+ * error with a message for the wearer if the file is not a recorded stream.
  */
 export function* entries(bytes: Uint8Array): Generator<Entry> {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);

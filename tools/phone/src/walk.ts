@@ -4,28 +4,30 @@ import type { Side, Step } from "./generated/quantities";
 import { SIDES } from "./side";
 import type { StoredStep } from "./step_store";
 
-/** Longest stride. After a longer time between two steps of one foot, the wearer has stood. */
+/** Longest duration of a stride. If the time between two steps of one foot is longer, the wearer stood in between. */
 const LONGEST_STRIDE_S = 2.5;
-/** Number of the last steps of each foot over which measures are averaged. */
+/** Measures are averaged over this number of the last steps of each foot. */
 export const LATEST = 20;
 
+/** The steps of one foot. */
 export const stepsOf = (steps: readonly StoredStep[], side: Side) => steps.filter(({ step }) => step.side === side);
 
-/** Force-time integral of the whole foot. */
+/** Force-time integral of the whole foot in one step. */
 export const impulse_n_s = (step: Step) =>
   Object.values(step.regions).reduce((sum, region) => sum + region.measured_force_integral_n_s, 0);
 
+/** The mean; `null` if there are no values. */
 export function mean(values: readonly number[]): number | null {
   return values.length === 0 ? null : values.reduce((sum, value) => sum + value, 0) / values.length;
 }
 
-/** 200 (L - R) / (L + R), %: 0 for equal feet, positive for more on the left. */
+/** The symmetry index 200 (L - R) / (L + R), %. It is 0 for equal feet and positive if the value of the left foot is larger. */
 export function symmetryIndex(left: number | null, right: number | null): number | null {
   if (left === null || right === null || left + right === 0) return null;
   return (200 * (left - right)) / (left + right);
 }
 
-/** Steps of both feet per minute, from the strides of each foot. Only consecutive steps form a stride. */
+/** Steps of both feet per minute, computed from strides. Two steps of a foot form a stride if their numbers are consecutive. */
 export function cadence_per_min(steps: readonly StoredStep[]): number | null {
   const strides_s = SIDES.flatMap((side) => {
     const latest = stepsOf(steps, side).slice(-LATEST);
@@ -40,15 +42,19 @@ export function cadence_per_min(steps: readonly StoredStep[]): number | null {
   return stride_s === null ? null : 120 / stride_s;
 }
 
+/** Measures of one foot. All except `count` are means over the last {@link LATEST} steps; `null` if there are none. */
 export interface FootMeasures {
-  /** Number of all steps. */
+  /** Number of all stored steps of the foot. */
   count: number;
+  /** Peak force on the whole foot. */
   peak_n: number | null;
+  /** Force-time integral of the whole foot. */
   impulse_n_s: number | null;
+  /** Stance time. */
   contact_s: number | null;
 }
 
-/** Means over the last steps of a foot. */
+/** The measures of a foot. */
 export function footMeasures(steps: readonly StoredStep[], side: Side): FootMeasures {
   const all = stepsOf(steps, side);
   const latest = all.slice(-LATEST);

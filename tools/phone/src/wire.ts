@@ -1,9 +1,9 @@
-/** The core as WebAssembly: decodes and encodes messages, relates the clocks of insoles to the browser's, counts lost frames. */
+/** The core of the page, as WebAssembly: it decodes and encodes messages, converts the times of insoles, and counts lost frames. */
 
 import type { Facts, ToHost } from "./generated/messages";
 import { INSOLES, type Insole } from "./transport/transport";
 
-/** The exports of tools/phone/wire. Functions that write to the shared buffer return the length of its content. */
+/** The exports of tools/phone/wire, where they are described. If one writes to the shared buffer, it returns the length written. */
 interface Exports {
   memory: WebAssembly.Memory;
   resize_buffer(length: number): number;
@@ -27,22 +27,24 @@ interface Exports {
   counter_lost(index: number): number;
 }
 
-/** The clock of an insole relative to the browser's, so that both feet share one time axis. */
+/** Converts times of an insole's clock to times of the browser's clock, so that the times of both feet can be compared. */
 export class Axis {
   constructor(
     private readonly core: Exports,
     private readonly index: number,
   ) {}
 
+  /** Removes the answers received so far. */
   clear(): void {
     this.core.axis_clear(this.index);
   }
 
+  /** Adds a time message of the insole: the page's time in the request, and the insole's time when the request arrived. */
   answer({ host_us, device_us }: { host_us: number; device_us: number }): void {
     this.core.axis_answer(this.index, host_us, device_us);
   }
 
-  /** Seconds since 1970 when the insole's clock showed `device_s`; `null` before the first answer. */
+  /** The time, s since 1970, at which the insole's clock showed `device_s`; `null` before the first answer. */
   unix_s(device_s: number): number | null {
     const unix_us = this.core.axis_unix_us(this.index, Math.round(device_s * 1e6));
     return Number.isNaN(unix_us) ? null : unix_us / 1e6;
@@ -60,16 +62,17 @@ export class LiveCounter {
     this.core.counter_clear(this.index);
   }
 
-  /** Begins a session, whose sequence numbers start again. */
+  /** To be called when a session begins, because its sequence numbers start at 0. */
   newSession(): void {
     this.core.counter_new_session(this.index);
   }
 
+  /** Counts a live frame. A gap in the sequence numbers counts as lost frames. */
   frame(sequence: number): void {
     this.core.counter_frame(this.index, sequence);
   }
 
-  /** Compares with the insole's own count of the frames of this session. */
+  /** Compares the received frames with the insole's own count of the frames of this session, which reveals further losses. */
   due(live_due: number): void {
     this.core.counter_due(this.index, live_due);
   }
@@ -83,6 +86,7 @@ export class LiveCounter {
   }
 }
 
+/** The functions of the core. */
 export class Wire {
   readonly facts: Facts;
   private readonly text = new TextDecoder();
@@ -96,7 +100,7 @@ export class Wire {
     return new Wire(instance.exports as unknown as Exports);
   }
 
-  /** The message; `undefined` for bytes that are not a message of this version. */
+  /** Decodes a message. Returns `undefined` for bytes that are not a message of this version. */
   decode(bytes: Uint8Array): ToHost | undefined {
     const at = this.core.resize_buffer(bytes.length);
     new Uint8Array(this.core.memory.buffer, at, bytes.length).set(bytes);
@@ -121,7 +125,7 @@ export class Wire {
   }
 
   private read(length: number): Uint8Array {
-    // A new view each time, because the memory may have grown or moved.
+    // The view is created each time, because the memory may have grown, which invalidates earlier views.
     return new Uint8Array(this.core.memory.buffer, this.core.result(), length);
   }
 }

@@ -11,7 +11,7 @@ beforeAll(async () => {
   wire = await loadWire();
 });
 
-/** An encoded `time` message: the message number 6 and two varints. */
+/** An encoded `time` message. It consists of the message number, which is 6, and two varints. */
 function timeMessage(host_us: number, device_us: number): Uint8Array {
   const varint = (value: number): number[] => (value < 128 ? [value] : [(value % 128) | 128, ...varint(Math.floor(value / 128))]);
   return Uint8Array.of(6, ...varint(host_us), ...varint(device_us));
@@ -32,15 +32,16 @@ test("a live row has the times of both clocks, the side, and the values of each 
   expect([right[0], right[1], right[3], right[4]]).toEqual(["", "0.525", "0", "0"]);
 });
 
-test("the times of both feet are on the browser's clock if the recording has time messages", () => {
+test("the times of both feet are those of the browser's clock if the recording contains time messages", () => {
   const recorded = [...entries(walk)].map((entry) => ({ ...entry }));
-  // The page sent its request at 1000 s since 1970, when the left insole's clock showed 0.5 s and the right one's 0.1 s.
+  // The page sent its requests 1000 s after the start of 1970. At this time, the clock of the left insole showed 0.5 s and the
+  // clock of the right insole 0.1 s.
   const answers: [0 | 1, number][] = [[0, 500_000], [1, 100_000]];
   const times = answers.map(([insole, device_us]) => ({ t_ms: 0, insole, message: timeMessage(1_000_000_000, device_us) }));
   const rows = liveCsv([...recorded, ...times], wire).slice(1).map(cells);
-  for (const [side, ahead_s] of [["left", 0.5], ["right", 0.1]] as const) {
+  for (const [side, device_s] of [["left", 0.5], ["right", 0.1]] as const) {
     const first = rows.find((row) => row[2] === side)!;
-    expect(Number(first[0])).toBeCloseTo(1000 - ahead_s + Number(first[4]), 5);
+    expect(Number(first[0])).toBeCloseTo(1000 - device_s + Number(first[4]), 5);
   }
 });
 
@@ -64,7 +65,7 @@ test("a step has one row for each region", () => {
   });
 });
 
-test("a recording begins with the hellos and contains the messages until it is stopped", () => {
+test("a recording begins with the hello messages and ends when it is stopped", () => {
   const recorder = new Recorder();
   const [hello, frame] = messagesOf(1);
   recorder.add(1, frame!, 5);
@@ -78,7 +79,7 @@ test("a recording begins with the hellos and contains the messages until it is s
   ]);
 });
 
-test("a file that was cut off ends with its last complete message", () => {
+test("an incomplete message at the end of a file is omitted", () => {
   const first = { t_ms: 1, insole: 0 as const, message: Uint8Array.of(1, 2, 3) };
   const bytes = Uint8Array.of(...entry(first), ...entry({ ...first, t_ms: 2 }));
   for (let length = 10; length < bytes.length; length += 1) {

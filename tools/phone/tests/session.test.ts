@@ -12,17 +12,18 @@ beforeAll(async () => {
   wire = await loadWire();
 });
 
-/** Starts a session. `decode` replaces the decoding of messages. */
+/** Starts a session. If `decode` is given, it replaces the decoding of messages. */
 function start(decode?: (bytes: Uint8Array) => ToHost | undefined) {
   const sent: Uint8Array[] = [];
   const steps: Step[] = [];
   const send = (_: unknown, message: Uint8Array) => sent.push(message);
-  const transport: Transport = { place: "in a test", is_replay: false, send, close: () => undefined };
+  const transport: Transport = { location: "in a test", is_replay: false, send, close: () => undefined };
   const core = decode ? (Object.assign(Object.create(wire), { decode }) as Wire) : wire;
   const session = new Session(0, core, () => transport, ({ step }) => steps.push(step));
   return { session, sent, steps };
 }
 
+/** The counters of the messages of a session. */
 const counts = ({ counter, damaged }: Session) => ({ received: counter.received, lost: counter.lost, damaged });
 
 function hello(major: number): ToHost {
@@ -42,11 +43,12 @@ test("a session sends connect requests until the insole answers, then requests t
   expect(sent.at(-1)).toEqual(wire.stream(true));
 });
 
-test("the computed walk arrives completely, with its steps", () => {
+test("all frames and steps of the computed walk are received", () => {
   const { session, steps } = start();
   session.opened(0);
   messagesOf(1).forEach((message, i) => session.receive(message, i));
   expect(session.hello?.side).toBe("right");
+  // The hello and the six steps are not live frames.
   expect(counts(session)).toEqual({ received: messagesOf(1).length - 7, lost: 0, damaged: 0 });
   expect(steps.map(({ step }) => step)).toEqual([0, 1, 2, 3, 4, 5]);
 });

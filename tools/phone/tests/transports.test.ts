@@ -7,7 +7,7 @@ import { WebSocketTransport } from "../src/transport/websocket";
 beforeEach(() => void vi.useFakeTimers());
 afterEach(() => void vi.useRealTimers());
 
-/** Logs transport events as texts, in their order. */
+/** Transport events that are logged as texts, in the order of their occurrence. */
 function logEvents() {
   const log: string[] = [];
   const events: TransportEvents = {
@@ -40,6 +40,7 @@ test("a recording is played at its own speed, in a loop", () => {
   expect(log).toHaveLength(length);
 });
 
+/** Replaces the browser's WebSocket. */
 class Socket {
   static readonly OPEN = 1;
   static all: Socket[] = [];

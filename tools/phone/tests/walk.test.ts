@@ -8,7 +8,7 @@ function stored(values: Parameters<typeof step>[0], peak_n: number | null = null
   return { step: step(values), peak_n, start_unix_s: null };
 }
 
-test("the symmetry index is 0 for equal feet, positive for more on the left, and null without both", () => {
+test("the symmetry index is 0 for equal feet, positive if the left value is larger, and null without two values", () => {
   expect(symmetryIndex(800, 800)).toBe(0);
   expect(symmetryIndex(900, 700)).toBe(25);
   expect(symmetryIndex(700, 900)).toBe(-25);
@@ -16,7 +16,7 @@ test("the symmetry index is 0 for equal feet, positive for more on the left, and
   expect(symmetryIndex(0, 0)).toBeNull();
 });
 
-test("the cadence is that of both feet, also when computed from the steps of one foot", () => {
+test("the cadence counts the steps of both feet, even if the steps of only one foot are known", () => {
   const left = [0, 1, 2, 3].map((n) => stored({ step: n, start_s: 10 + n * 1.2 }));
   const right = [0, 1, 2, 3].map((n) => stored({ side: "right", step: n, start_s: 77 + n * 1.2 }));
   expect(cadence_per_min(left)).toBeCloseTo(100);
@@ -35,7 +35,7 @@ test("intervals across a missing step, a pause or a restart are not strides", ()
   expect(cadence_per_min(steps)).toBe(120);
 });
 
-test("means are over the last steps, and the mean peak over the known peaks", () => {
+test("means are computed from the last 20 steps, and the mean peak force from the steps with a known peak", () => {
   const steps = Array.from({ length: 30 }, (_, n) => stored({ step: n, duration_s: n < 10 ? 9 : 0.6 }, n % 2 ? 800 : null));
   const left = footMeasures(steps, "left");
   expect(left).toEqual({ count: 30, peak_n: 800, impulse_n_s: 0, contact_s: expect.closeTo(0.6) });

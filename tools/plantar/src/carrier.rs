@@ -24,7 +24,8 @@ pub struct Connection {
     /// Bit rate of the serial port.
     #[arg(long, default_value_t = 460_800, requires = "serial")]
     baud: u32,
-    /// Bluetooth: left or right selects the insole of this foot; with several insoles in range, give the insole's address.
+    /// Connect over Bluetooth to the insole of this foot, left or right. If several such insoles are in range, give the insole's
+    /// Bluetooth address instead.
     #[cfg(feature = "ble")]
     #[arg(long, value_name = "FOOT", group = "insole")]
     ble: Option<Selector>,
@@ -34,12 +35,12 @@ pub struct Connection {
 pub type Insole = Link<Box<dyn Carrier>>;
 
 impl Connection {
-    /// Opens a session.
+    /// Opens a carrier and a session with the insole.
     pub fn open(&self, policy: ReconnectPolicy) -> Result<Insole> {
         let connection = self.clone();
         let open = move || connection.carrier().map_err(open_error);
         Link::connect(Box::new(open), policy).map_err(|error| match error {
-            // The error of `carrier` names the connection already.
+            // An error of `carrier` already names the connection.
             Error::Open(error) => anyhow!(error),
             error => anyhow::Error::new(error).context(self.to_string()),
         })
@@ -73,7 +74,7 @@ pub fn open_error(error: anyhow::Error) -> Error {
     Error::Open(error.into())
 }
 
-/// Connects to an insole, or a bridge to one, on the network.
+/// Connects to an insole on the network, or to a bridge that forwards the bytes of an insole.
 pub fn open_tcp(address: &str) -> Result<TcpStream> {
     let stream = TcpStream::connect(address)
         .with_context(|| format!("cannot connect to {address}: is the insole or its bridge running there?"))?;
@@ -86,15 +87,14 @@ pub fn open_tcp(address: &str) -> Result<TcpStream> {
 pub fn open_serial(port: &str, baud: u32) -> Result<Box<dyn SerialPort>> {
     serialport::new(port, baud).timeout(READ_TIMEOUT).open().map_err(|error| {
         let remedy = match error.kind() {
-            // The port exists, so another program has locked it.
+            // The port exists, so another program uses it exclusively.
             ErrorKind::NoDevice if Path::new(port).exists() => "another program uses it: close that program".into(),
             ErrorKind::NoDevice | ErrorKind::Io(io::ErrorKind::NotFound) => match known_ports() {
                 Some(known) => format!("plug the insole in, or name another port; this computer has {known}"),
                 None => "plug the insole in; this computer has no serial port".into(),
             },
             ErrorKind::Io(io::ErrorKind::PermissionDenied) => {
-                "your user may not open it; on Linux, join the group of the port, often dialout, and log in again"
-                    .into()
+                "you may not open it; on Linux, join the group of the port, often dialout, and log in again".into()
             }
             _ => format!("is it a serial port, and does it support {baud} bit/s?"),
         };
@@ -102,6 +102,7 @@ pub fn open_serial(port: &str, baud: u32) -> Result<Box<dyn SerialPort>> {
     })
 }
 
+/// The names of this computer's serial ports, or `None` if there is none.
 fn known_ports() -> Option<String> {
     let names: Vec<_> = serialport::available_ports().ok()?.into_iter().map(|port| port.port_name).collect();
     (!names.is_empty()).then(|| names.join(", "))

@@ -10,7 +10,7 @@ use crate::table::Row;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use fit::steps::isolate;
-use fit::{Options, Step, Unfit, fit_step};
+use fit::{NotFitted, Options, Step, fit_step};
 use parameters::{InsoleSize, Participant};
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
@@ -24,33 +24,35 @@ use table::Origin;
 
 /// Fits each step of many participants separately, as the paper does, and computes means by insole size.
 ///
-/// The folder contains one folder per participant with that person's recordings
-/// (*.parquet): any number of trials, both feet. A file participant.toml beside
-/// them is optional, as are all of its lines; paths are relative to it:
+/// FOLDER contains one folder per participant with that person's recordings
+/// (*.parquet): any number of trials, both feet. A participant's folder can also
+/// contain a file participant.toml. All of its lines are optional, and its paths
+/// are relative to the participant's folder:
 ///
-///   size = 41                    # European shoe size, instead of --size
-///   mass_kg = 70.5               # a column of the table
-///   zero = "zero.toml"           # made by `plantar zero`
-///   thickness = "thickness.toml" # instead of --thickness
+///   size = 41                    # European shoe size; replaces --size
+///   mass_kg = 70.5               # is copied to a column of the table
+///   zero = "zero.toml"           # baseline file, from `plantar zero`
+///   thickness = "thickness.toml" # tissue thickness; replaces --thickness
 ///
-/// The table is a folder with TABLE/participant=NAME/steps.parquet, one row per
-/// step and region, which DuckDB, Spark and Dask can read. Run the same command
-/// again after an interruption or a change: a participant is processed again
-/// only where files, options or the program changed, or where something had
-/// been left out.
+/// The table is a folder with one file TABLE/participant=NAME/steps.parquet per
+/// participant. It has one row per step and region, and DuckDB, Spark and Dask
+/// can read it. After an interruption or a change, run the same command again:
+/// it processes only participants whose files or options changed, or of whom a
+/// recording could not be used before. A new version of the program processes
+/// all participants again.
 ///
-/// Exit status: 0 where nothing had to be left out, 3 where something had to,
-/// 1 where no step of any participant was found.
+/// Exit status: 0 if all participants and recordings were used, 3 if some could
+/// not be used, 1 if no step of any participant was found.
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct Cohort {
     /// The participants' folders.
     #[arg(value_name = "FOLDER")]
     participants: PathBuf,
-    /// The table to write, a folder.
+    /// The folder of the table to write.
     #[arg(long, value_name = "TABLE")]
     out: PathBuf,
-    /// Write means and standard deviations over the participants of each size to this file: .csv.
+    /// Also write the means and standard deviations over the participants of each insole size to this CSV file.
     #[arg(long, value_name = "FILE")]
     summary: Option<PathBuf>,
     #[command(flatten)]
@@ -62,17 +64,17 @@ pub struct Cohort {
 /// A processed participant.
 struct Processed {
     means: Means,
-    /// The rows were in the table already and are up to date.
+    /// The rows in the table were already up to date.
     is_cached: bool,
-    /// The insole size is known.
+    /// The participant's file states the insole size.
     has_size: bool,
 }
 
 impl Cohort {
-    /// Runs the command. Returns true where nothing had to be left out.
+    /// Runs the command. Returns true if all participants and recordings were used.
     pub fn run(&self) -> Result<bool> {
         let start = Instant::now();
-        // Invalid options are reported once, because they would fail for every participant.
+        // Checks the options once, because invalid options would cause an error for every participant.
         self.search.options(0)?;
         self.contact.rule(None)?;
         let names = self.names()?;
@@ -83,7 +85,7 @@ impl Cohort {
             let path = table::path(&self.out, name);
             let done = self.participant(name, &path, &mut left_out).map_err(|error| {
                 left_out.push(format!("{error:#}"));
-                // A file of an earlier run would be in the table, but not in the summary.
+                // Otherwise a file of an earlier run would remain in the table, without being part of the summary.
                 let _ = fs::remove_file(path);
             });
             bar.inc(1);
@@ -124,14 +126,14 @@ impl Cohort {
         Ok(names)
     }
 
-    /// Prints a note on stderr where the table has participants that are not in the folder.
+    /// Prints a note on stderr for each participant in the table that has no folder.
     fn note_others(&self, names: &[String]) -> Result<()> {
         let known: Vec<_> = names.iter().map(|name| table::path(&self.out, name)).collect();
         for entry in fs::read_dir(&self.out)? {
             let path = entry?.path().join("steps.parquet");
             if path.exists() && !known.contains(&path) {
                 eprintln!(
-                    "note: {} belongs to no participant in the folder: remove it unless you need it",
+                    "note: the table has {}, but this participant has no folder: remove the file unless you need it",
                     path.display()
                 );
             }
@@ -139,13 +141,14 @@ impl Cohort {
         Ok(())
     }
 
-    /// Adds a participant to the table, unless the table is up to date. Adds the reasons for unusable recordings to `left_out`.
+    /// Writes the participant's rows to the file `path` of the table, unless that file is up to date. Adds the reasons why
+    /// recordings cannot be used to `left_out`.
     fn participant(&self, name: &str, path: &Path, left_out: &mut Vec<String>) -> Result<Processed> {
         let person = self.person(&self.participants.join(name))?;
-        let has_size = person.known.size.is_some();
+        let has_size = person.settings.size.is_some();
         let done = |rows: &[_], is_cached| Processed { means: Means::of(rows), is_cached, has_size };
         let made_from = person.made_from()?;
-        // A file that cannot be read is written again.
+        // A file that cannot be read counts as out of date and is replaced.
         if let Ok((before, rows)) = table::read(path)
             && before == made_from
         {
@@ -160,20 +163,21 @@ impl Cohort {
         }
         if rows.is_empty() {
             let count = person.recordings.len();
-            bail!("{}: {count} recordings (*.parquet), {}", person.folder.display(), Unfit::NoSteps);
+            bail!("{}: {count} recordings (*.parquet), {}", person.folder.display(), NotFitted::NoSteps);
         }
-        // Recordings that were left out are tried again in the next run.
+        // Without a description of its inputs the file is out of date, so the next run tries the unusable recordings again.
         let made_from = if left_out.is_empty() { made_from } else { String::new() };
         crate::table::write(path, Some((table::KEY, &made_from)), &rows)?;
         Ok(done(&table::read(path)?.1, false))
     }
 
+    /// Reads a participant's folder.
     fn person(&self, folder: &Path) -> Result<Person> {
         let file = folder.join("participant.toml");
-        let known = if file.exists() { Participant::read(&file)? } else { Participant::default() };
+        let settings = if file.exists() { Participant::read(&file)? } else { Participant::default() };
         let mut search = self.search.clone();
-        search.size = known.size.unwrap_or(search.size);
-        search.thickness = known.thickness.clone().or(search.thickness);
+        search.size = settings.size.unwrap_or(search.size);
+        search.thickness = settings.thickness.clone().or(search.thickness);
         let mut recordings = Vec::new();
         for entry in fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))? {
             recordings.push(entry?.path());
@@ -186,10 +190,11 @@ impl Cohort {
             size: search.size,
             options: search.options(0)?,
             contact: self.contact.rule(None)?,
-            known,
+            settings,
         })
     }
 
+    /// Prints the means and the counts of the run, and writes the summary. `start` is the time at which the run began.
     fn report(&self, done: Vec<Processed>, start: Instant) -> Result<()> {
         let count = |is: fn(&Processed) -> bool| done.iter().filter(|done| is(done)).count();
         let (cached, unknown) = (count(|done| done.is_cached), count(|done| !done.has_size));
@@ -198,14 +203,17 @@ impl Cohort {
         summary::print(&means);
         println!("Contact: {}.", rule_in_words(&self.contact.rule(None)?));
         if unknown > 0 {
-            println!("{unknown} participants without a size in participant.toml count as size {}.", self.search.size);
+            println!(
+                "{unknown} participants without a size in participant.toml are counted as size {}.",
+                self.search.size
+            );
         }
         if let Some(path) = &self.summary {
             summary::write(path, &means)?;
             println!("wrote {}", path.display());
         }
         println!(
-            "wrote {}: {steps} steps of {} participants in {:.1} s; {cached} participants were in the table already",
+            "wrote {}: {steps} steps of {} participants in {:.1} s; {cached} participants were already up to date",
             self.out.display(),
             means.len() - cached,
             start.elapsed().as_secs_f64()
@@ -218,19 +226,21 @@ impl Cohort {
 struct Person {
     folder: PathBuf,
     recordings: Vec<PathBuf>,
-    known: Participant,
-    /// The participant's size, or the default.
+    /// The values of participant.toml, or none without this file.
+    settings: Participant,
+    /// The size in participant.toml, or else the option --size.
     size: InsoleSize,
     options: Options,
     contact: ContactRule,
 }
 
 impl Person {
-    /// A description of all inputs of the rows, and of the program's version.
+    /// Describes everything that determines the rows: the files with their sizes and times, the options and the program's
+    /// version.
     fn made_from(&self) -> Result<String> {
-        let Self { known, size, options, contact, .. } = self;
-        let mut text = format!("{} {size} {known:?} {options:?} {contact:?}", env!("PLANTAR_VERSION"));
-        for path in self.recordings.iter().chain(&known.zero) {
+        let Self { settings, size, options, contact, .. } = self;
+        let mut text = format!("{} {size} {settings:?} {options:?} {contact:?}", env!("PLANTAR_VERSION"));
+        for path in self.recordings.iter().chain(&settings.zero) {
             let file = path.metadata().with_context(|| format!("cannot read {}", path.display()))?;
             let name = path.file_name().unwrap_or_default();
             text += &format!("\n{name:?} {} {:?}", file.len(), file.modified()?);
@@ -245,7 +255,7 @@ impl Person {
             self.steps(&recording).with_context(|| format!("{}: the recording cannot be evaluated", path.display()))?;
         let origin = Origin {
             size: self.size,
-            mass_kg: self.known.mass_kg,
+            mass_kg: self.settings.mass_kg,
             recording: &path.file_name().unwrap_or_default().to_string_lossy(),
             contact: self.contact,
             options: self.options,
@@ -258,9 +268,10 @@ impl Person {
         Ok(regions.map(row).collect())
     }
 
+    /// The complete steps of a recording.
     fn steps(&self, recording: &Recording) -> Result<Vec<Step>> {
         let mut insole = setup::insole(recording, self.contact)?;
-        ZeroArgs { zero: self.known.zero.clone() }.apply(&mut insole)?;
+        ZeroArgs { zero: self.settings.zero.clone() }.apply(&mut insole)?;
         let (steps, _) = isolate(recording, &insole, 0, &mut |_| ())?;
         Ok(steps)
     }

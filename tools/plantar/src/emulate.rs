@@ -1,4 +1,4 @@
-//! `plantar emulate`: plays a recording into the real firmware.
+//! `plantar emulate`: plays a recording into the real firmware, which runs in QEMU.
 
 use crate::setup::{self, ContactArgs, WearerArgs, ZeroArgs};
 use crate::summary;
@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 /// The path at which `cargo xtask build` writes the firmware of the emulated board.
 pub const FIRMWARE: &str = "target/thumbv7em-none-eabihf/firmware/emulated";
-/// An insole with a live stream is never silent for this long, however slow the emulator is.
+/// An insole that sends a live stream is silent for a shorter time than this, even in a slow emulator.
 const SILENCE: Duration = Duration::from_secs(10);
 
 /// Starts the firmware in QEMU, plays a recording into its sensor matrix, and shows the messages from its link.
@@ -35,27 +35,29 @@ pub struct Emulate {
     contact: ContactArgs,
     #[command(flatten)]
     zero: ZeroArgs,
-    /// Play in real time, or as fast as the emulator runs.
+    /// Play in real time (real), or as fast as the emulator runs (max).
     #[arg(long, value_enum, default_value_t = Speed::Real)]
     speed: Speed,
-    /// An electrical fault of the sensor, KIND:PLACE[=VALUE][@SECONDS]; repeat the option for more. Cells are numbered as in a
-    /// frame, by region; a row of the matrix has 16 cells. Kinds: open-cell:17, open-row:3, open-column:5 (no contact),
-    /// short-cell:17, short-row:3, short-column:5 (full scale), stuck:17=12000 (always this code), saturate:17 (full scale once
-    /// loaded), drift:17=50/s (the baseline changes by so many codes per second), crosstalk:3=0.1 (the cells of a row also read
-    /// this fraction of its most loaded cell).
+    /// Inject an electrical fault of the sensor, KIND:PLACE[=VALUE][@SECONDS]. It begins SECONDS after the start of the walk, or
+    /// at once. Repeat the option for several faults. Examples of all kinds: open-cell:17, open-row:3, open-column:5 (no
+    /// contact); short-cell:17, short-row:3, short-column:5 (full scale); stuck:17=12000 (always this code); saturate:17 (full
+    /// scale already under a small load); drift:17=50/s (the baseline changes by this number of codes per second);
+    /// crosstalk:3=0.1 (each cell of row 3 also reads this fraction of the load of the row's most loaded other cell). PLACE is
+    /// the number of a cell, row or column, from 0. The virtual insole numbers its cells by region; each row of its matrix has 16
+    /// cells.
     #[arg(long, value_name = "FAULT")]
     fault: Vec<SensorFault>,
-    /// End after this many steps.
+    /// End the walk after this number of steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
-    /// Write the steps, the mean error of the model per region and the counters of the live frames to this file.
+    /// Write the steps, the mean error of the model in each region and the counters of the live frames to this JSON file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Write the firmware's log to this file, a line per message: time, level and text.
+    /// Write the firmware's log to this file. Each line has time, level and text of a message.
     #[cfg(feature = "log")]
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
-    /// The firmware of the emulated board.
+    /// The firmware file of the emulated board, from `cargo xtask build`.
     #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
     firmware: PathBuf,
 }
@@ -66,14 +68,14 @@ enum Speed {
     Max,
 }
 
-/// A recording and the virtual insole that measures it.
+/// A recording, and the virtual insole that converts its pressures to the codes of a sensor.
 pub struct EmulatedInsole {
     pub recording: Recording,
     pub insole: VirtualInsole,
 }
 
 impl EmulatedInsole {
-    /// Reads a recording for the emulated board, and prints its source.
+    /// Reads a recording for the emulated board, and prints the recording's source.
     pub fn new(path: &Path, parameters: &Parameters, contact: &ContactArgs, zero: &ZeroArgs) -> Result<Self> {
         let recording = Recording::read(path)?;
         if recording.cells() > DEVICE_CELLS {
@@ -87,14 +89,14 @@ impl EmulatedInsole {
         let mut insole = setup::insole(&recording, contact.rule(parameters.identified.as_ref())?)
             .with_context(|| path.display().to_string())?;
         zero.apply(&mut insole)?;
-        // An invalid set-up is refused here with its reason; the board could not report it.
+        // Refuses an invalid set-up with the reason, which the board could not report.
         let accepted = Insole::<f32, DEVICE_CELLS>::new().set_up(insole.setup, insole.cells.iter().copied());
         accepted.with_context(|| format!("{} cannot be played into an insole", path.display()))?;
         Ok(Self { recording, insole })
     }
 }
 
-/// The result of a walk.
+/// The steps of a walk, and the insole's counters after it.
 struct Outcome {
     steps: Vec<Step>,
     status: Status,
@@ -129,13 +131,14 @@ impl Emulate {
         let link = board.link()?;
         link.set_read_timeout(Some(READ_TIMEOUT))?;
         let result = self.walk(&board, link, &tissue, seconds, scans);
-        // The log explains a failure, too.
+        // The log is written even after a failure, because it can explain the failure.
         #[cfg(feature = "log")]
         self.write_log(&board)?;
         result
     }
 
-    /// Streams the walk, and prints and writes its outcome.
+    /// Plays the walk, and prints and writes its outcome. `seconds` is the duration of the recording, `scans` the number of scans
+    /// of the walk.
     fn walk(&self, board: &Board, link: TcpStream, tissue: &Tissue, seconds: f64, scans: u32) -> Result<()> {
         let mut client = Client::connect(Framed::new(link), ReconnectPolicy::STREAM.answer)?;
         client.set_tissue(tissue)?;
@@ -148,16 +151,16 @@ impl Emulate {
         summary::print(&steps);
         summary::print_faults_of(&mut client);
         println!(
-            "{} frames of {seconds:.1} s in {:.1} s; live frames: {} sent, {} received, {} lost, {} damaged; scans \
-             missed: {}, overrun: {}",
+            "the insole processed {} frames of a walk of {seconds:.1} s in {:.1} s; {} scans were incomplete, and {} \
+             were dropped because processing was late; live frames: {} sent, {} received, {} lost, {} damaged",
             status.frames,
             start.elapsed().as_secs_f64(),
+            status.frames_missed,
+            status.frames_overrun,
             counters.frames_sent,
             counters.frames_received,
             counters.frames_lost,
-            counters.crc_errors,
-            status.frames_missed,
-            status.frames_overrun
+            counters.crc_errors
         );
         if let Some(path) = &self.json {
             let errors: serde_json::Map<_, _> = Region::ALL
@@ -180,7 +183,8 @@ impl Emulate {
         std::fs::write(path, lines).with_context(|| format!("cannot write {}", path.display()))
     }
 
-    /// Receives until the walk is over and all of its messages arrived, or until the user or a limit ends it.
+    /// Receives messages until the walk is over and all of its messages arrived, or until the user ends the command or --steps is
+    /// reached.
     fn follow(
         &self,
         board: &Board,
@@ -204,7 +208,7 @@ impl Emulate {
                         steps.push(step);
                     }
                 }
-                // A status follows all messages that were due before it.
+                // The insole sends its status after all messages that were due before, so none of them is missing.
                 Some(ToHost::Status(status)) => {
                     let done = status.frames + status.frames_missed + status.frames_overrun;
                     if done >= scans || self.has_enough(&steps) || view.wants_to_end()? {
@@ -213,7 +217,7 @@ impl Emulate {
                     is_status_pending = false;
                 }
                 Some(ToHost::Hello(hello)) => bail!(restarted(&hello)),
-                // Answers to requests that are not sent here.
+                // The other messages answer requests that this command does not send.
                 Some(_) => {}
                 None if last_message.elapsed() > SILENCE => {
                     bail!(restarted(
@@ -239,7 +243,11 @@ impl Emulate {
     }
 }
 
+/// The error message for an insole that restarted during the walk.
 fn restarted(hello: &Hello) -> String {
-    let reason = hello.last_panic.as_deref().unwrap_or("no fault reported");
-    format!("the insole restarted (reset reason: {}, {reason}): its steps so far are lost", hello.reset.name())
+    let reason = hello.last_panic.as_deref().unwrap_or("no failure reported");
+    format!(
+        "the insole restarted during the walk (reset reason: {}, {reason}): its steps are not shown",
+        hello.reset.name()
+    )
 }

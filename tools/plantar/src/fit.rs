@@ -21,29 +21,29 @@ use std::str::FromStr;
 /// code, and each region is fitted separately. Send the resulting file to an insole with `plantar params push`, and use it in
 /// `plantar replay` and `plantar emulate` with --params.
 ///
-/// Exit status: 0 where all eight regions were fitted, 3 where some were, 1 where none was.
+/// Exit status: 0 if all eight regions were fitted, 3 if only some were, 1 if none was.
 #[derive(Args)]
 pub struct Fit {
-    /// The recordings.
+    /// The recordings, all of one person.
     #[arg(required = true, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
     /// The parameter file to write.
     #[arg(long, value_name = "FILE", default_value = "params.toml")]
     out: PathBuf,
-    /// Write a report with pictures to this file: .html, which loads nothing from a network.
+    /// Write a report with pictures to this HTML file, which can be read without a network.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Write the pictures of the report to this file: .png.
+    /// Write the pictures of the report to this PNG file.
     #[cfg(feature = "png")]
     #[arg(long, value_name = "FILE")]
     png: Option<PathBuf>,
-    /// Write all results to this file.
+    /// Write all results to this JSON file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Name of the person [default: the name of the first recording].
+    /// Name of the person [default: the file name of the first recording].
     #[arg(long, value_name = "NAME")]
     participant: Option<String>,
-    /// Fit only to these steps of every recording, counted from 0: N or N-M.
+    /// Use only these steps of every recording: a number N or a range N-M, counted from 0.
     #[arg(long, value_name = "STEPS")]
     steps: Option<StepRange>,
     #[command(flatten)]
@@ -57,22 +57,25 @@ pub struct Fit {
 /// Filter, method and bounds of the identification.
 #[derive(Clone, Args)]
 pub struct Search {
-    /// Which of the insole's filters to use: that of the step record or that of the live stream.
+    /// The filter of the insole through which the contact area passes: the filter of the step record (step) or of the live stream
+    /// (live). The parameters are valid only for that one.
     #[arg(long, value_enum, default_value_t = FilterName::Step)]
     filter: FilterName,
-    /// The method: five parameters by variable projection or, for comparison, the paper's eight from ten starts.
+    /// The search: five parameters by variable projection (projection) or, for comparison, the paper's search for eight
+    /// parameters from ten random starts (paper).
     #[arg(long, value_enum, default_value_t = MethodName::Projection)]
     method: MethodName,
-    /// Allow a negative stiffness exponent, down to -0.95. The paper does not, but many regions fit better with it.
+    /// Allow a negative stiffness exponent n, down to -0.95. The paper does not allow it, but many regions then fit better.
     #[arg(long)]
     negative_n: bool,
-    /// Tissue thickness in mm, a TOML file with lines such as `heel = 17.5`; other regions have the value of the table.
+    /// Measured tissue thickness in mm: a TOML file with lines such as `heel = 17.5`. For regions that it does not name, --size
+    /// determines the thickness.
     #[arg(long, value_name = "FILE")]
     pub(crate) thickness: Option<PathBuf>,
-    /// European shoe size, 35 to 46, which selects the tissue thickness from the table.
+    /// European shoe size, 35 to 46, to which the typical tissue thickness is scaled.
     #[arg(long, default_value_t)]
     pub(crate) size: InsoleSize,
-    /// Largest compression of the tissue as a fraction of its thickness; it determines C.
+    /// Assumed largest compression of the tissue, as a fraction of its thickness. It determines the vertical radius C.
     #[arg(long, value_name = "FRACTION", default_value_t = COMPRESSION)]
     compression: f64,
 }
@@ -89,7 +92,7 @@ enum MethodName {
     Paper,
 }
 
-/// First and last step.
+/// The numbers of the first and the last step.
 #[derive(Clone, Copy)]
 struct StepRange(u32, u32);
 
@@ -106,7 +109,7 @@ impl FromStr for StepRange {
 }
 
 impl Search {
-    /// The library's options.
+    /// Converts the options to those of the library. `resamples` is the number of bootstrap resamples of the steps.
     pub fn options(&self, resamples: u64) -> Result<Options> {
         if !(0.05..=0.95).contains(&self.compression) {
             bail!("--compression {}: expected a fraction of the thickness, 0.05 to 0.95", self.compression);
@@ -137,7 +140,7 @@ impl Search {
 }
 
 impl Fit {
-    /// Runs the command. Returns true where all regions were fitted.
+    /// Runs the command. Returns true if all regions were fitted.
     pub fn run(&self) -> Result<bool> {
         let participant = self.participant.clone().unwrap_or_else(|| stem(&self.recordings[0]));
         let mut study = Study::new(participant, self.contact.rule(None)?, self.search.options(RESAMPLES)?);
@@ -173,20 +176,20 @@ impl Fit {
             write(path, &report::png(&study)?)?;
         }
         if fitted == 0 {
-            bail!("no region could be fitted, for the reasons above; {} is not written", self.out.display());
+            bail!("no region could be fitted, for the reasons above; {} was not written", self.out.display());
         }
         println!("wrote {}: {fitted} of 8 regions identified", self.out.display());
         Ok(fitted == 8)
     }
 }
 
-/// Adds the steps of a recording. `checksums` are those of the previous recordings, because a recording that is given twice would
-/// predict its steps from themselves.
+/// Adds the steps of a recording to the study. `checksums` has the checksums of the previous recordings: a recording may not be
+/// given twice, because its steps would then be predicted from copies of themselves.
 fn add(study: &mut Study, path: &Path, zero: &ZeroArgs, checksums: &mut Vec<u32>) -> Result<()> {
     let recording = Recording::read(path)?;
     let sum = crc32(&recording.pressure_kpa.iter().flat_map(|kpa| kpa.to_le_bytes()).collect::<Vec<_>>());
     if let Some(before) = checksums.iter().position(|previous| *previous == sum) {
-        bail!("{} is the same recording as {}: give each once", path.display(), study.sources[before].name);
+        bail!("{} is the same recording as {}: give each recording once", path.display(), study.sources[before].name);
     }
     checksums.push(sum);
     let mut insole = setup::insole(&recording, study.contact).with_context(|| path.display().to_string())?;

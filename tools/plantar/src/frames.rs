@@ -1,4 +1,5 @@
-//! Writes the live values of every frame as a table: CSV or Parquet, one row per frame, with empty fields for absent values.
+//! Writes the live values of every frame as a table, in CSV or Parquet. It has one row per frame; the field of an absent value is
+//! empty.
 
 use anyhow::{Context, Result, bail};
 use parquet::basic::{Compression, Repetition, Type as Physical};
@@ -13,7 +14,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The columns of a region, with the prefix `<region>_`.
+/// The columns of each region. Their names in the file have the prefix `<region>_`.
 const REGION_COLUMNS: [&str; 14] = [
     "area_mm2",
     "measured_force_n",
@@ -34,10 +35,10 @@ const REGION_COLUMNS: [&str; 14] = [
 /// The columns of the contact rule, the same in every row.
 const RULE_COLUMNS: [&str; 3] = ["contact_on_kpa", "contact_off_kpa", "contact_full_kpa"];
 
-/// Rows per row group of a Parquet file.
+/// Number of rows in a row group of a Parquet file.
 const GROUP: usize = 16_384;
 
-/// Writes the live values of one frame after the other.
+/// Writes the live values of successive frames.
 pub struct FrameWriter {
     path: PathBuf,
     rule: ContactRule,
@@ -45,6 +46,7 @@ pub struct FrameWriter {
     row: Vec<Option<f64>>,
 }
 
+/// The file in either format. `columns` has the rows that are not written yet.
 enum Sink {
     Csv(Box<csv::Writer<File>>),
     Parquet { file: Box<SerializedFileWriter<File>>, columns: Vec<Vec<Option<f64>>> },
@@ -139,6 +141,7 @@ impl FrameWriter {
     }
 }
 
+/// The names of all columns, in the order of the values in a row.
 fn column_names() -> Vec<String> {
     let regions =
         Region::ALL.iter().flat_map(|r| REGION_COLUMNS.iter().map(move |column| format!("{}_{column}", r.name())));
@@ -150,7 +153,7 @@ fn column_names() -> Vec<String> {
 fn write_group(file: &mut SerializedFileWriter<File>, columns: &mut [Vec<Option<f64>>]) -> Result<()> {
     let mut group = file.next_row_group()?;
     for column in columns {
-        // The schema has as many columns, so there is always a next one.
+        // The schema has the same number of columns, so there is a next column.
         let Some(mut writer) = group.next_column()? else { break };
         let values: Vec<f64> = column.iter().flatten().copied().collect();
         let defined: Vec<i16> = column.iter().map(|value| i16::from(value.is_some())).collect();

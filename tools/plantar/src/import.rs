@@ -1,4 +1,4 @@
-//! `plantar import`: converts the exports of other systems to recordings.
+//! `plantar import`: converts the exports of other systems to recordings, and computes example recordings.
 
 use crate::replay::progress;
 use anyhow::{Result, bail};
@@ -12,30 +12,32 @@ use std::path::{Path, PathBuf};
 pub enum Import {
     /// Import two CSV files: the layout of the cells, and their pressures.
     ///
-    /// layout.csv has the columns cell,x_mm,y_mm,area_mm2 and optionally region, one line per cell, numbered from 0; x to the
-    /// lateral side, y from heel to toes. Without regions, a template assigns them. frames.csv has the columns
-    /// t_s,c0,c1,... with pressures in kPa.
+    /// The layout has the columns cell,x_mm,y_mm,area_mm2 and optionally region. It has one line per cell; cells are numbered
+    /// from 0. x increases towards the lateral side of the foot, y from heel to toes. Without the column region, a template
+    /// divides the foot into regions. The pressures are in a file with the columns t_s,c0,c1,...: time in s, and the pressure of
+    /// each cell in kPa.
     Csv {
-        /// The layout of the cells.
+        /// The file with the layout of the cells.
         #[arg(long, value_name = "FILE")]
         layout: PathBuf,
-        /// The pressures.
+        /// The file with the pressures.
         #[arg(long, value_name = "FILE")]
         frames: PathBuf,
-        /// The foot.
+        /// The foot that was measured.
         #[arg(long, value_enum)]
         side: Foot,
         #[command(flatten)]
         out: Out,
     },
-    /// Import a pedar .asc export of in-shoe pressure with the geometry of the insole.
+    /// Import an .asc file that the in-shoe system pedar exported, with the geometry of its insole.
     ///
-    /// The geometry is a CSV file with the columns side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm: the corners of each
-    /// sensor. Without --side, both feet are written, as NAME.left.parquet and NAME.right.parquet.
+    /// The geometry is a CSV file with the columns side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm, which has the area and the
+    /// four corners of each sensor. Without --side, both feet are written, to NAME.left.parquet and NAME.right.parquet for
+    /// --out NAME.parquet.
     Pedar {
         /// The exported .asc file.
         file: PathBuf,
-        /// The geometry.
+        /// The file with the geometry.
         #[arg(long, value_name = "FILE")]
         geometry: PathBuf,
         /// Import only this foot.
@@ -46,23 +48,23 @@ pub enum Import {
     },
     /// Import barefoot steps on a plate from the Python package jiku-data (data set SpeedPP2DS, GPLv3, 10 walkers).
     ///
-    /// Each trial of that data set is one footprint; the trials are concatenated with unloaded swing phases between them.
+    /// Each trial of that data set is one footprint. The trials are joined to a walk, with unloaded swing phases between them.
     Jiku {
         /// The folder SpeedPP2DS of the installed package.
         #[arg(long, value_name = "FOLDER")]
         data: PathBuf,
-        /// The walker, 0 to 9.
+        /// The number of the walker, 0 to 9.
         #[arg(long, default_value_t = 0)]
         walker: usize,
-        /// Number of trials, from the first; at most 60.
+        /// Import this number of trials, from the first; at most 60.
         #[arg(long, value_name = "N", default_value_t = 60)]
         trials: usize,
         #[command(flatten)]
         out: Out,
     },
-    /// Compute a walk on an insole with 240 cells, for first experiments; it is not a measurement.
+    /// Compute a walk on an insole with 240 cells, for first experiments. It is not a measurement.
     Synthetic {
-        /// The foot.
+        /// The foot to compute.
         #[arg(long, value_enum, default_value_t = Foot::Right)]
         side: Foot,
         /// Number of steps.
@@ -78,10 +80,10 @@ pub struct Out {
     /// The recording to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Merge the cells into a virtual insole with at most this many cells; an insole has at most 256.
+    /// Merge the cells into a virtual insole with at most this number of cells. A real insole has at most 256.
     #[arg(long, value_name = "N")]
     cells: Option<usize>,
-    /// Resample to this many frames per second; an insole scans at 50 to 400 Hz.
+    /// Resample to this number of frames per second, 20 to 500. A real insole scans at 50 to 400 Hz.
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
 }
@@ -147,7 +149,7 @@ impl Out {
     fn write(&self, mut recording: Recording, path: &Path) -> Result<()> {
         if let Some(rate_hz) = self.rate {
             if !(20.0..=500.0).contains(&rate_hz) {
-                bail!("--rate {rate_hz}: 20 to 500 frames per second are supported");
+                bail!("--rate {rate_hz}: expected 20 to 500 frames per second");
             }
             recording = recording.at_rate(rate_hz)?;
         }

@@ -6,7 +6,7 @@ use plantar::Region;
 use recording::Recording;
 use std::path::PathBuf;
 
-/// Prints a summary of a recording: source, foot, frame rate, duration, largest force and pressure, cells per region.
+/// Prints a summary of a recording: source, foot, frame rate, duration, largest force and pressure, and the cells of each region.
 #[derive(Args)]
 pub struct Info {
     /// The recording.

@@ -12,17 +12,17 @@ use std::path::{Path, PathBuf};
 
 #[derive(Subcommand)]
 pub enum Insole {
-    /// Show identity, calibration, number of boots and storage errors of an insole.
+    /// Show the foot, serial number, calibration, number of boots and storage errors of an insole.
     Show {
         #[command(flatten)]
         connection: Connection,
     },
-    /// Set the foot and the serial number of an insole, which restarts afterwards.
+    /// Set the foot and the serial number of an insole. The insole restarts afterwards.
     Name {
-        /// The foot that the insole is for.
+        /// The foot that the insole is for [default: unchanged].
         #[arg(long)]
         side: Option<Foot>,
-        /// The serial number: up to 16 letters, digits or punctuation marks, without spaces.
+        /// The serial number: up to 16 letters, digits or punctuation marks, without spaces [default: unchanged].
         #[arg(long, value_name = "TEXT", value_parser = serial)]
         serial_number: Option<Serial>,
         #[command(flatten)]
@@ -30,10 +30,10 @@ pub enum Insole {
     },
     /// Store the calibration of an insole's cells. The insole restarts afterwards.
     ///
-    /// The file has a line `cell,offset,gain` for each cell in the order of the insole's layout: `offset` is the code of the
-    /// unloaded cell, `gain` the factor of its pressure, 0.1 to 10.
+    /// The file has the header `cell,offset,gain` and one line for each cell, in the order of the insole's layout. `cell` is the
+    /// cell's number from 0, `offset` the code of the unloaded cell, and `gain` the factor that corrects its pressure, 0.1 to 10.
     Calibrate {
-        /// The calibration, CSV.
+        /// The CSV file with the calibration.
         file: PathBuf,
         #[command(flatten)]
         connection: Connection,
@@ -51,6 +51,7 @@ pub enum Foot {
     Right,
 }
 
+/// Parses a serial number.
 fn serial(text: &str) -> Result<Serial, String> {
     Serial::new(text)
         .ok_or_else(|| "a serial number has up to 16 letters, digits or punctuation marks, without spaces".into())
@@ -85,7 +86,7 @@ impl Insole {
                 let count = client.hello().cells;
                 if cells.len() != usize::from(count) {
                     bail!(
-                        "{}: {} cells, but the insole has {count}: one line per cell is needed",
+                        "{}: {} cells, but the insole has {count}: the file must have one line for each cell",
                         file.display(),
                         cells.len()
                     );
@@ -100,6 +101,7 @@ impl Insole {
     }
 }
 
+/// Prints the identity and the condition of an insole.
 fn show(connection: &Connection) -> Result<()> {
     let mut insole = connection.open(ReconnectPolicy::RESTART)?;
     let client = insole.client();
@@ -110,13 +112,13 @@ fn show(connection: &Connection) -> Result<()> {
     println!("{} insole, firmware {}, {} cells", hello.board, hello.firmware, hello.cells);
     print(&identity);
     println!(
-        "boot number {} (reset reason: {}), steps so far {}",
+        "boot number {}, reset reason: {}, steps so far: {}",
         contents.start,
         hello.reset.name(),
         contents.next_step
     );
     if let Some(last) = &hello.last_panic {
-        println!("note: {last}");
+        println!("note: the insole reports a failure: {last}");
     }
     let warnings = [
         (
@@ -131,8 +133,11 @@ fn show(connection: &Connection) -> Result<()> {
             contents.newer_steps > 0,
             "the insole stores steps of a newer firmware, which are not changed: update its firmware to receive them",
         ),
-        (contents.erased > 0, "a part of the insole's flash chip was damaged and was erased, with its contents"),
-        (status.steps_dropped > 0, "the insole's step log was full: its oldest steps were dropped"),
+        (
+            contents.erased > 0,
+            "a part of the insole's flash chip was damaged and had to be erased, so its contents are lost",
+        ),
+        (status.steps_dropped > 0, "the insole's step log was full, so the oldest steps were dropped"),
     ];
     for (_, warning) in warnings.iter().filter(|(applies, _)| *applies) {
         println!("warning: {warning}");
@@ -140,17 +145,19 @@ fn show(connection: &Connection) -> Result<()> {
     Ok(())
 }
 
+/// Prints foot, serial number and calibration.
 fn print(identity: &Identity) {
     let serial = Some(identity.serial.as_str()).filter(|serial| !serial.is_empty());
     println!("{} foot, serial number {}", identity.side.name(), serial.unwrap_or("none"));
     match identity.calibration_id {
-        0 => println!("calibration built in"),
+        0 => println!("calibration: none stored; the insole uses the one in its firmware"),
         id => println!("calibration {id:08x}"),
     }
 }
 
+/// Restarts an insole and waits until it answers again.
 fn restart(insole: &mut carrier::Insole) -> Result<()> {
-    insole.restart().context("the insole did not answer after the command to restart: switch it off and on")?;
+    insole.restart().context("the insole did not answer after its restart: switch it off and on")?;
     Ok(())
 }
 
@@ -169,7 +176,11 @@ fn read(path: &Path) -> Result<Vec<CellCalibration>> {
     for (number, line) in lines.deserialize().enumerate() {
         let place = || format!("{}, cell {number}", path.display());
         let Line { cell, offset, gain } = line.with_context(place)?;
-        ensure!(usize::from(cell) == number, "{}: this is cell {cell}; cells must be in order, from 0", place());
+        ensure!(
+            usize::from(cell) == number,
+            "{}: the line is for cell {cell}, but cells must be in order, from 0",
+            place()
+        );
         let calibration = CellCalibration { offset, gain };
         ensure!(
             calibration.is_valid(),

@@ -55,7 +55,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Convert the export of another system to a recording.
+    /// Convert data from another system to a recording, or compute an example.
     #[command(subcommand)]
     Import(import::Import),
     Info(info::Info),
@@ -77,7 +77,7 @@ enum Command {
     Insole(insole::Insole),
 }
 
-/// Exit status of a command that could do only a part of its work.
+/// Exit status of a command that completed only a part of its work.
 const PARTIAL: u8 = 3;
 
 fn main() -> ExitCode {
@@ -100,7 +100,7 @@ fn main() -> ExitCode {
     status(result.map(|()| true))
 }
 
-/// The exit status of a command that returns whether all of its work was done.
+/// Converts the result of a command to its exit status. The value is true if all of the work was done.
 fn status(is_complete: anyhow::Result<bool>) -> ExitCode {
     match is_complete {
         Ok(true) => ExitCode::SUCCESS,

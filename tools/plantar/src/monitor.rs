@@ -13,21 +13,21 @@ use std::path::{Path, PathBuf};
 
 /// Shows the live loads of the eight regions, and a table of the steps at the end.
 ///
-/// In a terminal, press q or Ctrl-C to end. When the link is lost, the program reconnects. Steps remain on the insole until they
-/// have arrived here and, with --json, are written.
+/// In a terminal, press q or Ctrl-C to end. When the link is lost, the program reconnects. A step remains on the insole until it
+/// has arrived on this computer and, with --json, is written to the file.
 #[derive(Args)]
 pub struct Monitor {
     #[command(flatten)]
     connection: Connection,
-    /// End after this many steps.
+    /// End the session after this number of steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
-    /// Write one object per step to this file, as the steps arrive. It must be new or empty.
+    /// Write the steps to this JSON file as they arrive, one object per step. The file must be new or empty.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Receives the messages of an insole.
+/// Stores the messages of a session with an insole.
 pub trait Sink {
     /// Processes a live frame; `axis` converts its time to this computer's clock.
     fn live(&mut self, live: &Live, axis: &Axis) -> Result<()>;
@@ -35,7 +35,8 @@ pub trait Sink {
     /// Processes a step.
     fn step(&mut self, step: &Step, axis: &Axis) -> Result<()>;
 
-    /// The number of the last step stored since the last call: the steps up to it can be acknowledged.
+    /// Returns the number of the newest stored step, if steps were stored since the last call. This step and all earlier ones can
+    /// be acknowledged.
     fn take_stored(&mut self) -> Option<u32>;
 
     /// Processes a frame of all cells.
@@ -43,15 +44,15 @@ pub trait Sink {
         Ok(())
     }
 
-    /// Called when another session began: the insole may have restarted, with step numbers and a clock that start again.
+    /// Called when another session began. The insole may have restarted; its clock and sequence numbers then start again.
     fn reconnected(&mut self, client: &mut Client<Box<dyn Carrier>>) -> Result<()>;
 
-    /// True once the limit of this sink is reached, which ends the session.
+    /// True once the user's limit of steps or time is reached. The session then ends.
     fn has_reached_limit(&self) -> bool;
 }
 
-/// Passes messages to the view and the sink until the user or the limit of the sink ends the session. Reconnects after a lost
-/// link.
+/// Passes messages to the view and the sink until the user ends the session or the sink has reached its limit. Reconnects when
+/// the link is lost.
 pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sink: &mut dyn Sink) -> Result<()> {
     let side = insole.client().hello().side;
     while !view.wants_to_end()? && !sink.has_reached_limit() {
@@ -71,13 +72,13 @@ pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sin
                 let hello = insole.client().hello();
                 ensure!(
                     hello.side == side,
-                    "{connection}: this insole is for the {} foot, the previous one was for the {} foot: connect the \
-                     previous one again",
+                    "{connection}: this insole is for the {} foot, but the session began with an insole for the {} \
+                     foot: connect that insole again",
                     hello.side.name(),
                     side.name()
                 );
                 match start {
-                    SessionStart::Greeted => view.restarted(hello),
+                    SessionStart::AfterSilence => view.restarted(hello),
                     SessionStart::Connected | SessionStart::Reconnected => view.reconnected(hello),
                 }
                 sink.reconnected(insole.client())?;
@@ -95,15 +96,15 @@ pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sin
     Ok(())
 }
 
-/// A file with a JSON array, which is valid JSON after each object.
+/// A file with a JSON array. The file is valid JSON after each object.
 struct JsonArray<'m> {
     path: &'m Path,
     file: File,
-    /// Length without the closing bracket, bytes.
+    /// Length of the file without the closing bracket, bytes.
     len: u64,
 }
 
-/// The end of the array.
+/// The text at the end of the array.
 const END: &[u8] = b"\n]\n";
 
 impl<'m> JsonArray<'m> {
@@ -112,7 +113,7 @@ impl<'m> JsonArray<'m> {
         Ok(Self { path, file, len: 0 })
     }
 
-    /// Appends an object. Where this fails, the file is reset to the objects before it.
+    /// Appends an object. If this fails, the file is reset to the previous objects.
     fn push(&mut self, object: &serde_json::Value) -> Result<()> {
         let before = if self.len == 0 { "[\n" } else { ",\n" };
         let added = format!("{before}{object:#}");
@@ -125,7 +126,7 @@ impl<'m> JsonArray<'m> {
         written.with_context(|| format!("cannot write {}", self.path.display()))
     }
 
-    /// Writes after the last complete object.
+    /// Writes these bytes after the last complete object.
     fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.file.seek(SeekFrom::Start(self.len))?;
         self.file.write_all(bytes)?;
@@ -137,7 +138,7 @@ impl<'m> JsonArray<'m> {
     }
 }
 
-/// Collects the steps for the table at the end, and writes them to the JSON file.
+/// Collects the steps for the table at the end of the session, and writes them to the JSON file.
 struct Steps<'m> {
     monitor: &'m Monitor,
     json: Option<JsonArray<'m>>,
@@ -152,7 +153,7 @@ impl Sink for Steps<'_> {
 
     fn step(&mut self, step: &Step, _: &Axis) -> Result<()> {
         self.all.push(*step);
-        // Written before the acknowledgement, after which the insole removes the step.
+        // The step is written before it is acknowledged, because the insole then deletes it.
         if let Some(json) = &mut self.json {
             json.push(&step_to_json(step))?;
         }

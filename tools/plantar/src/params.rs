@@ -37,8 +37,8 @@ pub enum Params {
         #[command(flatten)]
         connection: Connection,
     },
-    /// Write the parameters on an insole to a commented file. An insole stores only A B, C, K, n, G and m, which determine the
-    /// force.
+    /// Write the parameters on an insole to a commented file. An insole stores only the six values of each region that determine
+    /// the force: A B, C, K, n, G and m.
     Pull {
         /// The file to write.
         #[arg(long, value_name = "FILE")]
@@ -70,6 +70,7 @@ impl Params {
     }
 }
 
+/// Sends the parameters in a file to an insole, with notes on stderr if they do not fit it.
 fn push(file: &Path, connection: &Connection) -> Result<()> {
     let parameters = Parameters::read(file)?;
     note_unless_personal(&parameters);
@@ -92,12 +93,13 @@ fn push(file: &Path, connection: &Connection) -> Result<()> {
     Ok(())
 }
 
+/// Writes the parameters on an insole to a file.
 fn pull(out: &Path, connection: &Connection) -> Result<()> {
     let tissue = read_tissue(connection)?;
     let text = format!(
-        "# Read from an insole, which stores only A B, C, K, n, G and m. Here a = b = sqrt(A B), d0 = C,\n\
-         # k = K / C and c = G / C, which results in the same force. An insole does not store whether its parameters\n\
-         # are personal.\n\n{}",
+        "# Read from an insole, which stores only A B, C, K, n, G and m. The other values are not known: here\n\
+         # a = b = sqrt(A B), d0 = C, k = K / C and c = G / C, which results in the same force. An insole does not\n\
+         # store whether its parameters are personal.\n\n{}",
         Parameters::from_tissue(&tissue).to_toml()
     );
     std::fs::write(out, text).with_context(|| format!("cannot write {}", out.display()))?;
@@ -114,11 +116,12 @@ fn read_tissue(connection: &Connection) -> Result<Tissue> {
     Ok(tissue)
 }
 
-/// A short name of a parameter set, by which two sets can be compared.
+/// The identifier of a parameter set as text. Sets with the same identifier are equal.
 fn name(id: u32) -> String {
     if id == 0 { "none".into() } else { format!("{id:08x}") }
 }
 
+/// Prints the eight parameters of each region of a file, and the values that an insole derives from them.
 fn show_file(parameters: &Parameters) {
     let kind = if parameters.personal { "personal" } else { "not personal" };
     println!("{}, {kind}", parameters.subject);
@@ -132,6 +135,7 @@ fn show_file(parameters: &Parameters) {
     show(&parameters.tissue());
 }
 
+/// Prints the parameters in the form that an insole uses.
 fn show(tissue: &Tissue) {
     println!("Parameters {} as an insole uses them:", name(tissue.id));
     let regions = Region::ALL.iter().zip(&tissue.force_laws).map(|(region, law)| {
@@ -145,9 +149,10 @@ fn show(tissue: &Tissue) {
             format!("{:.2}", law.c_m * 1e3),
         ]
     });
-    print(["region", "K kPa", "n", "G kPa s", "m", "AB mm2", "C mm"], regions);
+    print(["region", "K kPa", "n", "G kPa s", "m", "A B mm2", "C mm"], regions);
 }
 
+/// Prints a table.
 fn print<const N: usize>(header: [&str; N], rows: impl Iterator<Item = Vec<String>>) {
     let mut table = summary::table();
     table.set_header(header).add_rows(rows);

@@ -1,4 +1,4 @@
-//! Collects the forces of a replay and draws a step.
+//! Collects the forces of a replay and draws a picture of a step.
 
 use crate::setup::rule_in_words;
 use anyhow::{Context, Result};
@@ -10,23 +10,23 @@ use recording::{Recording, VirtualInsole};
 use report::{Forces, StepPicture};
 use std::path::Path;
 
-/// The forces of all frames so far.
+/// The measured force and the model force of every region in all frames so far.
 #[derive(Default)]
 pub struct Picture {
     forces: Vec<Forces>,
 }
 
 impl Picture {
-    /// Adds the forces of the insole's last frame.
+    /// Adds the forces of the frame that the insole processed last.
     pub fn push<R: Real, const N: usize>(&mut self, insole: &Insole<R, N>) {
         let forces = |load: &RegionLoad<R>| (load.frame.force.force_n.to_f64(), load.tissue.model_n.to_f64());
         self.forces.push(insole.loads().each_ref().map(forces));
     }
 
-    /// Draws a step of the recording to an SVG file.
+    /// Writes a picture of a step of the recording to an SVG file.
     pub fn write(&self, path: &Path, recording: &Recording, insole: &VirtualInsole, step: Option<&Step>) -> Result<()> {
         let step =
-            step.context("the recording has no step to draw: give one with a complete step, or omit --picture")?;
+            step.context("the recording has no complete step to draw: use another recording, or omit --picture")?;
         let frame = |us: u64| ((us as f64 * 1e-6 * recording.rate_hz).round() as usize).min(recording.frames());
         let frames = frame(step.start_us)..frame(step.start_us + u64::from(step.duration_us));
         let forces = self.forces.get(frames.clone()).context("the step is outside of the recording")?;

@@ -18,14 +18,15 @@ use std::time::{Duration, Instant};
 
 /// Stores live frames and steps of an insole in a folder of Parquet files.
 ///
-/// FOLDER/live/*.parquet has one row per frame and region, FOLDER/steps/*.parquet one per step and region; pandas, Polars,
-/// DuckDB and Spark read each as one table. A file is completed every half minute, so a crash loses at most the live frames
-/// of that time; steps remain on the insole until their file is complete. With --cells, each folder FOLDER/cells/* is a recording
-/// that all other commands read; another one begins after a loss that is too long to be interpolated. When the link is lost, the program reconnects. In a
+/// The files FOLDER/live/*.parquet have one row per frame and region, the files FOLDER/steps/*.parquet one row per step and
+/// region. pandas, Polars, DuckDB and Spark read the files of a folder as one table. Files are completed at least every half
+/// minute, so a crash loses the live frames of at most this time. No step is lost, because a step remains on the insole until its
+/// file is complete. With --cells, each folder FOLDER/cells/* is a recording that all other commands read; a loss that is too
+/// long to be interpolated begins another one. When the link is lost, the program reconnects. In a
 /// terminal, press q or Ctrl-C to end.
 #[derive(Args)]
 pub struct Record {
-    /// The folder to write; it must be new or empty.
+    /// The folder to write. It must be new or empty.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
     #[command(flatten)]
@@ -39,17 +40,17 @@ pub struct Record {
     /// With --cells: 12 bits of each code, or all 16 of an insole that sums several conversions.
     #[arg(long, value_name = "BITS", default_value = "12", value_parser = ["12", "16"], requires = "cells")]
     bits: String,
-    /// End after this many steps.
+    /// End the session after this number of steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
-    /// End after this many seconds.
+    /// End the session after this number of seconds.
     #[arg(long, value_name = "S")]
     seconds: Option<u64>,
 }
 
-/// A file is completed after this time.
+/// The current files are completed after this time.
 const FILE_TIME: Duration = Duration::from_secs(30);
-/// A file is completed after this many steps, because an insole sends no further steps before these are acknowledged.
+/// The current files are completed after this number of steps: an insole sends no further step before these are acknowledged.
 const FILE_STEPS: usize = plantar::protocol::session::STEP_QUEUE;
 
 impl Record {
@@ -63,17 +64,17 @@ impl Record {
         recorder.begin_cells(insole.client())?;
         let followed = follow(&self.connection, &mut insole, &mut view, &mut recorder);
         view.close();
-        // The messages that arrived are stored even where an error ended the session.
+        // The messages that arrived are stored even if an error ended the session.
         let completed = recorder.complete_file();
         if let Some(step) = recorder.take_stored()
             && insole.client().hello().side == recorder.side
         {
-            // Without a link, the acknowledgement is not needed: the steps remain on the insole and are sent again.
+            // An error is ignored: without the acknowledgement, the insole sends these steps again in its next session.
             let _ = insole.client().send(ToDevice::Acknowledge { step });
         }
         if completed.is_err() {
             let count = recorder.pending_steps.len();
-            eprintln!("note: {count} steps were not stored; they remain on the insole until its log is full");
+            eprintln!("note: {count} received steps were not stored; they remain on the insole until its log is full");
         }
         summary::print(&recorder.all_steps);
         summary::print_faults_of(insole.client());
@@ -85,22 +86,29 @@ impl Record {
     }
 }
 
-/// Collects rows and writes them to Parquet files, one after the other.
+/// Collects rows and writes them to successive Parquet files.
 struct Recorder<'r> {
     record: &'r Record,
     side: Side,
-    /// Counts the sessions: sequence numbers and times start again when the insole restarts.
+    /// Number of the session, from 0. Sequence numbers and times may start again in each session.
     session: i32,
+    /// Number of the next files.
     file_number: usize,
+    /// When the recording began.
     start: Instant,
+    /// When the collection of rows for the next files began.
     file_start: Instant,
-    /// Rows that are not written yet.
+    /// Rows of the table of live frames that are not written yet.
     live: Vec<Row>,
+    /// Rows of the table of steps that are not written yet.
     steps: Vec<Row>,
-    /// Numbers of the steps in the next file.
+    /// Numbers of the steps that are not written yet.
     pending_steps: Vec<u32>,
+    /// Number of the newest step in a complete file, until it is acknowledged.
     stored: Option<u32>,
+    /// All steps, for the table at the end.
     all_steps: Vec<Step>,
+    /// Number of received live frames.
     frames: usize,
     cells: Option<CellRecorder>,
 }
@@ -137,7 +145,7 @@ impl<'r> Recorder<'r> {
         Ok(())
     }
 
-    /// Writes the collected rows as the next file of each table; their steps can then be acknowledged.
+    /// Writes the collected rows as the next file of each table. The steps among them can then be acknowledged.
     fn complete_file(&mut self) -> Result<()> {
         let path = |table: &str| self.record.out.join(table).join(format!("part-{:05}.parquet", self.file_number));
         for (table, rows) in [("live", &mut self.live), ("steps", &mut self.steps)] {
@@ -155,6 +163,7 @@ impl<'r> Recorder<'r> {
         Ok(())
     }
 
+    /// Completes the files after [`FILE_STEPS`] steps or [`FILE_TIME`].
     fn complete_file_if_due(&mut self) -> Result<()> {
         let is_due = self.pending_steps.len() >= FILE_STEPS || self.file_start.elapsed() >= FILE_TIME;
         if is_due { self.complete_file() } else { Ok(()) }
@@ -209,11 +218,12 @@ impl Sink for Recorder<'_> {
     }
 }
 
+/// Converts microseconds to seconds.
 fn seconds(us: u64) -> f64 {
     us as f64 / 1e6
 }
 
-/// The row of a region `i` in a step. The order of the columns is part of the format of the table.
+/// The row of the region with index `i` and name `region` in a step. The order of the columns is part of the table's format.
 fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
     let r = &step.regions[i];
     let (nested, quantities): (Vec<_>, Vec<_>) = StepRegion::QUANTITIES.iter().partition(|q| q.path().0.is_some());
@@ -235,7 +245,7 @@ fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
     row
 }
 
-/// The columns of quantities with their values in `of`.
+/// The columns of these quantities, with the values that they have in `of`: a live frame, a step or a region.
 fn columns<T: 'static>(
     quantities: impl IntoIterator<Item = &'static Quantity<T>>,
     of: &T,
@@ -247,7 +257,7 @@ fn columns<T: 'static>(
     })
 }
 
-/// The columns of flags with their values for a region of `of`.
+/// The columns of these flags, with the values that they have in `of` for the region with this index.
 fn flag_columns<T: 'static>(
     flags: &'static [Flag<T>],
     of: &T,

@@ -18,8 +18,8 @@ use std::time::Instant;
 
 /// Computes the steps of a recording as the insole would, with the same code.
 ///
-/// Recorded pressures are first converted to the codes of a virtual sensor, exactly as in `plantar emulate`, so the steps of both
-/// are equal to the last digit in f32. A replay in f64 shows the error of single precision.
+/// Recorded pressures are first converted to the codes of a virtual sensor, exactly as in `plantar emulate`. In f32, the steps
+/// are therefore equal to those of the emulated insole, to the last digit. A replay in f64 shows the error of single precision.
 #[derive(Args)]
 pub struct Replay {
     /// The recording.
@@ -30,16 +30,18 @@ pub struct Replay {
     contact: ContactArgs,
     #[command(flatten)]
     zero: ZeroArgs,
-    /// Arithmetic: f32 as on the insole, or f64. Steps are written in the resolution of the protocol; --frames has all digits.
+    /// Floating-point arithmetic: single precision as on the insole (f32), or double precision (f64). The steps are rounded to
+    /// the resolution of an insole's messages; the values of --frames are not rounded.
     #[arg(long, value_enum, default_value_t = Precision::F32)]
     precision: Precision,
-    /// Write one object per step to this file: side, number, start, duration and, per region, every quantity with its unit.
+    /// Write the steps to this JSON file, one object per step: side, number, start, duration, and every quantity of each region.
+    /// The names of the quantities end with their units.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Write the live values of every frame to this file: .csv or .parquet.
+    /// Write the live values of every frame to this file. Its extension, .csv or .parquet, selects the format.
     #[arg(long, value_name = "FILE")]
     frames: Option<PathBuf>,
-    /// Draw the first step to this file: .svg.
+    /// Draw the first step to this SVG file.
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
 }
@@ -73,6 +75,7 @@ impl Replay {
         Ok(())
     }
 
+    /// Computes the steps in the arithmetic `R`, and writes the files of --frames and --picture.
     fn replay<R: Real>(
         &self,
         recording: &Recording,
@@ -125,9 +128,9 @@ pub fn write_json(path: &Path, steps: &[Step]) -> Result<()> {
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// A progress bar, hidden where stderr is not a terminal.
+/// A progress bar that counts to `total`. It is hidden if stderr is not a terminal.
 pub fn progress(total: u64, unit: &str) -> ProgressBar {
-    // The template is valid for all units.
+    // The template is valid for every unit, so the default is never used.
     let style = ProgressStyle::with_template(&format!("{{bar:40}} {{percent}} % of {{len}} {unit}, {{eta}} left"));
     ProgressBar::new(total).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }

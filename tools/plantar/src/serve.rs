@@ -14,8 +14,8 @@ use std::path::PathBuf;
 
 /// Shows one or two insoles in a browser: live loads, steps, trends, and export.
 ///
-/// Give one --serial, --tcp or --emulate per foot. Several pages can be open at once. Without --bind only this computer can
-/// connect; a page that can connect sees all data.
+/// Give one --serial, --tcp or --emulate per foot. Several pages can be open at the same time. Without --bind, only browsers on
+/// this computer can connect. Every page that can connect receives all data.
 #[derive(Args)]
 pub struct Serve {
     /// Serial port of an insole, such as /dev/ttyACM0 or COM3.
@@ -27,7 +27,7 @@ pub struct Serve {
     /// Network address of an insole, HOST:PORT.
     #[arg(long, value_name = "ADDRESS")]
     tcp: Vec<String>,
-    /// Play this recording into the emulated insole, repeated without end.
+    /// Play this recording into an emulated insole, repeatedly and without end.
     #[arg(long, value_name = "RECORDING")]
     emulate: Vec<PathBuf>,
     #[command(flatten)]
@@ -36,28 +36,30 @@ pub struct Serve {
     contact: ContactArgs,
     #[command(flatten)]
     zero: ZeroArgs,
-    /// The firmware of the emulated board.
+    /// The firmware file of the emulated board, from `cargo xtask build`.
     #[arg(long, value_name = "FILE", default_value = FIRMWARE)]
     firmware: PathBuf,
-    /// Write all messages of the insoles to this file, which must be new or empty; the page plays it with ?replay=. Steps are
-    /// acknowledged once they are written; without this option, once a page has stored them.
+    /// Write all messages of the insoles to this file, which must be new or empty. An insole deletes a step once the step is
+    /// written to this file or, without this option, once a page has stored it. To play the file later, open the page with
+    /// ?replay=URL, where URL is the address at which a web server offers the file.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Port of the page; 0 chooses a free one.
+    /// TCP port of the page; with 0, a free port is chosen.
     #[arg(long, default_value_t = 7340)]
     port: u16,
-    /// Listen on this address; with 0.0.0.0 the whole network can connect.
+    /// Accept connections on this address; with 0.0.0.0, the whole network can connect.
     #[arg(long, value_name = "ADDRESS", default_value_t = Ipv4Addr::LOCALHOST.into())]
     bind: IpAddr,
-    /// Also accept pages from this origin, such as https://insoles.example; can be repeated.
+    /// Also accept connections of pages that were loaded from this web server, such as https://insoles.example. Repeat the option
+    /// for several servers.
     #[arg(long, value_name = "ORIGIN")]
     origin: Vec<String>,
-    /// Folder of the built page [default: tools/phone/dist in this folder or above this program].
+    /// Folder of the built page [default: tools/phone/dist, below the current folder or in the repository of this program].
     #[arg(long, value_name = "DIR")]
     page: Option<PathBuf>,
 }
 
-/// The output folder of `cargo xtask page`.
+/// The folder to which `cargo xtask page` builds the page.
 const PAGE: &str = "tools/phone/dist";
 
 impl Serve {
@@ -74,7 +76,7 @@ impl Serve {
         for address in self.tcp.clone() {
             sources.push(source(address.clone(), move || Ok(Box::new(Framed::new(open_tcp(&address)?)))));
         }
-        // A board runs until it is dropped, here at the end of the program.
+        // An emulated board runs until it is dropped, so the boards are held until the program ends.
         let mut boards = Vec::new();
         for path in &self.emulate {
             let parameters = self.wearer.parameters()?;
@@ -105,11 +107,13 @@ impl Serve {
     }
 }
 
+/// An insole for the page. `open` opens a carrier to it.
 fn source(name: String, mut open: impl FnMut() -> Result<Box<dyn Carrier + Send>> + Send + 'static) -> Source {
     Source { name, open: Box::new(move || open().map_err(open_error)), tissue: None }
 }
 
-/// The folder of the page, below this folder or, for a program in `target/release`, in the repository that it was built from.
+/// Finds the folder of the built page: below the current folder or, if this program is in the repository's `target` folder, in
+/// the repository.
 fn find_page() -> PathBuf {
     let program = std::env::current_exe().unwrap_or_default();
     let above = program.ancestors().map(|folder| folder.join(PAGE));

@@ -13,13 +13,13 @@ pub struct WearerArgs {
     /// The wearer's tissue parameters, a TOML file (`plantar fit` identifies personal ones).
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
-    /// Without --params, use typical parameters for this European shoe size, 35 to 46; they are not personal.
+    /// Without --params, use typical parameters for this European shoe size, 35 to 46. Typical parameters are not personal.
     #[arg(long, default_value_t, conflicts_with = "params")]
     size: InsoleSize,
 }
 
 impl WearerArgs {
-    /// The parameters, with a note on stderr where they are not personal.
+    /// Returns the parameters, and prints a note on stderr if they are not personal.
     pub fn parameters(&self) -> Result<Parameters> {
         let parameters = match &self.params {
             Some(path) => Parameters::read(path)?,
@@ -30,7 +30,7 @@ impl WearerArgs {
     }
 }
 
-/// Prints a note on stderr where parameters are not personal.
+/// Prints a note on stderr if parameters are not personal.
 pub fn note_unless_personal(parameters: &Parameters) {
     if !parameters.personal {
         eprintln!(
@@ -42,36 +42,36 @@ pub fn note_unless_personal(parameters: &Parameters) {
 
 #[derive(Args)]
 pub struct ContactArgs {
-    /// A cell comes into contact at this pressure, kPa [default: the value of the parameters in use, or 10].
+    /// A cell comes into contact at this pressure, kPa [default: the value in the parameter file, or 10].
     #[arg(long, value_name = "KPA")]
     contact_on: Option<f32>,
-    /// A cell loses contact below this pressure, kPa [default: --contact-on times the ratio of the two in the parameters in
-    /// use, or 3/4 of --contact-on].
+    /// A cell loses contact below this pressure, kPa [default: the same fraction of --contact-on as in the parameter file, or
+    /// 3/4].
     #[arg(long, value_name = "KPA")]
     contact_off: Option<f32>,
-    /// Count the fraction sqrt(p / KPA), at most 1, of the area of a cell in contact; 150 is a good value. With 0, the whole area
-    /// is counted [default: the value of the parameters in use, or 0].
+    /// Count only the fraction sqrt(p / KPA), at most 1, of the area of a cell in contact, where p is the cell's pressure. 150 is
+    /// a good value; 0 counts whole cells [default: the value in the parameter file, or 0].
     #[arg(long, value_name = "KPA")]
     contact_full: Option<f32>,
 }
 
 impl ContactArgs {
-    /// The contact rule: the rule of `identified` or the usual one, changed by the options that were given. Prints a note on
-    /// stderr where the result differs from the rule of `identified`.
+    /// Returns the contact rule: the rule with which the parameters were identified, or else the usual one, changed by the given
+    /// options. Prints a note on stderr if the result differs from the rule with which the parameters were identified.
     pub fn rule(&self, identified: Option<&Identified>) -> Result<ContactRule> {
         let default = identified.map_or(ContactRule::COUNTED, |i| i.contact);
         let on_kpa = self.contact_on.unwrap_or(default.on_kpa);
         let rule = ContactRule {
             on_kpa,
-            // The relative hysteresis of the default also holds for another threshold.
+            // Another contact threshold leaves the ratio of the two thresholds unchanged.
             off_kpa: self.contact_off.unwrap_or(default.off_kpa / default.on_kpa * on_kpa),
             full_kpa: self.contact_full.unwrap_or(default.full_kpa),
         };
         if !rule.is_valid() {
             bail!(
                 "invalid contact rule, on at {} kPa, off below {} kPa, whole cell from {} kPa: --contact-off must be \
-                 positive, --contact-off may not be above --contact-on (at most 1000), nor --contact-on above \
-                 --contact-full (at most 2000, or 0 for whole cells)",
+                 positive, --contact-off may not be above --contact-on, --contact-on not above 1000, and \
+                 --contact-full either 0, for whole cells, or from --contact-on to 2000",
                 rule.on_kpa,
                 rule.off_kpa,
                 rule.full_kpa
@@ -91,14 +91,14 @@ impl ContactArgs {
     }
 }
 
-/// Prints a note on stderr where parameters were identified with another contact rule.
-pub fn note_unless_same_rule(identified: &ContactRule, counted: &ContactRule) {
-    if identified != counted {
+/// Prints a note on stderr if parameters were identified with another contact rule than the rule in use.
+pub fn note_unless_same_rule(identified: &ContactRule, in_use: &ContactRule) {
+    if identified != in_use {
         eprintln!(
             "note: the parameters were identified with the contact rule {}, but the rule in use is {}: model force and \
              deformation are not valid",
             rule_in_words(identified),
-            rule_in_words(counted)
+            rule_in_words(in_use)
         );
     }
 }
@@ -110,7 +110,7 @@ pub fn rule_in_words(rule: &ContactRule) -> String {
     format!("{counted}, on at {} kPa, off below {} kPa", rule.on_kpa, rule.off_kpa)
 }
 
-/// The virtual insole for a recording, with a contact rule.
+/// Makes a virtual insole for a recording. Returns an error if an insole cannot have the recording's frame rate.
 pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole> {
     let insole = VirtualInsole::new(recording, rule, plantar::pipeline::stance::StanceRule::WALKING);
     if !PERIOD_US.contains(&insole.setup.period_us) {
@@ -124,16 +124,16 @@ pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole>
 
 #[derive(Args)]
 pub struct ZeroArgs {
-    /// The baseline of the unloaded cells, a TOML file from `plantar zero`; the insole subtracts it.
+    /// The baseline file from `plantar zero`. The insole subtracts the baseline from the readings of its cells.
     #[arg(long, value_name = "FILE")]
     pub(crate) zero: Option<PathBuf>,
 }
 
 impl ZeroArgs {
-    /// Sets the offsets of the insole's cells, where a baseline file is given.
+    /// Sets the offsets of the insole's cells from the baseline file, if the option is given.
     pub fn apply(&self, insole: &mut VirtualInsole) -> Result<()> {
         if let Some(path) = &self.zero {
-            Zero::read(path)?.wear(insole, &path.display().to_string())?;
+            Zero::read(path)?.apply_to(insole, &path.display().to_string())?;
         }
         Ok(())
     }

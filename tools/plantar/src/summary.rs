@@ -7,10 +7,10 @@ use plantar::Region;
 use plantar::faults::{Fault, Faults};
 use plantar::protocol::{Step, StepRegion};
 
-/// Short names for narrow columns, in the order of [`Region::ALL`].
+/// Short names of the regions for narrow columns, in the order of [`Region::ALL`].
 pub const SHORT: [&str; 8] = ["Heel", "P.midfoot", "A.midfoot", "Met 1-2", "Met 3-5", "Hallux", "Toe 2", "Toes 3-5"];
 
-/// Prints a table with a row per step, and one with the means of every region.
+/// Prints a table with a row for each step, and a table with the means of each region.
 pub fn print(steps: &[Step]) {
     let Some(first) = steps.first() else {
         println!("no steps");
@@ -39,13 +39,13 @@ pub fn print(steps: &[Step]) {
     align(&mut table);
     println!("Peak force of each step, measured / model:\n{table}");
     if steps.iter().any(|step| step.saturated != 0) {
-        println!("> a cell was at full scale: the force is at least this value");
+        println!("> A cell was at full scale: the force was at least this value.");
     }
     if steps.iter().flat_map(|step| &step.regions).any(|region| region.masked_cells > 0) {
-        println!("~ faulty cells are masked: their values are interpolated from their neighbours");
+        println!("~ Faulty cells are masked: their values are interpolated from neighbouring cells.");
     }
     if steps.iter().any(|step| step.clamped != 0) {
-        println!("* the contact was larger than the ellipsoid: the model is clamped");
+        println!("* The contact was larger than the ellipsoid: the model is limited to the whole ellipsoid.");
     }
 
     let mut table = self::table();
@@ -78,7 +78,11 @@ pub fn print(steps: &[Step]) {
         ]);
     }
     align(&mut table);
-    println!("Mean of {} steps, peaks:\n{table}", steps.len());
+    println!(
+        "Mean of each region over the steps that loaded it, of {} steps. Force, model, area and deformation are the \
+         peak values of a step:\n{table}",
+        steps.len()
+    );
     println!("Contact: {}.", rule_in_words(&first.contact_rule));
 }
 
@@ -86,17 +90,17 @@ pub fn print(steps: &[Step]) {
 pub fn print_faults_of<C: Carrier>(client: &mut Client<C>) {
     match client.faults() {
         Ok(faults) => print_faults(&faults, client.hello().cells.into()),
-        // This is no error of the session: after a lost link, the insole still has them.
+        // The session is nevertheless complete: the insole still has its list of faults, and another session can read it.
         Err(error) => eprintln!("note: the faults of the insole's sensor could not be read: {error}"),
     }
 }
 
-/// Prints the faults of a sensor with this number of cells.
+/// Prints the faults of a sensor; `cells` is the number of its cells.
 pub fn print_faults(faults: &Faults, cells: usize) {
     faults_to_lines(faults, cells).iter().for_each(|line| println!("{line}"));
 }
 
-/// A line per fault, then the masked cells and the corrected baselines.
+/// One line for each fault, then lines with the number of masked cells and of corrected baselines.
 fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
     let fault = |fault: &Fault| {
         let found_s = f64::from(fault.found_ms) / 1e3;
@@ -105,7 +109,7 @@ fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
     let mut lines: Vec<_> = faults.list.iter().map(fault).collect();
     let unlisted = faults.found.saturating_sub(faults.list.len() as u32);
     if unlisted > 0 {
-        lines.push(format!("further sensor faults: {unlisted}"));
+        lines.push(format!("further sensor faults, not listed: {unlisted}"));
     }
     let regions = SHORT.iter().zip(&faults.masked_cells).filter(|&(_, &masked)| masked > 0);
     let regions: Vec<_> = regions.map(|(name, masked)| format!("{name} {masked}")).collect();
@@ -119,15 +123,15 @@ fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
     lines
 }
 
-/// NRMSE of the model force against the measured force (Eq. 20) of a region by its index, %: mean over the steps in which it was
-/// loaded.
+/// NRMSE of the model force against the measured force (Eq. 20), %: mean over the steps in which the region with this index was
+/// loaded. `None` if it never was.
 pub fn model_error_percent(steps: &[Step], region: usize) -> Option<f64> {
     let loaded: Vec<_> = steps.iter().map(|s| &s.regions[region]).filter(|r| r.contact_ms > 0).collect();
     let sum: f64 = loaded.iter().map(|r| r.model_error_nrmse_percent()).sum();
     (!loaded.is_empty()).then(|| sum / loaded.len() as f64)
 }
 
-/// Formats a value with three significant digits, at most three of them decimals.
+/// Formats a value with three significant digits, but at most three decimal places.
 pub fn significant(value: f64) -> String {
     if value.abs() < 5e-4 {
         return "0".into();
@@ -136,14 +140,14 @@ pub fn significant(value: f64) -> String {
     format!("{value:.*}", digits.clamp(0, 3) as usize)
 }
 
-/// An empty table in the program's style.
+/// An empty table in the style of all of the program's tables.
 pub fn table() -> Table {
     let mut table = Table::new();
     table.load_preset(presets::UTF8_FULL_CONDENSED).set_content_arrangement(ContentArrangement::Disabled);
     table
 }
 
-/// Aligns all columns to the right; called after all rows were added, because an empty table has no columns.
+/// Aligns all columns to the right. Call this after all rows were added, because a table without rows has no columns.
 pub fn align(table: &mut Table) {
     for column in table.column_iter_mut() {
         column.set_cell_alignment(CellAlignment::Right);
@@ -167,7 +171,7 @@ mod tests {
         let lines = [
             "sensor fault: cell 17 open, found after 1.9 s",
             "sensor fault: row 3 short, found after 12.3 s",
-            "further sensor faults: 1",
+            "further sensor faults, not listed: 1",
             "3 of 240 cells masked: Heel 2, Hallux 1",
             "baselines of drifting cells were corrected 5 times",
         ];

@@ -14,7 +14,7 @@ use std::sync::Arc;
 /// The columns of a row with their values.
 pub type Row = Vec<(&'static str, Value)>;
 
-/// A value of a column's type, `None` for null.
+/// A value of one of the types that columns have; `None` is null.
 #[derive(Clone)]
 pub enum Value {
     Text(Option<String>),
@@ -65,12 +65,12 @@ impl From<i32> for Value {
     }
 }
 
-/// Writes at least one row as Parquet, all rows with the same columns. The file is replaced only once it is complete. `metadata`
-/// is a key and its value.
+/// Writes rows as a Parquet file. There must be at least one row, and all rows must have the same columns. An existing file is
+/// replaced only when the new one is complete. `metadata` is a key of the file's metadata with its value.
 pub fn write(path: &Path, metadata: Option<(&str, &str)>, rows: &[Row]) -> Result<()> {
     let written = || -> Result<()> {
         fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
-        // Programs that read a folder as a table ignore names that begin with a dot.
+        // The name of the unfinished file begins with a dot, because programs that read a folder as a table ignore such files.
         let temporary =
             path.with_file_name(format!(".{}.part", path.file_stem().unwrap_or_default().to_string_lossy()));
         let field = |(name, value): &(&str, Value)| {
@@ -113,6 +113,7 @@ pub fn write(path: &Path, metadata: Option<(&str, &str)>, rows: &[Row]) -> Resul
     written().with_context(|| format!("cannot write {}", path.display()))
 }
 
+/// Writes the values of a column; `None` is null.
 fn write_column<T: DataType>(
     column: &mut SerializedColumnWriter,
     values: impl Iterator<Item = Option<T::T>>,

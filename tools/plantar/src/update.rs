@@ -1,4 +1,4 @@
-//! `plantar update`: sends a signed image to an insole, and waits until it runs there and is confirmed.
+//! `plantar update`: sends a signed image to an insole, and waits until the insole runs the image and has confirmed it.
 
 use crate::carrier::{Connection, Insole};
 use anyhow::{Result, anyhow, bail};
@@ -12,16 +12,17 @@ use plantar::protocol::update::{CHUNK, Header, Progress, Refusal, Request};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// The trial of a new image ends within this time.
+/// Longest duration of the trial of a new image, at the end of which the insole confirms it.
 const TRIAL: Duration = Duration::from_secs(30);
 
-/// Sends signed firmware to an insole, and waits until it runs there and is confirmed.
+/// Sends signed firmware to an insole, and waits until the insole runs the firmware and has confirmed it.
 ///
-/// The insole continues to measure meanwhile, and restarts at the end. An image is refused if it is not signed with the key that
-/// the insole accepts, older than the firmware that runs, for another board, or cut short; one that does not work is rolled back.
+/// The insole continues to measure during the transfer and restarts after it. It refuses an image that is not signed with the
+/// accepted key, is older than the running firmware, is for another board or is cut short. If the new firmware does not work,
+/// the insole restores the previous firmware.
 #[derive(Args)]
 pub struct Update {
-    /// The image, from `cargo xtask image`.
+    /// The signed image, from `cargo xtask image`.
     file: PathBuf,
     #[command(flatten)]
     connection: Connection,
@@ -44,11 +45,11 @@ impl Update {
         println!("the signature is valid: the insole restarts");
         self.wait_for_restart(&image, &mut insole, &before)?;
         wait_for_trial(&image, &mut insole)?;
-        println!("the insole runs {}, {before} before; the new image is confirmed", image.header().version());
+        println!("the insole now runs {} (before: {before}), and has confirmed it", image.header().version());
         Ok(())
     }
 
-    /// Refuses early an image that the insole would refuse.
+    /// Returns an error for an image that the insole would refuse, before anything is sent.
     fn check(&self, image: &Image, hello: &Hello) -> Result<()> {
         let header = image.header();
         let file = self.file.display();
@@ -69,14 +70,15 @@ impl Update {
         Ok(())
     }
 
+    /// Waits until the insole has restarted with the new image; `before` is the version that ran before.
     fn wait_for_restart(&self, image: &Image, insole: &mut Insole, before: &str) -> Result<()> {
         let version = image.header().version();
         let check = |hello: &Hello, was_silent: bool| match hello.firmware == version {
-            // With equal versions, an answer proves nothing unless the insole was silent, and so restarted, before it.
+            // If old and new version are equal, the version does not show that the insole restarted; its silence does.
             true => (was_silent || before != version).then_some(Ok(())),
             false => was_silent.then(|| {
                 Err(anyhow!(
-                    "the new image did not start, so the insole swapped back to {}: report this to the supplier of {}",
+                    "the new image did not work, so the insole swapped back to {}: report this to the supplier of {}",
                     hello.firmware,
                     self.file.display()
                 ))
@@ -88,7 +90,7 @@ impl Update {
     }
 }
 
-/// Waits until the new image is confirmed: while it is on trial, the insole accepts no other one.
+/// Waits until the insole has confirmed the new image: until then, it refuses every other image.
 fn wait_for_trial(image: &Image, insole: &mut Insole) -> Result<()> {
     let start = Instant::now();
     loop {
@@ -98,7 +100,8 @@ fn wait_for_trial(image: &Image, insole: &mut Insole) -> Result<()> {
                 std::thread::sleep(ReconnectPolicy::RESTART.retry);
             }
             Err(Error::Refused(protocol::Refusal::Update(Refusal::OnTrial))) => bail!(
-                "{} runs but does not measure: switch the insole off and on, which restores the previous version",
+                "{} runs but does not measure, so it is not confirmed: switch the insole off and on, which restores \
+                 the previous version",
                 image.header().version()
             ),
             Err(error) => return Err(error.into()),
@@ -106,10 +109,11 @@ fn wait_for_trial(image: &Image, insole: &mut Insole) -> Result<()> {
     }
 }
 
+/// Sends an image in chunks, and a request to check and install it.
 fn send(image: &Image, insole: &mut Insole) -> Result<()> {
     let offer = image.offer();
     let bar = ProgressBar::new(image.bytes().len() as u64);
-    // The template is a constant, and valid.
+    // The template is a valid constant, so the default is never used.
     bar.set_style(
         ProgressStyle::with_template("{bar:40} {bytes}/{total_bytes}, {eta} left")
             .unwrap_or_else(|_| ProgressStyle::default_bar()),

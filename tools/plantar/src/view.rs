@@ -1,4 +1,4 @@
-//! Shows the live loads of the eight regions in the terminal; where stdout is no terminal, prints one line per step.
+//! Shows the live loads of the eight regions in the terminal. If stdout is not a terminal, prints one line per step instead.
 
 use crate::summary::SHORT;
 use anyhow::Result;
@@ -13,30 +13,34 @@ use ratatui::{DefaultTerminal, Frame};
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
-/// Time between two redraws.
+/// Shortest time between two redraws.
 const REDRAW: Duration = Duration::from_millis(33);
-/// Number of steps that are listed on the screen.
+/// Number of the newest steps that the screen lists.
 const LISTED: usize = 6;
 
 /// The display of a session.
 pub struct View {
     title: String,
+    /// `None` if stdout is not a terminal, or once the display is closed.
     terminal: Option<DefaultTerminal>,
+    /// Time of the last redraw.
     drawn: Option<Instant>,
+    /// The newest live frame.
     live: Live,
     counters: LinkCounters,
-    /// End of the force scale, the largest force so far, 0.1 N.
+    /// Force at the end of the bars' scale, 0.1 N: the largest force so far, but at least 100 N.
     scale_dn: u16,
     steps: Vec<Step>,
+    /// The user has pressed a key that ends the session.
     has_ended: bool,
 }
 
 impl View {
-    /// Takes over the terminal, where stdout is one, and prints notes about the insole.
+    /// Prints notes about the insole. If stdout is a terminal, switches it to the display.
     pub fn open(hello: &Hello) -> Result<Self> {
         let title = title(hello);
         if let Some(panic) = &hello.last_panic {
-            eprintln!("note: the insole reports a fault: {panic}");
+            eprintln!("note: the insole reports a failure: {panic}");
         }
         if hello.tissue_id == 0 {
             eprintln!(
@@ -64,7 +68,7 @@ impl View {
 
     /// Shows that the insole restarted, and the reason.
     pub fn restarted(&mut self, hello: &Hello) {
-        let reason = hello.last_panic.as_deref().unwrap_or("no fault reported");
+        let reason = hello.last_panic.as_deref().unwrap_or("no failure reported");
         self.title = format!(" restarted (reset reason: {}, {reason}) ", hello.reset.name());
         if self.terminal.is_none() {
             println!("the insole{}", self.title.trim_end());
@@ -155,7 +159,7 @@ impl View {
             let flag = match () {
                 _ if is_set(self.live.saturated) => "saturated",
                 _ if is_set(self.live.masked) => "masked cells",
-                _ if is_set(self.live.clamped) => "beyond the ellipsoid",
+                _ if is_set(self.live.clamped) => "larger than ellipsoid",
                 _ => "",
             };
             let numbers = format!(
@@ -171,11 +175,11 @@ impl View {
         }
         frame.render_widget(Paragraph::new(lines).block(Block::bordered().title(self.title.as_str())), loads);
         let listed = self.steps.iter().rev().take(LISTED).map(|step| Line::from(step_line(step))).collect::<Vec<_>>();
-        let title = format!(" {} steps, newest first: peak force N, measured ", self.steps.len());
+        let title = format!(" {} steps, newest first: measured peak force, N ", self.steps.len());
         frame.render_widget(Paragraph::new(listed).block(Block::bordered().title(title)), steps);
         let c = &self.counters;
         let text = format!(
-            " {:.2} s   bar: measured, |: model   frames {} received, {} lost, {} damaged   q: end",
+            " {:.2} s   bar: measured force, |: model force   frames: {} received, {} lost, {} damaged   q: end",
             self.live.t_us as f64 / 1e6,
             c.frames_received,
             c.frames_lost,
@@ -191,6 +195,7 @@ impl Drop for View {
     }
 }
 
+/// The title of the display: the insole and its firmware.
 fn title(hello: &Hello) -> String {
     let rate_hz = 1e6 / f64::from(hello.period_us);
     format!(
@@ -202,6 +207,7 @@ fn title(hello: &Hello) -> String {
     )
 }
 
+/// A line with a step's number, times and peak forces.
 fn step_line(step: &Step) -> String {
     let peaks: Vec<_> = SHORT
         .iter()

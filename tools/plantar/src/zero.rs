@@ -10,14 +10,14 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 const GRAVITY_M_S2: f64 = 9.80665;
-/// Largest acceptable difference between the force of both feet and the body weight, percent.
+/// Largest acceptable difference between the force of both feet and the body weight, % of body weight.
 const GOOD_PERCENT: f64 = 10.0;
 
-/// Measures the baseline of the unloaded cells, and checks the scale of the sensors against body weight.
+/// Determines the baseline of the unloaded cells from a standing trial, and compares the measured force with the body weight.
 ///
-/// The person sits with both feet lifted for 5 s, stands still for 10 s, and sits with both feet lifted again for 5 s. The
-/// command finds the exact times in the recording; half a second at each end of a phase is excluded. While sitting, the feet must
-/// be off the floor, because a recording does not show whether they rest on it.
+/// In this trial, the person sits with both feet lifted for 5 s, stands still for 10 s, and sits with both feet lifted again for
+/// 5 s. The command finds the exact times of these phases in the recording, and excludes half a second at each end of a phase.
+/// Make sure that the feet are off the floor while the person sits: the command cannot detect this in a recording.
 ///
 /// `plantar fit`, `plantar replay` and `plantar emulate` accept the file with --zero.
 #[derive(Args)]
@@ -28,7 +28,8 @@ pub struct Zero {
     /// The baseline file to write, TOML.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// The person's mass, kg. Forces are also printed in % of body weight; with both feet, the scale of the sensors is checked.
+    /// The person's mass, kg. Forces are then also printed in % of body weight and, if both feet are given, their sum is compared
+    /// with the body weight.
     #[arg(long, value_name = "KG")]
     mass: Option<f64>,
 }
@@ -65,9 +66,9 @@ fn measure(path: &Path, weight_n: Option<f64>) -> Result<(Side, FootZero, f64)> 
     let recording = Recording::read(path)?;
     let trial = StandingTrial::find(&recording, &place)?;
     let foot = FootZero::measure(&recording, &trial, &place)?;
-    // Contact and stance rule have no influence on pressures.
+    // The contact rule and the stance rule have no influence on the measured pressures.
     let mut insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
-    foot.wear(&mut insole, &place)?;
+    foot.apply_to(&mut insole, &place)?;
 
     let lifted_n = trial.lifted.clone().map(|phase| mean(phase, |i| recording.force_n(i)));
     let above_zero_n = |i| recording.layout.force_n(&insole.measured_kpa(recording.frame(i)));
@@ -77,7 +78,7 @@ fn measure(path: &Path, weight_n: Option<f64>) -> Result<(Side, FootZero, f64)> 
         format!("{:6.2} s to {:6.2} s", recording.t_s[phase.start], recording.t_s[phase.end - 1])
     };
     let percent = weight_n.map_or(String::new(), |n| format!(", {:.1} % of body weight", 100.0 * standing_n / n));
-    // Adding 0 avoids "-0.0".
+    // Rounds to one decimal place. The addition of 0 avoids "-0.0".
     let tenths = |value: f64| (10.0 * value).round() / 10.0 + 0.0;
     let drift_n = lifted_n[1] - lifted_n[0];
     let least_kpa = foot.offset_kpa.iter().copied().fold(f32::INFINITY, f32::min);
@@ -96,10 +97,10 @@ fn measure(path: &Path, weight_n: Option<f64>) -> Result<(Side, FootZero, f64)> 
     Ok((recording.side, foot, standing_n))
 }
 
-/// Prints the force of both feet, compared with the body weight where that is known.
+/// Prints the force of both feet and, if the body weight is known, their comparison.
 fn print_weight_check(total_n: f64, weight_n: Option<f64>) {
     let Some(weight_n) = weight_n else {
-        println!("both feet: {total_n:.1} N; --mass checks this against body weight");
+        println!("both feet: {total_n:.1} N; give --mass to compare this with the body weight");
         return;
     };
     let percent = 100.0 * total_n / weight_n;
@@ -108,12 +109,13 @@ fn print_weight_check(total_n: f64, weight_n: Option<f64>) {
     println!("both feet: {total_n:.1} N of {weight_n:.1} N, {percent:.1} % of body weight: {verdict}");
     if !is_good {
         println!(
-            "  more than {GOOD_PERCENT} % off: check that both feet were lifted and that the mass is correct, then \
-             calibrate the scale and the gains of the sensors"
+            "  The difference is more than {GOOD_PERCENT} %: check that both feet were lifted and that the mass is \
+             correct, then calibrate the gains of the sensors."
         );
     }
 }
 
+/// The mean of a value over frames.
 fn mean(frames: Range<usize>, value: impl Fn(usize) -> f64) -> f64 {
     let count = frames.len() as f64;
     frames.map(value).sum::<f64>() / count

@@ -1,4 +1,5 @@
-//! Tests `--ble` with a simulation of Linux's Bluetooth service (BlueZ), behind which the firmware's own session runs.
+//! Tests `--ble` with a simulation of BlueZ, Linux's Bluetooth service, and of an insole that runs the code of the firmware's
+//! session.
 #![cfg(all(target_os = "linux", feature = "ble"))]
 
 use plantar::protocol::fragment::{Joiner, Splitter};
@@ -19,18 +20,20 @@ use zbus::zvariant::{ObjectPath, OwnedValue, Value};
 const ADAPTER: &str = "/org/bluez/hci0";
 const DEVICE: &str = "/org/bluez/hci0/dev_C0_00_00_00_00_01";
 const SERVICE: &str = "/org/bluez/hci0/dev_C0_00_00_00_00_01/service0010";
-/// The GATT characteristics of docs/bluetooth.md: number in the UUID, properties.
+/// The GATT characteristics of docs/bluetooth.md: the number in the UUID, and the properties.
 const CHARACTERISTICS: [(u8, [&str; 2]); 4] =
     [(1, ["write", "indicate"]), (2, ["notify", "read"]), (3, ["notify", "read"]), (4, ["write", "indicate"])];
-/// Largest value with the smallest MTU, bytes.
+/// Length of the longest value that the smallest ATT MTU allows, bytes.
 const FRAGMENT: usize = 20;
 /// Number of live frames that the insole sends before its first step.
 const FRAMES: u32 = 50;
 
+/// The UUID of the service (0) or of a characteristic.
 fn uuid(number: u8) -> String {
     format!("dca8c3{number:02x}-cb96-463f-8bec-f2094e1ccf7b")
 }
 
+/// The D-Bus path of a characteristic.
 fn path(number: u8) -> String {
     format!("{SERVICE}/char{:04x}", 0x10 + number)
 }
@@ -195,40 +198,42 @@ struct Insole {
     connected: Arc<AtomicBool>,
     /// The link breaks at the next acknowledgement, before the insole receives it.
     breaks_link: Arc<AtomicBool>,
-    link: Arc<Mutex<(Session, Joiner)>>,
-    /// Characteristics and values for the host, in the order in which they are sent.
+    session: Arc<Mutex<(Session, Joiner)>>,
+    /// The numbers of characteristics with values for the host, in the order in which they are sent.
     values: Sender<(u8, Vec<u8>)>,
 }
 
 impl Insole {
+    /// Processes a fragment that the host writes to a characteristic.
     fn write(&self, number: u8, fragment: &[u8]) {
-        let mut guard = self.link.lock().unwrap();
-        let (link, joiner) = &mut *guard;
+        let mut guard = self.session.lock().unwrap();
+        let (session, joiner) = &mut *guard;
         let Some(message) = joiner.push(fragment).expect("in order") else { return };
         let message = decode::<ToDevice>(message).expect("a message");
         assert_eq!(number == 4, matches!(message, ToDevice::SetTissue(_) | ToDevice::GetTissue));
         if matches!(message, ToDevice::Acknowledge { .. }) && self.breaks_link.swap(false, Ordering::SeqCst) {
             self.connected.store(false, Ordering::SeqCst);
-            link.push_step(step(8));
+            session.push_step(step(8));
             return;
         }
-        link.receive(message, 0);
+        session.receive(message, 0);
         // This insole accepts and stores every setting.
-        link.complete(Ok(plantar::protocol::session::CommandResult::Stored));
+        session.complete(Ok(plantar::protocol::session::CommandResult::Stored));
         if let ToDevice::Stream { live: true } = message {
             for number in 0..FRAMES {
-                link.push_live(live(number));
-                // Sent at once, because the queue of the session is shorter than the stream.
-                self.send(link);
+                session.push_live(live(number));
+                // Each frame is sent at once, because the session can queue only a few.
+                self.send(session);
             }
-            link.push_step(step(7));
+            session.push_step(step(7));
         }
-        self.send(link);
+        self.send(session);
     }
 
-    fn send(&self, link: &mut Session) {
+    /// Sends the pending messages of the session in fragments.
+    fn send(&self, session: &mut Session) {
         let mut buffer = [0; MAX_MESSAGE];
-        while let Some(message) = link.next(&hello(), status, &mut buffer) {
+        while let Some(message) = session.next(&hello(), status, &mut buffer) {
             let number = match decode::<ToHost>(message).expect("a message of the session") {
                 ToHost::Live(_) => 2,
                 ToHost::Step(_) => 3,
@@ -256,7 +261,7 @@ struct Bus {
 
 impl Drop for Bus {
     fn drop(&mut self) {
-        // This fails where the daemon has exited already.
+        // This fails if the daemon has already exited.
         let _ = self.daemon.kill();
         let _ = self.daemon.wait();
     }
@@ -274,7 +279,7 @@ impl Bus {
             is_bonded,
             connected: Arc::default(),
             breaks_link: Arc::default(),
-            link: Arc::new(Mutex::new((Session::new(), Joiner::new()))),
+            session: Arc::new(Mutex::new((Session::new(), Joiner::new()))),
             values,
         };
         let service = serve(address.trim(), &insole);
@@ -292,6 +297,7 @@ impl Bus {
         Self { daemon, address: address.trim().into(), _service: service, insole }
     }
 
+    /// Runs the command line with this D-Bus instead of the system's.
     fn plantar(&self, arguments: &[&str]) -> Output {
         Command::new(env!("CARGO_BIN_EXE_plantar"))
             .args(arguments)
@@ -301,6 +307,7 @@ impl Bus {
     }
 }
 
+/// Offers the Bluetooth service on the D-Bus at this address.
 fn serve(address: &str, insole: &Insole) -> Connection {
     let mut builder = connection::Builder::address(address)
         .and_then(|b| b.name("org.bluez"))
@@ -331,12 +338,12 @@ fn monitor_receives_the_step_after_many_frames() {
     let steps = std::fs::read_to_string(json).expect("written");
     let expected = client::step_to_json(&step(7));
     assert_eq!(serde_json::from_str::<Vec<serde_json::Value>>(&steps).expect("JSON"), [expected]);
-    // The step was acknowledged, so it is not sent again.
-    let link = &mut bus.insole.link.lock().expect("no panic").0;
-    link.receive(ToDevice::Connect { major: plantar::protocol::MAJOR, minor: plantar::protocol::MINOR }, 0);
+    // The step was acknowledged, so the insole does not send it again in a new session.
+    let session = &mut bus.insole.session.lock().expect("no panic").0;
+    session.receive(ToDevice::Connect { major: plantar::protocol::MAJOR, minor: plantar::protocol::MINOR }, 0);
     let mut sent = Vec::new();
     let mut buffer = [0; MAX_MESSAGE];
-    while let Some(message) = link.next(&hello(), status, &mut buffer) {
+    while let Some(message) = session.next(&hello(), status, &mut buffer) {
         sent.push(decode::<ToHost>(message).expect("a message of the session"));
     }
     assert!(matches!(sent[..], [ToHost::Hello(_)]), "{sent:?}");
@@ -372,7 +379,7 @@ fn parameters_are_sent_and_read_back_in_fragments() {
     run(&["params", "typical", "--out", typical]);
     run(&["params", "push", typical, "--ble", "C0:00:00:00:00:01"]);
     run(&["params", "pull", "--out", pulled, "--ble", "left"]);
-    let stored_id = || bus.insole.link.lock().expect("no panic").0.tissue().id;
+    let stored_id = || bus.insole.session.lock().expect("no panic").0.tissue().id;
     let pushed = stored_id();
     run(&["params", "push", pulled, "--ble", "left"]);
     assert_ne!(pushed, 0);

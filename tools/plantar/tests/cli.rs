@@ -1,4 +1,4 @@
-//! The files that the command line writes, and its messages about bad input.
+//! Tests the files that the command line writes, and its messages about bad input.
 
 use recording::Recording;
 use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
@@ -21,7 +21,7 @@ fn succeed(folder: &Path, arguments: &str) -> String {
     String::from_utf8(output.stdout).expect("text")
 }
 
-/// Asserts that a command fails with a message that contains all of `words`, and without a panic.
+/// Asserts that a command fails with exit status 1 and a message that contains all of `words`. A panic has another exit status.
 fn fail(folder: &Path, arguments: &str, words: &[&str]) {
     let output = plantar(folder, arguments);
     let text = String::from_utf8(output.stderr).expect("text");
@@ -55,7 +55,7 @@ fn json(path: &Path) -> Value {
     serde_json::from_str(&std::fs::read_to_string(path).expect("a file")).expect("JSON")
 }
 
-/// 5,000 kPa on 200 mm2 are 1,000 N for 0.5 s.
+/// The recording has 5,000 kPa on 200 mm2 for 0.5 s, which is 1,000 N.
 #[test]
 fn a_csv_recording_becomes_a_step_with_its_force_area_and_ellipse() {
     let (_folder, path) = folder();
@@ -76,7 +76,7 @@ fn a_csv_recording_becomes_a_step_with_its_force_area_and_ellipse() {
     close("measured_force_integral_n_s", 500.0, 0.5);
     close("area_peak_mm2", 200.0, 0.0);
     close("contact_time_s", 0.5, 0.0);
-    // Two adjacent squares of 10 mm: variances 400/12 along x and 100/12 along y; radius 2 sqrt(variance).
+    // Two adjacent squares of 10 mm have the variances 400/12 mm2 along x and 100/12 mm2 along y. A radius is 2 sqrt(variance).
     let ellipse = &heel["ellipse_at_peak"];
     assert_eq!((ellipse["x_mm"].as_f64(), ellipse["y_mm"].as_f64()), (Some(35.0), Some(20.0)));
     assert_eq!((ellipse["r_a_mm"].as_f64(), ellipse["r_b_mm"].as_f64()), (Some(11.55), Some(5.77)));
@@ -189,20 +189,20 @@ fn errors_for_too_many_cells_and_missing_programs_name_the_remedy() {
     fail(&path, "monitor --serial /dev/nowhere", &["/dev/nowhere"]);
 }
 
-/// Different offsets of 240 cells, kPa.
+/// An offset for each of 240 cells, kPa, all different.
 fn offsets() -> Vec<f32> {
     (0..240).map(|i| 20.0 * ((i * 37) % 240) as f32 / 240.0).collect()
 }
 
-/// Writes a standing trial of a foot with this load.
+/// Writes a standing trial in which this foot carries the force `standing_n`, measured by cells with [`offsets`].
 fn write_trial(path: &Path, side: plantar::Side, standing_n: f64) -> Recording {
     let mut trial = synthetic::standing(&SyntheticStanding { side, standing_n, ..Default::default() });
-    synthetic::read_with(&mut trial, &offsets(), 8.0, 7);
+    synthetic::add_sensor_errors(&mut trial, &offsets(), 8.0, 7);
     trial.write(path).expect("written");
     trial
 }
 
-/// The body weight of 70 kg is 686.5 N: 420 N and 266.5 N are 61.2 and 38.8 %.
+/// The weight of 70 kg is 686.5 N, of which the left foot carries 420 N (61.2 %) and the right foot 266.5 N (38.8 %).
 #[test]
 fn a_standing_trial_results_in_a_baseline_and_a_check_of_the_weight() {
     use plantar::Side::{Left, Right};
@@ -210,6 +210,7 @@ fn a_standing_trial_results_in_a_baseline_and_a_check_of_the_weight() {
     write_trial(&path.join("left.parquet"), Left, 420.0);
     write_trial(&path.join("right.parquet"), Right, 266.5);
     let text = succeed(&path, "zero left.parquet right.parquet --out zero.toml --mass 70");
+    // All numbers that the text has between `before` and `after`.
     let number = |before: &str, after: &str| -> Vec<f64> {
         let parts = text.match_indices(after).map(|(end, _)| &text[..end]);
         parts.map(|s| s.rsplit_once(before).expect(before).1.parse().expect("a number")).collect()
@@ -224,7 +225,7 @@ fn a_standing_trial_results_in_a_baseline_and_a_check_of_the_weight() {
     assert!(zero.contains("[left]") && zero.contains("[right]"));
 
     let text = succeed(&path, "zero left.parquet right.parquet --out zero.toml --mass 90");
-    assert!(text.contains("NOT good") && text.contains("10 % off") && text.contains("calibrate"), "{text}");
+    assert!(text.contains("NOT good") && text.contains("more than 10 %") && text.contains("calibrate"), "{text}");
     let text = succeed(&path, "zero right.parquet --out right.toml --mass 70");
     assert!(text.contains("% of body weight") && !text.contains("good") && !text.contains("both"), "{text}");
     let text = succeed(&path, "zero left.parquet right.parquet --out zero.toml");
@@ -243,7 +244,7 @@ fn a_replay_with_the_baseline_results_in_the_steps_of_cells_without_offsets() {
     write_trial(&path.join("standing.parquet"), plantar::Side::Right, 350.0);
     let mut walk = synthetic::walk(&SyntheticWalk { steps: 3, ..Default::default() }).recording;
     walk.write(path.join("ideal.parquet")).expect("written");
-    synthetic::read_with(&mut walk, &offsets(), 0.0, 1);
+    synthetic::add_sensor_errors(&mut walk, &offsets(), 0.0, 1);
     walk.write(path.join("walk.parquet")).expect("written");
     succeed(&path, "zero standing.parquet --out zero.toml");
     succeed(&path, "replay ideal.parquet --json ideal.json");
@@ -288,7 +289,7 @@ fn the_version_has_the_commit() {
     let text = succeed(folder.path(), "--version");
     let version = text.trim().strip_prefix("plantar ").expect("the name of the program");
     let commit = version.strip_prefix(env!("CARGO_PKG_VERSION")).expect("the version of the package");
-    // Sources that are not a git checkout have no commit.
+    // A build of sources that are not a git checkout has no commit.
     let is_commit = |commit: &str| commit.len() >= 7 && commit.bytes().all(|b| b.is_ascii_hexdigit());
     assert!(commit.is_empty() || commit.strip_prefix('+').is_some_and(is_commit), "{version}");
 }

@@ -21,19 +21,21 @@ fn cohort(folder: &Path, options: &str) -> Output {
         .expect("the program starts")
 }
 
-/// The exit status, and the text on both streams.
+/// The exit status, and the text on stdout and stderr.
 fn outcome(output: &Output) -> (Option<i32>, String) {
     let text = [&output.stdout, &output.stderr].map(|stream| String::from_utf8_lossy(stream));
     (output.status.code(), text.concat())
 }
 
+/// Writes a computed walk of one to three steps.
 fn walk(path: &Path, side: Side, seed: u64) {
     let peak_n = 700.0 + 20.0 * seed as f64;
     let walk = SyntheticWalk { side, steps: 1 + seed as usize % 3, seed, peak_n, ..Default::default() };
     synthetic::walk(&walk).recording.write(path).expect("written");
 }
 
-/// A folder with two participants, "ann" with size 36 and "bob=b." with size 43, with three recordings each.
+/// A folder with two participants, each with three recordings: "ann" with size 36, and "bob=b." with size 43, whose name contains
+/// a special character.
 fn people() -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().to_path_buf();
@@ -51,6 +53,7 @@ fn people() -> (TempDir, PathBuf) {
     (folder, path)
 }
 
+/// The rows of a participant in the table.
 fn rows(path: &Path, participant: &str) -> Vec<Row> {
     let file = File::open(path.join(format!("table/participant={participant}/steps.parquet"))).expect("a table");
     let reader = SerializedFileReader::new(file).expect("Parquet");
@@ -81,7 +84,7 @@ fn each_region_of_each_step_is_a_row_with_a_fit_of_its_own() {
     assert_eq!(status, Some(0), "{text_of_run}");
     assert!(text_of_run.contains("12 steps of 2 participants"), "{text_of_run}");
     let ann = rows(&path, "ann");
-    // The recordings of ann have two, three and one steps, those of bob two, three and one as well.
+    // Both participants have recordings of two, three and one steps.
     assert_eq!((ann.len(), rows(&path, "bob%3Db.").len()), (6 * 8, 6 * 8));
     let of = |recording: &str| ann.iter().filter(|row| text(row, "recording") == recording).count();
     assert_eq!(["a.parquet", "b.parquet", "c.parquet"].map(of), [16, 24, 8]);
@@ -103,7 +106,7 @@ fn each_region_of_each_step_is_a_row_with_a_fit_of_its_own() {
             assert!(low <= number(row, column) && number(row, column) <= high, "{region:?} {column}");
         }
         assert!(matches!(row["ab_at_bound"], Field::Bool(_)));
-        // The five and the eight parameters result in the same force: K = k C^(n+1) / d0^n.
+        // The five identified and the paper's eight parameters result in the same force: K = k C^(n+1) / d0^n.
         let value = |column| number(row, column);
         let (c_m, d0_m) = (value("c_mm") * 1e-3, value("d0_mm") * 1e-3);
         let stiffness_pa = value("k_n_m3") * c_m.powf(value("n") + 1.0) / d0_m.powf(value("n"));
@@ -131,7 +134,7 @@ fn mean_of(rows: &[Row], region: &str, column: &str) -> Option<f64> {
 #[test]
 fn the_summary_has_means_over_steps_then_trials_then_participants_of_a_size() {
     let (_folder, path) = people();
-    // A second participant with a size of bob's pair.
+    // A second participant in bob's pair of sizes, 43-44.
     let cid = path.join("people/cid");
     fs::create_dir(&cid).expect("made");
     fs::write(cid.join("participant.toml"), "size = 44").expect("written");
@@ -182,17 +185,17 @@ fn a_second_run_processes_only_changed_participants() {
         assert_eq!(status, Some(0), "{text_of_run}");
         assert!(words.iter().all(|word| text_of_run.contains(word)), "{text_of_run}");
     };
-    again("", &["0 steps of 0 participants", "2 participants were in the table already"]);
+    again("", &["0 steps of 0 participants", "2 participants were already up to date"]);
     let ann = path.join("table/participant=ann/steps.parquet");
     let bob = path.join("table/participant=bob%3Db./steps.parquet");
     let written = |path: &Path| path.metadata().and_then(|file| file.modified()).expect("a time");
     let bob_written = written(&bob);
-    // This is the state after an interruption while ann's file was written.
+    // Sets up the state after an interruption during which ann's file was being written.
     fs::remove_file(&ann).expect("removed");
     fs::write(ann.with_file_name(".steps.part"), "PAR1").expect("written");
-    again("", &["6 steps of 1 participants", "1 participants were in the table already"]);
+    again("", &["6 steps of 1 participants", "1 participants were already up to date"]);
     assert_eq!((summary(&path), written(&bob)), (complete_summary.clone(), bob_written));
-    // A damaged file, another recording, another size, other options.
+    // A damaged file, another recording, another size and other options each cause the participant to be processed again.
     fs::write(&ann, "PAR1").expect("written");
     again("", &["6 steps of 1 participants"]);
     assert_eq!(summary(&path), complete_summary);
@@ -204,9 +207,9 @@ fn a_second_run_processes_only_changed_participants() {
     // Invalid options change nothing.
     let (status, text_of_invalid) = outcome(&cohort(&path, "--contact-on 5 --contact-off 6"));
     assert_eq!((status, text_of_invalid.contains("--contact-off")), (Some(1), true), "{text_of_invalid}");
-    // A participant without a folder is no longer counted, and is named.
+    // A participant without a folder is no longer counted, but a note names the participant's file.
     fs::rename(path.join("people/ann"), path.join("ann")).expect("moved");
-    again("--negative-n", &["1 participants were in the table already", "participant=ann", "remove it"]);
+    again("--negative-n", &["1 participants were already up to date", "participant=ann", "remove the file"]);
     assert!(!summary(&path).contains("37-38"));
 }
 
@@ -217,7 +220,7 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
     let good = fs::read(&damaged).expect("a recording");
     fs::write(&damaged, &good[..good.len() / 2]).expect("written");
     fs::create_dir(path.join("people/nobody")).expect("made");
-    for cached in ["0 participants were in the table", "1 participants were in the table"] {
+    for cached in ["0 participants were already up to date", "1 participants were already up to date"] {
         let (status, text_of_run) = outcome(&cohort(&path, ""));
         assert_eq!(status, Some(3), "{text_of_run}");
         for words in ["left out: people/ann/b.parquet", "nobody: 0 recordings", "no whole step", cached] {
@@ -230,7 +233,7 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
     let (status, text_of_all) = outcome(&cohort(&path, ""));
     assert_eq!((status, rows(&path, "ann").len()), (Some(0), 6 * 8), "{text_of_all}");
 
-    // The file of a participant without a usable recording is removed.
+    // If a participant's settings cannot be used, the participant's file in the table is removed.
     for (text, words) in [
         ("size = 36\nsise = 36", ["people/ann/participant.toml", "line 2", "sise"]),
         ("\nsize = 47", ["people/ann/participant.toml", "line 2", "47: a European shoe size from 35 to 46"]),
@@ -257,7 +260,7 @@ fn thickness_and_baseline_of_a_participant_are_used() {
     let (status, text_of_all) = outcome(&cohort(&path, "--size 39"));
     assert_eq!(status, Some(0), "{text_of_all}");
     assert!(
-        text_of_all.contains("1 participants without a size in participant.toml count as size 39"),
+        text_of_all.contains("1 participants without a size in participant.toml are counted as size 39"),
         "{text_of_all}"
     );
     let rows = rows(&path, "ann");

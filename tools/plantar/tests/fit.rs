@@ -11,19 +11,21 @@ fn plantar(folder: &Path, arguments: &str) -> Output {
     Command::new(program).args(arguments.split_whitespace()).current_dir(folder).output().expect("the program starts")
 }
 
-/// Exit status, stdout and stderr.
+/// Runs a command. Returns its exit status, stdout and stderr.
 fn run(folder: &Path, arguments: &str) -> (i32, String, String) {
     let output = plantar(folder, arguments);
     let text = |bytes| String::from_utf8(bytes).expect("text");
     (output.status.code().expect("an exit"), text(output.stdout), text(output.stderr))
 }
 
+/// Asserts that a command succeeds, and returns what it printed on stdout.
 fn succeed(folder: &Path, arguments: &str) -> String {
     let (status, out, err) = run(folder, arguments);
     assert_eq!(status, 0, "{arguments}: {err}");
     out
 }
 
+/// Asserts that a command fails with a message that contains all of `words`, and without a panic.
 fn fail(folder: &Path, arguments: &str, words: &[&str]) {
     let (status, _, err) = run(folder, arguments);
     assert_eq!(status, 1, "{arguments}: {err}");
@@ -101,7 +103,7 @@ fn steps_are_selected_and_options_are_recorded() {
     assert_eq!(regions["hallux"]["pinned"]["compression"], 0.3);
 }
 
-/// Four cells in two regions; only the heel is loaded, three times.
+/// The layout has four cells in two regions, of which only the heel is loaded, three times.
 #[test]
 fn regions_that_cannot_be_fitted_are_named_and_set_the_exit_status() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -143,7 +145,8 @@ fn contacts_that_are_not_steps_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     std::fs::write(path.join("layout.csv"), "cell,x_mm,y_mm,area_mm2,region\n0,30,20,900,heel\n").expect("written");
-    // Contact at the start, a complete step, a contact of 50 ms, a weak step, a step that the end of the recording cuts off.
+    // The first and the last frame, and the pressure, of each contact: one that begins before the recording, a complete step, a
+    // contact of 50 ms, a weak step, a complete step, and a step that the end of the recording cuts off.
     let contacts =
         [(0, 30, 300.0), (80, 140, 300.0), (200, 205, 300.0), (260, 320, 60.0), (380, 440, 310.0), (480, 500, 300.0)];
     let frames: String = (0..500)
@@ -173,7 +176,7 @@ fn errors_for_bad_input_name_the_place_and_the_remedy() {
     fail(path, "fit nothing.parquet", &["nothing.parquet"]);
     fail(path, "fit walk.parquet --compression 2", &["--compression 2", "0.05 to 0.95"]);
     fail(path, "fit walk.parquet --steps 90-99", &["--steps 90-99", "steps 0 to 5"]);
-    fail(path, "fit walk.parquet walk.parquet", &["same recording", "give each once"]);
+    fail(path, "fit walk.parquet walk.parquet", &["same recording", "give each recording once"]);
     fail(path, "fit walk.parquet --contact-on 5 --contact-off 6", &["--contact-off may not be above --contact-on"]);
     fail(path, "fit walk.parquet --thickness none.toml", &["none.toml"]);
     for (text, words) in [

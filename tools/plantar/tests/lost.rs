@@ -1,6 +1,6 @@
-//! Tests how the command line handles a lost link, a missing or busy port, a full disk and its own end by a signal.
+//! Tests how the command line handles a lost link, a missing or busy port, a full disk, and a signal that kills it.
 //!
-//! The insole is simulated: the firmware's own session on a socket or a pseudo-terminal.
+//! The insole is simulated: the code of the firmware's session runs in the test, on a socket or a pseudo-terminal.
 
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use plantar::Side;
@@ -13,21 +13,23 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use testkit::step;
 
-/// An insole at the other end of a carrier, with pending steps.
+/// A simulated insole at the other end of the link.
 struct Insole {
-    link: Session,
+    session: Session,
     /// The insole ignores all messages.
     is_silent: bool,
 }
 
 impl Insole {
+    /// An insole with these unacknowledged steps.
     fn with_steps(steps: impl IntoIterator<Item = u32>) -> Self {
-        let mut link = Session::new();
-        steps.into_iter().for_each(|number| link.push_step(step(number)));
-        Self { link, is_silent: false }
+        let mut session = Session::new();
+        steps.into_iter().for_each(|number| session.push_step(step(number)));
+        Self { session, is_silent: false }
     }
 
-    /// Serves the host until `is_last` is true for a message. Returns false where the host disconnected before.
+    /// Serves the host until a message arrives for which `is_last` is true. This message is not processed. Returns false if the
+    /// host disconnected before.
     fn serve(&mut self, mut carrier: impl Read + Write, is_last: impl Fn(&ToDevice) -> bool) -> bool {
         let mut decoder = Decoder::new();
         let mut received = [0; 256];
@@ -44,11 +46,11 @@ impl Insole {
                     return true;
                 }
                 if !self.is_silent {
-                    self.link.receive(message, 0);
+                    self.session.receive(message, 0);
                 }
             }
             let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-            while let Some(message) = self.link.next(&hello(), Status::default, &mut buffer) {
+            while let Some(message) = self.session.next(&hello(), Status::default, &mut buffer) {
                 let len = frame(message, &mut framed);
                 if carrier.write_all(&framed[..len]).is_err() {
                     return false;
@@ -78,12 +80,14 @@ fn listen() -> (TcpListener, String) {
     (listener, address)
 }
 
-fn end(program: Child) -> (Output, String) {
+/// Waits for the end of a program. Returns its output, and the text that it printed on stderr.
+fn wait_for_end(program: Child) -> (Output, String) {
     let output = program.wait_with_output().expect("the program ends");
     let text = String::from_utf8_lossy(&output.stderr).into_owned();
     (output, text)
 }
 
+/// The number of rows of a Parquet file.
 fn rows(file: &Path) -> i64 {
     let file = SerializedFileReader::new(File::open(file).expect("a file")).expect("a complete file");
     file.metadata().file_metadata().num_rows()
@@ -98,11 +102,12 @@ fn monitor_reconnects_and_reports_the_loss_once() {
         plantar(&["monitor", "--tcp", &address, "--steps", "2", "--json"]).arg(&json).spawn().expect("it runs");
     let mut insole = Insole::with_steps([0]);
     assert!(insole.serve(listener.accept().expect("it connects").0, is_acknowledgement));
-    // The link breaks before the acknowledgement arrives, and once more before any message: no step is lost, none arrives twice.
+    // The link breaks before the insole receives the acknowledgement, and the next link before any message. Nevertheless, each
+    // step is written once.
     drop(listener.accept().expect("it connects again").0);
-    insole.link.push_step(step(1));
+    insole.session.push_step(step(1));
     insole.serve(listener.accept().expect("it connects again").0, |_| false);
-    let (output, text) = end(program);
+    let (output, text) = wait_for_end(program);
     assert!(output.status.success(), "{text}");
     assert_eq!(text.matches("trying again").count(), 1, "{text}");
     assert!(text.contains(&address), "{text}");
@@ -111,7 +116,8 @@ fn monitor_reconnects_and_reports_the_loss_once() {
     assert_eq!(numbers, [Some(0), Some(1)]);
 }
 
-/// The acknowledgement of all steps in the insole's RAM was lost: it must be repeated, or the insole sends no further steps.
+/// The acknowledgement of all steps in the insole's RAM is lost. The recorder must repeat it, because otherwise the insole sends
+/// no further steps.
 #[test]
 fn a_recorder_whose_acknowledgement_was_lost_repeats_it() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -124,14 +130,14 @@ fn a_recorder_whose_acknowledgement_was_lost_repeats_it() {
     assert!(insole.serve(listener.accept().expect("it connects").0, is_acknowledgement));
     let mut again = listener.accept().expect("it connects again").0;
     assert!(insole.serve(&mut again, is_acknowledgement));
-    insole.link.receive(ToDevice::Acknowledge { step: STEP_QUEUE as u32 - 1 }, 0);
-    insole.link.push_step(step(STEP_QUEUE as u32));
+    insole.session.receive(ToDevice::Acknowledge { step: STEP_QUEUE as u32 - 1 }, 0);
+    insole.session.push_step(step(STEP_QUEUE as u32));
     insole.serve(&mut again, |_| false);
-    let (output, text) = end(program);
+    let (output, text) = wait_for_end(program);
     assert!(output.status.success(), "{text}");
 }
 
-/// A file can hold the only copy of steps.
+/// The file may be the only copy of recorded steps.
 #[test]
 fn a_file_that_is_not_empty_is_not_overwritten() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -144,14 +150,14 @@ fn a_file_that_is_not_empty_is_not_overwritten() {
             std::fs::write(folder.path().join("index.html"), "the page").expect("a page");
             command.arg("--page").arg(folder.path());
         }
-        let (output, text) = end(command.spawn().expect("it runs"));
+        let (output, text) = wait_for_end(command.spawn().expect("it runs"));
         assert!(!output.status.success());
         assert!(text.contains("yesterday: it is not empty"), "{text}");
         assert_eq!(std::fs::read_to_string(&path).expect("a file"), "steps");
     }
 }
 
-/// Steps are acknowledged once their file is complete.
+/// The recorder acknowledges steps only once their file is complete.
 #[test]
 fn the_steps_that_a_killed_recorder_acknowledged_are_readable() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -161,11 +167,11 @@ fn the_steps_that_a_killed_recorder_acknowledged_are_readable() {
     let mut insole = Insole::with_steps(0..10);
     assert!(insole.serve(listener.accept().expect("it connects").0, is_acknowledgement));
     program.kill().expect("it is still running");
-    end(program);
+    wait_for_end(program);
     let files: Vec<_> = std::fs::read_dir(out.join("steps")).expect("a table").flatten().collect();
     let complete: Vec<_> = files.iter().filter(|file| !file.file_name().to_string_lossy().starts_with('.')).collect();
     assert!(!complete.is_empty());
-    // The file has the steps that were in the insole's RAM, with one row for each region.
+    // The file has the steps that fit into the insole's RAM, with one row for each of the eight regions.
     assert_eq!(rows(&complete[0].path()), 8 * STEP_QUEUE as i64);
 }
 
@@ -175,12 +181,12 @@ fn a_full_disk_is_reported_and_nothing_is_acknowledged() {
     let (listener, address) = listen();
     let program = plantar(&["monitor", "--tcp", &address, "--json", "/dev/full"]).spawn().expect("it runs");
     assert!(!Insole::with_steps([0]).serve(listener.accept().expect("it connects").0, is_acknowledgement));
-    let (output, text) = end(program);
+    let (output, text) = wait_for_end(program);
     assert!(!output.status.success());
     assert!(text.contains("cannot write /dev/full: No space left on device"), "{text}");
 }
 
-/// A limit of the file size behaves like a full disk, for any folder.
+/// The test limits the size of files, which has the same effect as a full disk.
 #[test]
 #[cfg(target_os = "linux")]
 fn a_recorder_that_cannot_write_leaves_the_steps_on_the_insole() {
@@ -195,7 +201,7 @@ fn a_recorder_that_cannot_write_leaves_the_steps_on_the_insole() {
         .spawn()
         .expect("it runs");
     assert!(!Insole::with_steps(0..10).serve(listener.accept().expect("it connects").0, is_acknowledgement));
-    let (output, text) = end(program);
+    let (output, text) = wait_for_end(program);
     assert!(!output.status.success());
     let expected =
         ["cannot write", "part-00000.parquet", "File too large", "were not stored; they remain on the insole"];
@@ -206,7 +212,7 @@ fn a_recorder_that_cannot_write_leaves_the_steps_on_the_insole() {
 fn an_address_without_an_insole_is_reported() {
     let (listener, address) = listen();
     drop(listener);
-    let (output, text) = end(plantar(&["monitor", "--tcp", &address]).spawn().expect("it runs"));
+    let (output, text) = wait_for_end(plantar(&["monitor", "--tcp", &address]).spawn().expect("it runs"));
     assert!(!output.status.success());
     assert!(text.contains(&format!("cannot connect to {address}")) && text.contains("is the insole"), "{text}");
 }
@@ -217,7 +223,8 @@ mod serial {
     use serialport::{SerialPort, TTYPort};
     use std::cell::Cell;
 
-    /// Returns the insole's end, the host's end, which is open but not locked, and the name of the host's end.
+    /// Opens a pseudo-terminal. Returns the insole's end, the host's end, which is open but not locked, and the name of the
+    /// host's end.
     fn port() -> (TTYPort, TTYPort, String) {
         let (insole, host) = TTYPort::pair().expect("a pseudo-terminal");
         let name = host.name().expect("a name");
@@ -226,7 +233,7 @@ mod serial {
 
     #[test]
     fn a_missing_port_is_reported() {
-        let (output, text) = end(plantar(&["monitor", "--serial", "/dev/insole"]).spawn().expect("it runs"));
+        let (output, text) = wait_for_end(plantar(&["monitor", "--serial", "/dev/insole"]).spawn().expect("it runs"));
         assert!(!output.status.success());
         assert!(text.contains("cannot open /dev/insole") && text.contains("plug the insole in"), "{text}");
     }
@@ -235,29 +242,30 @@ mod serial {
     fn a_port_is_used_by_one_program_at_a_time() {
         let (_insole, _host, name) = port();
         let _holder = serialport::new(&name, 115_200).open().expect("it is free");
-        let (output, text) = end(plantar(&["monitor", "--serial", &name]).spawn().expect("it runs"));
+        let (output, text) = wait_for_end(plantar(&["monitor", "--serial", &name]).spawn().expect("it runs"));
         assert!(!output.status.success());
         assert!(text.contains(&format!("cannot open {name}")) && text.contains("another program uses it"), "{text}");
     }
 
-    /// The insole is switched off, while its serial adapter remains plugged in.
+    /// The insole is switched off for some time, while its serial adapter remains plugged in.
     #[test]
     fn an_insole_that_was_silent_for_long_is_found_on_the_same_port() {
         let (mut port, _host, name) = port();
         let program = plantar(&["monitor", "--steps", "2", "--serial", &name]).spawn().expect("it runs");
         let mut insole = Insole::with_steps([0]);
         assert!(insole.serve(&mut port, is_acknowledgement));
-        // The program opens the port again before it has sent this number of requests to connect.
         insole.is_silent = true;
-        let hellos = Cell::new(0);
+        // After this number of unanswered requests, the program has opened the port again.
+        const MAX_CONNECT_REQUESTS: u32 = 15;
+        let connect_requests = Cell::new(0);
         assert!(insole.serve(&mut port, |message| {
-            hellos.set(hellos.get() + u32::from(matches!(message, ToDevice::Connect { .. })));
-            hellos.get() > 15
+            connect_requests.set(connect_requests.get() + u32::from(matches!(message, ToDevice::Connect { .. })));
+            connect_requests.get() > MAX_CONNECT_REQUESTS
         }));
         insole.is_silent = false;
-        insole.link.push_step(step(1));
+        insole.session.push_step(step(1));
         assert!(insole.serve(&mut port, |message| matches!(message, ToDevice::Acknowledge { step: 1 })));
-        let (output, text) = end(program);
+        let (output, text) = wait_for_end(program);
         assert!(output.status.success(), "{text}");
         assert!(text.contains("trying again"), "{text}");
     }
@@ -267,12 +275,12 @@ mod serial {
         let folder = tempfile::tempdir().expect("a folder");
         let out = folder.path().join("session");
         let (mut port, _host, name) = port();
-        // The option --seconds ends the program, because the port is not plugged in again.
+        // The port is never plugged in again, so the option --seconds ends the program.
         let program =
             plantar(&["record", "--seconds", "3", "--serial", &name, "--out"]).arg(&out).spawn().expect("it runs");
         assert!(Insole::with_steps(0..STEP_QUEUE as u32).serve(&mut port, is_acknowledgement));
         drop(port);
-        let (output, text) = end(program);
+        let (output, text) = wait_for_end(program);
         assert!(output.status.success(), "{text}");
         assert!(text.contains(&name) && text.contains("trying again"), "{text}");
         assert_eq!(rows(&out.join("steps/part-00000.parquet")), 8 * STEP_QUEUE as i64);

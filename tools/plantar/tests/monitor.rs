@@ -19,13 +19,13 @@ use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-/// Forwards bytes in one direction.
-fn pump(mut from: TcpStream, mut to: TcpStream) {
+/// Forwards bytes in one direction, in a thread of its own.
+fn forward(mut from: TcpStream, mut to: TcpStream) {
     // The thread ends once one of the sockets is closed.
     std::thread::spawn(move || copy(&mut from, &mut to));
 }
 
-/// Forwards the insole's bytes up to its first status, after which the stream is on.
+/// Forwards the insole's bytes until its first status has passed. The live stream is then on.
 fn wait_for_stream(link: &mut TcpStream, host: &mut TcpStream) {
     let mut decoder = Decoder::new();
     let mut bytes = [0; 256];
@@ -42,7 +42,8 @@ fn wait_for_stream(link: &mut TcpStream, host: &mut TcpStream) {
     }
 }
 
-/// Runs the program with the real firmware and a walk of three steps, over the network.
+/// Runs the command line with `arguments`, connected over the network to the real firmware, into which a walk of three steps is
+/// played.
 fn run_with_insole(arguments: &[&str]) -> Output {
     let firmware = std::env::var_os("PLANTAR_FIRMWARE")
         .expect("set PLANTAR_FIRMWARE to the firmware of the emulated board; `cargo xtask test` does");
@@ -61,14 +62,15 @@ fn run_with_insole(arguments: &[&str]) -> Output {
         .spawn()
         .expect("the program starts");
     let (mut host, _) = bridge.accept().expect("the program connects");
-    pump(host.try_clone().expect("a socket"), board.link().expect("the link"));
+    forward(host.try_clone().expect("a socket"), board.link().expect("the link"));
     let mut link = board.link().expect("the link");
     wait_for_stream(&mut link, &mut host);
-    pump(link, host);
+    forward(link, host);
     board.play();
     program.wait_with_output().expect("the program ends")
 }
 
+/// A computed walk of three steps.
 fn walk() -> Recording {
     synthetic::walk(&synthetic::SyntheticWalk { steps: 3, ..Default::default() }).recording
 }
@@ -88,7 +90,7 @@ fn monitor_shows_and_stores_the_steps_of_an_insole_on_the_network() {
     assert_eq!(numbers, [Some(0), Some(1), Some(2)]);
 }
 
-/// Returns all rows of the files of a table.
+/// Returns the rows of all files in the folder of a table.
 fn rows(folder: &Path) -> Vec<Row> {
     let files = std::fs::read_dir(folder).expect("a table").map(|entry| entry.expect("a file").path());
     let mut files: Vec<_> = files.collect();
@@ -100,6 +102,7 @@ fn rows(folder: &Path) -> Vec<Row> {
     rows.collect()
 }
 
+/// The value of a row in the column `name`.
 fn value<'r>(row: &'r Row, name: &str) -> &'r Field {
     let column = row.get_column_iter().find(|(column, _)| *column == name);
     column.unwrap_or_else(|| panic!("no column {name}")).1
@@ -140,9 +143,9 @@ fn record_stores_the_session_as_tables() {
     let stored = rows(&out.join("live"));
     assert!(stored.len().is_multiple_of(8) && stored.len() > 8 * 100, "{} rows", stored.len());
     for (i, row) in stored.iter().enumerate() {
-        // The walk starts after the stream, but the clock at power-on. A frame takes 10 ms, so its time gives its number.
+        // The live stream need not begin with the first frame. A frame takes 10 ms, so its time gives its number in the walk.
         let Field::Double(t_s) = value(row, "t_s") else { panic!("{row:?}") };
-        // The value is not compared: the clocks were synchronised before the walk, and the emulated clock runs faster.
+        // This time cannot be compared exactly: the clocks were synchronised before the walk, and the emulated one runs faster.
         let Field::Double(unix_s) = value(row, "unix_s") else { panic!("{row:?}") };
         assert!(*unix_s > 1.7e9);
         let computed = &live[(t_s * 100.0).round() as usize].regions[i % 8];

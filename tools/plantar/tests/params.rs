@@ -1,4 +1,5 @@
-//! Tests `plantar params` and `plantar insole` with files, and with the firmware's own session on the network.
+//! Tests `plantar params` and `plantar insole` with files, and with a simulated insole on the network that runs the code of the
+//! firmware's session.
 
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::region::Side;
@@ -16,19 +17,19 @@ use std::sync::{Arc, Mutex};
 fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address");
-    let link = Arc::new(Mutex::new(Session::new()));
-    let insole = link.clone();
+    let session = Arc::new(Mutex::new(Session::new()));
+    let insole = session.clone();
     std::thread::spawn(move || {
         for mut host in listener.incoming().map(|host| host.expect("a host")) {
             let mut decoder = Decoder::new();
             let mut received = [0; 64];
             while let Ok(count @ 1..) = host.read(&mut received) {
-                let mut link = insole.lock().expect("no panic");
+                let mut session = insole.lock().expect("no panic");
                 for &byte in &received[..count] {
                     if let Some(message) = decoder.push(byte).and_then(protocol::decode::<ToDevice>) {
-                        link.receive(message, 0);
-                        let identity = link.identity();
-                        let result = match link.command() {
+                        session.receive(message, 0);
+                        let identity = session.identity();
+                        let result = match session.command() {
                             Some(Command::SetIdentity(side, serial)) => {
                                 CommandResult::Identity(Identity { side, serial, ..identity })
                             }
@@ -37,24 +38,25 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
                             }
                             _ => CommandResult::Stored,
                         };
-                        link.complete(Ok(result));
+                        session.complete(Ok(result));
                     }
                 }
                 let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-                while let Some(message) = link.next(&hello(), Status::default, &mut message) {
+                while let Some(message) = session.next(&hello(), Status::default, &mut message) {
                     let len = protocol::frame(message, &mut framed);
                     host.write_all(&framed[..len]).expect("the host is connected");
                 }
             }
         }
     });
-    (address, link)
+    (address, session)
 }
 
 fn hello() -> Hello {
     Hello { side: Side::Left, tissue_id: 0, reset: Reset::Power, last_panic: None, ..testkit::hello() }
 }
 
+/// Runs `plantar params` with these arguments.
 fn params(folder: &Path, arguments: &str) -> Output {
     plantar(folder, &format!("params {arguments}"))
 }
@@ -67,13 +69,14 @@ fn plantar(folder: &Path, arguments: &str) -> Output {
         .expect("the program starts")
 }
 
+/// Runs `plantar params`, asserts that it succeeds, and returns what it printed on stdout.
 fn succeed(folder: &Path, arguments: &str) -> String {
     let output = params(folder, arguments);
     assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).expect("text")
 }
 
-/// Asserts that a command fails with a message that contains all of `words`, and without a panic.
+/// Runs `plantar params`, and asserts that it ends with this exit status and prints a message that contains all of `words`.
 fn fail(folder: &Path, arguments: &str, code: i32, words: &[&str]) {
     let output = params(folder, arguments);
     let text = String::from_utf8(output.stderr).expect("text");
@@ -87,8 +90,8 @@ fn fail(folder: &Path, arguments: &str, code: i32, words: &[&str]) {
 fn parameters_are_sent_shown_and_read() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
-    let (address, link) = insole();
-    let id = || format!("{:08x}", link.lock().expect("no panic").tissue().id);
+    let (address, session) = insole();
+    let id = || format!("{:08x}", session.lock().expect("no panic").tissue().id);
     for command in ["show", "pull --out pulled.toml"] {
         fail(path, &format!("{command} --tcp {address}"), 1, &["no parameters", "params push"]);
     }
@@ -106,9 +109,10 @@ fn parameters_are_sent_shown_and_read() {
     let text = std::fs::read_to_string(path.join("pulled.toml")).expect("a file");
     assert!(text.contains("a = b = sqrt(A B), d0 = C"), "{text}");
     let pulled = parameters::Parameters::read(&path.join("pulled.toml")).expect("a valid file");
-    assert_eq!(pulled.tissue(), *link.lock().expect("no panic").tissue());
+    assert_eq!(pulled.tissue(), *session.lock().expect("no panic").tissue());
 
-    // The insole, the file that was sent and the file that was read back have the same force laws. Files also have ellipsoids.
+    // The insole, the file that was sent and the file that was read back have the same force laws. The files also have
+    // ellipsoids.
     let on_insole = succeed(path, &format!("show --tcp {address}"));
     assert!(on_insole.contains(&id()) && on_insole.contains("K kPa") && !on_insole.contains("d0 mm"), "{on_insole}");
     for file in ["other.toml", "pulled.toml"] {
@@ -122,7 +126,7 @@ fn parameters_are_sent_shown_and_read() {
 fn bad_parameters_are_refused_before_anything_is_sent() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
-    let (address, link) = insole();
+    let (address, session) = insole();
     succeed(path, "typical --out params.toml");
     let good = std::fs::read_to_string(path.join("params.toml")).expect("parameters");
     for (text, words) in [
@@ -134,7 +138,7 @@ fn bad_parameters_are_refused_before_anything_is_sent() {
         fail(path, &format!("push bad.toml --tcp {address}"), 1, &words);
         fail(path, "show bad.toml", 1, &words);
     }
-    assert_eq!(*link.lock().expect("no panic").tissue(), Tissue::NONE);
+    assert_eq!(*session.lock().expect("no panic").tissue(), Tissue::NONE);
 }
 
 #[test]
@@ -158,7 +162,7 @@ fn without_a_file_or_an_insole_the_remedy_is_named() {
 fn an_insole_is_named_calibrated_and_shown() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let (address, link) = insole();
+    let (address, session) = insole();
     let run = |arguments: &str| {
         let output = plantar(folder, &format!("insole {arguments} --tcp {address}"));
         let text = |bytes| String::from_utf8(bytes).expect("text");
@@ -203,7 +207,7 @@ fn an_insole_is_named_calibrated_and_shown() {
     let mut id = CalibrationId::new();
     id.add(&(0..cells).map(|cell| CellCalibration { offset: 100 + cell, gain: 1.5 }).collect::<Vec<_>>());
     assert!(done && text.contains(&format!("calibration {:08x}", id.id())), "{text} {failed}");
-    assert_eq!(link.lock().expect("no panic").identity().calibration_id, id.id());
+    assert_eq!(session.lock().expect("no panic").identity().calibration_id, id.id());
     let (done, text, _) = run("show");
     assert!(done && text.contains("P-0001") && text.contains("steps so far"), "{text}");
     assert!(run("restart").0);

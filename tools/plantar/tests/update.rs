@@ -1,5 +1,5 @@
-//! Tests `plantar update` with an insole on the network: the firmware's own session and update code on a flash chip in memory,
-//! whose images the bootloader's own code swaps.
+//! Tests `plantar update` with a simulated insole on the network. It runs the code of the firmware's session and update on a
+//! simulated flash chip, and the code of the bootloader, which swaps the images.
 
 use embassy_boot::{AlignedBuffer, BootLoader};
 use embassy_futures::block_on;
@@ -24,10 +24,12 @@ use testkit::nor_flash::NorFlashChip;
 const OLD: &str = "1.2.3";
 const NEW: &str = "1.3.0";
 
+/// The key whose signature the insole accepts.
 fn secret() -> SigningKey {
     SigningKey::from_bytes(&[9; 32])
 }
 
+/// A signed image for a board, with arbitrary contents.
 fn image(board: &str, version: &str, secret: &SigningKey) -> Image {
     let mut bytes: Vec<u8> = (0..40 * CHUNK).map(|i| (i * i / 16) as u8).collect();
     let header = Header::new(board, version).bytes();
@@ -35,20 +37,21 @@ fn image(board: &str, version: &str, secret: &SigningKey) -> Image {
     Image::sign(bytes, secret).expect("it has a header")
 }
 
-/// The behaviour of the new image.
+/// The behaviour of the new image during its trial.
 #[derive(Clone, Copy, PartialEq)]
 enum Trial {
     Passes,
     Crashes,
 }
 
-/// An insole that serves one host after the other. An update ends the session, and the next one is served by the new image.
+/// An insole that serves one host after the other. An update ends a session; the image that then runs serves the next session.
 struct Insole {
     chip: NorFlashChip,
     trial: Trial,
 }
 
 impl Insole {
+    /// Starts an insole that runs the old image. Returns its address and its state.
     fn start(trial: Trial) -> (SocketAddr, Arc<Mutex<Self>>) {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
         let address = listener.local_addr().expect("an address");
@@ -65,11 +68,13 @@ impl Insole {
         (address, insole)
     }
 
+    /// The header of the image that runs.
     fn running(&self) -> Header {
         let at = (ACTIVE_IMAGE.start + HEADER) as usize;
         Header::read(self.chip.bytes[at..].first_chunk().expect("the chip is larger")).expect("a valid header")
     }
 
+    /// Runs the bootloader, which swaps the images if necessary.
     fn boot(&mut self) {
         let chip = Shared::new(&mut self.chip);
         let active = Blocking(Partition::<_, CHUNK>::new(&chip, ACTIVE_IMAGE));
@@ -80,7 +85,7 @@ impl Insole {
 
     /// Serves a host until it disconnects or the insole restarts.
     fn serve(&mut self, host: &mut (impl Read + Write)) {
-        let (mut link, mut update, mut decoder) = (Session::new(), Update::new(), Decoder::new());
+        let (mut session, mut update, mut decoder) = (Session::new(), Update::new(), Decoder::new());
         let mut received = [0; 64];
         let (running, key) = (self.running(), secret().verifying_key().to_bytes());
         let hello = Hello { firmware: running.version().try_into().expect("it is short"), ..testkit::hello() };
@@ -88,16 +93,16 @@ impl Insole {
         while !accepted && let Ok(count @ 1..) = host.read(&mut received) {
             for &byte in &received[..count] {
                 if let Some(message) = decoder.push(byte).and_then(protocol::decode::<ToDevice>) {
-                    link.receive(message, 0);
+                    session.receive(message, 0);
                 }
             }
-            if let Some(Command::Update(request)) = link.command() {
+            if let Some(Command::Update(request)) = session.command() {
                 let progress = block_on(update.handle(&mut self.chip, &running, &key, &request));
                 accepted = progress == Ok(Progress::Accepted);
-                link.complete(progress.map(CommandResult::Update).map_err(Refusal::Update));
+                session.complete(progress.map(CommandResult::Update).map_err(Refusal::Update));
             }
             let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-            while let Some(message) = link.next(&hello, Status::default, &mut message) {
+            while let Some(message) = session.next(&hello, Status::default, &mut message) {
                 let len = protocol::frame(message, &mut framed);
                 host.write_all(&framed[..len]).expect("the host is connected");
             }
@@ -112,6 +117,7 @@ impl Insole {
     }
 }
 
+/// Runs `plantar update`.
 fn update(file: &Path, address: SocketAddr) -> Output {
     process::Command::new(env!("CARGO_BIN_EXE_plantar"))
         .arg("update")
@@ -121,6 +127,7 @@ fn update(file: &Path, address: SocketAddr) -> Output {
         .expect("the program starts")
 }
 
+/// Asserts that an update fails with a message that contains all of `words`.
 fn fail(file: &Path, address: SocketAddr, words: &[&str]) {
     let output = update(file, address);
     let text = String::from_utf8(output.stderr).expect("text");
@@ -140,7 +147,7 @@ fn a_signed_image_is_sent_and_the_new_version_is_reported() {
     let output = update(&file, address);
     let text = String::from_utf8(output.stdout).expect("text");
     assert!(output.status.success(), "{text} {}", String::from_utf8_lossy(&output.stderr));
-    assert!(text.contains(&format!("runs {OLD}")) && text.contains(&format!("runs {NEW}, {OLD} before")), "{text}");
+    assert!(text.contains(&format!("runs {OLD}")) && text.contains(&format!("runs {NEW} (before: {OLD})")), "{text}");
     let insole = insole.lock().expect("no panic");
     assert!(insole.chip.bytes[ACTIVE_IMAGE.start as usize..].starts_with(new.bytes()));
 }

@@ -4,7 +4,7 @@ use crate::{Cell, Error, Layout, Recording, Result};
 use plantar::Region;
 use std::collections::BTreeMap;
 
-/// Step of the search for the pitch of the grid, mm.
+/// Difference between the pitches that the search tries, mm. The pitch is the side of the squares of the grid.
 const PITCH_STEP_MM: f64 = 0.1;
 
 /// See [`Recording::binned`].
@@ -31,7 +31,7 @@ pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
         .map(|k| f64::from(k) * PITCH_STEP_MM)
         .map(|pitch_mm| (pitch_mm, squares(cells, &loaded, pitch_mm)))
         .find(|(_, groups)| groups.len() <= max_cells)
-        .expect("a square as large as the foot leaves one cell for each region, and max_cells allows these");
+        .expect("with a square as large as the foot one cell for each region is left, and max_cells is at least their number");
     let processing = format!(
         "Merged {} loaded cells into {} on a {pitch_mm:.1} mm grid within each region.",
         loaded.len(),
@@ -40,7 +40,7 @@ pub fn binned(recording: &Recording, max_cells: usize) -> Result<Recording> {
     Ok(merged(recording, &groups, &processing))
 }
 
-/// The cells that carry load in some frame; all cells where none does.
+/// The indices of the cells that carry load in at least one frame. If no cell ever carries load, the indices of all cells.
 fn loaded_cells(recording: &Recording) -> Vec<usize> {
     let cells = recording.cells();
     let mut ever = vec![false; cells];
@@ -55,7 +55,8 @@ fn loaded_cells(recording: &Recording) -> Vec<usize> {
     (0..cells).filter(|&i| ever[i]).collect()
 }
 
-/// Groups the chosen cells by region and by square of a grid, whose origin is at their smallest coordinates; from heel to toes.
+/// Groups the chosen cells: the cells of one region in one square of a grid form a group. The grid begins at the smallest
+/// coordinates of these cells. The groups are ordered from heel to toes.
 fn squares(cells: &[Cell], chosen: &[usize], pitch_mm: f64) -> Vec<Vec<usize>> {
     let least = |along: fn(&Cell) -> f64| chosen.iter().map(|&i| along(&cells[i])).fold(f64::INFINITY, f64::min);
     let (x0_mm, y0_mm) = (least(|c| c.x_mm), least(|c| c.y_mm));

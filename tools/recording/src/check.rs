@@ -1,9 +1,10 @@
-//! The rules of recordings, which are checked on reading, importing and writing.
+//! The rules that every recording obeys. They are checked when a recording is read, imported or written.
 
 use crate::{Error, Layout, MAX_CELLS, Recording, Result};
 use plantar::pipeline::region::{MAX_CELL_MM2, MIN_CELL_MM2};
 
-/// The place of a violation. The caller converts it to the name of a file with a line, row or column.
+/// The part of a recording that violates a rule. The caller's `place` converts it to text for the message: the name of a file
+/// with a line, row or column.
 #[derive(Clone, Copy)]
 pub enum At {
     /// The recording as a whole.
@@ -14,7 +15,7 @@ pub enum At {
     Value { frame: usize, cell: usize },
 }
 
-/// Checks all rules.
+/// Checks all rules. `place` describes the part of the recording that violates a rule.
 pub fn recording(recording: &Recording, place: &dyn Fn(At) -> String) -> Result<()> {
     layout(&recording.layout, &place(At::Whole))?;
     let (frames, cells) = (recording.frames(), recording.cells());
@@ -29,14 +30,14 @@ pub fn recording(recording: &Recording, place: &dyn Fn(At) -> String) -> Result<
     pressures(&recording.pressure_kpa, cells, place)
 }
 
-/// Largest coordinate of a cell, mm. A larger one is in another unit.
+/// Largest coordinate of a cell, mm. A larger value must be in another unit.
 const MAX_COORDINATE_MM: f64 = 10_000.0;
-/// Largest time, s: three hundred years. A larger one is in another unit.
+/// Largest time, s: three hundred years. A larger value must be in another unit.
 const MAX_TIME_S: f64 = 1e10;
-/// Largest pressure, kPa: ten times the pressure of a hard edge under a heel. A larger one is in another unit.
+/// Largest pressure, kPa: ten times the pressure of a hard edge under a heel. A larger value must be in another unit.
 const MAX_KPA: f32 = 50_000.0;
 
-/// Checks the number of cells and their geometry.
+/// Checks the number of cells and their geometry. Messages begin with `place`.
 pub fn layout(layout: &Layout, place: &str) -> Result<()> {
     cell_count(layout.cells.len(), place)?;
     for (i, cell) in layout.cells.iter().enumerate() {
@@ -59,7 +60,7 @@ pub fn layout(layout: &Layout, place: &str) -> Result<()> {
     Ok(())
 }
 
-/// Checks that the number of cells is 1 to [`MAX_CELLS`].
+/// Checks that the number of cells is 1 to [`MAX_CELLS`]. Messages begin with `place`.
 pub fn cell_count(cells: usize, place: &str) -> Result<()> {
     if cells == 0 {
         return Err(Error::content(place, "no cells", "describe at least one cell"));
@@ -74,7 +75,8 @@ pub fn cell_count(cells: usize, place: &str) -> Result<()> {
     Ok(())
 }
 
-/// Checks that time increases in steps of `1 / rate_hz`, within half a frame.
+/// Checks that each frame follows the previous one after `1 / rate_hz`, to within half of this interval, and that the mean rate
+/// is `rate_hz`.
 fn clock(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> {
     if t_s.is_empty() {
         return Err(Error::content(place(At::Whole), "no frames", "record at least one frame"));
@@ -83,14 +85,14 @@ fn clock(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> 
         return Err(Error::content(place(At::Whole), format!("a rate of {rate_hz} Hz"), "state a positive rate"));
     }
     times(t_s, place)?;
-    steps(t_s, rate_hz, place)?;
-    // Even if each step is correct within half a frame, the mean rate may differ.
-    let steps = (t_s.len() - 1) as f64;
+    intervals(t_s, rate_hz, place)?;
+    // If every interval is slightly too long, each one passes the check above, but the mean rate is wrong.
+    let intervals = (t_s.len() - 1) as f64;
     let span_s = t_s[t_s.len() - 1] - t_s[0];
-    if (span_s * rate_hz - steps).abs() > (0.01 * steps).max(0.5) {
+    if (span_s * rate_hz - intervals).abs() > (0.01 * intervals).max(0.5) {
         return Err(Error::content(
             place(At::Whole),
-            format!("the frames come at {:.3} Hz, the stated rate is {rate_hz:.3} Hz", steps / span_s),
+            format!("the frames come at {:.3} Hz, the stated rate is {rate_hz:.3} Hz", intervals / span_s),
             "correct the stated rate",
         ));
     }
@@ -107,16 +109,16 @@ pub fn times(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<()> {
     ))
 }
 
-/// Checks that each frame follows the previous one after `1 / rate_hz`, within half of it.
-pub fn steps(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> {
+/// Checks that each frame follows the previous one after `1 / rate_hz`, to within half of this interval.
+pub fn intervals(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> {
     for (i, pair) in t_s.windows(2).enumerate() {
-        let step_s = pair[1] - pair[0];
-        let problem = if step_s == 0.0 {
+        let interval_s = pair[1] - pair[0];
+        let problem = if interval_s == 0.0 {
             format!("time {} s is repeated", pair[1])
-        } else if step_s < 0.0 {
+        } else if interval_s < 0.0 {
             format!("time runs backwards from {} s to {} s", pair[0], pair[1])
-        } else if (step_s * rate_hz - 1.0).abs() > 0.5 {
-            format!("{step_s:.6} s after the frame before, expected {:.6} s at {rate_hz:.6} Hz", 1.0 / rate_hz)
+        } else if (interval_s * rate_hz - 1.0).abs() > 0.5 {
+            format!("{interval_s:.6} s after the frame before, expected {:.6} s at {rate_hz:.6} Hz", 1.0 / rate_hz)
         } else {
             continue;
         };
@@ -129,11 +131,12 @@ pub fn steps(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<
     Ok(())
 }
 
-/// Checks that all pressures are finite and not negative.
+/// Checks that all pressures are finite, not negative, and at most [`MAX_KPA`].
 fn pressures(pressure_kpa: &[f32], cells: usize, place: &dyn Fn(At) -> String) -> Result<()> {
     let valid = |kpa: f32| (0.0..=MAX_KPA).contains(&kpa);
     for (frame, row) in pressure_kpa.chunks_exact(cells).enumerate() {
-        // Without an early exit the check is vectorised. Only an invalid row is searched again for the cell.
+        // `fold` tests every value, so that the compiler can vectorise the loop. The cell is then searched in invalid rows
+        // only.
         if row.iter().fold(true, |all, &kpa| all & valid(kpa)) {
             continue;
         }

@@ -1,7 +1,7 @@
-//! Import from two CSV files, the layout of the cells and the frames.
+//! Import from two CSV files: one describes the layout of the cells, the other contains the frames.
 //!
 //! The layout has the header `cell,x_mm,y_mm,area_mm2` and optionally `region`. Cells are numbered from 0 without gaps, in foot
-//! coordinates ([`Cell`]). Where the layout has no regions, [`template`] assigns them. The frames have the header
+//! coordinates ([`Cell`]). If the layout has no regions, [`template`] assigns them. The frames have the header
 //! `t_s,c0,c1,...`: time in seconds and the pressure of each cell in kPa.
 
 use crate::check::{self, At};
@@ -13,15 +13,17 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// Largest overlap of two cells, as a fraction of the smaller one, because layouts are drawn with some tolerance.
+/// Largest overlap of two cells, as a fraction of the smaller cell. Some overlap is allowed, because drawn layouts are not
+/// exact.
 const MAX_OVERLAP: f64 = 0.25;
-/// Number of rows between two calls of `progress`.
+/// The number of rows that are read between two calls of `progress`.
 const ROWS_PER_REPORT: usize = 1000;
 
-/// Imports one foot. `progress` receives the bytes of the frames read so far and in total.
+/// Imports one foot. `progress` receives the number of bytes that have been read from the file of frames, and the size of that
+/// file.
 ///
 /// # Errors
-/// Where a file cannot be read or a line violates the format. The message names file, line and remedy.
+/// Fails if a file cannot be read or a line violates the format. The message names file, line and remedy.
 pub fn import(
     layout_path: impl AsRef<Path>,
     frames_path: impl AsRef<Path>,
@@ -38,10 +40,10 @@ pub fn import(
     Ok(recording)
 }
 
-/// As [`import`], from text. Messages name it `layout.csv` and `frames.csv`.
+/// As [`import`], from text. In messages the two texts are called `layout.csv` and `frames.csv`.
 ///
 /// # Errors
-/// Where a line violates the format.
+/// Fails if a line violates the format.
 pub fn parse(layout: impl Read, frames: impl Read, side: Side) -> Result<Recording> {
     read(layout, Path::new("layout.csv"), frames, Path::new("frames.csv"), side, &mut |_| {})
 }
@@ -123,6 +125,7 @@ fn read_layout(from: impl Read, path: &Path) -> Result<Layout> {
     Ok(Layout { name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(), cells })
 }
 
+/// The index of each column in the file of the layout.
 struct LayoutColumns {
     cell: usize,
     x_mm: usize,
@@ -131,6 +134,7 @@ struct LayoutColumns {
     region: Option<usize>,
 }
 
+/// Finds the columns in the header of the layout.
 fn layout_columns(header: &StringRecord, path: &Path) -> Result<LayoutColumns> {
     const KNOWN: [&str; 5] = ["cell", "x_mm", "y_mm", "area_mm2", "region"];
     let remedy = "the header is cell,x_mm,y_mm,area_mm2 and optionally region";
@@ -178,7 +182,8 @@ fn check_numbering(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Checks that cells do not overlap. They are compared as squares of their area, parallel to the axes.
+/// Checks that cells do not overlap by more than [`MAX_OVERLAP`]. Each cell counts as a square of its area, parallel to the
+/// axes.
 fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
     let mut by_x: Vec<_> = rows.iter().collect();
     by_x.sort_by(|(_, _, a), (_, _, b)| a.x_mm.total_cmp(&b.x_mm));
@@ -195,14 +200,14 @@ fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
                 ((a + half_mm).min(b + other_half_mm) - (a - half_mm).max(b - other_half_mm)).max(0.0)
             };
             let shared_mm2 = shared(|c| c.x_mm) * shared(|c| c.y_mm);
-            let part = shared_mm2 / cell.area_mm2.min(other.area_mm2);
-            if part > MAX_OVERLAP {
+            let overlap = shared_mm2 / cell.area_mm2.min(other.area_mm2);
+            if overlap > MAX_OVERLAP {
                 return Err(Error::content(
                     at_line(path, line.max(other_line)),
                     format!(
                         "cell {id} (line {line}) and cell {other_id} (line {other_line}) overlap \
                          by {:.0} % of the smaller",
-                        100.0 * part
+                        100.0 * overlap
                     ),
                     "correct the positions or areas of these cells",
                 ));
@@ -212,7 +217,7 @@ fn check_overlap(rows: &[(usize, u64, Cell)], path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Frames as read: each value is checked, but not whether the times are uniform.
+/// The frames of a file. Each value has been checked; whether the intervals between the times are equal has not.
 struct Frames {
     t_s: Vec<f64>,
     lines: Vec<u64>,
@@ -251,6 +256,7 @@ fn read_frames(
     Ok(frames)
 }
 
+/// Checks that the header of the frames matches the number of cells of the layout.
 fn check_frames_header(header: &StringRecord, path: &Path, layout_path: &Path, cells: usize) -> Result<()> {
     let problem = |problem: String, remedy: &str| Err(Error::content(at_line(path, 1), problem, remedy));
     for (i, name) in header.iter().enumerate() {

@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 /// The result of reading, writing or converting a recording.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Why a recording could not be read, written or converted. Every message names the place and a remedy.
+/// The reason why a recording could not be read, written or converted. Every message names the file and a remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The operating system refused to open, read or write a file.
@@ -17,7 +17,7 @@ pub enum Error {
     /// The content violates a rule.
     #[error("{place}: {problem}; {remedy}")]
     Content {
-        /// The file and, where known, the line, row or column.
+        /// The file, with the line, row or column if it is known.
         place: String,
         /// The violation of a rule.
         problem: String,

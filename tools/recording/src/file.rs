@@ -1,4 +1,5 @@
-//! The Parquet file of one foot: a column for the time and one for each cell; everything else is JSON in the metadata.
+//! The Parquet file of one foot. It has one column for the time and one column for each cell. All other fields of a recording
+//! are stored as JSON in the metadata of the file.
 
 use crate::check::{self, At};
 use crate::pages::CheckedPages;
@@ -21,18 +22,18 @@ use std::fs::{self, File};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Key of the JSON in the metadata of the file.
+/// The key under which the metadata of the file contains the JSON.
 const KEY: &str = "plantar";
 /// First and last bytes of a Parquet file.
 const MAGIC: &[u8] = b"PAR1";
 /// Version of the JSON and of the columns.
 const VERSION: u32 = 1;
-/// Number of frames in a row group. A reader needs the memory of one group at a time.
+/// Number of frames in a row group. A reader needs memory for one group at a time.
 const FRAMES_PER_GROUP: usize = 16_384;
-/// Largest number of pressures in a recording, 8 GiB. A small file can claim that many, because equal values are compressed. The
-/// limit is lower for fuzzing, which reads many files.
+/// Largest number of pressures in a recording; they occupy 8 GiB. Without this limit, a small file could exhaust the memory,
+/// because equal values are compressed. The limit is lower for fuzzing, which reads many files.
 const MAX_VALUES: u64 = if cfg!(fuzzing) { 1 << 22 } else { 1 << 31 };
-/// Number of columns that are transposed to rows at a time: the values fill one cache line of f32.
+/// Number of columns that are transposed to rows at a time. In a row, their f32 values fill one cache line of 64 bytes.
 const COLUMNS_PER_BLOCK: usize = 16;
 
 #[derive(Serialize, Deserialize)]
@@ -45,7 +46,7 @@ struct Metadata<'a> {
     layout: Cow<'a, Layout>,
 }
 
-/// The part of [`Metadata`] that is common to all versions.
+/// The version, which the JSON of every version of the format contains.
 #[derive(Deserialize)]
 struct Version {
     version: u32,
@@ -70,6 +71,7 @@ pub fn write(recording: &Recording, path: &Path) -> Result<()> {
     write_columns(recording, json, file).map_err(|e| Error::io(path)(std::io::Error::other(e)))
 }
 
+/// Writes the columns, and `json` to the metadata.
 fn write_columns(recording: &Recording, json: String, file: File) -> std::result::Result<(), ParquetError> {
     let properties = WriterProperties::builder()
         .set_compression(Compression::SNAPPY)
@@ -103,6 +105,7 @@ fn write_columns(recording: &Recording, json: String, file: File) -> std::result
     Ok(())
 }
 
+/// The columns of a recording with this number of cells.
 fn schema(cells: usize) -> std::result::Result<Type, ParquetError> {
     let fields = (0..=cells)
         .map(|index| {
@@ -116,7 +119,7 @@ fn schema(cells: usize) -> std::result::Result<Type, ParquetError> {
     Type::group_type_builder("recording").with_fields(fields).build()
 }
 
-/// Name of a column: time first, then the cells.
+/// Name of the column at `index`. Column 0 is the time; column `i + 1` is cell `i`.
 fn column_name(index: usize) -> String {
     match index {
         0 => "t_s".to_owned(),
@@ -139,6 +142,7 @@ pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<Recording> {
     })
 }
 
+/// See [`Recording::parse`]. The Parquet library may panic.
 fn decode(bytes: Bytes, path: &Path) -> Result<Recording> {
     let file = path.display().to_string();
     let has_start = bytes.starts_with(MAGIC);
@@ -178,6 +182,7 @@ fn decode(bytes: Bytes, path: &Path) -> Result<Recording> {
     Ok(recording)
 }
 
+/// Reads the JSON in the metadata of the file.
 fn metadata(reader: &SerializedFileReader<Bytes>, file: &str) -> Result<Metadata<'static>> {
     let json = reader
         .metadata()
@@ -212,6 +217,7 @@ fn metadata(reader: &SerializedFileReader<Bytes>, file: &str) -> Result<Metadata
     serde_json::from_str(json).map_err(broken)
 }
 
+/// Checks that the file has the columns of a recording with this number of cells.
 fn check_columns(schema: &SchemaDescriptor, cells: usize, file: &str) -> Result<()> {
     let reimport = "import the measurement again";
     if schema.num_columns() != cells + 1 {
@@ -238,7 +244,7 @@ fn check_columns(schema: &SchemaDescriptor, cells: usize, file: &str) -> Result<
     Ok(())
 }
 
-/// Reads the times, s, and the pressures, kPa, row-major.
+/// Reads the times, s, and the pressures, kPa. The pressures are stored frame by frame.
 fn read_columns(reader: &SerializedFileReader<Bytes>, cells: usize, file: &str) -> Result<(Vec<f64>, Vec<f32>)> {
     let damaged = |error: ParquetError| {
         Error::content(file, format!("damaged Parquet data ({error})"), "copy or import the file again")
@@ -276,12 +282,13 @@ fn read_columns(reader: &SerializedFileReader<Bytes>, cells: usize, file: &str) 
     Ok((t_s, pressure_kpa))
 }
 
-/// Number of rows; a damaged group may claim a negative one.
+/// Number of rows of a group. A damaged group may claim a negative number, which counts as 0.
 fn rows(group: &RowGroupMetaData) -> usize {
     group.num_rows().max(0) as usize
 }
 
-/// Appends one column of a row group to `values` and returns its length.
+/// Appends column `index` of a row group to `values` and returns the number of its rows. Messages name `file` and count rows
+/// from `first_row`, the number of rows in the previous groups.
 fn column<T: DataType>(
     group: &dyn RowGroupReader,
     index: usize,

@@ -1,4 +1,5 @@
-//! A virtual insole: the cells of a recording in the order of a device, and its pressures as codes of a sensor.
+//! A virtual insole: it has the cells of a recording in the order of a device, and converts recorded pressures to the codes of
+//! a sensor.
 
 use crate::Recording;
 use plantar::checksum::crc32;
@@ -8,10 +9,11 @@ use plantar::pipeline::region::Cell;
 use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::stance::StanceRule;
 
-/// Exponent of the virtual sensor's power law. The conductance of a resistive cell increases slightly less than in proportion to
-/// pressure; the value is this project's choice.
+/// Exponent of the virtual sensor's power law. It is below 1, because the conductance of a resistive cell increases slightly
+/// less than in proportion to pressure. The value is this project's choice.
 pub(crate) const EXPONENT: f32 = 0.8;
-/// Full scale of the virtual sensor, kPa; doubled until it exceeds the largest pressure of the recording.
+/// Full scale of the virtual sensor, kPa. [`VirtualInsole::new`] doubles it until it exceeds the largest pressure of the
+/// recording.
 pub(crate) const FULL_KPA: f32 = 1000.0;
 
 /// A virtual insole that converts recorded pressures to codes.
@@ -21,23 +23,25 @@ pub struct VirtualInsole {
     pub setup: Setup,
     /// The cells in the order of the codes.
     pub cells: Vec<SetupCell>,
-    /// For each cell of the recording, its index in the insole.
-    places: Vec<usize>,
+    /// For each cell of the recording, its index in [`VirtualInsole::cells`].
+    insole_index: Vec<usize>,
     law: LawTable,
     curve: Curve,
 }
 
-/// The sensor law as a table over the leading bits of a pressure, accurate to a hundredth of a code. Without the table, `powf`
-/// would take most of the time of a replay.
+/// The sensor law as a table, which is accurate to a hundredth of a code. The leading bits of a pressure, as an f32, select the
+/// entry. Without the table, `powf` would take most of the time of a replay.
 #[derive(Clone, Debug)]
 struct LawTable {
-    /// For each value of the leading bits: the code extrapolated to pressure 0, and the slope in codes per kPa.
-    steps: Vec<(f32, f32)>,
-    /// Leading bits of the first entry.
+    /// For each value of the leading bits, the straight line that approximates the law: its code at pressure 0, and its slope
+    /// in codes per kPa.
+    lines: Vec<(f32, f32)>,
+    /// Leading bits of the pressures of the first entry.
     first: u32,
 }
 
-/// Trailing bits of a pressure, over which the table interpolates: 2^9 entries an octave.
+/// Number of trailing bits of a pressure, over which the table interpolates. The nine leading bits of the mantissa select an
+/// entry, so that each doubling of the pressure has 2^9 entries.
 const INTERPOLATED_BITS: u32 = f32::MANTISSA_DIGITS - 1 - 9;
 /// Pressure, kPa, below which a code is less than a half and rounds to 0.
 const MIN_KPA: f32 = 1e-4;
@@ -47,25 +51,27 @@ impl LawTable {
         let code = |kpa: f64| f64::from(FULL_CODE) * (kpa / f64::from(law.full_kpa)).powf(f64::from(law.exponent));
         let first = MIN_KPA.to_bits() >> INTERPOLATED_BITS;
         let last = law.full_kpa.to_bits() >> INTERPOLATED_BITS;
-        let kpa_at = |step: u32| f64::from(f32::from_bits(step << INTERPOLATED_BITS));
-        let steps = (first..=last).map(|step| {
-            let (from, to) = (kpa_at(step), kpa_at(step + 1));
+        let kpa_at = |leading_bits: u32| f64::from(f32::from_bits(leading_bits << INTERPOLATED_BITS));
+        let lines = (first..=last).map(|leading_bits| {
+            let (from, to) = (kpa_at(leading_bits), kpa_at(leading_bits + 1));
             let slope = (code(to) - code(from)) / (to - from);
             ((code(from) - slope * from) as f32, slope as f32)
         });
-        Self { steps: steps.collect(), first }
+        Self { lines: lines.collect(), first }
     }
 
+    /// The code of a cell without an offset under a pressure below the full scale.
     fn code(&self, kpa: f32) -> u16 {
-        let step = (kpa.to_bits() >> INTERPOLATED_BITS).wrapping_sub(self.first) as usize;
-        // A pressure outside of the table is below its start, because the full scale exceeds every pressure; the code is 0.
-        self.steps.get(step).map_or(0, |(base, slope)| (base + slope * kpa + 0.5) as u16)
+        let entry = (kpa.to_bits() >> INTERPOLATED_BITS).wrapping_sub(self.first) as usize;
+        // The full scale exceeds every pressure, so a pressure without an entry is smaller than the first one: its code is 0.
+        self.lines.get(entry).map_or(0, |(base, slope)| (base + slope * kpa + 0.5) as u16)
     }
 }
 
 impl VirtualInsole {
-    /// The insole of a recording. Its calibration is ideal: pressures differ from the recorded ones by the resolution of the
-    /// sensor alone, less than 0.1 % above 1 % of full scale. [`crate::Zero::wear`] sets the offsets of the cells.
+    /// The insole of a recording. Its calibration is ideal: measured pressures differ from the recorded pressures by the
+    /// resolution of the sensor alone, which is less than 0.1 % for pressures above 1 % of full scale.
+    /// [`crate::Zero::apply_to`] sets the offsets of the cells.
     pub fn new(recording: &Recording, contact: ContactRule, stance: StanceRule) -> Self {
         let largest_kpa = recording.pressure_kpa.iter().fold(0.0f32, |a, &b| a.max(b));
         let mut sensor = SensorLaw { full_kpa: FULL_KPA, exponent: EXPONENT };
@@ -77,7 +83,7 @@ impl VirtualInsole {
         let cells: Vec<_> = order
             .iter()
             .enumerate()
-            .map(|(place, &i)| {
+            .map(|(index, &i)| {
                 let cell = &recording.layout.cells[i];
                 SetupCell {
                     cell: Cell {
@@ -87,8 +93,8 @@ impl VirtualInsole {
                         area_mm2: cell.area_mm2 as f32,
                     },
                     calibration: CellCalibration::IDEAL,
-                    // The wiring of the emulated matrix: rows of 16 columns.
-                    row_column: place as u8,
+                    // In the emulated matrix, cells are wired in their order, 16 to a row.
+                    row_column: index as u8,
                 }
             })
             .collect();
@@ -105,63 +111,67 @@ impl VirtualInsole {
             contact,
             stance,
         };
-        let mut places = vec![0; order.len()];
-        for (place, &i) in order.iter().enumerate() {
-            places[i] = place;
+        let mut insole_index = vec![0; order.len()];
+        for (index, &i) in order.iter().enumerate() {
+            insole_index[i] = index;
         }
         let mut curve = Curve::new();
         curve.set(&setup.sensor);
-        Self { law: LawTable::new(&setup.sensor), setup, cells, places, curve }
+        Self { law: LawTable::new(&setup.sensor), setup, cells, insole_index, curve }
     }
 
-    /// Number of frames to process: the frames of the recording, and enough repetitions of the last one to confirm a toe off.
+    /// Number of frames to process: the frames of the recording, and enough repetitions of its last frame to confirm a toe off
+    /// at the end.
     pub fn frames(&self, recording: &Recording) -> usize {
         let confirm_us = u32::from(self.setup.stance.min_swing_ms) * 1000;
         recording.frames() + confirm_us.div_ceil(self.setup.period_us) as usize + 1
     }
 
-    /// Writes the codes of frame `i`, which is less than [`VirtualInsole::frames`], to `codes`, one for each cell of the insole.
+    /// Writes the codes of frame `i` to `codes`, which has one element for each cell of the insole. `i` must be less than
+    /// [`VirtualInsole::frames`].
     pub fn codes_of(&self, recording: &Recording, i: usize, codes: &mut [u16]) {
         self.codes(recording.frame(i.min(recording.frames() - 1)), codes);
     }
 
-    /// Writes the codes of these pressures, kPa, in the order of the recording, to `codes`, one for each cell of the insole.
+    /// Writes the codes of these pressures to `codes`. The pressures, kPa, are in the order of the recording; the codes are in
+    /// the order of the insole.
     pub fn codes(&self, pressure_kpa: &[f32], codes: &mut [u16]) {
         codes.fill(0);
-        let mut load = |kpa: f32, place: usize| {
+        let mut load = |kpa: f32, index: usize| {
             if kpa > 0.0 {
-                codes[place] = self.law.code(kpa);
+                codes[index] = self.law.code(kpa);
             }
         };
-        // Most cells are unloaded most of the time, so they are skipped eight at a time.
+        // Most cells are unloaded most of the time, so unloaded cells are skipped eight at a time.
         let (kpa_by_8, kpa_left) = pressure_kpa.as_chunks::<8>();
-        let (places_by_8, places_left) = self.places.as_chunks::<8>();
-        for (kpa, places) in kpa_by_8.iter().zip(places_by_8) {
+        let (index_by_8, index_left) = self.insole_index.as_chunks::<8>();
+        for (kpa, indices) in kpa_by_8.iter().zip(index_by_8) {
             if kpa.iter().fold(0, |any, kpa| any | kpa.to_bits()) != 0 {
-                kpa.iter().zip(places).for_each(|(&kpa, &place)| load(kpa, place));
+                kpa.iter().zip(indices).for_each(|(&kpa, &index)| load(kpa, index));
             }
         }
-        kpa_left.iter().zip(places_left).for_each(|(&kpa, &place)| load(kpa, place));
+        kpa_left.iter().zip(index_left).for_each(|(&kpa, &index)| load(kpa, index));
     }
 
-    /// The pressures that a device measures under these applied pressures, kPa, in the order of the recording: quantised, and
-    /// without the offsets.
+    /// The pressures that a device measures if these pressures are applied. Both are in kPa and in the order of the recording.
+    /// The measured pressures are quantised, and the offsets of the cells are subtracted.
     pub fn measured_kpa(&self, pressure_kpa: &[f32]) -> Vec<f32> {
         let mut codes = vec![0; self.cells.len()];
         self.codes(pressure_kpa, &mut codes);
-        let measured = |&place: &usize| {
-            let CellCalibration { offset, gain } = self.cells[place].calibration;
-            gain * self.curve.pressure_kpa::<f32>((i32::from(codes[place]) - i32::from(offset)).max(0))
+        let measured = |&index: &usize| {
+            let CellCalibration { offset, gain } = self.cells[index].calibration;
+            gain * self.curve.pressure_kpa::<f32>((i32::from(codes[index]) - i32::from(offset)).max(0))
         };
-        self.places.iter().map(measured).collect()
+        self.insole_index.iter().map(measured).collect()
     }
 
-    /// The code of a cell without offset at a pressure.
+    /// The code of a cell without an offset under this pressure.
     pub(crate) fn code(&self, kpa: f32) -> u16 {
         self.law.code(kpa)
     }
 
-    /// The inverse of [`VirtualInsole::code`], kPa, by the law itself: a [`Curve`] is too coarse near zero.
+    /// The pressure, kPa, at which a cell without an offset has this code. It is computed by the law itself, because a
+    /// [`Curve`] is too coarse near zero.
     pub(crate) fn pressure_kpa(&self, code: u16) -> f32 {
         let SensorLaw { full_kpa, exponent } = self.setup.sensor;
         (f64::from(full_kpa) * (f64::from(code) / f64::from(FULL_CODE)).powf(1.0 / f64::from(exponent))) as f32

@@ -1,9 +1,10 @@
-//! Import of the open data set SpeedPP2DS (Pataky and Crompton) from the package `jiku-data`: barefoot steps of ten walkers on a
-//! pressure plate at 500 Hz, one HDF5 file for each walker.
+//! Import of the open data set SpeedPP2DS (Pataky and Crompton) from the package `jiku-data`: barefoot steps of ten walkers on
+//! a pressure plate at 500 Hz, one HDF5 file for each walker.
 //!
-//! Each trial is one step, stored with resampled rows; the import recovers the native rows of the plate. The data set does not
-//! state the unit of force; with 0.1 N for a unit of a native cell, the body masses are plausible. In the stored images the
-//! hallux is at small columns, as in a right foot seen from above, so all steps are imported as right feet.
+//! Each trial is one step. The rows of its images were resampled before they were stored; the import recovers the native rows
+//! of the plate. The data set does not state the unit of force. If one stored unit is 0.1 N, the body masses are plausible. In
+//! the stored images the hallux is at small columns, as in a right foot seen from above, so all steps are imported as right
+//! feet.
 
 mod native;
 mod registration;
@@ -30,22 +31,22 @@ pub const SWING_S: f64 = 0.4;
 const CELL_LENGTH_MM: f64 = 7.62;
 /// Extent of a native cell across the foot, mm.
 const CELL_WIDTH_MM: f64 = 5.08;
-/// Force of one stored unit, N; assumed.
+/// The force that one stored unit is assumed to mean, N.
 const UNIT_N: f64 = 0.1;
 
 /// Concatenates the trials of one walker to one recording. It is not a continuous walk: each trial is a separate step over the
 /// plate, and [`SWING_S`] without load is inserted between steps.
 ///
-/// Each step is shifted by whole native cells to the best overlap with the previous steps, so that no reading is interpolated. It
-/// is not rotated. The layout contains all cells that are loaded in some frame. Trials that are empty, or still loaded in their
-/// last frame, are left out; [`Recording::source`] lists them.
+/// Each step is shifted by whole native cells to the best overlap with the previous steps, so that no reading is interpolated.
+/// It is not rotated. The layout contains all cells that are loaded in at least one frame. A trial that is empty, or still
+/// loaded in its last frame, is left out; [`Recording::source`] lists these trials.
 ///
-/// `dir` is the folder of the data set or its `data_y`. Trials are numbered from 0 and imported in the given order. `progress`
-/// receives the bytes of the file read so far and in total.
+/// `dir` is the folder of the data set, or its subfolder `data_y`. Trials are numbered from 0 and imported in the given order.
+/// `progress` receives the number of bytes of the file that have been processed, and the size of the file.
 ///
 /// # Errors
-/// Where the walker or a trial does not exist, a file cannot be read, the rows of a trial were not resampled as expected, or no
-/// trial is usable.
+/// Fails if the walker or a trial does not exist, a file cannot be read, the rows of a trial were not resampled as expected, or
+/// no trial is usable.
 pub fn import(
     dir: impl AsRef<Path>,
     walker: usize,
@@ -59,15 +60,15 @@ pub fn import(
     read(file, &path, walker, &trials, &mut |share| progress((total_bytes as f64 * share) as u64, total_bytes))
 }
 
-/// As [`import`], from the content of a walker's file. Messages name it `subj000.h5`.
+/// As [`import`], from the content of a walker's file. In messages the file is called `subj000.h5`.
 ///
 /// # Errors
-/// As [`import`].
+/// Fails in the same cases as [`import`].
 pub fn parse(bytes: &[u8], trials: &[usize]) -> Result<Recording> {
     read(Hdf5File::from_bytes(bytes), Path::new("subj000.h5"), 0, trials, &mut |_| {})
 }
 
-/// `progress` receives the processed fraction.
+/// As [`import`], from an opened file. `progress` receives the fraction of the trials that have been processed.
 fn read(
     file: std::result::Result<Hdf5File, hdf5_reader::error::Error>,
     path: &Path,
@@ -107,7 +108,7 @@ fn read(
     }
     let shifts = registration::shifts(&steps);
     let grid = Grid::of(&steps, &shifts);
-    check::cell_count(grid.columns.len(), &path.display().to_string())?;
+    check::cell_count(grid.indices.len(), &path.display().to_string())?;
     let mut source = format!(
         "SpeedPP2DS (Pataky and Crompton, jiku-data), {}: {} separate barefoot steps on a pressure \
          plate (trials {}), concatenated with {SWING_S} s without load before and after each; \
@@ -121,7 +122,7 @@ fn read(
         source += &format!(" Trials left out: {}.", left_out.join(", "));
     }
     let pressure_kpa = concatenate(&steps, &shifts, &grid);
-    let frames = pressure_kpa.len() / grid.columns.len();
+    let frames = pressure_kpa.len() / grid.indices.len();
     Ok(Recording {
         side: Side::Right,
         layout: Layout { name: format!("pressure plate, walker {walker}"), cells: grid.cells() },
@@ -132,7 +133,7 @@ fn read(
     })
 }
 
-/// The file of a walker, in `dir` or in its folder `data_y`.
+/// The path of the file of a walker, in `dir` or in its subfolder `data_y`.
 fn walker_file(dir: &Path, walker: usize) -> Result<PathBuf> {
     if walker >= WALKERS {
         return Err(Error::content(
@@ -151,33 +152,35 @@ fn walker_file(dir: &Path, walker: usize) -> Result<PathBuf> {
     })
 }
 
-/// The cells of the plate that are loaded in some step, in coordinates common to all steps.
+/// The cells of the plate that are loaded in at least one step. Their coordinates are common to all steps.
 struct Grid {
-    /// For the cell at (row, column) of the plate, from heel to toes, its index in a frame.
-    columns: BTreeMap<(isize, isize), usize>,
+    /// The index in a frame of the cell at (row, column) of the plate. Rows are numbered from heel to toes.
+    indices: BTreeMap<(isize, isize), usize>,
 }
 
 impl Grid {
+    /// The cells that are loaded in at least one of these steps after their shifts.
     fn of(steps: &[Step], shifts: &[Shift]) -> Self {
-        let mut columns = BTreeMap::new();
+        let mut indices = BTreeMap::new();
         for (step, shift) in steps.iter().zip(shifts) {
             for cell in step.loaded_cells() {
-                columns.insert(shift.apply(cell), 0);
+                indices.insert(shift.apply(cell), 0);
             }
         }
-        for (i, column) in columns.values_mut().enumerate() {
-            *column = i;
+        for (i, index) in indices.values_mut().enumerate() {
+            *index = i;
         }
-        Self { columns }
+        Self { indices }
     }
 
+    /// The cells in foot coordinates, in the order of their indices.
     fn cells(&self) -> Vec<Cell> {
-        let least = |axis: fn(&(isize, isize)) -> isize| self.columns.keys().map(axis).min();
+        let least = |axis: fn(&(isize, isize)) -> isize| self.indices.keys().map(axis).min();
         let (Some(back), Some(medial)) = (least(|k| k.0), least(|k| k.1)) else {
             return Vec::new();
         };
         let mut cells: Vec<Cell> = self
-            .columns
+            .indices
             .keys()
             .map(|(row, column)| Cell {
                 x_mm: ((column - medial) as f64 + 0.5) * CELL_WIDTH_MM,
@@ -192,23 +195,23 @@ impl Grid {
     }
 }
 
-/// All frames, row-major, kPa: swing, step, swing, step, ..., swing.
+/// The pressures of all frames, kPa, frame by frame: swing, step, swing, step, ..., swing.
 fn concatenate(steps: &[Step], shifts: &[Shift], grid: &Grid) -> Vec<f32> {
     let kpa_per_unit = (UNIT_N / (CELL_LENGTH_MM * CELL_WIDTH_MM) * 1e3) as f32;
-    let cells = grid.columns.len();
-    let swing = (SWING_S * RATE_HZ).round() as usize * cells;
-    let mut pressure_kpa = vec![0.0; swing];
+    let cells = grid.indices.len();
+    let swing_values = (SWING_S * RATE_HZ).round() as usize * cells;
+    let mut pressure_kpa = vec![0.0; swing_values];
     for (step, shift) in steps.iter().zip(shifts) {
         let start = pressure_kpa.len();
         pressure_kpa.resize(start + step.frames() * cells, 0.0);
         let frames = &mut pressure_kpa[start..];
         for cell in step.loaded_cells() {
-            let column = grid.columns[&shift.apply(cell)];
+            let index = grid.indices[&shift.apply(cell)];
             for (frame, &units) in frames.chunks_exact_mut(cells).zip(step.series(cell)) {
-                frame[column] = f32::from(units) * kpa_per_unit;
+                frame[index] = f32::from(units) * kpa_per_unit;
             }
         }
-        pressure_kpa.resize(pressure_kpa.len() + swing, 0.0);
+        pressure_kpa.resize(pressure_kpa.len() + swing_values, 0.0);
     }
     pressure_kpa
 }

@@ -1,4 +1,4 @@
-//! The cells of one sensor sheet.
+//! The cells of a sensor sheet or pressure plate.
 
 use crate::names;
 use plantar::Region;
@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 /// Largest number of cells in a recording.
 pub const MAX_CELLS: usize = 4096;
 
-/// One pressure sensor in foot coordinates: x to the lateral side, y from heel to toes, origin at the back of the heel on the
-/// medial edge. These coordinates are the same for left and right feet.
+/// One pressure sensor in foot coordinates: x points to the lateral side, y from heel to toes, and the origin is at the back of
+/// the heel on the medial edge. These coordinates are the same for left and right feet.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cell {
     /// Centroid, mm from the medial edge.
@@ -17,22 +17,22 @@ pub struct Cell {
     pub y_mm: f64,
     /// Sensitive area, mm².
     pub area_mm2: f64,
-    /// Plantar region of the cell; in files its [`Region::name`].
+    /// Plantar region of the cell. Files contain its [`Region::name`].
     #[serde(with = "names::region")]
     pub region: Region,
 }
 
 impl Cell {
-    /// Half the side of a square of the cell's area, mm: the extent of the cell from its centroid.
+    /// Half of the side of a square with the area of the cell, mm. The cell is assumed to extend this far from its centroid.
     pub(crate) fn half_side_mm(&self) -> f64 {
         self.area_mm2.sqrt() / 2.0
     }
 }
 
-/// The cells of one sensor sheet, in the order of a frame's values.
+/// The cells of a sensor sheet or pressure plate, in the order of the values of a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Layout {
-    /// Name of the sheet, for display.
+    /// Name for display.
     pub name: String,
     /// The cells, at most [`MAX_CELLS`].
     pub cells: Vec<Cell>,

@@ -1,9 +1,10 @@
-//! Plantar pressure recordings: the type in memory, the file format, and the importers.
+//! Plantar pressure recordings: their type in memory, their file format, and the importers.
 //!
 //! A [`Recording`] is the pressure under one foot over time. It is stored in a Parquet file ([`Recording::read`],
-//! [`Recording::write`]) and comes from one of the importers ([`csv`], [`pedar`], [`jiku`]) or from a computed walk with known
-//! true values ([`synthetic`]). Where the source names no regions, [`template`] assigns them. [`VirtualInsole`] converts the
-//! pressures of a recording to the codes of a sensor. The [`Zero`] of an insole is computed from a [`StandingTrial`].
+//! [`Recording::write`]). One of the importers creates it ([`csv`], [`pedar`], [`jiku`]), or it is computed from known true
+//! values ([`synthetic`]). If the source names no regions, [`template`] assigns them. [`VirtualInsole`] converts the pressures
+//! of a recording to the codes of a sensor. The [`Zero`] of an insole, which is the baseline of its cells, is computed from a
+//! [`StandingTrial`].
 
 pub mod csv;
 pub mod jiku;

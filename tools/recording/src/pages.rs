@@ -1,5 +1,5 @@
-//! A check of Parquet pages before they are decoded. The library allocates memory for as many values as a page header claims, so
-//! a damaged header could exhaust the memory.
+//! A check of Parquet pages before they are decoded. The Parquet library allocates memory for as many values as the header of a
+//! page claims, so a damaged header could exhaust the memory.
 
 use parquet::column::page::{Page, PageMetadata, PageReader};
 use parquet::errors::{ParquetError, Result};
@@ -17,13 +17,13 @@ pub struct CheckedPages {
 impl PageReader for CheckedPages {
     fn get_next_page(&mut self) -> Result<Option<Page>> {
         let page = self.pages.get_next_page()?;
-        let most = match &page {
+        let most_values = match &page {
             Some(Page::DictionaryPage { buf, .. }) => buf.len() / self.value_bytes,
             _ => self.rows,
         };
         match page.as_ref().map_or(0, Page::num_values) as usize {
-            values if values > most => {
-                Err(ParquetError::General(format!("{values} values in a page, at most {most} fit")))
+            values if values > most_values => {
+                Err(ParquetError::General(format!("{values} values in a page, at most {most_values} fit")))
             }
             _ => Ok(page),
         }

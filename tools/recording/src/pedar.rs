@@ -1,8 +1,10 @@
-//! Import of pedar in-shoe measurements: the ASCII export (`.asc`) and the geometry of the insole.
+//! Import of in-shoe measurements by the pedar system (novel GmbH), from its ASCII export (`.asc`) and a description of the
+//! geometry of the insoles.
 //!
-//! The export has both feet: time in seconds, the left sensors and the right sensors in kPa. The geometry is a CSV file with the
-//! header `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm`: the corners of each sensor, both insoles seen from above side by
-//! side, heels at small y, the right insole at larger x.
+//! Each line of the export contains the time in seconds and the pressures of both feet in kPa: first the left sensors, then the
+//! right ones. The geometry is a CSV file with the header `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm`. Each of its lines
+//! contains the corners of one sensor. Both insoles lie side by side and are seen from above, with the heels at small y and the
+//! right insole at larger x.
 
 use crate::check::{self, At};
 use crate::table::{self, at_line, check_later, check_width, file_name, number, pressure_kpa, unreadable};
@@ -11,20 +13,22 @@ use plantar::{Region, Side};
 use std::fs;
 use std::path::Path;
 
-/// Largest relative difference between the stated area and that of the polygon, because real sensors have curved edges.
+/// Largest relative difference between the stated area of a sensor and the area of the polygon of its corners. They differ,
+/// because real sensors have curved edges.
 const AREA_TOLERANCE: f64 = 0.25;
-/// Number of lines between two calls of `progress`.
+/// The number of lines that are read between two calls of `progress`.
 const LINES_PER_REPORT: usize = 1000;
 /// First word of the line that names the columns.
 const TIME_COLUMN: &str = "time[secs]";
 
+/// Header of the file that describes the geometry.
 const GEOMETRY_HEADER: [&str; 11] =
     ["side", "sensor", "area_mm2", "x1_mm", "y1_mm", "x2_mm", "y2_mm", "x3_mm", "y3_mm", "x4_mm", "y4_mm"];
 
-/// Imports one foot of a measurement. `progress` receives the bytes read so far and in total.
+/// Imports one foot of a measurement. `progress` receives the number of bytes of the export that have been read, and its size.
 ///
 /// # Errors
-/// Where a file cannot be read or a line violates the format. The message names file, line and remedy.
+/// Fails if a file cannot be read or a line violates the format. The message names file, line and remedy.
 pub fn import(
     asc_path: impl AsRef<Path>,
     geometry_path: impl AsRef<Path>,
@@ -37,10 +41,10 @@ pub fn import(
     read(&asc, asc_path, &geometry, geometry_path, side, progress)
 }
 
-/// As [`import`], from text. Messages name it `measurement.asc` and `geometry.csv`.
+/// As [`import`], from text. In messages the two texts are called `measurement.asc` and `geometry.csv`.
 ///
 /// # Errors
-/// Where a line violates the format.
+/// Fails if a line violates the format.
 pub fn parse(asc: &[u8], geometry: &[u8], side: Side) -> Result<Recording> {
     read(asc, Path::new("measurement.asc"), geometry, Path::new("geometry.csv"), side, &mut |_, _| {})
 }
@@ -145,7 +149,7 @@ fn read_geometry(text: &[u8], path: &Path, side: Side) -> Result<Vec<Cell>> {
     Ok(cells)
 }
 
-/// Centroid and area of a polygon by the shoelace formula, for either orientation.
+/// Centroid and area of a polygon by the shoelace formula. The corners may be listed clockwise or anticlockwise.
 fn centroid_and_area(polygon: &[[f64; 2]; 4]) -> ([f64; 2], f64) {
     let (mut doubled_mm2, mut x, mut y) = (0.0, 0.0, 0.0);
     for (i, &[x1, y1]) in polygon.iter().enumerate() {
@@ -158,7 +162,7 @@ fn centroid_and_area(polygon: &[[f64; 2]; 4]) -> ([f64; 2], f64) {
     ([x / (3.0 * doubled_mm2), y / (3.0 * doubled_mm2)], doubled_mm2.abs() / 2.0)
 }
 
-/// Frames as read: each value is checked, but not whether the times are uniform.
+/// The frames of a file. Each value has been checked; whether the intervals between the times are equal has not.
 struct Frames {
     t_s: Vec<f64>,
     lines: Vec<u64>,
@@ -173,12 +177,12 @@ fn read_frames(
     side: Side,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Frames> {
-    // The header of the file may contain names in any encoding; the numbers are ASCII.
+    // The header of the file may contain names in any encoding, which are not needed. The numbers are ASCII.
     let text = String::from_utf8_lossy(bytes);
     let mut lines = (1..).zip(text.lines());
     check_header(&mut lines, path, geometry_path, sensors)?;
 
-    let first = match side {
+    let first_column = match side {
         Side::Left => 1,
         Side::Right => 1 + sensors,
     };
@@ -195,7 +199,7 @@ fn read_frames(
         check_later(now_s, frames.t_s.last().copied(), &place)?;
         frames.t_s.push(now_s);
         frames.lines.push(line);
-        for (i, field) in fields[first..first + sensors].iter().enumerate() {
+        for (i, field) in fields[first_column..first_column + sensors].iter().enumerate() {
             let column = format!("{} {}", side.name(), i + 1);
             frames.pressure_kpa.push(pressure_kpa(field, &column, &place)?);
         }

@@ -3,29 +3,31 @@
 use crate::check::{self, At};
 use crate::{Error, Recording, Result};
 
-/// Lowest plausible rate, Hz. At a lower rate a stance would have fewer than two frames, so the times are in another unit, such
-/// as ms.
+/// Lowest plausible rate, Hz. At a lower rate a stance would have fewer than two frames, so the times must be in another unit,
+/// such as ms.
 const MIN_HZ: f64 = 2.0;
 
-/// The mean rate of increasing times, Hz.
+/// The mean frame rate, Hz, of frames at these times. `place` converts the part of the recording that violates a rule to text
+/// for the message.
 ///
 /// # Errors
-/// Where fewer than two times exist, an interval differs much from the median interval, or the times cannot be seconds.
+/// Fails if there are fewer than two times, an interval differs by more than half from the median interval, or the times cannot
+/// be seconds.
 pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
     check::times(t_s, place)?;
-    let mut steps_s: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    if steps_s.is_empty() {
+    let mut intervals_s: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    if intervals_s.is_empty() {
         let problem = match t_s.len() {
             0 => "no frames",
             _ => "a single frame has no rate",
         };
         return Err(Error::content(place(At::Whole), problem, "record at least two frames"));
     }
-    let middle = (steps_s.len() - 1) / 2;
-    let (_, median_s, _) = steps_s.select_nth_unstable_by(middle, f64::total_cmp);
-    check::steps(t_s, 1.0 / *median_s, place)?;
-    // The mean interval, unlike the median, is exact where times are rounded, for example to whole milliseconds.
-    let rate_hz = steps_s.len() as f64 / (t_s[t_s.len() - 1] - t_s[0]);
+    let middle = (intervals_s.len() - 1) / 2;
+    let (_, median_s, _) = intervals_s.select_nth_unstable_by(middle, f64::total_cmp);
+    check::intervals(t_s, 1.0 / *median_s, place)?;
+    // If the times are rounded, for example to whole milliseconds, the mean interval is still exact; the median is not.
+    let rate_hz = intervals_s.len() as f64 / (t_s[t_s.len() - 1] - t_s[0]);
     if rate_hz < MIN_HZ {
         let problem = format!("a frame every {:.3} s", 1.0 / rate_hz);
         return Err(Error::content(place(At::Whole), problem, "give times in seconds"));
@@ -42,16 +44,16 @@ pub fn at_rate(recording: &Recording, rate_hz: f64) -> Result<Recording> {
             return Err(Error::content("resampling", "no frames", "record at least one frame"));
         }
     };
-    // A frame that lies after the end only because of rounding is included.
-    let steps = (span_s * rate_hz + 1e-6).floor();
-    if !(rate_hz > 0.0 && steps < f64::from(u32::MAX)) {
+    // The small addend includes a last frame that would lie after the end only because of rounding.
+    let intervals = (span_s * rate_hz + 1e-6).floor();
+    if !(rate_hz > 0.0 && intervals < f64::from(u32::MAX)) {
         return Err(Error::content(
             "resampling",
             format!("cannot resample to {rate_hz} Hz"),
             "choose a positive rate that results in at most 2^32 - 1 frames",
         ));
     }
-    let frames = steps as usize + 1;
+    let frames = intervals as usize + 1;
     let mut at_s = Vec::with_capacity(frames);
     let mut pressure_kpa = Vec::with_capacity(frames * recording.cells());
     let mut before = 0;

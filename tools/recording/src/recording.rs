@@ -17,7 +17,7 @@ pub struct Recording {
     pub source: String,
     /// Time of each frame, s; strictly increasing at `rate_hz`.
     pub t_s: Vec<f64>,
-    /// Pressure, kPa, not negative; frames x cells, row-major.
+    /// Pressure, kPa, not negative. All cells of the first frame come first, then those of the second frame, and so on.
     pub pressure_kpa: Vec<f32>,
 }
 
@@ -35,7 +35,7 @@ impl Recording {
     /// The pressures of frame `i`, kPa, one for each cell.
     ///
     /// # Panics
-    /// Where the recording has no frame `i`.
+    /// Panics if the recording has no frame `i`.
     pub fn frame(&self, i: usize) -> &[f32] {
         let cells = self.cells();
         &self.pressure_kpa[i * cells..(i + 1) * cells]
@@ -44,7 +44,7 @@ impl Recording {
     /// Force on all cells in frame `i`, N: the sum of pressure times area.
     ///
     /// # Panics
-    /// Where the recording has no frame `i`.
+    /// Panics if the recording has no frame `i`.
     pub fn force_n(&self, i: usize) -> f64 {
         self.layout.force_n(self.frame(i))
     }
@@ -52,17 +52,17 @@ impl Recording {
     /// Reads a recording from Parquet: a file, or a folder with its parts.
     ///
     /// # Errors
-    /// Where the file cannot be read, is not a recording, or violates a rule of recordings: finite pressures of at least 0,
-    /// uniform increasing time, at most [`crate::MAX_CELLS`] cells.
+    /// Fails if the file cannot be read, is not a recording, or violates a rule of recordings: pressures are finite and at
+    /// least 0, time increases uniformly, and there are at most [`crate::MAX_CELLS`] cells.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         if path.is_dir() { parts::read(path) } else { file::read(path) }
     }
 
-    /// As [`Recording::read`], from the content of a file; messages name `path`.
+    /// As [`Recording::read`], from the content of a file. Messages name `path` as the file.
     ///
     /// # Errors
-    /// As [`Recording::read`].
+    /// Fails in the same cases as [`Recording::read`].
     pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<Self> {
         file::parse(bytes, path)
     }
@@ -71,7 +71,7 @@ impl Recording {
     /// layout as JSON under the metadata key `plantar`.
     ///
     /// # Errors
-    /// Where the file cannot be written or the recording violates a rule that [`Recording::read`] checks.
+    /// Fails if the file cannot be written or the recording violates a rule that [`Recording::read`] checks.
     pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
         file::write(self, path.as_ref())
     }
@@ -81,19 +81,20 @@ impl Recording {
     /// No filter is applied: on downsampling, content above half the new rate aliases.
     ///
     /// # Errors
-    /// Where `rate_hz` is not a positive number or results in more than [`u32::MAX`] frames, or the recording has no frame.
+    /// Fails if `rate_hz` is not a positive number or results in more than [`u32::MAX`] frames, or the recording has no frame.
     pub fn at_rate(&self, rate_hz: f64) -> Result<Self> {
         rate::at_rate(self, rate_hz)
     }
 
-    /// The same load on at most `max_cells` cells; unchanged if the recording has no more cells.
+    /// The same load on at most `max_cells` cells. A recording that has no more cells is returned unchanged.
     ///
-    /// First, cells that are never loaded are dropped. If that does not suffice, cells of the same region within one square of a
-    /// regular grid are merged, at the smallest pitch that suffices (in steps of 0.1 mm). A merged cell has the sum of the areas,
-    /// the area-weighted centroid and the area-weighted mean pressure, so the force on every region is conserved in every frame.
+    /// First, cells that are never loaded are dropped. If that does not suffice, cells of the same region within one square of
+    /// a regular grid are merged. The pitch of the grid is the smallest multiple of 0.1 mm that suffices. A merged cell has the
+    /// sum of the areas, the area-weighted centroid and the area-weighted mean pressure, so the force on every region is
+    /// conserved in every frame.
     ///
     /// # Errors
-    /// Where `max_cells` is less than the number of loaded regions.
+    /// Fails if `max_cells` is smaller than the number of loaded regions.
     pub fn binned(&self, max_cells: usize) -> Result<Self> {
         bins::binned(self, max_cells)
     }

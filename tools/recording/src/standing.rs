@@ -1,39 +1,41 @@
 //! Segmentation of a standing trial: sit with both feet lifted, stand still, sit and lift both feet again (DeBerardinis et al.
 //! 2019, section 2.4: 5, 10 and 5 seconds).
 //!
-//! People do not follow the times exactly, and unloaded cells do not read zero, so neither times nor forces are known. The
-//! segmentation relies on two facts: the force is constant and highest while standing, and constant and lowest while the feet
-//! are lifted, before and after. From the force alone, lifted feet cannot be distinguished from feet that rest on the floor
-//! throughout the trial.
+//! People do not follow the times exactly, and unloaded cells do not read zero, so neither the times nor the forces are known
+//! in advance. The segmentation relies on two facts: while the person stands, the force is constant and highest; while the feet
+//! are lifted, before and after standing, it is constant and lowest. If the feet rest on the floor instead, throughout the
+//! trial, this cannot be recognised from the force alone.
 
 use crate::{Error, Recording, Result};
 use std::ops::Range;
 
-/// Shortest time of standing still, s.
+/// Shortest time for which the person stands still, s.
 const STAND_S: f64 = 5.0;
-/// Shortest time with lifted feet in total, s.
+/// Shortest time for which the feet are lifted, before and after standing together, s.
 const LIFTED_S: f64 = 3.0;
-/// Shortest time with lifted feet before standing, and after it, s.
+/// Shortest time for which the feet are lifted, both before and after standing, s.
 const LIFTED_ONCE_S: f64 = 1.0;
 /// Time that is omitted at both ends of each part, s, because the foot is still moving.
 const GUARD_S: f64 = 0.5;
 /// Window of the moving average that is applied to the force, s.
 const SMOOTH_S: f64 = 0.1;
 
-/// Smallest difference between standing and lifted, on one foot, N.
+/// Smallest difference between the forces on one foot while standing and while lifted, N.
 const MIN_SPAN_N: f64 = 50.0;
-// The following are fractions of that difference.
-/// Largest sway about the mean force of standing.
+// The following constants are fractions of the actual difference, `span_n`.
+/// Largest deviation from the mean force while standing, due to sway.
 const SWAY: f64 = 0.25;
-/// Standing begins and ends where the force is this close to its mean.
+/// Standing begins with the first frame, and ends with the last frame, in which the force is this close to its mean.
 const SETTLED: f64 = 0.03;
-/// While a foot is lifted, its force is at most this much above its lowest. A foot that rests on the floor while sitting carries
-/// two to four times as much.
+/// While a foot is lifted, its force is at most this much above its lowest force. A foot that rests on the floor while the
+/// person sits carries two to four times as much.
 const LIFTED: f64 = 0.05;
-/// Largest difference between the two times with lifted feet.
+/// Largest difference between the lowest forces before and after standing.
 const DRIFT: f64 = 0.1;
 
-const REMEDY: &str = "record it again: sit and lift both feet for 5 s, stand still for 10 s, sit and lift both for 5 s";
+/// The remedy for a recording that is not a standing trial.
+const REMEDY: &str =
+    "record the trial again: sit and lift both feet for 5 s, stand still for 10 s, sit and lift both feet for 5 s";
 
 /// The parts of one foot's standing trial as ranges of frames. Transitions belong to no part.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -45,13 +47,13 @@ pub struct StandingTrial {
 }
 
 impl StandingTrial {
-    /// Finds the parts of a trial. Messages name the recording `place`.
+    /// Finds the parts of a trial. `name` is the name of the recording in messages.
     ///
     /// # Errors
-    /// Where the foot is not lifted for at least 3 s in total and 1 s each time, or does not stand still for at least 5 s in
+    /// Fails if the foot is not lifted for at least 3 s in total and 1 s each time, or does not stand still for at least 5 s in
     /// between. Half a second at both ends of each part does not count.
-    pub fn find(recording: &Recording, place: &str) -> Result<Self> {
-        let wrong = |problem: String| Error::content(place, problem, REMEDY);
+    pub fn find(recording: &Recording, name: &str) -> Result<Self> {
+        let wrong = |problem: String| Error::content(name, problem, REMEDY);
         let force = Force::of(recording);
         let (frames, frames_in) = (recording.frames(), |s: f64| ((s * recording.rate_hz).round() as usize).max(1));
         let seconds = |frames: usize| frames as f64 / recording.rate_hz;
@@ -64,7 +66,7 @@ impl StandingTrial {
             return Err(wrong(format!("{:.1} s are too short for a standing trial", seconds(frames))));
         }
 
-        // Means over times that are long enough to exclude the peaks of steps, stumbles and jumps.
+        // These means are over times that are long enough to suppress the peaks of steps, stumbles and jumps.
         let low_n = force.means_n(0..frames, frames_in(LIFTED_ONCE_S)).fold(f64::INFINITY, f64::min);
         let high_n = force.means_n(0..frames, frames_in(STAND_S)).fold(0.0, f64::max);
         let span_n = high_n - low_n;
@@ -92,7 +94,7 @@ impl StandingTrial {
             let once = frames_in(LIFTED_ONCE_S);
             let lowest_n = force.means_n(within.clone(), once).fold(f64::INFINITY, f64::min);
             let lifted = guarded(longest_run(within, |i| smooth_n(i) <= lowest_n + LIFTED * span_n));
-            // Where `within` is shorter than a second, the lowest mean is infinite.
+            // If `within` is shorter than a second, the lowest mean is infinite.
             if lowest_n <= low_n + DRIFT * span_n && lifted.len() >= once {
                 return Ok(lifted);
             }
@@ -113,7 +115,7 @@ impl StandingTrial {
 
 /// The force on the foot as cumulative sums, for means over any range of frames.
 struct Force {
-    /// Sums over all previous frames, N, from 0 for the first frame to the sum over all frames.
+    /// Element `i` is the sum of the forces in the frames before frame `i`, N. The last element is the sum over all frames.
     sums_n: Vec<f64>,
 }
 
@@ -127,11 +129,12 @@ impl Force {
         Self { sums_n: std::iter::once(0.0).chain(sums).collect() }
     }
 
+    /// Mean force in a range of frames, N.
     fn mean_n(&self, frames: Range<usize>) -> f64 {
         (self.sums_n[frames.end] - self.sums_n[frames.start]) / frames.len() as f64
     }
 
-    /// Mean over frame `i` and up to `neighbours` frames on both sides of it.
+    /// Mean over frame `i` and up to `neighbours` frames on each side of frame `i`.
     fn around_n(&self, i: usize, neighbours: usize) -> f64 {
         self.mean_n(i.saturating_sub(neighbours)..(i + neighbours + 1).min(self.sums_n.len() - 1))
     }
@@ -142,7 +145,8 @@ impl Force {
     }
 }
 
-/// The longest run of frames for which the condition holds; the first of several.
+/// The longest run of successive frames in `within` for which `holds` returns true. If several runs are equally long, the
+/// first.
 fn longest_run(within: Range<usize>, holds: impl Fn(usize) -> bool) -> Range<usize> {
     let mut longest = within.start..within.start;
     let mut start = within.start;

@@ -5,17 +5,18 @@ use csv::{Reader, ReaderBuilder, Trim};
 use std::io::Read;
 use std::path::Path;
 
-/// A CSV reader that accepts any number of fields. [`check_width`] checks the number and has a better message.
+/// A CSV reader that accepts lines with any number of fields. [`check_width`] checks the number instead, and has a better
+/// message.
 pub fn open<R: Read>(from: R) -> Reader<R> {
     ReaderBuilder::new().trim(Trim::All).flexible(true).from_reader(from)
 }
 
-/// The place of a line, `file:line`.
+/// The text `file:line` for messages.
 pub fn at_line(file: &Path, line: u64) -> String {
     format!("{}:{line}", file.display())
 }
 
-/// The name of a file without its folder, for provenance.
+/// The name of a file without its folder, for [`crate::Recording::source`].
 pub fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
@@ -29,7 +30,7 @@ pub fn unreadable(file: &Path, error: csv::Error) -> Error {
     Error::content(place, error.to_string(), "save the file as plain CSV in UTF-8")
 }
 
-/// Parses a finite number.
+/// Parses a finite number. Messages name `column` and begin with `place`, the file and the line.
 pub fn number(field: &str, column: &str, place: &dyn Fn() -> String) -> Result<f64> {
     match field.parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
@@ -41,7 +42,7 @@ pub fn number(field: &str, column: &str, place: &dyn Fn() -> String) -> Result<f
     }
 }
 
-/// Parses a pressure, kPa, finite and not negative.
+/// As [`number`], for a pressure, kPa, which must be finite and not negative.
 pub fn pressure_kpa(field: &str, column: &str, place: &dyn Fn() -> String) -> Result<f32> {
     let kpa = number(field, column, place)? as f32;
     if (0.0..=f32::MAX).contains(&kpa) {

@@ -1,15 +1,17 @@
-//! Regions for cells from a source without regions: fits [`plantar::pipeline::template`] to the extent of the cells.
+//! Assigns regions to the cells of a source that names none, by fitting [`plantar::pipeline::template`] to the extent of the
+//! cells.
 
 use crate::Cell;
 use plantar::pipeline::template::region_at;
 
 /// Bands in which the widths of heel and forefoot are measured, fractions of the foot's length.
 const HEEL_BAND: [f64; 2] = [0.05, 0.25];
+/// See [`HEEL_BAND`].
 const FOREFOOT_BAND: [f64; 2] = [0.60, 0.78];
 
 /// Assigns each cell its region by [`region_at`]. The length of the foot is the extent of the cells. The edges of the foot are
-/// straight lines from the edges of the heel to those of the forefoot, so that a foot may be oblique on its sheet; in front of
-/// the forefoot the width is constant.
+/// straight lines from the edges of the heel to the edges of the forefoot, so that a foot may lie obliquely on its sensor
+/// sheet. In front of the forefoot the width is constant.
 ///
 /// `cells` must be the cells under the foot, in foot coordinates; their regions are replaced. An empty slice is allowed.
 pub fn assign(cells: &mut [Cell]) {
@@ -18,7 +20,7 @@ pub fn assign(cells: &mut [Cell]) {
     let edges = |band: [f64; 2]| {
         let within: Vec<Cell> =
             cells.iter().filter(|c| (band[0]..=band[1]).contains(&y_frac(c.y_mm))).copied().collect();
-        // A sheet without cells in the band is treated as a rectangle.
+        // A layout without cells in the band is treated as a rectangle.
         extent(if within.is_empty() { cells } else { &within }, |c| c.x_mm)
     };
     let (heel, forefoot) = (edges(HEEL_BAND), edges(FOREFOOT_BAND));
@@ -49,6 +51,7 @@ impl Extent {
     }
 }
 
+/// The extent of cells along the axis of `along`, including half of the side of each cell.
 fn extent(cells: &[Cell], along: fn(&Cell) -> f64) -> Extent {
     let start = Extent { low_mm: f64::INFINITY, high_mm: f64::NEG_INFINITY };
     cells.iter().fold(start, |extent, cell| Extent {

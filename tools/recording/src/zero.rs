@@ -1,4 +1,5 @@
-//! The zero of an insole: the readings of its unloaded cells, as a commented TOML file.
+//! The zero of an insole, which is the baseline of its cells: their readings without load. It is stored as a commented TOML
+//! file.
 
 use crate::table::at_line;
 use crate::{Error, Recording, Result, StandingTrial, VirtualInsole};
@@ -14,29 +15,29 @@ use toml::Spanned;
 /// Version of the file format.
 const VERSION: u32 = 1;
 /// Number of offsets on a line of the file.
-const PER_LINE: usize = 8;
+const OFFSETS_PER_LINE: usize = 8;
 
 /// The remedy for a file that cannot be used.
-const REMEDY: &str = "measure it again with `plantar zero`";
+const REMEDY: &str = "measure the zero again with `plantar zero`";
 
 /// The zero of one insole or of both.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Zero {
-    /// Of the left insole.
+    /// The zero of the left insole.
     pub left: Option<FootZero>,
-    /// Of the right insole.
+    /// The zero of the right insole.
     pub right: Option<FootZero>,
 }
 
 /// The zero of one insole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FootZero {
-    /// Identifies the cells; the value of [`plantar::pipeline::setup::Setup::layout_id`].
+    /// Identifies the cells: the [`plantar::pipeline::setup::Setup::layout_id`] of the insole.
     pub layout_id: u32,
     /// Reading of each unloaded cell, kPa, not negative, in the order of [`VirtualInsole::cells`].
     ///
     /// A sensor adds its offset to the code, not to the pressure. The offset is nevertheless stored as a pressure, because its
-    /// code depends on the full scale, which a virtual insole chooses for its recording.
+    /// code depends on the full scale, which a virtual insole chooses according to its recording.
     pub offset_kpa: Vec<f32>,
 }
 
@@ -59,16 +60,16 @@ impl Zero {
     /// Reads a file.
     ///
     /// # Errors
-    /// Where the file cannot be read, is not TOML of this form and version, or contains an offset that is negative or not finite.
-    /// The message names file and line.
+    /// Fails if the file cannot be read, is not TOML of this form and version, or contains an offset that is negative or not
+    /// finite. The message names file and line.
     pub fn read(path: &Path) -> Result<Self> {
         Self::parse(&std::fs::read_to_string(path).map_err(Error::io(path))?, path)
     }
 
-    /// As [`Zero::read`], from text; messages name `path`.
+    /// As [`Zero::read`], from text. Messages name `path` as the file.
     ///
     /// # Errors
-    /// As [`Zero::read`].
+    /// Fails in the same cases as [`Zero::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let place = |offset: usize| at_line(path, text[..offset].matches('\n').count() as u64 + 1);
         let file: File = toml::from_str(text)
@@ -95,7 +96,7 @@ impl Zero {
     /// Writes the commented file.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// Fails if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
         std::fs::write(path, self.to_toml()).map_err(Error::io(path))
     }
@@ -105,15 +106,15 @@ impl Zero {
         let mut text = format!(
             "# Plantar zero: readings of the unloaded cells of an insole, from a standing trial.\n\
              # layout_id   identifies the cells\n\
-             # offset_kpa  one number for each cell, kPa, by region from heel to toes, within a region as in the recording;\n\
-             #             the code of the sensor at this pressure is subtracted\n\n\
+             # offset_kpa  reading of each cell, kPa, ordered by region from heel to toes, then as in the recording;\n\
+             #             the code of the sensor at this pressure is subtracted from every code of the cell\n\n\
              version = {VERSION}\n"
         );
         for (side, foot) in [(Side::Left, &self.left), (Side::Right, &self.right)] {
             let Some(foot) = foot else { continue };
             // Writing to a String does not fail.
             let _ = write!(text, "\n[{}]\nlayout_id = {}\noffset_kpa = [\n", side.name(), foot.layout_id);
-            for line in foot.offset_kpa.chunks(PER_LINE) {
+            for line in foot.offset_kpa.chunks(OFFSETS_PER_LINE) {
                 let numbers: Vec<_> = line.iter().map(|kpa| format!("{kpa:?}")).collect();
                 let _ = writeln!(text, "    {},", numbers.join(", "));
             }
@@ -130,34 +131,35 @@ impl Zero {
         }
     }
 
-    /// Applies this zero to `insole`: sets the offsets of its cells. Messages name this zero `place`.
+    /// Applies this zero to `insole`: sets the offsets of the cells of the insole. `name` is the name of this zero in messages,
+    /// such as its file.
     ///
     /// # Errors
-    /// Where this zero is that of the other foot or of other cells, or an offset exceeds half of a cell's scale.
-    pub fn wear(&self, insole: &mut VirtualInsole, place: &str) -> Result<()> {
+    /// Fails if this is the zero of the other foot or of other cells, or an offset exceeds half of the scale of a cell.
+    pub fn apply_to(&self, insole: &mut VirtualInsole, name: &str) -> Result<()> {
         let (foot, other) = match insole.setup.side {
             Side::Left => (&self.left, Side::Right),
             Side::Right => (&self.right, Side::Left),
         };
         match foot {
-            Some(foot) => foot.wear(insole, place),
+            Some(foot) => foot.apply_to(insole, name),
             None => {
                 let (side, other) = (insole.setup.side.name(), other.name());
                 let problem = format!("no zero of the {side} foot, only of the {other}");
-                Err(Error::content(place, problem, format!("measure the {side} foot too with `plantar zero`")))
+                Err(Error::content(name, problem, format!("measure the {side} foot too with `plantar zero`")))
             }
         }
     }
 }
 
 impl FootZero {
-    /// The zero of the insole that recorded a standing trial, by the device's [`zero_offset`]. Messages name the recording
-    /// `place`.
+    /// The zero of the insole that recorded a standing trial, computed by the [`zero_offset`] of the device. `name` is the name
+    /// of the recording in messages.
     ///
     /// # Errors
-    /// Where a cell of the lifted foot reads more than half of its scale.
-    pub fn measure(recording: &Recording, trial: &StandingTrial, place: &str) -> Result<Self> {
-        // The codes do not depend on these two rules.
+    /// Fails if a cell of the lifted foot reads more than half of its scale.
+    pub fn measure(recording: &Recording, trial: &StandingTrial, name: &str) -> Result<Self> {
+        // The codes depend on neither of these two rules.
         let mut insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING);
         let cells = recording.cells();
         let mut codes = Vec::new();
@@ -170,30 +172,31 @@ impl FootZero {
         // A trial has lifted frames, so every cell has codes.
         let offsets = (0..cells).map(|cell| insole.pressure_kpa(offset(cell).unwrap_or(0)));
         let zero = Self { layout_id: insole.setup.layout_id, offset_kpa: offsets.collect() };
-        zero.wear(&mut insole, place)?;
+        // The offsets are applied only to check them.
+        zero.apply_to(&mut insole, name)?;
         Ok(zero)
     }
 
-    /// As [`Zero::wear`], for an insole of either side.
+    /// As [`Zero::apply_to`], whichever the foot of the insole is.
     ///
     /// # Errors
-    /// As [`Zero::wear`].
-    pub fn wear(&self, insole: &mut VirtualInsole, place: &str) -> Result<()> {
+    /// Fails if this is the zero of other cells, or an offset exceeds half of the scale of a cell.
+    pub fn apply_to(&self, insole: &mut VirtualInsole, name: &str) -> Result<()> {
         let (found, cells) = (self.offset_kpa.len(), insole.cells.len());
         if self.layout_id != insole.setup.layout_id || found != cells {
             return Err(Error::content(
-                place,
+                name,
                 format!("{found} offsets for other cells than the {cells} of this recording"),
                 "import the standing trial and this recording with the same layout and the same --cells",
             ));
         }
         for (i, &kpa) in self.offset_kpa.iter().enumerate() {
-            // A pressure beyond the scale has no code.
+            // A pressure above the full scale has no code. The code of the full scale is rejected below.
             insole.cells[i].calibration.offset = insole.code(kpa.min(insole.setup.sensor.full_kpa));
             let cell = insole.cells[i];
             if !cell.calibration.is_valid() {
                 return Err(Error::content(
-                    place,
+                    name,
                     format!(
                         "the cell at x {:.0} mm, y {:.0} mm reads {kpa:.0} kPa unloaded, more than half of its scale",
                         cell.cell.x_mm, cell.cell.y_mm

@@ -1,4 +1,4 @@
-//! Binning and resampling conserve area, force and impulse.
+//! Binning conserves area and force; resampling conserves the force-time integral.
 
 use plantar::{Region, Side};
 use recording::synthetic::{self, SyntheticWalk};
@@ -44,7 +44,7 @@ fn binning_conserves_the_force_on_every_region() {
 }
 
 #[test]
-fn a_merged_cell_has_the_weighted_mean_of_its_parts() {
+fn a_merged_cell_has_the_area_weighted_means_of_its_cells() {
     let merged = two_cells(vec![0.0], 100.0, vec![40.0, 80.0]).binned(1).unwrap();
     let cell = merged.layout.cells[0];
     assert_eq!((cell.x_mm, cell.y_mm, cell.area_mm2, cell.region), (16.25, 10.0, 400.0, Region::Heel));
@@ -97,10 +97,10 @@ fn resampling_reproduces_a_straight_line() {
 
 #[test]
 fn resampling_conserves_the_impulse_of_a_walk() {
-    let impulse_ns = |r: &Recording| (0..r.frames()).map(|i| r.force_n(i)).sum::<f64>() / r.rate_hz;
+    let impulse_n_s = |r: &Recording| (0..r.frames()).map(|i| r.force_n(i)).sum::<f64>() / r.rate_hz;
     let slow = synthetic::walk(&SyntheticWalk::default()).recording;
     let fast = slow.at_rate(333.0).unwrap();
-    assert!((impulse_ns(&fast) / impulse_ns(&slow) - 1.0).abs() < 1e-3);
+    assert!((impulse_n_s(&fast) / impulse_n_s(&slow) - 1.0).abs() < 1e-3);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The CSV import: valid files are imported; for invalid ones the error names file, line and remedy.
+//! The CSV import: valid files are imported. For invalid files the error names the file, the line and a remedy.
 
 use plantar::{Region, Side};
 use recording::{Recording, Result, csv};
@@ -116,7 +116,7 @@ fn invalid_layout_rows_are_rejected() {
 }
 
 #[test]
-fn an_overlap_is_rejected_with_both_cells() {
+fn the_error_for_an_overlap_names_both_cells() {
     let overlapping = LAYOUT.replace("1,15", "1,12");
     assert_refused(&overlapping, FRAMES, &["layout.csv:3", "cell 0 (line 2)", "cell 1 (line 3)", "30 %"]);
     let touching = LAYOUT.replace("1,15", "1,13");
@@ -133,7 +133,7 @@ fn too_many_cells_are_rejected() {
 }
 
 #[test]
-fn frame_columns_other_than_the_cells_are_rejected() {
+fn frame_columns_that_do_not_match_the_layout_are_rejected() {
     let refused = |from: &str, to: &str, expected: &[&str]| {
         assert_refused(LAYOUT, &FRAMES.replace(from, to), expected);
     };
@@ -160,7 +160,7 @@ fn invalid_frame_rows_are_rejected() {
 }
 
 #[test]
-fn a_gap_in_time_is_rejected_with_its_line() {
+fn the_error_for_a_gap_in_time_names_its_line() {
     // A blank line counts as a line but not as a frame.
     let frames = FRAMES.replace("0.01,3,4\n", "0.01,3,4\n\n") + "0.06,1,1\n0.07,1,1\n";
     assert_refused(LAYOUT, &frames, &["frames.csv:6", "0.040000 s after", "split the recording"]);

@@ -16,7 +16,7 @@ fn import(folder: &PathBuf, walker: usize, trials: impl IntoIterator<Item = usiz
     jiku::import(folder, walker, trials, &mut |_, _| {}).unwrap()
 }
 
-/// The peak force of each step, N. Steps are separated by at least a tenth of a second without load.
+/// The peak force of each step, N. A tenth of a second without load, 50 frames, separates two steps.
 fn step_peaks_n(recording: &Recording) -> Vec<f64> {
     let mut peaks_n = Vec::new();
     let mut unloaded = usize::MAX;
@@ -60,6 +60,7 @@ fn a_walk_has_the_documented_layout_and_provenance() {
     for part in ["subj000.h5", "2 separate barefoot steps", "trials 3, 1", "0.4 s"] {
         assert!(walk.source.contains(part), "{}", walk.source);
     }
+    // Frames of swing before and after each step: 0.4 s at 500 Hz.
     let swing = 200;
     let (first, last) = (walk.force_n(swing), walk.force_n(walk.frames() - swing - 1));
     assert!(first > 0.0 && last > 0.0);
@@ -69,13 +70,13 @@ fn a_walk_has_the_documented_layout_and_provenance() {
         assert!((0.0..140.0).contains(&cell.x_mm) && (0.0..310.0).contains(&cell.y_mm));
     }
     // The heel is loaded first, the toes are loaded last.
-    let region_of_peak = |i: usize| {
+    let region_of_largest_pressure = |i: usize| {
         let frame = walk.frame(i);
-        let peak = (0..walk.cells()).max_by(|&a, &b| frame[a].total_cmp(&frame[b]));
-        walk.layout.cells[peak.unwrap()].region
+        let cell = (0..walk.cells()).max_by(|&a, &b| frame[a].total_cmp(&frame[b]));
+        walk.layout.cells[cell.unwrap()].region
     };
-    assert_eq!(region_of_peak(swing + 5), Region::Heel);
-    assert!(region_of_peak(walk.frames() - swing - 10) >= Region::Hallux);
+    assert_eq!(region_of_largest_pressure(swing + 5), Region::Heel);
+    assert!(region_of_largest_pressure(walk.frames() - swing - 10) >= Region::Hallux);
 }
 
 #[test]
@@ -83,7 +84,7 @@ fn steps_are_aligned() {
     let Some(folder) = folder() else {
         return;
     };
-    // Without registration, the union of ten steps would be far larger than one step.
+    // If the steps were not shifted onto each other, ten steps together would load far more cells than one step.
     let one_step = import(&folder, 1, [0]).cells();
     let ten_steps = import(&folder, 1, 0..10).cells();
     assert!(ten_steps < one_step * 3 / 2, "{one_step} {ten_steps}");
@@ -121,7 +122,7 @@ fn a_computed_trial_is_read() {
     assert_eq!(step_peaks_n(&walk).len(), 2);
 }
 
-/// A damaged header claims more values than the file has.
+/// The dimensions in the damaged header claim more values than the file has.
 #[test]
 fn a_trial_of_impossible_size_is_rejected() {
     let mut bytes = COMPUTED.to_vec();

@@ -1,4 +1,4 @@
-//! The file format: a written recording is read back unchanged; for invalid files the error names the place.
+//! The file format: a written recording is read back unchanged. For invalid files the error names the row or column.
 
 use parquet::data_type::{DoubleType, FloatType};
 use parquet::file::metadata::KeyValue;
@@ -17,7 +17,7 @@ const TWO_CELLS: &str = r#"{"version":1,"side":"right","rate_hz":100,"source":"T
     "cells":[{"x_mm":5,"y_mm":5,"area_mm2":100,"region":"heel"},
              {"x_mm":15,"y_mm":5,"area_mm2":100,"region":"toe_2"}]}}"#;
 
-/// Writes a file as another program may write it, with one row group of required columns.
+/// Writes a file as another program may write it: with one row group, in which no column may contain nulls.
 fn write(path: &Path, metadata: Option<&str>, names: [&str; 3], t_s: &[f64], columns_kpa: [&[f32]; 2]) {
     let [time, first, second] = names;
     let schema = parse_message_type(&format!(
@@ -41,6 +41,7 @@ fn write(path: &Path, metadata: Option<&str>, names: [&str; 3], t_s: &[f64], col
     writer.close().unwrap();
 }
 
+/// A temporary folder, and the path of a file in it that does not exist yet.
 fn in_folder() -> (TempDir, PathBuf) {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("foot.parquet");
@@ -68,7 +69,8 @@ fn assert_frames_refused(t_s: &[f64], first_kpa: &[f32], second_kpa: &[f32], exp
 #[test]
 fn a_written_recording_is_read_back_unchanged() {
     let (_folder, path) = in_folder();
-    // Longer than one row group, with a number of cells that is no multiple of a block.
+    // There are more frames than fit into a row group, and the number of cells is not a multiple of the 16 columns that the
+    // reader transposes at a time.
     let mut written = synthetic::walk(&SyntheticWalk {
         side: Side::Left,
         cells: 37,
@@ -119,7 +121,7 @@ fn truncated_files_are_rejected() {
     }
 }
 
-/// A damaged bit may remain undetected or be rejected; the program never panics.
+/// A file with a damaged bit may be read or rejected, but must not cause a panic.
 #[test]
 fn damaged_files_are_read_or_rejected() {
     let (_folder, path) = in_folder();
@@ -145,7 +147,8 @@ fn pages_that_claim_more_values_than_they_hold_are_rejected() {
     recording.pressure_kpa.truncate(24 * 8);
     recording.write(&path).unwrap();
     let mut bytes = std::fs::read(&path).unwrap();
-    // The header of the dictionary page of the times: the number of values, stored as its double (zigzag), between other fields.
+    // In the header of the dictionary page of the times, the number of values lies between two other fields. It is stored as a
+    // zigzag varint, which is twice its value.
     let at = bytes.windows(4).position(|window| window == [0x4c, 0x15, 2 * 24, 0x15]).unwrap();
     bytes[at + 2] = 2 * 25;
     std::fs::write(&path, bytes).unwrap();
@@ -170,7 +173,7 @@ fn missing_or_invalid_metadata_is_rejected() {
 }
 
 #[test]
-fn columns_other_than_the_cells_are_rejected() {
+fn columns_that_do_not_match_the_layout_are_rejected() {
     let three =
         TWO_CELLS.replace("\"cells\":[", "\"cells\":[{\"x_mm\":50,\"y_mm\":5,\"area_mm2\":9,\"region\":\"heel\"},");
     let refused = |metadata: &str, names: [&str; 3], expected: &[&str]| {

@@ -1,21 +1,24 @@
-//! The pedar import, of a real measurement if it is present, and of small files in its format.
+//! The pedar import of small files in its format, and of a real measurement. The measurement is not part of this repository:
+//! the tests that use it are skipped unless the folder `shared/data/pedar` exists beside the repository.
 
 use plantar::{Region, Side};
 use recording::{Recording, Result, pedar};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-fn shared(name: &str) -> Option<PathBuf> {
+/// The path of a file of the real measurement; `None` if the measurement is not present.
+fn measurement_file(name: &str) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/pedar");
     if !folder.is_dir() {
-        println!("skipped: no ../shared/data");
+        println!("skipped: the folder ../shared/data/pedar does not exist");
         return None;
     }
     Some(folder.join(name))
 }
 
+/// The real measurement: the left and the right foot.
 fn both_feet() -> Option<[Recording; 2]> {
-    let (asc, geometry) = (shared("pedar_example.asc")?, shared("geometry.csv")?);
+    let (asc, geometry) = (measurement_file("pedar_example.asc")?, measurement_file("geometry.csv")?);
     let import = |side| pedar::import(&asc, &geometry, side, &mut |_, _| {}).unwrap();
     Some([import(Side::Left), import(Side::Right)])
 }
@@ -51,7 +54,7 @@ fn both_insoles_have_the_same_foot_coordinates() {
     };
     for foot in [&left, &right] {
         let cells = &foot.layout.cells;
-        // Sensor 1 is at the heel, at the medial edge of its row; the last is at the toes.
+        // The first sensor is at the heel, at the medial end of its row. The last sensor is at the toes.
         assert!(cells[0].y_mm < 30.0 && cells[0].x_mm < cells[4].x_mm);
         assert_eq!(cells[0].region, Region::Heel);
         assert!(cells[98].y_mm > 250.0 && cells[98].region >= Region::Hallux);
@@ -96,8 +99,9 @@ fn steps_begin_at_the_heel_and_end_at_the_forefoot() {
         return;
     };
     for foot in [&left, &right] {
-        // A shoe presses on the foot during swing, too. The threshold is above that pressure.
-        let loaded = |i: usize| foot.force_n(i) > 200.0;
+        // A shoe presses on the foot during swing, too. The threshold is above the force of this pressure.
+        let is_in_stance = |i: usize| foot.force_n(i) > 200.0;
+        // For each step, whether the heel carries most of the load at its start, and the forefoot at its end.
         let mut lands_on_heel = Vec::new();
         let mut leaves_from_front = Vec::new();
         for i in 1..foot.frames() {
@@ -105,16 +109,16 @@ fn steps_begin_at_the_heel_and_end_at_the_forefoot() {
                 let forces_n = region_forces_n(foot, i..i + 1);
                 forces_n[3..].iter().sum::<f64>() / foot.force_n(i)
             };
-            match (loaded(i - 1), loaded(i)) {
+            match (is_in_stance(i - 1), is_in_stance(i)) {
                 (false, true) => lands_on_heel.push(front_share(i) < 0.3),
                 (true, false) => leaves_from_front.push(front_share(i - 1) > 0.6),
                 _ => {}
             }
         }
-        let most = |steps: &[bool]| steps.iter().filter(|&&ok| ok).count() * 4 >= steps.len() * 3;
+        let three_quarters = |steps: &[bool]| steps.iter().filter(|&&ok| ok).count() * 4 >= steps.len() * 3;
         assert!(lands_on_heel.len() >= 3, "{lands_on_heel:?}");
-        assert!(most(&lands_on_heel), "{lands_on_heel:?}");
-        assert!(most(&leaves_from_front), "{leaves_from_front:?}");
+        assert!(three_quarters(&lands_on_heel), "{lands_on_heel:?}");
+        assert!(three_quarters(&leaves_from_front), "{leaves_from_front:?}");
     }
 }
 
@@ -135,7 +139,7 @@ fn import(asc: &str, geometry: &str, side: Side) -> Result<Recording> {
 }
 
 #[test]
-fn each_foot_has_its_own_columns_and_x_to_the_lateral_side() {
+fn each_foot_is_imported_from_its_own_columns_with_x_to_the_lateral_side() {
     let left = import(ASC, GEOMETRY, Side::Left).unwrap();
     let right = import(ASC, GEOMETRY, Side::Right).unwrap();
     assert_eq!(left.pressure_kpa, [1.0, 2.0, 5.0, 6.0, 9.0, 10.0]);
@@ -155,7 +159,7 @@ fn assert_refused(asc: &str, geometry: &str, expected: &[&str]) {
 }
 
 #[test]
-fn invalid_measurements_are_rejected_with_the_line() {
+fn the_error_for_an_invalid_measurement_names_the_line() {
     let refused = |from: &str, to: &str, expected: &[&str]| {
         assert_refused(&ASC.replace(from, to), GEOMETRY, expected);
     };
@@ -171,7 +175,7 @@ fn invalid_measurements_are_rejected_with_the_line() {
 }
 
 #[test]
-fn invalid_geometries_are_rejected_with_the_line() {
+fn the_error_for_an_invalid_geometry_names_the_line() {
     let refused = |from: &str, to: &str, expected: &[&str]| {
         assert_refused(ASC, &GEOMETRY.replace(from, to), expected);
     };

@@ -60,7 +60,8 @@ fn the_force_has_two_humps_of_the_requested_peak() {
 
 #[test]
 fn the_contact_area_of_small_cells_is_that_of_the_true_ellipse() {
-    // With small cells, the contact consists of the cells that read more than half of the pressure at the edge of the ellipse.
+    // At the edge of the ellipse the pressure is 0.4 of its peak. With small cells, a cell belongs to the contact if it reads
+    // more than half of this pressure.
     let walk = synthetic::walk(&SyntheticWalk { cells: 3000, steps: 1, ..SyntheticWalk::default() });
     let recording = &walk.recording;
     for i in (45..100).step_by(10) {

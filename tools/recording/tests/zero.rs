@@ -1,4 +1,5 @@
-//! The zero of each cell is measured in a standing trial, and an insole with that zero measures like one without offsets.
+//! The zero of each cell is measured in a standing trial. An insole with this zero measures the same as an insole without
+//! offsets.
 
 use plantar::insole::Insole;
 use plantar::pipeline::calibrate::{FULL_CODE, zero_offset};
@@ -14,15 +15,15 @@ fn code(kpa: f32) -> f64 {
 }
 
 /// Offsets of up to 20 kPa, which are all different.
-fn offsets(cells: usize) -> Vec<f32> {
+fn offsets_kpa(cells: usize) -> Vec<f32> {
     (0..cells).map(|i| 20.0 * ((i * 37) % cells) as f32 / cells as f32).collect()
 }
 
 /// A standing trial with offsets and some noise.
 fn trial(parameters: &SyntheticStanding) -> Recording {
     let mut recording = synthetic::standing(parameters);
-    let offset_kpa = offsets(parameters.cells);
-    synthetic::read_with(&mut recording, &offset_kpa, 8.0, 7);
+    let offset_kpa = offsets_kpa(parameters.cells);
+    synthetic::add_sensor_errors(&mut recording, &offset_kpa, 8.0, 7);
     recording
 }
 
@@ -51,7 +52,8 @@ fn cut(recording: &Recording, s: std::ops::Range<f64>) -> Recording {
 fn the_parts_of_a_proper_trial_are_found_at_any_rate_and_duration() {
     for rate_hz in [50.0, 100.0, 400.0] {
         for (lifted_s, stand_s) in [([5.0, 5.0], 10.0), ([8.0, 8.0], 14.0), ([2.5, 12.0], 6.5)] {
-            // Strong sway at the ends of standing resembles standing up. The guard time covers it.
+            // Strong sway at the beginning or end of standing resembles standing up, so the boundary is less accurate. The
+            // error is at most the guard time.
             for (sway, tolerance_s) in [(0.0, 0.2), (0.05, 0.2), (0.1, 0.5)] {
                 let parameters =
                     SyntheticStanding { cells: 60, rate_hz, lifted_s, stand_s, sway, ..Default::default() };
@@ -59,7 +61,7 @@ fn the_parts_of_a_proper_trial_are_found_at_any_rate_and_duration() {
                 let (found, _) = measured(&recording);
                 let stands = lifted_s[0] + parameters.transition_s..lifted_s[0] + parameters.transition_s + stand_s;
                 let sits = stands.end + parameters.transition_s..stands.end + parameters.transition_s + lifted_s[1];
-                // Half a second of guard at both ends.
+                // The parts that are found exclude a guard time of half a second at both ends.
                 let [before, after] = &found.lifted;
                 for (frames, truth_s) in [(before, 0.0..lifted_s[0]), (&found.standing, stands), (after, sits)] {
                     let start_s = frames.start as f64 / rate_hz - 0.5;
@@ -73,26 +75,27 @@ fn the_parts_of_a_proper_trial_are_found_at_any_rate_and_duration() {
     }
 }
 
-/// The mean is rounded up, so it is at most one code above the true offset. Noise adds its standard error.
+/// The offset is a mean that is rounded up, so it is at most one code above the true offset. With noise, four standard errors
+/// of this mean are added to the tolerance.
 #[test]
-fn offsets_are_recovered_to_the_code_despite_noise() {
+fn offsets_are_recovered_to_one_code_despite_noise() {
     let parameters = SyntheticStanding::default();
     for noise_codes in [0.0, 2.0, 8.0] {
         let mut recording = synthetic::standing(&parameters);
-        synthetic::read_with(&mut recording, &offsets(parameters.cells), noise_codes, 7);
+        synthetic::add_sensor_errors(&mut recording, &offsets_kpa(parameters.cells), noise_codes, 7);
         let (found, zero) = measured(&recording);
         let mut insole = virtual_insole(&recording);
-        zero.wear(&mut insole, "zero").expect("this insole's zero");
+        zero.apply_to(&mut insole, "zero").expect("this insole's zero");
         let frames = found.lifted[0].len() + found.lifted[1].len();
         let error = 4.0 * noise_codes / (3.0 * frames as f64).sqrt();
-        // In the order of the insole: by region, otherwise as recorded.
+        // The order of the insole: by region, and within a region as recorded.
         let mut truth: Vec<_> =
-            recording.layout.cells.iter().map(|c| c.region).zip(offsets(parameters.cells)).collect();
+            recording.layout.cells.iter().map(|c| c.region).zip(offsets_kpa(parameters.cells)).collect();
         truth.sort_by_key(|&(region, _)| region);
         for (cell, (region, kpa)) in insole.cells.iter().zip(truth) {
             assert_eq!(cell.cell.region, region);
             let above = f64::from(cell.calibration.offset) - code(kpa);
-            // Codes are not negative: noise about an offset of 0 raises the mean.
+            // Codes are not negative, so noise about an offset of 0 raises the mean.
             let most = if kpa > 0.0 { 1.0 + error } else { 1.0 + 0.5 * noise_codes };
             assert!(
                 (-0.52 - error..=most + 0.02).contains(&above),
@@ -102,12 +105,13 @@ fn offsets_are_recovered_to_the_code_despite_noise() {
     }
 }
 
-/// Without noise, the offset from the file is the code of the unloaded cell at its own full scale, and within one code at others.
+/// Without noise, the offset from the file is the code of the unloaded cell if the full scale is the same as in the trial. With
+/// another full scale, it differs by at most one code.
 #[test]
-fn a_zero_is_exact_at_its_own_full_scale_and_at_others() {
+fn a_zero_is_exact_at_its_own_full_scale_and_accurate_to_one_code_at_others() {
     let parameters = SyntheticStanding { sway: 0.0, ..Default::default() };
     let mut recording = synthetic::standing(&parameters);
-    synthetic::read_with(&mut recording, &offsets(parameters.cells), 0.0, 1);
+    synthetic::add_sensor_errors(&mut recording, &offsets_kpa(parameters.cells), 0.0, 1);
     let (_, zero) = measured(&recording);
     let text = Zero { right: Some(zero), left: None }.to_toml();
     let zero = Zero::parse(&text, Path::new("zero.toml")).expect("its own file");
@@ -116,7 +120,7 @@ fn a_zero_is_exact_at_its_own_full_scale_and_at_others() {
         let mut walk = cut(&recording, 0.0..0.1);
         walk.pressure_kpa[parameters.cells] = largest_kpa;
         let mut insole = virtual_insole(&walk);
-        zero.wear(&mut insole, "zero.toml").expect("this insole's zero");
+        zero.apply_to(&mut insole, "zero.toml").expect("this insole's zero");
         let mut unloaded = vec![0; insole.cells.len()];
         insole.codes(walk.frame(0), &mut unloaded);
         for (cell, &code) in insole.cells.iter().zip(&unloaded) {
@@ -133,7 +137,7 @@ fn the_mean_force_while_standing_is_the_applied_one() {
     let recording = trial(&parameters);
     let (found, zero) = measured(&recording);
     let mut insole = virtual_insole(&recording);
-    zero.wear(&mut insole, "zero").expect("this insole's zero");
+    zero.apply_to(&mut insole, "zero").expect("this insole's zero");
     let frames = found.standing.len() as f64;
     let measured_n = |i| recording.layout.force_n(&insole.measured_kpa(recording.frame(i)));
     let mean_n = found.standing.clone().map(measured_n).sum::<f64>() / frames;
@@ -144,7 +148,7 @@ fn the_mean_force_while_standing_is_the_applied_one() {
     }
 }
 
-/// Replays a recording; returns area, mm2, and force, N, per frame and region, and the number of steps.
+/// Replays a recording. Returns the area, mm2, and the force, N, of each region in each frame; and the number of steps.
 fn replay(recording: &Recording, insole: &VirtualInsole) -> (Vec<[(f64, f64); 8]>, usize) {
     let mut device = Box::new(Insole::<f64, MAX_CELLS>::new());
     device.set_up(insole.setup, insole.cells.iter().copied()).expect("a set-up");
@@ -162,32 +166,32 @@ fn replay(recording: &Recording, insole: &VirtualInsole) -> (Vec<[(f64, f64); 8]
 fn a_walk_with_offsets_and_its_zero_equals_a_walk_without_offsets() {
     let ideal = synthetic::walk(&SyntheticWalk::default()).recording;
     let mut recorded = ideal.clone();
-    synthetic::read_with(&mut recorded, &offsets(240), 0.0, 1);
+    synthetic::add_sensor_errors(&mut recorded, &offsets_kpa(240), 0.0, 1);
     let (_, zero) = measured(&trial(&SyntheticStanding::default()));
     let mut insole = virtual_insole(&recorded);
-    let before = insole.clone();
-    Zero { right: Some(zero), left: None }.wear(&mut insole, "zero").expect("this insole's zero");
+    let without_zero = insole.clone();
+    Zero { right: Some(zero), left: None }.apply_to(&mut insole, "zero").expect("this insole's zero");
     let (expected, steps) = replay(&ideal, &virtual_insole(&ideal));
     let (found, found_steps) = replay(&recorded, &insole);
     assert_eq!((steps, found_steps), (10, 10));
     let cell_mm2 = ideal.layout.cells[0].area_mm2;
-    let mut other_areas = 0;
+    let mut different_areas = 0;
     for (expected, found) in expected.iter().flatten().zip(found.iter().flatten()) {
-        // Zeros are accurate to two codes; a code is 0.01 kPa at 10 to 200 kPa, or 1 mN on a cell.
+        // The offsets are accurate to two codes. A code is about 0.01 kPa at 10 to 200 kPa, or 1 mN on a cell.
         assert!((expected.1 - found.1).abs() <= 0.05, "{} N, not {}", found.1, expected.1);
-        // A pressure within two codes of the contact threshold may be on its other side; in pairs of cells, because the walk is
-        // symmetric.
+        // A cell within two codes of the contact threshold may be in contact in only one of the two walks. Two cells may be
+        // affected at once, because the ellipses of the computed walk are symmetric.
         assert!((expected.0 - found.0).abs() <= 2.001 * cell_mm2, "{} mm2, not {}", found.0, expected.0);
-        other_areas += usize::from((expected.0 - found.0).abs() > 1.0);
+        different_areas += usize::from((expected.0 - found.0).abs() > 1.0);
     }
-    assert!(other_areas * 1000 < expected.len() * 8, "{other_areas} areas differ");
+    assert!(different_areas * 1000 < expected.len() * 8, "{different_areas} areas differ");
     // Without the zero the forces differ.
-    let (raw, _) = replay(&recorded, &before);
+    let (raw, _) = replay(&recorded, &without_zero);
     assert!(raw[0].iter().map(|r| r.1).sum::<f64>() > 150.0);
 }
 
 #[test]
-fn other_recordings_are_rejected_with_the_reason() {
+fn recordings_that_are_not_standing_trials_are_rejected_with_the_reason() {
     let trial_of = |lifted_s, stand_s| trial(&SyntheticStanding { cells: 60, lifted_s, stand_s, ..Default::default() });
     let good = trial_of([5.0, 5.0], 10.0);
     let (stand, sit) = (cut(&good, 6.0..16.0), cut(&good, 0.0..5.0));
@@ -198,7 +202,7 @@ fn other_recordings_are_rejected_with_the_reason() {
     };
     assert!(StandingTrial::find(&joined(&[&sit, &stand, &sit]), "trial").is_ok());
     let mut walk = synthetic::walk(&SyntheticWalk { cells: 60, steps: 20, ..Default::default() }).recording;
-    synthetic::read_with(&mut walk, &offsets(60), 8.0, 7);
+    synthetic::add_sensor_errors(&mut walk, &offsets_kpa(60), 8.0, 7);
     for (recording, reason) in [
         (stand.clone(), "no difference"),
         (joined(&[&sit, &sit]), "no difference"),
@@ -227,7 +231,7 @@ fn feet_that_rest_on_the_floor_do_not_count_as_lifted() {
         let frame = &mut recording.pressure_kpa[i * 240..(i + 1) * 240];
         frame.iter_mut().zip(&standing).for_each(|(kpa, standing)| *kpa = kpa.max(0.2 * standing));
     }
-    synthetic::read_with(&mut recording, &offsets(240), 8.0, 7);
+    synthetic::add_sensor_errors(&mut recording, &offsets_kpa(240), 8.0, 7);
     let (found, _) = measured(&recording);
     let seconds = |part: &std::ops::Range<usize>| (part.start as f64 * 0.01, part.end as f64 * 0.01);
     let is_close =
@@ -241,7 +245,7 @@ fn a_zero_of_other_cells_or_above_half_of_the_scale_is_rejected() {
     let recording = synthetic::standing(&SyntheticStanding::default());
     let (_, zero) = measured(&recording);
     let refused = |zero: &FootZero, words: &[&str]| {
-        let error = zero.wear(&mut virtual_insole(&recording), "zero.toml").expect_err("refused").to_string();
+        let error = zero.apply_to(&mut virtual_insole(&recording), "zero.toml").expect_err("refused").to_string();
         assert!(words.iter().all(|word| error.contains(word)), "{words:?}: {error}");
     };
     refused(&FootZero { layout_id: 1, ..zero.clone() }, &["zero.toml", "other cells", "--cells"]);
@@ -252,20 +256,20 @@ fn a_zero_of_other_cells_or_above_half_of_the_scale_is_rejected() {
         refused(&high, &["x ", "half of its scale"]);
     }
     let only_left = Zero { left: Some(zero), right: None };
-    let error = only_left.wear(&mut virtual_insole(&recording), "zero.toml").expect_err("refused").to_string();
+    let error = only_left.apply_to(&mut virtual_insole(&recording), "zero.toml").expect_err("refused").to_string();
     assert!(error.contains("no zero of the right foot, only of the left"), "{error}");
 
     let mut broken = recording.clone();
-    let mut offset_kpa = offsets(240);
+    let mut offset_kpa = offsets_kpa(240);
     offset_kpa[100] = 500.0;
-    synthetic::read_with(&mut broken, &offset_kpa, 0.0, 1);
+    synthetic::add_sensor_errors(&mut broken, &offset_kpa, 0.0, 1);
     let found = StandingTrial::find(&broken, "trial").expect("a standing trial");
     let error = FootZero::measure(&broken, &found, "trial").expect_err("refused").to_string();
     assert!(error.contains("500 kPa unloaded"), "{error}");
 }
 
 #[test]
-fn a_malformed_file_is_rejected_with_the_line() {
+fn the_error_for_a_malformed_file_names_the_line() {
     let zero = FootZero { layout_id: 7, offset_kpa: vec![0.25; 20] };
     let good = Zero { left: Some(zero), right: None }.to_toml();
     let line = |text: &str| good.lines().position(|line| line.contains(text)).expect(text) + 1;

@@ -24,7 +24,7 @@ fn errors(quality: &Quality) -> [Option<f64>; 4] {
     [Some(quality.fitted), Some(quality.own), quality.predicted, Some(quality.floor)]
 }
 
-/// The chart with four bars for each region, and the value of the paper as a mark.
+/// The chart with four bars for each region, and the value in Table 2 of the paper as a mark.
 pub fn bars(study: &Study) -> Drawing {
     let all = fitted(study).flat_map(|(_, fit)| errors(&fit.quality)).flatten().map(|share| share * 100.0);
     let largest = all.chain(PAPER_NRMSE).filter(|percent| percent.is_finite()).fold(0.0, f64::max);
@@ -79,7 +79,7 @@ pub fn legend() -> Vec<Drawing> {
     drawing::legend_entries(bars.into_iter().chain([paper]))
 }
 
-/// The table of the errors, with further errors that are not in the chart.
+/// The table of the errors. It includes errors that are not in the chart.
 pub fn table(study: &Study) -> Markup {
     html! {
         table #nrmse {

@@ -30,7 +30,7 @@ impl Typical {
     /// Selects the step.
     ///
     /// # Errors
-    /// The reason where the region was not fitted.
+    /// The reason why the region was not fitted.
     pub fn of(study: &Study, region: usize) -> Result<Self, String> {
         let fit = fit_of(study, region)?;
         let steps = fit.steps.iter().filter_map(|&step| {
@@ -75,7 +75,7 @@ pub struct Sum {
 }
 
 impl Sum {
-    /// Selects the step; `None` where no region was fitted.
+    /// Selects the step; `None` if no region was fitted.
     pub fn of(study: &Study) -> Option<Self> {
         fitted(study).next()?;
         let sums = (0..study.steps.len()).filter_map(|step| Self::of_step(study, step));
@@ -115,7 +115,7 @@ fn add(sum: &mut [f64], start: usize, values: &[f64]) {
     sum.iter_mut().skip(start).zip(values).for_each(|(sum, value)| *sum += value);
 }
 
-/// The largest value of several curves; 0 without a positive one.
+/// The largest value of several curves; 0 if no value is positive.
 fn largest<'v>(curves: impl IntoIterator<Item = &'v Vec<f64>>) -> f64 {
     curves.into_iter().flatten().copied().fold(0.0, f64::max)
 }
@@ -133,7 +133,7 @@ fn chart(study: &Study, height: f64, largest: f64) -> Curves {
     }
 }
 
-/// The chart of contact area, measured and smoothed; `None` where the region was not fitted.
+/// The chart of contact area, measured and smoothed; `None` if the region was not fitted.
 pub fn area(study: &Study, region: usize, typical: &Result<Typical, String>) -> Option<Drawing> {
     let Typical { start_s, curves, .. } = typical.as_ref().ok()?;
     let chart = chart(study, AREA_HEIGHT, largest([&curves.area_mm2, &curves.filtered_mm2]));
@@ -152,8 +152,8 @@ pub fn area(study: &Study, region: usize, typical: &Result<Typical, String>) -> 
     })
 }
 
-/// The chart of force, measured, smoothed by the polynomial of the paper, and of the model; or the reason why the region was not
-/// fitted.
+/// The chart of force: measured, smoothed by the polynomial of the paper, and of the model. For a region that was not fitted, a
+/// drawing with the reason.
 pub fn force(study: &Study, region: usize, typical: &Result<Typical, String>) -> Drawing {
     let Typical { start_s, curves, .. } = match typical {
         Ok(typical) => typical,

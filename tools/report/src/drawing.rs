@@ -9,9 +9,9 @@ pub const STYLE: &str = include_str!("drawing.css");
 
 /// A drawing that can be used on its own or within a larger one.
 pub struct Drawing {
-    /// Size in units of the view box.
+    /// Width in units of the view box.
     pub width: f64,
-    /// See `width`.
+    /// Height in units of the view box.
     pub height: f64,
     /// Text alternative.
     pub label: String,
@@ -20,7 +20,7 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// The drawing on its own, as wide as its place in the page.
+    /// The drawing on its own, scaled to the width that the page gives it.
     pub fn svg(&self) -> Markup {
         html! {
             svg.drawing viewBox={ "0 0 " (self.width) " " (self.height) } role="img" aria-label=(self.label) { (self.body) }
@@ -103,7 +103,8 @@ impl Scale {
         Self { values, positions, kind: Kind::Linear }
     }
 
-    /// A logarithmic scale; both values are positive. With `zero`, the first position is that of 0.
+    /// A logarithmic scale; both values are positive. With `zero`, the scale also has a position for 0, which is
+    /// the first one.
     pub fn logarithmic(values: [f64; 2], [first, last]: [f64; 2], zero: bool) -> Self {
         match zero {
             true => Self { values, positions: [first + ZERO, last], kind: Kind::LogarithmicAndZero },
@@ -134,7 +135,7 @@ impl Scale {
         !(self.values[0]..=self.values[1]).contains(&value) && !self.is_zero(value)
     }
 
-    /// About `wanted` round values within the scale.
+    /// Round values within the scale for about `wanted` ticks.
     pub fn ticks(&self, wanted: usize) -> Vec<f64> {
         let [low, high] = self.values;
         let round = |digits: &[f64]| -> Vec<f64> {
@@ -202,7 +203,7 @@ impl Curves {
         self.path(start, every, values, |i| if i == 0 { "M" } else { "L" }, "")
     }
 
-    /// The same samples as points.
+    /// As [`Curves::line`], with a point for each sample.
     pub fn points(&self, start: f64, every: f64, values: &[f64]) -> String {
         self.path(start, every, values, |_| "M", "h0")
     }

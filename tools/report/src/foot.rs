@@ -20,7 +20,7 @@ const BAR_MM: f64 = 50.0;
 const HEAD: f64 = 20.0;
 /// Height of the scale bar below the feet.
 const FOOTER: f64 = 34.0;
-/// Size of an entry of the legend.
+/// Width of an entry of the legend of regions.
 const LEGEND_WIDTH: f64 = 212.0;
 const LEGEND_ROW: f64 = 52.0;
 /// Fraction of its length and width with which a cell is drawn, so that gaps separate neighbouring cells.
@@ -31,7 +31,7 @@ pub fn source(study: &Study, side: Side) -> Option<&Source> {
     study.sources.iter().find(|source| source.side == side && !source.layout.cells.is_empty())
 }
 
-/// Both feet, or the recorded one; `None` without a recording.
+/// Both feet, or the foot that was recorded; `None` if there is no recording.
 pub fn foot(study: &Study) -> Option<Drawing> {
     let feet: Vec<&Source> = [Side::Left, Side::Right].into_iter().filter_map(|side| source(study, side)).collect();
     let cells = || feet.iter().flat_map(|foot| &foot.layout.cells);

@@ -1,8 +1,9 @@
-//! The report on the identification of one person's parameters, for readers who assess it: a self-contained web page, and a
-//! picture. This crate neither reads nor writes files.
+//! The report on the identification of one person's parameters, for readers who assess the identification: a self-contained web
+//! page, and a picture. This crate neither reads nor writes files.
 //!
 //! Each figure is drawn once, as SVG with CSS classes for colours: the page shows it in light, dark and print colours, the
-//! picture in light ones. The SVG is written directly, because the output of chart libraries has whole pixels and fixed colours.
+//! picture in light ones. The SVG is written directly, because chart libraries round positions to whole pixels and fix the
+//! colours.
 
 mod region;
 mod format;
@@ -24,8 +25,8 @@ pub use step::{Forces, StepPicture};
 
 use fit::Study;
 
-/// The report as one HTML file, which loads no other resource and contains no scripts. A study without steps or without a fit has
-/// a report, too.
+/// The report as one HTML file, which loads no other resource and contains no scripts. `study` is the identification of one
+/// person's parameters; without steps or without a fit the report is incomplete, but valid.
 pub fn html(study: &Study) -> String {
     page::page(study).into_string()
 }

@@ -47,7 +47,7 @@ fn section(id: &str, title: &str, content: Markup) -> Markup {
     html! { section id=(id) aria-labelledby={ (id) "-title" } { h2 id={ (id) "-title" } { (title) } (content) } }
 }
 
-/// A table that can be scrolled where it is wider than the screen.
+/// A table that can be scrolled if it is wider than the screen.
 fn wide(label: &str, table: Markup) -> Markup {
     html! { div.wide tabindex="0" role="region" aria-label=(label) { (table) } }
 }
@@ -63,7 +63,7 @@ fn summary(study: &Study) -> Markup {
                 thead {
                     tr {
                         th scope="col" { "Region" }
-                        th.figure scope="col" { "Predicted" br; "NRMSE, %" }
+                        th.figure scope="col" { "NRMSE of" br; "prediction, %" }
                         th scope="col" { "Verdict" }
                     }
                 }
@@ -216,8 +216,8 @@ fn parameter_figures(study: &Study) -> Markup {
         figure {
             div.panels { @for chart in parameters::charts(study) { (chart.svg()) } }
             figcaption {
-                "The five identifiable parameters by region, with their 95 % confidence intervals. A B, K and G have logarithmic \
-                 axes. K and G are stiffness and damping at a deformation of C."
+                "The five identifiable parameters by region, with their 95 % confidence intervals. The axes of the \
+                 product A B, of K and of G are logarithmic. K and G are stiffness and damping at a deformation of C."
             }
         }
         (wide("The five identifiable parameters", parameters::five(study)))

@@ -23,13 +23,13 @@ struct Parameter {
     unit: &'static str,
     /// Factor from SI to `unit`.
     factor: f64,
-    /// Drawn on a logarithmic axis.
+    /// True if its axis is logarithmic.
     logarithmic: bool,
-    /// May be 0.
+    /// True if its value may be 0.
     zero: bool,
 }
 
-/// In the order of [`FIVE`].
+/// The display of the five identifiable parameters, in the order of [`FIVE`].
 const SHOWN: [Parameter; 5] = [
     Parameter { name: "size", unit: "mm²", factor: 1e6, logarithmic: true, zero: false },
     Parameter { name: "stiffness", unit: "kPa", factor: 1e-3, logarithmic: true, zero: false },
@@ -59,7 +59,7 @@ fn value(fit: &RegionFit, parameter: usize) -> (f64, Option<&Interval>) {
     (values(&fit.law)[parameter], fit.uncertainty.as_ref().map(|uncertainty| &uncertainty.intervals[parameter]))
 }
 
-/// In the order of [`FIVE`], SI.
+/// The five parameters of a force law in the order of [`FIVE`], SI units.
 fn values(law: &ForceLaw<f64>) -> [f64; 5] {
     [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m]
 }
@@ -151,7 +151,7 @@ fn row(scale: &Scale, shown: &Parameter, (value, interval): (f64, Option<&Interv
     }
 }
 
-/// Draws an interval, with an arrow where it extends beyond the scale.
+/// Draws an interval, with an arrow at each end that lies beyond the scale.
 fn bar(scale: &Scale, [low, high]: [f64; 2], y: f64, class: &str) -> Markup {
     let (left, right) = (scale.at(low), scale.at(high));
     html! {
@@ -225,7 +225,7 @@ pub fn five(study: &Study) -> Markup {
     }
 }
 
-/// The value and its interval, which wraps to a new line where space is short.
+/// The value and its interval, which wraps to a new line if space is short.
 fn cell(interval: &Interval, shown: &Parameter, range: Option<[f64; 2]>) -> Markup {
     let Some(range) = range else { return html! { (NONE) } };
     let [low, high] = shown.scaled(range).map(number);
@@ -235,7 +235,7 @@ fn cell(interval: &Interval, shown: &Parameter, range: Option<[f64; 2]>) -> Mark
     }
 }
 
-/// The table of the paper's eight parameters, and the basis of each.
+/// The table of the paper's eight parameters. A row below the titles states what determines each of them (its basis).
 pub fn eight(study: &Study) -> Markup {
     let heads = [
         ("A", "mm", "medial-lateral radius", "identified A B, measured A/B"),

@@ -41,7 +41,7 @@ const LEGEND: f64 = 28.0;
 /// The picture as PNG, with text in a font of the operating system.
 ///
 /// # Errors
-/// Where no font is installed, or the drawing cannot be rendered or encoded.
+/// If no font is installed, or the drawing cannot be rendered or encoded.
 pub fn png(study: &Study) -> Result<Vec<u8>> {
     let options = usvg::Options { fontdb: Arc::new(fonts()?), ..usvg::Options::default() };
     let tree = usvg::Tree::from_str(&svg(study).into_string(), &options)?;

@@ -12,7 +12,7 @@ pub fn protocol(study: &Study) -> Markup {
         dl.facts {
             dt { "Participant" } dd { (study.participant) }
             dt { "Steps used" }
-            dd { (count(study.steps.len(), "step")) " of " (count(study.steps.len() + study.left_out.len(), "contact")) }
+            dd { (count(study.steps.len(), "step")) " of " (count(study.steps.len() + study.excluded_contacts.len(), "contact")) }
             dt { "Contact rule" } dd { (contact(study)) }
             dt { "Filter" } dd { (filter(study.options.filter)) }
             dt { "Method" } dd { (method(study.options.method)) }
@@ -112,16 +112,16 @@ fn sources(study: &Study) -> Markup {
 
 fn left_out(study: &Study) -> Markup {
     html! {
-        @if study.left_out.is_empty() { p { "No contact was excluded." } } @else {
+        @if study.excluded_contacts.is_empty() { p { "No contact was excluded." } } @else {
             table.words {
                 caption { "Excluded contacts" }
                 thead { tr { th scope="col" { "Recording" } th.figure scope="col" { "Time, s" } th scope="col" { "Reason" } } }
                 tbody {
-                    @for contact in &study.left_out {
+                    @for contact in &study.excluded_contacts {
                         tr {
                             th scope="row" { (study.sources.get(contact.recording).map_or("", |source| &source.name)) }
                             td.figure { (format!("{:.2}", contact.at_s)) }
-                            td.prose { (contact.why) }
+                            td.prose { (contact.reason) }
                         }
                     }
                 }

@@ -40,8 +40,8 @@ pub fn reading(method: Method) -> Markup {
         p {
             strong { "Intervals. " }
             "Jacobian: the 95 % confidence interval from the scatter of the measured force about the model, corrected for the \
-             correlation of neighbouring samples. Resampled (bootstrap): the middle 95 % of the fits to steps drawn with \
-             replacement; it includes the differences between steps. Where the two disagree, use the wider one."
+             correlation of successive samples. Resampled (bootstrap): the middle 95 % of the fits to steps drawn with \
+             replacement; it includes the differences between steps. If the two disagree, use the wider one."
         }
         p {
             strong { "Errors. " }
@@ -51,7 +51,7 @@ pub fn reading(method: Method) -> Markup {
             em { "Own" } ": parameters fitted to each step alone, as in the paper. "
             em { "Predicted" } ": parameters fitted to the other steps (cross-validation); the error to expect for a new step. "
             em { "Floor" } ": the best non-decreasing function of contact area in each step. No elastic law of this area has a \
-             smaller error; a law with damping can have one. "
+             smaller error; a law with damping can have a smaller error. "
             em { "Raw" } ": against the force as measured. "
             em { "Smoothed" } ": against the force smoothed by a polynomial of fifth order."
         }

@@ -14,7 +14,7 @@ pub const TITLES: [&str; 8] = [
     "Toes 3–5",
 ];
 
-/// Table 2 of the paper: NRMSE of the right foot of one participant, %.
+/// NRMSE by region in Table 2 of the paper, for the right foot of one participant, %.
 pub const PAPER_NRMSE: [f64; 8] = [22.1, 6.1, 8.2, 18.1, 11.7, 24.5, 13.9, 20.9];
 
 /// The CSS class that sets the colour of a region, after Fig. 1 of the paper.
@@ -25,7 +25,7 @@ pub fn colour(region: usize) -> String {
 /// The fit of a region.
 ///
 /// # Errors
-/// The reason where the region was not fitted.
+/// The reason why the region was not fitted.
 pub fn fit_of(study: &Study, region: usize) -> Result<&RegionFit, String> {
     match study.fits.get(region) {
         Some(Ok(fit)) => Ok(fit),

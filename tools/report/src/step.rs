@@ -8,7 +8,7 @@ use plantar::protocol::{Step, StepRegion};
 use recording::{Cell, Recording, VirtualInsole};
 use std::ops::Range;
 
-// In units of the drawing.
+// These lengths are in units of the drawing.
 const MARGIN: f64 = 14.0;
 const HEADER: f64 = 58.0;
 const FOOT: [f64; 2] = [300.0, 590.0];
@@ -20,10 +20,10 @@ const SPACE_MM: f64 = 12.0;
 /// Opacity of an unloaded cell.
 const UNLOADED_OPACITY: f64 = 0.06;
 
-/// The forces of a frame per region: measured and model force, N.
+/// Measured and model force of each region in a frame, N.
 pub type Forces = [(f64, f64); 8];
 
-/// A step of a recording, and its forces.
+/// A step of a recording, with the data that its picture shows.
 #[derive(Clone, Copy, Debug)]
 pub struct StepPicture<'a> {
     /// The recording.

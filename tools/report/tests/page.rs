@@ -77,9 +77,9 @@ fn excluded_contacts_and_regions_are_listed_with_their_reasons() {
         // The reason is in the summary, in three tables, and in the label of the drawing.
         assert!(html.matches(&escaped(&reason.to_string())).count() >= 5, "{reason}");
     }
-    assert!(!STUDY.left_out.is_empty());
-    for contact in &STUDY.left_out {
-        assert!(html.contains(&format!("{:.2}</td>", contact.at_s)) && html.contains(&contact.why.to_string()));
+    assert!(!STUDY.excluded_contacts.is_empty());
+    for contact in &STUDY.excluded_contacts {
+        assert!(html.contains(&format!("{:.2}</td>", contact.at_s)) && html.contains(&contact.reason.to_string()));
     }
     for fit in STUDY.fits.iter().flatten() {
         assert!(html.contains(&escaped(&fit.verdict)));

@@ -1,4 +1,4 @@
-//! Writes the page's example, a computed walk of both feet: `cargo run -p serve --example computed_walk -- FILE`.
+//! Writes the example recording of the page, a computed walk of both feet: `cargo run -p serve --example computed_walk -- FILE`.
 
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
@@ -14,7 +14,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 
 const STEPS: usize = 6;
-/// Duration of a stride; the right foot strikes half a stride after the left one.
+/// Duration of a stride, s; the right foot strikes half a stride after the left foot.
 const STRIDE_S: f64 = 1.05;
 
 fn main() -> Result<(), Box<dyn Error>> {

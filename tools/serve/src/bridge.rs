@@ -37,17 +37,17 @@ impl Source {
     }
 }
 
-/// Bridges an insole to the hub until the program ends. Reconnects after a lost link.
+/// Bridges the insole with this index to the hub until the program ends. Reconnects after a lost link. `name` is for messages.
 pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
-    hello(hub, index, &mut insole);
+    pass_hello(hub, index, &mut insole);
     let mut status_requested = Instant::now();
     loop {
         match insole.next_event() {
-            Ok(Event::Started(_)) => hello(hub, index, &mut insole),
+            Ok(Event::Started(_)) => pass_hello(hub, index, &mut insole),
             Ok(Event::Message(ToHost::Live(live))) => hub.live(index, live),
             Ok(Event::Message(ToHost::Step(step))) => hub.step(index, step),
             Ok(Event::Message(ToHost::Status(status))) => hub.status(index, status),
-            // Answers to a repeated hello, or to requests that are not sent here.
+            // The hello of a repeated connect request, or the answer to a request that this loop does not send.
             Ok(Event::Message(_) | Event::Timeout) => {}
             Ok(Event::Lost(error)) => {
                 hub.lost(index);
@@ -73,9 +73,9 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
 }
 
 /// Passes the hello and the parameters of a new session to the hub.
-fn hello(hub: &Hub, index: usize, insole: &mut Session) {
+fn pass_hello(hub: &Hub, index: usize, insole: &mut Session) {
     let client = insole.client();
-    // An older firmware does not know this request.
+    // Older firmware does not know this request; the parameters are then unknown.
     let tissue = client.tissue().ok();
     hub.hello(index, client.hello(), tissue);
 }

@@ -1,4 +1,4 @@
-//! Connects insoles with pages: each page has a session of its own with each insole.
+//! Connects insoles with pages. Each page has a session of its own with each insole, in which the hub acts as the insole.
 
 use crate::stream_file::StreamFile;
 use client::{Axis, unix_us};
@@ -23,29 +23,31 @@ pub(crate) struct Hub {
 #[derive(Default)]
 struct Insole {
     hello: Option<Hello>,
-    /// The wearer's parameters, where they are known.
+    /// The wearer's parameters, if they are known.
     tissue: Option<Tissue>,
     status: Status,
     /// Converts between the insole's clock and this computer's.
     axis: Axis,
-    /// Counts the sessions with the insole: step numbers can be compared only within one.
+    /// Number of sessions with the insole so far. Step numbers can be compared only within one session.
     session: u64,
-    /// Steps that no page has acknowledged; as many as the insole holds in RAM.
+    /// Steps that no page has acknowledged, at most as many as the insole holds in RAM.
     pending: VecDeque<PendingStep>,
     /// The last steps that a page acknowledged: after a lost acknowledgement, the insole sends them again.
     acknowledged: VecDeque<Step>,
     /// Number of the step to acknowledge to the insole next.
     to_acknowledge: Option<u32>,
+    /// The number of each page, and its session.
     pages: Vec<(u64, Session)>,
 }
 
 struct PendingStep {
     step: Step,
+    /// The session with the insole in which the step arrived last.
     session: u64,
     is_recorded: bool,
 }
 
-/// Pushes to a queue with at most [`STEP_QUEUE`] items; a full one drops its oldest item.
+/// Pushes to a queue with at most [`STEP_QUEUE`] items; a full queue drops its oldest item.
 fn push<T>(queue: &mut VecDeque<T>, item: T) {
     if queue.len() == STEP_QUEUE {
         queue.pop_front();
@@ -78,13 +80,13 @@ impl Hub {
         self.insoles[index].lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Writes a message to the recording, where one is made. Returns true once the message is written.
+    /// Writes a message to the recording, if there is one. True if the message was written.
     fn record(&self, index: usize, message: &ToHost) -> bool {
         let Some(recorder) = &self.recorder else { return false };
         recorder.lock().unwrap_or_else(PoisonError::into_inner).write(index as u8, message)
     }
 
-    /// Starts a new session with an insole, which sent this hello.
+    /// Starts a new session with the insole, which sent this hello.
     pub fn hello(&self, index: usize, hello: &Hello, tissue: Option<Tissue>) {
         self.record(index, &ToHost::Hello(hello.clone()));
         let mut insole = self.insole(index);
@@ -97,7 +99,7 @@ impl Hub {
         for (_, link) in &mut insole.pages {
             // Connects on behalf of the page, which thereby receives the insole's new hello.
             let is_streaming = link.next_live().is_some();
-            greet(link, CONNECT, insole.tissue);
+            open_session(link, CONNECT, insole.tissue);
             link.receive(ToDevice::Stream { live: is_streaming }, NO_CLOCK_US);
         }
         self.changed.send_replace(());
@@ -128,7 +130,7 @@ impl Hub {
         }
         if let Some(pending) = insole.pending.iter_mut().find(|pending| pending.step.is_same(&step)) {
             pending.session = session;
-            // The insole did not receive the acknowledgement.
+            // The step is in the recording, but the insole did not receive its acknowledgement.
             if pending.is_recorded {
                 insole.to_acknowledge = Some(step.step);
             }
@@ -156,7 +158,7 @@ impl Hub {
         self.insole(index).axis.clone_from(axis);
     }
 
-    /// Returns the number of a step to acknowledge to the insole, only once.
+    /// Takes the number of the step that must be acknowledged to the insole.
     pub fn acknowledgement(&self, index: usize) -> Option<u32> {
         self.insole(index).to_acknowledge.take()
     }
@@ -177,18 +179,18 @@ impl Hub {
     }
 }
 
-/// The device time for messages that do not need it.
+/// The insole's time for messages that do not need a time.
 const NO_CLOCK_US: u64 = 0;
 
 const CONNECT: ToDevice = ToDevice::Connect { major: plantar::protocol::MAJOR, minor: plantar::protocol::MINOR };
 
 /// Opens the session of a page, with the parameters of the insole.
-fn greet(link: &mut Session, connect: ToDevice, tissue: Option<Tissue>) {
+fn open_session(link: &mut Session, connect: ToDevice, tissue: Option<Tissue>) {
     link.receive(connect, NO_CLOCK_US);
     link.restore(tissue, link.identity());
 }
 
-/// A page that is connected to the hub, until this is dropped.
+/// A page that is connected to the hub until this value is dropped.
 pub(crate) struct Page {
     hub: Arc<Hub>,
     id: u64,
@@ -232,7 +234,7 @@ impl Page {
                     link.receive(request, device_us);
                 }
             }
-            Some(connect @ ToDevice::Connect { .. }) => greet(link, connect, insole.tissue),
+            Some(connect @ ToDevice::Connect { .. }) => open_session(link, connect, insole.tissue),
             Some(message) => {
                 link.receive(message, NO_CLOCK_US);
                 if let ToDevice::Acknowledge { step } = message {
@@ -242,7 +244,7 @@ impl Page {
         }
     }
 
-    /// The next bytes for the page: the index of an insole, and a message; `None` where there is nothing to send.
+    /// The next message for the page, as the index of an insole followed by the message; `None` if there is nothing to send.
     pub fn next(&self) -> Option<Vec<u8>> {
         (0..self.hub.insoles.len()).find_map(|index| {
             let mut insole = self.hub.insole(index);
@@ -260,7 +262,7 @@ impl Insole {
         let Some(at) = self.pending.iter().position(|pending| pending.step.step == step) else { return };
         if let Some(PendingStep { step, session, .. }) = self.pending.remove(at) {
             push(&mut self.acknowledged, step);
-            // If the insole has restarted since, the number belongs to another step.
+            // In a later session the insole may use this number for another step.
             if session == self.session {
                 self.to_acknowledge = Some(step.step);
             }

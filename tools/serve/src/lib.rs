@@ -1,9 +1,10 @@
 //! Serves the page for a phone and bridges one or two insoles to it.
 //!
-//! To a page, the bridge behaves like an insole: it answers a hello, streams, and queues steps until they are acknowledged. Each
-//! page has a session of its own with each insole, the firmware's [`plantar::protocol::session::Session`]. A slow page loses live
-//! frames, counted in its status, without an effect on other pages. A step is acknowledged to the insole once a page has
-//! acknowledged it or, where a recording is made, once it is written there.
+//! To a page, the bridge behaves like an insole: it answers a connect request with the insole's hello, streams live frames, and
+//! queues steps until they are acknowledged. Each page has a session of its own with each insole, which uses the firmware's
+//! [`plantar::protocol::session::Session`]. A slow page loses live frames without an effect on other pages; its status counts
+//! them. The bridge acknowledges a step to the insole once a page has acknowledged the step or, if the messages are recorded,
+//! once the step is in the recording.
 //!
 //! A binary WebSocket message is the index of the insole, one byte, followed by one unframed message.
 
@@ -30,11 +31,11 @@ pub const MAX_INSOLES: usize = 2;
 /// The options of the server.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// The address to listen on; port 0 chooses a free one.
+    /// The address to listen on; port 0 chooses a free port.
     pub listen: SocketAddr,
     /// The folder of the built page.
     pub page: PathBuf,
-    /// Further origins of pages that may connect.
+    /// Origins of other pages that may connect, in addition to the served page.
     pub origins: Vec<String>,
     /// A file for all messages of the insoles, which must be new or empty.
     pub record: Option<PathBuf>,
@@ -91,7 +92,7 @@ pub fn serve(sources: Vec<Source>, options: &Options, ready: impl FnOnce(SocketA
     let hub = Arc::new(Hub::new(sessions.len(), recorder));
     for (index, (name, insole)) in sessions.into_iter().enumerate() {
         let hub = hub.clone();
-        // The thread ends with the program.
+        // This thread runs until the program ends.
         std::thread::spawn(move || bridge::run(&hub, index, &name, insole));
     }
     let served = web::run(hub.clone(), options, ready);

@@ -1,11 +1,12 @@
-//! The origins of web pages that may connect: a browser lets any page try, from any origin.
+//! Decides which web pages may connect. A browser lets a page of any origin try to.
 
 use std::net::IpAddr;
 
-/// True where a page from `origin` may connect to this server; `host` is the Host header of its request.
+/// True if a page from `origin` may connect to this server; `host` is the Host header of its request.
 ///
-/// For the served page both have the same host. An attacker can let a name resolve to this computer, so the host must be an
-/// address or `localhost`. Programs other than browsers send no origin.
+/// For the served page both contain the same host. An attacker can let a name of their own resolve to this computer (DNS
+/// rebinding), so the host must be an address or `localhost`. `others` are further origins that may connect. Programs other than
+/// browsers send no origin, and may connect.
 pub(crate) fn is_allowed(origin: Option<&str>, host: Option<&str>, others: &[String]) -> bool {
     let Some(origin) = origin else { return true };
     if others.iter().any(|other| other.trim_end_matches('/') == origin) {

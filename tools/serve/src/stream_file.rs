@@ -1,5 +1,5 @@
-//! The file of a recorded stream. It has, for each message, the time in ms (u32), the index of the insole (u8), the length (u16),
-//! all little endian, and the message.
+//! The file of a recorded stream. For each message it contains the time in ms (u32), the index of the insole (u8), the length of
+//! the message (u16), all little endian, and the message.
 
 use client::create_new;
 use plantar::protocol::{MAX_MESSAGE, ToHost, encode};
@@ -17,17 +17,17 @@ pub struct StreamFile {
 }
 
 impl StreamFile {
-    /// Begins a file, which must be new or empty; its time starts now.
+    /// Begins a file, which must be new or empty. The times in the file count from this call.
     ///
     /// # Errors
-    /// Where the file is not empty or cannot be written.
+    /// If the file cannot be opened for writing, or is not empty.
     pub fn create(path: &Path) -> io::Result<Self> {
         let out = BufWriter::new(create_new(path)?);
         Ok(Self { path: path.into(), out, start: Instant::now(), has_failed: false })
     }
 
-    /// Writes a message with the time since the start. True once it is written; all but live frames are flushed to the file. The
-    /// first failure is printed and ends the recording.
+    /// Writes a message with the time since the start. True if it was written; all messages except live frames are flushed to the
+    /// file. The first failure is printed and ends the recording.
     pub(crate) fn write(&mut self, insole: u8, message: &ToHost) -> bool {
         if self.has_failed {
             return false;
@@ -46,10 +46,10 @@ impl StreamFile {
     }
 }
 
-/// Writes one message.
+/// Writes one message of the insole with index `insole`, at the time `t_ms`, ms.
 ///
 /// # Errors
-/// Where it cannot be written.
+/// If the message cannot be written.
 pub fn append(out: &mut impl Write, t_ms: u32, insole: u8, message: &ToHost) -> io::Result<()> {
     let mut buffer = [0; MAX_MESSAGE];
     let message = encode(message, &mut buffer).map_err(io::Error::other)?;

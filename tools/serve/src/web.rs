@@ -16,8 +16,8 @@ use tokio::net::{TcpListener, TcpSocket};
 use tower_http::services::ServeDir;
 use tower_http::set_header::SetResponseHeaderLayer;
 
-/// Size of the system's send buffer for a page, bytes: about one second of messages from two feet. Once it is full, the
-/// session drops live frames.
+/// Size of the system's send buffer for a page, bytes: about one second of messages from two feet. While the buffer is full, the
+/// page's sessions drop live frames.
 const SEND_BUFFER: u32 = 16 * 1024;
 /// Size of the longest message from a page, bytes.
 const MAX_REQUEST: usize = 512;
@@ -47,7 +47,7 @@ pub(crate) fn run(hub: Arc<Hub>, options: &Options, ready: impl FnOnce(SocketAdd
 fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
     socket.set_reuseaddr(cfg!(unix))?;
-    // Accepted connections inherit these options.
+    // The accepted connections inherit these two options.
     socket.set_send_buffer_size(SEND_BUFFER)?;
     socket.set_nodelay(true)?;
     socket.bind(address)?;

@@ -20,10 +20,11 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 
-/// An insole and its cable.
+/// An insole in memory, with its end of the cable.
 struct Insole {
     link: Session,
     from_host: Decoder,
+    /// Bytes that the host has not read yet.
     to_host: VecDeque<u8>,
     /// Steps whose acknowledgement the insole received.
     acknowledged: Vec<u32>,
@@ -33,6 +34,7 @@ struct Insole {
     failed_opens: u32,
 }
 
+/// A handle of an insole; as a byte stream it is the host's end of the cable. The condition variable signals changes.
 #[derive(Clone)]
 struct Cable(Arc<(Mutex<Insole>, Condvar)>);
 
@@ -178,7 +180,7 @@ async fn two_pages_receive_both_feet_and_a_step_is_acknowledged_once_one_page_ac
     for page in [&mut one, &mut other] {
         assert_eq!(page.hello(0).await.side, Side::Left);
         assert_eq!(page.hello(1).await.side, Side::Right);
-        // This answer follows the start of the requested stream.
+        // The answer to this request arrives after the requested stream has started.
         page.status(1).await;
     }
     right.live();
@@ -242,7 +244,7 @@ async fn a_slow_page_loses_counted_live_frames_and_no_step() {
     let (mut slow, mut quick) = (Page::open(address).await, Page::open(address).await);
     slow.status(0).await;
     quick.status(0).await;
-    // These are far more frames than fit into the buffers of a socket. The slow page reads nothing meanwhile.
+    // These are far more frames than fit into the buffers of a socket, and the slow page reads none of them before the end.
     const FRAMES: u32 = 100_000;
     for sequence in 0..FRAMES {
         cable.live();
@@ -320,7 +322,7 @@ async fn a_repeated_step_is_acknowledged_again_and_recorded_once() {
         insole.is_unplugged = false;
     });
     assert!(cable.acknowledged(0));
-    // A page receives it once, and then the next step.
+    // A page receives the repeated step once, and then the next step.
     let mut page = Page::open(address).await;
     assert_eq!(page.step(0).await, step(Side::Left, 0));
     cable.step(1);
@@ -331,7 +333,7 @@ async fn a_repeated_step_is_acknowledged_again_and_recorded_once() {
     assert_eq!(recorded(&path).into_iter().filter(is_step).collect::<Vec<_>>(), steps);
 }
 
-/// Where the recording cannot be written, a step is acknowledged to the insole once a page acknowledged it.
+/// If the recording cannot be written, a step is acknowledged to the insole once a page acknowledged it.
 #[tokio::test]
 #[cfg(target_os = "linux")]
 async fn a_full_disk_loses_no_step() {

@@ -4,7 +4,7 @@ use crate::BOARDS;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 
-/// Duration of fuzzing in `cargo xtask test`, min.
+/// Duration of fuzzing in `cargo xtask test`, minutes.
 pub const FUZZ_MINUTES: f64 = 2.0;
 
 /// The tasks of this repository.
@@ -24,31 +24,34 @@ pub enum Task {
     Build,
     /// Build the page for a phone to tools/phone/dist.
     Page,
-    /// Identify a walker's parameters from some steps, send them to the firmware in QEMU and play other steps through it, live in
-    /// the terminal; then print a table of the steps and serve the page with the same walk.
+    /// Show a walk on the emulated insole: identify a walker's parameters from some steps, send them to the firmware in QEMU,
+    /// play other steps into its sensor matrix, and show the loads live in the terminal. Then print a table of the steps, and
+    /// serve the page for a phone with the same walk.
     Demo(Demo),
     /// Run everything that continuous integration runs.
     Test {
-        /// Run only format, lints and host tests, for use after each change. Tests that need firmware, emulator, page, Python or
-        /// data are reported as ignored.
+        /// Check only the format and the lints, and run only the host tests, for use after each change. Tests that need the
+        /// firmware, the emulator, the page, Python or data are reported as ignored.
         #[arg(long)]
         quick: bool,
     },
     /// Feed every parser with arbitrary bytes. The task ends at the first input that makes a parser fail.
     Fuzz {
-        /// Time for all targets together.
+        /// Time for all fuzz targets together, minutes.
         #[arg(long, value_name = "N", default_value_t = FUZZ_MINUTES)]
         minutes: f64,
     },
-    /// Test endurance: loss of power in every write, bit errors on the cable, a day of walking. The test takes about an hour.
+    /// Test the endurance: power cuts in every write, bit errors on the cable, and a day of walking. The test takes about an
+    /// hour.
     Soak(Soak),
-    /// Compare the dependencies with RustSec's advisories, which are downloaded from their repository.
+    /// Compare the dependencies with RustSec's database of known vulnerabilities, which is downloaded.
     Advisories,
-    /// Measure instructions per frame, accuracy, bytes, replay speed, identification and sizes.
-    Bench(Json),
-    /// Measure flash and RAM of the firmware of all boards.
-    Size(Json),
-    /// Print the source locations of the calls in an insole's crash report, "panic after ... at ...". The firmware on the insole
+    /// Measure the instructions for a frame, the accuracy, the lengths of messages, the speed of a replay, the identification and
+    /// the sizes of the firmware.
+    Bench(FiguresFile),
+    /// Measure the flash and RAM that the firmware of each board needs.
+    Size(FiguresFile),
+    /// Print the source locations of the calls in an insole's crash report, "panic after ... at ...". The firmware that crashed
     /// must be the last build in this repository.
     Explain {
         /// The board that sent the report.
@@ -58,11 +61,11 @@ pub enum Task {
         #[arg(required = true)]
         text: Vec<String>,
     },
-    /// Write bootloader and firmware to an STM32WB55 on a debug probe and show the log (needs probe-rs).
+    /// Write bootloader and firmware to an STM32WB55 through a debug probe, and show its log (needs probe-rs).
     Flash,
     /// Build and sign the firmware of a board, for `plantar update`.
     Image(Image),
-    /// Make a key for signing firmware, and print how to build firmware that accepts it.
+    /// Make a key for signing firmware, and print how to build firmware that accepts this key.
     Key {
         /// The file for the secret key; it must not exist yet.
         #[arg(long, value_name = "FILE")]
@@ -78,37 +81,37 @@ pub struct Demo {
     /// Play in real time (real), or as fast as the emulator runs (max).
     #[arg(long, default_value = "real", value_parser = ["real", "max"])]
     pub speed: String,
-    /// End after this many steps.
+    /// End the walk after this number of steps.
     #[arg(long, value_name = "N")]
     pub steps: Option<usize>,
-    /// Write the steps and the counters of the live frames to this file; the page is not served then.
+    /// Write the steps and the counters of the live frames to this JSON file. The page is then not served.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// End after the table: neither build nor serve the page. This is the default where stdout is no terminal.
+    /// End after the table: neither build nor serve the page. This is the default if stdout is not a terminal.
     #[arg(long)]
     pub no_page: bool,
 }
 
 #[derive(Args)]
 pub struct Soak {
-    /// Run only a small part of each test, which takes some minutes.
+    /// Run only a small part of each test. This takes some minutes.
     #[arg(long)]
     pub short: bool,
-    /// Also write the figures to this file, one flat JSON object.
+    /// Also write the figures to this file, as one JSON object with a number for each key.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
 
 #[derive(Args)]
-pub struct Json {
-    /// Also write the figures to this file, one flat JSON object.
+pub struct FiguresFile {
+    /// Also write the figures to this file, as one JSON object with a number for each key.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
 
 #[derive(Args)]
 pub struct Image {
-    /// The board.
+    /// The board that the image is for.
     #[arg(value_parser = BOARDS)]
     pub board: String,
     /// The file of the secret key [default: the published key for development].

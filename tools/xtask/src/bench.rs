@@ -1,6 +1,6 @@
-//! Benchmarks, sizes and the endurance test.
+//! Runs the benchmarks and the endurance test, and measures the sizes of the firmware.
 
-use crate::arguments::{Json, Soak};
+use crate::arguments::{FiguresFile, Soak};
 use crate::build::{bootloader, build_firmware, build_host, firmware};
 use crate::command::{built, run_command};
 use crate::{BOARDS, EMULATED, image, setup};
@@ -12,7 +12,7 @@ use std::process::Command;
 /// Figures by their keys.
 type Figures = Map<String, Value>;
 
-/// Measures everything.
+/// Measures the sizes and runs all benchmarks.
 pub fn bench() -> Result<Figures> {
     setup::rust()?;
     setup::qemu()?;
@@ -31,6 +31,7 @@ pub fn bench() -> Result<Figures> {
     Ok(figures)
 }
 
+/// Builds and runs the program `bench` with these options and paths.
 fn run_bench(options: &[(&str, &Path)]) -> Result<()> {
     build_host("bench")?;
     let mut command = Command::new(built("release/bench"));
@@ -42,7 +43,7 @@ fn run_bench(options: &[(&str, &Path)]) -> Result<()> {
 }
 
 /// Measures flash and RAM of all boards. RAM is the static memory plus the deepest stack that the emulated board used in a walk.
-/// The other boards run the same code above their drivers, so the same stack is added for them.
+/// The stack of the other boards is not measured: apart from their drivers, they run the same code, so the same stack is assumed.
 pub fn sizes() -> Result<Figures> {
     setup::rust()?;
     setup::qemu()?;
@@ -57,24 +58,33 @@ pub fn sizes() -> Result<Figures> {
     };
     for board in BOARDS {
         let size = image::size(board)?;
-        add(format!("flash_bytes.{board}"), size.flash_bytes, "of 368,640: code, constants and initial values");
-        add(format!("ram_bytes.{board}"), size.ram_bytes + stack_bytes, "of 98,304: static and deepest stack");
+        add(
+            format!("flash_bytes.{board}"),
+            size.flash_bytes,
+            "limit 368,640: code, constants and initial values, bytes",
+        );
+        add(
+            format!("ram_bytes.{board}"),
+            size.ram_bytes + stack_bytes,
+            "limit 98,304: static memory and deepest stack, bytes",
+        );
     }
     for board in BOARDS.map(bootloader) {
         let size = image::size(&board)?;
-        add(format!("flash_bytes.{board}"), size.flash_bytes, "of 32,768: the bootloader");
+        add(format!("flash_bytes.{board}"), size.flash_bytes, "limit 32,768: the bootloader, bytes");
     }
-    add("stack_bytes".into(), stack_bytes, "deepest stack of the emulated board in a walk");
+    add("stack_bytes".into(), stack_bytes, "deepest stack of the emulated board in a walk, bytes");
     Ok(figures)
 }
 
+/// Reads figures from a file.
 fn read(json: &Path) -> Result<Figures> {
     let text = std::fs::read_to_string(json).with_context(|| format!("cannot read {}", json.display()))?;
     Ok(serde_json::from_str(&text)?)
 }
 
-impl Json {
-    /// Writes the figures to the file, where one is given.
+impl FiguresFile {
+    /// Writes the figures to the file, if the option is given.
     pub fn write(&self, figures: &Figures) -> Result<()> {
         let Some(path) = &self.json else { return Ok(()) };
         let text = serde_json::to_string_pretty(figures)? + "\n";

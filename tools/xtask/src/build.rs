@@ -9,24 +9,24 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// The name of the reference board's controller in probe-rs, as in `boards/wb55/.cargo/config.toml`.
 const CHIP: &str = "STM32WB55RGVx";
 
-/// The path of a board's firmware, or of another package that is built in the same way.
+/// The path of the executable of a board's package: its firmware or its bootloader.
 pub fn firmware(package: &str) -> PathBuf {
     built(&format!("{TARGET}/firmware/{package}"))
 }
 
-/// The package of a board's bootloader.
+/// The name of the package with a board's bootloader.
 pub fn bootloader(board: &str) -> String {
     format!("{board}-bootloader")
 }
 
 /// Builds firmware and bootloader of a board.
 pub fn build_firmware(board: &str) -> Result<()> {
-    // These are two builds, because cargo unifies the features within one build: the bootloader would have the features of shared
-    // dependencies that only the firmware needs.
+    // Within one build, cargo enables the features of a shared dependency for all packages. In a build of its own, the bootloader
+    // does not contain features that only the firmware needs.
     [bootloader(board).as_str(), board].into_iter().try_for_each(|package| cargo_firmware("build", package, &[]))
 }
 
-/// Runs a command of cargo for a package of a board.
+/// Runs a cargo command such as `build` for a board's package, with the profile and the target of firmware.
 pub fn cargo_firmware(command: &str, package: &str, arguments: &[&str]) -> Result<()> {
     let common = [command, "--locked", "--profile", "firmware", "--target", TARGET, "--package", package];
     run("cargo", &[&common, arguments].concat())
@@ -35,7 +35,7 @@ pub fn cargo_firmware(command: &str, package: &str, arguments: &[&str]) -> Resul
 /// Set once all host programs are built.
 static HOST_IS_BUILT: AtomicBool = AtomicBool::new(false);
 
-/// Builds a host program, unless [`build_whole_host`] built it.
+/// Builds the host programs of a package, unless [`build_whole_host`] has already built them.
 pub fn build_host(package: &str) -> Result<()> {
     if HOST_IS_BUILT.load(Ordering::Relaxed) {
         return Ok(());
@@ -43,9 +43,8 @@ pub fn build_host(package: &str) -> Result<()> {
     run("cargo", &["build", "--locked", "--release", "--package", package])
 }
 
-/// Builds all host programs with their tests.
-///
-/// Cargo unifies the features within one build: built one by one, the programs would compile their shared dependencies again.
+/// Builds all host programs and their tests at once. Separate builds would compile shared dependencies repeatedly, because each
+/// build may enable other features of them.
 pub fn build_whole_host() -> Result<()> {
     run("cargo", &["build", "--locked", "--release", "--all-targets"])?;
     HOST_IS_BUILT.store(true, Ordering::Relaxed);

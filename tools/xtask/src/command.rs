@@ -7,7 +7,7 @@ use std::thread::ScopedJoinHandle;
 
 /// The repository's folder.
 pub fn root() -> PathBuf {
-    // This package is two folders below.
+    // This package is in the folder tools/xtask of the repository.
     Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap_or(Path::new(".")).into()
 }
 
@@ -17,12 +17,12 @@ pub fn built(path: &str) -> PathBuf {
     target.join(path)
 }
 
-/// Runs a program in the repository's folder. Returns an error where it fails.
+/// Runs a program in the repository's folder. Returns an error if the program fails.
 pub fn run(program: &str, arguments: &[&str]) -> Result<()> {
     run_command(Command::new(program).args(arguments))
 }
 
-/// Runs a command in the repository's folder. Returns an error where it fails.
+/// Prints a command and runs it in the repository's folder. Returns an error if the command fails.
 pub fn run_command(command: &mut Command) -> Result<()> {
     let words: Vec<_> = std::iter::once(command.get_program()).chain(command.get_args()).collect();
     let line = words.iter().map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");
@@ -34,7 +34,7 @@ pub fn run_command(command: &mut Command) -> Result<()> {
     Ok(())
 }
 
-/// Waits for the result of a task that runs in parallel with others.
+/// Waits for the result of a task that runs in another thread. If the task panicked, this panics too.
 pub fn join<T>(task: ScopedJoinHandle<'_, Result<T>>) -> Result<T> {
     task.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }

@@ -10,9 +10,11 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Trials of the sample walk. The first ones are played, which takes about 15 s; the parameters are fitted to the others.
+/// Number of trials of the sample walk; each is one step.
 const SAMPLE_TRIALS: &str = "36";
+/// The demonstration plays this number of steps, from the first. This takes about 15 s.
 const PLAYED_STEPS: usize = 12;
+/// The parameters are fitted to these steps, none of which is played.
 const FITTED_STEPS: &str = "12-35";
 
 impl Demo {
@@ -48,14 +50,14 @@ impl Demo {
         run_command(&mut command)?;
         if self.recording.is_none() {
             println!(
-                "The insole's parameters were fitted to steps {FITTED_STEPS} of this walker; the errors above are \
-                 those of steps that the fit did not use.\nThe report of the fit: {}",
+                "The insole's parameters were identified from steps {FITTED_STEPS} of this walker. The errors above \
+                 are those of other steps.\nReport on the identification: {}",
                 report().display()
             );
         }
         if with_page {
             page::build()?;
-            println!("The same walk in the page for a phone:");
+            println!("The page for a phone now shows the same walk:");
             let mut command = Command::new(&plantar);
             command.arg("serve").arg("--emulate").arg(&walk);
             with_insole(&mut command);
@@ -64,8 +66,8 @@ impl Demo {
         Ok(())
     }
 
-    /// Builds the firmware and the needed features of the command line, and installs the other programs in the meantime. Returns
-    /// the paths of the command line and, unless another recording is played, of the data set of the sample walk.
+    /// Builds the firmware and the command line, and meanwhile installs the other programs. Returns the path of the command line
+    /// and, unless the user gave a recording, the path of the data set of the sample walk.
     fn prepare(&self, with_page: bool) -> Result<(PathBuf, Option<PathBuf>)> {
         setup::rust()?;
         std::thread::scope(|scope| {
@@ -82,7 +84,8 @@ impl Demo {
     }
 }
 
-/// Builds the command line without optimisation, and without Bluetooth and pictures, which the demonstration does not use.
+/// Builds the command line with the profile `dev` and only the features that the demonstration uses, because this takes less
+/// time.
 fn build_plantar(with_page: bool) -> Result<PathBuf> {
     let common: &[&str] = &["build", "--locked", "--package", "plantar-cli", "--no-default-features"];
     let serve = ["--features", "serve"];
@@ -90,7 +93,7 @@ fn build_plantar(with_page: bool) -> Result<PathBuf> {
     Ok(built("debug/plantar"))
 }
 
-/// Imports one walker's steps as a recording for the emulated board.
+/// Imports the sample walk as a recording for the emulated board. Returns its path.
 fn sample_walk(plantar: &Path, jiku: &Path) -> Result<PathBuf> {
     let walk = setup::cache().join("walk.parquet");
     let mut command = Command::new(plantar);
@@ -99,7 +102,7 @@ fn sample_walk(plantar: &Path, jiku: &Path) -> Result<PathBuf> {
     Ok(walk)
 }
 
-/// Identifies the walker's parameters, and writes a report.
+/// Identifies the walker's parameters, and writes a report. Returns the path of the parameters.
 fn fit_walk(plantar: &Path, walk: &Path) -> Result<PathBuf> {
     let parameters = setup::cache().join("params.toml");
     let mut command = Command::new(plantar);
@@ -108,6 +111,7 @@ fn fit_walk(plantar: &Path, walk: &Path) -> Result<PathBuf> {
     Ok(parameters)
 }
 
+/// The path of the report on the identification.
 fn report() -> PathBuf {
     setup::cache().join("report.html")
 }

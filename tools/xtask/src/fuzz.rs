@@ -7,15 +7,14 @@ use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// An input that needs more memory than this is a failure, MiB. A page of a Parquet file may take 2 GiB.
+/// Largest memory that an input may need, MiB. The limit is high because a single page of a Parquet file may take 2 GiB.
 const MEMORY_MIB: u32 = 4096;
-/// An input that takes longer than this is a failure, s.
+/// Longest time that an input may take, s.
 const HANG_S: u32 = 25;
 
 /// Runs every target. Returns an error that names the target and the input of the first failure.
 pub fn run(minutes: f64) -> Result<()> {
     let tool = setup::cargo_fuzz()?;
-    // Without a sanitizer, which needs another toolchain: the parsers contain no unsafe code.
     let cargo_fuzz = |arguments: &[&str]| {
         let mut command = Command::new(&tool);
         command.current_dir(root()).args(arguments);
@@ -28,11 +27,12 @@ pub fn run(minutes: f64) -> Result<()> {
         bail!("no fuzz targets in fuzz/Cargo.toml");
     }
     let folder = built("fuzz");
+    // A sanitizer would need a nightly toolchain, and the parsers contain no unsafe code.
     let options = ["--sanitizer", "none", "--target-dir", &folder.to_string_lossy()];
     run_command(&mut cargo_fuzz(&[&["build"], &options[..]].concat()))?;
     let seconds = (minutes * 60.0 / targets.len() as f64).ceil().max(1.0) as u64;
     for target in targets {
-        // The fuzzer writes new inputs to its first folder and only reads the others, here the seeds of the repository.
+        // The fuzzer writes new inputs to its first folder. It only reads the second one, which has the repository's seeds.
         let found = folder.join("corpus").join(target);
         std::fs::create_dir_all(&found)?;
         let seeds = Path::new("fuzz/corpus").join(target);

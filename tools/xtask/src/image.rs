@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::Command;
 
 impl Image {
-    /// Builds and signs the firmware.
+    /// Builds and signs the firmware of the board.
     pub fn make(&self) -> Result<()> {
         setup::rust()?;
         build_firmware(&self.board)?;
@@ -32,7 +32,7 @@ pub fn explain(board: &str, report: &str) -> Result<()> {
     run_command(firmware_image("explain")?.arg(firmware(board)).arg(report))
 }
 
-/// The memory that firmware needs.
+/// The memory that a firmware needs.
 pub struct Size {
     /// Code, constants and the initial values of variables, bytes.
     pub flash_bytes: u64,
@@ -40,7 +40,7 @@ pub struct Size {
     pub ram_bytes: u64,
 }
 
-/// Measures the memory that the firmware of this package needs.
+/// Measures the memory that the firmware of a board's package needs.
 pub fn size(package: &str) -> Result<Size> {
     let output = firmware_image("size")?.arg(firmware(package)).output()?;
     if !output.status.success() {
@@ -52,7 +52,7 @@ pub fn size(package: &str) -> Result<Size> {
     Ok(Size { flash_bytes, ram_bytes })
 }
 
-/// Builds the program `firmware-image`. Returns a command that runs it with this subcommand.
+/// Builds the program `firmware-image`. Returns a command that runs the program with the subcommand `command`.
 fn firmware_image(command: &str) -> Result<Command> {
     build_host("firmware-image").context("the program firmware-image cannot be built")?;
     let mut program = Command::new(built("release/firmware-image"));

@@ -1,9 +1,9 @@
-//! Limits of the figures that are the same on every machine.
+//! Limits of those figures of `cargo xtask bench` that are the same on every machine.
 
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 
-/// Keys of figures, with the least and the largest allowed value.
+/// Keys of figures, each with its smallest and its largest allowed value.
 const LIMITS: [(&str, f64, f64); 24] = [
     ("frame_instructions", 0.0, 10_000.0),
     ("device_vs_host_force_rel", 0.0, 1e-4),
@@ -31,7 +31,7 @@ const LIMITS: [(&str, f64, f64); 24] = [
     ("nrmse.mean.less", 15.0, 100.0),
 ];
 
-/// Returns an error where a figure is missing or outside of its limits.
+/// Returns an error if a figure is missing or outside of its limits.
 pub fn check(figures: &Map<String, Value>) -> Result<()> {
     for (key, least, most) in LIMITS {
         let value = figures.get(key).and_then(Value::as_f64).with_context(|| format!("{key} was not measured"))?;

@@ -1,4 +1,4 @@
-//! Set-up, demonstration, tests, benchmarks and sizes, each as one command.
+//! The tasks of this repository: set-up, builds, demonstration, tests and benchmarks, each as one command.
 
 mod arguments;
 mod bench;
@@ -18,7 +18,8 @@ use std::process::ExitCode;
 
 /// The compilation target of the boards.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
-/// The boards: package and binary `<board>` in `boards/<board>`, with the bootloader `<board>-bootloader`.
+/// The boards. A board's name is the name of its folder in `boards`, of its package and of its executable. The package of its
+/// bootloader has the suffix `-bootloader`.
 pub const BOARDS: [&str; 2] = [EMULATED, "wb55"];
 /// The board that runs in the emulator.
 pub const EMULATED: &str = "emulated";

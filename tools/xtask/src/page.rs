@@ -1,4 +1,4 @@
-//! The page for a phone: the firmware's messages as WebAssembly, the build with Vite, and the tests.
+//! Builds and tests the page for a phone, including the library's code as WebAssembly.
 
 use crate::command::{built, root, run, run_command};
 use crate::setup;
@@ -14,7 +14,7 @@ pub fn dist() -> PathBuf {
     root().join(FOLDER).join("dist")
 }
 
-/// Builds the page with the package versions of its lock file.
+/// Builds the page, with the versions of npm packages that its lock file names.
 pub fn build() -> Result<()> {
     setup::rust()?;
     install()?;
@@ -25,8 +25,8 @@ pub fn build() -> Result<()> {
     npm(&["run", "build"])
 }
 
-/// Runs the type check, the unit tests, and the tests of the page in Chromium, with the computed walk and with the emulated
-/// insole.
+/// Checks the types of the page and runs its tests: unit tests, and tests in Chromium with the computed walk and with an emulated
+/// insole. `plantar` is the command line, `firmware` the firmware of the emulated board.
 pub fn test(plantar: &Path, firmware: &Path) -> Result<()> {
     setup::chromium()?;
     npm(&["run", "check"])?;
@@ -39,7 +39,7 @@ pub fn test(plantar: &Path, firmware: &Path) -> Result<()> {
     )
 }
 
-/// Installs Node.js and the packages where they are missing or the lock file has changed.
+/// Installs Node.js and the page's npm packages, if they are missing or the lock file has changed.
 pub fn install() -> Result<()> {
     setup::node()?;
     let folder = root().join(FOLDER);
@@ -52,6 +52,7 @@ pub fn install() -> Result<()> {
     Ok(())
 }
 
+/// Runs npm in the page's folder.
 fn npm(arguments: &[&str]) -> Result<()> {
     run("npm", &[&["--prefix", FOLDER], arguments].concat())
 }

@@ -6,8 +6,8 @@ use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// The package with the sample walk. It is licensed under GPLv3 and is stored only in this machine's cache. Its own dependencies
-/// are not needed to read its files.
+/// The package with the sample walk. It is licensed under GPLv3, so it is stored only in the private cache, and never in the
+/// repository. Its dependencies are not installed, because the importer only reads its data files.
 const SAMPLE_PACKAGE: &str = "jiku-data==0.1.16";
 const NUMPY: &str = "numpy>=1.26,<3";
 const SCIPY: &str = "scipy>=1.13,<2";
@@ -16,9 +16,9 @@ const BUMBLE: &str = "bumble==0.0.236";
 
 /// A private Python environment.
 pub struct Python {
-    /// Its interpreter, with NumPy, SciPy and bumble.
+    /// The path of its interpreter, which has NumPy, SciPy and bumble.
     pub interpreter: PathBuf,
-    /// The data set of the sample walk.
+    /// The path of the data set with the sample walk.
     pub jiku: PathBuf,
 }
 
@@ -34,17 +34,17 @@ pub fn all() -> Result<Python> {
     python()
 }
 
-/// The folder of downloads and of files that are made from them.
+/// The private folder for downloads, and for files that are made from them.
 pub fn cache() -> PathBuf {
     root().join(".cache")
 }
 
-/// True where the program can be started.
+/// True if the program can be started.
 pub fn has(program: &str) -> bool {
     Command::new(program).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok()
 }
 
-/// Installs the targets of the pinned toolchain. rustup installs them automatically, unless the user has disabled that.
+/// Installs the targets and components of the pinned toolchain. rustup usually does this itself, but users can disable that.
 pub fn rust() -> Result<()> {
     let sysroot = Command::new("rustc").args(["--print", "sysroot"]).current_dir(root()).output()?;
     let libraries = PathBuf::from(String::from_utf8(sysroot.stdout)?.trim()).join("lib/rustlib");
@@ -78,7 +78,7 @@ const NODE_MAJOR: u32 = 18;
 pub fn node() -> Result<()> {
     if !has("node") || !has("npm") {
         let named = |apt, other| Package { title: "Node.js with npm", apt, dnf: other, pacman: other, brew: "node" };
-        // Debian's npm needs Debian's Node.js; other systems have npm in the package of Node.js or in one of its own.
+        // If only npm is missing, only npm is installed. Homebrew has both in the package `node`.
         install(&if has("node") { named("npm", "npm") } else { named("nodejs npm", "nodejs npm") })?;
     }
     let version = Command::new("node").arg("--version").output().context("Node.js does not start")?;
@@ -86,7 +86,8 @@ pub fn node() -> Result<()> {
     let major = version.trim_start_matches('v').split('.').next().and_then(|major| major.parse::<u32>().ok());
     if major.is_none_or(|major| major < NODE_MAJOR) {
         bail!(
-            "the page needs Node.js {NODE_MAJOR} or newer, but this is {version}: see https://nodejs.org/en/download"
+            "the page needs Node.js {NODE_MAJOR} or newer, but {version} is installed: see \
+             https://nodejs.org/en/download"
         );
     }
     Ok(())
@@ -113,7 +114,7 @@ pub fn cargo_deny() -> Result<PathBuf> {
     cargo_tool("cargo-deny", "0.20.2")
 }
 
-/// Installs exactly this version of a tool for this repository alone; a version that the user installed is neither used nor
+/// Installs exactly this version of a tool in the private cache. A version that the user has installed is neither used nor
 /// changed.
 fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
     let folder = cache().join("cargo");
@@ -121,14 +122,14 @@ fn cargo_tool(name: &str, version: &str) -> Result<PathBuf> {
     let output = Command::new(&tool).arg("--version").output().map(|output| output.stdout).unwrap_or_default();
     if String::from_utf8_lossy(&output).trim() != format!("{name} {version}") {
         let tool = format!("{name}@{version}");
-        // Without optimisation the tool compiles faster, and it is still fast enough.
+        // Without optimisation, the tool compiles faster and is fast enough.
         run("cargo", &["install", "--locked", "--debug", "--root", &folder.to_string_lossy(), &tool])
             .with_context(|| format!("{tool} comes from the Rust package registry: check the network connection"))?;
     }
     Ok(tool)
 }
 
-/// Installs D-Bus on Linux, where a test simulates the system's Bluetooth service.
+/// Installs D-Bus on Linux, for a test that simulates the system's Bluetooth service.
 fn bus() -> Result<()> {
     if !cfg!(target_os = "linux") || has("dbus-daemon") {
         return Ok(());
@@ -136,10 +137,13 @@ fn bus() -> Result<()> {
     install(&Package { title: "D-Bus", apt: "dbus-daemon", dnf: "dbus-daemon", pacman: "dbus", brew: "dbus" })
 }
 
-/// Creates the private Python environment where it is missing or its list of packages has changed.
+/// The file in the Python environment with the list of the packages that were installed.
+const PYTHON_STAMP: &str = "holds.txt";
+
+/// Creates the private Python environment, if it is missing or the list of its packages has changed.
 pub fn python() -> Result<Python> {
     let environment = cache().join("python");
-    let stamp = environment.join("holds.txt");
+    let stamp = environment.join(PYTHON_STAMP);
     let packages = format!("{SAMPLE_PACKAGE} {NUMPY} {SCIPY} {BUMBLE}");
     let bin = if cfg!(windows) { "Scripts" } else { "bin" };
     let interpreter = environment.join(bin).join("python");
@@ -158,13 +162,14 @@ pub fn python() -> Result<Python> {
     Ok(Python { interpreter, jiku })
 }
 
+/// Creates a new, empty environment in this folder.
 fn create_environment(environment: &Path) -> Result<()> {
     let path = environment.to_string_lossy();
     let create = ["-m", "venv", "--clear", &path];
     if run("python3", &create).is_ok() {
         return Ok(());
     }
-    // On Debian, the module venv is in a package of its own.
+    // Debian has the module venv in a separate package.
     install(&Package {
         title: "Python 3 with venv",
         apt: "python3-venv",
@@ -183,6 +188,7 @@ fn find(environment: &Path, below: &Path) -> Option<PathBuf> {
     libraries.find_map(|library| Some(library.join("site-packages").join(below)).filter(|path| path.is_dir()))
 }
 
+/// A system package: its title for messages, and its name for each package manager.
 struct Package {
     title: &'static str,
     apt: &'static str,
@@ -191,7 +197,7 @@ struct Package {
     brew: &'static str,
 }
 
-/// Installs with the system's package manager, as root or through sudo.
+/// Installs a package with the system's package manager, through sudo unless the user is root. Homebrew needs no sudo.
 fn install(package: &Package) -> Result<()> {
     let managers: [(&str, &[&str], &str); 4] = [
         ("apt-get", &["install", "--yes"], package.apt),

@@ -11,10 +11,10 @@ use std::process::Command;
 
 const DENY_WARNINGS: [&str; 3] = ["--", "--deny", "warnings"];
 
-/// The module of tests that need recordings of people, which are not public.
+/// The name of the module with tests that need recordings of people. These recordings are not public.
 const UNPUBLISHED: &str = "unpublished::";
 
-/// Runs format, lints and host tests. Tests that need more than a Rust toolchain are reported as ignored.
+/// Checks format and lints, and runs the host tests. Tests that need more than a Rust toolchain are reported as ignored.
 pub fn quick() -> Result<()> {
     setup::rust()?;
     format()?;
@@ -48,17 +48,19 @@ pub fn all() -> Result<()> {
     limits::check(&bench::bench()?)
 }
 
+/// Checks the format.
 fn format() -> Result<()> {
     run("cargo", &["fmt", "--all", "--check"])?;
     run("cargo", &["fmt", "--manifest-path", "fuzz/Cargo.toml", "--check"])
 }
 
+/// Lints everything that is compiled for the host.
 fn lint_host() -> Result<()> {
     run("cargo", &[&["clippy", "--locked", "--release", "--all-targets"], &DENY_WARNINGS[..]].concat())
 }
 
-/// Runs all tests on the host, including tests that need firmware, Python, a browser or data. Only tests with recordings that are
-/// not public are skipped where these recordings are absent.
+/// Runs all tests on the host, including those that need firmware, Python, a browser or data. Tests that need recordings of
+/// people are skipped if there are none on this machine.
 fn host_tests(python: &Python) -> Result<()> {
     let mut command = Command::new("cargo");
     command
@@ -78,13 +80,13 @@ fn host_tests(python: &Python) -> Result<()> {
     run_command(&mut command)
 }
 
-/// The folder with recordings of people: the one that `PLANTAR_RECORDINGS` names, or `shared/data` beside the repository.
+/// The folder with recordings of people: the folder that `PLANTAR_RECORDINGS` names, or else `shared/data` beside the repository.
 fn recordings() -> Option<PathBuf> {
     let named = std::env::var_os("PLANTAR_RECORDINGS").map(PathBuf::from);
     named.or_else(|| Some(root().parent()?.join("shared/data")).filter(|folder| folder.is_dir()))
 }
 
-/// Runs these checks of deny.toml, for the workspace and for the fuzz targets, which have a lock file of their own.
+/// Checks the dependencies against these sections of deny.toml, for the workspace and for the fuzz targets' workspace.
 pub fn deny(checks: &[&str]) -> Result<()> {
     let tool = setup::cargo_deny()?;
     for manifest in ["Cargo.toml", "fuzz/Cargo.toml"] {

@@ -1,4 +1,4 @@
-//! The bootloader of the emulated board: swaps images where a swap is due, and starts the active one.
+//! The bootloader of the emulated board: swaps the images if a swap is due, and starts the active image.
 //!
 //! The emulator's flash is read-only: the active image is in the file of the flash chip, from which the host loads it when it
 //! starts the emulator. So the emulator exits after a swap, and the host starts it again.
@@ -18,12 +18,13 @@ use semihosting::fs;
 
 #[entry]
 fn main() -> ! {
+    // The file exists if the host started the emulator again after a swap.
     let is_continued = fs::remove_file(SWAPPED_FILE).is_ok();
-    // Without a chip there is nothing to swap.
+    // Without a chip the swap fails, because there is no image to swap.
     if !is_continued && swap() == Ok(State::Swap) {
         semihosting::process::exit(SWAPPED);
     }
-    // SAFETY: the host loaded an image there, and nothing else runs yet.
+    // SAFETY: the host has loaded an image to this address, and nothing else runs yet.
     unsafe {
         (*SCB::PTR).vtor.write(ACTIVE.start);
         cortex_m::asm::bootload(ACTIVE.start as *const u32)

@@ -1,4 +1,4 @@
-//! The bootloader of the STM32WB55: swaps images where a swap is due, and starts the active one.
+//! The bootloader of the STM32WB55: swaps the images if a swap is due, and starts the active image.
 //!
 //! Only the bootloader writes the controller's own flash; the radio's core does not run yet.
 #![no_std]
@@ -25,13 +25,14 @@ use plantar::storage::boot::{BUFFER, config};
 use plantar::storage::flash_map::{ACTIVE, BOOTLOADER, CHIP_BYTES, MAX_IMAGE};
 use w25::{Q, W25};
 
-/// An image on trial that does not start a watchdog of its own within this time is swapped back, us.
+/// Time within which an image on trial must set up the watchdog itself, us. Otherwise the watchdog resets the board, and the image
+/// is swapped back.
 const TRIAL_US: u32 = 20_000_000;
 
 #[entry]
 fn main() -> ! {
     let mut clocks = embassy_stm32::Config::default();
-    // The internal oscillator needs no crystal. For the application it differs from its state after a reset in its rate only.
+    // The internal oscillator needs no crystal. When the application starts, only its rate differs from the state after a reset.
     clocks.rcc.msi = Some(MSIRange::RANGE32M);
     clocks.rcc.hsi48 = None;
     clocks.rcc.ls = LsConfig::off();
@@ -53,13 +54,13 @@ fn main() -> ! {
     let active = BlockingPartition::new(&own, ACTIVE.start - BOOTLOADER.start, MAX_IMAGE);
     let swapped = BootLoader::try_prepare::<_, _, _, BUFFER>(config(&chip, active));
     let Ok(loader) = swapped else {
-        // The swap failed half-way, so no image would run.
+        // The swap failed half-way, so no image would run. It continues after the reset.
         SCB::sys_reset()
     };
     if loader.state == State::Swap {
         IndependentWatchdog::new(p.IWDG, TRIAL_US).unleash();
     }
-    // SAFETY: an image is there, and the drivers used here leave no interrupt enabled.
+    // SAFETY: an image is at this address, and the drivers used here leave no interrupt enabled.
     unsafe { loader.load(ACTIVE.start) }
 }
 

@@ -1,4 +1,4 @@
-//! This computer as a Bluetooth central: the service of an insole (docs/bluetooth.md) as a carrier of messages.
+//! A carrier over Bluetooth LE: this computer is the central, and uses the service of an insole (docs/bluetooth.md).
 //!
 //! The operating system controls the radio, pairs, and stores the bonds.
 
@@ -54,8 +54,8 @@ pub enum Error {
     NoAdapter,
     /// The insole was not found.
     #[error(
-        "{0} was not found within {SCAN:?}: switch it on, bring it closer, and disconnect it from other phones, because it \
-         serves one at a time"
+        "{0} was not found within {SCAN:?}: switch it on, bring it closer, and disconnect it from phones and other \
+         computers, because it serves one at a time"
     )]
     NotFound(Selector),
     /// The insole was found, but the connection or the pairing failed.
@@ -76,7 +76,7 @@ pub enum Error {
 
 /// A connected insole.
 pub struct BleCarrier {
-    /// Runs while a call of this type waits, and only then.
+    /// Drives the Bluetooth tasks. They make progress only while a method of this type waits.
     runtime: Runtime,
     peripheral: Peripheral,
     notifications: Notifications,
@@ -86,7 +86,7 @@ pub struct BleCarrier {
 
 type Notifications = Pin<Box<dyn Stream<Item = ValueNotification> + Send>>;
 
-/// A characteristic, and the message that is being joined from its values.
+/// A characteristic that carries messages. Its values are fragments, which the joiner joins to messages.
 struct Channel {
     channel: GattChannel,
     characteristic: Characteristic,
@@ -114,14 +114,14 @@ impl BleCarrier {
     }
 }
 
-/// Scans until the insole advertises.
+/// Scans until the selected insole is found.
 async fn find(selector: &Selector) -> Result<Peripheral, Error> {
     let manager = Manager::new().await.map_err(Error::NoBluetooth)?;
     let adapters = manager.adapters().await.map_err(Error::NoBluetooth)?;
     let adapter = adapters.into_iter().next().ok_or(Error::NoAdapter)?;
     adapter.start_scan(ScanFilter { services: vec![SERVICE] }).await.map_err(Error::NoBluetooth)?;
     let found = timeout(SCAN, scan(&adapter, selector)).await;
-    // A running scan takes radio time from the connection. Where it cannot be stopped, it ends with this program.
+    // A running scan takes radio time from the connection. If it cannot be stopped, it ends with this program.
     let _ = adapter.stop_scan().await;
     match found {
         Ok(found) => found.map_err(Error::NoBluetooth),
@@ -135,7 +135,7 @@ async fn scan(adapter: &Adapter, selector: &Selector) -> Result<Peripheral, BleE
             // A peripheral that is no longer in range has no properties.
             if let Ok(Some(properties)) = peripheral.properties().await
                 && selector.matches(&peripheral.id().to_string(), &properties)
-                // Paired peripherals are listed even where they are out of range.
+                // The system also lists paired peripherals that are out of range.
                 && (properties.rssi.is_some() || peripheral.is_connected().await.is_ok_and(|c| c))
             {
                 return Ok(peripheral);
@@ -202,9 +202,9 @@ impl Carrier for BleCarrier {
 
 impl Drop for BleCarrier {
     fn drop(&mut self) {
-        // An insole notices the loss of its central by itself, but later.
+        // Without this, the insole would detect the loss of its central only after a timeout.
         let _ = self.runtime.block_on(self.peripheral.disconnect());
-        // On Linux the stream is closed by asynchronous work, which needs the runtime.
+        // On Linux, dropping the stream starts asynchronous work, which needs the runtime.
         let _runtime = self.runtime.enter();
         self.notifications = Box::pin(stream::empty());
     }

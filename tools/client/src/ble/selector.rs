@@ -18,7 +18,7 @@ pub enum Selector {
 }
 
 impl Selector {
-    /// True where a peripheral with this identifier and these properties is selected.
+    /// True if a peripheral with this identifier and these properties is selected.
     pub fn matches(&self, id: &str, properties: &PeripheralProperties) -> bool {
         let name = properties.advertisement_name.as_deref().or(properties.local_name.as_deref());
         match self {

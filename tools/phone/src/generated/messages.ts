@@ -6,7 +6,7 @@ import type { Live, Side, Step } from "./quantities";
 export type ToHost = { "kind": "hello" } & Hello | { "kind": "live" } & Live | { "kind": "step",
 /** Identifies the step. It does not change when an insole sends the step again. */
 key: string, step: Step, } | { "kind": "status" } & Status | { "kind": "tissue",
-/** Identifies the wearer's parameters; 0 without any. */
+/** Identifies the parameters of the wearer's tissue; 0 if the insole has none. */
 id: number, } | { "kind": "refused",
 /** The reason, as a sentence for the wearer. */
 reason: string, } | { "kind": "time",
@@ -29,22 +29,22 @@ board: string, side: Side,
 cells: number,
 /** Frames per second. */
 rate_hz: number,
-/** True with the wearer's parameters; without them the insole computes no deformation and no model force. */
+/** True if the insole has the wearer's parameters. Without them it computes no deformation and no model force. */
 has_parameters: boolean,
 /** The reason of the last reset, one word. */
 reset: string,
 /** The fault that ended the previous run, or the reason why the insole cannot measure. */
 last_panic: string | null, };
 
-/** Counters of an insole since its start. */
+/** Counters of an insole since its start, unless they state another period. */
 export type Status = { uptime_s: number,
 /** Frame times that passed without a complete scan. */
 frames_missed: number,
 /** Live frames that were due in this session. */
 live_due: number,
-/** Live frames given to the carrier in this session. */
+/** Live frames that the insole handed to its link in this session. */
 live_sent: number, steps: number,
-/** Unacknowledged steps that were dropped in favour of newer ones. */
+/** Unacknowledged steps that were dropped because there was no space for newer steps. */
 steps_dropped: number,
 /** Damaged or unknown messages that the insole received. */
 bad_frames: number,
@@ -84,11 +84,11 @@ regions: Array<RegionFacts>, sole: Sole, };
 
 /** UUIDs of the insole's Bluetooth service and of its characteristics. */
 export type Gatt = { service: string,
-/** Requests, written; and their answers, indicated. */
+/** The page writes requests to it, and the insole indicates the answers. */
 control: string,
-/** Live frames, notified. */
+/** The insole notifies live frames. */
 live: string,
-/** Steps, notified. */
+/** The insole notifies steps. */
 steps: string, };
 
 /** A region and its shape. */

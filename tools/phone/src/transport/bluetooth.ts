@@ -1,23 +1,26 @@
-/** Insoles over Web Bluetooth; no server is needed. */
+/** Connects insoles over Web Bluetooth, without a server. */
 
 import type { Gatt } from "../generated/messages";
 import { Reconnect } from "../reconnect";
 import { Fragments, fragments } from "./fragments";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport";
 
-/** Length of a value that fits into the smallest ATT MTU, bytes. */
+/** Length of the longest value, bytes, that can be written with the smallest ATT MTU. Web Bluetooth does not report the MTU. */
 const VALUE_BYTES = 20;
 
+/** An insole that the wearer chose. */
 interface Connected {
   device: BluetoothDevice;
   reconnect: Reconnect;
+  /** The characteristic to which requests are written; `undefined` while the insole is not connected. */
   control?: BluetoothRemoteGATTCharacteristic | undefined;
-  /** Resolves after the last write, because writes must not overlap. */
+  /** Resolves after the last write. The next write waits for it, because writes must not overlap. */
   writing: Promise<void>;
 }
 
+/** The insoles that the wearer chose. */
 export class BluetoothTransport implements Transport {
-  readonly place = "over Bluetooth";
+  readonly location = "over Bluetooth";
   readonly is_replay = false;
   private readonly insoles = new Map<Insole, Connected>();
 
@@ -58,13 +61,14 @@ export class BluetoothTransport implements Transport {
     }
   }
 
-  /** Ends a connection, so that another program can open it. */
+  /** Disconnects an insole, so that another program can connect it. */
   private remove(insole: Insole, { device, reconnect }: Connected): void {
     this.insoles.delete(insole);
     reconnect.stop();
     device.gatt?.disconnect();
   }
 
+  /** Opens the link, and subscribes to the messages of the insole. */
   private async open(insole: Insole, connected: Connected): Promise<void> {
     const server = await connected.device.gatt?.connect();
     if (!server) throw new Error("The insole refused the connection. Close other programs that use it, then try again.");
@@ -86,6 +90,7 @@ export class BluetoothTransport implements Transport {
     await this.followBattery(insole, server).catch(() => undefined);
   }
 
+  /** Reports the charge of the battery now and whenever it changes. */
   private async followBattery(insole: Insole, server: BluetoothRemoteGATTServer): Promise<void> {
     const service = await server.getPrimaryService("battery_service");
     const level = await service.getCharacteristic("battery_level");
@@ -102,7 +107,7 @@ export class BluetoothTransport implements Transport {
     const write = async () => {
       for (const value of fragments(message, VALUE_BYTES)) await control.writeValueWithResponse(value);
     };
-    // A write fails when the link breaks. The event of the disconnection handles that.
+    // A write fails if the link breaks. The handler of `gattserverdisconnected` then opens the link again.
     connected.writing = connected.writing.then(write).catch(() => undefined);
   }
 
@@ -111,7 +116,7 @@ export class BluetoothTransport implements Transport {
   }
 }
 
-/** A message for the wearer; `undefined` if the wearer cancelled the choice. */
+/** The message for the wearer after an error; `undefined` if the wearer cancelled the choice of an insole. */
 export function explain(error: unknown): string | undefined {
   const name = error instanceof DOMException ? error.name : "";
   if (name === "NotFoundError") return undefined;

@@ -1,22 +1,26 @@
-/** Messages in fragments, one in each Bluetooth value. The first byte of a fragment is a header: bit 7 marks the last fragment of
- * a message, bits 0 to 6 are the number of the fragment, from 0. */
+/**
+ * A message is divided into fragments, and each Bluetooth value contains one fragment. The first byte of a fragment is a header:
+ * bit 7 marks the last fragment of a message, and bits 0 to 6 are the number of the fragment, counted from 0.
+ */
 
+/** The bit of the header that marks the last fragment. */
 const LAST = 0x80;
+/** The bits of the header that contain the number of the fragment. */
 const NUMBER = 0x7f;
 
-/** Joins fragments to messages. */
+/** Joins fragments to messages. `damaged` is called once for each message that cannot be joined. */
 export class Fragments {
   private fragments: Uint8Array[] = [];
-  /** True after a missing fragment, until the next message starts. Each damaged message is reported once. */
+  /** True after a fragment was missing, until the next message starts. Further fragments of the damaged message are ignored. */
   private is_skipping = false;
 
   constructor(private readonly damaged: () => void) {}
 
   /** Adds a fragment; returns the message if it is complete. */
   push(value: Uint8Array): Uint8Array | undefined {
-    const head = value[0];
-    if (head === undefined) return this.drop();
-    const number = head & NUMBER;
+    const header = value[0];
+    if (header === undefined) return this.drop();
+    const number = header & NUMBER;
     if (number === 0) {
       if (this.fragments.length > 0) this.drop();
       this.is_skipping = false;
@@ -26,7 +30,7 @@ export class Fragments {
       return this.drop();
     }
     this.fragments.push(value.slice(1));
-    if ((head & LAST) === 0) return undefined;
+    if ((header & LAST) === 0) return undefined;
     const fragments = this.fragments;
     this.fragments = [];
     const message = new Uint8Array(fragments.reduce((sum, fragment) => sum + fragment.length, 0));
@@ -46,12 +50,12 @@ export class Fragments {
   }
 }
 
-/** Splits a message into values of at most `longest` bytes. */
+/** Divides a message into fragments of at most `longest` bytes, including the header. */
 export function* fragments(message: Uint8Array, longest: number): Generator<Uint8Array<ArrayBuffer>> {
   const payload = longest - 1;
   const count = Math.max(1, Math.ceil(message.length / payload));
   for (let i = 0; i < count; i += 1) {
-    const head = (i === count - 1 ? LAST : 0) | i;
-    yield Uint8Array.of(head, ...message.subarray(i * payload, (i + 1) * payload));
+    const header = (i === count - 1 ? LAST : 0) | i;
+    yield Uint8Array.of(header, ...message.subarray(i * payload, (i + 1) * payload));
   }
 }

@@ -1,17 +1,20 @@
-/** A recorded stream, played at its own speed, in a loop. */
+/** Plays a recorded stream at the speed of its recording, in a loop. */
 
 import { type Entry, entries } from "../stream_file";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport";
 
-/** Time between two checks for due messages: half of the time between frames at 100 Hz. */
+/** Interval of the checks for messages that are due. It is half of the time between frames at 100 Hz. */
 const TICK_MS = 5;
 
+/** The insoles of a recording. */
 export class ReplayTransport implements Transport {
-  readonly place = "in a recording";
+  readonly location = "in a recording";
   readonly is_replay = true;
   private readonly timer: ReturnType<typeof setInterval>;
   private readonly recorded: Entry[];
+  /** Index of the next entry to play. */
   private next = 0;
+  /** Time at which the current repetition started. */
   private start_ms: number;
 
   constructor(
@@ -45,7 +48,7 @@ export class ReplayTransport implements Transport {
   }
 
   send(_insole: Insole, _message: Uint8Array): void {
-    // A recording does not answer.
+    // A recording cannot answer requests, so they are ignored.
   }
 
   close(): void {

@@ -1,25 +1,31 @@
-/** A link to insoles that carries whole wire messages in both directions, without framing. */
+/** A transport carries complete messages of the protocol between the page and up to two insoles, in both directions. */
 
+/** The indices of the insoles. */
 export const INSOLES = [0, 1] as const;
-/** Index of an insole on its transport. Its hello reports the foot. */
+/** Index of an insole on its transport. The index does not depend on the foot, which the insole reports in its hello. */
 export type Insole = (typeof INSOLES)[number];
 
+/** Events of a transport. */
 export interface TransportEvents {
   /** The link to an insole is open. The insole has not sent a message yet. */
   opened(insole: Insole): void;
+  /** A message arrived. `bytes` is the encoded message. */
   message(insole: Insole, bytes: Uint8Array): void;
-  /** The link broke; `reason` is for the wearer. The transport reconnects by itself if it can. */
+  /** The link broke. `reason` is a phrase for the wearer. The transport tries to open the link again. */
   closed(insole: Insole, reason: string): void;
-  /** A message is incomplete: a fragment is missing or damaged. */
+  /** A message could not be received, because one of its fragments is missing or damaged. */
   damaged(insole: Insole): void;
+  /** The insole reported the charge of its battery. */
   battery(insole: Insole, percent: number): void;
 }
 
+/** A transport. */
 export interface Transport {
-  /** The place of the insoles, for the wearer, such as "over Bluetooth". */
-  readonly place: string;
-  /** True for a recording, which must not be stored as the wearer's steps. */
+  /** Completes the sentence "Waiting for an insole ..." for the wearer, for example by "over Bluetooth". */
+  readonly location: string;
+  /** True if the messages come from a recording. Their steps must not be stored as the wearer's steps. */
   readonly is_replay: boolean;
+  /** Sends an encoded message. A message to an insole that is not connected is dropped. */
   send(insole: Insole, message: Uint8Array): void;
   close(): void;
 }

@@ -1,10 +1,14 @@
-/** Insoles on the computer that serves the page. A WebSocket message is one byte with the index of the insole, then its message. */
+/**
+ * Connects the insoles of the computer that serves the page. A WebSocket message consists of one byte, which is the index of the
+ * insole, and a message from or to that insole.
+ */
 
 import { Reconnect } from "../reconnect";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport";
 
+/** The insoles of `plantar serve`. */
 export class WebSocketTransport implements Transport {
-  readonly place = "on this computer";
+  readonly location = "on this computer";
   readonly is_replay = false;
   private socket: WebSocket | undefined;
   private readonly reconnect = new Reconnect(() => this.open());

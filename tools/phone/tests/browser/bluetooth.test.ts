@@ -1,6 +1,8 @@
-/** Web Bluetooth with an insole that Chromium emulates: choose, connect, subscribe, send a connect request.
- *
- * The emulation cannot send notifications, so the stream is tested over the other transports. */
+/**
+ * Web Bluetooth with an insole that Chromium emulates: the page lets the wearer choose it, connects it, subscribes to its
+ * characteristics, and sends a connect request. The emulation cannot send notifications, so the received messages are tested with
+ * the other transports.
+ */
 
 import type { Browser, CDPSession } from "playwright-core";
 import { afterAll, beforeAll, expect, test } from "vitest";
@@ -10,7 +12,7 @@ import { launch, open, serveFiles } from "./browser";
 
 const ADDRESS = "09:09:09:09:09:09";
 
-/** A session with the domains for which Playwright has no types. */
+/** A session of the Chrome DevTools protocol, with methods and events for which Playwright has no types. */
 interface Session {
   send(method: string, parameters?: object): Promise<Record<string, string>>;
   on(event: string, handler: (event: Record<string, string>) => void): void;
@@ -30,7 +32,7 @@ afterAll(async () => {
   files.close();
 });
 
-/** Emulates an insole that accepts all operations. Returns the operations on its characteristics, in their order. */
+/** Emulates an insole that accepts all operations. `done` lists the operations on its characteristics in their order. */
 async function emulateInsole(): Promise<{ done: string[]; disconnect(): Promise<void> }> {
   const session = untyped(await browser.newBrowserCDPSession());
   const { gatt } = wire.facts;
@@ -45,14 +47,14 @@ async function emulateInsole(): Promise<{ done: string[]; disconnect(): Promise<
     ] as const) {
       const characteristic = { serviceId, characteristicUuid, properties };
       const { characteristicId } = await session.send("BluetoothEmulation.addCharacteristic", characteristic);
-      // Client Characteristic Configuration, to which subscriptions are written.
+      // The Client Characteristic Configuration descriptor: the browser subscribes by writing to it.
       const descriptorUuid = "00002902-0000-1000-8000-00805f9b34fb";
       await session.send("BluetoothEmulation.addDescriptor", { characteristicId, descriptorUuid });
       names.set(characteristicId ?? "", name);
     }
   };
   session.on("BluetoothEmulation.gattOperationReceived", ({ address, type }) => {
-    // The emulation removes the services when the connection ends.
+    // The emulation removes the services when the connection ends, so they are added again for each discovery.
     const ready = type === "discovery" ? add() : Promise.resolve();
     void ready.then(() => session.send("BluetoothEmulation.simulateGATTOperationResponse", { address, type, code: 0 }));
   });
@@ -68,7 +70,7 @@ async function emulateInsole(): Promise<{ done: string[]; disconnect(): Promise<
   return { done, disconnect };
 }
 
-test("an insole is chosen, connected, subscribed to and sent a connect request, also after the link was lost", async () => {
+test("the page subscribes to the chosen insole and sends a connect request, also after the link was lost", async () => {
   const insole = await emulateInsole();
   const page = await open(browser, `${files.url}?bluetooth`, { viewport: { width: 390, height: 844 } });
   const chooser = untyped(await page.context().newCDPSession(page));
@@ -77,7 +79,7 @@ test("an insole is chosen, connected, subscribed to and sent a connect request, 
     const { id, devices } = event as unknown as { id: string; devices: { id: string }[] };
     const [device] = devices;
     if (!device || is_chosen) return;
-    // The event is repeated as the list grows.
+    // The event occurs again whenever the list of devices grows.
     is_chosen = true;
     void chooser.send("DeviceAccess.selectPrompt", { id, deviceId: device.id });
   });

@@ -1,4 +1,4 @@
-/** Starts Chromium, and serves the page. */
+/** Starts Chromium, serves the page, and opens it. */
 
 import { spawn } from "node:child_process";
 import { existsSync } from "node:fs";
@@ -9,9 +9,11 @@ import { delimiter, extname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { type Browser, type BrowserContextOptions, type Page, chromium } from "playwright-core";
 
+/** The absolute path of a file or folder in tools/phone. */
 export const folder = (path: string) => fileURLToPath(new URL(`../../${path}`, import.meta.url));
 export const DIST = folder("dist");
 
+/** The path of Chromium: `PLANTAR_CHROMIUM`, or the first that `PATH` contains. */
 function browserPath(): string | undefined {
   const named = process.env["PLANTAR_CHROMIUM"];
   if (named) return named;
@@ -52,7 +54,7 @@ export async function serveFiles(): Promise<{ url: string; close(): void }> {
   return { url: `http://localhost:${port}/`, close: () => server.close() };
 }
 
-/** Starts `plantar serve` and waits for the address of the page. */
+/** Starts `plantar serve` and waits until it prints the address of the page. */
 export async function servePlantar(program: string, args: string[]): Promise<{ url: string; end(): Promise<void> }> {
   const child = spawn(program, ["serve", "--port", "0", "--page", DIST, ...args], { stdio: ["ignore", "pipe", "inherit"] });
   const ended = new Promise<number | null>((resolve) => child.once("exit", resolve));
@@ -88,7 +90,7 @@ export async function open(browser: Browser, url: string, options: BrowserContex
   return page;
 }
 
-/** Waits until a load is drawn; returns the time since the page was requested, ms. */
+/** Waits until a load is drawn. Returns the time from the request of the page to this drawing, ms. */
 export async function firstLoad_ms(page: Page): Promise<number> {
   const mark = await page.waitForFunction(() => performance.getEntriesByName("first-load")[0]?.startTime);
   return (await mark.jsonValue()) as number;

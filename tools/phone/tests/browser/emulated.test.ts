@@ -1,7 +1,9 @@
-/** The firmware in the emulator on a computed walk, served by `plantar serve` and shown by Chromium.
+/**
+ * The emulator runs the firmware with a computed walk, `plantar serve` serves its messages, and Chromium shows them.
  *
- * `PLANTAR` is the path of the command line and `PLANTAR_FIRMWARE` that of the emulated board's firmware; `cargo xtask test` sets
- * both. */
+ * The environment variable `PLANTAR` is the path of the command line, and `PLANTAR_FIRMWARE` is the path of the firmware of the
+ * emulated board. `cargo xtask test` sets both.
+ */
 
 import { spawnSync } from "node:child_process";
 import { mkdtempSync, readFileSync, rmSync } from "node:fs";
@@ -42,7 +44,7 @@ test.skipIf(!plantar || !firmware)("an emulated walk is shown in two pages, each
       await page.waitForFunction(() => document.querySelectorAll("#table tbody tr").length >= 4, undefined, { timeout: 60_000 });
       const cells = page.locator("#table tbody tr td:nth-child(2)");
       const numbers = await cells.evaluateAll((cells) => cells.map((cell) => Number(cell.textContent)));
-      // Newest first. The walk is repeated after three steps; the numbers of the steps continue.
+      // The newest step is first. The emulator repeats the walk after three steps; the numbers of the steps continue.
       expect(numbers).toEqual([...new Set(numbers)].sort((a, b) => b - a));
       expect(await page.locator("#chips").innerText()).toMatch(/^L \d+ Hz$/);
       expect(await page.locator("#notes").innerText()).toBe("");

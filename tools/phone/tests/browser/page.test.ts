@@ -26,8 +26,9 @@ afterAll(async () => {
 });
 
 /** Waits until the table has at least this many steps. */
-const steps = (page: Page, least: number) =>
+const waitForSteps = (page: Page, least: number) =>
   page.waitForFunction((least) => document.querySelectorAll("#table tbody tr").length >= least, least);
+/** Shows a view of the page. */
 const show = (page: Page, view: string) => page.locator(`nav [data-to=${view}]`).click();
 
 test("the compressed page is at most 300 KiB", () => {
@@ -44,10 +45,10 @@ test("a recording shows both feet, their steps and measures", async () => {
     const totals = [...document.querySelectorAll("#totals dd")];
     return totals.every((total) => parseFloat(total.textContent ?? "") > 100);
   });
-  await steps(page, 4);
+  await waitForSteps(page, 4);
   await show(page, "steps");
   const symmetry = await page.locator("#symmetry tbody tr").first().innerText();
-  // The load of the right foot is 800 N, that of the left one 760 N.
+  // The peak force is 760 N on the left foot and 800 N on the right foot, so the symmetry index is negative.
   expect(Number(/(-?[\d.]+) %/.exec(symmetry)?.[1])).toBeLessThan(0);
   const cadence = Number(await page.locator("#measures dd").first().evaluate((dd) => dd.firstChild?.textContent));
   expect(cadence).toBeGreaterThan(100);
@@ -55,13 +56,13 @@ test("a recording shows both feet, their steps and measures", async () => {
   await page.close();
 });
 
-test("a wearer's steps are not mixed with those of a recording", async () => {
+test("the steps of a recording are not shown together with the wearer's steps", async () => {
   const page = await open(browser, replay, { viewport: PHONE });
   await page.evaluate(() => {
     const bluetooth = { requestDevice: () => Promise.reject(new DOMException("none chosen", "NotFoundError")) };
     Object.defineProperty(navigator, "bluetooth", { value: bluetooth });
   });
-  await steps(page, 4);
+  await waitForSteps(page, 4);
   await show(page, "settings");
   await page.locator("#add").click();
   // The wearer has no stored steps yet.
@@ -103,7 +104,7 @@ test("the soles are drawn with every frame of the screen", async () => {
 test("each sole is drawn at most once per frame of the screen, and not while another view is shown", async () => {
   const page = await open(browser, replay, { viewport: PHONE });
   await firstLoad_ms(page);
-  /** Number of drawings of a sole within `frames` frames of the screen. Each drawing begins by clearing the canvas. */
+  /** The number of drawings of a sole within `frames` frames of the screen. Each drawing first clears a part of the canvas. */
   const drawings = (frames: number) =>
     page.evaluate(async (frames) => {
       let count = 0;
@@ -152,7 +153,7 @@ test("with a body mass, forces are shown in % of body weight, and the mass is st
 
 test("live values are recorded and exported, and steps are exported", async () => {
   const page = await open(browser, replay, { viewport: DESKTOP });
-  await steps(page, 1);
+  await waitForSteps(page, 1);
   await show(page, "settings");
   await page.locator("#record").click();
   await page.waitForFunction(() => /\([1-9]/.test(document.querySelector("#record")?.textContent ?? ""));
@@ -193,7 +194,8 @@ test("a recording that does not exist is reported", async () => {
 
 test("an insole of another major version is reported, and its values are not shown", async () => {
   const bytes = readFileSync(join(DIST, "walk.plantar"));
-  // The hello of the left insole is the first entry. Its major version follows the header of the entry and the message number.
+  // The first entry is the hello of the left insole. The header of the entry (7 bytes) and the message number (1 byte) are followed
+  // by the major version.
   bytes[7 + 1] = 99;
   const context = await browser.newContext({ viewport: PHONE });
   await context.route("**/other.plantar", (route) => route.fulfill({ body: bytes }));
@@ -218,7 +220,7 @@ describe("without insoles", () => {
     await context.close();
   });
 
-  test("for a denied permission the page explains how to allow it, and for no choice it shows nothing", async () => {
+  test("the page explains how to allow Bluetooth if it is denied, and shows no note if the wearer chooses no insole", async () => {
     for (const [name, words] of [["NotAllowedError", "Bluetooth is not allowed"], ["NotFoundError", ""]] as const) {
       const context = await browser.newContext({ viewport: PHONE });
       await context.addInitScript((name) => {
@@ -239,7 +241,7 @@ describe("without insoles", () => {
 describe.each([["phone", PHONE], ["desktop", DESKTOP]] as const)("%s", (size, viewport) => {
   test.each(["light", "dark"] as const)("%s: no serious accessibility violations", async (colorScheme) => {
     const page = await open(browser, replay, { viewport, colorScheme });
-    await steps(page, 3);
+    await waitForSteps(page, 3);
     const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
     await page.evaluate(axe);
     for (const view of ["live", "steps", "settings"].filter((view) => size === "phone" || view !== "steps")) {

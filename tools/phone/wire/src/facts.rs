@@ -1,4 +1,4 @@
-//! Constants of the protocol and of the sole that the page reads once.
+//! The constants of the protocol and the geometry of the sole. The page reads them once, when it starts.
 
 use crate::sole::{self, outline_mm, region_shapes};
 use plantar::Region;
@@ -27,11 +27,11 @@ pub struct Facts {
 #[cfg_attr(test, derive(ts_rs::TS))]
 pub struct Gatt {
     service: String,
-    /// Requests, written; and their answers, indicated.
+    /// The page writes requests to it, and the insole indicates the answers.
     control: String,
-    /// Live frames, notified.
+    /// The insole notifies live frames.
     live: String,
-    /// Steps, notified.
+    /// The insole notifies steps.
     steps: String,
 }
 
@@ -57,6 +57,7 @@ pub struct Sole {
     outline_mm: Vec<[f32; 2]>,
 }
 
+/// The [`Facts`] as JSON.
 pub(crate) fn facts_to_json() -> String {
     let facts = Facts {
         major: MAJOR,
@@ -83,7 +84,7 @@ pub(crate) fn facts_to_json() -> String {
     serde_json::to_string(&facts).unwrap_or_default()
 }
 
-/// The form that Web Bluetooth requires: lower case, in groups of 8, 4, 4, 4 and 12 digits.
+/// A UUID in the form that Web Bluetooth requires: lower-case digits in groups of 8, 4, 4, 4 and 12.
 fn uuid_to_text(uuid: u128) -> String {
     let digits = format!("{uuid:032x}");
     [0..8, 8..12, 12..16, 16..20, 20..32].map(|group| &digits[group]).join("-")

@@ -1,9 +1,9 @@
-//! The core of the page for a phone, as WebAssembly: it decodes messages to JSON in physical units, encodes requests, identifies
-//! steps, counts lost frames, and provides the constants of the protocol.
+//! The core of the page for a phone, as WebAssembly. It decodes messages to JSON in physical units, encodes requests, computes the
+//! keys of steps, converts the times of insoles, counts lost frames, and provides the constants of the protocol.
 //!
-//! The page calls plain WebAssembly exports and shares one buffer with them. A binding generator is not used, because its program
-//! would have to be installed in exactly the version of its crate. Messages are passed as JSON: it takes some microseconds per
-//! message, and a step is the same object as in the files of the command line.
+//! The page calls plain WebAssembly exports and shares one buffer with them. A binding generator such as wasm-bindgen is not used,
+//! because its command-line program would have to be installed in exactly the version of its crate. Messages are passed as JSON.
+//! This takes some microseconds per message, and a step is the same object as in the files of the command line.
 //!
 //! The page's TypeScript types are in `tools/phone/src/generated`. A test of this crate checks that they are up to date;
 //! `UPDATE_DOCS=1 cargo test --release --package phone-wire` rewrites them.
@@ -24,7 +24,7 @@ use std::sync::{Mutex, PoisonError};
 /// Input and output of the exports.
 static BUFFER: Mutex<Vec<u8>> = Mutex::new(Vec::new());
 
-/// Replaces the content of the buffer; returns its length.
+/// Replaces the content of the buffer by `bytes` and returns their number.
 fn put(bytes: &[u8]) -> usize {
     let mut buffer = BUFFER.lock().unwrap_or_else(PoisonError::into_inner);
     buffer.clear();
@@ -32,13 +32,14 @@ fn put(bytes: &[u8]) -> usize {
     buffer.len()
 }
 
+/// Encodes a request to the buffer and returns its length.
 fn request(message: ToDevice) -> usize {
     let mut bytes = [0; MAX_MESSAGE];
-    // Every message fits. With a length of 0 the page would send an empty message.
+    // Every request fits into the array, so the length is never 0.
     encode(&message, &mut bytes).map_or(0, |message| put(message))
 }
 
-/// Resizes the buffer to `len` bytes; returns its address, at which the page writes a message.
+/// Resizes the buffer to `len` bytes and returns its address. The page writes a message there.
 #[unsafe(no_mangle)]
 pub extern "C" fn resize_buffer(len: usize) -> *mut u8 {
     let mut buffer = BUFFER.lock().unwrap_or_else(PoisonError::into_inner);
@@ -46,21 +47,21 @@ pub extern "C" fn resize_buffer(len: usize) -> *mut u8 {
     buffer.as_mut_ptr()
 }
 
-/// The address of the buffer, at which the page reads a result.
+/// The address of the buffer. The page reads a result there.
 #[unsafe(no_mangle)]
 pub extern "C" fn result() -> *const u8 {
     BUFFER.lock().unwrap_or_else(PoisonError::into_inner).as_ptr()
 }
 
-/// Replaces the message in the buffer by its JSON; returns the length of the text, 0 for bytes that are not a message of this
-/// version.
+/// Replaces the message in the buffer by its JSON and returns the length of the text. Returns 0 for bytes that are not a message of
+/// this version, and for messages that the page does not use.
 #[unsafe(no_mangle)]
 pub extern "C" fn decode() -> usize {
     let json = decode_to_json(&BUFFER.lock().unwrap_or_else(PoisonError::into_inner));
     json.map_or(0, |json| put(json.as_bytes()))
 }
 
-/// Writes the constants of the protocol and of the sole to the buffer as JSON; returns the length of the text.
+/// Writes the constants of the protocol and the geometry of the sole to the buffer as JSON, and returns the length of the text.
 #[unsafe(no_mangle)]
 pub extern "C" fn facts() -> usize {
     put(facts::facts_to_json().as_bytes())
@@ -102,40 +103,42 @@ pub extern "C" fn set_clock(unix_us: f64) -> usize {
     request(ToDevice::SetClock { unix_us: unix_us as u64 })
 }
 
-/// Number of insoles that are live at the same time.
+/// Number of insoles that can be connected at the same time.
 const INSOLES: usize = 2;
 
-/// The time axes of the live insoles, then of the insoles in a recording.
+/// The time axes of the connected insoles, followed by the time axes of the insoles in a recording.
 static AXES: Mutex<[Axis; 2 * INSOLES]> = Mutex::new([const { Axis::new() }; 2 * INSOLES]);
 
-/// The counters of the live insoles.
+/// The counters of the live frames of the connected insoles.
 static COUNTERS: Mutex<[LiveCounter; INSOLES]> = Mutex::new([LiveCounter::NEW; INSOLES]);
 
-/// Calls `act` with the item at `index`, or with a new one where `index` is out of range.
+/// Calls `act` with the item at `index` and returns the result. If `index` is out of range, `act` receives a new item instead,
+/// which is dropped afterwards.
 fn with<const N: usize, I: Default, T>(items: &Mutex<[I; N]>, index: usize, act: impl FnOnce(&mut I) -> T) -> T {
     let mut items = items.lock().unwrap_or_else(PoisonError::into_inner);
     act(items.get_mut(index).unwrap_or(&mut I::default()))
 }
 
-/// Resets the time axis of an insole.
+/// Resets the time axis of an insole. `index` is 0 or 1 for the connected insoles, and 2 or 3 for the insoles in a recording.
 #[unsafe(no_mangle)]
 pub extern "C" fn axis_clear(index: usize) {
     with(&AXES, index, |axis| *axis = Axis::new());
 }
 
-/// Adds an insole's answer to [`get_time`] to its time axis.
+/// Adds an insole's answer to [`get_time`] to its time axis. `asked_us` is the time in the request, and `device_us` is the time of
+/// the insole in its answer.
 #[unsafe(no_mangle)]
 pub extern "C" fn axis_answer(index: usize, asked_us: f64, device_us: f64) {
     with(&AXES, index, |axis| axis.answer(asked_us as u64, device_us as u64));
 }
 
-/// The time at which an insole's clock showed `device_us`, us since 1970; NaN before the first answer.
+/// The time, us since 1970, at which an insole's clock showed `device_us`. NaN before the first answer.
 #[unsafe(no_mangle)]
 pub extern "C" fn axis_unix_us(index: usize, device_us: f64) -> f64 {
     with(&AXES, index, |axis| axis.host_us(device_us as u64).map_or(f64::NAN, |us| us as f64))
 }
 
-/// Sets a counter to 0.
+/// Resets the counter of the live frames of an insole.
 #[unsafe(no_mangle)]
 pub extern "C" fn counter_clear(index: usize) {
     with(&COUNTERS, index, |counter| *counter = LiveCounter::NEW);
@@ -159,13 +162,13 @@ pub extern "C" fn counter_due(index: usize, live_due: u32) {
     with(&COUNTERS, index, |counter| counter.due(live_due));
 }
 
-/// [`LiveCounter::received`], as a floating-point number, because JavaScript reads a 32-bit integer as a signed one.
+/// [`LiveCounter::received`] as a floating-point number, because JavaScript interprets a 32-bit integer as signed.
 #[unsafe(no_mangle)]
 pub extern "C" fn counter_received(index: usize) -> f64 {
     with(&COUNTERS, index, |counter| counter.received.into())
 }
 
-/// [`LiveCounter::lost`], as a floating-point number like [`counter_received`].
+/// [`LiveCounter::lost`] as a floating-point number, for the same reason as [`counter_received`].
 #[unsafe(no_mangle)]
 pub extern "C" fn counter_lost(index: usize) -> f64 {
     with(&COUNTERS, index, |counter| counter.lost.into())

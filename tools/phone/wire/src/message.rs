@@ -1,4 +1,5 @@
-//! Messages of an insole as JSON for the page: one object for each message, the key `kind` first, units in the names of the keys.
+//! Messages of an insole as JSON for the page. Each message is one object. Its first key is `kind`; the names of the other keys
+//! include the units.
 
 use client::step_to_json;
 use plantar::Side;
@@ -25,7 +26,7 @@ pub(crate) enum Message {
     },
     Status(Status),
     Tissue {
-        /// Identifies the wearer's parameters; 0 without any.
+        /// Identifies the parameters of the wearer's tissue; 0 if the insole has none.
         id: u32,
     },
     Refused {
@@ -59,7 +60,7 @@ pub(crate) struct Hello {
     cells: u16,
     /// Frames per second.
     rate_hz: f64,
-    /// True with the wearer's parameters; without them the insole computes no deformation and no model force.
+    /// True if the insole has the wearer's parameters. Without them it computes no deformation and no model force.
     has_parameters: bool,
     /// The reason of the last reset, one word.
     reset: &'static str,
@@ -67,7 +68,7 @@ pub(crate) struct Hello {
     last_panic: Option<String>,
 }
 
-/// Counters of an insole since its start.
+/// Counters of an insole since its start, unless they state another period.
 #[derive(Serialize)]
 #[cfg_attr(test, derive(ts_rs::TS))]
 pub(crate) struct Status {
@@ -76,10 +77,10 @@ pub(crate) struct Status {
     frames_missed: u32,
     /// Live frames that were due in this session.
     live_due: u32,
-    /// Live frames given to the carrier in this session.
+    /// Live frames that the insole handed to its link in this session.
     live_sent: u32,
     steps: u32,
-    /// Unacknowledged steps that were dropped in favour of newer ones.
+    /// Unacknowledged steps that were dropped because there was no space for newer steps.
     steps_dropped: u32,
     /// Damaged or unknown messages that the insole received.
     bad_frames: u32,
@@ -114,12 +115,13 @@ pub(crate) struct Fault {
     found_s: f64,
 }
 
-/// The message as JSON; `None` for bytes that are not a message of this version, and for messages that the page does not request.
+/// The message as JSON. `None` for bytes that are not a message of this version, and for messages that the page does not use.
 pub fn decode_to_json(bytes: &[u8]) -> Option<String> {
     serde_json::to_string(&Message::new(protocol::decode(bytes)?)?).ok()
 }
 
 impl Message {
+    /// The message for the page; `None` for messages that the page does not use.
     fn new(message: ToHost) -> Option<Self> {
         Some(match message {
             ToHost::Hello(hello) => Self::Hello(hello.into()),
@@ -141,10 +143,10 @@ impl Message {
     }
 }
 
-/// The bytes of [`Step::content`] in hexadecimal digits.
+/// The key of a step: the encoded [`Step::content`] in hexadecimal digits.
 fn step_key(step: &Step) -> String {
     let mut buffer = [0; MAX_MESSAGE];
-    // A step always fits. With an empty key it would be regarded as a step that is stored already.
+    // Every step fits into the buffer, so the key is never empty.
     let content = encode(&step.content(), &mut buffer).map_or(&[][..], |content| content);
     content.iter().fold(String::with_capacity(2 * content.len()), |mut key, byte| {
         // Writing to a String does not fail.
@@ -201,8 +203,8 @@ impl From<faults::Faults> for Faults {
     }
 }
 
-/// A live frame, with the quantities and flags that the protocol declares. A hundred frames arrive each second, so they are
-/// serialised without an intermediate object.
+/// A live frame. Its JSON contains the quantities and flags that the protocol declares. A hundred frames arrive each second, so
+/// they are serialised without an intermediate object.
 pub(crate) struct LiveFrame(pub protocol::Live);
 
 impl Serialize for LiveFrame {
@@ -214,6 +216,7 @@ impl Serialize for LiveFrame {
     }
 }
 
+/// The list of the regions of a live frame.
 struct Regions<'a>(&'a protocol::Live);
 
 impl Serialize for Regions<'_> {
@@ -224,6 +227,7 @@ impl Serialize for Regions<'_> {
     }
 }
 
+/// The region of a live frame with this index.
 struct RegionOf<'a>(&'a protocol::Live, usize);
 
 impl Serialize for RegionOf<'_> {
@@ -238,7 +242,7 @@ impl Serialize for RegionOf<'_> {
     }
 }
 
-/// Serialises quantities of a live frame, which have no nested keys and are always present.
+/// Serialises quantities of a live frame. Unlike the quantities of a step, they have no nested keys and are always present.
 fn serialize_quantities<T, M: SerializeMap>(map: &mut M, quantities: &[Quantity<T>], of: &T) -> Result<(), M::Error> {
     quantities.iter().try_for_each(|quantity| match quantity.per_unit {
         1 => map.serialize_entry(quantity.key, &(quantity.value)(of)),

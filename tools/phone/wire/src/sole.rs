@@ -1,6 +1,6 @@
-//! The sole on which the page draws loads: [`GENERIC_SOLE`], divided into regions by the library's template.
+//! The sole on which the page draws loads. It is [`GENERIC_SOLE`], which the library's template divides into regions.
 //!
-//! An insole does not report the positions of its cells, so the page shows a generic foot and not the wearer's.
+//! An insole does not report the positions of its cells, so the page shows a generic foot instead of the wearer's foot.
 
 use plantar::Region;
 use plantar::pipeline::outline::GENERIC_SOLE;
@@ -8,22 +8,24 @@ use plantar::pipeline::template::region_at;
 
 /// Number of regions.
 pub const REGION_COUNT: usize = Region::ALL.len();
-/// Length of the sole, EU size 42.
+/// Length of the sole, which has EU size 42.
 pub const LENGTH_MM: f32 = GENERIC_SOLE.length_mm() as f32;
 /// Width of the sole.
 pub const WIDTH_MM: f32 = GENERIC_SOLE.width_mm() as f32;
 
-/// The heel and the forefoot, between which the width of the foot is interpolated for the template: y and the edges, mm.
+/// The y, the medial edge and the lateral edge of the heel and of the forefoot, mm. Between heel and forefoot, the edges of the
+/// foot are interpolated for the template.
 const HEEL_MM: [f32; 3] = [40.2, 7.0, 71.7];
+/// See [`HEEL_MM`].
 const FOREFOOT_MM: [f32; 3] = [184.9, 0.0, 96.0];
-/// Points of the outline on each of its arcs.
+/// Number of points on each arc of the outline.
 const ARC_POINTS: usize = 4;
-/// Gap between the shapes of neighbouring regions; half of it along the outline. The background is visible in the gap, so that no
-/// boundaries have to be drawn.
+/// Gap between the shapes of neighbouring regions. Half of the gap separates a shape from the outline of the sole. The background
+/// is visible in the gap, so that no boundaries have to be drawn.
 const GAP_MM: f32 = 0.9;
 /// Distance between the rows from which the shape of a region is built.
 const ROW_MM: f32 = GAP_MM / 2.0;
-/// Distance between the points of a row at which the template is evaluated.
+/// Distance between the points of a row. The template is evaluated at these points.
 const POINT_MM: f32 = 0.25;
 /// A point of a polygon that is nearer than this to the line between its neighbours is removed.
 const TOLERANCE_MM: f32 = 0.1;
@@ -33,11 +35,12 @@ const TOLERANCE_MM: f32 = 0.1;
 pub struct RegionShape {
     /// A closed polygon.
     pub outline_mm: Vec<[f32; 2]>,
-    /// Its centroid.
+    /// The centroid of the polygon.
     pub centre_mm: [f32; 2],
 }
 
-/// The outline of the sole, a closed polygon with rounded corners: parabolas between the middles of the edges.
+/// The outline of the sole: a closed polygon with rounded corners. Each corner is replaced by a parabola from the middle of one
+/// edge to the middle of the next edge.
 pub fn outline_mm() -> Vec<[f32; 2]> {
     let medial = GENERIC_SOLE.rows_mm.iter().map(|&[y, medial, _]| [medial as f32, y as f32]);
     let lateral = GENERIC_SOLE.rows_mm.iter().rev().map(|&[y, _, lateral]| [lateral as f32, y as f32]);
@@ -79,15 +82,15 @@ pub fn region_shapes() -> [RegionShape; REGION_COUNT] {
     rows.map(|rows| shape(&shrink(&rows)))
 }
 
-/// The part of a region at one y.
+/// The part of a region at one y: the interval of x from `from_mm` to `to_mm`.
 struct Row {
     y_mm: f32,
     from_mm: f32,
     to_mm: f32,
 }
 
-/// The rows without half of the gap at each boundary. Where a boundary slants, the rows before and after, which are half of the
-/// gap away, limit the row.
+/// Returns the rows shortened by half of the gap at each boundary. At a slanted boundary, a row also ends where the row before or
+/// after it ends; these rows are half of the gap away.
 fn shrink(rows: &[Row]) -> Vec<Row> {
     let rows = rows.windows(3).map(|rows| Row {
         y_mm: rows[1].y_mm,
@@ -97,6 +100,7 @@ fn shrink(rows: &[Row]) -> Vec<Row> {
     rows.filter(|row| row.from_mm < row.to_mm).collect()
 }
 
+/// The shape that consists of these rows.
 fn shape(rows: &[Row]) -> RegionShape {
     let medial: Vec<_> = rows.iter().map(|row| [row.from_mm, row.y_mm]).collect();
     let lateral: Vec<_> = rows.iter().rev().map(|row| [row.to_mm, row.y_mm]).collect();
@@ -110,8 +114,8 @@ fn shape(rows: &[Row]) -> RegionShape {
     }
 }
 
-/// A line with fewer points (algorithm of Ramer, Douglas and Peucker): points near the straight line from the first to the last
-/// point are removed.
+/// Removes points from a polyline by the algorithm of Ramer, Douglas and Peucker: points that are near the straight line from the
+/// first to the last point are removed. If a point is farther away, the line is divided there, and both parts are simplified.
 fn simplified(line: &[[f32; 2]]) -> Vec<[f32; 2]> {
     let (Some(&[x0, y0]), Some(&[x1, y1])) = (line.first(), line.last()) else { return Vec::new() };
     let length = (x1 - x0).hypot(y1 - y0);
@@ -138,7 +142,7 @@ fn region_of(x_mm: f32, y_mm: f32) -> Region {
     region_at((x_mm - centre_mm) / width_mm + 0.5, y_mm / LENGTH_MM)
 }
 
-/// x of the medial and of the lateral edge of an outline at `y_mm`, which is within the length of the sole.
+/// The x of the medial edge and the x of the lateral edge of an outline at `y_mm`, which must be within the length of the sole.
 fn edges_mm(outline: &[[f32; 2]], y_mm: f32) -> [f32; 2] {
     let next = outline.iter().cycle().skip(1);
     let crossings = outline.iter().zip(next).filter(|(a, b)| (a[1] > y_mm) != (b[1] > y_mm));

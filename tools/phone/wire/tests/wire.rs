@@ -1,4 +1,4 @@
-//! The messages that the page receives are in physical units, and the drawn regions contain the cells of the computed walk.
+//! Messages are decoded to physical units, and the regions that the page draws contain the cells of the computed walk.
 
 use phone_wire::{decode_to_json, outline_mm, region_shapes};
 use plantar::pipeline::contact::ContactRule;
@@ -64,7 +64,7 @@ fn the_key_of_a_step_depends_on_its_content_and_not_on_restarts_of_the_insole() 
 }
 
 #[test]
-fn other_bytes_are_not_decoded() {
+fn bytes_that_are_not_a_message_are_not_decoded() {
     assert_eq!(decode_to_json(&[]), None);
     assert_eq!(decode_to_json(&[0xff; 40]), None);
     let mut long = bytes(&ToHost::Refused(Refusal::NotUnderstood));
@@ -87,6 +87,7 @@ fn cells_of_the_computed_walk_lie_in_the_drawn_regions() {
     }
 }
 
+/// True if a point lies inside a polygon: a line from the point in the direction of x crosses the polygon an odd number of times.
 fn inside(polygon: &[[f32; 2]], [x, y]: [f32; 2]) -> bool {
     let next = polygon.iter().cycle().skip(1);
     let crossed = polygon

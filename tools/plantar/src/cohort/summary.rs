@@ -7,7 +7,8 @@ use plantar::Region;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-/// The columns of which means are computed: the paper's eight parameters, the identifiable ones, and the errors.
+/// The columns of which means are computed: the paper's eight parameters, the combinations of them that a force determines, and
+/// the errors.
 const COLUMNS: [&str; 13] = [
     "a_mm",
     "b_mm",
@@ -23,22 +24,23 @@ const COLUMNS: [&str; 13] = [
     "nrmse_percent",
     "nrmse_smoothed_percent",
 ];
-/// Index of `nrmse_percent`.
+/// Index of `nrmse_percent` in [`COLUMNS`].
 const NRMSE: usize = 11;
 
+/// The values of [`COLUMNS`].
 type Values = [f64; COLUMNS.len()];
 
 /// The means of a participant.
 pub struct Means {
     size: i32,
-    /// In the order of [`Region::ALL`]; `None` where no step was fitted.
+    /// The means of each region, in the order of [`Region::ALL`]; `None` if the region was fitted in no step.
     regions: [Option<Values>; 8],
-    /// Number of steps.
+    /// Number of steps of all recordings.
     pub steps: usize,
 }
 
 impl Means {
-    /// From a participant's rows of the table.
+    /// Computes the means from a participant's rows of the table.
     pub fn of(rows: &[HashMap<String, Field>]) -> Self {
         let mut trials: [BTreeMap<&str, Vec<Values>>; 8] = Default::default();
         for row in rows {
@@ -64,19 +66,20 @@ impl Means {
     }
 }
 
+/// The mean of each column; `None` without values.
 fn mean(all: &[Values]) -> Option<Values> {
     let mean = |i: usize| all.iter().map(|values| values[i]).sum::<f64>() / all.len() as f64;
     (!all.is_empty()).then(|| std::array::from_fn(mean))
 }
 
-/// The standard deviation of a sample, with the divisor n - 1.
+/// The standard deviation of each column, with the divisor n - 1; `None` for fewer than two values.
 fn standard_deviation(all: &[Values]) -> Option<Values> {
     let mean = mean(all).filter(|_| all.len() > 1)?;
     let squares = |i: usize| all.iter().map(|values| (values[i] - mean[i]).powi(2)).sum::<f64>();
     Some(std::array::from_fn(|i| (squares(i) / (all.len() - 1) as f64).sqrt()))
 }
 
-/// Groups the participants by the paper's pairs of sizes; the key is the smaller size of the pair.
+/// Groups the participants by pairs of insole sizes, as in the paper: 35-36, 37-38 and so on. The key is the smaller size.
 fn by_size(participants: &[Means]) -> BTreeMap<i32, Vec<&Means>> {
     let mut sizes = BTreeMap::<_, Vec<_>>::new();
     for means in participants {
@@ -90,7 +93,7 @@ fn pair(smaller: i32) -> String {
     format!("{smaller}-{}", smaller + 1)
 }
 
-/// Prints NRMSE by region and size.
+/// Prints the NRMSE of each region for each pair of sizes.
 pub fn print(participants: &[Means]) {
     let sizes = by_size(participants);
     let mut table = summary::table();
@@ -109,14 +112,15 @@ pub fn print(participants: &[Means]) {
     summary::align(&mut table);
     println!("NRMSE %, mean ± standard deviation over participants (number), by region and insole size:\n{table}");
     println!(
-        "Each step is fitted separately to the measured force (Eq. 20). Means over steps, then over recordings, then"
+        "Each step is fitted separately to the measured force (NRMSE: Eq. 20). The means are taken over the steps of a"
     );
     println!(
-        "over participants. As in the paper they are arithmetic, also of k, c, K and G: a few stiff steps can dominate."
+        "recording, then over recordings, then over participants. As in the paper, all means are arithmetic, also\n\
+         those of k, c, K and G, in which a few stiff steps can dominate."
     );
 }
 
-/// Writes a CSV file, one row per size and region.
+/// Writes a CSV file with one row for each pair of sizes and region.
 pub fn write(path: &Path, participants: &[Means]) -> Result<()> {
     let rows = || -> Result<()> {
         let mut file = csv::Writer::from_path(path)?;

@@ -1,8 +1,8 @@
-//! A participant's file of the table: Parquet, one row per step and region.
+//! A participant's file in the table of a cohort: Parquet with one row per step and region.
 
 use crate::table::{Row, Value};
 use anyhow::{Result, bail};
-use fit::{Options, RegionFit, Step, Unfit};
+use fit::{NotFitted, Options, RegionFit, Step};
 use parameters::InsoleSize;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
@@ -12,7 +12,8 @@ use std::collections::HashMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-/// The metadata key of the description of a file's inputs, from which a later run sees whether the file is up to date.
+/// The metadata key under which a file stores the description of its inputs. A later run compares the description with the
+/// present inputs to determine whether the file is up to date.
 pub const KEY: &str = "plantar.made_from";
 
 /// The values that are the same in all rows of a recording.
@@ -24,7 +25,8 @@ pub struct Origin<'a> {
     pub options: Options,
 }
 
-/// The columns of the five identified parameters: value, ends of the 95 % interval, whether the value is at a bound.
+/// The columns of the five identified parameters. Each has a value, the two ends of its 95 % interval, and whether the value is
+/// at a bound of the search.
 const FIVE_COLUMNS: [[&str; 4]; 5] = [
     ["ab_mm2", "ab_mm2_low", "ab_mm2_high", "ab_at_bound"],
     ["stiffness_pa", "stiffness_pa_low", "stiffness_pa_high", "stiffness_at_bound"],
@@ -34,7 +36,7 @@ const FIVE_COLUMNS: [[&str; 4]; 5] = [
 ];
 
 /// The row of one region of a step.
-pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, Unfit>) -> Row {
+pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, NotFitted>) -> Row {
     let text = |text: &str| Value::Text(Some(text.into()));
     let integer = |value: Option<usize>| Value::Integer(value.and_then(|v| i32::try_from(v).ok()));
     let real = |value: Option<f64>| Value::Real(value.filter(|v| v.is_finite()));
@@ -51,7 +53,7 @@ pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, 
         ("duration_s", real(Some(step.duration_s))),
         ("region", text(region.name())),
         ("fitted", Value::Flag(Some(fit.is_ok()))),
-        ("reason", Value::Text(fit.as_ref().err().map(Unfit::to_string))),
+        ("reason", Value::Text(fit.as_ref().err().map(NotFitted::to_string))),
         ("contact_on_kpa", kpa(contact.on_kpa)),
         ("contact_off_kpa", kpa(contact.off_kpa)),
         ("contact_full_kpa", kpa(contact.full_kpa)),
@@ -91,8 +93,8 @@ pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, 
     row
 }
 
-/// The file of a participant in the folder of the table. Readers split the folder's name into key and value, so special
-/// characters are encoded as in Hive.
+/// The path of a participant's file in the table. Programs that read the table split the folder's name at `=` into a key and a
+/// value, so special characters are encoded as in Hive.
 pub fn path(table: &Path, participant: &str) -> PathBuf {
     let encode = |c: char| match c.is_ascii_control() || "\"#%'*/:=?\\{[]^".contains(c) {
         true => format!("%{:02X}", c as u32),
@@ -102,7 +104,7 @@ pub fn path(table: &Path, participant: &str) -> PathBuf {
     table.join(format!("participant={name}")).join("steps.parquet")
 }
 
-/// The description of all inputs of a file, and its rows.
+/// Reads a file: the description of its inputs, and its rows.
 pub fn read(path: &Path) -> Result<(String, Vec<HashMap<String, Field>>)> {
     let read = || {
         let file = SerializedFileReader::new(File::open(path)?)?;
@@ -111,6 +113,6 @@ pub fn read(path: &Path) -> Result<(String, Vec<HashMap<String, Field>>)> {
         let rows = file.get_row_iter(None)?.map(|row| Ok(row?.into_columns().into_iter().collect()));
         Ok((made_from.unwrap_or_default(), rows.collect::<Result<_>>()?))
     };
-    // The Parquet library panics for some damaged files.
+    // The Parquet library panics when it reads some damaged files.
     std::panic::catch_unwind(read).unwrap_or_else(|_| bail!("{} is damaged", path.display()))
 }

@@ -1,4 +1,4 @@
-//! The results of a fit: printed, as a parameter file and as JSON.
+//! The results of a fit: as printed text, as a parameter file and as JSON.
 
 use crate::setup::rule_in_words;
 use crate::summary;
@@ -18,11 +18,11 @@ pub fn print(study: &Study) {
         study.options.filter.name(),
         rule_in_words(&study.contact)
     );
-    for contact in &study.left_out {
-        println!("left out: {} at {:.2} s, {}", study.sources[contact.recording].name, contact.at_s, contact.why);
+    for contact in &study.excluded_contacts {
+        println!("left out: {} at {:.2} s, {}", study.sources[contact.recording].name, contact.at_s, contact.reason);
     }
     let mut table = summary::table();
-    table.set_header(["region", "steps", "A B mm2", "K kPa", "G kPa s", "n", "m", "error %", "unseen %", "floor %"]);
+    table.set_header(["region", "steps", "A B mm2", "K kPa", "G kPa s", "n", "m", "error %", "predicted %", "floor %"]);
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
         let mut row = vec![region.name().to_string()];
         match fit {
@@ -40,9 +40,9 @@ pub fn print(study: &Study) {
     summary::align(&mut table);
     println!("{table}");
     println!(
-        "Error: NRMSE of the model against the measured force (Eq. 20), mean of the steps; unseen: each step\n\
-         predicted from the others; floor: the least error of any elastic law of this area. In brackets: 95 %\n\
-         intervals. !: at a bound of the search."
+        "Error: NRMSE of the model against the measured force (Eq. 20), mean over the steps. Predicted: the same\n\
+         error if each step is predicted from the others. Floor: the least error of any force law without damping\n\
+         for the measured areas. In brackets: 95 % intervals. A value with ! is at a bound of the search."
     );
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
         match fit {
@@ -55,7 +55,7 @@ pub fn print(study: &Study) {
     }
 }
 
-/// The five identified parameters A B (mm2), K (kPa), G (kPa s), n and m, each with the wider interval.
+/// Formats the five identified parameters A B (mm2), K (kPa), G (kPa s), n and m, each with the wider of its two intervals.
 fn five_in_words(fit: &RegionFit) -> Vec<String> {
     let law = &fit.law;
     let units = [1e6, 1e-3, 1e-3, 1.0, 1.0];
@@ -65,7 +65,7 @@ fn five_in_words(fit: &RegionFit) -> Vec<String> {
             .iter()
             .zip(units)
             .map(|(interval, unit)| {
-                if !interval.told {
+                if !interval.is_identifiable {
                     return "-".into();
                 }
                 let [low, high] = widest(interval).map(|end| summary::significant(end * unit));
@@ -80,13 +80,13 @@ fn five_in_words(fit: &RegionFit) -> Vec<String> {
     }
 }
 
-/// The wider of the two intervals, from the Jacobian and from resampled steps.
+/// The wider of a parameter's two 95 % intervals: from the Jacobian, and from resampled steps (bootstrap).
 fn widest(interval: &Interval) -> [f64; 2] {
     let width = |[low, high]: [f64; 2]| high - low;
     interval.bootstrap.filter(|b| width(*b) > width(interval.jacobian)).unwrap_or(interval.jacobian)
 }
 
-/// The parameter file. A region that was not fitted has typical values, with a comment.
+/// Makes the parameter file. A region that was not fitted has typical values, with a comment that states this.
 pub fn to_toml(study: &Study, size: InsoleSize) -> String {
     let mut parameters = Parameters::typical(size);
     parameters.subject.clone_from(&study.participant);
@@ -111,20 +111,20 @@ pub fn to_toml(study: &Study, size: InsoleSize) -> String {
     parameters.to_toml_with(&|region, name| Some(note(&study.fits[region as usize], name, study.options.method)))
 }
 
-/// The comment on a value: how it was determined.
-fn note(fit: &Result<RegionFit, fit::Unfit>, name: &str, method: Method) -> String {
+/// The comment in the parameter file on the value `name` of a region: how the value was determined.
+fn note(fit: &Result<RegionFit, fit::NotFitted>, name: &str, method: Method) -> String {
     let fit = match fit {
         Ok(fit) => fit,
         Err(reason) if name == "a_mm" => return format!("typical, NOT identified: {reason}"),
         Err(_) => return "typical".into(),
     };
     let Some(uncertainty) = fit.uncertainty.as_ref().filter(|_| method == Method::Projection) else {
-        return "identified, all eight together (the paper's search)".into();
+        return "identified together with the other seven, by the paper's search".into();
     };
     let identified = |i: usize, scale: f64| {
         let interval = &uncertainty.intervals[i];
-        if !interval.told {
-            return "NOT identifiable from force: G is 0".into();
+        if !interval.is_identifiable {
+            return "NOT identifiable from the force, because G is 0".into();
         }
         let [low, high] = widest(interval).map(|end| summary::significant(end * scale));
         let bound = if interval.at_bound { ", at a bound of the search" } else { "" };
@@ -133,9 +133,9 @@ fn note(fit: &Result<RegionFit, fit::Unfit>, name: &str, method: Method) -> Stri
     let pins = &fit.pins;
     match name {
         "a_mm" => format!("A B identified, {} mm2; A / B measured, {:.2}", identified(0, 1e6), pins.aspect),
-        "b_mm" => "as a_mm".into(),
-        "c_mm" => format!("pinned: largest compression {:.1} % of d0", pins.compression * 100.0),
-        "d0_mm" => "pinned: from --thickness, or from the table of shoe sizes".into(),
+        "b_mm" => "see a_mm".into(),
+        "c_mm" => format!("pinned, not identified: the largest compression is {:.1} % of d0", pins.compression * 100.0),
+        "d0_mm" => "pinned, not identified: from --thickness, or typical for the shoe size".into(),
         "k_n_m3" => format!("identified: K = k C^(n+1) / d0^n, {} Pa", identified(1, 1.0)),
         "c_n_s_m3" => format!("identified: G = c C^(m+1) / d0^m, {} Pa s", identified(2, 1.0)),
         "n" => format!("identified, {}", identified(3, 1.0)),
@@ -143,7 +143,7 @@ fn note(fit: &Result<RegionFit, fit::Unfit>, name: &str, method: Method) -> Stri
     }
 }
 
-/// All results.
+/// Makes the JSON object with all results.
 pub fn to_json(study: &Study) -> Value {
     let regions: Map<String, Value> =
         Region::ALL.iter().zip(&study.fits).map(|(region, fit)| (region.name().into(), fit_to_json(fit))).collect();
@@ -162,14 +162,14 @@ pub fn to_json(study: &Study) -> Value {
             "recording": s.recording, "number": s.number, "start_s": s.start_s, "duration_s": s.duration_s,
             "peak_force_n": s.peak_n,
         })).collect::<Vec<_>>(),
-        "left_out": study.left_out.iter().map(|c| json!({
-            "recording": c.recording, "at_s": c.at_s, "why": c.why.to_string(),
+        "left_out": study.excluded_contacts.iter().map(|c| json!({
+            "recording": c.recording, "at_s": c.at_s, "why": c.reason.to_string(),
         })).collect::<Vec<_>>(),
         "regions": regions,
     })
 }
 
-fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
+fn fit_to_json(fit: &Result<RegionFit, fit::NotFitted>) -> Value {
     let fit = match fit {
         Ok(fit) => fit,
         Err(reason) => return json!({ "fitted": false, "reason": reason.to_string() }),
@@ -178,7 +178,7 @@ fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
     let intervals = fit.uncertainty.as_ref().map(|uncertainty| {
         let names = ["ab_m2", "stiffness_pa", "damping_pa_s", "n", "m"];
         let of = |i: &Interval| {
-            json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.told })
+            json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.is_identifiable })
         };
         let all: Map<String, Value> =
             names.iter().zip(&uncertainty.intervals).map(|(name, i)| ((*name).into(), of(i))).collect();
@@ -207,7 +207,7 @@ fn fit_to_json(fit: &Result<RegionFit, fit::Unfit>) -> Value {
         },
         "peak_bias_percent": q.peak_bias * 100.0,
         "saturated_share": q.saturated,
-        "unseen_percent": fit.unseen.iter().map(|share| share * 100.0).collect::<Vec<_>>(),
+        "unseen_percent": fit.predicted_nrmse.iter().map(|share| share * 100.0).collect::<Vec<_>>(),
         "area_levels": fit.area_levels,
         "recordings_ratio": fit.recordings_ratio,
         "evaluations": fit.evaluations,

@@ -1,14 +1,14 @@
 //! One trial on the native grid of the plate.
 //!
-//! The stored rows are 5.08 mm apart, interpolated linearly from native rows that are 7.62 mm apart. So three stored rows r0, r1
-//! and r2 (and the following r0') result from two native rows, n0 and n1 (and the following n0'):
+//! The stored rows are 5.08 mm apart. They were interpolated linearly from native rows that are 7.62 mm apart. So two native
+//! rows, n0 and n1, result in three stored rows, r0, r1 and r2. In the next group, n0' and r0' correspond to n0 and r0:
 //!
 //! ```text
 //! r0 = n0    r1 = n0/3 + n1 2/3    r2 = n1 2/3 + n0'/3    r0' = n0'
 //! ```
 //!
 //! Hence n0 = r0, and n1 has two estimates: (3 r1 - r0)/2 and (3 r2 - r0')/2. The number of rows before the first full group of
-//! three differs between trials. It is the number with which both estimates agree to within rounding.
+//! three differs between trials. The right number is the one for which both estimates agree to within rounding.
 
 use super::TRIALS;
 use crate::{Error, Result};
@@ -16,20 +16,21 @@ use hdf5_reader::Hdf5File;
 use std::ops::Range;
 use std::path::Path;
 
-/// Largest difference between the doubled estimates: the stored integers are rounded to half a unit, which each estimate
-/// triples.
+/// Largest difference between the doubled estimates. Rounding changes each stored integer by up to half a unit, and each
+/// doubled estimate multiplies one of them by three.
 const TOLERANCE: i32 = 3;
 
-/// Largest number of values in a trial; real ones have about 60 x 40 x 500. A damaged file may claim any number.
+/// Largest number of values in a trial. A real trial has about 60 x 40 x 500 values; a damaged file may claim any number.
 const MAX_VALUES: u64 = 1 << 22;
 
 /// Row and column of a cell on the native grid of one step.
-pub type Place = (usize, usize);
+pub type NativeCell = (usize, usize);
 
 /// One step over the plate, from its first to its last loaded frame.
 pub struct Step {
     columns: usize,
     stored_frames: usize,
+    /// The frames from the first to the last loaded one.
     loaded: Range<usize>,
     /// Stored units, rows x columns x stored frames.
     units: Vec<u16>,
@@ -48,23 +49,23 @@ impl Step {
         Self { columns, stored_frames, loaded, units }
     }
 
-    /// True where no cell is loaded in any frame.
+    /// True if no cell is loaded in any frame.
     pub fn is_empty(&self) -> bool {
         self.loaded.is_empty()
     }
 
-    /// True where the foot was still on the plate when the trial ended.
+    /// True if the foot was still on the plate when the trial ended.
     pub fn is_cut_off(&self) -> bool {
         self.loaded.end == self.stored_frames
     }
 
-    /// Number of frames from the first to the last loaded one.
+    /// Number of frames from the first to the last loaded frame.
     pub fn frames(&self) -> usize {
         self.loaded.len()
     }
 
-    /// The cells that are loaded in some frame.
-    pub fn loaded_cells(&self) -> impl Iterator<Item = Place> {
+    /// The cells that are loaded in at least one frame.
+    pub fn loaded_cells(&self) -> impl Iterator<Item = NativeCell> {
         self.units
             .chunks_exact(self.stored_frames)
             .enumerate()
@@ -72,8 +73,8 @@ impl Step {
             .map(|(i, _)| (i / self.columns, i % self.columns))
     }
 
-    /// The readings of one cell over the loaded frames, stored units.
-    pub fn series(&self, (row, column): Place) -> &[u16] {
+    /// The readings of one cell from the first to the last loaded frame of the step, stored units.
+    pub fn series(&self, (row, column): NativeCell) -> &[u16] {
         let start = (row * self.columns + column) * self.stored_frames;
         &self.units[start..][self.loaded.clone()]
     }
@@ -82,7 +83,7 @@ impl Step {
 /// Reads one trial, numbered from 0.
 ///
 /// # Errors
-/// Where the trial does not exist, cannot be read, or its rows were not resampled as expected.
+/// Fails if the trial does not exist, cannot be read, or its rows were not resampled as expected.
 pub fn read(file: &Hdf5File, path: &Path, trial: usize) -> Result<Step> {
     let node = format!("/img{trial:03}");
     let place = || format!("{}: {node}", path.display());
@@ -134,7 +135,7 @@ pub fn read(file: &Hdf5File, path: &Path, trial: usize) -> Result<Step> {
 /// Recovers the native rows.
 ///
 /// # Errors
-/// Where the estimates do not agree, their smallest difference, units.
+/// If the estimates do not agree for any number of rows before the first full group, their smallest difference, units.
 fn native_rows(values: &[u16], rows: usize, row_length: usize) -> std::result::Result<Vec<u16>, f64> {
     let aligned = [0, 1, 2].map(|phase| Aligned::new(values, rows, row_length, phase));
     let mut best = (i32::MAX, &aligned[0]);
@@ -201,13 +202,13 @@ impl Aligned {
     }
 }
 
-/// True where a group has a loaded row. The images were trimmed to the foot and padded after resampling, so the row before the
-/// foot may lack its share of r0'. Therefore groups of unloaded rows are not compared.
+/// True if a group has a loaded row. Only these groups are compared: the images were trimmed to the foot and padded after
+/// resampling, so in the row before the foot the contribution of r0' may be missing.
 fn is_within_foot(rows: &[&[u16]; 4]) -> bool {
     rows[..3].iter().any(|row| row.iter().any(|&u| u > 0))
 }
 
-/// Twice n1, estimated from r1 and from r2, for each value of a row.
+/// The two estimates of n1, each multiplied by two so that it is an integer: from r1 and from r2, for each value of a row.
 fn estimates([r0, r1, r2, next_r0]: [&[u16]; 4]) -> impl Iterator<Item = (i32, i32)> {
     let doubled = |third: u16, end: u16| 3 * i32::from(third) - i32::from(end);
     (0..r0.len()).map(move |i| (doubled(r1[i], r0[i]), doubled(r2[i], next_r0[i])))

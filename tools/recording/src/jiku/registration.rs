@@ -1,9 +1,9 @@
 //! Registration of steps: the shift by whole cells with the best overlap of the footprints.
 
-use super::native::{Place, Step};
+use super::native::{NativeCell, Step};
 use std::collections::BTreeMap;
 
-/// Largest shift along an axis, cells. Few cells suffice, because the images are roughly centred.
+/// Largest shift along an axis, cells. A few cells suffice, because the images are roughly centred.
 const MAX_SHIFT: isize = 6;
 
 /// A translation of a step's cells.
@@ -15,7 +15,7 @@ pub struct Shift {
 
 impl Shift {
     /// The shifted position of a cell.
-    pub fn apply(self, (row, column): Place) -> (isize, isize) {
+    pub fn apply(self, (row, column): NativeCell) -> (isize, isize) {
         (row as isize + self.rows, column as isize + self.columns)
     }
 }
@@ -27,29 +27,30 @@ pub fn shifts(steps: &[Step]) -> Vec<Shift> {
     for step in steps {
         let print = footprint(step);
         let shift = best_shift(&print, &common);
-        for &(place, weight) in &print {
-            *common.entry(shift.apply(place)).or_default() += weight;
+        for &(cell, weight) in &print {
+            *common.entry(shift.apply(cell)).or_default() += weight;
         }
         shifts.push(shift);
     }
     shifts
 }
 
-/// The loaded cells, each weighted by the square root of its peak, so that the outline has an influence besides the highest
-/// peaks.
-fn footprint(step: &Step) -> Vec<(Place, f64)> {
+/// The loaded cells with their weights. The weight is the square root of the peak of the cell, so that not only the highest
+/// peaks but also the outline of the foot determines the shift.
+fn footprint(step: &Step) -> Vec<(NativeCell, f64)> {
     step.loaded_cells()
-        .map(|place| {
-            let peak = step.series(place).iter().copied().max().unwrap_or(0);
-            (place, f64::from(peak).sqrt())
+        .map(|cell| {
+            let peak = step.series(cell).iter().copied().max().unwrap_or(0);
+            (cell, f64::from(peak).sqrt())
         })
         .collect()
 }
 
-/// The shift of `print` with the largest overlap with the previous steps.
-fn best_shift(print: &[(Place, f64)], common: &BTreeMap<(isize, isize), f64>) -> Shift {
+/// The shift with which the footprint `print` has the largest overlap with the previous steps. `common` contains the sums of
+/// their weights.
+fn best_shift(print: &[(NativeCell, f64)], common: &BTreeMap<(isize, isize), f64>) -> Shift {
     let overlap = |shift: Shift| -> f64 {
-        print.iter().filter_map(|&(place, weight)| Some(weight * common.get(&shift.apply(place))?)).sum()
+        print.iter().filter_map(|&(cell, weight)| Some(weight * common.get(&shift.apply(cell))?)).sum()
     };
     let mut best = Shift { rows: 0, columns: 0 };
     let mut most = overlap(best);
@@ -79,12 +80,12 @@ mod tests {
             Step::new(20, 1, units)
         };
         let steps = [at(8, 8), at(11, 4), at(8, 8)];
-        let places = shifts(&steps)
+        let shifted = shifts(&steps)
             .into_iter()
             .zip(&steps)
             .map(|(shift, step)| step.loaded_cells().map(|p| shift.apply(p)).collect())
             .collect::<Vec<Vec<_>>>();
-        assert_eq!(places[0][0], (8, 8));
-        assert!(places[1] == places[0] && places[2] == places[0]);
+        assert_eq!(shifted[0][0], (8, 8));
+        assert!(shifted[1] == shifted[0] && shifted[2] == shifted[0]);
     }
 }

@@ -3,10 +3,11 @@
 use crate::{Cell, Layout};
 use plantar::Region;
 
-/// The covered share of a cell is counted on a grid of this number of points along each side.
+/// The covered share of a cell is the share of the points of a regular grid that lie in the ellipse. The grid has this number
+/// of points along each side of the cell.
 const POINTS: usize = 8;
 
-/// The ellipse of one region at full size, and the position of its cells within it.
+/// The ellipse of one region at full size, and the positions of the cells of the region relative to this ellipse.
 pub struct LoadEllipse {
     centre_mm: [f64; 2],
     radii_mm: [f64; 2],
@@ -18,9 +19,9 @@ pub struct LoadEllipse {
 pub struct EllipseCell {
     /// Index in the layout.
     pub index: usize,
-    /// [`LoadEllipse::squared_distance`] of the centroid.
+    /// The [`LoadEllipse::squared_distance`] of its centroid.
     pub centre: f64,
-    /// [`LoadEllipse::squared_distance`] of points spread over the cell, ascending.
+    /// The [`LoadEllipse::squared_distance`] of each of the grid points in the cell, ascending.
     points: Vec<f64>,
 }
 
@@ -31,8 +32,8 @@ impl LoadEllipse {
         let area_mm2: f64 = own().map(|cell| cell.area_mm2).sum();
         let mean = |of: &dyn Fn(&Cell) -> f64| own().map(|cell| of(cell) * cell.area_mm2).sum::<f64>() / area_mm2;
         let centre_mm = [mean(&|c| c.x_mm), mean(&|c| c.y_mm)];
-        // The variance within the square of a cell. A uniform rectangle is 3.46 standard deviations wide, so an ellipse with a
-        // radius of 1.5 standard deviations lies inside.
+        // The variance within a square cell. The width of a uniform rectangle is 3.46 standard deviations, so an ellipse with
+        // radii of 1.5 standard deviations lies inside.
         let within_cell = mean(&|c| c.area_mm2 / 12.0);
         let radius = |variance: f64| 1.5 * (variance + within_cell).sqrt();
         let radii_mm =
@@ -50,12 +51,13 @@ impl LoadEllipse {
         ellipse
     }
 
-    /// Squared distance from the centre in units of the radii: 1 on the ellipse at full size.
+    /// Squared distance of a point from the centre, in units of the radii. It is 1 on the ellipse at full size.
     fn squared_distance(&self, x_mm: f64, y_mm: f64) -> f64 {
         ((x_mm - self.centre_mm[0]) / self.radii_mm[0]).powi(2)
             + ((y_mm - self.centre_mm[1]) / self.radii_mm[1]).powi(2)
     }
 
+    /// The squared distances of the grid points in a cell, ascending.
     fn points(&self, cell: &Cell) -> Vec<f64> {
         let side_mm = cell.area_mm2.sqrt();
         let offset = |i: usize| ((i as f64 + 0.5) / POINTS as f64 - 0.5) * side_mm;
@@ -68,7 +70,7 @@ impl LoadEllipse {
 }
 
 impl EllipseCell {
-    /// The share of the cell within an ellipse of `size`, its area relative to full size.
+    /// The share of the cell that lies in an ellipse with `size` times the area of the ellipse at full size.
     pub fn covered(&self, size: f64) -> f64 {
         let points = self.points.partition_point(|&point| point < size);
         points as f64 / self.points.len() as f64

@@ -4,13 +4,13 @@ use crate::{Cell, Layout, template};
 use plantar::Region;
 use plantar::pipeline::outline::GENERIC_SOLE;
 
-/// A generic insole of EU size 42 with exactly this many square cells, regions by [`template`].
+/// A generic insole of EU size 42 with exactly this many square cells. [`template`] assigns their regions.
 ///
-/// The cells lie on a regular grid at the widest pitch with enough of them inside [`GENERIC_SOLE`]; surplus cells are removed at
-/// the tip of the toes.
+/// The cells lie on a regular grid. Its pitch is the widest at which at least `cells` of them lie inside [`GENERIC_SOLE`].
+/// Surplus cells are removed at the tip of the toes.
 ///
 /// # Panics
-/// Where `cells` is 0.
+/// Panics if `cells` is 0.
 pub fn insole(cells: usize) -> Layout {
     assert!(cells > 0, "an insole has at least one cell");
     const PITCH_STEP_MM: f64 = 0.001;
@@ -19,13 +19,13 @@ pub fn insole(cells: usize) -> Layout {
         .map(|k| widest_mm - f64::from(k) * PITCH_STEP_MM)
         .map(inside_outline)
         .find(|grid| grid.len() >= cells)
-        .expect("a pitch near zero results in any number of cells");
+        .expect("the number of cells grows without limit as the pitch approaches zero");
     grid.truncate(cells);
     template::assign(&mut grid);
     Layout { name: format!("synthetic insole, EU 42, {cells} cells"), cells: grid }
 }
 
-/// The cells of a square grid with their centres inside the outline, from heel to toes.
+/// The cells of a square grid whose centres lie inside [`GENERIC_SOLE`], from heel to toes.
 fn inside_outline(pitch_mm: f64) -> Vec<Cell> {
     let centres =
         |until_mm: f64| (0..).map(move |k| (f64::from(k) + 0.5) * pitch_mm).take_while(move |&at_mm| at_mm < until_mm);

@@ -1,19 +1,20 @@
-//! The offsets and the noise of real cells.
+//! The errors of a real sensor: the offsets and the noise of its cells.
 
 use super::Random;
 use crate::Recording;
 use crate::insole::{EXPONENT, FULL_KPA};
 use plantar::pipeline::calibrate::FULL_CODE;
 
-/// Replaces the pressures by the readings of cells with these offsets, kPa, and with uniform noise of up to `noise_codes` codes,
-/// of a sensor with a full scale of 1000 kPa.
+/// Replaces the pressures by the readings of a sensor with a full scale of 1000 kPa. `offset_kpa` contains the reading of each
+/// cell without load, kPa. The noise is uniform within `noise_codes` codes above and below 0; equal seeds result in equal
+/// noise.
 ///
-/// As in a real sensor, both are added to the code. With a power law this is not a sum of pressures: with an offset of 5 kPa, a
-/// pressure of 100 kPa is read as 112 kPa.
+/// As in a real sensor, offset and noise are added to the code. With a power law this is not a sum of pressures: with an offset
+/// of 5 kPa, a pressure of 100 kPa is read as 112 kPa.
 ///
 /// # Panics
-/// Where the number of offsets is not that of the cells.
-pub fn read_with(recording: &mut Recording, offset_kpa: &[f32], noise_codes: f64, seed: u64) {
+/// Panics if the number of offsets is not the number of cells.
+pub fn add_sensor_errors(recording: &mut Recording, offset_kpa: &[f32], noise_codes: f64, seed: u64) {
     assert_eq!(offset_kpa.len(), recording.cells(), "one offset for each cell");
     let (full_kpa, full_code, exponent) = (f64::from(FULL_KPA), f64::from(FULL_CODE), f64::from(EXPONENT));
     let code = |kpa: f32| full_code * (f64::from(kpa) / full_kpa).powf(exponent);

@@ -14,15 +14,15 @@ pub struct SyntheticStanding {
     pub cells: usize,
     /// Frames per second.
     pub rate_hz: f64,
-    /// Time with the foot lifted, before and after standing, s.
+    /// Times for which the foot is lifted, before and after standing, s.
     pub lifted_s: [f64; 2],
-    /// Time of standing, s.
+    /// Time for which the person stands, s.
     pub stand_s: f64,
-    /// Time for each of the transitions between lifted and standing, s; not part of the other times.
+    /// Duration of each of the two transitions between lifted and standing, s. It is not part of the other times.
     pub transition_s: f64,
     /// Mean force on this foot while standing, N.
     pub standing_n: f64,
-    /// Amplitude of the sway, a fraction of the mean force; its period is three seconds.
+    /// Amplitude of the sway as a fraction of the mean force. The period of the sway is three seconds.
     pub sway: f64,
 }
 
@@ -44,12 +44,13 @@ impl Default for SyntheticStanding {
 /// Computes a standing trial.
 ///
 /// # Panics
-/// Where the number of cells is 0.
+/// Panics if the number of cells is 0.
 pub fn standing(trial: &SyntheticStanding) -> Recording {
     const SWAY_PERIOD_S: f64 = 3.0;
     let layout = insole(trial.cells);
     let kpa_of_frame = loaded_frame(&layout);
     let frame_n = layout.force_n(&kpa_of_frame);
+    // The force at a time, relative to the mean force while standing.
     let load = |t_s: f64| {
         let standing_since_s = t_s - trial.lifted_s[0] - trial.transition_s;
         // Time until standing begins, or since it ended.

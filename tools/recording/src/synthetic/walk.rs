@@ -1,6 +1,6 @@
-//! A computed walk: each region is loaded over an ellipse that grows and shrinks while the load passes over it, the heel first,
-//! the toes last. A cell reads its covered share times a smooth dome of pressure. The force on the whole foot has the two humps
-//! of walking.
+//! A computed walk. Each region is loaded over an ellipse, which grows and shrinks while the load passes over the region, from
+//! the heel to the toes. The pressure has the shape of a smooth dome. A cell reads the pressure of the dome at its centre times
+//! the share of the cell that the ellipse covers. The force on the whole foot has the two humps of walking.
 
 use super::ellipse::{EllipseCell, LoadEllipse};
 use super::{Random, insole};
@@ -25,7 +25,7 @@ pub struct SyntheticWalk {
     pub swing_s: f64,
     /// Peak force on the whole foot, N.
     pub peak_n: f64,
-    /// Largest relative deviation of a step's peak force and stance time, 0 to below 1.
+    /// Largest relative deviation of the peak force and of the stance time of a step, at least 0 and below 1.
     pub variation: f64,
     /// Seed of the variation; equal seeds result in equal walks.
     pub seed: u64,
@@ -59,14 +59,15 @@ pub struct Walk {
     pub force_n: Vec<[f64; 8]>,
 }
 
-/// The part of stance in which a region is loaded, as fractions of it, and the weight of the region in the total force.
+/// The part of stance in which a region is loaded, and the weight of the region in the total force. Start and end are fractions
+/// of stance.
 struct Phase {
     start: f64,
     end: f64,
     weight: f64,
 }
 
-/// In the order of [`Region::ALL`].
+/// The phases of the regions, in the order of [`Region::ALL`].
 const PHASES: [Phase; 8] = [
     phase(0.00, 0.62, 1.00),
     phase(0.06, 0.70, 0.10),
@@ -82,15 +83,16 @@ const fn phase(start: f64, end: f64, weight: f64) -> Phase {
     Phase { start, end, weight }
 }
 
-/// Contact area increases with force to this power, which is below 1, so that pressure increases, too.
+/// The contact area is proportional to force to the power of this exponent. It is below 1, so that pressure increases with
+/// force, too.
 const AREA_EXPONENT: f64 = 0.6;
-/// Fraction by which the pressure of the dome decreases from the centre to the edge.
+/// Fraction by which the pressure of the dome decreases from its centre to its edge.
 const DOME_FALL: f64 = 0.6;
 
 /// Computes a walk.
 ///
 /// # Panics
-/// Where the rate or a duration is not a positive number, the variation is not within 0..1, or the number of cells is 0.
+/// Panics if the rate or a duration is not a positive number, the variation is not within 0..1, or the number of cells is 0.
 pub fn walk(walk: &SyntheticWalk) -> Walk {
     assert!(
         [walk.rate_hz, walk.stance_s, walk.swing_s].iter().all(|value| value.is_finite() && *value > 0.0),
@@ -107,11 +109,11 @@ pub fn walk(walk: &SyntheticWalk) -> Walk {
         let stance_s = walk.stance_s * random.around_one(walk.variation);
         let peak_n = walk.peak_n * random.around_one(walk.variation);
         loop {
-            let elapsed = (frames.contact_mm2.len() as f64 / walk.rate_hz - start_s) / stance_s;
-            if elapsed >= 1.0 {
+            let elapsed_stance = (frames.contact_mm2.len() as f64 / walk.rate_hz - start_s) / stance_s;
+            if elapsed_stance >= 1.0 {
                 break;
             }
-            frames.push(&layout, &ellipses, &largest_shares, elapsed, peak_n);
+            frames.push(&layout, &ellipses, &largest_shares, elapsed_stance, peak_n);
         }
         start_s += stance_s + walk.swing_s;
     }
@@ -141,13 +143,13 @@ struct Frames {
 }
 
 impl Frames {
-    /// Adds the frame at `elapsed`, a fraction of stance; outside of 0..1 no region is loaded.
+    /// Adds the frame at `elapsed_stance`, the fraction of stance that has elapsed. Below 0 and above 1 no region is loaded.
     fn push(
         &mut self,
         layout: &Layout,
         ellipses: &[LoadEllipse; 8],
         largest_shares: &[f64; 8],
-        elapsed: f64,
+        elapsed_stance: f64,
         peak_n: f64,
     ) {
         let start = self.pressure_kpa.len();
@@ -155,7 +157,7 @@ impl Frames {
         let frame = &mut self.pressure_kpa[start..];
         let mut contact_mm2 = [0.0; 8];
         let mut force_n = [0.0; 8];
-        let shares = shares(elapsed);
+        let shares = shares(elapsed_stance);
         for (region, ellipse) in ellipses.iter().enumerate() {
             // The area of the ellipse relative to full size, which is the square of its relative radii.
             let size = (shares[region] / largest_shares[region]).powf(AREA_EXPONENT);
@@ -167,7 +169,8 @@ impl Frames {
                 covered_mm2 += area_mm2;
                 bearing_mm2 += area_mm2 * dome(cell);
             }
-            // An ellipse that is smaller than the spacing of the points in a cell covers no area.
+            // An ellipse that is smaller than the spacing of the grid points in a cell may contain none of them. It covers no
+            // area.
             if covered_mm2 > 0.0 {
                 contact_mm2[region] = covered_mm2;
                 force_n[region] = shares[region] * peak_n;
@@ -182,10 +185,10 @@ impl Frames {
     }
 }
 
-/// The force on each region as a share of the peak force on the whole foot.
-fn shares(elapsed: f64) -> [f64; 8] {
+/// The force on each region as a share of the peak force on the whole foot, at a fraction of stance.
+fn shares(elapsed_stance: f64) -> [f64; 8] {
     let weights = PHASES.map(|phase| {
-        let within = (elapsed - phase.start) / (phase.end - phase.start);
+        let within = (elapsed_stance - phase.start) / (phase.end - phase.start);
         match within {
             0.0..=1.0 => phase.weight * (PI * within).sin().powi(2),
             _ => 0.0,
@@ -195,8 +198,8 @@ fn shares(elapsed: f64) -> [f64; 8] {
     if sum == 0.0 {
         return weights;
     }
-    // sin(x) + 0.3 sin(3 x): two humps with a dip of 76 % between them, scaled to a peak of 1.
-    let sine = (PI * elapsed).sin();
+    // The total is sin(x) + 0.3 sin(3 x), scaled to a peak of 1. It has two humps; between them it falls to 76 % of the peak.
+    let sine = (PI * elapsed_stance).sin();
     let total = (1.9 * sine - 1.2 * sine.powi(3)) / 0.920_2;
     weights.map(|weight| total * weight / sum)
 }

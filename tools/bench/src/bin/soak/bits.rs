@@ -1,4 +1,4 @@
-//! Tests the link with bit errors on the cable.
+//! Tests framing and decoding of messages with bit errors on the cable.
 
 use anyhow::{Result, ensure};
 use bench::Figures;
@@ -9,9 +9,10 @@ use testkit::{framed, live, status, step};
 /// Mean number of bits per bit error.
 const BITS_PER_ERROR: f64 = 1e4;
 
-/// Flips bits at exponentially distributed distances.
+/// A cable that flips bits at exponentially distributed distances.
 struct NoisyCable {
     random: Rng,
+    /// Number of bits that are transmitted correctly before the next bit error.
     until_error: u64,
 }
 
@@ -22,11 +23,12 @@ impl NoisyCable {
         cable
     }
 
+    /// A random number of correct bits between two bit errors.
     fn next_error(&mut self) -> u64 {
         (-(1.0 - self.random.f64()).ln() * BITS_PER_ERROR) as u64
     }
 
-    /// Transmits bytes. Returns true where it flipped a bit.
+    /// Transmits bytes. Returns true if it flipped a bit of them.
     fn transmit(&mut self, bytes: &mut [u8]) -> bool {
         let bits = 8 * bytes.len() as u64;
         let mut is_damaged = false;
@@ -43,12 +45,13 @@ impl NoisyCable {
     }
 }
 
+/// Sends frames over a noisy cable; `short` sends a tenth of them.
 pub fn soak(short: bool, figures: &mut Figures) -> Result<()> {
     let frames: u32 = if short { 100_000 } else { 1_000_000 };
     let mut cable = NoisyCable::new(8);
     let mut decoder = Decoder::new();
     let (mut damaged, mut wrong, mut lost_undamaged, mut received) = (0u32, 0u32, 0u32, 0u32);
-    // A frame with a damaged end delimiter causes the loss of the next frame, and of no further one.
+    // If the delimiter at the end of a frame is damaged, the next frame is lost too, but no further one.
     let mut was_damaged = false;
     for number in 0..frames {
         let message = match number % 100 {
@@ -76,9 +79,9 @@ pub fn soak(short: bool, figures: &mut Figures) -> Result<()> {
     }
     ensure!(wrong == 0, "{wrong} wrong messages were decoded");
     ensure!(received + damaged + lost_undamaged >= frames, "frames are missing");
-    figures.add("bits.frames", frames, "frames sent with one bit in 10,000 wrong");
-    figures.add("bits.damaged", damaged, "of them with wrong bits");
-    figures.add("bits.wrong_accepted", wrong, "decoded messages that were not sent");
+    figures.add("bits.frames", frames, "frames sent over a cable that flips one bit in 10,000");
+    figures.add("bits.damaged", damaged, "frames of these with flipped bits");
+    figures.add("bits.wrong_accepted", wrong, "decoded messages that differ from the sent ones");
     figures.add(
         "bits.lost_after_damage",
         lost_undamaged,

@@ -1,5 +1,5 @@
-//! Tests the endurance of an insole: losses of power, bit errors, a day of walking. Each figure is measured in this run, which
-//! ends with an error at the first violated requirement.
+//! Tests the endurance of an insole with power cuts, bit errors and a day of walking. The run ends with an error at the first
+//! violated requirement.
 
 mod bits;
 mod power;
@@ -10,16 +10,16 @@ use bench::Figures;
 use clap::Parser;
 use std::path::PathBuf;
 
-/// Tests an insole with losses of power in every write, bit errors on the cable and a day of walking, and prints the results.
+/// Tests an insole with power cuts in every write, bit errors on the cable and a day of walking, and prints the figures.
 #[derive(Parser)]
 struct Arguments {
-    /// The firmware of the emulated board.
+    /// The firmware file of the emulated board.
     #[arg(long)]
     firmware: PathBuf,
-    /// Run only a small part of each test, for a few minutes instead of an hour.
+    /// Run only a small part of each test. This takes a few minutes instead of an hour.
     #[arg(long)]
     short: bool,
-    /// Also write the figures to this file, one flat JSON object.
+    /// Also write the figures to this file, as one JSON object with a number for each key.
     #[arg(long)]
     json: Option<PathBuf>,
 }
@@ -27,10 +27,10 @@ struct Arguments {
 fn main() -> Result<()> {
     let Arguments { firmware, short, json } = Arguments::parse();
     let mut figures = Figures::default();
-    bits::soak(short, &mut figures)?;
-    power::in_memory(short, &mut figures)?;
-    power::of_the_firmware(&firmware, short, &mut figures)?;
-    walk::soak(&firmware, short, &mut figures)?;
     bench::host_loops::soak(short, &mut figures)?;
+    bits::soak(short, &mut figures)?;
+    power::test_store(short, &mut figures)?;
+    power::test_firmware(&firmware, short, &mut figures)?;
+    walk::soak(&firmware, short, &mut figures)?;
     json.map_or(Ok(()), |path| figures.write(&path))
 }

@@ -1,4 +1,4 @@
-//! Tests a day of walking with both feet, as fast as the emulator runs, across the wrap of the sequence numbers.
+//! Tests a day of walking with both feet in the emulator, as fast as it runs. The sequence numbers wrap during the walk.
 
 use anyhow::{Context, Result, bail, ensure};
 use bench::Figures;
@@ -20,22 +20,26 @@ use std::time::{Duration, Instant};
 use testkit::nor_flash::{NorFlashChip, now};
 use testkit::step;
 
-/// Steps of a day, both feet together.
+/// Number of steps of both feet together.
 const STEPS: u32 = 50_000;
+/// Number of steps of both feet together in the short test.
 const SHORT_STEPS: u32 = 400;
-/// Number of scans and of steps before their sequence numbers wrap.
+/// Number of scans before their sequence number wraps.
 const SCANS_BEFORE_WRAP: u32 = 5_000;
+/// Number of steps before their sequence number wraps.
 const STEPS_BEFORE_WRAP: u32 = 20;
-/// Number of steps with live frames. Afterwards the stream is off, because each of its bytes is a system call of the emulator.
+/// The live stream is on during this number of steps. It is then switched off, because each of its bytes costs the emulator a
+/// system call.
 const LIVE_STEPS: u32 = 1_000;
-/// Steps between two requests for the counters.
+/// Number of steps between two requests for the status.
 const STATUS_INTERVAL: u32 = 100;
-/// Timeouts of the carrier without a message after which the board counts as stalled.
+/// The board counts as stalled after this number of successive read timeouts without a message.
 const MAX_TIMEOUTS: u32 = 400;
 
-/// A walk that is repeated without end, from any scan number on.
+/// A walk that is repeated without end.
 struct Repeated {
     walk: Recorded,
+    /// Number of the first scan.
     first: u32,
 }
 
@@ -51,14 +55,19 @@ impl Walk for Repeated {
 
 /// The results of one foot.
 struct Walked {
+    /// The insole's counters at the end.
     status: Status,
+    /// Number of scans that the insole counted, including missed and dropped ones.
     scans: u32,
+    /// Number of received steps.
     steps: u32,
+    /// Number of received live frames.
     live: u32,
-    /// Deepest stack at the first status and at the last.
+    /// Deepest stack at the first status and at the last, bytes.
     stack_bytes: (u32, u32),
 }
 
+/// Walks with both feet in parallel, each on a board of its own; `short` takes [`SHORT_STEPS`].
 pub fn soak(firmware: &Path, short: bool, figures: &mut Figures) -> Result<()> {
     let steps = if short { SHORT_STEPS } else { STEPS } / 2;
     let begin = Instant::now();
@@ -76,21 +85,30 @@ pub fn soak(firmware: &Path, short: bool, figures: &mut Figures) -> Result<()> {
     figures.add(
         "walk.frames_missed",
         sum(|foot| foot.status.frames_missed),
-        "frames, counted by the insole, that the matrix did not answer in time",
+        "frames without a complete scan, because the matrix did not answer in time",
     );
     figures.add(
         "walk.frames_overrun",
         sum(|foot| foot.status.frames_overrun),
-        "frames, counted by the insole, that were skipped because processing was late",
+        "frames that the insole dropped, because processing was late",
     );
-    figures.add("walk.live", sum(|foot| foot.live), "live frames received, in the first 1,000 steps of each foot");
+    figures.add(
+        "walk.live",
+        sum(|foot| foot.live),
+        "live frames received during the first 1,000 steps of each foot, none lost",
+    );
     let growth = feet.iter().map(|foot| foot.stack_bytes.1 - foot.stack_bytes.0).max();
-    figures.add("walk.stack_growth_bytes", growth, "growth of the deepest stack between the first minutes and the end");
+    figures.add(
+        "walk.stack_growth_bytes",
+        growth,
+        "growth of the deepest stack from the first minutes to the end, bytes",
+    );
     let speed = f64::from(feet[0].scans) / 100.0 / begin.elapsed().as_secs_f64();
-    figures.add("walk.speed", speed.round(), "speed, times real time");
+    figures.add("walk.speed", speed.round(), "speed of the walk, relative to real time");
     Ok(())
 }
 
+/// Plays the walk of one foot into an emulated board, and compares the steps with a replay.
 fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
     let walk = synthetic::SyntheticWalk { steps: 20, side, ..Default::default() };
     let recording = synthetic::walk(&walk).recording;
@@ -129,7 +147,7 @@ fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
     let walked = receive(&mut client, side, steps, expected)?;
     ensure!(
         board.plant().scans().wrapping_sub(first_scan) - walked.scans <= 10,
-        "frames are missing that the insole did not count: {:?}",
+        "the plant played more scans than the insole counted: {:?}",
         walked.status
     );
     Ok(walked)
@@ -149,7 +167,7 @@ fn used_chip(first_step: u32) -> Result<Vec<u8>> {
     Ok(chip.bytes)
 }
 
-/// Receives and acknowledges steps and compares them with those of a replay.
+/// Receives and acknowledges `steps` steps, and compares each with the next step of a replay, which `expected` returns.
 fn receive(
     client: &mut Client<Framed<TcpStream>>,
     side: Side,
@@ -173,7 +191,7 @@ fn receive(
                     break client.status()?;
                 }
                 if received == LIVE_STEPS {
-                    // Frames that are queued now are never sent.
+                    // The count ends here, because live frames that the insole has queued are not sent any more.
                     lost = Some(client.counters().frames_lost);
                     client.send(ToDevice::Stream { live: false })?;
                 }

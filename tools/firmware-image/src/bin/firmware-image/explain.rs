@@ -7,7 +7,8 @@ use std::path::Path;
 /// Hex digits of an address.
 const DIGITS: usize = 8;
 
-/// Prints each call in a report, with the functions that were inlined there.
+/// Prints each address in `report` with its function and source location, and those of the functions inlined there. All words of
+/// eight hex digits are addresses; other words are skipped.
 pub fn run(firmware: &Path, report: &str) -> Result<()> {
     let in_file = |error: Box<dyn std::error::Error>| anyhow!("{}: {error}", firmware.display());
     let loader = Loader::new(firmware).map_err(in_file).context("build it with `cargo xtask build`")?;

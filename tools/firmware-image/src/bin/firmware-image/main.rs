@@ -1,4 +1,4 @@
-//! Signs firmware, makes keys, and inspects firmware files. `cargo xtask` runs this program.
+//! Signs firmware, makes keys, and inspects ELF files of firmware. `cargo xtask` runs this program.
 
 mod explain;
 mod sign;
@@ -34,7 +34,7 @@ enum Command {
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
     },
-    /// Print the size of firmware in flash and of its variables in RAM, bytes.
+    /// Print two numbers: the bytes of firmware in flash, and the bytes of its variables in RAM.
     Size {
         /// The firmware, an ELF file from the linker.
         firmware: PathBuf,

@@ -17,14 +17,14 @@ pub fn sign(firmware: &Path, key: Option<&Path>, out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Returns the key to sign with: that of `file` or, without one, the key for development.
+/// Returns the signing key: that in `file` or, without a file, the key for development.
 fn signing_key(file: Option<&Path>) -> Result<SigningKey> {
     let key = match file {
         Some(file) => read_signing_key(file)?,
         None => development_key().context("the key for development is damaged")?,
     };
     let public = key.verifying_key();
-    // Firmware from the same build as this program accepts only the key KEY.
+    // KEY is the key that firmware accepts if it is built with the same PLANTAR_UPDATE_KEY as this program.
     if public.to_bytes() != KEY {
         bail!(
             "the firmware would refuse images signed with this key: build it with PLANTAR_UPDATE_KEY={}",

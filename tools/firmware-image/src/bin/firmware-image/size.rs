@@ -12,7 +12,7 @@ pub struct Size {
     pub ram_bytes: u64,
 }
 
-/// Adds up the sections that are loaded or reserved.
+/// Adds up the sections that occupy flash or RAM. Initialised variables occupy both.
 pub fn of(firmware: &Path) -> Result<Size> {
     let data = std::fs::read(firmware).with_context(|| format!("cannot read {}", firmware.display()))?;
     let file = object::File::parse(&*data).with_context(|| format!("{} is not an ELF file", firmware.display()))?;

@@ -1,4 +1,5 @@
-//! Scripts of operations on a store, and a check of its content after a loss of power at any moment.
+//! Scripts: fixed sequences of actions on a store, with a check of the store's content after a loss of power in any operation of
+//! its simulated flash chip.
 
 use crate::fixtures::step;
 use crate::nor_flash::{NorFlashChip, Torn, now};
@@ -12,20 +13,23 @@ use plantar::protocol::{Reset, Serial, Step};
 use plantar::storage::flash_map::LOG;
 use plantar::storage::{Bonds, IdentityRecord, MAX_BONDS_BYTES, Record, StorageError, Store};
 
-/// Cells of the insole, and its layout.
+/// Number of cells of the insole.
 pub const CELLS: usize = 40;
+/// Identifier of the insole's layout.
 const LAYOUT: u32 = 7;
 
-/// An operation on a store. The stored value is a function of the number.
+/// An action on a store, which takes several write and erase operations of the chip. The stored value is computed from the
+/// number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Action {
     Tissue(u16),
-    Name(u16),
+    Identity(u16),
     Bonds(u16),
     Calibration(u16),
     Step,
-    /// Acknowledges all steps except this number of newest ones.
-    AcknowledgeBut(u32),
+    /// Acknowledges all steps except the newest ones, of which this is the number.
+    AcknowledgeAllBut(u32),
+    /// Opens the store again, as after a reset.
     Restart,
 }
 
@@ -33,7 +37,7 @@ enum Action {
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Content {
     tissue: Option<u16>,
-    name: Option<u16>,
+    identity: Option<u16>,
     bonds: Option<u16>,
     calibration: Option<u16>,
     boots: u32,
@@ -42,15 +46,16 @@ struct Content {
 }
 
 impl Content {
+    /// The content after a complete action.
     fn after(&self, action: Action) -> Self {
         let mut content = self.clone();
         match action {
             Action::Tissue(value) => content.tissue = Some(value),
-            Action::Name(value) => content.name = Some(value),
+            Action::Identity(value) => content.identity = Some(value),
             Action::Bonds(value) => content.bonds = Some(value),
             Action::Calibration(value) => content.calibration = Some(value),
             Action::Step => content.steps.1 += 1,
-            Action::AcknowledgeBut(rest) => {
+            Action::AcknowledgeAllBut(rest) => {
                 content.steps.0 = content.steps.0.max(content.steps.1.saturating_sub(rest));
             }
             Action::Restart => content.boots += 1,
@@ -64,9 +69,9 @@ fn tissue(value: u16) -> Tissue {
     Tissue::new([ForceLaw { ab_m2: 2e-3, c_m, stiffness_pa: 5e5, damping_pa_s: 5e3, n: 1.2, m: 0.8 }; 8])
 }
 
-fn name(value: u16) -> IdentityRecord {
+fn identity(value: u16) -> IdentityRecord {
     let side = if value.is_multiple_of(2) { Side::Left } else { Side::Right };
-    IdentityRecord { side, serial: Serial::new(&format!("P{value}")).expect("short and printable") }
+    IdentityRecord { side, serial: Serial::new(&format!("P{value}")).expect("the serial number is valid") }
 }
 
 fn bonds(value: u16) -> Bonds {
@@ -78,6 +83,7 @@ fn calibrations(value: u16) -> Vec<CellCalibration> {
     (0..CELLS as u16).map(|i| CellCalibration { offset: value % 30_000 + i, gain: 1.0 + f32::from(i) / 64.0 }).collect()
 }
 
+/// The blocks of a calibration, and the identifier of the whole calibration.
 fn blocks(value: u16) -> (Vec<CalibrationBlock>, u32) {
     let cells = calibrations(value);
     let mut id = CalibrationId::new();
@@ -89,24 +95,25 @@ fn blocks(value: u16) -> (Vec<CalibrationBlock>, u32) {
 
 type Chip<'c> = Store<&'c mut NorFlashChip>;
 
+/// Executes an action on a store that has this content.
 async fn act(store: &mut Chip<'_>, action: Action, content: &Content) -> Result<(), StorageError> {
     match action {
         Action::Tissue(value) => store.put(0, &tissue(value)).await,
-        Action::Name(value) => store.put(0, &name(value)).await,
+        Action::Identity(value) => store.put(0, &identity(value)).await,
         Action::Bonds(value) => store.put(0, &bonds(value)).await,
         Action::Calibration(value) => {
             let (blocks, id) = blocks(value);
             for (number, block) in (0..).zip(&blocks) {
                 store.put_calibration_block(number, block).await?;
             }
-            assert!(store.put_calibration(LAYOUT, CELLS as u16, id).await?, "every block is stored");
+            assert!(store.put_calibration(LAYOUT, CELLS as u16, id).await?, "every block must be stored");
             Ok(())
         }
         Action::Step => {
-            assert_eq!(store.push_step(&step(content.steps.1)).await?, 0, "the log has room");
+            assert_eq!(store.push_step(&step(content.steps.1)).await?, 0, "the log must have room");
             Ok(())
         }
-        Action::AcknowledgeBut(rest) => match content.steps.1.checked_sub(rest + 1) {
+        Action::AcknowledgeAllBut(rest) => match content.steps.1.checked_sub(rest + 1) {
             Some(last) if last >= content.steps.0 => store.acknowledge(last).await,
             _ => Ok(()),
         },
@@ -118,13 +125,22 @@ async fn has_record<R: Record>(store: &mut Chip<'_>, expected: Option<R>) -> boo
     store.get::<R>(0).await.expect("the chip works") == expected
 }
 
-/// Checks that the store has exactly this content. Opening it for the check counts as one more boot.
+/// Checks that a store that was opened for this check has exactly the expected content. The opening counted one more boot.
+///
+/// # Errors
+/// A description of the first item that differs.
 async fn check_content(store: &mut Chip<'_>, expected: &Content) -> Result<(), String> {
     let calibration = store.calibration(LAYOUT, CELLS as u16).await.expect("the chip works");
     let mut cells = Vec::new();
     if let Some(calibration) = &calibration {
         for block in 0..CELLS.div_ceil(BLOCK_CELLS) as u8 {
-            cells.extend(store.calibration_block(calibration, block).await.expect("the chip works").expect("a block"));
+            cells.extend(
+                store
+                    .calibration_block(calibration, block)
+                    .await
+                    .expect("the chip works")
+                    .expect("the block is stored"),
+            );
         }
         cells.truncate(CELLS);
     }
@@ -133,52 +149,52 @@ async fn check_content(store: &mut Chip<'_>, expected: &Content) -> Result<(), S
         steps.push(step);
         true
     });
-    assert!(!more.await.expect("the chip works"), "all steps were read");
+    assert!(!more.await.expect("the chip works"), "all steps must be read");
     let is_step = |(number, stored): (u32, &Step)| *stored == Step { boots_since: stored.boots_since, ..step(number) };
     let numbers = || steps.iter().map(|step| step.step);
     let contents = store.contents();
     let checks = [
         (has_record(store, expected.tissue.map(tissue)).await, "parameters"),
-        (has_record(store, expected.name.map(name)).await, "name"),
+        (has_record(store, expected.identity.map(identity)).await, "identity"),
         (has_record(store, expected.bonds.map(bonds)).await, "bonds"),
         (cells == expected.calibration.map(calibrations).unwrap_or_default(), "calibration"),
         (numbers().eq(expected.steps.0..expected.steps.1), "steps"),
         ((expected.steps.0..).zip(&steps).all(is_step), "contents of steps"),
         (contents.next_step == expected.steps.1, "number of the next step"),
         (contents.start == expected.boots + 1, "number of boots"),
-        (contents.erased == 0, "nothing erased"),
+        (contents.erased == 0, "number of erased areas"),
     ];
     match checks.iter().find(|(is_met, _)| !is_met) {
         None => Ok(()),
         Some((_, item)) => Err(format!(
-            "{item}: {contents:?}, steps {:?}, expected {expected:?}",
+            "wrong {item}: {contents:?}, steps {:?}, expected {expected:?}",
             numbers().next().zip(numbers().next_back())
         )),
     }
 }
 
-/// A script that stores items of every kind repeatedly, on a chip that was used before.
+/// A sequence of actions that stores items of every kind repeatedly, and the chip with which it begins.
 pub struct Script {
     chip: NorFlashChip,
     before: Content,
     actions: Vec<Action>,
-    /// Number of write and erase operations of the whole script.
+    /// Number of write and erase operations of the chip in the whole script.
     pub operations: u64,
-    /// Number of erase operations among them.
+    /// Number of erase operations of the chip in the whole script.
     pub erasures: u32,
 }
 
 impl Script {
-    /// A chip after `used` actions, and a script of `len` more.
+    /// A script of `len` random actions on a chip that executed `used` other ones before. The seed determines all actions.
     pub fn new(seed: u64, used: usize, len: usize) -> Self {
         let mut random = Rng::with_seed(seed);
         let mut action = || match random.u8(0..16) {
             0 => Action::Tissue(random.u16(..)),
-            1 => Action::Name(random.u16(..)),
+            1 => Action::Identity(random.u16(..)),
             2 => Action::Bonds(random.u16(..)),
             3 => Action::Calibration(random.u16(..)),
             4 => Action::Restart,
-            5..=7 => Action::AcknowledgeBut(random.u32(0..4)),
+            5..=7 => Action::AcknowledgeAllBut(random.u32(0..4)),
             _ => Action::Step,
         };
         let past: Vec<Action> = (0..used).map(|_| action()).collect();
@@ -195,8 +211,9 @@ impl Script {
         script
     }
 
-    /// Cuts power in operation `at`, starts again, and checks that the content is the one before or the one after the interrupted
-    /// action. Then stores items of every kind once more, which must succeed.
+    /// Runs the script with a power cut in operation `at` of the chip, counted from 0, at the moment `torn`. Opens the store
+    /// again, and checks that its content is the one before or the one after the interrupted action. Then stores items of every
+    /// kind once more, which must succeed.
     ///
     /// # Errors
     /// A description of the item that is wrong.
@@ -209,7 +226,7 @@ impl Script {
         let outcomes = outcomes(&content, action);
         let mut failures = Vec::new();
         let found = outcomes.into_iter().find(|outcome| {
-            // A copy, because opening the store for the check changes the chip: it counts a boot.
+            // The check uses a copy of the chip, because opening the store counts a boot and so changes the chip.
             let mut chip = chip.clone();
             now(async {
                 let mut store = Store::open(Some(&mut chip), Reset::Power).await;
@@ -221,11 +238,11 @@ impl Script {
         };
         let again = [
             Action::Tissue(1),
-            Action::Name(2),
+            Action::Identity(2),
             Action::Bonds(3),
             Action::Calibration(4),
             Action::Step,
-            Action::AcknowledgeBut(1),
+            Action::AcknowledgeAllBut(1),
         ];
         let (content, _) = run(&mut chip, found, &again);
         now(async { check_content(&mut Store::open(Some(&mut chip), Reset::Power).await, &content).await })
@@ -238,14 +255,15 @@ fn outcomes(before: &Content, action: Action) -> Vec<Content> {
     let after = before.after(action);
     match action {
         // Steps are deleted one by one, the oldest first.
-        Action::AcknowledgeBut(_) => (before.steps.0..=after.steps.0.max(before.steps.0))
+        Action::AcknowledgeAllBut(_) => (before.steps.0..=after.steps.0.max(before.steps.0))
             .map(|oldest| Content { steps: (oldest, before.steps.1), ..before.clone() })
             .collect(),
         _ => vec![before.clone(), after],
     }
 }
 
-/// Starts and runs actions until power fails. Returns the content before the interrupted action, and that action.
+/// Opens the store and runs actions until all are complete or power fails. Returns the content after the complete actions, and
+/// the interrupted action if power failed.
 fn run(chip: &mut NorFlashChip, mut content: Content, actions: &[Action]) -> (Content, Option<Action>) {
     for session in actions.split(|action| *action == Action::Restart) {
         let cut = now(async {

@@ -1,4 +1,4 @@
-//! Power cuts while the real firmware stores data, and checks of the data after the next start.
+//! Cuts power while the real firmware in QEMU stores data, and checks the stored data after the next start.
 
 use client::{Client, Error, Framed};
 use emulation::{EmulatorConfig, FLASH_BYTES};
@@ -18,9 +18,9 @@ use std::time::Duration;
 
 /// Longest wait for the insole's answer.
 const TIMEOUT: Duration = Duration::from_secs(20);
-/// Steps of a session.
+/// Number of steps that the insole records in each session.
 const STEPS: u32 = 3;
-/// Status requests after which steps that have not arrived count as missing.
+/// Number of status requests after which steps that have not arrived count as missing.
 const MAX_REQUESTS: u32 = 50;
 
 type Session = Client<Framed<TcpStream>>;
@@ -30,7 +30,7 @@ type Session = Client<Framed<TcpStream>>;
 struct Known<T> {
     /// The value that the insole has confirmed.
     confirmed: T,
-    /// A newer value, of which the confirmation has not arrived.
+    /// A newer value that was sent, but is not yet confirmed.
     pending: Option<T>,
 }
 
@@ -49,6 +49,7 @@ impl<T: PartialEq + Clone> Known<T> {
         }
     }
 
+    /// True if the insole may have this value.
     fn allows(&self, found: &T) -> bool {
         *found == self.confirmed || self.pending.as_ref() == Some(found)
     }
@@ -66,37 +67,43 @@ struct KnownState {
     arrived: u32,
 }
 
-/// A test bench with one insole. Each session uses its chip as the session before left it.
+/// A test bench with one insole. All sessions of a round begin with the chip as the previous round left it.
 pub struct Bench {
     firmware: PathBuf,
+    /// The walk of each session.
     recording: Recording,
-    worn: VirtualInsole,
+    virtual_insole: VirtualInsole,
+    /// The content of the flash chip after the previous round.
     chip: Vec<u8>,
-    insole: KnownState,
+    /// The state of the insole with that chip.
+    known: KnownState,
+    /// Number of the present round, from 1; the values that a session stores depend on it.
     round: u16,
 }
 
 impl Bench {
-    /// A new insole.
+    /// A bench with a new insole that runs the firmware in the file `firmware`.
     pub fn new(firmware: &Path) -> Self {
         let walk = synthetic::SyntheticWalk { steps: STEPS as usize, side: Side::Left, ..Default::default() };
         let recording = synthetic::walk(&walk).recording;
-        let worn = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
-        let insole = KnownState {
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let known = KnownState {
             tissue_id: Known::new(0),
             serial: Known::new(Serial::NONE),
             calibration_id: Known::new(0),
             acknowledged: Known::new(0),
             arrived: 0,
         };
-        Self { firmware: firmware.into(), recording, worn, chip: vec![0xff; FLASH_BYTES], insole, round: 0 }
+        Self { firmware: firmware.into(), recording, virtual_insole, chip: vec![0xff; FLASH_BYTES], known, round: 0 }
     }
 
+    /// Boots the firmware with this content of the flash chip, and connects to it. With `power_cut`, power fails in the write or
+    /// erase operation with this number, counted from 0 at the start.
     fn switch_on(&self, chip: &[u8], power_cut: Option<u32>) -> (Board, Result<Session, Error>) {
-        let config = EmulatorConfig { power_cut, ..EmulatorConfig::new(self.worn.setup) };
-        let walk = Recorded::new(self.recording.clone(), self.worn.clone());
+        let config = EmulatorConfig { power_cut, ..EmulatorConfig::new(self.virtual_insole.setup) };
+        let walk = Recorded::new(self.recording.clone(), self.virtual_insole.clone());
         let hardware = Hardware { flash: Some(chip.into()), ..Hardware::default() };
-        let board = Board::start_with(&self.firmware, &config, &self.worn.cells, Time::Max, walk, &hardware);
+        let board = Board::start_with(&self.firmware, &config, &self.virtual_insole.cells, Time::Max, walk, &hardware);
         let board = board.expect("the board boots");
         let link = board.link().expect("the board has a link");
         link.set_read_timeout(Some(Duration::from_millis(20))).expect("the socket accepts a timeout");
@@ -104,60 +111,65 @@ impl Bench {
         (board, client)
     }
 
-    /// Runs a session that stores items of every kind; with `power_cut`, power fails in that operation. Returns the known state,
-    /// the chip, and whether power failed.
+    /// Runs a session that stores items of every kind, with a power cut as in [`Self::switch_on`]. Returns the known state and
+    /// the chip at its end, and whether power failed.
     fn session(&self, power_cut: Option<u32>) -> (KnownState, Vec<u8>, bool) {
         let (board, client) = self.switch_on(&self.chip, power_cut);
-        let mut insole = self.insole.clone();
-        let ended = client.and_then(|mut client| self.store_everything(&board, &mut client, &mut insole));
+        let mut known = self.known.clone();
+        let ended = client.and_then(|mut client| self.store_everything(&board, &mut client, &mut known));
+        // A board without power closes the link.
         let was_cut = matches!(ended, Err(Error::Carrier(_)));
         assert!(was_cut || ended.is_ok(), "{ended:?}");
-        (insole, board.flash().expect("the chip can be read"), was_cut)
+        (known, board.flash().expect("the chip can be read"), was_cut)
     }
 
-    fn store_everything(&self, board: &Board, client: &mut Session, insole: &mut KnownState) -> Result<(), Error> {
+    /// Stores items of every kind through `client`, and records in `known` which of them the insole has confirmed.
+    fn store_everything(&self, board: &Board, client: &mut Session, known: &mut KnownState) -> Result<(), Error> {
         let round = self.round;
         let mut force_laws = Parameters::typical(InsoleSize::default()).tissue().force_laws;
         force_laws[0].stiffness_pa *= 1.0 + f32::from(round) * 1e-3;
         let tissue = Tissue::new(force_laws);
-        insole.tissue_id.set_pending(tissue.id);
+        known.tissue_id.set_pending(tissue.id);
         client.set_tissue(&tissue)?;
-        insole.tissue_id.confirm();
+        known.tissue_id.confirm();
 
-        let serial = Serial::new(&format!("P{round}")).expect("short and printable");
-        insole.serial.set_pending(serial);
+        let serial = Serial::new(&format!("P{round}")).expect("the serial number is valid");
+        known.serial.set_pending(serial);
         client.set_identity(Side::Left, serial)?;
-        insole.serial.confirm();
+        known.serial.confirm();
 
-        let cells = self.worn.cells.iter().map(|cell| cell.calibration);
+        let cells = self.virtual_insole.cells.iter().map(|cell| cell.calibration);
         let gain = 1.0 + f32::from(round) * 1e-4;
         let cells: Vec<_> = cells.map(|calibration| CellCalibration { gain, ..calibration }).collect();
         let mut id = CalibrationId::new();
         id.add(&cells);
-        insole.calibration_id.set_pending(id.id());
+        known.calibration_id.set_pending(id.id());
         client.calibrate(&cells)?;
-        insole.calibration_id.confirm();
+        known.calibration_id.confirm();
 
         // The last step of each session remains unacknowledged.
         board.play();
-        let last = insole.arrived + STEPS;
-        while insole.arrived < last {
+        let last = known.arrived + STEPS;
+        while known.arrived < last {
             if let Some(ToHost::Step(step)) = client.receive()? {
-                insole.arrived = insole.arrived.max(step.step + 1);
+                known.arrived = known.arrived.max(step.step + 1);
                 if step.step + 1 < last {
-                    insole.acknowledged.set_pending(step.step + 1);
+                    known.acknowledged.set_pending(step.step + 1);
                     client.send(ToDevice::Acknowledge { step: step.step })?;
                 }
             }
         }
         // The insole handles requests in order: this answer confirms the acknowledgements before it.
         client.set_tissue(&tissue)?;
-        insole.acknowledged.confirm();
+        known.acknowledged.confirm();
         Ok(())
     }
 
     /// Switches the insole on after a session, and compares its state with the known one.
-    fn check(&self, insole: &KnownState, chip: &[u8]) -> Result<(), String> {
+    ///
+    /// # Errors
+    /// A description of the first item that differs.
+    fn check(&self, known: &KnownState, chip: &[u8]) -> Result<(), String> {
         let (_board, client) = self.switch_on(chip, None);
         let mut client = client.map_err(|error| error.to_string())?;
         let tissue_id = client.hello().tissue_id;
@@ -179,7 +191,7 @@ impl Bench {
                 }
             }
             // After a start the insole reads its stored steps while it answers the first requests.
-            let all = steps.last().map_or(insole.acknowledged.confirmed, |last| last + 1) == status.contents.next_step;
+            let all = steps.last().map_or(known.acknowledged.confirmed, |last| last + 1) == status.contents.next_step;
             requests += 1;
             if steps.len() == before && (all || requests > MAX_REQUESTS) {
                 break;
@@ -187,42 +199,43 @@ impl Bench {
         }
         let oldest = steps.first().copied().unwrap_or(status.contents.next_step);
         let is_gapless = steps.iter().copied().eq(oldest..status.contents.next_step);
-        let most = insole.acknowledged.pending.unwrap_or(insole.acknowledged.confirmed);
+        let most = known.acknowledged.pending.unwrap_or(known.acknowledged.confirmed);
         let checks = [
-            (insole.tissue_id.allows(&tissue_id), "parameters"),
-            (insole.serial.allows(&identity.serial), "serial number"),
-            (insole.calibration_id.allows(&identity.calibration_id), "calibration"),
-            (is_gapless && (insole.acknowledged.confirmed..=most).contains(&oldest), "oldest step"),
-            // The insole may have recorded one step more than arrived.
-            ((insole.arrived..=insole.arrived + 1).contains(&status.contents.next_step), "steps"),
-            (status.contents.erased == 0 && status.not_stored == 0, "chip"),
+            (known.tissue_id.allows(&tissue_id), "parameters"),
+            (known.serial.allows(&identity.serial), "serial number"),
+            (known.calibration_id.allows(&identity.calibration_id), "calibration"),
+            (is_gapless && (known.acknowledged.confirmed..=most).contains(&oldest), "oldest step"),
+            // The insole may have recorded one more step than those that arrived.
+            ((known.arrived..=known.arrived + 1).contains(&status.contents.next_step), "steps"),
+            (status.contents.erased == 0 && status.not_stored == 0, "counters of the chip"),
         ];
         match checks.iter().find(|(is_met, _)| !is_met) {
             None => Ok(()),
-            Some((_, item)) => {
-                Err(format!("{item}: {steps:?}, {identity:?}, {tissue_id:x}, {status:?}, known {insole:?}"))
-            }
+            Some((_, item)) => Err(format!(
+                "wrong {item}: steps {steps:?}, {identity:?}, parameters {tissue_id:x}, {status:?}, expected {known:?}"
+            )),
         }
     }
 
-    /// Cuts power in every `stride`th operation of a session, on the chip as the previous round left it, and checks the insole's
-    /// state after each cut. Returns the number of cuts.
+    /// Repeats a session, each time with the chip as the previous round left it and with a power cut in another one of its write
+    /// and erase operations: in every `stride`th one. Checks the insole's state after each cut, and ends with a session without a
+    /// power cut. Returns the number of cuts.
     pub fn round(&mut self, stride: u32) -> u32 {
         self.round += 1;
         let mut cuts = 0;
         for at in (self.round as u32 % stride..).step_by(stride as usize) {
-            let (insole, chip, was_cut) = self.session(Some(at));
+            let (known, chip, was_cut) = self.session(Some(at));
             if !was_cut {
                 break;
             }
             cuts += 1;
-            if let Err(error) = self.check(&insole, &chip) {
+            if let Err(error) = self.check(&known, &chip) {
                 panic!("round {}, power cut in operation {at}: {error}", self.round);
             }
         }
-        let (insole, chip, was_cut) = self.session(None);
-        assert!(!was_cut, "the session without a power cut failed");
-        (self.insole, self.chip) = (insole, chip);
+        let (known, chip, was_cut) = self.session(None);
+        assert!(!was_cut, "a session without a power cut must be complete");
+        (self.known, self.chip) = (known, chip);
         cuts
     }
 }
