@@ -125,7 +125,7 @@ pub fn identify(samples: &Samples, bounds: &Bounds) -> Identified {
     let shape = best.map_or(vec![0.5, 1.0, 1.0], |best| best.x);
     projected.set(&shape);
     let x = [shape[0], shape[1], shape[2], projected.linear[0], projected.linear[1]];
-    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &x, &least, &most, EXACT);
+    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &x, &least, &most, FIT_TOLERANCE);
     Identified::from(&minimum, evaluations + 1)
 }
 
@@ -139,7 +139,7 @@ pub fn identify_from(samples: &Samples, bounds: &Bounds, start: [f64; 5]) -> Ide
         _ => least[i] + start[i] * (most[i] - least[i]),
     };
     let x: [f64; 5] = std::array::from_fn(at);
-    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &x, &least, &most, EXACT);
+    let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &x, &least, &most, FIT_TOLERANCE);
     Identified::from(&minimum, 0)
 }
 
