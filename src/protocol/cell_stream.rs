@@ -83,10 +83,10 @@ impl CellSender {
             return;
         }
         let frame = running.coder.pack(scan, running.dropped, codes);
-        let mut message = Vec::new();
-        // A packed frame has at most MAX_CELLS bytes by its field types.
-        let _ = message.resize_default(MAX_CELLS);
+        let mut message = [0; MAX_CELLS];
+        // A packed frame has at most MAX_CELLS bytes by its field types, and the queue has room.
         if let Ok(used) = encode(&ToHost::Cells(frame), &mut message).map(|used| used.len()) {
+            let mut message = Vec::from_array(message);
             message.truncate(used);
             let _ = self.queue.push_back(message);
         }

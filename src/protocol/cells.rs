@@ -22,6 +22,7 @@ const WIDTH_BITS: u32 = 4;
 pub const KEY_INTERVAL: u32 = 64;
 /// Longest packed frame, bytes: plain codes of 16 bits, a width for each group, and the rest of a 16-bit unit.
 pub const MAX_PACKED: usize = 2 * DEVICE_CELLS + DEVICE_CELLS.div_ceil(GROUP) / 2 + 2;
+const _: () = assert!(MAX_PACKED.is_multiple_of(2), "whole units of 16 bits");
 
 /// The resolution of the codes in a stream of cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -59,12 +60,44 @@ pub struct CellFrame {
     /// Sum of the codes in the resolution of the stream, modulo 2^16: a check that the frame was unpacked against the right one.
     pub sum: u16,
     /// The packed codes.
+    #[serde(with = "packed_bytes")]
     pub packed: Vec<u8, MAX_PACKED>,
+}
+
+/// Serialises the packed codes as one block of bytes. The encoding is the same as byte by byte, with fewer instructions.
+mod packed_bytes {
+    use super::MAX_PACKED;
+    use core::fmt;
+    use heapless::Vec;
+    use serde::de::{Error, Visitor};
+    use serde::{Deserializer, Serializer};
+
+    pub fn serialize<S: Serializer>(packed: &Vec<u8, MAX_PACKED>, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_bytes(packed)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<u8, MAX_PACKED>, D::Error> {
+        struct Packed;
+
+        impl Visitor<'_> for Packed {
+            type Value = Vec<u8, MAX_PACKED>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "at most {MAX_PACKED} bytes")
+            }
+
+            fn visit_bytes<E: Error>(self, bytes: &[u8]) -> Result<Self::Value, E> {
+                Vec::from_slice(bytes).map_err(|_| E::invalid_length(bytes.len(), &self))
+            }
+        }
+
+        deserializer.deserialize_bytes(Packed)
+    }
 }
 
 /// Writes numbers of up to 16 bits.
 struct BitWriter<'b> {
-    bytes: &'b mut Vec<u8, MAX_PACKED>,
+    units: core::slice::IterMut<'b, [u8; 2]>,
     pending: u32,
     bits: u32,
 }
@@ -76,16 +109,24 @@ impl BitWriter<'_> {
         self.pending |= value << self.bits;
         self.bits += width;
         if self.bits >= 16 {
-            // MAX_PACKED is the length of the longest frame.
-            let _ = self.bytes.extend_from_slice(&(self.pending as u16).to_le_bytes());
+            self.flush();
             self.pending >>= 16;
             self.bits -= 16;
         }
     }
 
-    fn finish(self) {
-        let rest = self.pending.to_le_bytes();
-        let _ = self.bytes.extend_from_slice(&rest[..self.bits.div_ceil(8) as usize]);
+    /// Writes a unit. MAX_PACKED has as many as the longest frame.
+    #[inline(always)]
+    fn flush(&mut self) {
+        if let Some(unit) = self.units.next() {
+            *unit = (self.pending as u16).to_le_bytes();
+        }
+    }
+
+    /// Writes the pending bits; returns the number of bytes in all.
+    fn finish(mut self) -> usize {
+        self.flush();
+        MAX_PACKED - 2 * self.units.len() - (2 - self.bits.div_ceil(8) as usize)
     }
 }
 
@@ -143,12 +184,24 @@ impl CellCoder {
             self.codes = [0; DEVICE_CELLS];
         }
         self.sequence = self.sequence.wrapping_add(1);
-        let mut writer = BitWriter { bytes: &mut frame.packed, pending: 0, bits: 0 };
+        let mut packed = [0; MAX_PACKED];
+        let mut writer = BitWriter { units: packed.as_chunks_mut().0.iter_mut(), pending: 0, bits: 0 };
+        let (groups, rest) = codes.as_chunks();
+        let (groups_before, _) = self.codes.as_chunks_mut();
+        let mut groups_before = groups_before.iter_mut();
         let mut sum = 0u32;
-        for (codes, before) in codes.chunks(GROUP).zip(self.codes.chunks_mut(GROUP)) {
-            sum = sum.wrapping_add(pack_group(&mut writer, self.resolution, codes, before));
+        for (codes, before) in groups.iter().zip(&mut groups_before) {
+            sum += pack_group(&mut writer, self.resolution, codes, GROUP, before);
         }
-        writer.finish();
+        if let (false, Some(before)) = (rest.is_empty(), groups_before.next()) {
+            // The codes beyond the last cell are not packed.
+            let mut codes = [0; GROUP];
+            codes[..rest.len()].copy_from_slice(rest);
+            sum += pack_group(&mut writer, self.resolution, &codes, rest.len(), before);
+        }
+        let used = writer.finish();
+        frame.packed = Vec::from_array(packed);
+        frame.packed.truncate(used);
         frame.sum = sum as u16;
         frame
     }
@@ -186,9 +239,15 @@ impl CellCoder {
     }
 }
 
-/// Packs the codes of a group as differences from the codes `before`, which they replace. Returns their sum.
+/// Packs the first `count` codes of a group as differences from the codes `before`, which they replace. Returns their sum.
 #[inline(always)]
-fn pack_group(writer: &mut BitWriter, resolution: Resolution, codes: &[u16], before: &mut [u16]) -> u32 {
+fn pack_group(
+    writer: &mut BitWriter,
+    resolution: Resolution,
+    codes: &[u16; GROUP],
+    count: usize,
+    before: &mut [u16; GROUP],
+) -> u32 {
     let shift = resolution.shift();
     let mut numbers = [0u32; GROUP];
     let (mut all, mut sum) = (0, 0);
@@ -203,11 +262,11 @@ fn pack_group(writer: &mut BitWriter, resolution: Resolution, codes: &[u16], bef
     if width < PLAIN.min(resolution.bits()) {
         writer.push(width, WIDTH_BITS);
         if width > 0 {
-            numbers[..codes.len()].iter().for_each(|&number| writer.push(number, width));
+            numbers[..count].iter().for_each(|&number| writer.push(number, width));
         }
     } else {
         writer.push(PLAIN, WIDTH_BITS);
-        codes.iter().for_each(|&code| writer.push(u32::from(code >> shift), resolution.bits()));
+        codes[..count].iter().for_each(|&code| writer.push(u32::from(code >> shift), resolution.bits()));
     }
     sum
 }
