@@ -2,7 +2,7 @@
 
 use crate::pipeline::contact::ContactRule;
 use crate::pipeline::region::Side;
-use crate::protocol::{Step, StepRegion, decode};
+use crate::protocol::{Step, StepRegion};
 use serde::Deserialize;
 
 /// Decodes an older version of a record. All kinds are at version 1, so there is no older version yet.
@@ -10,7 +10,7 @@ pub(super) fn record<R>(_version: u8, _bytes: &[u8]) -> Option<R> {
     None
 }
 
-/// Number of bytes of a [`StepRegion`] in version 1, which lacks the present last byte, the number of masked cells.
+/// Number of bytes of a [`StepRegion`] in version 1, which lacks the fields after the ellipse.
 const REGION_V1_BYTES: usize = 30;
 
 /// Version 1 of the entries of the step log.
@@ -37,10 +37,10 @@ pub(super) struct StepV1 {
 }
 
 fn region_from_v1(bytes: [u8; REGION_V1_BYTES]) -> StepRegion {
-    let mut without_masked = [0; REGION_V1_BYTES + 1];
-    without_masked[..REGION_V1_BYTES].copy_from_slice(&bytes);
-    // All numbers have a fixed length, so any bytes are a region.
-    decode(&without_masked).unwrap_or_default()
+    let mut padded = [0; 2 * REGION_V1_BYTES];
+    padded[..REGION_V1_BYTES].copy_from_slice(&bytes);
+    // All numbers have a fixed length, so any bytes are a region. Those of later versions are 0.
+    postcard::take_from_bytes(&padded).map(|(region, _)| region).unwrap_or_default()
 }
 
 impl From<StepV1> for Step {
