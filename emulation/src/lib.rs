@@ -43,7 +43,7 @@ pub const SWAPPED_FILE: &core::ffi::CStr = c"swapped";
 pub const COLUMNS: usize = 16;
 /// Requests a scan.
 pub const SCAN: u8 = b'S';
-/// Requests the time of the next scan; used only if the plant paces the scans.
+/// Asks when the next scan is due; the plant answers at that time; used only if the plant paces the scans.
 pub const TICK: u8 = b'T';
 
 /// A fault to inject into the board's software.
@@ -77,7 +77,7 @@ pub struct PlannedFault {
 /// The configuration of the emulated board: the head of the set-up file.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EmulatorConfig {
-    /// The rules of the insole.
+    /// Foot, layout, frame period, sensor law, contact rule and stance rule.
     pub setup: Setup,
     /// The plant paces the scans: the board asks before each scan, and scans as fast as the plant answers.
     pub is_paced: bool,

@@ -13,8 +13,9 @@ use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::update::{self, Chunk, Header, Offer, Progress, Request, Signature};
 use plantar::protocol::{BLOCK_CELLS, CalibrationBlock, Contents};
 use plantar::protocol::{
-    Decoder, Hello, Identity, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE, MAX_MESSAGE, MINOR, Refusal, Reset, Serial,
-    Status, Step, StepRegion, ToDevice, ToHost, decode, encode, frame,
+    CellCoder, CellFrame, CellStream, Decoder, Hello, Identity, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE,
+    MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Serial, Status, Step, StepRegion, ToDevice, ToHost, decode, encode,
+    frame,
 };
 use plantar::{Region, Side};
 use proptest::prelude::*;
@@ -573,12 +574,12 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// The bytes of all messages of version 2.0 on a byte carrier, on which hosts and insoles in use depend. The bytes of Hello and
+/// The bytes of all messages of version 2.1 on a byte carrier, on which hosts and insoles in use depend. The bytes of Hello and
 /// Connect must never change. A change of another message requires a higher `protocol::MAJOR`, a new message a higher
 /// `protocol::MINOR`.
 #[test]
 fn messages_have_the_bytes_of_this_version() {
-    assert_eq!((MAJOR, MINOR), (2, 0), "add the bytes of the new version to this test");
+    assert_eq!((MAJOR, MINOR), (2, 1), "add the bytes of the new version to this test");
     let golden = [
         ("hello", framed(&ToHost::Hello(Hello { major: 1, minor: 0, ..hello() })), HELLO),
         ("live", framed(&ToHost::Live(live(300))), LIVE),
@@ -624,10 +625,33 @@ fn messages_have_the_bytes_of_this_version() {
         ("set clock", framed(&ToDevice::SetClock { unix_us: 1_700_000_000_000_000 }), SET_CLOCK),
         ("faults", framed(&ToHost::Faults(faults())), FAULTS_FOUND),
         ("get faults", framed(&ToDevice::GetFaults), GET_FAULTS),
+        ("stream cells", framed(&ToDevice::StreamCells(Some(CELL_STREAM))), STREAM_CELLS),
+        ("stream of cells", framed(&ToHost::CellStream(Some(CELL_STREAM))), STREAM_OF_CELLS),
+        ("cells", framed(&ToHost::Cells(cell_frame())), CELLS),
+        ("get setup", framed(&ToDevice::GetSetup), GET_SETUP),
+        ("setup", framed(&ToHost::Setup(testkit::SETUP)), SETUP),
+        ("get setup cells", framed(&ToDevice::GetSetupCells { first: 16 }), GET_SETUP_CELLS),
+        ("setup cells", framed(&setup_cells()), SETUP_CELLS),
+        ("refused: cell rate", framed(&ToHost::Refused(Refusal::CellRate { every: 2 })), CELL_RATE),
+        ("refused: no layout", framed(&ToHost::Refused(Refusal::NoLayout)), NO_LAYOUT),
     ];
     for (name, bytes, expected) in golden {
         assert_eq!(hex(&bytes), expected, "{name}");
     }
+}
+
+const CELL_STREAM: CellStream = CellStream { resolution: Resolution::Oversampled, every: 2 };
+
+/// Unloaded cells, cells that change, and a cell at full scale.
+fn cell_frame() -> CellFrame {
+    let mut codes = [0; 24];
+    codes[8..16].copy_from_slice(&[160, 320, 480, 640, 800, 960, 1120, 1280]);
+    codes[23] = 65520;
+    CellCoder::new(Resolution::Converter).pack(300, 2, &codes)
+}
+
+fn setup_cells() -> ToHost {
+    ToHost::SetupCells { first: 16, cells: [cell(Region::Hallux, 10.0, 200.0, 25.0)].into_iter().collect() }
 }
 
 fn identity() -> Identity {
@@ -647,6 +671,15 @@ const LIVE: &str = "5101ac0290b298d01240022040e803d007b80ba00fe903d107b90ba10fea
 const STEP: &str = "0302290e80e497d012c0c029904e028104010320410103f04001144842e8034c04b00414057805dc054006bc02c80d2c0170fe340898083efe6c0712e9034d04b10415057905dd054106bd02c91f2d016ffe350899083ffe6d0701ea034e04b20416057a05de054206be02ca1f2e016efe36089a0840fe6e0702eb034f04b30417057b05df054306bf02cb1f2f016dfe37089b0841fe6f0703ec035004b40418057c05e0054406c002cc1f30016cfe38089c0842fe700704ed035104b50419057d05e1054506c102cd1f31016bfe39089d0843fe710705ee035204b6041a057e05e2054606c202ce1f32016afe3a089e0844fe720706ef035304b7041b057f05e3054706c302cf0e330169fe3b089f0845fe7307070e0180c097d1edff960341134e0700";
 const STATUS: &str = "290380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d0e0f85ac266400";
 const CONNECT: &str = "0102010553e85ae600";
+const STREAM_CELLS: &str = "090f01010210f5f08f00";
+const STREAM_OF_CELLS: &str = "080b0101024762920100";
+const CELLS: &str = "020c11ac0202e722168014283c5064788ca00f01010101010101010107ff0fbc39565800";
+const GET_SETUP: &str = "0610e9ffb5cf00";
+const SETUP: &str = "020d0407904e01077a44cdcc4c3f010320410103f040010101010103f041010ca041960128c41322949e3c00";
+const GET_SETUP_CELLS: &str = "0711108b21b70f00";
+const SETUP_CELLS: &str = "050e10010501032041010348430103c841010103803f058b1fbc9c00";
+const CELL_RATE: &str = "08050802ddf05ddf00";
+const NO_LAYOUT: &str = "0705091e5e724500";
 const STREAM: &str = "0701012813c52f00";
 const ACKNOWLEDGE: &str = "07022911e85d3100";
 const GET_STATUS: &str = "060337be0b4b00";

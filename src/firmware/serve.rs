@@ -1,4 +1,4 @@
-//! The session over a byte carrier.
+//! The insole's side of a session over a byte carrier, such as a serial port.
 
 use super::shared::{Carrier, Shared};
 use crate::protocol::{Decoder, MAX_FRAME, MAX_MESSAGE, decode, frame};

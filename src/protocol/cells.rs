@@ -47,6 +47,38 @@ impl Resolution {
     }
 }
 
+/// Bytes of a message that are not codes, with its frame on a byte carrier: tag, numbers, CRC and COBS.
+const OVERHEAD_BYTES: u32 = 22;
+/// Bytes of a live frame, which is sent as well, with its frame on a byte carrier.
+const LIVE_BYTES: u32 = 92;
+
+/// A stream of cells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CellStream {
+    /// The resolution of the codes.
+    pub resolution: Resolution,
+    /// One of so many frames is sent; 1 for all.
+    pub every: u8,
+}
+
+impl CellStream {
+    /// Bytes of a frame of `cells` cells in a stance. A packed frame takes at most 60 % of its plain codes there; longer ones are
+    /// rare, and dropped where the carrier cannot send them in time.
+    const fn frame_bytes(self, cells: u32) -> u32 {
+        OVERHEAD_BYTES + cells * self.resolution.bits() * 6 / 10 / 8
+    }
+
+    /// The highest rate, at most this one, at which a carrier of `bytes_per_s` can send the frames of `cells` cells beside live
+    /// frames: `every` of the stream; `None` where it is too slow for any.
+    pub fn fitting(self, cells: u32, period_us: u32, bytes_per_s: u32) -> Option<u8> {
+        let frames_per_s = 1_000_000 / period_us.max(1);
+        let left = bytes_per_s.saturating_sub(LIVE_BYTES * frames_per_s);
+        let needed = self.frame_bytes(cells) * frames_per_s;
+        let every = needed.checked_div(left)? + u32::from(!needed.is_multiple_of(left));
+        u8::try_from(every.max(self.every.max(1).into())).ok()
+    }
+}
+
 /// All cells of one frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CellFrame {
@@ -309,5 +341,17 @@ mod tests {
                 assert_eq!(is_unpacked, !(3..KEY_INTERVAL).contains(&scan), "frame {scan}");
             }
         }
+    }
+
+    /// Bytes per second of a serial port at 460,800 bit/s: a byte is ten bits.
+    const SERIAL: u32 = 46_080;
+
+    #[test]
+    fn a_serial_port_sends_240_cells_at_100_hz_and_offers_less_at_400_hz() {
+        let stream = CellStream { resolution: Resolution::Converter, every: 1 };
+        assert_eq!(stream.fitting(240, 10_000, SERIAL), Some(1));
+        // 36.8 kB/s of live frames leave 9.28 kB/s: 39 frames of 238 bytes.
+        assert_eq!(stream.fitting(240, 2_500, SERIAL), Some(11));
+        assert_eq!(stream.fitting(240, 10_000, 960), None, "9,600 bit/s are too slow for live frames");
     }
 }

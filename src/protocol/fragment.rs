@@ -41,7 +41,7 @@ impl Splitter {
         self.sent == self.len
     }
 
-    /// Writes the next fragment into `fragment`, which has at least 4 bytes, and returns its length; `None` after the last one.
+    /// Writes the next fragment into `fragment`, which has at least 6 bytes, and returns its length; `None` after the last one.
     pub fn next(&mut self, fragment: &mut [u8]) -> Option<usize> {
         let rest = self.message.get(self.sent..self.len).filter(|rest| !rest.is_empty())?;
         let (header, room) = fragment.split_first_mut()?;

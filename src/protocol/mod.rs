@@ -27,8 +27,7 @@ mod step;
 pub mod update;
 
 pub use calibration::{BLOCK_CELLS, CALIBRATION_BLOCKS, CalibrationBlock, CalibrationId};
-pub use cell_stream::CellStream;
-pub use cells::{CellCoder, CellFrame, KEY_INTERVAL, MAX_PACKED, Resolution};
+pub use cells::{CellCoder, CellFrame, CellStream, KEY_INTERVAL, MAX_PACKED, Resolution};
 pub use codec::{Decoder, EncodeError, MAX_FRAME, MAX_MESSAGE, decode, encode, frame};
 pub use hello::{Hello, MAX_FAULT_TEXT, Reset};
 pub use identity::{Identity, Serial};

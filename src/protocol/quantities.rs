@@ -14,7 +14,7 @@ pub struct Quantity<T: 'static> {
     pub key: &'static str,
     /// Unit in files; [`COUNT`] for a number of things.
     pub unit: &'static str,
-    /// Integer steps of the field per unit.
+    /// The integer in the field is the value in this unit, times this number.
     pub per_unit: u32,
     /// Description, one sentence.
     pub meaning: &'static str,

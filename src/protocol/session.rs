@@ -5,7 +5,8 @@
 //! acknowledged, and is sent again in the next session. The session holds the oldest steps; the step log ([`crate::storage`])
 //! contains all of them. The wearer's parameters and the clock remain after the session that set them.
 
-use super::cell_stream::{CellSender, CellStream};
+use super::cell_stream::CellSender;
+use super::cells::CellStream;
 use super::update;
 use super::{
     CALIBRATION_BLOCKS, CalibrationBlock, Hello, Identity, Live, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Serial, Status,

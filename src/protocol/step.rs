@@ -18,7 +18,7 @@ quantities! {
             "Counted by the insole at each toe off.";
         /// Foot.
         side: Side = record.side;
-        /// Time of the first loaded frame since the first scan.
+        /// Time of the heel strike, the first loaded frame of the step, since the first scan.
         start_us: u64 = record.start_us
             => start_s [1_000_000 per "s"],
             "Heel strike: the total force reaches the threshold.";
@@ -109,12 +109,12 @@ quantities! {
         #[serde(with = "le")]
         ellipse_x_dmm: i16 = region.ellipse_at_peak.map_or(0, |ellipse| (ellipse.x_mm * R::of(10.0)).round_i16())
             => ellipse_x_mm as "ellipse_at_peak.x_mm" [10 per "mm"] if ellipse_r_a_cmm,
-            "Mean of the contact area.";
+            "Centroid of the contact area.";
         /// Centre of the contact ellipse at the largest measured force, from heel to toe in foot coordinates.
         #[serde(with = "le")]
         ellipse_y_dmm: i16 = region.ellipse_at_peak.map_or(0, |ellipse| (ellipse.y_mm * R::of(10.0)).round_i16())
             => ellipse_y_mm as "ellipse_at_peak.y_mm" [10 per "mm"] if ellipse_r_a_cmm,
-            "Mean of the contact area.";
+            "Centroid of the contact area.";
         /// Radius of the ellipse along the axis nearer to the medial-lateral one; 0 without contact.
         #[serde(with = "le")]
         ellipse_r_a_cmm: u16 = region.ellipse_at_peak.map_or(0, |ellipse| (ellipse.r_a_mm * R::of(100.0)).round_u16())

@@ -217,7 +217,7 @@ pub struct Expect {
     pub parameters: Option<bool>,
     /// A part of the text of one of the client's errors.
     pub error: Option<String>,
-    /// A part of the last hello's report on the crash before that start.
+    /// A part of the crash report in the last hello of the first insole: the crash that ended its previous boot.
     pub last_fault: Option<String>,
 }
 
@@ -551,8 +551,8 @@ impl Outcome {
     }
 }
 
-/// A step without the values that the reference of a boot does not have: number, boots since then, wall-clock time, and the
-/// results of the model, which depend on the wearer's parameters.
+/// The part of a step that a replay of the same frames computes too: all but its number, the boots since the step, the wall-clock
+/// time, and the results of the model, which depend on the wearer's parameters.
 fn measured(step: &Step) -> Step {
     let regions = step.regions.map(|region| StepRegion {
         model_peak_dn: 0,
@@ -588,7 +588,10 @@ impl InsoleOutcome {
             let from = computed.len().saturating_sub(may_lose);
             let is_waiting = !self.host.is_following || !self.host.acknowledges;
             if let Some(index) = missing.iter().find(|index| **index < from && !(is_waiting && is_last)) {
-                return Err(format!("step {index} of boot {boot} did not arrive; {} in all", missing.len()));
+                return Err(format!(
+                    "boot {boot}: the step with index {index} did not arrive; {} steps of this boot are missing",
+                    missing.len()
+                ));
             }
             lost += missing.len();
         }

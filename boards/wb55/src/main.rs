@@ -142,7 +142,7 @@ async fn main(spawner: Spawner) {
     let mut config = embassy_stm32::Config::default();
     config.rcc = clocks();
     let p = embassy_stm32::init(config);
-    // SAFETY: `main` runs once and nothing else uses the core's peripherals.
+    // SAFETY: `main` runs once and other code of this program only reads the cycle counter and requests a reset.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();

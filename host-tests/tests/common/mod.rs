@@ -50,7 +50,7 @@ pub fn recordings() -> PathBuf {
 fn named_by(variable: &str, content: &str) -> PathBuf {
     let path = std::env::var_os(variable).map(PathBuf::from);
     path.unwrap_or_else(|| {
-        panic!("the environment variable {variable} must contain the path of {content}; `cargo xtask test` sets it")
+        panic!("the environment variable {variable} must contain the path of {content}, see CONTRIBUTING.md")
     })
 }
 

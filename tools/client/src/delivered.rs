@@ -5,7 +5,7 @@ use plantar::protocol::session::STEP_QUEUE;
 use plantar::sequence;
 use std::collections::VecDeque;
 
-/// Largest number of steps that an insole can send again: those in its RAM, and the same number whose acknowledgement was lost.
+/// Largest number of steps that an insole can send again: those in its RAM, and as many whose acknowledgement was lost.
 const CAPACITY: usize = 2 * STEP_QUEUE;
 
 /// The last steps that were delivered, oldest first, each with whether the caller acknowledged it.

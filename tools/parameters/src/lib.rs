@@ -285,9 +285,7 @@ impl FileRegion {
         for (name, value) in lengths {
             if !is_within(value * mm, &LENGTH_M) {
                 let (least, most) = (LENGTH_M.start() / mm, LENGTH_M.end() / mm);
-                return Err(format!(
-                    "{name} = {value}: expected a length from {least} to {most} mm, so that pi A B is positive"
-                ));
+                return Err(format!("{name} = {value}: expected a length from {least} to {most} mm"));
             }
         }
         for (name, value) in [("k_n_m3", self.k_n_m3), ("c_n_s_m3", self.c_n_s_m3)] {

@@ -8,7 +8,7 @@ export interface Step {
   side: Side;
   /** Number of the step; continues after a restart as long as the flash chip is the same. Unit: count. */
   step: number;
-  /** Time of the first loaded frame since the first scan. Unit: s. */
+  /** Time of the heel strike, the first loaded frame of the step, since the first scan. Unit: s. */
   start_s: number;
   /** Time from heel strike to toe off. Unit: s. */
   duration_s: number;
