@@ -11,6 +11,7 @@ mod calibration;
 mod cell_stream;
 mod cells;
 mod codec;
+mod command;
 pub mod current_time;
 pub mod fragment;
 pub mod gatt;

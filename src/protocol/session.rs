@@ -6,11 +6,11 @@
 //! contains all of them. The wearer's parameters and the clock remain after the session that set them.
 
 use super::cell_stream::CellSender;
-use super::cells::CellStream;
-use super::update;
+use super::command::Answer;
+pub use super::command::{Command, CommandResult};
 use super::{
-    CALIBRATION_BLOCKS, CalibrationBlock, Hello, Identity, Live, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Serial, Status,
-    Step, ToDevice, ToHost, encode,
+    CALIBRATION_BLOCKS, Hello, Identity, Live, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Serial, Status, Step, ToDevice,
+    ToHost, encode,
 };
 use crate::faults::Faults;
 use crate::pipeline::calibrate::CellCalibration;
@@ -26,66 +26,6 @@ pub const LIVE_QUEUE: usize = 8;
 pub const STEP_QUEUE: usize = 6;
 /// Answers that can wait for the carrier: more than the requests in one read of the carrier. Further requests are not answered.
 const ANSWER_QUEUE: usize = 16;
-
-/// An answer that waits for the carrier.
-#[derive(Debug)]
-enum Answer {
-    Status,
-    Tissue,
-    Refused(Refusal),
-    Time { host_us: u64, device_us: u64 },
-    Faults,
-    Identity,
-    CalibrationBlock(u8),
-    Update(update::Progress),
-    CellStream(Option<CellStream>),
-    Setup,
-    SetupCells(u16),
-}
-
-impl Answer {
-    /// True if the answer announces parameters that are in force from now on. [`Refusal::NotStored`] is such an answer, because
-    /// parameters that could not be stored are in force until the insole restarts. Live frames that are still queued used the
-    /// previous parameters.
-    fn is_announcement(&self) -> bool {
-        matches!(self, Self::Tissue | Self::Refused(Refusal::NotStored))
-    }
-}
-
-/// A request that needs the storage. It is answered on completion: [`Session::complete`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Command {
-    /// Store the wearer's parameters, which are in force from then on.
-    Tissue(Tissue),
-    /// Store side and serial number.
-    SetIdentity(Side, Serial),
-    /// Store a block of a calibration, by its number.
-    CalibrationBlock(u8, CalibrationBlock),
-    /// Use the calibration made of the stored blocks.
-    Calibration {
-        /// As in [`ToDevice::SetCalibration`].
-        layout_id: u32,
-        /// Number of cells.
-        cells: u16,
-        /// Its checksum.
-        id: u32,
-    },
-    /// Restart.
-    Restart,
-    /// Execute a step of a firmware update.
-    Update(update::Request),
-}
-
-/// The result of a [`Command`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum CommandResult {
-    /// The value is stored.
-    Stored,
-    /// The value is stored, and the identity is now this one.
-    Identity(Identity),
-    /// The progress of the update.
-    Update(update::Progress),
-}
 
 /// The state of the session, and the queues of messages to send.
 #[derive(Debug)]

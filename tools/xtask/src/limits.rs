@@ -4,10 +4,12 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 
 /// Keys of figures, each with its smallest and its largest allowed value.
-const LIMITS: [(&str, f64, f64); 24] = [
+const LIMITS: [(&str, f64, f64); 26] = [
     ("frame_instructions", 0.0, 10_000.0),
     ("device_vs_host_force_rel", 0.0, 1e-4),
     ("device_vs_host_area_rel", 0.0, 1e-4),
+    ("cells_percent.stance", 0.0, 60.0),
+    ("cells_percent.swing", 0.0, 10.0),
     ("live_frame_bytes", 0.0, 90.0),
     ("step_record_bytes", 0.0, 320.0),
     ("flash_bytes.emulated", 0.0, 368_640.0),
