@@ -72,8 +72,8 @@ pub async fn run(from_radio: &'static HciPipe, to_radio: &'static HciPipe, insol
     }
 }
 
-/// Resources of the Bluetooth host for one central. There is room for one more bond, because a new bond is added before the oldest
-/// one is removed.
+/// Resources of the Bluetooth host for one central. There is room for one more bond, because a new bond is added before the least
+/// recently used one is removed.
 type Resources = HostResources<DefaultPacketPool, 1, 0, 1, { MAX_BONDS + 1 }>;
 
 /// Builds the GATT table. Like [`set_up`], it is not inlined, so that the stack that it needs is not reserved permanently.

@@ -324,7 +324,8 @@ fn malformed_values_are_refused_and_the_session_continues() {
     assert_eq!(phone.refused(&mut world.radio, CONTROL, &[0x81, 0]), Some(OUT_OF_ORDER));
     // Together the fragments are longer than any message.
     phone.write(&mut world.radio, PARAMETERS, &[0x00; 244]).expect("the first fragment is accepted");
-    assert_eq!(phone.refused(&mut world.radio, PARAMETERS, &[0x01; 244]), Some(INVALID_LENGTH));
+    phone.write(&mut world.radio, PARAMETERS, &[0x01; 244]).expect("the second fragment is accepted");
+    assert_eq!(phone.refused(&mut world.radio, PARAMETERS, &[0x02; 244]), Some(INVALID_LENGTH));
     let mut bad = tissue();
     bad.id ^= 1;
     assert_eq!(phone.answer(&mut world.radio, ToDevice::SetTissue(bad)), ToHost::Refused(Refusal::TissueId));

@@ -1,4 +1,5 @@
-//! The stream of all cells through the emulated board and its link: equal to the codes of the walk, and no recording without it.
+//! The stream of all cells through the emulated board and its link: the received codes equal those of the walk, and a rate that
+//! the port cannot carry is refused.
 
 mod common;
 
@@ -72,7 +73,7 @@ fn every_cell_of_every_frame_arrives_in_either_resolution() {
         let counters = client.counters();
         assert_eq!((counters.frames_received as usize, counters.frames_lost), (frames, 0));
 
-        // The recording of the full resolution is the one that was played: its pressures give the same codes.
+        // The pressures of the recording, converted to codes again, give the codes that were streamed.
         let recording = streamed.take("Recorded in a test").expect("frames");
         let again = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
         for i in 0..recording.frames() {
@@ -95,7 +96,7 @@ fn a_rate_that_the_port_cannot_carry_is_refused_with_the_highest_that_it_can() {
     let mut client = connect(&board);
     let request = |every| Some(CellStream { resolution: Resolution::Converter, every });
     let Err(Error::Refused(Refusal::CellRate { every })) = client.stream_cells(request(1)) else {
-        panic!("400 frames of 240 cells do not fit into 46,080 bytes")
+        panic!("400 frames of 240 cells a second do not fit into 46,080 bytes a second")
     };
     assert!(every > 1, "one of {every} frames");
     client.stream_cells(request(every)).expect("the rate that was offered is accepted");

@@ -2,8 +2,8 @@
 //! their rows.
 //!
 //! The two outlines differ deliberately: [`REFERENCE_INSOLE`] is the sheet that is cut for the device, and [`GENERIC_SOLE`] is
-//! the sole of the computed walk and of drawings on screens. At the toes their widths differ by up to 13 mm. The positions of
-//! cells are computed from the outlines, so a change of an outline changes the layout.
+//! the sole of the computed walk and of drawings on screens. At the toes their widths differ by up to 12 mm at the same fraction
+//! of the length. The positions of cells are computed from the outlines, so a change of an outline changes the layout.
 
 /// The outline of a sole.
 #[derive(Clone, Copy, Debug, PartialEq)]

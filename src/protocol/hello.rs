@@ -34,8 +34,8 @@ pub struct Hello {
     /// Why the insole last started.
     pub reset: Reset,
     /// If a failure ended the previous run: its cause, its time, and addresses in the program, which `cargo xtask explain`
-    /// translates to source lines; the text also states whether this start is a fallback. Otherwise, if the set-up of this start
-    /// was refused: the reason, in which case the insole cannot measure.
+    /// translates to source lines; the text also states whether this start ignores all stored data, because several starts failed
+    /// in a row. Otherwise, if the set-up of this start was refused: the reason, in which case the insole cannot measure.
     pub last_panic: Option<String<MAX_FAULT_TEXT>>,
 }
 

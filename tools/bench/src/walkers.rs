@@ -11,10 +11,10 @@ use plantar::pipeline::stance::StanceRule;
 use recording::{Recording, VirtualInsole, jiku};
 use std::path::Path;
 
-/// The NRMSE of each region, %, with which the best earlier analysis of these steps predicted them.
+/// Limits: the NRMSE of each region, %, in the best of the analyses of these steps that preceded this identification.
 const REFERENCE: [f64; 8] = [13.6, 23.5, 23.5, 26.5, 27.2, 18.4, 21.0, 19.5];
 
-/// Measures the errors of each region with counted cells and with fractional contact.
+/// Measures the errors of each region with counted cells and with covered shares.
 pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
     let mut counted = Vec::new();
     let mut covered = Vec::new();

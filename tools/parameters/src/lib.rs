@@ -285,7 +285,8 @@ impl FileRegion {
         for (name, value) in lengths {
             if !is_within(value * mm, &LENGTH_M) {
                 let (least, most) = (LENGTH_M.start() / mm, LENGTH_M.end() / mm);
-                return Err(format!("{name} = {value}: expected a length from {least} to {most} mm"));
+                let reason = if matches!(name, "a_mm" | "b_mm") { ", so that pi A B is positive" } else { "" };
+                return Err(format!("{name} = {value}: expected a length from {least} to {most} mm{reason}"));
             }
         }
         for (name, value) in [("k_n_m3", self.k_n_m3), ("c_n_s_m3", self.c_n_s_m3)] {

@@ -145,8 +145,8 @@ fn contacts_that_are_not_steps_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     std::fs::write(path.join("layout.csv"), "cell,x_mm,y_mm,area_mm2,region\n0,30,20,900,heel\n").expect("written");
-    // The first and the last frame, and the pressure, of each contact: one that begins before the recording, a complete step, a
-    // contact of 50 ms, a weak step, a complete step, and a step that the end of the recording cuts off.
+    // The first frame, the frame after the last one, and the pressure of each contact: one that begins before the recording, a
+    // complete step, a contact of 50 ms, a weak step, a complete step, and a step that the end of the recording cuts off.
     let contacts =
         [(0, 30, 300.0), (80, 140, 300.0), (200, 205, 300.0), (260, 320, 60.0), (380, 440, 310.0), (480, 500, 300.0)];
     let frames: String = (0..500)
