@@ -3,26 +3,17 @@
 
 mod common;
 
-use client::{CellReceiver, Client, Error, Framed};
-use common::{firmware, synthetic_walk, tissue};
+use client::{CellReceiver, Error};
+use common::{connect, firmware, synthetic_walk, tissue};
 use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
 use plantar::protocol::{CellStream, Refusal, Resolution, ToDevice, ToHost};
 use recording::{StreamedCells, VirtualInsole};
-use std::net::TcpStream;
-use std::time::Duration;
 
 /// They take a little more than a minute.
 const STEPS: usize = 57;
-const TIMEOUT: Duration = Duration::from_secs(20);
-
-fn connect(board: &Board) -> Client<Framed<TcpStream>> {
-    let link = board.link().expect("the board has a link");
-    link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
-    Client::connect(Framed::new(link), TIMEOUT).expect("the insole answers")
-}
 
 /// One minute at 100 Hz, with live frames and steps beside the cells.
 #[test]

@@ -5,7 +5,7 @@
 mod common;
 
 use client::{Client, Framed};
-use common::{firmware, replay, replay_faulty, replay_with, synthetic_walk, tissue};
+use common::{connect, firmware, replay, replay_faulty, replay_with, synthetic_walk, tissue};
 use emulation::EmulatorConfig;
 use emulator::{Board, Faulty, Recorded, Scan, Time, Walk};
 use fit::quality::Evaluated;
@@ -74,9 +74,7 @@ impl Session {
         let scans = walk.scans();
         let config = EmulatorConfig::new(virtual_insole.setup);
         let board = Board::start(&firmware, &config, &virtual_insole.cells, Time::Max, walk).expect("the board boots");
-        let link = board.link().expect("the board has a link");
-        link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
-        let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
+        let client = connect(&board);
         Self { board, client, scans }
     }
 
@@ -289,9 +287,7 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     let config = EmulatorConfig::new(virtual_insole.setup);
     let board = Board::start(&firmware, &config, &cells, Time::Max, Recorded::new(walk, virtual_insole))
         .expect("the board boots");
-    let link = board.link().expect("the board has a link");
-    link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
-    let client = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
+    let client = connect(&board);
     let report = client.hello().last_panic.as_deref().unwrap_or_default().to_owned();
     assert!(report.contains("belongs to a region before that of the previous cell"), "{report}");
 }

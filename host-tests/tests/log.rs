@@ -2,18 +2,14 @@
 
 mod common;
 
-use client::{Client, Framed};
-use common::{firmware, synthetic_walk, tissue};
+use common::{TIMEOUT, connect, firmware, synthetic_walk, tissue};
 use emulation::EmulatorConfig;
 use emulator::{Board, Faulty, Recorded, SensorFault, Time};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
 use plantar::protocol::ToHost;
 use recording::VirtualInsole;
-use std::time::{Duration, Instant};
-
-/// Longest wait for an answer, and for the steps of the walk.
-const TIMEOUT: Duration = Duration::from_secs(20);
+use std::time::Instant;
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
@@ -28,9 +24,7 @@ fn the_log_contains_the_state_changes_of_the_firmware_with_their_levels() {
     let board =
         Board::start(&firmware, &EmulatorConfig::new(virtual_insole.setup), &virtual_insole.cells, Time::Max, walk)
             .expect("the board boots");
-    let link = board.link().expect("the board has a link");
-    link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
-    let mut client = Client::connect(Framed::new(link), TIMEOUT).expect("the insole answers");
+    let mut client = connect(&board);
     client.set_tissue(&tissue()).expect("the parameters are accepted");
     board.play();
     let (start, mut steps) = (Instant::now(), 0);

@@ -3,8 +3,7 @@
 
 mod common;
 
-use client::{Client, Framed};
-use common::{firmware, synthetic_walk, tissue};
+use common::{TIMEOUT, connect, firmware, synthetic_walk, tissue};
 use emulation::EmulatorConfig;
 use emulator::{Board, Hardware, Recorded, Time};
 use plantar::Side;
@@ -12,18 +11,6 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
 use plantar::protocol::{Reset, Serial, ToHost};
 use recording::VirtualInsole;
-use std::net::TcpStream;
-use std::time::Duration;
-
-/// Longest wait for the insole's answer.
-const TIMEOUT: Duration = Duration::from_secs(20);
-
-/// Opens a session with a new client.
-fn session(board: &Board) -> Client<Framed<TcpStream>> {
-    let link = board.link().expect("the board has a link");
-    link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
-    Client::connect(Framed::new(link), TIMEOUT).expect("the insole answers")
-}
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
@@ -45,7 +32,7 @@ fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
         .expect("the board boots")
     };
     let board = boot(None);
-    let mut client = session(&board);
+    let mut client = connect(&board);
     let serial = Serial::new("P-0001").expect("the serial number is valid");
     client.set_tissue(&tissue()).expect("the request is accepted");
     let identity = client.set_identity(Side::Right, serial).expect("the request is accepted");
@@ -60,7 +47,7 @@ fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
     // The insole first restarts on command, and then after a loss of power.
     client.restart(TIMEOUT).expect("the insole answers again");
     // A client does not deliver a step twice: a new client receives the steps again.
-    client = session(&board);
+    client = connect(&board);
     let mut boards = vec![board];
     for boots_since in 1..3 {
         let hello = client.hello().clone();
@@ -79,7 +66,7 @@ fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
         assert_eq!((status.contents.start, status.contents.next_step), (boots_since + 1, 3));
         let flash = boards.pop().expect("a board is on").flash().expect("the chip can be read");
         boards.push(boot(Some(flash)));
-        client = session(&boards[0]);
+        client = connect(&boards[0]);
     }
     assert_eq!(client.identity().expect("the insole answers").serial, serial);
 }

@@ -5,7 +5,7 @@
 mod common;
 
 use client::{Client, Framed};
-use common::{firmware, synthetic_walk};
+use common::{connect, firmware, synthetic_walk};
 use emulation::EmulatorConfig;
 use emulator::{Board, Looped, Recorded, Time};
 use firmware_image::{Image, development_key, flash_image};
@@ -14,7 +14,6 @@ use plantar::pipeline::stance::StanceRule;
 use plantar::protocol::update::{Progress, Request};
 use plantar::protocol::{Status, ToDevice, ToHost};
 use recording::VirtualInsole;
-use std::time::Duration;
 
 /// Number of chunks that are transferred. A part of the image is enough.
 const CHUNKS: u16 = 300;
@@ -28,9 +27,7 @@ fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
     let (config, cells) = (EmulatorConfig::new(virtual_insole.setup), virtual_insole.cells.clone());
     let walk = Looped(Recorded::new(walk, virtual_insole));
     let board = Board::start(&firmware, &config, &cells, Time::Real, walk).expect("the board boots");
-    let link = board.link().expect("the board has a link");
-    link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
-    let mut session = Client::connect(Framed::new(link), Duration::from_secs(20)).expect("the insole answers");
+    let mut session = connect(&board);
     session.stream().expect("the stream starts");
 
     let secret = development_key().expect("the development key is valid");

@@ -8,6 +8,7 @@ use heapless::{Deque, Vec};
 const MAX_CELLS: usize = 1 + 3 * 5 + 3 + 2 + MAX_PACKED;
 /// Packed frames that can wait for the carrier.
 const QUEUE: usize = 3;
+
 /// The state of a running stream.
 #[derive(Debug)]
 struct Running {

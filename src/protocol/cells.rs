@@ -263,11 +263,10 @@ impl CellCoder {
             }
         }
         let is_whole = reader.bytes.is_empty() && reader.pending == 0 && sum == frame.sum;
-        self.sequence = frame.sequence.wrapping_add(1);
-        is_whole.then_some(()).or_else(|| {
-            self.sequence = 0;
-            None
-        })
+        if is_whole {
+            self.sequence = frame.sequence.wrapping_add(1);
+        }
+        is_whole.then_some(())
     }
 }
 

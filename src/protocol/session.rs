@@ -324,8 +324,8 @@ impl Session {
     }
 
     /// The next message to send, encoded into `buffer`; `None` when there is nothing to send. The hello comes first, then steps,
-    /// then live frames, then answers in the order of their requests, then frames of cells. On a carrier that is too slow for the live stream, at most
-    /// [`LIVE_QUEUE`] live frames go before an answer.
+    /// then live frames, then answers in the order of their requests, then frames of cells. On a carrier that is
+    /// too slow for the live stream, at most [`LIVE_QUEUE`] live frames go before an answer.
     pub fn next<'b>(
         &mut self,
         hello: &Hello,

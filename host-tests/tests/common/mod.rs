@@ -1,7 +1,8 @@
 //! Shared parts of the tests that run the firmware.
 #![allow(dead_code, reason = "each test uses a part of it")]
 
-use emulator::SensorFault;
+use client::{Client, Framed};
+use emulator::{Board, SensorFault};
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
 use plantar::faults::Faults;
@@ -12,7 +13,19 @@ use plantar::pipeline::stance::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Live, Step};
 use recording::{Recording, VirtualInsole, synthetic};
+use std::net::TcpStream;
 use std::path::PathBuf;
+use std::time::Duration;
+
+/// Longest wait for the insole's answer.
+pub const TIMEOUT: Duration = Duration::from_secs(20);
+
+/// Opens a session with the insole on the serial link of a board.
+pub fn connect(board: &Board) -> Client<Framed<TcpStream>> {
+    let link = board.link().expect("the board has a link");
+    link.set_read_timeout(Some(Duration::from_millis(50))).expect("the socket accepts a timeout");
+    Client::connect(Framed::new(link), TIMEOUT).expect("the insole answers")
+}
 
 /// The firmware of the emulated board.
 ///
