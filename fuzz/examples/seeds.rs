@@ -14,13 +14,13 @@ use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::stance::StanceRule;
-use plantar::pipeline::tissue::Tissue;
+use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::BLOCK_CELLS;
 use plantar::protocol::fragment::Splitter;
 use plantar::protocol::update::Header;
 use plantar::protocol::{
-    Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Serial, Status, Step, ToDevice,
-    ToHost, encode, frame,
+    CellStream, Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Serial,
+    Settings, Status, Step, ToDevice, ToHost, encode, frame,
 };
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{FootZero, Recording, VirtualInsole, Zero};
@@ -52,6 +52,20 @@ fn main() {
         ToDevice::SetCalibrationBlock { block: 0, cells: [CellCalibration::IDEAL; BLOCK_CELLS] },
         ToDevice::SetCalibration { layout_id: virtual_insole.setup.layout_id, cells: 8, id: 1 },
         ToDevice::Restart,
+        ToDevice::GetSetup,
+        ToDevice::SetSettings(Some(Settings::of(&virtual_insole.setup))),
+        ToDevice::GetSettings,
+        ToDevice::SetIdentifiedTissue {
+            tissue,
+            identified: Identified {
+                contact: ContactRule::COVERED,
+                filter: AreaFilter::Step,
+                side: Some(Side::Left),
+                steps: 30,
+            },
+        },
+        ToDevice::GetIdentified,
+        ToDevice::StreamCells(Some(CellStream { resolution: Resolution::Converter, every: 1 })),
     ]
     .map(|message| encoded(&message));
     let to_host = [

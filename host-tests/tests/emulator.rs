@@ -102,18 +102,8 @@ impl Session {
             ToHost::Status(status) => received.status = status,
             ToHost::Tissue(tissue) => received.tissues.push((received.live.len(), tissue)),
             ToHost::Refused(refusal) => received.refusals.push(refusal),
-            ToHost::Time { .. }
-            | ToHost::Faults(_)
-            | ToHost::Update(_)
-            | ToHost::CellStream(_)
-            | ToHost::Cells(_)
-            | ToHost::Setup(_)
-            | ToHost::SetupCells { .. }
-            | ToHost::Identity(_)
-            | ToHost::CalibrationBlock { .. } => {
-                panic!("no request for this message was sent")
-            }
             ToHost::Hello(hello) => panic!("the insole restarted: {:?}", hello.last_panic),
+            other => panic!("no request for this message was sent: {other:?}"),
         }
         is_answer
     }

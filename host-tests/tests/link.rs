@@ -1,13 +1,14 @@
 //! The insole's side of a session, tested message by message.
 
 use plantar::pipeline::calibrate::CellCalibration;
-use plantar::pipeline::tissue::Tissue;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::BLOCK_CELLS;
 use plantar::protocol::session::{Command, CommandResult, STEP_QUEUE, Session};
 use plantar::protocol::update::{Progress, Request};
 use plantar::protocol::{
-    CellStream, Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Resolution, SETUP_CELLS, Serial, Status, ToDevice,
-    ToHost, decode, encode,
+    CellStream, Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Resolution, SETUP_CELLS, Serial, Settings, Status,
+    ToDevice, ToHost, decode, encode,
 };
 use plantar::{Region, Side};
 use testkit::{SETUP, TISSUE, cell, hello, live, status, step};
@@ -30,6 +31,8 @@ enum Sent {
     Cells { scan: u32, dropped: u32 },
     Setup,
     SetupCells(usize),
+    Settings(Option<Settings>),
+    Identified(Option<Identified>),
 }
 
 /// The next message that the insole sends. Its content must be that of the fixtures.
@@ -70,6 +73,8 @@ fn next(session: &mut Session) -> Option<Sent> {
             Sent::Setup
         }
         ToHost::SetupCells { cells, .. } => Sent::SetupCells(cells.len()),
+        ToHost::Settings(got) => Sent::Settings(got),
+        ToHost::Identified(got) => Sent::Identified(got),
     })
 }
 
@@ -356,7 +361,7 @@ fn accepted_parameters_are_confirmed_and_reported_from_then_on() {
     assert_eq!(all(&mut session), [Sent::Tissue(0)], "there must be no parameters yet");
     for tissue in [*TISSUE, other_tissue(), *TISSUE, *TISSUE] {
         session.receive(ToDevice::SetTissue(tissue), 0);
-        assert_eq!(session.command(), Some(Command::Tissue(tissue)));
+        assert_eq!(session.command(), Some(Command::Tissue(tissue, None)));
         assert_eq!(all(&mut session), [], "there must be no answer before the parameters are stored");
         session.complete(Ok(CommandResult::Stored));
         assert_eq!(*session.tissue(), tissue);
@@ -602,11 +607,63 @@ fn the_configuration_is_read_in_parts_and_refused_without_one() {
     link.receive(ToDevice::GetSetupCells { first: 0 }, 0);
     assert_eq!(all(&mut link), [Sent::Refused(Refusal::NoLayout); 2]);
     let cells: &'static [_] = vec![cell(Region::Heel, 10.0, 20.0, 25.0); SETUP_CELLS + 4].leak();
-    link.set_layout(SETUP, cells);
+    link.set_layout(SETUP, cells, None);
     link.receive(ToDevice::GetSetup, 0);
     for first in [0, SETUP_CELLS as u16, 1000] {
         link.receive(ToDevice::GetSetupCells { first }, 0);
     }
     let expected = [Sent::Setup, Sent::SetupCells(SETUP_CELLS), Sent::SetupCells(4), Sent::SetupCells(0)];
     assert_eq!(all(&mut link), expected);
+}
+
+#[test]
+fn settings_are_checked_stored_and_read() {
+    let mut session = streaming();
+    let settings = Settings { contact: ContactRule::COVERED, scale: 0.9, ..Settings::of(&SETUP) };
+    let bad = [
+        Settings { period_us: 2_000, ..settings },
+        Settings { period_us: 50_000, ..settings },
+        Settings { scale: 0.5, ..settings },
+        Settings { scale: f32::NAN, ..settings },
+        Settings { contact: ContactRule { off_kpa: 11.0, ..settings.contact }, ..settings },
+    ];
+    for settings in bad {
+        session.receive(ToDevice::SetSettings(Some(settings)), 0);
+        assert_eq!((session.command(), all(&mut session)), (None, vec![Sent::Refused(Refusal::Settings)]));
+    }
+    for stored in [Some(settings), None] {
+        session.receive(ToDevice::SetSettings(stored), 0);
+        assert_eq!(session.command(), Some(Command::Settings(stored)));
+        session.complete(Ok(CommandResult::Stored));
+        session.receive(ToDevice::GetSettings, 0);
+        assert_eq!(all(&mut session), [Sent::Settings(stored); 2]);
+    }
+    session.receive(ToDevice::SetSettings(Some(settings)), 0);
+    session.complete(Err(Refusal::NotStored));
+    session.receive(ToDevice::GetSettings, 0);
+    assert_eq!(all(&mut session), [Sent::Refused(Refusal::NotStored), Sent::Settings(None)]);
+}
+
+#[test]
+fn identified_parameters_are_accepted_with_their_contact_rule_only() {
+    let mut session = streaming();
+    let identified = Identified { contact: SETUP.contact, filter: AreaFilter::Step, side: Some(Side::Left), steps: 31 };
+    let request =
+        |contact| ToDevice::SetIdentifiedTissue { tissue: *TISSUE, identified: Identified { contact, ..identified } };
+    // Without a layout no rule is in force.
+    session.receive(request(SETUP.contact), 0);
+    session.set_layout(SETUP, &[], None);
+    session.receive(request(ContactRule::COVERED), 0);
+    assert_eq!(all(&mut session), [Sent::Refused(Refusal::ContactRule); 2]);
+    assert_eq!(*session.tissue(), Tissue::NONE);
+
+    session.receive(request(SETUP.contact), 0);
+    session.complete(Ok(CommandResult::Stored));
+    session.receive(ToDevice::GetIdentified, 0);
+    assert_eq!(all(&mut session), [Sent::Tissue(TISSUE.id), Sent::Identified(Some(identified))]);
+    // Parameters without this information replace it.
+    session.receive(ToDevice::SetTissue(*TISSUE), 0);
+    session.complete(Ok(CommandResult::Stored));
+    session.receive(ToDevice::GetIdentified, 0);
+    assert_eq!(all(&mut session), [Sent::Tissue(TISSUE.id), Sent::Identified(None)]);
 }

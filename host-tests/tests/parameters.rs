@@ -46,7 +46,7 @@ proptest! {
     fn valid_parameters_are_read_back_from_a_file_bit_for_bit(tissue in tissue()) {
         prop_assert_eq!(tissue.check(), Ok(()));
         // Equal identifiers show that 0 and -0 were not exchanged, because the identifier depends on every bit.
-        prop_assert_eq!(through_a_file(&Parameters::from_tissue(&tissue)).tissue(), tissue);
+        prop_assert_eq!(through_a_file(&Parameters::from_tissue(&tissue, None)).tissue(), tissue);
     }
 }
 
@@ -56,7 +56,7 @@ fn typical_parameters_are_read_back_from_a_file_and_from_an_insole() {
         let typical = Parameters::typical(size.to_string().parse::<InsoleSize>().expect("the size is valid"));
         assert_eq!(typical.tissue().check(), Ok(()), "size {size}");
         assert_eq!(through_a_file(&typical).tissue(), typical.tissue(), "size {size}");
-        let pulled = Parameters::from_tissue(&typical.tissue());
+        let pulled = Parameters::from_tissue(&typical.tissue(), None);
         assert_eq!(through_a_file(&pulled).tissue(), typical.tissue(), "size {size}");
     }
 }

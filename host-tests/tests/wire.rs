@@ -9,13 +9,13 @@ use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::region::{AreaMoments, ForceMoments, RegionFrame};
 use plantar::pipeline::setup::Setup;
 use plantar::pipeline::stance::Rejected;
-use plantar::pipeline::tissue::Tissue;
+use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::update::{self, Chunk, Header, Offer, Progress, Request, Signature};
 use plantar::protocol::{BLOCK_CELLS, CalibrationBlock, Contents};
 use plantar::protocol::{
     CellCoder, CellFrame, CellStream, Decoder, Hello, Identity, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE,
-    MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Serial, Status, Step, StepRegion, ToDevice, ToHost, decode, encode,
-    frame,
+    MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Serial, Settings, Status, Step, StepRegion, ToDevice, ToHost,
+    decode, encode, frame,
 };
 use plantar::{Region, Side};
 use proptest::prelude::*;
@@ -244,6 +244,16 @@ fn to_host() -> impl Strategy<Value = ToHost> {
         })),
         any::<u8>().prop_map(|block| ToHost::CalibrationBlock { block }),
         any::<u16>().prop_map(|next| ToHost::Update(Progress::Next(next))),
+        (any::<(u32, u32)>(), prop::collection::vec(any::<u16>(), 0..=240)).prop_map(|((scan, dropped), codes)| {
+            ToHost::Cells(CellCoder::new(Resolution::Oversampled).pack(scan, dropped, &codes))
+        }),
+        any::<u16>().prop_map(|number| ToHost::Setup(any_settings(number).apply_to(testkit::SETUP))),
+        any::<(u16, f32)>().prop_map(|(first, x_mm)| {
+            let cells = (0..16).map(|_| cell(Region::Toe2, x_mm, 20.0, 25.0)).collect();
+            ToHost::SetupCells { first, cells }
+        }),
+        any::<Option<u16>>().prop_map(|number| ToHost::Settings(number.map(any_settings))),
+        any::<bool>().prop_map(|is_known| ToHost::Identified(is_known.then_some(IDENTIFIED))),
         Just(ToHost::Update(Progress::Accepted)),
     ]
 }
@@ -268,7 +278,27 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
         any::<(u32, u16, u32)>().prop_map(|(layout_id, cells, id)| ToDevice::SetCalibration { layout_id, cells, id }),
         Just(ToDevice::Restart),
         any_update().prop_map(ToDevice::Update),
+        (1u8.., any::<bool>()).prop_map(|(every, is_12)| {
+            let resolution = if is_12 { Resolution::Converter } else { Resolution::Oversampled };
+            ToDevice::StreamCells(Some(CellStream { resolution, every }))
+        }),
+        Just(ToDevice::StreamCells(None)),
+        Just(ToDevice::GetSetup),
+        any::<u16>().prop_map(|first| ToDevice::GetSetupCells { first }),
+        Just(ToDevice::GetSettings),
+        any::<Option<u16>>().prop_map(|number| ToDevice::SetSettings(number.map(any_settings))),
+        (any_tissue(), any::<u16>()).prop_map(|(tissue, number)| {
+            let contact = any_settings(number).contact;
+            ToDevice::SetIdentifiedTissue { tissue, identified: Identified { contact, ..IDENTIFIED } }
+        }),
+        Just(ToDevice::GetIdentified),
     ]
+}
+
+/// Settings that differ by a number.
+fn any_settings(number: u16) -> Settings {
+    let full_kpa = f32::from(number);
+    Settings { contact: ContactRule { full_kpa, ..ContactRule::COUNTED }, period_us: number.into(), ..SETTINGS }
 }
 
 fn serial() -> impl Strategy<Value = Serial> {
@@ -579,7 +609,7 @@ fn hex(bytes: &[u8]) -> String {
 /// `protocol::MINOR`.
 #[test]
 fn messages_have_the_bytes_of_this_version() {
-    assert_eq!((MAJOR, MINOR), (2, 1), "add the bytes of the new version to this test");
+    assert_eq!((MAJOR, MINOR), (2, 2), "add the bytes of the new version to this test");
     let golden = [
         ("hello", framed(&ToHost::Hello(Hello { major: 1, minor: 0, ..hello() })), HELLO),
         ("live", framed(&ToHost::Live(live(300))), LIVE),
@@ -634,6 +664,14 @@ fn messages_have_the_bytes_of_this_version() {
         ("setup cells", framed(&setup_cells()), SETUP_CELLS),
         ("refused: cell rate", framed(&ToHost::Refused(Refusal::CellRate { every: 2 })), CELL_RATE),
         ("refused: no layout", framed(&ToHost::Refused(Refusal::NoLayout)), NO_LAYOUT),
+        ("get settings", framed(&ToDevice::GetSettings), GET_SETTINGS),
+        ("set settings", framed(&ToDevice::SetSettings(Some(SETTINGS))), SET_SETTINGS),
+        ("settings", framed(&ToHost::Settings(None)), NO_SETTINGS),
+        ("get identified", framed(&ToDevice::GetIdentified), GET_IDENTIFIED),
+        ("identified", framed(&ToHost::Identified(Some(IDENTIFIED))), IDENTIFIED_BYTES),
+        ("set identified tissue", framed(&set_identified_tissue()), SET_IDENTIFIED),
+        ("refused: settings", framed(&ToHost::Refused(Refusal::Settings)), SETTINGS_REFUSED),
+        ("refused: contact rule", framed(&ToHost::Refused(Refusal::ContactRule)), RULE_REFUSED),
     ];
     for (name, bytes, expected) in golden {
         assert_eq!(hex(&bytes), expected, "{name}");
@@ -648,6 +686,20 @@ fn cell_frame() -> CellFrame {
     codes[8..16].copy_from_slice(&[160, 320, 480, 640, 800, 960, 1120, 1280]);
     codes[23] = 65520;
     CellCoder::new(Resolution::Converter).pack(300, 2, &codes)
+}
+
+const SETTINGS: Settings = Settings {
+    contact: ContactRule::COVERED,
+    stance: plantar::pipeline::stance::StanceRule::WALKING,
+    period_us: 5_000,
+    scale: 0.9,
+};
+
+const IDENTIFIED: Identified =
+    Identified { contact: ContactRule::COVERED, filter: AreaFilter::Live, side: Some(Side::Right), steps: 300 };
+
+fn set_identified_tissue() -> ToDevice {
+    ToDevice::SetIdentifiedTissue { tissue: *TISSUE, identified: Identified { side: None, ..IDENTIFIED } }
 }
 
 fn setup_cells() -> ToHost {
@@ -680,6 +732,14 @@ const GET_SETUP_CELLS: &str = "0711108b21b70f00";
 const SETUP_CELLS: &str = "050e10010501032041010348430103c841010103803f058b1fbc9c00";
 const CELL_RATE: &str = "08050802ddf05ddf00";
 const NO_LAYOUT: &str = "0705091e5e724500";
+const GET_SETTINGS: &str = "0612c59ebb2100";
+const SET_SETTINGS: &str = "031301010320410103f040010316430103f0410112a041960128c41388276666663f5c3b81b300";
+const NO_SETTINGS: &str = "020f05300e41c600";
+const GET_IDENTIFIED: &str = "0615660bdfbf00";
+const IDENTIFIED_BYTES: &str = "031001010320410103f040010c1643010101ac024c6b728000";
+const SET_IDENTIFIED: &str = "0f14c395a3cf0a6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f4480c409c459a99993fcdcc4c3f010320410103f040010416430107ac02b949d69400";
+const SETTINGS_REFUSED: &str = "07050aa40f7bdc00";
+const RULE_REFUSED: &str = "07050b323f7cab00";
 const STREAM: &str = "0701012813c52f00";
 const ACKNOWLEDGE: &str = "07022911e85d3100";
 const GET_STATUS: &str = "060337be0b4b00";

@@ -7,7 +7,7 @@ use crate::protocol::session::{Command, CommandResult};
 use crate::protocol::update::{Header, Progress, Refusal as UpdateRefusal};
 use crate::protocol::{Identity, Refusal, Step};
 use crate::storage::update::{self, Update};
-use crate::storage::{Bonds, IdentityRecord, StorageError, Store};
+use crate::storage::{Bonds, IdentifiedRecord, IdentityRecord, SettingsRecord, StorageError, Store};
 use core::future::poll_fn;
 use core::pin::{Pin, pin};
 use core::task::{Context, Poll};
@@ -164,7 +164,8 @@ impl Persist<'_> {
         let identity = self.shared.session.borrow().identity();
         let hello = &self.shared.hello;
         match command {
-            Command::Tissue(tissue) => {
+            Command::Tissue(tissue, identified) => {
+                store.put(0, &IdentifiedRecord { tissue_id: tissue.id, identified }).await?;
                 store.put(0, &tissue).await?;
                 log::info!("settings: parameters {:x} are stored", tissue.id);
                 Ok(CommandResult::Stored)
@@ -179,12 +180,20 @@ impl Persist<'_> {
                 Ok(CommandResult::Stored)
             }
             Command::Calibration { layout_id, cells, id } => {
+                // A calibration remains valid if the settings change, but the hello's identifier includes them.
+                let board_layout_id = self.shared.session.borrow().setup().map(|setup| setup.layout_id);
+                let board_layout_id = board_layout_id.ok_or(Refusal::NoLayout)?;
                 let is_of_layout = layout_id == hello.layout_id && cells == hello.cells;
-                if !is_of_layout || !store.put_calibration(layout_id, cells, id).await? {
+                if !is_of_layout || !store.put_calibration(board_layout_id, cells, id).await? {
                     return Err(Refusal::Calibration);
                 }
                 log::info!("settings: calibration {:x} is stored", id);
                 Ok(CommandResult::Identity(Identity { calibration_id: id, ..identity }))
+            }
+            Command::Settings(settings) => {
+                store.put(0, &SettingsRecord(settings)).await?;
+                log::info!("settings: the rules are stored, for the next start");
+                Ok(CommandResult::Stored)
             }
             Command::Restart => {
                 log::info!("restart: requested by the host");

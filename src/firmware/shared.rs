@@ -97,7 +97,7 @@ impl Shared {
         }
     }
 
-    /// Restores the persisted parameters, bonds and identity after a start.
+    /// Restores the persisted bonds and identity after a start.
     pub async fn restore(
         &self,
         store: &mut Store<impl MultiwriteNorFlash>,
@@ -105,10 +105,9 @@ impl Shared {
         calibration_id: u32,
     ) {
         self.contents.set(store.contents());
-        let tissue = store.get(0).await.unwrap_or_default();
         let bonds: Option<Bonds> = store.get(0).await.unwrap_or_default();
         let identity = Identity { side: identity.side, serial: identity.serial, calibration_id };
-        self.session.borrow_mut().restore(tissue, identity);
+        self.session.borrow_mut().restore_identity(identity);
         self.bonds.replace(bonds.map(|Bonds(bytes)| bytes).unwrap_or_default());
     }
 

@@ -5,10 +5,11 @@ use super::scan::{Frame, ScanCounters};
 use super::shared::Shared;
 use crate::insole::Insole;
 use crate::log;
-use crate::pipeline::setup::{DEVICE_CELLS, Setup, SetupCell};
+use crate::pipeline::setup::{DEVICE_CELLS, Setup, SetupCell, SetupError};
+use crate::pipeline::tissue::{Identified, Tissue};
 use crate::protocol::update::Header;
-use crate::protocol::{BLOCK_CELLS, Hello, MAJOR, MAX_FAULT_TEXT, MINOR, Reset, Serial};
-use crate::storage::{IdentityRecord, Store};
+use crate::protocol::{BLOCK_CELLS, Hello, MAJOR, MAX_FAULT_TEXT, MINOR, Reset, Serial, Settings};
+use crate::storage::{IdentifiedRecord, IdentityRecord, SettingsRecord, Store};
 use core::fmt::{Display, Write};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
@@ -113,24 +114,75 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     let stored_identity = store.get(0).await.ok().flatten();
     let identity = stored_identity.unwrap_or(IdentityRecord { side: setup.side, serial: Serial::NONE });
     setup.side = identity.side;
+    let stored = store.get(0).await.ok().flatten().and_then(|SettingsRecord(settings)| settings);
+    let mut settings = stored.filter(Settings::is_valid);
     let insole = memory.insole.take();
     insole.count_steps_from(contents.next_step);
-    let refused = insole.set_up(setup, cells.clone()).err().map(truncated);
+    let mut refused = set_up(insole, &mut setup, &cells, settings).err();
+    if let Some(error) = refused.filter(|_| settings.is_some()) {
+        log::error!("settings: the stored ones do not fit this board: {}", truncated(error).as_str());
+        settings = None;
+        refused = set_up(insole, &mut setup, &cells, None).err();
+    }
+    let cells = cells.map(|cell| scaled(cell, settings));
     let calibrated = memory.cells.take();
     if refused.is_none() {
         // The insole has as many places.
         calibrated.extend(cells.clone().take(DEVICE_CELLS));
     }
     let calibration_id = restore_calibration(store, insole, cells, calibrated).await;
+    let (tissue, identified) = stored_tissue(store).await;
+    let is_of_rule = identified.is_none_or(|identified| identified.contact == setup.contact);
+    let unused = (!is_of_rule).then(|| truncated(OTHER_RULE));
     log::info!("settings: layout {}, calibration {:x}", setup.layout_id, calibration_id);
-    let hello = hello(image, &setup, insole, boot.reset, boot.fault.or(fault).or(refused));
+    let mut hello =
+        hello(image, &setup, insole, boot.reset, boot.fault.or(fault).or(refused.map(truncated)).or(unused));
+    hello.layout_id = settings.map_or(setup.layout_id, |settings| settings.id(setup.layout_id));
     let (to_process, scanned) = memory.channel.init(Channel::new(memory.frames.take())).split();
     let shared = memory.shared.init(Shared::new(hello, serial_bytes_per_s, counters, stack_bytes));
     shared.restore(store, identity, calibration_id).await;
-    if !calibrated.is_empty() {
-        shared.session.borrow_mut().set_layout(setup, calibrated);
+    {
+        let mut session = shared.session.borrow_mut();
+        if is_of_rule {
+            session.restore_tissue(tissue, identified);
+        }
+        if !calibrated.is_empty() {
+            session.set_layout(setup, calibrated, settings);
+        }
     }
     Started { insole, store, shared, to_process, scanned, period_us: setup.period_us }
+}
+
+/// The text of [`Hello::last_panic`] if the stored parameters cannot be used.
+const OTHER_RULE: &str = "the parameters are of another contact rule and not used: identify or send them again";
+
+/// Configures the insole, by the stored settings if there are any, and changes `setup` accordingly.
+///
+/// # Errors
+/// If the configuration is invalid; nothing is changed.
+fn set_up(
+    insole: &mut DeviceInsole,
+    setup: &mut Setup,
+    cells: &(impl Iterator<Item = SetupCell> + Clone),
+    settings: Option<Settings>,
+) -> Result<(), SetupError> {
+    let configured = settings.map_or(*setup, |settings| settings.apply_to(*setup));
+    insole.set_up(configured, cells.clone().map(|cell| scaled(cell, settings)))?;
+    *setup = configured;
+    Ok(())
+}
+
+/// A cell of the board's layout by the settings.
+fn scaled(cell: SetupCell, settings: Option<Settings>) -> SetupCell {
+    settings.map_or(cell, |settings| settings.scaled(cell))
+}
+
+/// The stored parameters and how they were identified; [`Tissue::NONE`] without any.
+async fn stored_tissue(store: &mut Store<impl MultiwriteNorFlash>) -> (Tissue, Option<Identified>) {
+    let tissue: Tissue = store.get(0).await.ok().flatten().unwrap_or(Tissue::NONE);
+    let record: Option<IdentifiedRecord> = store.get(0).await.ok().flatten();
+    let identified = record.filter(|record| record.tissue_id == tissue.id).and_then(|record| record.identified);
+    (tissue, identified)
 }
 
 /// The hello of a board that runs `image`. `fault` is the text of [`Hello::last_panic`].

@@ -1,7 +1,8 @@
 //! The tissue parameters of the wearer.
 
+use super::contact::ContactRule;
 use super::model::ForceLaw;
-use super::region::Region;
+use super::region::{Region, Side};
 use crate::checksum::crc32;
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -53,6 +54,28 @@ impl Tissue {
         let bad = Region::ALL.into_iter().zip(&self.force_laws).find(|(_, law)| !law.is_valid());
         bad.map_or(Ok(()), |(region, _)| Err(TissueError::Region(region)))
     }
+}
+
+/// The filters of the contact area; see "The two paths through the model" in docs/architecture.md.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum AreaFilter {
+    /// The filter of the step record.
+    Step,
+    /// The filter of the live stream.
+    Live,
+}
+
+/// The conditions of the identification of parameters. The parameters hold for areas by the same contact rule only.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Identified {
+    /// The contact rule of the areas.
+    pub contact: ContactRule,
+    /// The filter of the areas.
+    pub filter: AreaFilter,
+    /// The foot; `None` for both feet.
+    pub side: Option<Side>,
+    /// Number of steps.
+    pub steps: u32,
 }
 
 /// The reason why a set of parameters is rejected.

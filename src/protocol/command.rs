@@ -1,15 +1,18 @@
 //! Requests that wait for the storage, and answers that wait for the carrier.
 
 use super::cells::CellStream;
-use super::{CalibrationBlock, Identity, Refusal, Serial, update};
+use super::{CALIBRATION_BLOCKS, CalibrationBlock, Identity, Refusal, Serial, Settings, ToDevice, update};
+use crate::pipeline::calibrate::CellCalibration;
+use crate::pipeline::contact::ContactRule;
 use crate::pipeline::region::Side;
-use crate::pipeline::tissue::Tissue;
+use crate::pipeline::setup::{Setup, SetupCell};
+use crate::pipeline::tissue::{Identified, Tissue};
 
 /// A request that needs the storage. It is answered on completion: [`super::session::Session::complete`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
-    /// Store the wearer's parameters, which are in force from then on.
-    Tissue(Tissue),
+    /// Store the wearer's parameters, which are in force from then on, and how they were identified, if this is known.
+    Tissue(Tissue, Option<Identified>),
     /// Store side and serial number.
     SetIdentity(Side, Serial),
     /// Store a block of a calibration, by its number.
@@ -27,6 +30,70 @@ pub enum Command {
     Restart,
     /// Execute a step of a firmware update.
     Update(update::Request),
+    /// Store settings.
+    Settings(Option<Settings>),
+}
+
+impl Command {
+    /// The command of a request, or the reason why it is refused; `None` for a message that needs no storage. `contact` is the
+    /// contact rule in force.
+    pub(super) fn of(request: &ToDevice, contact: Option<ContactRule>) -> Option<Result<Self, Refusal>> {
+        let accept = |is_accepted: bool, refusal, command| Some(if is_accepted { Ok(command) } else { Err(refusal) });
+        match *request {
+            ToDevice::SetTissue(tissue) => {
+                Some(tissue.check().map(|()| Self::Tissue(tissue, None)).map_err(Refusal::from))
+            }
+            ToDevice::SetIdentifiedTissue { tissue, identified } => match tissue.check() {
+                Err(error) => Some(Err(error.into())),
+                Ok(()) => accept(
+                    contact == Some(identified.contact),
+                    Refusal::ContactRule,
+                    Self::Tissue(tissue, Some(identified)),
+                ),
+            },
+            ToDevice::SetIdentity { side, serial } => {
+                accept(serial.is_valid(), Refusal::Serial, Self::SetIdentity(side, serial))
+            }
+            ToDevice::SetCalibrationBlock { block, cells } => accept(
+                usize::from(block) < CALIBRATION_BLOCKS && cells.iter().all(CellCalibration::is_valid),
+                Refusal::Calibration,
+                Self::CalibrationBlock(block, cells),
+            ),
+            ToDevice::SetCalibration { layout_id, cells, id } => Some(Ok(Self::Calibration { layout_id, cells, id })),
+            ToDevice::SetSettings(settings) => {
+                accept(settings.is_none_or(|settings| settings.is_valid()), Refusal::Settings, Self::Settings(settings))
+            }
+            ToDevice::Restart => Some(Ok(Self::Restart)),
+            ToDevice::Update(request) => Some(Ok(Self::Update(request))),
+            _ => None,
+        }
+    }
+}
+
+/// The parameters and the configuration that hosts read and change; they outlast a session.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Configured {
+    /// The parameters in force.
+    pub tissue: Tissue,
+    /// How they were identified, if this is known.
+    pub identified: Option<Identified>,
+    /// The stored settings.
+    pub settings: Option<Settings>,
+    /// The stored identity.
+    pub identity: Identity,
+    /// The rules and cells in force; `None` without a valid layout.
+    pub layout: Option<(Setup, &'static [SetupCell])>,
+}
+
+impl Configured {
+    /// Before the start has restored anything.
+    pub const NONE: Self = Self {
+        tissue: Tissue::NONE,
+        identified: None,
+        settings: None,
+        identity: Identity { side: Side::Left, serial: Serial::NONE, calibration_id: 0 },
+        layout: None,
+    };
 }
 
 /// The result of a [`Command`].
@@ -54,6 +121,8 @@ pub(super) enum Answer {
     CellStream(Option<CellStream>),
     Setup,
     SetupCells(u16),
+    Settings,
+    Identified,
 }
 
 impl Answer {

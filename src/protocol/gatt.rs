@@ -54,7 +54,7 @@ impl GattChannel {
     /// The characteristic that a request is written to.
     pub const fn of_request(request: &ToDevice) -> Self {
         match request {
-            ToDevice::SetTissue(_) | ToDevice::GetTissue => Self::Parameters,
+            ToDevice::SetTissue(_) | ToDevice::SetIdentifiedTissue { .. } | ToDevice::GetTissue => Self::Parameters,
             _ => Self::Control,
         }
     }

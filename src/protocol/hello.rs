@@ -21,7 +21,7 @@ pub struct Hello {
     pub board: String<16>,
     /// Foot.
     pub side: Side,
-    /// Identifies the layout.
+    /// Identifies the layout, and the settings if any are stored.
     pub layout_id: u32,
     /// Number of cells.
     pub cells: u16,

@@ -1,18 +1,18 @@
 //! The two directions of messages, and their version.
 
 use super::update;
-use super::{CalibrationBlock, CellFrame, CellStream, Hello, Identity, Live, Refusal, Serial, Status, Step};
+use super::{CalibrationBlock, CellFrame, CellStream, Hello, Identity, Live, Refusal, Serial, Settings, Status, Step};
 use crate::faults::Faults;
 use crate::pipeline::region::Side;
 use crate::pipeline::setup::{Setup, SetupCell};
-use crate::pipeline::tissue::Tissue;
+use crate::pipeline::tissue::{Identified, Tissue};
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 /// Major protocol version of this build.
 pub const MAJOR: u8 = 2;
 /// Minor protocol version of this build.
-pub const MINOR: u8 = 1;
+pub const MINOR: u8 = 2;
 
 /// Number of cells in a [`ToHost::SetupCells`].
 pub const SETUP_CELLS: usize = 16;
@@ -64,6 +64,11 @@ pub enum ToHost {
         /// The cells from there on; fewer than [`SETUP_CELLS`] at the end of the layout.
         cells: Vec<SetupCell, SETUP_CELLS>,
     },
+    /// The stored settings, which are in force from the next start on: on request, and when new ones are stored. `None` if the
+    /// board's own configuration is in force.
+    Settings(Option<Settings>),
+    /// How the parameters in force were identified; `None` if the host that set them did not say so.
+    Identified(Option<Identified>),
 }
 
 impl ToHost {
@@ -158,4 +163,19 @@ pub enum ToDevice {
         /// Index of the first cell.
         first: u16,
     },
+    /// Asks for [`ToHost::Settings`].
+    GetSettings,
+    /// Replaces the settings from the next start on, with `None` by the board's own configuration; answered by
+    /// [`ToHost::Settings`] once they are stored, or by [`ToHost::Refused`].
+    SetSettings(Option<Settings>),
+    /// As [`ToDevice::SetTissue`], for parameters that hold for one contact rule: refused where another rule is in force. If the
+    /// rule changes later, the parameters are not used any more.
+    SetIdentifiedTissue {
+        /// The parameters.
+        tissue: Tissue,
+        /// How they were identified.
+        identified: Identified,
+    },
+    /// Asks for [`ToHost::Identified`].
+    GetIdentified,
 }

@@ -1,6 +1,6 @@
 //! Why an insole did not execute a request.
 
-use super::update;
+use super::{SCALE, SETTABLE_PERIOD_US, update};
 use crate::pipeline::model::{AB_M2, COEFFICIENT, LENGTH_M, MAX_EXPONENT};
 use crate::pipeline::region::Region;
 use crate::pipeline::tissue::TissueError;
@@ -33,6 +33,10 @@ pub enum Refusal {
     },
     /// The insole has no valid layout.
     NoLayout,
+    /// Settings that are out of range.
+    Settings,
+    /// The parameters were identified with another contact rule than the one in force.
+    ContactRule,
 }
 
 impl From<TissueError> for Refusal {
@@ -80,6 +84,19 @@ impl fmt::Display for Refusal {
                  serial port"
             ),
             Self::NoLayout => f.write_str("the insole has no valid layout; its hello has the reason"),
+            Self::Settings => write!(
+                f,
+                "the settings are out of range: {} to {} frames/s, a scale of {} to {}, 0 < off_kpa <= on_kpa <= 1000, \
+                 full_kpa = 0 or on_kpa <= full_kpa <= 2000, 0 < release_n <= strike_n <= 1000, \
+                 min_stance_ms < max_stance_ms, min_swing_ms > 0",
+                1_000_000 / SETTABLE_PERIOD_US.end(),
+                1_000_000 / SETTABLE_PERIOD_US.start(),
+                SCALE.start(),
+                SCALE.end(),
+            ),
+            Self::ContactRule => f.write_str(
+                "the parameters were identified with another contact rule than the one of the insole: set the rule first",
+            ),
         }
     }
 }

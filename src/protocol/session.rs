@@ -6,17 +6,14 @@
 //! contains all of them. The wearer's parameters and the clock remain after the session that set them.
 
 use super::cell_stream::CellSender;
-use super::command::Answer;
+use super::command::{Answer, Configured};
 pub use super::command::{Command, CommandResult};
 use super::{
-    CALIBRATION_BLOCKS, Hello, Identity, Live, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Serial, Status, Step, ToDevice,
-    ToHost, encode,
+    Hello, Identity, Live, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Settings, Status, Step, ToDevice, ToHost, encode,
 };
 use crate::faults::Faults;
-use crate::pipeline::calibrate::CellCalibration;
-use crate::pipeline::region::Side;
 use crate::pipeline::setup::{Setup, SetupCell};
-use crate::pipeline::tissue::Tissue;
+use crate::pipeline::tissue::{Identified, Tissue};
 use crate::sequence;
 use heapless::{Deque, Vec};
 
@@ -49,9 +46,7 @@ pub struct Session {
     /// The last acknowledged step that the step log has not removed yet.
     acknowledged: Option<u32>,
     command: Option<Command>,
-    tissue: Tissue,
-    identity: Identity,
-    layout: Option<(Setup, &'static [SetupCell])>,
+    configured: Configured,
     cells: CellSender,
     faults: Faults,
     /// The wall clock, us since 1970, minus the device's time.
@@ -76,9 +71,7 @@ impl Session {
             steps_dropped: 0,
             acknowledged: None,
             command: None,
-            tissue: Tissue::NONE,
-            identity: Identity { side: Side::Left, serial: Serial::NONE, calibration_id: 0 },
-            layout: None,
+            configured: Configured::NONE,
             cells: CellSender::new(),
             faults: Faults::NONE,
             unix_offset_us: None,
@@ -109,39 +102,27 @@ impl Session {
                 }
             }
             ToDevice::GetStatus => self.answer(Answer::Status),
-            ToDevice::SetTissue(tissue) => match tissue.check() {
-                Ok(()) => self.begin(Command::Tissue(tissue)),
-                Err(error) => self.answer(Answer::Refused(error.into())),
-            },
             ToDevice::GetTissue => self.answer(Answer::Tissue),
             ToDevice::GetTime { host_us } => self.answer(Answer::Time { host_us, device_us: now_us }),
             ToDevice::SetClock { unix_us } => self.set_clock(unix_us, now_us),
             ToDevice::GetFaults => self.answer(Answer::Faults),
             ToDevice::GetIdentity => self.answer(Answer::Identity),
-            ToDevice::SetIdentity { side, serial } if serial.is_valid() => {
-                self.begin(Command::SetIdentity(side, serial))
-            }
-            ToDevice::SetIdentity { .. } => self.answer(Answer::Refused(Refusal::Serial)),
-            ToDevice::SetCalibrationBlock { block, cells }
-                if usize::from(block) < CALIBRATION_BLOCKS && cells.iter().all(CellCalibration::is_valid) =>
-            {
-                self.begin(Command::CalibrationBlock(block, cells));
-            }
-            ToDevice::SetCalibrationBlock { .. } => self.answer(Answer::Refused(Refusal::Calibration)),
-            ToDevice::SetCalibration { layout_id, cells, id } => {
-                self.begin(Command::Calibration { layout_id, cells, id });
-            }
-            ToDevice::Restart => self.begin(Command::Restart),
-            ToDevice::Update(request) => self.begin(Command::Update(request)),
             ToDevice::StreamCells(stream) => {
                 self.cells.start(stream);
                 self.answer(Answer::CellStream(stream));
             }
-            ToDevice::GetSetup | ToDevice::GetSetupCells { .. } if self.layout.is_none() => {
+            ToDevice::GetSetup | ToDevice::GetSetupCells { .. } if self.configured.layout.is_none() => {
                 self.answer(Answer::Refused(Refusal::NoLayout));
             }
             ToDevice::GetSetup => self.answer(Answer::Setup),
             ToDevice::GetSetupCells { first } => self.answer(Answer::SetupCells(first)),
+            ToDevice::GetSettings => self.answer(Answer::Settings),
+            ToDevice::GetIdentified => self.answer(Answer::Identified),
+            request => match Command::of(&request, self.setup().map(|setup| setup.contact)) {
+                Some(Ok(command)) => self.begin(command),
+                Some(Err(refusal)) => self.answer(Answer::Refused(refusal)),
+                None => {}
+            },
         }
     }
 
@@ -161,31 +142,46 @@ impl Session {
     pub fn complete(&mut self, result: Result<CommandResult, Refusal>) {
         let Some(command) = self.command.take() else { return };
         // Parameters that could not be stored are in force until the insole restarts.
-        if let (Command::Tissue(tissue), Ok(_) | Err(Refusal::NotStored)) = (command, result) {
-            self.tissue = tissue;
+        if let (Command::Tissue(tissue, identified), Ok(_) | Err(Refusal::NotStored)) = (command, result) {
+            (self.configured.tissue, self.configured.identified) = (tissue, identified);
         }
         let answer = match (result, command) {
             (Err(refusal), _) => Answer::Refused(refusal),
             (Ok(CommandResult::Update(progress)), _) => Answer::Update(progress),
             (Ok(CommandResult::Identity(identity)), _) => {
-                self.identity = identity;
+                self.configured.identity = identity;
                 Answer::Identity
             }
             (Ok(CommandResult::Stored), Command::CalibrationBlock(block, _)) => Answer::CalibrationBlock(block),
+            (Ok(CommandResult::Stored), Command::Settings(settings)) => {
+                self.configured.settings = settings;
+                Answer::Settings
+            }
             (Ok(CommandResult::Stored), _) => Answer::Tissue,
         };
         self.answer(answer);
     }
 
-    /// Restores the persisted parameters and identity after a start. Parameters that do not pass their check are discarded.
-    pub fn restore(&mut self, tissue: Option<Tissue>, identity: Identity) {
-        self.tissue = tissue.filter(|tissue| tissue.check().is_ok()).unwrap_or(Tissue::NONE);
-        self.identity = identity;
+    /// Restores the persisted identity after a start.
+    pub fn restore_identity(&mut self, identity: Identity) {
+        self.configured.identity = identity;
     }
 
-    /// Sets the configuration that hosts can read.
-    pub fn set_layout(&mut self, setup: Setup, cells: &'static [SetupCell]) {
-        self.layout = Some((setup, cells));
+    /// Restores the persisted parameters after a start. Parameters that do not pass their check are discarded.
+    pub fn restore_tissue(&mut self, tissue: Tissue, identified: Option<Identified>) {
+        (self.configured.tissue, self.configured.identified) =
+            if tissue.check().is_ok() { (tissue, identified) } else { (Tissue::NONE, None) };
+    }
+
+    /// Sets the configuration that hosts can read, and the stored settings, which are part of it.
+    pub fn set_layout(&mut self, setup: Setup, cells: &'static [SetupCell], settings: Option<Settings>) {
+        self.configured.layout = Some((setup, cells));
+        self.configured.settings = settings;
+    }
+
+    /// The configuration; `None` without a valid layout.
+    pub fn setup(&self) -> Option<&Setup> {
+        self.configured.layout.as_ref().map(|(setup, _)| setup)
     }
 
     /// Answers a request with a refusal.
@@ -197,7 +193,7 @@ impl Session {
 
     /// The stored identity of the insole.
     pub fn identity(&self) -> Identity {
-        self.identity
+        self.configured.identity
     }
 
     /// The last step that was acknowledged since the last call.
@@ -234,7 +230,7 @@ impl Session {
 
     /// The wearer's parameters: the last that were accepted.
     pub fn tissue(&self) -> &Tissue {
-        &self.tissue
+        &self.configured.tissue
     }
 
     /// Stores the faults that the insole detected; returns how many of them are new.
@@ -249,7 +245,7 @@ impl Session {
     /// The parameters for the next frame; `None` while new ones must be announced first, because live frames before the
     /// announcement use the previous ones.
     pub fn tissue_due(&self) -> Option<&Tissue> {
-        (!self.answers.iter().any(Answer::is_announcement)).then_some(&self.tissue)
+        (!self.answers.iter().any(Answer::is_announcement)).then_some(&self.configured.tissue)
     }
 
     /// Sets the wall clock.
@@ -275,9 +271,7 @@ impl Session {
             steps_dropped: self.steps_dropped,
             acknowledged: self.acknowledged,
             command: self.command,
-            tissue: self.tissue,
-            identity: self.identity,
-            layout: self.layout,
+            configured: self.configured,
             faults: core::mem::take(&mut self.faults),
             unix_offset_us: self.unix_offset_us,
             clock_sets: self.clock_sets,
@@ -333,7 +327,7 @@ impl Session {
         buffer: &'b mut [u8],
     ) -> Option<&'b [u8]> {
         let message = if core::mem::take(&mut self.is_hello_due) {
-            ToHost::Hello(Hello { tissue_id: self.tissue.id, ..hello.clone() })
+            ToHost::Hello(Hello { tissue_id: self.configured.tissue.id, ..hello.clone() })
         } else if let Some(step) = self.steps.iter().nth(self.steps_sent).filter(|_| self.is_open) {
             self.steps_sent += 1;
             ToHost::Step(*step)
@@ -360,20 +354,22 @@ impl Session {
                     rezeroed: self.faults.rezeroed,
                     ..status()
                 }),
-                Answer::Tissue => ToHost::Tissue(self.tissue),
+                Answer::Tissue => ToHost::Tissue(self.configured.tissue),
                 Answer::Refused(refusal) => ToHost::Refused(refusal),
                 Answer::Faults => ToHost::Faults(self.faults.clone()),
                 Answer::Time { host_us, device_us } => ToHost::Time { host_us, device_us },
-                Answer::Identity => ToHost::Identity(self.identity),
+                Answer::Identity => ToHost::Identity(self.configured.identity),
                 Answer::CalibrationBlock(block) => ToHost::CalibrationBlock { block },
                 Answer::Update(progress) => ToHost::Update(progress),
                 Answer::CellStream(stream) => ToHost::CellStream(stream),
-                Answer::Setup => ToHost::Setup(self.layout?.0),
+                Answer::Setup => ToHost::Setup(self.configured.layout?.0),
                 Answer::SetupCells(first) => {
-                    let rest = self.layout?.1.get(usize::from(first)..).unwrap_or_default();
+                    let rest = self.configured.layout?.1.get(usize::from(first)..).unwrap_or_default();
                     let cells = rest.iter().copied().take(SETUP_CELLS).collect();
                     ToHost::SetupCells { first, cells }
                 }
+                Answer::Settings => ToHost::Settings(self.configured.settings),
+                Answer::Identified => ToHost::Identified(self.configured.identified),
             }
         };
         // Every message fits MAX_MESSAGE, the least size of `buffer`.

@@ -14,7 +14,10 @@ mod records;
 mod store;
 pub mod update;
 
-pub use records::{Bonds, BootCounters, CalibrationRecord, CellsRecord, IdentityRecord, MAX_BONDS_BYTES, Record};
+pub use records::{
+    Bonds, BootCounters, CalibrationRecord, CellsRecord, IdentifiedRecord, IdentityRecord, MAX_BONDS_BYTES, Record,
+    SettingsRecord,
+};
 pub use store::Store;
 
 use sequential_storage::Error;

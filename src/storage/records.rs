@@ -2,8 +2,8 @@
 
 use super::migration;
 use crate::pipeline::region::Side;
-use crate::pipeline::tissue::Tissue;
-use crate::protocol::{CalibrationBlock, Reset, Serial};
+use crate::pipeline::tissue::{Identified, Tissue};
+use crate::protocol::{CalibrationBlock, Reset, Serial, Settings};
 use heapless::Vec;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -50,6 +50,20 @@ pub struct CalibrationRecord {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CellsRecord(pub CalibrationBlock);
 
+/// The settings; in force from the next start on. `None` if a host has returned the insole to the board's own configuration.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SettingsRecord(pub Option<Settings>);
+
+/// How parameters were identified.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct IdentifiedRecord {
+    /// The parameters, by [`Tissue::id`]. The record is written before them, so after a loss of power it may belong to
+    /// parameters that are not stored.
+    pub tissue_id: u32,
+    /// `None` if the host that set the parameters did not say so.
+    pub identified: Option<Identified>,
+}
+
 /// The bonded centrals, in the format of the package `bluetooth`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Bonds(pub Vec<u8, MAX_BONDS_BYTES>);
@@ -92,6 +106,8 @@ records! {
     CellsRecord: 4, 1;
     Bonds: 5, 1;
     BootCounters: 6, 1;
+    SettingsRecord: 7, 1;
+    IdentifiedRecord: 8, 1;
 }
 
 /// Key of a record: kind, part (for blocks of a calibration; otherwise 0) and version. The version is in the key so that a record

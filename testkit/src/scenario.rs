@@ -10,8 +10,10 @@ use crate::world::{Physical, SharedWorld, World};
 use emulator::SensorFault;
 use parameters::{InsoleSize, Parameters};
 use plantar::firmware::shared::STEP_QUEUE;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::tissue::{AreaFilter, Identified};
 use plantar::protocol::update::{Progress, Request};
-use plantar::protocol::{Serial, Status, Step, StepRegion, ToDevice};
+use plantar::protocol::{Serial, Settings, Status, Step, StepRegion, ToDevice};
 use plantar::sequence::is_after;
 use serde::Deserialize;
 use std::cell::RefCell;
@@ -149,6 +151,19 @@ pub enum Event {
     ValueLength(usize),
     /// The host sets the wearer's parameters: typical ones.
     SetParameters,
+    /// The host sets typical parameters as if they were identified with a contact rule of this `full_kpa`.
+    SetIdentified {
+        /// [`plantar::pipeline::contact::ContactRule::full_kpa`].
+        full_kpa: f32,
+    },
+    /// The host sets the insole's settings, with a contact rule of this `full_kpa`; without one, it removes them.
+    SetSettings {
+        /// [`plantar::pipeline::contact::ContactRule::full_kpa`].
+        full_kpa: Option<f32>,
+        /// Frames per second.
+        #[serde(default = "usual_rate")]
+        rate_hz: u32,
+    },
     /// The host sets the serial number.
     SetSerial(String),
     /// The host restarts the insole.
@@ -165,6 +180,10 @@ pub enum Event {
 
 fn yes() -> bool {
     true
+}
+
+fn usual_rate() -> u32 {
+    100
 }
 
 /// A task of the firmware that can stall.
@@ -213,6 +232,10 @@ pub struct Expect {
     pub version: Option<String>,
     /// Serial number of the first insole at the end.
     pub serial: Option<String>,
+    /// `full_kpa` of the contact rule of the first insole at the end.
+    pub contact_full_kpa: Option<f32>,
+    /// Frames per second of the first insole at the end.
+    pub rate_hz: Option<u32>,
     /// Whether the first insole has parameters at the end.
     pub parameters: Option<bool>,
     /// A part of the text of one of the client's errors.
@@ -325,6 +348,19 @@ fn request(host: &mut Host, event: &Event) -> Result<(), client::Error> {
     let Some(client) = &mut host.client else { return Ok(()) };
     match event {
         Event::SetParameters => client.set_tissue(&Parameters::typical(InsoleSize::default()).tissue()),
+        Event::SetIdentified { full_kpa } => {
+            let contact = ContactRule { full_kpa: *full_kpa, ..ContactRule::COUNTED };
+            let identified = Identified { contact, filter: AreaFilter::Step, side: None, steps: 30 };
+            client.set_identified_tissue(&Parameters::typical(InsoleSize::default()).tissue(), identified)
+        }
+        Event::SetSettings { full_kpa, rate_hz } => {
+            let setup = client.setup()?;
+            client.set_settings(full_kpa.map(|full_kpa| Settings {
+                contact: ContactRule { full_kpa, ..setup.contact },
+                period_us: 1_000_000 / rate_hz,
+                ..Settings::of(&setup)
+            }))
+        }
         Event::SetSerial(serial) => {
             let identity = client.identity()?;
             let serial = Serial::new(serial).unwrap_or(Serial::NONE);
@@ -452,7 +488,8 @@ impl Outcome {
                 (steps, boot.is_cut_short)
             });
             let last = insole.boots.last();
-            let period_us = u64::from(insole.wearer.borrow().setup().period_us);
+            let hello = host.hellos.last();
+            let period_us = u64::from(hello.map_or(insole.wearer.borrow().setup().period_us, |hello| hello.period_us));
             InsoleOutcome {
                 status,
                 computed: computed.collect(),
@@ -533,6 +570,17 @@ impl Outcome {
         if let Some(text) = &expect.last_fault {
             let fault = hello.and_then(|hello| hello.last_panic.as_deref()).unwrap_or("none");
             compare("last fault", text.clone(), if fault.contains(text) { text.clone() } else { fault.into() });
+        }
+        if let Some(full_kpa) = expect.contact_full_kpa {
+            let found = hello.map(|hello| hello.contact_rule.full_kpa);
+            compare("full_kpa", format!("{:?}", Some(full_kpa)), format!("{found:?}"));
+        }
+        if let Some(rate_hz) = expect.rate_hz {
+            compare(
+                "frames per second",
+                format!("{:?}", Some(rate_hz)),
+                format!("{:?}", hello.map(|h| 1_000_000 / h.period_us)),
+            );
         }
         if let Some(serial) = &expect.serial {
             let identity = first.host.client.as_mut().and_then(|client| client.identity().ok());

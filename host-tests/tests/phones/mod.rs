@@ -363,7 +363,11 @@ impl Phone {
     /// Sends a message in fragments.
     pub fn send(&self, radio: &mut RadioSimulation, message: ToDevice) {
         let characteristic =
-            if matches!(message, ToDevice::SetTissue(_) | ToDevice::GetTissue) { PARAMETERS } else { CONTROL };
+            if matches!(message, ToDevice::SetTissue(_) | ToDevice::SetIdentifiedTissue { .. } | ToDevice::GetTissue) {
+                PARAMETERS
+            } else {
+                CONTROL
+            };
         for fragment in fragments(&message, self.max_len) {
             self.write(radio, characteristic, &fragment).expect("the insole accepts the value");
         }
@@ -399,16 +403,7 @@ impl Phone {
                 ToHost::Live(_) | ToHost::Cells(_) => LIVE,
                 ToHost::Step(_) => STEPS,
                 ToHost::Tissue(_) | ToHost::Refused(_) => PARAMETERS,
-                ToHost::Hello(_)
-                | ToHost::Status(_)
-                | ToHost::Time { .. }
-                | ToHost::Faults(_)
-                | ToHost::Identity(_)
-                | ToHost::CalibrationBlock { .. }
-                | ToHost::Update(_)
-                | ToHost::CellStream(_)
-                | ToHost::Setup(_)
-                | ToHost::SetupCells { .. } => CONTROL,
+                _ => CONTROL,
             };
             assert_eq!(of, characteristic);
             return (at, message);

@@ -6,9 +6,9 @@ use plantar::Side;
 use plantar::faults::Faults;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::setup::{Setup, SetupCell};
-use plantar::pipeline::tissue::Tissue;
+use plantar::pipeline::tissue::{Identified, Tissue};
 use plantar::protocol::{
-    BLOCK_CELLS, CalibrationId, CellStream, Hello, Identity, SETUP_CELLS, Serial, Status, ToDevice, ToHost,
+    BLOCK_CELLS, CalibrationId, CellStream, Hello, Identity, SETUP_CELLS, Serial, Settings, Status, ToDevice, ToHost,
 };
 use std::time::Duration;
 
@@ -40,6 +40,49 @@ impl<C: Carrier> Client<C> {
     /// See the `impl` block.
     pub fn tissue(&mut self) -> Result<Tissue, Error> {
         self.request_tissue(ToDevice::GetTissue, |_| true)
+    }
+
+    /// As [`Client::set_tissue`], for parameters that hold for one contact rule.
+    ///
+    /// # Errors
+    /// See the `impl` block; [`plantar::protocol::Refusal::ContactRule`] if another rule is in force.
+    pub fn set_identified_tissue(&mut self, tissue: &Tissue, identified: Identified) -> Result<(), Error> {
+        let request = ToDevice::SetIdentifiedTissue { tissue: *tissue, identified };
+        self.request_tissue(request, |in_force| in_force.id == tissue.id).map(drop)
+    }
+
+    /// How the parameters on the insole were identified; `None` if this is not known.
+    ///
+    /// # Errors
+    /// See the `impl` block.
+    pub fn identified(&mut self) -> Result<Option<Identified>, Error> {
+        self.request(ToDevice::GetIdentified, |message| match message {
+            ToHost::Identified(identified) => Some(*identified),
+            _ => None,
+        })
+    }
+
+    /// The stored settings; `None` if the board's own configuration is in force.
+    ///
+    /// # Errors
+    /// See the `impl` block.
+    pub fn settings(&mut self) -> Result<Option<Settings>, Error> {
+        self.request_settings(ToDevice::GetSettings)
+    }
+
+    /// Stores settings, or `None` for the board's own configuration. They are in force from the insole's next start on.
+    ///
+    /// # Errors
+    /// See the `impl` block; [`plantar::protocol::Refusal::Settings`] if a value is out of range.
+    pub fn set_settings(&mut self, settings: Option<Settings>) -> Result<(), Error> {
+        self.request_settings(ToDevice::SetSettings(settings)).map(drop)
+    }
+
+    fn request_settings(&mut self, request: ToDevice) -> Result<Option<Settings>, Error> {
+        self.request(request, |message| match message {
+            ToHost::Settings(settings) => Some(*settings),
+            _ => None,
+        })
     }
 
     fn request_tissue(&mut self, request: ToDevice, is_answer: impl Fn(&Tissue) -> bool) -> Result<Tissue, Error> {

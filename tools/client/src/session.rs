@@ -231,16 +231,8 @@ impl<C: Carrier> Client<C> {
                     return Ok(None);
                 }
             }
-            ToHost::Tissue(_)
-            | ToHost::Refused(_)
-            | ToHost::Faults(_)
-            | ToHost::Identity(_)
-            | ToHost::CalibrationBlock { .. }
-            | ToHost::Update(_)
-            | ToHost::CellStream(_)
-            | ToHost::Cells(_)
-            | ToHost::Setup(_)
-            | ToHost::SetupCells { .. } => {}
+            // Answers are matched with their requests by `Client::request`.
+            _ => {}
         }
         Ok(Some(message))
     }

@@ -8,10 +8,10 @@ pub use defaults::InsoleSize;
 pub use participant::Participant;
 pub use thickness::Thickness;
 
-use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::model::{COEFFICIENT, Ellipsoid, ForceLaw, LENGTH_M, MAX_EXPONENT, is_within};
-use plantar::pipeline::tissue::Tissue;
+use plantar::pipeline::tissue::{self, AreaFilter, Tissue};
+use plantar::{Region, Side};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -72,6 +72,39 @@ pub struct Identified {
     /// Number of steps.
     pub steps: u32,
 }
+
+impl Identified {
+    /// The conditions in the form of an insole.
+    pub fn on_insole(&self) -> tissue::Identified {
+        tissue::Identified {
+            contact: self.contact,
+            filter: if self.filter == LIVE { AreaFilter::Live } else { AreaFilter::Step },
+            side: [Side::Left, Side::Right].into_iter().find(|side| side.name() == self.side),
+            steps: self.steps,
+        }
+    }
+
+    /// The conditions that an insole stores.
+    pub fn from_insole(stored: &tissue::Identified) -> Self {
+        Self {
+            filter: match stored.filter {
+                AreaFilter::Step => STEP,
+                AreaFilter::Live => LIVE,
+            }
+            .into(),
+            contact: stored.contact,
+            side: stored.side.map_or(BOTH, Side::name).into(),
+            steps: stored.steps,
+        }
+    }
+}
+
+/// [`Identified::filter`] of the step record.
+const STEP: &str = "step";
+/// [`Identified::filter`] of the live stream.
+const LIVE: &str = "live";
+/// [`Identified::side`] of both feet.
+const BOTH: &str = "both";
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -155,6 +188,16 @@ impl Parameters {
             side: i.side,
             steps: i.steps,
         });
+        let is_known = |identified: &Identified| {
+            [STEP, LIVE].contains(&identified.filter.as_str())
+                && [BOTH, Side::Left.name(), Side::Right.name()].contains(&identified.side.as_str())
+        };
+        if identified.as_ref().is_some_and(|identified| !is_known(identified)) {
+            return Err(form(
+                "[identified] expected a filter of \"step\" or \"live\", and a side of \"left\", \"right\" or \"both\""
+                    .into(),
+            ));
+        }
         if identified.as_ref().is_some_and(|i| !i.contact.is_valid()) {
             return Err(form(
                 "[identified] the contact rule is out of range: needs 0 < contact_off_kpa <= contact_on_kpa, and \
@@ -168,7 +211,7 @@ impl Parameters {
     /// The force laws of an insole as ellipsoids with the same force. A force law determines neither A / B nor d0, so A = B and
     /// d0 = C are assumed. [`Parameters::tissue`] of the result is equal to `tissue` to the bit, also after a file was written
     /// and read: the rounding errors of double precision are far below half a unit in the last place of single precision.
-    pub fn from_tissue(tissue: &Tissue) -> Self {
+    pub fn from_tissue(tissue: &Tissue, identified: Option<&tissue::Identified>) -> Self {
         let regions = tissue.force_laws.map(|law| {
             let law = ForceLaw::<f64>::of(&law);
             let radius_m = law.ab_m2.sqrt();
@@ -185,8 +228,8 @@ impl Parameters {
         });
         Self {
             subject: format!("pulled from an insole, parameters {:08x}", tissue.id),
-            personal: false,
-            identified: None,
+            personal: identified.is_some(),
+            identified: identified.map(Identified::from_insole),
             regions,
         }
     }

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use clap::{ArgGroup, Args};
 #[cfg(feature = "ble")]
 use client::ble::{BleCarrier, Selector};
-use client::{Carrier, Error, Framed, Link, READ_TIMEOUT, ReconnectPolicy};
+use client::{Carrier, Client, Error, Framed, Link, READ_TIMEOUT, ReconnectPolicy};
 use serialport::{ErrorKind, SerialPort};
 use std::fmt;
 use std::io;
@@ -30,6 +30,9 @@ pub struct Connection {
     #[arg(long, value_name = "FOOT", group = "insole")]
     ble: Option<Selector>,
 }
+
+/// The client of a connected insole.
+pub type AnyClient = Client<Box<dyn Carrier>>;
 
 /// A connected insole.
 pub type Insole = Link<Box<dyn Carrier>>;

@@ -1,4 +1,4 @@
-//! `plantar insole`: identity and calibration of an insole.
+//! `plantar insole`: identity, settings and calibration of an insole.
 
 use crate::carrier::{self, Connection};
 use anyhow::{Context, Result, bail, ensure};
@@ -10,9 +10,12 @@ use plantar::protocol::{Identity, Serial};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
+mod settings;
+use settings::{SettingsArgs, print_settings};
+
 #[derive(Subcommand)]
 pub enum Insole {
-    /// Show the foot, serial number, calibration, number of boots and storage errors of an insole.
+    /// Show the foot, serial number, settings, calibration, number of boots and storage errors of an insole.
     Show {
         #[command(flatten)]
         connection: Connection,
@@ -25,6 +28,16 @@ pub enum Insole {
         /// The serial number: up to 16 letters, digits or punctuation marks, without spaces [default: unchanged].
         #[arg(long, value_name = "TEXT", value_parser = serial)]
         serial_number: Option<Serial>,
+        #[command(flatten)]
+        connection: Connection,
+    },
+    /// Set the rules, the frame rate and the size of an insole. The insole restarts afterwards.
+    ///
+    /// Values that are not given remain as they are. Parameters that were identified with another contact rule are not used any
+    /// more.
+    Set {
+        #[command(flatten)]
+        settings: SettingsArgs,
         #[command(flatten)]
         connection: Connection,
     },
@@ -79,6 +92,12 @@ impl Insole {
                 print(&identity);
                 Ok(())
             }
+            Self::Set { settings, connection } => {
+                let mut insole = connection.open(ReconnectPolicy::RESTART)?;
+                settings.set(insole.client())?;
+                restart(&mut insole)?;
+                print_settings(insole.client())
+            }
             Self::Calibrate { file, connection } => {
                 let cells = read(file)?;
                 let mut insole = connection.open(ReconnectPolicy::RESTART)?;
@@ -111,6 +130,8 @@ fn show(connection: &Connection) -> Result<()> {
     let hello = client.hello();
     println!("{} insole, firmware {}, {} cells", hello.board, hello.firmware, hello.cells);
     print(&identity);
+    print_settings(client)?;
+    let hello = client.hello();
     println!(
         "boot number {}, reset reason: {}, steps so far: {}",
         contents.start,
@@ -156,7 +177,7 @@ fn print(identity: &Identity) {
 }
 
 /// Restarts an insole and waits until it answers again.
-fn restart(insole: &mut carrier::Insole) -> Result<()> {
+pub fn restart(insole: &mut carrier::Insole) -> Result<()> {
     insole.restart().context("the insole did not answer after its restart: switch it off and on")?;
     Ok(())
 }

@@ -1,14 +1,17 @@
 //! `plantar params`: tissue parameters in files and on insoles.
 
-use crate::carrier::Connection;
-use crate::setup::{note_unless_personal, note_unless_same_rule};
+use crate::carrier::{Connection, Insole};
+use crate::insole::restart;
+use crate::setup::{note_unless_personal, rule_in_words};
 use crate::summary;
 use anyhow::{Context, Result, bail};
 use clap::Subcommand;
 use client::ReconnectPolicy;
-use parameters::{InsoleSize, Parameters};
+use parameters::{Identified as Conditions, InsoleSize, Parameters};
 use plantar::Region;
-use plantar::pipeline::tissue::Tissue;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::tissue::{Identified, Tissue};
+use plantar::protocol::Settings;
 use std::path::{Path, PathBuf};
 
 #[derive(Subcommand)]
@@ -30,7 +33,8 @@ pub enum Params {
         #[command(flatten)]
         connection: Connection,
     },
-    /// Send the parameters in a file to an insole, which uses them from its next frame on and stores them.
+    /// Send the parameters in a file to an insole, which uses them from its next frame on and stores them. If they were identified
+    /// with another contact rule than that of the insole, the insole's rule is changed first, and the insole restarts.
     Push {
         /// The parameter file.
         file: PathBuf,
@@ -61,7 +65,14 @@ impl Params {
                 Ok(())
             }
             Self::Show { file: None, connection } => {
-                show(&read_tissue(connection)?);
+                let (tissue, identified) = read_tissue(connection)?;
+                match identified.as_ref().map(parameters::Identified::from_insole) {
+                    Some(Conditions { filter, contact, side, steps }) => {
+                        println!("identified from {steps} steps ({side}), {filter} filter, {}", rule_in_words(&contact))
+                    }
+                    None => println!("not known to be personal"),
+                }
+                show(&tissue);
                 Ok(())
             }
             Self::Push { file, connection } => push(file, connection),
@@ -74,46 +85,72 @@ impl Params {
 fn push(file: &Path, connection: &Connection) -> Result<()> {
     let parameters = Parameters::read(file)?;
     note_unless_personal(&parameters);
-    let tissue = parameters.tissue();
     let mut insole = connection.open(ReconnectPolicy::RESTART)?;
-    let client = insole.client();
-    if let Some(identified) = &parameters.identified {
-        note_unless_same_rule(&identified.contact, &client.hello().contact_rule);
-        let side = client.hello().side.name();
-        if identified.side != side && identified.side != "both" {
-            eprintln!(
-                "note: these parameters were identified from the {} foot, but this insole is for the {side} foot",
-                identified.side
-            );
-        }
+    let before = insole.client().hello().tissue_id;
+    send(&mut insole, &parameters)?;
+    let id = parameters.tissue().id;
+    println!("parameters on the insole: {} before, now {}; they are stored", name(before), name(id));
+    Ok(())
+}
+
+/// Sends parameters to an insole. If they were identified with another contact rule than that of the insole, sets the rule first,
+/// for which the insole restarts.
+pub fn send(insole: &mut Insole, parameters: &Parameters) -> Result<()> {
+    let tissue = parameters.tissue();
+    let Some(identified) = &parameters.identified else { return Ok(insole.client().set_tissue(&tissue)?) };
+    let side = insole.client().hello().side.name();
+    if identified.side != side && identified.side != "both" {
+        eprintln!(
+            "note: these parameters were identified from the {} foot, but this insole is for the {side} foot",
+            identified.side
+        );
     }
-    let before = client.hello().tissue_id;
-    client.set_tissue(&tissue)?;
-    println!("parameters on the insole: {} before, now {}; they are stored", name(before), name(tissue.id));
+    set_rule(insole, identified.contact)?;
+    Ok(insole.client().set_identified_tissue(&tissue, identified.on_insole())?)
+}
+
+/// Sets the contact rule of an insole, unless it is in force already. The insole restarts.
+pub fn set_rule(insole: &mut Insole, contact: ContactRule) -> Result<()> {
+    let client = insole.client();
+    if client.hello().contact_rule == contact {
+        return Ok(());
+    }
+    let base = match client.settings()? {
+        Some(settings) => settings,
+        None => Settings::of(&client.setup()?),
+    };
+    client.set_settings(Some(Settings { contact, ..base }))?;
+    restart(insole)?;
+    let in_force = insole.client().hello().contact_rule;
+    if in_force != contact {
+        bail!("the insole did not adopt the contact rule; its rule is still {}", rule_in_words(&in_force));
+    }
+    println!("contact rule of the insole: now {}", rule_in_words(&contact));
     Ok(())
 }
 
 /// Writes the parameters on an insole to a file.
 fn pull(out: &Path, connection: &Connection) -> Result<()> {
-    let tissue = read_tissue(connection)?;
+    let (tissue, identified) = read_tissue(connection)?;
     let text = format!(
         "# Read from an insole, which stores only A B, C, K, n, G and m. The other values are not known: here\n\
-         # a = b = sqrt(A B), d0 = C, k = K / C and c = G / C, which results in the same force. An insole does not\n\
-         # store whether its parameters are personal.\n\n{}",
-        Parameters::from_tissue(&tissue).to_toml()
+         # a = b = sqrt(A B), d0 = C, k = K / C and c = G / C, which results in the same force.\n\n{}",
+        Parameters::from_tissue(&tissue, identified.as_ref()).to_toml()
     );
     std::fs::write(out, text).with_context(|| format!("cannot write {}", out.display()))?;
     println!("wrote {}: parameters {}", out.display(), name(tissue.id));
     Ok(())
 }
 
-/// Reads the parameters on an insole.
-fn read_tissue(connection: &Connection) -> Result<Tissue> {
-    let tissue = connection.open(ReconnectPolicy::RESTART)?.client().tissue()?;
+/// Reads the parameters on an insole, and how they were identified.
+fn read_tissue(connection: &Connection) -> Result<(Tissue, Option<Identified>)> {
+    let mut insole = connection.open(ReconnectPolicy::RESTART)?;
+    let tissue = insole.client().tissue()?;
     if tissue == Tissue::NONE {
         bail!("the insole has no parameters: send some with `plantar params push`");
     }
-    Ok(tissue)
+    // Older firmware does not store how its parameters were identified, and refuses the request.
+    Ok((tissue, insole.client().identified().unwrap_or_default()))
 }
 
 /// The identifier of a parameter set as text. Sets with the same identifier are equal.

@@ -1,7 +1,9 @@
 //! Tests `plantar params` and `plantar insole` with files, and with a simulated insole on the network that runs the code of the
 //! firmware's session.
 
+use parameters::{Identified, InsoleSize, Parameters};
 use plantar::pipeline::calibrate::CellCalibration;
+use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::region::Side;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::CalibrationId;
@@ -18,6 +20,7 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address");
     let session = Arc::new(Mutex::new(Session::new()));
+    session.lock().expect("no panic").set_layout(testkit::SETUP, &[], None);
     let insole = session.clone();
     std::thread::spawn(move || {
         for mut host in listener.incoming().map(|host| host.expect("a host")) {
@@ -39,10 +42,17 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
                             _ => CommandResult::Stored,
                         };
                         session.complete(Ok(result));
+                        if let ToDevice::SetSettings(settings) = message {
+                            // A real insole adopts its settings when it restarts, which always follows.
+                            let setup = settings.map_or(testkit::SETUP, |settings| settings.apply_to(testkit::SETUP));
+                            session.set_layout(setup, &[], settings);
+                        }
                     }
                 }
                 let (mut message, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
-                while let Some(message) = session.next(&hello(), Status::default, &mut message) {
+                let contact_rule = session.setup().expect("it has a layout").contact;
+                let hello = Hello { contact_rule, ..hello() };
+                while let Some(message) = session.next(&hello, Status::default, &mut message) {
                     let len = protocol::frame(message, &mut framed);
                     host.write_all(&framed[..len]).expect("the host is connected");
                 }
@@ -108,18 +118,81 @@ fn parameters_are_sent_shown_and_read() {
     assert!(text.contains("pulled.toml") && text.contains(&id()), "{text}");
     let text = std::fs::read_to_string(path.join("pulled.toml")).expect("a file");
     assert!(text.contains("a = b = sqrt(A B), d0 = C"), "{text}");
-    let pulled = parameters::Parameters::read(&path.join("pulled.toml")).expect("a valid file");
+    let pulled = Parameters::read(&path.join("pulled.toml")).expect("a valid file");
     assert_eq!(pulled.tissue(), *session.lock().expect("no panic").tissue());
 
     // The insole, the file that was sent and the file that was read back have the same force laws. The files also have
     // ellipsoids.
     let on_insole = succeed(path, &format!("show --tcp {address}"));
     assert!(on_insole.contains(&id()) && on_insole.contains("K kPa") && !on_insole.contains("d0 mm"), "{on_insole}");
+    let on_insole = on_insole.strip_prefix("not known to be personal\n").expect("typical parameters");
     for file in ["other.toml", "pulled.toml"] {
         let shown = succeed(path, &format!("show {file}"));
-        assert!(shown.ends_with(&on_insole) && shown.contains("d0 mm"), "{shown}");
+        assert!(shown.ends_with(on_insole) && shown.contains("d0 mm"), "{shown}");
     }
     assert!(succeed(path, "show other.toml").starts_with("typical, size 41, not personal"));
+}
+
+#[test]
+fn parameters_and_their_contact_rule_are_set_together() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let (address, session) = insole();
+    let mut parameters = Parameters::typical(InsoleSize::default());
+    parameters.personal = true;
+    parameters.identified =
+        Some(Identified { filter: "step".into(), contact: ContactRule::COVERED, side: "right".into(), steps: 31 });
+    parameters.write(&path.join("params.toml")).expect("written");
+    let output = params(path, &format!("push params.toml --tcp {address}"));
+    let [stdout, stderr] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).expect("text"));
+    assert!(output.status.success() && stdout.contains("sqrt(p / 150 kPa)"), "{stdout} {stderr}");
+    assert!(stderr.contains("identified from the right foot, but this insole is for the left"), "{stderr}");
+    {
+        let session = session.lock().expect("no panic");
+        assert_eq!(session.setup().map(|setup| setup.contact), Some(ContactRule::COVERED));
+        assert_eq!(*session.tissue(), parameters.tissue());
+    }
+    // The insole stores the conditions, which are read back with the parameters.
+    let shown = succeed(path, &format!("show --tcp {address}"));
+    assert!(shown.contains("identified from 31 steps (right)"), "{shown}");
+    succeed(path, &format!("pull --out pulled.toml --tcp {address}"));
+    let pulled = Parameters::read(&path.join("pulled.toml")).expect("a valid file");
+    assert_eq!((pulled.personal, pulled.identified), (true, parameters.identified));
+}
+
+#[test]
+fn settings_are_set_shown_and_removed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let (address, session) = insole();
+    let run = |arguments: &str| {
+        let output = plantar(folder, &format!("insole {arguments} --tcp {address}"));
+        let text = |bytes| String::from_utf8(bytes).expect("text");
+        (output.status.success(), text(output.stdout), text(output.stderr))
+    };
+    let (done, text, _) = run("show");
+    assert!(done && text.contains("of the firmware") && text.contains("whole cells"), "{text}");
+    let (done, text, error) = run("set --contact-full 150 --rate 200 --size 39 --strike 40 --max-stance 2000");
+    let words =
+        ["set by a host", "sqrt(p / 150 kPa)", "from 40 N until below 20 N", "to 2000 ms", "200 frames/s", "92.9 %"];
+    assert!(done && words.iter().all(|words| text.contains(words)), "{text} {error}");
+    // Other values remain as they are.
+    let (done, text, _) = run("set --contact-on 12");
+    assert!(done && text.contains("on at 12 kPa, off below 7.5 kPa") && text.contains("200 frames/s"), "{text}");
+    for (arguments, words) in [
+        ("set", "nothing to change"),
+        ("set --contact-full 150", "nothing to change"),
+        ("set --contact-on 5", "off_kpa <= on_kpa"),
+        ("set --rate 500", "50..=400"),
+        ("set --size 60", "from 35 to 46"),
+        ("set --reset --rate 100", "cannot be used with"),
+    ] {
+        let (done, _, text) = run(arguments);
+        assert!(!done && text.contains(words), "{arguments}: {text}");
+    }
+    let (done, text, _) = run("set --reset");
+    assert!(done && text.contains("of the firmware") && text.contains("100 frames/s"), "{text}");
+    assert_eq!(session.lock().expect("no panic").setup(), Some(&testkit::SETUP));
 }
 
 #[test]

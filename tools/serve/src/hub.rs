@@ -187,7 +187,7 @@ const CONNECT: ToDevice = ToDevice::Connect { major: plantar::protocol::MAJOR, m
 /// Opens the session of a page, with the parameters of the insole.
 fn open_session(link: &mut Session, connect: ToDevice, tissue: Option<Tissue>) {
     link.receive(connect, NO_CLOCK_US);
-    link.restore(tissue, link.identity());
+    link.restore_tissue(tissue.unwrap_or(Tissue::NONE), None);
 }
 
 /// A page that is connected to the hub until this value is dropped.
@@ -218,7 +218,11 @@ impl Page {
             // A page may not change the settings of an insole.
             Some(
                 ToDevice::SetTissue(_)
+                | ToDevice::SetIdentifiedTissue { .. }
                 | ToDevice::GetTissue
+                | ToDevice::GetIdentified
+                | ToDevice::GetSettings
+                | ToDevice::SetSettings(_)
                 | ToDevice::GetIdentity
                 | ToDevice::SetIdentity { .. }
                 | ToDevice::Update(_)

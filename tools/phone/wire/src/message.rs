@@ -132,13 +132,7 @@ impl Message {
             ToHost::Refused(refusal) => Self::Refused { reason: refusal.to_string() },
             ToHost::Time { host_us, device_us } => Self::Time { host_us, device_us },
             ToHost::Faults(faults) => Self::Faults(faults.into()),
-            ToHost::Identity(_)
-            | ToHost::CalibrationBlock { .. }
-            | ToHost::Update(_)
-            | ToHost::CellStream(_)
-            | ToHost::Cells(_)
-            | ToHost::Setup(_)
-            | ToHost::SetupCells { .. } => return None,
+            _ => return None,
         })
     }
 }

@@ -1,0 +1,116 @@
+//! The settings of an insole: rules, frame rate and size.
+
+use crate::carrier::AnyClient;
+use crate::setup::rule_in_words;
+use anyhow::{Result, ensure};
+use clap::Args;
+use parameters::InsoleSize;
+use plantar::protocol::{MINOR, Settings};
+
+/// The size of the reference layout, to which [`Settings::scale`] is relative.
+const REFERENCE_SIZE: f32 = 42.0;
+
+#[derive(Args)]
+pub struct SettingsArgs {
+    /// A cell comes into contact at this pressure, kPa.
+    #[arg(long, value_name = "KPA")]
+    contact_on: Option<f32>,
+    /// A cell loses contact below this pressure, kPa.
+    #[arg(long, value_name = "KPA")]
+    contact_off: Option<f32>,
+    /// Count only the fraction sqrt(p / KPA), at most 1, of the area of a cell in contact, where p is the cell's pressure; 0
+    /// counts whole cells.
+    #[arg(long, value_name = "KPA")]
+    contact_full: Option<f32>,
+    /// Heel strike is when the total force reaches this value, N.
+    #[arg(long, value_name = "N")]
+    strike: Option<f32>,
+    /// Toe off is when the total force falls below this value, N.
+    #[arg(long, value_name = "N")]
+    release: Option<f32>,
+    /// Shorter contacts are not steps, ms.
+    #[arg(long, value_name = "MS")]
+    min_stance: Option<u16>,
+    /// Shorter gaps do not end a stance, ms.
+    #[arg(long, value_name = "MS")]
+    min_swing: Option<u16>,
+    /// Longer contacts are standing, ms.
+    #[arg(long, value_name = "MS")]
+    max_stance: Option<u16>,
+    /// Frames per second, 50 to 400.
+    #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(50..=400))]
+    rate: Option<u32>,
+    /// European shoe size, 35 to 46, of an insole whose cells are arranged as those of size 42.
+    #[arg(long, value_name = "SIZE")]
+    size: Option<InsoleSize>,
+    /// Remove all settings: the configuration in the insole's firmware is in force again.
+    #[arg(long, conflicts_with_all = [
+        "contact_on", "contact_off", "contact_full", "strike", "release", "min_stance", "min_swing", "max_stance", "rate", "size",
+    ])]
+    reset: bool,
+}
+
+impl SettingsArgs {
+    /// Stores the settings on an insole.
+    pub fn set(&self, client: &mut AnyClient) -> Result<()> {
+        let hello = client.hello();
+        ensure!(
+            hello.minor >= MINOR,
+            "the insole's firmware {} has no settings: update it with `plantar update`",
+            hello.firmware
+        );
+        if self.reset {
+            return Ok(client.set_settings(None)?);
+        }
+        let before = in_force(client)?;
+        let settings = self.changed(before);
+        ensure!(settings != before, "nothing to change: these settings are in force, or no option was given");
+        Ok(client.set_settings(Some(settings))?)
+    }
+
+    /// These settings, changed by the options.
+    fn changed(&self, mut settings: Settings) -> Settings {
+        let Settings { contact, stance, period_us, scale } = &mut settings;
+        let set = |place: &mut f32, value: Option<f32>| *place = value.unwrap_or(*place);
+        set(&mut contact.on_kpa, self.contact_on);
+        set(&mut contact.off_kpa, self.contact_off);
+        set(&mut contact.full_kpa, self.contact_full);
+        set(&mut stance.strike_n, self.strike);
+        set(&mut stance.release_n, self.release);
+        set(scale, self.size.map(|size| f32::from(size.eur()) / REFERENCE_SIZE));
+        let set_ms = |place: &mut u16, value: Option<u16>| *place = value.unwrap_or(*place);
+        set_ms(&mut stance.min_stance_ms, self.min_stance);
+        set_ms(&mut stance.min_swing_ms, self.min_swing);
+        set_ms(&mut stance.max_stance_ms, self.max_stance);
+        *period_us = self.rate.map_or(*period_us, |rate| 1_000_000 / rate);
+        settings
+    }
+}
+
+/// The settings in force.
+fn in_force(client: &mut AnyClient) -> Result<Settings> {
+    Ok(match client.settings()? {
+        Some(settings) => settings,
+        None => Settings::of(&client.setup()?),
+    })
+}
+
+/// Prints the settings in force.
+pub fn print_settings(client: &mut AnyClient) -> Result<()> {
+    let hello = client.hello();
+    if hello.minor < MINOR {
+        println!("contact: {}; {} frames/s", rule_in_words(&hello.contact_rule), 1_000_000 / hello.period_us.max(1));
+        return Ok(());
+    }
+    let (layout_id, is_stored) = (hello.layout_id, client.settings()?.is_some());
+    let Settings { contact, stance, period_us, scale } = in_force(client)?;
+    let origin = if is_stored { "set by a host" } else { "of the firmware" };
+    println!("settings {layout_id:08x}, {origin}:");
+    println!("  contact: {}", rule_in_words(&contact));
+    println!(
+        "  stance: from {} N until below {} N, {} to {} ms, gaps of less than {} ms are bridged",
+        stance.strike_n, stance.release_n, stance.min_stance_ms, stance.max_stance_ms, stance.min_swing_ms
+    );
+    println!("  {:.0} frames/s, {:.1} % of the layout's size", 1e6 / f64::from(period_us), 100.0 * scale);
+    Ok(())
+}
