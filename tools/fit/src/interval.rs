@@ -2,9 +2,8 @@
 
 use crate::bounded::Residuals;
 use crate::identify::{Bounds, Identified, NonNegativeForce, refine};
-use crate::{Options, RegionCurves, Samples};
+use crate::{Options, RegionCurves, Samples, parallel};
 use nalgebra::{Matrix5, Vector5};
-use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// The five identifiable parameters, in this order everywhere: A B (m2), K (Pa), G (Pa s), n, m.
@@ -131,16 +130,13 @@ pub fn add_bootstrap(
     if curves.len() < RESAMPLED_STEPS || options.resamples == 0 {
         return;
     }
-    let fits: Vec<[f64; 5]> = (0..options.resamples)
-        .into_par_iter()
-        .map(|seed| {
-            let mut random = fastrand::Rng::with_seed(seed);
-            let resampled = (0..curves.len()).map(|_| curves[random.usize(..curves.len())]);
-            let samples = Samples::new(resampled, options.filter);
-            let near = identified.rebased(area_max_m2, samples.area_max_m2, &options.bounds);
-            five(&refine(&samples, &options.bounds, &near), samples.area_max_m2)
-        })
-        .collect();
+    let fits = parallel::map(options.resamples as usize, |seed| {
+        let mut random = fastrand::Rng::with_seed(seed as u64);
+        let resampled = (0..curves.len()).map(|_| curves[random.usize(..curves.len())]);
+        let samples = Samples::new(resampled, options.filter);
+        let near = identified.rebased(area_max_m2, samples.area_max_m2, &options.bounds);
+        five(&refine(&samples, &options.bounds, &near), samples.area_max_m2)
+    });
     for (i, interval) in uncertainty.intervals.iter_mut().enumerate() {
         let mut values: Vec<f64> = fits.iter().map(|fit| fit[i]).collect();
         values.sort_by(f64::total_cmp);

@@ -3,14 +3,18 @@
 //! "The paper" is DeBerardinis, Dufek, Trabia, "A viscoelastic ellipsoidal model of the mechanics of plantar tissues", J.
 //! Biomech. 92 (2019) 137-145. Equation numbers refer to it.
 //!
-//! [`steps::isolate`] extracts the steps of recordings with the code of the insole. [`fit`] identifies, for each region, the five
-//! parameters that a force trace determines ([`identify`]). The other three of the paper's eight parameters follow from other
-//! measurements ([`pins`]). The result includes confidence intervals ([`interval`]) and errors ([`quality`]). [`paper`] is the
-//! search of the paper, for comparison.
+//! [`steps::isolate`] extracts the steps of recordings with the code of the insole, and [`live`] collects them from the messages of
+//! an insole. [`fit`] identifies, for each region, the five parameters that a force trace determines ([`identify`]). The other
+//! three of the paper's eight parameters follow from other measurements ([`pins`]). The result includes confidence intervals
+//! ([`interval`]) and errors ([`quality`]). The module `paper` is the search of the paper, for comparison.
+//!
+//! Without its default features, the library runs in a browser: it then has neither recordings nor threads nor the paper's search.
 
 pub mod identify;
 pub mod interval;
 pub mod law;
+pub mod live;
+#[cfg(feature = "paper")]
 pub mod paper;
 pub mod pins;
 pub mod quality;
@@ -19,6 +23,9 @@ pub mod study;
 pub mod synthetic;
 
 mod bounded;
+#[cfg(feature = "recordings")]
+mod isolate;
+mod parallel;
 mod region;
 mod samples;
 mod screen;
@@ -33,7 +40,6 @@ pub use steps::{Filter, RegionCurves, Step};
 pub use study::Study;
 
 use plantar::Region;
-use rayon::prelude::*;
 
 /// A method of searching the parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,6 +47,7 @@ pub enum Method {
     /// Searches the five identifiable parameters by variable projection. The result is deterministic.
     Projection,
     /// The method of the paper: searches all eight parameters from ten random starts, and returns the best result.
+    #[cfg(feature = "paper")]
     Paper,
 }
 
@@ -49,6 +56,7 @@ impl Method {
     pub fn name(self) -> &'static str {
         match self {
             Self::Projection => "projection",
+            #[cfg(feature = "paper")]
             Self::Paper => "paper",
         }
     }
@@ -61,7 +69,7 @@ pub struct Options {
     pub filter: Filter,
     /// The method of search.
     pub method: Method,
-    /// Bounds of the parameters; not used by [`Method::Paper`].
+    /// Bounds of the parameters; not used by the paper's method.
     pub bounds: Bounds,
     /// Thickness of the unloaded tissue, m, in the order of [`Region::ALL`].
     pub thickness_m: [f64; 8],
@@ -98,14 +106,11 @@ const MIXED_REGIONS: usize = 2;
 /// # Errors
 /// The element of a region that could not be fitted contains the reason.
 pub fn fit(steps: &[Step], options: &Options, progress: &(dyn Fn(Region) + Sync)) -> [Result<RegionFit, NotFitted>; 8] {
-    let mut fits: Vec<_> = (0..8)
-        .into_par_iter()
-        .map(|region| {
-            let fit = region::fit_region(steps, region, options);
-            progress(Region::ALL[region]);
-            fit
-        })
-        .collect();
+    let mut fits = parallel::map(8, |region| {
+        let fit = region::fit_region(steps, region, options);
+        progress(Region::ALL[region]);
+        fit
+    });
     let differs = |fit: &RegionFit| fit.recordings_ratio.filter(|ratio| *ratio > MIXED_RATIO);
     if fits.iter().flatten().filter_map(differs).count() >= MIXED_REGIONS {
         for fit in &mut fits {

@@ -2,14 +2,15 @@
 
 use crate::identify::{Identified, identify as identify_by_projection, refine};
 use crate::interval::{self, Uncertainty};
+#[cfg(feature = "paper")]
+use crate::paper;
 use crate::pins::Pins;
 use crate::quality::{Evaluated, Quality};
 use crate::screen::{NotFitted, usable};
 use crate::steps::MeanEllipse;
-use crate::{Method, Options, RegionCurves, Samples, Step, paper, steps, verdict};
+use crate::{Method, Options, RegionCurves, Samples, Step, parallel, steps, verdict};
 use plantar::Side;
 use plantar::pipeline::model::{Ellipsoid, ForceLaw, LENGTH_M, is_within};
-use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The result of one region.
@@ -25,7 +26,7 @@ pub struct RegionFit {
     pub ellipsoid: Ellipsoid<f64>,
     /// The values that pin three of the eight parameters.
     pub pins: Pins,
-    /// Confidence intervals of the five identifiable parameters; `None` for [`Method::Paper`].
+    /// Confidence intervals of the five identifiable parameters; `None` for the paper's method.
     pub uncertainty: Option<Uncertainty>,
     /// The errors of the parameters.
     pub quality: Quality,
@@ -83,7 +84,8 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     });
     let evaluate = |curves: &RegionCurves, law: &ForceLaw<f64>| Evaluated::new(curves, options.filter, law);
     let fitted: Vec<_> = curves.iter().filter_map(|c| evaluate(c, &best.law)).collect();
-    let own: Vec<_> = curves.par_iter().filter_map(|c| evaluate(c, &search([*c], options).law)).collect();
+    let own = parallel::map(curves.len(), |i| evaluate(curves[i], &search([curves[i]], options).law));
+    let own: Vec<_> = own.into_iter().flatten().collect();
     let predicted_nrmse = cross_validate(&curves, &best, options);
     let quality = Quality::new(&fitted, &own, &predicted_nrmse);
     let fit = best.into_fit(used, pins, uncertainty, quality)?;
@@ -102,12 +104,9 @@ fn cross_validate(curves: &[&RegionCurves], near: &SearchResult, options: &Optio
         count if count <= LEFT_OUT_ALONE => count,
         _ => GROUPS,
     };
-    let force_laws: Vec<_> = (0..groups)
-        .into_par_iter()
-        .map(|group| {
-            refit(curves.iter().enumerate().filter(|(i, _)| i % groups != group).map(|(_, c)| *c), near, options)
-        })
-        .collect();
+    let force_laws = parallel::map(groups, |group| {
+        refit(curves.iter().enumerate().filter(|(i, _)| i % groups != group).map(|(_, c)| *c), near, options)
+    });
     let evaluated = curves.iter().enumerate().map(|(i, c)| Evaluated::new(c, options.filter, &force_laws[i % groups]));
     evaluated.map(|evaluated| evaluated.map_or(f64::NAN, |e| e.nrmse())).collect()
 }
@@ -136,6 +135,7 @@ fn search<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, options: &Opti
             let evaluations = identified.evaluations;
             SearchResult { samples, law, identified: Some(identified), ellipsoid: None, evaluations }
         }
+        #[cfg(feature = "paper")]
         Method::Paper => {
             let (ellipsoid, evaluations) = paper::identify(&samples);
             SearchResult {
@@ -170,7 +170,11 @@ impl SearchResult {
     /// The pins of the result. If all eight parameters were searched, they follow from these parameters; otherwise they are
     /// `pinned`.
     fn pins(&self, pinned: Pins) -> Pins {
-        self.ellipsoid.map_or(pinned, |ellipsoid| paper::pins(&ellipsoid, &self.law, self.g_max()))
+        #[cfg(feature = "paper")]
+        if let Some(ellipsoid) = &self.ellipsoid {
+            return paper::pins(ellipsoid, &self.law, self.g_max());
+        }
+        pinned
     }
 
     /// The fit with these pins, without cross-validation and without a comparison of recordings. `steps` are the indices of the

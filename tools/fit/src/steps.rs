@@ -1,11 +1,11 @@
-//! Extraction of the steps of a recording by the code of the insole. Contacts that are not complete steps are excluded and listed
-//! with the reason.
+//! The steps of a fit: their curves, and the contacts that are excluded because they are not complete steps, with the reason.
+//! [`isolate`] extracts them from a recording, [`crate::live`] from the messages of an insole.
+
+#[cfg(feature = "recordings")]
+pub use crate::isolate::isolate;
 
 use crate::quality::largest;
 use plantar::Side;
-use plantar::insole::Insole;
-use plantar::pipeline::stance::Rejected;
-use recording::{MAX_CELLS, Recording, VirtualInsole};
 use std::fmt;
 
 /// The filters of the device for the contact area.
@@ -147,6 +147,10 @@ pub enum ExclusionReason {
     Long,
     /// Frames are missing in the contact.
     Broken,
+    /// The step was recorded before the insole restarted, so its frames were not received.
+    BeforeRestart,
+    /// The step began before the live stream, so not all of its frames were received.
+    BeforeStream,
     /// The foot was loaded only partially. The value is the peak force divided by the median peak force of the recording.
     Partial(f64),
 }
@@ -159,120 +163,12 @@ impl fmt::Display for ExclusionReason {
             Self::Short => f.write_str("shorter than a step"),
             Self::Long => f.write_str("longer than a step: standing"),
             Self::Broken => f.write_str("frames are missing in it"),
+            Self::BeforeRestart => f.write_str("recorded before the insole restarted: its frames were not received"),
+            Self::BeforeStream => f.write_str("began before the live stream: its first frames were not received"),
             Self::Partial(share) => {
                 write!(f, "partial: its peak force is {:.0} % of the recording's median", share * 100.0)
             }
         }
-    }
-}
-
-/// A step counts as partially loaded if its peak force is below this fraction of the median peak force of the recording.
-const PARTIAL: f64 = 0.6;
-
-/// The steps of a recording and its excluded contacts. `insole` is the virtual insole of the recording. `index` is the index of the
-/// recording in the study. `progress` receives the number of frames that have been processed.
-///
-/// # Errors
-/// Fails if the insole cannot be set up.
-pub fn isolate(
-    recording: &Recording,
-    insole: &VirtualInsole,
-    index: usize,
-    progress: &mut dyn FnMut(usize),
-) -> Result<(Vec<Step>, Vec<ExcludedContact>), plantar::pipeline::setup::SetupError> {
-    let mut device = Box::new(Insole::<f64, MAX_CELLS>::new());
-    device.set_up(insole.setup, insole.cells.iter().copied())?;
-    let mut codes = vec![0; insole.cells.len()];
-    let (mut steps, mut excluded) = (Vec::new(), Vec::new());
-    let mut contact = Contact::default();
-    let (mut rejected, mut starts_loaded) = (device.rejected(), false);
-    let period_s = f64::from(insole.setup.period_us) * 1e-6;
-    let first_s = recording.t_s.first().copied().unwrap_or(0.0);
-    let longest_frames = (u32::from(insole.setup.stance.max_stance_ms) * 1000 / insole.setup.period_us) as usize
-        + (u32::from(insole.setup.stance.min_swing_ms) * 1000 / insole.setup.period_us) as usize;
-    let count = insole.frames(recording);
-    for i in 0..count {
-        insole.codes_of(recording, i, &mut codes);
-        let was_on_ground = device.on_ground();
-        let toe_off = device.frame(i as u32, &codes);
-        if device.on_ground() && !was_on_ground {
-            contact.clear();
-            contact.start = i;
-            starts_loaded = i == 0;
-        }
-        // The insole rejects a contact that is longer than a step, so further frames of such a contact are not needed.
-        if device.on_ground() && contact.frames.len() <= longest_frames {
-            contact.push(&device);
-        }
-        let mut exclude = |reason, frame: usize| {
-            excluded.push(ExcludedContact { recording: index, at_s: first_s + frame as f64 * period_s, reason });
-        };
-        if let Some(reason) = new_rejection(&rejected, &device.rejected()) {
-            exclude(reason, contact.start);
-        }
-        rejected = device.rejected();
-        if was_on_ground && !device.on_ground() && !toe_off && starts_loaded {
-            exclude(ExclusionReason::NoHeelStrike, 0);
-            starts_loaded = false;
-        }
-        if toe_off && let Some(record) = device.whole_step() {
-            let frames = (record.duration_us / insole.setup.period_us) as usize;
-            let regions = std::array::from_fn(|region| {
-                let curves = contact.region(region, frames, period_s);
-                let (area_mm2, force_n, sample_s) = device.curves(region);
-                RegionCurves {
-                    area_mm2: area_mm2.to_vec(),
-                    force_n: force_n.to_vec(),
-                    sample_s,
-                    saturated: record.saturated >> region & 1 == 1,
-                    ..curves
-                }
-            });
-            steps.push(Step {
-                recording: index,
-                number: record.step,
-                side: record.side,
-                start_s: first_s + record.start_us as f64 * 1e-6,
-                duration_s: f64::from(record.duration_us) * 1e-6,
-                peak_n: contact.peak_n(frames),
-                regions,
-            });
-        }
-        if i % 1024 == 0 {
-            progress(i.min(recording.frames()));
-        }
-    }
-    if device.on_ground() {
-        let reason = if starts_loaded { ExclusionReason::NoHeelStrike } else { ExclusionReason::NoToeOff };
-        excluded.push(ExcludedContact { recording: index, at_s: first_s + contact.start as f64 * period_s, reason });
-    }
-    let median_n = median(steps.iter().map(|step| step.peak_n));
-    steps.retain(|step| {
-        let share = step.peak_n / median_n;
-        let is_whole = share >= PARTIAL;
-        if !is_whole {
-            excluded.push(ExcludedContact {
-                recording: index,
-                at_s: step.start_s,
-                reason: ExclusionReason::Partial(share),
-            });
-        }
-        is_whole
-    });
-    excluded.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
-    Ok((steps, excluded))
-}
-
-/// The reason if the insole rejected a contact between the counts `before` and `now`; otherwise `None`.
-fn new_rejection(before: &Rejected, now: &Rejected) -> Option<ExclusionReason> {
-    if now.short != before.short {
-        Some(ExclusionReason::Short)
-    } else if now.long != before.long {
-        Some(ExclusionReason::Long)
-    } else if now.broken != before.broken {
-        Some(ExclusionReason::Broken)
-    } else {
-        None
     }
 }
 
@@ -286,52 +182,46 @@ pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     }
 }
 
-/// The frames of the current contact.
-#[derive(Default)]
-struct Contact {
-    start: usize,
-    /// For each frame, the area, mm2, the force, N, and the ellipse of each region.
-    frames: Vec<[(f64, f64, Option<MeanEllipse>); 8]>,
+/// The loads of the regions in one frame: the area, mm2, the force, N, and the contact ellipse of each region.
+pub(crate) type FrameLoads = [(f64, f64, Option<MeanEllipse>); 8];
+
+/// The largest force on the whole foot in `frames`, N.
+pub(crate) fn peak_n(frames: &[FrameLoads]) -> f64 {
+    let total = |frame: &FrameLoads| frame.iter().map(|(_, force, _)| force).sum::<f64>();
+    frames.iter().map(total).fold(0.0, f64::max)
 }
 
-impl Contact {
-    fn clear(&mut self) {
-        self.frames.clear();
+/// The curves of a region over the frames of a stance. The input of [`Filter::Step`] is empty. `frame_s` is the time between
+/// frames, s.
+pub(crate) fn frame_curves(frames: &[FrameLoads], region: usize, frame_s: f64) -> RegionCurves {
+    let weighted = frames.iter().filter_map(|frame| Some((frame[region].1, frame[region].2?)));
+    let ellipse = MeanEllipse::of(weighted);
+    RegionCurves {
+        frame_area_mm2: frames.iter().map(|frame| frame[region].0).collect(),
+        frame_force_n: frames.iter().map(|frame| frame[region].1).collect(),
+        frame_s,
+        ellipse,
+        ..RegionCurves::default()
     }
+}
 
-    /// Adds the frame that `insole` processed last.
-    fn push(&mut self, insole: &Insole<f64, MAX_CELLS>) {
-        self.frames.push(std::array::from_fn(|region| {
-            let frame = &insole.loads()[region].frame;
-            let ellipse = insole.ellipse(region).map(|e| MeanEllipse {
-                x_mm: e.x_mm,
-                y_mm: e.y_mm,
-                r_a_mm: e.r_a_mm,
-                r_b_mm: e.r_b_mm,
-                angle_deg: f64::from(e.angle_deg()),
+/// A step counts as partially loaded if its peak force is below this fraction of the median peak force of the recording.
+const PARTIAL: f64 = 0.6;
+
+/// Moves the partially loaded steps of one recording from `steps` to `excluded`, and sorts the excluded contacts by time.
+pub(crate) fn exclude_partial(steps: &mut Vec<Step>, excluded: &mut Vec<ExcludedContact>) {
+    let median_n = median(steps.iter().map(|step| step.peak_n));
+    steps.retain(|step| {
+        let share = step.peak_n / median_n;
+        let is_whole = share >= PARTIAL;
+        if !is_whole {
+            excluded.push(ExcludedContact {
+                recording: step.recording,
+                at_s: step.start_s,
+                reason: ExclusionReason::Partial(share),
             });
-            (frame.area.area_mm2(), frame.force.force_n, ellipse)
-        }));
-    }
-
-    /// Largest force on the whole foot in the first `frames` frames, N.
-    fn peak_n(&self, frames: usize) -> f64 {
-        let total = |frame: &[(f64, f64, Option<MeanEllipse>); 8]| frame.iter().map(|(_, force, _)| force).sum::<f64>();
-        self.frames.iter().take(frames).map(total).fold(0.0, f64::max)
-    }
-
-    /// The curves of a region in the first `frames` frames. The input of [`Filter::Step`] is empty. `frame_s` is the time between
-    /// frames, s.
-    fn region(&self, region: usize, frames: usize, frame_s: f64) -> RegionCurves {
-        let frames = &self.frames[..frames.min(self.frames.len())];
-        let weighted = frames.iter().filter_map(|frame| Some((frame[region].1, frame[region].2?)));
-        let ellipse = MeanEllipse::of(weighted);
-        RegionCurves {
-            frame_area_mm2: frames.iter().map(|frame| frame[region].0).collect(),
-            frame_force_n: frames.iter().map(|frame| frame[region].1).collect(),
-            frame_s,
-            ellipse,
-            ..RegionCurves::default()
         }
-    }
+        is_whole
+    });
+    excluded.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
 }

@@ -1,13 +1,19 @@
 //! The identification of one person: the recordings, their steps, and the identified parameters.
 
-use crate::steps::{self, ExcludedContact};
+use crate::live::LiveSteps;
+use crate::steps::ExcludedContact;
 use crate::{NotFitted, Options, RegionFit, Step};
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::setup::SetupError;
 use plantar::{Region, Side};
-use recording::{Layout, Recording, VirtualInsole};
+use std::fmt;
+#[cfg(feature = "recordings")]
+use {
+    crate::steps::isolate,
+    plantar::pipeline::setup::SetupError,
+    recording::{Layout, Recording, VirtualInsole},
+};
 
-/// One recording of a [`Study`], without its pressures.
+/// One recording or live stream of a [`Study`], without its pressures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Source {
     /// Name for display: the name of the file.
@@ -18,7 +24,8 @@ pub struct Source {
     pub side: Side,
     /// Frames per second.
     pub rate_hz: f64,
-    /// The cells.
+    /// The cells; without cells for a live stream, which does not contain the layout.
+    #[cfg(feature = "recordings")]
     pub layout: Layout,
 }
 
@@ -60,6 +67,7 @@ impl Study {
     ///
     /// # Errors
     /// Fails if the insole cannot be set up. The study is then unchanged.
+    #[cfg(feature = "recordings")]
     pub fn add(
         &mut self,
         name: String,
@@ -67,7 +75,7 @@ impl Study {
         insole: &VirtualInsole,
         progress: &mut dyn FnMut(usize),
     ) -> Result<(), SetupError> {
-        let (steps, excluded) = steps::isolate(recording, insole, self.sources.len(), progress)?;
+        let (steps, excluded) = isolate(recording, insole, self.sources.len(), progress)?;
         self.steps.extend(steps);
         self.excluded_contacts.extend(excluded);
         self.sources.push(Source {
@@ -80,8 +88,60 @@ impl Study {
         Ok(())
     }
 
+    /// Adds the steps of a live stream. `name` is its name for display, `origin` its provenance, in sentences, and `side` the foot.
+    ///
+    /// # Errors
+    /// Fails if a step was measured by another contact rule than that of the study. The study is then unchanged.
+    pub fn add_live(
+        &mut self,
+        name: String,
+        origin: String,
+        side: Side,
+        live: &LiveSteps,
+    ) -> Result<(), OtherContactRule> {
+        if let Some(&found) = live.contact_rules().iter().find(|rule| **rule != self.contact) {
+            return Err(OtherContactRule { found, expected: self.contact });
+        }
+        let (steps, excluded) = live.collected(self.sources.len());
+        self.steps.extend(steps);
+        self.excluded_contacts.extend(excluded);
+        self.sources.push(Source {
+            name,
+            origin,
+            side,
+            rate_hz: live.rate_hz(),
+            #[cfg(feature = "recordings")]
+            layout: Layout { name: String::new(), cells: Vec::new() },
+        });
+        Ok(())
+    }
+
     /// Fits all regions. `progress` receives each region when its fit is complete; regions may complete in any order.
     pub fn fit(&mut self, progress: &(dyn Fn(Region) + Sync)) {
         self.fits = crate::fit(&self.steps, &self.options, progress).into();
     }
 }
+
+/// Steps were measured by another contact rule than that of the study, so that their areas cannot be compared.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OtherContactRule {
+    /// The rule of the steps.
+    pub found: ContactRule,
+    /// The rule of the study.
+    pub expected: ContactRule,
+}
+
+impl fmt::Display for OtherContactRule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let rule = |rule: &ContactRule| format!("{} / {} / {} kPa", rule.on_kpa, rule.off_kpa, rule.full_kpa);
+        write!(
+            f,
+            "steps were measured by the contact rule {} (on / off / full) and others by {}: areas of different rules cannot be \
+             fitted together",
+            rule(&self.found),
+            rule(&self.expected)
+        )
+    }
+}
+
+impl std::error::Error for OtherContactRule {}

@@ -1,0 +1,128 @@
+//! Extraction of the steps of a recording by the code of the insole. Contacts that are not complete steps are excluded and listed
+//! with the reason.
+
+use crate::steps::{ExcludedContact, ExclusionReason, FrameLoads, MeanEllipse, exclude_partial, frame_curves, peak_n};
+use crate::{RegionCurves, Step};
+use plantar::insole::Insole;
+use plantar::pipeline::stance::Rejected;
+use recording::{MAX_CELLS, Recording, VirtualInsole};
+
+/// The steps of a recording and its excluded contacts. `insole` is the virtual insole of the recording. `index` is the index of the
+/// recording in the study. `progress` receives the number of frames that have been processed.
+///
+/// # Errors
+/// Fails if the insole cannot be set up.
+pub fn isolate(
+    recording: &Recording,
+    insole: &VirtualInsole,
+    index: usize,
+    progress: &mut dyn FnMut(usize),
+) -> Result<(Vec<Step>, Vec<ExcludedContact>), plantar::pipeline::setup::SetupError> {
+    let mut device = Box::new(Insole::<f64, MAX_CELLS>::new());
+    device.set_up(insole.setup, insole.cells.iter().copied())?;
+    let mut codes = vec![0; insole.cells.len()];
+    let (mut steps, mut excluded) = (Vec::new(), Vec::new());
+    let mut contact = Contact::default();
+    let (mut rejected, mut starts_loaded) = (device.rejected(), false);
+    let period_s = f64::from(insole.setup.period_us) * 1e-6;
+    let first_s = recording.t_s.first().copied().unwrap_or(0.0);
+    let longest_frames = (u32::from(insole.setup.stance.max_stance_ms) * 1000 / insole.setup.period_us) as usize
+        + (u32::from(insole.setup.stance.min_swing_ms) * 1000 / insole.setup.period_us) as usize;
+    let count = insole.frames(recording);
+    for i in 0..count {
+        insole.codes_of(recording, i, &mut codes);
+        let was_on_ground = device.on_ground();
+        let toe_off = device.frame(i as u32, &codes);
+        if device.on_ground() && !was_on_ground {
+            contact.frames.clear();
+            contact.start = i;
+            starts_loaded = i == 0;
+        }
+        // The insole rejects a contact that is longer than a step, so further frames of such a contact are not needed.
+        if device.on_ground() && contact.frames.len() <= longest_frames {
+            contact.push(&device);
+        }
+        let mut exclude = |reason, frame: usize| {
+            excluded.push(ExcludedContact { recording: index, at_s: first_s + frame as f64 * period_s, reason });
+        };
+        if let Some(reason) = new_rejection(&rejected, &device.rejected()) {
+            exclude(reason, contact.start);
+        }
+        rejected = device.rejected();
+        if was_on_ground && !device.on_ground() && !toe_off && starts_loaded {
+            exclude(ExclusionReason::NoHeelStrike, 0);
+            starts_loaded = false;
+        }
+        if toe_off && let Some(record) = device.whole_step() {
+            let frames = (record.duration_us / insole.setup.period_us) as usize;
+            let frames = &contact.frames[..frames.min(contact.frames.len())];
+            let regions = std::array::from_fn(|region| {
+                let curves = frame_curves(frames, region, period_s);
+                let (area_mm2, force_n, sample_s) = device.curves(region);
+                RegionCurves {
+                    area_mm2: area_mm2.to_vec(),
+                    force_n: force_n.to_vec(),
+                    sample_s,
+                    saturated: record.saturated >> region & 1 == 1,
+                    ..curves
+                }
+            });
+            steps.push(Step {
+                recording: index,
+                number: record.step,
+                side: record.side,
+                start_s: first_s + record.start_us as f64 * 1e-6,
+                duration_s: f64::from(record.duration_us) * 1e-6,
+                peak_n: peak_n(frames),
+                regions,
+            });
+        }
+        if i % 1024 == 0 {
+            progress(i.min(recording.frames()));
+        }
+    }
+    if device.on_ground() {
+        let reason = if starts_loaded { ExclusionReason::NoHeelStrike } else { ExclusionReason::NoToeOff };
+        excluded.push(ExcludedContact { recording: index, at_s: first_s + contact.start as f64 * period_s, reason });
+    }
+    exclude_partial(&mut steps, &mut excluded);
+    Ok((steps, excluded))
+}
+
+/// The reason if the insole rejected a contact between the counts `before` and `now`; otherwise `None`.
+fn new_rejection(before: &Rejected, now: &Rejected) -> Option<ExclusionReason> {
+    if now.short != before.short {
+        Some(ExclusionReason::Short)
+    } else if now.long != before.long {
+        Some(ExclusionReason::Long)
+    } else if now.broken != before.broken {
+        Some(ExclusionReason::Broken)
+    } else {
+        None
+    }
+}
+
+/// The frames of the current contact.
+#[derive(Default)]
+struct Contact {
+    /// Index of the first frame.
+    start: usize,
+    frames: Vec<FrameLoads>,
+}
+
+impl Contact {
+    /// Adds the frame that `insole` processed last.
+    fn push(&mut self, insole: &Insole<f64, MAX_CELLS>) {
+        self.frames.push(std::array::from_fn(|region| {
+            let frame = &insole.loads()[region].frame;
+            let ellipse = insole.ellipse(region).map(|e| MeanEllipse {
+                x_mm: e.x_mm,
+                y_mm: e.y_mm,
+                r_a_mm: e.r_a_mm,
+                r_b_mm: e.r_b_mm,
+                angle_deg: f64::from(e.angle_deg()),
+            });
+            (frame.area.area_mm2(), frame.force.force_n, ellipse)
+        }));
+    }
+}

@@ -1,0 +1,238 @@
+//! The steps of a live stream.
+//!
+//! An insole sends the area and the measured force of each region in every frame ([`Live`]) and a record of every step
+//! ([`StepMessage`]). [`LiveSteps`] takes both in the order in which they arrive, and cuts the curves of each step out of the
+//! frames. The curves differ from those of a recording in two respects: areas are rounded to 1 mm2 and forces to 0.1 N, and the
+//! contact ellipse is that at the peak force instead of the mean over the stance.
+
+use crate::steps::{ExcludedContact, ExclusionReason, FrameLoads, MeanEllipse, exclude_partial, frame_curves, peak_n};
+use crate::{RegionCurves, Step};
+use plantar::Side;
+use plantar::pipeline::contact::ContactRule;
+use plantar::protocol::{Live, LiveRegion, Step as StepMessage, StepRegion};
+use std::collections::{BTreeSet, VecDeque};
+
+/// Largest number of successive frames of a step that may be missing. They are interpolated linearly, as the insole does. The insole
+/// itself bridges up to five frames ([`plantar::pipeline::stance::BRIDGED_FRAMES`]); a fit needs the curves more exactly than a
+/// step record does.
+pub const INTERPOLATED_FRAMES: u64 = 3;
+
+/// Time for which frames are buffered, us. A record arrives within a second after its last frame, unless the link is congested.
+const BUFFERED_US: u64 = 20_000_000;
+
+/// Collects the steps of one insole from its messages.
+#[derive(Clone, Debug, Default)]
+pub struct LiveSteps {
+    /// The latest frames, in increasing order of time.
+    frames: VecDeque<Frame>,
+    /// Time of the first frame since the insole started, us; `None` before the first frame.
+    first_us: Option<u64>,
+    /// Smallest time between two frames so far, us.
+    period_us: Option<u64>,
+    /// Records that arrived before the last frame of their stance.
+    pending: Vec<StepMessage>,
+    /// Number, start time (us) and duration (us) of all records, by which a repeated record is recognised.
+    received: BTreeSet<(u32, u64, u32)>,
+    /// The different contact rules of the records.
+    contact_rules: Vec<ContactRule>,
+    /// The foot of the last record.
+    side: Option<Side>,
+    masked_steps: [usize; 8],
+    /// The steps with all of their frames, including partially loaded ones.
+    steps: Vec<Step>,
+    excluded: Vec<ExcludedContact>,
+}
+
+/// The part of a live frame that a fit uses.
+#[derive(Clone, Copy, Debug)]
+struct Frame {
+    t_us: u64,
+    /// Area, mm2, and force, N, of each region, as the integers of the message.
+    regions: [LiveRegion; 8],
+}
+
+impl LiveSteps {
+    /// A collector before the first message.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds a live frame. A time that is not later than that of the frame before means that the insole restarted or that a stored
+    /// stream is repeated; a repeated frame is ignored.
+    pub fn frame(&mut self, live: &Live) {
+        if let Some(last) = self.frames.back() {
+            if live.t_us == last.t_us {
+                return;
+            }
+            if live.t_us < last.t_us {
+                self.finish();
+                self.frames.clear();
+                self.first_us = None;
+            } else {
+                let elapsed_us = live.t_us - last.t_us;
+                self.period_us = Some(self.period_us.map_or(elapsed_us, |period_us| period_us.min(elapsed_us)));
+            }
+        }
+        self.first_us.get_or_insert(live.t_us);
+        self.frames.push_back(Frame { t_us: live.t_us, regions: live.regions });
+        while self.frames.front().is_some_and(|frame| frame.t_us + BUFFERED_US < live.t_us) {
+            self.frames.pop_front();
+        }
+        self.evaluate_pending(Some(live.t_us));
+    }
+
+    /// Adds the record of a step. A record that was already received is ignored.
+    pub fn step(&mut self, step: &StepMessage) {
+        if !self.received.insert((step.step, step.start_us, step.duration_us)) {
+            return;
+        }
+        self.side = Some(step.side);
+        if !self.contact_rules.contains(&step.contact_rule) {
+            self.contact_rules.push(step.contact_rule);
+        }
+        for (count, region) in self.masked_steps.iter_mut().zip(&step.regions) {
+            *count += usize::from(region.masked_cells > 0);
+        }
+        if step.boots_since > 0 {
+            self.exclude(step, ExclusionReason::BeforeRestart);
+        } else if self.first_us.is_none_or(|first_us| step.start_us < first_us) {
+            self.exclude(step, ExclusionReason::BeforeStream);
+        } else {
+            self.pending.push(*step);
+            self.evaluate_pending(self.frames.back().map(|last| last.t_us));
+        }
+    }
+
+    /// Evaluates the records whose last frames have not arrived. To be called after the last message.
+    pub fn finish(&mut self) {
+        self.evaluate_pending(None);
+    }
+
+    /// The steps that a fit may use, and the excluded contacts in the order of their times. Partially loaded steps are recognised
+    /// by the median of all steps so far, so that a step can be excluded by later steps. `recording` is the index of the insole in
+    /// the study.
+    pub fn collected(&self, recording: usize) -> (Vec<Step>, Vec<ExcludedContact>) {
+        let (mut steps, mut excluded) = (self.steps.clone(), self.excluded.clone());
+        steps.iter_mut().for_each(|step| step.recording = recording);
+        excluded.iter_mut().for_each(|contact| contact.recording = recording);
+        exclude_partial(&mut steps, &mut excluded);
+        (steps, excluded)
+    }
+
+    /// The contact rules by which the areas were measured, without repetitions. Steps of different rules cannot be fitted together.
+    pub fn contact_rules(&self) -> &[ContactRule] {
+        &self.contact_rules
+    }
+
+    /// The foot according to the last record; `None` without records.
+    pub fn side(&self) -> Option<Side> {
+        self.side
+    }
+
+    /// Frames per second; 0 before two frames.
+    pub fn rate_hz(&self) -> f64 {
+        self.period_us.map_or(0.0, |period_us| 1e6 / period_us as f64)
+    }
+
+    /// For each region, the number of steps with masked cells. The insole replaces the readings of masked cells by those of their
+    /// neighbours, as it does in [`crate::steps::isolate`].
+    pub fn masked_steps(&self) -> [usize; 8] {
+        self.masked_steps
+    }
+
+    fn exclude(&mut self, step: &StepMessage, reason: ExclusionReason) {
+        self.excluded.push(ExcludedContact { recording: 0, at_s: step.start_us as f64 * 1e-6, reason });
+    }
+
+    /// Evaluates the pending records whose frames have all arrived; without `now_us`, the time of the newest frame, all of them.
+    fn evaluate_pending(&mut self, now_us: Option<u64>) {
+        let mut i = 0;
+        while let Some(&step) = self.pending.get(i) {
+            let end_us = step.start_us + u64::from(step.duration_us);
+            let period_us = self.period_us.unwrap_or(0).min(u64::from(step.sample_us));
+            if now_us.is_some_and(|now_us| now_us + period_us < end_us) {
+                i += 1;
+                continue;
+            }
+            self.pending.remove(i);
+            match self.evaluate(&step) {
+                Some(step) => self.steps.push(step),
+                None => self.exclude(&step, ExclusionReason::Broken),
+            }
+        }
+    }
+
+    /// Cuts the curves of a step out of the frames. `None` if more than [`INTERPOLATED_FRAMES`] successive frames are missing.
+    fn evaluate(&self, step: &StepMessage) -> Option<Step> {
+        let sample_us = u64::from(step.sample_us);
+        let period_us = self.period_us?.min(sample_us);
+        let is_multiple = |us: u64| us > 0 && us.is_multiple_of(period_us);
+        if period_us == 0 || !is_multiple(sample_us) || !is_multiple(step.duration_us.into()) {
+            return None;
+        }
+        let count = u64::from(step.duration_us) / period_us;
+        let frames = (0..count).map(|i| self.loads_at(step.start_us + i * period_us, period_us));
+        let frames = frames.collect::<Option<Vec<FrameLoads>>>()?;
+        let (frame_s, stride) = (period_us as f64 * 1e-6, (sample_us / period_us) as usize);
+        let regions = std::array::from_fn(|region| {
+            let curves = frame_curves(&frames, region, frame_s);
+            // In a long stance, the insole stores only every second frame, then every fourth, and so on.
+            let stored = |curve: &[f64]| curve.iter().copied().step_by(stride).collect();
+            RegionCurves {
+                area_mm2: stored(&curves.frame_area_mm2),
+                force_n: stored(&curves.frame_force_n),
+                sample_s: frame_s * stride as f64,
+                saturated: step.saturated >> region & 1 == 1,
+                ellipse: ellipse_at_peak(&step.regions[region]),
+                ..curves
+            }
+        });
+        Some(Step {
+            recording: 0,
+            number: step.step,
+            side: step.side,
+            start_s: step.start_us as f64 * 1e-6,
+            duration_s: f64::from(step.duration_us) * 1e-6,
+            peak_n: peak_n(&frames),
+            regions,
+        })
+    }
+
+    /// The loads at a time, which are interpolated if the frame is missing. `None` if too many frames are missing around it.
+    fn loads_at(&self, t_us: u64, period_us: u64) -> Option<FrameLoads> {
+        let index = self.frames.partition_point(|frame| frame.t_us < t_us);
+        let after = self.frames.get(index)?;
+        let measured = |frame: &Frame, region: usize| {
+            let region = &frame.regions[region];
+            (region.area_mm2(), region.measured_force_n())
+        };
+        if after.t_us == t_us {
+            return Some(std::array::from_fn(|region| {
+                let (area_mm2, force_n) = measured(after, region);
+                (area_mm2, force_n, None)
+            }));
+        }
+        let before = self.frames.get(index.checked_sub(1)?)?;
+        let elapsed_us = after.t_us - before.t_us;
+        if elapsed_us > (INTERPOLATED_FRAMES + 1) * period_us {
+            return None;
+        }
+        let part = (t_us - before.t_us) as f64 / elapsed_us as f64;
+        Some(std::array::from_fn(|region| {
+            let (from, to) = (measured(before, region), measured(after, region));
+            (from.0 + (to.0 - from.0) * part, from.1 + (to.1 - from.1) * part, None)
+        }))
+    }
+}
+
+/// The contact ellipse in a record; `None` without contact.
+fn ellipse_at_peak(region: &StepRegion) -> Option<MeanEllipse> {
+    let ellipse = MeanEllipse {
+        x_mm: region.ellipse_x_mm(),
+        y_mm: region.ellipse_y_mm(),
+        r_a_mm: region.ellipse_r_a_mm(),
+        r_b_mm: region.ellipse_r_b_mm(),
+        angle_deg: region.ellipse_angle_deg(),
+    };
+    (ellipse.r_a_mm > 0.0 && ellipse.r_b_mm > 0.0).then_some(ellipse)
+}

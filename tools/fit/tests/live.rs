@@ -1,0 +1,212 @@
+//! Steps from the messages of an insole: they are the steps of the recording of all cells, and incomplete ones are excluded.
+
+use fit::live::{INTERPOLATED_FRAMES, LiveSteps};
+use fit::steps::ExclusionReason;
+use fit::{Options, Study};
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::{Live, MAX_MESSAGE, Step, ToHost, decode, encode};
+use plantar::{Region, Side};
+use recording::synthetic::{SyntheticWalk, walk};
+use recording::{Recording, VirtualInsole};
+
+const CONTACT: ContactRule = ContactRule::COVERED;
+
+fn computed_walk(steps: usize) -> Recording {
+    walk(&SyntheticWalk { steps, variation: 0.1, ..SyntheticWalk::default() }).recording
+}
+
+/// The live frames and step records of an insole during the recording, after they were encoded and decoded.
+fn messages(recording: &Recording) -> Vec<ToHost> {
+    let computed = VirtualInsole::new(recording, CONTACT, StanceRule::WALKING);
+    let mut insole = Box::new(Insole::<f32, 256>::new());
+    insole.set_up(computed.setup, computed.cells.iter().copied()).expect("a valid insole");
+    let mut codes = vec![0; computed.cells.len()];
+    let mut messages = Vec::new();
+    for frame in 0..computed.frames(recording) {
+        computed.codes_of(recording, frame, &mut codes);
+        let is_toe_off = insole.frame(frame as u32, &codes);
+        let t_us = frame as u64 * u64::from(computed.setup.period_us);
+        messages.push(ToHost::Live(Live::new(frame as u32, t_us, insole.loads(), insole.masked())));
+        if is_toe_off && let Some(step) = insole.whole_step() {
+            messages.push(ToHost::Step(Step::new(&step)));
+        }
+    }
+    let over_the_wire = |message: &ToHost| {
+        let mut buffer = [0; MAX_MESSAGE];
+        decode(encode(message, &mut buffer).expect("a message")).expect("the same message")
+    };
+    messages.iter().map(over_the_wire).collect()
+}
+
+fn collect<'m>(messages: impl IntoIterator<Item = &'m ToHost>) -> LiveSteps {
+    let mut live = LiveSteps::new();
+    for message in messages {
+        match message {
+            ToHost::Live(frame) => live.frame(frame),
+            ToHost::Step(step) => live.step(step),
+            _ => (),
+        }
+    }
+    live.finish();
+    live
+}
+
+/// The frames and the records of `messages`, of which frames with `is_lost` are removed.
+fn without(messages: &[ToHost], is_lost: impl Fn(u64) -> bool) -> LiveSteps {
+    collect(messages.iter().filter(|message| !matches!(message, ToHost::Live(live) if is_lost(live.t_us))))
+}
+
+fn reasons(live: &LiveSteps) -> Vec<ExclusionReason> {
+    live.collected(0).1.iter().map(|contact| contact.reason).collect()
+}
+
+#[test]
+fn a_live_stream_and_the_recording_of_all_cells_result_in_the_same_parameters() {
+    let recording = computed_walk(30);
+    let options = Options::usual([0.012; 8]);
+    let mut of_cells = Study::new("cells".into(), CONTACT, options);
+    let insole = VirtualInsole::new(&recording, CONTACT, StanceRule::WALKING);
+    of_cells.add("a walk".into(), &recording, &insole, &mut |_| ()).expect("a valid insole");
+    let mut of_messages = Study::new("messages".into(), CONTACT, options);
+    let live = collect(&messages(&recording));
+    of_messages.add_live("a walk".into(), String::new(), Side::Right, &live).expect("one contact rule");
+    assert_eq!(of_messages.sources[0].rate_hz, 100.0);
+
+    assert_eq!(of_messages.steps.len(), of_cells.steps.len());
+    for (ours, theirs) in of_messages.steps.iter().zip(&of_cells.steps) {
+        assert_eq!((ours.number, ours.duration_s), (theirs.number, theirs.duration_s));
+        assert!((ours.peak_n / theirs.peak_n - 1.0).abs() < 1e-3);
+        for (ours, theirs) in ours.regions.iter().zip(&theirs.regions) {
+            let differ = |a: &[f64], b: &[f64], most: f64| a.iter().zip(b).any(|(a, b)| (a - b).abs() > most);
+            assert_eq!(ours.area_mm2.len(), theirs.area_mm2.len());
+            assert!(!differ(&ours.area_mm2, &theirs.area_mm2, 0.51) && !differ(&ours.force_n, &theirs.force_n, 0.06));
+            assert!(!differ(&ours.frame_area_mm2, &theirs.frame_area_mm2, 0.51));
+        }
+    }
+    of_cells.fit(&|_| ());
+    of_messages.fit(&|_| ());
+    for (region, (ours, theirs)) in Region::ALL.iter().zip(of_messages.fits.iter().zip(&of_cells.fits)) {
+        let (ours, theirs) = (ours.as_ref().expect("fitted"), theirs.as_ref().expect("fitted"));
+        let predicted = |fit: &fit::RegionFit| fit.quality.predicted.expect("several steps");
+        let ratio = predicted(ours) / predicted(theirs);
+        assert!(ratio < 1.05, "{}: {ratio}", region.name());
+        let intervals = |fit: &fit::RegionFit| fit.uncertainty.clone().expect("intervals").intervals;
+        for (ours, theirs) in intervals(ours).iter().zip(&intervals(theirs)) {
+            assert_eq!(ours.is_identifiable, theirs.is_identifiable);
+            let contains = |[low, high]: [f64; 2], value: f64| low <= value && value <= high;
+            // The intervals of a parameter at a bound end there, and the bound of A B is a multiple of the rounded area.
+            let agree = match ours.at_bound && theirs.at_bound {
+                true => (ours.value - theirs.value).abs() <= 1e-3 * theirs.value,
+                false => contains(ours.jacobian, theirs.value) && contains(theirs.jacobian, ours.value),
+            };
+            assert!(agree || !ours.is_identifiable, "{}: {ours:?} for {theirs:?}", region.name());
+        }
+    }
+}
+
+#[test]
+fn up_to_three_missing_frames_are_interpolated_and_more_exclude_the_step() {
+    let messages = messages(&computed_walk(5));
+    let whole = collect(&messages).collected(0).0;
+    let start_us = (whole[2].start_s * 1e6).round() as u64;
+    let lose =
+        |first_us: u64, frames: u64| without(&messages, |t_us| t_us >= first_us && t_us < first_us + frames * 10_000);
+    // In the middle of the stance, from its heel strike on, and up to the frame before its toe off.
+    let last_us = start_us + (whole[2].duration_s * 1e6).round() as u64 - INTERPOLATED_FRAMES * 10_000;
+    for first_us in [start_us + 200_000, start_us, last_us] {
+        let bridged = lose(first_us, INTERPOLATED_FRAMES).collected(0).0;
+        assert_eq!(bridged.len(), 5);
+        for (bridged, whole) in bridged[2].regions.iter().zip(&whole[2].regions) {
+            assert_eq!(bridged.area_mm2.len(), whole.area_mm2.len());
+            let most = whole.force_n.iter().copied().fold(0.0, f64::max);
+            let differ = bridged.force_n.iter().zip(&whole.force_n).any(|(a, b)| (a - b).abs() > 0.2 * most);
+            assert!(!differ, "{:?} for {:?}", bridged.force_n, whole.force_n);
+        }
+        let broken = lose(first_us, INTERPOLATED_FRAMES + 1);
+        assert_eq!(broken.collected(0).0.len(), 4);
+        assert_eq!(reasons(&broken), [ExclusionReason::Broken]);
+    }
+}
+
+#[test]
+fn repeated_messages_count_once_and_steps_without_their_frames_are_excluded() {
+    let messages = messages(&computed_walk(5));
+    let count = |live: &LiveSteps| live.collected(0).0.len();
+    assert_eq!(count(&collect(messages.iter().flat_map(|message| [message, message]))), 5);
+    assert_eq!(count(&collect(messages.iter().chain(&messages))), 5);
+
+    let steps = |message: &&ToHost| matches!(message, ToHost::Step(_));
+    assert_eq!(reasons(&collect(messages.iter().filter(steps))), [ExclusionReason::BeforeStream; 5]);
+    // The stream begins in the second step.
+    let first_us = match messages.iter().filter(steps).nth(1) {
+        Some(ToHost::Step(step)) => step.start_us + 100_000,
+        _ => unreachable!("a second step"),
+    };
+    let late = without(&messages, |t_us| t_us < first_us);
+    assert_eq!((count(&late), reasons(&late)), (3, vec![ExclusionReason::BeforeStream; 2]));
+
+    let after_restart = messages.iter().map(|message| match message {
+        ToHost::Step(step) => ToHost::Step(Step { boots_since: 1, ..*step }),
+        live => live.clone(),
+    });
+    let after_restart: Vec<_> = after_restart.collect();
+    assert_eq!(reasons(&collect(&after_restart)), [ExclusionReason::BeforeRestart; 5]);
+    // Steps that were received before the restart and are sent again count once.
+    assert_eq!(count(&collect(messages.iter().chain(&after_restart))), 5);
+}
+
+#[test]
+fn a_record_may_arrive_before_the_last_frames_of_its_stance() {
+    let mut messages = messages(&computed_walk(3));
+    for i in 0..messages.len() {
+        if matches!(messages[i], ToHost::Step(_)) {
+            messages[i - 8..=i].rotate_right(1);
+        }
+    }
+    assert_eq!(collect(&messages).collected(0).0.len(), 3);
+}
+
+#[test]
+fn a_long_stance_is_decimated_as_on_the_insole() {
+    let recording =
+        walk(&SyntheticWalk { steps: 3, stance_s: 2.4, rate_hz: 200.0, ..SyntheticWalk::default() }).recording;
+    let insole = VirtualInsole::new(&recording, CONTACT, StanceRule::WALKING);
+    let (of_cells, _) = fit::steps::isolate(&recording, &insole, 0, &mut |_| ()).expect("a valid insole");
+    let (of_messages, _) = collect(&messages(&recording)).collected(0);
+    assert_eq!((of_messages.len(), of_cells.len()), (3, 3));
+    for (ours, theirs) in of_messages.iter().zip(&of_cells) {
+        let (ours, theirs) = (&ours.regions[0], &theirs.regions[0]);
+        assert!(ours.sample_s > 1.5 * ours.frame_s);
+        assert_eq!((ours.area_mm2.len(), ours.sample_s), (theirs.area_mm2.len(), theirs.sample_s));
+        assert!(ours.area_mm2.iter().zip(&theirs.area_mm2).all(|(a, b)| (a - b).abs() <= 0.51));
+    }
+}
+
+#[test]
+fn partial_steps_are_excluded_and_contact_rules_are_not_mixed() {
+    let mut messages = messages(&computed_walk(6));
+    let (from_us, to_us) = match messages.iter().find(|message| matches!(message, ToHost::Step(_))) {
+        Some(ToHost::Step(step)) => (step.start_us, step.start_us + u64::from(step.duration_us)),
+        _ => unreachable!("a step"),
+    };
+    for message in &mut messages {
+        if let ToHost::Live(live) = message
+            && (from_us..to_us).contains(&live.t_us)
+        {
+            live.regions.iter_mut().for_each(|region| region.measured_dn /= 2);
+        }
+    }
+    let live = collect(&messages);
+    assert_eq!(live.collected(0).0.len(), 5);
+    assert!(matches!(reasons(&live)[..], [ExclusionReason::Partial(share)] if (share - 0.5).abs() < 0.1));
+
+    if let Some(ToHost::Step(step)) = messages.iter_mut().rfind(|message| matches!(message, ToHost::Step(_))) {
+        step.contact_rule = ContactRule::COUNTED;
+    }
+    let mut study = Study::new("mixed".into(), CONTACT, Options::usual([0.012; 8]));
+    let mixed = study.add_live("a walk".into(), String::new(), Side::Right, &collect(&messages));
+    assert_eq!(mixed.map_err(|error| error.found), Err(ContactRule::COUNTED));
+    assert!(study.sources.is_empty());
+}
