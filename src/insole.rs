@@ -222,7 +222,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// # Panics
     /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn ellipse(&self, region: usize) -> Option<Ellipse<R>> {
-        Ellipse::from_moments(&self.loads[region].frame.area).map(|e| self.in_foot(region, e))
+        Ellipse::from_moments(&self.loads[region].frame.area).map(|e| self.to_foot_coordinates(region, e))
     }
 
     /// Centre of pressure of a region in the last frame, foot coordinates, mm; `None` without force.
@@ -236,7 +236,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     }
 
     /// Converts an ellipse from the coordinates of its region to foot coordinates.
-    fn in_foot(&self, region: usize, ellipse: Ellipse<R>) -> Ellipse<R> {
+    fn to_foot_coordinates(&self, region: usize, ellipse: Ellipse<R>) -> Ellipse<R> {
         let (x_mm, y_mm) = self.division.origins_mm[region];
         ellipse.moved(R::of_f32(x_mm), R::of_f32(y_mm))
     }
@@ -271,7 +271,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         let step =
             RegionStep::new(&self.force_laws[region], area_mm2, force_n, sample_s, self.stance.moments_at_peak(region));
         RegionStep {
-            ellipse_at_peak: step.ellipse_at_peak.map(|e| self.in_foot(region, e)),
+            ellipse_at_peak: step.ellipse_at_peak.map(|e| self.to_foot_coordinates(region, e)),
             masked_cells: self.faults().masked_cells[region],
             ..step
         }

@@ -1,8 +1,9 @@
 //! The interface between the emulated board and the sensor plant, which is the simulation of the sensor matrix on the host.
 //!
-//! The plant writes three files to the emulator's working directory: [`SETUP_FILE`], a `postcard` [`EmulatorConfig`] followed by
-//! its cells as [`SetupCell`]; [`MATRIX_FILE`], the codes of the current scan, little endian, in the order of the cells; and
-//! [`FLASH_FILE`], to which the board writes. The board writes its log, encoded by `defmt`, to the standard output.
+//! The host creates three files in the emulator's working directory: [`SETUP_FILE`], an [`EmulatorConfig`] followed by the cells
+//! as [`SetupCell`], all encoded by `postcard`; [`MATRIX_FILE`], to which the plant writes the codes of each scan, little endian,
+//! in the order of the cells; and [`FLASH_FILE`], the flash chip, to which the board writes. The board writes its log, encoded by
+//! `defmt`, to the standard output.
 //!
 //! Over USART3 the board sends requests of five bytes, [`SCAN`] or [`TICK`] and a scan number (little endian). The plant answers
 //! with two bytes. An answer to `SCAN` consists of the low byte of the number and the number of rows that are in the file so far;
@@ -74,7 +75,7 @@ pub struct PlannedFault {
     pub is_repeated: bool,
 }
 
-/// The configuration of the emulated board: the head of the set-up file.
+/// The configuration of the emulated board: the beginning of the set-up file.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EmulatorConfig {
     /// Foot, layout, frame period, sensor law, contact rule and stance rule.

@@ -23,11 +23,11 @@ fuzz_target!(|data: &[u8]| {
     let mut splitter = Splitter::new();
     splitter.buffer()[..message.len()].copy_from_slice(message);
     splitter.start(message.len());
-    // A fragment has at most 6 to 255 bytes here, and at most 20 to 244 bytes on a real link.
-    let mut piece = vec![0; usize::from(size).max(6)];
+    // The largest fragment has 6 to 255 bytes here, and 20 to 244 bytes on a real link.
+    let mut fragment = vec![0; usize::from(size).max(6)];
     loop {
-        let len = splitter.next(&mut piece).expect("the message has another fragment");
-        let joined = joiner.push(&piece[..len]).expect("the fragments are in order");
+        let len = splitter.next(&mut fragment).expect("the message has another fragment");
+        let joined = joiner.push(&fragment[..len]).expect("the fragments are in order");
         assert_eq!(joined.is_some(), splitter.is_done());
         if let Some(joined) = joined {
             assert_eq!(joined, message);

@@ -4,10 +4,10 @@ use proptest::prelude::*;
 use proptest_state_machine::{ReferenceStateMachine, StateMachineTest, prop_state_machine};
 use std::cell::RefCell;
 use std::rc::Rc;
-use testkit::host::{Host, Over};
+use testkit::host::{Host, LinkKind};
 use testkit::scenario::{Outcome, follow};
 use testkit::virtual_time::now_us;
-use testkit::world::{Physical, SharedWorld, World};
+use testkit::world::{InsoleEvent, SharedWorld, World};
 
 /// Longest duration of a step with its swing, ms.
 const STEP_MS: u64 = 1_200;
@@ -23,8 +23,8 @@ struct Transition {
 
 #[derive(Clone, Debug)]
 enum Event {
-    Physical(Physical),
-    Connect(Over),
+    Insole(InsoleEvent),
+    Connect(LinkKind),
     Disconnect,
     SetParameters,
     Restart,
@@ -37,7 +37,7 @@ struct Schedule {
     now_ms: u64,
     /// End of the present walk.
     walks_until_ms: u64,
-    /// Earliest time of the next crash. After several failed starts in a row the insole would start without its stored data.
+    /// Earliest time of the next crash. After several successive failed starts the insole would start without its stored data.
     crashes_from_ms: u64,
 }
 
@@ -45,21 +45,22 @@ struct Schedule {
 struct AnyOrder;
 
 fn events() -> impl Strategy<Value = Event> {
-    let physical = prop_oneof![
-        6 => (1u32..12).prop_map(|steps| Physical::Walk { steps }),
-        2 => (50_000u64..2_000_000).prop_map(|off_us| Physical::PowerCut { off_us }),
-        2 => (0u64..30).prop_map(|operations| Physical::PowerCutInWrite { operations }),
-        2 => (100_000u64..5_000_000).prop_map(|for_us| Physical::CableCut { for_us }),
-        1 => prop_oneof![Just(0.0), Just(3_000.0), Just(900.0)].prop_map(|bytes_per_s| Physical::CableRate { bytes_per_s }),
-        1 => prop_oneof![Just(0u32), 1_500u32..9_000].prop_map(|every_bytes| Physical::Damage { every_bytes }),
-        2 => Just(Physical::RadioLost),
-        1 => (1u32..40, 0usize..16).prop_map(|(frames, from_row)| Physical::MissFrames { frames, from_row }),
-        1 => prop_oneof![Just("scan"), Just("model"), Just("link")].prop_map(Physical::Stall),
-        1 => Just(Physical::Panic),
+    let insole_events = prop_oneof![
+        6 => (1u32..12).prop_map(|steps| InsoleEvent::Walk { steps }),
+        2 => (50_000u64..2_000_000).prop_map(|off_us| InsoleEvent::PowerCut { off_us }),
+        2 => (0u64..30).prop_map(|operations| InsoleEvent::PowerCutInWrite { operations }),
+        2 => (100_000u64..5_000_000).prop_map(|for_us| InsoleEvent::CableCut { for_us }),
+        1 => prop_oneof![Just(0.0), Just(3_000.0), Just(900.0)]
+            .prop_map(|bytes_per_s| InsoleEvent::CableRate { bytes_per_s }),
+        1 => prop_oneof![Just(0u32), 1_500u32..9_000].prop_map(|every_bytes| InsoleEvent::Damage { every_bytes }),
+        2 => Just(InsoleEvent::RadioLost),
+        1 => (1u32..40, 0usize..16).prop_map(|(frames, from_row)| InsoleEvent::MissFrames { frames, from_row }),
+        1 => prop_oneof![Just("scan"), Just("model"), Just("link")].prop_map(InsoleEvent::Stall),
+        1 => Just(InsoleEvent::Panic),
     ];
     prop_oneof![
-        12 => physical.prop_map(Event::Physical),
-        3 => prop_oneof![Just(Over::Serial), Just(Over::Bluetooth)].prop_map(Event::Connect),
+        12 => insole_events.prop_map(Event::Insole),
+        3 => prop_oneof![Just(LinkKind::Serial), Just(LinkKind::Bluetooth)].prop_map(Event::Connect),
         1 => Just(Event::Disconnect),
         1 => Just(Event::SetParameters),
         1 => Just(Event::Restart),
@@ -82,18 +83,18 @@ impl ReferenceStateMachine for AnyOrder {
     fn preconditions(state: &Schedule, transition: &Transition) -> bool {
         match transition.event {
             // A walk begins after the end of the previous one.
-            Event::Physical(Physical::Walk { .. }) => state.now_ms >= state.walks_until_ms,
-            Event::Physical(Physical::Stall(_) | Physical::Panic) => state.now_ms >= state.crashes_from_ms,
+            Event::Insole(InsoleEvent::Walk { .. }) => state.now_ms >= state.walks_until_ms,
+            Event::Insole(InsoleEvent::Stall(_) | InsoleEvent::Panic) => state.now_ms >= state.crashes_from_ms,
             _ => true,
         }
     }
 
     fn apply(mut state: Schedule, transition: &Transition) -> Schedule {
         match transition.event {
-            Event::Physical(Physical::Walk { steps }) => {
+            Event::Insole(InsoleEvent::Walk { steps }) => {
                 state.walks_until_ms = state.now_ms + u64::from(steps) * STEP_MS;
             }
-            Event::Physical(Physical::Stall(_) | Physical::Panic) => {
+            Event::Insole(InsoleEvent::Stall(_) | InsoleEvent::Panic) => {
                 state.crashes_from_ms = state.now_ms + HEALTHY_MS;
             }
             _ => {}
@@ -116,8 +117,8 @@ impl StateMachineTest for AnyOrder {
         let world = Rc::new(RefCell::new(World::new(1, 100.0)));
         let mut hosts = vec![Host::new(&world, 0)];
         // The host receives one step before the events, because it could not detect the loss of an insole's very first step.
-        hosts[0].connect(Over::Serial, true);
-        world.borrow_mut().schedule(now_us() + 500_000, 0, Physical::Walk { steps: 1 });
+        hosts[0].connect(LinkKind::Serial, true);
+        world.borrow_mut().schedule(now_us() + 500_000, 0, InsoleEvent::Walk { steps: 1 });
         follow(&mut hosts, now_us() + 3_000_000);
         assert_eq!(hosts[0].steps.len(), 1);
         Simulated { world, hosts }
@@ -127,7 +128,7 @@ impl StateMachineTest for AnyOrder {
         let Simulated { world, hosts } = &mut simulated;
         let host = &mut hosts[0];
         match event {
-            Event::Physical(event) => world.borrow_mut().schedule(now_us(), 0, event),
+            Event::Insole(event) => world.borrow_mut().schedule(now_us(), 0, event),
             Event::Connect(over) => host.connect(over, true),
             Event::Disconnect => host.disconnect(),
             Event::SetParameters => host.set_parameters(),
@@ -144,13 +145,13 @@ impl StateMachineTest for AnyOrder {
         }
     }
 
-    /// Repairs the link at the end. Every step must then arrive, except the last ones of a boot that a crash or a loss of power cut short.
+    /// Repairs the link at the end. Every step must then arrive, except the last ones before a crash or a loss of power.
     fn teardown(simulated: Simulated, _: Schedule) {
         let Simulated { world, mut hosts } = simulated;
-        let repairs = [Physical::CableRate { bytes_per_s: 0.0 }, Physical::Damage { every_bytes: 0 }];
+        let repairs = [InsoleEvent::CableRate { bytes_per_s: 0.0 }, InsoleEvent::Damage { every_bytes: 0 }];
         repairs.into_iter().for_each(|event| world.borrow_mut().schedule(now_us(), 0, event));
         follow(&mut hosts, now_us() + 15_000_000);
-        hosts[0].connect(Over::Serial, false);
+        hosts[0].connect(LinkKind::Serial, false);
         follow(&mut hosts, now_us() + 15_000_000);
         if let Err(error) = Outcome::new(&world, hosts).verify() {
             panic!("{error}");

@@ -9,8 +9,8 @@ mod phones;
 use common::{firmware, replay, synthetic_walk, tissue};
 use firmware_image::{Image, development_key};
 use phones::{
-    CADENCE, CHARACTERISTICS, CONTROL, CURRENT_TIME, Insole, LIVE, PARAMETERS, Phone, RadioSimulation, STEPS, World,
-    fragments,
+    CHARACTERISTICS, CONTROL, CURRENT_TIME, Insole, LIVE, PARAMETERS, Phone, RSC_MEASUREMENT, RadioSimulation, STEPS,
+    World, fragments,
 };
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::Tissue;
@@ -46,7 +46,7 @@ fn an_unbonded_phone_reads_the_device_information_and_nothing_else() {
         ("180a", vec![("2a29", read), ("2a24", read), ("2a26", read)]),
         ("180f", vec![("2a19", read)]),
         ("1805", vec![(CURRENT_TIME, read | write | notify)]),
-        ("1814", vec![(CADENCE, notify), ("2a54", read)]),
+        ("1814", vec![(RSC_MEASUREMENT, notify), ("2a54", read)]),
         (
             "dca8c300-cb96-463f-8bec-f2094e1ccf7b",
             vec![(CONTROL, write | indicate), (LIVE, notify), (STEPS, notify), (PARAMETERS, write | indicate)],
@@ -353,7 +353,7 @@ fn a_phone_that_never_confirms_is_disconnected_and_can_connect_again() {
     let mut phone = world.bonded_phone(247);
     world.radio.request(json!({"do": "mute", "phone": phone.name}));
     phone.send(&mut world.radio, ToDevice::GetStatus);
-    phone.lose(&mut world.radio);
+    phone.wait_for_disconnection(&mut world.radio);
     phone.reopen(&mut world.radio, 247);
     assert_eq!(phone.status(&mut world.radio).bad_frames, 0);
     stream_steps(&mut world, &mut phone, 1);
@@ -364,13 +364,13 @@ fn a_phone_that_never_confirms_is_disconnected_and_can_connect_again() {
 fn standard_services_report_the_cadence_and_set_the_clock() {
     let mut world = World::start(WALK(3));
     let mut phone = world.bonded_phone(247);
-    world.radio.request(json!({"do": "subscribe", "phone": phone.name, "to": CADENCE}));
+    world.radio.request(json!({"do": "subscribe", "phone": phone.name, "to": RSC_MEASUREMENT}));
     let (_, steps) = replay(&world.insole.recording, ContactRule::COUNTED, |_| false);
     world.insole.play(u32::MAX);
     let mut measured = Vec::new();
     while measured.len() < 3 {
         let (of, value) = phone.value(&mut world.radio);
-        if of == CADENCE {
+        if of == RSC_MEASUREMENT {
             assert_eq!((value.len(), &value[..3]), (4, &[0, 0, 0][..]));
             measured.push(value[3]);
         }

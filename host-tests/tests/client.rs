@@ -136,7 +136,7 @@ fn connected() -> (Cable, Client<Framed<Cable>>) {
     (cable, client)
 }
 
-/// Receives until many reads in a row return no message. A read of a part of a frame or of a repeated step returns none either.
+/// Receives until many successive reads return no message. A read of a part of a frame or of a repeated step returns none either.
 fn receive_all(client: &mut Client<Framed<Cable>>) -> Vec<ToHost> {
     let mut got = Vec::new();
     let mut silent = 0;

@@ -12,25 +12,25 @@ use plantar::storage::{Bonds, BootCounters, IdentityRecord, Record, StorageError
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
-use testkit::nor_flash::{NorFlashChip, Torn, now};
+use testkit::nor_flash::{NorFlashChip, Torn, block_on};
 use testkit::store_script::Script;
 use testkit::{TISSUE, step};
 
-type Chip<'c> = Store<&'c mut NorFlashChip>;
+type ChipStore<'c> = Store<&'c mut NorFlashChip>;
 
 fn chip() -> NorFlashChip {
     NorFlashChip::new(LOG.end as usize)
 }
 
 /// Opens the store as after a loss of power.
-fn open(chip: &mut NorFlashChip) -> Chip<'_> {
-    now(Store::open(Some(chip), Reset::Power))
+fn open(chip: &mut NorFlashChip) -> ChipStore<'_> {
+    block_on(Store::open(Some(chip), Reset::Power))
 }
 
 /// All stored steps.
-fn steps(store: &mut Chip) -> Vec<Step> {
+fn steps(store: &mut ChipStore) -> Vec<Step> {
     let mut steps = Vec::new();
-    let more = now(store.steps(None, |step| {
+    let more = block_on(store.steps(None, |step| {
         steps.push(step);
         true
     }));
@@ -39,7 +39,7 @@ fn steps(store: &mut Chip) -> Vec<Step> {
 }
 
 /// The numbers of all stored steps.
-fn numbers(store: &mut Chip) -> Vec<u32> {
+fn numbers(store: &mut ChipStore) -> Vec<u32> {
     steps(store).iter().map(|step| step.step).collect()
 }
 
@@ -86,7 +86,7 @@ fn a_long_script_erases_sectors() {
 
 /// `flash-1.bin` was written by the first firmware with storage: its first sector of records and two of the log.
 #[test]
-fn data_stored_by_older_firmware_are_read() {
+fn data_stored_by_older_firmware_is_read() {
     let capture = include_bytes!("../data/flash-1.bin");
     let mut chip = chip();
     let (records, log) = capture.split_at(SECTOR as usize);
@@ -96,13 +96,13 @@ fn data_stored_by_older_firmware_are_read() {
     let mut store = open(&mut chip);
     let contents = store.contents();
     assert_eq!((contents.start, contents.next_step, contents.newer_kinds, contents.newer_steps), (2, 20, 0, 0));
-    assert_eq!(now(store.get::<Tissue>(0)), Ok(Some(*TISSUE)));
+    assert_eq!(block_on(store.get::<Tissue>(0)), Ok(Some(*TISSUE)));
     let serial = Serial::new("P-0001").expect("the serial number is valid");
-    assert_eq!(now(store.get::<IdentityRecord>(0)), Ok(Some(IdentityRecord { side: Side::Right, serial })));
-    assert_eq!(now(store.get::<Bonds>(0)), Ok(Some(Bonds([1, 2, 3, 4, 5].into_iter().collect()))));
-    let calibration = now(store.calibration(7, 40)).expect("the chip works").expect("the calibration is valid");
+    assert_eq!(block_on(store.get::<IdentityRecord>(0)), Ok(Some(IdentityRecord { side: Side::Right, serial })));
+    assert_eq!(block_on(store.get::<Bonds>(0)), Ok(Some(Bonds([1, 2, 3, 4, 5].into_iter().collect()))));
+    let calibration = block_on(store.calibration(7, 40)).expect("the chip works").expect("the calibration is valid");
     for block in 0..3u16 {
-        let cells = now(store.calibration_block(&calibration, block as u8))
+        let cells = block_on(store.calibration_block(&calibration, block as u8))
             .expect("the chip works")
             .expect("the block is stored");
         for (i, cell) in (block * BLOCK_CELLS as u16..40).zip(cells) {
@@ -115,8 +115,8 @@ fn data_stored_by_older_firmware_are_read() {
     });
     assert_eq!(steps(&mut store), expected.collect::<Vec<_>>());
     // Numbering continues, and old and new steps are acknowledged together.
-    assert_eq!(now(store.push_step(&step(20))), Ok(0));
-    assert_eq!(now(store.acknowledge(18)), Ok(()));
+    assert_eq!(block_on(store.push_step(&step(20))), Ok(0));
+    assert_eq!(block_on(store.acknowledge(18)), Ok(()));
     assert_eq!(numbers(&mut store), [19, 20]);
 }
 
@@ -125,18 +125,18 @@ fn step_numbers_continue_after_all_steps_were_acknowledged() {
     let mut chip = chip();
     let mut store = open(&mut chip);
     for number in [u32::MAX - 1, u32::MAX, 0, 1] {
-        assert_eq!(now(store.push_step(&step(number))), Ok(0));
+        assert_eq!(block_on(store.push_step(&step(number))), Ok(0));
     }
-    assert_eq!(now(store.acknowledge(u32::MAX)), Ok(()));
+    assert_eq!(block_on(store.acknowledge(u32::MAX)), Ok(()));
     assert_eq!(numbers(&mut store), [0, 1]);
-    assert_eq!(now(store.acknowledge(1)), Ok(()));
+    assert_eq!(block_on(store.acknowledge(1)), Ok(()));
     assert!(numbers(&mut store).is_empty());
     for _ in 0..3 {
         let mut store = open(&mut chip);
         assert_eq!(store.contents().next_step, 2);
         assert!(numbers(&mut store).is_empty());
         // A host repeats its acknowledgement if it does not know whether the first one arrived.
-        assert_eq!(now(store.acknowledge(1)), Ok(()));
+        assert_eq!(block_on(store.acknowledge(1)), Ok(()));
     }
 }
 
@@ -146,9 +146,9 @@ fn step_numbers_continue_after_a_step_that_could_not_be_stored() {
     let mut chip = chip();
     let mut store = open(&mut chip);
     for number in 0..3 {
-        assert_eq!(now(store.push_step(&step(number))), Ok(0));
+        assert_eq!(block_on(store.push_step(&step(number))), Ok(0));
     }
-    assert_eq!(now(store.acknowledge(3)), Ok(()));
+    assert_eq!(block_on(store.acknowledge(3)), Ok(()));
     assert!(numbers(&mut store).is_empty());
     let store = open(&mut chip);
     assert_eq!((store.contents().next_step, store.contents().erased), (4, 0));
@@ -160,9 +160,9 @@ fn a_full_log_contains_at_least_the_last_2000_steps_and_counts_dropped_ones() {
     let mut store = open(&mut chip);
     let (mut dropped, mut fewest) = (0, u32::MAX);
     for number in 0..12_000 {
-        let now_dropped = now(store.push_step(&step(number))).expect("the chip works");
-        dropped += now_dropped;
-        if now_dropped > 0 {
+        let newly_dropped = block_on(store.push_step(&step(number))).expect("the chip works");
+        dropped += newly_dropped;
+        if newly_dropped > 0 {
             let stored = numbers(&mut store);
             assert_eq!(
                 stored,
@@ -183,7 +183,7 @@ fn records_of_newer_firmware_are_reported_and_not_changed() {
     let newer_tissue: &[u8] = b"parameters as they will be";
     let newer_entry: &[u8] = &[9; 50];
     open(&mut chip);
-    now(async {
+    block_on(async {
         let mut records = MapStorage::new(&mut chip, MapConfig::new(RECORDS), Cache::new_uncached());
         let (mut buffer, key) = ([0; 100], [Tissue::KIND, 0, Tissue::VERSION + 1]);
         records.store_item(&mut buffer, &key, &newer_tissue).await.expect("there is room");
@@ -194,22 +194,22 @@ fn records_of_newer_firmware_are_reported_and_not_changed() {
     let mut store = open(&mut chip);
     assert_eq!(store.contents().newer_kinds, 1 << Tissue::KIND | 1 << 31);
     assert_eq!(store.contents().newer_steps, 1);
-    assert_eq!(now(store.get::<Tissue>(0)), Ok(None));
+    assert_eq!(block_on(store.get::<Tissue>(0)), Ok(None));
     // This firmware stores its own records in the same sectors, until the sectors were reused several times.
     for i in 0..5000 {
         let tissue = Tissue::new(
             [plantar::pipeline::model::ForceLaw { c_m: 0.01 + i as f32 * 1e-6, ..TISSUE.force_laws[0] }; 8],
         );
-        assert_eq!(now(store.put(0, &tissue)), Ok(()));
-        assert_eq!(now(store.get(0)), Ok(Some(tissue)));
+        assert_eq!(block_on(store.put(0, &tissue)), Ok(()));
+        assert_eq!(block_on(store.get(0)), Ok(Some(tissue)));
     }
     for number in 0..50 {
-        assert_eq!(now(store.push_step(&step(number))), Ok(0));
+        assert_eq!(block_on(store.push_step(&step(number))), Ok(0));
     }
-    assert_eq!(now(store.acknowledge(49)), Ok(()));
+    assert_eq!(block_on(store.acknowledge(49)), Ok(()));
     assert!(numbers(&mut store).is_empty());
     assert!(chip.erasures[0] > 1, "sectors of records must be reused");
-    now(async {
+    block_on(async {
         let mut records = MapStorage::new(&mut chip, MapConfig::new(RECORDS), Cache::new_uncached());
         let mut buffer = [0; 400];
         for key in [[Tissue::KIND, 0, Tissue::VERSION + 1], [31, 0, 1]] {
@@ -227,8 +227,8 @@ fn records_of_newer_firmware_are_reported_and_not_changed() {
 fn nothing_is_erased_if_only_newer_firmware_counted_boots() {
     let mut chip = chip();
     let mut store = open(&mut chip);
-    assert_eq!(now(store.put(0, &*TISSUE)), Ok(()));
-    now(async {
+    assert_eq!(block_on(store.put(0, &*TISSUE)), Ok(()));
+    block_on(async {
         let mut records = MapStorage::new(&mut chip, MapConfig::new(RECORDS), Cache::new_uncached());
         let mut buffer = [0; 400];
         records
@@ -241,7 +241,7 @@ fn nothing_is_erased_if_only_newer_firmware_counted_boots() {
             .expect("the chip works");
     });
     let mut store = open(&mut chip);
-    assert_eq!(now(store.get(0)), Ok(Some(*TISSUE)));
+    assert_eq!(block_on(store.get(0)), Ok(Some(*TISSUE)));
     assert_eq!((store.contents().newer_kinds, store.contents().erased), (1 << BootCounters::KIND, 0));
 }
 
@@ -253,26 +253,30 @@ fn an_incomplete_calibration_or_one_of_another_layout_is_not_used() {
     let mut id = plantar::protocol::CalibrationId::new();
     id.add(&block);
     id.add(&block);
-    assert_eq!(now(store.put_calibration_block(0, &block)), Ok(()));
+    assert_eq!(block_on(store.put_calibration_block(0, &block)), Ok(()));
     assert_eq!(
-        now(store.put_calibration(7, 32, id.id())),
+        block_on(store.put_calibration(7, 32, id.id())),
         Ok(false),
         "a calibration without its second block must be refused"
     );
-    assert_eq!(now(store.put_calibration_block(1, &block)), Ok(()));
+    assert_eq!(block_on(store.put_calibration_block(1, &block)), Ok(()));
     assert_eq!(
-        now(store.put_calibration(7, 32, id.id() ^ 1)),
+        block_on(store.put_calibration(7, 32, id.id() ^ 1)),
         Ok(false),
         "a calibration with another checksum must be refused"
     );
-    assert_eq!(now(store.calibration(7, 32)), Ok(None));
-    assert_eq!(now(store.put_calibration(7, 32, id.id())), Ok(true));
-    assert!(matches!(now(store.calibration(7, 32)), Ok(Some(_))));
-    assert_eq!(now(store.calibration(8, 32)), Ok(None), "a calibration of another layout must not be used");
-    assert_eq!(now(store.calibration(7, 31)), Ok(None), "a calibration of another number of cells must not be used");
+    assert_eq!(block_on(store.calibration(7, 32)), Ok(None));
+    assert_eq!(block_on(store.put_calibration(7, 32, id.id())), Ok(true));
+    assert!(matches!(block_on(store.calibration(7, 32)), Ok(Some(_))));
+    assert_eq!(block_on(store.calibration(8, 32)), Ok(None), "a calibration of another layout must not be used");
+    assert_eq!(
+        block_on(store.calibration(7, 31)),
+        Ok(None),
+        "a calibration of another number of cells must not be used"
+    );
 }
 
-/// No content makes a chip unusable or the firmware panic.
+/// No content of the chip makes it unusable, or makes the firmware panic.
 #[test]
 fn a_chip_with_any_content_becomes_usable() {
     let mut random = fastrand::Rng::with_seed(5);
@@ -285,7 +289,7 @@ fn a_chip_with_any_content_becomes_usable() {
             _ => {
                 let mut store = open(&mut chip);
                 for number in 0..500 {
-                    now(store.push_step(&step(number))).expect("the chip works");
+                    block_on(store.push_step(&step(number))).expect("the chip works");
                 }
                 let mut at = random.usize(..RECORDS.end as usize);
                 for _ in 0..200 {
@@ -302,13 +306,13 @@ fn a_chip_with_any_content_becomes_usable() {
             }
         }
         let mut store = open(&mut chip);
-        assert_eq!(now(store.put(0, &*TISSUE)), Ok(()), "round {round}");
+        assert_eq!(block_on(store.put(0, &*TISSUE)), Ok(()), "round {round}");
         let next = store.contents().next_step;
         for number in next..next + 20 {
-            now(store.push_step(&step(number))).expect("the chip works");
+            block_on(store.push_step(&step(number))).expect("the chip works");
         }
         let mut store = open(&mut chip);
-        assert_eq!(now(store.get(0)), Ok(Some(*TISSUE)), "round {round}");
+        assert_eq!(block_on(store.get(0)), Ok(Some(*TISSUE)), "round {round}");
         assert!(numbers(&mut store).ends_with(&(next..next + 20).collect::<Vec<_>>()), "round {round}");
     }
 }
@@ -317,13 +321,13 @@ fn a_chip_with_any_content_becomes_usable() {
 fn a_defective_chip_is_reported() {
     let mut chip = chip();
     chip.cut = Some((0, Torn::Before));
-    let _ = now(chip.erase(0, SECTOR));
+    let _ = block_on(chip.erase(0, SECTOR));
     let mut store = open(&mut chip);
-    assert_eq!(now(store.get::<Tissue>(0)), Err(StorageError::Chip));
-    assert_eq!(now(store.put(0, &*TISSUE)), Err(StorageError::Chip));
-    assert_eq!(now(store.push_step(&step(0))), Err(StorageError::Chip));
-    assert_eq!(now(store.acknowledge(0)), Err(StorageError::Chip));
-    assert_eq!(now(store.steps(None, |_| true)), Err(StorageError::Chip));
+    assert_eq!(block_on(store.get::<Tissue>(0)), Err(StorageError::Chip));
+    assert_eq!(block_on(store.put(0, &*TISSUE)), Err(StorageError::Chip));
+    assert_eq!(block_on(store.push_step(&step(0))), Err(StorageError::Chip));
+    assert_eq!(block_on(store.acknowledge(0)), Err(StorageError::Chip));
+    assert_eq!(block_on(store.steps(None, |_| true)), Err(StorageError::Chip));
 }
 
 #[test]
@@ -348,14 +352,14 @@ fn steps_are_read_and_acknowledged_while_others_are_recorded() {
     for _ in 0..60_000 {
         match random.u8(0..3) {
             0 if next - oldest < 1500 => {
-                assert_eq!(now(store.push_step(&step(next))), Ok(0));
+                assert_eq!(block_on(store.push_step(&step(next))), Ok(0));
                 next += 1;
             }
             1 => {
                 let after = (read > oldest).then(|| read - 1);
                 let first = read.max(oldest);
                 let mut got = Vec::new();
-                let more = now(store.steps(after, |step| {
+                let more = block_on(store.steps(after, |step| {
                     let has_room = got.len() < 6;
                     if has_room {
                         got.push(step.step);
@@ -368,7 +372,7 @@ fn steps_are_read_and_acknowledged_while_others_are_recorded() {
             }
             _ if read > oldest => {
                 oldest += random.u32(1..=read - oldest);
-                assert_eq!(now(store.acknowledge(oldest - 1)), Ok(()));
+                assert_eq!(block_on(store.acknowledge(oldest - 1)), Ok(()));
             }
             _ => {}
         }
@@ -390,9 +394,9 @@ fn a_day_of_steps_wears_the_chip_little() {
         let mut chip = chip();
         let mut store = open(&mut chip);
         for number in 0..STEPS * DAYS {
-            now(store.push_step(&step(number))).expect("the chip works");
+            block_on(store.push_step(&step(number))).expect("the chip works");
             if is_acknowledged {
-                now(store.acknowledge(number)).expect("the chip works");
+                block_on(store.acknowledge(number)).expect("the chip works");
             }
         }
         let log = (LOG.start / SECTOR) as usize..(LOG.end / SECTOR) as usize;

@@ -2,7 +2,7 @@
 //! any moment. The images are swapped by the code that the bootloaders use.
 
 use embassy_boot::{AlignedBuffer, BootError, BootLoader, State};
-use embassy_futures::block_on as now;
+use embassy_futures::block_on;
 use embassy_sync::mutex::Mutex;
 use emulation::ACTIVE_IMAGE;
 use emulation::FLASH_BYTES;
@@ -58,7 +58,7 @@ fn boot(chip: &mut NorFlashChip) -> Result<State, BootError> {
 
 /// Passes a request to the insole's update function.
 fn ask(update: &mut Update, chip: &mut NorFlashChip, request: Request) -> Result<Progress, Refusal> {
-    now(update.handle(chip, OLD.header(), &key(), &request))
+    block_on(update.handle(chip, OLD.header(), &key(), &request))
 }
 
 /// The request that transfers a chunk of an image.
@@ -86,17 +86,17 @@ fn accepted() -> NorFlashChip {
 fn a_signed_image_is_swapped_in_and_back_unless_it_is_confirmed() {
     let mut chip = accepted();
     assert_eq!(boot(&mut chip), Ok(State::Swap));
-    assert!(active(&chip) == Some(&NEW) && now(is_on_trial(&mut chip)) == Ok(true));
+    assert!(active(&chip) == Some(&NEW) && block_on(is_on_trial(&mut chip)) == Ok(true));
     // While the new image is on trial, the area of the old one must not be overwritten.
     assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Err(Refusal::OnTrial));
 
     let mut confirmed = chip.clone();
-    assert_eq!(now(confirm(&mut confirmed)), Ok(()));
+    assert_eq!(block_on(confirm(&mut confirmed)), Ok(()));
     assert_eq!(boot(&mut confirmed), Ok(State::Boot));
-    assert!(active(&confirmed) == Some(&NEW) && now(is_on_trial(&mut confirmed)) == Ok(false));
+    assert!(active(&confirmed) == Some(&NEW) && block_on(is_on_trial(&mut confirmed)) == Ok(false));
 
     boot(&mut chip).expect("the chip works");
-    assert!(active(&chip) == Some(&OLD) && now(is_on_trial(&mut chip)) == Ok(false));
+    assert!(active(&chip) == Some(&OLD) && block_on(is_on_trial(&mut chip)) == Ok(false));
     // The new image can be installed again.
     assert_eq!(send(&mut Update::new(), &mut chip, &NEW), Ok(Progress::Accepted));
     boot(&mut chip).expect("the chip works");
@@ -236,7 +236,7 @@ fn a_loss_of_power_anywhere_in_the_swap_ends_in_the_new_image() {
         let booted = boot(chip);
         let is_swapped_back = active(chip) == Some(&*OLD) && torn == Torn::After;
         assert!(booted == Ok(State::Swap) && (active(chip) == Some(&*NEW) || is_swapped_back), "{at} {torn:?}");
-        now(confirm(chip)).expect("the chip works");
+        block_on(confirm(chip)).expect("the chip works");
         assert_eq!(boot(chip), Ok(State::Boot), "{at} {torn:?}");
     });
     println!("{count} cuts");
@@ -252,7 +252,7 @@ fn a_loss_of_power_anywhere_in_the_swap_back_ends_in_the_old_image() {
     let count = cuts(&before.restarted(), 1, work, |chip, at, torn| {
         boot(chip).expect("the chip works");
         assert_eq!(active(chip), Some(&*OLD), "{at} {torn:?}");
-        assert_eq!(now(is_on_trial(chip)), Ok(false), "{at} {torn:?}");
+        assert_eq!(block_on(is_on_trial(chip)), Ok(false), "{at} {torn:?}");
     });
     println!("{count} cuts");
 }
@@ -262,7 +262,7 @@ fn a_loss_of_power_during_the_confirmation_leaves_one_of_the_two_images() {
     let mut before = accepted();
     boot(&mut before).expect("the chip works");
     let work = |chip: &mut NorFlashChip| {
-        let _ = now(confirm(chip));
+        let _ = block_on(confirm(chip));
     };
     let count = cuts(&before.restarted(), 1, work, |chip, at, torn| {
         boot(chip).expect("the chip works");

@@ -18,7 +18,7 @@ pub enum FaultKind {
     Stuck,
     /// Full scale while the neighbouring cells read little.
     Saturated,
-    /// The zero of a cell, its unloaded reading, drifts faster, or farther in total, than the correction allows.
+    /// The baseline of a cell, its unloaded reading, drifts faster, or farther in total, than the correction allows.
     Drift,
     /// All cells of a row read a part of the row's load.
     Crosstalk,
@@ -79,7 +79,7 @@ pub struct Fault {
 pub struct Faults {
     /// Number of all faults, listed or not.
     pub found: u32,
-    /// Number of times that the zero of a cell was corrected, for all cells together.
+    /// Number of times that the baseline of a cell was corrected, for all cells together.
     pub rezeroed: u32,
     /// Number of masked cells of each region; 255 stands for 255 or more.
     pub masked_cells: [u8; 8],

@@ -9,11 +9,11 @@ use crate::pipeline::marks::{
     CellMarks, Count, DRIFT, IMPLAUSIBLE_SATURATION, LOADED, NO_RESPONSE, NOISE, RESPONDED, STUCK, UNCHANGED,
 };
 
-/// Largest correction of a zero in one swing, codes: 1 kPa with the sensor law of the reference insole.
+/// Largest correction of a baseline in one swing, codes: 1 kPa with the sensor law of the reference insole.
 const MAX_CORRECTION: i16 = 256;
-/// Largest sum of the corrections of a zero, codes: 13 kPa with the same law.
+/// Largest sum of the corrections of a baseline, codes: 13 kPa with the same law.
 const MAX_SUM: i32 = 2048;
-/// Largest deviation from the zero in swing that can be a slow drift, codes.
+/// Largest deviation from the baseline in swing that can be a slow drift, codes.
 const MAX_SLOW: u16 = 1024;
 
 /// The result of a running review so far.
@@ -55,8 +55,8 @@ impl Review {
     }
 }
 
-/// Reviews the unloaded reading of a cell: it can be at full scale, stuck, or show a drift of the zero, which is corrected within
-/// limits. `around` are the neighbours, if their state was determined.
+/// Reviews the unloaded reading of a cell: it can be at full scale, stuck, or show a drift of the baseline, which is corrected
+/// within limits. `around` are the neighbours, if their state was determined.
 fn review_swing<R: Real>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Neighbourhood>, faults: &mut Faults) {
     let above = i32::from(code) - i32::from(cell.offset);
     let reading = above.clamp(i16::MIN.into(), i16::MAX.into()) as i16;
@@ -77,8 +77,8 @@ fn review_swing<R: Real>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Ne
     }
 
     let (size, size_before) = (reading.unsigned_abs(), reading_before.unsigned_abs());
-    // A drift grows from swing to swing. A reading far from the zero must grow by more than a quarter, because a nearly constant
-    // reading is a residual load.
+    // A drift grows from swing to swing. A reading far from the baseline must grow by more than a quarter, because a nearly
+    // constant reading is a residual load.
     let least = if size > 8 * NOISE { size_before + size_before / 4 } else { size_before };
     let is_drift = (reading < 0) == (reading_before < 0)
         && size_before > NOISE / 2
@@ -137,12 +137,12 @@ impl CellMarks {
         } else if self.has(DRIFT) {
             Some(FaultKind::Drift)
         } else if self.count(Count::OffScale) >= 2 {
-            // The reading is at full scale, or far below its zero; the latter is a stuck code.
+            // The reading is at full scale, or far below its baseline; the latter is a stuck code.
             Some(if self.swing_reading < 0 { FaultKind::Stuck } else { FaultKind::Short })
         } else if self.count(Count::ImplausibleSaturation) >= 2 {
             Some(FaultKind::Saturated)
         } else if self.count(Count::NoResponse) >= 2 {
-            // An open cell reads its zero.
+            // An open cell reads its baseline.
             Some(if self.swing_reading.unsigned_abs() > NOISE { FaultKind::Stuck } else { FaultKind::Open })
         } else {
             None

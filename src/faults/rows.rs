@@ -9,7 +9,7 @@ use super::neighbourhood::FrameContext;
 use crate::pipeline::calibrate::FULL_CODE;
 use crate::pipeline::marks::LINES;
 
-/// An inspection is conclusive if the highest reading of the row is at least this much above its zero, codes (31 kPa with the
+/// An inspection is conclusive if the highest reading of the row is at least this much above its baseline, codes (31 kPa with the
 /// sensor law of the reference insole), and below half of full scale.
 const CONCLUSIVE_LOAD: u16 = 4096;
 /// A conclusive inspection is clean if the lowest reading of the row is less than the highest one divided by this number.

@@ -32,7 +32,7 @@ const LINES: usize = 2 * ROWS;
 const ACROSS: usize = COLUMNS / 2;
 
 /// Rows are at ground and columns at 1/11 of the supply, so an unloaded cell reads 1/11 of full scale: an initial value, to be
-/// replaced by the measured zero of each insole.
+/// replaced by the measured baseline of each insole.
 const UNLOADED: CellCalibration = CellCalibration { offset: FULL_CODE / 11, gain: 1.0 };
 
 /// Number of cells on a line: fewer at the ends of the foot, where the outline is narrow.

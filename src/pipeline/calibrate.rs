@@ -1,8 +1,8 @@
 //! Calibration: from codes to pressure.
 //!
-//! The conductance of a resistive cell rises with pressure by a power law. With the cell at a virtual ground, the code of the
-//! converter is proportional to the conductance. The inverse of the law is tabulated once; a frame then requires one lookup
-//! for each cell.
+//! The conductance of a resistive cell rises with pressure by a power law. With the column at a virtual ground, the code of the
+//! converter, minus that of the unloaded cell, is proportional to the conductance. The inverse of the law is tabulated once; a
+//! frame then requires one lookup for each cell.
 
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
@@ -64,8 +64,8 @@ const SEGMENTS: usize = 256;
 /// Number of low bits of a code that are its position within a segment.
 const SEGMENT_SHIFT: u32 = 16 - SEGMENTS.ilog2();
 
-/// The inverse of a [`SensorLaw`], from code to pressure, as straight segments. For an exponent of 0.8, it
-/// is within 0.1 % of the law from 1 % of full scale on. At exponents above 1, its pressures in the first segment, 1/256 of full scale, are too low.
+/// The inverse of a [`SensorLaw`], from code to pressure, as straight segments. For an exponent of 0.8, it is within 0.1 % of the
+/// law from 1 % of full scale on. At exponents above 1, its pressures in the first segment, 1/256 of full scale, are too low.
 ///
 /// The table is in single precision on every machine, so that all machines evaluate the same curve.
 ///

@@ -17,7 +17,7 @@ pub struct ContactRule {
     /// 0: a cell in contact counts with its whole area, as in the paper. From `on_kpa` to 2000 kPa: a cell counts with the share
     /// `sqrt(p / full_kpa)` of its area, at most 1, because a low reading at the edge of a contact comes from a cell that the
     /// foot covers in part. Deformation rises from 0 at the edge in proportion to the distance from the edge (Eq. 3), so a cell
-    /// of which the share s is covered reads s^2 times the pressure of a cell that is just covered as a whole. The larger
+    /// of which the share s is covered reads s^2 times the pressure of a cell that is just fully covered. The larger
     /// `full_kpa` is, the more the area depends on pressure.
     pub full_kpa: f32,
 }

@@ -16,7 +16,7 @@ use crate::num::Real;
 ///
 /// let law = ForceLaw { ab_m2: 1e-3, c_m: 0.01, stiffness_pa: 1e5, ..ForceLaw::NONE };
 /// let mut live = LiveModel::NEW;
-/// // An area of 3/4 pi A B deforms by C / 2 (Eq. 14), as soon as it was constant for three frames.
+/// // At a contact area of 3/4 pi A B the deformation is C / 2 (Eq. 14), once the area was constant for three frames.
 /// let area_mm2 = 0.75 * core::f64::consts::PI * 1e3;
 /// let tissue = [0; 3].map(|_| live.update(&law, area_mm2, 100.0))[2];
 /// assert!((tissue.deformation_m - 0.005).abs() < 1e-12 && !tissue.clamped);

@@ -4,11 +4,11 @@ use super::contact::ContactCell;
 
 /// Number of rows of the matrix, and of columns.
 pub(crate) const LINES: usize = 16;
-/// Largest deviation of an unloaded cell from its zero that counts as noise, codes: 0.07 kPa with the sensor law of the reference
-/// insole.
+/// Largest deviation of an unloaded cell from its baseline that counts as noise, codes: 0.07 kPa with the sensor law of the
+/// reference insole.
 pub(crate) const NOISE: u16 = 32;
 
-/// The cell responded since the last review: it read more than noise above its zero.
+/// The cell responded since the last review: it read more than noise above its baseline.
 pub(crate) const RESPONDED: u8 = 1;
 /// The cell exceeded the load threshold, [`ContactCell::load_threshold`].
 pub(crate) const LOADED: u8 = 2;
@@ -22,7 +22,7 @@ pub(crate) const MASKED: u8 = 16;
 pub(crate) const NO_RESPONSE: u8 = 32;
 /// The cell was found to be stuck.
 pub(crate) const STUCK: u8 = 64;
-/// The zero of the cell was found to drift.
+/// The baseline of the cell was found to drift.
 pub(crate) const DRIFT: u8 = 128;
 
 /// A quantity that is counted over several steps. The value is the position of its two bits in [`CellMarks::counts`].
@@ -32,7 +32,7 @@ pub(crate) enum Count {
     Loaded = 0,
     /// Successive steps without an expected response.
     NoResponse = 2,
-    /// Successive swings at full scale, or far below zero.
+    /// Successive swings at full scale, or far below the baseline.
     OffScale = 4,
     /// Successive steps with an implausible saturation.
     ImplausibleSaturation = 6,
@@ -41,9 +41,9 @@ pub(crate) enum Count {
 /// The evidence on one cell. It is packed into six bytes, because it exists for every cell.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CellMarks {
-    /// Reading above the zero in the last reviewed swing, codes.
+    /// Reading above the baseline in the last reviewed swing, codes.
     pub(crate) swing_reading: i16,
-    /// Sum of the zero corrections so far, in units of [`NOISE`] codes.
+    /// Sum of the baseline corrections so far, in units of [`NOISE`] codes.
     pub(crate) rezeroed: i8,
     /// Position in the matrix: row times [`LINES`] plus column.
     row_column: u8,

@@ -11,8 +11,8 @@
 //! | ellipse | [`ellipse`] | contact ellipse |
 //! | model | [`model`], [`live`] | tissue deformation and model force of a frame |
 //! | stance | [`stance`] | heel strike, toe off, and the curves between them |
-//! | smoothing | [`smooth`] | curves as the step evaluation needs them |
-//! | step | [`step`] | step record of a region |
+//! | smoothing | [`smooth`] | smoothed area curves of a stance |
+//! | step | [`step`] | step record: the quantities of each region |
 //! | cadence | [`cadence`] | steps per minute |
 //!
 //! [`setup`] and [`tissue`] are the configuration of the stages. [`outline`] and [`template`] describe soles.

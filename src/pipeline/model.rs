@@ -136,7 +136,8 @@ impl<R: Real> Ellipsoid<R> {
     }
 }
 
-/// `base^exponent` for a base that is not negative.
+/// `base^exponent` for a base that is not negative; 0 also for a base of 0 with a negative exponent, because exponents above -1
+/// yield no pressure at zero deformation.
 fn power<R: Real>(base: R, exponent: R) -> R {
     if base <= R::ZERO {
         return if exponent == R::ZERO { R::ONE } else { R::ZERO };
@@ -149,7 +150,8 @@ fn power<R: Real>(base: R, exponent: R) -> R {
 pub struct AreaRatio<R> {
     /// The ratio, 0 to 1.
     pub ratio: R,
-    /// The area was at least pi A B: the ratio was limited to 1, because the ellipsoid is too small for this contact.
+    /// The area was at least pi A B: the ratio was limited to 1, because the ellipsoid is too small for this contact. False
+    /// without parameters (A B = 0).
     pub clamped: bool,
 }
 

@@ -91,7 +91,7 @@ impl fmt::Display for TissueError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Id => f.write_str("the parameters do not match their identifier"),
-            Self::Region(region) => write!(f, "the parameters of {} are out of bounds", region.name()),
+            Self::Region(region) => write!(f, "the parameters of {} are out of range", region.name()),
         }
     }
 }

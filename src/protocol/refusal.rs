@@ -14,7 +14,7 @@ pub enum Refusal {
     NotUnderstood,
     /// The identifier of the parameters is not the checksum of their values.
     TissueId,
-    /// The parameters of this region are out of bounds; see [`crate::pipeline::model::ForceLaw::is_valid`].
+    /// The parameters of this region are out of range; see [`crate::pipeline::model::ForceLaw::is_valid`].
     Tissue(Region),
     /// The flash chip failed: the value is in force until the next start only.
     NotStored,
@@ -22,7 +22,7 @@ pub enum Refusal {
     Busy,
     /// A serial number with characters other than printable ASCII.
     Serial,
-    /// A calibration that is out of bounds, of another layout, or incomplete.
+    /// A calibration that is out of range, of another layout, or incomplete.
     Calibration,
     /// The image is not accepted.
     Update(update::Refusal),
@@ -58,7 +58,7 @@ impl fmt::Display for Refusal {
             Self::Busy => f.write_str("the insole is still executing the previous request: wait for its answer"),
             Self::Serial => f.write_str("a serial number has up to 16 printable ASCII characters and no spaces"),
             Self::Calibration => f.write_str(
-                "the calibration is out of bounds, of another layout, or incomplete: it needs one line for each cell, \
+                "the calibration is out of range, of another layout, or incomplete: it needs one line for each cell, \
                  gains from 0.1 to 10 and offsets in the lower half of the scale",
             ),
             Self::TissueId => {
@@ -66,7 +66,7 @@ impl fmt::Display for Refusal {
             }
             Self::Tissue(region) => write!(
                 f,
-                "the parameters of {} are out of bounds: A B must be {:e} to {:e} m2, C {:e} to {:e} m, \
+                "the parameters of {} are out of range: A B must be {:e} to {:e} m2, C {:e} to {:e} m, \
                  K and G {} to {:e} Pa and Pa s, n and m above -1 and at most {MAX_EXPONENT}",
                 region.name(),
                 AB_M2.start(),

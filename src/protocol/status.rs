@@ -34,7 +34,7 @@ pub struct Status {
     pub stack_bytes: u32,
     /// Number of sensor faults detected since the start; see [`super::ToDevice::GetFaults`].
     pub faults: u32,
-    /// Number of zero corrections of unloaded cells.
+    /// Number of baseline corrections of unloaded cells.
     pub rezeroed: u32,
     /// Number of records, steps and acknowledgements that could not be stored.
     pub not_stored: u32,

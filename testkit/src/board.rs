@@ -41,7 +41,7 @@ impl ReadNorFlash for SharedChip {
     const READ_SIZE: usize = 1;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), PowerOff> {
-        crate::nor_flash::now(self.0.borrow_mut().read(offset, bytes))
+        crate::nor_flash::block_on(self.0.borrow_mut().read(offset, bytes))
     }
 
     fn capacity(&self) -> usize {
@@ -56,14 +56,14 @@ impl NorFlash for SharedChip {
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerOff> {
         for sector in (from..to).step_by(SECTOR as usize) {
             Timer::after_micros(ERASE_US).await;
-            crate::nor_flash::now(self.0.borrow_mut().erase(sector, sector + SECTOR))?;
+            crate::nor_flash::block_on(self.0.borrow_mut().erase(sector, sector + SECTOR))?;
         }
         Ok(())
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), PowerOff> {
         Timer::after_micros(WRITE_US).await;
-        crate::nor_flash::now(self.0.borrow_mut().write(offset, bytes))
+        crate::nor_flash::block_on(self.0.borrow_mut().write(offset, bytes))
     }
 }
 

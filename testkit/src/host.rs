@@ -22,7 +22,7 @@ const UNIX_ORIGIN_US: u64 = 1_790_000_000_000_000;
 
 /// The link between a host and an insole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Over {
+pub enum LinkKind {
     /// The serial cable.
     Serial,
     /// The radio link.
@@ -166,11 +166,11 @@ impl Link {
     /// Opens a link to an insole.
     ///
     /// # Errors
-    /// If the link is [`Over::Bluetooth`] and the insole remains off.
-    pub fn open(world: &SharedWorld, insole: usize, over: Over) -> io::Result<Self> {
+    /// If the link is [`LinkKind::Bluetooth`] and the insole remains off.
+    pub fn open(world: &SharedWorld, insole: usize, over: LinkKind) -> io::Result<Self> {
         Ok(match over {
-            Over::Serial => Self::Serial(Box::new(Framed::new(SerialPort { world: world.clone(), insole }))),
-            Over::Bluetooth => Self::Bluetooth(Box::new(Central::connect(world.clone(), insole)?)),
+            LinkKind::Serial => Self::Serial(Box::new(Framed::new(SerialPort { world: world.clone(), insole }))),
+            LinkKind::Bluetooth => Self::Bluetooth(Box::new(Central::connect(world.clone(), insole)?)),
         })
     }
 }
@@ -210,7 +210,7 @@ impl Carrier for Link {
 pub struct Host {
     world: SharedWorld,
     insole: usize,
-    over: Over,
+    over: LinkKind,
     /// The session; `None` before the first connection.
     pub client: Option<Client<Link>>,
     /// True if the host has a session or tries to open one.
@@ -241,7 +241,7 @@ impl Host {
         Self {
             world: world.clone(),
             insole,
-            over: Over::Serial,
+            over: LinkKind::Serial,
             client: None,
             is_following: false,
             wants_live: false,
@@ -257,7 +257,7 @@ impl Host {
     }
 
     /// Follows the insole over this link from now on; requests live frames if `live` is true.
-    pub fn connect(&mut self, over: Over, live: bool) {
+    pub fn connect(&mut self, over: LinkKind, live: bool) {
         (self.over, self.wants_live, self.is_following) = (over, live, true);
         self.is_broken = true;
     }
@@ -265,7 +265,7 @@ impl Host {
     /// Ends the session.
     pub fn disconnect(&mut self) {
         self.is_following = false;
-        if self.over == Over::Bluetooth {
+        if self.over == LinkKind::Bluetooth {
             self.world.borrow().insoles[self.insole].radio.borrow_mut().set_connected(false);
         } else if let Some(client) = &mut self.client {
             // No message ends a session over a cable: turn the stream off instead.

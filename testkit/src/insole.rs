@@ -28,7 +28,7 @@ use std::rc::Rc;
 
 /// Number of frames in the queue between scan and processing, as on the reference board.
 const FRAMES: usize = 3;
-/// Number of failed starts in a row after which the firmware starts without its stored data, as on the boards.
+/// Number of successive failed starts after which the firmware starts without its stored data, as on the boards.
 const MAX_FAILED_STARTS: u32 = 3;
 /// Uptime after which a start counts as successful, us.
 const HEALTHY_US: u64 = (HEALTHY_CHECKS * CHECK_PERIOD_MS) as u64 * 1_000;

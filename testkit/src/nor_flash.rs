@@ -141,11 +141,11 @@ impl NorFlash for NorFlashChip {
 
 impl MultiwriteNorFlash for NorFlashChip {}
 
-/// Returns the output of a future that never waits, because the operations of this chip take no time.
+/// Polls a future once and returns its output. The future never waits, because the operations of this chip take no time.
 ///
 /// # Panics
 /// If the future waits.
-pub fn now<T>(work: impl Future<Output = T>) -> T {
+pub fn block_on<T>(work: impl Future<Output = T>) -> T {
     match pin!(work).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(output) => output,
         Poll::Pending => panic!("the future waits"),

@@ -3,10 +3,10 @@
 //! A scenario is a TOML file with a title, a list of events with their times, and the expected outcome; `host-tests/scenarios`
 //! has an example of every event. The invariants of [`Outcome::verify`] must hold after any events.
 
-use crate::host::{Host, Over};
+use crate::host::{Host, LinkKind};
 use crate::insole::image;
 use crate::virtual_time::now_us;
-use crate::world::{Physical, SharedWorld, World};
+use crate::world::{InsoleEvent, SharedWorld, World};
 use emulator::SensorFault;
 use parameters::{InsoleSize, Parameters};
 use plantar::firmware::shared::STEP_QUEUE;
@@ -84,7 +84,7 @@ pub struct Entry {
     pub event: Event,
 }
 
-/// An event. The events up to `panic` are physical; the others are actions of the host.
+/// An event. The events up to `panic` act on an insole or its links; the others are actions of the host.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Event {
@@ -130,7 +130,7 @@ pub enum Event {
     },
     /// The sensor has a fault from now on, in the notation of `plantar emulate --fault`: for example `open-cell:17`.
     SensorFault(String),
-    /// A task of the firmware stalls, as an endless loop in it would.
+    /// A part of the firmware stalls, as in an endless loop.
     Stall(Part),
     /// The firmware panics.
     Panic,
@@ -138,7 +138,7 @@ pub enum Event {
     /// The host opens a session, and opens it again whenever the link is lost.
     Connect {
         /// The link.
-        over: OverName,
+        over: LinkName,
         /// True if the host requests live frames.
         #[serde(default)]
         live: bool,
@@ -186,7 +186,7 @@ fn usual_rate() -> u32 {
     100
 }
 
-/// A task of the firmware that can stall.
+/// A part of the firmware that can stall.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Part {
@@ -201,7 +201,7 @@ pub enum Part {
 /// The name of a link in a scenario.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum OverName {
+pub enum LinkName {
     /// The cable.
     Serial,
     /// The radio.
@@ -269,7 +269,7 @@ impl Scenario {
         let mut hosts: Vec<_> = (0..self.insoles).map(|insole| Host::new(&world, insole)).collect();
         let mut actions = Vec::new();
         for entry in self.events.iter().map(Spanned::get_ref) {
-            match physical(&entry.event) {
+            match insole_event(&entry.event) {
                 Some(event) => world.borrow_mut().schedule(at_us(entry.s), entry.insole, event),
                 None => actions.push(entry),
             }
@@ -291,24 +291,24 @@ pub fn follow(hosts: &mut [Host], until_us: u64) {
     }
 }
 
-/// The physical event of a scenario's event; `None` for an action of the host.
-fn physical(event: &Event) -> Option<Physical> {
+/// The [`InsoleEvent`] of a scenario's event; `None` for an action of the host.
+fn insole_event(event: &Event) -> Option<InsoleEvent> {
     let us = |s: f64| (s * 1e6) as u64;
     Some(match event {
-        Event::Walk { steps } => Physical::Walk { steps: *steps },
-        Event::PowerCut { off_s } => Physical::PowerCut { off_us: us(*off_s) },
-        Event::PowerCutInWrite { operations } => Physical::PowerCutInWrite { operations: *operations },
-        Event::CableCut { for_s } => Physical::CableCut { for_us: us(*for_s) },
-        Event::CableRate { bytes_per_s } => Physical::CableRate { bytes_per_s: *bytes_per_s },
-        Event::Damage { every_bytes } => Physical::Damage { every_bytes: *every_bytes },
-        Event::RadioLost => Physical::RadioLost,
-        Event::MissFrames { frames, from_row } => Physical::MissFrames { frames: *frames, from_row: *from_row },
+        Event::Walk { steps } => InsoleEvent::Walk { steps: *steps },
+        Event::PowerCut { off_s } => InsoleEvent::PowerCut { off_us: us(*off_s) },
+        Event::PowerCutInWrite { operations } => InsoleEvent::PowerCutInWrite { operations: *operations },
+        Event::CableCut { for_s } => InsoleEvent::CableCut { for_us: us(*for_s) },
+        Event::CableRate { bytes_per_s } => InsoleEvent::CableRate { bytes_per_s: *bytes_per_s },
+        Event::Damage { every_bytes } => InsoleEvent::Damage { every_bytes: *every_bytes },
+        Event::RadioLost => InsoleEvent::RadioLost,
+        Event::MissFrames { frames, from_row } => InsoleEvent::MissFrames { frames: *frames, from_row: *from_row },
         // `OrderCheck` has verified that the fault can be parsed.
-        Event::SensorFault(fault) => Physical::SensorFault(fault.parse().ok()?),
-        Event::Stall(Part::Scan) => Physical::Stall("scan"),
-        Event::Stall(Part::Model) => Physical::Stall("model"),
-        Event::Stall(Part::Link) => Physical::Stall("link"),
-        Event::Panic => Physical::Panic,
+        Event::SensorFault(fault) => InsoleEvent::SensorFault(fault.parse().ok()?),
+        Event::Stall(Part::Scan) => InsoleEvent::Stall("scan"),
+        Event::Stall(Part::Model) => InsoleEvent::Stall("model"),
+        Event::Stall(Part::Link) => InsoleEvent::Stall("link"),
+        Event::Panic => InsoleEvent::Panic,
         _ => return None,
     })
 }
@@ -318,8 +318,8 @@ fn act(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) {
     let result = match event {
         Event::Connect { over, live } => {
             let over = match over {
-                OverName::Serial => Over::Serial,
-                OverName::Bluetooth => Over::Bluetooth,
+                LinkName::Serial => LinkKind::Serial,
+                LinkName::Bluetooth => LinkKind::Bluetooth,
             };
             host.connect(over, *live);
             Ok(())
@@ -423,7 +423,7 @@ impl OrderCheck {
         self.last_s = s;
         let is_off = s < self.off_until_s[insole];
         // A fault that cannot be parsed is not an action either: it is reported below.
-        let is_action = physical(event).is_none() && !matches!(event, Event::SensorFault(_));
+        let is_action = insole_event(event).is_none() && !matches!(event, Event::SensorFault(_));
         match event {
             Event::Walk { .. } if s < self.walks_until_s[insole] => {
                 return Err("the wearer still walks: let the walk end first".into());
@@ -687,8 +687,8 @@ impl LongWalk {
         let start_us = now_us();
         let world: SharedWorld = Rc::new(RefCell::new(World::new(2, self.rate_hz)));
         let mut hosts: Vec<_> = (0..2).map(|insole| Host::new(&world, insole)).collect();
-        hosts[0].connect(Over::Serial, true);
-        hosts[1].connect(Over::Bluetooth, true);
+        hosts[0].connect(LinkKind::Serial, true);
+        hosts[1].connect(LinkKind::Bluetooth, true);
         follow(&mut hosts, start_us + 1_000_000);
         let ends = [0, 1].map(|insole: usize| {
             let wearer = world.borrow().insoles[insole].wearer.clone();

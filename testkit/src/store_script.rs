@@ -2,7 +2,7 @@
 //! its simulated flash chip.
 
 use crate::fixtures::step;
-use crate::nor_flash::{NorFlashChip, Torn, now};
+use crate::nor_flash::{NorFlashChip, Torn, block_on};
 use fastrand::Rng;
 use plantar::Side;
 use plantar::pipeline::calibrate::CellCalibration;
@@ -228,7 +228,7 @@ impl Script {
         let found = outcomes.into_iter().find(|outcome| {
             // The check uses a copy of the chip, because opening the store counts a boot and so changes the chip.
             let mut chip = chip.clone();
-            now(async {
+            block_on(async {
                 let mut store = Store::open(Some(&mut chip), Reset::Power).await;
                 check_content(&mut store, outcome).await.map_err(|error| failures.push(error)).is_ok()
             })
@@ -245,7 +245,7 @@ impl Script {
             Action::AcknowledgeAllBut(1),
         ];
         let (content, _) = run(&mut chip, found, &again);
-        now(async { check_content(&mut Store::open(Some(&mut chip), Reset::Power).await, &content).await })
+        block_on(async { check_content(&mut Store::open(Some(&mut chip), Reset::Power).await, &content).await })
             .map_err(|error| format!("after a cut {torn:?} in operation {at}, {action:?}: {error}"))
     }
 }
@@ -266,7 +266,7 @@ fn outcomes(before: &Content, action: Action) -> Vec<Content> {
 /// the interrupted action if power failed.
 fn run(chip: &mut NorFlashChip, mut content: Content, actions: &[Action]) -> (Content, Option<Action>) {
     for session in actions.split(|action| *action == Action::Restart) {
-        let cut = now(async {
+        let cut = block_on(async {
             let mut store = Store::open(Some(&mut *chip), Reset::Power).await;
             if store.flash().is_some_and(|chip| chip.is_off()) {
                 return Some(Action::Restart);

@@ -1,4 +1,4 @@
-//! Simulated insoles in virtual time, and the physical events that happen to them.
+//! Simulated insoles in virtual time, and the events that act on them.
 
 use crate::insole::HostInsole;
 use crate::virtual_time::{advance_to, clear_timers, now_us, wake_due};
@@ -9,9 +9,9 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-/// Something physical that happens to an insole or its links.
+/// An event that acts on an insole or its links.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Physical {
+pub enum InsoleEvent {
     /// The wearer walks.
     Walk {
         /// Steps of this foot.
@@ -53,7 +53,7 @@ pub enum Physical {
     },
     /// The sensor has a fault from now on.
     SensorFault(SensorFault),
-    /// One of the tasks `scan`, `model` (which processes frames) and `link` stalls, as an endless loop in it would.
+    /// One of the parts `scan`, `model` (the processing of frames) and `link` stalls, as in an endless loop.
     Stall(&'static str),
     /// The firmware panics.
     Panic,
@@ -66,7 +66,7 @@ pub enum Physical {
 struct Due {
     at_us: u64,
     insole: usize,
-    event: Physical,
+    event: InsoleEvent,
 }
 
 /// All insoles of a test.
@@ -90,7 +90,7 @@ impl World {
     }
 
     /// Schedules an event.
-    pub fn schedule(&mut self, at_us: u64, insole: usize, event: Physical) {
+    pub fn schedule(&mut self, at_us: u64, insole: usize, event: InsoleEvent) {
         let index = self.due.partition_point(|due| due.at_us <= at_us);
         self.due.insert(index, Due { at_us, insole, event });
     }
@@ -142,25 +142,25 @@ impl World {
     fn execute(&mut self, Due { insole: index, event, .. }: Due) {
         let insole = &mut self.insoles[index];
         match event {
-            Physical::Walk { steps } => {
+            InsoleEvent::Walk { steps } => {
                 insole.wearer.borrow_mut().walk(now_us(), steps);
             }
-            Physical::PowerCut { off_us } => insole.cut_power(off_us),
-            Physical::PowerCutInWrite { operations } => insole.cut_power_in_operation(operations),
-            Physical::CableCut { for_us } => {
+            InsoleEvent::PowerCut { off_us } => insole.cut_power(off_us),
+            InsoleEvent::PowerCutInWrite { operations } => insole.cut_power_in_operation(operations),
+            InsoleEvent::CableCut { for_us } => {
                 insole.cable.borrow_mut().is_cut = true;
-                self.schedule(now_us() + for_us, index, Physical::CableRepaired);
+                self.schedule(now_us() + for_us, index, InsoleEvent::CableRepaired);
             }
-            Physical::CableRepaired => insole.cable.borrow_mut().is_cut = false,
-            Physical::CableRate { bytes_per_s } => {
+            InsoleEvent::CableRepaired => insole.cable.borrow_mut().is_cut = false,
+            InsoleEvent::CableRate { bytes_per_s } => {
                 insole.cable.borrow_mut().byte_us = if bytes_per_s > 0.0 { 1e6 / bytes_per_s } else { 0.0 };
             }
-            Physical::Damage { every_bytes } => insole.cable.borrow_mut().damaged_every = every_bytes,
-            Physical::RadioLost => insole.radio.borrow_mut().set_connected(false),
-            Physical::MissFrames { frames, from_row } => insole.wearer.borrow_mut().miss_frames(frames, from_row),
-            Physical::SensorFault(fault) => insole.wearer.borrow_mut().add_fault(fault, now_us()),
-            Physical::Stall(part) => insole.stall(part),
-            Physical::Panic => insole.crash(),
+            InsoleEvent::Damage { every_bytes } => insole.cable.borrow_mut().damaged_every = every_bytes,
+            InsoleEvent::RadioLost => insole.radio.borrow_mut().set_connected(false),
+            InsoleEvent::MissFrames { frames, from_row } => insole.wearer.borrow_mut().miss_frames(frames, from_row),
+            InsoleEvent::SensorFault(fault) => insole.wearer.borrow_mut().add_fault(fault, now_us()),
+            InsoleEvent::Stall(part) => insole.stall(part),
+            InsoleEvent::Panic => insole.crash(),
         }
     }
 }

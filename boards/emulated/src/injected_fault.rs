@@ -10,14 +10,14 @@ use emulation::{InjectedFault, PlannedFault};
 
 static PLANNED: CriticalSectionMutex<Cell<Option<PlannedFault>>> = CriticalSectionMutex::new(Cell::new(None));
 
-/// Plans a fault.
+/// Sets the fault to inject.
 pub fn plan(planned: Option<PlannedFault>) {
     PLANNED.lock(|place| place.set(planned));
 }
 
-/// Injects the planned fault, if its kind is one of `here` and it is due.
-pub fn inject(here: &[InjectedFault]) {
-    let planned = PLANNED.lock(Cell::get).filter(|planned| here.contains(&planned.kind));
+/// Injects the planned fault, if its kind is one of `kinds` and it is due.
+pub fn inject(kinds: &[InjectedFault]) {
+    let planned = PLANNED.lock(Cell::get).filter(|planned| kinds.contains(&planned.kind));
     let Some(planned) = planned.filter(|planned| Instant::now().as_millis() >= planned.after_ms.into()) else { return };
     match planned.kind {
         InjectedFault::ScanStalled | InjectedFault::ModelStalled | InjectedFault::LinkStalled => loop {

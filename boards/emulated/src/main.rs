@@ -55,7 +55,7 @@ defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 #[unsafe(link_section = ".header")]
 static IMAGE: Header = Header::new("emulated", env!("PLANTAR_VERSION"));
 
-/// Of a serial port at 460,800 bit/s; the emulator ignores bit rates.
+/// Rate of the link: that of a serial port at 460,800 bit/s, although the emulator does not limit the rate.
 const SERIAL_BYTES_PER_S: u32 = 46_080;
 static LINK: Port = Port::new(USART1);
 static HCI: Port = Port::new(USART2);

@@ -19,7 +19,7 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use testkit::nor_flash::{NorFlashChip, now};
+use testkit::nor_flash::{NorFlashChip, block_on};
 
 /// Longest wait for a line from the simulated phones.
 pub const TIMEOUT: Duration = Duration::from_secs(60);
@@ -34,7 +34,7 @@ pub const CHARACTERISTICS: [&str; 4] = [CONTROL, LIVE, STEPS, PARAMETERS];
 /// The characteristic Current Time of the standard service of that name.
 pub const CURRENT_TIME: &str = "2a2b";
 /// The characteristic RSC Measurement, which contains the cadence.
-pub const CADENCE: &str = "2a53";
+pub const RSC_MEASUREMENT: &str = "2a53";
 
 /// The reason why an action of a phone failed.
 #[derive(Debug)]
@@ -204,7 +204,7 @@ impl Insole {
     /// The bonds that the insole stores.
     pub fn bonds(&self) -> Option<Bonds> {
         let mut chip = NorFlashChip::of(self.board.flash().expect("the chip can be read"));
-        now(async { Store::open(Some(&mut chip), Reset::Power).await.get(0).await }).expect("the chip works")
+        block_on(async { Store::open(Some(&mut chip), Reset::Power).await.get(0).await }).expect("the chip works")
     }
 
     /// Allows time to advance until this number of scans is complete.
@@ -333,7 +333,7 @@ impl Phone {
     }
 
     /// Waits until the insole has ended the connection.
-    pub fn lose(&mut self, radio: &mut RadioSimulation) {
+    pub fn wait_for_disconnection(&mut self, radio: &mut RadioSimulation) {
         while radio.next_event(&self.name).1.get("lost").is_none() {}
     }
 

@@ -18,7 +18,7 @@ const FAILED_STARTS: u32 = 3;
 /// Distinguishes a crash record from the contents of RAM after power-on.
 const MAGIC: u32 = 0x504c_414f;
 
-/// Number of return addresses in a crash record: at least as many as fit into the text of the hello.
+/// Number of addresses in a crash record: at least as many as fit into the text of the hello.
 const CALLS: usize = 9;
 
 /// The run ended by a panic. This and the following constants are the values of [`CrashRecord::cause`].
@@ -30,12 +30,13 @@ const OVERFLOW: u32 = 3;
 /// The run ended because a part was stalled. Combined with the bits of [`Watchdog::check`].
 const STALLED: u32 = 1 << 8;
 
-/// The crash record. It is written at every start and when a failure ends the run, and read at the next start.
+/// The crash record. It is written at every start, when a start becomes successful, and when a failure ends the run (the time
+/// from a start to the next reset). It is read at the next start.
 #[repr(C)]
 #[derive(Clone, Copy)]
 struct CrashRecord {
     magic: u32,
-    /// Number of successive failed starts. The present start counts as failed until it is healthy.
+    /// Number of successive failed starts. The present start counts as failed until it is successful.
     failed_starts: u32,
     /// The failure that ended the run; 0 if none was recorded.
     cause: u32,

@@ -20,7 +20,7 @@ struct Worst {
     area: f64,
 }
 
-/// Measures the differences with counted and fractional contact, and with typical and tight tissue.
+/// Measures the differences with counted cells and covered shares, each with typical parameters and those of `tight_tissue`.
 pub fn measure(figures: &mut Figures) -> Result<()> {
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 30, ..Default::default() }).recording;
     let mut worst = Worst::default();

@@ -40,7 +40,7 @@ impl Walk for Loaded {
     }
 }
 
-/// The same foot with one bit of noise of the converter: each code is exact, or one bit of 12 more.
+/// The same foot with one bit of converter noise: each code is exact, or higher by one step of the 12-bit converter.
 struct Noisy(Vec<u16>, fastrand::Rng);
 
 impl Walk for Noisy {
@@ -58,7 +58,7 @@ impl Walk for Noisy {
     }
 }
 
-/// Counts the instructions with whole cells and with fractional contact.
+/// Counts the instructions with counted cells and with covered shares.
 pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     let layout = synthetic::insole(CELLS);
     let pressure_kpa = synthetic::loaded_frame(&layout);
@@ -79,7 +79,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
         (
             "frame_instructions_fractional",
             ContactRule { full_kpa: 100.0, ..ContactRule::COUNTED },
-            "the same with fractional contact",
+            "the same with covered shares",
         ),
     ] {
         let virtual_insole = VirtualInsole::new(&recording, contact, StanceRule::WALKING);

@@ -57,7 +57,7 @@ pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
         figures.add(
             &format!("nrmse.{name}.covered"),
             predicted_covered,
-            "NRMSE, %, of each step predicted from the walker's other steps, fractional contact (150 kPa)",
+            "NRMSE, %, of each step predicted from the walker's other steps, covered shares (150 kPa)",
         );
         totals[0] += predicted / 8.0;
         totals[1] += predicted_covered / 8.0;
@@ -68,12 +68,12 @@ pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
         (counted * 100.0).round() / 100.0,
         &format!("mean of the predicted NRMSE over the regions, %, {steps} steps"),
     );
-    figures.add("nrmse.mean.covered", (covered * 100.0).round() / 100.0, "the same with fractional contact");
+    figures.add("nrmse.mean.covered", (covered * 100.0).round() / 100.0, "the same with covered shares");
     let reduction = (1.0 - covered / counted) * 100.0;
     figures.add(
         "nrmse.mean.less",
         (reduction * 10.0).round() / 10.0,
-        "at least 15: relative reduction of this mean by fractional contact, %",
+        "at least 15: relative reduction of this mean by covered shares, %",
     );
     Ok(())
 }

@@ -13,7 +13,7 @@ pub struct Participant {
     /// Body mass, 10 to 300 kg.
     #[serde(default, deserialize_with = "mass_kg")]
     pub mass_kg: Option<f64>,
-    /// Path of the file with the zeros (unloaded readings) of the insoles, as `plantar zero` writes it.
+    /// Path of the file with the baselines (unloaded readings) of the insoles, as `plantar zero` writes it.
     pub zero: Option<PathBuf>,
     /// Path of the file with the measured tissue thickness.
     pub thickness: Option<PathBuf>,

@@ -141,8 +141,8 @@ impl Cohort {
         Ok(())
     }
 
-    /// Writes the participant's rows to the file `path` of the table, unless that file is up to date. Adds the reasons why
-    /// recordings cannot be used to `left_out`.
+    /// Writes the participant's rows to the file `path` of the table, unless that file is up to date. For each recording that
+    /// cannot be used, appends the reason to `left_out`.
     fn participant(&self, name: &str, path: &Path, left_out: &mut Vec<String>) -> Result<Processed> {
         let person = self.person(&self.participants.join(name))?;
         let has_size = person.settings.size.is_some();

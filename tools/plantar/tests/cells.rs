@@ -1,4 +1,5 @@
-//! Tests `plantar record --cells` with the emulated insole: the recording gives the same steps as the one that was played.
+//! Tests `plantar record --cells` with the emulated insole: the recording that it
+//! writes yields the same steps as the recording that was played.
 
 use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
@@ -12,10 +13,10 @@ use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::Command;
 
-/// Steps of the walk, which is played in real time, so that it goes on after the program has connected.
+/// Steps of the walk, which is played in real time, so that it continues after the program has connected.
 const STEPS: u32 = 6;
 
-/// Connects the link of a board to the next host of a port; returns the port's address.
+/// Forwards the link of a board to the first host that connects to a new TCP port; returns the address of that port.
 fn forward(board: &Board) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address").to_string();
@@ -23,7 +24,7 @@ fn forward(board: &Board) -> String {
     std::thread::spawn(move || {
         let (host, _) = listener.accept().expect("a host");
         let copy = |mut from: TcpStream, mut to: TcpStream| {
-            // It ends with either side.
+            // Each direction ends when a connection is closed.
             std::thread::spawn(move || io::copy(&mut from, &mut to));
         };
         copy(link.try_clone().expect("a socket"), host.try_clone().expect("a socket"));

@@ -274,7 +274,11 @@ fn a_baseline_of_another_layout_is_refused() {
     succeed(&path, "zero standing.parquet --out zero.toml");
     succeed(&path, "import synthetic --side right --out walk.parquet");
     for command in ["replay", "emulate"] {
-        fail(&path, &format!("{command} walk.parquet --zero zero.toml"), &["zero.toml", "no zero of the right foot"]);
+        fail(
+            &path,
+            &format!("{command} walk.parquet --zero zero.toml"),
+            &["zero.toml", "no baseline of the right foot"],
+        );
     }
     succeed(&path, IMPORT);
     fail(&path, "replay walk.parquet --zero zero.toml", &["zero.toml", "240 offsets", "4 of this recording"]);

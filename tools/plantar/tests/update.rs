@@ -3,7 +3,7 @@
 
 use embassy_boot::{AlignedBuffer, BootLoader};
 use embassy_futures::block_on;
-use embassy_sync::mutex::Mutex as Shared;
+use embassy_sync::mutex::Mutex as AsyncMutex;
 use emulation::ACTIVE_IMAGE;
 use emulation::FLASH_BYTES;
 use firmware_image::{Image, SigningKey};
@@ -76,7 +76,7 @@ impl Insole {
 
     /// Runs the bootloader, which swaps the images if necessary.
     fn boot(&mut self) {
-        let chip = Shared::new(&mut self.chip);
+        let chip = AsyncMutex::new(&mut self.chip);
         let active = Blocking(Partition::<_, CHUNK>::new(&chip, ACTIVE_IMAGE));
         BootLoader::new(config(&chip, active))
             .prepare_boot(AlignedBuffer([0; BUFFER]).as_mut())

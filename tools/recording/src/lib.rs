@@ -3,8 +3,7 @@
 //! A [`Recording`] is the pressure under one foot over time. It is stored in a Parquet file ([`Recording::read`],
 //! [`Recording::write`]). One of the importers creates it ([`csv`], [`pedar`], [`jiku`]), or it is computed from known true
 //! values ([`synthetic`]). If the source names no regions, [`template`] assigns them. [`VirtualInsole`] converts the pressures
-//! of a recording to the codes of a sensor. The [`Zero`] of an insole, which is the baseline of its cells, is computed from a
-//! [`StandingTrial`].
+//! of a recording to the codes of a sensor. The baseline of an insole, [`Zero`], is computed from a [`StandingTrial`].
 
 pub mod csv;
 pub mod jiku;

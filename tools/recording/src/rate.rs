@@ -11,8 +11,8 @@ const MIN_HZ: f64 = 2.0;
 /// for the message.
 ///
 /// # Errors
-/// Fails if there are fewer than two times, an interval differs by more than half from the median interval, or the times cannot
-/// be seconds.
+/// Fails if there are fewer than two times, the times do not increase, an interval differs by more than half from the median
+/// interval, or the times cannot be seconds.
 pub fn of(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<f64> {
     check::times(t_s, place)?;
     let mut intervals_s: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();

@@ -4,7 +4,7 @@ use crate::{Cell, Layout, Recording};
 use plantar::pipeline::calibrate::{FULL_CODE, SensorLaw};
 use plantar::pipeline::setup::{Setup, SetupCell};
 
-/// Scans that are missing in a row and interpolated; a longer gap ends the recording. An insole bridges as many in a stance.
+/// Largest number of successive missing frames of the stream that are interpolated; a longer gap ends the recording.
 const MAX_BRIDGED: u32 = 3;
 
 /// Collects the codes of scans, and converts them to pressures by the configuration of the insole.
@@ -12,7 +12,7 @@ const MAX_BRIDGED: u32 = 3;
 pub struct StreamedCells {
     setup: Setup,
     cells: Vec<SetupCell>,
-    /// Scans between two frames of the stream.
+    /// Number of scans from one frame of the stream to the next.
     every: u32,
     /// Number and pressures of the last scan, also after [`StreamedCells::take`].
     last: Option<(u32, Vec<f32>)>,
@@ -23,21 +23,21 @@ pub struct StreamedCells {
 }
 
 impl StreamedCells {
-    /// No scans yet, from an insole with this configuration that sends one of `every` scans.
+    /// Starts without scans, for an insole with this configuration that sends one of `every` scans.
     pub fn new(setup: Setup, cells: Vec<SetupCell>, every: u8) -> Self {
         let every = u32::from(every.max(1));
         Self { setup, cells, every, last: None, scans: Vec::new(), pressure_kpa: Vec::new(), bridged: 0 }
     }
 
-    /// True where a scan continues the scans so far, perhaps over a gap that is short enough to be interpolated.
+    /// True if a scan continues the scans so far, perhaps over a gap that is short enough to be interpolated.
     pub fn is_continued_by(&self, scan: u32) -> bool {
         self.last.as_ref().is_none_or(|(last, _)| {
-            let step = scan.wrapping_sub(*last);
-            step > 0 && step.is_multiple_of(self.every) && step / self.every <= 1 + MAX_BRIDGED
+            let elapsed = scan.wrapping_sub(*last);
+            elapsed > 0 && elapsed.is_multiple_of(self.every) && elapsed / self.every <= 1 + MAX_BRIDGED
         })
     }
 
-    /// Begins another recording, with any scan.
+    /// Ends the sequence of scans, so that the next recording begins with any scan.
     pub fn restart(&mut self) {
         self.last = None;
     }
@@ -47,11 +47,11 @@ impl StreamedCells {
         let kpa = |(cell, &code): (&SetupCell, &u16)| pressure_kpa(&self.setup.sensor, cell, code);
         let new: Vec<f32> = self.cells.iter().zip(codes).map(kpa).collect();
         if let Some((last, before)) = &self.last {
-            let steps = scan.wrapping_sub(*last) / self.every;
-            for step in 1..steps {
-                let part = step as f32 / steps as f32;
-                self.pressure_kpa.extend(before.iter().zip(&new).map(|(before, new)| before + part * (new - before)));
-                self.scans.push(last.wrapping_add(step * self.every));
+            let intervals = scan.wrapping_sub(*last) / self.every;
+            for i in 1..intervals {
+                let share = i as f32 / intervals as f32;
+                self.pressure_kpa.extend(before.iter().zip(&new).map(|(before, new)| before + share * (new - before)));
+                self.scans.push(last.wrapping_add(i * self.every));
                 self.bridged += 1;
             }
         }
@@ -60,7 +60,7 @@ impl StreamedCells {
         self.last = Some((scan, new));
     }
 
-    /// Number of frames since [`StreamedCells::take`], with interpolated ones.
+    /// Number of frames since [`StreamedCells::take`], including interpolated ones.
     pub fn frames(&self) -> usize {
         self.scans.len()
     }
@@ -102,7 +102,8 @@ fn layout(setup: &Setup, cells: &[SetupCell]) -> Layout {
     Layout { name: format!("insole {:#010x}", setup.layout_id), cells: cells.iter().map(cell).collect() }
 }
 
-/// The pressure of a cell, kPa, by the sensor law itself, whose table on the insole is coarse near zero.
+/// The pressure of a cell, kPa. It is computed by the sensor law itself, because the insole's table of the law is coarse near
+/// zero.
 fn pressure_kpa(law: &SensorLaw, cell: &SetupCell, code: u16) -> f32 {
     let code = code.saturating_sub(cell.calibration.offset);
     let share = f64::from(code) / f64::from(FULL_CODE);

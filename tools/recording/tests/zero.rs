@@ -1,4 +1,4 @@
-//! The zero of each cell is measured in a standing trial. An insole with this zero measures the same as an insole without
+//! The baseline of each cell is measured in a standing trial. An insole with this baseline measures the same as an insole without
 //! offsets.
 
 use plantar::insole::Insole;
@@ -257,7 +257,7 @@ fn a_zero_of_other_cells_or_above_half_of_the_scale_is_rejected() {
     }
     let only_left = Zero { left: Some(zero), right: None };
     let error = only_left.apply_to(&mut virtual_insole(&recording), "zero.toml").expect_err("refused").to_string();
-    assert!(error.contains("no zero of the right foot, only of the left"), "{error}");
+    assert!(error.contains("no baseline of the right foot, only of the left"), "{error}");
 
     let mut broken = recording.clone();
     let mut offset_kpa = offsets_kpa(240);

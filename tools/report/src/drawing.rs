@@ -90,12 +90,12 @@ pub struct Scale {
 enum Kind {
     Linear,
     Logarithmic,
-    /// Logarithmic; the position of 0 is [`ZERO`] units before the smallest value.
+    /// Logarithmic; the position of 0 is [`ZERO_GAP`] units before the smallest value.
     LogarithmicAndZero,
 }
 
 /// Distance from the position of 0 to the start of a logarithmic scale.
-const ZERO: f64 = 16.0;
+const ZERO_GAP: f64 = 16.0;
 
 impl Scale {
     /// A linear scale from the range of values to the range of positions.
@@ -107,7 +107,7 @@ impl Scale {
     /// the first one.
     pub fn logarithmic(values: [f64; 2], [first, last]: [f64; 2], zero: bool) -> Self {
         match zero {
-            true => Self { values, positions: [first + ZERO, last], kind: Kind::LogarithmicAndZero },
+            true => Self { values, positions: [first + ZERO_GAP, last], kind: Kind::LogarithmicAndZero },
             false => Self { values, positions: [first, last], kind: Kind::Logarithmic },
         }
     }
@@ -115,7 +115,7 @@ impl Scale {
     /// The position of a value. A value outside of the scale has the position of the nearer end.
     pub fn at(&self, value: f64) -> f64 {
         if self.is_zero(value) {
-            return self.positions[0] - ZERO;
+            return self.positions[0] - ZERO_GAP;
         }
         let [low, high] = self.values;
         let value = value.clamp(low, high);

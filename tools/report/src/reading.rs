@@ -32,7 +32,8 @@ pub fn reading(method: Method) -> Markup {
             @match method {
                 Method::Projection =>
                     "These three are pinned by other data: A/B by the measured contact ellipse, d₀ by the given thickness, C by \
-                     the assumed largest compression. The values of A, B, C, d₀, k and c are valid only together with these pins. ",
+                     the assumed largest compression. The values of A, B, C, d₀, k and c are valid only for these pinned \
+                     values. ",
                 Method::Paper => "The search determines these three arbitrarily. ",
             }
             "Compare people by the five identifiable parameters."

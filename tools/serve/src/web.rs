@@ -22,7 +22,7 @@ const SEND_BUFFER: u32 = 16 * 1024;
 /// Size of the longest message from a page, bytes.
 const MAX_REQUEST: usize = 512;
 /// Largest number of connections that wait to be accepted.
-const CONNECTIONS: u32 = 64;
+const BACKLOG: u32 = 64;
 
 #[derive(Clone)]
 struct Served {
@@ -51,7 +51,7 @@ fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
     socket.set_send_buffer_size(SEND_BUFFER)?;
     socket.set_nodelay(true)?;
     socket.bind(address)?;
-    socket.listen(CONNECTIONS)
+    socket.listen(BACKLOG)
 }
 
 fn router(hub: Arc<Hub>, options: &Options) -> Router {

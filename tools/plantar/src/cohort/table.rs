@@ -27,7 +27,7 @@ pub struct Origin<'a> {
 
 /// The columns of the five identified parameters. Each has a value, the two ends of its 95 % interval, and whether the value is
 /// at a bound of the search.
-const FIVE_COLUMNS: [[&str; 4]; 5] = [
+const PARAMETER_COLUMNS: [[&str; 4]; 5] = [
     ["ab_mm2", "ab_mm2_low", "ab_mm2_high", "ab_at_bound"],
     ["stiffness_pa", "stiffness_pa_low", "stiffness_pa_high", "stiffness_at_bound"],
     ["damping_pa_s", "damping_pa_s_low", "damping_pa_s_high", "damping_at_bound"],
@@ -63,14 +63,14 @@ pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, 
     ];
     let fit = fit.ok();
     let fit = fit.as_ref();
-    let five = fit.map(|fit| {
+    let parameters = fit.map(|fit| {
         let law = &fit.law;
         [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m]
     });
-    for (i, [value, low, high, at_bound]) in FIVE_COLUMNS.into_iter().enumerate() {
+    for (i, [value, low, high, at_bound]) in PARAMETER_COLUMNS.into_iter().enumerate() {
         let unit = if i == 0 { 1e6 } else { 1.0 };
         let interval = fit.and_then(|fit| fit.uncertainty.as_ref()).map(|u| &u.intervals[i]);
-        row.push((value, real(five.map(|five| five[i] * unit))));
+        row.push((value, real(parameters.map(|parameters| parameters[i] * unit))));
         row.push((low, real(interval.map(|i| i.jacobian[0] * unit))));
         row.push((high, real(interval.map(|i| i.jacobian[1] * unit))));
         row.push((at_bound, Value::Flag(interval.map(|i| i.at_bound))));

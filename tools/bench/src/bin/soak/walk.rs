@@ -17,7 +17,7 @@ use recording::{VirtualInsole, synthetic};
 use std::net::TcpStream;
 use std::path::Path;
 use std::time::{Duration, Instant};
-use testkit::nor_flash::{NorFlashChip, now};
+use testkit::nor_flash::{NorFlashChip, block_on};
 use testkit::step;
 
 /// Number of steps of both feet together.
@@ -157,7 +157,7 @@ fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
 fn used_chip(first_step: u32) -> Result<Vec<u8>> {
     let mut chip = NorFlashChip::new(FLASH_BYTES);
     let last_step = first_step.wrapping_sub(1);
-    now(async {
+    block_on(async {
         let mut store = Store::open(Some(&mut chip), Reset::Power).await;
         store.push_step(&step(last_step)).await?;
         store.acknowledge(last_step).await

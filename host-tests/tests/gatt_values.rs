@@ -1,4 +1,4 @@
-//! The parts of the library that Bluetooth uses: fragments of messages, cadence, and the characteristic Current Time.
+//! The values of GATT characteristics: fragments of messages, cadence, and the characteristic Current Time.
 
 use plantar::pipeline::cadence::Cadence;
 use plantar::protocol::MAX_MESSAGE;
