@@ -14,6 +14,7 @@ mod json;
 mod link;
 mod order;
 mod session;
+mod stream_file;
 mod update;
 
 pub use axis::Axis;
@@ -25,6 +26,7 @@ pub use file::create_new;
 pub use json::step_to_json;
 pub use link::{Event, Link, Open, ReconnectPolicy, SessionStart};
 pub use session::Client;
+pub use stream_file::{StreamFile, append};
 
 use std::time::{SystemTime, UNIX_EPOCH};
 

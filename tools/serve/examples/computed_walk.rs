@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     both.sort_by_key(|((t_ms, _), _)| *t_ms);
     let mut out = BufWriter::new(File::create(path)?);
     for ((t_ms, message), insole) in both {
-        serve::append(&mut out, t_ms, insole, &message)?;
+        client::append(&mut out, t_ms, insole, &message)?;
     }
     Ok(out.flush()?)
 }

@@ -1,7 +1,6 @@
 //! Connects insoles with pages. Each page has a session of its own with each insole, in which the hub acts as the insole.
 
-use crate::stream_file::StreamFile;
-use client::{Axis, unix_us};
+use client::{Axis, StreamFile, unix_us};
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::session::{STEP_QUEUE, Session};
 use plantar::protocol::{Hello, Live, MAX_MESSAGE, Status, Step, ToDevice, ToHost, decode};
@@ -13,7 +12,8 @@ use tokio::sync::watch;
 /// The state of all insoles, and the sessions of all pages.
 pub(crate) struct Hub {
     insoles: Vec<Mutex<Insole>>,
-    recorder: Option<Mutex<StreamFile>>,
+    /// `None` without a recording, or after it failed.
+    recorder: Mutex<Option<StreamFile>>,
     next_page: Mutex<u64>,
     /// Wakes the tasks of the pages.
     changed: watch::Sender<()>,
@@ -59,7 +59,7 @@ impl Hub {
     pub fn new(insoles: usize, recorder: Option<StreamFile>) -> Self {
         Self {
             insoles: (0..insoles).map(|_| Mutex::default()).collect(),
-            recorder: recorder.map(Mutex::new),
+            recorder: Mutex::new(recorder),
             next_page: Mutex::new(0),
             changed: watch::Sender::new(()),
             has_ended: AtomicBool::new(false),
@@ -80,10 +80,17 @@ impl Hub {
         self.insoles[index].lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Writes a message to the recording, if there is one. True if the message was written.
+    /// Writes a message to the recording, if there is one. True if the message was written. A failure is printed and ends the
+    /// recording.
     fn record(&self, index: usize, message: &ToHost) -> bool {
-        let Some(recorder) = &self.recorder else { return false };
-        recorder.lock().unwrap_or_else(PoisonError::into_inner).write(index as u8, message)
+        let mut recorder = self.recorder.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(file) = recorder.as_mut() else { return false };
+        let written = file.write(index as u8, message);
+        if let Err(error) = &written {
+            eprintln!("the recording has ended: {error}; steps remain on the insole until a page stores them");
+            *recorder = None;
+        }
+        written.is_ok()
     }
 
     /// Starts a new session with the insole, which sent this hello.

@@ -11,13 +11,11 @@
 mod bridge;
 mod hub;
 mod origin;
-mod stream_file;
 mod web;
 
 pub use bridge::Source;
-pub use stream_file::{StreamFile, append};
 
-use client::Error as LinkError;
+use client::{Error as LinkError, StreamFile};
 use hub::Hub;
 use std::io;
 use std::net::SocketAddr;

@@ -1,7 +1,7 @@
 //! The file of a recorded stream. For each message it contains the time in ms (u32), the index of the insole (u8), the length of
 //! the message (u16), all little endian, and the message.
 
-use client::create_new;
+use crate::create_new;
 use plantar::protocol::{MAX_MESSAGE, ToHost, encode};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -13,7 +13,6 @@ pub struct StreamFile {
     path: PathBuf,
     out: BufWriter<File>,
     start: Instant,
-    has_failed: bool,
 }
 
 impl StreamFile {
@@ -23,26 +22,21 @@ impl StreamFile {
     /// If the file cannot be opened for writing, or is not empty.
     pub fn create(path: &Path) -> io::Result<Self> {
         let out = BufWriter::new(create_new(path)?);
-        Ok(Self { path: path.into(), out, start: Instant::now(), has_failed: false })
+        Ok(Self { path: path.into(), out, start: Instant::now() })
     }
 
-    /// Writes a message with the time since the start. True if it was written; all messages except live frames are flushed to the
-    /// file. The first failure is printed and ends the recording.
-    pub(crate) fn write(&mut self, insole: u8, message: &ToHost) -> bool {
-        if self.has_failed {
-            return false;
-        }
+    /// Writes a message with the time since the start. All messages except live frames are flushed to the file, with the live
+    /// frames before them.
+    ///
+    /// # Errors
+    /// If the message cannot be written; the message then names the file.
+    pub fn write(&mut self, insole: u8, message: &ToHost) -> io::Result<()> {
         let t_ms = self.start.elapsed().as_millis() as u32;
         let written = append(&mut self.out, t_ms, insole, message).and_then(|()| match message {
             ToHost::Live(_) => Ok(()),
             _ => self.out.flush(),
         });
-        if let Err(error) = &written {
-            let path = self.path.display();
-            eprintln!("the recording {path} has ended: {error}; steps remain on the insole until a page stores them");
-            self.has_failed = true;
-        }
-        written.is_ok()
+        written.map_err(|error| io::Error::new(error.kind(), format!("cannot write {}: {error}", self.path.display())))
     }
 }
 
@@ -54,7 +48,7 @@ pub fn append(out: &mut impl Write, t_ms: u32, insole: u8, message: &ToHost) -> 
     let mut buffer = [0; MAX_MESSAGE];
     let message = encode(message, &mut buffer).map_err(io::Error::other)?;
     out.write_all(&t_ms.to_le_bytes())?;
-    // The length is at most MAX_MESSAGE, 320.
+    // The length is at most MAX_MESSAGE.
     out.write_all(&[&[insole][..], &(message.len() as u16).to_le_bytes()].concat())?;
     out.write_all(message)
 }

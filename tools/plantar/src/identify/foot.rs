@@ -1,0 +1,361 @@
+//! One insole in a guided session.
+
+use super::screen::Progress;
+use crate::carrier::{AnyClient, Insole};
+use crate::cells::CellRecorder;
+use crate::params;
+use anyhow::{Context, Result, bail, ensure};
+use client::{CellReceiver, Error, Event, SessionStart, StreamFile};
+use fit::live::LiveSteps;
+use plantar::Side;
+use plantar::pipeline::calibrate::{CellCalibration, zero_offset};
+use plantar::pipeline::contact::ContactRule;
+use plantar::protocol::{CalibrationId, CellStream, Refusal, Resolution, Step, ToDevice, ToHost};
+use recording::{Recording, StandingTrial, StreamedCells};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Parts of a recording of cells are completed after this time.
+const PART_TIME: Duration = Duration::from_secs(30);
+/// Time without a step after which a hint is shown.
+const NO_STEP: Duration = Duration::from_secs(6);
+
+/// One insole and its files.
+pub struct Foot {
+    pub link: Insole,
+    pub side: Side,
+    /// The folder of this foot.
+    pub folder: PathBuf,
+    pub progress: Arc<Mutex<Progress>>,
+}
+
+/// What an insole sent, or that its session began again, so that streams have to be requested again.
+enum Item {
+    Message(ToHost),
+    Started,
+}
+
+/// The standing trial of one foot.
+pub struct Standing {
+    /// The calibration with the offsets of this trial.
+    pub cells: Vec<CellCalibration>,
+    /// Mean force while standing, N, above the new offsets.
+    pub standing_n: f64,
+}
+
+impl Foot {
+    /// Checks the insole, and creates its folder. `folder` is the folder of the session.
+    pub fn new(mut link: Insole, folder: &Path) -> Result<Self> {
+        let client = link.client();
+        let hello = client.hello().clone();
+        ensure!(
+            hello.minor >= 2,
+            "the firmware {} of the {} insole cannot be set from here: update it with `plantar update`",
+            hello.firmware,
+            hello.side.name()
+        );
+        if let Some(fault) = &hello.last_panic {
+            println!("note: the {} insole reports: {fault}", hello.side.name());
+        }
+        let faults = client.faults()?;
+        ensure!(
+            faults.masked_cells.iter().all(|&masked| masked == 0),
+            "the {} insole masks faulty cells: see `plantar monitor`, and repair or replace it",
+            hello.side.name()
+        );
+        let folder = folder.join(hello.side.name());
+        std::fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
+        let progress = Arc::new(Mutex::new(Progress::new(hello.side)));
+        println!("{} foot: {} insole, firmware {}, {} cells", hello.side.name(), hello.board, hello.firmware, hello.cells);
+        Ok(Self { link, side: hello.side, folder, progress })
+    }
+
+    /// Sets the contact rule of the insole.
+    pub fn set_rule(&mut self, contact: ContactRule) -> Result<()> {
+        params::set_rule(&mut self.link, contact)
+    }
+
+    fn update(&self, change: impl FnOnce(&mut Progress)) {
+        change(&mut self.progress.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    /// Passes what the insole sends to `take` until it returns true or `stop` is set. Connects again when the link is lost.
+    fn follow(
+        &mut self,
+        stop: &AtomicBool,
+        mut take: impl FnMut(&mut Self, Item) -> Result<bool>,
+    ) -> Result<()> {
+        while !stop.load(Ordering::Relaxed) {
+            let item = match self.link.next_event()? {
+                Event::Message(message) => {
+                    if let ToHost::Live(live) = &message {
+                        self.update(|progress| progress.live = *live);
+                    }
+                    Item::Message(message)
+                }
+                Event::Started(start) => {
+                    let side = self.link.client().hello().side;
+                    ensure!(side == self.side, "another insole answers: it is for the {} foot", side.name());
+                    if start != SessionStart::Connected {
+                        self.update(|progress| progress.remark = "connected again".into());
+                    }
+                    Item::Started
+                }
+                Event::Timeout => continue,
+                Event::Lost(error) if error.is_link_failure() => {
+                    self.update(|progress| progress.remark = "connection lost: come closer, or check the cable".into());
+                    continue;
+                }
+                Event::Lost(error) => return Err(error.into()),
+            };
+            if take(self, item)? {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    /// Records the cells for `time`, and determines the offsets from the standing trial in it. `None` if it was interrupted.
+    pub fn stand(&mut self, stop: &AtomicBool, time: Duration) -> Result<Option<Standing>> {
+        let mut trial = Trial::begin(self.link.client())?;
+        let start = Instant::now();
+        let name = format!("{} foot", self.side.name());
+        self.update(|progress| progress.needed = 0);
+        self.follow(stop, |foot, item| {
+            match item {
+                Item::Message(ToHost::Cells(frame)) => {
+                    if trial.receiver.frame(&frame, &mut trial.codes) {
+                        trial.frames.push((frame.scan, trial.codes.clone()));
+                    }
+                }
+                Item::Started => trial = Trial::begin(foot.link.client())?,
+                Item::Message(ToHost::Step(step)) => foot.link.send(ToDevice::Acknowledge { step: step.step }),
+                Item::Message(_) => {}
+            }
+            Ok(start.elapsed() >= time)
+        })?;
+        self.link.client().stream_cells(None)?;
+        if stop.load(Ordering::Relaxed) {
+            return Ok(None);
+        }
+        let recording = trial.recording(&name, None)?;
+        recording.write(self.folder.join("standing.parquet"))?;
+        trial.evaluate(&name, &recording).map(Some)
+    }
+
+    /// Stores the calibration on the insole, unless it is in force already, and in the folder.
+    pub fn calibrate(&mut self, cells: &[CellCalibration]) -> Result<()> {
+        let mut id = CalibrationId::new();
+        id.add(cells);
+        if self.link.client().identity()?.calibration_id != id.id() {
+            self.link.client().calibrate(cells)?;
+            self.link.restart().context("the insole did not answer after its restart: switch it off and on")?;
+        }
+        let lines: String = std::iter::once("cell,offset,gain\n".to_string())
+            .chain(cells.iter().enumerate().map(|(i, cell)| format!("{i},{},{}\n", cell.offset, cell.gain)))
+            .collect();
+        let path = self.calibration_file();
+        std::fs::write(&path, lines).with_context(|| format!("cannot write {}", path.display()))
+    }
+
+    /// The file with the calibration of this session, in the format of `plantar insole calibrate`.
+    pub fn calibration_file(&self) -> PathBuf {
+        self.folder.join("calibration.csv")
+    }
+
+    /// The stream files of this session so far.
+    pub fn stream_files(&self) -> Result<Vec<PathBuf>> {
+        let mut files = Vec::new();
+        for entry in std::fs::read_dir(&self.folder)? {
+            let path = entry?.path();
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            if name.starts_with(WALK) && name.ends_with(".plantar") && std::fs::metadata(&path)?.len() > 0 {
+                files.push(path);
+            }
+        }
+        files.sort();
+        Ok(files)
+    }
+
+    /// Records live frames, steps and, if the carrier is fast enough, all cells, until there are `needed` good steps in `steps`,
+    /// which has the steps of earlier sessions.
+    pub fn walk(&mut self, stop: &AtomicBool, steps: &mut LiveSteps, needed: usize) -> Result<()> {
+        let number = self.stream_files()?.len();
+        let path = self.folder.join(format!("{WALK}-{number:03}.plantar"));
+        let mut file = StreamFile::create(&path).with_context(|| format!("cannot write {}", path.display()))?;
+        let done = steps.collected(0).0.len();
+        self.update(|progress| (progress.done, progress.needed, progress.remark) = (done, needed, String::new()));
+        let mut walk = Walk { cells: self.begin_cells(0)?, part_start: Instant::now(), last_step: Instant::now(), next: 1 };
+        file.write(0, &ToHost::Hello(self.link.client().hello().clone()))?;
+        let followed = self.follow(stop, |foot, item| walk.take(foot, item, &mut file, steps, needed));
+        if let Some(cells) = &mut walk.cells {
+            cells.complete_part()?;
+        }
+        // It has ended already if the link is lost.
+        let _ = self.link.client().stream_cells(None);
+        steps.finish();
+        followed
+    }
+
+    /// Starts the stream of cells; `None` if the carrier is too slow for all frames.
+    fn begin_cells(&mut self, recording: usize) -> Result<Option<CellRecorder>> {
+        let folder = self.folder.join(format!("cells-{:03}", self.stream_files()?.len()));
+        let stream = CellStream { resolution: Resolution::Converter, every: 1 };
+        match CellRecorder::begin(self.link.client(), stream, folder, recording) {
+            Ok(cells) => Ok(Some(cells)),
+            Err(error) if matches!(error.downcast_ref(), Some(Error::Refused(Refusal::CellRate { .. }))) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Receives `count` further steps, and returns those that the insole evaluated with the parameters in force.
+    pub fn verify(&mut self, stop: &AtomicBool, count: usize) -> Result<Vec<Step>> {
+        let begin_us = self.link.client().status()?.uptime_us;
+        let mut steps: Vec<Step> = Vec::new();
+        self.update(|progress| (progress.done, progress.needed, progress.remark) = (0, count, String::new()));
+        self.follow(stop, |foot, item| {
+            if let Item::Message(ToHost::Step(step)) = item {
+                foot.link.send(ToDevice::Acknowledge { step: step.step });
+                if step.boots_since == 0 && step.start_us > begin_us {
+                    steps.push(step);
+                    foot.update(|progress| progress.done = steps.len());
+                }
+            }
+            Ok(steps.len() >= count)
+        })?;
+        Ok(steps)
+    }
+}
+
+/// First part of the names of stream files.
+const WALK: &str = "walk";
+
+/// The walk in progress.
+struct Walk {
+    cells: Option<CellRecorder>,
+    part_start: Instant,
+    last_step: Instant,
+    /// Number of the next recording of cells.
+    next: usize,
+}
+
+impl Walk {
+    fn take(
+        &mut self,
+        foot: &mut Foot,
+        item: Item,
+        file: &mut StreamFile,
+        steps: &mut LiveSteps,
+        needed: usize,
+    ) -> Result<bool> {
+        match item {
+            Item::Started => {
+                file.write(0, &ToHost::Hello(foot.link.client().hello().clone()))?;
+                if let Some(cells) = &mut self.cells {
+                    cells.complete_part()?;
+                    self.cells = foot.begin_cells(self.next)?;
+                    self.next += 1;
+                }
+            }
+            Item::Message(ToHost::Cells(frame)) => {
+                if let Some(cells) = &mut self.cells {
+                    cells.frame(&frame)?;
+                }
+            }
+            Item::Message(message @ ToHost::Live(live)) => {
+                file.write(0, &message)?;
+                steps.frame(&live);
+            }
+            Item::Message(message @ ToHost::Step(step)) => {
+                file.write(0, &message)?;
+                foot.link.send(ToDevice::Acknowledge { step: step.step });
+                steps.step(&step);
+                self.last_step = Instant::now();
+            }
+            Item::Message(_) => {}
+        }
+        if self.part_start.elapsed() >= PART_TIME
+            && let Some(cells) = &mut self.cells
+        {
+            cells.complete_part()?;
+            self.part_start = Instant::now();
+        }
+        let (good, excluded) = steps.collected(0);
+        let remark = match excluded.last() {
+            _ if self.last_step.elapsed() >= NO_STEP => "no step: walk at your usual speed, and check the shoe".into(),
+            Some(last) if good.last().is_none_or(|step| step.start_s < last.at_s) => {
+                format!("a step was not used: {}", last.reason)
+            }
+            _ => String::new(),
+        };
+        foot.update(|progress| (progress.done, progress.remark) = (good.len(), remark));
+        Ok(good.len() >= needed)
+    }
+}
+
+/// The cells of a standing trial.
+struct Trial {
+    receiver: CellReceiver,
+    setup: plantar::pipeline::setup::Setup,
+    cells: Vec<plantar::pipeline::setup::SetupCell>,
+    every: u8,
+    codes: Vec<u16>,
+    /// Number and codes of each scan.
+    frames: Vec<(u32, Vec<u16>)>,
+}
+
+impl Trial {
+    /// Starts the stream of cells, at the highest rate of the carrier.
+    fn begin(client: &mut AnyClient) -> Result<Self> {
+        let (setup, cells) = (client.setup()?, client.setup_cells()?);
+        let mut stream = CellStream { resolution: Resolution::Oversampled, every: 1 };
+        match client.stream_cells(Some(stream)) {
+            Err(Error::Refused(Refusal::CellRate { every })) if every > 0 => {
+                stream.every = every;
+                client.stream_cells(Some(stream))?;
+            }
+            started => started?,
+        }
+        let codes = vec![0; cells.len()];
+        Ok(Self { receiver: CellReceiver::new(&stream), setup, cells, every: stream.every, codes, frames: Vec::new() })
+    }
+
+    /// The trial as a recording, with other calibrations if they are given.
+    fn recording(&self, name: &str, calibrations: Option<&[CellCalibration]>) -> Result<Recording> {
+        let mut cells = self.cells.clone();
+        for (cell, calibration) in cells.iter_mut().zip(calibrations.unwrap_or_default()) {
+            cell.calibration = *calibration;
+        }
+        let mut streamed = StreamedCells::new(self.setup, cells, self.every);
+        for (scan, codes) in &self.frames {
+            let expected = streamed.frames() + 1;
+            if streamed.is_continued_by(*scan) {
+                streamed.push(*scan, codes);
+            }
+            // An interpolated frame has no codes.
+            ensure!(streamed.frames() == expected, "{name}: frames were lost while you stood: stand again");
+        }
+        streamed.take("Standing trial of a guided session").with_context(|| format!("{name}: no cells arrived"))
+    }
+
+    fn evaluate(&self, name: &str, recording: &Recording) -> Result<Standing> {
+        let trial = StandingTrial::find(recording, name)?;
+        let lifted = || trial.lifted.iter().cloned().flatten();
+        let mut calibrations = Vec::new();
+        for (i, cell) in self.cells.iter().enumerate() {
+            // A trial has lifted frames.
+            let offset = zero_offset(lifted().map(|frame| self.frames[frame].1[i])).unwrap_or(0);
+            let calibration = CellCalibration { offset, ..cell.calibration };
+            if !calibration.is_valid() {
+                bail!("{name}: cell {i} reads more than half of its scale without load: it is shorted, or the foot was not lifted");
+            }
+            calibrations.push(calibration);
+        }
+        let corrected = self.recording(name, Some(&calibrations))?;
+        let standing = trial.standing;
+        let standing_n = standing.clone().map(|i| corrected.force_n(i)).sum::<f64>() / standing.len() as f64;
+        Ok(Standing { cells: calibrations, standing_n })
+    }
+}

@@ -1,0 +1,171 @@
+//! The screen of a guided session: an instruction, the progress of each foot, and the loads of the soles. If stdout is not a
+//! terminal, instructions and counts are printed as lines.
+
+use crate::view::ends_session;
+use anyhow::Result;
+use plantar::Side;
+use plantar::pipeline::outline::GENERIC_SOLE;
+use plantar::pipeline::template::region_at;
+use plantar::protocol::Live;
+use ratatui::crossterm::event;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Style, Stylize};
+use ratatui::symbols::Marker;
+use ratatui::text::Line;
+use ratatui::widgets::canvas::{Canvas, Points};
+use ratatui::widgets::{Block, Gauge, Paragraph, Wrap};
+use ratatui::{DefaultTerminal, Frame};
+use std::io::IsTerminal;
+use std::time::Duration;
+
+/// Time between two pictures.
+const REDRAW: Duration = Duration::from_millis(50);
+/// Distance of the points of a sole, mm.
+const GRID_MM: f64 = 4.0;
+/// Force of a region, 0.1 N, from which it has the brightest colour.
+const FULL_DN: f64 = 3000.0;
+/// Colours of the points, from unloaded to fully loaded; indices of the 256 colours of a terminal.
+const COLOURS: [u8; 6] = [236, 24, 31, 37, 214, 203];
+
+/// What is shown of a foot.
+#[derive(Clone, Debug)]
+pub struct Progress {
+    /// The foot.
+    pub side: Side,
+    /// The newest live frame.
+    pub live: Live,
+    /// Number of things that are complete: steps, or seconds.
+    pub done: usize,
+    /// Number of things that are needed; 0 where nothing is counted.
+    pub needed: usize,
+    /// The latest remark: why a step was not good, or that the link is lost.
+    pub remark: String,
+}
+
+impl Progress {
+    /// Nothing is done.
+    pub fn new(side: Side) -> Self {
+        Self { side, live: Live::default(), done: 0, needed: 0, remark: String::new() }
+    }
+
+    /// Measured force on the foot, N.
+    pub fn force_n(&self) -> f64 {
+        self.live.regions.iter().map(|region| region.measured_force_n()).sum()
+    }
+}
+
+/// The screen.
+pub struct Screen {
+    /// `None` if stdout is not a terminal.
+    terminal: Option<DefaultTerminal>,
+    /// What was printed last, without a terminal.
+    printed: Vec<String>,
+}
+
+impl Screen {
+    /// Switches the terminal to the screen.
+    pub fn open() -> Result<Self> {
+        let terminal = if std::io::stdout().is_terminal() { Some(ratatui::try_init()?) } else { None };
+        Ok(Self { terminal, printed: Vec::new() })
+    }
+
+    /// Shows the instruction and the feet. Waits for a key until the next picture is due; true if it ends the session.
+    pub fn show(&mut self, instruction: &str, feet: &[Progress]) -> Result<bool> {
+        let Some(terminal) = &mut self.terminal else {
+            self.print(instruction, feet);
+            std::thread::sleep(REDRAW);
+            return Ok(false);
+        };
+        terminal.draw(|frame| draw(frame, instruction, feet))?;
+        Ok(event::poll(REDRAW)? && ends_session(&event::read()?))
+    }
+
+    /// Prints what has changed.
+    fn print(&mut self, instruction: &str, feet: &[Progress]) {
+        let counts = feet.iter().filter(|foot| foot.needed > 0).map(|foot| {
+            format!("{}: {} of {}", foot.side.name(), foot.done, foot.needed)
+        });
+        let remarks = feet.iter().filter(|foot| !foot.remark.is_empty());
+        let remarks = remarks.map(|foot| format!("{}: {}", foot.side.name(), foot.remark));
+        let lines: Vec<String> = std::iter::once(instruction.to_string()).chain(counts).chain(remarks).collect();
+        for line in lines.iter().filter(|line| !self.printed.contains(line)) {
+            println!("{line}");
+        }
+        self.printed = lines;
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        if self.terminal.take().is_some() {
+            ratatui::restore();
+        }
+    }
+}
+
+fn draw(frame: &mut Frame, instruction: &str, feet: &[Progress]) {
+    let areas = Layout::vertical([Constraint::Length(5), Constraint::Min(10), Constraint::Length(1)]);
+    let [above, middle, below] = areas.areas(frame.area());
+    let text = Paragraph::new(Line::from(instruction).bold()).centered().wrap(Wrap { trim: true });
+    frame.render_widget(text.block(Block::bordered().title(" Identification ")), above);
+    // The left foot is on the left, as the wearer sees it.
+    let mut sorted: Vec<&Progress> = feet.iter().collect();
+    sorted.sort_by_key(|foot| foot.side as u8);
+    let columns = Layout::horizontal(sorted.iter().map(|_| Constraint::Fill(1))).split(middle);
+    for (foot, area) in sorted.into_iter().zip(columns.iter()) {
+        draw_foot(frame, foot, *area);
+    }
+    let footer = "q: interrupt; the same command continues later";
+    frame.render_widget(Paragraph::new(footer).dim().centered(), below);
+}
+
+fn draw_foot(frame: &mut Frame, foot: &Progress, area: Rect) {
+    let areas = Layout::vertical([Constraint::Min(8), Constraint::Length(1), Constraint::Length(1), Constraint::Length(2)]);
+    let [sole, force, gauge, remark] = areas.areas(area);
+    draw_sole(frame, foot, sole);
+    let text = format!("{} foot  {:.0} N", foot.side.name(), foot.force_n());
+    frame.render_widget(Paragraph::new(text).centered(), force);
+    if foot.needed > 0 {
+        let ratio = (foot.done as f64 / foot.needed as f64).min(1.0);
+        let label = format!("{} of {}", foot.done, foot.needed);
+        frame.render_widget(Gauge::default().ratio(ratio).label(label).gauge_style(Color::Green), gauge);
+    }
+    let text = Paragraph::new(foot.remark.as_str()).style(Style::new().fg(Color::Yellow)).centered();
+    frame.render_widget(text.wrap(Wrap { trim: true }), remark);
+}
+
+/// Draws the sole as points, in the colours of the forces of their regions.
+fn draw_sole(frame: &mut Frame, foot: &Progress, area: Rect) {
+    let (length_mm, width_mm) = (GENERIC_SOLE.length_mm(), GENERIC_SOLE.width_mm());
+    let mut by_colour: [Vec<(f64, f64)>; COLOURS.len()] = Default::default();
+    let rows = (length_mm / GRID_MM) as usize;
+    for row in 0..=rows {
+        let y_mm = row as f64 * GRID_MM;
+        let [medial_mm, lateral_mm] = GENERIC_SOLE.edges_mm(y_mm);
+        let columns = ((lateral_mm - medial_mm) / GRID_MM) as usize;
+        for column in 0..=columns {
+            let x_mm = medial_mm + column as f64 * GRID_MM;
+            let fraction = (x_mm - medial_mm) / (lateral_mm - medial_mm);
+            let region = region_at(fraction as f32, (y_mm / length_mm) as f32);
+            let share = f64::from(foot.live.regions[region as usize].measured_dn) / FULL_DN;
+            let colour = (share * (COLOURS.len() - 1) as f64).ceil() as usize;
+            // x increases to the lateral side, which is on the left of a left foot.
+            let x_mm = if foot.side == Side::Left { width_mm - x_mm } else { x_mm };
+            by_colour[colour.min(COLOURS.len() - 1)].push((x_mm, y_mm));
+        }
+    }
+    // A character is about twice as high as wide, and has two by four points. The picture keeps the shape of the foot.
+    let shown_mm = length_mm.max(width_mm * f64::from(area.height) * 2.0 / f64::from(area.width.max(1)));
+    let middle_mm = width_mm / 2.0;
+    let half_mm = shown_mm * f64::from(area.width) / f64::from(area.height.max(1)) / 4.0;
+    let canvas = Canvas::default()
+        .marker(Marker::HalfBlock)
+        .x_bounds([middle_mm - half_mm, middle_mm + half_mm])
+        .y_bounds([-GRID_MM, shown_mm + GRID_MM])
+        .paint(|context| {
+            for (points, colour) in by_colour.iter().zip(COLOURS) {
+                context.draw(&Points { coords: points, color: Color::Indexed(colour) });
+            }
+        });
+    frame.render_widget(canvas, area);
+}
