@@ -75,7 +75,7 @@ impl LiveSteps {
         }
         self.first_us.get_or_insert(live.t_us);
         self.frames.push_back(Frame { t_us: live.t_us, regions: live.regions });
-        while self.frames.front().is_some_and(|frame| frame.t_us + BUFFERED_US < live.t_us) {
+        while self.frames.front().is_some_and(|frame| live.t_us - frame.t_us > BUFFERED_US) {
             self.frames.pop_front();
         }
         self.evaluate_pending(Some(live.t_us));
@@ -148,9 +148,9 @@ impl LiveSteps {
     fn evaluate_pending(&mut self, now_us: Option<u64>) {
         let mut i = 0;
         while let Some(&step) = self.pending.get(i) {
-            let end_us = step.start_us + u64::from(step.duration_us);
+            let end_us = step.start_us.saturating_add(step.duration_us.into());
             let period_us = self.period_us.unwrap_or(0).min(u64::from(step.sample_us));
-            if now_us.is_some_and(|now_us| now_us + period_us < end_us) {
+            if now_us.is_some_and(|now_us| now_us.saturating_add(period_us) < end_us) {
                 i += 1;
                 continue;
             }
@@ -171,7 +171,7 @@ impl LiveSteps {
             return None;
         }
         let count = u64::from(step.duration_us) / period_us;
-        let frames = (0..count).map(|i| self.loads_at(step.start_us + i * period_us, period_us));
+        let frames = (0..count).map(|i| self.loads_at(step.start_us.saturating_add(i * period_us), period_us));
         let frames = frames.collect::<Option<Vec<FrameLoads>>>()?;
         let (frame_s, stride) = (period_us as f64 * 1e-6, (sample_us / period_us) as usize);
         let regions = std::array::from_fn(|region| {

@@ -1,5 +1,6 @@
-//! `plantar fit`: identifies personal parameters from recordings.
+//! `plantar fit`: identifies personal parameters from recordings and live streams.
 
+mod live;
 mod results;
 
 use crate::replay::progress;
@@ -9,8 +10,10 @@ use clap::{Args, ValueEnum};
 use fit::interval::RESAMPLES;
 use fit::pins::COMPRESSION;
 use fit::{Bounds, Filter, Method, Options, Study};
+use live::LiveSource;
 use parameters::{InsoleSize, Thickness};
 use plantar::checksum::crc32;
+use plantar::pipeline::contact::ContactRule;
 use recording::Recording;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -18,13 +21,15 @@ use std::str::FromStr;
 /// Identifies a person's tissue parameters from recordings of walking.
 ///
 /// Give any number of recordings of one person: several trials, both feet. Complete steps are extracted with the insole's own
-/// code, and each region is fitted separately. Send the resulting file to an insole with `plantar params push`, and use it in
+/// code, and each region is fitted separately. A recorded live stream is a source, too: a .plantar file that the page or
+/// `plantar serve --record` wrote, or the folder that `plantar record` wrote. Its areas were measured by the insole, with the
+/// insole's contact rule. Send the resulting file to an insole with `plantar params push`, and use it in
 /// `plantar replay` and `plantar emulate` with --params.
 ///
 /// Exit status: 0 if all eight regions were fitted, 3 if only some were, 1 if none was.
 #[derive(Args)]
 pub struct Fit {
-    /// The recordings, all of one person.
+    /// The recordings and recorded live streams, all of one person.
     #[arg(required = true, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
     /// The parameter file to write.
@@ -143,10 +148,14 @@ impl Fit {
     /// Runs the command. Returns true if all regions were fitted.
     pub fn run(&self) -> Result<bool> {
         let participant = self.participant.clone().unwrap_or_else(|| stem(&self.recordings[0]));
-        let mut study = Study::new(participant, self.contact.rule(None)?, self.search.options(RESAMPLES)?);
+        let inputs = self.recordings.iter().map(|path| Input::open(path)).collect::<Result<Vec<_>>>()?;
+        let mut study = Study::new(participant, self.contact_rule(&inputs)?, self.search.options(RESAMPLES)?);
         let mut checksums = Vec::new();
-        for path in &self.recordings {
-            add(&mut study, path, &self.zero, &mut checksums)?;
+        for input in inputs {
+            match input {
+                Input::Recording(path) => add(&mut study, path, &self.zero, &mut checksums)?,
+                Input::Live(sources) => sources.into_iter().try_for_each(|source| add_live(&mut study, source))?,
+            }
         }
         if let Some(StepRange(first, last)) = self.steps {
             let most = study.steps.iter().map(|step| step.number).max();
@@ -181,6 +190,73 @@ impl Fit {
         println!("wrote {}: {fitted} of 8 regions identified", self.out.display());
         Ok(fitted == 8)
     }
+}
+
+/// A file or folder that was given.
+enum Input<'p> {
+    /// A recording of all cells.
+    Recording(&'p Path),
+    /// Live streams of one or two insoles.
+    Live(Vec<LiveSource>),
+}
+
+impl<'p> Input<'p> {
+    fn open(path: &'p Path) -> Result<Self> {
+        Ok(live::read(path)?.map_or(Self::Recording(path), Self::Live))
+    }
+}
+
+impl Fit {
+    /// The contact rule of the fit: that of the live streams, or else that of the options. Returns an error if the live streams
+    /// differ in their rules, or if an option contradicts them.
+    fn contact_rule(&self, inputs: &[Input]) -> Result<ContactRule> {
+        let mut measured: Option<(ContactRule, &LiveSource)> = None;
+        for input in inputs {
+            let Input::Live(sources) = input else { continue };
+            for source in sources {
+                let Some(rule) = source.contact_rule()? else { continue };
+                let (first, of) = measured.get_or_insert((rule, source));
+                if *first != rule {
+                    bail!(
+                        "{} has the contact rule {}, and {} has {}: areas of different rules cannot be fitted together; fit them \
+                         separately",
+                        of.name,
+                        setup::rule_in_words(first),
+                        source.name,
+                        setup::rule_in_words(&rule)
+                    );
+                }
+            }
+        }
+        if let (true, Some(path)) = (inputs.iter().any(|i| matches!(i, Input::Live(_))), &self.zero.zero) {
+            bail!(
+                "--zero {} is for recordings of all cells: the insole computed the areas and forces of a live stream; omit the option, \
+                 and fit recordings that need it separately",
+                path.display()
+            );
+        }
+        let Some((rule, source)) = measured else { return self.contact.rule(None) };
+        if let Some(option) = self.contact.contradiction(&rule) {
+            bail!(
+                "{option} contradicts {}: the insole measured its areas by the contact rule {}; omit the option",
+                source.name,
+                setup::rule_in_words(&rule)
+            );
+        }
+        Ok(rule)
+    }
+}
+
+/// Adds the steps of a live stream to the study. A stream may not be given twice, for example as the file of the page and as that of
+/// `plantar serve`, because its steps would then be predicted from copies of themselves.
+fn add_live(study: &mut Study, source: LiveSource) -> Result<()> {
+    let (steps, _) = source.steps.collected(0);
+    let is_copy = |step: &fit::Step| steps.iter().any(|new| new.start_s == step.start_s && new.regions == step.regions);
+    if let Some(copy) = study.steps.iter().find(|step| is_copy(step)) {
+        bail!("{} has the same steps as {}: give each stream once", source.name, study.sources[copy.recording].name);
+    }
+    source.note_masked_cells();
+    Ok(study.add_live(source.name, source.origin, source.side, &source.steps)?)
 }
 
 /// Adds the steps of a recording to the study. `checksums` has the checksums of the previous recordings: a recording may not be

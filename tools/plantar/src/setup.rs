@@ -91,6 +91,19 @@ impl ContactArgs {
     }
 }
 
+impl ContactArgs {
+    /// The first option that contradicts the rule by which areas were measured, as it was given; `None` if none does.
+    pub fn contradiction(&self, measured: &ContactRule) -> Option<String> {
+        let options = [
+            ("--contact-on", self.contact_on, measured.on_kpa),
+            ("--contact-off", self.contact_off, measured.off_kpa),
+            ("--contact-full", self.contact_full, measured.full_kpa),
+        ];
+        let mut given = options.into_iter().filter_map(|(name, given, measured)| Some((name, given?, measured)));
+        given.find(|(_, given, measured)| given != measured).map(|(name, given, _)| format!("{name} {given}"))
+    }
+}
+
 /// Prints a note on stderr if parameters were identified with another contact rule than the rule in use.
 pub fn note_unless_same_rule(identified: &ContactRule, in_use: &ContactRule) {
     if identified != in_use {

@@ -1,7 +1,19 @@
 //! Tests `plantar fit`: its files, its messages about steps and regions that cannot be fitted, and its exit status.
 
 use parameters::Parameters;
+use plantar::Side;
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::{
+    Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Reset, Status, Step, ToDevice, ToHost, decode, encode,
+    frame,
+};
+use recording::{Recording, VirtualInsole};
 use serde_json::Value;
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{Command, Output};
 use tempfile::TempDir;
@@ -190,4 +202,200 @@ fn errors_for_bad_input_name_the_place_and_the_remedy() {
     }
     let (status, _, err) = run(path, "fit walk.parquet --steps 4-2");
     assert!(status == 2 && err.contains("N or N-M"), "{err}");
+}
+
+/// The messages of an insole during a computed walk with the steps of [`walk`], by this contact rule.
+fn messages(folder: &Path, contact: ContactRule) -> Vec<ToHost> {
+    let recording = Recording::read(&folder.join("walk.parquet")).expect("a recording");
+    let computed = VirtualInsole::new(&recording, contact, StanceRule::WALKING);
+    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    insole.set_up(computed.setup, computed.cells.iter().copied()).expect("a valid insole");
+    let mut messages = vec![ToHost::Hello(Hello {
+        major: MAJOR,
+        minor: MINOR,
+        firmware: "1".try_into().expect("short"),
+        board: "computed".try_into().expect("short"),
+        side: recording.side,
+        layout_id: computed.setup.layout_id,
+        cells: computed.cells.len() as u16,
+        period_us: computed.setup.period_us,
+        tissue_id: 0,
+        contact_rule: contact,
+        reset: Reset::Power,
+        last_panic: None,
+    })];
+    let mut codes = vec![0; computed.cells.len()];
+    for frame in 0..computed.frames(&recording) {
+        computed.codes_of(&recording, frame, &mut codes);
+        let is_toe_off = insole.frame(frame as u32, &codes);
+        let t_us = frame as u64 * u64::from(computed.setup.period_us);
+        messages.push(ToHost::Live(Live::new(frame as u32, t_us, insole.loads(), insole.masked())));
+        if is_toe_off {
+            messages.push(ToHost::Step(Step::new(&insole.whole_step().expect("a step"))));
+        }
+    }
+    messages
+}
+
+/// The content of a stream file with these messages of the insole with index `insole`.
+fn stream(messages: &[ToHost], insole: u8) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for message in messages {
+        let mut buffer = [0; MAX_MESSAGE];
+        let message = encode(message, &mut buffer).expect("a message");
+        bytes.extend([0, 0, 0, 0, insole]);
+        bytes.extend((message.len() as u16).to_le_bytes());
+        bytes.extend(&*message);
+    }
+    bytes
+}
+
+/// Asserts that two fits of the same walk have the same steps and, within their 95 % intervals, the same parameters.
+fn assert_agree(ours: &Value, theirs: &Value) {
+    let steps = |fit: &Value| fit["steps"].as_array().expect("steps").len();
+    assert_eq!(steps(ours), steps(theirs));
+    for (name, theirs) in theirs["regions"].as_object().expect("regions") {
+        let ours = &ours["regions"][name];
+        for parameter in ["ab_m2", "stiffness_pa", "damping_pa_s", "n", "m"] {
+            let value = ours["identified"][parameter].as_f64().expect("a number");
+            let interval = &theirs["uncertainty"]["intervals_95"][parameter];
+            let end = |i: usize| interval["jacobian"][i].as_f64().unwrap_or(f64::NAN);
+            let is_within = end(0) * 0.999 <= value && value <= end(1) * 1.001;
+            assert!(is_within || interval["told"] == false, "{name}: {parameter} {value} for {interval}");
+        }
+    }
+}
+
+#[test]
+fn a_stream_file_results_in_the_same_parameters_as_the_recording_of_all_cells() {
+    let folder = walk();
+    let path = folder.path();
+    succeed(path, "fit walk.parquet --contact-full 150 --json cells.json");
+    let right = messages(path, ContactRule::COVERED);
+    std::fs::write(path.join("walk.plantar"), stream(&right, 0)).expect("written");
+    let out = succeed(path, "fit walk.plantar --json live.json --out p.toml --report r.html");
+    assert!(out.contains("walk: 6 steps of 1 recordings") && out.contains("fraction sqrt(p / 150 kPa)"), "{out}");
+    let live = json(&path.join("live.json"));
+    assert_eq!((&live["recordings"][0]["cells"], &live["recordings"][0]["rate_hz"]), (&Value::Null, &100.0.into()));
+    assert_eq!(live["recordings"][0]["name"], "walk.plantar, right");
+    assert_agree(&live, &json(&path.join("cells.json")));
+    let parameters = Parameters::read(&path.join("p.toml")).expect("readable").identified.expect("known");
+    assert_eq!(parameters.contact, ContactRule::COVERED);
+    let report = std::fs::read_to_string(path.join("r.html")).expect("a report");
+    assert!(report.contains("live stream"), "the report does not name the live stream");
+
+    // A file of both feet, truncated within its last message, which is a live frame.
+    let mut left = right.clone();
+    for message in &mut left {
+        match message {
+            ToHost::Hello(hello) => hello.side = Side::Left,
+            ToHost::Step(step) => step.side = Side::Left,
+            ToHost::Live(live) => live.regions[0].measured_dn += 1,
+            _ => (),
+        }
+    }
+    let mut both = stream(&left, 1);
+    both.extend(stream(&right, 0));
+    both.truncate(both.len() - 3);
+    std::fs::write(path.join("both.plantar"), &both).expect("written");
+    let (status, out, err) = run(path, "fit both.plantar --json both.json");
+    assert_eq!(status, 0, "{out}{err}");
+    assert!(out.contains("12 steps of 2 recordings") && err.contains("both.plantar is truncated"), "{out}{err}");
+}
+
+#[test]
+fn errors_of_live_streams_name_the_file_and_the_remedy() {
+    let folder = walk();
+    let path = folder.path();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(path.join(name), bytes).expect("written");
+    let covered = messages(path, ContactRule::COVERED);
+    write("a.plantar", &stream(&covered, 0));
+    write("copy.plantar", &stream(&covered, 1));
+    write("b.plantar", &stream(&messages(path, ContactRule::COUNTED), 0));
+    let mut changed = covered.clone();
+    if let Some(ToHost::Step(step)) = changed.iter_mut().rfind(|message| matches!(message, ToHost::Step(_))) {
+        step.contact_rule = ContactRule::COUNTED;
+    }
+    write("changed.plantar", &stream(&changed, 0));
+    write("text.plantar", b"this is a text and no recorded stream");
+    write("empty.plantar", &stream(&covered[..1], 0));
+    let mut old = covered.clone();
+    if let Some(ToHost::Hello(hello)) = old.first_mut() {
+        hello.major = MAJOR + 1;
+    }
+    write("old.plantar", &stream(&old, 0));
+    fail(path, "fit a.plantar b.plantar", &["a.plantar", "b.plantar", "whole cells", "fit them separately"]);
+    fail(path, "fit changed.plantar", &["changed.plantar", "the contact rule changed", "record each rule separately"]);
+    fail(path, "fit a.plantar --contact-full 100", &["--contact-full 100 contradicts a.plantar", "omit the option"]);
+    fail(path, "fit a.plantar --zero zero.toml", &["--zero zero.toml", "omit the option"]);
+    fail(path, "fit a.plantar copy.plantar", &["copy.plantar", "same steps as a.plantar", "once"]);
+    fail(path, "fit text.plantar", &["text.plantar", "not a recorded stream", "plantar serve --record"]);
+    fail(path, "fit empty.plantar", &["empty.plantar", "no live frames"]);
+    fail(path, "fit old.plantar", &["old.plantar", "protocol version", "use the program"]);
+    fail(path, "fit missing.plantar", &["missing.plantar"]);
+    // Options that state the rule of the stream are no contradiction, and a recording is evaluated by the stream's rule.
+    succeed(path, "fit a.plantar --contact-full 150 --contact-on 10");
+    let out = succeed(path, "fit walk.parquet a.plantar --steps 0-2");
+    assert!(out.contains("fraction sqrt(p / 150 kPa)"), "{out}");
+}
+
+/// Serves the messages to one program, as an insole on the network does.
+fn serve(messages: Vec<ToHost>) -> SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("an address");
+    std::thread::spawn(move || {
+        let (mut host, _) = listener.accept().expect("the program connects");
+        let mut send = {
+            let mut host = host.try_clone().expect("a socket");
+            move |message: &ToHost| {
+                let mut buffer = [0; MAX_MESSAGE];
+                let mut framed = [0; MAX_FRAME];
+                let length = frame(encode(message, &mut buffer).expect("a message"), &mut framed);
+                host.write_all(&framed[..length]).expect("the program is connected");
+            }
+        };
+        let mut decoder = Decoder::new();
+        let mut bytes = [0; 256];
+        let mut is_streaming = false;
+        // The program closes the connection after its last step.
+        while let Ok(count @ 1..) = host.read(&mut bytes) {
+            for &byte in &bytes[..count] {
+                match decoder.push(byte).and_then(decode::<ToDevice>) {
+                    Some(ToDevice::Connect { .. }) => send(&messages[0]),
+                    Some(ToDevice::GetTime { host_us }) => send(&ToHost::Time { host_us, device_us: 0 }),
+                    Some(ToDevice::Stream { live: true }) => is_streaming = true,
+                    // The program waits for a status after it has turned the stream on.
+                    Some(ToDevice::GetStatus) => {
+                        send(&ToHost::Status(Status::default()));
+                        if std::mem::take(&mut is_streaming) {
+                            messages[1..].iter().for_each(&mut send);
+                        }
+                    }
+                    _ => (),
+                }
+            }
+        }
+    });
+    address
+}
+
+#[test]
+fn the_folder_of_a_recorded_session_results_in_the_same_parameters_as_its_stream_file() {
+    let folder = walk();
+    let path = folder.path();
+    let messages = messages(path, ContactRule::COUNTED);
+    std::fs::write(path.join("walk.plantar"), stream(&messages, 0)).expect("written");
+    let address = serve(messages);
+    succeed(path, &format!("record --tcp {address} --out session --steps 6"));
+    succeed(path, "fit walk.plantar --json stream.json");
+    let out = succeed(path, "fit session --json session.json");
+    assert!(out.contains("session: 6 steps of 1 recordings"), "{out}");
+    let (session, stream) = (json(&path.join("session.json")), json(&path.join("stream.json")));
+    assert_eq!(session["steps"], stream["steps"]);
+    assert_eq!(session["regions"], stream["regions"]);
+
+    std::fs::write(path.join("session/live/part-99999.parquet"), b"PAR1 truncated").expect("written");
+    fail(path, "fit session", &["part-99999.parquet", "remove the file"]);
+    std::fs::remove_dir_all(path.join("session/live")).expect("removed");
+    fail(path, "fit session", &["live is missing"]);
 }

@@ -99,7 +99,9 @@ fn sources(study: &Study) -> Markup {
                             th scope="row" { (source.name) }
                             td { (source.side.name()) }
                             td.figure { (number(source.rate_hz)) }
-                            td.figure { (source.layout.cells.len()) }
+                            td.figure {
+                                @if source.layout.cells.is_empty() { "live stream" } @else { (source.layout.cells.len()) }
+                            }
                             td.figure { (study.steps.iter().filter(|step| step.recording == i).count()) }
                             td.prose { (source.origin) }
                         }

@@ -3,6 +3,7 @@
 use crate::setup::rule_in_words;
 use crate::summary;
 use fit::interval::{FIVE, Interval};
+use fit::study::Source;
 use fit::{Method, RegionFit, Study};
 use parameters::{Identified, InsoleSize, Parameters};
 use plantar::{Region, Side};
@@ -151,7 +152,7 @@ pub fn to_json(study: &Study) -> Value {
         "participant": study.participant,
         "recordings": study.sources.iter().map(|s| json!({
             "name": s.name, "side": s.side.name(),
-            "rate_hz": s.rate_hz, "cells": s.layout.cells.len(), "origin": s.origin,
+            "rate_hz": s.rate_hz, "cells": cells(s), "origin": s.origin,
         })).collect::<Vec<_>>(),
         "contact_rule": {
             "on_kpa": study.contact.on_kpa, "off_kpa": study.contact.off_kpa, "full_kpa": study.contact.full_kpa,
@@ -167,6 +168,11 @@ pub fn to_json(study: &Study) -> Value {
         })).collect::<Vec<_>>(),
         "regions": regions,
     })
+}
+
+/// The number of cells of a recording; `None` for a live stream, which does not contain the cells.
+fn cells(source: &Source) -> Option<usize> {
+    Some(source.layout.cells.len()).filter(|&cells| cells > 0)
 }
 
 fn fit_to_json(fit: &Result<RegionFit, fit::NotFitted>) -> Value {

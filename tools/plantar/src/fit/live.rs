@@ -1,0 +1,149 @@
+//! Live streams as sources of a fit: the stream file of `plantar serve --record` and of the page, and the folder of `plantar record`.
+
+mod session;
+
+use crate::setup::rule_in_words;
+use anyhow::{Context, Result, bail};
+use fit::live::LiveSteps;
+use plantar::pipeline::contact::ContactRule;
+use plantar::protocol::{Hello, MAJOR, MAX_MESSAGE, ToHost, decode};
+use plantar::{Region, Side};
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// Extension of stream files.
+const EXTENSION: &str = "plantar";
+/// First bytes of a Parquet file, which is a recording of all cells whatever its name.
+const PARQUET: &[u8; 4] = b"PAR1";
+
+/// The live stream of one insole.
+pub struct LiveSource {
+    /// Name for display.
+    pub name: String,
+    /// Provenance, in sentences.
+    pub origin: String,
+    /// The foot.
+    pub side: Side,
+    /// The steps.
+    pub steps: LiveSteps,
+}
+
+impl LiveSource {
+    /// The contact rule by which all steps were measured; `None` without steps.
+    ///
+    /// # Errors
+    /// If there are steps of different rules.
+    pub fn contact_rule(&self) -> Result<Option<ContactRule>> {
+        match self.steps.contact_rules() {
+            [first, second, ..] => bail!(
+                "{}: the contact rule changed during the stream, from {} to {}; areas of different rules cannot be fitted together: \
+                 record each rule separately",
+                self.name,
+                rule_in_words(first),
+                rule_in_words(second)
+            ),
+            rules => Ok(rules.first().copied()),
+        }
+    }
+
+    /// Prints a note on stderr if cells were masked.
+    pub fn note_masked_cells(&self) {
+        let masked = Region::ALL.iter().zip(self.steps.masked_steps()).filter(|(_, steps)| *steps > 0);
+        let regions: Vec<_> = masked.map(|(region, steps)| format!("{} in {steps} steps", region.name())).collect();
+        if !regions.is_empty() {
+            eprintln!("note: {}: faulty cells were replaced by their neighbours: {}", self.name, regions.join(", "));
+        }
+    }
+}
+
+/// Reads a stream file or the folder of `plantar record`. `None` if `path` is neither, which is then a recording of all cells.
+pub fn read(path: &Path) -> Result<Option<Vec<LiveSource>>> {
+    if path.is_dir() {
+        return session::read(path);
+    }
+    let mut start = [0; PARQUET.len()];
+    let is_parquet = File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == *PARQUET;
+    if is_parquet || path.extension().is_none_or(|extension| extension != EXTENSION) {
+        return Ok(None);
+    }
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    from_stream(&path.display().to_string(), &bytes).map(Some)
+}
+
+/// The messages of one insole in a stream file.
+#[derive(Default)]
+struct Messages {
+    hello: Option<Hello>,
+    steps: LiveSteps,
+    /// Number of live frames and step records.
+    count: usize,
+}
+
+/// Reads the content of a stream file. `name` is its name for display.
+fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
+    /// Length of an entry without its message.
+    const HEAD: usize = 7;
+
+    let mut insoles: [Messages; 2] = Default::default();
+    let (mut at, mut unknown) = (0, 0);
+    while let Some(head) = bytes.get(at..at + HEAD) {
+        let length = usize::from(u16::from_le_bytes([head[5], head[6]]));
+        let insole = insoles.get_mut(usize::from(head[4])).filter(|_| (1..=MAX_MESSAGE).contains(&length));
+        let Some(insole) = insole else {
+            bail!(
+                "{name}: damaged at byte {at}, or not a recorded stream: give a file that `plantar serve --record` or the page \
+                 recorded, or a recording that `plantar import` wrote"
+            );
+        };
+        let Some(message) = bytes.get(at + HEAD..at + HEAD + length) else { break };
+        at += HEAD + length;
+        match decode::<ToHost>(message) {
+            Some(ToHost::Hello(hello)) if hello.major != MAJOR => bail!(
+                "{name}: recorded from an insole with protocol version {}, but this program reads version {MAJOR}: use the program \
+                 of that version",
+                hello.major
+            ),
+            Some(ToHost::Hello(hello)) => insole.hello = Some(hello),
+            Some(ToHost::Live(live)) => {
+                insole.count += 1;
+                insole.steps.frame(&live);
+            }
+            Some(ToHost::Step(step)) => {
+                insole.count += 1;
+                insole.steps.step(&step);
+            }
+            Some(_) => (),
+            None => unknown += 1,
+        }
+    }
+    if at < bytes.len() {
+        eprintln!("note: {name} is truncated: its last {} bytes are not used", bytes.len() - at);
+    }
+    if unknown > 0 {
+        eprintln!("note: {name}: {unknown} messages are unknown to this program and were not used");
+    }
+    let sources = insoles.into_iter().filter(|insole| insole.count > 0).map(|insole| insole.into_source(name));
+    let sources: Vec<_> = sources.collect();
+    if sources.is_empty() {
+        bail!("{name}: no live frames and no steps: record while the wearer walks");
+    }
+    Ok(sources)
+}
+
+impl Messages {
+    /// The source of a fit. `file` is the name of the file for display.
+    fn into_source(mut self, file: &str) -> LiveSource {
+        self.steps.finish();
+        let side = self.steps.side().or(self.hello.as_ref().map(|hello| hello.side)).unwrap_or(Side::Right);
+        let device = self.hello.map_or_else(String::new, |hello| {
+            format!(" The insole had the board {}, firmware {} and {} cells.", hello.board, hello.firmware, hello.cells)
+        });
+        LiveSource {
+            name: format!("{file}, {}", side.name()),
+            origin: format!("Recorded live stream of an insole.{device}"),
+            side,
+            steps: self.steps,
+        }
+    }
+}

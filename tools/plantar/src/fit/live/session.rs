@@ -1,0 +1,241 @@
+//! The folder of `plantar record`: tables of live frames and of steps, with one row for each region.
+
+use super::LiveSource;
+use anyhow::{Context, Result, anyhow, bail};
+use fit::live::LiveSteps;
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::record::Field;
+use plantar::pipeline::contact::ContactRule;
+use plantar::protocol::{Live, Step, StepRegion};
+use plantar::{Region, Side};
+use std::collections::{BTreeMap, HashMap};
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+
+/// The name of a region's column in both tables.
+const REGION: &str = "region";
+
+/// Reads the folder; `None` if it has no tables of live frames and steps.
+pub fn read(folder: &Path) -> Result<Option<Vec<LiveSource>>> {
+    let (live, steps) = (folder.join("live"), folder.join("steps"));
+    if !live.is_dir() && !steps.is_dir() {
+        return Ok(None);
+    }
+    let name = folder.display().to_string();
+    for table in [&live, &steps] {
+        if !table.is_dir() {
+            bail!("{name}: the folder {} is missing: record a walk of several steps", table.display());
+        }
+    }
+    let frames = frames(&live)?;
+    let records = records(&steps)?;
+    let mut collected = LiveSteps::new();
+    for (session, frames) in &frames {
+        let records = records.get(session).map_or(&[][..], |records| records);
+        collect(&mut collected, frames, records);
+    }
+    collected.finish();
+    Ok(Some(vec![LiveSource {
+        side: collected.side().unwrap_or(Side::Right),
+        origin: "Live frames and steps that plantar record stored.".into(),
+        name,
+        steps: collected,
+    }]))
+}
+
+/// Adds the messages of a session in the order in which an insole sends them: a record follows the last frame of its stance.
+fn collect(collected: &mut LiveSteps, frames: &[Live], records: &[Step]) {
+    let mut records = records.iter().peekable();
+    for frame in frames {
+        collected.frame(frame);
+        let is_over =
+            |step: &&Step| step.boots_since > 0 || step.start_us.saturating_add(step.duration_us.into()) <= frame.t_us;
+        while let Some(step) = records.next_if(is_over) {
+            collected.step(step);
+        }
+    }
+    records.for_each(|step| collected.step(step));
+}
+
+/// The live frames of each session, in the order of their arrival. Only the quantities that a fit uses are read.
+fn frames(folder: &Path) -> Result<BTreeMap<i32, Vec<Live>>> {
+    let columns = ["session", "sequence", "t_s", REGION, "area_mm2", "measured_force_n"];
+    let mut sessions: BTreeMap<i32, Vec<Live>> = BTreeMap::new();
+    for_each_row(folder, &columns, |row| {
+        let frames = sessions.entry(row.integer("session")?).or_default();
+        let sequence = row.integer("sequence")? as u32;
+        if frames.last().is_none_or(|frame| frame.sequence != sequence) {
+            frames.push(Live { sequence, t_us: (row.real("t_s")? * 1e6).round() as u64, ..Live::default() });
+        }
+        if let Some(frame) = frames.last_mut() {
+            let region = &mut frame.regions[row.region()?];
+            region.area_mm2 = row.real("area_mm2")?.round() as u16;
+            region.measured_dn = (row.real("measured_force_n")? * 10.0).round() as u16;
+        }
+        Ok(())
+    })?;
+    Ok(sessions)
+}
+
+/// The steps of each session, in the order of their arrival. Only the quantities that a fit uses are read.
+fn records(folder: &Path) -> Result<BTreeMap<i32, Vec<Step>>> {
+    let columns = [
+        "session",
+        "side",
+        "step",
+        "start_s",
+        "duration_s",
+        "sample_s",
+        "starts_ago",
+        REGION,
+        "saturated",
+        "masked_cells",
+        "contact_on_kpa",
+        "contact_off_kpa",
+        "contact_full_kpa",
+        "ellipse_x_mm",
+        "ellipse_y_mm",
+        "ellipse_r_a_mm",
+        "ellipse_r_b_mm",
+        "ellipse_angle_deg",
+    ];
+    let mut sessions: BTreeMap<i32, Vec<Step>> = BTreeMap::new();
+    for_each_row(folder, &columns, |row| {
+        let steps = sessions.entry(row.integer("session")?).or_default();
+        let (number, region) = (row.integer("step")? as u32, row.region()?);
+        if region == 0 || steps.last().is_none_or(|step| step.step != number) {
+            steps.push(record(row, number)?);
+        }
+        if let Some(step) = steps.last_mut() {
+            step.saturated |= u8::from(row.flag("saturated")?) << region;
+            step.regions[region] = region_of(row)?;
+        }
+        Ok(())
+    })?;
+    Ok(sessions)
+}
+
+/// The quantities of a step that all of its rows contain.
+fn record(row: &Row, number: u32) -> Result<Step> {
+    let us = |name| anyhow::Ok((row.real(name)? * 1e6).round());
+    let kpa = |name| anyhow::Ok(row.real(name)? as f32);
+    Ok(Step {
+        step: number,
+        side: row.side()?,
+        start_us: us("start_s")? as u64,
+        duration_us: us("duration_s")? as u32,
+        sample_us: us("sample_s")? as u32,
+        bridged_frames: 0,
+        saturated: 0,
+        clamped: 0,
+        contact_rule: ContactRule {
+            on_kpa: kpa("contact_on_kpa")?,
+            off_kpa: kpa("contact_off_kpa")?,
+            full_kpa: kpa("contact_full_kpa")?,
+        },
+        regions: [StepRegion::default(); 8],
+        boots_since: row.integer("starts_ago")? as u32,
+        start_unix_us: None,
+    })
+}
+
+/// The quantities of a region in a step. The columns of the ellipse are empty without contact.
+fn region_of(row: &Row) -> Result<StepRegion> {
+    let scaled = |name, per_unit: f64| anyhow::Ok((row.optional(name)?.unwrap_or(0.0) * per_unit).round());
+    Ok(StepRegion {
+        masked_cells: row.integer("masked_cells")? as u8,
+        ellipse_x_dmm: scaled("ellipse_x_mm", 10.0)? as i16,
+        ellipse_y_dmm: scaled("ellipse_y_mm", 10.0)? as i16,
+        ellipse_r_a_cmm: scaled("ellipse_r_a_mm", 100.0)? as u16,
+        ellipse_r_b_cmm: scaled("ellipse_r_b_mm", 100.0)? as u16,
+        ellipse_angle_ddeg: scaled("ellipse_angle_deg", 10.0)? as i16,
+        ..StepRegion::default()
+    })
+}
+
+/// Calls `act` with the rows of all Parquet files in the folder, in the order of the names of the files.
+fn for_each_row(folder: &Path, columns: &[&'static str], mut act: impl FnMut(&Row) -> Result<()>) -> Result<()> {
+    for file in files(folder).with_context(|| format!("cannot read {}", folder.display()))? {
+        read_file(&file, columns, &mut act).with_context(|| {
+            format!("{}: not a complete table of plantar record; remove the file to fit the others", file.display())
+        })?;
+    }
+    Ok(())
+}
+
+/// The Parquet files of a table. Files whose names begin with a dot are incomplete.
+fn files(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        let is_hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+        if !is_hidden && path.extension().is_some_and(|extension| extension == "parquet") {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+fn read_file(path: &Path, columns: &[&'static str], act: &mut impl FnMut(&Row) -> Result<()>) -> Result<()> {
+    let reader = SerializedFileReader::new(File::open(path)?)?;
+    let schema = reader.metadata().file_metadata().schema();
+    let is_needed = |name: &str| columns.contains(&name);
+    let fields: Vec<_> = schema.get_fields().iter().filter(|field| is_needed(field.name())).cloned().collect();
+    if let Some(missing) = columns.iter().find(|column| fields.iter().all(|field| field.name() != **column)) {
+        bail!("it has no column {missing}");
+    }
+    let projection = parquet::schema::types::Type::group_type_builder(schema.name()).with_fields(fields).build()?;
+    for row in reader.get_row_iter(Some(projection))? {
+        act(&Row(row?.into_columns().into_iter().collect()))?;
+    }
+    Ok(())
+}
+
+/// A row of a table: the values by the names of their columns.
+struct Row(HashMap<String, Field>);
+
+impl Row {
+    fn integer(&self, column: &'static str) -> Result<i32> {
+        match self.0.get(column) {
+            Some(Field::Int(value)) => Ok(*value),
+            _ => Err(anyhow!("a value in the column {column} is missing or no integer")),
+        }
+    }
+
+    fn optional(&self, column: &'static str) -> Result<Option<f64>> {
+        match self.0.get(column) {
+            Some(Field::Double(value)) => Ok(Some(*value)),
+            Some(Field::Null) => Ok(None),
+            _ => Err(anyhow!("a value in the column {column} is no number")),
+        }
+    }
+
+    fn real(&self, column: &'static str) -> Result<f64> {
+        self.optional(column)?.with_context(|| format!("a value in the column {column} is missing"))
+    }
+
+    fn flag(&self, column: &'static str) -> Result<bool> {
+        match self.0.get(column) {
+            Some(Field::Bool(value)) => Ok(*value),
+            _ => Err(anyhow!("a value in the column {column} is missing or no flag")),
+        }
+    }
+
+    /// The index of the region in [`Region::ALL`].
+    fn region(&self) -> Result<usize> {
+        let region = match self.0.get(REGION) {
+            Some(Field::Str(name)) => Region::from_name(name),
+            _ => None,
+        };
+        region.map(|region| region as usize).context("a value in the column region is no region")
+    }
+
+    fn side(&self) -> Result<Side> {
+        match self.0.get("side") {
+            Some(Field::Str(name)) => [Side::Left, Side::Right].into_iter().find(|side| side.name() == name),
+            _ => None,
+        }
+        .context("a value in the column side is neither left nor right")
+    }
+}
