@@ -32,12 +32,38 @@ pub struct Connection {
 }
 
 /// The client of a connected insole.
-pub type AnyClient = Client<Box<dyn Carrier>>;
+pub type AnyClient = Client<Box<dyn Carrier + Send>>;
 
 /// A connected insole.
-pub type Insole = Link<Box<dyn Carrier>>;
+pub type Insole = Link<Box<dyn Carrier + Send>>;
 
 impl Connection {
+    /// The connection to the insole on a serial port.
+    pub fn serial(port: &str, baud: u32) -> Self {
+        Self { serial: Some(port.into()), baud, ..Self::none() }
+    }
+
+    /// The connection to the insole at a network address.
+    pub fn tcp(address: &str) -> Self {
+        Self { tcp: Some(address.into()), ..Self::none() }
+    }
+
+    /// The connection to an insole over Bluetooth.
+    #[cfg(feature = "ble")]
+    pub fn ble(selector: &Selector) -> Self {
+        Self { ble: Some(selector.clone()), ..Self::none() }
+    }
+
+    fn none() -> Self {
+        Self {
+            tcp: None,
+            serial: None,
+            baud: 0,
+            #[cfg(feature = "ble")]
+            ble: None,
+        }
+    }
+
     /// Opens a carrier and a session with the insole.
     pub fn open(&self, policy: ReconnectPolicy) -> Result<Insole> {
         let connection = self.clone();
@@ -49,7 +75,7 @@ impl Connection {
         })
     }
 
-    fn carrier(&self) -> Result<Box<dyn Carrier>> {
+    fn carrier(&self) -> Result<Box<dyn Carrier + Send>> {
         Ok(match self {
             Self { tcp: Some(address), .. } => Box::new(Framed::new(open_tcp(address)?)),
             Self { serial: Some(port), baud, .. } => Box::new(Framed::new(open_serial(port, *baud)?)),

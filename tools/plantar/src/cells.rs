@@ -1,7 +1,8 @@
 //! Records the stream of all cells, for `plantar record --cells`.
 
+use crate::carrier::AnyClient;
 use anyhow::{Context, Result};
-use client::{Carrier, CellReceiver, Client};
+use client::CellReceiver;
 use plantar::protocol::{CellFrame, CellStream};
 use recording::StreamedCells;
 use std::path::PathBuf;
@@ -21,12 +22,7 @@ pub struct CellRecorder {
 
 impl CellRecorder {
     /// Reads the configuration of the insole and starts the stream. `recording` is the number of the first recording.
-    pub fn begin(
-        client: &mut Client<Box<dyn Carrier>>,
-        stream: CellStream,
-        folder: PathBuf,
-        recording: usize,
-    ) -> Result<Self> {
+    pub fn begin(client: &mut AnyClient, stream: CellStream, folder: PathBuf, recording: usize) -> Result<Self> {
         let setup = client.setup().context("the configuration of the insole is needed to record cells")?;
         let cells = client.setup_cells()?;
         client.stream_cells(Some(stream))?;

@@ -1,6 +1,6 @@
 //! `plantar fit`: identifies personal parameters from recordings and live streams.
 
-mod live;
+pub mod live;
 mod results;
 
 use crate::replay::progress;
@@ -145,8 +145,30 @@ impl Search {
 }
 
 impl Fit {
+    /// A fit of the live streams of one foot, with all outputs in a folder: `params.toml`, `report.html` and `fit.json`.
+    pub fn of_streams(streams: Vec<PathBuf>, participant: String, folder: &Path, search: Search) -> Self {
+        Self {
+            recordings: streams,
+            out: folder.join("params.toml"),
+            report: Some(folder.join("report.html")),
+            #[cfg(feature = "png")]
+            png: None,
+            json: Some(folder.join("fit.json")),
+            participant: Some(participant),
+            steps: None,
+            search,
+            contact: ContactArgs::default(),
+            zero: ZeroArgs::default(),
+        }
+    }
+
     /// Runs the command. Returns true if all regions were fitted.
     pub fn run(&self) -> Result<bool> {
+        self.write(&self.study()?)
+    }
+
+    /// Reads the recordings and fits all regions.
+    pub fn study(&self) -> Result<Study> {
         let participant = self.participant.clone().unwrap_or_else(|| stem(&self.recordings[0]));
         let inputs = self.recordings.iter().map(|path| Input::open(path)).collect::<Result<Vec<_>>>()?;
         let mut study = Study::new(participant, self.contact_rule(&inputs)?, self.search.options(RESAMPLES)?);
@@ -167,22 +189,26 @@ impl Fit {
         let bar = progress(8, "regions");
         study.fit(&|_| bar.inc(1));
         bar.finish_and_clear();
+        Ok(study)
+    }
 
-        results::print(&study);
+    /// Prints and writes the results. Returns true if all regions were fitted.
+    pub fn write(&self, study: &Study) -> Result<bool> {
+        results::print(study);
         let fitted = study.fits.iter().flatten().count();
         if fitted > 0 {
-            write(&self.out, results::to_toml(&study, self.search.size).as_bytes())?;
+            write(&self.out, results::to_toml(study, self.search.size).as_bytes())?;
         }
         if let Some(path) = &self.json {
-            let text = serde_json::to_string_pretty(&results::to_json(&study))? + "\n";
+            let text = serde_json::to_string_pretty(&results::to_json(study))? + "\n";
             write(path, text.as_bytes())?;
         }
         if let Some(path) = &self.report {
-            write(path, report::html(&study).as_bytes())?;
+            write(path, report::html(study).as_bytes())?;
         }
         #[cfg(feature = "png")]
         if let Some(path) = &self.png {
-            write(path, &report::png(&study)?)?;
+            write(path, &report::png(study)?)?;
         }
         if fitted == 0 {
             bail!("no region could be fitted, for the reasons above; {} was not written", self.out.display());

@@ -191,7 +191,7 @@ struct Line {
 }
 
 /// Reads and checks a calibration file.
-fn read(path: &Path) -> Result<Vec<CellCalibration>> {
+pub fn read(path: &Path) -> Result<Vec<CellCalibration>> {
     let mut lines = csv::Reader::from_path(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut cells = Vec::new();
     for (number, line) in lines.deserialize().enumerate() {

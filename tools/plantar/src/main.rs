@@ -6,6 +6,7 @@ mod cohort;
 mod emulate;
 mod fit;
 mod frames;
+mod identify;
 mod import;
 mod info;
 mod insole;
@@ -40,6 +41,7 @@ use std::process::ExitCode;
 ///   plantar replay walk.parquet --params params.toml --json steps.json
 ///   plantar emulate walk.parquet
 ///   plantar params push params.toml --serial /dev/ttyACM0
+///   plantar identify --serial /dev/ttyACM0 --out me
 ///   plantar insole name --serial-number P-0001 --serial /dev/ttyACM0
 ///   plantar monitor --serial /dev/ttyACM0
 ///   plantar monitor --ble left
@@ -62,6 +64,7 @@ enum Command {
     Zero(zero::Zero),
     Replay(replay::Replay),
     Fit(fit::Fit),
+    Identify(identify::Identify),
     Cohort(cohort::Cohort),
     Emulate(emulate::Emulate),
     Monitor(monitor::Monitor),
@@ -87,6 +90,7 @@ fn main() -> ExitCode {
         Command::Zero(zero) => zero.run(),
         Command::Replay(replay) => replay.run(),
         Command::Fit(fit) => return status(fit.run()),
+        Command::Identify(identify) => return status(identify.run()),
         Command::Cohort(cohort) => return status(cohort.run()),
         Command::Emulate(emulate) => emulate.run(),
         Command::Update(update) => update.run(),

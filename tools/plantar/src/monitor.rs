@@ -1,11 +1,11 @@
 //! `plantar monitor`: shows an insole's live loads and steps.
 
-use crate::carrier::{Connection, Insole};
+use crate::carrier::{AnyClient, Connection, Insole};
 use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use client::{Axis, Carrier, Client, Event, ReconnectPolicy, SessionStart, step_to_json};
+use client::{Axis, Event, ReconnectPolicy, SessionStart, step_to_json};
 use plantar::protocol::{CellFrame, Live, Step, ToDevice, ToHost};
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -45,7 +45,7 @@ pub trait Sink {
     }
 
     /// Called when another session began. The insole may have restarted; its clock and sequence numbers then start again.
-    fn reconnected(&mut self, client: &mut Client<Box<dyn Carrier>>) -> Result<()>;
+    fn reconnected(&mut self, client: &mut AnyClient) -> Result<()>;
 
     /// True once the user's limit of steps or time is reached. The session then ends.
     fn has_reached_limit(&self) -> bool;
@@ -165,7 +165,7 @@ impl Sink for Steps<'_> {
         self.stored.take()
     }
 
-    fn reconnected(&mut self, _: &mut Client<Box<dyn Carrier>>) -> Result<()> {
+    fn reconnected(&mut self, _: &mut AnyClient) -> Result<()> {
         Ok(())
     }
 

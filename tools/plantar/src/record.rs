@@ -1,6 +1,6 @@
 //! `plantar record`: stores a session with an insole as Parquet files.
 
-use crate::carrier::Connection;
+use crate::carrier::{AnyClient, Connection};
 use crate::cells::CellRecorder;
 use crate::monitor::{Sink, follow};
 use crate::summary;
@@ -8,7 +8,7 @@ use crate::table::{self, Row, Value};
 use crate::view::View;
 use anyhow::{Result, bail};
 use clap::Args;
-use client::{Axis, Carrier, Client, ReconnectPolicy};
+use client::{Axis, ReconnectPolicy};
 use plantar::protocol::{
     CellFrame, CellStream, Flag, Live, LiveRegion, Quantity, Resolution, Step, StepRegion, ToDevice,
 };
@@ -134,7 +134,7 @@ impl<'r> Recorder<'r> {
     }
 
     /// Starts the stream of cells of a session, if cells are recorded.
-    fn begin_cells(&mut self, client: &mut Client<Box<dyn Carrier>>) -> Result<()> {
+    fn begin_cells(&mut self, client: &mut AnyClient) -> Result<()> {
         if self.record.cells {
             let resolution = if self.record.bits == "16" { Resolution::Oversampled } else { Resolution::Converter };
             let stream = CellStream { resolution, every: self.record.every };
@@ -206,7 +206,7 @@ impl Sink for Recorder<'_> {
         self.cells.as_mut().map_or(Ok(()), |cells| cells.frame(frame))
     }
 
-    fn reconnected(&mut self, client: &mut Client<Box<dyn Carrier>>) -> Result<()> {
+    fn reconnected(&mut self, client: &mut AnyClient) -> Result<()> {
         self.complete_file()?;
         self.session += 1;
         self.begin_cells(client)

@@ -40,7 +40,7 @@ pub fn note_unless_personal(parameters: &Parameters) {
     }
 }
 
-#[derive(Args)]
+#[derive(Args, Default)]
 pub struct ContactArgs {
     /// A cell comes into contact at this pressure, kPa [default: the value in the parameter file, or 10].
     #[arg(long, value_name = "KPA")]
@@ -135,7 +135,7 @@ pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole>
     Ok(insole)
 }
 
-#[derive(Args)]
+#[derive(Args, Default)]
 pub struct ZeroArgs {
     /// The baseline file from `plantar zero`. The insole subtracts the baseline from the readings of its cells.
     #[arg(long, value_name = "FILE")]

@@ -124,9 +124,7 @@ impl View {
     /// True once q, Esc or Ctrl-C was pressed.
     pub fn wants_to_end(&mut self) -> Result<bool> {
         while self.terminal.is_some() && event::poll(Duration::ZERO)? {
-            let Event::Key(key) = event::read()? else { continue };
-            let control_c = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
-            self.has_ended |= control_c || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc);
+            self.has_ended |= ends_session(&event::read()?);
         }
         Ok(self.has_ended)
     }
@@ -193,6 +191,13 @@ impl Drop for View {
     fn drop(&mut self) {
         self.close();
     }
+}
+
+/// True for a key that ends a session: q, Esc or Ctrl-C.
+pub fn ends_session(event: &Event) -> bool {
+    let Event::Key(key) = event else { return false };
+    let control_c = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
+    control_c || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc)
 }
 
 /// The title of the display: the insole and its firmware.

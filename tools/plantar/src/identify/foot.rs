@@ -32,6 +32,7 @@ pub struct Foot {
 }
 
 /// What an insole sent, or that its session began again, so that streams have to be requested again.
+#[allow(clippy::large_enum_variant, reason = "items exist one at a time")]
 enum Item {
     Message(ToHost),
     Started,
@@ -68,7 +69,13 @@ impl Foot {
         let folder = folder.join(hello.side.name());
         std::fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
         let progress = Arc::new(Mutex::new(Progress::new(hello.side)));
-        println!("{} foot: {} insole, firmware {}, {} cells", hello.side.name(), hello.board, hello.firmware, hello.cells);
+        println!(
+            "{} foot: {} insole, firmware {}, {} cells",
+            hello.side.name(),
+            hello.board,
+            hello.firmware,
+            hello.cells
+        );
         Ok(Self { link, side: hello.side, folder, progress })
     }
 
@@ -82,11 +89,7 @@ impl Foot {
     }
 
     /// Passes what the insole sends to `take` until it returns true or `stop` is set. Connects again when the link is lost.
-    fn follow(
-        &mut self,
-        stop: &AtomicBool,
-        mut take: impl FnMut(&mut Self, Item) -> Result<bool>,
-    ) -> Result<()> {
+    fn follow(&mut self, stop: &AtomicBool, mut take: impl FnMut(&mut Self, Item) -> Result<bool>) -> Result<()> {
         while !stop.load(Ordering::Relaxed) {
             let item = match self.link.next_event()? {
                 Event::Message(message) => {
@@ -179,23 +182,29 @@ impl Foot {
         Ok(files)
     }
 
-    /// Records live frames, steps and, if the carrier is fast enough, all cells, until there are `needed` good steps in `steps`,
-    /// which has the steps of earlier sessions.
-    pub fn walk(&mut self, stop: &AtomicBool, steps: &mut LiveSteps, needed: usize) -> Result<()> {
+    /// Records live frames, steps and, if the carrier is fast enough, all cells, until there are `needed` good steps in addition to
+    /// the `earlier` ones in the stream files.
+    pub fn walk(&mut self, stop: &AtomicBool, earlier: usize, needed: usize) -> Result<()> {
         let number = self.stream_files()?.len();
         let path = self.folder.join(format!("{WALK}-{number:03}.plantar"));
         let mut file = StreamFile::create(&path).with_context(|| format!("cannot write {}", path.display()))?;
-        let done = steps.collected(0).0.len();
-        self.update(|progress| (progress.done, progress.needed, progress.remark) = (done, needed, String::new()));
-        let mut walk = Walk { cells: self.begin_cells(0)?, part_start: Instant::now(), last_step: Instant::now(), next: 1 };
+        self.update(|progress| (progress.done, progress.needed, progress.remark) = (earlier, needed, String::new()));
+        let mut walk = Walk {
+            steps: LiveSteps::new(),
+            earlier,
+            needed,
+            cells: self.begin_cells(0)?,
+            part_start: Instant::now(),
+            last_step: Instant::now(),
+            next: 1,
+        };
         file.write(0, &ToHost::Hello(self.link.client().hello().clone()))?;
-        let followed = self.follow(stop, |foot, item| walk.take(foot, item, &mut file, steps, needed));
+        let followed = self.follow(stop, |foot, item| walk.take(foot, item, &mut file));
         if let Some(cells) = &mut walk.cells {
             cells.complete_part()?;
         }
         // It has ended already if the link is lost.
         let _ = self.link.client().stream_cells(None);
-        steps.finish();
         followed
     }
 
@@ -234,6 +243,10 @@ const WALK: &str = "walk";
 
 /// The walk in progress.
 struct Walk {
+    steps: LiveSteps,
+    /// Number of good steps in earlier stream files.
+    earlier: usize,
+    needed: usize,
     cells: Option<CellRecorder>,
     part_start: Instant,
     last_step: Instant,
@@ -242,14 +255,7 @@ struct Walk {
 }
 
 impl Walk {
-    fn take(
-        &mut self,
-        foot: &mut Foot,
-        item: Item,
-        file: &mut StreamFile,
-        steps: &mut LiveSteps,
-        needed: usize,
-    ) -> Result<bool> {
+    fn take(&mut self, foot: &mut Foot, item: Item, file: &mut StreamFile) -> Result<bool> {
         match item {
             Item::Started => {
                 file.write(0, &ToHost::Hello(foot.link.client().hello().clone()))?;
@@ -266,12 +272,12 @@ impl Walk {
             }
             Item::Message(message @ ToHost::Live(live)) => {
                 file.write(0, &message)?;
-                steps.frame(&live);
+                self.steps.frame(&live);
             }
             Item::Message(message @ ToHost::Step(step)) => {
                 file.write(0, &message)?;
                 foot.link.send(ToDevice::Acknowledge { step: step.step });
-                steps.step(&step);
+                self.steps.step(&step);
                 self.last_step = Instant::now();
             }
             Item::Message(_) => {}
@@ -282,7 +288,7 @@ impl Walk {
             cells.complete_part()?;
             self.part_start = Instant::now();
         }
-        let (good, excluded) = steps.collected(0);
+        let (good, excluded) = self.steps.collected(0);
         let remark = match excluded.last() {
             _ if self.last_step.elapsed() >= NO_STEP => "no step: walk at your usual speed, and check the shoe".into(),
             Some(last) if good.last().is_none_or(|step| step.start_s < last.at_s) => {
@@ -290,8 +296,9 @@ impl Walk {
             }
             _ => String::new(),
         };
-        foot.update(|progress| (progress.done, progress.remark) = (good.len(), remark));
-        Ok(good.len() >= needed)
+        let done = self.earlier + good.len();
+        foot.update(|progress| (progress.done, progress.remark) = (done, remark));
+        Ok(done >= self.needed)
     }
 }
 
@@ -349,7 +356,9 @@ impl Trial {
             let offset = zero_offset(lifted().map(|frame| self.frames[frame].1[i])).unwrap_or(0);
             let calibration = CellCalibration { offset, ..cell.calibration };
             if !calibration.is_valid() {
-                bail!("{name}: cell {i} reads more than half of its scale without load: it is shorted, or the foot was not lifted");
+                bail!(
+                    "{name}: cell {i} reads more than half of its scale without load: it is shorted, or the foot was not lifted"
+                );
             }
             calibrations.push(calibration);
         }

@@ -82,9 +82,10 @@ impl Screen {
 
     /// Prints what has changed.
     fn print(&mut self, instruction: &str, feet: &[Progress]) {
-        let counts = feet.iter().filter(|foot| foot.needed > 0).map(|foot| {
-            format!("{}: {} of {}", foot.side.name(), foot.done, foot.needed)
-        });
+        let counts = feet
+            .iter()
+            .filter(|foot| foot.needed > 0)
+            .map(|foot| format!("{}: {} of {}", foot.side.name(), foot.done, foot.needed));
         let remarks = feet.iter().filter(|foot| !foot.remark.is_empty());
         let remarks = remarks.map(|foot| format!("{}: {}", foot.side.name(), foot.remark));
         let lines: Vec<String> = std::iter::once(instruction.to_string()).chain(counts).chain(remarks).collect();
@@ -120,7 +121,8 @@ fn draw(frame: &mut Frame, instruction: &str, feet: &[Progress]) {
 }
 
 fn draw_foot(frame: &mut Frame, foot: &Progress, area: Rect) {
-    let areas = Layout::vertical([Constraint::Min(8), Constraint::Length(1), Constraint::Length(1), Constraint::Length(2)]);
+    let areas =
+        Layout::vertical([Constraint::Min(8), Constraint::Length(1), Constraint::Length(1), Constraint::Length(2)]);
     let [sole, force, gauge, remark] = areas.areas(area);
     draw_sole(frame, foot, sole);
     let text = format!("{} foot  {:.0} N", foot.side.name(), foot.force_n());

@@ -1,0 +1,334 @@
+//! `plantar identify`: a guided session that identifies the wearer of one insole or two, and sends the results to the insoles.
+
+mod foot;
+mod screen;
+
+use crate::carrier::Connection;
+use crate::fit::{Fit, Search, live};
+use crate::params;
+use crate::setup::rule_in_words;
+use crate::summary;
+use ::fit::Study;
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use client::ReconnectPolicy;
+#[cfg(feature = "ble")]
+use client::ble::Selector;
+use foot::{Foot, Standing};
+use parameters::Parameters;
+use plantar::Region;
+use plantar::pipeline::calibrate::CellCalibration;
+use plantar::pipeline::contact::ContactRule;
+use plantar::protocol::Step;
+use screen::{Progress, Screen};
+use std::path::{Path, PathBuf};
+use std::sync::PoisonError;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Identifies the tissue parameters of a person who wears one insole or two, in a guided session.
+///
+/// The session has these parts: a standing trial determines the baseline of the cells; a walk provides the steps; the parameters
+/// are identified and sent to the insoles, with their contact rule; further steps verify that the insoles' model is as accurate as
+/// the identification promised. The folder then contains recordings, parameters and reports. A session that was interrupted
+/// continues when the command is given again with the same folder.
+#[derive(Args)]
+pub struct Identify {
+    /// Serial port of an insole. Give two for both feet.
+    #[arg(long, value_name = "PORT")]
+    serial: Vec<String>,
+    /// Bit rate of the serial ports.
+    #[arg(long, default_value_t = 460_800, requires = "serial")]
+    baud: u32,
+    /// Network address of an insole, HOST:PORT. Give two for both feet.
+    #[arg(long, value_name = "ADDRESS")]
+    tcp: Vec<String>,
+    /// Connect over Bluetooth to the insole of this foot, left or right, or with this address. Give two for both feet.
+    #[cfg(feature = "ble")]
+    #[arg(long, value_name = "FOOT")]
+    ble: Vec<Selector>,
+    /// The folder of the session.
+    #[arg(long, value_name = "FOLDER")]
+    out: PathBuf,
+    /// Number of good steps of each foot.
+    #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u16).range(5..=500))]
+    steps: u16,
+    /// Number of steps of each foot that verify the result.
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..=100))]
+    verify: u16,
+    /// Count the fraction sqrt(p / KPA) of the area of a cell; 0 counts whole cells. The insoles are set to this contact rule.
+    #[arg(long, value_name = "KPA", default_value_t = ContactRule::COVERED.full_kpa)]
+    contact_full: f32,
+    /// The wearer's mass, kg. With both feet, the force of the insoles is scaled to the body weight.
+    #[arg(long, value_name = "KG", value_parser = mass)]
+    mass: Option<f64>,
+    /// Use the baseline that the insoles have; omit the standing trial.
+    #[arg(long, conflicts_with = "mass")]
+    no_standing: bool,
+    #[command(flatten)]
+    search: Search,
+}
+
+const GRAVITY_M_S2: f64 = 9.80665;
+/// The parts of the standing trial: instruction and duration, s. The times are those of the paper (section 2.4), with a second to
+/// change the posture.
+const STANDING: [(&str, u64); 3] = [
+    ("Sit down and lift both feet off the floor", 6),
+    ("Stand up and stand still", 12),
+    ("Sit down and lift both feet again", 6),
+];
+/// Largest factor by which forces are scaled to the body weight; a larger one indicates a wrong calibration or mass.
+const MAX_SCALE: f64 = 2.0;
+/// The verification holds if the model's error is at most this multiple of the predicted error.
+const PROMISED: f64 = 1.3;
+
+fn mass(text: &str) -> Result<f64, String> {
+    let kg = text.parse().ok().filter(|kg| (10.0..=300.0).contains(kg));
+    kg.ok_or_else(|| "expected the person's mass in kg, 10 to 300".into())
+}
+
+impl Identify {
+    pub fn run(&self) -> Result<bool> {
+        let mut feet = self.connect()?;
+        let rule = ContactRule { full_kpa: self.contact_full, ..ContactRule::COUNTED };
+        ensure!(rule.is_valid(), "--contact-full {}: expected 0, or 10 to 2000 kPa", self.contact_full);
+        feet.iter_mut().try_for_each(|foot| foot.set_rule(rule))?;
+        if !self.no_standing {
+            self.stand(&mut feet)?;
+        }
+        self.walk(&mut feet)?;
+        let mut is_good = true;
+        let mut studies = Vec::new();
+        for foot in &mut feet {
+            let study = self.identify(foot)?;
+            is_good &= study.fits.iter().all(Result::is_ok);
+            studies.push(study);
+        }
+        let verified = self.verify(&mut feet)?;
+        for ((foot, steps), study) in feet.iter().zip(&verified).zip(&studies) {
+            is_good &= print_verification(foot, steps, study);
+        }
+        println!("\nThe session is complete. Recordings, parameters and reports are in {}.", self.out.display());
+        Ok(is_good)
+    }
+
+    fn connections(&self) -> Vec<Connection> {
+        let serial = self.serial.iter().map(|port| Connection::serial(port, self.baud));
+        let wired = serial.chain(self.tcp.iter().map(|address| Connection::tcp(address)));
+        #[cfg(feature = "ble")]
+        return wired.chain(self.ble.iter().map(Connection::ble)).collect();
+        #[cfg(not(feature = "ble"))]
+        return wired.collect();
+    }
+
+    /// Connects to the insoles, and creates the folders.
+    fn connect(&self) -> Result<Vec<Foot>> {
+        let connections = self.connections();
+        ensure!((1..=2).contains(&connections.len()), "give one or two of --serial, --tcp or --ble, one for each foot");
+        let open = |connection: &Connection| Foot::new(connection.open(ReconnectPolicy::STREAM)?, &self.out);
+        let feet = connections.iter().map(open).collect::<Result<Vec<_>>>()?;
+        if let [one, other] = &feet[..] {
+            ensure!(
+                one.side != other.side,
+                "both insoles are for the {} foot: connect one for each foot",
+                one.side.name()
+            );
+        }
+        Ok(feet)
+    }
+
+    /// The standing trial, unless all feet have a calibration from an earlier one. It is repeated until it succeeds.
+    fn stand(&self, feet: &mut [Foot]) -> Result<()> {
+        for foot in feet.iter_mut() {
+            if let Some(cells) = read_calibration(&foot.calibration_file())? {
+                foot.calibrate(&cells)?;
+            }
+        }
+        let all = STANDING.iter().map(|(_, s)| s).sum();
+        let mut before = String::new();
+        while !feet.iter().all(|foot| foot.calibration_file().exists()) {
+            let cue = |elapsed: Duration| {
+                let mut rest_s = elapsed.as_secs();
+                for (text, s) in STANDING {
+                    if rest_s < s {
+                        return format!("{before}{text}: {} s", s - rest_s);
+                    }
+                    rest_s -= s;
+                }
+                "Done; this takes a moment".into()
+            };
+            let trials = stage(feet, cue, |foot, stop| Ok(foot.stand(stop, Duration::from_secs(all))))?;
+            let trials: Result<Vec<_>> = trials.into_iter().collect();
+            match trials {
+                Ok(trials) => {
+                    let trials: Vec<Standing> = trials.into_iter().flatten().collect();
+                    self.calibrate(feet, trials)?;
+                }
+                Err(error) => {
+                    println!("{error:#}");
+                    before = "That did not work; once more. ".into();
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Stores the calibrations, scaled to the body weight if it is known.
+    fn calibrate(&self, feet: &mut [Foot], mut trials: Vec<Standing>) -> Result<()> {
+        let total_n: f64 = trials.iter().map(|trial| trial.standing_n).sum();
+        match self.mass.map(|kg| kg * GRAVITY_M_S2) {
+            Some(weight_n) if feet.len() == 2 => {
+                let scale = weight_n / total_n;
+                ensure!(
+                    (1.0 / MAX_SCALE..=MAX_SCALE).contains(&scale),
+                    "the insoles measure {total_n:.0} N of a body weight of {weight_n:.0} N: check --mass, and calibrate the sensors"
+                );
+                println!("standing: {total_n:.0} N of {weight_n:.0} N; forces are scaled by {scale:.3}");
+                for cell in trials.iter_mut().flat_map(|trial| &mut trial.cells) {
+                    cell.gain *= scale as f32;
+                }
+            }
+            Some(_) => println!("standing: {total_n:.0} N on this foot; the scale needs both feet, so it is unchanged"),
+            None => {
+                println!("standing: {total_n:.0} N; with --mass and both feet, forces are scaled to the body weight")
+            }
+        }
+        feet.iter_mut().zip(&trials).try_for_each(|(foot, trial)| foot.calibrate(&trial.cells))
+    }
+
+    /// Records the walk, in addition to the steps of earlier sessions.
+    fn walk(&self, feet: &mut [Foot]) -> Result<()> {
+        let needed = usize::from(self.steps);
+        let earlier = feet.iter().map(good_steps).collect::<Result<Vec<_>>>()?;
+        let cue = |_| "Walk at your usual speed. Turn where you like; only whole steps count.".to_string();
+        let counts: Vec<_> = feet.iter().map(|foot| foot.side).zip(earlier.iter().copied()).collect();
+        stage(feet, cue, |foot, stop| {
+            let earlier = counts.iter().find(|(side, _)| *side == foot.side).map_or(0, |(_, count)| *count);
+            if earlier < needed { foot.walk(stop, earlier, needed) } else { Ok(()) }
+        })?;
+        Ok(())
+    }
+
+    /// Identifies the parameters of a foot, writes them and their report, and sends them to the insole.
+    fn identify(&self, foot: &mut Foot) -> Result<Study> {
+        println!("\n{} foot", foot.side.name());
+        let name = self.out.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let fit = Fit::of_streams(foot.stream_files()?, name, &foot.folder, self.search.clone());
+        let study = fit.study()?;
+        fit.write(&study)?;
+        let parameters = Parameters::read(&foot.folder.join("params.toml"))?;
+        params::send(&mut foot.link, &parameters)?;
+        println!(
+            "the {} insole uses and stores these parameters, with the rule {}",
+            foot.side.name(),
+            rule_in_words(&study.contact)
+        );
+        Ok(study)
+    }
+
+    /// Receives further steps of each foot.
+    fn verify(&self, feet: &mut [Foot]) -> Result<Vec<Vec<Step>>> {
+        let cue = |_| "Walk on: these steps verify the result.".to_string();
+        stage(feet, cue, |foot, stop| foot.verify(stop, self.verify.into()))
+    }
+}
+
+/// Does a part of the session with all feet at the same time, and shows the instruction of `cue`, which receives the time since
+/// the start of the part.
+///
+/// # Errors
+/// The first error of a foot, or that the user has interrupted the session.
+fn stage<T: Send>(
+    feet: &mut [Foot],
+    cue: impl Fn(Duration) -> String,
+    work: impl Fn(&mut Foot, &AtomicBool) -> Result<T> + Sync,
+) -> Result<Vec<T>> {
+    let shown: Vec<_> = feet.iter().map(|foot| foot.progress.clone()).collect();
+    let (stop, work, start) = (AtomicBool::new(false), &work, Instant::now());
+    let mut screen = Screen::open()?;
+    let outcomes = std::thread::scope(|scope| {
+        let stop = &stop;
+        let threads: Vec<_> = feet.iter_mut().map(|foot| scope.spawn(move || work(foot, stop))).collect();
+        let mut shown_error = Ok(());
+        while !threads.iter().all(|thread| thread.is_finished()) {
+            let progress = shown.iter().map(|foot| foot.lock().unwrap_or_else(PoisonError::into_inner).clone());
+            let progress: Vec<Progress> = progress.collect();
+            match screen.show(&cue(start.elapsed()), &progress) {
+                Ok(false) => {}
+                Ok(true) => stop.store(true, Ordering::Relaxed),
+                Err(error) => {
+                    stop.store(true, Ordering::Relaxed);
+                    shown_error = Err(error);
+                }
+            }
+        }
+        let joined =
+            threads.into_iter().map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
+        let outcomes: Result<Vec<T>> = joined.collect();
+        shown_error.and(outcomes)
+    });
+    drop(screen);
+    let outcomes = outcomes?;
+    if stop.load(Ordering::Relaxed) {
+        bail!("interrupted; everything so far is stored: give the same command again to continue");
+    }
+    Ok(outcomes)
+}
+
+/// Number of good steps in the stream files of earlier sessions.
+fn good_steps(foot: &Foot) -> Result<usize> {
+    let mut count = 0;
+    for path in foot.stream_files()? {
+        // A session that was interrupted at once has a file without steps, which the fit refuses.
+        match live::read(&path) {
+            Ok(sources) => {
+                count += sources.iter().flatten().map(|source| source.steps.collected(0).0.len()).sum::<usize>()
+            }
+            Err(_) => std::fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?,
+        }
+    }
+    Ok(count)
+}
+
+/// The calibration of an earlier part of the session; `None` without one.
+fn read_calibration(path: &Path) -> Result<Option<Vec<CellCalibration>>> {
+    if path.exists() { crate::insole::read(path).map(Some) } else { Ok(None) }
+}
+
+/// Prints how well the model on the insole predicted the measured forces, and how well the fit promised it. True if it is as good
+/// as promised.
+fn print_verification(foot: &Foot, steps: &[Step], study: &Study) -> bool {
+    println!("\n{} foot: {} further steps, evaluated by the insole", foot.side.name(), steps.len());
+    let mut table = summary::table();
+    table.set_header(["region", "promised error %", "error %", ""]);
+    let mut is_good = true;
+    for (i, (region, fit)) in Region::ALL.iter().zip(&study.fits).enumerate() {
+        let promised = fit.as_ref().ok().and_then(|fit| fit.quality.predicted);
+        let found = summary::model_error_percent(steps, i);
+        let is_kept = match (promised, found) {
+            (Some(promised), Some(found)) => found <= PROMISED * promised * 100.0,
+            _ => true,
+        };
+        is_good &= is_kept;
+        let percent = |percent: Option<f64>| percent.map_or("-".into(), |percent| format!("{percent:.1}"));
+        let remark = match (promised, is_kept) {
+            (None, _) => "not identified",
+            (_, true) => "as promised",
+            (_, false) => "WORSE than promised",
+        };
+        table.add_row([
+            region.name().into(),
+            percent(promised.map(|share| share * 100.0)),
+            percent(found),
+            remark.into(),
+        ]);
+    }
+    summary::align(&mut table);
+    println!("{table}");
+    if !is_good {
+        println!(
+            "If most regions are worse, the wearer walked otherwise, or the insole has moved in the shoe: repeat the session."
+        );
+    }
+    is_good
+}

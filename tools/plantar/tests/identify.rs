@@ -1,0 +1,172 @@
+//! Drives `plantar identify` in a pseudo-terminal, with an emulated insole whose wearer follows the instructions on the screen.
+
+use emulation::EmulatorConfig;
+use emulator::{Board, Scan, Time, Walk};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
+use portable_pty::{CommandBuilder, PtySize, native_pty_system};
+use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
+use recording::{Recording, VirtualInsole};
+use std::io::{self, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+/// What the wearer does.
+const LIFTED: u8 = 0;
+const STANDING: u8 = 1;
+const WALKING: u8 = 2;
+
+/// Steps that the session needs.
+const STEPS: usize = 12;
+/// The first session is interrupted after this number of steps.
+const INTERRUPTED_AFTER: usize = 4;
+
+/// A wearer who does what the last instruction says. Each cell reads its own offset without load.
+struct Wearer {
+    does: Arc<AtomicU8>,
+    insole: VirtualInsole,
+    standing: Vec<f32>,
+    walk: Recording,
+    /// Number of scans since the wearer walks.
+    walked: usize,
+}
+
+impl Walk for Wearer {
+    fn scans(&self) -> u32 {
+        u32::MAX
+    }
+
+    fn scan(&mut self, _: u32, codes: &mut [u16]) -> Scan {
+        match self.does.load(Ordering::Relaxed) {
+            STANDING => self.insole.codes(&self.standing, codes),
+            WALKING => {
+                self.insole.codes_of(&self.walk, self.walked % self.walk.frames(), codes);
+                self.walked += 1;
+            }
+            _ => codes.fill(0),
+        }
+        for (i, code) in codes.iter_mut().enumerate() {
+            *code = code.saturating_add(offset(i));
+        }
+        Scan::Whole
+    }
+}
+
+/// Code of an unloaded cell.
+fn offset(cell: usize) -> u16 {
+    1600 + 16 * (cell as u16 % 50)
+}
+
+/// Connects the link of a board to one host after the other.
+fn forward(board: &Board) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("an address").to_string();
+    let link = board.link().expect("the board has a link");
+    std::thread::spawn(move || {
+        for host in listener.incoming() {
+            let host = host.expect("a host");
+            let copy =
+                |mut from: TcpStream, mut to: TcpStream| std::thread::spawn(move || io::copy(&mut from, &mut to));
+            let clone = |stream: &TcpStream| stream.try_clone().expect("a socket");
+            let to_host = copy(clone(&link), clone(&host));
+            let _ = copy(host, clone(&link)).join();
+            // It ends with the next byte of the live stream, which cannot be written any more.
+            let _ = to_host.join();
+        }
+    });
+    address
+}
+
+/// Runs the command in a terminal of 100 by 40 characters until it ends. `see` receives each screen, and returns the keys to
+/// press. Returns the exit status, all screens that differ, and the text after them.
+fn run(arguments: &[&str], mut see: impl FnMut(&str) -> &'static [u8]) -> (u32, Vec<String>) {
+    let pair = native_pty_system()
+        .openpty(PtySize { rows: 40, cols: 100, pixel_width: 0, pixel_height: 0 })
+        .expect("a terminal");
+    let mut command = CommandBuilder::new(env!("CARGO_BIN_EXE_plantar"));
+    command.args(arguments);
+    let mut child = pair.slave.spawn_command(command).expect("the program starts");
+    drop(pair.slave);
+    let mut output = pair.master.try_clone_reader().expect("a reader");
+    let mut keys = pair.master.take_writer().expect("a writer");
+    let mut parser = vt100::Parser::new(40, 100, 200);
+    let mut screens: Vec<String> = Vec::new();
+    let mut bytes = [0; 4096];
+    // Reading fails at the end of the program.
+    while let Ok(count @ 1..) = output.read(&mut bytes) {
+        parser.process(&bytes[..count]);
+        let screen = parser.screen().contents();
+        if screens.last() != Some(&screen) {
+            keys.write_all(see(&screen)).expect("the program reads its keys");
+            screens.push(screen);
+        }
+    }
+    (child.wait().expect("the program ends").exit_code(), screens)
+}
+
+#[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn a_wearer_is_identified_although_the_session_is_interrupted() {
+    let firmware = std::env::var_os("PLANTAR_FIRMWARE").expect("PLANTAR_FIRMWARE names the emulated board's firmware");
+    let folder = tempfile::tempdir().expect("a folder");
+    let walk = synthetic::walk(&SyntheticWalk { steps: 40, ..Default::default() }).recording;
+    let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(240)).expect("a walk for the device");
+    let stood = synthetic::standing(&SyntheticStanding::default());
+    let stood = stood.at_rate(100.0).and_then(|stood| stood.binned(240)).expect("a trial for the device");
+    let standing = stood.frame(stood.frames() / 2).to_vec();
+    assert_eq!(standing.len(), walk.cells(), "the trial and the walk are of the same insole");
+    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let (config, cells) = (EmulatorConfig::new(insole.setup), insole.cells.clone());
+    let does = Arc::new(AtomicU8::new(LIFTED));
+    let wearer = Wearer { does: does.clone(), insole, standing, walk, walked: 0 };
+    let board = Board::start(Path::new(&firmware), &config, &cells, Time::Real, wearer).expect("the board boots");
+    let address = forward(&board);
+    let out = folder.path().join("me");
+    let (out, steps) = (out.to_str().expect("a path"), STEPS.to_string());
+    let arguments = ["identify", "--tcp", &address, "--out", out, "--steps", &steps, "--verify", "4"];
+
+    let obey = |screen: &str| {
+        for (words, action) in [("lift both feet", LIFTED), ("stand still", STANDING), ("Walk", WALKING)] {
+            if screen.contains(words) {
+                does.store(action, Ordering::Relaxed);
+            }
+        }
+    };
+    let after = format!("{INTERRUPTED_AFTER} of {STEPS}");
+    let (status, screens) = run(&arguments, |screen| {
+        obey(screen);
+        if screen.contains(&after) { b"q" } else { b"" }
+    });
+    let text = screens.last().expect("a screen");
+    assert!(status == 1 && text.contains("give the same command again"), "{text}");
+    assert!(screens.iter().any(|screen| screen.contains("Stand up")), "the session begins with a standing trial");
+
+    let (status, screens) = run(&arguments, |screen| {
+        obey(screen);
+        b""
+    });
+    let text = screens.last().expect("a screen");
+    let shown = |words: &str| screens.iter().any(|screen| screen.contains(words));
+    assert!(!shown("Stand up"), "the standing trial is not repeated");
+    assert!(shown(&after) && shown("verify the result"), "{text}");
+    assert!(
+        status == 0 && text.contains("as promised") && text.contains("The session is complete"),
+        "{status}: {text}"
+    );
+
+    let side = Path::new(out).join("right");
+    for file in
+        ["standing.parquet", "calibration.csv", "walk-000.plantar", "walk-001.plantar", "params.toml", "report.html"]
+    {
+        assert!(side.join(file).is_file(), "no {file}");
+    }
+    let calibration = std::fs::read_to_string(side.join("calibration.csv")).expect("a calibration");
+    for (i, line) in calibration.lines().skip(1).enumerate() {
+        assert_eq!(line, format!("{i},{},1", offset(i)), "the offset of a cell differs from its code without load");
+    }
+    // The cells were recorded, too, above the new baseline.
+    assert!(Recording::read(side.join("cells-000/000")).is_ok_and(|cells| cells.frames() > 100));
+    std::fs::write("/tmp/identify_screens.txt", screens.join("\n=====\n")).expect("written");
+}
