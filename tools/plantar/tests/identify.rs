@@ -1,7 +1,10 @@
 //! Drives `plantar identify` in a pseudo-terminal, with an emulated insole whose wearer follows the instructions on the screen.
 
+use client::{Client, Framed, READ_TIMEOUT, ReconnectPolicy};
 use emulation::EmulatorConfig;
 use emulator::{Board, Scan, Time, Walk};
+use parameters::Parameters;
+use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
 use portable_pty::{CommandBuilder, PtySize, native_pty_system};
@@ -10,8 +13,9 @@ use recording::{Recording, VirtualInsole};
 use std::io::{self, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::{Arc, mpsc};
+use std::time::Duration;
 
 /// What the wearer does.
 const LIFTED: u8 = 0;
@@ -20,6 +24,8 @@ const WALKING: u8 = 2;
 
 /// Steps that the session needs.
 const STEPS: usize = 12;
+/// A session that takes longer is ended.
+const PATIENCE: Duration = Duration::from_secs(180);
 /// The first session is interrupted after this number of steps.
 const INTERRUPTED_AFTER: usize = 4;
 
@@ -31,6 +37,8 @@ struct Wearer {
     walk: Recording,
     /// Number of scans since the wearer walks.
     walked: usize,
+    /// Factor of [`offset`].
+    offsets: u16,
 }
 
 impl Walk for Wearer {
@@ -48,7 +56,7 @@ impl Walk for Wearer {
             _ => codes.fill(0),
         }
         for (i, code) in codes.iter_mut().enumerate() {
-            *code = code.saturating_add(offset(i));
+            *code = code.saturating_add(self.offsets * offset(i));
         }
         Scan::Whole
     }
@@ -89,6 +97,14 @@ fn run(arguments: &[&str], mut see: impl FnMut(&str) -> &'static [u8]) -> (u32, 
     command.args(arguments);
     let mut child = pair.slave.spawn_command(command).expect("the program starts");
     drop(pair.slave);
+    let (end, ended) = mpsc::channel::<()>();
+    let mut killer = child.clone_killer();
+    let guard = std::thread::spawn(move || {
+        // A session without progress would not end.
+        if ended.recv_timeout(PATIENCE) == Err(mpsc::RecvTimeoutError::Timeout) {
+            let _ = killer.kill();
+        }
+    });
     let mut output = pair.master.try_clone_reader().expect("a reader");
     let mut keys = pair.master.take_writer().expect("a writer");
     let mut parser = vt100::Parser::new(40, 100, 200);
@@ -103,26 +119,32 @@ fn run(arguments: &[&str], mut see: impl FnMut(&str) -> &'static [u8]) -> (u32, 
             screens.push(screen);
         }
     }
+    drop(end);
+    guard.join().expect("no panic");
     (child.wait().expect("the program ends").exit_code(), screens)
+}
+
+/// An emulated insole of this foot, whose wearer does what `does` says; its codes without load are those of [`offset`] times
+/// `offsets`.
+fn insole(side: Side, does: &Arc<AtomicU8>, offsets: u16) -> (Board, String) {
+    let firmware = std::env::var_os("PLANTAR_FIRMWARE").expect("PLANTAR_FIRMWARE names the emulated board's firmware");
+    let walk = synthetic::walk(&SyntheticWalk { side, steps: 40, ..Default::default() }).recording;
+    let standing = synthetic::standing(&SyntheticStanding { side, ..Default::default() });
+    let standing = standing.frame(standing.frames() / 2).to_vec();
+    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let (config, cells) = (EmulatorConfig::new(insole.setup), insole.cells.clone());
+    let wearer = Wearer { does: does.clone(), insole, standing, walk, walked: 0, offsets };
+    let board = Board::start(Path::new(&firmware), &config, &cells, Time::Real, wearer).expect("the board boots");
+    let address = forward(&board);
+    (board, address)
 }
 
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_wearer_is_identified_although_the_session_is_interrupted() {
-    let firmware = std::env::var_os("PLANTAR_FIRMWARE").expect("PLANTAR_FIRMWARE names the emulated board's firmware");
     let folder = tempfile::tempdir().expect("a folder");
-    let walk = synthetic::walk(&SyntheticWalk { steps: 40, ..Default::default() }).recording;
-    let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(240)).expect("a walk for the device");
-    let stood = synthetic::standing(&SyntheticStanding::default());
-    let stood = stood.at_rate(100.0).and_then(|stood| stood.binned(240)).expect("a trial for the device");
-    let standing = stood.frame(stood.frames() / 2).to_vec();
-    assert_eq!(standing.len(), walk.cells(), "the trial and the walk are of the same insole");
-    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let (config, cells) = (EmulatorConfig::new(insole.setup), insole.cells.clone());
     let does = Arc::new(AtomicU8::new(LIFTED));
-    let wearer = Wearer { does: does.clone(), insole, standing, walk, walked: 0 };
-    let board = Board::start(Path::new(&firmware), &config, &cells, Time::Real, wearer).expect("the board boots");
-    let address = forward(&board);
+    let (_board, address) = insole(Side::Right, &does, 1);
     let out = folder.path().join("me");
     let (out, steps) = (out.to_str().expect("a path"), STEPS.to_string());
     let arguments = ["identify", "--tcp", &address, "--out", out, "--steps", &steps, "--verify", "4"];
@@ -168,5 +190,33 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
     }
     // The cells were recorded, too, above the new baseline.
     assert!(Recording::read(side.join("cells-000/000")).is_ok_and(|cells| cells.frames() > 100));
-    std::fs::write("/tmp/identify_screens.txt", screens.join("\n=====\n")).expect("written");
+}
+
+#[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn both_feet_are_identified_without_a_terminal() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let does = Arc::new(AtomicU8::new(WALKING));
+    let feet = [Side::Left, Side::Right].map(|side| insole(side, &does, 0));
+    let addresses = feet.each_ref().map(|(_, address)| address.as_str());
+    let out = folder.path().join("me");
+    let plantar = |addresses: &[&str]| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_plantar"));
+        command.args(["identify", "--no-standing", "--steps", "6", "--verify", "2", "--out"]).arg(&out);
+        addresses.iter().for_each(|address| drop(command.args(["--tcp", address])));
+        command.output().expect("the program starts")
+    };
+    let output = plantar(&addresses);
+    let [text, errors] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).expect("text"));
+    assert!(output.status.success(), "{text}{errors}");
+    for (side, address) in ["left", "right"].into_iter().zip(addresses) {
+        assert!(text.contains(&format!("{side}: 6 of 6")), "{text}");
+        let parameters = Parameters::read(&out.join(side).join("params.toml")).expect("parameters");
+        let link = TcpStream::connect(address).expect("the insole");
+        link.set_read_timeout(Some(READ_TIMEOUT)).expect("a time");
+        let mut client = Client::connect(Framed::new(link), ReconnectPolicy::STREAM.answer).expect("a session");
+        assert_eq!(client.tissue().expect("an answer"), parameters.tissue(), "{side}");
+        let identified = client.identified().expect("an answer").expect("the insole knows how it was identified");
+        assert_eq!((identified.contact, identified.side.map(Side::name)), (ContactRule::COVERED, Some(side)));
+    }
 }

@@ -34,7 +34,9 @@ pub fn read(folder: &Path) -> Result<Recording> {
                 "move it to a folder of its own",
             ));
         }
-        whole.source = format!("{} {}", whole.source, part.source);
+        if part.source != whole.source {
+            whole.source = format!("{} {}", whole.source, part.source);
+        }
         whole.t_s.extend(part.t_s);
         whole.pressure_kpa.extend(part.pressure_kpa);
     }

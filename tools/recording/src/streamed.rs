@@ -67,7 +67,7 @@ impl StreamedCells {
 
     /// The frames since the last call as a recording, with times since the start of the insole; `None` without frames.
     pub fn take(&mut self, source: &str) -> Option<Recording> {
-        let (&first, &last) = self.scans.first().zip(self.scans.last())?;
+        let &first = self.scans.first()?;
         let period_s = f64::from(self.setup.period_us) * 1e-6;
         // Scans are counted from the first one, because their numbers wrap.
         let t_s = self.scans.iter().map(|scan| (f64::from(first) + f64::from(scan.wrapping_sub(first))) * period_s);
@@ -79,8 +79,16 @@ impl StreamedCells {
             rate_hz: 1.0 / (period_s * f64::from(self.every)),
             source: format!(
                 "{source}, layout {:#010x}, sensor {full_kpa} kPa at full scale with exponent {exponent}, contact on at \
-                 {} kPa and off at {} kPa with full_kpa {}; scans {first} to {last}, {} of them interpolated.",
-                self.setup.layout_id, contact.on_kpa, contact.off_kpa, contact.full_kpa, self.bridged
+                 {} kPa and off at {} kPa with full_kpa {}.{}",
+                self.setup.layout_id,
+                contact.on_kpa,
+                contact.off_kpa,
+                contact.full_kpa,
+                if self.bridged > 0 {
+                    format!(" From {:.2} s on, {} frames are interpolated.", f64::from(first) * period_s, self.bridged)
+                } else {
+                    String::new()
+                }
             ),
             t_s: t_s.collect(),
             pressure_kpa: std::mem::take(&mut self.pressure_kpa),

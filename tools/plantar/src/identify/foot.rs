@@ -90,6 +90,8 @@ impl Foot {
 
     /// Passes what the insole sends to `take` until it returns true or `stop` is set. Connects again when the link is lost.
     fn follow(&mut self, stop: &AtomicBool, mut take: impl FnMut(&mut Self, Item) -> Result<bool>) -> Result<()> {
+        // The insole may have restarted, which ends its live stream. If the link is lost, the first event reports it.
+        let _ = self.link.start();
         while !stop.load(Ordering::Relaxed) {
             let item = match self.link.next_event()? {
                 Event::Message(message) => {
