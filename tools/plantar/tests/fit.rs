@@ -206,7 +206,7 @@ fn errors_for_bad_input_name_the_place_and_the_remedy() {
 
 /// The messages of an insole during a computed walk with the steps of [`walk`], by this contact rule.
 fn messages(folder: &Path, contact: ContactRule) -> Vec<ToHost> {
-    let recording = Recording::read(&folder.join("walk.parquet")).expect("a recording");
+    let recording = Recording::read(folder.join("walk.parquet")).expect("a recording");
     let computed = VirtualInsole::new(&recording, contact, StanceRule::WALKING);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(computed.setup, computed.cells.iter().copied()).expect("a valid insole");
