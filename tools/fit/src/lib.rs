@@ -18,6 +18,8 @@ pub mod live;
 pub mod paper;
 pub mod pins;
 pub mod quality;
+#[cfg(feature = "results")]
+pub mod results;
 pub mod steps;
 pub mod study;
 pub mod synthetic;

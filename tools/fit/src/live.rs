@@ -33,7 +33,7 @@ pub struct LiveSteps {
     pending: Vec<StepMessage>,
     /// Number, start time (us) and duration (us) of all records, by which a repeated record is recognised.
     received: BTreeSet<(u32, u64, u32)>,
-    /// The different contact rules of the records.
+    /// The different contact rules of the steps of this stream. Steps from before may be of other rules.
     contact_rules: Vec<ContactRule>,
     /// The foot of the last record.
     side: Option<Side>,
@@ -87,9 +87,6 @@ impl LiveSteps {
             return;
         }
         self.side = Some(step.side);
-        if !self.contact_rules.contains(&step.contact_rule) {
-            self.contact_rules.push(step.contact_rule);
-        }
         for (count, region) in self.masked_steps.iter_mut().zip(&step.regions) {
             *count += usize::from(region.masked_cells > 0);
         }
@@ -98,6 +95,9 @@ impl LiveSteps {
         } else if self.first_us.is_none_or(|first_us| step.start_us < first_us) {
             self.exclude(step, ExclusionReason::BeforeStream);
         } else {
+            if !self.contact_rules.contains(&step.contact_rule) {
+                self.contact_rules.push(step.contact_rule);
+            }
             self.pending.push(*step);
             self.evaluate_pending(self.frames.back().map(|last| last.t_us));
         }

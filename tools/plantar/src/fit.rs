@@ -197,10 +197,10 @@ impl Fit {
         results::print(study);
         let fitted = study.fits.iter().flatten().count();
         if fitted > 0 {
-            write(&self.out, results::to_toml(study, self.search.size).as_bytes())?;
+            write(&self.out, fit::results::to_toml(study, self.search.size).as_bytes())?;
         }
         if let Some(path) = &self.json {
-            let text = serde_json::to_string_pretty(&results::to_json(study))? + "\n";
+            let text = serde_json::to_string_pretty(&fit::results::to_json(study))? + "\n";
             write(path, text.as_bytes())?;
         }
         if let Some(path) = &self.report {

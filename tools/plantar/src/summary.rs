@@ -131,15 +131,6 @@ pub fn model_error_percent(steps: &[Step], region: usize) -> Option<f64> {
     (!loaded.is_empty()).then(|| sum / loaded.len() as f64)
 }
 
-/// Formats a value with three significant digits, but at most three decimal places.
-pub fn significant(value: f64) -> String {
-    if value.abs() < 5e-4 {
-        return "0".into();
-    }
-    let digits = 2 - value.abs().log10().floor() as i32;
-    format!("{value:.*}", digits.clamp(0, 3) as usize)
-}
-
 /// An empty table in the style of all of the program's tables.
 pub fn table() -> Table {
     let mut table = Table::new();

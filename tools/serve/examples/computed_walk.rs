@@ -1,4 +1,5 @@
-//! Writes the example recording of the page, a computed walk of both feet: `cargo run -p serve --example computed_walk -- FILE`.
+//! Writes the example recording of the page, a computed walk of both feet: `cargo run -p serve --example computed_walk -- FILE`. With
+//! a number of steps after the file, the walk has this many steps of each foot instead of six.
 
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
@@ -19,8 +20,9 @@ const STRIDE_S: f64 = 1.05;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let path = std::env::args().nth(1).ok_or("name the file to write")?;
-    let left = messages(Side::Left, 0.0, 760.0, 1)?;
-    let right = messages(Side::Right, STRIDE_S / 2.0, 800.0, 2)?;
+    let steps = std::env::args().nth(2).map_or(Ok(STEPS), |steps| steps.parse())?;
+    let left = messages(Side::Left, steps, 0.0, 760.0, 1)?;
+    let right = messages(Side::Right, steps, STRIDE_S / 2.0, 800.0, 2)?;
     let mut both: Vec<_> = left.into_iter().map(|m| (m, 0)).chain(right.into_iter().map(|m| (m, 1))).collect();
     both.sort_by_key(|((t_ms, _), _)| *t_ms);
     let mut out = BufWriter::new(File::create(path)?);
@@ -31,8 +33,14 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// The messages of an insole during a walk that starts `lag_s` later, with the time in ms.
-fn messages(side: Side, lag_s: f64, peak_n: f64, seed: u64) -> Result<Vec<(u32, ToHost)>, Box<dyn Error>> {
-    let recording = walk(&SyntheticWalk { side, steps: STEPS, peak_n, seed, ..SyntheticWalk::default() }).recording;
+fn messages(
+    side: Side,
+    steps: usize,
+    lag_s: f64,
+    peak_n: f64,
+    seed: u64,
+) -> Result<Vec<(u32, ToHost)>, Box<dyn Error>> {
+    let recording = walk(&SyntheticWalk { side, steps, peak_n, seed, ..SyntheticWalk::default() }).recording;
     let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
     let tissue = Parameters::typical(InsoleSize::default()).tissue();
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());

@@ -1,0 +1,170 @@
+//! The results of a fit as a parameter file and as JSON.
+
+use crate::interval::{FIVE, Interval};
+use crate::study::Source;
+use crate::{Method, NotFitted, RegionFit, Study};
+use parameters::{Identified, InsoleSize, Parameters};
+use plantar::{Region, Side};
+use serde_json::{Map, Value, json};
+
+/// Formats a value with three significant digits, but at most three decimal places.
+pub fn significant(value: f64) -> String {
+    if value.abs() < 5e-4 {
+        return "0".into();
+    }
+    let digits = 2 - value.abs().log10().floor() as i32;
+    format!("{value:.*}", digits.clamp(0, 3) as usize)
+}
+
+/// The wider of a parameter's two 95 % intervals: from the Jacobian, and from resampled steps (bootstrap).
+pub fn widest(interval: &Interval) -> [f64; 2] {
+    let width = |[low, high]: [f64; 2]| high - low;
+    interval.bootstrap.filter(|b| width(*b) > width(interval.jacobian)).unwrap_or(interval.jacobian)
+}
+
+/// The parameters. A region that was not fitted has the typical values of the size.
+pub fn parameters(study: &Study, size: InsoleSize) -> Parameters {
+    let mut parameters = Parameters::typical(size);
+    parameters.subject.clone_from(&study.participant);
+    parameters.personal = true;
+    let has = |side: Side| study.steps.iter().any(|step| step.side == side);
+    let side = match (has(Side::Left), has(Side::Right)) {
+        (true, true) => "both",
+        (true, false) => Side::Left.name(),
+        _ => Side::Right.name(),
+    };
+    parameters.identified = Some(Identified {
+        filter: study.options.filter.name().into(),
+        contact: study.contact,
+        side: side.into(),
+        steps: study.steps.len() as u32,
+    });
+    for (slot, fit) in parameters.regions.iter_mut().zip(&study.fits) {
+        if let Ok(fit) = fit {
+            *slot = fit.ellipsoid;
+        }
+    }
+    parameters
+}
+
+/// Makes the parameter file. A region that was not fitted has typical values, with a comment that states this.
+pub fn to_toml(study: &Study, size: InsoleSize) -> String {
+    parameters(study, size)
+        .to_toml_with(&|region, name| Some(note(&study.fits[region as usize], name, study.options.method)))
+}
+
+/// The comment in the parameter file on the value `name` of a region: how the value was determined.
+fn note(fit: &Result<RegionFit, NotFitted>, name: &str, method: Method) -> String {
+    let fit = match fit {
+        Ok(fit) => fit,
+        Err(reason) if name == "a_mm" => return format!("typical, NOT identified: {reason}"),
+        Err(_) => return "typical".into(),
+    };
+    let Some(uncertainty) = fit.uncertainty.as_ref().filter(|_| method == Method::Projection) else {
+        return "identified together with the other seven, by the paper's search".into();
+    };
+    let identified = |i: usize, scale: f64| {
+        let interval = &uncertainty.intervals[i];
+        if !interval.is_identifiable {
+            return "NOT identifiable from the force, because G is 0".into();
+        }
+        let [low, high] = widest(interval).map(|end| significant(end * scale));
+        let bound = if interval.at_bound { ", at a bound of the search" } else { "" };
+        format!("{low} to {high} (95 %){bound}")
+    };
+    let pins = &fit.pins;
+    match name {
+        "a_mm" => format!("A B identified, {} mm2; A / B measured, {:.2}", identified(0, 1e6), pins.aspect),
+        "b_mm" => "see a_mm".into(),
+        "c_mm" => format!("pinned, not identified: the largest compression is {:.1} % of d0", pins.compression * 100.0),
+        "d0_mm" => "pinned, not identified: from --thickness, or typical for the shoe size".into(),
+        "k_n_m3" => format!("identified: K = k C^(n+1) / d0^n, {} Pa", identified(1, 1.0)),
+        "c_n_s_m3" => format!("identified: G = c C^(m+1) / d0^m, {} Pa s", identified(2, 1.0)),
+        "n" => format!("identified, {}", identified(3, 1.0)),
+        _ => format!("identified, {}", identified(4, 1.0)),
+    }
+}
+
+/// Makes the JSON object with all results.
+pub fn to_json(study: &Study) -> Value {
+    let regions: Map<String, Value> =
+        Region::ALL.iter().zip(&study.fits).map(|(region, fit)| (region.name().into(), fit_to_json(fit))).collect();
+    json!({
+        "participant": study.participant,
+        "recordings": study.sources.iter().map(|s| json!({
+            "name": s.name, "side": s.side.name(),
+            "rate_hz": s.rate_hz, "cells": cells(s), "origin": s.origin,
+        })).collect::<Vec<_>>(),
+        "contact_rule": {
+            "on_kpa": study.contact.on_kpa, "off_kpa": study.contact.off_kpa, "full_kpa": study.contact.full_kpa,
+        },
+        "filter": study.options.filter.name(),
+        "method": study.options.method.name(),
+        "steps": study.steps.iter().map(|s| json!({
+            "recording": s.recording, "number": s.number, "start_s": s.start_s, "duration_s": s.duration_s,
+            "peak_force_n": s.peak_n,
+        })).collect::<Vec<_>>(),
+        "left_out": study.excluded_contacts.iter().map(|c| json!({
+            "recording": c.recording, "at_s": c.at_s, "why": c.reason.to_string(),
+        })).collect::<Vec<_>>(),
+        "regions": regions,
+    })
+}
+
+/// The number of cells of a recording; `None` for a live stream, which does not contain the cells.
+fn cells(source: &Source) -> Option<usize> {
+    #[cfg(feature = "recordings")]
+    return Some(source.layout.cells.len()).filter(|&cells| cells > 0);
+    #[cfg(not(feature = "recordings"))]
+    {
+        let _ = source;
+        None
+    }
+}
+
+fn fit_to_json(fit: &Result<RegionFit, NotFitted>) -> Value {
+    let fit = match fit {
+        Ok(fit) => fit,
+        Err(reason) => return json!({ "fitted": false, "reason": reason.to_string() }),
+    };
+    let (law, e, q) = (&fit.law, &fit.ellipsoid, &fit.quality);
+    let intervals = fit.uncertainty.as_ref().map(|uncertainty| {
+        let names = ["ab_m2", "stiffness_pa", "damping_pa_s", "n", "m"];
+        let of = |i: &Interval| {
+            json!({ "jacobian": i.jacobian, "bootstrap": i.bootstrap, "at_bound": i.at_bound, "told": i.is_identifiable })
+        };
+        let all: Map<String, Value> =
+            names.iter().zip(&uncertainty.intervals).map(|(name, i)| ((*name).into(), of(i))).collect();
+        json!({ "order": FIVE, "intervals_95": all, "correlation": uncertainty.correlation })
+    });
+    json!({
+        "fitted": true,
+        "steps": fit.steps,
+        "area_max_mm2": fit.area_max_m2 * 1e6,
+        "identified": {
+            "ab_m2": law.ab_m2, "stiffness_pa": law.stiffness_pa, "damping_pa_s": law.damping_pa_s,
+            "n": law.n, "m": law.m,
+        },
+        "uncertainty": intervals,
+        "ellipsoid": {
+            "a_mm": e.a_m * 1e3, "b_mm": e.b_m * 1e3, "c_mm": e.c_m * 1e3, "d0_mm": e.d0_m * 1e3,
+            "k_n_m3": e.k, "n": e.n, "c_n_s_m3": e.c, "m": e.m,
+        },
+        "pinned": {
+            "aspect": fit.pins.aspect, "d0_mm": fit.pins.thickness_m * 1e3, "compression": fit.pins.compression,
+        },
+        "nrmse_percent": {
+            "fitted": q.fitted * 100.0, "fitted_smoothed": q.fitted_smoothed * 100.0,
+            "own": q.own * 100.0, "own_smoothed": q.own_smoothed * 100.0,
+            "predicted": q.predicted.map(|p| p * 100.0), "floor": q.floor * 100.0,
+        },
+        "peak_bias_percent": q.peak_bias * 100.0,
+        "saturated_share": q.saturated,
+        "unseen_percent": fit.predicted_nrmse.iter().map(|share| share * 100.0).collect::<Vec<_>>(),
+        "area_levels": fit.area_levels,
+        "recordings_ratio": fit.recordings_ratio,
+        "evaluations": fit.evaluations,
+        "verdict": fit.verdict,
+        "warnings": fit.warnings,
+    })
+}

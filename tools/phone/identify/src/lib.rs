@@ -1,0 +1,85 @@
+//! The identification of a wearer's tissue parameters on the page for a phone, as WebAssembly.
+//!
+//! It runs in a Web Worker of the page. The page passes every message of the insoles as it arrived; [`collected`] returns how many
+//! steps can be used, and [`identify`] fits the parameters of one foot with the code of `plantar fit`. As in `phone-wire`, the page
+//! calls plain WebAssembly exports, shares one buffer with them, and receives results as JSON.
+
+mod session;
+
+pub use session::Session;
+
+use parameters::InsoleSize;
+use std::sync::{Mutex, PoisonError};
+
+/// Input and output of the exports.
+static BUFFER: Mutex<Vec<u8>> = Mutex::new(Vec::new());
+
+/// The messages of the insoles so far.
+static SESSION: Mutex<Option<Session>> = Mutex::new(None);
+
+/// Replaces the content of the buffer by `bytes` and returns their number.
+fn put(bytes: &[u8]) -> usize {
+    let mut buffer = BUFFER.lock().unwrap_or_else(PoisonError::into_inner);
+    buffer.clear();
+    buffer.extend_from_slice(bytes);
+    buffer.len()
+}
+
+/// Calls `act` with the session.
+fn with<T>(act: impl FnOnce(&mut Session) -> T) -> T {
+    act(SESSION.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_default())
+}
+
+#[cfg(target_arch = "wasm32")]
+#[link(wasm_import_module = "page")]
+unsafe extern "C" {
+    /// Is called when the fit of a region is complete, with the index of the region.
+    safe fn region_fitted(region: u32);
+}
+
+#[cfg(not(target_arch = "wasm32"))]
+fn region_fitted(_region: u32) {}
+
+/// Resizes the buffer to `len` bytes and returns its address. The page writes a message there.
+#[unsafe(no_mangle)]
+pub extern "C" fn resize_buffer(len: usize) -> *mut u8 {
+    let mut buffer = BUFFER.lock().unwrap_or_else(PoisonError::into_inner);
+    buffer.resize(len, 0);
+    buffer.as_mut_ptr()
+}
+
+/// The address of the buffer. The page reads a result there.
+#[unsafe(no_mangle)]
+pub extern "C" fn result() -> *const u8 {
+    BUFFER.lock().unwrap_or_else(PoisonError::into_inner).as_ptr()
+}
+
+/// Removes all messages.
+#[unsafe(no_mangle)]
+pub extern "C" fn clear() {
+    with(|session| *session = Session::default());
+}
+
+/// Adds the message in the buffer, which arrived from the insole with this index. True if it is a step.
+#[unsafe(no_mangle)]
+pub extern "C" fn add(insole: usize) -> bool {
+    let buffer = BUFFER.lock().unwrap_or_else(PoisonError::into_inner);
+    with(|session| session.add(insole, &buffer))
+}
+
+/// Writes the numbers of usable and excluded steps of each insole to the buffer as JSON, and returns the length of the text.
+#[unsafe(no_mangle)]
+pub extern "C" fn collected() -> usize {
+    let json = with(|session| session.collected().to_string());
+    put(json.as_bytes())
+}
+
+/// Fits the parameters to the steps of the insole with this index. Writes the result to the buffer as JSON and returns the length of
+/// the text. `size` is the European shoe size, to which the typical thickness of the tissue is scaled; a size without typical values
+/// counts as the default size.
+#[unsafe(no_mangle)]
+pub extern "C" fn identify(insole: usize, size: u8) -> usize {
+    let size = size.to_string().parse::<InsoleSize>().unwrap_or_default();
+    let json = with(|session| session.identify(insole, size, &|region| region_fitted(region as u32)).to_string());
+    put(json.as_bytes())
+}

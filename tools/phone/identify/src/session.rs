@@ -1,0 +1,103 @@
+//! The messages of a guided session, and the fit of one foot.
+
+use fit::live::LiveSteps;
+use fit::steps::ExclusionReason;
+use fit::{Options, Study, results};
+use parameters::InsoleSize;
+use plantar::pipeline::contact::ContactRule;
+use plantar::protocol::{Hello, MAJOR, MAX_MESSAGE, ToDevice, ToHost, decode, encode};
+use plantar::{Region, Side};
+use serde_json::{Value, json};
+
+/// The request that sends the parameters of a study to an insole, encoded.
+fn set_tissue(study: &Study, size: InsoleSize) -> Vec<u8> {
+    let message = ToDevice::SetTissue(results::parameters(study, size).tissue());
+    let mut buffer = [0; MAX_MESSAGE];
+    // Every request fits into the buffer.
+    encode(&message, &mut buffer).map_or(Vec::new(), |message| message.to_vec())
+}
+
+/// The messages of one or two insoles.
+#[derive(Default)]
+pub struct Session {
+    insoles: [Insole; 2],
+}
+
+/// The messages of one insole.
+#[derive(Default)]
+struct Insole {
+    hello: Option<Hello>,
+    steps: LiveSteps,
+}
+
+impl Session {
+    /// Adds an encoded message of the insole with this index. True if it is a step. Messages that a fit does not use, messages of an
+    /// insole of another major version, and other bytes are ignored.
+    pub fn add(&mut self, insole: usize, message: &[u8]) -> bool {
+        let Some(insole) = self.insoles.get_mut(insole) else { return false };
+        let is_known = insole.hello.as_ref().is_none_or(|hello| hello.major == MAJOR);
+        match decode::<ToHost>(message) {
+            Some(ToHost::Hello(hello)) => insole.hello = Some(hello),
+            Some(ToHost::Live(live)) if is_known => insole.steps.frame(&live),
+            Some(ToHost::Step(step)) if is_known => {
+                insole.steps.step(&step);
+                return true;
+            }
+            _ => (),
+        }
+        false
+    }
+
+    /// For each insole, its foot, the number of usable steps, and the number of excluded contacts by reason.
+    pub fn collected(&self) -> Value {
+        self.insoles.iter().map(Insole::collected).collect()
+    }
+
+    /// Fits the parameters to the steps of one insole. `progress` receives each region when its fit is complete.
+    ///
+    /// The result has the form of the JSON of `plantar fit`, with three more entries: `message`, the bytes of the request that
+    /// sends the parameters to the insole, `parameters`, the text of the parameter file, and `fitted`, the number of fitted regions.
+    /// It has the entry `error` instead if the steps cannot be fitted together.
+    pub fn identify(&mut self, insole: usize, size: InsoleSize, progress: &(dyn Fn(Region) + Sync)) -> Value {
+        let Some(insole) = self.insoles.get_mut(insole) else { return json!({ "error": "There is no such insole." }) };
+        insole.steps.finish();
+        let contact = insole.steps.contact_rules().first().copied().unwrap_or(ContactRule::COUNTED);
+        // Without resamples, unlike `plantar fit`: they would take ten times as long as the rest of the fit.
+        let mut study = Study::new("wearer".into(), contact, Options::usual(size.thickness_m()));
+        let name = insole.side().name().to_string();
+        if let Err(error) = study.add_live(name, "Guided session on the page.".into(), insole.side(), &insole.steps) {
+            return json!({ "error": format!("{error}. Start again.") });
+        }
+        study.fit(progress);
+        let mut result = results::to_json(&study);
+        result["fitted"] = study.fits.iter().flatten().count().into();
+        result["message"] = set_tissue(&study, size).into();
+        result["parameters"] = results::to_toml(&study, size).into();
+        result
+    }
+}
+
+impl Insole {
+    /// The foot.
+    fn side(&self) -> Side {
+        self.steps.side().or(self.hello.as_ref().map(|hello| hello.side)).unwrap_or(Side::Right)
+    }
+
+    /// See [`Session::collected`].
+    fn collected(&self) -> Value {
+        let (steps, excluded) = self.steps.collected(0);
+        let count = |is_reason: fn(&ExclusionReason) -> bool| excluded.iter().filter(|e| is_reason(&e.reason)).count();
+        json!({
+            "side": self.side().name(),
+            "rate_hz": self.steps.rate_hz(),
+            "good": steps.len(),
+            "excluded": {
+                "broken": count(|reason| matches!(reason, ExclusionReason::Broken)),
+                "partial": count(|reason| matches!(reason, ExclusionReason::Partial(_))),
+                "before": count(|reason| {
+                    matches!(reason, ExclusionReason::BeforeRestart | ExclusionReason::BeforeStream)
+                }),
+            },
+        })
+    }
+}
