@@ -203,7 +203,9 @@ fn both_feet_are_identified_without_a_terminal() {
     let plantar = |addresses: &[&str]| {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_plantar"));
         command.args(["identify", "--no-standing", "--steps", "6", "--verify", "2", "--out"]).arg(&out);
-        addresses.iter().for_each(|address| drop(command.args(["--tcp", address])));
+        for address in addresses {
+            command.args(["--tcp", address]);
+        }
         command.output().expect("the program starts")
     };
     let output = plantar(&addresses);
