@@ -5,9 +5,9 @@ use std::fs::OpenOptions;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::net::TcpStream;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Sender, channel};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 
 /// The outcome of a scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,6 +40,34 @@ pub struct Plant {
     requested: Arc<AtomicU32>,
     /// Starts the clock of the plant.
     playing: Sender<()>,
+    held: Arc<Held>,
+}
+
+/// Whether the clock of the plant stands still.
+#[derive(Default)]
+struct Held {
+    is_held: Mutex<bool>,
+    changed: Condvar,
+}
+
+impl Held {
+    fn set(&self, is_held: bool) {
+        *self.is_held.lock().unwrap_or_else(PoisonError::into_inner) = is_held;
+        self.changed.notify_all();
+    }
+
+    /// Waits until the clock runs.
+    fn wait(&self) {
+        let guard = self.is_held.lock().unwrap_or_else(PoisonError::into_inner);
+        let _running = self.changed.wait_while(guard, |is_held| *is_held).unwrap_or_else(PoisonError::into_inner);
+    }
+}
+
+impl Drop for Plant {
+    /// Lets the thread end with the board.
+    fn drop(&mut self) {
+        self.held.set(false);
+    }
 }
 
 impl Plant {
@@ -49,6 +77,8 @@ impl Plant {
         let requested = Arc::new(AtomicU32::new(0));
         let count = requested.clone();
         let (playing, play) = channel();
+        let held = Arc::new(Held::default());
+        let clock = held.clone();
         std::thread::spawn(move || {
             let mut codes = vec![0; cells];
             let mut bytes = Vec::with_capacity(2 * cells);
@@ -60,7 +90,10 @@ impl Plant {
                 let answered = match kind {
                     // The first tick waits for Plant::play. An error means that the board, and with it the sender, was dropped.
                     TICK if seq == 0 && play.recv().is_err() => break,
-                    TICK if has_scan(&walk, seq) => port.write_all(&[TICK, TICK]),
+                    TICK if has_scan(&walk, seq) => {
+                        clock.wait();
+                        port.write_all(&[TICK, TICK])
+                    }
                     SCAN => {
                         let outcome = if has_scan(&walk, seq) { walk.scan(seq, &mut codes) } else { Scan::Whole };
                         count.store(seq.wrapping_add(1), Ordering::Relaxed);
@@ -82,13 +115,18 @@ impl Plant {
                 }
             }
         });
-        Ok(Self { requested, playing })
+        Ok(Self { requested, playing, held })
     }
 
     /// Starts the plant's clock, if the plant paces the scans.
     pub fn play(&self) {
         // The thread may have ended with the board.
         let _ = self.playing.send(());
+    }
+
+    /// Stops the plant's clock, or lets it run on. It has no effect where the board's own clock paces the scans.
+    pub fn hold(&self, is_held: bool) {
+        self.held.set(is_held);
     }
 
     /// Number of scans requested so far.

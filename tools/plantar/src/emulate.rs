@@ -1,14 +1,17 @@
 //! `plantar emulate`: plays a recording into the real firmware, which runs in QEMU.
 
+mod identification;
+
 use crate::setup::{self, ContactArgs, WearerArgs, ZeroArgs};
 use crate::summary;
 use crate::view::View;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use client::{Client, Framed, READ_TIMEOUT, ReconnectPolicy, step_to_json};
 use emulation::{COLUMNS, EmulatorConfig};
 use emulator::{Board, Faulty, Recorded, SensorFault, Time};
-use parameters::Parameters;
+use identification::Identification;
+use parameters::{InsoleSize, Parameters};
 use plantar::Region;
 use plantar::insole::Insole;
 use plantar::pipeline::setup::DEVICE_CELLS;
@@ -47,7 +50,15 @@ pub struct Emulate {
     /// cells.
     #[arg(long, value_name = "FAULT")]
     fault: Vec<SensorFault>,
-    /// End the walk after this number of steps.
+    /// Identify the wearer first: record all cells that the insole sends in the first steps, identify the parameters from this
+    /// recording, and send them to the insole. The table and --json have later steps only. FOLDER receives recording, parameters
+    /// and report.
+    #[arg(long, value_name = "FOLDER", conflicts_with = "params")]
+    identify: Option<PathBuf>,
+    /// With --identify: the number of first steps.
+    #[arg(long, value_name = "N", default_value_t = 24, requires = "identify")]
+    identify_steps: usize,
+    /// End the walk after this number of steps, or of later steps with --identify.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
     /// Write the steps, the mean error of the model in each region and the counters of the live frames to this JSON file.
@@ -104,10 +115,13 @@ struct Outcome {
 
 impl Emulate {
     pub fn run(&self) -> Result<()> {
-        let parameters = self.wearer.parameters()?;
+        let parameters = match self.identify {
+            Some(_) => Parameters::typical(InsoleSize::default()),
+            None => self.wearer.parameters()?,
+        };
         let EmulatedInsole { recording, insole } =
             EmulatedInsole::new(&self.recording, &parameters, &self.contact, &self.zero)?;
-        let tissue = parameters.tissue();
+        let tissue = if self.identify.is_none() { parameters.tissue() } else { Tissue::NONE };
         let config = EmulatorConfig::new(insole.setup);
         let cells = insole.cells.clone();
         let seconds = recording.frames() as f64 / recording.rate_hz;
@@ -141,12 +155,24 @@ impl Emulate {
     /// of the walk.
     fn walk(&self, board: &Board, link: TcpStream, tissue: &Tissue, seconds: f64, scans: u32) -> Result<()> {
         let mut client = Client::connect(Framed::new(link), ReconnectPolicy::STREAM.answer)?;
-        client.set_tissue(tissue)?;
+        let mut identification = match &self.identify {
+            Some(folder) => Some(Identification::begin(&mut client, folder, self.identify_steps)?),
+            None => {
+                client.set_tissue(tissue)?;
+                None
+            }
+        };
         let mut view = View::open(client.hello())?;
         let start = Instant::now();
-        let outcome = self.follow(board, &mut client, &mut view, scans);
+        let outcome = self.follow(board, &mut client, &mut view, &mut identification, scans);
         view.close();
         let Outcome { steps, status } = outcome?;
+        if let Some(identification) = &identification {
+            ensure!(identification.is_done(), "the walk has fewer than {} steps to identify", self.identify_steps);
+            println!(
+                "The insole evaluated these steps with the parameters that were identified from the steps before them."
+            );
+        }
         let counters = client.counters();
         summary::print(&steps);
         summary::print_faults_of(&mut client);
@@ -190,6 +216,7 @@ impl Emulate {
         board: &Board,
         client: &mut Client<Framed<TcpStream>>,
         view: &mut View,
+        identification: &mut Option<Identification>,
         scans: u32,
     ) -> Result<Outcome> {
         client.stream()?;
@@ -197,13 +224,32 @@ impl Emulate {
         let mut steps = Vec::new();
         let mut is_status_pending = false;
         let mut last_message = Instant::now();
+        let mut last_us = 0;
         loop {
             let mut is_silent = false;
             match client.receive()? {
-                Some(ToHost::Live(live)) => view.live(&live, client.counters())?,
+                Some(ToHost::Live(live)) => {
+                    last_us = live.t_us;
+                    view.live(&live, client.counters())?;
+                }
+                Some(ToHost::Cells(frame)) => {
+                    if let Some(identification) = identification {
+                        identification.frame(&frame);
+                    }
+                }
                 Some(ToHost::Step(step)) => {
                     client.send(ToDevice::Acknowledge { step: step.step })?;
-                    if self.steps.is_none_or(|limit| steps.len() < limit) {
+                    let is_scored = identification.as_mut().is_none_or(|identification| identification.scores(&step));
+                    if let Some(identification) = identification.as_mut().filter(|_| !is_scored) {
+                        view.step(&step)?;
+                        if identification.is_complete() {
+                            view.close();
+                            board.plant().hold(true);
+                            identification.identify(client, &self.contact, last_us)?;
+                            board.plant().hold(false);
+                            *view = View::open(client.hello())?;
+                        }
+                    } else if self.steps.is_none_or(|limit| steps.len() < limit) {
                         view.step(&step)?;
                         steps.push(step);
                     }

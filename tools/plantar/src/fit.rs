@@ -162,6 +162,19 @@ impl Fit {
         }
     }
 
+    /// A fit of one recording with the usual search, and with outputs as [`Fit::of_streams`].
+    pub fn of_cells(recording: PathBuf, folder: &Path, contact: ContactArgs) -> Self {
+        let search = Search {
+            filter: FilterName::Step,
+            method: MethodName::Projection,
+            negative_n: false,
+            thickness: None,
+            size: InsoleSize::default(),
+            compression: COMPRESSION,
+        };
+        Self { contact, ..Self::of_streams(vec![recording], "the wearer".into(), folder, search) }
+    }
+
     /// Runs the command. Returns true if all regions were fitted.
     pub fn run(&self) -> Result<bool> {
         self.write(&self.study()?)

@@ -40,7 +40,7 @@ pub fn note_unless_personal(parameters: &Parameters) {
     }
 }
 
-#[derive(Args, Default)]
+#[derive(Args, Clone, Default)]
 pub struct ContactArgs {
     /// A cell comes into contact at this pressure, kPa [default: the value in the parameter file, or 10].
     #[arg(long, value_name = "KPA")]

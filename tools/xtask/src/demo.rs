@@ -1,4 +1,4 @@
-//! The demonstration: identifies a walker's parameters, plays other steps in the emulator, and serves the page.
+//! The demonstration: an emulated insole identifies its wearer and evaluates further steps; then the page is served.
 
 use crate::arguments::Demo;
 use crate::build::{build_firmware, firmware};
@@ -11,37 +11,27 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Number of trials of the sample walk; each is one step.
-const SAMPLE_TRIALS: &str = "36";
-/// The demonstration plays this number of steps, from the first. This takes about 15 s.
-const PLAYED_STEPS: usize = 12;
-/// The parameters are fitted to these steps, none of which is played.
-const FITTED_STEPS: &str = "12-35";
+const SAMPLE_TRIALS: &str = "37";
+/// The insole identifies its wearer from this number of steps. The last of them and the first step after them are evaluated while
+/// the parameters are on their way, so 12 steps remain.
+const IDENTIFIED_STEPS: &str = "24";
 
 impl Demo {
     /// Runs the demonstration.
     pub fn run(&self) -> Result<()> {
         let with_page = !self.no_page && self.json.is_none() && std::io::stdout().is_terminal();
         let (plantar, jiku) = self.prepare(with_page)?;
-        let mut steps = self.steps;
-        let (walk, parameters) = match (&self.recording, jiku) {
-            (None, Some(jiku)) => {
-                let walk = sample_walk(&plantar, &jiku)?;
-                let parameters = fit_walk(&plantar, &walk)?;
-                steps = Some(steps.unwrap_or(PLAYED_STEPS).min(PLAYED_STEPS));
-                (walk, Some(parameters))
-            }
-            (recording, _) => (std::path::absolute(recording.as_deref().unwrap_or(Path::new("")))?, None),
+        let walk = match (&self.recording, jiku) {
+            (None, Some(jiku)) => sample_walk(&plantar, &jiku)?,
+            (recording, _) => std::path::absolute(recording.as_deref().unwrap_or(Path::new("")))?,
         };
-        let with_insole = |command: &mut Command| {
-            command.arg("--firmware").arg(firmware(EMULATED));
-            if let Some(parameters) = &parameters {
-                command.arg("--params").arg(parameters);
-            }
-        };
+        let session = setup::cache().join("session");
         let mut command = Command::new(&plantar);
-        command.arg("emulate").arg(&walk).args(["--speed", &self.speed]);
-        with_insole(&mut command);
-        if let Some(steps) = steps {
+        command.arg("emulate").arg(&walk).args(["--speed", &self.speed]).arg("--firmware").arg(firmware(EMULATED));
+        if self.recording.is_none() {
+            command.args(["--contact-full", "150", "--identify-steps", IDENTIFIED_STEPS, "--identify"]).arg(&session);
+        }
+        if let Some(steps) = self.steps {
             command.args(["--steps", &steps.to_string()]);
         }
         if let Some(json) = &self.json {
@@ -49,18 +39,16 @@ impl Demo {
         }
         run_command(&mut command)?;
         if self.recording.is_none() {
-            println!(
-                "The insole's parameters were identified from steps {FITTED_STEPS} of this walker. The errors above \
-                 are those of other steps.\nReport on the identification: {}",
-                report().display()
-            );
+            println!("Recording, parameters and report of the identification: {}", session.display());
         }
         if with_page {
             page::build()?;
             println!("The page for a phone now shows the same walk:");
             let mut command = Command::new(&plantar);
-            command.arg("serve").arg("--emulate").arg(&walk);
-            with_insole(&mut command);
+            command.arg("serve").arg("--emulate").arg(&walk).arg("--firmware").arg(firmware(EMULATED));
+            if self.recording.is_none() {
+                command.arg("--params").arg(session.join("params.toml"));
+            }
             run_command(command.arg("--page").arg(page::dist()))?;
         }
         Ok(())
@@ -100,18 +88,4 @@ fn sample_walk(plantar: &Path, jiku: &Path) -> Result<PathBuf> {
     command.args(["import", "jiku", "--walker", "0", "--trials", SAMPLE_TRIALS, "--rate", "100", "--cells", "240"]);
     run_command(command.arg("--data").arg(jiku).arg("--out").arg(&walk))?;
     Ok(walk)
-}
-
-/// Identifies the walker's parameters, and writes a report. Returns the path of the parameters.
-fn fit_walk(plantar: &Path, walk: &Path) -> Result<PathBuf> {
-    let parameters = setup::cache().join("params.toml");
-    let mut command = Command::new(plantar);
-    command.arg("fit").arg(walk).args(["--steps", FITTED_STEPS, "--contact-full", "150", "--participant", "walker 0"]);
-    run_command(command.arg("--out").arg(&parameters).arg("--report").arg(report()))?;
-    Ok(parameters)
-}
-
-/// The path of the report on the identification.
-fn report() -> PathBuf {
-    setup::cache().join("report.html")
 }

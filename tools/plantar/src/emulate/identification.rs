@@ -1,0 +1,86 @@
+//! The identification of the wearer of an emulated insole from the cells that the insole sends.
+
+use crate::fit::Fit;
+use crate::setup::ContactArgs;
+use anyhow::{Context, Result};
+use client::{Carrier, CellReceiver, Client};
+use parameters::Parameters;
+use plantar::protocol::{CellFrame, CellStream, Resolution, Step};
+use recording::StreamedCells;
+use std::path::{Path, PathBuf};
+
+/// Records cells until there are enough steps, then identifies the wearer.
+pub struct Identification {
+    folder: PathBuf,
+    receiver: CellReceiver,
+    cells: StreamedCells,
+    codes: Vec<u16>,
+    /// Number of steps that are still needed.
+    needed: usize,
+    /// The insole's time at which it received the parameters, us; `None` before.
+    sent_us: Option<u64>,
+}
+
+impl Identification {
+    /// Starts the stream of cells. `steps` is the number of steps from which the wearer is identified.
+    pub fn begin(client: &mut Client<impl Carrier>, folder: &Path, steps: usize) -> Result<Self> {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+        let (setup, cells) = (client.setup()?, client.setup_cells()?);
+        let stream = CellStream { resolution: Resolution::Converter, every: 1 };
+        client.stream_cells(Some(stream))?;
+        Ok(Self {
+            folder: folder.into(),
+            receiver: CellReceiver::new(&stream),
+            codes: vec![0; cells.len()],
+            cells: StreamedCells::new(setup, cells, stream.every),
+            needed: steps,
+            sent_us: None,
+        })
+    }
+
+    /// Adds a frame of cells.
+    pub fn frame(&mut self, frame: &CellFrame) {
+        if self.receiver.frame(frame, &mut self.codes) && self.cells.is_continued_by(frame.scan) {
+            self.cells.push(frame.scan, &self.codes);
+        }
+    }
+
+    /// True for a step that began after the insole had received the parameters. Counts the step otherwise.
+    pub fn scores(&mut self, step: &Step) -> bool {
+        self.needed = self.needed.saturating_sub(1);
+        self.sent_us.is_some_and(|sent_us| step.start_us > sent_us)
+    }
+
+    /// True if the parameters can be identified and were not.
+    pub fn is_complete(&self) -> bool {
+        self.needed == 0 && self.sent_us.is_none()
+    }
+
+    /// True once the insole has received the parameters.
+    pub fn is_done(&self) -> bool {
+        self.sent_us.is_some()
+    }
+
+    /// Identifies the parameters from the recorded cells, as `plantar fit` does, and sends them to the insole. `now_us` is the
+    /// insole's time.
+    pub fn identify(&mut self, client: &mut Client<impl Carrier>, contact: &ContactArgs, now_us: u64) -> Result<()> {
+        let recording = self.cells.take("Recorded from the emulated insole").context("no cells arrived")?;
+        let path = self.folder.join("cells.parquet");
+        recording.write(&path)?;
+        println!(
+            "\nThe insole sent {} frames of all its cells; {} were lost. The wearer's parameters are identified from them:",
+            self.receiver.received, self.receiver.lost
+        );
+        let fit = Fit::of_cells(path, &self.folder, contact.clone());
+        fit.write(&fit.study()?)?;
+        let parameters = Parameters::read(&self.folder.join("params.toml"))?;
+        client.stream_cells(None)?;
+        match &parameters.identified {
+            Some(identified) => client.set_identified_tissue(&parameters.tissue(), identified.on_insole())?,
+            None => client.set_tissue(&parameters.tissue())?,
+        }
+        println!("The insole has received these parameters over its link.\n");
+        self.sent_us = Some(now_us);
+        Ok(())
+    }
+}
