@@ -3,6 +3,7 @@
 mod accuracy;
 mod bytes;
 mod cells;
+mod closed_loop;
 mod cohort;
 mod idle;
 mod identify;
@@ -55,6 +56,7 @@ fn main() -> Result<()> {
         bench::host_loops::measure_speed(&mut figures)?;
         if let (Some(jiku), Some(plantar)) = (&arguments.jiku, &arguments.plantar) {
             cells::measure(jiku, &mut figures)?;
+            closed_loop::measure(&arguments.firmware, jiku, &mut figures)?;
             walkers::measure(jiku, &mut figures)?;
             cohort::measure(plantar, jiku, &mut figures)?;
         }

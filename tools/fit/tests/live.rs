@@ -210,3 +210,28 @@ fn partial_steps_are_excluded_and_contact_rules_are_not_mixed() {
     assert_eq!(mixed.map_err(|error| error.found), Err(ContactRule::COUNTED));
     assert!(study.sources.is_empty());
 }
+
+/// The recording with the load of each cell at the cell that lies nearest to the mirror image of its place, as if the insole lay
+/// under the other foot.
+fn mirrored(recording: &Recording) -> Recording {
+    let cells = &recording.layout.cells;
+    let ends = |of: fn(f64, f64) -> f64, start: f64| cells.iter().fold(start, |end, cell| of(end, cell.x_mm));
+    let sum_mm = ends(f64::min, f64::INFINITY) + ends(f64::max, f64::NEG_INFINITY);
+    let image = |i: usize| {
+        let distance = |j: &usize| (cells[*j].x_mm - (sum_mm - cells[i].x_mm)).hypot(cells[*j].y_mm - cells[i].y_mm);
+        (0..cells.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).expect("there are cells")
+    };
+    let images: Vec<usize> = (0..cells.len()).map(image).collect();
+    let frames = (0..recording.frames()).flat_map(|frame| images.iter().map(move |&cell| recording.frame(frame)[cell]));
+    Recording { pressure_kpa: frames.collect(), ..recording.clone() }
+}
+
+#[test]
+fn an_insole_under_the_other_foot_is_noticed_after_five_steps() {
+    let walk = computed_walk(6);
+    assert!(!collect(&messages(&walk)).looks_mirrored());
+    let other = messages(&mirrored(&walk));
+    assert!(collect(&other).looks_mirrored());
+    let first = other.iter().position(|message| matches!(message, ToHost::Step(step) if step.step == 4));
+    assert!(!collect(&other[..first.expect("a fifth step")]).looks_mirrored());
+}

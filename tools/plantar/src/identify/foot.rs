@@ -240,6 +240,8 @@ impl Foot {
     }
 }
 
+/// The remark if the insole seems to lie under the other foot.
+const OTHER_FOOT: &str = "the small toes carry more than the big toe: is this insole in the other shoe?";
 /// First part of the names of stream files.
 const WALK: &str = "walk";
 
@@ -292,6 +294,7 @@ impl Walk {
         }
         let (good, excluded) = self.steps.collected(0);
         let remark = match excluded.last() {
+            _ if self.steps.looks_mirrored() => OTHER_FOOT.into(),
             _ if self.last_step.elapsed() >= NO_STEP => "no step: walk at your usual speed, and check the shoe".into(),
             Some(last) if good.last().is_none_or(|step| step.start_s < last.at_s) => {
                 format!("a step was not used: {}", last.reason)

@@ -1,0 +1,122 @@
+//! Measures the identification through the insole: walkers are identified from their recordings, and from what the emulated insole
+//! sends when their recordings are played into its matrix.
+
+use anyhow::{Context, Result, ensure};
+use bench::Figures;
+use client::{CellReceiver, Client, Framed};
+use emulation::EmulatorConfig;
+use emulator::{Board, Recorded, Time};
+use fit::live::LiveSteps;
+use fit::{Options, Study};
+use parameters::InsoleSize;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance::StanceRule;
+use plantar::protocol::{CellStream, Resolution, ToDevice, ToHost};
+use recording::{Recording, StreamedCells, VirtualInsole, jiku};
+use std::path::Path;
+use std::time::Duration;
+
+/// Walkers, and steps of each.
+const WALKERS: usize = 3;
+const TRIALS: usize = 30;
+/// The device's usual number of cells and frame rate.
+const CELLS: usize = 240;
+const RATE_HZ: f64 = 100.0;
+const CONTACT: ContactRule = ContactRule::COVERED;
+/// Time within which the insole must answer.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
+
+/// What an insole sent of a walk.
+struct Sent {
+    cells: Recording,
+    live: LiveSteps,
+    /// Frames of cells that were lost or dropped.
+    lost: u32,
+}
+
+/// Measures the predicted error of the parameters from the cells and from the live stream, relative to that of the parameters from
+/// the recording, and the number of lost frames of cells.
+pub fn measure(firmware: &Path, data: &Path, figures: &mut Figures) -> Result<()> {
+    let (mut worst, mut lost, mut frames) = ([0.0f64; 2], 0, 0);
+    for walker in 0..WALKERS {
+        let walk = jiku::import(data, walker, 0..TRIALS, &mut |_, _| ())?.at_rate(RATE_HZ)?.binned(CELLS)?;
+        let sent = play(firmware, &walk)?;
+        let from_file = predicted(|study| add(study, &walk))?;
+        let from_cells = predicted(|study| add(study, &sent.cells))?;
+        let from_live = predicted(|study| {
+            let side = walk.side;
+            Ok(study.add_live("live stream".into(), String::new(), side, &sent.live)?)
+        })?;
+        worst = [worst[0].max(from_cells / from_file), worst[1].max(from_live / from_file)];
+        lost += sent.lost;
+        frames += sent.cells.frames();
+    }
+    for (name, ratio) in ["cells", "live"].into_iter().zip(worst) {
+        figures.add(
+            &format!("loop_nrmse_over_file.{name}"),
+            (ratio * 1000.0).round() / 1000.0,
+            &format!(
+                "at most 1.05: predicted error of parameters from what the insole sent, relative to those from the recording, worst \
+                 of {WALKERS} walkers"
+            ),
+        );
+    }
+    figures.add("cells_lost", lost, &format!("0: frames of all cells that were lost or dropped, of {frames}"));
+    Ok(())
+}
+
+/// Adds a recording to a study.
+fn add(study: &mut Study, recording: &Recording) -> Result<()> {
+    let insole = VirtualInsole::new(recording, CONTACT, StanceRule::WALKING);
+    Ok(study.add("recording".into(), recording, &insole, &mut |_| ())?)
+}
+
+/// The mean over the regions of the NRMSE of each step, predicted from the other steps.
+fn predicted(add: impl FnOnce(&mut Study) -> Result<()>) -> Result<f64> {
+    let mut study = Study::new("walker".into(), CONTACT, Options::usual(InsoleSize::default().thickness_m()));
+    add(&mut study)?;
+    study.fit(&|_| ());
+    let errors: Vec<f64> = study.fits.iter().flatten().filter_map(|fit| fit.quality.predicted).collect();
+    ensure!(!errors.is_empty(), "no region could be fitted");
+    Ok(errors.iter().sum::<f64>() / errors.len() as f64)
+}
+
+/// Plays a walk into the emulated board, and receives live frames, steps and all cells.
+fn play(firmware: &Path, walk: &Recording) -> Result<Sent> {
+    let insole = VirtualInsole::new(walk, CONTACT, StanceRule::WALKING);
+    let (config, scans) = (EmulatorConfig::new(insole.setup), insole.frames(walk) as u32);
+    let played = Recorded::new(walk.clone(), insole.clone());
+    let board = Board::start(firmware, &config, &insole.cells, Time::Max, played)?;
+    let link = board.link()?;
+    link.set_read_timeout(Some(client::READ_TIMEOUT))?;
+    let mut client = Client::connect(Framed::new(link), ANSWER_TIMEOUT)?;
+    let (setup, cells) = (client.setup()?, client.setup_cells()?);
+    let stream = CellStream { resolution: Resolution::Converter, every: 1 };
+    client.stream_cells(Some(stream))?;
+    client.stream()?;
+    let mut receiver = CellReceiver::new(&stream);
+    let mut codes = vec![0; cells.len()];
+    let (mut streamed, mut live) = (StreamedCells::new(setup, cells, stream.every), LiveSteps::new());
+    board.play();
+    loop {
+        match client.receive()? {
+            Some(ToHost::Cells(frame)) => {
+                if receiver.frame(&frame, &mut codes) && streamed.is_continued_by(frame.scan) {
+                    streamed.push(frame.scan, &codes);
+                }
+            }
+            Some(ToHost::Live(frame)) => live.frame(&frame),
+            Some(ToHost::Step(step)) => {
+                client.send(ToDevice::Acknowledge { step: step.step })?;
+                live.step(&step);
+            }
+            Some(_) => {}
+            // The insole is silent once it has sent everything.
+            None if board.plant().scans() >= scans => break,
+            None => {}
+        }
+    }
+    live.finish();
+    let cells = streamed.take("Recorded from the emulated insole").context("no cells arrived")?;
+    Ok(Sent { cells, live, lost: receiver.lost + receiver.dropped })
+}
