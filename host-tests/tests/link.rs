@@ -7,8 +7,8 @@ use plantar::protocol::BLOCK_CELLS;
 use plantar::protocol::session::{Command, CommandResult, STEP_QUEUE, Session};
 use plantar::protocol::update::{Progress, Request};
 use plantar::protocol::{
-    CellStream, Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Resolution, SETUP_CELLS, Serial, Settings, Status,
-    ToDevice, ToHost, decode, encode,
+    CellCoder, CellStream, Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Resolution, SETUP_CELLS, Serial,
+    Settings, Status, ToDevice, ToHost, decode, encode,
 };
 use plantar::{Region, Side};
 use testkit::{SETUP, TISSUE, cell, hello, live, status, step};
@@ -666,4 +666,20 @@ fn identified_parameters_are_accepted_with_their_contact_rule_only() {
     session.complete(Ok(CommandResult::Stored));
     session.receive(ToDevice::GetIdentified, 0);
     assert_eq!(all(&mut session), [Sent::Tissue(TISSUE.id), Sent::Identified(None)]);
+}
+
+#[test]
+fn a_queued_frame_of_cells_has_the_bytes_of_its_message() {
+    let mut link = streaming();
+    let stream = CellStream { resolution: Resolution::Converter, every: 1 };
+    link.receive(ToDevice::StreamCells(Some(stream)), 0);
+    assert_eq!(all(&mut link), [Sent::CellStream(Some(stream))]);
+    let mut coder = CellCoder::new(stream.resolution);
+    for scan in [0, 300, 70_000] {
+        let codes: Vec<u16> = (0..240).map(|cell| 7 * cell * (scan % 99) as u16).collect();
+        link.push_cells(scan, &codes);
+        let (mut sent, mut expected) = ([0; MAX_MESSAGE], [0; MAX_MESSAGE]);
+        let expected = encode(&ToHost::Cells(coder.pack(scan, 0, &codes)), &mut expected).expect("it fits");
+        assert_eq!(link.next(&hello(), status, &mut sent), Some(&*expected));
+    }
 }

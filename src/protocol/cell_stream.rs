@@ -1,11 +1,10 @@
 //! The insole's side of a stream of cells: which frames to send, and the queue of packed frames.
 
-use super::cells::{CellCoder, CellStream, MAX_PACKED};
+use super::cells::{CellCoder, CellStream, MAX_PACKED, Packed};
 use super::{ToHost, encode};
-use heapless::{Deque, Vec};
 
-/// Longest packed frame as a message, bytes: tag, three numbers of 32 bits, the sum, and the packed codes with their length.
-const MAX_CELLS: usize = 1 + 3 * 5 + 3 + 2 + MAX_PACKED;
+/// Longest message of a frame before its packed codes, bytes: tag, three numbers of 32 bits, the sum, and the length of the codes.
+const MAX_HEAD: usize = 1 + 3 * 5 + 3 + 2;
 /// Packed frames that can wait for the carrier.
 const QUEUE: usize = 3;
 
@@ -19,21 +18,36 @@ struct Running {
     dropped: u32,
 }
 
-/// Packs and queues the frames of a stream of cells.
+/// A message in the queue.
+#[derive(Clone, Copy, Debug)]
+struct Message {
+    /// The bytes before the packed codes.
+    head: [u8; MAX_HEAD],
+    head_len: usize,
+    packed: [u8; MAX_PACKED],
+    packed_len: usize,
+}
+
+/// Packs and queues the frames of a stream of cells. Frames are packed in their place in the queue, because copies of them would
+/// take a fifth of the instructions.
 #[derive(Debug)]
 pub(super) struct CellSender {
     running: Option<Running>,
-    queue: Deque<Vec<u8, MAX_CELLS>, QUEUE>,
+    messages: [Message; QUEUE],
+    /// Index of the oldest message, and number of messages.
+    first: usize,
+    len: usize,
 }
 
 impl CellSender {
     pub const fn new() -> Self {
-        Self { running: None, queue: Deque::new() }
+        const EMPTY: Message = Message { head: [0; MAX_HEAD], head_len: 0, packed: [0; MAX_PACKED], packed_len: 0 };
+        Self { running: None, messages: [EMPTY; QUEUE], first: 0, len: 0 }
     }
 
     /// Begins another stream, or none.
     pub fn start(&mut self, stream: Option<CellStream>) {
-        self.queue.clear();
+        self.len = 0;
         self.running =
             stream.map(|stream| Running { stream, coder: CellCoder::new(stream.resolution), skip: 0, dropped: 0 });
     }
@@ -46,22 +60,29 @@ impl CellSender {
             return;
         }
         running.skip = running.stream.every.saturating_sub(1);
-        if self.queue.is_full() {
+        if self.len == QUEUE {
             running.dropped = running.dropped.wrapping_add(1);
             return;
         }
-        let frame = running.coder.pack(scan, running.dropped, codes);
-        let mut message = [0; MAX_CELLS];
-        // A packed frame has at most MAX_CELLS bytes by its field types, and the queue has room.
-        if let Ok(used) = encode(&ToHost::Cells(frame), &mut message).map(|used| used.len()) {
-            let mut message = Vec::from_array(message);
-            message.truncate(used);
-            let _ = self.queue.push_back(message);
-        }
+        let message = &mut self.messages[(self.first + self.len) % QUEUE];
+        let Packed { sequence, sum, len } = running.coder.pack_into(codes, &mut message.packed);
+        message.packed_len = len;
+        // The fields of `ToHost::Cells` up to the bytes of the codes. They fit MAX_HEAD by their types.
+        let fields = (ToHost::CELLS, sequence, scan, running.dropped, sum, len as u32);
+        message.head_len = encode(&fields, &mut message.head).map_or(0, |head| head.len());
+        self.len += 1;
     }
 
-    /// The next message to send.
-    pub fn pop(&mut self) -> Option<Vec<u8, MAX_CELLS>> {
-        self.queue.pop_front()
+    /// Copies the next message to `buffer`, and returns it; `None` without one.
+    pub fn pop<'b>(&mut self, buffer: &'b mut [u8]) -> Option<&'b mut [u8]> {
+        self.len = self.len.checked_sub(1)?;
+        let message = &self.messages[self.first];
+        self.first = (self.first + 1) % QUEUE;
+        let (head, packed) = (message.head.get(..message.head_len)?, message.packed.get(..message.packed_len)?);
+        let out = buffer.get_mut(..head.len() + packed.len())?;
+        let (to_head, to_packed) = out.split_at_mut(head.len());
+        to_head.copy_from_slice(head);
+        to_packed.copy_from_slice(packed);
+        Some(out)
     }
 }

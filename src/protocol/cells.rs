@@ -209,33 +209,45 @@ impl CellCoder {
         Self { resolution, codes: [0; DEVICE_CELLS], sequence: 0 }
     }
 
-    /// Packs the codes of a scan.
+    /// Packs the codes of a scan as a frame.
     pub fn pack(&mut self, scan: u32, dropped: u32, codes: &[u16]) -> CellFrame {
-        let mut frame = CellFrame { sequence: self.sequence, scan, dropped, sum: 0, packed: Vec::new() };
-        if self.sequence.is_multiple_of(KEY_INTERVAL) {
+        let mut packed = [0; MAX_PACKED];
+        let Packed { sequence, sum, len } = self.pack_into(codes, &mut packed);
+        let mut packed = Vec::from_array(packed);
+        packed.truncate(len);
+        CellFrame { sequence, scan, dropped, sum, packed }
+    }
+
+    /// Packs the codes of a scan into `packed`.
+    pub(super) fn pack_into(&mut self, codes: &[u16], packed: &mut [u8; MAX_PACKED]) -> Packed {
+        let sequence = self.sequence;
+        if sequence.is_multiple_of(KEY_INTERVAL) {
             self.codes = [0; DEVICE_CELLS];
         }
-        self.sequence = self.sequence.wrapping_add(1);
-        let mut packed = [0; MAX_PACKED];
+        self.sequence = sequence.wrapping_add(1);
+        // Each resolution has code of its own, in which shifts and widths are constants.
+        match self.resolution {
+            Resolution::Converter => self.pack_groups::<{ Resolution::Converter.bits() }>(sequence, codes, packed),
+            Resolution::Oversampled => self.pack_groups::<{ Resolution::Oversampled.bits() }>(sequence, codes, packed),
+        }
+    }
+
+    fn pack_groups<const BITS: u32>(&mut self, sequence: u32, codes: &[u16], packed: &mut [u8; MAX_PACKED]) -> Packed {
         let mut writer = BitWriter { units: packed.as_chunks_mut().0.iter_mut(), pending: 0, bits: 0 };
         let (groups, rest) = codes.as_chunks();
         let (groups_before, _) = self.codes.as_chunks_mut();
         let mut groups_before = groups_before.iter_mut();
         let mut sum = 0u32;
         for (codes, before) in groups.iter().zip(&mut groups_before) {
-            sum += pack_group(&mut writer, self.resolution, codes, GROUP, before);
+            sum += pack_group::<BITS>(&mut writer, codes, GROUP, before);
         }
         if let (false, Some(before)) = (rest.is_empty(), groups_before.next()) {
             // The codes beyond the last cell are not packed.
             let mut codes = [0; GROUP];
             codes[..rest.len()].copy_from_slice(rest);
-            sum += pack_group(&mut writer, self.resolution, &codes, rest.len(), before);
+            sum += pack_group::<BITS>(&mut writer, &codes, rest.len(), before);
         }
-        let used = writer.finish();
-        frame.packed = Vec::from_array(packed);
-        frame.packed.truncate(used);
-        frame.sum = sum as u16;
-        frame
+        Packed { sequence, sum: sum as u16, len: writer.finish() }
     }
 
     /// Unpacks the codes of a frame into `codes`, one for each cell, in 16 bits in either resolution. `None` where the frame does
@@ -270,16 +282,26 @@ impl CellCoder {
     }
 }
 
-/// Packs the first `count` codes of a group as differences from the codes `before`, which they replace. Returns their sum.
+/// A packed frame without its codes.
+pub(super) struct Packed {
+    /// Its number in the stream.
+    pub sequence: u32,
+    /// See [`CellFrame::sum`].
+    pub sum: u16,
+    /// Bytes of its packed codes.
+    pub len: usize,
+}
+
+/// Packs the first `count` codes of a group, in `BITS` bits, as differences from the codes `before`, which they replace. Returns
+/// their sum.
 #[inline(always)]
-fn pack_group(
+fn pack_group<const BITS: u32>(
     writer: &mut BitWriter,
-    resolution: Resolution,
     codes: &[u16; GROUP],
     count: usize,
     before: &mut [u16; GROUP],
 ) -> u32 {
-    let shift = resolution.shift();
+    let shift = 16 - BITS;
     let mut numbers = [0u32; GROUP];
     let (mut all, mut sum) = (0, 0);
     for ((number, &code), before) in numbers.iter_mut().zip(codes).zip(before) {
@@ -290,14 +312,24 @@ fn pack_group(
         *before = code;
     }
     let width = u32::BITS - all.leading_zeros();
-    if width < PLAIN.min(resolution.bits()) {
-        writer.push(width, WIDTH_BITS);
-        if width > 0 {
+    if width >= PLAIN.min(BITS) {
+        writer.push(PLAIN, WIDTH_BITS);
+        codes[..count].iter().for_each(|&code| writer.push(u32::from(code >> shift), BITS));
+        return sum;
+    }
+    match width {
+        0 => writer.push(0, WIDTH_BITS),
+        // Up to 16 bits at once, which takes fewer instructions than single numbers.
+        1..=3 if count == GROUP => {
+            let [a, b, c, d, e, f, g, h] = numbers;
+            let four = |[a, b, c, d]: [u32; 4]| (a | b << width) | (c | d << width) << (2 * width);
+            writer.push(width | four([a, b, c, d]) << WIDTH_BITS, WIDTH_BITS + 4 * width);
+            writer.push(four([e, f, g, h]), 4 * width);
+        }
+        _ => {
+            writer.push(width, WIDTH_BITS);
             numbers[..count].iter().for_each(|&number| writer.push(number, width));
         }
-    } else {
-        writer.push(PLAIN, WIDTH_BITS);
-        codes[..count].iter().for_each(|&code| writer.push(u32::from(code >> shift), resolution.bits()));
     }
     sum
 }

@@ -340,7 +340,8 @@ impl Session {
             out.copy_from_slice(&live);
             return Some(out);
         } else {
-            let Some(answer) = self.answers.pop_front() else { return self.next_cells(buffer) };
+            // Frames of cells wait for all other messages.
+            let Some(answer) = self.answers.pop_front() else { return self.cells.pop(buffer).map(|out| &*out) };
             if answer.is_announcement() {
                 self.live.clear();
             }
@@ -374,14 +375,6 @@ impl Session {
         };
         // Every message fits MAX_MESSAGE, the least size of `buffer`.
         encode(&message, buffer).ok().map(|used| &*used)
-    }
-
-    /// The next frame of cells: it waits for all other messages.
-    fn next_cells<'b>(&mut self, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
-        let message = self.cells.pop()?;
-        let out = buffer.get_mut(..message.len())?;
-        out.copy_from_slice(&message);
-        Some(out)
     }
 }
 

@@ -100,10 +100,10 @@ fn play(firmware: &Path, walk: &Recording) -> Result<Sent> {
     board.play();
     loop {
         match client.receive()? {
-            Some(ToHost::Cells(frame)) => {
-                if receiver.frame(&frame, &mut codes) && streamed.is_continued_by(frame.scan) {
-                    streamed.push(frame.scan, &codes);
-                }
+            Some(ToHost::Cells(frame))
+                if receiver.frame(&frame, &mut codes) && streamed.is_continued_by(frame.scan) =>
+            {
+                streamed.push(frame.scan, &codes);
             }
             Some(ToHost::Live(frame)) => live.frame(&frame),
             Some(ToHost::Step(step)) => {
