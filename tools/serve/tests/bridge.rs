@@ -166,7 +166,7 @@ fn serve(cables: &[&Cable], record: Option<std::path::PathBuf>) -> SocketAddr {
     let (ready, address) = channel();
     std::thread::spawn(move || {
         let listen = (Ipv4Addr::LOCALHOST, 0).into();
-        let options = Options { listen, page: folder, origins: Vec::new(), record };
+        let options = Options { listen, page: folder, origins: Vec::new(), accepts_parameters: false, record };
         serve::serve(sources, &options, |at| ready.send(at).expect("the test waits")).expect("it serves");
     });
     address.recv_timeout(TIMEOUT).expect("it serves in time")

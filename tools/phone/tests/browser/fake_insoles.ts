@@ -6,6 +6,7 @@ import { type Entry, entries } from "../../src/stream_file";
 /** First bytes of the requests and answers that the insoles use. */
 const [CONNECT, STREAM, SET_TISSUE] = [0, 1, 4];
 const TISSUE = 4;
+const MOST_TICK_MS = 20;
 
 /** The insoles of a recording. */
 export class FakeInsoles {
@@ -18,11 +19,13 @@ export class FakeInsoles {
   private next = 0;
   private elapsed_ms = 0;
   private timer: ReturnType<typeof setInterval> | undefined;
+  /** The connection of the page that is open. */
+  private socket: WebSocketRoute | undefined;
 
   /** `speed` is the speed of the walk relative to real time. `only` names the index of the only insole. */
   constructor(
     file: Uint8Array,
-    private readonly speed: number,
+    public speed: number,
     only?: number,
   ) {
     const used = [...entries(file)].filter(({ insole }) => only === undefined || insole === only);
@@ -34,8 +37,8 @@ export class FakeInsoles {
   /** Answers the connections of a page. */
   async serve(page: Page): Promise<void> {
     await page.routeWebSocket(/\/insoles$/, (socket) => {
+      this.socket = socket;
       socket.onMessage((data) => this.receive(socket, new Uint8Array(data as Buffer)));
-      socket.onClose(() => this.stop());
     });
   }
 
@@ -43,7 +46,7 @@ export class FakeInsoles {
     const hello = this.hellos.find((entry) => entry.insole === insole);
     if (!this.is_connected || !hello) return;
     if (request[0] === CONNECT) this.send(socket, hello);
-    if (request[0] === STREAM && this.timer === undefined) this.play(socket);
+    if (request[0] === STREAM && this.timer === undefined) this.play();
     if (request[0] === SET_TISSUE) {
       this.received.push([insole!, Uint8Array.from(request)]);
       this.send(socket, { ...hello, message: Uint8Array.of(TISSUE, ...request.slice(1)) });
@@ -54,15 +57,16 @@ export class FakeInsoles {
     socket.send(Buffer.from([insole, ...message]));
   }
 
-  private play(socket: WebSocketRoute): void {
+  private play(): void {
     let last_ms = performance.now();
     this.timer = setInterval(() => {
       const now_ms = performance.now();
-      if (this.is_connected) this.elapsed_ms += this.speed * (now_ms - last_ms);
+      // On a busy machine, the walk becomes slower instead of arriving in bursts.
+      if (this.is_connected) this.elapsed_ms += this.speed * Math.min(now_ms - last_ms, MOST_TICK_MS);
       last_ms = now_ms;
       for (let due = this.all[this.next]; due && due.t_ms <= this.elapsed_ms; due = this.all[this.next]) {
         this.next += 1;
-        this.send(socket, due);
+        if (this.socket) this.send(this.socket, due);
       }
     }, 5);
   }
