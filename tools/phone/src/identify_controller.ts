@@ -116,6 +116,9 @@ export class IdentifyController {
         session.close();
         document.querySelector<HTMLButtonElement>("nav [data-to=live]")?.click();
         break;
+      case "connect":
+        document.querySelector<HTMLButtonElement>("nav [data-to=settings]")?.click();
+        break;
       case "export":
         download("identification.plantar", "application/octet-stream", session.file());
         break;

@@ -291,9 +291,10 @@ export class IdentifySession {
   problems(): string[] {
     const missing = this.feet.filter(({ collected }) => !collected?.good);
     const is_one_sided = this.phase === "walk" && this.feet.some(({ collected }) => (collected?.good ?? 0) >= LEAST);
+    const is_walking = this.isCollecting || this.phase === "verify";
     return [
       ...this.feet
-        .filter(({ is_lost }) => is_lost)
+        .filter(({ is_lost }) => is_lost && is_walking)
         .map(({ side }) => `The ${side} insole is not connected. Hold the phone closer; the session continues then.`),
       ...(is_one_sided ? missing.map(({ side }) => `No step of the ${side} foot has arrived. Is its insole in the shoe?`) : []),
       ...this.feet.filter(({ recent }) => looksMirrored(recent)).map(({ side }) => mirrored(side)),

@@ -96,7 +96,7 @@ function start(state: IdentifyState): Node[] {
   const sides = SIDES.filter((side) => insoles.of(side)?.state === "live");
   const feet = sides.length === 2 ? "Both insoles are connected." : sides.length === 1
     ? `Only the ${sides[0]} insole is connected. Connect the other one too, or continue with one foot.`
-    : "No insole is connected. Connect your insoles first.";
+    : "No insole is connected. Connect your insoles, then return to this view.";
   const sizes = Array.from({ length: 12 }, (_, i) => String(35 + i));
   return [
     ["p", {}, `Stand for a moment, then walk ${GOAL} steps with each foot. The phone computes how stiff your tissue is in each region, and sends the result to your insoles.`],
@@ -110,9 +110,10 @@ function start(state: IdentifyState): Node[] {
     ["select", { id: "shoe-size" }, ...sizes.map((size): Node => ["option", size === String(shoe_size) ? { selected: "" } : {}, size])],
     ...(has_stored ? [
       note("A session was interrupted. Its steps are stored on this phone."),
-      button("resume", "Continue that session", "primary"),
+      ...(sides.length > 0 ? [button("resume", "Continue that session", "primary")] : []),
     ] : []),
-    ...(sides.length > 0 ? [button("start", has_stored ? "Start a new session" : "Start", has_stored ? "" : "primary")] : []),
+    sides.length > 0 ? button("start", has_stored ? "Start a new session" : "Start", has_stored ? "" : "primary")
+      : button("connect", "Connect my insoles", "primary"),
     soft("The result describes a model of your foot. It is no diagnosis."),
   ];
 }
