@@ -2,11 +2,12 @@
 
 use anyhow::Result;
 use bench::Figures;
+use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::stance::StanceRule;
 use plantar::protocol::{CellCoder, MAX_MESSAGE, Resolution, ToHost, encode};
-use recording::{VirtualInsole, jiku};
+use recording::{Recording, VirtualInsole, jiku, pedar};
 use std::path::Path;
 
 /// The device's usual number of cells.
@@ -20,19 +21,31 @@ const NOISE: u16 = 1 << 4;
 const WALKERS: usize = 10;
 const TRIALS: usize = 12;
 
-pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
+/// Measures walkers on a plate with the device's number of cells and, if `recordings` has recordings of people, the in-shoe
+/// recording among them with its own cells.
+pub fn measure(data: &Path, recordings: Option<&Path>, figures: &mut Figures) -> Result<()> {
+    let import = |walker| jiku::import(data, walker, 0..TRIALS, &mut |_, _| ());
+    let on_plate = (0..WALKERS).map(|walker| Ok(import(walker)?.at_rate(RATE_HZ)?.binned(CELLS)?));
+    add("", &on_plate.collect::<Result<Vec<_>>>()?, figures)?;
+    let Some(folder) = recordings.map(|folder| folder.join("pedar")) else { return Ok(()) };
+    let (file, geometry) = (folder.join("pedar_example.asc"), folder.join("geometry.csv"));
+    let in_shoe = [Side::Left, Side::Right].map(|side| Ok(pedar::import(&file, &geometry, side, &mut |_, _| ())?));
+    add(".pedar", &in_shoe.into_iter().collect::<Result<Vec<_>>>()?, figures)
+}
+
+/// Packs all frames of these walks, and adds the mean lengths. `suffix` is the end of the keys.
+fn add(suffix: &str, walks: &[Recording], figures: &mut Figures) -> Result<()> {
     let mut random = fastrand::Rng::with_seed(1);
     let mut bytes = [0; 2];
     let mut frames = [0; 2];
     let mut plain_bytes = 0.0;
-    for walker in 0..WALKERS {
-        let walk = jiku::import(data, walker, 0..TRIALS, &mut |_, _| ())?.at_rate(RATE_HZ)?.binned(CELLS)?;
-        let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    for walk in walks {
+        let insole = VirtualInsole::new(walk, ContactRule::COUNTED, StanceRule::WALKING);
         let mut coder = CellCoder::new(Resolution::Converter);
         let mut codes = [0; DEVICE_CELLS];
         let codes = &mut codes[..walk.cells()];
         for i in 0..walk.frames() {
-            insole.codes_of(&walk, i, codes);
+            insole.codes_of(walk, i, codes);
             // An unloaded cell is an open circuit without noise of its own.
             codes
                 .iter_mut()
@@ -44,17 +57,17 @@ pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
             bytes[phase] += len;
             frames[phase] += 1;
         }
-        plain_bytes += walk.cells() as f64 * f64::from(Resolution::Converter.bits()) / 8.0 / WALKERS as f64;
+        plain_bytes += walk.cells() as f64 * f64::from(Resolution::Converter.bits()) / 8.0 / walks.len() as f64;
     }
     for (phase, name, limit) in [(0, "stance", 60), (1, "swing", 10)] {
         let mean = bytes[phase] as f64 / frames[phase] as f64;
         figures.add(
-            &format!("cells_bytes_per_frame.{name}"),
+            &format!("cells_bytes_per_frame.{name}{suffix}"),
             (mean * 10.0).round() / 10.0,
-            &format!("mean of {} frames of ten walkers with a bit of noise", frames[phase]),
+            &format!("mean of {} frames of {} recordings with a bit of noise", frames[phase], walks.len()),
         );
         figures.add(
-            &format!("cells_percent.{name}"),
+            &format!("cells_percent.{name}{suffix}"),
             (mean / plain_bytes * 1000.0).round() / 10.0,
             &format!("at most {limit}: the same in % of plain codes of 12 bits"),
         );

@@ -32,6 +32,10 @@ struct Arguments {
     /// walkers.
     #[arg(long, requires = "plantar")]
     jiku: Option<PathBuf>,
+    /// The folder with recordings of people that are not public. With this option, the packed cells of an in-shoe recording are
+    /// also measured.
+    #[arg(long)]
+    recordings: Option<PathBuf>,
     /// The program `plantar`, to measure the time of `plantar cohort`.
     #[arg(long)]
     plantar: Option<PathBuf>,
@@ -55,7 +59,7 @@ fn main() -> Result<()> {
         idle::measure(&arguments.firmware, &mut figures)?;
         bench::host_loops::measure_speed(&mut figures)?;
         if let (Some(jiku), Some(plantar)) = (&arguments.jiku, &arguments.plantar) {
-            cells::measure(jiku, &mut figures)?;
+            cells::measure(jiku, arguments.recordings.as_deref(), &mut figures)?;
             closed_loop::measure(&arguments.firmware, jiku, &mut figures)?;
             walkers::measure(jiku, &mut figures)?;
             cohort::measure(plantar, jiku, &mut figures)?;

@@ -2,6 +2,7 @@
 
 import { type Node, byId, fill } from "./dom";
 import type { Live, Side } from "./generated/quantities";
+import { IdentifyController } from "./identify_controller";
 import { Insoles } from "./insoles";
 import { LiveView } from "./live_view";
 import { problems, remarks } from "./notes";
@@ -35,6 +36,7 @@ export class App {
   private readonly recorder = new Recorder();
   private readonly insoles: Insoles;
   private readonly live_view: LiveView;
+  private readonly identify: IdentifyController;
   private store: StepStore;
   /** The last error, as a sentence for the wearer; empty without an error. */
   private problem = "";
@@ -43,9 +45,15 @@ export class App {
     this.live_view = new LiveView(wire.facts);
     this.store = new StepStore(wire, new TemporaryStorage());
     this.insoles = new Insoles(wire, this.recorder, {
-      live: (live: Live, side: Side) => this.live_view.frame(live, side),
+      live: (live: Live, side: Side) => {
+        this.live_view.frame(live, side);
+        this.identify.live(side, live);
+      },
       step: this.onStep,
+      answer: (answer, { hello }) => hello && this.identify.insoleAnswer(hello.side, answer),
+      message: (bytes, side) => this.identify.message(side, bytes),
     });
+    this.identify = new IdentifyController(this.insoles, this.settings);
   }
 
   async start(): Promise<void> {
@@ -55,6 +63,7 @@ export class App {
     if (replay !== null) await this.replay(replay);
     else {
       await this.loadSteps();
+      await this.identify.load();
       if (query.has("serve") || (isAddress(location.hostname) && !query.has("bluetooth"))) this.serve();
       else byId("start").hidden = false;
     }
@@ -122,6 +131,7 @@ export class App {
 
   private readonly onStep = (message: StepMessage, bytes: Uint8Array, session: Session): void => {
     const { step } = message;
+    this.identify.step(step.side, step, message.key);
     const start_unix_s = step.starts_ago === 0 ? session.axis.unix_s(step.start_s) : step.start_unix_s;
     this.store.add(message, bytes, session.history, start_unix_s).then(
       () => session.acknowledge(step.step),
@@ -144,6 +154,7 @@ export class App {
   private tick(): void {
     const now_ms = performance.now();
     this.insoles.tick(now_ms);
+    this.identify.tick(now_ms);
     // While the page is in the background, the sessions continue, but the texts are not visible.
     if (!document.hidden) this.update(now_ms);
   }

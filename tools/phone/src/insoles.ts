@@ -2,7 +2,7 @@
 
 import type { Live, Side } from "./generated/quantities";
 import type { Recorder } from "./recorder";
-import { Session, type StepMessage } from "./session";
+import { type InsoleAnswer, Session, type StepMessage } from "./session";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport/transport";
 import type { Wire } from "./wire";
 
@@ -12,6 +12,10 @@ export interface InsoleEvents {
   live(live: Live, side: Side): void;
   /** A step arrived. `bytes` is the encoded message. */
   step(message: StepMessage, bytes: Uint8Array, session: Session): void;
+  /** An insole answered a request of parameters. */
+  answer(answer: InsoleAnswer, session: Session): void;
+  /** An encoded message of the insole of this foot arrived. */
+  message(bytes: Uint8Array, side: Side): void;
 }
 
 /** Creates a session for each insole of the transport in use, and passes the events of the transport to the sessions. */
@@ -32,7 +36,7 @@ export class Insoles {
     this.transport?.close();
     this.transport = transport;
     this.hellos.clear();
-    this.sessions = INSOLES.map((insole) => new Session(insole, this.wire, () => this.transport, this.events.step));
+    this.sessions = INSOLES.map((insole) => new Session(insole, this.wire, () => this.transport, this.events.step, this.events.answer));
   }
 
   /** The session with the insole of this foot; `undefined` until that insole has sent its hello. */
@@ -64,6 +68,8 @@ export class Insoles {
     const session = this.sessions[insole];
     if (!session) return;
     const before = { hello: session.hello, live: session.live };
+    // A step must be among the messages of a guided session before it is counted.
+    if (session.hello) this.events.message(bytes, session.hello.side);
     session.receive(bytes, now_ms);
     if (session.hello !== before.hello) this.hellos.set(insole, bytes.slice());
     this.recorder.add(insole, bytes, now_ms);

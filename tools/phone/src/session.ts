@@ -28,6 +28,9 @@ export type SessionState = "closed" | "waiting" | "live" | "lost" | "other-versi
 /** A decoded message that contains a step. */
 export type StepMessage = Extract<ToHost, { kind: "step" }>;
 
+/** A decoded message that answers a request of parameters. */
+export type InsoleAnswer = Extract<ToHost, { kind: "tissue" | "refused" }>;
+
 /** The total force on a foot in one live frame. */
 export interface ForceSample {
   t_s: number;
@@ -68,6 +71,7 @@ export class Session {
     private readonly wire: Wire,
     private readonly transport: () => Transport | undefined,
     private readonly onStep: (message: StepMessage, bytes: Uint8Array, session: Session) => void,
+    private readonly onAnswer: (answer: InsoleAnswer, session: Session) => void = () => undefined,
   ) {
     this.axis = wire.axis(insole);
     this.axis.clear();
@@ -113,9 +117,10 @@ export class Session {
       case "time":
         this.axis.answer(message);
         return;
-      // The page does not use these messages.
       case "tissue":
       case "refused":
+        return this.onAnswer(message, this);
+      // The page does not use this message.
       case "faults":
     }
   }
@@ -183,7 +188,8 @@ export class Session {
     this.send(this.wire.acknowledge(step));
   }
 
-  private send(message: Uint8Array): void {
+  /** Sends an encoded message. */
+  send(message: Uint8Array): void {
     this.transport()?.send(this.insole, message);
   }
 }

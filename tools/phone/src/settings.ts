@@ -10,9 +10,11 @@ export interface Settings {
   body_mass_kg: number | null;
   mass_unit: "kg" | "lb";
   force_unit: "N" | "%BW";
+  /** European shoe size, 35 to 46. */
+  shoe_size: number;
 }
 
-const DEFAULTS: Settings = { body_mass_kg: null, mass_unit: "kg", force_unit: "N" };
+const DEFAULTS: Settings = { body_mass_kg: null, mass_unit: "kg", force_unit: "N", shoe_size: 42 };
 
 /** The stored settings. Missing or invalid settings have their defaults. */
 export function loadSettings(storage: Storage): Settings {
@@ -22,6 +24,7 @@ export function loadSettings(storage: Storage): Settings {
       body_mass_kg: typeof saved.body_mass_kg === "number" && saved.body_mass_kg > 0 ? saved.body_mass_kg : null,
       mass_unit: saved.mass_unit === "lb" ? "lb" : "kg",
       force_unit: saved.force_unit === "%BW" ? "%BW" : "N",
+      shoe_size: Number.isInteger(saved.shoe_size) ? Math.min(46, Math.max(35, saved.shoe_size ?? 42)) : 42,
     };
   } catch {
     return { ...DEFAULTS };

@@ -54,6 +54,10 @@ pub struct Serve {
     /// for several servers.
     #[arg(long, value_name = "ORIGIN")]
     origin: Vec<String>,
+    /// Let pages replace the tissue parameters on the insoles, for the identification on the page. Every page that can connect is
+    /// then able to do so.
+    #[arg(long)]
+    accept_parameters: bool,
     /// Folder of the built page [default: tools/phone/dist, below the current folder or in the repository of this program].
     #[arg(long, value_name = "DIR")]
     page: Option<PathBuf>,
@@ -100,6 +104,7 @@ impl Serve {
             listen: SocketAddr::new(self.bind, self.port),
             page: self.page.clone().unwrap_or_else(find_page),
             origins: self.origin.clone(),
+            accepts_parameters: self.accept_parameters,
             record: self.record.clone(),
         };
         serve::serve(sources, &options, |address| println!("The page is at http://{address}/ (Ctrl-C ends)"))

@@ -47,6 +47,8 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
             Ok(Event::Message(ToHost::Live(live))) => hub.live(index, live),
             Ok(Event::Message(ToHost::Step(step))) => hub.step(index, step),
             Ok(Event::Message(ToHost::Status(status))) => hub.status(index, status),
+            Ok(Event::Message(ToHost::Tissue(tissue))) => hub.tissue_answer(index, Ok(tissue)),
+            Ok(Event::Message(ToHost::Refused(refusal))) => hub.tissue_answer(index, Err(refusal)),
             // The hello of a repeated connect request, or the answer to a request that this loop does not send.
             Ok(Event::Message(_) | Event::Timeout) => {}
             Ok(Event::Lost(error)) => {
@@ -64,6 +66,9 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
         hub.clock(index, insole.client().axis());
         if let Some(step) = hub.acknowledgement(index) {
             insole.send(ToDevice::Acknowledge { step });
+        }
+        if let Some(tissue) = hub.tissue_to_send(index) {
+            insole.send(ToDevice::SetTissue(tissue));
         }
         if status_requested.elapsed() > STATUS_INTERVAL {
             status_requested = Instant::now();

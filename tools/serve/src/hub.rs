@@ -2,8 +2,8 @@
 
 use client::{Axis, StreamFile, unix_us};
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::session::{STEP_QUEUE, Session};
-use plantar::protocol::{Hello, Live, MAX_MESSAGE, Status, Step, ToDevice, ToHost, decode};
+use plantar::protocol::session::{CommandResult, STEP_QUEUE, Session};
+use plantar::protocol::{Hello, Live, MAX_MESSAGE, Refusal, Status, Step, ToDevice, ToHost, decode};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,6 +12,8 @@ use tokio::sync::watch;
 /// The state of all insoles, and the sessions of all pages.
 pub(crate) struct Hub {
     insoles: Vec<Mutex<Insole>>,
+    /// True if a page may replace the wearer's parameters.
+    accepts_parameters: bool,
     /// `None` without a recording, or after it failed.
     recorder: Mutex<Option<StreamFile>>,
     next_page: Mutex<u64>,
@@ -25,6 +27,8 @@ struct Insole {
     hello: Option<Hello>,
     /// The wearer's parameters, if they are known.
     tissue: Option<Tissue>,
+    /// Parameters of a page, to be sent to the insole next. The session of the page waits for the answer.
+    tissue_to_send: Option<Tissue>,
     status: Status,
     /// Converts between the insole's clock and this computer's.
     axis: Axis,
@@ -56,8 +60,9 @@ fn push<T>(queue: &mut VecDeque<T>, item: T) {
 }
 
 impl Hub {
-    pub fn new(insoles: usize, recorder: Option<StreamFile>) -> Self {
+    pub fn new(insoles: usize, accepts_parameters: bool, recorder: Option<StreamFile>) -> Self {
         Self {
+            accepts_parameters,
             insoles: (0..insoles).map(|_| Mutex::default()).collect(),
             recorder: Mutex::new(recorder),
             next_page: Mutex::new(0),
@@ -114,7 +119,33 @@ impl Hub {
 
     /// Ends the session with an insole: pages receive nothing until the next session starts.
     pub fn lost(&self, index: usize) {
-        self.insole(index).hello = None;
+        let mut insole = self.insole(index);
+        insole.hello = None;
+        insole.tissue_to_send = None;
+        // The answer to a request of a page is lost with the link; the page can repeat its request.
+        insole.pages.iter_mut().for_each(|(_, link)| link.complete(Err(Refusal::Busy)));
+    }
+
+    /// Takes the parameters that must be sent to the insole.
+    pub fn tissue_to_send(&self, index: usize) -> Option<Tissue> {
+        self.insole(index).tissue_to_send.take()
+    }
+
+    /// Passes the insole's answer to new parameters to the page that sent them.
+    pub fn tissue_answer(&self, index: usize, answer: Result<Tissue, Refusal>) {
+        let mut insole = self.insole(index);
+        let insole = &mut *insole;
+        if let Ok(tissue) = answer {
+            insole.tissue = Some(tissue);
+        }
+        for (_, link) in &mut insole.pages {
+            if link.command().is_some() {
+                link.complete(answer.map(|_| CommandResult::Stored));
+            } else if let Ok(tissue) = answer {
+                link.restore(Some(tissue), link.identity());
+            }
+        }
+        self.changed.send_replace(());
     }
 
     pub fn live(&self, index: usize, live: Live) {
@@ -222,7 +253,14 @@ impl Page {
         let insole = &mut *insole;
         let Some((_, link)) = insole.pages.iter_mut().find(|(id, _)| *id == self.id) else { return };
         match decode(message) {
-            // A page may not change the settings of an insole.
+            Some(request @ ToDevice::SetTissue(tissue)) if self.hub.accepts_parameters => {
+                link.receive(request, NO_CLOCK_US);
+                // Invalid parameters, and those that follow others without an answer, are refused already.
+                if link.command().is_some() {
+                    insole.tissue_to_send = Some(tissue);
+                }
+            }
+            // A page may not change other settings of an insole.
             Some(
                 ToDevice::SetTissue(_)
                 | ToDevice::SetIdentifiedTissue { .. }

@@ -35,6 +35,8 @@ pub struct Options {
     pub page: PathBuf,
     /// Origins of other pages that may connect, in addition to the served page.
     pub origins: Vec<String>,
+    /// True if pages may replace the wearer's parameters on the insoles.
+    pub accepts_parameters: bool,
     /// A file for all messages of the insoles, which must be new or empty.
     pub record: Option<PathBuf>,
 }
@@ -87,7 +89,7 @@ pub fn serve(sources: Vec<Source>, options: &Options, ready: impl FnOnce(SocketA
             return Err(Error::SameFoot(side.name()));
         }
     }
-    let hub = Arc::new(Hub::new(sessions.len(), recorder));
+    let hub = Arc::new(Hub::new(sessions.len(), options.accepts_parameters, recorder));
     for (index, (name, insole)) in sessions.into_iter().enumerate() {
         let hub = hub.clone();
         // This thread runs until the program ends.

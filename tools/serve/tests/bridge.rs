@@ -4,9 +4,10 @@ mod page;
 
 use client::{Carrier, Error, Framed, unix_us};
 use page::{Page, TIMEOUT};
+use parameters::{InsoleSize, Parameters};
 use plantar::Side;
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::session::Session;
+use plantar::protocol::session::{CommandResult, Session};
 use plantar::protocol::{
     Decoder, Hello, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Reset, Status, Step, ToDevice, ToHost, decode, frame,
 };
@@ -104,6 +105,16 @@ impl Cable {
         self.act(|insole| insole.link.push_step(step));
     }
 
+    /// Waits until the insole received a command, and answers it.
+    fn answer_command(&self, answer: Result<CommandResult, Refusal>) {
+        let insole = self.0.0.lock().expect("no test panics here");
+        let is_idle = |insole: &mut Insole| insole.link.command().is_none();
+        let waited = self.0.1.wait_timeout_while(insole, TIMEOUT, is_idle).expect("no test panics here");
+        assert!(!waited.1.timed_out());
+        drop(waited);
+        self.act(|insole| insole.link.complete(answer));
+    }
+
     /// Waits until the insole received the acknowledgement of a step. Returns false after a timeout.
     fn acknowledged(&self, number: u32) -> bool {
         let insole = self.0.0.lock().expect("no test panics here");
@@ -158,15 +169,20 @@ fn step(side: Side, number: u32) -> Step {
     Step { side, start_us: u64::from(number) * 1_000_000, ..testkit::step(number) }
 }
 
-/// Serves these insoles until the test ends.
+/// Serves these insoles until the test ends. Pages may not send parameters.
 fn serve(cables: &[&Cable], record: Option<std::path::PathBuf>) -> SocketAddr {
+    serve_with(cables, record, false)
+}
+
+/// As [`serve`]. `accepts_parameters` states whether pages may send parameters.
+fn serve_with(cables: &[&Cable], record: Option<std::path::PathBuf>, accepts_parameters: bool) -> SocketAddr {
     let folder = tempfile::tempdir().expect("a folder").keep();
     std::fs::write(folder.join("index.html"), "the page").expect("a page");
     let sources = cables.iter().map(|cable| cable.source()).collect();
     let (ready, address) = channel();
     std::thread::spawn(move || {
         let listen = (Ipv4Addr::LOCALHOST, 0).into();
-        let options = Options { listen, page: folder, origins: Vec::new(), record };
+        let options = Options { listen, page: folder, origins: Vec::new(), accepts_parameters, record };
         serve::serve(sources, &options, |at| ready.send(at).expect("the test waits")).expect("it serves");
     });
     address.recv_timeout(TIMEOUT).expect("it serves in time")
@@ -361,6 +377,32 @@ async fn a_page_cannot_change_the_settings_of_an_insole() {
         // The clock is the one that the bridge has set.
         assert!(insole.link.unix_us(insole_us()).is_some_and(|us| us > 1_700_000_000_000_000));
     });
+}
+
+#[tokio::test]
+async fn a_page_replaces_the_parameters_if_the_server_accepts_them() {
+    let cable = Cable::new(Side::Left);
+    let address = serve_with(&[&cable], None, true);
+    let (mut page, mut other) = (Page::open(address).await, Page::open(address).await);
+    page.hello(0).await;
+    other.hello(0).await;
+    let tissue = Parameters::typical(InsoleSize::default()).tissue();
+    // The bridge checks parameters as the insole does; invalid ones do not reach the insole.
+    page.send(0, ToDevice::SetTissue(Tissue { id: tissue.id ^ 1, ..tissue })).await;
+    page.find(0, |m| (m == ToHost::Refused(Refusal::TissueId)).then_some(())).await;
+    // The answer of the insole is passed on, whether it stored the parameters or not.
+    for (answer, expected) in [
+        (Err(Refusal::NotStored), ToHost::Refused(Refusal::NotStored)),
+        (Ok(CommandResult::Stored), ToHost::Tissue(tissue)),
+    ] {
+        page.send(0, ToDevice::SetTissue(tissue)).await;
+        cable.answer_command(answer);
+        page.find(0, |m| (m == expected).then_some(())).await;
+        assert_eq!(cable.act(|insole| insole.link.tissue().id), tissue.id);
+    }
+    // Other settings are still refused.
+    other.send(0, ToDevice::Restart).await;
+    other.find(0, |m| (m == ToHost::Refused(Refusal::NotUnderstood)).then_some(())).await;
 }
 
 #[tokio::test]

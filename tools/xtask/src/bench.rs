@@ -3,6 +3,7 @@
 use crate::arguments::{FiguresFile, Soak};
 use crate::build::{bootloader, build_firmware, build_host, firmware};
 use crate::command::{built, run_command};
+use crate::test::recordings;
 use crate::{BOARDS, EMULATED, image, setup};
 use anyhow::{Context, Result};
 use serde_json::{Map, Value};
@@ -21,12 +22,11 @@ pub fn bench() -> Result<Figures> {
     let json = built("bench.json");
     build_host("plantar-cli")?;
     let plantar = built("release/plantar");
-    run_bench(&[
-        ("--python", &python.interpreter),
-        ("--jiku", &python.jiku),
-        ("--plantar", &plantar),
-        ("--json", &json),
-    ])?;
+    let recordings = recordings();
+    let options: [(&str, &Path); 4] =
+        [("--python", &python.interpreter), ("--jiku", &python.jiku), ("--plantar", &plantar), ("--json", &json)];
+    let unpublished = recordings.as_deref().map(|folder| ("--recordings", folder));
+    run_bench(&options.into_iter().chain(unpublished).collect::<Vec<_>>())?;
     figures.extend(read(&json)?);
     Ok(figures)
 }

@@ -18,24 +18,34 @@ pub fn dist() -> PathBuf {
 pub fn build() -> Result<()> {
     setup::rust()?;
     install()?;
-    run("cargo", &["build", "--locked", "--profile", "page", "--package", "phone-wire", "--target", WASM])?;
-    let wasm = built(&format!("{WASM}/page/phone_wire.wasm"));
-    std::fs::copy(&wasm, root().join(FOLDER).join("src/phone_wire.wasm"))
-        .with_context(|| format!("cannot copy {}", wasm.display()))?;
+    let crates = ["--package", "phone-wire", "--package", "phone-identify"];
+    run("cargo", &[&["build", "--locked", "--profile", "page", "--target", WASM], &crates[..]].concat())?;
+    for name in ["phone_wire.wasm", "phone_identify.wasm"] {
+        let wasm = built(&format!("{WASM}/page/{name}"));
+        std::fs::copy(&wasm, root().join(FOLDER).join("src").join(name))
+            .with_context(|| format!("cannot copy {}", wasm.display()))?;
+    }
     npm(&["run", "build"])
 }
+
+/// Number of steps of each foot in the walk on which the identification on the page is compared with `plantar fit`.
+const WALK_STEPS: &str = "60";
 
 /// Checks the types of the page and runs its tests: unit tests, and tests in Chromium with the computed walk and with an emulated
 /// insole. `plantar` is the command line, `firmware` the firmware of the emulated board.
 pub fn test(plantar: &Path, firmware: &Path) -> Result<()> {
     setup::chromium()?;
     npm(&["run", "check"])?;
+    let walk = built("walk.plantar");
+    let example = ["--package", "serve", "--example", "computed_walk", "--", &walk.to_string_lossy(), WALK_STEPS];
+    run("cargo", &[&["run", "--locked", "--release"], &example[..]].concat())?;
     let absolute = |path: &Path| std::path::absolute(path);
     run_command(
         Command::new("npm")
             .args(["--prefix", FOLDER, "run", "test"])
             .env("PLANTAR", absolute(plantar)?)
-            .env("PLANTAR_FIRMWARE", absolute(firmware)?),
+            .env("PLANTAR_FIRMWARE", absolute(firmware)?)
+            .env("PLANTAR_WALK", absolute(&walk)?),
     )
 }
 

@@ -81,7 +81,7 @@ fn host_tests(python: &Python) -> Result<()> {
 }
 
 /// The folder with recordings of people: the folder that `PLANTAR_RECORDINGS` names, or else `shared/data` beside the repository.
-fn recordings() -> Option<PathBuf> {
+pub fn recordings() -> Option<PathBuf> {
     let named = std::env::var_os("PLANTAR_RECORDINGS").map(PathBuf::from);
     named.or_else(|| Some(root().parent()?.join("shared/data")).filter(|folder| folder.is_dir()))
 }

@@ -55,9 +55,9 @@ impl Session {
 
     /// Fits the parameters to the steps of one insole. `progress` receives each region when its fit is complete.
     ///
-    /// The result has the form of the JSON of `plantar fit`, with three more entries: `message`, the bytes of the request that
-    /// sends the parameters to the insole, `parameters`, the text of the parameter file, and `fitted`, the number of fitted regions.
-    /// It has the entry `error` instead if the steps cannot be fitted together.
+    /// The result has the form of the JSON of `plantar fit`, with four more entries: `message`, the bytes of the request that
+    /// sends the parameters to the insole, `tissue_id`, the identifier by which the insole confirms them, `parameters`, the text of
+    /// the parameter file, and `fitted`, the number of fitted regions. It has the entry `error` instead if the steps cannot be fitted together.
     pub fn identify(&mut self, insole: usize, size: InsoleSize, progress: &(dyn Fn(Region) + Sync)) -> Value {
         let Some(insole) = self.insoles.get_mut(insole) else { return json!({ "error": "There is no such insole." }) };
         insole.steps.finish();
@@ -71,6 +71,7 @@ impl Session {
         study.fit(progress);
         let mut result = results::to_json(&study);
         result["fitted"] = study.fits.iter().flatten().count().into();
+        result["tissue_id"] = results::parameters(&study, size).tissue().id.into();
         result["message"] = set_tissue(&study, size).into();
         result["parameters"] = results::to_toml(&study, size).into();
         result

@@ -10,7 +10,7 @@ import { DIST, firstLoad_ms, folder, launch, open, serveFiles } from "./browser"
 
 const PHONE = { width: 390, height: 844 };
 const DESKTOP = { width: 1280, height: 900 };
-const MOST_BYTES = 300 * 1024;
+const MOST_BYTES = 400 * 1024;
 
 let browser: Browser;
 let files: Awaited<ReturnType<typeof serveFiles>>;
@@ -31,7 +31,7 @@ const waitForSteps = (page: Page, least: number) =>
 /** Shows a view of the page. */
 const show = (page: Page, view: string) => page.locator(`nav [data-to=${view}]`).click();
 
-test("the compressed page is at most 300 KiB", () => {
+test("the compressed page is at most 400 KiB", () => {
   const names = readdirSync(DIST, { recursive: true, withFileTypes: true }).filter((entry) => entry.isFile());
   const bytes = names.reduce((sum, { parentPath, name }) => sum + gzipSync(readFileSync(join(parentPath, name))).length, 0);
   console.log(`page, compressed, with the computed walk: ${(bytes / 1024).toFixed(0)} KiB of ${MOST_BYTES / 1024}`);

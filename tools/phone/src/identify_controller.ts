@@ -1,0 +1,170 @@
+/** Connects the guided session with the insoles, the worker, the storage and the buttons of its view. */
+
+import { PhoneCues, ScreenLock } from "./cues";
+import { byId, download } from "./dom";
+import type { Live, Side, Step } from "./generated/quantities";
+import { IdentifySession, type IdentifyStorage } from "./identify_session";
+import { DatabaseIdentifyStorage } from "./identify_storage";
+import { drawIdentify } from "./identify_view";
+import type { Answer, Request } from "./identify_worker";
+import type { Insoles } from "./insoles";
+import { type InsoleAnswer, totalForce } from "./session";
+import { type Settings, saveSettings } from "./settings";
+import { SIDES } from "./side";
+
+/** Is used if the browser has no database. */
+const NO_STORAGE: IdentifyStorage = {
+  load: () => Promise.resolve([]),
+  add: () => Promise.reject(new Error("This browser has no database.")),
+  clear: () => Promise.resolve(),
+};
+
+/** The guided session of the page. */
+export class IdentifyController {
+  private readonly session: IdentifySession;
+  private storage: IdentifyStorage = NO_STORAGE;
+  /** The messages of a session that was interrupted before this visit. */
+  private stored: Uint8Array<ArrayBuffer>[] = [];
+  private worker: Worker | undefined;
+  private readonly screen = new ScreenLock();
+
+  constructor(
+    private readonly insoles: Insoles,
+    private readonly settings: Settings,
+  ) {
+    const storage: IdentifyStorage = {
+      load: () => this.storage.load(),
+      add: (part) => this.storage.add(part),
+      clear: () => this.storage.clear(),
+    };
+    this.session = new IdentifySession({
+      solve: (request) => this.solve(request),
+      send: (side, message) => insoles.of(side)?.send(message),
+      cues: new PhoneCues(),
+      storage,
+      size: () => settings.shoe_size,
+    });
+    byId("identify-open").onclick = () => this.show();
+    byId("identify-body").onclick = ({ target }) => {
+      const action = target instanceof Element ? target.closest<HTMLElement>("[data-action]")?.dataset["action"] : undefined;
+      if (action) this.act(action);
+    };
+    byId("identify-body").onchange = ({ target }) => {
+      if (!(target instanceof HTMLSelectElement)) return;
+      settings.shoe_size = Number(target.value);
+      saveSettings(localStorage, settings);
+    };
+  }
+
+  /** Loads the messages of an interrupted session, and offers to continue it. */
+  async load(): Promise<void> {
+    this.storage = await DatabaseIdentifyStorage.open().catch(() => NO_STORAGE);
+    this.stored = await this.storage.load().catch(() => []);
+    if (this.stored.length > 0) this.show();
+  }
+
+  private show(): void {
+    document.body.dataset["view"] = "identify";
+    document.querySelectorAll("nav button").forEach((button) => button.removeAttribute("aria-current"));
+    scrollTo(0, 0);
+    this.draw();
+  }
+
+  private solve(request: Request): void {
+    if (!this.worker) {
+      this.worker = new Worker(new URL("./identify_worker.ts", import.meta.url), { type: "module" });
+      this.worker.onmessage = ({ data }: MessageEvent<Answer>) => this.session.answer(data, performance.now());
+      this.worker.onerror = () =>
+        this.session.answer({ kind: "failed", reason: "The computation could not start. Reload the page and continue the session." }, 0);
+    }
+    this.worker.postMessage(request);
+  }
+
+  /** The hello messages of the connected insoles by foot. */
+  private hellos(): Map<Side, Uint8Array> {
+    return new Map(SIDES.flatMap((side): [Side, Uint8Array][] => {
+      const session = this.insoles.of(side);
+      const hello = session?.state === "live" ? this.insoles.hellos.get(session.insole) : undefined;
+      return hello ? [[side, hello]] : [];
+    }));
+  }
+
+  private act(action: string): void {
+    const { session } = this;
+    switch (action) {
+      case "start":
+        if (this.stored.length > 0 && !confirm("Delete the steps of the interrupted session?")) return;
+        session.start(this.hellos(), performance.now(), Date.now());
+        this.stored = [];
+        break;
+      case "resume":
+        if (this.hellos().size === 0) return;
+        session.resume(this.stored, this.hellos(), performance.now(), Date.now());
+        this.stored = [];
+        break;
+      case "finish":
+        session.finishWalk();
+        break;
+      case "push":
+        session.push(performance.now());
+        break;
+      case "skip":
+        session.finish();
+        break;
+      case "close":
+        if (session.phase !== "done" && session.phase !== "failed" && !confirm("End the session and delete its steps?")) return;
+        session.close();
+        document.querySelector<HTMLButtonElement>("nav [data-to=live]")?.click();
+        break;
+      case "connect":
+        document.querySelector<HTMLButtonElement>("nav [data-to=settings]")?.click();
+        break;
+      case "export":
+        download("identification.plantar", "application/octet-stream", session.file());
+        break;
+      default:
+        this.exportParameters(action);
+    }
+    this.draw();
+  }
+
+  private exportParameters(action: string): void {
+    const foot = this.session.feet.find(({ side }) => action === `export-${side}`);
+    if (foot?.result) download(`parameters_${foot.side}.toml`, "application/toml", [foot.result.parameters]);
+  }
+
+  /** An encoded message of an insole arrived. */
+  message(side: Side, bytes: Uint8Array): void {
+    this.session.message(side, bytes, Date.now());
+  }
+
+  live(side: Side, live: Live): void {
+    const force_n = (other: Side) => {
+      const last = this.insoles.of(other)?.live;
+      return last ? totalForce(last) : 0;
+    };
+    this.session.live(side, live, performance.now(), force_n);
+  }
+
+  step(side: Side, step: Step, key: string): void {
+    this.session.step(side, step, key, performance.now());
+  }
+
+  insoleAnswer(side: Side, answer: InsoleAnswer): void {
+    this.session.insoleAnswer(side, answer, performance.now());
+  }
+
+  /** To be called a few times a second. */
+  tick(now_ms: number): void {
+    this.session.tick(now_ms, SIDES.filter((side) => this.insoles.of(side)?.state !== "live"));
+    const is_walking = this.session.isCollecting || this.session.phase === "verify";
+    if (is_walking) this.screen.hold();
+    else this.screen.release();
+    if (!document.hidden && document.body.dataset["view"] === "identify") this.draw();
+  }
+
+  private draw(): void {
+    const state = { insoles: this.insoles, shoe_size: this.settings.shoe_size, has_stored: this.stored.length > 0 };
+    drawIdentify(this.session, { ...state, now_ms: performance.now() });
+  }
+}

@@ -1,0 +1,103 @@
+/** The identification, as WebAssembly: collects the steps of the insoles' messages, and fits the parameters of the tissue. */
+
+import type { Side } from "./generated/quantities";
+import type { Insole } from "./transport/transport";
+
+/** The exports of tools/phone/identify, where they are described. */
+interface Exports {
+  memory: WebAssembly.Memory;
+  resize_buffer(length: number): number;
+  result(): number;
+  clear(): void;
+  add(insole: number): number;
+  collected(): number;
+  identify(insole: number, size: number): number;
+}
+
+/** The steps of one insole so far. */
+export interface Collected {
+  side: Side;
+  rate_hz: number;
+  /** Number of steps that a fit can use. */
+  good: number;
+  excluded: {
+    /** Frames are missing. */
+    broken: number;
+    /** The foot was loaded only partially. */
+    partial: number;
+    /** Recorded before the messages began. */
+    before: number;
+  };
+}
+
+/** The result of one region; `reason` states why a region could not be fitted. */
+export type RegionResult =
+  | { fitted: false; reason: string }
+  | {
+      fitted: true;
+      identified: Record<Parameter, number>;
+      uncertainty: { intervals_95: Record<Parameter, { jacobian: [number, number]; at_bound: boolean; told: boolean }> };
+      ellipsoid: Record<string, number>;
+      /** NRMSE of the fit and, for each step, with the parameters of the other steps. */
+      nrmse_percent: { fitted: number; predicted: number | null; floor: number };
+      verdict: string;
+      warnings: string[];
+    };
+
+/** The parameters that the force determines. */
+export type Parameter = "ab_m2" | "stiffness_pa" | "damping_pa_s" | "n" | "m";
+
+/** The result of one foot, with the keys of the JSON of `plantar fit`. */
+export interface FootResult {
+  /** Number of fitted regions. */
+  fitted: number;
+  steps: unknown[];
+  regions: Record<string, RegionResult>;
+  /** The request that sends the parameters to the insole. */
+  message: number[];
+  /** The insole confirms the parameters with this number. */
+  tissue_id: number;
+  /** The text of the parameter file. */
+  parameters: string;
+}
+
+/** The identification with its own memory. */
+export class IdentifyCore {
+  private readonly text = new TextDecoder();
+
+  private constructor(private readonly core: Exports) {}
+
+  /** `fitted` is called during {@link identify} with the index of each region when its fit is complete. */
+  static async load(module: Response | Promise<Response>, fitted: (region: number) => void): Promise<IdentifyCore> {
+    const { instance } = await WebAssembly.instantiateStreaming(module, { page: { region_fitted: fitted } });
+    return new IdentifyCore(instance.exports as unknown as Exports);
+  }
+
+  /** Removes all messages. */
+  clear(): void {
+    this.core.clear();
+  }
+
+  /** Adds a message of an insole. Returns true if it is a step. */
+  add(insole: Insole, message: Uint8Array): boolean {
+    const at = this.core.resize_buffer(message.length);
+    new Uint8Array(this.core.memory.buffer, at, message.length).set(message);
+    return this.core.add(insole) !== 0;
+  }
+
+  /** The steps of both insoles so far. */
+  collected(): Collected[] {
+    return this.read(this.core.collected()) as Collected[];
+  }
+
+  /** Fits the parameters of one insole. Throws an error with a message for the wearer if its steps cannot be fitted together. */
+  identify(insole: Insole, size: number): FootResult {
+    const result = this.read(this.core.identify(insole, size)) as FootResult | { error: string };
+    if ("error" in result) throw new Error(result.error);
+    return result;
+  }
+
+  private read(length: number): unknown {
+    return JSON.parse(this.text.decode(new Uint8Array(this.core.memory.buffer, this.core.result(), length)));
+  }
+}

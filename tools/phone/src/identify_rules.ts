@@ -1,0 +1,77 @@
+/** The rules of a guided session: how many steps it needs, what is wrong with a step, and whether a result holds. */
+
+import type { Step } from "./generated/quantities";
+import type { Collected, FootResult } from "./identify_core";
+
+/** Number of good steps of each foot that a session collects. */
+export const GOAL = 30;
+/** With fewer good steps, the wearer is warned that the result is less certain. */
+export const ENOUGH = 10;
+/** With fewer good steps, a foot is not fitted: its steps could not be predicted from each other. */
+export const LEAST = 3;
+/** Number of steps of each foot on which the result is checked. */
+export const CHECKED = 10;
+/** Number of steps from which on it is checked whether an insole lies under the wrong foot. */
+const MIRRORED_STEPS = 5;
+/** A region with a smaller peak force is not fitted, and its model error means nothing. */
+const LOADED_N = 20;
+/** The check succeeds if the measured error is at most this multiple of the predicted error plus {@link TOLERANCE_PERCENT}. */
+const TOLERANCE = 1.3;
+const TOLERANCE_PERCENT = 1;
+
+/**
+ * True if the insole seems to lie under the wrong foot: in nearly all steps, the region of the small toes carries more than that of
+ * the big toe.
+ */
+export function looksMirrored(steps: readonly Step[]): boolean {
+  const is_mirrored = ({ regions }: Step) => {
+    const peak_n = (name: string) => regions[name]?.measured_force_peak_n ?? 0;
+    return peak_n("toes_35") > LOADED_N && peak_n("toes_35") > peak_n("hallux");
+  };
+  return steps.length >= MIRRORED_STEPS && steps.filter(is_mirrored).length >= 0.8 * steps.length;
+}
+
+/** The reasons why steps of a foot were not used, as sentences for the wearer. */
+export function exclusions({ side, excluded }: Collected): string[] {
+  const steps = (count: number) => `${count} ${side} ${count === 1 ? "step" : "steps"}`;
+  return [
+    ...(excluded.broken > 0 ? [`Not used: ${steps(excluded.broken)} with lost data. Hold the phone closer to your feet.`] : []),
+    ...(excluded.partial > 0 ? [`Not used: ${steps(excluded.partial)} that were too light. Walk straight, at your usual pace.`] : []),
+    ...(excluded.before > 0 ? [`Not used: ${steps(excluded.before)} from before this session.`] : []),
+  ];
+}
+
+/** The fitted regions of a foot by name, with the error that the fit predicts for new steps, %. */
+export function predictedErrors({ regions }: FootResult): Map<string, number> {
+  const errors = Object.entries(regions).flatMap(([name, region]): [string, number][] =>
+    region.fitted ? [[name, region.nrmse_percent.predicted ?? region.nrmse_percent.fitted]] : [],
+  );
+  return new Map(errors);
+}
+
+/** Errors of the model, mean over the fitted regions, %. */
+export interface Check {
+  /** The error that the fit predicts. */
+  predicted: number;
+  /** The error that the insole measured on the steps of the check. */
+  measured: number;
+  /** True if the result holds. */
+  holds: boolean;
+}
+
+/** Compares the insole's own model error in these steps with the result. `undefined` if no fitted region was loaded. */
+export function check(result: FootResult, steps: readonly Step[]): Check | undefined {
+  const predicted: number[] = [];
+  const measured: number[] = [];
+  for (const [name, error] of predictedErrors(result)) {
+    const regions = steps.flatMap((step) => step.regions[name] ?? []).filter((region) => region.measured_force_peak_n >= LOADED_N);
+    if (regions.length === 0) continue;
+    predicted.push(error);
+    measured.push(mean(regions.map((region) => region.model_error_nrmse_percent)));
+  }
+  if (predicted.length === 0) return undefined;
+  const errors = { predicted: mean(predicted), measured: mean(measured) };
+  return { ...errors, holds: errors.measured <= TOLERANCE * errors.predicted + TOLERANCE_PERCENT };
+}
+
+const mean = (values: readonly number[]) => values.reduce((sum, value) => sum + value, 0) / values.length;

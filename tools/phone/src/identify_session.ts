@@ -1,0 +1,420 @@
+/**
+ * The guided session that identifies the wearer's tissue: the wearer stands, walks, and receives the parameters of each foot, which
+ * are sent to the insoles and checked on further steps. This module has no access to the document.
+ */
+
+import type { Live, Side, Step } from "./generated/quantities";
+import type { Collected, FootResult } from "./identify_core";
+import { CHECKED, type Check, GOAL, LEAST, check, exclusions, looksMirrored } from "./identify_rules";
+import type { Answer, Request } from "./identify_worker";
+import type { InsoleAnswer } from "./session";
+import { totalForce } from "./session";
+import { SIDES } from "./side";
+import { type Entry, entry } from "./stream_file";
+import type { Insole } from "./transport/transport";
+
+/** Duration of standing on both feet. */
+const STAND_MS = 3000;
+/** A foot carries the wearer from this force on. */
+const STANDING_N = 50;
+/** Messages are passed on after this time at the latest. */
+const PASS_ON_MS = 1000;
+/** Time between two spoken remarks on steps that were not used. */
+const REMARK_MS = 8000;
+/** Time without a step after which the wearer is reminded to walk. */
+const REMIND_MS = 12_000;
+/** An insole confirms parameters within this time. They are sent this number of times at most. */
+const CONFIRM_MS = 3000;
+const ATTEMPTS = 3;
+/** Number of regions of a foot. */
+const REGIONS = 8;
+
+/** The steps of a guided session, in their order; "failed" can follow each of them. */
+export type Phase = "closed" | "stand" | "walk" | "fit" | "result" | "push" | "verify" | "done" | "failed";
+
+/** Stores the messages of a session across visits of the page. */
+export interface IdentifyStorage {
+  load(): Promise<Uint8Array<ArrayBuffer>[]>;
+  add(part: Uint8Array<ArrayBuffer>): Promise<void>;
+  clear(): Promise<void>;
+}
+
+/** Cues for a wearer who does not look at the page. */
+export interface Cues {
+  say(text: string): void;
+  vibrate(pattern_ms: number[]): void;
+}
+
+/** What a guided session needs of the page. */
+export interface Host {
+  /** Passes a request to the worker. */
+  solve(request: Request): void;
+  /** Sends an encoded message to the insole of a foot. */
+  send(side: Side, message: Uint8Array): void;
+  cues: Cues;
+  storage: IdentifyStorage;
+  /** The European shoe size. */
+  size(): number;
+}
+
+/** One foot of the session. */
+export interface Foot {
+  side: Side;
+  /** The steps so far; `undefined` before the first step. */
+  collected: Collected | undefined;
+  result: FootResult | undefined;
+  /** State of the transfer of the parameters, and the reason if the insole refused them. */
+  sent: "no" | "waiting" | "confirmed" | "failed";
+  refusal: string;
+  /** True if the link is lost. */
+  is_lost: boolean;
+  /** The last steps, by which an insole under the wrong foot is recognised. */
+  recent: Step[];
+  /** Steps with the new parameters, by key. */
+  checked: Map<string, Step>;
+  check: Check | undefined;
+}
+
+/** The index of a foot's insole in the stream file. It does not depend on the order in which insoles were connected. */
+const indexOf = (side: Side): Insole => (side === "left" ? 0 : 1);
+
+/** A guided session. */
+export class IdentifySession {
+  phase: Phase = "closed";
+  feet: Foot[] = [];
+  /** Remarks on the course of the session, as sentences for the wearer. */
+  readonly remarks = new Set<string>();
+  /** The reason of a failure, as a sentence for the wearer. */
+  failure = "";
+  /** Number of fitted regions of all feet. */
+  fitted = 0;
+  /** The messages so far: parts of a stream file. */
+  private parts: Uint8Array<ArrayBuffer>[] = [];
+  /** Messages that were not passed on yet. */
+  private pending: Uint8Array[] = [];
+  private start_unix_ms = 0;
+  private passed_on_ms = 0;
+  private stand_since_ms: number | undefined;
+  private last_step_ms = 0;
+  private remarked_ms = -Infinity;
+  private sent_ms = 0;
+  private attempts = 0;
+
+  constructor(private readonly host: Host) {}
+
+  /** True while messages are collected. */
+  get isCollecting(): boolean {
+    return this.phase === "stand" || this.phase === "walk";
+  }
+
+  /** Number of regions that are fitted in all. */
+  get regions(): number {
+    return REGIONS * this.fittable().length;
+  }
+
+  /** Begins a new session with these feet and the hello messages of their insoles. Deletes the messages of the session before. */
+  start(hellos: ReadonlyMap<Side, Uint8Array>, now_ms: number, unix_ms: number): void {
+    this.reset([...hellos.keys()]);
+    this.start_unix_ms = unix_ms;
+    this.phase = "stand";
+    this.last_step_ms = now_ms;
+    this.host.solve({ kind: "clear" });
+    this.host.storage.clear().catch(() => this.cannotStore());
+    for (const [side, hello] of hellos) this.collect(side, hello, unix_ms);
+    this.host.cues.say("Stand still on both feet.");
+  }
+
+  /** Continues a session with its stored messages. */
+  resume(parts: Uint8Array<ArrayBuffer>[], hellos: ReadonlyMap<Side, Uint8Array>, now_ms: number, unix_ms: number): void {
+    this.reset([...hellos.keys()]);
+    this.parts = parts;
+    const last_ms = lastTime_ms(parts);
+    // The times of the file continue where they ended.
+    this.start_unix_ms = unix_ms - last_ms;
+    this.phase = "walk";
+    this.last_step_ms = now_ms;
+    this.host.solve({ kind: "clear" });
+    for (const bytes of parts) this.host.solve({ kind: "add", bytes });
+    for (const [side, hello] of hellos) this.collect(side, hello, unix_ms);
+    this.remarks.add("The session was interrupted. The steps from before count.");
+    this.host.cues.say("Continue to walk.");
+  }
+
+  /** Ends the session and deletes its messages. */
+  close(): void {
+    this.reset([]);
+    this.phase = "closed";
+    this.host.storage.clear().catch(() => undefined);
+  }
+
+  private reset(sides: Side[]): void {
+    this.feet = SIDES.filter((side) => sides.includes(side)).map((side) => ({
+      side, collected: undefined, result: undefined, sent: "no", refusal: "", is_lost: false, recent: [], checked: new Map(),
+      check: undefined,
+    }));
+    this.remarks.clear();
+    [this.parts, this.pending] = [[], []];
+    [this.failure, this.fitted, this.attempts] = ["", 0, 0];
+    this.stand_since_ms = undefined;
+    this.remarked_ms = -Infinity;
+  }
+
+  private cannotStore(): void {
+    this.remarks.add("This browser cannot store the session. Do not reload the page until you have finished.");
+  }
+
+  /** The stream file with all messages. */
+  file(): Uint8Array<ArrayBuffer>[] {
+    return this.parts;
+  }
+
+  private foot = (side: Side) => this.feet.find((foot) => foot.side === side);
+
+  /** Adds an encoded message of the insole of a foot. */
+  message(side: Side, message: Uint8Array, unix_ms: number): void {
+    if (this.isCollecting && this.foot(side)) this.collect(side, message, unix_ms);
+  }
+
+  private collect(side: Side, message: Uint8Array, unix_ms: number): void {
+    const t_ms = Math.max(0, Math.round(unix_ms - this.start_unix_ms));
+    this.pending.push(entry({ t_ms, insole: indexOf(side), message }));
+  }
+
+  /** Passes the pending messages to the worker and to the storage. */
+  private passOn(now_ms: number): void {
+    this.passed_on_ms = now_ms;
+    if (this.pending.length === 0) return;
+    const part = joined(this.pending);
+    this.pending = [];
+    this.parts.push(part);
+    this.host.solve({ kind: "add", bytes: part });
+    this.host.storage.add(part).catch(() => this.cannotStore());
+  }
+
+  /** A live frame of a foot arrived. */
+  live(side: Side, live: Live, now_ms: number, force_n: (side: Side) => number): void {
+    if (this.phase !== "stand" || !this.foot(side)) return;
+    const is_standing = this.feet.every((foot) => (foot.side === side ? totalForce(live) : force_n(foot.side)) >= STANDING_N);
+    if (!is_standing) this.stand_since_ms = undefined;
+    else {
+      this.stand_since_ms ??= now_ms;
+      if (now_ms - this.stand_since_ms >= STAND_MS) this.walk(now_ms);
+    }
+  }
+
+  private walk(now_ms: number): void {
+    this.phase = "walk";
+    this.last_step_ms = now_ms;
+    this.host.cues.vibrate([200]);
+    this.host.cues.say("Now walk at your usual pace. You need not look at the phone.");
+  }
+
+  /** A step of a foot arrived. `key` identifies it. */
+  step(side: Side, step: Step, key: string, now_ms: number): void {
+    const foot = this.foot(side);
+    if (!foot) return;
+    if (this.phase === "stand") {
+      this.remarks.add("You began to walk before you had stood still. That is all right.");
+      this.walk(now_ms);
+    }
+    if (this.isCollecting) {
+      this.last_step_ms = now_ms;
+      foot.recent = [...foot.recent, step].slice(-GOAL);
+      this.passOn(now_ms);
+    } else if (this.phase === "verify" && foot.sent === "confirmed" && step.starts_ago === 0) {
+      this.last_step_ms = now_ms;
+      // The first step may have begun with the parameters from before.
+      foot.checked.set(key, step);
+      this.evaluateCheck();
+    }
+  }
+
+  /** To be called a few times a second. `lost` has the feet whose link is lost. */
+  tick(now_ms: number, lost: readonly Side[]): void {
+    for (const foot of this.feet) {
+      const is_lost = lost.includes(foot.side);
+      if (is_lost !== foot.is_lost && (this.isCollecting || this.phase === "verify")) {
+        const text = is_lost ? `The ${foot.side} insole is not connected. Stop, and hold the phone closer.` : "Connected. Continue to walk.";
+        this.host.cues.say(text);
+        this.host.cues.vibrate(is_lost ? [400, 200, 400] : [200]);
+      }
+      foot.is_lost = is_lost;
+    }
+    if (this.isCollecting && now_ms - this.passed_on_ms >= PASS_ON_MS) this.passOn(now_ms);
+    if ((this.phase === "walk" || this.phase === "verify") && now_ms - this.last_step_ms >= REMIND_MS) {
+      this.last_step_ms = now_ms;
+      this.host.cues.say("Please walk.");
+    }
+    if (this.phase === "push" && now_ms - this.sent_ms >= CONFIRM_MS) this.push(now_ms);
+  }
+
+  /** Handles an answer of the worker. */
+  answer(answer: Answer, now_ms: number): void {
+    switch (answer.kind) {
+      case "collected":
+        for (const foot of this.feet) this.counted(foot, answer.insoles[indexOf(foot.side)], now_ms);
+        if (this.phase === "walk" && this.feet.every(({ collected }) => (collected?.good ?? 0) >= GOAL)) this.finishWalk();
+        return;
+      case "fitted":
+        this.fitted += 1;
+        return;
+      case "result":
+        return this.receiveResult(answer.insole, answer.result);
+      case "failed":
+        this.phase = "failed";
+        this.failure = answer.reason;
+    }
+  }
+
+  /** Compares the counts of a foot with those before, and gives cues. */
+  private counted(foot: Foot, collected: Collected | undefined, now_ms: number): void {
+    if (!collected) return;
+    const before = foot.collected;
+    foot.collected = collected;
+    if (this.phase !== "walk" || !before) return;
+    if (Math.floor(collected.good / 10) > Math.floor(before.good / 10)) {
+      this.host.cues.vibrate([100]);
+      const is_complete = collected.good >= GOAL;
+      this.host.cues.say(is_complete ? `${foot.side} foot complete.` : `${collected.good} of ${GOAL} with the ${foot.side} foot.`);
+    }
+    const { excluded } = collected;
+    const { excluded: previous } = before;
+    const remark = excluded.broken > previous.broken ? "Data were lost. Hold the phone closer to your feet."
+      : excluded.partial > previous.partial ? "That step was too light. Walk straight, at your usual pace." : "";
+    if (remark && now_ms - this.remarked_ms >= REMARK_MS) {
+      this.remarked_ms = now_ms;
+      this.host.cues.say(remark);
+    }
+  }
+
+  /** What the wearer should change, as sentences. */
+  problems(): string[] {
+    const missing = this.feet.filter(({ collected }) => !collected?.good);
+    const is_one_sided = this.phase === "walk" && this.feet.some(({ collected }) => (collected?.good ?? 0) >= LEAST);
+    const is_walking = this.isCollecting || this.phase === "verify";
+    return [
+      ...this.feet
+        .filter(({ is_lost }) => is_lost && is_walking)
+        .map(({ side }) => `The ${side} insole is not connected. Hold the phone closer; the session continues then.`),
+      ...(is_one_sided ? missing.map(({ side }) => `No step of the ${side} foot has arrived. Is its insole in the shoe?`) : []),
+      ...this.feet.filter(({ recent }) => looksMirrored(recent)).map(({ side }) => mirrored(side)),
+    ];
+  }
+
+  /** What happened so far and requires no action, as sentences: steps that were not used, and remarks. */
+  comments(): string[] {
+    return [...this.feet.flatMap(({ collected }) => (collected ? exclusions(collected) : [])), ...this.remarks];
+  }
+
+  private fittable = () => this.feet.filter(({ collected }) => (collected?.good ?? 0) >= LEAST);
+
+  /** True if the walk can end before all steps are collected. */
+  get canFinish(): boolean {
+    return this.phase === "walk" && this.fittable().length > 0;
+  }
+
+  /** Ends the walk and fits the feet one after the other. */
+  finishWalk(): void {
+    if (!this.canFinish) return;
+    this.passOn(this.passed_on_ms);
+    this.phase = "fit";
+    this.fitted = 0;
+    this.host.cues.vibrate([200, 100, 200]);
+    this.host.cues.say("That is enough. You can stop. The phone computes the result.");
+    this.solveNext();
+  }
+
+  private solveNext(): void {
+    const next = this.fittable().find(({ result }) => !result);
+    if (next) return this.host.solve({ kind: "identify", insole: indexOf(next.side), size: this.host.size() });
+    this.phase = "result";
+    this.host.cues.say("The result is ready.");
+  }
+
+  private receiveResult(insole: Insole, result: FootResult): void {
+    const foot = this.feet.find(({ side }) => indexOf(side) === insole);
+    if (!foot || this.phase !== "fit") return;
+    foot.result = result;
+    this.solveNext();
+  }
+
+  /** The feet whose parameters can be sent: at least one region was fitted. */
+  pushable = () => this.feet.filter(({ result }) => result !== undefined && result.fitted > 0);
+
+  /** Sends the parameters to the insoles that have not confirmed them. */
+  push(now_ms: number): void {
+    if (this.phase !== "push") this.attempts = 0;
+    this.phase = "push";
+    this.sent_ms = now_ms;
+    this.attempts += 1;
+    for (const foot of this.pushable()) {
+      if (foot.sent === "confirmed") continue;
+      const is_over = this.attempts > ATTEMPTS;
+      foot.sent = is_over || foot.refusal ? "failed" : "waiting";
+      if (foot.sent === "waiting" && foot.result) this.host.send(foot.side, Uint8Array.from(foot.result.message));
+    }
+    this.continueIfSent(now_ms);
+  }
+
+  /** An insole answered a request. */
+  insoleAnswer(side: Side, answer: InsoleAnswer, now_ms: number): void {
+    const foot = this.foot(side);
+    if (!foot || this.phase !== "push" || foot.sent !== "waiting") return;
+    if (answer.kind === "refused") [foot.sent, foot.refusal] = ["failed", answer.reason];
+    else if (answer.id === foot.result?.tissue_id) foot.sent = "confirmed";
+    this.continueIfSent(now_ms);
+  }
+
+  /** Begins the check once all insoles have answered. */
+  private continueIfSent(now_ms: number): void {
+    const feet = this.pushable();
+    if (feet.some(({ sent }) => sent === "waiting")) return;
+    if (!feet.some(({ sent }) => sent === "confirmed")) {
+      this.phase = "result";
+      this.remarks.add("The insoles did not accept the parameters. Check the connection and send them again.");
+      for (const foot of feet) [foot.sent, foot.refusal] = ["no", ""];
+      return;
+    }
+    this.phase = "verify";
+    this.last_step_ms = now_ms;
+    this.host.cues.say(`The insoles have your parameters. Walk ${CHECKED} more steps.`);
+  }
+
+  /** Ends the session without the check on further steps. */
+  finish(): void {
+    if (this.phase === "verify") this.phase = "done";
+  }
+
+  /** Evaluates the check once each foot with new parameters has enough steps. */
+  private evaluateCheck(): void {
+    const feet = this.feet.filter(({ sent }) => sent === "confirmed");
+    // The step that was in progress when the parameters arrived is not counted.
+    if (feet.some(({ checked }) => checked.size <= CHECKED)) return;
+    for (const foot of feet) {
+      if (foot.result) foot.check = check(foot.result, [...foot.checked.values()].slice(1));
+    }
+    this.phase = "done";
+    this.host.cues.vibrate([200, 100, 200]);
+    this.host.cues.say("Finished. Thank you.");
+  }
+}
+
+/** The remark on an insole that seems to lie under the wrong foot. */
+const mirrored = (side: Side) =>
+  `The loads of the ${side} insole look like those of the other foot. Check that the ${side} insole is in the ${side} shoe.`;
+
+function joined(parts: readonly Uint8Array[]): Uint8Array<ArrayBuffer> {
+  const bytes = new Uint8Array(parts.reduce((sum, part) => sum + part.length, 0));
+  let at = 0;
+  for (const part of parts) {
+    bytes.set(part, at);
+    at += part.length;
+  }
+  return bytes;
+}
+
+/** The time of the last message. */
+function lastTime_ms(parts: readonly Uint8Array[]): Entry["t_ms"] {
+  const last = parts.at(-1);
+  return last === undefined || last.length < 4 ? 0 : new DataView(last.buffer, last.byteOffset).getUint32(0, true) + PASS_ON_MS;
+}

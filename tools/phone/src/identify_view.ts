@@ -1,0 +1,226 @@
+/** The view of the guided session. */
+
+import { type Node, fill } from "./dom";
+import { regionTitle } from "./format";
+import type { FootResult, RegionResult } from "./identify_core";
+import { CHECKED, ENOUGH, GOAL } from "./identify_rules";
+import type { Foot, IdentifySession } from "./identify_session";
+import type { Insoles } from "./insoles";
+import { SIDES, sideTitle } from "./side";
+
+/** An insole is too slow for a session below this share of its frames. */
+const LEAST_RATE = 0.8;
+const LOW_BATTERY_PERCENT = 15;
+/** Errors of the model below these values, %, are called good and fair. */
+const [GOOD_PERCENT, FAIR_PERCENT] = [10, 20];
+
+/** What the view shows besides the session. */
+export interface IdentifyState {
+  insoles: Insoles;
+  shoe_size: number;
+  /** True if there are messages of an interrupted session. */
+  has_stored: boolean;
+  now_ms: number;
+}
+
+const button = (action: string, text: string, kind = ""): Node => ["button", { "data-action": action, ...(kind && { class: kind }) }, text];
+const soft = (text: string): Node => ["p", { class: "soft" }, text];
+const note = (text: string): Node => ["p", { class: "note" }, text];
+const remark = (text: string): Node => ["p", { class: "note remark" }, text];
+
+/** Shows the session in the view. */
+export function drawIdentify(session: IdentifySession, state: IdentifyState): void {
+  fill("identify-body", content(session, state));
+}
+
+function content(session: IdentifySession, state: IdentifyState): Node[] {
+  switch (session.phase) {
+    case "closed":
+      return start(state);
+    case "stand":
+      return [
+        ["p", { class: "command" }, "Stand still on both feet"],
+        soft("After three seconds, the phone says when to walk. It speaks and vibrates, so you need not look at it."),
+        ...session.problems().map(note),
+        ...session.comments().map(remark),
+        button("close", "Cancel"),
+      ];
+    case "walk":
+      return walk(session);
+    case "fit":
+      return [
+        ["p", { class: "command" }, "You can stop"],
+        ["progress", { max: String(session.regions), value: String(session.fitted), "aria-label": "Regions computed" }],
+        soft(`Computing your tissue: ${session.fitted} of ${session.regions} regions.`),
+      ];
+    case "result":
+    case "push":
+      return result(session, state.insoles.transport?.is_replay ?? false);
+    case "verify":
+      return [
+        ["p", { class: "command" }, `Walk ${CHECKED} more steps`],
+        rings(session.feet.filter(({ sent }) => sent === "confirmed"), (foot) => Math.min(CHECKED, Math.max(0, foot.checked.size - 1)), CHECKED),
+        soft("The insoles now use your parameters. They measure how well these predict your steps."),
+        ...session.problems().map(note),
+        ...refusals(session),
+        button("skip", "Finish without this check"),
+      ];
+    case "done":
+      return done(session);
+    case "failed":
+      return [note(session.failure), button("close", "Start again", "primary")];
+  }
+}
+
+/** What must be right before the session, for each insole. */
+export function startProblems({ insoles, now_ms }: Pick<IdentifyState, "insoles" | "now_ms">): string[] {
+  return SIDES.flatMap((side) => {
+    const session = insoles.of(side);
+    if (!session?.hello) return [];
+    if (session.state !== "live") return [`The ${side} insole is not connected at the moment.`];
+    const rate_hz = session.rate_hz(now_ms);
+    const { battery_percent } = session;
+    return [
+      ...(rate_hz < LEAST_RATE * session.hello.rate_hz
+        ? [`Only ${rate_hz.toFixed(0)} of ${session.hello.rate_hz.toFixed(0)} frames per second arrive from the ${side} insole. Hold the phone closer.`]
+        : []),
+      ...(battery_percent !== undefined && battery_percent < LOW_BATTERY_PERCENT
+        ? [`The battery of the ${side} insole has ${battery_percent} %. Charge it first.`]
+        : []),
+    ];
+  });
+}
+
+function start(state: IdentifyState): Node[] {
+  const { insoles, shoe_size, has_stored } = state;
+  const sides = SIDES.filter((side) => insoles.of(side)?.state === "live");
+  const feet = sides.length === 2 ? "Both insoles are connected." : sides.length === 1
+    ? `Only the ${sides[0]} insole is connected. Connect the other one too, or continue with one foot.`
+    : "No insole is connected. Connect your insoles, then return to this view.";
+  const sizes = Array.from({ length: 12 }, (_, i) => String(35 + i));
+  return [
+    ["p", {}, `Stand for a moment, then walk ${GOAL} steps with each foot. The phone computes how stiff your tissue is in each region, and sends the result to your insoles.`],
+    ["ol", { class: "soft" },
+      ["li", {}, "Wear the shoes with the insoles, the left one in the left shoe."],
+      ["li", {}, "Carry the phone in your hand or in a pocket, with the sound on."],
+      ["li", {}, "You need about one minute and a straight way."]],
+    ["p", { class: sides.length === 2 ? "fine" : "note" }, feet],
+    ...startProblems(state).map(note),
+    ["label", { for: "shoe-size" }, "Shoe size (European)"],
+    ["select", { id: "shoe-size" }, ...sizes.map((size): Node => ["option", size === String(shoe_size) ? { selected: "" } : {}, size])],
+    ...(has_stored ? [
+      note("A session was interrupted. Its steps are stored on this phone."),
+      ...(sides.length > 0 ? [button("resume", "Continue that session", "primary")] : []),
+    ] : []),
+    sides.length > 0 ? button("start", has_stored ? "Start a new session" : "Start", has_stored ? "" : "primary")
+      : button("connect", "Connect my insoles", "primary"),
+    soft("The result describes a model of your foot. It is no diagnosis."),
+  ];
+}
+
+/** A circle for each foot, filled by the share of the goal. */
+function rings(feet: Foot[], count: (foot: Foot) => number, goal: number): Node {
+  const radius = 42;
+  const length = 2 * Math.PI * radius;
+  return ["div", { class: `rings n${feet.length}` }, ...feet.map((foot): Node => {
+    const steps = count(foot);
+    const share = Math.min(1, steps / goal);
+    const label = `${sideTitle(foot.side)} foot: ${steps} of ${goal} steps`;
+    return ["div", { class: foot.side },
+      ["svg", { viewBox: "0 0 100 100", role: "img", "aria-label": label },
+        ["circle", { class: "track", cx: "50", cy: "50", r: String(radius) }],
+        ["circle", {
+          class: "share", cx: "50", cy: "50", r: String(radius), transform: "rotate(-90 50 50)",
+          "stroke-dasharray": `${(share * length).toFixed(1)} ${length.toFixed(1)}`,
+        }],
+        ["text", { x: "50", y: "50" }, share === 1 ? "✓" : String(steps)],
+        ["text", { class: "of", x: "50", y: "70" }, share === 1 ? `${steps} steps` : `of ${goal}`]],
+      ["b", {}, sideTitle(foot.side)]];
+  })];
+}
+
+function walk(session: IdentifySession): Node[] {
+  const is_sparse = session.feet.some(({ collected }) => (collected?.good ?? 0) < ENOUGH);
+  return [
+    ["p", { class: "command" }, "Walk"],
+    rings(session.feet, ({ collected }) => collected?.good ?? 0, GOAL),
+    ...session.problems().map(note),
+    ...session.comments().map(remark),
+    ...(session.canFinish ? [button("finish", "Finish with these steps")] : []),
+    ...(session.canFinish && is_sparse ? [soft(`Fewer than ${ENOUGH} steps of a foot make its result uncertain.`)] : []),
+    button("close", "Cancel"),
+  ];
+}
+
+/** The stiffness of a region with its interval, and the error of the model, as the wearer reads them. */
+function regionRow(name: string, region: RegionResult): Node {
+  const title: Node = ["th", { scope: "row" }, regionTitle(name)];
+  if (!region.fitted) return ["tr", {}, title, ["td", { colspan: "2" }, `not found: ${region.reason}`]];
+  const kPa = (pa: number) => (pa / 1000 < 10 ? (pa / 1000).toFixed(1) : (pa / 1000).toFixed(0));
+  const { jacobian, at_bound } = region.uncertainty.intervals_95.stiffness_pa;
+  const error = region.nrmse_percent.predicted ?? region.nrmse_percent.fitted;
+  const word = error < GOOD_PERCENT ? "good" : error < FAIR_PERCENT ? "fair" : "rough";
+  const range = at_bound ? "at the limit" : `${kPa(jacobian[0])} to ${kPa(jacobian[1])}`;
+  return ["tr", {}, title,
+    ["td", {}, kPa(region.identified.stiffness_pa), ["small", {}, range]],
+    ["td", {}, `${error.toFixed(0)} %`, ["small", {}, word]]];
+}
+
+function resultTable({ side, collected, result }: Foot, { regions }: FootResult): Node[] {
+  const rows = Object.entries(regions).map(([name, region]) => regionRow(name, region));
+  const warnings = Object.entries(regions).flatMap(([name, region]) =>
+    region.fitted ? [region.verdict, ...region.warnings].map((text): Node => ["li", {}, `${regionTitle(name)}: ${text}`]) : [],
+  );
+  return [
+    ["table", { class: "result" },
+      ["caption", { class: side }, `${sideTitle(side)} foot, ${result?.steps.length ?? 0} steps`],
+      ["thead", {}, ["tr", {}, ["th", { scope: "col" }, "Region"], ["th", { scope: "col" }, "Stiffness K, kPa"], ["th", { scope: "col" }, "Error on new steps"]]],
+      ["tbody", {}, ...rows]],
+    ...((collected?.good ?? 0) < ENOUGH ? [note(`Only ${collected?.good ?? 0} steps of the ${side} foot: its result is uncertain.`)] : []),
+    ["details", {}, ["summary", {}, `How sure: details of the ${side} foot`], ["ul", { class: "soft" }, ...warnings]],
+  ];
+}
+
+const refusals = (session: IdentifySession): Node[] =>
+  session.feet.flatMap(({ side, sent, refusal }) =>
+    sent === "failed" ? [note(`The ${side} insole did not accept the parameters. ${refusal}`)] : [],
+  );
+
+const exports = (session: IdentifySession): Node[] => [
+  button("export", "Save the session"),
+  ...session.pushable().map(({ side }) => button(`export-${side}`, `Save the ${side} parameters`)),
+];
+
+function result(session: IdentifySession, is_replay: boolean): Node[] {
+  const without = session.feet.filter(({ result }) => !result).map(({ side }) => side);
+  const is_sending = session.phase === "push";
+  return [
+    ...without.map((side) => note(`There are too few steps of the ${side} foot. Its insole keeps its parameters.`)),
+    ...refusals(session),
+    ...(is_replay ? [note("This is a recording, so there is no insole to send the parameters to.")]
+      : is_sending ? [["p", { class: "fine" }, "Sending the parameters…"] as Node]
+      : session.pushable().length > 0 ? [button("push", "Send to my insoles", "primary")] : []),
+    ...session.problems().map(note),
+    ...session.feet.flatMap((foot) => (foot.result ? resultTable(foot, foot.result) : [])),
+    soft("In small print: the range that contains the true value of the model with 95 % probability, judged by the scatter of your steps."),
+    ...session.comments().map(remark),
+    ...exports(session),
+    button("close", "Discard and close"),
+  ];
+}
+
+function done(session: IdentifySession): Node[] {
+  return [
+    ["p", { class: "command" }, "Finished"],
+    ...session.feet.flatMap(({ side, check, sent }): Node[] => {
+      if (sent !== "confirmed") return [];
+      if (!check) return [note(`The ${side} insole has your parameters. They were not checked on further steps.`)];
+      const { predicted, measured, holds } = check;
+      const words = `${sideTitle(side)} foot: error ${measured.toFixed(0)} % on your last ${CHECKED} steps, ${predicted.toFixed(0)} % were expected.`;
+      return [["p", { class: holds ? "fine" : "note" }, holds ? words : `${words} Repeat the session on a straight way at your usual pace.`]];
+    }),
+    ...refusals(session),
+    ...exports(session),
+    button("close", "Close", "primary"),
+  ];
+}

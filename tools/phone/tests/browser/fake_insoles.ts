@@ -1,0 +1,79 @@
+/** Two insoles behind the WebSocket of `plantar serve`, which play a recorded walk faster than in real time. */
+
+import type { Page, WebSocketRoute } from "playwright-core";
+import { type Entry, entries } from "../../src/stream_file";
+
+/** First bytes of the requests and answers that the insoles use. */
+const [CONNECT, STREAM, SET_TISSUE] = [0, 1, 4];
+const TISSUE = 4;
+const MOST_TICK_MS = 20;
+
+/** The insoles of a recording. */
+export class FakeInsoles {
+  /** The parameters that each insole received. */
+  readonly received: [number, Uint8Array][] = [];
+  /** False: the link is open, but no messages arrive. */
+  is_connected = true;
+  private readonly all: Entry[];
+  private readonly hellos: Entry[];
+  private next = 0;
+  private elapsed_ms = 0;
+  private timer: ReturnType<typeof setInterval> | undefined;
+  /** The connection of the page that is open. */
+  private socket: WebSocketRoute | undefined;
+
+  /** `speed` is the speed of the walk relative to real time. `only` names the index of the only insole. */
+  constructor(
+    file: Uint8Array,
+    public speed: number,
+    only?: number,
+  ) {
+    const used = [...entries(file)].filter(({ insole }) => only === undefined || insole === only);
+    // The first message of each insole is its hello.
+    this.hellos = [0, 1].flatMap((index) => used.find(({ insole }) => insole === index) ?? []);
+    this.all = used.filter((item) => !this.hellos.includes(item));
+  }
+
+  /** Answers the connections of a page. */
+  async serve(page: Page): Promise<void> {
+    await page.routeWebSocket(/\/insoles$/, (socket) => {
+      this.socket = socket;
+      socket.onMessage((data) => this.receive(socket, new Uint8Array(data as Buffer)));
+    });
+  }
+
+  private receive(socket: WebSocketRoute, [insole, ...request]: Uint8Array): void {
+    const hello = this.hellos.find((entry) => entry.insole === insole);
+    if (!this.is_connected || !hello) return;
+    if (request[0] === CONNECT) this.send(socket, hello);
+    if (request[0] === STREAM && this.timer === undefined) this.play();
+    if (request[0] === SET_TISSUE) {
+      this.received.push([insole!, Uint8Array.from(request)]);
+      this.send(socket, { ...hello, message: Uint8Array.of(TISSUE, ...request.slice(1)) });
+    }
+  }
+
+  private send(socket: WebSocketRoute, { insole, message }: Entry): void {
+    socket.send(Buffer.from([insole, ...message]));
+  }
+
+  private play(): void {
+    let last_ms = performance.now();
+    this.timer = setInterval(() => {
+      const now_ms = performance.now();
+      // On a busy machine, the walk becomes slower instead of arriving in bursts.
+      if (this.is_connected) this.elapsed_ms += this.speed * Math.min(now_ms - last_ms, MOST_TICK_MS);
+      last_ms = now_ms;
+      for (let due = this.all[this.next]; due && due.t_ms <= this.elapsed_ms; due = this.all[this.next]) {
+        this.next += 1;
+        if (this.socket) this.send(this.socket, due);
+      }
+    }, 5);
+  }
+
+  /** Ends the walk. */
+  stop(): void {
+    clearInterval(this.timer);
+    this.timer = undefined;
+  }
+}

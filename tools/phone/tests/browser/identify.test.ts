@@ -1,0 +1,182 @@
+/**
+ * The guided session of the built page in Chromium: with two insoles that play a computed walk faster than in real time, and with
+ * the emulated insole.
+ *
+ * The environment variable `PLANTAR_WALK` is the path of a computed walk of 60 steps of each foot, `PLANTAR` that of the command
+ * line, and `PLANTAR_FIRMWARE` that of the firmware of the emulated board. `cargo xtask test` sets all.
+ */
+
+import { spawnSync } from "node:child_process";
+import { mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { createRequire } from "node:module";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import type { Browser, Page } from "playwright-core";
+import { afterAll, beforeAll, expect, test } from "vitest";
+import { entries } from "../../src/stream_file";
+import { folder, launch, serveFiles, servePlantar } from "./browser";
+import { FakeInsoles } from "./fake_insoles";
+
+const { PLANTAR: plantar, PLANTAR_FIRMWARE: firmware, PLANTAR_WALK: walk } = process.env;
+if (!plantar || !firmware || !walk) console.log("skipped: set PLANTAR, PLANTAR_FIRMWARE and PLANTAR_WALK (`cargo xtask test` does)");
+const PHONE = { width: 390, height: 844 };
+/** Speed of the walk relative to real time. */
+const FAST = 6;
+
+let browser: Browser;
+let files: Awaited<ReturnType<typeof serveFiles>>;
+const temporary = mkdtempSync(join(tmpdir(), "plantar-"));
+beforeAll(async () => {
+  browser = await launch();
+  files = await serveFiles();
+});
+afterAll(async () => {
+  await browser.close();
+  files.close();
+  rmSync(temporary, { recursive: true });
+});
+
+/** Opens a page that confirms dialogs. */
+async function newPage(): Promise<Page> {
+  const context = await browser.newContext({ viewport: PHONE, colorScheme: "light" });
+  const page = await context.newPage();
+  page.on("dialog", (dialog) => void dialog.accept());
+  return page;
+}
+
+/** Opens the view of the guided session. */
+async function openSession(page: Page): Promise<void> {
+  await page.locator("nav [data-to=settings]").click();
+  await page.locator("#identify-open").click();
+}
+
+const act = (page: Page, action: string) => page.locator(`[data-action=${action}]`);
+/** Clicks a button that downloads a file, and returns the path of the file. */
+async function save(page: Page, action: string, name: string): Promise<string> {
+  const [download] = await Promise.all([page.waitForEvent("download"), act(page, action).click()]);
+  const path = join(temporary, name);
+  await download.saveAs(path);
+  return path;
+}
+/** The number of good steps that the circle of a foot shows. */
+const good = (page: Page, side: string) =>
+  page.locator(`.rings .${side} svg`).getAttribute("aria-label").then((label) => Number(/: (\d+) of/.exec(label ?? "")?.[1]));
+
+/** Asserts that axe finds no serious violation, and stores a screenshot. */
+async function inspect(page: Page, name: string): Promise<void> {
+  await page.screenshot({ path: folder(`tests/screenshots/identify-${name}.png`) });
+  await page.evaluate(readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8"));
+  const findings = await page.evaluate(async () => {
+    const { axe } = window as unknown as { axe: typeof import("axe-core") };
+    return (await axe.run()).violations.map(({ id, impact, nodes }) => ({ id, impact, at: nodes.map(({ html }) => html) }));
+  });
+  expect(findings.filter(({ impact }) => impact === "serious" || impact === "critical"), name).toEqual([]);
+  expect(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "no sideways scrolling").toBe(true);
+}
+
+test.skipIf(!walk)("both feet are identified, also over a reload, and the parameters are sent, checked and saved", async () => {
+  const insoles = new FakeInsoles(new Uint8Array(readFileSync(walk!)), 0.5);
+  const page = await newPage();
+  await insoles.serve(page);
+  await page.goto(files.url);
+  await page.locator("#chips", { hasText: /R \d+ Hz/ }).waitFor();
+  await openSession(page);
+  await page.getByText("Both insoles are connected.").waitFor();
+  await inspect(page, "start");
+  await act(page, "start").click();
+  insoles.speed = FAST;
+  await page.getByText("before you had stood still").waitFor();
+  await page.waitForFunction(() => / [5-9] of/.test(document.querySelector(".rings .left svg")?.getAttribute("aria-label") ?? ""));
+  await inspect(page, "walk");
+  const before = await good(page, "left");
+
+  // The messages of the session are stored. The insoles do not walk on before it continues.
+  insoles.speed = 0.01;
+  await page.reload();
+  await act(page, "resume").waitFor();
+  await page.locator("#chips", { hasText: /R \d+ Hz/ }).waitFor();
+  await act(page, "resume").click();
+  await page.getByText("The session was interrupted.").waitFor();
+  await page.waitForFunction(() => document.querySelector(".rings .left svg"));
+  await expect.poll(() => good(page, "left")).toBeGreaterThanOrEqual(before);
+  expect(await good(page, "left")).toBeLessThanOrEqual(before + 1);
+  insoles.speed = FAST;
+
+  await act(page, "push").waitFor({ timeout: 60_000 });
+  insoles.speed = 1;
+  await inspect(page, "result");
+  expect(await page.locator(".result tbody tr").count()).toBe(16);
+  const stream = await save(page, "export", "session.plantar");
+  const parameters = await save(page, "export-left", "left.toml");
+  expect(readFileSync(parameters, "utf8")).toContain('side = "left"');
+  const messages = [...entries(new Uint8Array(readFileSync(stream)))];
+  expect(messages.length).toBeGreaterThan(5000);
+  if (plantar) {
+    // The exported session gives the same parameters on the command line.
+    const json = join(temporary, "fit.json");
+    const run = spawnSync(plantar, ["fit", stream, "--json", json, "--out", join(temporary, "fit.toml")]);
+    expect(run.status, run.stderr.toString()).toBe(0);
+    const steps = (JSON.parse(readFileSync(json, "utf8")) as { steps: unknown[] }).steps.length;
+    expect(steps).toBeGreaterThanOrEqual(60);
+    expect(steps).toBeLessThanOrEqual(64);
+  }
+  await act(page, "push").click();
+  await page.getByText("Walk 10 more steps").waitFor();
+  expect(insoles.received.map(([insole]) => insole)).toEqual([0, 1]);
+  await inspect(page, "check");
+  insoles.speed = FAST;
+  // These insoles do not compute with the parameters that they received, so the check may fail.
+  await page.getByText(/Left foot: error \d+ % on your last 10 steps, \d+ % were expected/).waitFor({ timeout: 60_000 });
+  await inspect(page, "done");
+  await act(page, "close").click();
+  await page.reload();
+  await page.locator("#chips", { hasText: /R/ }).waitFor();
+  expect(await act(page, "resume").count()).toBe(0);
+  insoles.stop();
+  await page.context().close();
+}, 180_000);
+
+test.skipIf(!walk)("a lost link and a foot without an insole are said in words", async () => {
+  const insoles = new FakeInsoles(new Uint8Array(readFileSync(walk!)), 0.5, 0);
+  const page = await newPage();
+  await insoles.serve(page);
+  await page.goto(files.url);
+  await page.locator("#chips", { hasText: /L \d+ Hz/ }).waitFor();
+  await openSession(page);
+  await page.getByText("Only the left insole is connected.").waitFor();
+  await act(page, "start").click();
+  insoles.speed = FAST;
+  await page.waitForFunction(() => / [4-9] of/.test(document.querySelector(".rings .left svg")?.getAttribute("aria-label") ?? ""));
+  insoles.is_connected = false;
+  await page.getByText("The left insole is not connected. Hold the phone closer").waitFor();
+  await page.getByText("make its result uncertain").waitFor();
+  await act(page, "finish").click();
+  await page.getByText(/Only \d steps of the left foot: its result is uncertain/).waitFor({ timeout: 60_000 });
+  await inspect(page, "few");
+  insoles.stop();
+  await page.context().close();
+}, 120_000);
+
+test.skipIf(!plantar || !firmware)("the emulated insole adopts the parameters, and predicts further steps as the fit promises", async () => {
+  const recording = join(temporary, "walk.parquet");
+  const made = spawnSync(plantar!, ["import", "synthetic", "--side", "left", "--steps", "40", "--out", recording]);
+  expect(made.status, made.stderr.toString()).toBe(0);
+  const { url, end } = await servePlantar(plantar!, ["--emulate", recording, "--firmware", firmware!, "--accept-parameters"]);
+  try {
+    const page = await newPage();
+    await page.goto(url);
+    await page.locator("#chips", { hasText: /L \d+ Hz/ }).waitFor({ timeout: 60_000 });
+    await openSession(page);
+    await act(page, "start").click();
+    await act(page, "push").waitFor({ timeout: 120_000 });
+    await act(page, "push").click();
+    await page.getByText("Walk 10 more steps").waitFor();
+    const words = page.getByText(/Left foot: error \d+ % on your last 10 steps, \d+ % were expected/);
+    await words.waitFor({ timeout: 60_000 });
+    console.log(await words.innerText());
+    expect(await words.getAttribute("class")).toBe("fine");
+    await page.context().close();
+  } finally {
+    await end();
+  }
+}, 300_000);

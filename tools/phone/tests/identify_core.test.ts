@@ -1,0 +1,107 @@
+/**
+ * The identification as WebAssembly in Node.js. It is compared with `plantar fit`: `PLANTAR` is the path of the command line, and
+ * `PLANTAR_WALK` that of a computed walk of 60 steps of each foot. `cargo xtask test` sets both.
+ */
+
+import { spawnSync } from "node:child_process";
+import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { beforeAll, expect, test } from "vitest";
+import { type FootResult, IdentifyCore } from "../src/identify_core";
+import { type Entry, entries, entry } from "../src/stream_file";
+import type { Insole } from "../src/transport/transport";
+import { walk } from "./wire";
+
+const { PLANTAR: plantar, PLANTAR_WALK: long_walk } = process.env;
+if (!plantar || !long_walk) console.log("skipped: set PLANTAR and PLANTAR_WALK (`cargo xtask test` does)");
+
+const fitted: number[] = [];
+let core: IdentifyCore;
+beforeAll(async () => {
+  const bytes = readFileSync(new URL("../src/phone_identify.wasm", import.meta.url));
+  const response = new Response(new Uint8Array(bytes), { headers: { "content-type": "application/wasm" } });
+  core = await IdentifyCore.load(response, (region) => fitted.push(region));
+});
+
+function add(messages: Iterable<Entry>): void {
+  for (const { insole, message } of messages) core.add(insole, message);
+}
+
+test("the steps of both feet are counted once, and removed", () => {
+  core.clear();
+  for (const { insole, message } of [...entries(walk), ...entries(walk)]) core.add(insole, message);
+  expect(core.collected().map(({ side, good, rate_hz }) => [side, good, rate_hz])).toEqual([["left", 6, 100], ["right", 6, 100]]);
+  core.clear();
+  expect(core.collected().map(({ good }) => good)).toEqual([0, 0]);
+});
+
+test("steps that lack more than three frames are not used, and other bytes are ignored", () => {
+  core.clear();
+  const lost = (t_ms: number) => t_ms > 1900 && t_ms < 1950;
+  // The third step of the left foot is on the ground at this time; its record arrives later.
+  add([...entries(walk)].filter(({ insole, t_ms }) => insole === 0 && !lost(t_ms)));
+  const [left] = core.collected();
+  expect([left!.good, left!.excluded]).toEqual([5, { broken: 1, partial: 0, before: 0 }]);
+  expect(core.add(0, Uint8Array.of(255, 1, 2))).toBe(false);
+  expect(core.add(0, new Uint8Array())).toBe(false);
+});
+
+test("a fit reports each region, and its message contains the parameters", () => {
+  core.clear();
+  fitted.length = 0;
+  add(entries(walk));
+  const result = core.identify(1, 42);
+  expect(fitted.sort()).toEqual([0, 1, 2, 3, 4, 5, 6, 7]);
+  expect(result.fitted).toBe(8);
+  expect(result.parameters).toContain('side = "right"');
+  // SetTissue is the fifth request.
+  expect(result.message[0]).toBe(4);
+  expect(core.identify(1, 40).tissue_id).not.toBe(0);
+});
+
+/** The numbers in a value, with their paths. */
+function* numbers(value: unknown, path = ""): Generator<[string, number]> {
+  if (typeof value === "number") yield [path, value];
+  else if (value !== null && typeof value === "object") {
+    for (const [key, item] of Object.entries(value)) yield* numbers(item, `${path}.${key}`);
+  }
+}
+
+test.skipIf(!plantar || !long_walk)("the parameters of sixty steps equal those of plantar fit", () => {
+  const all = [...entries(new Uint8Array(readFileSync(long_walk!)))];
+  const folder = mkdtempSync(join(tmpdir(), "plantar-"));
+  core.clear();
+  add(all);
+  try {
+    for (const insole of [0, 1] satisfies Insole[]) {
+      const [stream, json, toml] = ["walk.plantar", "fit.json", "fit.toml"].map((name) => join(folder, name)) as [string, string, string];
+      writeFileSync(stream, Buffer.concat(all.filter((item) => item.insole === insole).map(entry)));
+      const run = spawnSync(plantar!, ["fit", stream, "--json", json, "--out", toml]);
+      expect(run.status, run.stderr.toString()).toBe(0);
+      const native = JSON.parse(readFileSync(json, "utf8")) as FootResult;
+      const start_ms = performance.now();
+      const result = core.identify(insole, 42);
+      const duration_s = (performance.now() - start_ms) / 1000;
+      expect(result.steps.length).toBe(60);
+      let most = 0;
+      for (const [name, region] of Object.entries(native.regions)) {
+        const ours = result.regions[name]!;
+        if (!region.fitted || !ours.fitted) throw new Error(`${name} was not fitted`);
+        // The intervals from resampled steps are computed by plantar fit only, and the width of an interval may be infinite.
+        for (const key of ["identified", "ellipsoid", "nrmse_percent"] as const) {
+          const found = new Map(numbers(ours[key]));
+          for (const [path, value] of numbers(region[key])) {
+            const difference = value === found.get(path) ? 0 : Math.abs((found.get(path) ?? Infinity) / value - 1);
+            most = Math.max(most, difference);
+            expect(difference, `${name}.${key}${path}`).toBeLessThan(1e-6);
+          }
+        }
+        expect(ours.verdict).toBe(region.verdict);
+      }
+      console.log(`fit_wasm_s ${duration_s.toFixed(2)}, fit_wasm_equal ${most.toExponential(1)}`);
+    }
+  } finally {
+    rmSync(folder, { recursive: true });
+  }
+}, 180_000);

@@ -1,0 +1,222 @@
+import { beforeAll, expect, test } from "vitest";
+import type { Side, Step, StepRegion } from "../src/generated/quantities";
+import type { Collected, FootResult } from "../src/identify_core";
+import { CHECKED, GOAL, LEAST, check, exclusions, looksMirrored } from "../src/identify_rules";
+import { IdentifySession, type IdentifyStorage } from "../src/identify_session";
+import type { Answer, Request } from "../src/identify_worker";
+import { entries } from "../src/stream_file";
+import type { Wire } from "../src/wire";
+import { live, loadWire, step as anyStep } from "./wire";
+
+let wire: Wire;
+beforeAll(async () => {
+  wire = await loadWire();
+});
+
+const HELLO = Uint8Array.of(0, 1, 2);
+const MESSAGE = Uint8Array.of(1, 2, 3);
+const collected = (side: Side, good: number, excluded: Partial<Collected["excluded"]> = {}): Collected => ({
+  side, good, rate_hz: 100, excluded: { broken: 0, partial: 0, before: 0, ...excluded },
+});
+const region = (values: Partial<StepRegion>): StepRegion => ({ measured_force_peak_n: 100, ...values }) as StepRegion;
+/** A step in which the heel has this model error. */
+const withError = (percent: number): Step => anyStep({ regions: { heel: region({ model_error_nrmse_percent: percent }) } });
+
+function result(predicted: number): FootResult {
+  const heel = { fitted: true, nrmse_percent: { fitted: predicted, predicted, floor: 1 } };
+  const regions = { heel, hallux: { fitted: false, reason: "never loaded" } } as unknown as FootResult["regions"];
+  return { fitted: 1, steps: [], regions, message: [4, 7], tissue_id: 42, parameters: "" };
+}
+
+/** A session of these feet, with everything that it asks of the page. */
+function start(sides: Side[] = ["left", "right"]) {
+  const said: string[] = [];
+  const solved: Request[] = [];
+  const sent: [Side, Uint8Array][] = [];
+  let stored: Uint8Array<ArrayBuffer>[] = [];
+  const storage: IdentifyStorage = {
+    load: () => Promise.resolve(stored),
+    add: (part) => Promise.resolve(void stored.push(part)),
+    clear: () => Promise.resolve(void (stored = [])),
+  };
+  const session = new IdentifySession({
+    solve: (request) => solved.push(request),
+    send: (side, message) => sent.push([side, message]),
+    cues: { say: (text) => said.push(text), vibrate: () => undefined },
+    storage,
+    size: () => 42,
+  });
+  const hellos = new Map(sides.map((side) => [side, HELLO]));
+  session.start(hellos, 0, 1_000_000);
+  const answer = (answer: Answer) => session.answer(answer, 0);
+  const count = (...insoles: Collected[]) => answer({ kind: "collected", insoles });
+  return { session, said, solved, sent, hellos, answer, count, stored: () => stored };
+}
+
+/** Walks until all steps of both feet are collected. */
+function walk(all: ReturnType<typeof start>) {
+  const { session, count } = all;
+  session.step("left", anyStep(), "a", 10);
+  count(collected("left", GOAL - 1), collected("right", GOAL - 1));
+  expect(session.phase).toBe("walk");
+  count(collected("left", GOAL), collected("right", GOAL));
+}
+
+test("after standing on both feet for three seconds, the wearer walks; a lifted foot restarts the time", () => {
+  const { session, said } = start();
+  const frame = (now_ms: number, other_n: number, force_n = 400) => {
+    const message = live({}, force_n / 8);
+    if (message.kind === "live") session.live("left", message, now_ms, () => other_n);
+  };
+  frame(0, 300);
+  frame(2500, 10);
+  frame(2600, 300);
+  frame(5500, 300);
+  expect(session.phase).toBe("stand");
+  frame(5600, 300);
+  expect(session.phase).toBe("walk");
+  expect(said.at(-1)).toContain("walk");
+  expect(session.comments()).toEqual([]);
+});
+
+test("who walks too early just continues, and the page says so", () => {
+  const { session } = start();
+  session.step("right", anyStep({ side: "right" }), "a", 100);
+  expect(session.phase).toBe("walk");
+  expect(session.comments().join()).toContain("before you had stood still");
+});
+
+test("messages are passed on with their times and feet, and stored", () => {
+  const { session, solved, stored } = start();
+  session.message("right", MESSAGE, 1_000_250);
+  session.tick(2000, []);
+  const added = solved.flatMap((request) => (request.kind === "add" ? [...entries(request.bytes)] : []));
+  expect(added.map(({ t_ms, insole }) => [t_ms, insole])).toEqual([[0, 0], [0, 1], [250, 1]]);
+  expect(added.at(-1)?.message).toEqual(MESSAGE);
+  expect(stored()).toEqual(session.file());
+});
+
+test("a session that was interrupted continues with its stored messages", () => {
+  const before = start();
+  before.session.step("left", anyStep(), "a", 10);
+  const { session, solved, hellos } = start();
+  solved.length = 0;
+  session.resume(before.stored(), hellos, 0, 5_000_000);
+  session.message("left", MESSAGE, 5_000_100);
+  session.tick(2000, []);
+  expect(session.phase).toBe("walk");
+  expect(solved.map(({ kind }) => kind)).toEqual(["clear", "add", "add"]);
+  const times = session.file().flatMap((part) => [...entries(part)].map(({ t_ms }) => t_ms));
+  expect(times).toEqual([...times].sort((a, b) => a - b));
+});
+
+test("progress is spoken every ten steps, and reasons of unused steps at intervals", () => {
+  const { session, said, count } = start();
+  session.step("left", anyStep(), "a", 10);
+  count(collected("left", 9), collected("right", 9));
+  said.length = 0;
+  count(collected("left", 10, { partial: 1 }), collected("right", 9));
+  count(collected("left", 10, { partial: 2 }), collected("right", 9));
+  expect(said).toEqual([`10 of ${GOAL} with the left foot.`, "That step was too light. Walk straight, at your usual pace."]);
+  expect(session.comments().join()).toContain("2 left steps that were too light");
+});
+
+test("the feet are fitted one after the other, the parameters are sent until they are confirmed, and checked", () => {
+  const all = start();
+  const { session, solved, sent, answer } = all;
+  walk(all);
+  expect(session.phase).toBe("fit");
+  expect(solved.at(-1)).toEqual({ kind: "identify", insole: 0, size: 42 });
+  answer({ kind: "fitted", region: 0 });
+  expect([session.fitted, session.regions]).toEqual([1, 16]);
+  answer({ kind: "result", insole: 0, result: result(8) });
+  expect(solved.at(-1)).toEqual({ kind: "identify", insole: 1, size: 42 });
+  answer({ kind: "result", insole: 1, result: result(8) });
+  expect(session.phase).toBe("result");
+  session.push(0);
+  expect(sent).toEqual([["left", Uint8Array.of(4, 7)], ["right", Uint8Array.of(4, 7)]]);
+  session.insoleAnswer("left", { kind: "tissue", id: 42 }, 10);
+  // The answer of another request does not confirm the parameters; they are sent again.
+  session.insoleAnswer("right", { kind: "tissue", id: 1 }, 10);
+  expect(session.phase).toBe("push");
+  session.tick(3500, []);
+  expect(sent.map(([side]) => side)).toEqual(["left", "right", "right"]);
+  session.insoleAnswer("right", { kind: "tissue", id: 42 }, 3600);
+  expect(session.phase).toBe("verify");
+  for (let i = 0; i <= CHECKED; i += 1) {
+    expect(session.phase).toBe("verify");
+    // A step that the insole sends twice counts once. The first step may have begun with other parameters.
+    for (const side of ["left", "left", "right"] as const) session.step(side, withError(i === 0 ? 90 : 9), `${i}`, 4000);
+  }
+  expect(session.phase).toBe("done");
+  expect(session.feet.map(({ check }) => check?.holds)).toEqual([true, true]);
+});
+
+test("an insole that refuses or does not answer is named, and the parameters can be sent again", () => {
+  const all = start();
+  const { session, answer } = all;
+  walk(all);
+  for (const insole of [0, 1] as const) answer({ kind: "result", insole, result: result(8) });
+  session.push(0);
+  session.insoleAnswer("left", { kind: "refused", reason: "The memory is full." }, 10);
+  for (const now_ms of [3000, 6000, 9000]) session.tick(now_ms, []);
+  expect(session.phase).toBe("result");
+  expect(session.comments().join()).toContain("did not accept the parameters");
+  session.push(10_000);
+  session.insoleAnswer("right", { kind: "tissue", id: 42 }, 10_010);
+  session.insoleAnswer("left", { kind: "refused", reason: "The memory is full." }, 10_020);
+  expect(session.phase).toBe("verify");
+  expect(session.feet.map(({ sent, refusal }) => [sent, refusal])).toEqual([["failed", "The memory is full."], ["confirmed", ""]]);
+});
+
+test("a foot without steps is named and is not fitted", () => {
+  const { session, solved, answer, count } = start();
+  session.step("left", anyStep(), "a", 10);
+  count(collected("left", LEAST - 1), collected("right", 0));
+  expect(session.canFinish).toBe(false);
+  count(collected("left", LEAST), collected("right", 0));
+  expect(session.problems()).toEqual(["No step of the right foot has arrived. Is its insole in the shoe?"]);
+  session.finishWalk();
+  expect(solved.at(-1)).toEqual({ kind: "identify", insole: 0, size: 42 });
+  answer({ kind: "result", insole: 0, result: result(8) });
+  expect(session.pushable().map(({ side }) => side)).toEqual(["left"]);
+});
+
+test("a lost link and a long pause are spoken", () => {
+  const { session, said } = start(["left"]);
+  session.step("left", anyStep(), "a", 0);
+  session.tick(100, ["left"]);
+  session.tick(200, ["left"]);
+  expect(said.filter((text) => text.includes("not connected"))).toHaveLength(1);
+  expect(session.problems().join()).toContain("The left insole is not connected");
+  session.tick(300, []);
+  expect(said.at(-1)).toContain("Connected");
+  session.tick(20_000, []);
+  expect(said.at(-1)).toBe("Please walk.");
+});
+
+test("a failure of the worker ends the session with its reason", () => {
+  const all = start();
+  walk(all);
+  all.answer({ kind: "failed", reason: "Start again." });
+  expect([all.session.phase, all.session.failure]).toEqual(["failed", "Start again."]);
+});
+
+test("an insole under the wrong foot is recognised by its small toes", () => {
+  const steps = (toes_35: number, hallux: number, count: number) =>
+    Array.from({ length: count }, () =>
+      anyStep({ regions: { toes_35: region({ measured_force_peak_n: toes_35 }), hallux: region({ measured_force_peak_n: hallux }) } }));
+  expect(looksMirrored(steps(120, 60, 5))).toBe(true);
+  expect(looksMirrored(steps(120, 60, 4))).toBe(false);
+  expect(looksMirrored(steps(60, 120, 5))).toBe(false);
+  expect(looksMirrored([...steps(120, 60, 3), ...steps(60, 120, 3)])).toBe(false);
+});
+
+test("the check compares loaded fitted regions with the prediction", () => {
+  const unloaded = anyStep({ regions: { heel: region({ measured_force_peak_n: 5, model_error_nrmse_percent: 90 }) } });
+  expect(check(result(8), [withError(9), withError(11), unloaded])).toEqual({ predicted: 8, measured: 10, holds: true });
+  expect(check(result(8), [withError(20)])?.holds).toBe(false);
+  expect(check(result(8), [unloaded])).toBeUndefined();
+  expect(exclusions(collected("left", 3, { broken: 1 }))).toEqual(["Not used: 1 left step with lost data. Hold the phone closer to your feet."]);
+  expect(wire.facts.regions.map(({ name }) => name)).toEqual(expect.arrayContaining(["toes_35", "hallux"]));
+});
