@@ -67,8 +67,8 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
         if let Some(step) = hub.acknowledgement(index) {
             insole.send(ToDevice::Acknowledge { step });
         }
-        if let Some(tissue) = hub.tissue_to_send(index) {
-            insole.send(ToDevice::SetTissue(tissue));
+        if let Some(request) = hub.tissue_to_send(index) {
+            insole.send(request);
         }
         if status_requested.elapsed() > STATUS_INTERVAL {
             status_requested = Instant::now();

@@ -28,7 +28,7 @@ struct Insole {
     /// The wearer's parameters, if they are known.
     tissue: Option<Tissue>,
     /// Parameters of a page, to be sent to the insole next. The session of the page waits for the answer.
-    tissue_to_send: Option<Tissue>,
+    tissue_to_send: Option<ToDevice>,
     status: Status,
     /// Converts between the insole's clock and this computer's.
     axis: Axis,
@@ -126,8 +126,8 @@ impl Hub {
         insole.pages.iter_mut().for_each(|(_, link)| link.complete(Err(Refusal::Busy)));
     }
 
-    /// Takes the parameters that must be sent to the insole.
-    pub fn tissue_to_send(&self, index: usize) -> Option<Tissue> {
+    /// Takes the request of a page that must be sent to the insole.
+    pub fn tissue_to_send(&self, index: usize) -> Option<ToDevice> {
         self.insole(index).tissue_to_send.take()
     }
 
@@ -142,7 +142,7 @@ impl Hub {
             if link.command().is_some() {
                 link.complete(answer.map(|_| CommandResult::Stored));
             } else if let Ok(tissue) = answer {
-                link.restore(Some(tissue), link.identity());
+                link.restore_tissue(tissue, None);
             }
         }
         self.changed.send_replace(());
@@ -253,11 +253,20 @@ impl Page {
         let insole = &mut *insole;
         let Some((_, link)) = insole.pages.iter_mut().find(|(id, _)| *id == self.id) else { return };
         match decode(message) {
-            Some(request @ ToDevice::SetTissue(tissue)) if self.hub.accepts_parameters => {
-                link.receive(request, NO_CLOCK_US);
+            Some(ToDevice::SetIdentifiedTissue { identified, .. })
+                if self.hub.accepts_parameters
+                    && insole.hello.as_ref().is_none_or(|hello| hello.contact_rule != identified.contact) =>
+            {
+                link.refuse(Refusal::ContactRule);
+            }
+            Some(request @ (ToDevice::SetTissue(tissue) | ToDevice::SetIdentifiedTissue { tissue, .. }))
+                if self.hub.accepts_parameters =>
+            {
+                // The session of the page has no layout, so the contact rule is checked above.
+                link.receive(ToDevice::SetTissue(tissue), NO_CLOCK_US);
                 // Invalid parameters, and those that follow others without an answer, are refused already.
                 if link.command().is_some() {
-                    insole.tissue_to_send = Some(tissue);
+                    insole.tissue_to_send = Some(request);
                 }
             }
             // A page may not change other settings of an insole.

@@ -11,7 +11,12 @@ use serde_json::{Value, json};
 
 /// The request that sends the parameters of a study to an insole, encoded.
 fn set_tissue(study: &Study, size: InsoleSize) -> Vec<u8> {
-    let message = ToDevice::SetTissue(results::parameters(study, size).tissue());
+    let parameters = results::parameters(study, size);
+    let tissue = parameters.tissue();
+    let message = match &parameters.identified {
+        Some(identified) => ToDevice::SetIdentifiedTissue { tissue, identified: identified.on_insole() },
+        None => ToDevice::SetTissue(tissue),
+    };
     let mut buffer = [0; MAX_MESSAGE];
     // Every request fits into the buffer.
     encode(&message, &mut buffer).map_or(Vec::new(), |message| message.to_vec())
