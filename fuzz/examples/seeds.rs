@@ -100,6 +100,9 @@ fn main() {
     }
     seed("client", "session", &pieces(to_host.iter().map(Vec::as_slice)));
 
+    let session = session(&recording, &virtual_insole);
+    seed("identify", "walk", &pieces(session.iter().map(Vec::as_slice)));
+
     let [connect, stream, acknowledge, status, set_tissue, ..] = to_device.each_ref().map(Vec::as_slice);
     let session =
         [connect, stream, b"N", b"S", b"L", b"N", b"N", status, b"N", acknowledge, b"S", set_tissue, b"K", b"N", b"C"];
@@ -176,6 +179,25 @@ fn walked(recording: &Recording, virtual_insole: &VirtualInsole, tissue: &Tissue
         }
     }
     panic!("the walk has a step");
+}
+
+/// The live frames and the step of a walk, encoded.
+fn session(recording: &Recording, virtual_insole: &VirtualInsole) -> Vec<Vec<u8>> {
+    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the recording is valid");
+    let mut codes = vec![0; virtual_insole.cells.len()];
+    let mut messages = vec![encoded(&ToHost::Hello(hello(virtual_insole, 0)))];
+    for i in 0..virtual_insole.frames(recording) {
+        virtual_insole.codes_of(recording, i, &mut codes);
+        let is_toe_off = insole.frame(i as u32, &codes);
+        let live = Live::new(i as u32, i as u64 * 20_000, insole.loads(), insole.masked());
+        messages.push(encoded(&ToHost::Live(live)));
+        if is_toe_off {
+            let step = Step::new(&insole.whole_step().expect("the step is complete"));
+            messages.push(encoded(&ToHost::Step(step)));
+        }
+    }
+    messages
 }
 
 /// A hello of this insole.
