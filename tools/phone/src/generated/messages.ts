@@ -89,7 +89,11 @@ control: string,
 /** The insole notifies live frames. */
 live: string,
 /** The insole notifies steps. */
-steps: string, };
+steps: string,
+/** The page writes requests for the wearer's parameters to it, and the insole indicates the answers. It needs a bond. */
+parameters: string,
+/** The first bytes of the requests that are written to `parameters`. */
+parameter_requests: Array<number>, };
 
 /** A region and its shape. */
 export type RegionFacts = {

@@ -12,8 +12,10 @@ const VALUE_BYTES = 20;
 interface Connected {
   device: BluetoothDevice;
   reconnect: Reconnect;
-  /** The characteristic to which requests are written; `undefined` while the insole is not connected. */
+  /** The characteristic to which all other requests are written; `undefined` while the insole is not connected. */
   control?: BluetoothRemoteGATTCharacteristic | undefined;
+  /** The characteristic to which requests for parameters are written. */
+  parameters?: BluetoothRemoteGATTCharacteristic | undefined;
   /** Resolves after the last write. The next write waits for it, because writes must not overlap. */
   writing: Promise<void>;
 }
@@ -49,6 +51,7 @@ export class BluetoothTransport implements Transport {
     this.insoles.set(insole, connected);
     device.addEventListener("gattserverdisconnected", () => {
       connected.control = undefined;
+      connected.parameters = undefined;
       if (this.insoles.get(insole) !== connected) return;
       this.events.closed(insole, "out of reach or switched off");
       reconnect.later();
@@ -75,7 +78,8 @@ export class BluetoothTransport implements Transport {
     const service = await server.getPrimaryService(this.gatt.service);
     const control = await service.getCharacteristic(this.gatt.control);
     const live = await service.getCharacteristic(this.gatt.live);
-    for (const characteristic of [control, live, await service.getCharacteristic(this.gatt.steps)]) {
+    const parameters = await service.getCharacteristic(this.gatt.parameters);
+    for (const characteristic of [control, live, await service.getCharacteristic(this.gatt.steps), parameters]) {
       const joiner = new Fragments(() => this.events.damaged(insole));
       characteristic.oncharacteristicvaluechanged = () => {
         const value = characteristic.value;
@@ -85,6 +89,7 @@ export class BluetoothTransport implements Transport {
       await characteristic.startNotifications();
     }
     connected.control = control;
+    connected.parameters = parameters;
     this.events.opened(insole);
     // The battery service is optional.
     await this.followBattery(insole, server).catch(() => undefined);
@@ -102,10 +107,11 @@ export class BluetoothTransport implements Transport {
 
   send(insole: Insole, message: Uint8Array): void {
     const connected = this.insoles.get(insole);
-    const control = connected?.control;
-    if (!connected || !control) return;
+    const isOfParameters = this.gatt.parameter_requests.includes(message[0] ?? -1);
+    const channel = isOfParameters ? connected?.parameters : connected?.control;
+    if (!connected || !channel) return;
     const write = async () => {
-      for (const value of fragments(message, VALUE_BYTES)) await control.writeValueWithResponse(value);
+      for (const value of fragments(message, VALUE_BYTES)) await channel.writeValueWithResponse(value);
     };
     // A write fails if the link breaks. The handler of `gattserverdisconnected` then opens the link again.
     connected.writing = connected.writing.then(write).catch(() => undefined);

@@ -2,8 +2,11 @@
 
 use crate::sole::{self, outline_mm, region_shapes};
 use plantar::Region;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
+use plantar::protocol::gatt::{self, GattChannel};
 use plantar::protocol::session::STEP_QUEUE;
-use plantar::protocol::{MAJOR, MINOR, gatt};
+use plantar::protocol::{MAJOR, MAX_MESSAGE, MINOR, ToDevice, encode};
 use serde::Serialize;
 
 /// Constants of the protocol and the geometry of the sole.
@@ -33,6 +36,10 @@ pub struct Gatt {
     live: String,
     /// The insole notifies steps.
     steps: String,
+    /// The page writes requests for the wearer's parameters to it, and the insole indicates the answers. It needs a bond.
+    parameters: String,
+    /// The first bytes of the requests that are written to `parameters`.
+    parameter_requests: Vec<u8>,
 }
 
 /// A region and its shape.
@@ -57,6 +64,20 @@ pub struct Sole {
     outline_mm: Vec<[f32; 2]>,
 }
 
+/// See [`Gatt::parameter_requests`].
+fn parameter_requests() -> Vec<u8> {
+    let tissue = Tissue::NONE;
+    let identified = Identified { contact: ContactRule::COUNTED, filter: AreaFilter::Step, side: None, steps: 0 };
+    let requests =
+        [ToDevice::SetTissue(tissue), ToDevice::GetTissue, ToDevice::SetIdentifiedTissue { tissue, identified }];
+    let of_parameters = requests.iter().filter(|request| GattChannel::of_request(request) == GattChannel::Parameters);
+    let first_byte = |request| {
+        let mut buffer = [0; MAX_MESSAGE];
+        encode(request, &mut buffer).ok().and_then(|message| message.first().copied())
+    };
+    of_parameters.filter_map(first_byte).collect()
+}
+
 /// The [`Facts`] as JSON.
 pub(crate) fn facts_to_json() -> String {
     let facts = Facts {
@@ -68,6 +89,8 @@ pub(crate) fn facts_to_json() -> String {
             control: uuid_to_text(gatt::CONTROL),
             live: uuid_to_text(gatt::LIVE),
             steps: uuid_to_text(gatt::STEPS),
+            parameters: uuid_to_text(gatt::PARAMETERS),
+            parameter_requests: parameter_requests(),
         },
         regions: Region::ALL
             .iter()
