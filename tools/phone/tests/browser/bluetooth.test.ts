@@ -44,6 +44,7 @@ async function emulateInsole(): Promise<{ done: string[]; disconnect(): Promise<
       ["control", gatt.control, { write: true, indicate: true }],
       ["live", gatt.live, { notify: true }],
       ["steps", gatt.steps, { notify: true }],
+      ["parameters", gatt.parameters, { write: true, indicate: true }],
     ] as const) {
       const characteristic = { serviceId, characteristicUuid, properties };
       const { characteristicId } = await session.send("BluetoothEmulation.addCharacteristic", characteristic);
@@ -91,13 +92,14 @@ test("the page subscribes to the chosen insole and sends a connect request, also
     "control subscribe-to-notifications",
     "live subscribe-to-notifications",
     "steps subscribe-to-notifications",
+    "parameters subscribe-to-notifications",
     `control write ${request}`,
   ];
-  await expect.poll(() => insole.done.slice(0, 4), { timeout: 20_000 }).toEqual(expected);
+  await expect.poll(() => insole.done.slice(0, 5), { timeout: 20_000 }).toEqual(expected);
   await page.getByText("Waiting for an insole over Bluetooth.").waitFor();
 
   insole.done.length = 0;
   await insole.disconnect();
-  await expect.poll(() => insole.done.slice(0, 4), { timeout: 20_000 }).toEqual(expected);
+  await expect.poll(() => insole.done.slice(0, 5), { timeout: 20_000 }).toEqual(expected);
   await page.close();
 }, 60_000);
