@@ -64,6 +64,23 @@ async function save(page: Page, action: string, name: string): Promise<string> {
 const good = (page: Page, side: string) =>
   page.locator(`.rings .${side} svg`).getAttribute("aria-label").then((label) => Number(/: (\d+) of/.exec(label ?? "")?.[1]));
 
+/** The number of parts of a session that the browser stores. */
+const storedParts = (page: Page) =>
+  page.evaluate(
+    () =>
+      new Promise<number>((resolve, reject) => {
+        const request = indexedDB.open("plantar-identify");
+        request.onerror = () => reject(new Error("no database"));
+        request.onsuccess = () => {
+          const count = request.result.transaction("messages").objectStore("messages").count();
+          count.onsuccess = () => {
+            request.result.close();
+            resolve(count.result);
+          };
+        };
+      }),
+  );
+
 /** Asserts that axe finds no serious violation, and stores a screenshot. */
 async function inspect(page: Page, name: string): Promise<void> {
   await page.screenshot({ path: folder(`tests/screenshots/identify-${name}.png`) });
@@ -131,6 +148,8 @@ test.skipIf(!walk)("both feet are identified, also over a reload, and the parame
   await page.getByText(/Left foot: error \d+ % on your last 10 steps, \d+ % were expected/).waitFor({ timeout: 60_000 });
   await inspect(page, "done");
   await act(page, "close").click();
+  // A reload could interrupt the deletion.
+  await expect.poll(() => storedParts(page)).toBe(0);
   await page.reload();
   await page.locator("#chips", { hasText: /R/ }).waitFor();
   expect(await act(page, "resume").count()).toBe(0);
