@@ -7,8 +7,8 @@ use plantar::insole::Insole;
 use plantar::pipeline::stance::Rejected;
 use recording::{MAX_CELLS, Recording, VirtualInsole};
 
-/// The steps of a recording and its excluded contacts. `insole` is the virtual insole of the recording. `index` is the index of the
-/// recording in the study. `progress` receives the number of frames that have been processed.
+/// The steps of a recording and its excluded contacts. `insole` is the virtual insole of the recording. `index` is the index of
+/// the recording in the study. `progress` receives the number of frames that have been processed.
 ///
 /// # Errors
 /// Fails if the insole cannot be set up.

@@ -3,12 +3,13 @@
 //! "The paper" is DeBerardinis, Dufek, Trabia, "A viscoelastic ellipsoidal model of the mechanics of plantar tissues", J.
 //! Biomech. 92 (2019) 137-145. Equation numbers refer to it.
 //!
-//! [`steps::isolate`] extracts the steps of recordings with the code of the insole, and [`live`] collects them from the messages of
-//! an insole. [`fit`] identifies, for each region, the five parameters that a force trace determines ([`identify`]). The other
+//! [`steps::isolate`] extracts the steps of recordings with the code of the insole, and [`live`] collects them from the messages
+//! of an insole. [`fit`] identifies, for each region, the five parameters that a force trace determines ([`identify`]). The other
 //! three of the paper's eight parameters follow from other measurements ([`pins`]). The result includes confidence intervals
 //! ([`interval`]) and errors ([`quality`]). The module `paper` is the search of the paper, for comparison.
 //!
-//! Without its default features, the library runs in a browser: it then has neither recordings nor threads nor the paper's search.
+//! Without its default features, the library runs in a browser: it then has neither recordings nor threads nor the paper's
+//! search.
 
 pub mod identify;
 pub mod interval;

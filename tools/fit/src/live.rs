@@ -12,9 +12,9 @@ use plantar::protocol::{Live, LiveRegion, Step as StepMessage, StepRegion};
 use plantar::{Region, Side};
 use std::collections::{BTreeSet, VecDeque};
 
-/// Largest number of successive frames of a step that may be missing. They are interpolated linearly, as the insole does. The insole
-/// itself bridges up to five frames ([`plantar::pipeline::stance::BRIDGED_FRAMES`]); a fit needs the curves more exactly than a
-/// step record does.
+/// Largest number of successive frames of a step that may be missing. They are interpolated linearly, as the insole does. The
+/// insole itself bridges up to five frames ([`plantar::pipeline::stance::BRIDGED_FRAMES`]); a fit needs the curves more exactly
+/// than a step record does.
 pub const INTERPOLATED_FRAMES: u64 = 3;
 
 /// Smallest number of steps from which the side of an insole is judged.
@@ -120,8 +120,8 @@ impl LiveSteps {
     }
 
     /// The steps that a fit may use, and the excluded contacts in the order of their times. Partially loaded steps are recognised
-    /// by the median of all steps so far, so that a step can be excluded by later steps. `recording` is the index of the insole in
-    /// the study.
+    /// by the median of all steps so far, so that a step can be excluded by later steps. `recording` is the index of the insole
+    /// in the study.
     pub fn collected(&self, recording: usize) -> (Vec<Step>, Vec<ExcludedContact>) {
         let (mut steps, mut excluded) = (self.steps.clone(), self.excluded.clone());
         steps.iter_mut().for_each(|step| step.recording = recording);
@@ -130,7 +130,8 @@ impl LiveSteps {
         (steps, excluded)
     }
 
-    /// The contact rules by which the areas were measured, without repetitions. Steps of different rules cannot be fitted together.
+    /// The contact rules by which the areas were measured, without repetitions. Steps of different rules cannot be fitted
+    /// together.
     pub fn contact_rules(&self) -> &[ContactRule] {
         &self.contact_rules
     }

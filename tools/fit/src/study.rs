@@ -88,7 +88,8 @@ impl Study {
         Ok(())
     }
 
-    /// Adds the steps of a live stream. `name` is its name for display, `origin` its provenance, in sentences, and `side` the foot.
+    /// Adds the steps of a live stream. `name` is its name for display, `origin` its provenance, in sentences, and `side` the
+    /// foot.
     ///
     /// # Errors
     /// Fails if a step was measured by another contact rule than that of the study. The study is then unchanged.

@@ -74,8 +74,8 @@ export class IdentifyController {
     if (!this.worker) {
       this.worker = new Worker(new URL("./identify_worker.ts", import.meta.url), { type: "module" });
       this.worker.onmessage = ({ data }: MessageEvent<Answer>) => this.session.answer(data, performance.now());
-      this.worker.onerror = () =>
-        this.session.answer({ kind: "failed", reason: "The computation could not start. Reload the page and continue the session." }, 0);
+      const reason = "The computation could not start. Reload the page and continue the session.";
+      this.worker.onerror = () => this.session.answer({ kind: "failed", reason }, performance.now());
     }
     this.worker.postMessage(request);
   }

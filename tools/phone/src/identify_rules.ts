@@ -20,8 +20,8 @@ const TOLERANCE = 1.3;
 const TOLERANCE_PERCENT = 1;
 
 /**
- * True if the insole seems to lie under the wrong foot: in nearly all steps, the region of the small toes carries more than that of
- * the big toe.
+ * True if the insole seems to lie under the wrong foot: in nearly all steps, the region of the small toes carries more than that
+ * of the big toe.
  */
 export function looksMirrored(steps: readonly Step[]): boolean {
   const is_mirrored = ({ regions }: Step) => {
@@ -33,11 +33,12 @@ export function looksMirrored(steps: readonly Step[]): boolean {
 
 /** The reasons why steps of a foot were not used, as sentences for the wearer. */
 export function exclusions({ side, excluded }: Collected): string[] {
-  const steps = (count: number) => `${count} ${side} ${count === 1 ? "step" : "steps"}`;
+  const sentence = (count: number, reason: string) =>
+    count > 0 ? [`Not used: ${count} ${side} ${count === 1 ? "step" : "steps"} ${reason}`] : [];
   return [
-    ...(excluded.broken > 0 ? [`Not used: ${steps(excluded.broken)} with lost data. Hold the phone closer to your feet.`] : []),
-    ...(excluded.partial > 0 ? [`Not used: ${steps(excluded.partial)} that were too light. Walk straight, at your usual pace.`] : []),
-    ...(excluded.before > 0 ? [`Not used: ${steps(excluded.before)} from before this session.`] : []),
+    ...sentence(excluded.broken, "with lost data. Hold the phone closer to your feet."),
+    ...sentence(excluded.partial, "that were too light. Walk straight, at your usual pace."),
+    ...sentence(excluded.before, "from before this session."),
   ];
 }
 
@@ -64,7 +65,8 @@ export function check(result: FootResult, steps: readonly Step[]): Check | undef
   const predicted: number[] = [];
   const measured: number[] = [];
   for (const [name, error] of predictedErrors(result)) {
-    const regions = steps.flatMap((step) => step.regions[name] ?? []).filter((region) => region.measured_force_peak_n >= LOADED_N);
+    const all = steps.flatMap((step) => step.regions[name] ?? []);
+    const regions = all.filter((region) => region.measured_force_peak_n >= LOADED_N);
     if (regions.length === 0) continue;
     predicted.push(error);
     measured.push(mean(regions.map((region) => region.model_error_nrmse_percent)));

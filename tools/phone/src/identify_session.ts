@@ -1,6 +1,6 @@
 /**
- * The guided session that identifies the wearer's tissue: the wearer stands, walks, and receives the parameters of each foot, which
- * are sent to the insoles and checked on further steps. This module has no access to the document.
+ * The guided session that identifies the wearer's tissue: the wearer stands, walks, and receives the parameters of each foot,
+ * which are sent to the insoles and checked on further steps. This module has no access to the document.
  */
 
 import type { Live, Side, Step } from "./generated/quantities";
@@ -234,8 +234,8 @@ export class IdentifySession {
     for (const foot of this.feet) {
       const is_lost = lost.includes(foot.side);
       if (is_lost !== foot.is_lost && (this.isCollecting || this.phase === "verify")) {
-        const text = is_lost ? `The ${foot.side} insole is not connected. Stop, and hold the phone closer.` : "Connected. Continue to walk.";
-        this.host.cues.say(text);
+        const lost = `The ${foot.side} insole is not connected. Stop, and hold the phone closer.`;
+        this.host.cues.say(is_lost ? lost : "Connected. Continue to walk.");
         this.host.cues.vibrate(is_lost ? [400, 200, 400] : [200]);
       }
       foot.is_lost = is_lost;
@@ -274,8 +274,8 @@ export class IdentifySession {
     if (this.phase !== "walk" || !before) return;
     if (Math.floor(collected.good / 10) > Math.floor(before.good / 10)) {
       this.host.cues.vibrate([100]);
-      const is_complete = collected.good >= GOAL;
-      this.host.cues.say(is_complete ? `${foot.side} foot complete.` : `${collected.good} of ${GOAL} with the ${foot.side} foot.`);
+      const count = `${collected.good} of ${GOAL} with the ${foot.side} foot.`;
+      this.host.cues.say(collected.good >= GOAL ? `${foot.side} foot complete.` : count);
     }
     const { excluded } = collected;
     const { excluded: previous } = before;

@@ -23,7 +23,8 @@ export interface IdentifyState {
   now_ms: number;
 }
 
-const button = (action: string, text: string, kind = ""): Node => ["button", { "data-action": action, ...(kind && { class: kind }) }, text];
+const button = (action: string, text: string, kind = ""): Node =>
+  ["button", { "data-action": action, ...(kind && { class: kind }) }, text];
 const soft = (text: string): Node => ["p", { class: "soft" }, text];
 const note = (text: string): Node => ["p", { class: "note" }, text];
 const remark = (text: string): Node => ["p", { class: "note remark" }, text];
@@ -59,7 +60,12 @@ function content(session: IdentifySession, state: IdentifyState): Node[] {
     case "verify":
       return [
         ["p", { class: "command" }, `Walk ${CHECKED} more steps`],
-        rings(session.feet.filter(({ sent }) => sent === "confirmed"), (foot) => Math.min(CHECKED, Math.max(0, foot.checked.size - 1)), CHECKED),
+        rings(
+          session.feet.filter(({ sent }) => sent === "confirmed"),
+          // The first step is not counted, because it may have begun before the parameters were in force.
+          ({ checked }) => Math.min(CHECKED, Math.max(0, checked.size - 1)),
+          CHECKED,
+        ),
         soft("The insoles now use your parameters. They measure how well these predict your steps."),
         ...session.problems().map(note),
         ...refusals(session),
@@ -78,11 +84,12 @@ export function startProblems({ insoles, now_ms }: Pick<IdentifyState, "insoles"
     const session = insoles.of(side);
     if (!session?.hello) return [];
     if (session.state !== "live") return [`The ${side} insole is not connected at the moment.`];
-    const rate_hz = session.rate_hz(now_ms);
+    const [rate_hz, expected_hz] = [session.rate_hz(now_ms), session.hello.rate_hz];
+    const rates = `${rate_hz.toFixed(0)} of ${expected_hz.toFixed(0)}`;
     const { battery_percent } = session;
     return [
-      ...(rate_hz < LEAST_RATE * session.hello.rate_hz
-        ? [`Only ${rate_hz.toFixed(0)} of ${session.hello.rate_hz.toFixed(0)} frames per second arrive from the ${side} insole. Hold the phone closer.`]
+      ...(rate_hz < LEAST_RATE * expected_hz
+        ? [`Only ${rates} frames per second arrive from the ${side} insole. Hold the phone closer.`]
         : []),
       ...(battery_percent !== undefined && battery_percent < LOW_BATTERY_PERCENT
         ? [`The battery of the ${side} insole has ${battery_percent} %. Charge it first.`]
@@ -98,8 +105,11 @@ function start(state: IdentifyState): Node[] {
     ? `Only the ${sides[0]} insole is connected. Connect the other one too, or continue with one foot.`
     : "No insole is connected. Connect your insoles, then return to this view.";
   const sizes = Array.from({ length: 12 }, (_, i) => String(35 + i));
+  const option = (size: string): Node => ["option", size === String(shoe_size) ? { selected: "" } : {}, size];
   return [
-    ["p", {}, `Stand for a moment, then walk ${GOAL} steps with each foot. The phone computes how stiff your tissue is in each region, and sends the result to your insoles.`],
+    ["p", {},
+      `Stand for a moment, then walk ${GOAL} steps with each foot. The phone computes how stiff your tissue is in each region, ` +
+        "and sends the result to your insoles."],
     ["ol", { class: "soft" },
       ["li", {}, "Wear the shoes with the insoles, the left one in the left shoe."],
       ["li", {}, "Carry the phone in your hand or in a pocket, with the sound on."],
@@ -107,7 +117,7 @@ function start(state: IdentifyState): Node[] {
     ["p", { class: sides.length === 2 ? "fine" : "note" }, feet],
     ...startProblems(state).map(note),
     ["label", { for: "shoe-size" }, "Shoe size (European)"],
-    ["select", { id: "shoe-size" }, ...sizes.map((size): Node => ["option", size === String(shoe_size) ? { selected: "" } : {}, size])],
+    ["select", { id: "shoe-size" }, ...sizes.map(option)],
     ...(has_stored ? [
       note("A session was interrupted. Its steps are stored on this phone."),
       ...(sides.length > 0 ? [button("resume", "Continue that session", "primary")] : []),
@@ -171,12 +181,14 @@ function resultTable({ side, collected, result }: Foot, { regions }: FootResult)
   const warnings = Object.entries(regions).flatMap(([name, region]) =>
     region.fitted ? [region.verdict, ...region.warnings].map((text): Node => ["li", {}, `${regionTitle(name)}: ${text}`]) : [],
   );
+  const good = collected?.good ?? 0;
+  const titles = ["Region", "Stiffness K, kPa", "Error on new steps"].map((title): Node => ["th", { scope: "col" }, title]);
   return [
     ["table", { class: "result" },
       ["caption", { class: side }, `${sideTitle(side)} foot, ${result?.steps.length ?? 0} steps`],
-      ["thead", {}, ["tr", {}, ["th", { scope: "col" }, "Region"], ["th", { scope: "col" }, "Stiffness K, kPa"], ["th", { scope: "col" }, "Error on new steps"]]],
+      ["thead", {}, ["tr", {}, ...titles]],
       ["tbody", {}, ...rows]],
-    ...((collected?.good ?? 0) < ENOUGH ? [note(`Only ${collected?.good ?? 0} steps of the ${side} foot: its result is uncertain.`)] : []),
+    ...(good < ENOUGH ? [note(`Only ${good} steps of the ${side} foot: its result is uncertain.`)] : []),
     ["details", {}, ["summary", {}, `How sure: details of the ${side} foot`], ["ul", { class: "soft" }, ...warnings]],
   ];
 }
@@ -202,7 +214,7 @@ function result(session: IdentifySession, is_replay: boolean): Node[] {
       : session.pushable().length > 0 ? [button("push", "Send to my insoles", "primary")] : []),
     ...session.problems().map(note),
     ...session.feet.flatMap((foot) => (foot.result ? resultTable(foot, foot.result) : [])),
-    soft("In small print: the range that contains the true value of the model with 95 % probability, judged by the scatter of your steps."),
+    soft("In small print: the range that contains the value with 95 % probability, judged by the scatter of your steps."),
     ...session.comments().map(remark),
     ...exports(session),
     button("close", "Discard and close"),
@@ -216,8 +228,10 @@ function done(session: IdentifySession): Node[] {
       if (sent !== "confirmed") return [];
       if (!check) return [note(`The ${side} insole has your parameters. They were not checked on further steps.`)];
       const { predicted, measured, holds } = check;
-      const words = `${sideTitle(side)} foot: error ${measured.toFixed(0)} % on your last ${CHECKED} steps, ${predicted.toFixed(0)} % were expected.`;
-      return [["p", { class: holds ? "fine" : "note" }, holds ? words : `${words} Repeat the session on a straight way at your usual pace.`]];
+      const errors = `error ${measured.toFixed(0)} % on your last ${CHECKED} steps, ${predicted.toFixed(0)} % were expected.`;
+      const words = `${sideTitle(side)} foot: ${errors}`;
+      if (holds) return [["p", { class: "fine" }, words]];
+      return [note(`${words} Repeat the session on a straight way at your usual pace.`)];
     }),
     ...refusals(session),
     ...exports(session),

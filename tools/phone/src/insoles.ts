@@ -36,7 +36,8 @@ export class Insoles {
     this.transport?.close();
     this.transport = transport;
     this.hellos.clear();
-    this.sessions = INSOLES.map((insole) => new Session(insole, this.wire, () => this.transport, this.events.step, this.events.answer));
+    const { step, answer } = this.events;
+    this.sessions = INSOLES.map((insole) => new Session(insole, this.wire, () => this.transport, step, answer));
   }
 
   /** The session with the insole of this foot; `undefined` until that insole has sent its hello. */

@@ -75,7 +75,8 @@ test.skipIf(!plantar || !long_walk)("the parameters of sixty steps equal those o
   add(all);
   try {
     for (const insole of [0, 1] satisfies Insole[]) {
-      const [stream, json, toml] = ["walk.plantar", "fit.json", "fit.toml"].map((name) => join(folder, name)) as [string, string, string];
+      const path = (name: string) => join(folder, name);
+      const [stream, json, toml] = [path("walk.plantar"), path("fit.json"), path("fit.toml")];
       writeFileSync(stream, Buffer.concat(all.filter((item) => item.insole === insole).map(entry)));
       const run = spawnSync(plantar!, ["fit", stream, "--json", json, "--out", toml]);
       expect(run.status, run.stderr.toString()).toBe(0);

@@ -166,7 +166,8 @@ test("an insole that refuses or does not answer is named, and the parameters can
   session.insoleAnswer("right", { kind: "tissue", id: 42 }, 10_010);
   session.insoleAnswer("left", { kind: "refused", reason: "The memory is full." }, 10_020);
   expect(session.phase).toBe("verify");
-  expect(session.feet.map(({ sent, refusal }) => [sent, refusal])).toEqual([["failed", "The memory is full."], ["confirmed", ""]]);
+  const answers = session.feet.map(({ sent, refusal }) => [sent, refusal]);
+  expect(answers).toEqual([["failed", "The memory is full."], ["confirmed", ""]]);
 });
 
 test("a foot without steps is named and is not fitted", () => {
@@ -203,9 +204,9 @@ test("a failure of the worker ends the session with its reason", () => {
 });
 
 test("an insole under the wrong foot is recognised by its small toes", () => {
+  const loaded = (measured_force_peak_n: number) => region({ measured_force_peak_n });
   const steps = (toes_35: number, hallux: number, count: number) =>
-    Array.from({ length: count }, () =>
-      anyStep({ regions: { toes_35: region({ measured_force_peak_n: toes_35 }), hallux: region({ measured_force_peak_n: hallux }) } }));
+    Array.from({ length: count }, () => anyStep({ regions: { toes_35: loaded(toes_35), hallux: loaded(hallux) } }));
   expect(looksMirrored(steps(120, 60, 5))).toBe(true);
   expect(looksMirrored(steps(120, 60, 4))).toBe(false);
   expect(looksMirrored(steps(60, 120, 5))).toBe(false);
@@ -217,6 +218,7 @@ test("the check compares loaded fitted regions with the prediction", () => {
   expect(check(result(8), [withError(9), withError(11), unloaded])).toEqual({ predicted: 8, measured: 10, holds: true });
   expect(check(result(8), [withError(20)])?.holds).toBe(false);
   expect(check(result(8), [unloaded])).toBeUndefined();
-  expect(exclusions(collected("left", 3, { broken: 1 }))).toEqual(["Not used: 1 left step with lost data. Hold the phone closer to your feet."]);
+  const sentences = exclusions(collected("left", 3, { broken: 1 }));
+  expect(sentences).toEqual(["Not used: 1 left step with lost data. Hold the phone closer to your feet."]);
   expect(wire.facts.regions.map(({ name }) => name)).toEqual(expect.arrayContaining(["toes_35", "hallux"]));
 });

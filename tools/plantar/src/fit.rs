@@ -269,8 +269,8 @@ impl Fit {
         }
         if let (true, Some(path)) = (inputs.iter().any(|i| matches!(i, Input::Live(_))), &self.zero.zero) {
             bail!(
-                "--zero {} is for recordings of all cells: the insole computed the areas and forces of a live stream; omit the option, \
-                 and fit recordings that need it separately",
+                "--zero {} is for recordings of all cells: the insole computed the areas and forces of a live stream; omit the \
+                 option, and fit recordings that need it separately",
                 path.display()
             );
         }
@@ -286,8 +286,8 @@ impl Fit {
     }
 }
 
-/// Adds the steps of a live stream to the study. A stream may not be given twice, for example as the file of the page and as that of
-/// `plantar serve`, because its steps would then be predicted from copies of themselves.
+/// Adds the steps of a live stream to the study. A stream may not be given twice, for example as the file of the page and as that
+/// of `plantar serve`, because its steps would then be predicted from copies of themselves.
 fn add_live(study: &mut Study, source: LiveSource) -> Result<()> {
     let (steps, _) = source.steps.collected(0);
     let is_copy = |step: &fit::Step| steps.iter().any(|new| new.start_s == step.start_s && new.regions == step.regions);

@@ -1,5 +1,5 @@
-//! Writes the example recording of the page, a computed walk of both feet: `cargo run -p serve --example computed_walk -- FILE`. With
-//! a number of steps after the file, the walk has this many steps of each foot instead of six.
+//! Writes the example recording of the page, a computed walk of both feet: `cargo run -p serve --example computed_walk -- FILE`.
+//! With a number of steps after the file, the walk has this many steps of each foot instead of six.
 
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;

@@ -1,8 +1,8 @@
 //! The identification of a wearer's tissue parameters on the page for a phone, as WebAssembly.
 //!
-//! It runs in a Web Worker of the page. The page passes every message of the insoles as it arrived; [`collected`] returns how many
-//! steps can be used, and [`identify`] fits the parameters of one foot with the code of `plantar fit`. As in `phone-wire`, the page
-//! calls plain WebAssembly exports, shares one buffer with them, and receives results as JSON.
+//! It runs in a Web Worker of the page. The page passes every message of the insoles as it arrived; [`collected`] returns how
+//! many steps can be used, and [`identify`] fits the parameters of one foot with the code of `plantar fit`. As in `phone-wire`,
+//! the page calls plain WebAssembly exports, shares one buffer with them, and receives results as JSON.
 
 mod session;
 
@@ -74,9 +74,9 @@ pub extern "C" fn collected() -> usize {
     put(json.as_bytes())
 }
 
-/// Fits the parameters to the steps of the insole with this index. Writes the result to the buffer as JSON and returns the length of
-/// the text. `size` is the European shoe size, to which the typical thickness of the tissue is scaled; a size without typical values
-/// counts as the default size.
+/// Fits the parameters to the steps of the insole with this index. Writes the result to the buffer as JSON and returns the length
+/// of the text. `size` is the European shoe size, to which the typical thickness of the tissue is scaled; a size without typical
+/// values counts as the default size.
 #[unsafe(no_mangle)]
 pub extern "C" fn identify(insole: usize, size: u8) -> usize {
     let size = size.to_string().parse::<InsoleSize>().unwrap_or_default();

@@ -36,8 +36,8 @@ struct Insole {
 }
 
 impl Session {
-    /// Adds an encoded message of the insole with this index. True if it is a step. Messages that a fit does not use, messages of an
-    /// insole of another major version, and other bytes are ignored.
+    /// Adds an encoded message of the insole with this index. True if it is a step. Messages that a fit does not use, messages of
+    /// an insole of another major version, and other bytes are ignored.
     pub fn add(&mut self, insole: usize, message: &[u8]) -> bool {
         let Some(insole) = self.insoles.get_mut(insole) else { return false };
         let is_known = insole.hello.as_ref().is_none_or(|hello| hello.major == MAJOR);
@@ -61,8 +61,9 @@ impl Session {
     /// Fits the parameters to the steps of one insole. `progress` receives each region when its fit is complete.
     ///
     /// The result has the form of the JSON of `plantar fit`, with four more entries: `message`, the bytes of the request that
-    /// sends the parameters to the insole, `tissue_id`, the identifier by which the insole confirms them, `parameters`, the text of
-    /// the parameter file, and `fitted`, the number of fitted regions. It has the entry `error` instead if the steps cannot be fitted together.
+    /// sends the parameters to the insole, `tissue_id`, the identifier by which the insole confirms them, `parameters`, the text
+    /// of the parameter file, and `fitted`, the number of fitted regions. It has the entry `error` instead if the steps cannot be
+    /// fitted together.
     pub fn identify(&mut self, insole: usize, size: InsoleSize, progress: &(dyn Fn(Region) + Sync)) -> Value {
         let Some(insole) = self.insoles.get_mut(insole) else { return json!({ "error": "There is no such insole." }) };
         insole.steps.finish();

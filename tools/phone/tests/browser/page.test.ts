@@ -181,6 +181,15 @@ test("the page works offline after one visit", async () => {
   await page.context().setOffline(true);
   await page.reload();
   await page.locator("#start h2").waitFor();
+  // The identification is loaded only when it is needed, so its files must be among the stored ones.
+  const stored = await page.evaluate(async () => {
+    const names = await caches.keys();
+    const requests = await Promise.all(names.map(async (name) => (await caches.open(name)).keys()));
+    return requests.flat().map(({ url }) => url);
+  });
+  for (const file of [/identify_worker-.*\.js$/, /phone_identify-.*\.wasm$/]) {
+    expect(stored.some((url) => file.test(url)), String(file)).toBe(true);
+  }
   await page.close();
 });
 

@@ -1,4 +1,5 @@
-//! Live streams as sources of a fit: the stream file of `plantar serve --record` and of the page, and the folder of `plantar record`.
+//! Live streams as sources of a fit: the stream file of `plantar serve --record` and of the page, and the folder of `plantar
+//! record`.
 
 mod session;
 
@@ -37,8 +38,8 @@ impl LiveSource {
     pub fn contact_rule(&self) -> Result<Option<ContactRule>> {
         match self.steps.contact_rules() {
             [first, second, ..] => bail!(
-                "{}: the contact rule changed during the stream, from {} to {}; areas of different rules cannot be fitted together: \
-                 record each rule separately",
+                "{}: the contact rule changed during the stream, from {} to {}; areas of different rules cannot be fitted \
+                 together: record each rule separately",
                 self.name,
                 rule_in_words(first),
                 rule_in_words(second)
@@ -100,8 +101,8 @@ fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
         at += HEAD + length;
         match decode::<ToHost>(message) {
             Some(ToHost::Hello(hello)) if hello.major != MAJOR => bail!(
-                "{name}: recorded from an insole with protocol version {}, but this program reads version {MAJOR}: use the program \
-                 of that version",
+                "{name}: recorded from an insole with protocol version {}, but this program reads version {MAJOR}: use the \
+                 program of that version",
                 hello.major
             ),
             Some(ToHost::Hello(hello)) => insole.hello = Some(hello),
