@@ -1,13 +1,13 @@
-//! The smallest board, as a template for a new board. Its sensor matrix, its flash chip and its port are stubs, so it compiles but
-//! has no function; replace each `impl` by a driver. `CONTRIBUTING.md` has the procedure; `boards/wb55` is a complete board.
-//!
-//! The example is type-checked but not linked, because it has no time driver for `embassy-time`: a real board has one in the
-//! package of its controller, such as `embassy-stm32`.
+//! The smallest board, as a template for a new board. Its sensor matrix, its flash chip, its port and its clock are stubs, so it
+//! links but has no function; replace each `impl` by a driver. `CONTRIBUTING.md` has the procedure; `boards/wb55` is a complete
+//! board.
 #![no_std]
 #![no_main]
 
 use core::convert::Infallible;
 use core::hint::black_box;
+use core::task::Waker;
+use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_futures::block_on;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -36,6 +36,21 @@ static SCAN_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 /// The frame queue holds three frames.
 static MEMORY: Memory<NoChip, 3> = Memory::new();
+
+/// A clock that stands still. The package of a controller, such as `embassy-stm32`, has a time driver; without one, this is where to
+/// implement it.
+struct NoTime;
+
+impl embassy_time_driver::Driver for NoTime {
+    fn now(&self) -> u64 {
+        0
+    }
+
+    fn schedule_wake(&self, _at: u64, _waker: &Waker) {}
+}
+
+embassy_time_driver::time_driver_impl!(static TIME: NoTime = NoTime);
+defmt::timestamp!("{=u64:us}", 0);
 
 /// A matrix without load. A real matrix selects the row, converts its columns, and writes their codes.
 struct NoLoad;
@@ -179,6 +194,12 @@ async fn run_serve(shared: &'static Shared) {
 async fn run_persist(store: &'static mut Store<NoChip>, shared: &'static Shared, image: &'static Header) {
     persist::persist(store, shared, image, cortex_m::peripheral::SCB::sys_reset).await
 }
+
+/// The handlers of the controller's interrupts, which the package of a controller has. One is enough here.
+#[used]
+#[unsafe(link_section = ".vector_table.interrupts")]
+#[unsafe(no_mangle)]
+static __INTERRUPTS: [Option<extern "C" fn()>; 1] = [None];
 
 /// An interrupt that is not used otherwise. On a real board, its handler runs the scan executor.
 #[derive(Clone, Copy)]

@@ -20,6 +20,8 @@ export interface Collected {
   rate_hz: number;
   /** Number of steps that a fit can use. */
   good: number;
+  /** The insole seems to lie under the wrong foot. */
+  mirrored: boolean;
   excluded: {
     /** Frames are missing. */
     broken: number;

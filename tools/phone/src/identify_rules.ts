@@ -11,25 +11,11 @@ export const ENOUGH = 10;
 export const LEAST = 3;
 /** Number of steps of each foot on which the result is checked. */
 export const CHECKED = 10;
-/** Number of steps from which on it is checked whether an insole lies under the wrong foot. */
-const MIRRORED_STEPS = 5;
 /** A region with a smaller peak force is not fitted, and its model error means nothing. */
 const LOADED_N = 20;
 /** The check succeeds if the measured error is at most this multiple of the predicted error plus {@link TOLERANCE_PERCENT}. */
 const TOLERANCE = 1.3;
 const TOLERANCE_PERCENT = 1;
-
-/**
- * True if the insole seems to lie under the wrong foot: in nearly all steps, the region of the small toes carries more than that
- * of the big toe.
- */
-export function looksMirrored(steps: readonly Step[]): boolean {
-  const is_mirrored = ({ regions }: Step) => {
-    const peak_n = (name: string) => regions[name]?.measured_force_peak_n ?? 0;
-    return peak_n("toes_35") > LOADED_N && peak_n("toes_35") > peak_n("hallux");
-  };
-  return steps.length >= MIRRORED_STEPS && steps.filter(is_mirrored).length >= 0.8 * steps.length;
-}
 
 /** The reasons why steps of a foot were not used, as sentences for the wearer. */
 export function exclusions({ side, excluded }: Collected): string[] {

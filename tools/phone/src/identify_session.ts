@@ -5,7 +5,7 @@
 
 import type { Live, Side, Step } from "./generated/quantities";
 import type { Collected, FootResult } from "./identify_core";
-import { CHECKED, type Check, GOAL, LEAST, check, exclusions, looksMirrored } from "./identify_rules";
+import { CHECKED, type Check, GOAL, LEAST, check, exclusions } from "./identify_rules";
 import type { Answer, Request } from "./identify_worker";
 import type { InsoleAnswer } from "./session";
 import { totalForce } from "./session";
@@ -68,8 +68,6 @@ export interface Foot {
   refusal: string;
   /** True if the link is lost. */
   is_lost: boolean;
-  /** The last steps, by which an insole under the wrong foot is recognised. */
-  recent: Step[];
   /** Steps with the new parameters, by key. */
   checked: Map<string, Step>;
   check: Check | undefined;
@@ -149,7 +147,7 @@ export class IdentifySession {
 
   private reset(sides: Side[]): void {
     this.feet = SIDES.filter((side) => sides.includes(side)).map((side) => ({
-      side, collected: undefined, result: undefined, sent: "no", refusal: "", is_lost: false, recent: [], checked: new Map(),
+      side, collected: undefined, result: undefined, sent: "no", refusal: "", is_lost: false, checked: new Map(),
       check: undefined,
     }));
     this.remarks.clear();
@@ -219,7 +217,6 @@ export class IdentifySession {
     }
     if (this.isCollecting) {
       this.last_step_ms = now_ms;
-      foot.recent = [...foot.recent, step].slice(-GOAL);
       this.passOn(now_ms);
     } else if (this.phase === "verify" && foot.sent === "confirmed" && step.starts_ago === 0) {
       this.last_step_ms = now_ms;
@@ -297,7 +294,7 @@ export class IdentifySession {
         .filter(({ is_lost }) => is_lost && is_walking)
         .map(({ side }) => `The ${side} insole is not connected. Hold the phone closer; the session continues then.`),
       ...(is_one_sided ? missing.map(({ side }) => `No step of the ${side} foot has arrived. Is its insole in the shoe?`) : []),
-      ...this.feet.filter(({ recent }) => looksMirrored(recent)).map(({ side }) => mirrored(side)),
+      ...this.feet.filter(({ collected }) => collected?.mirrored).map(({ side }) => mirrored(side)),
     ];
   }
 

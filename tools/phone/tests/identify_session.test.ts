@@ -1,7 +1,7 @@
 import { beforeAll, expect, test } from "vitest";
 import type { Side, Step, StepRegion } from "../src/generated/quantities";
 import type { Collected, FootResult } from "../src/identify_core";
-import { CHECKED, GOAL, LEAST, check, exclusions, looksMirrored } from "../src/identify_rules";
+import { CHECKED, GOAL, LEAST, check, exclusions } from "../src/identify_rules";
 import { IdentifySession, type IdentifyStorage } from "../src/identify_session";
 import type { Answer, Request } from "../src/identify_worker";
 import { entries } from "../src/stream_file";
@@ -16,7 +16,7 @@ beforeAll(async () => {
 const HELLO = Uint8Array.of(0, 1, 2);
 const MESSAGE = Uint8Array.of(1, 2, 3);
 const collected = (side: Side, good: number, excluded: Partial<Collected["excluded"]> = {}): Collected => ({
-  side, good, rate_hz: 100, excluded: { broken: 0, partial: 0, before: 0, ...excluded },
+  side, good, mirrored: false, rate_hz: 100, excluded: { broken: 0, partial: 0, before: 0, ...excluded },
 });
 const region = (values: Partial<StepRegion>): StepRegion => ({ measured_force_peak_n: 100, ...values }) as StepRegion;
 /** A step in which the heel has this model error. */
@@ -203,14 +203,11 @@ test("a failure of the worker ends the session with its reason", () => {
   expect([all.session.phase, all.session.failure]).toEqual(["failed", "Start again."]);
 });
 
-test("an insole under the wrong foot is recognised by its small toes", () => {
-  const loaded = (measured_force_peak_n: number) => region({ measured_force_peak_n });
-  const steps = (toes_35: number, hallux: number, count: number) =>
-    Array.from({ length: count }, () => anyStep({ regions: { toes_35: loaded(toes_35), hallux: loaded(hallux) } }));
-  expect(looksMirrored(steps(120, 60, 5))).toBe(true);
-  expect(looksMirrored(steps(120, 60, 4))).toBe(false);
-  expect(looksMirrored(steps(60, 120, 5))).toBe(false);
-  expect(looksMirrored([...steps(120, 60, 3), ...steps(60, 120, 3)])).toBe(false);
+test("an insole under the wrong foot is named", () => {
+  const { session, count } = start();
+  session.step("left", anyStep(), "a", 10);
+  count({ ...collected("left", 5), mirrored: true }, collected("right", 5));
+  expect(session.problems().filter((problem) => problem.startsWith("The loads of the left insole")).length).toBe(1);
 });
 
 test("the check compares loaded fitted regions with the prediction", () => {

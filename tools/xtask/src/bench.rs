@@ -4,7 +4,7 @@ use crate::arguments::{FiguresFile, Soak};
 use crate::build::{bootloader, build_firmware, build_host, firmware};
 use crate::command::{built, run_command};
 use crate::test::recordings;
-use crate::{BOARDS, EMULATED, image, setup};
+use crate::{BOARDS, EMULATED, image, page, setup};
 use anyhow::{Context, Result};
 use serde_json::{Map, Value};
 use std::path::Path;
@@ -27,6 +27,9 @@ pub fn bench() -> Result<Figures> {
         [("--python", &python.interpreter), ("--jiku", &python.jiku), ("--plantar", &plantar), ("--json", &json)];
     let unpublished = recordings.as_deref().map(|folder| ("--recordings", folder));
     run_bench(&options.into_iter().chain(unpublished).collect::<Vec<_>>())?;
+    figures.extend(read(&json)?);
+    page::build()?;
+    page::measure(&plantar, &json)?;
     figures.extend(read(&json)?);
     Ok(figures)
 }

@@ -43,6 +43,14 @@ pub fn build_host(package: &str) -> Result<()> {
     run("cargo", &["build", "--locked", "--release", "--package", package])
 }
 
+/// Builds an example of a package, unless [`build_whole_host`] has already built it.
+pub fn build_example(package: &str, example: &str) -> Result<()> {
+    if HOST_IS_BUILT.load(Ordering::Relaxed) {
+        return Ok(());
+    }
+    run("cargo", &["build", "--locked", "--release", "--package", package, "--example", example])
+}
+
 /// Builds all host programs and their tests at once. Separate builds would compile shared dependencies repeatedly, because each
 /// build may enable other features of them.
 pub fn build_whole_host() -> Result<()> {

@@ -1,5 +1,6 @@
 //! Builds and tests the page for a phone, including the library's code as WebAssembly.
 
+use crate::build::build_example;
 use crate::command::{built, root, run, run_command};
 use crate::setup;
 use anyhow::{Context, Result};
@@ -36,17 +37,26 @@ const WALK_STEPS: &str = "60";
 pub fn test(plantar: &Path, firmware: &Path) -> Result<()> {
     setup::chromium()?;
     npm(&["run", "check"])?;
-    let walk = built("walk.plantar");
-    let example = ["--package", "serve", "--example", "computed_walk", "--", &walk.to_string_lossy(), WALK_STEPS];
-    run("cargo", &[&["run", "--locked", "--release"], &example[..]].concat())?;
-    let absolute = |path: &Path| std::path::absolute(path);
-    run_command(
-        Command::new("npm")
-            .args(["--prefix", FOLDER, "run", "test"])
-            .env("PLANTAR", absolute(plantar)?)
-            .env("PLANTAR_FIRMWARE", absolute(firmware)?)
-            .env("PLANTAR_WALK", absolute(&walk)?),
-    )
+    run_command(tests(plantar)?.env("PLANTAR_FIRMWARE", std::path::absolute(firmware)?))
+}
+
+/// Measures the identification on the page in Node.js, and writes its time and its largest difference from that of `plantar`, the
+/// command line, to the JSON file `figures`.
+pub fn measure(plantar: &Path, figures: &Path) -> Result<()> {
+    run_command(tests(plantar)?.env("PLANTAR_FIGURES", std::path::absolute(figures)?).args(["--", "identify_core"]))
+}
+
+/// The command that runs the page's tests.
+fn tests(plantar: &Path) -> Result<Command> {
+    let walk = std::path::absolute(built("walk.plantar"))?;
+    build_example("serve", "computed_walk")?;
+    run_command(Command::new(built("release/examples/computed_walk")).arg(&walk).arg(WALK_STEPS))?;
+    let mut command = Command::new("npm");
+    command
+        .args(["--prefix", FOLDER, "run", "test"])
+        .env("PLANTAR", std::path::absolute(plantar)?)
+        .env("PLANTAR_WALK", walk);
+    Ok(command)
 }
 
 /// Installs Node.js and the page's npm packages, if they are missing or the lock file has changed.

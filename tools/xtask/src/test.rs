@@ -33,7 +33,7 @@ pub fn all() -> Result<()> {
         cargo_firmware("clippy", board, &DENY_WARNINGS)?;
         cargo_firmware("clippy", &bootloader(board), &DENY_WARNINGS)?;
     }
-    run("cargo", &["check", "--locked", "--release", "--package", "minimal-board", "--target", TARGET])?;
+    cargo_firmware("build", "minimal-board", &[])?;
     let doc = ["doc", "--locked", "--release", "--no-deps", "--package", "plantar", "--features", "firmware"];
     run_command(Command::new("cargo").args(doc).env("RUSTDOCFLAGS", "--deny warnings"))?;
     for target in [TARGET, "wasm32-unknown-unknown"] {

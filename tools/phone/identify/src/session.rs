@@ -98,6 +98,7 @@ impl Insole {
             "side": self.side().name(),
             "rate_hz": self.steps.rate_hz(),
             "good": steps.len(),
+            "mirrored": self.steps.looks_mirrored(),
             "excluded": {
                 "broken": count(|reason| matches!(reason, ExclusionReason::Broken)),
                 "partial": count(|reason| matches!(reason, ExclusionReason::Partial(_))),
