@@ -305,15 +305,15 @@ fn a_matrix_that_does_not_answer_is_no_fault() {
     assert!(status.frames_missed > 0);
 }
 
-/// `stopped` is the index of the task that stops, and `healthy` the number of checks before that.
+/// `stopped` is the index of the part that stops, and `healthy` the number of checks before that.
 #[test]
-fn the_watchdog_finds_a_stalled_task_after_the_allowed_number_of_checks_and_not_before() {
+fn the_watchdog_finds_a_stalled_part_after_the_allowed_number_of_checks_and_not_before() {
     for stopped in 0..3 {
         for healthy in 1..30 {
             let (heartbeats, mut watchdog) = (Heartbeats::new(), Watchdog::new());
             let mut checks = 0;
             let stalled = loop {
-                let runs = |task| task != stopped || checks < healthy;
+                let runs = |part| part != stopped || checks < healthy;
                 // The scan queues frames even if processing is stalled.
                 if runs(0) {
                     heartbeats.scan_progressed();
@@ -347,7 +347,7 @@ fn a_start_that_never_ends_is_detected() {
 }
 
 #[test]
-fn an_idle_task_is_not_stalled() {
+fn an_idle_part_is_not_stalled() {
     let (heartbeats, mut watchdog) = (Heartbeats::new(), Watchdog::new());
     // Scan and link report heartbeats while they wait.
     let wait = || {

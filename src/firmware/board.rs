@@ -5,7 +5,7 @@ use embassy_time::{Duration, Instant, Timer};
 
 /// Decides when to scan.
 pub trait FrameClock {
-    /// When frame 0 was due: the origin of the insole's time.
+    /// The time at which frame 0 was due: the origin of the insole's time.
     fn start(&self) -> Instant;
 
     /// Waits for the time of the next frame and returns its number, which wraps. Frames that became due before the call are
@@ -50,7 +50,7 @@ pub trait Matrix {
     /// Number of rows.
     fn rows(&self) -> usize;
 
-    /// Reads one row in scan number `seq`, and writes the codes of its cells to their places in the frame.
+    /// Reads one row of the frame with number `seq`, and writes the codes of its cells to their places in the frame.
     ///
     /// # Errors
     /// If the matrix does not answer; the frame is then abandoned and counted as missed.

@@ -9,7 +9,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 /// Time between checks, ms.
 pub const CHECK_PERIOD_MS: u32 = 100;
 /// Number of successive checks without a heartbeat after which a part counts as stalled: one second, because the insole must run
-/// again within two seconds. Every part has a heartbeat at least every 200 ms.
+/// again within two seconds. Every part that is not idle has a heartbeat at least every 200 ms.
 pub const STALLED_CHECKS: u8 = 10;
 /// Number of healthy checks after which a start counts as successful: 5 s.
 pub const HEALTHY_CHECKS: u32 = 50;

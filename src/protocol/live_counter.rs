@@ -1,4 +1,4 @@
-//! Counts the live frames that a host received and lost; shared by the client and the page.
+//! Counts the live frames that a host received and lost; shared by the client and the web page for a phone.
 
 use crate::sequence;
 
@@ -37,8 +37,8 @@ impl LiveCounter {
         self.expected = Some(sequence.wrapping_add(1));
     }
 
-    /// Counts the losses that `live_due` reveals, the number of frames that the insole had to send in this session. Unlike gaps,
-    /// it also reveals losses before the first and after the last received frame.
+    /// Counts the losses that follow from `live_due`, the number of live frames that were due in this session. Unlike gaps in the
+    /// sequence numbers, this number also reveals losses before the first and after the last received frame.
     pub fn due(&mut self, live_due: u32) {
         self.add_lost(live_due.saturating_sub(self.session_received).saturating_sub(self.session_lost));
     }

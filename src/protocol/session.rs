@@ -1,9 +1,9 @@
 //! The insole's side of a session with a host, over any carrier: it decides which message to send next and which commands to
 //! execute.
 //!
-//! A live frame is valid for the moment only: a full queue drops the oldest. A step must not be lost: it remains until it is
-//! acknowledged, and is sent again in the next session. The session holds the oldest steps; the step log ([`crate::storage`])
-//! contains all of them. The wearer's parameters and the clock remain after the session that set them.
+//! A live frame is soon out of date, so a full queue drops the oldest. A step must not be lost: it remains until it is
+//! acknowledged, and is sent again in the next session. The session holds the oldest unacknowledged steps; the step log
+//! ([`crate::storage`]) contains all of them. The wearer's parameters and the clock remain after the session that set them.
 
 use super::cell_stream::CellSender;
 use super::command::{Answer, Configured};
@@ -201,7 +201,7 @@ impl Session {
         self.acknowledged.take()
     }
 
-    /// True where a step can be added without dropping another one.
+    /// True if a step can be added without dropping another one.
     pub fn has_room(&self) -> bool {
         !self.steps.is_full()
     }
@@ -279,7 +279,7 @@ impl Session {
         };
     }
 
-    /// The sequence number of the next live frame; `None` where no host receives the stream.
+    /// The sequence number of the next live frame; `None` if no host receives the stream.
     pub fn next_live(&self) -> Option<u32> {
         (self.is_open && self.is_streaming).then_some(self.live_due)
     }

@@ -1,9 +1,9 @@
-//! Counters of an insole.
+//! Counters and state of an insole.
 
 use crate::pipeline::stance::Rejected;
 use serde::{Deserialize, Serialize};
 
-/// Counters since the start; all wrap.
+/// Counters and state of an insole. Counters begin at the start unless stated otherwise, and wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     /// Time since the start, us.
@@ -25,7 +25,7 @@ pub struct Status {
     pub steps_dropped: u32,
     /// Number of contacts that did not become steps.
     pub rejected: Rejected,
-    /// Number of frames, or values over Bluetooth, that arrived with a wrong CRC or without a known message.
+    /// Number of frames on the serial port, or values over Bluetooth, that arrived with a wrong CRC or without a known message.
     pub bad_frames: u32,
     /// Smallest and largest number of processor cycles so far for a frame with the foot on the ground, from codes to encoded live
     /// message.

@@ -30,6 +30,7 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
         saturated: u8::MAX,
         clamped: u8::MAX,
         contact_rule: ContactRule::COUNTED,
+        // The fields of a region have a fixed length.
         regions: [StepRegion::default(); 8],
         boots_since: u32::MAX,
         start_unix_us: Some(2 * CENTURY_US),

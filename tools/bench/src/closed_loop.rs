@@ -16,7 +16,7 @@ use recording::{Recording, StreamedCells, VirtualInsole, jiku};
 use std::path::Path;
 use std::time::Duration;
 
-/// Walkers, and steps of each.
+/// Number of walkers, and number of steps of each.
 const WALKERS: usize = 3;
 const TRIALS: usize = 30;
 /// The device's usual number of cells and frame rate.
@@ -26,11 +26,11 @@ const CONTACT: ContactRule = ContactRule::COVERED;
 /// Time within which the insole must answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// What an insole sent of a walk.
+/// The data that an insole sent during a walk.
 struct Sent {
     cells: Recording,
     live: LiveSteps,
-    /// Frames of cells that were lost or dropped.
+    /// Number of frames of cells that were lost or dropped.
     lost: u32,
 }
 

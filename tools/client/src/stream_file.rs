@@ -29,7 +29,7 @@ impl StreamFile {
     /// frames before them.
     ///
     /// # Errors
-    /// If the message cannot be written; the message then names the file.
+    /// If the message cannot be written. The text of the error names the file.
     pub fn write(&mut self, insole: u8, message: &ToHost) -> io::Result<()> {
         let t_ms = self.start.elapsed().as_millis() as u32;
         let written = append(&mut self.out, t_ms, insole, message).and_then(|()| match message {

@@ -47,7 +47,7 @@ impl fmt::Display for NotFitted {
             Self::NeverLoaded => {
                 f.write_str("never loaded: no cell came into contact; check the layout and the contact threshold")
             }
-            Self::ZeroForce => f.write_str("in contact but without force: check the calibration and the zero"),
+            Self::ZeroForce => f.write_str("in contact but without force: check the calibration and the baseline"),
             Self::HardlyLoaded(peak_n) => {
                 write!(f, "hardly loaded: at most {peak_n:.1} N in any step; at least {MIN_FORCE_N} N are needed")
             }
@@ -138,6 +138,6 @@ fn check(curves: &RegionCurves, filter: Filter) -> Result<(), NotFitted> {
     if least > 0.999 * most {
         return Err(NotFitted::ConstantArea);
     }
-    let at_most = area.iter().filter(|&&a| a >= SATURATED_AREA * most).count() as f64 / area.len() as f64;
-    if at_most >= SATURATED_SHARE { Err(NotFitted::SaturatedArea(at_most)) } else { Ok(()) }
+    let share_at_max = area.iter().filter(|&&a| a >= SATURATED_AREA * most).count() as f64 / area.len() as f64;
+    if share_at_max >= SATURATED_SHARE { Err(NotFitted::SaturatedArea(share_at_max)) } else { Ok(()) }
 }

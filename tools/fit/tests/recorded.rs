@@ -1,6 +1,6 @@
 //! Fits to recorded steps: their errors agree with an independent reference and with the code of the insole. The recordings are not
-//! part of this repository: the tests are skipped unless `PLANTAR_JIKU` names the folder SpeedPP2DS of `jiku-data`, or the folder
-//! `shared/data/pedar` exists beside the repository.
+//! part of this repository. Barefoot tests are skipped unless `PLANTAR_JIKU` names the folder SpeedPP2DS of `jiku-data`; the test
+//! with shoes is skipped unless the folder `shared/data/pedar` exists beside the repository.
 
 use fit::quality::Evaluated;
 use fit::steps::ExclusionReason;
@@ -57,7 +57,8 @@ const RIGHT_SHOE: Golden =
 const BAREFOOT: Golden =
     [Some(11.83), Some(21.48), Some(11.51), Some(13.91), Some(20.68), Some(14.95), Some(13.93), Some(9.90)];
 
-/// Asserts that the NRMSE of the fits, which use no random starts, is at most 0.05 percentage points above `golden`.
+/// Asserts that the NRMSE of the fits, which use no random starts, is at most 0.05 percentage points above `golden`, and at
+/// most 0.3 below.
 fn assert_golden(study: &Study, golden: &Golden) {
     for ((region, fit), golden) in Region::ALL.iter().zip(&study.fits).zip(golden) {
         match (fit, golden) {

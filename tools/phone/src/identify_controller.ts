@@ -12,7 +12,7 @@ import { type InsoleAnswer, totalForce } from "./session";
 import { type Settings, saveSettings } from "./settings";
 import { SIDES } from "./side";
 
-/** Is used if the browser has no database. */
+/** The storage that is used if the browser has no database. It stores nothing. */
 const NO_STORAGE: IdentifyStorage = {
   load: () => Promise.resolve([]),
   add: () => Promise.reject(new Error("This browser has no database.")),
@@ -133,7 +133,7 @@ export class IdentifyController {
     if (foot?.result) download(`parameters_${foot.side}.toml`, "application/toml", [foot.result.parameters]);
   }
 
-  /** An encoded message of an insole arrived. */
+  /** Handles an encoded message of an insole. */
   message(side: Side, bytes: Uint8Array): void {
     this.session.message(side, bytes, Date.now());
   }

@@ -1,17 +1,17 @@
-/** The rules of a guided session: how many steps it needs, what is wrong with a step, and whether a result holds. */
+/** The rules of a guided session: how many steps it needs, why a step is not used, and whether a result is confirmed. */
 
 import type { Step } from "./generated/quantities";
 import type { Collected, FootResult } from "./identify_core";
 
 /** Number of good steps of each foot that a session collects. */
-export const GOAL = 30;
+export const TARGET_STEPS = 30;
 /** With fewer good steps, the wearer is warned that the result is less certain. */
-export const ENOUGH = 10;
+export const RELIABLE_STEPS = 10;
 /** With fewer good steps, a foot is not fitted: its steps could not be predicted from each other. */
-export const LEAST = 3;
+export const MIN_STEPS = 3;
 /** Number of steps of each foot on which the result is checked. */
-export const CHECKED = 10;
-/** A region with a smaller peak force is not fitted, and its model error means nothing. */
+export const CHECK_STEPS = 10;
+/** A region with a smaller peak force is not fitted, and its model error is meaningless. */
 const LOADED_N = 20;
 /** The check succeeds if the measured error is at most this multiple of the predicted error plus {@link TOLERANCE_PERCENT}. */
 const TOLERANCE = 1.3;
@@ -42,7 +42,7 @@ export interface Check {
   predicted: number;
   /** The error that the insole measured on the steps of the check. */
   measured: number;
-  /** True if the result holds. */
+  /** True if the measured error confirms the result, see {@link TOLERANCE}. */
   holds: boolean;
 }
 

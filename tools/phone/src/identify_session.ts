@@ -5,7 +5,7 @@
 
 import type { Live, Side, Step } from "./generated/quantities";
 import type { Collected, FootResult } from "./identify_core";
-import { CHECKED, type Check, GOAL, LEAST, check, exclusions } from "./identify_rules";
+import { CHECK_STEPS, type Check, TARGET_STEPS, MIN_STEPS, check, exclusions } from "./identify_rules";
 import type { Answer, Request } from "./identify_worker";
 import type { InsoleAnswer } from "./session";
 import { totalForce } from "./session";
@@ -250,7 +250,9 @@ export class IdentifySession {
     switch (answer.kind) {
       case "collected":
         for (const foot of this.feet) this.counted(foot, answer.insoles[indexOf(foot.side)], now_ms);
-        if (this.phase === "walk" && this.feet.every(({ collected }) => (collected?.good ?? 0) >= GOAL)) this.finishWalk();
+        if (this.phase === "walk" && this.feet.every(({ collected }) => (collected?.good ?? 0) >= TARGET_STEPS)) {
+          this.finishWalk();
+        }
         return;
       case "fitted":
         this.fitted += 1;
@@ -271,8 +273,8 @@ export class IdentifySession {
     if (this.phase !== "walk" || !before) return;
     if (Math.floor(collected.good / 10) > Math.floor(before.good / 10)) {
       this.host.cues.vibrate([100]);
-      const count = `${collected.good} of ${GOAL} with the ${foot.side} foot.`;
-      this.host.cues.say(collected.good >= GOAL ? `${foot.side} foot complete.` : count);
+      const count = `${collected.good} of ${TARGET_STEPS} with the ${foot.side} foot.`;
+      this.host.cues.say(collected.good >= TARGET_STEPS ? `${foot.side} foot complete.` : count);
     }
     const { excluded } = collected;
     const { excluded: previous } = before;
@@ -287,7 +289,7 @@ export class IdentifySession {
   /** What the wearer should change, as sentences. */
   problems(): string[] {
     const missing = this.feet.filter(({ collected }) => !collected?.good);
-    const is_one_sided = this.phase === "walk" && this.feet.some(({ collected }) => (collected?.good ?? 0) >= LEAST);
+    const is_one_sided = this.phase === "walk" && this.feet.some(({ collected }) => (collected?.good ?? 0) >= MIN_STEPS);
     const is_walking = this.isCollecting || this.phase === "verify";
     return [
       ...this.feet
@@ -303,7 +305,7 @@ export class IdentifySession {
     return [...this.feet.flatMap(({ collected }) => (collected ? exclusions(collected) : [])), ...this.remarks];
   }
 
-  private fittable = () => this.feet.filter(({ collected }) => (collected?.good ?? 0) >= LEAST);
+  private fittable = () => this.feet.filter(({ collected }) => (collected?.good ?? 0) >= MIN_STEPS);
 
   /** True if the walk can end before all steps are collected. */
   get canFinish(): boolean {
@@ -374,7 +376,7 @@ export class IdentifySession {
     }
     this.phase = "verify";
     this.last_step_ms = now_ms;
-    this.host.cues.say(`The insoles have your parameters. Walk ${CHECKED} more steps.`);
+    this.host.cues.say(`The insoles have your parameters. Walk ${CHECK_STEPS} more steps.`);
   }
 
   /** Ends the session without the check on further steps. */
@@ -386,7 +388,7 @@ export class IdentifySession {
   private evaluateCheck(): void {
     const feet = this.feet.filter(({ sent }) => sent === "confirmed");
     // The step that was in progress when the parameters arrived is not counted.
-    if (feet.some(({ checked }) => checked.size <= CHECKED)) return;
+    if (feet.some(({ checked }) => checked.size <= CHECK_STEPS)) return;
     for (const foot of feet) {
       if (foot.result) foot.check = check(foot.result, [...foot.checked.values()].slice(1));
     }

@@ -3,7 +3,7 @@
 import { type Node, fill } from "./dom";
 import { regionTitle } from "./format";
 import type { FootResult, RegionResult } from "./identify_core";
-import { CHECKED, ENOUGH, GOAL } from "./identify_rules";
+import { CHECK_STEPS, RELIABLE_STEPS, TARGET_STEPS } from "./identify_rules";
 import type { Foot, IdentifySession } from "./identify_session";
 import type { Insoles } from "./insoles";
 import { SIDES, sideTitle } from "./side";
@@ -59,12 +59,12 @@ function content(session: IdentifySession, state: IdentifyState): Node[] {
       return result(session, state.insoles.transport?.is_replay ?? false);
     case "verify":
       return [
-        ["p", { class: "command" }, `Walk ${CHECKED} more steps`],
+        ["p", { class: "command" }, `Walk ${CHECK_STEPS} more steps`],
         rings(
           session.feet.filter(({ sent }) => sent === "confirmed"),
           // The first step is not counted, because it may have begun before the parameters were in force.
-          ({ checked }) => Math.min(CHECKED, Math.max(0, checked.size - 1)),
-          CHECKED,
+          ({ checked }) => Math.min(CHECK_STEPS, Math.max(0, checked.size - 1)),
+          CHECK_STEPS,
         ),
         soft("The insoles now use your parameters. They measure how well these predict your steps."),
         ...session.problems().map(note),
@@ -108,8 +108,8 @@ function start(state: IdentifyState): Node[] {
   const option = (size: string): Node => ["option", size === String(shoe_size) ? { selected: "" } : {}, size];
   return [
     ["p", {},
-      `Stand for a moment, then walk ${GOAL} steps with each foot. The phone computes how stiff your tissue is in each region, ` +
-        "and sends the result to your insoles."],
+      `Stand for a moment, then walk ${TARGET_STEPS} steps with each foot. The phone computes how stiff your tissue is ` +
+        "in each region, and sends the result to your insoles."],
     ["ol", { class: "soft" },
       ["li", {}, "Wear the shoes with the insoles, the left one in the left shoe."],
       ["li", {}, "Carry the phone in your hand or in a pocket, with the sound on."],
@@ -150,14 +150,14 @@ function rings(feet: Foot[], count: (foot: Foot) => number, goal: number): Node 
 }
 
 function walk(session: IdentifySession): Node[] {
-  const is_sparse = session.feet.some(({ collected }) => (collected?.good ?? 0) < ENOUGH);
+  const is_sparse = session.feet.some(({ collected }) => (collected?.good ?? 0) < RELIABLE_STEPS);
   return [
     ["p", { class: "command" }, "Walk"],
-    rings(session.feet, ({ collected }) => collected?.good ?? 0, GOAL),
+    rings(session.feet, ({ collected }) => collected?.good ?? 0, TARGET_STEPS),
     ...session.problems().map(note),
     ...session.comments().map(remark),
     ...(session.canFinish ? [button("finish", "Finish with these steps")] : []),
-    ...(session.canFinish && is_sparse ? [soft(`Fewer than ${ENOUGH} steps of a foot make its result uncertain.`)] : []),
+    ...(session.canFinish && is_sparse ? [soft(`Fewer than ${RELIABLE_STEPS} steps of a foot make its result uncertain.`)] : []),
     button("close", "Cancel"),
   ];
 }
@@ -188,7 +188,7 @@ function resultTable({ side, collected, result }: Foot, { regions }: FootResult)
       ["caption", { class: side }, `${sideTitle(side)} foot, ${result?.steps.length ?? 0} steps`],
       ["thead", {}, ["tr", {}, ...titles]],
       ["tbody", {}, ...rows]],
-    ...(good < ENOUGH ? [note(`Only ${good} steps of the ${side} foot: its result is uncertain.`)] : []),
+    ...(good < RELIABLE_STEPS ? [note(`Only ${good} steps of the ${side} foot: its result is uncertain.`)] : []),
     ["details", {}, ["summary", {}, `How sure: details of the ${side} foot`], ["ul", { class: "soft" }, ...warnings]],
   ];
 }
@@ -228,7 +228,7 @@ function done(session: IdentifySession): Node[] {
       if (sent !== "confirmed") return [];
       if (!check) return [note(`The ${side} insole has your parameters. They were not checked on further steps.`)];
       const { predicted, measured, holds } = check;
-      const errors = `error ${measured.toFixed(0)} % on your last ${CHECKED} steps, ${predicted.toFixed(0)} % were expected.`;
+      const errors = `error ${measured.toFixed(0)} % on your last ${CHECK_STEPS} steps, ${predicted.toFixed(0)} % were expected.`;
       const words = `${sideTitle(side)} foot: ${errors}`;
       if (holds) return [["p", { class: "fine" }, words]];
       return [note(`${words} Repeat the session on a straight way at your usual pace.`)];

@@ -12,7 +12,7 @@ export interface InsoleEvents {
   live(live: Live, side: Side): void;
   /** A step arrived. `bytes` is the encoded message. */
   step(message: StepMessage, bytes: Uint8Array, session: Session): void;
-  /** An insole answered a request of parameters. */
+  /** An insole answered a request that concerns parameters. */
   answer(answer: InsoleAnswer, session: Session): void;
   /** An encoded message of the insole of this foot arrived. */
   message(bytes: Uint8Array, side: Side): void;

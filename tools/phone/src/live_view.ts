@@ -51,7 +51,7 @@ export class LiveView {
     quantity.onchange = () => (this.quantity = QUANTITIES.find((known) => known === quantity.value) ?? "measured");
   }
 
-  /** Forgets the largest force and the saturated regions. To be called when other insoles are used. */
+  /** Resets the largest force and the saturated regions. To be called when other insoles are used. */
   reset(): void {
     this.largest_n = 0;
     this.saturated.clear();
@@ -109,7 +109,7 @@ export class LiveView {
     fill("scale-to", [forceText(scaleEnd_n(this.largest_n), settings)[0]]);
   }
 
-  /** Shows the state of the session with an insole. Removes the loads of the foot unless the insole is live. */
+  /** Shows the state of the session with an insole. Removes the loads of the foot unless the session is live. */
   private updateState(side: Side, state: SessionState): void {
     const picture = this.pictures[side];
     const text = TEXTS[state];

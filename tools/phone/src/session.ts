@@ -28,7 +28,7 @@ export type SessionState = "closed" | "waiting" | "live" | "lost" | "other-versi
 /** A decoded message that contains a step. */
 export type StepMessage = Extract<ToHost, { kind: "step" }>;
 
-/** A decoded message that answers a request of parameters. */
+/** A decoded message that answers a request that concerns parameters. */
 export type InsoleAnswer = Extract<ToHost, { kind: "tissue" | "refused" }>;
 
 /** The total force on a foot in one live frame. */

@@ -1,7 +1,7 @@
 import { beforeAll, expect, test } from "vitest";
 import type { Side, Step, StepRegion } from "../src/generated/quantities";
 import type { Collected, FootResult } from "../src/identify_core";
-import { CHECKED, GOAL, LEAST, check, exclusions } from "../src/identify_rules";
+import { CHECK_STEPS, TARGET_STEPS, MIN_STEPS, check, exclusions } from "../src/identify_rules";
 import { IdentifySession, type IdentifyStorage } from "../src/identify_session";
 import type { Answer, Request } from "../src/identify_worker";
 import { entries } from "../src/stream_file";
@@ -57,9 +57,9 @@ function start(sides: Side[] = ["left", "right"]) {
 function walk(all: ReturnType<typeof start>) {
   const { session, count } = all;
   session.step("left", anyStep(), "a", 10);
-  count(collected("left", GOAL - 1), collected("right", GOAL - 1));
+  count(collected("left", TARGET_STEPS - 1), collected("right", TARGET_STEPS - 1));
   expect(session.phase).toBe("walk");
-  count(collected("left", GOAL), collected("right", GOAL));
+  count(collected("left", TARGET_STEPS), collected("right", TARGET_STEPS));
 }
 
 test("after standing on both feet for three seconds, the wearer walks; a lifted foot restarts the time", () => {
@@ -117,7 +117,10 @@ test("progress is spoken every ten steps, and reasons of unused steps at interva
   said.length = 0;
   count(collected("left", 10, { partial: 1 }), collected("right", 9));
   count(collected("left", 10, { partial: 2 }), collected("right", 9));
-  expect(said).toEqual([`10 of ${GOAL} with the left foot.`, "That step was too light. Walk straight, at your usual pace."]);
+  expect(said).toEqual([
+    `10 of ${TARGET_STEPS} with the left foot.`,
+    "That step was too light. Walk straight, at your usual pace.",
+  ]);
   expect(session.comments().join()).toContain("2 left steps that were too light");
 });
 
@@ -143,7 +146,7 @@ test("the feet are fitted one after the other, the parameters are sent until the
   expect(sent.map(([side]) => side)).toEqual(["left", "right", "right"]);
   session.insoleAnswer("right", { kind: "tissue", id: 42 }, 3600);
   expect(session.phase).toBe("verify");
-  for (let i = 0; i <= CHECKED; i += 1) {
+  for (let i = 0; i <= CHECK_STEPS; i += 1) {
     expect(session.phase).toBe("verify");
     // A step that the insole sends twice counts once. The first step may have begun with other parameters.
     for (const side of ["left", "left", "right"] as const) session.step(side, withError(i === 0 ? 90 : 9), `${i}`, 4000);
@@ -173,9 +176,9 @@ test("an insole that refuses or does not answer is named, and the parameters can
 test("a foot without steps is named and is not fitted", () => {
   const { session, solved, answer, count } = start();
   session.step("left", anyStep(), "a", 10);
-  count(collected("left", LEAST - 1), collected("right", 0));
+  count(collected("left", MIN_STEPS - 1), collected("right", 0));
   expect(session.canFinish).toBe(false);
-  count(collected("left", LEAST), collected("right", 0));
+  count(collected("left", MIN_STEPS), collected("right", 0));
   expect(session.problems()).toEqual(["No step of the right foot has arrived. Is its insole in the shoe?"]);
   session.finishWalk();
   expect(solved.at(-1)).toEqual({ kind: "identify", insole: 0, size: 42 });

@@ -145,7 +145,7 @@ impl Identify {
             }
         }
         let all = STANDING.iter().map(|(_, s)| s).sum();
-        let mut before = String::new();
+        let mut before = "";
         while !feet.iter().all(|foot| foot.calibration_file().exists()) {
             let cue = |elapsed: Duration| {
                 let mut rest_s = elapsed.as_secs();
@@ -158,16 +158,12 @@ impl Identify {
                 "Done; this takes a moment".into()
             };
             let trials = stage(feet, cue, |foot, stop| Ok(foot.stand(stop, Duration::from_secs(all))))?;
-            let trials: Result<Vec<_>> = trials.into_iter().collect();
-            match trials {
-                Ok(trials) => {
-                    let trials: Vec<Standing> = trials.into_iter().flatten().collect();
-                    self.calibrate(feet, trials)?;
-                }
-                Err(error) => {
-                    println!("{error:#}");
-                    before = "That did not work; once more. ".into();
-                }
+            for (foot, trial) in feet.iter().zip(&trials) {
+                foot.remark(trial.as_ref().err().map_or(String::new(), |error| format!("{error:#}")));
+            }
+            match trials.into_iter().collect::<Result<Vec<_>>>() {
+                Ok(trials) => self.calibrate(feet, trials.into_iter().flatten().collect())?,
+                Err(_) => before = "That did not work; once more. ",
             }
         }
         Ok(())

@@ -90,7 +90,8 @@ impl Update {
     }
 }
 
-/// Waits until the insole has confirmed the new image: until then, it refuses every other image.
+/// Waits until the insole has confirmed the new image. An insole on trial refuses every offer of an image, so the trial is over
+/// when an offer is accepted.
 fn wait_for_trial(image: &Image, insole: &mut Insole) -> Result<()> {
     let start = Instant::now();
     loop {

@@ -34,16 +34,16 @@ const CHANNELS: [(GattChannel, Uuid); 4] = [
     (GattChannel::Parameters, Uuid::from_u128(gatt::PARAMETERS)),
 ];
 
-/// A scan finds an advertising insole within this time.
-const SCAN: Duration = Duration::from_secs(15);
+/// Timeout of a scan. An advertising insole is found earlier.
+const SCAN_TIMEOUT: Duration = Duration::from_secs(15);
 /// Time between two checks of the peripherals that a scan found.
 const SCAN_INTERVAL: Duration = Duration::from_millis(200);
-/// An insole in range connects, pairs and lists its characteristics within this time.
-const CONNECT: Duration = Duration::from_secs(20);
+/// Timeout of a connection. An insole in range connects, pairs and lists its characteristics earlier.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(20);
 /// Size of a written value, bytes: the payload of the smallest MTU, which every connection supports.
 const FRAGMENT: usize = 20;
 
-/// Why there is no connection.
+/// The reason why no connection could be established.
 #[derive(Debug, Error)]
 pub enum Error {
     /// The system's Bluetooth service does not answer.
@@ -54,8 +54,8 @@ pub enum Error {
     NoAdapter,
     /// The insole was not found.
     #[error(
-        "{0} was not found within {SCAN:?}: switch it on, bring it closer, and disconnect it from phones and other \
-         computers, because it serves one at a time"
+        "{0} was not found within {SCAN_TIMEOUT:?}: switch it on, bring it closer, and disconnect it from phones and \
+         other computers, because it serves one at a time"
     )]
     NotFound(Selector),
     /// The insole was found, but the connection or the pairing failed.
@@ -86,7 +86,7 @@ pub struct BleCarrier {
 
 type Notifications = Pin<Box<dyn Stream<Item = ValueNotification> + Send>>;
 
-/// A characteristic that carries messages. Its values are fragments, which the joiner joins to messages.
+/// A characteristic that carries messages. Its values are fragments, which the joiner joins into messages.
 struct Channel {
     channel: GattChannel,
     characteristic: Characteristic,
@@ -101,8 +101,8 @@ impl BleCarrier {
     pub fn connect(selector: &Selector) -> Result<Self, Error> {
         let runtime = Builder::new_current_thread().enable_all().build()?;
         let peripheral = runtime.block_on(find(selector))?;
-        let subscribed = runtime.block_on(async { timeout(CONNECT, subscribe(&peripheral)).await });
-        let (notifications, channels) = match subscribed.unwrap_or(Err(BleError::TimedOut(CONNECT))) {
+        let subscribed = runtime.block_on(async { timeout(CONNECT_TIMEOUT, subscribe(&peripheral)).await });
+        let (notifications, channels) = match subscribed.unwrap_or(Err(BleError::TimedOut(CONNECT_TIMEOUT))) {
             Ok(subscribed) => subscribed,
             Err(error) => {
                 // While the peripheral is connected, no other central can connect.
@@ -120,7 +120,7 @@ async fn find(selector: &Selector) -> Result<Peripheral, Error> {
     let adapters = manager.adapters().await.map_err(Error::NoBluetooth)?;
     let adapter = adapters.into_iter().next().ok_or(Error::NoAdapter)?;
     adapter.start_scan(ScanFilter { services: vec![SERVICE] }).await.map_err(Error::NoBluetooth)?;
-    let found = timeout(SCAN, scan(&adapter, selector)).await;
+    let found = timeout(SCAN_TIMEOUT, scan(&adapter, selector)).await;
     // A running scan takes radio time from the connection. If it cannot be stopped, it ends with this program.
     let _ = adapter.stop_scan().await;
     match found {

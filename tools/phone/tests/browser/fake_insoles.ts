@@ -4,8 +4,10 @@ import type { Page, WebSocketRoute } from "playwright-core";
 import { type Entry, entries } from "../../src/stream_file";
 
 /** First bytes of the requests and answers that the insoles use. */
-const [CONNECT, STREAM, SET_TISSUE] = [0, 1, 4];
+const [CONNECT, STREAM, SET_IDENTIFIED_TISSUE] = [0, 1, 20];
 const TISSUE = 4;
+/** Length of the force laws in a message, which follow the identifier: six numbers of 32 bits for each of eight regions. */
+const FORCE_LAWS_BYTES = 8 * 6 * 4;
 const MOST_TICK_MS = 20;
 
 /** The insoles of a recording. */
@@ -47,9 +49,11 @@ export class FakeInsoles {
     if (!this.is_connected || !hello) return;
     if (request[0] === CONNECT) this.send(socket, hello);
     if (request[0] === STREAM && this.timer === undefined) this.play();
-    if (request[0] === SET_TISSUE) {
+    if (request[0] === SET_IDENTIFIED_TISSUE) {
       this.received.push([insole!, Uint8Array.from(request)]);
-      this.send(socket, { ...hello, message: Uint8Array.of(TISSUE, ...request.slice(1)) });
+      // The last byte of the identifier, an integer of variable length, has no highest bit.
+      const last = request.findIndex((byte, index) => index > 0 && byte < 0x80);
+      this.send(socket, { ...hello, message: Uint8Array.of(TISSUE, ...request.slice(1, last + 1 + FORCE_LAWS_BYTES)) });
     }
   }
 

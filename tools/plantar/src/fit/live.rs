@@ -1,5 +1,5 @@
-//! Live streams as sources of a fit: the stream file of `plantar serve --record` and of the page, and the folder of `plantar
-//! record`.
+//! Live streams as sources of a fit: the stream file of `plantar serve --record` or of the web page for a phone, and the folder
+//! of `plantar record`.
 
 mod session;
 

@@ -88,6 +88,11 @@ impl Foot {
         change(&mut self.progress.lock().unwrap_or_else(PoisonError::into_inner));
     }
 
+    /// Shows a remark until the next one.
+    pub fn remark(&self, remark: String) {
+        self.update(|progress| progress.remark = remark);
+    }
+
     /// Passes what the insole sends to `take` until it returns true or `stop` is set. Connects again when the link is lost.
     fn follow(&mut self, stop: &AtomicBool, mut take: impl FnMut(&mut Self, Item) -> Result<bool>) -> Result<()> {
         // The insole may have restarted, which ends its live stream. If the link is lost, the first event reports it.
