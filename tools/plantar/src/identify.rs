@@ -4,12 +4,13 @@ mod foot;
 mod screen;
 
 use crate::carrier::Connection;
-use crate::fit::{Fit, Search, live};
+use crate::fit::live::{self, LiveSource};
+use crate::fit::{Fit, Search};
 use crate::params;
 use crate::setup::rule_in_words;
 use crate::summary;
 use ::fit::Study;
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
 use client::ReconnectPolicy;
 #[cfg(feature = "ble")]
@@ -209,7 +210,12 @@ impl Identify {
     fn identify(&self, foot: &mut Foot) -> Result<Study> {
         println!("\n{} foot", foot.side.name());
         let name = self.out.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let fit = Fit::of_streams(foot.stream_files()?, name, &foot.folder, self.search.clone());
+        let fit = Fit::of_streams(
+            streams(foot)?.into_iter().map(|(path, _)| path).collect(),
+            name,
+            &foot.folder,
+            self.search.clone(),
+        );
         let study = fit.study()?;
         fit.write(&study)?;
         let parameters = Parameters::read(&foot.folder.join("params.toml"))?;
@@ -271,19 +277,17 @@ fn stage<T: Send>(
     Ok(outcomes)
 }
 
+/// The stream files of a foot with the steps in them. A session that was interrupted at once has left a file without steps, which is
+/// not used.
+fn streams(foot: &Foot) -> Result<Vec<(PathBuf, Vec<LiveSource>)>> {
+    let read = |path: PathBuf| live::read(&path).ok().flatten().map(|sources| (path, sources));
+    Ok(foot.stream_files()?.into_iter().filter_map(read).collect())
+}
+
 /// Number of good steps in the stream files of earlier sessions.
 fn good_steps(foot: &Foot) -> Result<usize> {
-    let mut count = 0;
-    for path in foot.stream_files()? {
-        // A session that was interrupted at once has a file without steps, which the fit refuses.
-        match live::read(&path) {
-            Ok(sources) => {
-                count += sources.iter().flatten().map(|source| source.steps.collected(0).0.len()).sum::<usize>()
-            }
-            Err(_) => std::fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?,
-        }
-    }
-    Ok(count)
+    let count = |source: &LiveSource| source.steps.collected(0).0.len();
+    Ok(streams(foot)?.iter().flat_map(|(_, sources)| sources).map(count).sum())
 }
 
 /// The calibration of an earlier part of the session; `None` without one.

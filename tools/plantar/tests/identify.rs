@@ -179,9 +179,15 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
     );
 
     let side = Path::new(out).join("right");
-    for file in
-        ["standing.parquet", "calibration.csv", "walk-000.plantar", "walk-001.plantar", "params.toml", "report.html"]
-    {
+    for file in [
+        "standing.parquet",
+        "calibration.csv",
+        "walk-000.plantar",
+        "walk-001.plantar",
+        "verify-000.plantar",
+        "params.toml",
+        "report.html",
+    ] {
         assert!(side.join(file).is_file(), "no {file}");
     }
     let calibration = std::fs::read_to_string(side.join("calibration.csv")).expect("a calibration");

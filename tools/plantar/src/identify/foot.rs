@@ -141,7 +141,7 @@ impl Foot {
                     }
                 }
                 Item::Started => trial = Trial::begin(foot.link.client())?,
-                Item::Message(ToHost::Step(step)) => foot.link.send(ToDevice::Acknowledge { step: step.step }),
+                // Steps are not stored in this part, so they remain on the insole.
                 Item::Message(_) => {}
             }
             Ok(start.elapsed() >= time)
@@ -175,7 +175,22 @@ impl Foot {
         self.folder.join("calibration.csv")
     }
 
-    /// The stream files of this session so far.
+    /// Begins the next stream file whose name begins with `name`. It contains the insole's hello.
+    fn new_stream_file(&mut self, name: &str) -> Result<StreamFile> {
+        let path = self.next_path(name, ".plantar");
+        let mut file = StreamFile::create(&path).with_context(|| format!("cannot write {}", path.display()))?;
+        file.write(0, &ToHost::Hello(self.link.client().hello().clone()))?;
+        Ok(file)
+    }
+
+    /// The first path in the folder of the form NAME-NNN and `end` that does not exist.
+    fn next_path(&self, name: &str, end: &str) -> PathBuf {
+        let mut paths = (0..).map(|number| self.folder.join(format!("{name}-{number:03}{end}")));
+        // The numbers are unlimited, so there is such a path.
+        paths.find(|path| !path.exists()).unwrap_or_default()
+    }
+
+    /// The stream files of the walk so far.
     pub fn stream_files(&self) -> Result<Vec<PathBuf>> {
         let mut files = Vec::new();
         for entry in std::fs::read_dir(&self.folder)? {
@@ -192,20 +207,19 @@ impl Foot {
     /// Records live frames, steps and, if the carrier is fast enough, all cells, until there are `needed` good steps in addition to
     /// the `earlier` ones in the stream files.
     pub fn walk(&mut self, stop: &AtomicBool, earlier: usize, needed: usize) -> Result<()> {
-        let number = self.stream_files()?.len();
-        let path = self.folder.join(format!("{WALK}-{number:03}.plantar"));
-        let mut file = StreamFile::create(&path).with_context(|| format!("cannot write {}", path.display()))?;
+        let mut file = self.new_stream_file(WALK)?;
+        let cells_folder = self.next_path("cells", "");
         self.update(|progress| (progress.done, progress.needed, progress.remark) = (earlier, needed, String::new()));
         let mut walk = Walk {
             steps: LiveSteps::new(),
             earlier,
             needed,
-            cells: self.begin_cells(0)?,
+            cells: self.begin_cells(&cells_folder, 0)?,
+            cells_folder,
             part_start: Instant::now(),
             last_step: Instant::now(),
             next: 1,
         };
-        file.write(0, &ToHost::Hello(self.link.client().hello().clone()))?;
         let followed = self.follow(stop, |foot, item| walk.take(foot, item, &mut file));
         if let Some(cells) = &mut walk.cells {
             cells.complete_part()?;
@@ -216,23 +230,25 @@ impl Foot {
     }
 
     /// Starts the stream of cells; `None` if the carrier is too slow for all frames.
-    fn begin_cells(&mut self, recording: usize) -> Result<Option<CellRecorder>> {
-        let folder = self.folder.join(format!("cells-{:03}", self.stream_files()?.len()));
+    fn begin_cells(&mut self, folder: &Path, recording: usize) -> Result<Option<CellRecorder>> {
         let stream = CellStream { resolution: Resolution::Converter, every: 1 };
-        match CellRecorder::begin(self.link.client(), stream, folder, recording) {
+        match CellRecorder::begin(self.link.client(), stream, folder.into(), recording) {
             Ok(cells) => Ok(Some(cells)),
             Err(error) if matches!(error.downcast_ref(), Some(Error::Refused(Refusal::CellRate { .. }))) => Ok(None),
             Err(error) => Err(error),
         }
     }
 
-    /// Receives `count` further steps, and returns those that the insole evaluated with the parameters in force.
+    /// Receives and stores steps until `count` of them began after this call, and returns these. The insole evaluates them with the
+    /// parameters in force.
     pub fn verify(&mut self, stop: &AtomicBool, count: usize) -> Result<Vec<Step>> {
         let begin_us = self.link.client().status()?.uptime_us;
         let mut steps: Vec<Step> = Vec::new();
+        let mut file = self.new_stream_file(VERIFY)?;
         self.update(|progress| (progress.done, progress.needed, progress.remark) = (0, count, String::new()));
         self.follow(stop, |foot, item| {
-            if let Item::Message(ToHost::Step(step)) = item {
+            if let Item::Message(message @ ToHost::Step(step)) = item {
+                file.write(0, &message)?;
                 foot.link.send(ToDevice::Acknowledge { step: step.step });
                 if step.boots_since == 0 && step.start_us > begin_us {
                     steps.push(step);
@@ -247,8 +263,10 @@ impl Foot {
 
 /// The remark if the insole seems to lie under the other foot.
 const OTHER_FOOT: &str = "the small toes carry more than the big toe: is this insole in the other shoe?";
-/// First part of the names of stream files.
+/// First part of the names of the stream files of the walk.
 const WALK: &str = "walk";
+/// The same for the steps that verify the result.
+const VERIFY: &str = "verify";
 
 /// The walk in progress.
 struct Walk {
@@ -257,6 +275,7 @@ struct Walk {
     earlier: usize,
     needed: usize,
     cells: Option<CellRecorder>,
+    cells_folder: PathBuf,
     part_start: Instant,
     last_step: Instant,
     /// Number of the next recording of cells.
@@ -270,7 +289,7 @@ impl Walk {
                 file.write(0, &ToHost::Hello(foot.link.client().hello().clone()))?;
                 if let Some(cells) = &mut self.cells {
                     cells.complete_part()?;
-                    self.cells = foot.begin_cells(self.next)?;
+                    self.cells = foot.begin_cells(&self.cells_folder, self.next)?;
                     self.next += 1;
                 }
             }
