@@ -11,10 +11,10 @@ use portable_pty::{CommandBuilder, PtySize, native_pty_system};
 use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
 use recording::{Recording, VirtualInsole};
 use std::io::{self, Read, Write};
-use std::net::{TcpListener, TcpStream};
+use std::net::{Shutdown, TcpListener, TcpStream};
 use std::path::Path;
 use std::sync::atomic::{AtomicU8, Ordering};
-use std::sync::{Arc, mpsc};
+use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;
 
 /// What the wearer does.
@@ -67,14 +67,19 @@ fn offset(cell: usize) -> u16 {
     1600 + 16 * (cell as u16 % 50)
 }
 
+/// The connection of the present host, which a test can cut.
+type Cable = Arc<Mutex<Option<TcpStream>>>;
+
 /// Connects the link of a board to one host after the other.
-fn forward(board: &Board) -> String {
+fn forward(board: &Board, cable: &Cable) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address").to_string();
     let link = board.link().expect("the board has a link");
+    let cable = cable.clone();
     std::thread::spawn(move || {
         for host in listener.incoming() {
             let host = host.expect("a host");
+            *cable.lock().expect("no panic") = host.try_clone().ok();
             let copy =
                 |mut from: TcpStream, mut to: TcpStream| std::thread::spawn(move || io::copy(&mut from, &mut to));
             let clone = |stream: &TcpStream| stream.try_clone().expect("a socket");
@@ -126,7 +131,7 @@ fn run(arguments: &[&str], mut see: impl FnMut(&str) -> &'static [u8]) -> (u32, 
 
 /// An emulated insole of this foot, whose wearer does what `does` says; its codes without load are those of [`offset`] times
 /// `offsets`.
-fn insole(side: Side, does: &Arc<AtomicU8>, offsets: u16) -> (Board, String) {
+fn insole(side: Side, does: &Arc<AtomicU8>, offsets: u16) -> (Board, String, Cable) {
     let firmware = std::env::var_os("PLANTAR_FIRMWARE").expect("PLANTAR_FIRMWARE names the emulated board's firmware");
     let walk = synthetic::walk(&SyntheticWalk { side, steps: 40, ..Default::default() }).recording;
     let standing = synthetic::standing(&SyntheticStanding { side, ..Default::default() });
@@ -135,8 +140,9 @@ fn insole(side: Side, does: &Arc<AtomicU8>, offsets: u16) -> (Board, String) {
     let (config, cells) = (EmulatorConfig::new(insole.setup), insole.cells.clone());
     let wearer = Wearer { does: does.clone(), insole, standing, walk, walked: 0, offsets };
     let board = Board::start(Path::new(&firmware), &config, &cells, Time::Real, wearer).expect("the board boots");
-    let address = forward(&board);
-    (board, address)
+    let cable = Cable::default();
+    let address = forward(&board, &cable);
+    (board, address, cable)
 }
 
 #[test]
@@ -144,7 +150,7 @@ fn insole(side: Side, does: &Arc<AtomicU8>, offsets: u16) -> (Board, String) {
 fn a_wearer_is_identified_although_the_session_is_interrupted() {
     let folder = tempfile::tempdir().expect("a folder");
     let does = Arc::new(AtomicU8::new(LIFTED));
-    let (_board, address) = insole(Side::Right, &does, 1);
+    let (_board, address, cable) = insole(Side::Right, &does, 1);
     let out = folder.path().join("me");
     let (out, steps) = (out.to_str().expect("a path"), STEPS.to_string());
     let arguments = ["identify", "--tcp", &address, "--out", out, "--steps", &steps, "--verify", "4"];
@@ -165,14 +171,25 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
     assert!(status == 1 && text.contains("give the same command again"), "{text}");
     assert!(screens.iter().any(|screen| screen.contains("Stand up")), "the session begins with a standing trial");
 
+    // The connection is cut once in the walk; the steps before count once.
+    let cut_after = format!("{} of {STEPS}", INTERRUPTED_AFTER + 3);
+    let mut is_cut = false;
     let (status, screens) = run(&arguments, |screen| {
         obey(screen);
+        if screen.contains(&cut_after)
+            && !is_cut
+            && let Some(host) = cable.lock().expect("no panic").take()
+        {
+            is_cut = true;
+            // It may have ended already.
+            let _ = host.shutdown(Shutdown::Both);
+        }
         b""
     });
     let text = screens.last().expect("a screen");
     let shown = |words: &str| screens.iter().any(|screen| screen.contains(words));
     assert!(!shown("Stand up"), "the standing trial is not repeated");
-    assert!(shown(&after) && shown("verify the result"), "{text}");
+    assert!(shown(&after) && shown("connection lost") && shown("verify the result"), "{text}");
     assert!(
         status == 0 && text.contains("as promised") && text.contains("The session is complete"),
         "{status}: {text}"
@@ -204,7 +221,7 @@ fn both_feet_are_identified_without_a_terminal() {
     let folder = tempfile::tempdir().expect("a folder");
     let does = Arc::new(AtomicU8::new(WALKING));
     let feet = [Side::Left, Side::Right].map(|side| insole(side, &does, 0));
-    let addresses = feet.each_ref().map(|(_, address)| address.as_str());
+    let addresses = feet.each_ref().map(|(_, address, _)| address.as_str());
     let out = folder.path().join("me");
     let plantar = |addresses: &[&str]| {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_plantar"));

@@ -120,8 +120,12 @@ impl Foot {
                 }
                 Event::Lost(error) => return Err(error.into()),
             };
-            if take(self, item)? {
-                return Ok(());
+            match take(self, item) {
+                Ok(true) => return Ok(()),
+                Ok(false) => {}
+                // The link was lost within a request; the next event reports it.
+                Err(error) if error.downcast_ref().is_some_and(Error::is_link_failure) => {}
+                Err(error) => return Err(error),
             }
         }
         Ok(())
