@@ -3,7 +3,7 @@
 
 mod common;
 
-use client::{CellReceiver, Error};
+use client::{Error, StartedCells};
 use common::{connect, firmware, synthetic_walk, tissue};
 use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
@@ -32,12 +32,10 @@ fn every_cell_of_every_frame_arrives_in_either_resolution() {
         .expect("the board boots");
         let mut client = connect(&board);
         client.set_tissue(&tissue()).expect("typical parameters are valid");
-        let (setup, cells) = (client.setup().expect("an answer"), client.setup_cells().expect("answers"));
-        assert_eq!((setup, &cells), (insole.setup, &insole.cells));
         let stream = CellStream { resolution, every: 1 };
         client.stream().expect("the stream starts");
-        client.stream_cells(Some(stream)).expect("the port is fast enough");
-        let mut receiver = CellReceiver::new(&stream);
+        let StartedCells { setup, cells, mut receiver } = client.start_cells(stream).expect("the port is fast enough");
+        assert_eq!((setup, &cells), (insole.setup, &insole.cells));
         let mut streamed = StreamedCells::new(setup, cells, stream.every);
         let (mut codes, mut expected) = (vec![0; insole.cells.len()], vec![0; insole.cells.len()]);
         let frames = insole.frames(&walk);
@@ -45,11 +43,11 @@ fn every_cell_of_every_frame_arrives_in_either_resolution() {
         while (receiver.received as usize) < frames {
             match client.receive().expect("the link works") {
                 Some(ToHost::Cells(frame)) => {
-                    assert!(receiver.frame(&frame, &mut codes), "frame {} cannot be unpacked", frame.sequence);
+                    assert!(receiver.frame(&frame), "frame {} cannot be unpacked", frame.sequence);
                     insole.codes_of(&walk, frame.scan as usize, &mut expected);
                     expected.iter_mut().for_each(|code| *code &= mask);
-                    assert_eq!(codes, expected, "scan {}", frame.scan);
-                    streamed.push(frame.scan, &codes);
+                    assert_eq!(receiver.codes(), expected, "scan {}", frame.scan);
+                    streamed.push(frame.scan, receiver.codes());
                 }
                 Some(ToHost::Step(step)) => {
                     client.send(ToDevice::Acknowledge { step: step.step }).expect("the link works")

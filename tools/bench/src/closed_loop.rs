@@ -3,7 +3,7 @@
 
 use anyhow::{Context, Result, ensure};
 use bench::Figures;
-use client::{CellReceiver, Client, Framed};
+use client::{Client, Framed, StartedCells};
 use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
 use fit::live::LiveSteps;
@@ -90,20 +90,15 @@ fn play(firmware: &Path, walk: &Recording) -> Result<Sent> {
     let link = board.link()?;
     link.set_read_timeout(Some(client::READ_TIMEOUT))?;
     let mut client = Client::connect(Framed::new(link), ANSWER_TIMEOUT)?;
-    let (setup, cells) = (client.setup()?, client.setup_cells()?);
     let stream = CellStream { resolution: Resolution::Converter, every: 1 };
-    client.stream_cells(Some(stream))?;
+    let StartedCells { setup, cells, mut receiver } = client.start_cells(stream)?;
     client.stream()?;
-    let mut receiver = CellReceiver::new(&stream);
-    let mut codes = vec![0; cells.len()];
     let (mut streamed, mut live) = (StreamedCells::new(setup, cells, stream.every), LiveSteps::new());
     board.play();
     loop {
         match client.receive()? {
-            Some(ToHost::Cells(frame))
-                if receiver.frame(&frame, &mut codes) && streamed.is_continued_by(frame.scan) =>
-            {
-                streamed.push(frame.scan, &codes);
+            Some(ToHost::Cells(frame)) if receiver.frame(&frame) && streamed.is_continued_by(frame.scan) => {
+                streamed.push(frame.scan, receiver.codes());
             }
             Some(ToHost::Live(frame)) => live.frame(&frame),
             Some(ToHost::Step(step)) => {

@@ -1,12 +1,40 @@
 //! A stream of all cells: unpacks its frames and counts the ones that are missing.
 
+use crate::{Carrier, Client, Error};
+use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::protocol::{CellCoder, CellFrame, CellStream, KEY_INTERVAL};
 use plantar::sequence;
+
+/// A stream of cells that has started, and the configuration by which its codes are converted to pressures.
+#[derive(Debug)]
+pub struct StartedCells {
+    /// The rules of the insole.
+    pub setup: Setup,
+    /// The cells in the order of their codes.
+    pub cells: Vec<SetupCell>,
+    /// Receives the frames.
+    pub receiver: CellReceiver,
+}
+
+impl<C: Carrier> Client<C> {
+    /// Reads the configuration of the insole and starts a stream of cells.
+    ///
+    /// # Errors
+    /// Those of [`Client::setup`], [`Client::setup_cells`] and [`Client::stream_cells`].
+    pub fn start_cells(&mut self, stream: CellStream) -> Result<StartedCells, Error> {
+        let (setup, cells) = (self.setup()?, self.setup_cells()?);
+        self.stream_cells(Some(stream))?;
+        let receiver = CellReceiver::new(&stream, cells.len());
+        Ok(StartedCells { setup, cells, receiver })
+    }
+}
 
 /// The host's side of a stream of cells.
 #[derive(Debug)]
 pub struct CellReceiver {
     coder: CellCoder,
+    /// See [`CellReceiver::codes`].
+    codes: Vec<u16>,
     expected: Option<u32>,
     /// Frames that were received and unpacked.
     pub received: u32,
@@ -18,20 +46,26 @@ pub struct CellReceiver {
 }
 
 impl CellReceiver {
-    /// Before the first frame of a stream.
-    pub fn new(stream: &CellStream) -> Self {
-        Self { coder: CellCoder::new(stream.resolution), expected: None, received: 0, lost: 0, dropped: 0 }
+    /// Before the first frame of a stream of this number of cells.
+    pub fn new(stream: &CellStream, cells: usize) -> Self {
+        let coder = CellCoder::new(stream.resolution);
+        Self { coder, codes: vec![0; cells], expected: None, received: 0, lost: 0, dropped: 0 }
     }
 
-    /// Unpacks a frame into `codes`, one code of 16 bits for each cell; false if it was lost.
-    pub fn frame(&mut self, frame: &CellFrame, codes: &mut [u16]) -> bool {
+    /// Unpacks a frame, so that [`CellReceiver::codes`] returns its codes; false if it was lost.
+    pub fn frame(&mut self, frame: &CellFrame) -> bool {
         self.lost += sequence::skipped(self.expected.unwrap_or(frame.sequence), frame.sequence);
         self.expected = Some(frame.sequence.wrapping_add(1));
         self.dropped = frame.dropped;
-        let is_unpacked = self.coder.unpack(frame, codes).is_some();
+        let is_unpacked = self.coder.unpack(frame, &mut self.codes).is_some();
         let counter = if is_unpacked { &mut self.received } else { &mut self.lost };
         *counter = counter.wrapping_add(1);
         is_unpacked
+    }
+
+    /// The codes of the last frame, 16 bits for each cell.
+    pub fn codes(&self) -> &[u16] {
+        &self.codes
     }
 }
 

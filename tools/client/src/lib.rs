@@ -19,7 +19,7 @@ mod update;
 
 pub use axis::Axis;
 pub use carrier::{Carrier, Framed, READ_TIMEOUT};
-pub use cells::CellReceiver;
+pub use cells::{CellReceiver, StartedCells};
 pub use counters::LinkCounters;
 pub use error::Error;
 pub use file::create_new;

@@ -130,6 +130,11 @@ impl LiveSteps {
         (steps, excluded)
     }
 
+    /// Number of steps that were evaluated so far, usable or not. [`LiveSteps::collected`] is the same as long as this number is.
+    pub fn evaluated(&self) -> usize {
+        self.steps.len() + self.excluded.len()
+    }
+
     /// The contact rules by which the areas were measured, without repetitions. Steps of different rules cannot be fitted
     /// together.
     pub fn contact_rules(&self) -> &[ContactRule] {

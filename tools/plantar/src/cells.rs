@@ -2,7 +2,7 @@
 
 use crate::carrier::AnyClient;
 use anyhow::{Context, Result};
-use client::CellReceiver;
+use client::{CellReceiver, StartedCells};
 use plantar::protocol::{CellFrame, CellStream};
 use recording::StreamedCells;
 use std::path::PathBuf;
@@ -16,16 +16,13 @@ pub struct CellRecorder {
     receiver: CellReceiver,
     cells: StreamedCells,
     source: String,
-    codes: Vec<u16>,
     written: usize,
 }
 
 impl CellRecorder {
     /// Reads the configuration of the insole and starts the stream. `recording` is the number of the first recording.
     pub fn begin(client: &mut AnyClient, stream: CellStream, folder: PathBuf, recording: usize) -> Result<Self> {
-        let setup = client.setup().context("the configuration of the insole is needed to record cells")?;
-        let cells = client.setup_cells()?;
-        client.stream_cells(Some(stream))?;
+        let StartedCells { setup, cells, receiver } = client.start_cells(stream)?;
         let identity = client.identity()?;
         let hello = client.hello();
         let source = format!(
@@ -40,8 +37,7 @@ impl CellRecorder {
             folder,
             recording,
             part: 0,
-            receiver: CellReceiver::new(&stream),
-            codes: vec![0; cells.len()],
+            receiver,
             cells: StreamedCells::new(setup, cells, stream.every),
             source,
             written: 0,
@@ -50,7 +46,7 @@ impl CellRecorder {
 
     /// Adds a frame. A long gap ends the recording and begins the next one.
     pub fn frame(&mut self, frame: &CellFrame) -> Result<()> {
-        if !self.receiver.frame(frame, &mut self.codes) {
+        if !self.receiver.frame(frame) {
             return Ok(());
         }
         if !self.cells.is_continued_by(frame.scan) {
@@ -59,7 +55,7 @@ impl CellRecorder {
             self.recording += 1;
             self.part = 0;
         }
-        self.cells.push(frame.scan, &self.codes);
+        self.cells.push(frame.scan, self.receiver.codes());
         Ok(())
     }
 

@@ -158,12 +158,13 @@ impl Identify {
                 }
                 "Done; this takes a moment".into()
             };
-            let trials = stage(feet, cue, |foot, stop| Ok(foot.stand(stop, Duration::from_secs(all))))?;
+            let trials = stage(feet, cue, |foot, stop| foot.stand(stop, Duration::from_secs(all)))?;
+            let trials: Vec<_> = feet.iter().zip(&trials).map(|(foot, trial)| foot.evaluate(trial)).collect();
             for (foot, trial) in feet.iter().zip(&trials) {
                 foot.remark(trial.as_ref().err().map_or(String::new(), |error| format!("{error:#}")));
             }
             match trials.into_iter().collect::<Result<Vec<_>>>() {
-                Ok(trials) => self.calibrate(feet, trials.into_iter().flatten().collect())?,
+                Ok(trials) => self.calibrate(feet, trials)?,
                 Err(_) => before = "That did not work; once more. ",
             }
         }
@@ -196,11 +197,9 @@ impl Identify {
     /// Records the walk, in addition to the steps of earlier sessions.
     fn walk(&self, feet: &mut [Foot]) -> Result<()> {
         let needed = usize::from(self.steps);
-        let earlier = feet.iter().map(good_steps).collect::<Result<Vec<_>>>()?;
         let cue = |_| "Walk at your usual speed. Turn where you like; only whole steps count.".to_string();
-        let counts: Vec<_> = feet.iter().map(|foot| foot.side).zip(earlier.iter().copied()).collect();
         stage(feet, cue, |foot, stop| {
-            let earlier = counts.iter().find(|(side, _)| *side == foot.side).map_or(0, |(_, count)| *count);
+            let earlier = good_steps(foot)?;
             if earlier < needed { foot.walk(stop, earlier, needed) } else { Ok(()) }
         })?;
         Ok(())

@@ -3,7 +3,7 @@
 use crate::fit::Fit;
 use crate::setup::ContactArgs;
 use anyhow::{Context, Result};
-use client::{Carrier, CellReceiver, Client};
+use client::{Carrier, CellReceiver, Client, StartedCells};
 use parameters::Parameters;
 use plantar::protocol::{CellFrame, CellStream, Resolution, Step};
 use recording::StreamedCells;
@@ -14,7 +14,6 @@ pub struct Identification {
     folder: PathBuf,
     receiver: CellReceiver,
     cells: StreamedCells,
-    codes: Vec<u16>,
     /// Number of steps that are still needed.
     needed: usize,
     /// The insole's time at which it received the parameters, us; `None` before.
@@ -25,13 +24,11 @@ impl Identification {
     /// Starts the stream of cells. `steps` is the number of steps from which the wearer is identified.
     pub fn begin(client: &mut Client<impl Carrier>, folder: &Path, steps: usize) -> Result<Self> {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
-        let (setup, cells) = (client.setup()?, client.setup_cells()?);
         let stream = CellStream { resolution: Resolution::Converter, every: 1 };
-        client.stream_cells(Some(stream))?;
+        let StartedCells { setup, cells, receiver } = client.start_cells(stream)?;
         Ok(Self {
             folder: folder.into(),
-            receiver: CellReceiver::new(&stream),
-            codes: vec![0; cells.len()],
+            receiver,
             cells: StreamedCells::new(setup, cells, stream.every),
             needed: steps,
             sent_us: None,
@@ -40,8 +37,8 @@ impl Identification {
 
     /// Adds a frame of cells.
     pub fn frame(&mut self, frame: &CellFrame) {
-        if self.receiver.frame(frame, &mut self.codes) && self.cells.is_continued_by(frame.scan) {
-            self.cells.push(frame.scan, &self.codes);
+        if self.receiver.frame(frame) && self.cells.is_continued_by(frame.scan) {
+            self.cells.push(frame.scan, self.receiver.codes());
         }
     }
 

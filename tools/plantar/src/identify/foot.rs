@@ -5,12 +5,13 @@ use crate::carrier::{AnyClient, Insole};
 use crate::cells::CellRecorder;
 use crate::params;
 use anyhow::{Context, Result, bail, ensure};
-use client::{CellReceiver, Error, Event, SessionStart, StreamFile};
+use client::{Error, Event, SessionStart, StartedCells, StreamFile};
 use fit::live::LiveSteps;
+use fit::steps::{ExcludedContact, ExclusionReason};
 use plantar::Side;
 use plantar::pipeline::calibrate::{CellCalibration, zero_offset};
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::{CalibrationId, CellStream, Refusal, Resolution, Step, ToDevice, ToHost};
+use plantar::protocol::{CalibrationId, CellFrame, CellStream, Refusal, Resolution, Step, ToDevice, ToHost};
 use recording::{Recording, StandingTrial, StreamedCells};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -131,19 +132,14 @@ impl Foot {
         Ok(())
     }
 
-    /// Records the cells for `time`, and determines the offsets from the standing trial in it. `None` if it was interrupted.
-    pub fn stand(&mut self, stop: &AtomicBool, time: Duration) -> Result<Option<Standing>> {
+    /// Records the cells of a standing trial for `time`.
+    pub fn stand(&mut self, stop: &AtomicBool, time: Duration) -> Result<Trial> {
         let mut trial = Trial::begin(self.link.client())?;
         let start = Instant::now();
-        let name = format!("{} foot", self.side.name());
         self.update(|progress| progress.needed = 0);
         self.follow(stop, |foot, item| {
             match item {
-                Item::Message(ToHost::Cells(frame)) => {
-                    if trial.receiver.frame(&frame, &mut trial.codes) {
-                        trial.frames.push((frame.scan, trial.codes.clone()));
-                    }
-                }
+                Item::Message(ToHost::Cells(frame)) => trial.frame(&frame),
                 Item::Started => trial = Trial::begin(foot.link.client())?,
                 // Steps are not stored in this part, so they remain on the insole.
                 Item::Message(_) => {}
@@ -151,12 +147,18 @@ impl Foot {
             Ok(start.elapsed() >= time)
         })?;
         self.link.client().stream_cells(None)?;
-        if stop.load(Ordering::Relaxed) {
-            return Ok(None);
-        }
+        Ok(trial)
+    }
+
+    /// Stores a standing trial in the folder, and determines the offsets from it.
+    ///
+    /// # Errors
+    /// If the trial has to be repeated.
+    pub fn evaluate(&self, trial: &Trial) -> Result<Standing> {
+        let name = format!("{} foot", self.side.name());
         let recording = trial.recording(&name, None)?;
         recording.write(self.folder.join("standing.parquet"))?;
-        trial.evaluate(&name, &recording).map(Some)
+        trial.evaluate(&name, &recording)
     }
 
     /// Stores the calibration on the insole, unless it is in force already, and in the folder.
@@ -217,7 +219,10 @@ impl Foot {
         let mut walk = Walk {
             steps: LiveSteps::new(),
             earlier,
+            done: earlier,
             needed,
+            judged: 0,
+            unused: None,
             cells: self.begin_cells(&cells_folder, 0)?,
             cells_folder,
             part_start: Instant::now(),
@@ -277,7 +282,13 @@ struct Walk {
     steps: LiveSteps,
     /// Number of good steps in earlier stream files.
     earlier: usize,
+    /// Number of good steps in all.
+    done: usize,
     needed: usize,
+    /// [`LiveSteps::evaluated`] when `done` and `unused` were determined.
+    judged: usize,
+    /// Why the last step is not a good one; `None` if it is, or before the first one.
+    unused: Option<ExclusionReason>,
     cells: Option<CellRecorder>,
     cells_folder: PathBuf,
     part_start: Instant,
@@ -320,28 +331,33 @@ impl Walk {
             cells.complete_part()?;
             self.part_start = Instant::now();
         }
-        let (good, excluded) = self.steps.collected(0);
-        let remark = match excluded.last() {
+        if self.steps.evaluated() != self.judged {
+            self.judge();
+        }
+        let remark = match &self.unused {
             _ if self.steps.looks_mirrored() => OTHER_FOOT.into(),
             _ if self.last_step.elapsed() >= NO_STEP => "no step: walk at your usual speed, and check the shoe".into(),
-            Some(last) if good.last().is_none_or(|step| step.start_s < last.at_s) => {
-                format!("a step was not used: {}", last.reason)
-            }
-            _ => String::new(),
+            Some(reason) => format!("a step was not used: {reason}"),
+            None => String::new(),
         };
-        let done = self.earlier + good.len();
-        foot.update(|progress| (progress.done, progress.remark) = (done, remark));
-        Ok(done >= self.needed)
+        foot.update(|progress| (progress.done, progress.remark) = (self.done, remark));
+        Ok(self.done >= self.needed)
+    }
+
+    /// Counts the good steps, and notes the reason if the last step is not one.
+    fn judge(&mut self) {
+        let (good, excluded) = self.steps.collected(0);
+        let is_last = |contact: &&ExcludedContact| good.last().is_none_or(|step| step.start_s < contact.at_s);
+        self.unused = excluded.last().filter(is_last).map(|contact| contact.reason);
+        self.done = self.earlier + good.len();
+        self.judged = self.steps.evaluated();
     }
 }
 
 /// The cells of a standing trial.
-struct Trial {
-    receiver: CellReceiver,
-    setup: plantar::pipeline::setup::Setup,
-    cells: Vec<plantar::pipeline::setup::SetupCell>,
+pub struct Trial {
+    started: StartedCells,
     every: u8,
-    codes: Vec<u16>,
     /// Number and codes of each scan.
     frames: Vec<(u32, Vec<u16>)>,
 }
@@ -349,26 +365,31 @@ struct Trial {
 impl Trial {
     /// Starts the stream of cells, at the highest rate of the carrier.
     fn begin(client: &mut AnyClient) -> Result<Self> {
-        let (setup, cells) = (client.setup()?, client.setup_cells()?);
         let mut stream = CellStream { resolution: Resolution::Oversampled, every: 1 };
-        match client.stream_cells(Some(stream)) {
+        let started = match client.start_cells(stream) {
             Err(Error::Refused(Refusal::CellRate { every })) if every > 0 => {
                 stream.every = every;
-                client.stream_cells(Some(stream))?;
+                client.start_cells(stream)?
             }
             started => started?,
+        };
+        Ok(Self { started, every: stream.every, frames: Vec::new() })
+    }
+
+    fn frame(&mut self, frame: &CellFrame) {
+        let receiver = &mut self.started.receiver;
+        if receiver.frame(frame) {
+            self.frames.push((frame.scan, receiver.codes().to_vec()));
         }
-        let codes = vec![0; cells.len()];
-        Ok(Self { receiver: CellReceiver::new(&stream), setup, cells, every: stream.every, codes, frames: Vec::new() })
     }
 
     /// The trial as a recording, with other calibrations if they are given.
     fn recording(&self, name: &str, calibrations: Option<&[CellCalibration]>) -> Result<Recording> {
-        let mut cells = self.cells.clone();
+        let mut cells = self.started.cells.clone();
         for (cell, calibration) in cells.iter_mut().zip(calibrations.unwrap_or_default()) {
             cell.calibration = *calibration;
         }
-        let mut streamed = StreamedCells::new(self.setup, cells, self.every);
+        let mut streamed = StreamedCells::new(self.started.setup, cells, self.every);
         for (scan, codes) in &self.frames {
             let expected = streamed.frames() + 1;
             if streamed.is_continued_by(*scan) {
@@ -384,7 +405,7 @@ impl Trial {
         let trial = StandingTrial::find(recording, name)?;
         let lifted = || trial.lifted.iter().cloned().flatten();
         let mut calibrations = Vec::new();
-        for (i, cell) in self.cells.iter().enumerate() {
+        for (i, cell) in self.started.cells.iter().enumerate() {
             // A trial has lifted frames.
             let offset = zero_offset(lifted().map(|frame| self.frames[frame].1[i])).unwrap_or(0);
             let calibration = CellCalibration { offset, ..cell.calibration };
