@@ -37,7 +37,7 @@ static SCAN_COUNTERS: ScanCounters = ScanCounters::new();
 /// The frame queue holds three frames.
 static MEMORY: Memory<NoChip, 3> = Memory::new();
 
-/// A clock that stands still. The package of a controller, such as `embassy-stm32`, has a time driver; without one, this is where to
+/// A clock that does not advance. The package of a controller, such as `embassy-stm32`, has a time driver; without one, this is where to
 /// implement it.
 struct NoTime;
 

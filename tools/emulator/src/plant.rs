@@ -43,7 +43,7 @@ pub struct Plant {
     held: Arc<Held>,
 }
 
-/// Whether the clock of the plant stands still.
+/// Whether the clock of the plant is paused.
 #[derive(Default)]
 struct Held {
     is_held: Mutex<bool>,

@@ -3,6 +3,7 @@
  * which are sent to the insoles and checked on further steps. This module has no access to the document.
  */
 
+import { joined } from "./bytes";
 import type { Live, Side, Step } from "./generated/quantities";
 import type { Collected, FootResult } from "./identify_core";
 import { CHECK_STEPS, type Check, TARGET_STEPS, MIN_STEPS, check, exclusions } from "./identify_rules";
@@ -401,16 +402,6 @@ export class IdentifySession {
 /** The remark on an insole that seems to lie under the wrong foot. */
 const mirrored = (side: Side) =>
   `The loads of the ${side} insole look like those of the other foot. Check that the ${side} insole is in the ${side} shoe.`;
-
-function joined(parts: readonly Uint8Array[]): Uint8Array<ArrayBuffer> {
-  const bytes = new Uint8Array(parts.reduce((sum, part) => sum + part.length, 0));
-  let at = 0;
-  for (const part of parts) {
-    bytes.set(part, at);
-    at += part.length;
-  }
-  return bytes;
-}
 
 /** The time of the last message. */
 function lastTime_ms(parts: readonly Uint8Array[]): Entry["t_ms"] {

@@ -9,6 +9,7 @@ use crate::fit::{Fit, Search};
 use crate::params;
 use crate::setup::rule_in_words;
 use crate::summary;
+use crate::zero::GRAVITY_M_S2;
 use ::fit::Study;
 use anyhow::{Result, bail, ensure};
 use clap::Args;
@@ -33,6 +34,8 @@ use std::time::{Duration, Instant};
 /// are identified and sent to the insoles, with their contact rule; further steps verify that the insoles' model is as accurate as
 /// the identification promised. The folder then contains recordings, parameters and reports. A session that was interrupted
 /// continues when the command is given again with the same folder.
+///
+/// Exit status: 0 if all regions were identified and verified, 3 if not all were, 1 if the session did not come to its end.
 #[derive(Args)]
 pub struct Identify {
     /// Serial port of an insole. Give two for both feet.
@@ -70,7 +73,6 @@ pub struct Identify {
     search: Search,
 }
 
-const GRAVITY_M_S2: f64 = 9.80665;
 /// The parts of the standing trial: instruction and duration, s. The times are those of the paper (section 2.4), with a second to
 /// change the posture.
 const STANDING: [(&str, u64); 3] = [

@@ -10,7 +10,7 @@ use plantar::protocol::{Identity, Serial};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-mod settings;
+pub mod settings;
 use settings::{SettingsArgs, print_settings};
 
 #[derive(Subcommand)]

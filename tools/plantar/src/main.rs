@@ -75,7 +75,7 @@ enum Command {
     #[command(subcommand)]
     Params(params::Params),
     Update(update::Update),
-    /// Show, name, calibrate and restart an insole.
+    /// Show, set, name, calibrate and restart an insole.
     #[command(subcommand)]
     Insole(insole::Insole),
 }

@@ -1,7 +1,7 @@
 //! `plantar params`: tissue parameters in files and on insoles.
 
 use crate::carrier::{Connection, Insole};
-use crate::insole::restart;
+use crate::insole::{restart, settings};
 use crate::setup::{note_unless_personal, rule_in_words};
 use crate::summary;
 use anyhow::{Context, Result, bail};
@@ -115,11 +115,8 @@ pub fn set_rule(insole: &mut Insole, contact: ContactRule) -> Result<()> {
     if client.hello().contact_rule == contact {
         return Ok(());
     }
-    let base = match client.settings()? {
-        Some(settings) => settings,
-        None => Settings::of(&client.setup()?),
-    };
-    client.set_settings(Some(Settings { contact, ..base }))?;
+    let settings = Settings { contact, ..settings::in_force(client)? };
+    client.set_settings(Some(settings))?;
     restart(insole)?;
     let in_force = insole.client().hello().contact_rule;
     if in_force != contact {

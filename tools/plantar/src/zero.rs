@@ -9,7 +9,8 @@ use recording::{FootZero, Recording, StandingTrial, VirtualInsole};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-const GRAVITY_M_S2: f64 = 9.80665;
+/// Standard acceleration of gravity, m/s2, for the weight of a person.
+pub const GRAVITY_M_S2: f64 = 9.80665;
 /// Largest acceptable difference between the force of both feet and the body weight, % of body weight.
 const GOOD_PERCENT: f64 = 10.0;
 

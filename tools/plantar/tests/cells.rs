@@ -1,6 +1,9 @@
 //! Tests `plantar record --cells` with the emulated insole: the recording that it
 //! writes yields the same steps as the recording that was played.
 
+mod board;
+
+use board::forward;
 use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
 use plantar::pipeline::contact::ContactRule;
@@ -8,30 +11,11 @@ use plantar::pipeline::stance::StanceRule;
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{Recording, VirtualInsole};
 use serde_json::Value;
-use std::io;
-use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::Command;
 
 /// Steps of the walk, which is played in real time, so that it continues after the program has connected.
 const STEPS: u32 = 6;
-
-/// Forwards the link of a board to the first host that connects to a new TCP port; returns the address of that port.
-fn forward(board: &Board) -> String {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
-    let address = listener.local_addr().expect("an address").to_string();
-    let link = board.link().expect("the board has a link");
-    std::thread::spawn(move || {
-        let (host, _) = listener.accept().expect("a host");
-        let copy = |mut from: TcpStream, mut to: TcpStream| {
-            // Each direction ends when a connection is closed.
-            std::thread::spawn(move || io::copy(&mut from, &mut to));
-        };
-        copy(link.try_clone().expect("a socket"), host.try_clone().expect("a socket"));
-        copy(host, link);
-    });
-    address
-}
 
 fn plantar(arguments: &[&str]) -> String {
     let output = Command::new(env!("CARGO_BIN_EXE_plantar")).args(arguments).output().expect("the program starts");
@@ -60,7 +44,7 @@ fn a_recording_of_cells_gives_the_steps_of_the_walk() {
     let played = Recorded::new(walk, insole.clone());
     let board =
         Board::start(Path::new(&firmware), &config, &insole.cells, Time::Real, played).expect("the board boots");
-    let address = forward(&board);
+    let (address, _) = forward(&board);
     let out = path("session");
     let text = plantar(&[
         "record",

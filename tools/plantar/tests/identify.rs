@@ -1,5 +1,8 @@
 //! Drives `plantar identify` in a pseudo-terminal, with an emulated insole whose wearer follows the instructions on the screen.
 
+mod board;
+
+use board::{Cable, forward};
 use client::{Client, Framed, READ_TIMEOUT, ReconnectPolicy};
 use emulation::EmulatorConfig;
 use emulator::{Board, Scan, Time, Walk};
@@ -10,11 +13,11 @@ use plantar::pipeline::stance::StanceRule;
 use portable_pty::{CommandBuilder, PtySize, native_pty_system};
 use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
 use recording::{Recording, VirtualInsole};
-use std::io::{self, Read, Write};
-use std::net::{Shutdown, TcpListener, TcpStream};
+use std::io::{Read, Write};
+use std::net::{Shutdown, TcpStream};
 use std::path::Path;
 use std::sync::atomic::{AtomicU8, Ordering};
-use std::sync::{Arc, Mutex, mpsc};
+use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
 /// What the wearer does.
@@ -67,31 +70,6 @@ fn offset(cell: usize) -> u16 {
     1600 + 16 * (cell as u16 % 50)
 }
 
-/// The connection of the present host, which a test can cut.
-type Cable = Arc<Mutex<Option<TcpStream>>>;
-
-/// Connects the link of a board to one host after the other.
-fn forward(board: &Board, cable: &Cable) -> String {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
-    let address = listener.local_addr().expect("an address").to_string();
-    let link = board.link().expect("the board has a link");
-    let cable = cable.clone();
-    std::thread::spawn(move || {
-        for host in listener.incoming() {
-            let host = host.expect("a host");
-            *cable.lock().expect("no panic") = host.try_clone().ok();
-            let copy =
-                |mut from: TcpStream, mut to: TcpStream| std::thread::spawn(move || io::copy(&mut from, &mut to));
-            let clone = |stream: &TcpStream| stream.try_clone().expect("a socket");
-            let to_host = copy(clone(&link), clone(&host));
-            let _ = copy(host, clone(&link)).join();
-            // It ends with the next byte of the live stream, which cannot be written any more.
-            let _ = to_host.join();
-        }
-    });
-    address
-}
-
 /// Runs the command in a terminal of 100 by 40 characters until it ends. `see` receives each screen, and returns the keys to
 /// press. Returns the exit status, all screens that differ, and the text after them.
 fn run(arguments: &[&str], mut see: impl FnMut(&str) -> &'static [u8]) -> (u32, Vec<String>) {
@@ -140,8 +118,7 @@ fn insole(side: Side, does: &Arc<AtomicU8>, offsets: u16) -> (Board, String, Cab
     let (config, cells) = (EmulatorConfig::new(insole.setup), insole.cells.clone());
     let wearer = Wearer { does: does.clone(), insole, standing, walk, walked: 0, offsets };
     let board = Board::start(Path::new(&firmware), &config, &cells, Time::Real, wearer).expect("the board boots");
-    let cable = Cable::default();
-    let address = forward(&board, &cable);
+    let (address, cable) = forward(&board);
     (board, address, cable)
 }
 

@@ -79,6 +79,14 @@ fn plantar(folder: &Path, arguments: &str) -> Output {
         .expect("the program starts")
 }
 
+/// Runs `plantar insole` with these arguments and the insole at this address. Returns whether it succeeded, and what it printed on
+/// stdout and on stderr.
+fn run_insole(folder: &Path, address: SocketAddr, arguments: &str) -> (bool, String, String) {
+    let output = plantar(folder, &format!("insole {arguments} --tcp {address}"));
+    let text = |bytes| String::from_utf8(bytes).expect("text");
+    (output.status.success(), text(output.stdout), text(output.stderr))
+}
+
 /// Runs `plantar params`, asserts that it succeeds, and returns what it printed on stdout.
 fn succeed(folder: &Path, arguments: &str) -> String {
     let output = params(folder, arguments);
@@ -165,11 +173,7 @@ fn settings_are_set_shown_and_removed() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let (address, session) = insole();
-    let run = |arguments: &str| {
-        let output = plantar(folder, &format!("insole {arguments} --tcp {address}"));
-        let text = |bytes| String::from_utf8(bytes).expect("text");
-        (output.status.success(), text(output.stdout), text(output.stderr))
-    };
+    let run = |arguments: &str| run_insole(folder, address, arguments);
     let (done, text, _) = run("show");
     assert!(done && text.contains("of the firmware") && text.contains("whole cells"), "{text}");
     let (done, text, error) = run("set --contact-full 150 --rate 200 --size 39 --strike 40 --max-stance 2000");
@@ -236,11 +240,7 @@ fn an_insole_is_named_calibrated_and_shown() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     let (address, session) = insole();
-    let run = |arguments: &str| {
-        let output = plantar(folder, &format!("insole {arguments} --tcp {address}"));
-        let text = |bytes| String::from_utf8(bytes).expect("text");
-        (output.status.success(), text(output.stdout), text(output.stderr))
-    };
+    let run = |arguments: &str| run_insole(folder, address, arguments);
     let (done, text, _) = run("name --side right --serial-number P-0001");
     assert!(done && text.contains("right foot, serial number P-0001"), "{text}");
     let (done, text, _) = run("name --side left");

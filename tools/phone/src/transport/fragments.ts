@@ -3,6 +3,8 @@
  * bit 7 marks the last fragment of a message, and bits 0 to 6 are the number of the fragment, counted from 0.
  */
 
+import { joined } from "../bytes";
+
 /** The bit of the header that marks the last fragment. */
 const LAST = 0x80;
 /** The bits of the header that contain the number of the fragment. */
@@ -33,13 +35,7 @@ export class Fragments {
     if ((header & LAST) === 0) return undefined;
     const fragments = this.fragments;
     this.fragments = [];
-    const message = new Uint8Array(fragments.reduce((sum, fragment) => sum + fragment.length, 0));
-    let at = 0;
-    for (const fragment of fragments) {
-      message.set(fragment, at);
-      at += fragment.length;
-    }
-    return message;
+    return joined(fragments);
   }
 
   private drop(): undefined {

@@ -34,16 +34,16 @@ pub struct Progress {
     pub side: Side,
     /// The newest live frame.
     pub live: Live,
-    /// Number of things that are complete: steps, or seconds.
+    /// Number of steps that this part of the session has.
     pub done: usize,
-    /// Number of things that are needed; 0 where nothing is counted.
+    /// Number of steps that it needs; 0 if it counts no steps.
     pub needed: usize,
     /// The latest remark: why a step was not good, or that the link is lost.
     pub remark: String,
 }
 
 impl Progress {
-    /// Nothing is done.
+    /// Before the first frame.
     pub fn new(side: Side) -> Self {
         Self { side, live: Live::default(), done: 0, needed: 0, remark: String::new() }
     }

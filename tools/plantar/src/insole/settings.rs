@@ -87,8 +87,8 @@ impl SettingsArgs {
     }
 }
 
-/// The settings in force.
-fn in_force(client: &mut AnyClient) -> Result<Settings> {
+/// The settings of an insole: those that a host has stored, or else those of its firmware.
+pub fn in_force(client: &mut AnyClient) -> Result<Settings> {
     Ok(match client.settings()? {
         Some(settings) => settings,
         None => Settings::of(&client.setup()?),
