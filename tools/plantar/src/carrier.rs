@@ -31,6 +31,20 @@ pub struct Connection {
     ble: Option<Selector>,
 }
 
+/// Options that select wired connections to several insoles.
+#[derive(Args)]
+pub struct Ports {
+    /// Serial port of an insole, such as /dev/ttyACM0 or COM3. Give the option once for each foot.
+    #[arg(long, value_name = "PORT")]
+    pub serial: Vec<String>,
+    /// Bit rate of the serial ports.
+    #[arg(long, default_value_t = 460_800, requires = "serial")]
+    pub baud: u32,
+    /// Network address of an insole, HOST:PORT. Give the option once for each foot.
+    #[arg(long, value_name = "ADDRESS")]
+    pub tcp: Vec<String>,
+}
+
 /// The client of a connected insole.
 pub type AnyClient = Client<Box<dyn Carrier + Send>>;
 

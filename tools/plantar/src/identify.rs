@@ -3,7 +3,7 @@
 mod foot;
 mod screen;
 
-use crate::carrier::Connection;
+use crate::carrier::{Connection, Ports};
 use crate::fit::live::{self, LiveSource};
 use crate::fit::{Fit, Search};
 use crate::params;
@@ -38,16 +38,9 @@ use std::time::{Duration, Instant};
 /// Exit status: 0 if all regions were identified and verified, 3 if not all were, 1 if the session did not come to its end.
 #[derive(Args)]
 pub struct Identify {
-    /// Serial port of an insole. Give two for both feet.
-    #[arg(long, value_name = "PORT")]
-    serial: Vec<String>,
-    /// Bit rate of the serial ports.
-    #[arg(long, default_value_t = 460_800, requires = "serial")]
-    baud: u32,
-    /// Network address of an insole, HOST:PORT. Give two for both feet.
-    #[arg(long, value_name = "ADDRESS")]
-    tcp: Vec<String>,
-    /// Connect over Bluetooth to the insole of this foot, left or right, or with this address. Give two for both feet.
+    #[command(flatten)]
+    ports: Ports,
+    /// Connect over Bluetooth to the insole of this foot, left or right, or with this address. Give the option once for each foot.
     #[cfg(feature = "ble")]
     #[arg(long, value_name = "FOOT")]
     ble: Vec<Selector>,
@@ -116,8 +109,8 @@ impl Identify {
     }
 
     fn connections(&self) -> Vec<Connection> {
-        let serial = self.serial.iter().map(|port| Connection::serial(port, self.baud));
-        let wired = serial.chain(self.tcp.iter().map(|address| Connection::tcp(address)));
+        let serial = self.ports.serial.iter().map(|port| Connection::serial(port, self.ports.baud));
+        let wired = serial.chain(self.ports.tcp.iter().map(|address| Connection::tcp(address)));
         #[cfg(feature = "ble")]
         return wired.chain(self.ble.iter().map(Connection::ble)).collect();
         #[cfg(not(feature = "ble"))]

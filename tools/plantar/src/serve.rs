@@ -1,6 +1,6 @@
 //! `plantar serve`: serves the page for a phone, with insoles that are connected to this computer.
 
-use crate::carrier::{open_error, open_serial, open_tcp};
+use crate::carrier::{Ports, open_error, open_serial, open_tcp};
 use crate::emulate::{EmulatedInsole, FIRMWARE};
 use crate::setup::{ContactArgs, WearerArgs, ZeroArgs};
 use anyhow::{Context, Result, bail};
@@ -18,15 +18,8 @@ use std::path::PathBuf;
 /// this computer can connect. Every page that can connect receives all data.
 #[derive(Args)]
 pub struct Serve {
-    /// Serial port of an insole, such as /dev/ttyACM0 or COM3.
-    #[arg(long, value_name = "PORT")]
-    serial: Vec<String>,
-    /// Bit rate of the serial ports.
-    #[arg(long, default_value_t = 460_800, requires = "serial")]
-    baud: u32,
-    /// Network address of an insole, HOST:PORT.
-    #[arg(long, value_name = "ADDRESS")]
-    tcp: Vec<String>,
+    #[command(flatten)]
+    ports: Ports,
     /// Play this recording into an emulated insole, repeatedly and without end.
     #[arg(long, value_name = "RECORDING")]
     emulate: Vec<PathBuf>,
@@ -68,16 +61,16 @@ const PAGE: &str = "tools/phone/dist";
 
 impl Serve {
     pub fn run(&self) -> Result<()> {
-        let insoles = self.serial.len() + self.tcp.len() + self.emulate.len();
+        let insoles = self.ports.serial.len() + self.ports.tcp.len() + self.emulate.len();
         if !(1..=MAX_INSOLES).contains(&insoles) {
             bail!("give one --serial, --tcp or --emulate per foot: 1 or 2 in total, not {insoles}");
         }
         let mut sources = Vec::new();
-        for port in self.serial.clone() {
-            let baud = self.baud;
+        for port in self.ports.serial.clone() {
+            let baud = self.ports.baud;
             sources.push(source(port.clone(), move || Ok(Box::new(Framed::new(open_serial(&port, baud)?)))));
         }
-        for address in self.tcp.clone() {
+        for address in self.ports.tcp.clone() {
             sources.push(source(address.clone(), move || Ok(Box::new(Framed::new(open_tcp(&address)?)))));
         }
         // An emulated board runs until it is dropped, so the boards are held until the program ends.
