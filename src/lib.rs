@@ -19,7 +19,7 @@
 //!   |   ellipse    moments -> centre, radii, angle
 //!   |   model      area and area rate -> tissue deformation, model force
 //!   v   stance     heel strike and toe off; stores the curves of the stance
-//!   |   step       smoothed curves -> step record
+//!   |   step       curves -> step record
 //!   v   protocol   messages <-> bytes
 //!   |   session    hello, commands, live frames, replay of steps
 //!   v

@@ -59,7 +59,7 @@ fn main() {
             tissue,
             identified: Identified {
                 contact: ContactRule::COVERED,
-                filter: AreaFilter::Step,
+                filter: AreaFilter::Direct,
                 side: Some(Side::Left),
                 steps: 30,
             },

@@ -442,7 +442,7 @@ fn the_insole_reports_the_force_that_the_fit_evaluated() {
             assert_eq!(device.step, step.number);
             for (region, fit) in study.fits.iter().enumerate() {
                 let Ok(fit) = fit else { continue };
-                let Some(ours) = Evaluated::new(&step.regions[region], Filter::Step, &fit.law) else { continue };
+                let Some(ours) = Evaluated::new(&step.regions[region], Filter::Direct, &fit.law) else { continue };
                 let device = &device.regions[region];
                 let peak_n = ours.model_n.iter().copied().fold(0.0, f64::max);
                 let integral_n_s = ours.model_n.iter().sum::<f64>() * ours.sample_s;

@@ -647,7 +647,8 @@ fn settings_are_checked_stored_and_read() {
 #[test]
 fn identified_parameters_are_accepted_with_their_contact_rule_only() {
     let mut session = streaming();
-    let identified = Identified { contact: SETUP.contact, filter: AreaFilter::Step, side: Some(Side::Left), steps: 31 };
+    let identified =
+        Identified { contact: SETUP.contact, filter: AreaFilter::Direct, side: Some(Side::Left), steps: 31 };
     let request =
         |contact| ToDevice::SetIdentifiedTissue { tissue: *TISSUE, identified: Identified { contact, ..identified } };
     // Without a layout no rule is in force.

@@ -2,7 +2,7 @@
 //!
 //! The area is the mean of the last three frames, which delays the result by one frame. The deformation rate is the backward
 //! difference, to the previous frame, because the forward difference of Eq. 16 needs the next frame. The values of a step record
-//! are computed by [`super::step`], which smooths over the whole stance.
+//! are computed by [`super::step`] from the whole stance.
 
 use super::model::ForceLaw;
 use super::region::RegionFrame;

@@ -11,7 +11,6 @@
 //! | ellipse | [`ellipse`] | contact ellipse |
 //! | model | [`model`], [`live`] | tissue deformation and model force of a frame |
 //! | stance | [`stance`] | heel strike, toe off, and the curves between them |
-//! | smoothing | [`smooth`] | smoothed area curves of a stance |
 //! | step | [`step`] | step record: the quantities of each region |
 //! | cadence | [`cadence`] | steps per minute |
 //!
@@ -27,7 +26,6 @@ pub mod model;
 pub mod tissue;
 pub mod live;
 pub mod stance;
-pub mod smooth;
 pub mod step;
 pub mod cadence;
 pub mod setup;

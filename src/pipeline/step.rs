@@ -1,11 +1,14 @@
-//! Step evaluation: after a stance, smooths the area curves as in the paper, evaluates the model, and compares it with the
-//! measured force.
+//! Step evaluation: after a stance, evaluates the model on the area curves, and compares it with the measured force.
+//!
+//! The area is not smoothed. The paper smooths it by a polynomial over the whole contact, which flattens a fast heel strike: the
+//! force is then predicted less accurately, with counted cells and with covered shares (docs/identification.md). The deformation
+//! rate is the difference over about 20 ms instead of that of Eq. 16 over one sample, because jumps of the area by single cells
+//! would dominate the latter.
 
 use super::contact::ContactRule;
 use super::ellipse::Ellipse;
 use super::model::ForceLaw;
 use super::region::{AreaMoments, Side};
-use super::smooth;
 use super::stance::STANCE_SAMPLES;
 use crate::num::Real;
 
@@ -51,7 +54,7 @@ pub struct RegionStep<R> {
     /// NRMSE (Eq. 20): root mean square of model minus measured force over the contact, divided by the largest measured force.
     /// The measured force is not smoothed. 0.1 is 10 %.
     pub model_error: R,
-    /// The smoothed area exceeded pi A B in some samples, in which deformation and model force are lower bounds.
+    /// The area exceeded pi A B in some samples, in which deformation and model force are lower bounds.
     pub clamped: bool,
     /// Number of cells that were masked at toe off, at most 255.
     pub masked_cells: u8,
@@ -85,8 +88,8 @@ impl<R: Real> RegionStep<R> {
     /// [`STANCE_SAMPLES`], and the time `sample_s` between samples. `at_peak` are the area moments at the largest measured force,
     /// about the reference point of the region; so the centre of [`RegionStep::ellipse_at_peak`] is relative to this point.
     ///
-    /// The area is smoothed over the contact phase by a three-point mean and a polynomial of 5th order. The deformation follows
-    /// from Eq. 14, its rate from Eq. 16, and the force from Eq. 13. Negative areas and forces are replaced by 0.
+    /// The deformation follows from Eq. 14, its rate is the difference over [`rate_span`] samples to both sides, and the force
+    /// follows from Eq. 13. A tensile force is replaced by 0.
     ///
     /// # Panics
     /// If `force_n` is shorter than the contact, or a curve is longer than [`STANCE_SAMPLES`].
@@ -100,24 +103,21 @@ impl<R: Real> RegionStep<R> {
 
         let mut scratch = [R::ZERO; STANCE_SAMPLES];
         let g = &mut scratch[..raw_area_mm2.len()];
-        g.copy_from_slice(raw_area_mm2);
-        smooth::moving_average(g);
-        smooth::polynomial(g);
         let mut step = Self { clamped: false, ..Self::default() };
-        for area in g.iter_mut() {
-            let ratio = law.area_ratio(*area * R::of(1e-6));
+        for (g, &area_mm2) in g.iter_mut().zip(raw_area_mm2) {
+            let ratio = law.area_ratio(area_mm2 * R::of(1e-6));
             step.clamped |= ratio.clamped;
-            *area = ratio.normalised_deformation();
+            *g = ratio.normalised_deformation();
         }
 
-        let per_sample = R::ONE / sample_s;
+        let span = rate_span(sample_s.to_f64());
         let (mut squares, mut peak_at) = (R::ZERO, 0u32);
-        let mut rate_per_s = R::ZERO;
         for (i, (&g_here, &measured)) in g.iter().zip(measured_n).enumerate() {
-            // Eq. 16 is a forward difference; the last sample has the rate of the previous one.
-            if let Some(&next) = g.get(i + 1) {
-                rate_per_s = (next - g_here) * per_sample;
-            }
+            let (earlier, later) = rate_samples(i, g.len(), span);
+            let rate_per_s = match later - earlier {
+                0 => R::ZERO,
+                samples => (g[later] - g[earlier]) / (R::of_u32(samples as u32) * sample_s),
+            };
             let model = law.force_n(g_here, rate_per_s);
             step.model_peak_n = step.model_peak_n.max(model);
             step.model_integral_n_s += model;
@@ -142,4 +142,21 @@ impl<R: Real> RegionStep<R> {
         step.ellipse_at_peak = Ellipse::from_moments(at_peak);
         step
     }
+}
+
+/// Half of the time over which the deformation rate is the difference, us.
+const RATE_HALF_US: u32 = 10_000;
+
+/// The number of samples to each side over which the deformation rate is the difference: 10 ms, and at least one sample.
+/// `sample_s` is the time between samples, s.
+pub fn rate_span(sample_s: f64) -> usize {
+    // Whole microseconds, so that single and double precision have the same span. A time between samples is positive.
+    let sample_us = ((sample_s * 1e6 + 0.5) as u32).max(1);
+    ((RATE_HALF_US + sample_us / 2) / sample_us).max(1) as usize
+}
+
+/// The earlier and the later sample whose difference is the deformation rate of sample `i` of a contact of `samples` samples. The
+/// span is shorter at both ends of the contact.
+pub fn rate_samples(i: usize, samples: usize, span: usize) -> (usize, usize) {
+    (i.saturating_sub(span), (i + span).min(samples.saturating_sub(1)))
 }

@@ -39,7 +39,7 @@ quantities! {
             flags "The code of a cell reached the end of the scale.";
         /// The contact exceeded the ellipsoid, so deformation and model force are lower bounds.
         clamped: u8 = bits(&record.regions, |region| region.clamped),
-            flags "The smoothed contact area exceeded pi A B.";
+            flags "The contact area exceeded pi A B.";
         /// The rule that areas were counted by.
         contact_rule: ContactRule = record.contact_rule;
         /// The regions, in the order of [`crate::Region::ALL`].
@@ -69,7 +69,7 @@ quantities! {
         #[serde(with = "le")]
         model_peak_dn: u16 = (region.model_peak_n * R::of(10.0)).round_u16()
             => model_force_peak_n [10 per "N"],
-            "Eq. 13 with Eq. 14 and 16, on the smoothed contact area.";
+            "Eq. 13 with Eq. 14, on the contact area.";
         /// Force-time integral of the measured force.
         #[serde(with = "le")]
         measured_integral_cns: u16 = (region.measured_integral_n_s * R::of(100.0)).round_u16()
@@ -84,17 +84,17 @@ quantities! {
         #[serde(with = "le")]
         area_peak_mm2: u16 = (region.area_peak_mm2 * R::of(1.0)).round_u16()
             => area_peak_mm2 [1 per "mm2"],
-            "Area of the cells in contact by the contact rule, not smoothed.";
+            "Area of the cells in contact by the contact rule.";
         /// Largest tissue deformation of the model.
         #[serde(with = "le")]
         deformation_peak_um: u16 = (region.deformation_peak_m * R::of(1e6)).round_u16()
             => deformation_peak_mm [1000 per "mm"],
-            "Eq. 14, on the smoothed contact area.";
+            "Eq. 14, on the contact area.";
         /// Largest rate of the deformation under increasing load.
         #[serde(with = "le")]
         deformation_rate_peak_dmm_s: u16 = (region.deformation_rate_peak_m_s * R::of(1e4)).round_u16()
             => deformation_rate_peak_mm_s [10 per "mm/s"],
-            "Eq. 16.";
+            "Difference of the deformation over 20 ms, instead of over one sample as in Eq. 16.";
         /// Time from the region's first to its last sample in contact.
         #[serde(with = "le")]
         contact_ms: u16 = (region.contact_s * R::of(1e3)).round_u16()

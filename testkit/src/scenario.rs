@@ -350,7 +350,7 @@ fn request(host: &mut Host, event: &Event) -> Result<(), client::Error> {
         Event::SetParameters => client.set_tissue(&Parameters::typical(InsoleSize::default()).tissue()),
         Event::SetIdentified { full_kpa } => {
             let contact = ContactRule { full_kpa: *full_kpa, ..ContactRule::COUNTED };
-            let identified = Identified { contact, filter: AreaFilter::Step, side: None, steps: 30 };
+            let identified = Identified { contact, filter: AreaFilter::Direct, side: None, steps: 30 };
             client.set_identified_tissue(&Parameters::typical(InsoleSize::default()).tissue(), identified)
         }
         Event::SetSettings { full_kpa, rate_hz } => {

@@ -4,10 +4,11 @@
 use crate::python;
 use anyhow::{Result, bail};
 use bench::Figures;
-use fit::identify::{Bounds, identify};
-use fit::interval::{five, from_jacobian};
+use fit::identify::{Bounds, Identified, identify};
+use fit::interval::{self, five};
+use fit::prior::{self, Coordinates, Prior, WALKERS};
 use fit::quality::Evaluated;
-use fit::synthetic::{Noise, curves, law};
+use fit::synthetic::{Noise, curves, forces, law};
 use fit::{Filter, Samples, paper};
 use std::path::Path;
 use std::time::Instant;
@@ -18,6 +19,10 @@ const RATE_HZ: f64 = 100.0;
 const NOISE: f64 = 0.01;
 /// Number of runs. The fastest one is reported, because other processes slow the others down.
 const RUNS: usize = 20;
+/// Standard deviation of the correlated noise, relative to the peak force, and the correlation of successive values.
+const CORRELATED_NOISE: f64 = 0.03;
+/// See [`CORRELATED_NOISE`].
+const AUTOCORRELATION: f64 = 0.8;
 /// Number of computed steps of each region for the coverage of the intervals.
 const COVERAGE_REPEATS: u64 = 200;
 /// A search counts as successful if its NRMSE exceeds that of this identification by less than this.
@@ -28,15 +33,15 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     exact(figures);
     coverage(figures);
     let noisy: Vec<_> =
-        (0..8).map(|r| curves(r, RATE_HZ, Filter::Step, 1.0, NOISE, &mut Noise::new(r as u64))).collect();
-    let samples: Vec<_> = noisy.iter().map(|c| Samples::new([c], Filter::Step)).collect();
+        (0..8).map(|r| curves(r, RATE_HZ, Filter::Direct, 1.0, NOISE, &mut Noise::new(r as u64))).collect();
+    let samples: Vec<_> = noisy.iter().map(|c| Samples::new([c], Filter::Direct)).collect();
     let mut found = Vec::new();
     let mut best_s = [f64::INFINITY; 8];
     for _ in 0..RUNS {
         found.clear();
         for (samples, best_s) in samples.iter().zip(&mut best_s) {
             let start = Instant::now();
-            found.push(identify(samples, &Bounds::USUAL));
+            found.push(most_probable(samples, &WALKERS[found.len()]).0);
             *best_s = best_s.min(start.elapsed().as_secs_f64());
         }
     }
@@ -74,13 +79,13 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
 
     let start = Instant::now();
     let compiled = samples.iter().map(|s| {
-        let (ellipsoid, _) = paper::identify(s);
+        let (ellipsoid, _) = paper::identify(s, 1.0);
         ellipsoid.force_law()
     });
     let compiled: Vec<_> = compiled.collect();
     let seconds = start.elapsed().as_secs_f64();
     let nrmse = noisy.iter().zip(&compiled).map(|(curves, force_law)| {
-        Evaluated::new(curves, Filter::Step, force_law).map_or(f64::INFINITY, |e| e.nrmse())
+        Evaluated::new(curves, Filter::Direct, force_law).map_or(f64::INFINITY, |e| e.nrmse())
     });
     let succeeded = nrmse.zip(&own_nrmse).filter(|(nrmse, own)| *nrmse < **own + SUCCESS).count();
     figures.add(
@@ -94,10 +99,10 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
 /// Measures the errors for steps without noise. Their parameters should be found exactly.
 fn exact(figures: &mut Figures) {
     let (mut nrmse, mut parameters) = (0.0f64, 0.0f64);
-    for region in 0..8 {
-        let curves = curves(region, RATE_HZ, Filter::Step, 1.0, 0.0, &mut Noise::new(1));
-        let samples = Samples::new([&curves], Filter::Step);
-        let found = identify(&samples, &Bounds::USUAL);
+    for (region, prior) in WALKERS.iter().enumerate() {
+        let curves = curves(region, RATE_HZ, Filter::Direct, 1.0, 0.0, &mut Noise::new(1));
+        let samples = Samples::new([&curves], Filter::Direct);
+        let (found, _) = most_probable(&samples, prior);
         nrmse = nrmse.max(found.squares.sqrt());
         let t = law(region);
         let truth = [t.ab_m2, t.stiffness_pa, t.damping_pa_s, t.n, t.m];
@@ -117,19 +122,39 @@ fn exact(figures: &mut Figures) {
     );
 }
 
-/// Measures the fraction of noisy steps for which a true value lies in its 95 % interval.
+/// The parameters by the default method, and their noise.
+fn most_probable(samples: &Samples, prior: &Prior) -> (Identified, interval::Noise) {
+    let unconstrained = identify(samples, &Bounds::USUAL);
+    let noise = interval::noise(samples, &unconstrained);
+    (prior.identify(samples, &unconstrained, noise.variance), noise)
+}
+
+/// Measures the fraction of computed steps for which a true value lies in its 95 % interval. The true parameters of each step are
+/// drawn from the distribution among people, and successive residuals are correlated.
 fn coverage(figures: &mut Figures) {
     let mut least = 1.0f64;
     let mut all = 0.0;
-    for region in 0..8 {
-        let t = law(region);
-        let truth = [t.ab_m2, t.stiffness_pa, t.damping_pa_s, t.n, t.m];
+    for (region, prior) in WALKERS.iter().enumerate() {
         let mut covered = [0.0; 5];
         for seed in 0..COVERAGE_REPEATS {
-            let curves = curves(region, RATE_HZ, Filter::Step, 1.0, NOISE, &mut Noise::new(seed));
-            let samples = Samples::new([&curves], Filter::Step);
-            let found = identify(&samples, &Bounds::USUAL);
-            let uncertainty = from_jacobian(&samples, &Bounds::USUAL, &found);
+            let mut noise = Noise::autocorrelated(seed, AUTOCORRELATION);
+            let [logit, ln_n, ln_m, ln_tau]: [f64; 4] =
+                std::array::from_fn(|i| prior.mean[i] + prior.deviation[i] * noise.independent());
+            let ln_k = law(region).stiffness_pa.ln();
+            let mut curves = curves(region, RATE_HZ, Filter::Direct, 1.0, 0.0, &mut Noise::new(seed));
+            let area_max_m2 = Samples::new([&curves], Filter::Direct).area_max_m2;
+            let truth = prior::parameters(&Coordinates::new(logit, ln_n, ln_m, ln_k, ln_k + ln_tau), 0.0, 0);
+            curves.force_n = forces(&curves, Filter::Direct, &truth.law(area_max_m2, 0.01));
+            let peak_n = curves.force_n.iter().copied().fold(0.0, f64::max);
+            for (force_n, area_mm2) in curves.force_n.iter_mut().zip(&curves.area_mm2) {
+                if *area_mm2 > 0.0 {
+                    *force_n += CORRELATED_NOISE * peak_n * noise.normal();
+                }
+            }
+            let samples = Samples::new([&curves], Filter::Direct);
+            let (found, noise) = most_probable(&samples, prior);
+            let uncertainty = interval::from_posterior(&samples, prior, &found, &noise);
+            let truth = five(&truth, area_max_m2);
             for ((interval, truth), covered) in uncertainty.intervals.iter().zip(truth).zip(&mut covered) {
                 let [low, high] = interval.jacobian;
                 *covered += f64::from(u8::from((low..=high).contains(&truth))) / COVERAGE_REPEATS as f64;
@@ -141,7 +166,7 @@ fn coverage(figures: &mut Figures) {
     figures.add(
         "fit_coverage",
         round(all, 4),
-        "0.90 to 0.99: fraction of true values inside their 95 % interval, noisy steps, all regions",
+        "0.90 to 0.99: fraction of true values inside their 95 % interval, correlated residuals, all regions",
     );
     figures.add("fit_coverage_least", round(least, 4), "the same for the parameter and region with the least coverage");
 }

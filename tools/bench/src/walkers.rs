@@ -1,89 +1,203 @@
-//! Measures the errors of the identification for ten barefoot walkers on a pressure plate (SpeedPP2DS). Each step is predicted
-//! from the walker's other steps.
+//! Measures the errors of the identification for ten barefoot walkers on a pressure plate (SpeedPP2DS): each step is predicted from
+//! the walker's other steps, and the quantities of the two halves of a session are compared. The prior of a walker is learnt from
+//! the other nine.
 
 use anyhow::Result;
 use bench::Figures;
-use fit::{Options, Quality, Study};
+use fit::measures::Quantity;
+use fit::quality::Evaluated;
+use fit::repeat::Repeatability;
+use fit::{NotFitted, Options, RegionFit, Step, Study, prior};
 use parameters::InsoleSize;
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
 use recording::{Recording, VirtualInsole, jiku};
+use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Limits: the NRMSE of each region, %, in the best of the analyses of these steps that preceded this identification.
-const REFERENCE: [f64; 8] = [13.6, 23.5, 23.5, 26.5, 27.2, 18.4, 21.0, 19.5];
+/// Every how many steps of a walker serve to learn the prior of the others.
+const LEARNT_FROM: usize = 3;
+/// Number of steps of the small fits.
+const FEW_STEPS: usize = 4;
+/// Number of small fits of each walker.
+const FEW_FITS: usize = 5;
+/// Half of the width of the interval of a determined quantity, relative to its value.
+const DETERMINED: f64 = 0.3;
 
-/// Measures the errors of each region with counted cells and with covered shares.
+type Fits = Vec<Result<RegionFit, NotFitted>>;
+
+/// Measures the errors of each region with covered shares, which are the default, and with counted cells.
 pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
-    let mut counted = Vec::new();
-    let mut covered = Vec::new();
-    let mut steps = 0;
-    for walker in 0..jiku::WALKERS {
-        let walk = jiku::import(data, walker, 0..jiku::TRIALS, &mut |_, _| ())?;
-        let (qualities, count) = qualities(&walk, ContactRule::COUNTED)?;
-        steps += count;
-        counted.push(qualities);
-        covered.push(self::qualities(&walk, ContactRule::COVERED)?.0);
-    }
-    let mut totals = [0.0; 2];
-    for (i, region) in Region::ALL.iter().enumerate() {
-        let mean = |all: &[[Option<Quality>; 8]], of: fn(&Quality) -> Option<f64>| {
-            let values: Vec<f64> = all.iter().filter_map(|walker| of(walker[i].as_ref()?)).collect();
-            (values.iter().sum::<f64>() / values.len() as f64 * 1e4).round() / 100.0
-        };
-        let walkers = counted.iter().filter(|walker| walker[i].is_some()).count();
-        let name = region.name();
-        let predicted = mean(&counted, |q| q.predicted);
-        figures.add(
-            &format!("nrmse.{name}.own"),
-            mean(&counted, |q| Some(q.own)),
-            "NRMSE, %, of each step with parameters fitted to it alone, counted cells",
-        );
-        figures.add(
-            &format!("nrmse.{name}.predicted"),
-            predicted,
-            &format!(
-                "at most {}: NRMSE, %, of each step predicted from the walker's other steps, {walkers} walkers",
-                REFERENCE[i]
-            ),
-        );
-        figures.add(
-            &format!("nrmse.{name}.floor"),
-            mean(&counted, |q| Some(q.floor)),
-            "least NRMSE, %, of any force law without damping for the measured areas",
-        );
-        let predicted_covered = mean(&covered, |q| q.predicted);
-        figures.add(
-            &format!("nrmse.{name}.covered"),
-            predicted_covered,
-            "NRMSE, %, of each step predicted from the walker's other steps, covered shares (150 kPa)",
-        );
-        totals[0] += predicted / 8.0;
-        totals[1] += predicted_covered / 8.0;
-    }
-    let [counted, covered] = totals;
-    figures.add(
-        "nrmse.mean.predicted",
-        (counted * 100.0).round() / 100.0,
-        &format!("mean of the predicted NRMSE over the regions, %, {steps} steps"),
-    );
-    figures.add("nrmse.mean.covered", (covered * 100.0).round() / 100.0, "the same with covered shares");
-    let reduction = (1.0 - covered / counted) * 100.0;
-    figures.add(
-        "nrmse.mean.less",
-        (reduction * 10.0).round() / 10.0,
-        "at least 15: relative reduction of this mean by covered shares, %",
-    );
+    let walks: Vec<Recording> = (0..jiku::WALKERS)
+        .map(|w| Ok(jiku::import(data, w, 0..jiku::TRIALS, &mut |_, _| ())?))
+        .collect::<Result<_>>()?;
+    let covered = fitted(&walks, ContactRule::COVERED)?;
+    let counted = fitted(&walks, ContactRule::COUNTED)?;
+    errors(&covered, &counted, figures);
+    few_steps(&covered, figures);
+    shares(&covered, figures);
+    repeatability(&covered, figures);
     Ok(())
 }
 
-/// The errors in each region of a walk, and the number of steps, with this contact rule.
-fn qualities(walk: &Recording, contact: ContactRule) -> Result<([Option<Quality>; 8], usize)> {
+/// The studies of all walkers with this contact rule.
+fn fitted(walks: &[Recording], contact: ContactRule) -> Result<Vec<Study>> {
     let options = Options::usual(InsoleSize::default().thickness_m());
-    let mut study = Study::new(String::new(), contact, options);
-    study.add(String::new(), walk, &VirtualInsole::new(walk, contact, StanceRule::WALKING), &mut |_| ())?;
-    study.fit(&|_| ());
-    let quality = |i: usize| study.fits[i].as_ref().ok().map(|fit| fit.quality);
-    Ok((std::array::from_fn(quality), study.steps.len()))
+    let mut studies = Vec::new();
+    for walk in walks {
+        let mut study = Study::new(String::new(), contact, options);
+        study.add(String::new(), walk, &VirtualInsole::new(walk, contact, StanceRule::WALKING), &mut |_| ())?;
+        studies.push(study);
+    }
+    let samples: Vec<Vec<Step>> =
+        studies.iter().map(|study| study.steps.iter().step_by(LEARNT_FROM).cloned().collect()).collect();
+    for (i, study) in studies.iter_mut().enumerate() {
+        let others = samples.iter().enumerate().filter(|(other, _)| *other != i);
+        let others: Vec<&[Step]> = others.map(|(_, steps)| &steps[..]).collect();
+        study.options.prior = Some(prior::learn(&others, &options));
+        study.fit(&|_| ());
+    }
+    Ok(studies)
+}
+
+/// The mean over the walkers whose region was fitted, %.
+fn mean(studies: &[Study], region: usize, of: fn(&RegionFit) -> Option<f64>) -> f64 {
+    let values: Vec<f64> = studies.iter().filter_map(|study| of(study.fits[region].as_ref().ok()?)).collect();
+    values.iter().sum::<f64>() / values.len() as f64 * 100.0
+}
+
+fn errors(covered: &[Study], counted: &[Study], figures: &mut Figures) {
+    let steps: usize = covered.iter().map(|study| study.steps.len()).sum();
+    let predicted = |fit: &RegionFit| fit.quality.predicted;
+    let mut worst = 0.0f64;
+    let mut means = [0.0; 2];
+    for (i, region) in Region::ALL.iter().enumerate() {
+        let name = region.name();
+        let of_covered = mean(covered, i, predicted);
+        let of_counted = mean(counted, i, predicted);
+        worst = worst.max(of_covered);
+        means[0] += of_covered / 8.0;
+        means[1] += of_counted / 8.0;
+        let walkers = covered.iter().filter(|study| study.fits[i].is_ok()).count();
+        figures.add(
+            &format!("nrmse.{name}.predicted"),
+            round(of_covered),
+            &format!("at most 13: NRMSE, %, of each step predicted from the walker's other steps, {walkers} walkers"),
+        );
+        figures.add(
+            &format!("nrmse.{name}.own"),
+            round(mean(covered, i, |fit| Some(fit.quality.own))),
+            "NRMSE, %, of each step with parameters fitted to it alone",
+        );
+        figures.add(
+            &format!("nrmse.{name}.floor"),
+            round(mean(covered, i, |fit| Some(fit.quality.floor))),
+            "least NRMSE, %, of any force law without damping for the measured areas",
+        );
+        figures.add(&format!("nrmse.{name}.counted"), round(of_counted), "as predicted, with counted cells");
+    }
+    figures.add(
+        "nrmse.mean.predicted",
+        round(means[0]),
+        &format!("at most 9.5: mean of the predicted NRMSE over the regions, %, {steps} steps"),
+    );
+    figures.add("nrmse.worst.predicted", round(worst), "the same of the worst region");
+    figures.add("nrmse.mean.counted", round(means[1]), "the mean with counted cells");
+}
+
+/// Measures how much larger the predicted error is if only four steps are fitted.
+fn few_steps(studies: &[Study], figures: &mut Figures) {
+    let mut ratios = Vec::new();
+    for region in 0..8 {
+        let (mut few, mut all) = (Vec::new(), Vec::new());
+        for (walker, study) in studies.iter().enumerate() {
+            let Ok(fit) = &study.fits[region] else { continue };
+            if fit.steps.len() < 2 * FEW_STEPS {
+                continue;
+            }
+            let mut random = fastrand::Rng::with_seed(walker as u64);
+            for _ in 0..FEW_FITS {
+                let mut chosen = fit.steps.clone();
+                random.shuffle(&mut chosen);
+                let (fitted, others) = chosen.split_at(FEW_STEPS);
+                let steps: Vec<Step> = fitted.iter().map(|&i| study.steps[i].clone()).collect();
+                let Ok(law) = fit::fit_one(&steps, region, &study.options) else { continue };
+                let errors = others.iter().filter_map(|&i| {
+                    Some(Evaluated::new(&study.steps[i].regions[region], study.options.filter, &law)?.nrmse())
+                });
+                let errors: Vec<f64> = errors.collect();
+                few.push(errors.iter().sum::<f64>() / errors.len() as f64);
+                all.push(fit.quality.predicted.unwrap_or(f64::NAN));
+            }
+        }
+        ratios.push(few.iter().sum::<f64>() / all.iter().sum::<f64>());
+    }
+    let ratio = ratios.iter().sum::<f64>() / ratios.len() as f64;
+    figures.add(
+        "nrmse.mean.four_steps",
+        round(ratio),
+        "at most 1.15: predicted NRMSE with parameters of four steps, relative to that with all steps, mean of the regions",
+    );
+}
+
+/// Measures the share of fits at a bound, and of quantities that are determined.
+fn shares(studies: &[Study], figures: &mut Figures) {
+    let fits: Vec<&RegionFit> = studies.iter().flat_map(|study| study.fits.iter().flatten()).collect();
+    let is_at_bound = |fit: &&&RegionFit| {
+        fit.uncertainty.as_ref().is_some_and(|uncertainty| uncertainty.intervals.iter().any(|i| i.at_bound))
+    };
+    figures.add(
+        "fit_at_bound",
+        round(fits.iter().filter(is_at_bound).count() as f64 / fits.len() as f64),
+        "at most 0.05: share of region fits with a parameter at a bound",
+    );
+    let measures: Vec<_> = fits.iter().flat_map(|fit| &fit.measures).collect();
+    let determined = measures.iter().filter(|measure| measure.is_within(DETERMINED)).count();
+    figures.add(
+        "fit_determined",
+        round(determined as f64 / measures.len() as f64),
+        "at least 0.8: share of the mechanical quantities whose 95 % interval is within 30 % of the value",
+    );
+}
+
+/// Measures the ICC of quantities between the first and the second half of each walker's steps: the median of the regions.
+fn repeatability(studies: &[Study], figures: &mut Figures) {
+    let shown = [
+        ("force_at_area", Quantity::ForceAtArea, "at least 0.9"),
+        ("area_at_force", Quantity::AreaAtForce(0.5), "at least 0.85"),
+        ("stiffness", Quantity::SecantStiffness, "at least 0.8"),
+    ];
+    let mut tables: BTreeMap<(&str, usize), Vec<Vec<f64>>> = BTreeMap::new();
+    for study in studies {
+        let middle = study.steps.len() / 2;
+        let halves: [Fits; 2] = [&study.steps[..middle], &study.steps[middle..]]
+            .map(|steps| fit::fit(steps, &study.options, &|_| ()).into());
+        for region in 0..8 {
+            let [Ok(first), Ok(second)] = halves.each_ref().map(|fits| &fits[region]) else { continue };
+            for (key, quantity, _) in shown {
+                let value = |fit: &RegionFit| Some(fit.measures.iter().find(|m| m.quantity == quantity)?.value);
+                if let (Some(first), Some(second)) = (value(first), value(second)) {
+                    tables.entry((key, region)).or_default().push(vec![first, second]);
+                }
+            }
+        }
+    }
+    for (key, _, limit) in shown {
+        let coefficients = (0..8).filter_map(|region| Some(Repeatability::of(tables.get(&(key, region))?)?.icc));
+        let mut coefficients: Vec<f64> = coefficients.collect();
+        coefficients.sort_by(f64::total_cmp);
+        let count = coefficients.len();
+        let median = (coefficients[(count - 1) / 2] + coefficients[count / 2]) / 2.0;
+        figures.add(
+            &format!("repeat.icc.{key}"),
+            round(median),
+            &format!("{limit}: ICC(2,1) of two halves of a session, median of {count} regions"),
+        );
+    }
+}
+
+/// Rounds to three decimal places.
+fn round(value: f64) -> f64 {
+    (value * 1e3).round() / 1e3
 }

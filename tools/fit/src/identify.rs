@@ -31,15 +31,19 @@ impl Bounds {
     /// vanishes.
     pub const LEAST_N: f64 = -0.95;
 
-    /// The default bounds. They allow pi A B to be 1 to 8.3 times the largest area. If it were larger, the ellipsoid would be so
-    /// flat that force is nearly a power of area, and A B and K could not be separated.
-    pub const USUAL: Self = Self {
+    /// Bounds with the exponents of the paper, which are at least 0. They allow pi A B to be 1 to 8.3 times the largest area. If it
+    /// were larger, the ellipsoid would be so flat that force is nearly a power of area, and A B and K could not be separated.
+    pub const PAPER: Self = Self {
         max_ratio: [0.12, 0.999_999],
         stiffness_pa: [1e4, 1e7],
         damping_pa_s: [0.0, 1e6],
         n: [0.0, 5.0],
         m: [0.0, 5.0],
     };
+
+    /// The default bounds: n may be negative, down to [`Bounds::LEAST_N`]. Measured force often grows by less than the square of
+    /// the area. A negative n states that there the area is no measure of the indentation, and not that tissue becomes softer.
+    pub const USUAL: Self = Self { n: [Self::LEAST_N, 5.0], ..Self::PAPER };
 }
 
 /// The identified parameters.
@@ -75,8 +79,8 @@ impl Identified {
     }
 
     /// The same A B, K, G, n and m, for samples whose largest area is `to_m2` instead of `from_m2`, m2. Only `max_ratio` differs.
-    pub(crate) fn rebased(&self, from_m2: f64, to_m2: f64, bounds: &Bounds) -> Self {
-        let max_ratio = (to_m2 / from_m2 * self.shape.max_ratio).clamp(bounds.max_ratio[0], bounds.max_ratio[1]);
+    pub(crate) fn rebased(&self, from_m2: f64, to_m2: f64) -> Self {
+        let max_ratio = (to_m2 / from_m2 * self.shape.max_ratio).min(Bounds::USUAL.max_ratio[1]);
         Self { shape: Shape { max_ratio, ..self.shape }, ..*self }
     }
 
@@ -143,7 +147,7 @@ pub fn identify_from(samples: &Samples, bounds: &Bounds, start: [f64; 5]) -> Ide
     Identified::from(&minimum, 0)
 }
 
-/// Refines parameters that are already close to the minimum.
+/// Refines parameters that are already close to the minimum, without a prior.
 pub(crate) fn refine(samples: &Samples, bounds: &Bounds, near: &Identified) -> Identified {
     let [least, most] = limits(bounds);
     let minimum = bounded::minimise(&mut NonNegativeForce::new(samples), &near.x(), &least, &most, REFINE_TOLERANCE);
@@ -297,6 +301,11 @@ pub(crate) struct NonNegativeForce<'s> {
 }
 
 impl<'s> NonNegativeForce<'s> {
+    /// The weighted force of each sample.
+    pub fn force(&self) -> &[f64] {
+        &self.force
+    }
+
     /// The force without parameters. [`Residuals::set`] sets them.
     pub fn new(samples: &'s Samples) -> Self {
         Self {

@@ -1,8 +1,9 @@
 //! Confidence intervals of the five parameters: from the Jacobian at the minimum, and from fits to resampled steps (bootstrap).
 
+use crate::Samples;
 use crate::bounded::Residuals;
-use crate::identify::{Bounds, Identified, NonNegativeForce, refine};
-use crate::{Options, RegionCurves, Samples, parallel};
+use crate::identify::{Bounds, Identified, NonNegativeForce};
+use crate::prior::{self, Prior};
 use nalgebra::{Matrix5, Vector5};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -14,15 +15,16 @@ pub const FIVE: [&str; 5] = ["A B", "K", "G", "n", "m"];
 pub struct Interval {
     /// The estimate, in the unit of [`FIVE`].
     pub value: f64,
-    /// The interval from the Jacobian. It describes the uncertainty due to the scatter of the force about the model. Other
-    /// parameters that are at a bound are held there.
+    /// The interval from the Jacobian and, with a prior, the distribution among people. It describes the uncertainty due to the
+    /// scatter of the force about the model. Without a prior, other parameters that are at a bound are held there.
     pub jacobian: [f64; 2],
     /// The interval from resampled steps, which includes the differences between steps. `None` for fewer than [`RESAMPLED_STEPS`]
     /// steps, or without resamples.
     pub bootstrap: Option<[f64; 2]>,
     /// True if the estimate is at a bound of the search.
     pub at_bound: bool,
-    /// True if the force depends on the parameter. False for m if G is 0. The JSON output calls this `told`.
+    /// True if the force determines the parameter. False for m if G is 0 and, with a prior, for a parameter that the force leaves
+    /// nearly as uncertain as it is among people. The JSON output calls this `told`.
     pub is_identifiable: bool,
 }
 
@@ -47,7 +49,109 @@ pub fn five(identified: &Identified, area_max_m2: f64) -> [f64; 5] {
     [shape.ab_m2(area_max_m2), stiffness_pa, damping_pa_s, shape.n, shape.m]
 }
 
-/// Intervals from the Jacobian at the minimum.
+/// The scatter of the force about the model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Noise {
+    /// Variance of an independent residual, which is weighted as in [`Samples`].
+    pub variance: f64,
+    /// Degrees of freedom of this estimate.
+    pub degrees_of_freedom: f64,
+}
+
+impl Noise {
+    /// No noise.
+    #[cfg(feature = "paper")]
+    pub const NONE: Self = Self { variance: 0.0, degrees_of_freedom: 1.0 };
+
+    /// The factor by which half of a 95 % interval exceeds the standard deviation.
+    pub(crate) fn quantile(&self) -> f64 {
+        StudentsT::new(0.0, 1.0, self.degrees_of_freedom).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975))
+    }
+}
+
+/// The noise of a fit. If the model has a systematic error, neighbouring residuals are correlated, so that fewer of them are
+/// independent.
+pub fn noise(samples: &Samples, identified: &Identified) -> Noise {
+    let mut law = NonNegativeForce::new(samples);
+    law.set(&identified.x());
+    // The fit of five parameters lowers the estimated correlation by about 5 / (samples - 5), which is therefore added.
+    let autocorrelation =
+        samples.autocorrelation(law.residuals().as_slice()) + 5.0 / (samples.len() as f64 - 5.0).max(5.0);
+    let autocorrelation = autocorrelation.clamp(0.0, 0.99);
+    let independent = samples.len() as f64 * (1.0 - autocorrelation) / (1.0 + autocorrelation);
+    let degrees_of_freedom = (independent - 5.0).max(1.0);
+    Noise { variance: identified.squares / degrees_of_freedom, degrees_of_freedom }
+}
+
+/// The covariance matrix of the coordinates at the most probable parameters, in Laplace's approximation. `variance` is that of the
+/// noise.
+pub fn covariance(samples: &Samples, prior: &Prior, identified: &Identified, variance: f64) -> Matrix5<f64> {
+    let mut law = NonNegativeForce::new(samples);
+    law.set(&identified.x());
+    let columns = prior::derivatives(&law, &prior::coordinates(identified));
+    let gram = Matrix5::from_fn(|i, j| columns[i].dot(&columns[j]));
+    let precision = gram + prior.precision() * variance;
+    // The rows and columns are scaled, because G may have almost no influence while K determines the force.
+    let scale = Vector5::from_fn(|i, _| precision[(i, i)].sqrt().recip());
+    let scaled = Matrix5::from_fn(|i, j| precision[(i, j)] * scale[i] * scale[j]);
+    let inverse = scaled.pseudo_inverse(1e-13).unwrap_or(Matrix5::identity() * f64::INFINITY);
+    Matrix5::from_fn(|i, j| inverse[(i, j)] * scale[i] * scale[j] * variance)
+}
+
+/// A coordinate whose standard deviation is more than this fraction of that among people is not determined by the force.
+const UNDETERMINED: f64 = 0.8;
+/// An n that exceeds its bound by less than this, or a `max_ratio` that is below 1 by less than a hundredth of it, counts as at the
+/// bound.
+const AT_BOUND: f64 = 0.005;
+
+/// Intervals of the most probable parameters, from the curvature of the posterior density.
+pub fn from_posterior(samples: &Samples, prior: &Prior, identified: &Identified, noise: &Noise) -> Uncertainty {
+    let covariance = covariance(samples, prior, identified, noise.variance);
+    let at = prior::coordinates(identified);
+    let quantile = noise.quantile();
+    // The coordinate of each of the five parameters.
+    let coordinate = [0, 3, 4, 1, 2];
+    let values = five(identified, samples.area_max_m2);
+    let damping_variance = covariance[(3, 3)] + covariance[(4, 4)] - 2.0 * covariance[(3, 4)];
+    let interval = |i: usize| {
+        let half = quantile * covariance[(coordinate[i], coordinate[i])].max(0.0).sqrt();
+        let end = |direction: f64| {
+            let mut moved = at;
+            moved[coordinate[i]] += direction * half;
+            five(&prior::parameters(&moved, 0.0, 0), samples.area_max_m2)[i]
+        };
+        let ends = [end(-1.0), end(1.0)];
+        let deviation_of_prior = match i {
+            1 => f64::INFINITY,
+            2 => prior.deviation[3],
+            _ => prior.deviation[coordinate[i]],
+        };
+        let variance = if i == 2 { damping_variance } else { covariance[(coordinate[i], coordinate[i])] };
+        Interval {
+            value: values[i],
+            jacobian: [ends[0].min(ends[1]), ends[0].max(ends[1])],
+            bootstrap: None,
+            at_bound: match i {
+                0 => identified.shape.max_ratio > 1.0 - 0.01 * AT_BOUND,
+                3 => values[3] < Bounds::LEAST_N + AT_BOUND,
+                _ => false,
+            },
+            is_identifiable: variance.sqrt() < UNDETERMINED * deviation_of_prior,
+        }
+    };
+    // ln A B decreases with the coordinate of `max_ratio`.
+    let sign = |i: usize| if i == 0 { -1.0 } else { 1.0 };
+    let correlation = |i: usize, j: usize| {
+        let (a, b) = (coordinate[i], coordinate[j]);
+        sign(i) * sign(j) * covariance[(a, b)] / (covariance[(a, a)] * covariance[(b, b)]).sqrt()
+    };
+    Uncertainty {
+        intervals: std::array::from_fn(interval),
+        correlation: std::array::from_fn(|i| std::array::from_fn(|j| correlation(i, j))),
+    }
+}
+
+/// Intervals of a fit without a prior, from the Jacobian at the minimum.
 pub fn from_jacobian(samples: &Samples, bounds: &Bounds, identified: &Identified) -> Uncertainty {
     let mut law = NonNegativeForce::new(samples);
     let x = identified.x();
@@ -70,15 +174,8 @@ pub fn from_jacobian(samples: &Samples, bounds: &Bounds, identified: &Identified
         });
         free.pseudo_inverse(1e-13).unwrap_or(Matrix5::identity() * f64::INFINITY)
     };
-    // If the model has a systematic error, neighbouring residuals are correlated, so that fewer of them are independent. The
-    // fit of five parameters lowers the estimated correlation by about 5 / (samples - 5), which is therefore added.
-    let autocorrelation =
-        samples.autocorrelation(law.residuals().as_slice()) + 5.0 / (samples.len() as f64 - 5.0).max(5.0);
-    let autocorrelation = autocorrelation.clamp(0.0, 0.99);
-    let independent = samples.len() as f64 * (1.0 - autocorrelation) / (1.0 + autocorrelation);
-    let degrees_of_freedom = (independent - 5.0).max(1.0);
-    let variance = identified.squares / degrees_of_freedom;
-    let quantile = StudentsT::new(0.0, 1.0, degrees_of_freedom).map_or(f64::INFINITY, |t| t.inverse_cdf(0.975));
+    let noise = noise(samples, identified);
+    let (variance, quantile) = (noise.variance, noise.quantile());
     let half_width = |i: usize| match is_identifiable(i) {
         true => quantile * (covariance(Some(i))[(i, i)].max(0.0) * variance).sqrt() / norms[i],
         false => f64::INFINITY,
@@ -118,29 +215,17 @@ fn limits(bounds: &Bounds, area_max_m2: f64) -> [[f64; 2]; 5] {
     [[ab(bounds.max_ratio[1]), ab(bounds.max_ratio[0])], bounds.stiffness_pa, bounds.damping_pa_s, bounds.n, bounds.m]
 }
 
-/// Adds the bootstrap intervals to `uncertainty`: the middle 95 % of the estimates from resampled steps. `identified` is the fit to
-/// all steps, and `area_max_m2` is the largest area in all steps. The same steps always result in the same intervals.
-pub fn add_bootstrap(
-    uncertainty: &mut Uncertainty,
-    curves: &[&RegionCurves],
-    options: &Options,
-    identified: &Identified,
-    area_max_m2: f64,
-) {
-    if curves.len() < RESAMPLED_STEPS || options.resamples == 0 {
-        return;
-    }
-    let fits = parallel::map(options.resamples as usize, |seed| {
-        let mut random = fastrand::Rng::with_seed(seed as u64);
-        let resampled = (0..curves.len()).map(|_| curves[random.usize(..curves.len())]);
-        let samples = Samples::new(resampled, options.filter);
-        let near = identified.rebased(area_max_m2, samples.area_max_m2, &options.bounds);
-        five(&refine(&samples, &options.bounds, &near), samples.area_max_m2)
-    });
+/// Adds the bootstrap intervals to `uncertainty`: the middle 95 % of the `resampled` parameters, which are in the order of [`FIVE`].
+pub fn add_bootstrap(uncertainty: &mut Uncertainty, resampled: &[[f64; 5]]) {
     for (i, interval) in uncertainty.intervals.iter_mut().enumerate() {
-        let mut values: Vec<f64> = fits.iter().map(|fit| fit[i]).collect();
-        values.sort_by(f64::total_cmp);
-        let at = |share: f64| values[(share * (values.len() - 1) as f64).round() as usize];
-        interval.bootstrap = Some([at(0.025), at(0.975)]);
+        interval.bootstrap = middle(resampled.iter().map(|five| five[i]));
     }
+}
+
+/// The middle 95 % of values; `None` without values.
+pub(crate) fn middle(values: impl IntoIterator<Item = f64>) -> Option<[f64; 2]> {
+    let mut values: Vec<f64> = values.into_iter().collect();
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| values[(share * (values.len() - 1) as f64).round() as usize];
+    (!values.is_empty()).then(|| [at(0.025), at(0.975)])
 }

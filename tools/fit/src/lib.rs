@@ -15,12 +15,16 @@ pub mod identify;
 pub mod interval;
 pub mod law;
 pub mod live;
+pub mod measures;
 #[cfg(feature = "paper")]
 pub mod paper;
 pub mod pins;
+pub mod prior;
 pub mod quality;
+pub mod repeat;
 #[cfg(feature = "results")]
 pub mod results;
+pub mod smooth;
 pub mod steps;
 pub mod study;
 pub mod synthetic;
@@ -35,8 +39,9 @@ mod screen;
 mod verdict;
 
 pub use identify::Bounds;
+pub use prior::Prior;
 pub use quality::Quality;
-pub use region::{RegionFit, fit_step};
+pub use region::{RegionFit, fit_one, fit_step};
 pub use samples::Samples;
 pub use screen::{MIN_FORCE_N, MIN_SAMPLES, NotFitted};
 pub use steps::{Filter, RegionCurves, Step};
@@ -74,8 +79,13 @@ pub struct Options {
     pub method: Method,
     /// Bounds of the parameters; not used by the paper's method.
     pub bounds: Bounds,
+    /// The distribution of the parameters among people, in the order of [`Region::ALL`]; `None` for least squares within `bounds`.
+    /// Not used by the paper's method.
+    pub prior: Option<[Prior; 8]>,
     /// Thickness of the unloaded tissue, m, in the order of [`Region::ALL`].
     pub thickness_m: [f64; 8],
+    /// Length of the foot relative to that of size 42, to which the bounds of the paper's method are scaled.
+    pub size_scale: f64,
     /// Largest deformation divided by the thickness, 0 to 1.
     pub compression: f64,
     /// Number of bootstrap resamples of the steps; 0 for no bootstrap intervals, [`interval::RESAMPLES`] for accurate ones.
@@ -86,10 +96,12 @@ impl Options {
     /// The default options, without bootstrap intervals.
     pub const fn usual(thickness_m: [f64; 8]) -> Self {
         Self {
-            filter: Filter::Step,
+            filter: Filter::Direct,
             method: Method::Projection,
             bounds: Bounds::USUAL,
+            prior: Some(prior::WALKERS),
             thickness_m,
+            size_scale: 1.0,
             compression: pins::COMPRESSION,
             resamples: 0,
         }

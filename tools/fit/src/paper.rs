@@ -14,7 +14,8 @@ use std::cell::Cell;
 /// Number of random starts. The result is the best of the minima.
 pub const STARTS: u64 = 10;
 
-/// Bounds of A, B, C and d0 (m), ln k, n, ln c, m.
+/// Bounds of A, B, C and d0 (m), ln k, n, ln c, m for size 42. The lengths are scaled to the size, as the bounds of the paper depend on
+/// the insole size.
 const BOUNDS: [(f64, f64); 8] = [
     (0.002, 0.08),
     (0.002, 0.08),
@@ -38,8 +39,20 @@ type Constraint = fn(&[f64], Option<&mut [f64]>, &mut ()) -> f64;
 /// The solver also accepts constraints, but only bounds are used.
 const UNCONSTRAINED: &[Constraint] = &[];
 
-/// The best ellipsoid, and the number of evaluations of the model.
-pub fn identify(samples: &Samples) -> (Ellipsoid<f64>, usize) {
+/// The bounds of a foot of this length, relative to that of size 42.
+fn bounds(size_scale: f64) -> [(f64, f64); 8] {
+    let mut bounds = BOUNDS;
+    for (least, most) in &mut bounds[..4] {
+        *least *= size_scale;
+        *most *= size_scale;
+    }
+    bounds
+}
+
+/// The best ellipsoid, and the number of evaluations of the model. `size_scale` is the length of the foot relative to that of size
+/// 42.
+pub fn identify(samples: &Samples, size_scale: f64) -> (Ellipsoid<f64>, usize) {
+    let bounds = bounds(size_scale);
     let evaluations = Cell::new(0);
     let objective = |x: &[f64]| {
         evaluations.set(evaluations.get() + 1);
@@ -50,19 +63,19 @@ pub fn identify(samples: &Samples) -> (Ellipsoid<f64>, usize) {
         if let Some(gradient) = gradient {
             for i in 0..x.len() {
                 let mut neighbour = x.to_vec();
-                let step = DIFFERENCE * (BOUNDS[i].1 - BOUNDS[i].0);
-                neighbour[i] += if x[i] + step > BOUNDS[i].1 { -step } else { step };
+                let step = DIFFERENCE * (bounds[i].1 - bounds[i].0);
+                neighbour[i] += if x[i] + step > bounds[i].1 { -step } else { step };
                 gradient[i] = (objective(&neighbour) - here) / (neighbour[i] - x[i]);
             }
         }
         here
     };
-    let mut best = (f64::INFINITY, BOUNDS.map(|(least, most)| (least + most) / 2.0).to_vec());
+    let mut best = (f64::INFINITY, bounds.map(|(least, most)| (least + most) / 2.0).to_vec());
     for seed in 0..STARTS {
         let mut random = fastrand::Rng::with_seed(seed);
-        let start = BOUNDS.map(|(least, most)| least + random.f64() * (most - least));
+        let start = bounds.map(|(least, most)| least + random.f64() * (most - least));
         let tolerances = slsqp::StopTols { ftol_rel: TOLERANCE, ..Default::default() };
-        let ended = slsqp::minimize(with_gradient, &start, &BOUNDS, UNCONSTRAINED, (), ITERATIONS, Some(tolerances));
+        let ended = slsqp::minimize(with_gradient, &start, &bounds, UNCONSTRAINED, (), ITERATIONS, Some(tolerances));
         // A search that does not converge returns its last point.
         let (x, value) = match ended {
             Ok((_, x, value)) => (x, value),

@@ -1,8 +1,7 @@
 //! The errors of identified parameters. The force is computed as on the device.
 
-use crate::{Filter, RegionCurves, Samples};
+use crate::{Filter, RegionCurves, Samples, smooth};
 use plantar::pipeline::model::ForceLaw;
-use plantar::pipeline::smooth;
 
 /// An area of at least this fraction of the largest area in the step counts as the largest area.
 const AT_LARGEST: f64 = 0.97;
@@ -88,7 +87,7 @@ impl Evaluated {
         let mut smoothed_n = samples.force_n.clone();
         smooth::polynomial(&mut smoothed_n);
         Some(Self {
-            sample_s: 1.0 / samples.per_s.first()?,
+            sample_s: curves.of(filter).2,
             area_mm2: samples.raw_area_m2.iter().map(|area| area * 1e6).collect(),
             filtered_mm2: samples.share[range].iter().map(|s| s * samples.area_max_m2 * 1e6).collect(),
             model_n: samples.deformation(law).map(|(g, rate_per_s)| law.force_n(g, rate_per_s)).collect(),

@@ -1,11 +1,13 @@
 //! The fit of one region: the search of its parameters, its pins, confidence intervals and errors.
 
-use crate::identify::{Identified, identify as identify_by_projection, refine};
-use crate::interval::{self, Uncertainty};
+use crate::identify::{Bounds, Identified, identify as identify_by_projection, refine};
+use crate::interval::{self, Noise, Uncertainty};
+use crate::measures::{self, Basis, Measure};
 #[cfg(feature = "paper")]
 use crate::paper;
 use crate::pins::Pins;
-use crate::quality::{Evaluated, Quality};
+use crate::prior::{self, Prior};
+use crate::quality::{Evaluated, Quality, largest};
 use crate::screen::{NotFitted, usable};
 use crate::steps::MeanEllipse;
 use crate::{Method, Options, RegionCurves, Samples, Step, parallel, steps, verdict};
@@ -28,6 +30,8 @@ pub struct RegionFit {
     pub pins: Pins,
     /// Confidence intervals of the five identifiable parameters; `None` for the paper's method.
     pub uncertainty: Option<Uncertainty>,
+    /// Mechanical quantities, which can be compared between recordings and people.
+    pub measures: Vec<Measure>,
     /// The errors of the parameters.
     pub quality: Quality,
     /// NRMSE of each step, as a fraction, with parameters that were fitted to the other steps. Empty if there is only one step.
@@ -55,13 +59,23 @@ pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(Region
     let steps = std::slice::from_ref(step);
     let used = usable(steps, region, options.filter)?;
     let curves = &steps[used[0]].regions[region];
-    let best = search([curves], options);
+    let best = search([curves], region, options);
     let pins = best.pins(pins_of(&[curves], region, options));
     let evaluated = Evaluated::new(curves, options.filter, &best.law).ok_or(NotFitted::NeverLoaded)?;
     let one = std::slice::from_ref(&evaluated);
     let quality = Quality::new(one, one, &[]);
-    let uncertainty = best.identified.map(|i| interval::from_jacobian(&best.samples, &options.bounds, &i));
-    Ok((best.into_fit(used, pins, uncertainty, quality)?, evaluated))
+    let uncertainty = best.uncertainty();
+    let measures = best.measures(&[curves], &pins, &[], options);
+    Ok((best.into_fit(used, pins, uncertainty, measures, quality)?, evaluated))
+}
+
+/// The force law of one region, fitted to all steps that pass the screening, without quality and intervals. C is not pinned.
+///
+/// # Errors
+/// Returns the reason if no step passes the screening.
+pub fn fit_one(steps: &[Step], region: usize, options: &Options) -> Result<ForceLaw<f64>, NotFitted> {
+    let used = usable(steps, region, options.filter)?;
+    Ok(search(used.iter().map(|&i| &steps[i].regions[region]), region, options).law)
 }
 
 /// Fits one region to all steps that pass the screening.
@@ -72,23 +86,24 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     let used = usable(steps, region, options.filter)?;
     let curves: Vec<&RegionCurves> = used.iter().map(|&i| &steps[i].regions[region]).collect();
     let recordings: Vec<_> = used.iter().map(|&i| (steps[i].recording, steps[i].side)).collect();
-    let best = search(curves.iter().copied(), options);
-    let recordings_ratio = recordings_ratio(&curves, &recordings, &best, options);
+    let best = search(curves.iter().copied(), region, options);
+    let recordings_ratio = recordings_ratio(&curves, &recordings, &best, region, options);
     let pins = best.pins(pins_of(&curves, region, options));
 
-    let uncertainty = best.identified.map(|identified| {
-        let mut uncertainty = interval::from_jacobian(&best.samples, &options.bounds, &identified);
-        let area_max_m2 = best.samples.area_max_m2;
-        interval::add_bootstrap(&mut uncertainty, &curves, options, &identified, area_max_m2);
-        uncertainty
-    });
+    let resampled = resample(&curves, &best, region, options);
+    let mut uncertainty = best.uncertainty();
+    if let Some(uncertainty) = &mut uncertainty {
+        let five = |law: &ForceLaw<f64>| [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m];
+        interval::add_bootstrap(uncertainty, &resampled.iter().map(five).collect::<Vec<_>>());
+    }
+    let measures = best.measures(&curves, &pins, &resampled, options);
     let evaluate = |curves: &RegionCurves, law: &ForceLaw<f64>| Evaluated::new(curves, options.filter, law);
     let fitted: Vec<_> = curves.iter().filter_map(|c| evaluate(c, &best.law)).collect();
-    let own = parallel::map(curves.len(), |i| evaluate(curves[i], &search([curves[i]], options).law));
+    let own = parallel::map(curves.len(), |i| evaluate(curves[i], &search([curves[i]], region, options).law));
     let own: Vec<_> = own.into_iter().flatten().collect();
-    let predicted_nrmse = cross_validate(&curves, &best, options);
+    let predicted_nrmse = cross_validate(&curves, &best, region, options);
     let quality = Quality::new(&fitted, &own, &predicted_nrmse);
-    let fit = best.into_fit(used, pins, uncertainty, quality)?;
+    let fit = best.into_fit(used, pins, uncertainty, measures, quality)?;
     Ok(RegionFit { predicted_nrmse, recordings_ratio, ..fit })
 }
 
@@ -97,15 +112,27 @@ const LEFT_OUT_ALONE: usize = 60;
 /// With more steps, cross-validation divides them into this number of groups and leaves out one group at a time.
 const GROUPS: usize = 20;
 
+/// The force laws that fit resampled steps: as many steps as there are, drawn with replacement. The same steps always result in the
+/// same laws. Empty for fewer than [`interval::RESAMPLED_STEPS`] steps.
+fn resample(curves: &[&RegionCurves], near: &SearchResult, region: usize, options: &Options) -> Vec<ForceLaw<f64>> {
+    if curves.len() < interval::RESAMPLED_STEPS {
+        return Vec::new();
+    }
+    parallel::map(options.resamples as usize, |seed| {
+        let mut random = fastrand::Rng::with_seed(seed as u64);
+        refit((0..curves.len()).map(|_| curves[random.usize(..curves.len())]), near, region, options)
+    })
+}
+
 /// See [`RegionFit::predicted_nrmse`]. `near` is the fit to all steps, from which the other fits start.
-fn cross_validate(curves: &[&RegionCurves], near: &SearchResult, options: &Options) -> Vec<f64> {
+fn cross_validate(curves: &[&RegionCurves], near: &SearchResult, region: usize, options: &Options) -> Vec<f64> {
     let groups = match curves.len() {
         0 | 1 => return Vec::new(),
         count if count <= LEFT_OUT_ALONE => count,
         _ => GROUPS,
     };
     let force_laws = parallel::map(groups, |group| {
-        refit(curves.iter().enumerate().filter(|(i, _)| i % groups != group).map(|(_, c)| *c), near, options)
+        refit(curves.iter().enumerate().filter(|(i, _)| i % groups != group).map(|(_, c)| *c), near, region, options)
     });
     let evaluated = curves.iter().enumerate().map(|(i, c)| Evaluated::new(c, options.filter, &force_laws[i % groups]));
     evaluated.map(|evaluated| evaluated.map_or(f64::NAN, |e| e.nrmse())).collect()
@@ -115,8 +142,12 @@ fn cross_validate(curves: &[&RegionCurves], near: &SearchResult, options: &Optio
 struct SearchResult {
     samples: Samples,
     law: ForceLaw<f64>,
-    /// The five parameters if they were searched by variable projection; otherwise `None`.
+    /// The five parameters, unless the method of the paper was used.
     identified: Option<Identified>,
+    /// The prior by which they were searched.
+    prior: Option<Prior>,
+    bounds: Bounds,
+    noise: Noise,
     /// All eight parameters if the method of the paper was used; otherwise `None`.
     ellipsoid: Option<Ellipsoid<f64>>,
     evaluations: usize,
@@ -125,23 +156,32 @@ struct SearchResult {
 /// The C, m, of a force law whose C is not pinned yet. Any value is possible, because the force does not depend on C.
 const ANY_C_M: f64 = 0.01;
 
-/// Searches the parameters with the method of the options.
-fn search<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, options: &Options) -> SearchResult {
+/// Searches the parameters of a region with the method of the options.
+fn search<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, region: usize, options: &Options) -> SearchResult {
     let samples = Samples::new(curves, options.filter);
+    let prior = options.prior.map(|regions| regions[region]);
+    let bounds = options.bounds;
     match options.method {
         Method::Projection => {
-            let identified = identify_by_projection(&samples, &options.bounds);
+            let unconstrained = identify_by_projection(&samples, &bounds);
+            let noise = interval::noise(&samples, &unconstrained);
+            let identified =
+                prior.map_or(unconstrained, |prior| prior.identify(&samples, &unconstrained, noise.variance));
             let law = identified.law(samples.area_max_m2, ANY_C_M);
             let evaluations = identified.evaluations;
-            SearchResult { samples, law, identified: Some(identified), ellipsoid: None, evaluations }
+            let identified = Some(identified);
+            SearchResult { samples, law, identified, prior, bounds, noise, ellipsoid: None, evaluations }
         }
         #[cfg(feature = "paper")]
         Method::Paper => {
-            let (ellipsoid, evaluations) = paper::identify(&samples);
+            let (ellipsoid, evaluations) = paper::identify(&samples.clone().with_smoothed_force(), options.size_scale);
             SearchResult {
                 samples,
                 law: ellipsoid.force_law(),
                 identified: None,
+                prior: None,
+                bounds,
+                noise: Noise::NONE,
                 ellipsoid: Some(ellipsoid),
                 evaluations,
             }
@@ -153,15 +193,56 @@ fn search<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, options: &Opti
 fn refit<'c>(
     curves: impl IntoIterator<Item = &'c RegionCurves>,
     near: &SearchResult,
+    region: usize,
     options: &Options,
 ) -> ForceLaw<f64> {
-    let Some(identified) = &near.identified else { return search(curves, options).law };
+    let Some(identified) = &near.identified else { return search(curves, region, options).law };
     let samples = Samples::new(curves, options.filter);
-    let start = identified.rebased(near.samples.area_max_m2, samples.area_max_m2, &options.bounds);
-    refine(&samples, &options.bounds, &start).law(samples.area_max_m2, ANY_C_M)
+    let start = identified.rebased(near.samples.area_max_m2, samples.area_max_m2);
+    let found = match &near.prior {
+        Some(prior) => prior.refine(&samples, &start, near.noise.variance),
+        None => refine(&samples, &options.bounds, &start),
+    };
+    found.law(samples.area_max_m2, ANY_C_M)
 }
 
 impl SearchResult {
+    /// The intervals of the five parameters; `None` for the method of the paper.
+    fn uncertainty(&self) -> Option<Uncertainty> {
+        let identified = self.identified.as_ref()?;
+        Some(match &self.prior {
+            Some(prior) => interval::from_posterior(&self.samples, prior, identified, &self.noise),
+            None => interval::from_jacobian(&self.samples, &self.bounds, identified),
+        })
+    }
+
+    /// The mechanical quantities of the result. `resampled` are fits to resampled steps.
+    fn measures(
+        &self,
+        curves: &[&RegionCurves],
+        pins: &Pins,
+        resampled: &[ForceLaw<f64>],
+        options: &Options,
+    ) -> Vec<Measure> {
+        let median_of = |all: &[f64]| steps::median(self.samples.steps.iter().map(|step| largest(&all[step.clone()])));
+        let basis = Basis {
+            area_max_m2: self.samples.area_max_m2,
+            step_area_m2: median_of(&self.samples.raw_area_m2),
+            peak_n: median_of(&self.samples.force_n),
+            pins,
+        };
+        let mut measures = match (&self.identified, &self.prior) {
+            (Some(identified), Some(prior)) => {
+                let covariance = interval::covariance(&self.samples, prior, identified, self.noise.variance);
+                basis.measures(&prior::coordinates(identified), &covariance, &self.noise, resampled)
+            }
+            _ => basis.values(&self.law),
+        };
+        let law = ForceLaw { c_m: pins.c_m(self.g_max()), ..self.law };
+        measures.extend(measures::energies(curves, options.filter, &law));
+        measures
+    }
+
     /// Normalised deformation at the largest area.
     fn g_max(&self) -> f64 {
         self.law.area_ratio(self.samples.area_max_m2).normalised_deformation()
@@ -187,6 +268,7 @@ impl SearchResult {
         steps: Vec<usize>,
         pins: Pins,
         uncertainty: Option<Uncertainty>,
+        measures: Vec<Measure>,
         quality: Quality,
     ) -> Result<RegionFit, NotFitted> {
         let law = ForceLaw { c_m: pins.c_m(self.g_max()), ..self.law };
@@ -207,6 +289,7 @@ impl SearchResult {
             ellipsoid,
             pins,
             uncertainty,
+            measures,
             quality,
             predicted_nrmse: Vec::new(),
             recordings_ratio: None,
@@ -235,6 +318,7 @@ fn recordings_ratio(
     curves: &[&RegionCurves],
     recordings: &[(usize, Side)],
     near: &SearchResult,
+    region: usize,
     options: &Options,
 ) -> Option<f64> {
     let groups: BTreeMap<usize, Side> = recordings.iter().copied().collect();
@@ -252,8 +336,8 @@ fn recordings_ratio(
             let errors = own.iter().filter_map(|c| Some(Evaluated::new(c, options.filter, law)?.nrmse()));
             steps::median(errors)
         };
-        let from_own = error(&refit(own.iter().copied(), near, options));
-        Some(error(&refit(others, near, options)) / from_own)
+        let from_own = error(&refit(own.iter().copied(), near, region, options));
+        Some(error(&refit(others, near, region, options)) / from_own)
     });
     ratios.max_by(f64::total_cmp)
 }

@@ -66,7 +66,7 @@ fn note(fit: &Result<RegionFit, NotFitted>, name: &str, method: Method) -> Strin
     let identified = |i: usize, scale: f64| {
         let interval = &uncertainty.intervals[i];
         if !interval.is_identifiable {
-            return "NOT identifiable from the force, because G is 0".into();
+            return "NOT determined by the force: the usual value of other people, or without meaning if G is 0".into();
         }
         let [low, high] = widest(interval).map(|end| significant(end * scale));
         let bound = if interval.at_bound { ", at a bound of the search" } else { "" };
@@ -100,6 +100,7 @@ pub fn to_json(study: &Study) -> Value {
         },
         "filter": study.options.filter.name(),
         "method": study.options.method.name(),
+        "prior": study.options.prior.is_some(),
         "steps": study.steps.iter().map(|s| json!({
             "recording": s.recording, "number": s.number, "start_s": s.start_s, "duration_s": s.duration_s,
             "peak_force_n": s.peak_n,
@@ -141,6 +142,10 @@ fn fit_to_json(fit: &Result<RegionFit, NotFitted>) -> Value {
         "fitted": true,
         "steps": fit.steps,
         "area_max_mm2": fit.area_max_m2 * 1e6,
+        "quantities": fit.measures.iter().map(|m| {
+            let of = json!({ "value": m.value, "interval_95": m.interval, "is_determined": m.is_determined() });
+            (m.quantity.name(), of)
+        }).collect::<Map<String, Value>>(),
         "identified": {
             "ab_m2": law.ab_m2, "stiffness_pa": law.stiffness_pa, "damping_pa_s": law.damping_pa_s,
             "n": law.n, "m": law.m,

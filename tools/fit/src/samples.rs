@@ -1,8 +1,10 @@
-//! The data of a fit: the contact phases of one region. The area is filtered as on the device; the force is not filtered.
+//! The data of a fit: the contact phases of one region. The area is filtered as on the device, or as in the paper; the force is
+//! not filtered.
 
+use crate::smooth;
 use crate::{Filter, RegionCurves};
 use plantar::pipeline::model::ForceLaw;
-use plantar::pipeline::smooth;
+use plantar::pipeline::step::{rate_samples, rate_span};
 use std::ops::Range;
 
 /// Placeholder for the index of the unloaded tissue, which is known once all steps are added.
@@ -79,14 +81,24 @@ impl Samples {
         let start = self.force_n.len();
         let end = start + last + 1 - first;
         let mut filtered = area_mm2[first..=last].to_vec();
+        let count = end - start;
         match filter {
-            Filter::Step => {
+            Filter::Direct => {
+                let span = rate_span(sample_s);
+                for i in 0..count {
+                    let (earlier, later) = rate_samples(i, count, span);
+                    self.difference.push(((start + later) as u32, (start + earlier) as u32));
+                    self.per_s.push(1.0 / ((later - earlier).max(1) as f64 * sample_s));
+                }
+            }
+            Filter::Smoothed => {
                 smooth::moving_average(&mut filtered);
                 smooth::polynomial(&mut filtered);
                 // As in Eq. 16, the rate of a sample is the difference to the next sample. The last sample has no next sample; its
                 // rate is that of the sample before.
                 let forward = (start..end).map(|i| if i + 1 < end { (i + 1, i) } else { (i, i.max(start + 1) - 1) });
                 self.difference.extend(forward.map(|(later, earlier)| (later as u32, earlier as u32)));
+                self.per_s.extend(std::iter::repeat_n(1.0 / sample_s, count));
             }
             Filter::Live => {
                 for (i, area) in filtered.iter_mut().enumerate() {
@@ -97,17 +109,27 @@ impl Samples {
                 // region was unloaded.
                 let backward = (start..end).map(|i| (i as u32, if i > start { (i - 1) as u32 } else { UNLOADED }));
                 self.difference.extend(backward);
+                self.per_s.extend(std::iter::repeat_n(1.0 / sample_s, count));
             }
         }
         self.share.extend(filtered.iter().map(|area| area.max(0.0) * 1e-6));
         self.raw_area_m2.extend(area_mm2[first..=last].iter().map(|area| area * 1e-6));
         self.force_n.extend(&force_n[first..=last]);
-        self.per_s.extend(std::iter::repeat_n(1.0 / sample_s, end - start));
         let peak_n = force_n[first..=last].iter().copied().fold(0.0, f64::max);
-        let weight = if peak_n > 0.0 { 1.0 / (peak_n * ((end - start) as f64).sqrt()) } else { 0.0 };
+        let weight = if peak_n > 0.0 { 1.0 / (peak_n * (count as f64).sqrt()) } else { 0.0 };
         self.target.extend(force_n[first..=last].iter().map(|force| force * weight));
-        self.weight.extend(std::iter::repeat_n(weight, end - start));
+        self.weight.extend(std::iter::repeat_n(weight, count));
         self.steps.push(start..end);
+    }
+
+    /// The same samples with the target of the paper: the force of each step, smoothed by a polynomial of 5th order.
+    #[cfg(feature = "paper")]
+    pub fn with_smoothed_force(mut self) -> Self {
+        for step in &self.steps {
+            smooth::polynomial(&mut self.force_n[step.clone()]);
+        }
+        self.target = self.force_n.iter().zip(&self.weight).map(|(force, weight)| force * weight).collect();
+        self
     }
 
     /// Number of samples of force.

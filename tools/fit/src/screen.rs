@@ -6,8 +6,9 @@ use std::fmt;
 
 /// Smallest number of samples in contact. Fewer samples cannot determine five parameters.
 pub const MIN_SAMPLES: usize = 12;
-/// Smallest peak force of a region, N: the force below which a whole foot counts as in swing.
-pub const MIN_FORCE_N: f64 = 20.0;
+/// Smallest peak force of a region, N: about the force of one cell at the pressure of first contact. With less, the area is that of
+/// single cells.
+pub const MIN_FORCE_N: f64 = 3.0;
 /// The area must be below its maximum for some of the contact time. If it is at its maximum for at least this fraction, force
 /// cannot be related to area.
 const SATURATED_SHARE: f64 = 0.8;

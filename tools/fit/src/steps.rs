@@ -8,23 +8,26 @@ use crate::quality::largest;
 use plantar::Side;
 use std::fmt;
 
-/// The filters of the device for the contact area.
+/// A filter of the contact area before the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
-    /// The filter of the step record. The area is smoothed by a three-point mean and a polynomial of 5th order over the contact
-    /// phase; the deformation rate is the difference to the next sample (Eq. 16).
-    Step,
-    /// The filter of the live stream. The area is the mean of the last three frames; the deformation rate is the difference to the
-    /// previous frame.
+    /// The filter of the step record of an insole: the area as measured, and the deformation rate over 20 ms; see
+    /// [`plantar::pipeline::step`].
+    Direct,
+    /// The filter of the live stream of an insole: the mean of the last three frames, and the difference to the previous frame.
     Live,
+    /// The smoothing of the paper, for comparison: a three-point mean and a polynomial of 5th order over the contact phase, and
+    /// the difference to the next sample (Eq. 16). No insole evaluates it.
+    Smoothed,
 }
 
 impl Filter {
     /// Name in files and messages.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Step => "step",
+            Self::Direct => "direct",
             Self::Live => "live",
+            Self::Smoothed => "smoothed",
         }
     }
 }
@@ -32,7 +35,7 @@ impl Filter {
 /// The curves of one region in one step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RegionCurves {
-    /// Contact area, mm2: the input of the step filter.
+    /// Contact area, mm2: the input of all filters but [`Filter::Live`].
     pub area_mm2: Vec<f64>,
     /// Measured force at the same times, N.
     pub force_n: Vec<f64>,
@@ -98,7 +101,7 @@ impl RegionCurves {
     /// The input of a filter: area (mm2), force (N) and the time between samples (s).
     pub fn of(&self, filter: Filter) -> (&[f64], &[f64], f64) {
         match filter {
-            Filter::Step => (&self.area_mm2, &self.force_n, self.sample_s),
+            Filter::Direct | Filter::Smoothed => (&self.area_mm2, &self.force_n, self.sample_s),
             Filter::Live => (&self.frame_area_mm2, &self.frame_force_n, self.frame_s),
         }
     }
@@ -191,7 +194,7 @@ pub(crate) fn peak_n(frames: &[FrameLoads]) -> f64 {
     frames.iter().map(total).fold(0.0, f64::max)
 }
 
-/// The curves of a region over the frames of a stance. The input of [`Filter::Step`] is empty. `frame_s` is the time between
+/// The curves of a region over the frames of a stance. The input of the other filters is empty. `frame_s` is the time between
 /// frames, s.
 pub(crate) fn frame_curves(frames: &[FrameLoads], region: usize, frame_s: f64) -> RegionCurves {
     let weighted = frames.iter().filter_map(|frame| Some((frame[region].1, frame[region].2?)));

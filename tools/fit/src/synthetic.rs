@@ -2,10 +2,9 @@
 //! follow from the filtered areas by the force law of the device. The deformation rates and the live filter are implemented here a
 //! second time, in a straightforward form, as a check of the device's implementation.
 
-use crate::{Filter, RegionCurves, Step};
+use crate::{Filter, RegionCurves, Step, smooth};
 use plantar::Side;
 use plantar::pipeline::model::ForceLaw;
-use plantar::pipeline::smooth;
 use plantar::pipeline::stance::STANCE_SAMPLES;
 use std::f64::consts::PI;
 
@@ -49,10 +48,15 @@ impl Noise {
         Self { random: fastrand::Rng::with_seed(seed), autocorrelation, last: 0.0 }
     }
 
+    /// A number that is independent of the others.
+    pub fn independent(&mut self) -> f64 {
+        // The sum of twelve uniformly distributed numbers has variance 1 and is nearly normally distributed (Irwin-Hall).
+        (0..12).map(|_| self.random.f64()).sum::<f64>() - 6.0
+    }
+
     /// The next number.
     pub fn normal(&mut self) -> f64 {
-        // The sum of twelve uniformly distributed numbers has variance 1 and is nearly normally distributed (Irwin-Hall).
-        let fresh = (0..12).map(|_| self.random.f64()).sum::<f64>() - 6.0;
+        let fresh = self.independent();
         let correlation = self.autocorrelation;
         self.last = correlation * self.last + (1.0 - correlation * correlation).sqrt() * fresh;
         self.last
@@ -94,7 +98,7 @@ pub fn curves(region: usize, rate_hz: f64, filter: Filter, size: f64, noise: f64
         }
     }
     match filter {
-        Filter::Step => curves.force_n = force,
+        Filter::Direct | Filter::Smoothed => curves.force_n = force,
         Filter::Live => curves.frame_force_n = force,
     }
     curves
@@ -108,7 +112,16 @@ pub fn forces(curves: &RegionCurves, filter: Filter, law: &ForceLaw<f64>) -> Vec
     let last = area_mm2.iter().rposition(|a| *a > 0.0).unwrap_or(first);
     let g_of = |mm2: f64| law.area_ratio(mm2.max(0.0) * 1e-6).normalised_deformation();
     match filter {
-        Filter::Step => {
+        Filter::Direct => {
+            let g: Vec<f64> = area_mm2[first..=last].iter().map(|a| g_of(*a)).collect();
+            let half = ((0.01 / sample_s).round() as usize).max(1);
+            for i in 0..g.len() {
+                let (before, after) = (i.saturating_sub(half), (i + half).min(g.len() - 1));
+                let seconds = (after - before).max(1) as f64 * sample_s;
+                force_n[first + i] = law.force_n(g[i], (g[after] - g[before]) / seconds);
+            }
+        }
+        Filter::Smoothed => {
             let mut area = area_mm2[first..=last].to_vec();
             smooth::moving_average(&mut area);
             smooth::polynomial(&mut area);

@@ -9,7 +9,7 @@ const OPTIONS: Options = Options::usual([0.012; 8]);
 
 /// Six steps in which `heel` replaces the curves of the heel.
 fn with_heel(heel: impl Fn(RegionCurves) -> RegionCurves) -> Vec<Step> {
-    let mut steps = walk(6, 100.0, Filter::Step, 0.01, 1);
+    let mut steps = walk(6, 100.0, Filter::Direct, 0.01, 1);
     for step in &mut steps {
         step.regions[0] = heel(std::mem::take(&mut step.regions[0]));
     }
@@ -58,7 +58,7 @@ fn each_reason_is_recognised() {
 /// With a thickness of 5 m, the ellipsoid is larger than an insole accepts.
 #[test]
 fn parameters_outside_of_the_range_of_an_insole_are_rejected() {
-    let steps = walk(3, 100.0, Filter::Step, 0.01, 1);
+    let steps = walk(3, 100.0, Filter::Direct, 0.01, 1);
     let fits = fit(&steps, &Options { thickness_m: [5.0; 8], ..OPTIONS }, &|_| ());
     assert!(fits.iter().all(|f| f == &Err(NotFitted::OutOfRange)));
 }
@@ -66,7 +66,7 @@ fn parameters_outside_of_the_range_of_an_insole_are_rejected() {
 /// On steps that were not used for the fit, the error is the standard deviation of the noise.
 #[test]
 fn many_steps_are_cross_validated_in_groups() {
-    let steps = walk(70, 50.0, Filter::Step, 0.03, 1);
+    let steps = walk(70, 50.0, Filter::Direct, 0.03, 1);
     for fit in fit(&steps, &OPTIONS, &|_| ()) {
         let fit = fit.expect("fitted");
         assert_eq!(fit.predicted_nrmse.len(), 70);
@@ -77,7 +77,7 @@ fn many_steps_are_cross_validated_in_groups() {
 
 #[test]
 fn steps_that_fail_the_screening_are_not_used_for_a_region() {
-    let mut steps = walk(6, 100.0, Filter::Step, 0.01, 1);
+    let mut steps = walk(6, 100.0, Filter::Direct, 0.01, 1);
     steps[2].regions[0].saturated = true;
     steps[4].regions[0].force_n.iter_mut().for_each(|f| *f *= 0.01);
     let fits = fit(&steps, &OPTIONS, &|_| ());
@@ -88,8 +88,8 @@ fn steps_that_fail_the_screening_are_not_used_for_a_region() {
 /// Recordings disagree if the tissue differs. They do not disagree if only the noise differs.
 #[test]
 fn recordings_of_two_people_are_recognised() {
-    let one = walk(10, 100.0, Filter::Step, 0.02, 1);
-    let mut other = walk(10, 100.0, Filter::Step, 0.02, 2);
+    let one = walk(10, 100.0, Filter::Direct, 0.02, 1);
+    let mut other = walk(10, 100.0, Filter::Direct, 0.02, 2);
     other.iter_mut().for_each(|step| step.recording = 1);
     let same = [one.clone(), other.clone()].concat();
     let fits = fit(&same, &OPTIONS, &|_| ());
@@ -98,7 +98,7 @@ fn recordings_of_two_people_are_recognised() {
     let mut noise = Noise::new(3);
     for step in &mut other {
         for region in 0..3 {
-            let mut stiffer = curves(region, 100.0, Filter::Step, 1.0, 0.02, &mut noise);
+            let mut stiffer = curves(region, 100.0, Filter::Direct, 1.0, 0.02, &mut noise);
             stiffer.force_n.iter_mut().for_each(|f| *f *= 1.6);
             step.regions[region] = stiffer;
         }
@@ -115,7 +115,7 @@ fn recordings_of_two_people_are_recognised() {
 /// The same steps result in the same numbers, including the numbers of the bootstrap, with any number of threads.
 #[test]
 fn a_fit_is_repeatable_and_its_bootstrap_agrees_with_the_jacobian() {
-    let steps = walk(12, 100.0, Filter::Step, 0.01, 4);
+    let steps = walk(12, 100.0, Filter::Direct, 0.01, 4);
     let options = Options { resamples: RESAMPLES, ..OPTIONS };
     let once = fit(&steps, &options, &|_| ());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
@@ -133,13 +133,13 @@ fn a_fit_is_repeatable_and_its_bootstrap_agrees_with_the_jacobian() {
 
 #[test]
 fn the_method_of_the_paper_results_in_valid_ellipsoids() {
-    let steps = walk(1, 100.0, Filter::Step, 0.01, 4);
+    let steps = walk(1, 100.0, Filter::Direct, 0.01, 4);
     let fits = fit(&steps, &Options { method: Method::Paper, ..OPTIONS }, &|_| ());
     for fit in &fits {
         let fit = fit.as_ref().expect("fitted");
         assert!(fit.ellipsoid.is_valid() && fit.uncertainty.is_none());
         let law = fit.ellipsoid.force_law();
-        let evaluated = fit::quality::Evaluated::new(&steps[0].regions[0], Filter::Step, &law);
+        let evaluated = fit::quality::Evaluated::new(&steps[0].regions[0], Filter::Direct, &law);
         assert!(evaluated.is_some() && fit.quality.fitted < 0.5, "{:?}", fit.quality);
     }
 }

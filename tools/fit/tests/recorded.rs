@@ -4,7 +4,7 @@
 
 use fit::quality::Evaluated;
 use fit::steps::ExclusionReason;
-use fit::{Filter, NotFitted, Options, Study};
+use fit::{Bounds, Filter, NotFitted, Options, RegionCurves, Study};
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::model::ForceLaw;
@@ -16,13 +16,31 @@ use recording::{MAX_CELLS, Recording, VirtualInsole, jiku, pedar};
 use std::path::{Path, PathBuf};
 
 fn study(recordings: &[Recording], contact: ContactRule) -> Study {
-    let options = Options::usual([0.012; 8]);
+    let mut study = steps_of(recordings, contact, Options::usual([0.012; 8]));
+    study.fit(&|_| ());
+    study
+}
+
+/// Least squares within the exponents of the paper, with its smoothing, on steps that load a region with at least 20 N.
+fn least_squares(recording: Recording) -> Study {
+    let options =
+        Options { filter: Filter::Smoothed, bounds: Bounds::PAPER, prior: None, ..Options::usual([0.012; 8]) };
+    let mut study = steps_of(&[recording], ContactRule::COUNTED, options);
+    for region in study.steps.iter_mut().flat_map(|step| &mut step.regions) {
+        if region.force_n.iter().all(|force_n| *force_n < 20.0) {
+            *region = RegionCurves::default();
+        }
+    }
+    study.fit(&|_| ());
+    study
+}
+
+fn steps_of(recordings: &[Recording], contact: ContactRule, options: Options) -> Study {
     let mut study = Study::new("somebody".into(), contact, options);
     for recording in recordings {
         let insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
         study.add("a walk".into(), recording, &insole, &mut |_| ()).expect("a valid insole");
     }
-    study.fit(&|_| ());
     study
 }
 
@@ -75,7 +93,7 @@ fn assert_golden(study: &Study, golden: &Golden) {
 #[test]
 fn steps_in_shoes_are_fitted_as_well_as_by_the_reference() {
     let Some([left, right]) = pedar_feet() else { return };
-    let studies = [left, right].map(|foot| study(&[foot], ContactRule::COUNTED));
+    let studies = [left, right].map(least_squares);
     assert_eq!(studies.each_ref().map(|s| s.steps.len()), [9, 8]);
     // The recording begins while the person stands and ends within a step.
     assert_eq!(studies.each_ref().map(|s| s.excluded_contacts.len()), [1, 2]);
@@ -85,13 +103,13 @@ fn steps_in_shoes_are_fitted_as_well_as_by_the_reference() {
     );
     assert_golden(&studies[0], &LEFT_SHOE);
     assert_golden(&studies[1], &RIGHT_SHOE);
-    assert!(matches!(studies[0].fits[6], Err(NotFitted::HardlyLoaded(_))));
+    assert!(matches!(studies[0].fits[6], Err(NotFitted::NeverLoaded)));
 }
 
 #[test]
 fn barefoot_steps_are_fitted_as_well_as_by_the_reference() {
     let Some(walk) = walker(0, 0..6) else { return };
-    let study = study(&[walk], ContactRule::COUNTED);
+    let study = least_squares(walk);
     assert_eq!((study.steps.len(), study.excluded_contacts.len()), (6, 0));
     assert_golden(&study, &BAREFOOT);
 }
@@ -119,7 +137,7 @@ fn the_errors_of_a_fit_are_those_of_the_insole() {
             for (region, law) in force_laws.iter().enumerate().filter(|(_, law)| **law != ForceLaw::NONE) {
                 let (area_mm2, force_n, sample_s) = insole.curves(region);
                 let computed = RegionStep::new(law, area_mm2, force_n, sample_s, &AreaMoments::NONE);
-                let Some(evaluated) = Evaluated::new(&step.regions[region], Filter::Step, law) else { continue };
+                let Some(evaluated) = Evaluated::new(&step.regions[region], Filter::Direct, law) else { continue };
                 let peak_n = evaluated.model_n.iter().copied().fold(0.0, f64::max);
                 assert!((peak_n - computed.model_peak_n).abs() < 1e-9 * (1.0 + peak_n));
                 assert!((evaluated.nrmse() - computed.model_error).abs() < 1e-12);

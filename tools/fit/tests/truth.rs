@@ -10,7 +10,7 @@ use plantar::Region;
 #[test]
 fn parameters_of_exact_steps_are_recovered() {
     let mut most_evaluations = 0;
-    for filter in [Filter::Step, Filter::Live] {
+    for filter in [Filter::Direct, Filter::Live] {
         for rate_hz in [50.0, 100.0, 200.0, 400.0] {
             for region in 0..8 {
                 let curves = curves(region, rate_hz, filter, 1.0, 0.0, &mut Noise::new(1));
@@ -43,8 +43,9 @@ fn covered(region: usize, autocorrelation: f64) -> [u32; 5] {
     let expected = [truth.ab_m2, truth.stiffness_pa, truth.damping_pa_s, truth.n, truth.m];
     let mut covered = [0; 5];
     for seed in 0..REPEATS {
-        let curves = curves(region, 100.0, Filter::Step, 1.0, 0.01, &mut Noise::autocorrelated(seed, autocorrelation));
-        let samples = Samples::new([&curves], Filter::Step);
+        let curves =
+            curves(region, 100.0, Filter::Direct, 1.0, 0.01, &mut Noise::autocorrelated(seed, autocorrelation));
+        let samples = Samples::new([&curves], Filter::Direct);
         let found = identify(&samples, &Bounds::USUAL);
         let uncertainty = from_jacobian(&samples, &Bounds::USUAL, &found);
         for ((interval, expected), covered) in uncertainty.intervals.iter().zip(expected).zip(&mut covered) {
@@ -82,7 +83,7 @@ fn intervals_account_for_the_correlation_of_residuals() {
 /// random points.
 #[test]
 fn a_fit_to_noisy_steps_is_as_good_as_the_best_of_sixty_random_starts() {
-    for filter in [Filter::Step, Filter::Live] {
+    for filter in [Filter::Direct, Filter::Live] {
         for region in 0..8 {
             let curves = curves(region, 100.0, filter, 1.0, 0.01, &mut Noise::new(9));
             let samples = Samples::new([&curves], filter);

@@ -37,10 +37,15 @@ impl InsoleSize {
         self.0
     }
 
+    /// Length of the foot relative to that of size 42.
+    pub fn scale(self) -> f64 {
+        f64::from(self.0) / 42.0
+    }
+
     /// Typical thickness of the unloaded tissue, m, in the order of [`plantar::Region::ALL`]; proportional to the size. Under
     /// the heel and the metatarsals it is within published ranges (docs/identification.md).
     pub fn thickness_m(self) -> [f64; 8] {
-        SIZE_42.map(|[_, _, d0_mm, ..]| d0_mm * f64::from(self.0) / 42.0 * 1e-3)
+        SIZE_42.map(|[_, _, d0_mm, ..]| d0_mm * self.scale() * 1e-3)
     }
 }
 
@@ -81,7 +86,7 @@ const MAX_NORMALISED_DEFORMATION: f64 = 0.68;
 impl Parameters {
     /// Typical values for a size: lengths are proportional to the size, K, G, n and m are the same for all sizes.
     pub fn typical(size: InsoleSize) -> Self {
-        let scale = f64::from(size.0) / 42.0;
+        let scale = size.scale();
         let regions = SIZE_42.map(|[a_mm, b_mm, d0_mm, stiffness_kpa, damping_kpa_s, n, m]| {
             let d0_m = d0_mm * scale * 1e-3;
             let c_m = MAX_STRAIN * d0_m / MAX_NORMALISED_DEFORMATION;

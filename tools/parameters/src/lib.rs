@@ -47,6 +47,14 @@ pub enum Error {
     },
 }
 
+/// The parameters hold for areas that were smoothed as in the paper, which no insole does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error(
+    "the parameters were identified with the paper's smoothing of the contact area, which no insole evaluates; identify them \
+     again with `plantar fit --filter direct`"
+)]
+pub struct SmoothedArea;
+
 /// A wearer's parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameters {
@@ -63,7 +71,7 @@ pub struct Parameters {
 /// The conditions of an identification. The parameters are valid only for areas with the same contact rule and filter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identified {
-    /// The filter of the area: `step` or `live`.
+    /// The filter of the area: `direct` or `live`, or `smoothed`, which no insole evaluates.
     pub filter: String,
     /// The contact rule of the areas.
     pub contact: ContactRule,
@@ -75,20 +83,24 @@ pub struct Identified {
 
 impl Identified {
     /// The conditions in the form of an insole.
-    pub fn on_insole(&self) -> tissue::Identified {
-        tissue::Identified {
-            contact: self.contact,
-            filter: if self.filter == LIVE { AreaFilter::Live } else { AreaFilter::Step },
-            side: [Side::Left, Side::Right].into_iter().find(|side| side.name() == self.side),
-            steps: self.steps,
-        }
+    ///
+    /// # Errors
+    /// If the filter is the smoothing of the paper, which no insole evaluates.
+    pub fn on_insole(&self) -> Result<tissue::Identified, SmoothedArea> {
+        let filter = match self.filter.as_str() {
+            SMOOTHED => return Err(SmoothedArea),
+            LIVE => AreaFilter::Live,
+            _ => AreaFilter::Direct,
+        };
+        let side = [Side::Left, Side::Right].into_iter().find(|side| side.name() == self.side);
+        Ok(tissue::Identified { contact: self.contact, filter, side, steps: self.steps })
     }
 
     /// The conditions that an insole stores.
     pub fn from_insole(stored: &tissue::Identified) -> Self {
         Self {
             filter: match stored.filter {
-                AreaFilter::Step => STEP,
+                AreaFilter::Direct => DIRECT,
                 AreaFilter::Live => LIVE,
             }
             .into(),
@@ -100,9 +112,13 @@ impl Identified {
 }
 
 /// [`Identified::filter`] of the step record.
-const STEP: &str = "step";
+pub const DIRECT: &str = "direct";
 /// [`Identified::filter`] of the live stream.
-const LIVE: &str = "live";
+pub const LIVE: &str = "live";
+/// [`Identified::filter`] of the paper's smoothing.
+pub const SMOOTHED: &str = "smoothed";
+/// The name of [`SMOOTHED`] in files of version 0.2.
+const SMOOTHED_IN_0_2: &str = "step";
 /// [`Identified::side`] of both feet.
 const BOTH: &str = "both";
 
@@ -183,18 +199,18 @@ impl Parameters {
         // The loop returns an error unless it fills every slot.
         let regions = regions.map(|region| region.expect("the loop fills every slot"));
         let identified = file.identified.map(|i| Identified {
-            filter: i.filter,
+            filter: if i.filter == SMOOTHED_IN_0_2 { SMOOTHED.into() } else { i.filter },
             contact: ContactRule { on_kpa: i.contact_on_kpa, off_kpa: i.contact_off_kpa, full_kpa: i.contact_full_kpa },
             side: i.side,
             steps: i.steps,
         });
         let is_known = |identified: &Identified| {
-            [STEP, LIVE].contains(&identified.filter.as_str())
+            [DIRECT, LIVE, SMOOTHED].contains(&identified.filter.as_str())
                 && [BOTH, Side::Left.name(), Side::Right.name()].contains(&identified.side.as_str())
         };
         if identified.as_ref().is_some_and(|identified| !is_known(identified)) {
             return Err(form(
-                "[identified] expected a filter of \"step\" or \"live\", and a side of \"left\", \"right\" or \"both\""
+                "[identified] expected a filter of \"direct\", \"live\" or \"smoothed\", and a side of \"left\", \"right\" or \"both\""
                     .into(),
             ));
         }

@@ -62,17 +62,19 @@ pub struct Fit {
 /// Filter, method and bounds of the identification.
 #[derive(Clone, Args)]
 pub struct Search {
-    /// The filter of the insole through which the contact area passes: the filter of the step record (step) or of the live stream
-    /// (live). The parameters are valid only for that one.
-    #[arg(long, value_enum, default_value_t = FilterName::Step)]
-    filter: FilterName,
-    /// The search: five parameters by variable projection (projection) or, for comparison, the paper's search for eight
-    /// parameters from ten random starts (paper).
+    /// The filter of the contact area: that of the step records of an insole (direct), that of its live stream (live) or, for
+    /// comparison, the smoothing of the paper (smoothed). The parameters are valid only for that one [default: direct, or smoothed
+    /// with --method paper].
+    #[arg(long, value_enum)]
+    filter: Option<FilterName>,
+    /// The search: five parameters, with the distribution among people as prior (projection) or, for comparison, the paper's search
+    /// for eight parameters from ten random starts, which fits the smoothed force (paper).
     #[arg(long, value_enum, default_value_t = MethodName::Projection)]
     method: MethodName,
-    /// Allow a negative stiffness exponent n, down to -0.95. The paper does not allow it, but many regions then fit better.
-    #[arg(long)]
-    negative_n: bool,
+    /// The bounds of the exponents: n from -0.95 on, with the prior (free) or, for comparison, at least 0 as in the paper, by least
+    /// squares without a prior (paper). Not used by --method paper.
+    #[arg(long, value_enum, default_value_t = BoundsName::Free)]
+    bounds: BoundsName,
     /// Measured tissue thickness in mm: a TOML file with lines such as `heel = 17.5`. For regions that it does not name, --size
     /// determines the thickness.
     #[arg(long, value_name = "FILE")]
@@ -87,8 +89,15 @@ pub struct Search {
 
 #[derive(Clone, Copy, ValueEnum)]
 enum FilterName {
-    Step,
+    Direct,
     Live,
+    Smoothed,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum BoundsName {
+    Free,
+    Paper,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -123,24 +132,21 @@ impl Search {
         if let Some(path) = &self.thickness {
             Thickness::read(path)?.apply(&mut thickness_m);
         }
-        let mut bounds = Bounds::USUAL;
-        if self.negative_n {
-            bounds.n[0] = Bounds::LEAST_N;
-        }
-        Ok(Options {
-            filter: match self.filter {
-                FilterName::Step => Filter::Step,
-                FilterName::Live => Filter::Live,
-            },
-            method: match self.method {
-                MethodName::Projection => Method::Projection,
-                MethodName::Paper => Method::Paper,
-            },
-            bounds,
-            thickness_m,
-            compression: self.compression,
-            resamples,
-        })
+        let (bounds, prior) = match self.bounds {
+            BoundsName::Free => (Bounds::USUAL, Some(fit::prior::WALKERS)),
+            BoundsName::Paper => (Bounds::PAPER, None),
+        };
+        let (method, usual_filter) = match self.method {
+            MethodName::Projection => (Method::Projection, Filter::Direct),
+            MethodName::Paper => (Method::Paper, Filter::Smoothed),
+        };
+        let filter = self.filter.map_or(usual_filter, |name| match name {
+            FilterName::Direct => Filter::Direct,
+            FilterName::Live => Filter::Live,
+            FilterName::Smoothed => Filter::Smoothed,
+        });
+        let (size_scale, compression) = (self.size.scale(), self.compression);
+        Ok(Options { filter, method, bounds, prior, thickness_m, size_scale, compression, resamples })
     }
 }
 
@@ -165,9 +171,9 @@ impl Fit {
     /// A fit of one recording with the usual search, and with outputs as [`Fit::of_streams`].
     pub fn of_cells(recording: PathBuf, folder: &Path, contact: ContactArgs) -> Self {
         let search = Search {
-            filter: FilterName::Step,
+            filter: None,
             method: MethodName::Projection,
-            negative_n: false,
+            bounds: BoundsName::Free,
             thickness: None,
             size: InsoleSize::default(),
             compression: COMPRESSION,

@@ -98,6 +98,7 @@ fn push(file: &Path, connection: &Connection) -> Result<()> {
 pub fn send(insole: &mut Insole, parameters: &Parameters) -> Result<()> {
     let tissue = parameters.tissue();
     let Some(identified) = &parameters.identified else { return Ok(insole.client().set_tissue(&tissue)?) };
+    let on_insole = identified.on_insole()?;
     let side = insole.client().hello().side.name();
     if identified.side != side && identified.side != "both" {
         eprintln!(
@@ -106,7 +107,7 @@ pub fn send(insole: &mut Insole, parameters: &Parameters) -> Result<()> {
         );
     }
     set_rule(insole, identified.contact)?;
-    Ok(insole.client().set_identified_tissue(&tissue, identified.on_insole())?)
+    Ok(insole.client().set_identified_tissue(&tissue, on_insole)?)
 }
 
 /// Sets the contact rule of an insole, unless it is in force already. The insole restarts.

@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail};
 use clap::Args;
-use parameters::{Identified, InsoleSize, Parameters};
+use parameters::{Identified, InsoleSize, LIVE, Parameters, SMOOTHED, SmoothedArea};
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::PERIOD_US;
 use recording::{Recording, VirtualInsole, Zero};
@@ -49,8 +49,8 @@ pub struct ContactArgs {
     /// 3/4].
     #[arg(long, value_name = "KPA")]
     contact_off: Option<f32>,
-    /// Count only the fraction sqrt(p / KPA), at most 1, of the area of a cell in contact, where p is the cell's pressure. 150 is
-    /// a good value; 0 counts whole cells [default: the value in the parameter file, or 0].
+    /// Count only the fraction sqrt(p / KPA), at most 1, of the area of a cell in contact, where p is the cell's pressure; 0 counts
+    /// whole cells, as in the paper [default: the value in the parameter file, or 150].
     #[arg(long, value_name = "KPA")]
     contact_full: Option<f32>,
 }
@@ -59,7 +59,7 @@ impl ContactArgs {
     /// Returns the contact rule: the rule with which the parameters were identified, or else the usual one, changed by the given
     /// options. Prints a note on stderr if the result differs from the rule with which the parameters were identified.
     pub fn rule(&self, identified: Option<&Identified>) -> Result<ContactRule> {
-        let default = identified.map_or(ContactRule::COUNTED, |i| i.contact);
+        let default = identified.map_or(ContactRule::COVERED, |i| i.contact);
         let on_kpa = self.contact_on.unwrap_or(default.on_kpa);
         let rule = ContactRule {
             on_kpa,
@@ -79,12 +79,13 @@ impl ContactArgs {
         }
         if let Some(identified) = identified {
             note_unless_same_rule(&identified.contact, &rule);
-            if identified.filter != "step" {
-                eprintln!(
-                    "note: the parameters were identified through the {} filter: they are valid for the live stream, \
-                     but not for steps, which pass through the step filter",
-                    identified.filter
-                );
+            match identified.filter.as_str() {
+                LIVE => eprintln!(
+                    "note: the parameters were identified with the filter of the live stream: they are valid for it, but not for \
+                     step records"
+                ),
+                SMOOTHED => eprintln!("note: {SmoothedArea}"),
+                _ => (),
             }
         }
         Ok(rule)

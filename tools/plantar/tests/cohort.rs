@@ -203,13 +203,13 @@ fn a_second_run_processes_only_changed_participants() {
     again("", &["8 steps of 1 participants"]);
     fs::write(path.join("people/ann/participant.toml"), "size = 37").expect("written");
     again("", &["8 steps of 1 participants", "37-38 (1)"]);
-    again("--negative-n", &["14 steps of 2 participants"]);
+    again("--bounds paper", &["14 steps of 2 participants"]);
     // Invalid options change nothing.
     let (status, text_of_invalid) = outcome(&cohort(&path, "--contact-on 5 --contact-off 6"));
     assert_eq!((status, text_of_invalid.contains("--contact-off")), (Some(1), true), "{text_of_invalid}");
     // A participant without a folder is no longer counted, but a note names the participant's file.
     fs::rename(path.join("people/ann"), path.join("ann")).expect("moved");
-    again("--negative-n", &["1 participants were already up to date", "participant=ann", "remove the file"]);
+    again("--bounds paper", &["1 participants were already up to date", "participant=ann", "remove the file"]);
     assert!(!summary(&path).contains("37-38"));
 }
 

@@ -62,11 +62,11 @@ fn walk() -> TempDir {
 fn fitted_parameters_have_the_same_errors_in_a_replay_as_in_the_fit() {
     let folder = walk();
     let path = folder.path();
-    let text = succeed(path, "fit walk.parquet --out p.toml --json p.json --participant someone --contact-full 150");
+    let text = succeed(path, "fit walk.parquet --out p.toml --json p.json --participant someone");
     assert!(text.contains("someone: 6 steps of 1 recordings") && text.contains("8 of 8 regions"), "{text}");
     let fitted = json(&path.join("p.json"));
     assert_eq!(fitted["contact_rule"]["full_kpa"], 150.0);
-    assert_eq!((fitted["filter"].as_str(), fitted["method"].as_str()), (Some("step"), Some("projection")));
+    assert_eq!((fitted["filter"].as_str(), fitted["method"].as_str()), (Some("direct"), Some("projection")));
 
     let parameters = Parameters::read(&path.join("p.toml")).expect("readable");
     assert!(parameters.personal && parameters.subject == "someone");
@@ -96,7 +96,7 @@ fn fitted_parameters_have_the_same_errors_in_a_replay_as_in_the_fit() {
 fn steps_are_selected_and_options_are_recorded() {
     let folder = walk();
     let path = folder.path();
-    succeed(path, "fit walk.parquet --steps 2-4 --filter live --out p.toml --json p.json --negative-n");
+    succeed(path, "fit walk.parquet --steps 2-4 --filter live --out p.toml --json p.json --bounds paper");
     let fitted = json(&path.join("p.json"));
     let numbers: Vec<_> = fitted["steps"].as_array().expect("steps").iter().map(|s| s["number"].as_u64()).collect();
     assert_eq!(numbers, [Some(2), Some(3), Some(4)]);
@@ -104,7 +104,7 @@ fn steps_are_selected_and_options_are_recorded() {
     let identified = Parameters::read(&path.join("p.toml")).expect("readable").identified.expect("known");
     assert_eq!((&*identified.filter, &*identified.side, identified.steps), ("live", "right", 3));
     let (_, _, err) = run(path, "replay walk.parquet --params p.toml");
-    assert!(err.contains("through the live filter"), "{err}");
+    assert!(err.contains("with the filter of the live stream"), "{err}");
 
     std::fs::write(path.join("thick.toml"), "heel = 20.5\n").expect("written");
     succeed(path, "fit walk.parquet --thickness thick.toml --compression 0.3 --size 40 --out p.toml --json p.json");
@@ -146,7 +146,7 @@ fn regions_that_cannot_be_fitted_are_named_and_set_the_exit_status() {
     // With all cells loaded at once, the area is constant, and no region can be fitted.
     write(&|_, load| if load > 0.0 { 50.0 + 300.0 * load } else { 0.0 });
     std::fs::remove_file(path.join("p.toml")).expect("was written");
-    let (status, out, err) = run(path, "fit walk.parquet --out p.toml");
+    let (status, out, err) = run(path, "fit walk.parquet --contact-full 0 --out p.toml");
     assert_eq!(status, 1, "{out}{err}");
     assert!(out.contains("heel: NOT FITTED, constant area") && err.contains("no region could be fitted"), "{out}{err}");
     assert!(!path.join("p.toml").exists());

@@ -1,7 +1,7 @@
 //! Tests `plantar params` and `plantar insole` with files, and with a simulated insole on the network that runs the code of the
 //! firmware's session.
 
-use parameters::{Identified, InsoleSize, Parameters};
+use parameters::{DIRECT, Identified, InsoleSize, Parameters};
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::region::Side;
@@ -149,8 +149,15 @@ fn parameters_and_their_contact_rule_are_set_together() {
     let mut parameters = Parameters::typical(InsoleSize::default());
     parameters.personal = true;
     parameters.identified =
-        Some(Identified { filter: "step".into(), contact: ContactRule::COVERED, side: "right".into(), steps: 31 });
+        Some(Identified { filter: DIRECT.into(), contact: ContactRule::COVERED, side: "right".into(), steps: 31 });
+    // Version 0.2 called the paper's smoothing, which insoles evaluated then, the filter of the step.
     parameters.write(&path.join("params.toml")).expect("written");
+    let text = std::fs::read_to_string(path.join("params.toml")).expect("a file");
+    std::fs::write(path.join("old.toml"), text.replace("\"direct\"", "\"step\"")).expect("written");
+    let output = params(path, &format!("push old.toml --tcp {address}"));
+    let stderr = String::from_utf8(output.stderr).expect("text");
+    assert!(!output.status.success() && stderr.contains("fit --filter direct"), "{stderr}");
+
     let output = params(path, &format!("push params.toml --tcp {address}"));
     let [stdout, stderr] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).expect("text"));
     assert!(output.status.success() && stdout.contains("sqrt(p / 150 kPa)"), "{stdout} {stderr}");

@@ -44,8 +44,12 @@ fn contact(study: &Study) -> String {
 
 fn filter(filter: Filter) -> &'static str {
     match filter {
-        Filter::Step => {
-            "the filter of the step record: contact area smoothed by a three-point mean and a polynomial of fifth order over the \
+        Filter::Direct => {
+            "the filter of the step record: contact area as measured, deformation rate as the difference over 20 ms; force as \
+             measured"
+        }
+        Filter::Smoothed => {
+            "the smoothing of the paper: contact area smoothed by a three-point mean and a polynomial of fifth order over the \
              contact phase, deformation rate by Eq. 16; force as measured"
         }
         Filter::Live => {

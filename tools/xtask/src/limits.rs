@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 
 /// Keys of figures, each with its smallest and its largest allowed value.
-const LIMITS: [(&str, f64, f64); 31] = [
+const LIMITS: [(&str, f64, f64); 30] = [
     ("frame_instructions", 0.0, 10_000.0),
     ("cells_instructions", 0.0, 6_000.0),
     ("device_vs_host_force_rel", 0.0, 1e-4),
@@ -27,15 +27,14 @@ const LIMITS: [(&str, f64, f64); 31] = [
     ("fit_exact_nrmse", 0.0, 0.01),
     ("fit_exact_parameters", 0.0, 1e-4),
     ("fit_coverage", 0.90, 0.99),
-    ("nrmse.heel.predicted", 0.0, 13.6),
-    ("nrmse.posterior_midfoot.predicted", 0.0, 23.5),
-    ("nrmse.anterior_midfoot.predicted", 0.0, 23.5),
-    ("nrmse.metatarsals_12.predicted", 0.0, 26.5),
-    ("nrmse.metatarsals_35.predicted", 0.0, 27.2),
-    ("nrmse.hallux.predicted", 0.0, 18.4),
-    ("nrmse.toe_2.predicted", 0.0, 21.0),
-    ("nrmse.toes_35.predicted", 0.0, 19.5),
-    ("nrmse.mean.less", 15.0, 100.0),
+    ("nrmse.mean.predicted", 0.0, 9.5),
+    ("nrmse.worst.predicted", 0.0, 13.0),
+    ("nrmse.mean.four_steps", 0.0, 1.15),
+    ("fit_at_bound", 0.0, 0.05),
+    ("fit_determined", 0.8, 1.0),
+    ("repeat.icc.force_at_area", 0.9, 1.0),
+    ("repeat.icc.area_at_force", 0.85, 1.0),
+    ("repeat.icc.stiffness", 0.8, 1.0),
 ];
 
 /// Returns an error if a figure is missing or outside of its limits.

@@ -13,8 +13,10 @@ use serde_json::{Value, json};
 fn set_tissue(study: &Study, size: InsoleSize) -> Vec<u8> {
     let parameters = results::parameters(study, size);
     let tissue = parameters.tissue();
-    let message = match &parameters.identified {
-        Some(identified) => ToDevice::SetIdentifiedTissue { tissue, identified: identified.on_insole() },
+    // The fits of this session use a filter of an insole, so the conditions are known to an insole.
+    let identified = parameters.identified.as_ref().and_then(|identified| identified.on_insole().ok());
+    let message = match identified {
+        Some(identified) => ToDevice::SetIdentifiedTissue { tissue, identified },
         None => ToDevice::SetTissue(tissue),
     };
     let mut buffer = [0; MAX_MESSAGE];

@@ -73,7 +73,7 @@ impl Identification {
         let parameters = Parameters::read(&self.folder.join("params.toml"))?;
         client.stream_cells(None)?;
         match &parameters.identified {
-            Some(identified) => client.set_identified_tissue(&parameters.tissue(), identified.on_insole())?,
+            Some(identified) => client.set_identified_tissue(&parameters.tissue(), identified.on_insole()?)?,
             None => client.set_tissue(&parameters.tissue())?,
         }
         println!("The insole has received these parameters over its link.\n");

@@ -2,6 +2,7 @@
 
 use crate::setup::rule_in_words;
 use crate::summary;
+use fit::measures::Quantity;
 use fit::results::{significant, widest};
 use fit::{RegionFit, Study};
 use plantar::Region;
@@ -19,6 +20,7 @@ pub fn print(study: &Study) {
     for contact in &study.excluded_contacts {
         println!("left out: {} at {:.2} s, {}", study.sources[contact.recording].name, contact.at_s, contact.reason);
     }
+    print_measures(study);
     let mut table = summary::table();
     table.set_header(["region", "steps", "A B mm2", "K kPa", "G kPa s", "n", "m", "error %", "predicted %", "floor %"]);
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
@@ -26,7 +28,7 @@ pub fn print(study: &Study) {
         match fit {
             Ok(fit) => {
                 row.push(fit.steps.len().to_string());
-                row.extend(five_in_words(fit));
+                row.extend(five_in_words(fit, study.options.prior.is_some()));
                 let percent = |share: f64| format!("{:.1}", share * 100.0);
                 row.extend([percent(fit.quality.fitted), fit.quality.predicted.map_or("-".into(), percent)]);
                 row.push(percent(fit.quality.floor));
@@ -40,7 +42,8 @@ pub fn print(study: &Study) {
     println!(
         "Error: NRMSE of the model against the measured force (Eq. 20), mean over the steps. Predicted: the same\n\
          error if each step is predicted from the others. Floor: the least error of any force law without damping\n\
-         for the measured areas. In brackets: 95 % intervals. A value with ! is at a bound of the search."
+         for the measured areas. In brackets: 95 % intervals. A value with ! is at a bound of the search, and one with *\n\
+         is mostly the usual value of other people, because the force does not determine it."
     );
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
         match fit {
@@ -53,8 +56,50 @@ pub fn print(study: &Study) {
     }
 }
 
-/// Formats the five identified parameters A B (mm2), K (kPa), G (kPa s), n and m, each with the wider of its two intervals.
-fn five_in_words(fit: &RegionFit) -> Vec<String> {
+/// Prints the mechanical quantities: a row for each quantity, and a column for each fitted region.
+fn print_measures(study: &Study) {
+    let fitted: Vec<_> =
+        Region::ALL.iter().zip(&study.fits).filter_map(|(region, fit)| Some((region, fit.as_ref().ok()?))).collect();
+    if fitted.is_empty() {
+        return;
+    }
+    let mut table = summary::table();
+    let names = fitted.iter().map(|(region, _)| region.name().to_string());
+    table.set_header(std::iter::once(String::new()).chain(names));
+    for quantity in Quantity::all() {
+        let cells: Vec<String> = fitted.iter().map(|(_, fit)| measure_in_words(fit, quantity)).collect();
+        if cells.iter().all(|cell| cell == NONE) {
+            continue;
+        }
+        let (name, unit) = quantity.title();
+        table.add_row(std::iter::once(format!("{name}, {unit}")).chain(cells));
+    }
+    summary::align(&mut table);
+    println!("{table}");
+    println!(
+        "In brackets: 95 % intervals. Not determined: the interval is wider than the value. Strains, and with them stiffness,\n\
+         moduli and energies, depend on the assumed compression and thickness of the tissue."
+    );
+}
+
+/// Placeholder for a quantity that a region does not have.
+const NONE: &str = "-";
+
+/// Formats a quantity of a region with its interval.
+fn measure_in_words(fit: &RegionFit, quantity: Quantity) -> String {
+    let Some(measure) = fit.measures.iter().find(|measure| measure.quantity == quantity) else { return NONE.into() };
+    match measure.interval {
+        None => significant(measure.value),
+        Some([low, high]) if measure.is_determined() => {
+            format!("{} ({}..{})", significant(measure.value), significant(low), significant(high))
+        }
+        Some(_) => "not determined".into(),
+    }
+}
+
+/// Formats the five identified parameters A B (mm2), K (kPa), G (kPa s), n and m, each with the wider of its two intervals. With a
+/// prior, every parameter has a value; without one, a parameter on which the force does not depend has none.
+fn five_in_words(fit: &RegionFit, has_prior: bool) -> Vec<String> {
     let law = &fit.law;
     let units = [1e6, 1e-3, 1e-3, 1.0, 1.0];
     match &fit.uncertainty {
@@ -63,11 +108,15 @@ fn five_in_words(fit: &RegionFit) -> Vec<String> {
             .iter()
             .zip(units)
             .map(|(interval, unit)| {
-                if !interval.is_identifiable {
-                    return "-".into();
+                if !interval.is_identifiable && !has_prior {
+                    return NONE.into();
                 }
                 let [low, high] = widest(interval).map(|end| significant(end * unit));
-                let mark = if interval.at_bound { "!" } else { "" };
+                let mark = match (interval.at_bound, interval.is_identifiable) {
+                    (true, _) => "!",
+                    (false, false) => "*",
+                    (false, true) => "",
+                };
                 format!("{}{mark} ({low}..{high})", significant(interval.value * unit))
             })
             .collect(),

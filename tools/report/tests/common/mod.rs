@@ -56,7 +56,7 @@ fn recorded(side: Side) -> Recording {
         for (kpa, region) in frame.iter_mut().zip(&regions) {
             match region {
                 Region::Toe2 => *kpa = 0.0,
-                Region::PosteriorMidfoot => *kpa *= 0.4,
+                Region::PosteriorMidfoot => *kpa *= 0.06,
                 _ => (),
             }
         }

@@ -1,0 +1,278 @@
+//! Mechanical quantities of a region that can be compared between recordings and people: what its force law says about forces,
+//! areas, stiffness and energy within the measured range.
+//!
+//! Single parameters of the force law compensate each other, so that they vary between two recordings of the same person although
+//! the law does not. These quantities are values of the law itself, and vary only as much as it does.
+
+use crate::interval::{self, Noise};
+use crate::pins::Pins;
+use crate::prior::{self, Coordinates};
+use crate::{Filter, RegionCurves, Samples};
+use nalgebra::{Matrix5, Vector5};
+use plantar::pipeline::model::ForceLaw;
+use statrs::distribution::{ContinuousCDF, StudentsT};
+use std::f64::consts::PI;
+
+/// The reference area, relative to the largest area of a step: the median over the steps.
+pub const REFERENCE_AREA: f64 = 0.7;
+/// The reference forces, relative to the peak force: the median of the peak forces of the steps.
+pub const REFERENCE_FORCES: [f64; 3] = [0.25, 0.5, 0.75];
+/// The reference forces that are equal for all people, N. Only those up to the peak force are used.
+pub const FIXED_FORCES_N: [f64; 4] = [10.0, 50.0, 100.0, 200.0];
+/// The reference strain: deformation divided by the thickness of the tissue.
+pub const REFERENCE_STRAIN: f64 = 0.2;
+
+/// A mechanical quantity of a region.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Quantity {
+    /// Elastic force at [`REFERENCE_AREA`].
+    ForceAtArea,
+    /// Area at which the elastic force is this fraction of the peak force.
+    AreaAtForce(f64),
+    /// Area at which the elastic force has this value, N.
+    AreaAtFixedForce(f64),
+    /// Elastic force divided by deformation, at [`REFERENCE_STRAIN`].
+    SecantStiffness,
+    /// Derivative of the elastic force with respect to deformation, at [`REFERENCE_STRAIN`].
+    TangentStiffness,
+    /// Mean elastic stress (force divided by area) divided by strain, at [`REFERENCE_STRAIN`].
+    SecantModulus,
+    /// Derivative of the mean elastic stress with respect to strain, at [`REFERENCE_STRAIN`].
+    TangentModulus,
+    /// Mean viscous stress divided by the strain rate, at [`REFERENCE_STRAIN`].
+    ViscousModulus,
+    /// Work of the measured force up to the largest deformation, mean over the steps.
+    LoadingEnergy,
+    /// Work of the measured force over the whole contact, which is the area of its loop over the deformation, mean over the steps.
+    DissipatedEnergy,
+}
+
+impl Quantity {
+    /// All quantities, in the order of tables.
+    pub fn all() -> impl Iterator<Item = Self> {
+        let laws = [
+            Self::SecantStiffness,
+            Self::TangentStiffness,
+            Self::SecantModulus,
+            Self::TangentModulus,
+            Self::ViscousModulus,
+            Self::LoadingEnergy,
+            Self::DissipatedEnergy,
+        ];
+        std::iter::once(Self::ForceAtArea)
+            .chain(REFERENCE_FORCES.map(Self::AreaAtForce))
+            .chain(FIXED_FORCES_N.map(Self::AreaAtFixedForce))
+            .chain(laws)
+    }
+
+    /// Name with unit, as in JSON and in tables of cohorts.
+    pub fn name(self) -> String {
+        match self {
+            Self::ForceAtArea => "force_at_70_percent_area_n".into(),
+            Self::AreaAtForce(share) => format!("area_at_{:.0}_percent_force_mm2", share * 100.0),
+            Self::AreaAtFixedForce(force_n) => format!("area_at_{force_n:.0}_n_mm2"),
+            Self::SecantStiffness => "secant_stiffness_n_mm".into(),
+            Self::TangentStiffness => "tangent_stiffness_n_mm".into(),
+            Self::SecantModulus => "secant_modulus_kpa".into(),
+            Self::TangentModulus => "tangent_modulus_kpa".into(),
+            Self::ViscousModulus => "viscous_modulus_kpa_s".into(),
+            Self::LoadingEnergy => "loading_energy_mj".into(),
+            Self::DissipatedEnergy => "dissipated_energy_mj".into(),
+        }
+    }
+
+    /// Name and unit in words.
+    pub fn title(self) -> (String, &'static str) {
+        match self {
+            Self::ForceAtArea => ("force at 70 % of the largest area".into(), "N"),
+            Self::AreaAtForce(share) => (format!("area at {:.0} % of the peak force", share * 100.0), "mm2"),
+            Self::AreaAtFixedForce(force_n) => (format!("area at {force_n:.0} N"), "mm2"),
+            Self::SecantStiffness => ("secant stiffness at 20 % strain".into(), "N/mm"),
+            Self::TangentStiffness => ("tangent stiffness at 20 % strain".into(), "N/mm"),
+            Self::SecantModulus => ("secant modulus at 20 % strain".into(), "kPa"),
+            Self::TangentModulus => ("tangent modulus at 20 % strain".into(), "kPa"),
+            Self::ViscousModulus => ("viscous modulus at 20 % strain".into(), "kPa s"),
+            Self::LoadingEnergy => ("energy of loading".into(), "mJ"),
+            Self::DissipatedEnergy => ("energy dissipated per step".into(), "mJ"),
+        }
+    }
+}
+
+/// The value of a quantity with its uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measure {
+    /// The quantity.
+    pub quantity: Quantity,
+    /// The value, in the unit of the quantity.
+    pub value: f64,
+    /// The 95 % interval; `None` for an energy of a single step and with the paper's method.
+    pub interval: Option<[f64; 2]>,
+}
+
+impl Measure {
+    /// True if the interval is known and not wider than the value.
+    pub fn is_determined(&self) -> bool {
+        self.interval.is_some_and(|[low, high]| high - low <= self.value.abs())
+    }
+
+    /// True if both ends of the interval differ from the value by at most this fraction of it.
+    pub fn is_within(&self, share: f64) -> bool {
+        let margin = share * self.value.abs();
+        self.interval.is_some_and(|[low, high]| high - self.value <= margin && self.value - low <= margin)
+    }
+}
+
+/// The data from which the quantities of a region follow.
+pub(crate) struct Basis<'b> {
+    /// Largest area of the fitted steps, m2.
+    pub area_max_m2: f64,
+    /// Largest area of a step: the median over the steps, m2.
+    pub step_area_m2: f64,
+    /// Peak force: the median over the steps, N.
+    pub peak_n: f64,
+    pub pins: &'b Pins,
+}
+
+impl Basis<'_> {
+    /// The quantities of a force law, whose C is replaced by the pinned one; `None` for the energies, and for forces that the law
+    /// does not reach.
+    fn of_law(&self, law: &ForceLaw<f64>, quantity: Quantity) -> Option<f64> {
+        let g_max = law.area_ratio(self.area_max_m2).normalised_deformation();
+        let c_m = self.pins.c_m(g_max);
+        let elastic = |g: f64| law.force_n(g, 0.0);
+        let area_m2 = |g: f64| PI * law.ab_m2 * g * (2.0 - g);
+        let strain = |g: f64| g * c_m / self.pins.thickness_m;
+        // Deformations are at most C. With a large C, the reference strain may not be reached.
+        let g = REFERENCE_STRAIN * self.pins.thickness_m / c_m;
+        let slope = |f: &dyn Fn(f64) -> f64| (f(g * (1.0 + STEP)) - f(g * (1.0 - STEP))) / (2.0 * STEP * g);
+        let stress = |g: f64| elastic(g) / area_m2(g);
+        match quantity {
+            Quantity::ForceAtArea => {
+                Some(elastic(law.area_ratio(REFERENCE_AREA * self.step_area_m2).normalised_deformation()))
+            }
+            Quantity::AreaAtForce(share) => inverse(&elastic, share * self.peak_n).map(|g| area_m2(g) * 1e6),
+            Quantity::AreaAtFixedForce(force_n) if force_n <= self.peak_n => {
+                inverse(&elastic, force_n).map(|g| area_m2(g) * 1e6)
+            }
+            Quantity::AreaAtFixedForce(_) => None,
+            _ if g >= 1.0 => None,
+            Quantity::SecantStiffness => Some(elastic(g) / (g * c_m) * 1e-3),
+            Quantity::TangentStiffness => Some(slope(&elastic) / c_m * 1e-3),
+            Quantity::SecantModulus => Some(stress(g) / strain(g) * 1e-3),
+            Quantity::TangentModulus => Some(slope(&stress) * self.pins.thickness_m / c_m * 1e-3),
+            Quantity::ViscousModulus => {
+                // The viscous force is proportional to the rate, so its derivative is the difference of two rates.
+                let per_rate = law.force_n(g, 1.0) - elastic(g);
+                Some(per_rate / area_m2(g) * self.pins.thickness_m / c_m * 1e-3)
+            }
+            Quantity::LoadingEnergy | Quantity::DissipatedEnergy => None,
+        }
+    }
+
+    /// The quantities of the most probable parameters `at` with their covariance matrix, and of fits to resampled steps. The wider of
+    /// the two intervals is used.
+    pub fn measures(
+        &self,
+        at: &Coordinates,
+        covariance: &Matrix5<f64>,
+        noise: &Noise,
+        resampled: &[ForceLaw<f64>],
+    ) -> Vec<Measure> {
+        let law_at = |at: &Coordinates| prior::parameters(at, 0.0, 0).law(self.area_max_m2, 1.0);
+        let measure = |quantity: Quantity| {
+            let value = self.of_law(&law_at(at), quantity)?;
+            let ln_at = |i: usize, step: f64| {
+                let mut moved = *at;
+                moved[i] += step;
+                self.of_law(&law_at(&moved), quantity).map_or(f64::NAN, f64::ln)
+            };
+            // All quantities are positive, and their logarithms are nearly linear in the coordinates.
+            let gradient = Vector5::from_fn(|i, _| (ln_at(i, STEP) - ln_at(i, -STEP)) / (2.0 * STEP));
+            let half = noise.quantile() * (gradient.transpose() * covariance * gradient)[0].max(0.0).sqrt();
+            let curvature = [value * (-half).exp(), value * half.exp()];
+            let values = resampled.iter().filter_map(|law| self.of_law(law, quantity));
+            let interval = match interval::middle(values) {
+                Some([low, high]) if high - low > curvature[1] - curvature[0] => [low, high],
+                _ => curvature,
+            };
+            Some(Measure { quantity, value, interval: half.is_finite().then_some(interval) })
+        };
+        Quantity::all().filter_map(measure).collect()
+    }
+
+    /// The quantities without intervals.
+    pub fn values(&self, law: &ForceLaw<f64>) -> Vec<Measure> {
+        let measure = |quantity| Some(Measure { quantity, value: self.of_law(law, quantity)?, interval: None });
+        Quantity::all().filter_map(measure).collect()
+    }
+}
+
+/// Relative step of numerical derivatives.
+const STEP: f64 = 1e-4;
+
+/// The g at which an increasing function has a value, by bisection; `None` if the function is smaller at g = 1.
+fn inverse(of: &dyn Fn(f64) -> f64, value: f64) -> Option<f64> {
+    let (mut low, mut high) = (0.0, 1.0);
+    if of(high) < value {
+        return None;
+    }
+    for _ in 0..60 {
+        let middle = (low + high) / 2.0;
+        if of(middle) < value { low = middle } else { high = middle }
+    }
+    Some(high)
+}
+
+/// The energies of the measured force over the deformation of a force law, with the interval of the mean over the steps.
+pub(crate) fn energies(curves: &[&RegionCurves], filter: Filter, law: &ForceLaw<f64>) -> Vec<Measure> {
+    let steps: Vec<[f64; 2]> = curves
+        .iter()
+        .map(|curves| {
+            let samples = Samples::new([*curves], filter);
+            let deformation_m: Vec<f64> = samples.deformation(law).map(|(g, _)| law.c_m * g).collect();
+            work_mj(&deformation_m, &samples.force_n)
+        })
+        .collect();
+    let count = steps.len() as f64;
+    let measure = |(i, quantity): (usize, Quantity)| {
+        let mean = steps.iter().map(|step| step[i]).sum::<f64>() / count;
+        let squares = steps.iter().map(|step| (step[i] - mean).powi(2)).sum::<f64>();
+        let interval = StudentsT::new(0.0, 1.0, count - 1.0).ok().map(|t| {
+            let half = t.inverse_cdf(0.975) * (squares / (count - 1.0) / count).sqrt();
+            [mean - half, mean + half]
+        });
+        Measure { quantity, value: mean, interval }
+    };
+    [Quantity::LoadingEnergy, Quantity::DissipatedEnergy].into_iter().enumerate().map(measure).collect()
+}
+
+/// The work of a force, mJ: up to the largest deformation, and over the whole contact, which begins and ends without deformation.
+fn work_mj(deformation_m: &[f64], force_n: &[f64]) -> [f64; 2] {
+    let largest = (0..deformation_m.len()).max_by(|&a, &b| deformation_m[a].total_cmp(&deformation_m[b])).unwrap_or(0);
+    let work = |samples: std::ops::Range<usize>| {
+        samples.map(|i| (force_n[i] + force_n[i + 1]) / 2.0 * (deformation_m[i + 1] - deformation_m[i])).sum::<f64>()
+    };
+    let ends = |i: usize| deformation_m.get(i).map_or(0.0, |d| d * force_n[i] / 2.0);
+    let last = deformation_m.len().saturating_sub(1);
+    let loading = ends(0) + work(0..largest);
+    [loading * 1e3, (loading + work(largest..last) - ends(last)) * 1e3]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn work_is_that_of_a_spring_and_of_a_loop() {
+        // A spring of 1 N/mm, loaded to 4 mm and unloaded: 8 mJ, of which nothing is dissipated.
+        let deformation_m = [1e-3, 2e-3, 3e-3, 4e-3, 3e-3, 2e-3, 1e-3];
+        let spring_n = deformation_m.map(|d| d * 1e3);
+        let [loading, dissipated] = work_mj(&deformation_m, &spring_n);
+        assert!((loading - 8.0).abs() < 1e-12 && dissipated.abs() < 1e-12, "{loading} {dissipated}");
+        // The force is half as large during unloading.
+        let half_n = [1.0, 2.0, 3.0, 4.0, 1.5, 1.0, 0.5];
+        let [_, dissipated] = work_mj(&deformation_m, &half_n);
+        // Loading 8 mJ; unloading (4 + 1.5)/2 + (1.5 + 1)/2 + (1 + 0.5)/2 + 0.25 = 5 mJ.
+        assert!((dissipated - 3.0).abs() < 1e-12, "{dissipated}");
+    }
+}

@@ -1,0 +1,71 @@
+//! Repeatability of a quantity between recordings of the same people.
+//!
+//! "Shrout and Fleiss" is Psychol. Bull. 86 (1979) 420-428; "Weir" is J. Strength Cond. Res. 19 (2005) 231-240.
+
+/// Repeatability of a quantity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Repeatability {
+    /// Intraclass correlation coefficient ICC(2,1): two-way random effects, absolute agreement, single recording (Shrout and
+    /// Fleiss). 1 if the recordings of each person agree; 0, or below, if they differ as much as people do.
+    pub icc: f64,
+    /// Standard error of measurement, in the unit of the quantity: the standard deviation of a recording about the mean of the
+    /// person (Weir).
+    pub sem: f64,
+    /// Minimal detectable change with 95 % confidence, in the unit of the quantity: two recordings that differ by less may be of an
+    /// unchanged person (Weir).
+    pub mdc: f64,
+}
+
+impl Repeatability {
+    /// The repeatability of the values of people, in rows with one value for each recording. `None` for fewer than two people or
+    /// recordings, for rows of different lengths, and if all values are equal.
+    pub fn of(people: &[Vec<f64>]) -> Option<Self> {
+        let (n, k) = (people.len(), people.first()?.len());
+        if n < 2 || k < 2 || people.iter().any(|row| row.len() != k) {
+            return None;
+        }
+        let (rows, columns) = (n as f64, k as f64);
+        let mean = people.iter().flatten().sum::<f64>() / (rows * columns);
+        let row_mean = |row: &[f64]| row.iter().sum::<f64>() / columns;
+        let column_mean = |j: usize| people.iter().map(|row| row[j]).sum::<f64>() / rows;
+        let all: f64 = people.iter().flatten().map(|value| (value - mean).powi(2)).sum();
+        let between_people: f64 = people.iter().map(|row| columns * (row_mean(row) - mean).powi(2)).sum();
+        let between_recordings: f64 = (0..k).map(|j| rows * (column_mean(j) - mean).powi(2)).sum();
+        let residual = (all - between_people - between_recordings).max(0.0) / ((rows - 1.0) * (columns - 1.0));
+        let (people_square, recordings_square) = (between_people / (rows - 1.0), between_recordings / (columns - 1.0));
+        let denominator = people_square + (columns - 1.0) * residual + columns * (recordings_square - residual) / rows;
+        if all <= 0.0 || denominator <= 0.0 {
+            return None;
+        }
+        // The error of absolute agreement includes the differences between recordings that all people share.
+        let sem = (residual + ((recordings_square - residual) / rows).max(0.0)).sqrt();
+        Some(Self { icc: (people_square - residual) / denominator, sem, mdc: 1.96 * 2f64.sqrt() * sem })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The example of Shrout and Fleiss, table 2: six targets, four judges, ICC(2,1) = 0.29.
+    #[test]
+    fn the_published_example_is_reproduced() {
+        let targets = [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]];
+        let rows = targets.map(|row| row.map(f64::from).to_vec());
+        let repeatability = Repeatability::of(&rows).expect("a table");
+        assert!((repeatability.icc - 0.2898).abs() < 1e-4, "{repeatability:?}");
+        // Their table 3: the mean square of judges is 32.49 and the residual one is 1.02, so SEM^2 = 1.02 + (32.49 - 1.02) / 6.
+        assert!((repeatability.sem.powi(2) - (1.0194 + (32.4861 - 1.0194) / 6.0)).abs() < 1e-3, "{repeatability:?}");
+        assert!((repeatability.mdc / repeatability.sem - 2.772).abs() < 1e-3);
+    }
+
+    #[test]
+    fn recordings_that_agree_have_a_coefficient_of_one_and_tables_without_repetition_none() {
+        let same = Repeatability::of(&[vec![1.0, 1.0], vec![2.0, 2.0], vec![5.0, 5.0]]).expect("a table");
+        assert_eq!((same.icc, same.sem, same.mdc), (1.0, 0.0, 0.0));
+        assert_eq!(Repeatability::of(&[vec![1.0], vec![2.0]]), None);
+        assert_eq!(Repeatability::of(&[vec![1.0, 2.0]]), None);
+        assert_eq!(Repeatability::of(&[vec![3.0, 3.0], vec![3.0, 3.0]]), None);
+        assert_eq!(Repeatability::of(&[vec![3.0, 3.0], vec![3.0]]), None);
+    }
+}

@@ -1,0 +1,129 @@
+//! The most probable parameters: they are the maximum of the density, agree with the truth of exact steps, and are usable from one
+//! step on.
+
+use fit::identify::{Bounds, identify};
+use fit::measures::Quantity;
+use fit::prior::{self, Coordinates, Prior, WALKERS};
+use fit::synthetic::{Noise, curves, law, walk};
+use fit::{Filter, Options, Samples, interval};
+use plantar::pipeline::model::ForceLaw;
+
+/// The negative logarithm of the density times twice the noise, by the force law of the insole.
+fn objective(samples: &Samples, prior: &Prior, noise: f64, at: &Coordinates) -> f64 {
+    let law: ForceLaw<f64> = prior::parameters(at, 0.0, 0).law(samples.area_max_m2, 0.01);
+    let rows: Vec<[f64; 5]> = samples.table().collect();
+    let g = |i: usize| {
+        // An index beyond the last sample is the unloaded tissue.
+        rows.get(i).map_or(0.0, |row| law.area_ratio(row[0]).normalised_deformation())
+    };
+    let mut squares = 0.0;
+    for step in &samples.steps {
+        let peak_n = rows[step.clone()].iter().map(|row| row[4]).fold(0.0, f64::max);
+        let step_squares = rows[step.clone()].iter().enumerate().map(|(i, &[_, later, earlier, per_s, force_n])| {
+            let rate_per_s = (g(later as usize) - g(earlier as usize)) * per_s;
+            (law.force_n(g(step.start + i), rate_per_s) - force_n).powi(2)
+        });
+        squares += step_squares.sum::<f64>() / (peak_n * peak_n * step.len() as f64);
+    }
+    let shape = Prior::shape(at);
+    let deviations = (0..4).map(|i| ((shape[i] - prior.mean[i]) / prior.deviation[i]).powi(2));
+    squares + noise * deviations.sum::<f64>()
+}
+
+#[test]
+fn no_point_nearby_or_far_away_is_more_probable() {
+    let mut random = fastrand::Rng::with_seed(1);
+    for (region, prior) in WALKERS.iter().enumerate() {
+        let curves = curves(region, 100.0, Filter::Direct, 1.0, 0.05, &mut Noise::autocorrelated(7, 0.8));
+        let samples = Samples::new([&curves], Filter::Direct);
+        let unconstrained = identify(&samples, &Bounds::USUAL);
+        let noise = interval::noise(&samples, &unconstrained).variance;
+        let found = prior.identify(&samples, &unconstrained, noise);
+        let at = prior::coordinates(&found);
+        let least = objective(&samples, prior, noise, &at);
+        for _ in 0..300 {
+            let scale = 10f64.powf(-4.0 * random.f64());
+            let other = at.map(|coordinate| coordinate + scale * 4.0 * (random.f64() - 0.5));
+            let objective = objective(&samples, prior, noise, &other);
+            assert!(objective >= least * (1.0 - 1e-7), "region {region}: {objective} < {least} at {other}, not {at}");
+        }
+    }
+}
+
+#[test]
+fn exact_steps_overrule_the_prior() {
+    for (region, prior) in WALKERS.iter().enumerate() {
+        let curves = curves(region, 100.0, Filter::Direct, 1.0, 0.0, &mut Noise::new(1));
+        let samples = Samples::new([&curves], Filter::Direct);
+        let unconstrained = identify(&samples, &Bounds::USUAL);
+        let noise = interval::noise(&samples, &unconstrained).variance;
+        let found = interval::five(&prior.identify(&samples, &unconstrained, noise), samples.area_max_m2);
+        let truth = law(region);
+        let truth = [truth.ab_m2, truth.stiffness_pa, truth.damping_pa_s, truth.n, truth.m];
+        for (found, truth) in found.into_iter().zip(truth) {
+            assert!((found / truth - 1.0).abs() < 1e-4, "region {region}: {found} is not {truth}");
+        }
+    }
+}
+
+/// Each region is fitted to one step, and its quantities are less certain than with twenty steps.
+#[test]
+fn one_step_is_usable_and_less_certain() {
+    let steps = walk(20, 100.0, Filter::Direct, 0.05, 3);
+    let options = Options::usual([0.012; 8]);
+    let [one, all] = [&steps[..1], &steps[..]].map(|steps| fit::fit(steps, &options, &|_| ()));
+    for (region, (one, all)) in one.iter().zip(&all).enumerate() {
+        let width = |fit: &Result<fit::RegionFit, fit::NotFitted>, quantity: Quantity| {
+            let fit = fit.as_ref().expect("a fit");
+            let measure = fit.measures.iter().find(|measure| measure.quantity == quantity).expect("a quantity");
+            let [low, high] = measure.interval.expect("an interval");
+            assert!(low <= measure.value && measure.value <= high, "region {region}: {measure:?}");
+            high / low
+        };
+        for quantity in [Quantity::ForceAtArea, Quantity::AreaAtForce(0.5), Quantity::SecantStiffness] {
+            let (one, all) = (width(one, quantity), width(all, quantity));
+            assert!(one.is_finite() && one > all, "{region}: {one}, {all}");
+        }
+    }
+}
+
+/// People are drawn from a known distribution, and the distribution is estimated from their steps.
+#[test]
+fn the_distribution_of_a_cohort_is_learnt_from_its_steps() {
+    let truth = Prior { mean: [0.5, -0.7, 0.0, -3.0], deviation: [0.4, 0.3, 0.3, 0.4] };
+    let mut random = Noise::new(5);
+    let cohort: Vec<Vec<fit::Step>> = (0..24)
+        .map(|person| {
+            let [logit, ln_n, ln_m, ln_tau]: [f64; 4] =
+                std::array::from_fn(|i| truth.mean[i] + truth.deviation[i] * random.normal());
+            let ln_k = 12.5 + 0.3 * random.normal();
+            let at = Coordinates::new(logit, ln_n, ln_m, ln_k, ln_k + ln_tau);
+            let mut steps = walk(6, 100.0, Filter::Direct, 0.0, person);
+            let mut noise = Noise::new(1000 + person);
+            // The same law in all regions, with the largest area of the region as the reference.
+            for region in 0..8 {
+                let curves: Vec<_> = steps.iter().map(|step| &step.regions[region]).collect();
+                let area_max_m2 = Samples::new(curves, Filter::Direct).area_max_m2;
+                let law = prior::parameters(&at, 0.0, 0).law(area_max_m2, 0.01);
+                for step in &mut steps {
+                    let curves = &mut step.regions[region];
+                    let mut force_n = fit::synthetic::forces(curves, Filter::Direct, &law);
+                    let peak_n = force_n.iter().copied().fold(0.0, f64::max);
+                    force_n.iter_mut().for_each(|force| *force += 0.01 * peak_n * noise.normal());
+                    curves.force_n = force_n;
+                }
+            }
+            steps
+        })
+        .collect();
+    let people: Vec<&[fit::Step]> = cohort.iter().map(Vec::as_slice).collect();
+    for learnt in prior::learn(&people, &Options::usual([0.012; 8])) {
+        for i in 0..4 {
+            // Four standard errors of a mean of 24 people, and a deviation within a factor of 1.6.
+            let error = (learnt.mean[i] - truth.mean[i]).abs();
+            assert!(error < 4.0 * truth.deviation[i] / 24f64.sqrt(), "{i}: {learnt:?}");
+            let ratio = learnt.deviation[i] / truth.deviation[i];
+            assert!((0.6..1.6).contains(&ratio), "{i}: {learnt:?}");
+        }
+    }
+}
