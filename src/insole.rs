@@ -1,7 +1,7 @@
 //! One insole: connects the stages of the pipeline and the fault detection. Parameters are separate from state and can be
 //! replaced while running.
 
-use crate::faults::{FaultDetector, Faults, FrameContext};
+use crate::faults::{FaultDetector, Faults, FrameContext, MatrixRows};
 use crate::num::Real;
 use crate::pipeline::calibrate::{CellCalibration, Curve};
 use crate::pipeline::cell::{InsoleCell, sum_region};
@@ -23,6 +23,7 @@ pub struct Insole<R, const N: usize> {
     curve: Curve,
     cells: Vec<InsoleCell<R>, N>,
     division: Division,
+    rows: MatrixRows,
     frame_rate_hz: R,
     limits: StanceLimits<R>,
     tissue_id: u32,
@@ -49,6 +50,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             curve: Curve::new(),
             cells: Vec::new(),
             division: Division::NONE,
+            rows: MatrixRows::NONE,
             frame_rate_hz: R::ZERO,
             limits: StanceLimits::NONE,
             tissue_id: 0,
@@ -80,6 +82,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             // `check_setup` has checked that all cells fit.
             let _ = self.cells.push(InsoleCell::new(&cell, &setup.contact, &self.curve, &division));
         }
+        self.rows.set(&self.cells);
         self.detector.set_up(&self.cells, setup.period_us);
         self.frame_rate_hz = R::of(1e6 / f64::from(setup.period_us));
         self.limits = StanceLimits::new(&setup.stance, setup.period_us);
@@ -191,8 +194,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
     fn detect_faults(&mut self, seq: u32, codes: &[u16], is_saturated: bool) {
         let mut frame = FrameContext {
             cells: &mut self.cells,
-            ends: &self.division.ends,
-            origins_mm: &self.division.origins_mm,
+            division: &self.division,
+            rows: &self.rows,
             codes,
             loads: &mut self.loads,
             seq,

@@ -5,7 +5,7 @@ use super::masking::Masking;
 use super::neighbourhood::{ADJACENT, FrameContext};
 use super::review::Review;
 use super::rows::RowSearch;
-use super::{Fault, FaultKind, Faults, MATRIX_CELLS, Place, SETTLE_MS};
+use super::{Fault, FaultKind, Faults, MATRIX_CELLS, MIN_LINE_CELLS, Place, SETTLE_MS};
 use crate::num::Real;
 use crate::pipeline::calibrate::{Curve, is_saturated};
 use crate::pipeline::cell::{AREA_SHIFT, InsoleCell};
@@ -167,8 +167,11 @@ impl FaultDetector {
     fn conclude<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) {
         let before = self.faults.found;
         if self.has_lines {
-            for line in 0..2 * LINES {
-                if let Some(kind) = self.lines.conclude(frame, line, &mut self.review.unresponsive) {
+            let suspect_cells = LineSearch::suspect_cells(frame);
+            for (line, cells) in suspect_cells.into_iter().enumerate() {
+                if cells < MIN_LINE_CELLS {
+                    self.lines.clear(line);
+                } else if let Some(kind) = self.lines.conclude(frame, line, &mut self.review.unresponsive) {
                     self.mark_line_faulty(frame, kind, line);
                 }
             }

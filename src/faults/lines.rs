@@ -19,6 +19,22 @@ impl LineSearch {
         Self { open_steps: [0; 2 * LINES] }
     }
 
+    /// Number of cells of each line that did not respond or have a diagnosis.
+    pub(super) fn suspect_cells<R>(frame: &FrameContext<'_, R>) -> [u32; 2 * LINES] {
+        let mut counts = [0; 2 * LINES];
+        for marks in frame.cells.iter().map(|cell| &cell.marks) {
+            if !marks.is_masked() && (marks.has(NO_RESPONSE) || marks.diagnosis().is_some()) {
+                marks.lines().into_iter().for_each(|line| counts[line] += 1);
+            }
+        }
+        counts
+    }
+
+    /// Records that line number `line` has no fault in this step.
+    pub(super) fn clear(&mut self, line: usize) {
+        self.open_steps[line] = 0;
+    }
+
     /// Concludes the fault of line number `line`, rows first, after all cells were reviewed. `unresponsive` is the number of cells
     /// on all lines that carried load before and did not respond in this step; the cells of an open line are subtracted from it.
     pub(super) fn conclude<R>(

@@ -12,12 +12,14 @@ mod detector;
 mod kinds;
 mod lines;
 mod masking;
+mod matrix;
 mod neighbourhood;
 mod review;
 mod rows;
 
 pub(crate) use detector::FaultDetector;
 pub use kinds::{Fault, FaultKind, Faults, MAX_FAULTS, Place};
+pub(crate) use matrix::MatrixRows;
 pub(crate) use neighbourhood::FrameContext;
 
 /// Largest number of masked cells that are interpolated: one line of the matrix and a few more. Further masked cells read zero.

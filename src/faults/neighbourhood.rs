@@ -1,9 +1,12 @@
 //! The cells around a cell, and the frame in which they are inspected.
 
+use super::matrix::MatrixRows;
 use crate::num::Real;
 use crate::pipeline::cell::InsoleCell;
 use crate::pipeline::live::RegionLoad;
 use crate::pipeline::marks::LOADED;
+use crate::pipeline::region::PER_MM;
+use crate::pipeline::setup::Division;
 use core::ops::Range;
 
 /// Largest distance of an adjacent cell along an axis, in tenths of the side of a cell: the eight cells around it.
@@ -15,10 +18,8 @@ pub(super) const NEARBY: i32 = 28;
 /// One frame, after the cells were summed.
 pub(crate) struct FrameContext<'a, R> {
     pub(crate) cells: &'a mut [InsoleCell<R>],
-    /// One past the last cell of each region.
-    pub(crate) ends: &'a [usize; 8],
-    /// Reference point of each region, foot coordinates, mm.
-    pub(crate) origins_mm: &'a [(f32, f32); 8],
+    pub(crate) division: &'a Division,
+    pub(crate) rows: &'a MatrixRows,
     /// One code for each cell.
     pub(crate) codes: &'a [u16],
     /// The loads of the regions in this frame.
@@ -32,14 +33,12 @@ pub(crate) struct FrameContext<'a, R> {
 impl<R> FrameContext<'_, R> {
     /// The region of a cell, by its index.
     pub(super) fn region(&self, index: usize) -> usize {
-        self.ends.partition_point(|&end| end <= index)
+        self.division.region(index)
     }
 
     /// The cells of the region of a cell.
     pub(super) fn region_cells(&self, index: usize) -> Range<usize> {
-        let region = self.region(index);
-        let start = region.checked_sub(1).map_or(0, |before| self.ends[before]);
-        start..self.ends[region]
+        self.division.cells(self.region(index))
     }
 }
 
@@ -60,22 +59,31 @@ impl Neighbourhood {
     pub(super) fn new<R: Real>(frame: &FrameContext<'_, R>, index: usize) -> Self {
         let mut around = Self::default();
         let this = &frame.cells[index].region;
-        let side = this.side();
-        let own_origin = frame.origins_mm[frame.region(index)];
-        let mut start = 0;
-        for (&end, origin) in frame.ends.iter().zip(frame.origins_mm) {
-            // `offset_from` counts 64 units in 1 mm.
-            let region_dx = ((origin.0 - own_origin.0) * 64.0) as i32;
-            let region_dy = ((origin.1 - own_origin.1) * 64.0) as i32;
-            for i in core::mem::replace(&mut start, end)..end {
-                let cell = &frame.cells[i];
-                let (dx, dy) = cell.region.offset_from(this);
-                let (dx, dy) = (dx + region_dx, dy + region_dy);
-                let distance = dx.abs().max(dy.abs()) * 10;
-                if i == index || !cell.marks.is_sound() || distance > NEARBY * side {
+        let [adjacent, nearby] = [ADJACENT, NEARBY].map(|tenths| tenths * this.side() / 10);
+        let (own_x, own_y) = this.position();
+        let Division { origins_mm, extents_mm, .. } = frame.division;
+        let own_origin = origins_mm[frame.region(index)];
+        for (region, (origin, extent)) in origins_mm.iter().zip(extents_mm).enumerate() {
+            // Position of the reference point of the region relative to the cell.
+            let origin_x = ((origin.0 - own_origin.0) * PER_MM) as i32 - own_x;
+            let origin_y = ((origin.1 - own_origin.1) * PER_MM) as i32 - own_y;
+            // The nearby positions along the axes, relative to the reference point of the region.
+            let nearby_x = -nearby - origin_x..nearby - origin_x + 1;
+            let nearby_y = -nearby - origin_y..nearby - origin_y + 1;
+            // Most regions are too far away to have a nearby cell.
+            if !overlaps(&nearby_x, extent.0) || !overlaps(&nearby_y, extent.1) {
+                continue;
+            }
+            let cells = frame.division.cells(region);
+            for (i, cell) in cells.clone().zip(&frame.cells[cells]) {
+                let (x, y) = cell.region.position();
+                let is_nearby = nearby_y.contains(&y) && nearby_x.contains(&x);
+                if !is_nearby || i == index || !cell.marks.is_sound() {
                     continue;
                 }
-                if distance <= ADJACENT * side {
+                let (dx, dy) = (origin_x + x, origin_y + y);
+                let distance = dx.abs().max(dy.abs());
+                if distance <= adjacent {
                     around.adjacent += 1;
                     around.largest = around.largest.max(cell.region.whole());
                     around.loaded += u32::from(cell.marks.has(LOADED));
@@ -104,4 +112,11 @@ impl Neighbourhood {
     pub(super) fn is_mostly_loaded(&self) -> bool {
         self.adjacent >= 2 && 2 * self.loaded >= self.adjacent
     }
+}
+
+/// True if an interval of positions overlaps a region with this extent around its reference point.
+fn overlaps(interval: &Range<i32>, extent_mm: f32) -> bool {
+    // One unit is added, because positions are rounded.
+    let half = (extent_mm * (PER_MM / 2.0)) as i32 + 1;
+    interval.start <= half && interval.end > -half
 }

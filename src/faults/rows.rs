@@ -41,6 +41,19 @@ struct Row {
 
 impl Row {
     const NEW: Self = Self { inspections: 0, clean: 0, clean_steps: 0, suspect_steps: 0, is_excluded: false };
+
+    /// Inspects the row, which has these cells.
+    fn inspect<R>(&mut self, frame: &FrameContext<'_, R>, cells: &[u8]) {
+        let (mut least, mut most) = (u16::MAX, 0);
+        for index in cells.iter().map(|&index| usize::from(index)) {
+            let above = frame.codes[index].saturating_sub(frame.cells[index].offset);
+            (least, most) = (least.min(above), most.max(above));
+        }
+        if cells.len() >= MIN_LINE_CELLS as usize && (CONCLUSIVE_LOAD..FULL_CODE / 2).contains(&most) {
+            self.inspections = self.inspections.saturating_add(1);
+            self.clean += u8::from(least < most / CLEAN_FRACTION);
+        }
+    }
 }
 
 /// The search for crosstalk.
@@ -63,33 +76,17 @@ impl RowSearch {
 
     /// Inspects some of the rows, in turn. Rows that are already clean in this step, or excluded, are skipped.
     pub(super) fn inspect<R>(&mut self, frame: &FrameContext<'_, R>) {
-        let mut due = 0u16;
+        let mut inspected = 0;
         for _ in 0..LINES {
-            let row = &self.rows[self.next];
-            let is_due = row.clean < CLEAN_INSPECTIONS && !row.is_excluded;
-            due |= u16::from(is_due) << self.next;
-            self.next = (self.next + 1) % LINES;
-            if due.count_ones() == self.rows_per_frame {
-                break;
-            }
-        }
-        if due == 0 {
-            return;
-        }
-        let mut readings = [(u16::MAX, 0u16, 0u8); LINES];
-        for (cell, &code) in frame.cells.iter().zip(frame.codes) {
-            let row = cell.marks.row();
-            if due >> row & 1 == 1 {
-                let above = code.saturating_sub(cell.offset);
-                let (least, most, count) = &mut readings[row];
-                (*least, *most) = ((*least).min(above), (*most).max(above));
-                *count = count.saturating_add(1);
-            }
-        }
-        for (row, (least, most, count)) in self.rows.iter_mut().zip(readings) {
-            if u32::from(count) >= MIN_LINE_CELLS && (CONCLUSIVE_LOAD..FULL_CODE / 2).contains(&most) {
-                row.inspections = row.inspections.saturating_add(1);
-                row.clean += u8::from(least < most / CLEAN_FRACTION);
+            let index = self.next;
+            self.next = (index + 1) % LINES;
+            let row = &mut self.rows[index];
+            if row.clean < CLEAN_INSPECTIONS && !row.is_excluded {
+                row.inspect(frame, frame.rows.cells(index));
+                inspected += 1;
+                if inspected == self.rows_per_frame {
+                    break;
+                }
             }
         }
     }

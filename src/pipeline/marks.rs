@@ -138,6 +138,11 @@ impl CellMarks {
         usize::from(self.row_column) % LINES
     }
 
+    /// The two lines of the cell; see [`CellMarks::is_on`].
+    pub(crate) fn lines(&self) -> [usize; 2] {
+        [self.row(), LINES + self.column()]
+    }
+
     /// True if the cell is on this line. Lines below [`LINES`] are rows, those from [`LINES`] on are columns.
     pub(crate) fn is_on(&self, line: usize) -> bool {
         line == self.row() || line == LINES + self.column()

@@ -95,7 +95,7 @@ pub struct Cell {
 /// accuracy of any layout, and so large that all sums fit into 64-bit integers.
 const PER_MM2: f32 = 16.0;
 /// Number of units of a cell's coordinates in 1 mm.
-const PER_MM: f32 = 64.0;
+pub(crate) const PER_MM: f32 = 64.0;
 /// Number of units of the area in [`AreaMoments`] in 1 mm2 that is entirely in contact.
 const SHARES_PER_MM2: f32 = PER_MM2 * WHOLE as f32;
 
@@ -145,14 +145,18 @@ impl<R: Real> RegionCell<R> {
         i32::from(self.area) * i32::from(WHOLE)
     }
 
-    /// Side of a square with the area of the cell, in the units of [`RegionCell::offset_from`].
+    /// Side of a square with the area of the cell, in the units of [`RegionCell::position`].
     pub(crate) fn side(&self) -> i32 {
         // 4 is the root of the 16 units of area in 1 mm2.
         (PER_MM as i32) * u32::from(self.area).isqrt() as i32 / 4
     }
 
-    /// Position of the cell relative to another cell of the same region, in units of 1/[`PER_MM`] mm. For a cell of another
-    /// region, the difference of the two reference points must be added.
+    /// Position of the cell relative to the reference point of its region, in units of 1/[`PER_MM`] mm.
+    pub(crate) fn position(&self) -> (i32, i32) {
+        (i32::from(self.x), i32::from(self.y))
+    }
+
+    /// Position of the cell relative to another cell of the same region, in the same units.
     pub(crate) fn offset_from(&self, other: &Self) -> (i32, i32) {
         (i32::from(self.x) - i32::from(other.x), i32::from(self.y) - i32::from(other.y))
     }

@@ -5,6 +5,7 @@ use super::contact::ContactRule;
 use super::region::{Cell, MAX_CELL_MM2, MAX_DISTANCE_MM, MAX_REGION_MM2, MIN_CELL_MM2, Side};
 use super::stance::StanceRule;
 use core::fmt;
+use core::ops::Range;
 use serde::{Deserialize, Serialize};
 
 /// Largest number of cells that a device processes; a host can process more.
@@ -110,10 +111,24 @@ pub(crate) struct Division {
     pub(crate) ends: [usize; 8],
     /// Reference point of each region, foot coordinates, mm: the middle of its extent.
     pub(crate) origins_mm: [(f32, f32); 8],
+    /// Extent of the centroids of each region along each axis, mm.
+    pub(crate) extents_mm: [(f32, f32); 8],
 }
 
 impl Division {
-    pub(crate) const NONE: Self = Self { ends: [0; 8], origins_mm: [(0.0, 0.0); 8] };
+    pub(crate) const NONE: Self = Self { ends: [0; 8], origins_mm: [(0.0, 0.0); 8], extents_mm: [(0.0, 0.0); 8] };
+
+    /// The region of a cell, by its index.
+    pub(crate) fn region(&self, cell: usize) -> usize {
+        self.ends.partition_point(|&end| end <= cell)
+    }
+
+    /// The cells of a region.
+    #[inline]
+    pub(crate) fn cells(&self, region: usize) -> Range<usize> {
+        let start = region.checked_sub(1).map_or(0, |before| self.ends[before]);
+        start..self.ends[region]
+    }
 }
 
 /// Checks a configuration for an insole of at most `capacity` cells. Returns the division of the cells into regions.
@@ -184,6 +199,7 @@ fn divide(cells: impl Iterator<Item = SetupCell>, capacity: usize) -> Result<Div
         if counts[region] > 0 {
             let (low, high) = corners[region];
             division.origins_mm[region] = ((low.0 + high.0) * 0.5, (low.1 + high.1) * 0.5);
+            division.extents_mm[region] = (high.0 - low.0, high.1 - low.1);
         }
     }
     Ok(division)

@@ -33,38 +33,40 @@ pub struct VirtualInsole {
 /// entry. Without the table, `powf` would take most of the time of a replay.
 #[derive(Clone, Debug)]
 struct LawTable {
-    /// For each value of the leading bits, the straight line that approximates the law: its code at pressure 0, and its slope
-    /// in codes per kPa.
-    lines: Vec<(f32, f32)>,
-    /// Leading bits of the pressures of the first entry.
-    first: u32,
+    /// For each value of the leading bits, modulo the length: the straight line that approximates the law, as its code at pressure
+    /// 0 and its slope in codes per kPa. Pressures up to [`MIN_KPA`] have the line of the code 0.
+    lines: Box<[(f32, f32); ENTRIES]>,
 }
 
 /// Number of trailing bits of a pressure, over which the table interpolates. The nine leading bits of the mantissa select an
 /// entry, so that each doubling of the pressure has 2^9 entries.
 const INTERPOLATED_BITS: u32 = f32::MANTISSA_DIGITS - 1 - 9;
-/// Pressure, kPa, below which a code is less than a half and rounds to 0.
-const MIN_KPA: f32 = 1e-4;
+/// Pressure, kPa, up to which a code is less than a half and rounds to 0: 2^-14.
+const MIN_KPA: f32 = 1.0 / 16384.0;
+/// Number of entries: enough for 32 doublings of [`MIN_KPA`], which exceed every full scale.
+const ENTRIES: usize = 1 << 14;
 
 impl LawTable {
     fn new(law: &SensorLaw) -> Self {
         let code = |kpa: f64| f64::from(FULL_CODE) * (kpa / f64::from(law.full_kpa)).powf(f64::from(law.exponent));
-        let first = MIN_KPA.to_bits() >> INTERPOLATED_BITS;
-        let last = law.full_kpa.to_bits() >> INTERPOLATED_BITS;
         let kpa_at = |leading_bits: u32| f64::from(f32::from_bits(leading_bits << INTERPOLATED_BITS));
-        let lines = (first..=last).map(|leading_bits| {
+        let [first, last] = [MIN_KPA, law.full_kpa].map(|kpa| kpa.to_bits() >> INTERPOLATED_BITS);
+        let mut lines = Box::new([(0.0, 0.0); ENTRIES]);
+        for leading_bits in first + 1..=last {
             let (from, to) = (kpa_at(leading_bits), kpa_at(leading_bits + 1));
             let slope = (code(to) - code(from)) / (to - from);
-            ((code(from) - slope * from) as f32, slope as f32)
-        });
-        Self { lines: lines.collect(), first }
+            lines[leading_bits as usize % ENTRIES] = ((code(from) - slope * from) as f32, slope as f32);
+        }
+        Self { lines }
     }
 
-    /// The code of a cell without an offset under a pressure below the full scale.
+    /// The code of a cell without an offset under a pressure below the full scale. It has no branch for unloaded cells, because
+    /// processors would often predict this branch wrongly.
+    #[inline(always)]
     fn code(&self, kpa: f32) -> u16 {
-        let entry = (kpa.to_bits() >> INTERPOLATED_BITS).wrapping_sub(self.first) as usize;
-        // The full scale exceeds every pressure, so a pressure without an entry is smaller than the first one: its code is 0.
-        self.lines.get(entry).map_or(0, |(base, slope)| (base + slope * kpa + 0.5) as u16)
+        let selecting_kpa = if kpa > MIN_KPA { kpa } else { MIN_KPA };
+        let (base, slope) = self.lines[(selecting_kpa.to_bits() >> INTERPOLATED_BITS) as usize % ENTRIES];
+        (base + slope * kpa + 0.5) as u16
     }
 }
 
@@ -137,20 +139,15 @@ impl VirtualInsole {
     /// the order of the insole.
     pub fn codes(&self, pressure_kpa: &[f32], codes: &mut [u16]) {
         codes.fill(0);
-        let mut load = |kpa: f32, index: usize| {
-            if kpa > 0.0 {
-                codes[index] = self.law.code(kpa);
-            }
-        };
         // Most cells are unloaded most of the time, so unloaded cells are skipped eight at a time.
         let (kpa_by_8, kpa_left) = pressure_kpa.as_chunks::<8>();
         let (index_by_8, index_left) = self.insole_index.as_chunks::<8>();
         for (kpa, indices) in kpa_by_8.iter().zip(index_by_8) {
             if kpa.iter().fold(0, |any, kpa| any | kpa.to_bits()) != 0 {
-                kpa.iter().zip(indices).for_each(|(&kpa, &index)| load(kpa, index));
+                kpa.iter().zip(indices).for_each(|(&kpa, &index)| codes[index] = self.law.code(kpa));
             }
         }
-        kpa_left.iter().zip(index_left).for_each(|(&kpa, &index)| load(kpa, index));
+        kpa_left.iter().zip(index_left).for_each(|(&kpa, &index)| codes[index] = self.law.code(kpa));
     }
 
     /// The pressures that a device measures if these pressures are applied. Both are in kPa and in the order of the recording.

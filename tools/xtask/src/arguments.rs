@@ -4,7 +4,7 @@ use crate::BOARDS;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 
-/// Duration of fuzzing in `cargo xtask test`, minutes.
+/// Duration of fuzzing in `cargo xtask test`, minutes of one core.
 pub const FUZZ_MINUTES: f64 = 2.0;
 
 /// The tasks of this repository.
@@ -37,7 +37,7 @@ pub enum Task {
     },
     /// Feed every parser with arbitrary bytes. The task ends at the first input that makes a parser fail.
     Fuzz {
-        /// Time for all fuzz targets together, minutes.
+        /// Time for all fuzz targets together, minutes of one core. As many targets run at the same time as there are cores.
         #[arg(long, value_name = "N", default_value_t = FUZZ_MINUTES)]
         minutes: f64,
     },

@@ -1,6 +1,6 @@
-//! Runs the fuzz targets, each for the same time.
+//! Runs the fuzz targets, each for the same time, on all cores.
 
-use crate::command::{built, root, run_command};
+use crate::command::{built, join, root, run_command};
 use crate::setup;
 use anyhow::{Context, Result, bail};
 use std::io::Read;
@@ -31,32 +31,45 @@ pub fn run(minutes: f64) -> Result<()> {
     let options = ["--sanitizer", "none", "--target-dir", &folder.to_string_lossy()];
     run_command(&mut cargo_fuzz(&[&["build"], &options[..]].concat()))?;
     let seconds = (minutes * 60.0 / targets.len() as f64).ceil().max(1.0) as u64;
-    for target in targets {
-        // The fuzzer writes new inputs to its first folder. It only reads the second one, which has the repository's seeds.
-        let found = folder.join("corpus").join(target);
-        std::fs::create_dir_all(&found)?;
-        let seeds = Path::new("fuzz/corpus").join(target);
-        let mut command = cargo_fuzz(&[&["run", target], &options[..]].concat());
-        command.arg(&found).args(std::fs::exists(root().join(&seeds))?.then_some(&seeds)).args([
-            "--",
-            "-print_final_stats=1",
-            &format!("-max_total_time={seconds}"),
-            &format!("-rss_limit_mb={MEMORY_MIB}"),
-            &format!("-timeout={HANG_S}"),
-        ]);
-        let mut process = command.stderr(Stdio::piped()).stdout(Stdio::null()).spawn()?;
-        let mut output = Vec::new();
-        process.stderr.take().context("the fuzzer has no output")?.read_to_end(&mut output)?;
-        let output = String::from_utf8_lossy(&output);
-        if !process.wait()?.success() {
-            let artifact = output.split_once("Test unit written to ").and_then(|(_, rest)| rest.lines().next());
-            let last: Vec<_> = output.lines().rev().take(40).collect();
-            last.iter().rev().for_each(|line| eprintln!("{line}"));
-            bail!("fuzz target {target} failed: {}", artifact.unwrap_or("it wrote no artifact"));
-        }
-        let executions = output.split_once("number_of_executed_units:").and_then(|(_, rest)| rest.lines().next());
-        let executions: u64 = executions.context("the fuzzer printed no number of executions")?.trim().parse()?;
-        println!("{target:<12} {executions:>12} executions in {seconds} s");
+    // A fuzzer uses one core, so as many targets run at the same time as there are cores.
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    for targets in targets.chunks(cores) {
+        std::thread::scope(|scope| {
+            let runs = targets.iter().map(|target| {
+                let fuzzer = cargo_fuzz(&[&["run", target], &options[..]].concat());
+                let found = folder.join("corpus").join(target);
+                scope.spawn(move || run_target(fuzzer, target, &found, seconds))
+            });
+            runs.collect::<Vec<_>>().into_iter().try_for_each(join)
+        })?;
     }
+    Ok(())
+}
+
+/// Runs the fuzzer of a target for this time. New inputs are written to the folder `found`.
+fn run_target(mut fuzzer: Command, target: &str, found: &Path, seconds: u64) -> Result<()> {
+    // The fuzzer writes new inputs to its first folder. It only reads the second one, which has the repository's seeds.
+    std::fs::create_dir_all(found)?;
+    let seeds = Path::new("fuzz/corpus").join(target);
+    fuzzer.arg(found).args(std::fs::exists(root().join(&seeds))?.then_some(&seeds)).args([
+        "--",
+        "-print_final_stats=1",
+        &format!("-max_total_time={seconds}"),
+        &format!("-rss_limit_mb={MEMORY_MIB}"),
+        &format!("-timeout={HANG_S}"),
+    ]);
+    let mut process = fuzzer.stderr(Stdio::piped()).stdout(Stdio::null()).spawn()?;
+    let mut output = Vec::new();
+    process.stderr.take().context("the fuzzer has no output")?.read_to_end(&mut output)?;
+    let output = String::from_utf8_lossy(&output);
+    if !process.wait()?.success() {
+        let artifact = output.split_once("Test unit written to ").and_then(|(_, rest)| rest.lines().next());
+        let last: Vec<_> = output.lines().rev().take(40).collect();
+        last.iter().rev().for_each(|line| eprintln!("{line}"));
+        bail!("fuzz target {target} failed: {}", artifact.unwrap_or("it wrote no artifact"));
+    }
+    let executions = output.split_once("number_of_executed_units:").and_then(|(_, rest)| rest.lines().next());
+    let executions: u64 = executions.context("the fuzzer printed no number of executions")?.trim().parse()?;
+    println!("{target:<12} {executions:>12} executions in {seconds} s");
     Ok(())
 }
