@@ -113,7 +113,7 @@ pub fn setup(side: Side) -> Setup {
         layout_id: LAYOUT_ID,
         period_us: PERIOD_US,
         sensor: SensorLaw { full_kpa: 1000.0, exponent: 0.8 },
-        contact: ContactRule::COUNTED,
+        contact: ContactRule::COVERED,
         stance: StanceRule::WALKING,
     }
 }

@@ -4,7 +4,7 @@ mod defaults;
 mod participant;
 mod thickness;
 
-pub use defaults::InsoleSize;
+pub use defaults::{InsoleSize, TypicalRange};
 pub use participant::Participant;
 pub use thickness::Thickness;
 

@@ -70,6 +70,7 @@ impl Replay {
             write_json(path, &steps)?;
         }
         summary::print(&steps);
+        setup::note_unless_applicable(&parameters, self.wearer.size, &steps);
         let frames = recording.frames();
         eprintln!("{frames} frames of {} cells in {seconds:.2} s", recording.cells());
         Ok(())

@@ -2,9 +2,11 @@
 
 use anyhow::{Result, bail};
 use clap::Args;
-use parameters::{Identified, InsoleSize, LIVE, Parameters, SMOOTHED, SmoothedArea};
+use parameters::{Identified, InsoleSize, LIVE, Parameters, SMOOTHED, SmoothedArea, TypicalRange};
+use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::PERIOD_US;
+use plantar::protocol::{Step, StepRegion};
 use recording::{Recording, VirtualInsole, Zero};
 use std::path::PathBuf;
 
@@ -15,7 +17,7 @@ pub struct WearerArgs {
     params: Option<PathBuf>,
     /// Without --params, use typical parameters for this European shoe size, 35 to 46. Typical parameters are not personal.
     #[arg(long, default_value_t, conflicts_with = "params")]
-    size: InsoleSize,
+    pub(crate) size: InsoleSize,
 }
 
 impl WearerArgs {
@@ -36,6 +38,34 @@ pub fn note_unless_personal(parameters: &Parameters) {
         eprintln!(
             "note: parameters \"{}\" are not personal: model force and deformation are rough estimates",
             parameters.subject
+        );
+    }
+}
+
+/// Prints a note on stderr if areas or pressures of the steps are outside of those from which the typical parameters were
+/// determined, as with another sensor or in a shoe.
+pub fn note_unless_applicable(parameters: &Parameters, size: InsoleSize, steps: &[Step]) {
+    if parameters.personal {
+        return;
+    }
+    let outside = Region::ALL.iter().zip(TypicalRange::of(size)).enumerate().filter_map(|(i, (region, range))| {
+        let median = |of: fn(&StepRegion) -> f64| {
+            let mut values: Vec<f64> = steps.iter().map(|step| of(&step.regions[i])).filter(|v| *v > 0.0).collect();
+            values.sort_by(f64::total_cmp);
+            values.get(values.len() / 2).copied()
+        };
+        let (area_mm2, force_n) = (median(StepRegion::area_peak_mm2)?, median(StepRegion::measured_force_peak_n)?);
+        let pressure_kpa = force_n / area_mm2 * 1e3;
+        let is_outside = !range.includes(area_mm2, pressure_kpa);
+        is_outside.then(|| format!("{} ({area_mm2:.0} mm2, {pressure_kpa:.0} kPa)", region.name()))
+    });
+    let outside: Vec<String> = outside.collect();
+    if !outside.is_empty() {
+        eprintln!(
+            "note: the typical parameters are NOT APPLICABLE to {}: area or mean pressure is outside of that of the barefoot \
+             steps from which they were determined, so model force and deformation are not valid there; identify the wearer \
+             with `plantar fit`",
+            outside.join(", ")
         );
     }
 }

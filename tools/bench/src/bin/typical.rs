@@ -1,0 +1,107 @@
+//! Computes what is known about people from the ten walkers of SpeedPP2DS: the distribution of the shape of their force laws
+//! (`fit::prior::WALKERS`) and the typical parameters (`parameters::defaults`). It prints both as Rust source.
+
+use anyhow::Result;
+use clap::Parser;
+use fit::{Options, Step, Study, prior};
+use parameters::InsoleSize;
+use plantar::Region;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::model::ForceLaw;
+use plantar::pipeline::stance::StanceRule;
+use recording::{VirtualInsole, jiku};
+use std::path::PathBuf;
+
+/// Learns the distribution of the parameters among walkers, and their typical parameters.
+#[derive(Parser)]
+struct Arguments {
+    /// The folder SpeedPP2DS of the Python package jiku-data.
+    #[arg(long)]
+    jiku: PathBuf,
+}
+
+fn main() -> Result<()> {
+    let arguments = Arguments::parse();
+    let mut options = Options::usual(InsoleSize::default().thickness_m());
+    let mut walkers = Vec::new();
+    for walker in 0..jiku::WALKERS {
+        let walk = jiku::import(&arguments.jiku, walker, 0..jiku::TRIALS, &mut |_, _| ())?;
+        let mut study = Study::new(String::new(), ContactRule::COVERED, options);
+        let insole = VirtualInsole::new(&walk, ContactRule::COVERED, StanceRule::WALKING);
+        study.add(String::new(), &walk, &insole, &mut |_| ())?;
+        walkers.push(study);
+    }
+    let people: Vec<&[Step]> = walkers.iter().map(|study| &study.steps[..]).collect();
+    let priors = prior::learn(&people, &options);
+    println!("pub const WALKERS: [Prior; 8] = [");
+    for prior in priors {
+        println!("    Prior {{ mean: {:.2?}, deviation: {:.2?} }},", prior.mean, prior.deviation);
+    }
+    println!("];\n");
+    options.prior = Some(priors);
+    for study in &mut walkers {
+        study.options = options;
+        study.fit(&|_| ());
+    }
+    typical(&walkers, &options);
+    Ok(())
+}
+
+/// Prints the parameters of all walkers together, and the range within which they were determined.
+fn typical(walkers: &[Study], options: &Options) {
+    let pooled: Vec<Step> = walkers.iter().flat_map(|study| study.steps.iter().step_by(3).cloned()).collect();
+    println!("const SIZE_42: [Typical; 8] = [");
+    for (region, fit) in fit::fit(&pooled, &Options { resamples: 0, ..*options }, &|_| ()).into_iter().enumerate() {
+        // Ten walkers load every region.
+        let Ok(fit) = fit else { continue };
+        let (law, e) = (&fit.law, &fit.ellipsoid);
+        let peaks: Vec<[f64; 2]> = pooled
+            .iter()
+            .map(|step| &step.regions[region])
+            .map(|curves| {
+                let area_mm2 = curves.area_mm2.iter().copied().fold(0.0, f64::max);
+                let force_n = curves.force_n.iter().copied().fold(0.0, f64::max);
+                [area_mm2, force_n / area_mm2 * 1e3]
+            })
+            .filter(|peak| peak[1].is_finite())
+            .collect();
+        let quantile = |i: usize, share: f64| {
+            let mut values: Vec<f64> = peaks.iter().map(|peak| peak[i]).collect();
+            values.sort_by(f64::total_cmp);
+            values[(share * (values.len() - 1) as f64).round() as usize]
+        };
+        println!(
+            "    // {}: error {:.0} %, spread of force {:.2}",
+            Region::ALL[region].name(),
+            fit.quality.fitted * 100.0,
+            spread(walkers, region, law, fit.area_max_m2)
+        );
+        println!(
+            "    Typical {{ a_mm: {:.1}, b_mm: {:.1}, c_mm: {:.1}, d0_mm: {:.1}, stiffness_kpa: {:.1}, damping_kpa_s: {:.2}, n: {:.2}, m: \
+             {:.2}, area_mm2: [{:.1}, {:.1}], pressure_kpa: [{:.1}, {:.1}] }},",
+            e.a_m * 1e3,
+            e.b_m * 1e3,
+            e.c_m * 1e3,
+            e.d0_m * 1e3,
+            law.stiffness_pa * 1e-3,
+            law.damping_pa_s * 1e-3,
+            law.n,
+            law.m,
+            quantile(0, 0.01),
+            quantile(0, 0.99),
+            quantile(1, 0.01),
+            quantile(1, 0.99),
+        );
+    }
+    println!("];");
+}
+
+/// The factor by which the elastic forces of the walkers differ from the pooled law at the same area, one standard deviation.
+fn spread(walkers: &[Study], region: usize, pooled: &ForceLaw<f64>, area_max_m2: f64) -> f64 {
+    let force_n = |law: &ForceLaw<f64>| law.force_n(law.area_ratio(0.5 * area_max_m2).normalised_deformation(), 0.0);
+    let ratios: Vec<f64> = walkers
+        .iter()
+        .filter_map(|study| Some((force_n(&study.fits[region].as_ref().ok()?.law) / force_n(pooled)).ln()))
+        .collect();
+    (ratios.iter().map(|ratio| ratio * ratio).sum::<f64>() / ratios.len() as f64).sqrt().exp()
+}
