@@ -9,8 +9,9 @@ use std::collections::HashMap;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
+use tempfile::TempDir;
 use testkit::{hello, live, status, step};
 use zbus::blocking::{Connection, connection};
 use zbus::fdo;
@@ -201,6 +202,8 @@ struct Insole {
     session: Arc<Mutex<(Session, Joiner)>>,
     /// The numbers of characteristics with values for the host, in the order in which they are sent.
     values: Sender<(u8, Vec<u8>)>,
+    /// The numbers of the steps that the host acknowledges.
+    acknowledged: Sender<u32>,
 }
 
 impl Insole {
@@ -215,6 +218,10 @@ impl Insole {
             self.connected.store(false, Ordering::SeqCst);
             session.push_step(step(8));
             return;
+        }
+        if let ToDevice::Acknowledge { step } = message {
+            // Most tests do not follow the acknowledgements.
+            let _ = self.acknowledged.send(step);
         }
         session.receive(message, 0);
         // This insole accepts and stores every setting.
@@ -257,6 +264,9 @@ struct Bus {
     address: String,
     _service: Connection,
     insole: Insole,
+    acknowledged: Receiver<u32>,
+    /// The programs that use this bus place their lock files here.
+    folder: TempDir,
 }
 
 impl Drop for Bus {
@@ -268,21 +278,28 @@ impl Drop for Bus {
 }
 
 impl Bus {
+    /// A bus with an insole in range.
     fn start(is_bonded: bool) -> Self {
+        Self::start_with(is_bonded, true)
+    }
+
+    fn start_with(is_bonded: bool, is_found: bool) -> Self {
         let arguments = ["--session", "--nofork", "--print-address"];
         let daemon = Command::new("dbus-daemon").args(arguments).stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
         let mut daemon = daemon.expect("dbus-daemon starts; `cargo xtask setup` installs it");
         let mut address = String::new();
         BufReader::new(daemon.stdout.take().expect("piped")).read_line(&mut address).expect("an address");
         let (values, to_host) = channel();
+        let (acknowledged, acknowledgements) = channel();
         let insole = Insole {
             is_bonded,
             connected: Arc::default(),
             breaks_link: Arc::default(),
             session: Arc::new(Mutex::new((Session::new(), Joiner::new()))),
             values,
+            acknowledged,
         };
-        let service = serve(address.trim(), &insole);
+        let service = serve(address.trim(), is_found.then_some(&insole));
         let signals = service.clone();
         std::thread::spawn(move || {
             for (number, value) in to_host {
@@ -294,31 +311,40 @@ impl Bus {
                     .expect("the bus");
             }
         });
-        Self { daemon, address: address.trim().into(), _service: service, insole }
+        let folder = tempfile::tempdir().expect("a folder");
+        let address = address.trim().into();
+        Self { daemon, address, _service: service, insole, acknowledged: acknowledgements, folder }
     }
 
-    /// Runs the command line with this D-Bus instead of the system's.
+    /// The command line with this D-Bus instead of the system's.
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_plantar"));
+        command.args(arguments).env("DBUS_SYSTEM_BUS_ADDRESS", &self.address).env("TMPDIR", self.folder.path());
+        command
+    }
+
+    /// Runs the command line.
     fn plantar(&self, arguments: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_plantar"))
-            .args(arguments)
-            .env("DBUS_SYSTEM_BUS_ADDRESS", &self.address)
-            .output()
-            .expect("the program runs")
+        self.command(arguments).output().expect("the program runs")
     }
 }
 
-/// Offers the Bluetooth service on the D-Bus at this address.
-fn serve(address: &str, insole: &Insole) -> Connection {
+/// Offers the Bluetooth service on the D-Bus at this address, with an insole if one is in range.
+fn serve(address: &str, insole: Option<&Insole>) -> Connection {
     let mut builder = connection::Builder::address(address)
         .and_then(|b| b.name("org.bluez"))
         .and_then(|b| b.serve_at("/", fdo::ObjectManager))
         .and_then(|b| b.serve_at(ADAPTER, Adapter))
-        .and_then(|b| b.serve_at(DEVICE, Device { connected: insole.connected.clone() }))
-        .and_then(|b| b.serve_at(SERVICE, Service))
         .expect("paths");
-    for (number, flags) in CHARACTERISTICS {
-        let characteristic = Characteristic { number, flags, insole: insole.clone() };
-        builder = builder.serve_at(path(number), characteristic).expect("a path");
+    if let Some(insole) = insole {
+        builder = builder
+            .serve_at(DEVICE, Device { connected: insole.connected.clone() })
+            .and_then(|b| b.serve_at(SERVICE, Service))
+            .expect("paths");
+        for (number, flags) in CHARACTERISTICS {
+            let characteristic = Characteristic { number, flags, insole: insole.clone() };
+            builder = builder.serve_at(path(number), characteristic).expect("a path");
+        }
     }
     builder.build().expect("the bus")
 }
@@ -393,4 +419,38 @@ fn an_insole_without_a_bond_is_reported_with_the_remedy() {
     let output = bus.plantar(&["monitor", "--ble", "left"]);
     assert!(!output.status.success());
     assert!(text(&output.stderr).contains("pair it in this computer's Bluetooth settings"), "{}", text(&output.stderr));
+}
+
+/// While an insole is connected to another phone or computer, it does not advertise.
+#[test]
+#[ignore = "needs a D-Bus daemon: cargo xtask test"]
+fn an_insole_that_does_not_advertise_may_be_connected_elsewhere() {
+    let output = Bus::start_with(true, false).plantar(&["monitor", "--ble", "left"]);
+    assert!(!output.status.success());
+    let text = text(&output.stderr);
+    assert!(text.contains("the left insole was not found") && text.contains("another phone or computer"), "{text}");
+}
+
+#[test]
+#[ignore = "needs a D-Bus daemon: cargo xtask test"]
+fn a_second_program_on_this_computer_is_refused_and_the_first_one_loses_nothing() {
+    let bus = Bus::start(true);
+    let json = bus.folder.path().join("steps.json");
+    let arguments = ["monitor", "--ble", "left", "--steps", "2", "--json", json.to_str().expect("text")];
+    let first = bus.command(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it runs");
+    assert_eq!(bus.acknowledged.recv(), Ok(7));
+    let second = bus.plantar(&["monitor", "--ble", "C0:00:00:00:00:01"]);
+    assert!(!second.status.success());
+    let refusal = text(&second.stderr);
+    assert!(refusal.contains("C0:00:00:00:00:01 is in use") && refusal.contains("close that program"), "{refusal}");
+    {
+        let session = &mut bus.insole.session.lock().expect("no panic").0;
+        session.push_step(step(8));
+        bus.insole.send(session);
+    }
+    let output = first.wait_with_output().expect("it ends");
+    assert!(output.status.success() && !text(&output.stderr).contains("trying again"), "{}", text(&output.stderr));
+    let expected = [7, 8].map(|number| client::step_to_json(&step(number)));
+    let steps = std::fs::read_to_string(json).expect("written");
+    assert_eq!(serde_json::from_str::<Vec<serde_json::Value>>(&steps).expect("JSON"), expected);
 }
