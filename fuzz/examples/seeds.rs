@@ -5,6 +5,7 @@
 //! This program does not write the seeds of `jiku`, because nothing in this project writes HDF5. Those seeds were written from
 //! computed trials with h5py.
 
+use client::append;
 use emulation::EmulatorConfig;
 use parameters::{InsoleSize, Parameters};
 use plantar::Side;
@@ -17,15 +18,21 @@ use plantar::pipeline::stance::StanceRule;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::BLOCK_CELLS;
 use plantar::protocol::fragment::Splitter;
-use plantar::protocol::update::Header;
+use plantar::protocol::update::{Header, Offer, Progress, Request};
 use plantar::protocol::{
-    CellStream, Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Serial,
-    Settings, Status, Step, ToDevice, ToHost, encode, frame,
+    CellCoder, CellFrame, CellStream, Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset,
+    Resolution, SETUP_CELLS, Serial, Settings, Status, Step, ToDevice, ToHost, decode, encode, frame,
 };
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{FootZero, Recording, VirtualInsole, Zero};
 use std::fs;
 use std::path::Path;
+
+/// A stream of the cells of every frame.
+const CELLS: CellStream = CellStream { resolution: Resolution::Converter, every: 1 };
+/// How the parameters were identified.
+const IDENTIFIED: Identified =
+    Identified { contact: ContactRule::COVERED, filter: AreaFilter::Step, side: Some(Side::Left), steps: 30 };
 
 fn main() {
     let recording =
@@ -55,17 +62,15 @@ fn main() {
         ToDevice::GetSetup,
         ToDevice::SetSettings(Some(Settings::of(&virtual_insole.setup))),
         ToDevice::GetSettings,
-        ToDevice::SetIdentifiedTissue {
-            tissue,
-            identified: Identified {
-                contact: ContactRule::COVERED,
-                filter: AreaFilter::Direct,
-                side: Some(Side::Left),
-                steps: 30,
-            },
-        },
+        ToDevice::SetIdentifiedTissue { tissue, identified: IDENTIFIED },
         ToDevice::GetIdentified,
-        ToDevice::StreamCells(Some(CellStream { resolution: Resolution::Converter, every: 1 })),
+        ToDevice::StreamCells(Some(CELLS)),
+        ToDevice::GetSetupCells { first: 0 },
+        ToDevice::Update(Request::Begin(Offer {
+            header: Header::new("emulated", "1.2.3"),
+            chunks: 16,
+            signature: [[1; 32]; 2],
+        })),
     ]
     .map(|message| encoded(&message));
     let to_host = [
@@ -84,6 +89,14 @@ fn main() {
         }),
         ToHost::Identity(Identity { side: Side::Right, serial, calibration_id: 1 }),
         ToHost::CalibrationBlock { block: 0 },
+        ToHost::Update(Progress::Next(0)),
+        ToHost::CellStream(Some(CELLS)),
+        ToHost::Cells(cell_frame(&recording, &virtual_insole)),
+        ToHost::Setup(virtual_insole.setup),
+        ToHost::SetupCells { first: 0, cells: virtual_insole.cells.iter().copied().take(SETUP_CELLS).collect() },
+        ToHost::Settings(Some(Settings::of(&virtual_insole.setup))),
+        ToHost::Identified(Some(IDENTIFIED)),
+        ToHost::Refused(Refusal::CellRate { every: 2 }),
     ]
     .map(|message| encoded(&message));
     for (i, message) in to_device.iter().enumerate() {
@@ -102,6 +115,7 @@ fn main() {
 
     let session = session(&recording, &virtual_insole);
     seed("identify", "walk", &pieces(session.iter().map(Vec::as_slice)));
+    seed("stream", "walk", &stream(&session));
 
     let [connect, stream, acknowledge, status, set_tissue, ..] = to_device.each_ref().map(Vec::as_slice);
     let session =
@@ -198,6 +212,25 @@ fn session(recording: &Recording, virtual_insole: &VirtualInsole) -> Vec<Vec<u8>
         }
     }
     messages
+}
+
+/// The file of a stream with these messages, each of which both insoles sent.
+fn stream(messages: &[Vec<u8>]) -> Vec<u8> {
+    let mut file = Vec::new();
+    for (i, message) in messages.iter().enumerate() {
+        let message = decode(message).expect("it was encoded");
+        for insole in [0, 1] {
+            append(&mut file, i as u32 * 20, insole, &message).expect("the file is in memory");
+        }
+    }
+    file
+}
+
+/// The packed cells of a frame in the middle of a walk.
+fn cell_frame(recording: &Recording, virtual_insole: &VirtualInsole) -> CellFrame {
+    let mut codes = vec![0; virtual_insole.cells.len()];
+    virtual_insole.codes_of(recording, recording.frames() / 2, &mut codes);
+    CellCoder::new(CELLS.resolution).pack(1, 0, &codes)
 }
 
 /// A hello of this insole.

@@ -11,9 +11,10 @@ use embedded_storage_async::nor_flash::{self, MultiwriteNorFlash, NorFlash, Read
 use plantar::firmware::ble::GattServer;
 use plantar::firmware::board::{BluetoothBoard, Matrix, MatrixTimeout, Stopwatch};
 use plantar::insole::Insole;
-use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::region::Cell;
+use plantar::pipeline::setup::{DEVICE_CELLS, SetupCell};
 use plantar::protocol::gatt::GattChannel;
-use plantar::protocol::{MAX_FAULT_TEXT, Step};
+use plantar::protocol::{MAX_FAULT_TEXT, Settings, Step};
 use plantar::storage::flash_map::SECTOR;
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -79,13 +80,31 @@ pub struct Reference {
 }
 
 impl Reference {
-    /// A reference with the configuration of `wearer`'s insole.
+    /// A reference with the configuration of `wearer`'s insole, and with these settings, if a host has set any. The settings are
+    /// applied here and not by the functions of the firmware, so that an error of these makes a difference.
     ///
     /// # Panics
     /// If the configuration is refused.
-    pub fn new(wearer: &Wearer) -> Self {
+    pub fn new(wearer: &Wearer, settings: Option<Settings>) -> Self {
+        let mut setup = wearer.setup();
+        let mut scale = 1.0;
+        if let Some(settings) = settings {
+            setup.contact = settings.contact;
+            setup.stance = settings.stance;
+            setup.period_us = settings.period_us;
+            scale = settings.scale;
+        }
+        let cells = wearer.cells().map(|cell| SetupCell {
+            cell: Cell {
+                x_mm: scale * cell.cell.x_mm,
+                y_mm: scale * cell.cell.y_mm,
+                area_mm2: scale * scale * cell.cell.area_mm2,
+                ..cell.cell
+            },
+            ..cell
+        });
         let mut insole = Box::new(Insole::new());
-        insole.set_up(wearer.setup(), wearer.cells()).expect("a computed insole is valid");
+        insole.set_up(setup, cells).expect("a computed insole is valid");
         Self { insole, steps: Vec::new(), frames: 0 }
     }
 

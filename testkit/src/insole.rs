@@ -18,8 +18,8 @@ use plantar::firmware::scan::ScanCounters;
 use plantar::firmware::start::{BootReport, Configuration, Memory, Started, start};
 use plantar::firmware::supervise::{CHECK_PERIOD_MS, HEALTHY_CHECKS, Watchdog};
 use plantar::firmware::{persist, process, scan, serve};
-use plantar::protocol::Reset;
 use plantar::protocol::update::{CHUNK, Header};
+use plantar::protocol::{Reset, Settings};
 use plantar::storage::boot::{BUFFER, Blocking, config};
 use plantar::storage::flash_map::{HEADER, HEADER_BYTES};
 use plantar::storage::partition::Partition;
@@ -77,6 +77,8 @@ pub struct HostInsole {
     pub radio: Rc<RefCell<RadioLink>>,
     /// All boots so far.
     pub boots: Vec<Boot>,
+    /// The settings that the insole has accepted from a host. They are in force from its next start on.
+    pub settings: Option<Settings>,
     executor: Option<Executor>,
     /// Number of successive starts that ended in a crash before they counted as successful.
     failed_starts: u32,
@@ -97,6 +99,7 @@ impl HostInsole {
             cable: Rc::default(),
             radio: Rc::default(),
             boots: Vec::new(),
+            settings: None,
             executor: None,
             failed_starts: 0,
             restart: Some((now_us(), Reset::Power, None)),
@@ -211,7 +214,9 @@ impl HostInsole {
             let header = active[HEADER as usize..].first_chunk().and_then(Header::read);
             (header.expect("the active image has a header"), active[(HEADER + HEADER_BYTES) as usize] != STALLED_IMAGE)
         };
-        let reference = Rc::new(RefCell::new(Reference::new(&self.wearer.borrow())));
+        // Without its chip, the insole has no settings.
+        let settings = self.settings.filter(|_| !is_fallback);
+        let reference = Rc::new(RefCell::new(Reference::new(&self.wearer.borrow(), settings)));
         let from_us = now_us();
         self.boots.push(Boot { reset: reason, reference: reference.clone(), is_cut_short: false, from_us });
         let resources = BootResources {

@@ -156,13 +156,17 @@ pub enum Event {
         /// [`plantar::pipeline::contact::ContactRule::full_kpa`].
         full_kpa: f32,
     },
-    /// The host sets the insole's settings, with a contact rule of this `full_kpa`; without one, it removes them.
+    /// The host sets the insole's settings, with a contact rule of this `full_kpa`; without one, it removes them. The steps of
+    /// later boots are compared with those that result from the settings.
     SetSettings {
         /// [`plantar::pipeline::contact::ContactRule::full_kpa`].
         full_kpa: Option<f32>,
         /// Frames per second.
         #[serde(default = "usual_rate")]
         rate_hz: u32,
+        /// [`Settings::scale`].
+        #[serde(default = "unscaled")]
+        scale: f32,
     },
     /// The host sets the serial number.
     SetSerial(String),
@@ -184,6 +188,10 @@ fn yes() -> bool {
 
 fn usual_rate() -> u32 {
     100
+}
+
+fn unscaled() -> f32 {
+    1.0
 }
 
 /// A part of the firmware that can stall.
@@ -336,7 +344,7 @@ fn act(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) {
             world.borrow().insoles[insole].radio.borrow_mut().max_value = *bytes;
             Ok(())
         }
-        _ => request(host, event),
+        _ => request(world, host, insole, event),
     };
     if let Err(error) = result {
         host.errors.push(error.to_string());
@@ -344,7 +352,7 @@ fn act(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) {
 }
 
 /// Sends a host's request, and waits for the answer if there is one. Has no effect before the first connection.
-fn request(host: &mut Host, event: &Event) -> Result<(), client::Error> {
+fn request(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) -> Result<(), client::Error> {
     let Some(client) = &mut host.client else { return Ok(()) };
     match event {
         Event::SetParameters => client.set_tissue(&Parameters::typical(InsoleSize::default()).tissue()),
@@ -353,13 +361,17 @@ fn request(host: &mut Host, event: &Event) -> Result<(), client::Error> {
             let identified = Identified { contact, filter: AreaFilter::Direct, side: None, steps: 30 };
             client.set_identified_tissue(&Parameters::typical(InsoleSize::default()).tissue(), identified)
         }
-        Event::SetSettings { full_kpa, rate_hz } => {
+        Event::SetSettings { full_kpa, rate_hz, scale } => {
             let setup = client.setup()?;
-            client.set_settings(full_kpa.map(|full_kpa| Settings {
+            let settings = full_kpa.map(|full_kpa| Settings {
                 contact: ContactRule { full_kpa, ..setup.contact },
                 period_us: 1_000_000 / rate_hz,
+                scale: *scale,
                 ..Settings::of(&setup)
-            }))
+            });
+            client.set_settings(settings)?;
+            world.borrow_mut().insoles[insole].settings = settings;
+            Ok(())
         }
         Event::SetSerial(serial) => {
             let identity = client.identity()?;

@@ -71,6 +71,18 @@ def drop_connections(controller):
 class Radio(Controller):
     """The Bluetooth controller of an insole."""
 
+    def on_hci_reset_command(self, command):
+        """Ends all connections without a message to the peers, as a controller does when its insole restarts.
+
+        bumble leaves the connections as they are.
+        """
+        self.le_connections.clear()
+        for controller in self.link.controllers:
+            for connection in list(controller.le_connections.values()):
+                if connection.peer_address == self.random_address:
+                    controller.on_le_disconnected(connection, HCI_CONNECTION_TIMEOUT_ERROR)
+        return super().on_hci_reset_command(command)
+
     def on_hci_le_remove_device_from_resolving_list_command(self, command):
         """Confirms this command, which bumble does not implement."""
         self.send_hci_packet(

@@ -13,9 +13,15 @@ pub enum Error {
     Open(Box<dyn std::error::Error + Send + Sync>),
     /// No answer within this time, in which this number of damaged frames arrived.
     #[error(
-        "no insole answered within {0:?} ({1} damaged frames): check the port, the wiring (docs/hardware.md) and the bit rate"
+        "no insole answered within {0:?} ({1} damaged frames): another program may be connected to it, which must be closed \
+         first; otherwise check the port, the wiring (docs/hardware.md) and the bit rate"
     )]
     NoAnswer(Duration, u32),
+    /// The other end closed the link before the insole answered, as a bridge with another client does.
+    #[error(
+        "the link was closed before an insole answered: another program may be connected to it, which must be closed first"
+    )]
+    Closed(#[source] io::Error),
     /// The insole uses another major version of the protocol.
     #[error(
         "the insole (firmware {firmware}) uses protocol {major}.{minor}, this program uses {MAJOR}.{MINOR}: update the older \
@@ -40,6 +46,6 @@ pub enum Error {
 impl Error {
     /// True for a failure of the link, after which opening it again can help.
     pub fn is_link_failure(&self) -> bool {
-        matches!(self, Self::Open(_) | Self::NoAnswer(..) | Self::Carrier(_))
+        matches!(self, Self::Open(_) | Self::NoAnswer(..) | Self::Closed(_) | Self::Carrier(_))
     }
 }

@@ -26,7 +26,7 @@ pub use file::create_new;
 pub use json::step_to_json;
 pub use link::{Event, Link, Open, ReconnectPolicy, SessionStart};
 pub use session::Client;
-pub use stream_file::{StreamFile, append};
+pub use stream_file::{DamagedAt, Entries, Entry, STREAM_INSOLES, StreamFile, append};
 
 use std::time::{SystemTime, UNIX_EPOCH};
 

@@ -40,7 +40,8 @@ impl<C: Carrier> Client<C> {
     /// Opens a session: sends a connect request twice a second until the insole answers with its hello.
     ///
     /// # Errors
-    /// [`Error::NoAnswer`] if the insole does not answer within `patience`; [`Error::OtherVersion`]; errors of the carrier.
+    /// [`Error::NoAnswer`] if the insole does not answer within `patience`; [`Error::Closed`]; [`Error::OtherVersion`]; errors of
+    /// the carrier.
     pub fn connect(mut carrier: C, patience: Duration) -> Result<Self, Error> {
         let hello = open_session(&mut carrier, patience)?;
         Ok(Self {
@@ -278,6 +279,19 @@ fn carrier<C>(carrier: &mut Option<C>) -> io::Result<&mut C> {
 
 /// Sends connect requests until the insole answers with its hello.
 fn open_session<C: Carrier>(carrier: &mut C, patience: Duration) -> Result<Hello, Error> {
+    request_hello(carrier, patience).map_err(|error| match error {
+        Error::Carrier(error) if is_closed(&error) => Error::Closed(error),
+        error => error,
+    })
+}
+
+/// True if the other end of the link has closed it.
+fn is_closed(error: &io::Error) -> bool {
+    use io::ErrorKind::{BrokenPipe, ConnectionAborted, ConnectionReset, UnexpectedEof};
+    matches!(error.kind(), UnexpectedEof | ConnectionReset | ConnectionAborted | BrokenPipe)
+}
+
+fn request_hello<C: Carrier>(carrier: &mut C, patience: Duration) -> Result<Hello, Error> {
     let start_us = C::now_us();
     while elapsed::<C>(start_us) < patience {
         carrier.send(ToDevice::Connect { major: MAJOR, minor: MINOR })?;

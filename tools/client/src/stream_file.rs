@@ -7,6 +7,12 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+use thiserror::Error;
+
+/// Largest number of insoles in a file: one for each foot.
+pub const STREAM_INSOLES: usize = 2;
+/// Length of an entry without its message, bytes.
+const HEAD: usize = 7;
 
 /// A stream file to which messages are appended as they arrive.
 pub struct StreamFile {
@@ -51,4 +57,60 @@ pub fn append(out: &mut impl Write, t_ms: u32, insole: u8, message: &ToHost) -> 
     // The length is at most MAX_MESSAGE.
     out.write_all(&[&[insole][..], &(message.len() as u16).to_le_bytes()].concat())?;
     out.write_all(message)
+}
+
+/// An entry of a stream file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Entry<'f> {
+    /// Time since the beginning of the file, ms.
+    pub t_ms: u32,
+    /// Index of the insole, less than [`STREAM_INSOLES`].
+    pub insole: usize,
+    /// The encoded message.
+    pub message: &'f [u8],
+}
+
+/// A stream file is damaged at this byte, or is another file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error("damaged at byte {0}")]
+pub struct DamagedAt(pub usize);
+
+/// The entries of a stream file, up to the first damaged one.
+#[derive(Clone, Debug)]
+pub struct Entries<'f> {
+    file: &'f [u8],
+    at: usize,
+    is_damaged: bool,
+}
+
+impl<'f> Entries<'f> {
+    /// The entries in the content of a file.
+    pub fn new(file: &'f [u8]) -> Self {
+        Self { file, at: 0, is_damaged: false }
+    }
+
+    /// The bytes that no entry has used so far. After the last entry these are the beginning of an incomplete one, if the file is
+    /// truncated.
+    pub fn rest(&self) -> &'f [u8] {
+        &self.file[self.at..]
+    }
+}
+
+impl<'f> Iterator for Entries<'f> {
+    type Item = Result<Entry<'f>, DamagedAt>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.is_damaged {
+            return None;
+        }
+        let ([t0, t1, t2, t3, insole, low, high], rest) = self.rest().split_first_chunk::<HEAD>()?;
+        let (insole, length) = (usize::from(*insole), usize::from(u16::from_le_bytes([*low, *high])));
+        if insole >= STREAM_INSOLES || !(1..=MAX_MESSAGE).contains(&length) {
+            self.is_damaged = true;
+            return Some(Err(DamagedAt(self.at)));
+        }
+        let message = rest.get(..length)?;
+        self.at += HEAD + length;
+        Some(Ok(Entry { t_ms: u32::from_le_bytes([*t0, *t1, *t2, *t3]), insole, message }))
+    }
 }

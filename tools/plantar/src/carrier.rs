@@ -8,7 +8,7 @@ use client::{Carrier, Client, Error, Framed, Link, READ_TIMEOUT, ReconnectPolicy
 use serialport::{ErrorKind, SerialPort};
 use std::fmt;
 use std::io;
-use std::net::TcpStream;
+use std::net::{TcpStream, ToSocketAddrs};
 use std::path::Path;
 
 #[derive(Args, Clone)]
@@ -119,11 +119,26 @@ pub fn open_error(error: anyhow::Error) -> Error {
 
 /// Connects to an insole on the network, or to a bridge that forwards the bytes of an insole.
 pub fn open_tcp(address: &str) -> Result<TcpStream> {
-    let stream = TcpStream::connect(address)
-        .with_context(|| format!("cannot connect to {address}: is the insole or its bridge running there?"))?;
+    let stream = connect_tcp(address).with_context(|| {
+        format!(
+            "cannot connect to {address}: is the insole or its bridge running there, or is another program connected to it?"
+        )
+    })?;
     stream.set_read_timeout(Some(READ_TIMEOUT))?;
     stream.set_nodelay(true)?;
     Ok(stream)
+}
+
+/// Tries all addresses of a host, each for a limited time: a bridge that serves one client may ignore further ones.
+fn connect_tcp(address: &str) -> io::Result<TcpStream> {
+    let mut failure = io::ErrorKind::AddrNotAvailable.into();
+    for address in address.to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, ReconnectPolicy::STREAM.answer) {
+            Ok(stream) => return Ok(stream),
+            Err(error) => failure = error,
+        }
+    }
+    Err(failure)
 }
 
 /// Opens the serial port of an insole for exclusive use.
@@ -131,7 +146,9 @@ pub fn open_serial(port: &str, baud: u32) -> Result<Box<dyn SerialPort>> {
     serialport::new(port, baud).timeout(READ_TIMEOUT).open().map_err(|error| {
         let remedy = match error.kind() {
             // The port exists, so another program uses it exclusively.
-            ErrorKind::NoDevice if Path::new(port).exists() => "another program uses it: close that program".into(),
+            ErrorKind::NoDevice if Path::new(port).exists() => {
+                "another program is connected to it: close that program".into()
+            }
             ErrorKind::NoDevice | ErrorKind::Io(io::ErrorKind::NotFound) => match known_ports() {
                 Some(known) => format!("plug the insole in, or name another port; this computer has {known}"),
                 None => "plug the insole in; this computer has no serial port".into(),

@@ -70,33 +70,39 @@ pub fn note_unless_applicable(parameters: &Parameters, size: InsoleSize, steps: 
     }
 }
 
+/// Options that change a contact rule.
 #[derive(Args, Clone, Default)]
 pub struct ContactArgs {
-    /// A cell comes into contact at this pressure, kPa [default: the value in the parameter file, or 10].
+    /// A cell comes into contact at this pressure, kPa [default: the value on the insole or in the parameter file, or 10].
     #[arg(long, value_name = "KPA")]
     contact_on: Option<f32>,
-    /// A cell loses contact below this pressure, kPa [default: the same fraction of --contact-on as in the parameter file, or
-    /// 3/4].
+    /// A cell loses contact below this pressure, kPa [default: the value on the insole, or the same fraction of --contact-on as in
+    /// the parameter file, or 3/4].
     #[arg(long, value_name = "KPA")]
     contact_off: Option<f32>,
     /// Count only the fraction sqrt(p / KPA), at most 1, of the area of a cell in contact, where p is the cell's pressure; 0 counts
-    /// whole cells, as in the paper [default: the value in the parameter file, or 150].
+    /// whole cells, as in the paper [default: the value on the insole or in the parameter file, or 150].
     #[arg(long, value_name = "KPA")]
     contact_full: Option<f32>,
 }
 
 impl ContactArgs {
+    /// This rule, with the values of the given options.
+    pub fn changed(&self, rule: ContactRule) -> ContactRule {
+        ContactRule {
+            on_kpa: self.contact_on.unwrap_or(rule.on_kpa),
+            off_kpa: self.contact_off.unwrap_or(rule.off_kpa),
+            full_kpa: self.contact_full.unwrap_or(rule.full_kpa),
+        }
+    }
+
     /// Returns the contact rule: the rule with which the parameters were identified, or else the usual one, changed by the given
     /// options. Prints a note on stderr if the result differs from the rule with which the parameters were identified.
     pub fn rule(&self, identified: Option<&Identified>) -> Result<ContactRule> {
         let default = identified.map_or(ContactRule::COVERED, |i| i.contact);
-        let on_kpa = self.contact_on.unwrap_or(default.on_kpa);
-        let rule = ContactRule {
-            on_kpa,
-            // Another contact threshold leaves the ratio of the two thresholds unchanged.
-            off_kpa: self.contact_off.unwrap_or(default.off_kpa / default.on_kpa * on_kpa),
-            full_kpa: self.contact_full.unwrap_or(default.full_kpa),
-        };
+        // Another contact threshold leaves the ratio of the two thresholds unchanged.
+        let off_kpa = default.off_kpa / default.on_kpa * self.contact_on.unwrap_or(default.on_kpa);
+        let rule = self.changed(ContactRule { off_kpa, ..default });
         if !rule.is_valid() {
             bail!(
                 "invalid contact rule, on at {} kPa, off below {} kPa, whole cell from {} kPa: --contact-off must be \
@@ -120,9 +126,7 @@ impl ContactArgs {
         }
         Ok(rule)
     }
-}
 
-impl ContactArgs {
     /// The first option that contradicts the rule by which areas were measured, as it was given; `None` if none does.
     pub fn contradiction(&self, measured: &ContactRule) -> Option<String> {
         let options = [

@@ -1,11 +1,15 @@
 //! Drives `plantar identify` in a pseudo-terminal, with an emulated insole whose wearer follows the instructions on the screen.
 
+#[cfg(all(target_os = "linux", feature = "ble"))]
+mod bluez;
 mod board;
+#[cfg(all(target_os = "linux", feature = "ble"))]
+mod radio;
 
 use board::{Cable, forward};
 use client::{Client, Framed, READ_TIMEOUT, ReconnectPolicy};
 use emulation::EmulatorConfig;
-use emulator::{Board, Scan, Time, Walk};
+use emulator::{Board, Hardware, Scan, Time, Walk};
 use parameters::Parameters;
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
@@ -70,14 +74,28 @@ fn offset(cell: usize) -> u16 {
     1600 + 16 * (cell as u16 % 50)
 }
 
-/// Runs the command in a terminal of 100 by 40 characters until it ends. `see` receives each screen, and returns the keys to
+/// Checks that the offsets in this file are the codes of the unloaded cells.
+fn assert_offsets(calibration: &Path) {
+    let text = std::fs::read_to_string(calibration).expect("a calibration");
+    assert!(text.lines().count() > 1);
+    for (i, line) in text.lines().skip(1).enumerate() {
+        assert_eq!(line, format!("{i},{},1", offset(i)), "the offset of a cell differs from its code without load");
+    }
+}
+
+/// Runs the command with these environment variables in a terminal of 100 by 40 characters until it ends. `see` receives each screen, and returns the keys to
 /// press. Returns the exit status, all screens that differ, and the text after them.
-fn run(arguments: &[&str], mut see: impl FnMut(&str) -> &'static [u8]) -> (u32, Vec<String>) {
+fn run(
+    arguments: &[&str],
+    environment: &[(&str, &str)],
+    mut see: impl FnMut(&str) -> &'static [u8],
+) -> (u32, Vec<String>) {
     let pair = native_pty_system()
         .openpty(PtySize { rows: 40, cols: 100, pixel_width: 0, pixel_height: 0 })
         .expect("a terminal");
     let mut command = CommandBuilder::new(env!("CARGO_BIN_EXE_plantar"));
     command.args(arguments);
+    environment.iter().for_each(|(name, value)| command.env(name, value));
     let mut child = pair.slave.spawn_command(command).expect("the program starts");
     drop(pair.slave);
     let (end, ended) = mpsc::channel::<()>();
@@ -107,17 +125,32 @@ fn run(arguments: &[&str], mut see: impl FnMut(&str) -> &'static [u8]) -> (u32, 
     (child.wait().expect("the program ends").exit_code(), screens)
 }
 
+/// Does what the instruction on the screen says.
+fn obey(screen: &str, does: &AtomicU8) {
+    for (words, action) in [("lift both feet", LIFTED), ("stand still", STANDING), ("Walk", WALKING)] {
+        if screen.contains(words) {
+            does.store(action, Ordering::Relaxed);
+        }
+    }
+}
+
 /// An emulated insole of this foot, whose wearer does what `does` says; its codes without load are those of [`offset`] times
-/// `offsets`.
-fn insole(side: Side, does: &Arc<AtomicU8>, offsets: u16) -> (Board, String, Cable) {
+/// `offsets`. `hardware` includes the address of the insole's radio, if it has one.
+fn board(side: Side, does: &Arc<AtomicU8>, offsets: u16, hardware: &Hardware) -> Board {
     let firmware = std::env::var_os("PLANTAR_FIRMWARE").expect("PLANTAR_FIRMWARE names the emulated board's firmware");
     let walk = synthetic::walk(&SyntheticWalk { side, steps: 40, ..Default::default() }).recording;
     let standing = synthetic::standing(&SyntheticStanding { side, ..Default::default() });
     let standing = standing.frame(standing.frames() / 2).to_vec();
     let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
-    let (config, cells) = (EmulatorConfig::new(insole.setup), insole.cells.clone());
+    let config = EmulatorConfig { address: [1, 0, 0, 0, 0, 0xc0], ..EmulatorConfig::new(insole.setup) };
+    let cells = insole.cells.clone();
     let wearer = Wearer { does: does.clone(), insole, standing, walk, walked: 0, offsets };
-    let board = Board::start(Path::new(&firmware), &config, &cells, Time::Real, wearer).expect("the board boots");
+    Board::start_with(Path::new(&firmware), &config, &cells, Time::Real, wearer, hardware).expect("the board boots")
+}
+
+/// The same insole, with its link at a network address.
+fn insole(side: Side, does: &Arc<AtomicU8>, offsets: u16) -> (Board, String, Cable) {
+    let board = board(side, does, offsets, &Hardware::default());
     let (address, cable) = forward(&board);
     (board, address, cable)
 }
@@ -132,15 +165,9 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
     let (out, steps) = (out.to_str().expect("a path"), STEPS.to_string());
     let arguments = ["identify", "--tcp", &address, "--out", out, "--steps", &steps, "--verify", "4"];
 
-    let obey = |screen: &str| {
-        for (words, action) in [("lift both feet", LIFTED), ("stand still", STANDING), ("Walk", WALKING)] {
-            if screen.contains(words) {
-                does.store(action, Ordering::Relaxed);
-            }
-        }
-    };
+    let obey = |screen: &str| obey(screen, &does);
     let after = format!("{INTERRUPTED_AFTER} of {STEPS}");
-    let (status, screens) = run(&arguments, |screen| {
+    let (status, screens) = run(&arguments, &[], |screen| {
         obey(screen);
         if screen.contains(&after) { b"q" } else { b"" }
     });
@@ -151,7 +178,7 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
     // The connection is cut once in the walk; the steps before count once.
     let cut_after = format!("{} of {STEPS}", INTERRUPTED_AFTER + 3);
     let mut is_cut = false;
-    let (status, screens) = run(&arguments, |screen| {
+    let (status, screens) = run(&arguments, &[], |screen| {
         obey(screen);
         if screen.contains(&cut_after)
             && !is_cut
@@ -184,10 +211,7 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
     ] {
         assert!(side.join(file).is_file(), "no {file}");
     }
-    let calibration = std::fs::read_to_string(side.join("calibration.csv")).expect("a calibration");
-    for (i, line) in calibration.lines().skip(1).enumerate() {
-        assert_eq!(line, format!("{i},{},1", offset(i)), "the offset of a cell differs from its code without load");
-    }
+    assert_offsets(&side.join("calibration.csv"));
     // The cells were recorded, too, above the new baseline.
     assert!(Recording::read(side.join("cells-000/000")).is_ok_and(|cells| cells.frames() > 100));
 }
@@ -221,4 +245,39 @@ fn both_feet_are_identified_without_a_terminal() {
         let identified = client.identified().expect("an answer").expect("the insole knows how it was identified");
         assert_eq!((identified.contact, identified.side.map(Side::name)), (ContactRule::COVERED, Some(side)));
     }
+}
+
+/// The computer is a central, by simulations of Linux's Bluetooth service and of both controllers; the firmware is the real one.
+/// The insole restarts within the session, which ends the connection.
+#[test]
+#[cfg(all(target_os = "linux", feature = "ble"))]
+#[ignore = "needs the emulated board's firmware, Python with bumble and a D-Bus daemon: cargo xtask test"]
+fn a_wearer_is_identified_over_bluetooth() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let does = Arc::new(AtomicU8::new(LIFTED));
+    let (radio, address, values) = radio::Radio::start("Plantar R");
+    let _board = board(Side::Right, &does, 1, &Hardware { hci: Some(address), ..Default::default() });
+    let bus = bluez::Bus::start(Some(radio), values);
+    let out = folder.path().join("me");
+    let out = out.to_str().expect("a path");
+    let arguments = ["identify", "--ble", "right", "--out", out, "--steps", "6", "--verify", "2"];
+    let (status, screens) = run(&arguments, &bus.environment(), |screen| {
+        obey(screen, &does);
+        b""
+    });
+    let text = screens.last().expect("a screen");
+    assert!(
+        status == 0 && text.contains("as promised") && text.contains("The session is complete"),
+        "{status}: {text}"
+    );
+    let side = Path::new(out).join("right");
+    assert_offsets(&side.join("calibration.csv"));
+
+    let pulled = folder.path().join("pulled.toml");
+    let mut pull = std::process::Command::new(env!("CARGO_BIN_EXE_plantar"));
+    pull.args(["params", "pull", "--ble", "right", "--out"]).arg(&pulled).envs(bus.environment());
+    assert!(pull.status().expect("the program starts").success());
+    let [pulled, identified] =
+        [pulled, side.join("params.toml")].map(|path| Parameters::read(&path).expect("parameters").tissue());
+    assert_eq!(pulled, identified, "the insole has the parameters that were identified");
 }

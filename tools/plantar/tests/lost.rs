@@ -11,6 +11,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
 use testkit::step;
 
 /// A simulated insole at the other end of the link.
@@ -217,6 +218,59 @@ fn an_address_without_an_insole_is_reported() {
     assert!(text.contains(&format!("cannot connect to {address}")) && text.contains("is the insole"), "{text}");
 }
 
+/// Serves a program over `link` while a second program tries to connect to the same insole, and fails. The first program must
+/// then receive its second step. `arguments` select the insole. Returns what the second program printed.
+fn refused_beside<L: Read + Write>(arguments: &[&str], link: impl FnOnce() -> L) -> String {
+    let folder = tempfile::tempdir().expect("a folder");
+    let json = folder.path().join("steps.json");
+    let arguments = [&["monitor"], arguments].concat();
+    let first = plantar(&arguments).args(["--steps", "2", "--json"]).arg(&json).spawn().expect("it runs");
+    let mut insole = Insole::with_steps([0]);
+    let mut link = link();
+    assert!(insole.serve(&mut link, is_acknowledgement));
+    insole.session.receive(ToDevice::Acknowledge { step: 0 }, 0);
+    let has_ended = AtomicBool::new(false);
+    let text = std::thread::scope(|scope| {
+        let second = scope.spawn(|| {
+            let ended = wait_for_end(plantar(&arguments).spawn().expect("it runs"));
+            has_ended.store(true, Ordering::Relaxed);
+            ended
+        });
+        // The first program requests the time again and again.
+        assert!(insole.serve(&mut link, |_| has_ended.load(Ordering::Relaxed)));
+        let (output, text) = second.join().expect("no panic");
+        assert!(!output.status.success(), "{text}");
+        text
+    });
+    insole.session.push_step(step(1));
+    assert!(insole.serve(&mut link, |message| matches!(message, ToDevice::Acknowledge { step: 1 })));
+    let (output, first_text) = wait_for_end(first);
+    assert!(output.status.success() && !first_text.contains("trying again"), "{first_text}");
+    let steps: serde_json::Value = serde_json::from_slice(&std::fs::read(json).expect("a file")).expect("JSON");
+    let numbers: Vec<_> = steps.as_array().expect("steps").iter().map(|s| s["step"].as_u64()).collect();
+    assert_eq!(numbers, [Some(0), Some(1)]);
+    text
+}
+
+/// A bridge that serves one program at a time leaves the next one in the queue of connections, without an answer.
+#[test]
+fn a_second_program_at_a_network_address_ends_with_a_remedy_and_the_first_one_loses_nothing() {
+    let (listener, address) = listen();
+    let text = refused_beside(&["--tcp", &address], || listener.accept().expect("it connects").0);
+    assert!(text.contains(&address) && text.contains("another program may be connected to it"), "{text}");
+}
+
+/// Other bridges close the connection of the next program at once.
+#[test]
+fn a_connection_that_is_closed_at_once_is_reported_with_a_remedy() {
+    let (listener, address) = listen();
+    let program = plantar(&["monitor", "--tcp", &address]).spawn().expect("it runs");
+    drop(listener.accept().expect("it connects"));
+    let (output, text) = wait_for_end(program);
+    assert!(!output.status.success());
+    assert!(text.contains(&address) && text.contains("another program may be connected to it"), "{text}");
+}
+
 #[cfg(unix)]
 mod serial {
     use super::*;
@@ -239,12 +293,13 @@ mod serial {
     }
 
     #[test]
-    fn a_port_is_used_by_one_program_at_a_time() {
-        let (_insole, _host, name) = port();
-        let _holder = serialport::new(&name, 115_200).open().expect("it is free");
-        let (output, text) = wait_for_end(plantar(&["monitor", "--serial", &name]).spawn().expect("it runs"));
-        assert!(!output.status.success());
-        assert!(text.contains(&format!("cannot open {name}")) && text.contains("another program uses it"), "{text}");
+    fn a_second_program_at_a_port_is_refused_and_the_first_one_loses_nothing() {
+        let (insole, _host, name) = port();
+        let text = refused_beside(&["--serial", &name], || insole);
+        assert!(
+            text.contains(&format!("cannot open {name}")) && text.contains("another program is connected"),
+            "{text}"
+        );
     }
 
     /// The insole is switched off for some time, while its serial adapter remains plugged in.

@@ -18,20 +18,18 @@ pub struct Source {
     pub name: String,
     /// Opens the carrier; called again after the carrier failed.
     pub open: Open<Box<dyn Carrier + Send>>,
-    /// The wearer's parameters, which the insole receives at the beginning of each session.
+    /// The wearer's parameters, which the insole receives once, at the beginning of the first session: those that a page sends
+    /// later must remain in force after a reconnection.
     pub tissue: Option<Tissue>,
 }
 
 impl Source {
     /// Opens a session with a live stream.
     pub(crate) fn connect(self) -> Result<Session, Error> {
-        let tissue = self.tissue;
-        let mut insole = Link::connect(self.open, ReconnectPolicy::STREAM)?.with_start(move |client| {
-            if let Some(tissue) = &tissue {
-                client.set_tissue(tissue)?;
-            }
-            client.stream()
-        });
+        let mut insole = Link::connect(self.open, ReconnectPolicy::STREAM)?;
+        if let Some(tissue) = &self.tissue {
+            insole.client().set_tissue(tissue)?;
+        }
         insole.start()?;
         Ok(insole)
     }

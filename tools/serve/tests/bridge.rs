@@ -171,14 +171,13 @@ fn step(side: Side, number: u32) -> Step {
 
 /// Serves these insoles until the test ends. Pages may not send parameters.
 fn serve(cables: &[&Cable], record: Option<std::path::PathBuf>) -> SocketAddr {
-    serve_with(cables, record, false)
+    serve_sources(cables.iter().map(|cable| cable.source()).collect(), record, false)
 }
 
 /// As [`serve`]. `accepts_parameters` states whether pages may send parameters.
-fn serve_with(cables: &[&Cable], record: Option<std::path::PathBuf>, accepts_parameters: bool) -> SocketAddr {
+fn serve_sources(sources: Vec<Source>, record: Option<std::path::PathBuf>, accepts_parameters: bool) -> SocketAddr {
     let folder = tempfile::tempdir().expect("a folder").keep();
     std::fs::write(folder.join("index.html"), "the page").expect("a page");
-    let sources = cables.iter().map(|cable| cable.source()).collect();
     let (ready, address) = channel();
     std::thread::spawn(move || {
         let listen = (Ipv4Addr::LOCALHOST, 0).into();
@@ -382,7 +381,7 @@ async fn a_page_cannot_change_the_settings_of_an_insole() {
 #[tokio::test]
 async fn a_page_replaces_the_parameters_if_the_server_accepts_them() {
     let cable = Cable::new(Side::Left);
-    let address = serve_with(&[&cable], None, true);
+    let address = serve_sources(vec![cable.source()], None, true);
     let (mut page, mut other) = (Page::open(address).await, Page::open(address).await);
     page.hello(0).await;
     other.hello(0).await;
@@ -403,6 +402,31 @@ async fn a_page_replaces_the_parameters_if_the_server_accepts_them() {
     // Other settings are still refused.
     other.send(0, ToDevice::Restart).await;
     other.find(0, |m| (m == ToHost::Refused(Refusal::NotUnderstood)).then_some(())).await;
+}
+
+/// The server itself sends parameters to an emulated insole, which has none before.
+#[tokio::test]
+async fn parameters_of_a_page_remain_in_force_after_a_reconnection() {
+    let cable = Cable::new(Side::Left);
+    let [at_first, of_page] = ["42", "36"].map(|size| {
+        let size: InsoleSize = size.parse().expect("a shoe size");
+        Parameters::typical(size).tissue()
+    });
+    let source = Source { tissue: Some(at_first), ..cable.source() };
+    let insole = cable.clone();
+    let answering = std::thread::spawn(move || insole.answer_command(Ok(CommandResult::Stored)));
+    let address = serve_sources(vec![source], None, true);
+    answering.join().expect("no panic");
+    let mut page = Page::open(address).await;
+    assert_eq!(page.hello(0).await.tissue_id, at_first.id);
+    page.send(0, ToDevice::SetTissue(of_page)).await;
+    cable.answer_command(Ok(CommandResult::Stored));
+    page.find(0, |m| (m == ToHost::Tissue(of_page)).then_some(())).await;
+
+    cable.unplug();
+    cable.act(|insole| insole.is_unplugged = false);
+    assert_eq!(page.hello(0).await.tissue_id, of_page.id);
+    assert_eq!(cable.act(|insole| *insole.link.tissue()), of_page);
 }
 
 #[tokio::test]

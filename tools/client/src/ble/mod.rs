@@ -2,6 +2,7 @@
 //!
 //! The operating system controls the radio, pairs, and stores the bonds.
 
+mod exclusive;
 mod selector;
 
 pub use selector::Selector;
@@ -16,6 +17,7 @@ use futures_util::{Stream, StreamExt, stream};
 use plantar::protocol::fragment::{Joiner, Splitter};
 use plantar::protocol::gatt::{self, GattChannel};
 use plantar::protocol::{ToDevice, ToHost, decode, encode};
+use std::fs::File;
 use std::io;
 use std::pin::Pin;
 use std::time::Duration;
@@ -54,10 +56,13 @@ pub enum Error {
     NoAdapter,
     /// The insole was not found.
     #[error(
-        "{0} was not found within {SCAN_TIMEOUT:?}: switch it on, bring it closer, and disconnect it from phones and \
-         other computers, because it serves one at a time"
+        "{0} was not found within {SCAN_TIMEOUT:?}: switch it on and bring it closer; another phone or computer may be \
+         connected to it, which must be disconnected first"
     )]
     NotFound(Selector),
+    /// Another program of this computer uses the insole.
+    #[error("{0} is in use: another program on this computer is connected to it: close that program")]
+    InUse(Selector),
     /// The insole was found, but the connection or the pairing failed.
     #[error(
         "{selector} was found but does not connect ({error}): pair it in this computer's Bluetooth settings, within a minute \
@@ -82,6 +87,8 @@ pub struct BleCarrier {
     notifications: Notifications,
     channels: Vec<Channel>,
     damaged: u32,
+    /// Excludes other programs of this computer. The last field, so that it is dropped after the connection.
+    _reserved: Option<File>,
 }
 
 type Notifications = Pin<Box<dyn Stream<Item = ValueNotification> + Send>>;
@@ -101,6 +108,8 @@ impl BleCarrier {
     pub fn connect(selector: &Selector) -> Result<Self, Error> {
         let runtime = Builder::new_current_thread().enable_all().build()?;
         let peripheral = runtime.block_on(find(selector))?;
+        let id = peripheral.id().to_string();
+        let reserved = exclusive::reserve(&id).map_err(|exclusive::InUse| Error::InUse(selector.clone()))?;
         let subscribed = runtime.block_on(async { timeout(CONNECT_TIMEOUT, subscribe(&peripheral)).await });
         let (notifications, channels) = match subscribed.unwrap_or(Err(BleError::TimedOut(CONNECT_TIMEOUT))) {
             Ok(subscribed) => subscribed,
@@ -110,7 +119,7 @@ impl BleCarrier {
                 return Err(Error::NotConnected { selector: selector.clone(), error });
             }
         };
-        Ok(Self { runtime, peripheral, notifications, channels, damaged: 0 })
+        Ok(Self { runtime, peripheral, notifications, channels, damaged: 0, _reserved: reserved })
     }
 }
 

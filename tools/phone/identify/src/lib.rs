@@ -9,21 +9,11 @@ mod session;
 pub use session::Session;
 
 use parameters::InsoleSize;
+use phone_buffer::put;
 use std::sync::{Mutex, PoisonError};
-
-/// Input and output of the exports.
-static BUFFER: Mutex<Vec<u8>> = Mutex::new(Vec::new());
 
 /// The messages of the insoles so far.
 static SESSION: Mutex<Option<Session>> = Mutex::new(None);
-
-/// Replaces the content of the buffer by `bytes` and returns their number.
-fn put(bytes: &[u8]) -> usize {
-    let mut buffer = BUFFER.lock().unwrap_or_else(PoisonError::into_inner);
-    buffer.clear();
-    buffer.extend_from_slice(bytes);
-    buffer.len()
-}
 
 /// Calls `act` with the session.
 fn with<T>(act: impl FnOnce(&mut Session) -> T) -> T {
@@ -40,20 +30,6 @@ unsafe extern "C" {
 #[cfg(not(target_arch = "wasm32"))]
 fn region_fitted(_region: u32) {}
 
-/// Resizes the buffer to `len` bytes and returns its address. The page writes a message there.
-#[unsafe(no_mangle)]
-pub extern "C" fn resize_buffer(len: usize) -> *mut u8 {
-    let mut buffer = BUFFER.lock().unwrap_or_else(PoisonError::into_inner);
-    buffer.resize(len, 0);
-    buffer.as_mut_ptr()
-}
-
-/// The address of the buffer. The page reads a result there.
-#[unsafe(no_mangle)]
-pub extern "C" fn result() -> *const u8 {
-    BUFFER.lock().unwrap_or_else(PoisonError::into_inner).as_ptr()
-}
-
 /// Removes all messages.
 #[unsafe(no_mangle)]
 pub extern "C" fn clear() {
@@ -63,8 +39,7 @@ pub extern "C" fn clear() {
 /// Adds the message in the buffer, which arrived from the insole with this index. True if it is a step.
 #[unsafe(no_mangle)]
 pub extern "C" fn add(insole: usize) -> bool {
-    let buffer = BUFFER.lock().unwrap_or_else(PoisonError::into_inner);
-    with(|session| session.add(insole, &buffer))
+    phone_buffer::with(|message| with(|session| session.add(insole, message)))
 }
 
 /// Writes the numbers of usable and excluded steps of each insole to the buffer as JSON, and returns the length of the text.

@@ -18,19 +18,9 @@ pub use message::decode_to_json;
 pub use sole::{REGION_COUNT, RegionShape, outline_mm, region_shapes};
 
 use client::Axis;
+use phone_buffer::put;
 use plantar::protocol::{LiveCounter, MAJOR, MAX_MESSAGE, MINOR, ToDevice, encode};
 use std::sync::{Mutex, PoisonError};
-
-/// Input and output of the exports.
-static BUFFER: Mutex<Vec<u8>> = Mutex::new(Vec::new());
-
-/// Replaces the content of the buffer by `bytes` and returns their number.
-fn put(bytes: &[u8]) -> usize {
-    let mut buffer = BUFFER.lock().unwrap_or_else(PoisonError::into_inner);
-    buffer.clear();
-    buffer.extend_from_slice(bytes);
-    buffer.len()
-}
 
 /// Encodes a request to the buffer and returns its length.
 fn request(message: ToDevice) -> usize {
@@ -39,25 +29,11 @@ fn request(message: ToDevice) -> usize {
     encode(&message, &mut bytes).map_or(0, |message| put(message))
 }
 
-/// Resizes the buffer to `len` bytes and returns its address. The page writes a message there.
-#[unsafe(no_mangle)]
-pub extern "C" fn resize_buffer(len: usize) -> *mut u8 {
-    let mut buffer = BUFFER.lock().unwrap_or_else(PoisonError::into_inner);
-    buffer.resize(len, 0);
-    buffer.as_mut_ptr()
-}
-
-/// The address of the buffer. The page reads a result there.
-#[unsafe(no_mangle)]
-pub extern "C" fn result() -> *const u8 {
-    BUFFER.lock().unwrap_or_else(PoisonError::into_inner).as_ptr()
-}
-
 /// Replaces the message in the buffer by its JSON and returns the length of the text. Returns 0 for bytes that are not a message of
 /// this version, and for messages that the page does not use.
 #[unsafe(no_mangle)]
 pub extern "C" fn decode() -> usize {
-    let json = decode_to_json(&BUFFER.lock().unwrap_or_else(PoisonError::into_inner));
+    let json = phone_buffer::with(|buffer| decode_to_json(buffer));
     json.map_or(0, |json| put(json.as_bytes()))
 }
 

@@ -4,10 +4,11 @@
 mod session;
 
 use crate::setup::rule_in_words;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
+use client::{Entries, Entry, STREAM_INSOLES};
 use fit::live::LiveSteps;
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::{Hello, MAJOR, MAX_MESSAGE, ToHost, decode};
+use plantar::protocol::{Hello, MAJOR, ToHost, decode};
 use plantar::{Region, Side};
 use std::fs::File;
 use std::io::Read;
@@ -83,22 +84,16 @@ struct Messages {
 
 /// Reads the content of a stream file. `name` is its name for display.
 fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
-    /// Length of an entry without its message.
-    const HEAD: usize = 7;
-
-    let mut insoles: [Messages; 2] = Default::default();
-    let (mut at, mut unknown) = (0, 0);
-    while let Some(head) = bytes.get(at..at + HEAD) {
-        let length = usize::from(u16::from_le_bytes([head[5], head[6]]));
-        let insole = insoles.get_mut(usize::from(head[4])).filter(|_| (1..=MAX_MESSAGE).contains(&length));
-        let Some(insole) = insole else {
-            bail!(
-                "{name}: damaged at byte {at}, or not a recorded stream: give a file that `plantar serve --record` or the page \
-                 recorded, or a recording that `plantar import` wrote"
-            );
-        };
-        let Some(message) = bytes.get(at + HEAD..at + HEAD + length) else { break };
-        at += HEAD + length;
+    let mut insoles: [Messages; STREAM_INSOLES] = Default::default();
+    let (mut entries, mut unknown) = (Entries::new(bytes), 0);
+    for entry in &mut entries {
+        let Entry { insole, message, .. } = entry.map_err(|damaged| {
+            anyhow!(
+                "{name}: {damaged}, or not a recorded stream: give a file that `plantar serve --record` or the page recorded, \
+                 or a recording that `plantar import` wrote"
+            )
+        })?;
+        let insole = &mut insoles[insole];
         match decode::<ToHost>(message) {
             Some(ToHost::Hello(hello)) if hello.major != MAJOR => bail!(
                 "{name}: recorded from an insole with protocol version {}, but this program reads version {MAJOR}: use the \
@@ -118,8 +113,8 @@ fn from_stream(name: &str, bytes: &[u8]) -> Result<Vec<LiveSource>> {
             None => unknown += 1,
         }
     }
-    if at < bytes.len() {
-        eprintln!("note: {name} is truncated: its last {} bytes are not used", bytes.len() - at);
+    if !entries.rest().is_empty() {
+        eprintln!("note: {name} is truncated: its last {} bytes are not used", entries.rest().len());
     }
     if unknown > 0 {
         eprintln!("note: {name}: {unknown} messages are unknown to this program and were not used");

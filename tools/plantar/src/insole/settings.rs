@@ -1,7 +1,7 @@
 //! The settings of an insole: rules, frame rate and size.
 
 use crate::carrier::AnyClient;
-use crate::setup::rule_in_words;
+use crate::setup::{ContactArgs, rule_in_words};
 use anyhow::{Result, ensure};
 use clap::Args;
 use parameters::InsoleSize;
@@ -12,16 +12,8 @@ const REFERENCE_SIZE: f32 = 42.0;
 
 #[derive(Args)]
 pub struct SettingsArgs {
-    /// A cell comes into contact at this pressure, kPa.
-    #[arg(long, value_name = "KPA")]
-    contact_on: Option<f32>,
-    /// A cell loses contact below this pressure, kPa.
-    #[arg(long, value_name = "KPA")]
-    contact_off: Option<f32>,
-    /// Count only the fraction sqrt(p / KPA), at most 1, of the area of a cell in contact, where p is the cell's pressure; 0
-    /// counts whole cells.
-    #[arg(long, value_name = "KPA")]
-    contact_full: Option<f32>,
+    #[command(flatten)]
+    contact: ContactArgs,
     /// Heel strike is when the total force reaches this value, N.
     #[arg(long, value_name = "N")]
     strike: Option<f32>,
@@ -71,10 +63,8 @@ impl SettingsArgs {
     /// These settings, changed by the options.
     fn changed(&self, mut settings: Settings) -> Settings {
         let Settings { contact, stance, period_us, scale } = &mut settings;
+        *contact = self.contact.changed(*contact);
         let set = |place: &mut f32, value: Option<f32>| *place = value.unwrap_or(*place);
-        set(&mut contact.on_kpa, self.contact_on);
-        set(&mut contact.off_kpa, self.contact_off);
-        set(&mut contact.full_kpa, self.contact_full);
         set(&mut stance.strike_n, self.strike);
         set(&mut stance.release_n, self.release);
         set(scale, self.size.map(|size| f32::from(size.eur()) / REFERENCE_SIZE));
