@@ -32,7 +32,7 @@ use std::path::Path;
 const CELLS: CellStream = CellStream { resolution: Resolution::Converter, every: 1 };
 /// How the parameters were identified.
 const IDENTIFIED: Identified =
-    Identified { contact: ContactRule::COVERED, filter: AreaFilter::Step, side: Some(Side::Left), steps: 30 };
+    Identified { contact: ContactRule::COVERED, filter: AreaFilter::Direct, side: Some(Side::Left), steps: 30 };
 
 fn main() {
     let recording =
