@@ -27,15 +27,19 @@ fn superscript(exponent: &str) -> String {
     exponent.chars().map(|c| c.to_digit(10).map_or('⁻', |digit| DIGITS[digit as usize])).collect()
 }
 
-/// A round number for an axis: a power of ten from 10 000 on and below 0.001.
+/// A round number for an axis: with a power of ten from 10 000 on and below 0.001.
 pub fn round(value: f64) -> String {
+    // Ticks are multiples of a step, and thus have rounding errors.
+    let trimmed = |value: f64| format!("{value:.4}").trim_end_matches('0').trim_end_matches('.').replace('-', "−");
     let exponent = value.abs().log10().floor() as i32;
     if value == 0.0 || (-3..4).contains(&exponent) {
-        return format!("{value}").replace('-', "−");
+        return trimmed(value);
     }
-    let digits = (value / 10f64.powi(exponent)).round();
-    let factor = if digits == 1.0 { String::new() } else { format!("{digits}·") };
-    format!("{factor}10{}", superscript(&exponent.to_string())).replace('-', "−")
+    let factor = match trimmed(value / 10f64.powi(exponent)) {
+        one if one == "1" => String::new(),
+        factor => factor + "·",
+    };
+    format!("{factor}10{}", superscript(&exponent.to_string()))
 }
 
 /// A fraction in percent with one decimal, without the sign %.
