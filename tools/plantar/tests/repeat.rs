@@ -155,7 +155,7 @@ fn quantities_of_walkers_repeat_better_than_parameters() {
     for walker in 0..jiku::WALKERS {
         let person = path.join(format!("people/walker-{walker}"));
         fs::create_dir_all(&person).expect("made");
-        // Two recordings with every second trial each, because the trials are ordered by speed.
+        // Every second trial each, so that a trend over the session affects both recordings alike.
         for first in 0..2 {
             let trials = (first..40).step_by(2);
             let recording = jiku::import(&data, walker, trials, &mut |_, _| ()).expect("a recording");
