@@ -11,6 +11,9 @@
 //! Without its default features, the library runs in a browser: it then has neither recordings nor threads nor the paper's
 //! search.
 
+pub mod agreement;
+#[cfg(feature = "results")]
+pub mod cohort;
 pub mod identify;
 pub mod interval;
 pub mod law;
@@ -28,6 +31,8 @@ pub mod smooth;
 pub mod steps;
 pub mod study;
 pub mod synthetic;
+pub mod trials;
+pub mod variable;
 
 mod bounded;
 #[cfg(feature = "recordings")]

@@ -39,8 +39,27 @@ impl Repeatability {
         }
         // The error of absolute agreement includes the differences between recordings that all people share.
         let sem = (residual + ((recordings_square - residual) / rows).max(0.0)).sqrt();
-        Some(Self { icc: (people_square - residual) / denominator, sem, mdc: 1.96 * 2f64.sqrt() * sem })
+        Some(Self { icc: (people_square - residual) / denominator, sem, mdc: mdc(sem) })
     }
+}
+
+/// The minimal detectable change of a standard error of measurement.
+fn mdc(sem: f64) -> f64 {
+    1.96 * 2f64.sqrt() * sem
+}
+
+/// Standard error of measurement and minimal detectable change from the variation within people alone, which one person suffices
+/// for. `people` is as in [`Repeatability::of`]. `None` without people, and for people with a single recording.
+pub fn within_person(people: &[Vec<f64>]) -> Option<(f64, f64)> {
+    let mut squares = 0.0;
+    let mut freedom = 0;
+    for row in people {
+        let mean = row.iter().sum::<f64>() / row.len() as f64;
+        squares += row.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+        freedom += row.len().saturating_sub(1);
+    }
+    let sem = (squares / freedom as f64).sqrt();
+    (freedom > 0).then(|| (sem, mdc(sem)))
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ mod participant;
 mod thickness;
 
 pub use defaults::{InsoleSize, TypicalRange};
-pub use participant::Participant;
+pub use participant::{Participant, Sex};
 pub use thickness::Thickness;
 
 use plantar::pipeline::contact::ContactRule;

@@ -2,6 +2,8 @@
 
 use crate::{Error, InsoleSize};
 use serde::{Deserialize, Deserializer, de};
+use std::fmt;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 /// The content of a `participant.toml`. All entries are optional.
@@ -10,13 +12,53 @@ use std::path::{Path, PathBuf};
 pub struct Participant {
     /// European shoe size.
     pub size: Option<InsoleSize>,
+    /// Age, 1 to 120 years.
+    #[serde(default, deserialize_with = "age_years")]
+    pub age_years: Option<f64>,
+    /// Sex: `female`, `male` or `other`.
+    #[serde(default, deserialize_with = "sex")]
+    pub sex: Option<Sex>,
     /// Body mass, 10 to 300 kg.
     #[serde(default, deserialize_with = "mass_kg")]
     pub mass_kg: Option<f64>,
+    /// Body height, 50 to 250 cm.
+    #[serde(default, deserialize_with = "height_cm")]
+    pub height_cm: Option<f64>,
     /// Path of the file with the baselines (unloaded readings) of the insoles, as `plantar zero` writes it.
     pub zero: Option<PathBuf>,
     /// Path of the file with the measured tissue thickness.
     pub thickness: Option<PathBuf>,
+}
+
+/// Sex of a participant, as in Table 1 of the paper, with a third value for everyone whom the first two do not describe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sex {
+    /// Female.
+    Female,
+    /// Male.
+    Male,
+    /// Neither of the two.
+    Other,
+}
+
+impl Sex {
+    /// All values.
+    pub const ALL: [Self; 3] = [Self::Female, Self::Male, Self::Other];
+
+    /// Name in files and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Female => "female",
+            Self::Male => "male",
+            Self::Other => "other",
+        }
+    }
+}
+
+impl fmt::Display for Sex {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
 }
 
 impl Participant {
@@ -43,9 +85,73 @@ impl Participant {
     }
 }
 
+fn age_years<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    within(from, "age_years", "the age of the person in years", 1.0..=120.0)
+}
+
 fn mass_kg<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    within(from, "mass_kg", "the mass of the person in kg", 10.0..=300.0)
+}
+
+fn height_cm<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    within(from, "height_cm", "the height of the person in cm", 50.0..=250.0)
+}
+
+/// A number within a range. The message of the error names the key, the value and the range.
+fn within<'de, D: Deserializer<'de>>(
+    from: D,
+    key: &str,
+    meaning: &str,
+    range: RangeInclusive<f64>,
+) -> Result<Option<f64>, D::Error> {
     match f64::deserialize(from)? {
-        kg if (10.0..=300.0).contains(&kg) => Ok(Some(kg)),
-        kg => Err(de::Error::custom(format!("mass_kg = {kg}: expected the mass of the person in kg, 10 to 300"))),
+        value if range.contains(&value) => Ok(Some(value)),
+        value => {
+            let (low, high) = (range.start(), range.end());
+            Err(de::Error::custom(format!("{key} = {value}: expected {meaning}, {low} to {high}")))
+        }
+    }
+}
+
+fn sex<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Sex>, D::Error> {
+    let text = String::deserialize(from)?;
+    let known = Sex::ALL.into_iter().find(|sex| sex.name() == text);
+    known.map(Some).ok_or_else(|| {
+        de::Error::custom(format!("sex = {text:?}: expected the sex of the person, \"female\", \"male\" or \"other\""))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<Participant, String> {
+        Participant::parse(text, Path::new("study/ann/participant.toml")).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn all_entries_are_read_and_optional() {
+        let text = "size = 37\nage_years = 24.5\nsex = 'female'\nmass_kg = 55\nheight_cm = 158.5\nzero = 'zero.toml'";
+        let found = parse(text).expect("valid");
+        assert_eq!((found.age_years, found.sex), (Some(24.5), Some(Sex::Female)));
+        assert_eq!((found.mass_kg, found.height_cm), (Some(55.0), Some(158.5)));
+        assert_eq!(found.zero.as_deref(), Some(Path::new("study/ann/zero.toml")));
+        assert_eq!(parse(""), Ok(Participant::default()));
+    }
+
+    #[test]
+    fn errors_name_the_file_the_value_and_the_accepted_values() {
+        for (text, words) in [
+            ("age_years = 0", ["age_years = 0", "1 to 120"]),
+            ("age_years = 121", ["age_years = 121", "1 to 120"]),
+            ("mass_kg = nan", ["mass_kg = NaN", "10 to 300"]),
+            ("height_cm = 1.66", ["height_cm = 1.66", "cm, 50 to 250"]),
+            ("sex = 'F'", ["sex = \"F\"", "\"female\", \"male\" or \"other\""]),
+            ("size = 34", ["34", "from 35 to 46"]),
+        ] {
+            let message = parse(text).expect_err(text);
+            assert!(message.starts_with("study/ann/participant.toml: "), "{message}");
+            assert!(words.iter().all(|words| message.contains(words)), "{words:?}: {message}");
+        }
     }
 }

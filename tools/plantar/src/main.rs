@@ -12,8 +12,10 @@ mod info;
 mod insole;
 mod monitor;
 mod params;
+mod people;
 mod picture;
 mod record;
+mod repeat;
 mod replay;
 #[cfg(feature = "serve")]
 mod serve;
@@ -38,6 +40,8 @@ use std::process::ExitCode;
 ///   plantar info walk.parquet
 ///   plantar zero standing.parquet --out zero.toml
 ///   plantar fit walk.parquet --out params.toml --report report.html
+///   plantar cohort study --out table --report cohort.html
+///   plantar repeat study --csv repeatability.csv
 ///   plantar replay walk.parquet --params params.toml --json steps.json
 ///   plantar emulate walk.parquet
 ///   plantar params push params.toml --serial /dev/ttyACM0
@@ -66,6 +70,7 @@ enum Command {
     Fit(fit::Fit),
     Identify(identify::Identify),
     Cohort(cohort::Cohort),
+    Repeat(repeat::Repeat),
     Emulate(emulate::Emulate),
     Monitor(monitor::Monitor),
     Record(record::Record),
@@ -92,6 +97,7 @@ fn main() -> ExitCode {
         Command::Fit(fit) => return status(fit.run()),
         Command::Identify(identify) => return status(identify.run()),
         Command::Cohort(cohort) => return status(cohort.run()),
+        Command::Repeat(repeat) => return status(repeat.run()),
         Command::Emulate(emulate) => emulate.run(),
         Command::Update(update) => update.run(),
         Command::Monitor(monitor) => monitor.run(),

@@ -12,7 +12,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// The columns of a row with their values.
-pub type Row = Vec<(&'static str, Value)>;
+pub type Row<Name = &'static str> = Vec<(Name, Value)>;
 
 /// A value of one of the types that columns have; `None` is null.
 #[derive(Clone)]
@@ -67,20 +67,20 @@ impl From<i32> for Value {
 
 /// Writes rows as a Parquet file. There must be at least one row, and all rows must have the same columns. An existing file is
 /// replaced only when the new one is complete. `metadata` is a key of the file's metadata with its value.
-pub fn write(path: &Path, metadata: Option<(&str, &str)>, rows: &[Row]) -> Result<()> {
+pub fn write<Name: AsRef<str>>(path: &Path, metadata: Option<(&str, &str)>, rows: &[Row<Name>]) -> Result<()> {
     let written = || -> Result<()> {
         fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
         // The name of the unfinished file begins with a dot, because programs that read a folder as a table ignore such files.
         let temporary =
             path.with_file_name(format!(".{}.part", path.file_stem().unwrap_or_default().to_string_lossy()));
-        let field = |(name, value): &(&str, Value)| {
+        let field = |(name, value): &(Name, Value)| {
             let (physical, logical) = match value {
                 Value::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
                 Value::Integer(_) => (Physical::INT32, None),
                 Value::Real(_) => (Physical::DOUBLE, None),
                 Value::Flag(_) => (Physical::BOOLEAN, None),
             };
-            Type::primitive_type_builder(name, physical)
+            Type::primitive_type_builder(name.as_ref(), physical)
                 .with_repetition(Repetition::OPTIONAL)
                 .with_logical_type(logical)
                 .build()

@@ -45,7 +45,11 @@ fn people() -> (TempDir, PathBuf) {
     ] {
         let participant = path.join("people").join(name);
         fs::create_dir_all(&participant).expect("made");
-        fs::write(participant.join("participant.toml"), format!("size = {size}\nmass_kg = 60.5\n")).expect("written");
+        fs::write(
+            participant.join("participant.toml"),
+            format!("size = {size}\nmass_kg = 60.5\nheight_cm = 160\nage_years = 30\nsex = 'female'\n"),
+        )
+        .expect("written");
         for (recording, side, seed) in recordings {
             walk(&participant.join(recording), side, seed);
         }
@@ -89,8 +93,9 @@ fn each_region_of_each_step_is_a_row_with_a_fit_of_its_own() {
     let of = |recording: &str| ann.iter().filter(|row| text(row, "recording") == recording).count();
     assert_eq!(["a.parquet", "b.parquet", "c.parquet"].map(of), [16, 24, 8]);
     for (row, region) in ann.iter().zip(Region::ALL.iter().cycle()) {
-        assert_eq!((text(row, "region"), row.len(), row.contains_key("participant")), (region.name(), 47, false));
+        assert_eq!((text(row, "region"), row.len(), row.contains_key("participant")), (region.name(), 65, false));
         assert_eq!((number(row, "insole_size"), number(row, "mass_kg")), (36.0, 60.5));
+        assert_eq!((number(row, "height_cm"), number(row, "age_years"), text(row, "sex")), (160.0, 30.0, "female"));
         assert_eq!((text(row, "filter"), text(row, "method")), ("live", "projection"));
         let rule = ["contact_on_kpa", "contact_off_kpa", "contact_full_kpa"].map(|column| number(row, column));
         assert_eq!(rule, [10.0, 7.5, 150.0]);
@@ -101,6 +106,7 @@ fn each_region_of_each_step_is_a_row_with_a_fit_of_its_own() {
             continue;
         }
         assert_eq!((&row["fitted"], &row["reason"]), (&Field::Bool(true), &Field::Null));
+        assert!(number(row, "secant_modulus_kpa") > 0.0 && number(row, "area_at_50_percent_force_mm2") > 0.0);
         for column in ["ab_mm2", "stiffness_pa", "damping_pa_s", "n", "m"] {
             let [low, high] = ["low", "high"].map(|end| number(row, &format!("{column}_{end}")));
             assert!(low <= number(row, column) && number(row, column) <= high, "{region:?} {column}");
@@ -149,14 +155,15 @@ fn the_summary_has_means_over_steps_then_trials_then_participants_of_a_size() {
         let found: f64 = found.parse().expect("a number");
         assert!((found - expected).abs() <= 1e-9 * expected.abs(), "{found}, not {expected}");
     };
-    let columns = "a_mm b_mm c_mm d0_mm k_n_m3 n c_n_s_m3 m ab_mm2 stiffness_pa damping_pa_s nrmse_percent \
+    let columns = "force_at_70_percent_area_n area_at_100_n_mm2 secant_modulus_kpa dissipated_energy_mj a_mm b_mm c_mm d0_mm k_n_m3 n c_n_s_m3 m ab_mm2 stiffness_pa damping_pa_s nrmse_percent \
                    nrmse_smoothed_percent";
     for line in &lines {
         let participants: &[&Vec<Row>] = if line["insole_size"] == "35-36" { &[&ann] } else { &[&bob, &cid] };
         for column in columns.split_whitespace() {
             let means: Vec<f64> =
                 participants.iter().filter_map(|rows| mean_of(rows, &line["region"], column)).collect();
-            assert_eq!(line["participants"], means.len().to_string());
+            assert_eq!(line[&format!("{column}_participants")], means.len().to_string());
+            assert!(means.len() <= line["participants"].parse().expect("a number"));
             let [found, sd] = ["mean", "sd"].map(|kind| &line[&format!("{column}_{kind}")]);
             match means[..] {
                 [] => assert!(found.is_empty() && sd.is_empty()),
@@ -237,7 +244,9 @@ fn unusable_recordings_are_left_out_and_named_and_tried_again() {
     for (text, words) in [
         ("size = 36\nsise = 36", ["people/ann/participant.toml", "line 2", "sise"]),
         ("\nsize = 47", ["people/ann/participant.toml", "line 2", "47: a European shoe size from 35 to 46"]),
-        ("mass_kg = 7", ["people/ann/participant.toml", "line 1", "10 to 300"]),
+        ("mass_kg = 7", ["people/ann/participant.toml", "mass_kg = 7", "10 to 300"]),
+        ("height_cm = 1.7", ["people/ann/participant.toml", "height_cm = 1.7", "50 to 250"]),
+        ("sex = 'f'", ["people/ann/participant.toml", "sex = \"f\"", "\"female\", \"male\" or \"other\""]),
         ("zero = 'nowhere.toml'", ["left out", "people/ann", "nowhere.toml"]),
         ("thickness = 'nowhere.toml'", ["left out", "people/ann", "nowhere.toml"]),
     ] {
@@ -296,4 +305,36 @@ fn errors_for_missing_participants_name_what_is_needed() {
     fs::create_dir(path.join("people/ann")).expect("made");
     fail(&["left out: people/ann", "people: no step of any participant"]);
     assert!(!path.join("summary.csv").exists());
+}
+
+#[test]
+fn the_report_has_table_1_charts_and_repeatability() {
+    let (_folder, path) = people();
+    let (status, text_of_run) = outcome(&cohort(&path, "--report cohort.html"));
+    assert_eq!(status, Some(0), "{text_of_run}");
+    // Both people have two recordings of one foot, but not of the same foot.
+    assert!(text_of_run.contains("Table 1") && !text_of_run.contains("ICC"), "{text_of_run}");
+    walk(&path.join("people/ann/d.parquet"), Side::Right, 9);
+    let (status, text_of_run) = outcome(&cohort(&path, "--report cohort.html"));
+    assert_eq!(status, Some(0), "{text_of_run}");
+    assert!(text_of_run.contains("Repeatability, right foot: 2 trials of 2 people"), "{text_of_run}");
+    // Table 1 comes first, then the errors, the quantities, the parameters and the repeatability.
+    let html = fs::read_to_string(path.join("cohort.html")).expect("a report");
+    let words = [
+        "id=\"people\"",
+        "<th scope=\"row\">35–36</th><td>1</td><td>1/0</td><td>30.0</td><td>60.5</td><td>1.60</td>",
+        "id=\"errors\"",
+        "id=\"quantities\"",
+        "secant modulus at 20 % strain, kPa",
+        "id=\"parameters\"",
+        "d₀: thickness, mm",
+        "id=\"repeatability\"",
+        "ICC(2,1), right foot: 2 trials of 2 people",
+    ];
+    let positions = words.map(|words| html.find(words).unwrap_or_else(|| panic!("{words}")));
+    assert!(positions.is_sorted(), "{positions:?}");
+    for outside in ["http:", "https:", "<script", "src=", "@import", "url("] {
+        assert!(!html.contains(outside), "{outside}");
+    }
+    assert_eq!(html.matches("<svg class=\"drawing\"").count(), html.matches("role=\"img\" aria-label=\"").count());
 }

@@ -34,14 +34,17 @@ impl Drawing {
 }
 
 /// The entries of a legend, each a mark, drawn in 26 x 18 units, with its meaning.
-pub fn legend_entries(marks: impl IntoIterator<Item = (Markup, &'static str)>) -> Vec<Drawing> {
-    let entry = |(mark, meaning): (Markup, &'static str)| Drawing {
-        width: 42.0 + 6.6 * meaning.len() as f64,
+pub fn legend_entries<Text: AsRef<str>>(marks: impl IntoIterator<Item = (Markup, Text)>) -> Vec<Drawing> {
+    marks.into_iter().map(|(mark, meaning)| legend_entry(mark, meaning.as_ref())).collect()
+}
+
+fn legend_entry(mark: Markup, meaning: &str) -> Drawing {
+    Drawing {
+        width: 42.0 + 6.6 * meaning.chars().count() as f64,
         height: 18.0,
         label: format!("Mark: {meaning}"),
         body: html! { (mark) text x="31" y="13" { (meaning) } },
-    };
-    marks.into_iter().map(entry).collect()
+    }
 }
 
 /// A legend in one row, with its upper left corner at `(x, y)`.

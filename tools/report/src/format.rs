@@ -27,6 +27,21 @@ fn superscript(exponent: &str) -> String {
     exponent.chars().map(|c| c.to_digit(10).map_or('⁻', |digit| DIGITS[digit as usize])).collect()
 }
 
+/// A round number for an axis: with a power of ten from 10 000 on and below 0.001.
+pub fn round(value: f64) -> String {
+    // Ticks are multiples of a step, and thus have rounding errors.
+    let trimmed = |value: f64| format!("{value:.4}").trim_end_matches('0').trim_end_matches('.').replace('-', "−");
+    let exponent = value.abs().log10().floor() as i32;
+    if value == 0.0 || (-3..4).contains(&exponent) {
+        return trimmed(value);
+    }
+    let factor = match trimmed(value / 10f64.powi(exponent)) {
+        one if one == "1" => String::new(),
+        factor => factor + "·",
+    };
+    format!("{factor}10{}", superscript(&exponent.to_string()))
+}
+
 /// A fraction in percent with one decimal, without the sign %.
 pub fn percent(share: f64) -> String {
     if share.is_finite() { format!("{:.1}", share * 100.0) } else { NONE.into() }
@@ -77,6 +92,22 @@ mod tests {
         ];
         for (value, text) in cases {
             assert_eq!(number(value), text);
+        }
+    }
+
+    #[test]
+    fn round_numbers_are_short() {
+        let cases = [
+            (0.0, "0"),
+            (0.25, "0.25"),
+            (-0.5, "−0.5"),
+            (5000.0, "5000"),
+            (1e5, "10⁵"),
+            (2e7, "2·10⁷"),
+            (1e-4, "10⁻⁴"),
+        ];
+        for (value, text) in cases {
+            assert_eq!(round(value), text);
         }
     }
 

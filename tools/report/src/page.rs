@@ -1,55 +1,31 @@
-//! The web page: its sections in order, and the summary.
+//! The web page on one person: its sections in order, and the summary.
 
-use crate::drawing::{Drawing, STYLE};
+use crate::document::{document, legend, section, wide};
 use crate::format::{NONE, count, percent};
 use crate::region::{TITLES, fit_of, fitted};
 use crate::{bars, curves, foot, parameters, protocol, reading};
 use fit::Study;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 
 /// The whole page.
 pub fn page(study: &Study) -> Markup {
     let title = format!("Plantar tissue of {}", study.participant);
-    html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="color-scheme" content="light dark";
-                // An empty icon, so that the browser does not request one.
-                link rel="icon" href="data:,";
-                title { (title) }
-                style { (PreEscaped(STYLE)) (PreEscaped(include_str!("style.css"))) }
-            }
-            body {
-                main {
-                    header {
-                        h1 { (title) }
-                        p { "Viscoelastic ellipsoids of eight plantar regions, identified from contact area and force in walking" }
-                    }
-                    (summary(study))
-                    (section("protocol", "Participant and protocol", protocol::protocol(study)))
-                    (section("foot", "Position of the regions", foot_figure(study)))
-                    (section("curves", "Area and force in a typical step", curve_figures(study)))
-                    (section("errors", "Errors by region", error_figure(study)))
-                    (section("parameters", "Parameters by region", parameter_figures(study)))
-                    (section("table", "Table of errors", wide("Table of errors", bars::table(study))))
-                    (section("reading", "How to read this report", reading::reading(study.options.method)))
-                }
-            }
-        }
-    }
-}
-
-/// A section with its heading.
-fn section(id: &str, title: &str, content: Markup) -> Markup {
-    html! { section id=(id) aria-labelledby={ (id) "-title" } { h2 id={ (id) "-title" } { (title) } (content) } }
-}
-
-/// A table that can be scrolled if it is wider than the screen.
-fn wide(label: &str, table: Markup) -> Markup {
-    html! { div.wide tabindex="0" role="region" aria-label=(label) { (table) } }
+    let subtitle =
+        "Viscoelastic ellipsoids of eight plantar regions, identified from contact area and force in walking";
+    document(
+        &title,
+        subtitle,
+        &html! {
+            (summary(study))
+            (section("protocol", "Participant and protocol", protocol::protocol(study)))
+            (section("foot", "Position of the regions", foot_figure(study)))
+            (section("curves", "Area and force in a typical step", curve_figures(study)))
+            (section("errors", "Errors by region", error_figure(study)))
+            (section("parameters", "Parameters by region", parameter_figures(study)))
+            (section("table", "Table of errors", wide("Table of errors", bars::table(study))))
+            (section("reading", "How to read this report", reading::reading(study.options.method)))
+        },
+    )
 }
 
 fn summary(study: &Study) -> Markup {
@@ -180,20 +156,6 @@ fn step(study: &Study, step: usize) -> String {
     let step = &study.steps[step];
     let name = study.sources.get(step.recording).map_or("", |source| &source.name);
     format!("Step {} of {name}, {} foot, at {:.2} s", step.number, step.side.name(), step.start_s)
-}
-
-/// Size of a legend, rem per unit of its drawing.
-const LEGEND_SCALE: f64 = 0.075;
-
-/// A legend in the page.
-fn legend(entries: &[Drawing]) -> Markup {
-    html! {
-        div.key {
-            @for entry in entries {
-                span style=(format!("width:{:.1}rem", LEGEND_SCALE * entry.width)) { (entry.svg()) }
-            }
-        }
-    }
 }
 
 fn error_figure(study: &Study) -> Markup {

@@ -43,8 +43,13 @@ const LEGEND: f64 = 28.0;
 /// # Errors
 /// If no font is installed, or the drawing cannot be rendered or encoded.
 pub fn png(study: &Study) -> Result<Vec<u8>> {
+    render(svg(study))
+}
+
+/// Converts a picture from SVG to PNG.
+pub fn render(svg: Markup) -> Result<Vec<u8>> {
     let options = usvg::Options { fontdb: Arc::new(fonts()?), ..usvg::Options::default() };
-    let tree = usvg::Tree::from_str(&svg(study).into_string(), &options)?;
+    let tree = usvg::Tree::from_str(&svg.into_string(), &options)?;
     let size = tree.size().to_int_size().scale_by(PIXELS);
     let pixels = size.and_then(|size| tiny_skia::Pixmap::new(size.width(), size.height()));
     let mut pixels = pixels.ok_or_else(|| Error::Encoding("the drawing has no size".into()))?;

@@ -1,113 +1,76 @@
-//! Means as in the paper: over the steps of each recording, over the recordings, then over the participants of a size.
+//! The participants (Table 1 of the paper), and the means by region and insole size.
 
 use crate::summary;
 use anyhow::{Context, Result};
-use parquet::record::Field;
+use fit::cohort::{Person, SizeGroup};
+use fit::trials::Moments;
+use fit::variable::Variable;
+use parameters::Participant;
 use plantar::Region;
-use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-/// The columns of which means are computed: the paper's eight parameters, the combinations of them that a force determines, and
-/// the errors.
-const COLUMNS: [&str; 13] = [
-    "a_mm",
-    "b_mm",
-    "c_mm",
-    "d0_mm",
-    "k_n_m3",
-    "n",
-    "c_n_s_m3",
-    "m",
-    "ab_mm2",
-    "stiffness_pa",
-    "damping_pa_s",
-    "nrmse_percent",
-    "nrmse_smoothed_percent",
-];
-/// Index of `nrmse_percent` in [`COLUMNS`].
-const NRMSE: usize = 11;
-
-/// The values of [`COLUMNS`].
-type Values = [f64; COLUMNS.len()];
-
-/// The means of a participant.
-pub struct Means {
-    size: i32,
-    /// The means of each region, in the order of [`Region::ALL`]; `None` if the region was fitted in no step.
-    regions: [Option<Values>; 8],
-    /// Number of steps of all recordings.
-    pub steps: usize,
-}
-
-impl Means {
-    /// Computes the means from a participant's rows of the table.
-    pub fn of(rows: &[HashMap<String, Field>]) -> Self {
-        let mut trials: [BTreeMap<&str, Vec<Values>>; 8] = Default::default();
-        for row in rows {
-            let (Some(Field::Str(recording)), Some(Field::Str(region))) = (row.get("recording"), row.get("region"))
-            else {
-                continue;
-            };
-            let values = COLUMNS.map(|column| if let Some(Field::Double(v)) = row.get(column) { *v } else { f64::NAN });
-            // The values of a region that was not fitted are null.
-            if let Some(region) = Region::from_name(region).filter(|_| values.iter().all(|v| v.is_finite())) {
-                trials[region as usize].entry(recording).or_default().push(values);
-            }
-        }
-        let regions = trials.map(|trials| {
-            let means: Vec<Values> = trials.values().filter_map(|steps| mean(steps)).collect();
-            mean(&means)
-        });
-        let size = match rows.first().and_then(|row| row.get("insole_size")) {
-            Some(Field::Int(size)) => *size,
-            _ => 0,
-        };
-        Self { size, regions, steps: rows.len() / Region::ALL.len() }
+/// Prints each participant, and Table 1: mean and standard deviation by pairs of insole sizes.
+pub fn print_participants(people: &[Person]) {
+    let known = |value: Option<f64>| value.map_or("-".into(), |value| value.to_string());
+    let mut table = summary::table();
+    table.set_header(["participant", "size", "sex", "age years", "mass kg", "height m", "recordings", "steps"]);
+    for person in people {
+        let Participant { sex, age_years, mass_kg, .. } = person.settings;
+        table.add_row([
+            person.name.clone(),
+            person.size_eur.to_string(),
+            sex.map_or("-".into(), |sex| sex.name().into()),
+            known(age_years),
+            known(mass_kg),
+            known(height_m(&person.settings)),
+            person.trials.len().to_string(),
+            person.steps.to_string(),
+        ]);
     }
-}
-
-/// The mean of each column; `None` without values.
-fn mean(all: &[Values]) -> Option<Values> {
-    let mean = |i: usize| all.iter().map(|values| values[i]).sum::<f64>() / all.len() as f64;
-    (!all.is_empty()).then(|| std::array::from_fn(mean))
-}
-
-/// The standard deviation of each column, with the divisor n - 1; `None` for fewer than two values.
-fn standard_deviation(all: &[Values]) -> Option<Values> {
-    let mean = mean(all).filter(|_| all.len() > 1)?;
-    let squares = |i: usize| all.iter().map(|values| (values[i] - mean[i]).powi(2)).sum::<f64>();
-    Some(std::array::from_fn(|i| (squares(i) / (all.len() - 1) as f64).sqrt()))
-}
-
-/// Groups the participants by pairs of insole sizes, as in the paper: 35-36, 37-38 and so on. The key is the smaller size.
-fn by_size(participants: &[Means]) -> BTreeMap<i32, Vec<&Means>> {
-    let mut sizes = BTreeMap::<_, Vec<_>>::new();
-    for means in participants {
-        sizes.entry(means.size - (means.size + 1) % 2).or_default().push(means);
+    summary::align(&mut table);
+    println!("Participants:\n{table}");
+    let mut table = summary::table();
+    table.set_header(["insole size", "participants", "female/male", "age years", "mass kg", "height m"]);
+    for group in SizeGroup::all(people) {
+        let value = |moments: Option<Moments>, digits: usize| moments.map_or("-".into(), |m| plus_minus(&m, digits));
+        table.add_row([
+            group.name(),
+            group.people.len().to_string(),
+            group.sexes(),
+            value(group.of_settings(|settings| settings.age_years), 1),
+            value(group.of_settings(|settings| settings.mass_kg), 1),
+            value(group.of_settings(height_m), 2),
+        ]);
     }
-    sizes
+    summary::align(&mut table);
+    println!("Table 1, mean ± standard deviation by insole size:\n{table}");
 }
 
-/// The name of a pair of sizes.
-fn pair(smaller: i32) -> String {
-    format!("{smaller}-{}", smaller + 1)
+/// Height in m, rounded to 1 mm.
+fn height_m(settings: &Participant) -> Option<f64> {
+    settings.height_cm.map(|cm| (cm * 10.0).round() / 1000.0)
+}
+
+/// Mean ± standard deviation; only the mean of a single value.
+fn plus_minus(moments: &Moments, digits: usize) -> String {
+    let deviation = moments.deviation.map_or(String::new(), |sd| format!(" ± {sd:.digits$}"));
+    format!("{:.digits$}{deviation}", moments.mean)
 }
 
 /// Prints the NRMSE of each region for each pair of sizes.
-pub fn print(participants: &[Means]) {
-    let sizes = by_size(participants);
+pub fn print(people: &[Person]) {
+    let sizes = SizeGroup::all(people);
     let mut table = summary::table();
-    let header = sizes.iter().map(|(size, means)| format!("{} ({})", pair(*size), means.len()));
+    let header = sizes.iter().map(|group| format!("{} ({})", group.name(), group.people.len()));
     table.set_header(std::iter::once("region".to_string()).chain(header));
     for (i, region) in Region::ALL.iter().enumerate() {
-        let cell = |means: &Vec<&Means>| {
-            let fitted: Vec<Values> = means.iter().filter_map(|means| means.regions[i]).collect();
-            let Some(mean) = mean(&fitted) else { return "-".into() };
-            let sd = standard_deviation(&fitted).map_or(String::new(), |sd| format!(" ± {:.1}", sd[NRMSE]));
-            let count = if fitted.len() < means.len() { format!(" ({})", fitted.len()) } else { String::new() };
-            format!("{:.1}{sd}{count}", mean[NRMSE])
+        let cell = |group: &SizeGroup| {
+            let Some(moments) = group.moments(i, Variable::nrmse()) else { return "-".into() };
+            let is_all = moments.count == group.people.len();
+            let count = if is_all { String::new() } else { format!(" ({})", moments.count) };
+            plus_minus(&moments, 1) + &count
         };
-        table.add_row(std::iter::once(region.name().to_string()).chain(sizes.values().map(cell)));
+        table.add_row(std::iter::once(region.name().to_string()).chain(sizes.iter().map(cell)));
     }
     summary::align(&mut table);
     println!("NRMSE %, mean ± standard deviation over participants (number), by region and insole size:\n{table}");
@@ -120,19 +83,23 @@ pub fn print(participants: &[Means]) {
     );
 }
 
-/// Writes a CSV file with one row for each pair of sizes and region.
-pub fn write(path: &Path, participants: &[Means]) -> Result<()> {
+/// Writes a CSV file with one row for each pair of sizes and region. For each variable, the quantities first, it has the mean, the
+/// standard deviation, and the number of participants who have a value.
+pub fn write(path: &Path, people: &[Person]) -> Result<()> {
     let rows = || -> Result<()> {
         let mut file = csv::Writer::from_path(path)?;
-        let names = COLUMNS.iter().flat_map(|column| [format!("{column}_mean"), format!("{column}_sd")]);
+        let names = Variable::all()
+            .flat_map(|variable| ["mean", "sd", "participants"].map(|of| format!("{}_{of}", variable.name())));
         file.write_record(["insole_size", "region", "participants"].map(String::from).into_iter().chain(names))?;
-        for (size, means) in by_size(participants) {
+        for group in SizeGroup::all(people) {
             for (i, region) in Region::ALL.iter().enumerate() {
-                let fitted: Vec<Values> = means.iter().filter_map(|means| means.regions[i]).collect();
-                let (mean, sd) = (mean(&fitted), standard_deviation(&fitted));
-                let value = |of: Option<Values>, i: usize| of.map_or(String::new(), |values| values[i].to_string());
-                let values = (0..COLUMNS.len()).flat_map(|i| [value(mean, i), value(sd, i)]);
-                let start = [pair(size), region.name().into(), fitted.len().to_string()];
+                let values = Variable::all().flat_map(|variable| {
+                    let moments = group.moments(i, variable);
+                    let text = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
+                    let count = moments.map_or(0, |moments| moments.count);
+                    [text(moments.map(|m| m.mean)), text(moments.and_then(|m| m.deviation)), count.to_string()]
+                });
+                let start = [group.name(), region.name().into(), group.fitted(i).to_string()];
                 file.write_record(start.into_iter().chain(values))?;
             }
         }

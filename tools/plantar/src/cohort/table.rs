@@ -2,13 +2,16 @@
 
 use crate::table::{Row, Value};
 use anyhow::{Result, bail};
+use fit::trials::{Trial, Values, means};
+use fit::variable::Variable;
 use fit::{NotFitted, Options, RegionFit, Step};
-use parameters::InsoleSize;
+use parameters::{InsoleSize, Participant};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
-use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
-use std::collections::HashMap;
+use plantar::{Region, Side};
+use std::borrow::Cow;
+use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
@@ -19,7 +22,7 @@ pub const KEY: &str = "plantar.made_from";
 /// The values that are the same in all rows of a recording.
 pub struct Origin<'a> {
     pub size: InsoleSize,
-    pub mass_kg: Option<f64>,
+    pub settings: &'a Participant,
     pub recording: &'a str,
     pub contact: ContactRule,
     pub options: Options,
@@ -35,17 +38,20 @@ const PARAMETER_COLUMNS: [[&str; 4]; 5] = [
     ["m", "m_low", "m_high", "m_at_bound"],
 ];
 
-/// The row of one region of a step.
-pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, NotFitted>) -> Row {
+/// The row of one region of a step: its origin, the quantities, then the parameters and the errors.
+pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, NotFitted>) -> Row<Cow<'static, str>> {
     let text = |text: &str| Value::Text(Some(text.into()));
     let integer = |value: Option<usize>| Value::Integer(value.and_then(|v| i32::try_from(v).ok()));
     let real = |value: Option<f64>| Value::Real(value.filter(|v| v.is_finite()));
     let kpa = |value: f32| real(Some(value.into()));
-    let Origin { contact, options, .. } = origin;
+    let Origin { contact, options, settings, .. } = origin;
     let (_, force_n, _) = step.regions[region as usize].of(options.filter);
-    let mut row = vec![
+    let origin: [(&'static str, Value); 19] = [
         ("insole_size", integer(Some(origin.size.eur().into()))),
-        ("mass_kg", real(origin.mass_kg)),
+        ("age_years", real(settings.age_years)),
+        ("sex", Value::Text(settings.sex.map(|sex| sex.name().into()))),
+        ("mass_kg", real(settings.mass_kg)),
+        ("height_cm", real(settings.height_cm)),
         ("side", text(step.side.name())),
         ("recording", text(origin.recording)),
         ("step", integer(Some(step.number as usize))),
@@ -61,35 +67,26 @@ pub fn row(origin: &Origin, step: &Step, region: Region, fit: Result<RegionFit, 
         ("method", text(options.method.name())),
         ("measured_peak_n", real(Some(force_n.iter().copied().fold(0.0, f64::max)))),
     ];
+    let mut row: Row<Cow<'static, str>> = origin.map(|(name, value)| (name.into(), value)).into();
     let fit = fit.ok();
     let fit = fit.as_ref();
-    let parameters = fit.map(|fit| {
-        let law = &fit.law;
-        [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m]
-    });
-    for (i, [value, low, high, at_bound]) in PARAMETER_COLUMNS.into_iter().enumerate() {
+    let value = |variable: Variable| (variable.name(), real(fit.and_then(|fit| variable.of(fit))));
+    row.extend(Variable::quantities().map(value));
+    for (i, [name, low, high, at_bound]) in PARAMETER_COLUMNS.into_iter().enumerate() {
         let unit = if i == 0 { 1e6 } else { 1.0 };
         let interval = fit.and_then(|fit| fit.uncertainty.as_ref()).map(|u| &u.intervals[i]);
-        row.push((value, real(parameters.map(|parameters| parameters[i] * unit))));
-        row.push((low, real(interval.map(|i| i.jacobian[0] * unit))));
-        row.push((high, real(interval.map(|i| i.jacobian[1] * unit))));
-        row.push((at_bound, Value::Flag(interval.map(|i| i.at_bound))));
+        row.extend(Variable::all().filter(|variable| variable.name() == name).map(value));
+        row.push((low.into(), real(interval.map(|i| i.jacobian[0] * unit))));
+        row.push((high.into(), real(interval.map(|i| i.jacobian[1] * unit))));
+        row.push((at_bound.into(), Value::Flag(interval.map(|i| i.at_bound))));
     }
-    let ellipsoid = fit.map(|fit| &fit.ellipsoid);
+    let rest: Vec<_> =
+        Variable::all().map(value).filter(|(name, _)| row.iter().all(|(other, _)| other != name)).collect();
+    row.extend(rest);
     let quality = fit.map(|fit| &fit.quality);
-    row.extend([
-        ("a_mm", real(ellipsoid.map(|e| e.a_m * 1e3))),
-        ("b_mm", real(ellipsoid.map(|e| e.b_m * 1e3))),
-        ("c_mm", real(ellipsoid.map(|e| e.c_m * 1e3))),
-        ("d0_mm", real(ellipsoid.map(|e| e.d0_m * 1e3))),
-        ("k_n_m3", real(ellipsoid.map(|e| e.k))),
-        ("c_n_s_m3", real(ellipsoid.map(|e| e.c))),
-        ("nrmse_percent", real(quality.map(|q| q.fitted * 100.0))),
-        ("nrmse_smoothed_percent", real(quality.map(|q| q.fitted_smoothed * 100.0))),
-        ("floor_percent", real(quality.map(|q| q.floor * 100.0))),
-        ("peak_bias_percent", real(quality.map(|q| q.peak_bias * 100.0))),
-        ("evaluations", integer(fit.map(|fit| fit.evaluations))),
-    ]);
+    row.push(("floor_percent".into(), real(quality.map(|q| q.floor * 100.0))));
+    row.push(("peak_bias_percent".into(), real(quality.map(|q| q.peak_bias * 100.0))));
+    row.push(("evaluations".into(), integer(fit.map(|fit| fit.evaluations))));
     row
 }
 
@@ -115,4 +112,31 @@ pub fn read(path: &Path) -> Result<(String, Vec<HashMap<String, Field>>)> {
     };
     // The Parquet library panics when it reads some damaged files.
     std::panic::catch_unwind(read).unwrap_or_else(|_| bail!("{} is damaged", path.display()))
+}
+
+/// The values of each recording: the means over its steps.
+pub fn trials(rows: &[HashMap<String, Field>]) -> Vec<Trial> {
+    let variables: Vec<_> = Variable::all().map(Variable::name).collect();
+    let mut recordings = BTreeMap::<&str, (Side, [Vec<Values>; 8])>::new();
+    for row in rows {
+        let text = |column: &str| if let Some(Field::Str(text)) = row.get(column) { Some(text.as_str()) } else { None };
+        let (Some(name), Some(side), Some(region)) =
+            (text("recording"), text("side"), text("region").and_then(Region::from_name))
+        else {
+            continue;
+        };
+        let side = if side == Side::Left.name() { Side::Left } else { Side::Right };
+        let (_, regions) = recordings.entry(name).or_insert_with(|| (side, Default::default()));
+        if row.get("fitted") == Some(&Field::Bool(true)) {
+            let value =
+                |column: &Cow<str>| if let Some(Field::Double(v)) = row.get(&**column) { Some(*v) } else { None };
+            regions[region as usize].push(variables.iter().map(value).collect());
+        }
+    }
+    let trial = |(name, (side, regions)): (&str, (Side, [Vec<Values>; 8]))| Trial {
+        name: name.into(),
+        side,
+        regions: regions.map(|steps| means(&steps)),
+    };
+    recordings.into_iter().map(trial).collect()
 }

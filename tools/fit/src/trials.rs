@@ -1,0 +1,47 @@
+//! The values of trials, and means over them. A trial is one recording of one foot.
+
+use plantar::Side;
+
+/// The values of one region, in the order of [`crate::variable::Variable::all`]. `None` is a variable without a value.
+pub type Values = Vec<Option<f64>>;
+
+/// The values of a trial.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trial {
+    /// Name of the recording.
+    pub name: String,
+    /// The foot.
+    pub side: Side,
+    /// The values of the regions, in the order of [`plantar::Region::ALL`]; `None` if the region was not fitted.
+    pub regions: [Option<Values>; 8],
+}
+
+/// The mean of each variable over the values that it has; `None` without any values.
+pub fn means<'v>(all: impl IntoIterator<Item = &'v Values>) -> Option<Values> {
+    let all: Vec<&Values> = all.into_iter().collect();
+    let width = all.first()?.len();
+    Some((0..width).map(|i| Moments::of(all.iter().filter_map(|values| values[i])).map(|m| m.mean)).collect())
+}
+
+/// Mean and standard deviation of a number over people.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moments {
+    /// Number of values.
+    pub count: usize,
+    /// Arithmetic mean.
+    pub mean: f64,
+    /// Standard deviation with the divisor n - 1; `None` for a single value.
+    pub deviation: Option<f64>,
+}
+
+impl Moments {
+    /// The moments of values; `None` without values.
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
+        let values: Vec<f64> = values.into_iter().collect();
+        let count = values.len();
+        let mean = values.iter().sum::<f64>() / count as f64;
+        let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+        let deviation = (count > 1).then(|| (squares / (count as f64 - 1.0)).sqrt());
+        (count > 0).then_some(Self { count, mean, deviation })
+    }
+}

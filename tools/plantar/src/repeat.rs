@@ -1,0 +1,212 @@
+//! `plantar repeat`: how well the identified values repeat between trials of the same people.
+
+pub mod output;
+
+use crate::fit::{Search, stem, write};
+use crate::people::{self, Person};
+use crate::replay::progress;
+use crate::setup::{ContactArgs, rule_in_words};
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use fit::NotFitted;
+use fit::agreement::{FootRepeatability, SingleTrial, repeatability};
+use fit::trials::Trial;
+use fit::variable::Variable;
+use parameters::Participant;
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// Compares the values that are identified from repeated trials of the same people.
+///
+/// A trial is one recording of one foot. Each region of each trial is fitted to
+/// all of its steps, as by `plantar fit`, and the mechanical quantities and the
+/// eight parameters of the trials are compared: intraclass correlation
+/// coefficient ICC(2,1), standard error of measurement (SEM) and minimal
+/// detectable change (MDC). The two feet are compared separately.
+///
+/// Give a FOLDER with one folder per participant, as for `plantar cohort`, or the
+/// recordings of one person. For one person there is no ICC.
+///
+/// If people have different numbers of trials of a foot, the first trials of
+/// each, in the order of their names, are used.
+///
+/// Exit status: 0 if all participants and recordings were used, 3 if some could
+/// not be used, 1 if there are too few trials to compare.
+#[derive(Args)]
+#[command(verbatim_doc_comment)]
+pub struct Repeat {
+    /// The folder of the participants' folders, or the recordings of one person.
+    #[arg(required = true, value_name = "FOLDER|RECORDING")]
+    inputs: Vec<PathBuf>,
+    /// Write all values to this JSON file.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write all values to this CSV file, with one row for each foot, variable and region.
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// The baseline file of one person's recordings, from `plantar zero`. In a folder, each participant.toml names its own.
+    #[arg(long, value_name = "FILE")]
+    zero: Option<PathBuf>,
+    #[command(flatten)]
+    search: Search,
+    #[command(flatten)]
+    contact: ContactArgs,
+}
+
+/// The trials of a person, and the reasons why recordings or the whole person cannot be used.
+struct Trials {
+    name: String,
+    trials: Vec<Trial>,
+    left_out: Vec<String>,
+}
+
+impl Repeat {
+    /// Runs the command. Returns true if all participants and recordings were used.
+    pub fn run(&self) -> Result<bool> {
+        // Checks the options once, because invalid options would cause an error for every participant.
+        self.search.options(0)?;
+        let rule = self.contact.rule(None)?;
+        let study = self.study();
+        let all = match study {
+            Some(folder) => self.participants(folder)?,
+            None => vec![self.one_person()?],
+        };
+        let mut left_out: Vec<String> = all.iter().flat_map(|person| person.left_out.clone()).collect();
+        let people: Vec<(&str, &[Trial])> =
+            all.iter().map(|person| (person.name.as_str(), &person.trials[..])).collect();
+        let least_people = if study.is_some() { 2 } else { 1 };
+        let (feet, single) = repeatability(&people, least_people);
+        left_out.extend(single.iter().map(remedy));
+        left_out.extend(lone_people(&people, &feet, least_people));
+        left_out.iter().for_each(|reason| eprintln!("left out: {reason}"));
+        if feet.is_empty() {
+            match study {
+                Some(folder) => bail!(
+                    "{}: two or more people with two or more usable recordings of the same foot are needed to compare people: \
+                     record further trials, or give the recordings of one person as files",
+                    folder.display()
+                ),
+                None => bail!("two or more usable recordings of the same foot are needed: record another trial"),
+            }
+        }
+        output::print(&feet);
+        println!("Contact: {}.", rule_in_words(&rule));
+        if let Some(path) = &self.csv {
+            output::write_csv(path, &feet)?;
+            println!("wrote {}", path.display());
+        }
+        if let Some(path) = &self.json {
+            let text = serde_json::to_string_pretty(&output::to_json(&feet, &left_out))? + "\n";
+            write(path, text.as_bytes())?;
+            println!("wrote {}", path.display());
+        }
+        Ok(left_out.is_empty())
+    }
+
+    /// The folder of a study, if one was given: a single folder that has folders. A recording in parts is a folder with files.
+    fn study(&self) -> Option<&Path> {
+        let [folder] = &self.inputs[..] else { return None };
+        let entries: Vec<PathBuf> = folder.read_dir().ok()?.flatten().map(|entry| entry.path()).collect();
+        let is_recording = entries.iter().any(|path| is_parquet(path)) && entries.iter().all(|path| path.is_file());
+        (!is_recording).then_some(folder)
+    }
+
+    /// The trials of all participants of a study.
+    fn participants(&self, study: &Path) -> Result<Vec<Trials>> {
+        if let Some(path) = &self.zero {
+            bail!(
+                "--zero {} is for the recordings of one person: name the baseline of each participant in participant.toml",
+                path.display()
+            );
+        }
+        let names = people::names(study, None)?;
+        let bar = progress(names.len() as u64, "participants");
+        let all = names.par_iter().with_max_len(1).map(|name| {
+            let trials = match Person::open(&study.join(name), &self.search, &self.contact) {
+                Ok(person) if person.recordings.is_empty() => Trials {
+                    name: name.clone(),
+                    trials: Vec::new(),
+                    left_out: vec![format!("{}: no recordings (*.parquet)", person.folder.display())],
+                },
+                Ok(person) => trials_of(name, &person),
+                Err(error) => Trials { name: name.clone(), trials: Vec::new(), left_out: vec![format!("{error:#}")] },
+            };
+            bar.inc(1);
+            trials
+        });
+        let all = all.collect();
+        bar.finish_and_clear();
+        Ok(all)
+    }
+
+    /// The trials of the recordings that were given.
+    fn one_person(&self) -> Result<Trials> {
+        let mut known = BTreeSet::new();
+        for path in &self.inputs {
+            let file = path.canonicalize().with_context(|| format!("cannot read {}", path.display()))?;
+            if !known.insert(file) {
+                bail!("{} is given twice: give each recording once", path.display());
+            }
+        }
+        let settings = Participant { zero: self.zero.clone(), ..Participant::default() };
+        let person = Person::new(Path::new(""), self.inputs.clone(), settings, &self.search, &self.contact)?;
+        Ok(trials_of("the person", &person))
+    }
+}
+
+fn is_parquet(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending == "parquet")
+}
+
+/// Fits each recording of a person.
+fn trials_of(name: &str, person: &Person) -> Trials {
+    let results: Vec<Result<Trial>> = person.recordings.par_iter().map(|path| trial(person, path)).collect();
+    let mut of_person = Trials { name: name.into(), trials: Vec::new(), left_out: Vec::new() };
+    for result in results {
+        match result {
+            Ok(trial) => of_person.trials.push(trial),
+            Err(error) => of_person.left_out.push(format!("{error:#}")),
+        }
+    }
+    of_person
+}
+
+/// Fits each region to all steps of a recording.
+fn trial(person: &Person, path: &Path) -> Result<Trial> {
+    let (side, steps) = person.steps(path)?;
+    if steps.is_empty() {
+        bail!("{}: {}", path.display(), NotFitted::NoSteps);
+    }
+    let fits = fit::fit(&steps, &person.options, &|_| ());
+    let values = fits.map(|fit| fit.ok().map(|fit| Variable::all().map(|variable| variable.of(&fit)).collect()));
+    if values.iter().all(Option::is_none) {
+        bail!("{}: no region could be fitted", path.display());
+    }
+    Ok(Trial { name: stem(path), side, regions: values })
+}
+
+/// The reason why a person's only trial of a foot is left out, with the remedy.
+fn remedy(single: &SingleTrial) -> String {
+    let side = single.side.name();
+    format!(
+        "{}, {side} foot: only one usable recording, and repeatability needs two or more: record another trial of the {side} foot",
+        single.person
+    )
+}
+
+/// The reasons for people who are the only ones with repeated trials of a foot, so that the foot is not evaluated.
+fn lone_people(people: &[(&str, &[Trial])], feet: &[FootRepeatability], least_people: usize) -> Vec<String> {
+    let (possible, _) = repeatability(people, 1);
+    let lone = possible.into_iter().filter(|foot| foot.people.len() < least_people);
+    let lone = lone.filter(|foot| feet.iter().all(|evaluated| evaluated.side != foot.side));
+    lone.map(|foot| {
+        let side = foot.side.name();
+        format!(
+            "{}, {side} foot: nobody else has two or more usable recordings of the {side} foot: record further people, or give the \
+             recordings of this person as files",
+            foot.people.join(", ")
+        )
+    })
+    .collect()
+}

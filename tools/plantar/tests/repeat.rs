@@ -1,0 +1,177 @@
+//! Tests `plantar repeat`: the values of trials, and people and recordings that cannot be used.
+
+use plantar::Side;
+use recording::jiku;
+use recording::synthetic::{self, SyntheticWalk};
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use tempfile::TempDir;
+
+/// The exit status, and the text on stdout and stderr.
+fn plantar(folder: &Path, arguments: &str) -> (Option<i32>, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_plantar"))
+        .args(arguments.split_whitespace())
+        .current_dir(folder)
+        .output()
+        .expect("the program starts");
+    let text = [&output.stdout, &output.stderr].map(|stream| String::from_utf8_lossy(stream));
+    (output.status.code(), text.concat())
+}
+
+fn walk(path: &Path, side: Side, seed: u64, peak_n: f64) {
+    fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+    let walk = SyntheticWalk { side, steps: 3, seed, peak_n, ..Default::default() };
+    synthetic::walk(&walk).recording.write(path).expect("written");
+}
+
+/// A study of three people with two trials of the left foot each, whose forces differ by 150 N between people.
+fn study() -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().to_path_buf();
+    for (i, name) in ["ann", "bob", "cid"].into_iter().enumerate() {
+        for (j, trial) in ["a", "b"].into_iter().enumerate() {
+            let peak_n = 600.0 + 150.0 * i as f64;
+            walk(&path.join(format!("people/{name}/{trial}.parquet")), Side::Left, (10 * i + j) as u64, peak_n);
+        }
+    }
+    (folder, path)
+}
+
+fn csv_rows(path: &Path) -> Vec<HashMap<String, String>> {
+    let mut file = csv::Reader::from_path(path).expect("a CSV file");
+    file.deserialize().map(|line| line.expect("a line")).collect()
+}
+
+fn number(row: &HashMap<String, String>, column: &str) -> f64 {
+    row[column].parse().expect("a number")
+}
+
+fn json(path: &Path) -> serde_json::Value {
+    serde_json::from_str(&fs::read_to_string(path).expect("a file")).expect("JSON")
+}
+
+#[test]
+fn people_are_told_apart_by_what_their_trials_have_in_common() {
+    let (_folder, path) = study();
+    let (status, text) = plantar(&path, "repeat people --csv r.csv --json r.json");
+    assert_eq!(status, Some(0), "{text}");
+    assert!(text.contains("left foot: 2 trials of 3 people"), "{text}");
+    // The quantities come first, and the eight parameters second.
+    let positions =
+        ["force at 70 %", "energy dissipated", "d₀: thickness", "m: damping exponent", "ICC(2,1) by region"];
+    let positions = positions.map(|words| text.find(words).unwrap_or_else(|| panic!("{words}: {text}")));
+    assert!(positions.is_sorted(), "{positions:?}");
+
+    let rows = csv_rows(&path.join("r.csv"));
+    let of = |variable: &'static str| rows.iter().filter(move |row| row["variable"] == variable);
+    // The steps of a trial vary by at most 3 %, and people by 150 of 750 N: the force at a fixed share of the area repeats.
+    let heel = of("force_at_70_percent_area_n").find(|row| row["region"] == "heel").expect("the heel");
+    assert_eq!((heel["people"].as_str(), heel["trials"].as_str(), heel["side"].as_str()), ("3", "2", "left"));
+    assert!(number(heel, "icc_2_1") > 0.9, "{heel:?}");
+    assert!(number(heel, "sem") < 0.03 * number(heel, "mean"), "{heel:?}");
+    for row in &rows {
+        assert!(
+            (number(row, "mdc_95") - 1.96 * 2f64.sqrt() * number(row, "sem")).abs() <= 1e-9 * number(row, "mdc_95")
+        );
+    }
+    // Each trial has the values of `plantar fit` with the same recording.
+    let values = ["ann/a", "ann/b", "bob/a", "bob/b", "cid/a", "cid/b"].map(|trial| {
+        let (status, text) = plantar(&path, &format!("fit people/{trial}.parquet --json fit.json"));
+        assert!(matches!(status, Some(0 | 3)), "{text}");
+        let heel = &json(&path.join("fit.json"))["regions"]["heel"];
+        [&heel["quantities"]["force_at_70_percent_area_n"]["value"], &heel["ellipsoid"]["k_n_m3"]]
+            .map(|value| value.as_f64().expect("a number"))
+    });
+    let stiffness = of("k_n_m3").find(|row| row["region"] == "heel").expect("the heel");
+    for (i, row) in [heel, stiffness].into_iter().enumerate() {
+        let mean = values.iter().map(|value| value[i]).sum::<f64>() / 6.0;
+        assert!((number(row, "mean") / mean - 1.0).abs() < 1e-9, "{row:?}, {mean}");
+    }
+    let foot = &json(&path.join("r.json"))["feet"][0];
+    assert_eq!(foot["people"], serde_json::json!(["ann", "bob", "cid"]));
+    let icc = &foot["variables"]["force_at_70_percent_area_n"]["heel"]["icc_2_1"];
+    assert!((icc.as_f64().expect("a number") - number(heel, "icc_2_1")).abs() < 1e-12);
+}
+
+#[test]
+fn single_trials_are_left_out_with_the_remedy_and_extra_trials_are_not_used() {
+    let (_folder, path) = study();
+    let (_, before) = plantar(&path, "repeat people --csv before.csv");
+    walk(&path.join("people/bob/c.parquet"), Side::Left, 90, 300.0);
+    walk(&path.join("people/dan/a.parquet"), Side::Left, 91, 700.0);
+    walk(&path.join("people/ann/r.parquet"), Side::Right, 92, 700.0);
+    fs::write(path.join("people/cid/d.parquet"), "PAR1").expect("written");
+    fs::create_dir(path.join("people/eve")).expect("made");
+    let (status, text) = plantar(&path, "repeat people --csv after.csv");
+    assert_eq!(status, Some(3), "{text}");
+    for words in [
+        "left foot: the first 2 trials of 3 people, who have 2 to 3",
+        "left out: dan, left foot: only one usable recording",
+        "record another trial of the left foot",
+        "left out: ann, right foot: only one usable recording",
+        "left out: people/cid/d.parquet",
+        "left out: people/eve: no recordings",
+    ] {
+        assert!(text.contains(words), "{words}: {text}");
+    }
+    assert_eq!(csv_rows(&path.join("before.csv")), csv_rows(&path.join("after.csv")), "{before}");
+}
+
+#[test]
+fn the_recordings_of_one_person_are_compared_without_a_coefficient() {
+    let (_folder, path) = study();
+    let (status, text) = plantar(&path, "repeat people/ann/a.parquet people/ann/b.parquet --csv r.csv");
+    assert_eq!(status, Some(0), "{text}");
+    assert!(text.contains("left foot: 2 trials of one person") && !text.contains("ICC(2,1) by region"), "{text}");
+    let rows = csv_rows(&path.join("r.csv"));
+    assert!(rows.len() > 100 && rows.iter().all(|row| row["icc_2_1"].is_empty() && row["people"] == "1"));
+    for (arguments, words) in [
+        ("repeat people/ann/a.parquet", "two or more usable recordings of the same foot are needed"),
+        ("repeat people/ann/a.parquet people/ann/a.parquet", "given twice"),
+        ("repeat nowhere.parquet people/ann/a.parquet", "cannot read nowhere.parquet"),
+        ("repeat people --zero zero.toml", "name the baseline of each participant in participant.toml"),
+    ] {
+        let (status, text) = plantar(&path, arguments);
+        assert_eq!((status, text.contains(words)), (Some(1), true), "{arguments}: {text}");
+    }
+    // A study in which only one person has two trials of a foot.
+    fs::remove_dir_all(path.join("people/bob")).expect("removed");
+    fs::remove_file(path.join("people/cid/b.parquet")).expect("removed");
+    let (status, text) = plantar(&path, "repeat people");
+    assert_eq!(status, Some(1), "{text}");
+    for words in ["ann, left foot: nobody else", "cid, left foot: only one", "two or more people with two or more"] {
+        assert!(text.contains(words), "{words}: {text}");
+    }
+}
+
+#[test]
+#[ignore = "needs the data set SpeedPP2DS, whose folder PLANTAR_JIKU contains: cargo xtask test"]
+fn quantities_of_walkers_repeat_better_than_parameters() {
+    let data = std::env::var_os("PLANTAR_JIKU").expect("PLANTAR_JIKU contains the folder of the data set");
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    for walker in 0..jiku::WALKERS {
+        let person = path.join(format!("people/walker-{walker}"));
+        fs::create_dir_all(&person).expect("made");
+        // Every second trial each, so that a trend over the session affects both recordings alike.
+        for first in 0..2 {
+            let trials = (first..40).step_by(2);
+            let recording = jiku::import(&data, walker, trials, &mut |_, _| ()).expect("a recording");
+            recording.write(person.join(format!("{first}.parquet"))).expect("written");
+        }
+    }
+    let (status, text) = plantar(path, "repeat people --csv r.csv");
+    assert_eq!(status, Some(0), "{text}");
+    println!("{text}");
+    let rows = csv_rows(&path.join("r.csv"));
+    let median = |variable: &str| {
+        let of = rows.iter().filter(|row| row["variable"] == variable && !row["icc_2_1"].is_empty());
+        let mut all: Vec<f64> = of.map(|row| number(row, "icc_2_1")).collect();
+        all.sort_by(f64::total_cmp);
+        all[all.len() / 2]
+    };
+    let (area, exponent) = (median("area_at_50_percent_force_mm2"), median("n"));
+    assert!(area > 0.75 && area > exponent, "{area}, {exponent}");
+}

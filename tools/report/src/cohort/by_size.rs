@@ -1,0 +1,182 @@
+//! Values by region and insole size, with mean and standard deviation over people: charts as Figs. 7 and 8 of the paper, and the
+//! table of the errors.
+
+use crate::cohort::participants::plus_minus;
+use crate::cohort::title;
+use crate::drawing::{self, Drawing, Scale};
+use crate::format::{NONE, round};
+use crate::region::TITLES;
+use fit::cohort::SizeGroup;
+use fit::trials::Moments;
+use fit::variable::Variable;
+use maud::{Markup, html};
+
+/// Width of a chart.
+pub const WIDTH: f64 = 260.0;
+/// Width of the chart of the errors.
+pub const ERRORS_WIDTH: f64 = 460.0;
+const LEFT: f64 = 112.0;
+const RIGHT: f64 = 14.0;
+const TOP: f64 = 26.0;
+const BOTTOM: f64 = 22.0;
+/// Distance between the regions.
+const GAP: f64 = 8.0;
+/// Values whose largest mean exceeds the smallest by this factor have a logarithmic axis.
+const LOGARITHMIC_FROM: f64 = 30.0;
+
+/// The CSS class that sets the colour of the size group with this index. There are six groups from 35-36 to 45-46.
+fn colour(group: &SizeGroup) -> String {
+    format!("s{}", usize::from(group.smaller_eur.saturating_sub(35) / 2).min(5))
+}
+
+/// The form of a chart.
+struct Form {
+    width: f64,
+    /// Height of the mark of a size group.
+    step: f64,
+    /// True for bars from 0 on instead of points.
+    bars: bool,
+}
+
+/// The chart of the NRMSE (Fig. 7).
+pub fn errors(groups: &[SizeGroup]) -> Drawing {
+    chart(groups, Variable::nrmse(), &Form { width: ERRORS_WIDTH, step: 9.0, bars: true })
+}
+
+/// The charts of variables of which at least one region has values.
+pub fn charts(groups: &[SizeGroup], variables: impl Iterator<Item = Variable>) -> Vec<Drawing> {
+    let has_values = |variable: &Variable| moments(groups, *variable).next().is_some();
+    variables.filter(has_values).map(|v| chart(groups, v, &Form { width: WIDTH, step: 5.0, bars: false })).collect()
+}
+
+/// The height of the charts of one kind.
+pub fn height(groups: &[SizeGroup]) -> f64 {
+    chart_height(groups, 5.0)
+}
+
+fn chart_height(groups: &[SizeGroup], step: f64) -> f64 {
+    TOP + 8.0 * row(groups, step) + BOTTOM
+}
+
+/// Height of a region.
+fn row(groups: &[SizeGroup], step: f64) -> f64 {
+    (groups.len() as f64 * step).max(9.0) + GAP
+}
+
+/// The moments of all regions and groups.
+fn moments<'g>(groups: &'g [SizeGroup], variable: Variable) -> impl Iterator<Item = Moments> + 'g {
+    (0..8).flat_map(move |region| groups.iter().filter_map(move |group| group.moments(region, variable)))
+}
+
+fn chart(groups: &[SizeGroup], variable: Variable, form: &Form) -> Drawing {
+    let title = title(variable);
+    let scale = scale(groups, variable, form.width);
+    let row = row(groups, form.step);
+    let height = chart_height(groups, form.step);
+    let bottom = height - BOTTOM;
+    Drawing {
+        width: form.width,
+        height,
+        label: format!("{title}, by region and insole size, mean with standard deviation"),
+        body: html! {
+            text.strong x="2" y="13" { (title) }
+            @for value in scale.ticks(if form.width > WIDTH { 6 } else { 4 }) {
+                @let x = format!("{:.1}", scale.at(value));
+                path.grid d={ "M" (x) " " (TOP) "V" (bottom) } {}
+                text.middle x=(x) y=(bottom + 14.0) { (round(value)) }
+            }
+            path.axis d={ "M" (LEFT) " " (bottom) "H" (form.width - RIGHT) } {}
+            @for region in 0..8 {
+                @let top = TOP + region as f64 * row + GAP / 2.0;
+                text.end x=(LEFT - 8.0) y=(top + (row - GAP) / 2.0 + 4.0) { (TITLES[region]) }
+                @for (i, group) in groups.iter().enumerate() {
+                    @if let Some(moments) = group.moments(region, variable) {
+                        @let y = top + (i as f64 + 0.5) * (row - GAP) / groups.len() as f64;
+                        g.(colour(group)) { (mark(&scale, &moments, y, form)) }
+                    }
+                }
+            }
+        },
+    }
+}
+
+/// The scale from 0 on, or a logarithmic one. It covers the standard deviations, but a logarithmic scale extends at most a factor of 3
+/// below the smallest mean.
+fn scale(groups: &[SizeGroup], variable: Variable, width: f64) -> Scale {
+    let positions = [LEFT, width - RIGHT];
+    let (mut means, mut ends) = ([f64::MAX, f64::MIN], [f64::MAX, f64::MIN]);
+    for Moments { mean, deviation, .. } in moments(groups, variable) {
+        let deviation = deviation.unwrap_or(0.0);
+        means = [means[0].min(mean), means[1].max(mean)];
+        ends = [ends[0].min(mean - deviation), ends[1].max(mean + deviation)];
+    }
+    if means[0] > means[1] {
+        return Scale::linear([0.0, 1.0], positions);
+    }
+    if means[0] > 0.0 && means[1] > LOGARITHMIC_FROM * means[0] {
+        return Scale::logarithmic([ends[0].max(means[0] / 3.0) / 1.1, ends[1] * 1.1], positions, false);
+    }
+    let low = if means[0] >= 0.0 { 0.0 } else { ends[0] };
+    let margin = 0.05 * (ends[1] - low).max(1e-3);
+    Scale::linear([if low < 0.0 { low - margin } else { low }, ends[1] + margin], positions)
+}
+
+/// The mean, as a bar or a point, and the range of the standard deviation, with an arrow at an end beyond the scale.
+fn mark(scale: &Scale, Moments { mean, deviation, .. }: &Moments, y: f64, form: &Form) -> Markup {
+    let x = scale.at(*mean);
+    html! {
+        @if form.bars {
+            rect.fill.own x=(LEFT) y=(y - form.step / 2.0 + 0.5) width=(format!("{:.1}", x - LEFT)) height=(form.step - 1.0) {}
+        } @else {
+            circle.fill cx=(format!("{x:.1}")) cy=(format!("{y:.1}")) r="2.4" {}
+        }
+        @if let Some(sd) = deviation {
+            path.line d=(format!("M{:.1} {y:.1}H{:.1}", scale.at(mean - sd), scale.at(mean + sd))) {}
+            @if scale.is_beyond(mean - sd) { path.fill d=(format!("M{:.1} {y:.1}l5 -2.5v5z", LEFT - 1.0)) {} }
+        }
+    }
+}
+
+/// The legend of the sizes, with the numbers of people.
+pub fn legend(groups: &[SizeGroup]) -> Vec<Drawing> {
+    drawing::legend_entries(groups.iter().map(|group| {
+        let mark = html! { g.(colour(group)) { path.line d="M1 9h22" {} circle.fill cx="12" cy="9" r="3.2" {} } };
+        (mark, format!("{} ({})", group.name().replace('-', "–"), group.people.len()))
+    }))
+}
+
+/// The table of the NRMSE.
+pub fn table(groups: &[SizeGroup]) -> Markup {
+    html! {
+        table #errors-by-size {
+            caption {
+                "NRMSE (Eq. 20) in % of the peak force of the region: mean ± standard deviation over participants (their number, if it \
+                 is not that of all)"
+            }
+            thead {
+                tr {
+                    th scope="col" { "Region" }
+                    @for group in groups { th scope="col" { (group.name().replace('-', "–")) " (" (group.people.len()) ")" } }
+                }
+            }
+            tbody {
+                @for region in 0..8 {
+                    tr {
+                        th scope="row" { (TITLES[region]) }
+                        @for group in groups {
+                            td {
+                                @match group.moments(region, Variable::nrmse()) {
+                                    Some(moments) => {
+                                        (plus_minus(&moments, |value| format!("{value:.1}")))
+                                        @if moments.count < group.people.len() { " (" (moments.count) ")" }
+                                    }
+                                    None => (NONE),
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

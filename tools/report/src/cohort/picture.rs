@@ -1,0 +1,123 @@
+//! The report on a cohort as one picture.
+
+use crate::cohort::{Cohort, by_size, participants, repeatability};
+use crate::drawing::{Drawing, STYLE, legend_row};
+use crate::format::count;
+use crate::picture::{Result, render};
+use fit::cohort::SizeGroup;
+use fit::variable::Variable;
+use maud::{Markup, PreEscaped, html};
+
+// These lengths are in units of the drawing.
+const MARGIN: f64 = 24.0;
+const GAP: f64 = 18.0;
+const HEADER: f64 = 70.0;
+const TITLE: f64 = 26.0;
+const LEGEND: f64 = 24.0;
+/// Height of a row of Table 1.
+const ROW: f64 = 18.0;
+/// Positions of the columns of Table 1.
+const COLUMNS: [f64; 6] = [0.0, 120.0, 210.0, 310.0, 420.0, 530.0];
+/// Number of rows of the legend of the repeatability.
+const LEGENDS: usize = 3;
+/// Number of charts in a row.
+const ACROSS: usize = 4;
+const WIDTH: f64 = 2.0 * MARGIN + ACROSS as f64 * (by_size::WIDTH + GAP) - GAP;
+
+/// The picture as PNG, with text in a font of the operating system.
+///
+/// # Errors
+/// If no font is installed, or the drawing cannot be rendered or encoded.
+pub fn png(cohort: &Cohort) -> Result<Vec<u8>> {
+    render(svg(cohort))
+}
+
+/// The picture as SVG.
+fn svg(cohort: &Cohort) -> Markup {
+    let groups = SizeGroup::all(cohort.people);
+    let rows = participants::rows(cohort.people);
+    let table_y = HEADER + TITLE;
+    let errors_y = table_y + (rows.len() + 1) as f64 * ROW + GAP;
+    let errors = by_size::errors(&groups);
+    let feet: Vec<Drawing> = cohort.feet.iter().map(repeatability::chart).collect();
+    let feet_height: f64 = feet.iter().map(|foot| foot.height + GAP).sum::<f64>() + LEGENDS as f64 * LEGEND;
+    let beside_height = (2.0 * LEGEND + errors.height + GAP).max(if feet.is_empty() { 0.0 } else { feet_height });
+    let quantities =
+        Grid { y: errors_y + TITLE + beside_height, charts: by_size::charts(&groups, Variable::quantities()) };
+    let parameters = Grid { y: quantities.bottom(&groups), charts: by_size::charts(&groups, Variable::parameters()) };
+    let bottom = parameters.bottom(&groups);
+    let steps: usize = cohort.people.iter().map(|person| person.steps).sum();
+    html! {
+        svg.drawing xmlns="http://www.w3.org/2000/svg" width=(WIDTH) height=(bottom) viewBox={ "0 0 " (WIDTH) " " (bottom) } {
+            style { (PreEscaped(STYLE)) }
+            rect width="100%" height="100%" fill="#fff" {}
+            text.heading x=(MARGIN) y="38" { "Plantar tissue of " (count(cohort.people.len(), "participant")) }
+            text x=(MARGIN) y="57" {
+                (count(steps, "step")) ", each fitted separately, contact from " (cohort.contact.on_kpa) " kPa; Plantar "
+                (env!("PLANTAR_VERSION"))
+            }
+            (title("Participants by insole size, mean ± standard deviation", MARGIN, HEADER))
+            (table_row(&participants::TITLES, "strong", table_y))
+            @for (i, row) in rows.iter().enumerate() { (table_row(row, "", table_y + (i + 1) as f64 * ROW)) }
+            (title("Errors by region and insole size (participants)", MARGIN, errors_y))
+            @for (i, entries) in by_size::legend(&groups).chunks(3).enumerate() {
+                (legend_row(entries, MARGIN, errors_y + TITLE + i as f64 * LEGEND))
+            }
+            (errors.at(MARGIN, errors_y + TITLE + 2.0 * LEGEND))
+            @if !feet.is_empty() { (repeated(&feet, errors_y)) }
+            (quantities.svg("Mechanical quantities by region and insole size", &groups))
+            (parameters.svg("Parameters by region and insole size", &groups))
+        }
+    }
+}
+
+/// The charts of the repeatability of each foot, with their legend, beside the errors.
+fn repeated(feet: &[Drawing], y: f64) -> Markup {
+    let x = WIDTH - MARGIN - repeatability::WIDTH;
+    let entries = repeatability::legend();
+    let mut top = y + TITLE + LEGENDS as f64 * LEGEND;
+    html! {
+        (title("Repeatability between trials", x, y))
+        @for (i, entries) in entries.chunks(entries.len().div_ceil(LEGENDS)).enumerate() {
+            (legend_row(entries, x, y + TITLE + i as f64 * LEGEND))
+        }
+        @for foot in feet {
+            (foot.at(x, top))
+            @let () = top += foot.height + GAP;
+        }
+    }
+}
+
+fn title(text: &str, x: f64, y: f64) -> Markup {
+    html! { text.title x=(x) y=(y + 14.0) { (text) } }
+}
+
+fn table_row<Text: AsRef<str>>(row: &[Text; 6], class: &str, y: f64) -> Markup {
+    html! {
+        @for (text, x) in row.iter().zip(COLUMNS) { text class=(class) x=(MARGIN + x) y=(y + 12.0) { (text.as_ref()) } }
+    }
+}
+
+/// A title, the legend of the sizes, and charts in rows.
+struct Grid {
+    y: f64,
+    charts: Vec<Drawing>,
+}
+
+impl Grid {
+    fn bottom(&self, groups: &[SizeGroup]) -> f64 {
+        let rows = self.charts.len().div_ceil(ACROSS) as f64;
+        self.y + TITLE + LEGEND + rows * (by_size::height(groups) + GAP) + GAP
+    }
+
+    fn svg(&self, text: &str, groups: &[SizeGroup]) -> Markup {
+        html! {
+            (title(text, MARGIN, self.y))
+            (legend_row(&by_size::legend(groups), MARGIN, self.y + TITLE))
+            @for (i, chart) in self.charts.iter().enumerate() {
+                @let (x, y) = ((i % ACROSS) as f64 * (by_size::WIDTH + GAP), (i / ACROSS) as f64 * (by_size::height(groups) + GAP));
+                (chart.at(MARGIN + x, self.y + TITLE + LEGEND + y))
+            }
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! The report on a cohort: its numbers, and its picture.
+
+use fit::agreement::repeatability;
+use fit::cohort::Person;
+use fit::trials::{Trial, Values};
+use fit::variable::Variable;
+use parameters::{Participant, Sex};
+use plantar::Side;
+use plantar::pipeline::contact::ContactRule;
+use report::Cohort;
+use resvg::tiny_skia::Pixmap;
+
+/// A trial whose variables have the values `base`, `base` + 1 and so on, and whose last region was not fitted.
+fn trial(base: f64) -> Trial {
+    let values: Values = Variable::all().enumerate().map(|(i, _)| Some(base + i as f64)).collect();
+    let regions = std::array::from_fn(|region| (region < 7).then(|| values.clone()));
+    Trial { name: "walk".into(), side: Side::Left, regions }
+}
+
+fn person(name: &str, size_eur: u8, sex: Sex, age_years: f64, trials: Vec<Trial>) -> Person {
+    let settings = Participant { sex: Some(sex), age_years: Some(age_years), ..Participant::default() };
+    Person { name: name.into(), size_eur, settings, steps: 5, trials }
+}
+
+fn people() -> Vec<Person> {
+    vec![
+        person("<i>ann", 37, Sex::Female, 20.0, vec![trial(1.0), trial(3.0)]),
+        person("bob", 38, Sex::Male, 30.0, vec![trial(11.0), trial(11.0)]),
+        person("cid", 44, Sex::Other, 40.0, vec![trial(20.0)]),
+    ]
+}
+
+#[test]
+fn table_1_and_the_errors_have_means_and_deviations_by_size() {
+    let people = people();
+    let trials: Vec<_> = people.iter().map(|person| (person.name.as_str(), &person.trials[..])).collect();
+    let (feet, _) = repeatability(&trials, 2);
+    let html = report::cohort_html(&Cohort { people: &people, feet: &feet, contact: ContactRule::COVERED });
+    let cells = |words: &[&str]| words.iter().map(|word| format!("<td>{word}</td>")).collect::<String>();
+    // The standard deviation of 20 and 30 is sqrt(50) = 7.07.
+    assert!(html.contains(&format!("<th scope=\"row\">37–38</th>{}", cells(&["2", "1/1", "25.0 ± 7.1", "–", "–"]))));
+    assert!(html.contains(&format!("<th scope=\"row\">43–44</th>{}", cells(&["1", "0/0/1", "40.0", "–", "–"]))));
+    // The means of the two people are 2 and 11: the mean over them is 6.5 and the standard deviation 6.4, plus the variable's index.
+    let i = Variable::nrmse().index() as f64;
+    assert!(html.contains(&format!("<td>{:.1} ± 6.4</td><td>{:.1}</td>", 6.5 + i, 20.0 + i)));
+    assert!(
+        html.contains("left foot: 2 trials of 2 people") && html.contains("&lt;i&gt;ann") && !html.contains("<i>ann")
+    );
+    let none = Cohort { people: &people[2..], feet: &[], contact: ContactRule::COUNTED };
+    assert!(report::cohort_html(&none).contains("are needed to compare trials"));
+    // A chart of the errors, one for each quantity and parameter, and one of the repeatability.
+    assert_eq!(html.matches("<figure").count(), 1 + 15 + 8 + 1);
+}
+
+#[test]
+fn the_picture_is_large_and_not_blank() {
+    let people = people();
+    for people in [&people[..], &people[..1]] {
+        let png = match report::cohort_png(&Cohort { people, feet: &[], contact: ContactRule::COUNTED }) {
+            Err(error @ report::Error::NoFonts) => return println!("skipped: {error}"),
+            png => png.expect("a picture"),
+        };
+        let picture = Pixmap::decode_png(&png).expect("a valid PNG");
+        assert!((2000..3000).contains(&picture.width()) && (3000..9000).contains(&picture.height()));
+        let inked = picture.pixels().iter().filter(|pixel| pixel.red() < 128).count();
+        assert!(inked > 10_000, "{inked} dark pixels");
+    }
+}
