@@ -14,6 +14,7 @@
 pub mod agreement;
 #[cfg(feature = "results")]
 pub mod cohort;
+pub mod compare;
 pub mod identify;
 pub mod interval;
 pub mod law;
@@ -27,6 +28,7 @@ pub mod quality;
 pub mod repeat;
 #[cfg(feature = "results")]
 pub mod results;
+pub mod sensitivity;
 pub mod smooth;
 pub mod steps;
 pub mod study;
@@ -40,10 +42,12 @@ mod isolate;
 mod parallel;
 mod region;
 mod samples;
+mod scale;
 mod screen;
 mod verdict;
 
 pub use identify::Bounds;
+pub use pins::Measured;
 pub use prior::Prior;
 pub use quality::Quality;
 pub use region::{RegionFit, fit_one, fit_step};
@@ -91,8 +95,10 @@ pub struct Options {
     pub thickness_m: [f64; 8],
     /// Length of the foot relative to that of size 42, to which the bounds of the paper's method are scaled.
     pub size_scale: f64,
-    /// Largest deformation divided by the thickness, 0 to 1.
+    /// Assumed largest deformation divided by the thickness, 0 to 1, which pins C of regions without a measurement.
     pub compression: f64,
+    /// Further measurements of the tissue, in the order of [`Region::ALL`].
+    pub measured: [Measured; 8],
     /// Number of bootstrap resamples of the steps; 0 for no bootstrap intervals, [`interval::RESAMPLES`] for accurate ones.
     pub resamples: u64,
 }
@@ -108,6 +114,7 @@ impl Options {
             thickness_m,
             size_scale: 1.0,
             compression: pins::COMPRESSION,
+            measured: [Measured::NONE; 8],
             resamples: 0,
         }
     }

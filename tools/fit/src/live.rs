@@ -201,13 +201,17 @@ impl LiveSteps {
         let regions = std::array::from_fn(|region| {
             let curves = frame_curves(&frames, region, frame_s);
             // In a long stance, the insole stores only every second frame, then every fourth, and so on.
+            let ellipse = ellipse_at_peak(&step.regions[region]);
+            let at_peak = (0..frames.len()).max_by(|&a, &b| frames[a][region].1.total_cmp(&frames[b][region].1));
+            let peak_area_mm2 = at_peak.map(|i| frames[i][region].0).filter(|&mm2| mm2 > 0.0);
             let stored = |curve: &[f64]| curve.iter().copied().step_by(stride).collect();
             RegionCurves {
                 area_mm2: stored(&curves.frame_area_mm2),
                 force_n: stored(&curves.frame_force_n),
                 sample_s: frame_s * stride as f64,
                 saturated: step.saturated >> region & 1 == 1,
-                ellipse: ellipse_at_peak(&step.regions[region]),
+                ellipse,
+                ellipse_ratio: ellipse.zip(peak_area_mm2).map(|(ellipse, mm2)| ellipse.area_mm2() / mm2),
                 ..curves
             }
         });

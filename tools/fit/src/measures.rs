@@ -122,6 +122,29 @@ impl Measure {
     }
 }
 
+/// Relative change of the value that pins C, for [`PinEffect`].
+pub const PIN_CHANGE: f64 = 0.2;
+
+/// C and quantities that depend on it, for a value that pins C.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PinnedValues {
+    /// C, m.
+    pub c_m: f64,
+    /// See [`Quantity::SecantStiffness`]; `None` if the law does not reach the reference strain.
+    pub secant_stiffness_n_mm: Option<f64>,
+    /// See [`Quantity::SecantModulus`]; `None` if the law does not reach the reference strain.
+    pub secant_modulus_kpa: Option<f64>,
+}
+
+/// How results follow the value that pins C, at a value that is smaller or larger by [`PIN_CHANGE`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PinEffect {
+    /// With the smaller value.
+    pub at_less: PinnedValues,
+    /// With the larger value.
+    pub at_more: PinnedValues,
+}
+
 /// The data from which the quantities of a region follow.
 pub(crate) struct Basis<'b> {
     /// Largest area of the fitted steps, m2.
@@ -137,8 +160,7 @@ impl Basis<'_> {
     /// The quantities of a force law, whose C is replaced by the pinned one; `None` for the energies, and for forces that the law
     /// does not reach.
     fn of_law(&self, law: &ForceLaw<f64>, quantity: Quantity) -> Option<f64> {
-        let g_max = law.area_ratio(self.area_max_m2).normalised_deformation();
-        let c_m = self.pins.c_m(g_max);
+        let c_m = self.pins.c_m(law, self.area_max_m2);
         let elastic = |g: f64| law.force_n(g, 0.0);
         let area_m2 = |g: f64| PI * law.ab_m2 * g * (2.0 - g);
         let strain = |g: f64| g * c_m / self.pins.thickness_m;
@@ -198,6 +220,20 @@ impl Basis<'_> {
             Some(Measure { quantity, value, interval: half.is_finite().then_some(interval) })
         };
         Quantity::all().filter_map(measure).collect()
+    }
+
+    /// How C and the quantities that depend on it follow the value that pins C.
+    pub fn pin_effect(&self, law: &ForceLaw<f64>) -> PinEffect {
+        let at = |factor: f64| {
+            let pins = Pins { scale: self.pins.scale.scaled(factor), ..*self.pins };
+            let basis = Basis { pins: &pins, ..*self };
+            PinnedValues {
+                c_m: pins.c_m(law, self.area_max_m2),
+                secant_stiffness_n_mm: basis.of_law(law, Quantity::SecantStiffness),
+                secant_modulus_kpa: basis.of_law(law, Quantity::SecantModulus),
+            }
+        };
+        PinEffect { at_less: at(1.0 - PIN_CHANGE), at_more: at(1.0 + PIN_CHANGE) }
     }
 
     /// The quantities without intervals.

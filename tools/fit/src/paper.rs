@@ -7,7 +7,7 @@
 //! the step as clamped.
 
 use crate::Samples;
-use crate::pins::Pins;
+use crate::pins::{Pins, Scale};
 use plantar::pipeline::model::{Ellipsoid, ForceLaw};
 use std::cell::Cell;
 
@@ -110,6 +110,7 @@ pub(crate) fn pins(ellipsoid: &Ellipsoid<f64>, law: &ForceLaw<f64>, g_max: f64) 
     Pins {
         aspect: ellipsoid.a_m / ellipsoid.b_m,
         thickness_m: ellipsoid.d0_m,
-        compression: law.c_m * g_max / ellipsoid.d0_m,
+        is_thickness_measured: false,
+        scale: Scale::Searched(law.c_m * g_max / ellipsoid.d0_m),
     }
 }

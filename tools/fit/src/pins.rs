@@ -4,9 +4,11 @@
 //! Jacobian of the force with respect to the eight parameters has rank 5. These three are pinned, which means that they are
 //! determined by other measurements.
 
+pub use crate::scale::{Measured, Scale};
+
 use plantar::pipeline::model::{Ellipsoid, ForceLaw};
 
-/// Default value of [`Pins::compression`]: 45.7 % of the thickness, as measured under metatarsal heads (Cavanagh 1999).
+/// Default of [`Scale::Assumed`]: 45.7 % of the thickness, as measured under metatarsal heads (Cavanagh 1999).
 pub const COMPRESSION: f64 = 0.457;
 
 /// The values that pin A/B, C and d0 of one region.
@@ -16,14 +18,22 @@ pub struct Pins {
     pub aspect: f64,
     /// d0, m.
     pub thickness_m: f64,
-    /// Largest deformation divided by d0, 0 to 1. It determines C.
-    pub compression: f64,
+    /// True if d0 was measured, false if it is typical for the shoe size.
+    pub is_thickness_measured: bool,
+    /// What determines C.
+    pub scale: Scale,
 }
 
 impl Pins {
-    /// The C, m, for which the deformation is `compression` times d0 when the normalised deformation is `g_max`.
-    pub fn c_m(&self, g_max: f64) -> f64 {
-        self.compression * self.thickness_m / g_max
+    /// C, m. `area_max_m2` is the largest contact area, at which the deformation is largest.
+    pub fn c_m(&self, law: &ForceLaw<f64>, area_max_m2: f64) -> f64 {
+        self.scale.c_m(law, area_max_m2, self.thickness_m)
+    }
+
+    /// Largest deformation divided by d0.
+    pub fn compression(&self, law: &ForceLaw<f64>, area_max_m2: f64) -> f64 {
+        let g_max = law.area_ratio(area_max_m2).normalised_deformation();
+        self.c_m(law, area_max_m2) * g_max / self.thickness_m
     }
 
     /// The ellipsoid that has these pins and the force of `law`. The function solves K = k C^(n+1) / d0^n and G = c C^(m+1) / d0^m

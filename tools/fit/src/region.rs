@@ -1,19 +1,20 @@
 //! The fit of one region: the search of its parameters, its pins, confidence intervals and errors.
 
+use crate::compare::{Change, Group};
 use crate::identify::{Bounds, Identified, identify as identify_by_projection, refine};
 use crate::interval::{self, Noise, Uncertainty};
-use crate::measures::{self, Basis, Measure};
+use crate::measures::{self, Basis, Measure, PinEffect};
 #[cfg(feature = "paper")]
 use crate::paper;
-use crate::pins::Pins;
+use crate::pins::{Pins, Scale};
 use crate::prior::{self, Prior};
 use crate::quality::{Evaluated, Quality, largest};
+use crate::scale::{Contradiction, Site};
 use crate::screen::{NotFitted, usable};
 use crate::steps::MeanEllipse;
 use crate::{Method, Options, RegionCurves, Samples, Step, parallel, steps, verdict};
-use plantar::Side;
 use plantar::pipeline::model::{Ellipsoid, ForceLaw, LENGTH_M, is_within};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 /// The result of one region.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,6 +29,8 @@ pub struct RegionFit {
     pub ellipsoid: Ellipsoid<f64>,
     /// The values that pin three of the eight parameters.
     pub pins: Pins,
+    /// How C and the quantities that depend on it follow the value that pins C; `None` for the paper's method.
+    pub pin_effect: Option<PinEffect>,
     /// Confidence intervals of the five identifiable parameters; `None` for the paper's method.
     pub uncertainty: Option<Uncertainty>,
     /// Mechanical quantities, which can be compared between recordings and people.
@@ -36,6 +39,9 @@ pub struct RegionFit {
     pub quality: Quality,
     /// NRMSE of each step, as a fraction, with parameters that were fitted to the other steps. Empty if there is only one step.
     pub predicted_nrmse: Vec<f64>,
+    /// Area of the contact ellipse divided by the contact area, minus 1; mean over the stance weighted by force, or that at the peak
+    /// force for a live stream. 0 if the contact is an ellipse. `None` without contact ellipses.
+    pub ellipse_misfit: Option<f64>,
     /// Number of different areas in a step, median of the steps.
     pub area_levels: usize,
     /// How much worse a recording is predicted by parameters from the other recordings of the same foot than by its own: the median
@@ -43,12 +49,17 @@ pub struct RegionFit {
     /// the recording itself. The value is the largest ratio of all recordings. `None` if no recording and its other recordings have
     /// ten steps each.
     pub recordings_ratio: Option<f64>,
+    /// The difference between the two halves of a recording; `None` if they do not differ.
+    pub change: Option<Change>,
     /// Number of evaluations of the model over all samples in the fit to all steps.
     pub evaluations: usize,
     /// Assessment of the fit, in a sentence.
     pub verdict: String,
     /// Limitations of the fit, in sentences.
     pub warnings: Vec<String>,
+    /// The reasons why a part of the result is missing or must not be used, in sentences that name the remedy. Without any, the
+    /// result is whole.
+    pub defects: Vec<String>,
 }
 
 /// Fits one region to one step alone, as the paper does before it averages.
@@ -60,13 +71,16 @@ pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(Region
     let used = usable(steps, region, options.filter)?;
     let curves = &steps[used[0]].regions[region];
     let best = search([curves], region, options);
-    let pins = best.pins(pins_of(&[curves], region, options));
+    let (pins, contradiction) = best.pins(&[curves], region, options);
     let evaluated = Evaluated::new(curves, options.filter, &best.law).ok_or(NotFitted::NeverLoaded)?;
     let one = std::slice::from_ref(&evaluated);
     let quality = Quality::new(one, one, &[]);
     let uncertainty = best.uncertainty();
     let measures = best.measures(&[curves], &pins, &[], options);
-    Ok((best.into_fit(used, pins, uncertainty, measures, quality)?, evaluated))
+    let mut fit = best.into_fit(used, pins, uncertainty, measures, quality)?;
+    fit.ellipse_misfit = steps::ellipse_misfit([curves]);
+    fit.defects.extend(contradiction.map(|contradiction| contradiction.to_string()));
+    Ok((fit, evaluated))
 }
 
 /// The force law of one region, fitted to all steps that pass the screening, without quality and intervals. C is not pinned.
@@ -84,27 +98,33 @@ pub fn fit_one(steps: &[Step], region: usize, options: &Options) -> Result<Force
 /// Returns the reason if no step passes the screening or the result is out of range.
 pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Result<RegionFit, NotFitted> {
     let used = usable(steps, region, options.filter)?;
-    let curves: Vec<&RegionCurves> = used.iter().map(|&i| &steps[i].regions[region]).collect();
-    let recordings: Vec<_> = used.iter().map(|&i| (steps[i].recording, steps[i].side)).collect();
+    let group = Group::new(steps, &used, region);
+    let curves = &group.curves;
     let best = search(curves.iter().copied(), region, options);
-    let recordings_ratio = recordings_ratio(&curves, &recordings, &best, region, options);
-    let pins = best.pins(pins_of(&curves, region, options));
+    let recordings_ratio = group.recordings_ratio(&best, region, options);
+    let change = group.change(&best, region, options);
+    let (pins, contradiction) = best.pins(curves, region, options);
 
-    let resampled = resample(&curves, &best, region, options);
+    let resampled = resample(curves, &best, region, options);
     let mut uncertainty = best.uncertainty();
     if let Some(uncertainty) = &mut uncertainty {
         let five = |law: &ForceLaw<f64>| [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m];
         interval::add_bootstrap(uncertainty, &resampled.iter().map(five).collect::<Vec<_>>());
     }
-    let measures = best.measures(&curves, &pins, &resampled, options);
+    let measures = best.measures(curves, &pins, &resampled, options);
     let evaluate = |curves: &RegionCurves, law: &ForceLaw<f64>| Evaluated::new(curves, options.filter, law);
     let fitted: Vec<_> = curves.iter().filter_map(|c| evaluate(c, &best.law)).collect();
     let own = parallel::map(curves.len(), |i| evaluate(curves[i], &search([curves[i]], region, options).law));
     let own: Vec<_> = own.into_iter().flatten().collect();
-    let predicted_nrmse = cross_validate(&curves, &best, region, options);
+    let predicted_nrmse = cross_validate(curves, &best, region, options);
     let quality = Quality::new(&fitted, &own, &predicted_nrmse);
-    let fit = best.into_fit(used, pins, uncertainty, measures, quality)?;
-    Ok(RegionFit { predicted_nrmse, recordings_ratio, ..fit })
+    let are_equal = curves.len() > 1 && curves.windows(2).all(|pair| pair[0] == pair[1]);
+    let mut fit = best.into_fit(used, pins, uncertainty, measures, quality)?;
+    fit.ellipse_misfit = steps::ellipse_misfit(curves.iter().copied());
+    fit.defects.extend(contradiction.map(|contradiction| contradiction.to_string()));
+    fit.defects.extend(change.map(|change| change.to_string()));
+    fit.defects.extend(verdict::defects(fit.steps.len(), are_equal));
+    Ok(RegionFit { predicted_nrmse, recordings_ratio, change, ..fit })
 }
 
 /// Up to this number of steps, cross-validation leaves out one step at a time.
@@ -125,7 +145,12 @@ fn resample(curves: &[&RegionCurves], near: &SearchResult, region: usize, option
 }
 
 /// See [`RegionFit::predicted_nrmse`]. `near` is the fit to all steps, from which the other fits start.
-fn cross_validate(curves: &[&RegionCurves], near: &SearchResult, region: usize, options: &Options) -> Vec<f64> {
+pub(crate) fn cross_validate(
+    curves: &[&RegionCurves],
+    near: &SearchResult,
+    region: usize,
+    options: &Options,
+) -> Vec<f64> {
     let groups = match curves.len() {
         0 | 1 => return Vec::new(),
         count if count <= LEFT_OUT_ALONE => count,
@@ -139,7 +164,7 @@ fn cross_validate(curves: &[&RegionCurves], near: &SearchResult, region: usize, 
 }
 
 /// The result of a search.
-struct SearchResult {
+pub(crate) struct SearchResult {
     samples: Samples,
     law: ForceLaw<f64>,
     /// The five parameters, unless the method of the paper was used.
@@ -157,7 +182,11 @@ struct SearchResult {
 const ANY_C_M: f64 = 0.01;
 
 /// Searches the parameters of a region with the method of the options.
-fn search<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, region: usize, options: &Options) -> SearchResult {
+pub(crate) fn search<'c>(
+    curves: impl IntoIterator<Item = &'c RegionCurves>,
+    region: usize,
+    options: &Options,
+) -> SearchResult {
     let samples = Samples::new(curves, options.filter);
     let prior = options.prior.map(|regions| regions[region]);
     let bounds = options.bounds;
@@ -190,7 +219,7 @@ fn search<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>, region: usize,
 }
 
 /// Fits to some of the steps. The search starts from `near`, the fit to all steps.
-fn refit<'c>(
+pub(crate) fn refit<'c>(
     curves: impl IntoIterator<Item = &'c RegionCurves>,
     near: &SearchResult,
     region: usize,
@@ -216,21 +245,26 @@ impl SearchResult {
         })
     }
 
+    /// The data from which the mechanical quantities follow.
+    fn basis<'b>(&self, pins: &'b Pins) -> Basis<'b> {
+        let median_of = |all: &[f64]| steps::median(self.samples.steps.iter().map(|step| largest(&all[step.clone()])));
+        Basis {
+            area_max_m2: self.samples.area_max_m2,
+            step_area_m2: median_of(&self.samples.raw_area_m2),
+            peak_n: median_of(&self.samples.force_n),
+            pins,
+        }
+    }
+
     /// The mechanical quantities of the result. `resampled` are fits to resampled steps.
-    fn measures(
+    pub(crate) fn measures(
         &self,
         curves: &[&RegionCurves],
         pins: &Pins,
         resampled: &[ForceLaw<f64>],
         options: &Options,
     ) -> Vec<Measure> {
-        let median_of = |all: &[f64]| steps::median(self.samples.steps.iter().map(|step| largest(&all[step.clone()])));
-        let basis = Basis {
-            area_max_m2: self.samples.area_max_m2,
-            step_area_m2: median_of(&self.samples.raw_area_m2),
-            peak_n: median_of(&self.samples.force_n),
-            pins,
-        };
+        let basis = self.basis(pins);
         let mut measures = match (&self.identified, &self.prior) {
             (Some(identified), Some(prior)) => {
                 let covariance = interval::covariance(&self.samples, prior, identified, self.noise.variance);
@@ -238,24 +272,37 @@ impl SearchResult {
             }
             _ => basis.values(&self.law),
         };
-        let law = ForceLaw { c_m: pins.c_m(self.g_max()), ..self.law };
+        let law = self.pinned_law(pins);
         measures.extend(measures::energies(curves, options.filter, &law));
         measures
     }
 
-    /// Normalised deformation at the largest area.
-    fn g_max(&self) -> f64 {
-        self.law.area_ratio(self.samples.area_max_m2).normalised_deformation()
+    /// The force law with the C of the pins.
+    fn pinned_law(&self, pins: &Pins) -> ForceLaw<f64> {
+        ForceLaw { c_m: pins.c_m(&self.law, self.samples.area_max_m2), ..self.law }
     }
 
-    /// The pins of the result. If all eight parameters were searched, they follow from these parameters; otherwise they are
-    /// `pinned`.
-    fn pins(&self, pinned: Pins) -> Pins {
+    /// The pins of the result, from the contact ellipses of the steps and from the options. If measurements contradict each other,
+    /// C is pinned by the assumed compression. If all eight parameters were searched, the pins follow from these parameters.
+    pub(crate) fn pins(
+        &self,
+        curves: &[&RegionCurves],
+        region: usize,
+        options: &Options,
+    ) -> (Pins, Option<Contradiction>) {
         #[cfg(feature = "paper")]
         if let Some(ellipsoid) = &self.ellipsoid {
-            return paper::pins(ellipsoid, &self.law, self.g_max());
+            let g_max = self.law.area_ratio(self.samples.area_max_m2).normalised_deformation();
+            return (paper::pins(ellipsoid, &self.law, g_max), None);
         }
-        pinned
+        let aspect = MeanEllipse::of_steps(curves.iter().copied()).map_or(1.0, |e| e.r_a_mm / e.r_b_mm);
+        let (thickness_m, measured) = (options.thickness_m[region], &options.measured[region]);
+        let site = Site { law: &self.law, area_max_m2: self.samples.area_max_m2, thickness_m, aspect };
+        let (scale, contradiction) = match site.scale(measured, options.compression) {
+            Ok(scale) => (scale, None),
+            Err(contradiction) => (Scale::Assumed(options.compression), Some(contradiction)),
+        };
+        (Pins { aspect, thickness_m, is_thickness_measured: measured.has_thickness, scale }, contradiction)
     }
 
     /// The fit with these pins, without cross-validation and without a comparison of recordings. `steps` are the indices of the
@@ -271,7 +318,8 @@ impl SearchResult {
         measures: Vec<Measure>,
         quality: Quality,
     ) -> Result<RegionFit, NotFitted> {
-        let law = ForceLaw { c_m: pins.c_m(self.g_max()), ..self.law };
+        let law = self.pinned_law(&pins);
+        let pin_effect = self.identified.is_some().then(|| self.basis(&pins).pin_effect(&law));
         let ellipsoid = self.ellipsoid.unwrap_or_else(|| pins.ellipsoid(&law));
         let lengths = [ellipsoid.a_m, ellipsoid.b_m, ellipsoid.c_m, ellipsoid.d0_m];
         if !law.is_valid() || !lengths.iter().all(|&length| is_within(length, &LENGTH_M)) {
@@ -288,56 +336,21 @@ impl SearchResult {
             law,
             ellipsoid,
             pins,
+            pin_effect,
             uncertainty,
             measures,
             quality,
             predicted_nrmse: Vec::new(),
             recordings_ratio: None,
+            change: None,
+            ellipse_misfit: None,
             evaluations: self.evaluations,
             verdict: String::new(),
             warnings: Vec::new(),
+            defects: Vec::new(),
         };
         fit.verdict = verdict::verdict(&fit);
         fit.warnings = verdict::warnings(&fit);
         Ok(fit)
     }
-}
-
-/// The pins from the contact ellipses of the steps and from the options.
-fn pins_of(curves: &[&RegionCurves], region: usize, options: &Options) -> Pins {
-    let aspect = MeanEllipse::of_steps(curves.iter().copied()).map_or(1.0, |e| e.r_a_mm / e.r_b_mm);
-    Pins { aspect, thickness_m: options.thickness_m[region], compression: options.compression }
-}
-
-/// Recordings with fewer steps are not compared, because recordings of one person would differ by chance.
-const COMPARED_STEPS: usize = 10;
-
-/// See [`RegionFit::recordings_ratio`]. `recordings` contains the recording and the foot of each curve. `near` is the fit to all
-/// steps, from which the other fits start.
-fn recordings_ratio(
-    curves: &[&RegionCurves],
-    recordings: &[(usize, Side)],
-    near: &SearchResult,
-    region: usize,
-    options: &Options,
-) -> Option<f64> {
-    let groups: BTreeMap<usize, Side> = recordings.iter().copied().collect();
-    let ratios = groups.into_iter().filter_map(|(group, side)| {
-        let curves_of = |this_recording: bool| {
-            let pairs = curves.iter().zip(recordings);
-            let pairs = pairs.filter(move |(_, (r, s))| (*r == group) == this_recording && *s == side);
-            pairs.map(|(c, _)| *c).collect::<Vec<&RegionCurves>>()
-        };
-        let (own, others) = (curves_of(true), curves_of(false));
-        if own.len() < COMPARED_STEPS || others.len() < COMPARED_STEPS {
-            return None;
-        }
-        let error = |law: &ForceLaw<f64>| {
-            let errors = own.iter().filter_map(|c| Some(Evaluated::new(c, options.filter, law)?.nrmse()));
-            steps::median(errors)
-        };
-        let from_own = error(&refit(own.iter().copied(), near, region, options));
-        Some(error(&refit(others, near, region, options)) / from_own)
-    });
-    ratios.max_by(f64::total_cmp)
 }

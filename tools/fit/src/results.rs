@@ -1,6 +1,8 @@
 //! The results of a fit as a parameter file and as JSON.
 
 use crate::interval::{FIVE, Interval};
+use crate::measures::{PIN_CHANGE, PinEffect, PinnedValues};
+use crate::sensitivity::{MainResults, Sensitivity};
 use crate::study::Source;
 use crate::{Method, NotFitted, RegionFit, Study};
 use parameters::{Identified, InsoleSize, Parameters};
@@ -76,13 +78,23 @@ fn note(fit: &Result<RegionFit, NotFitted>, name: &str, method: Method) -> Strin
     match name {
         "a_mm" => format!("A B identified, {} mm2; A / B measured, {:.2}", identified(0, 1e6), pins.aspect),
         "b_mm" => "see a_mm".into(),
-        "c_mm" => format!("pinned, not identified: the largest compression is {:.1} % of d0", pins.compression * 100.0),
-        "d0_mm" => "pinned, not identified: from --thickness, or typical for the shoe size".into(),
+        "c_mm" => format!("pinned, not identified: by {}{}", pins.scale, effect(fit)),
+        "d0_mm" if pins.is_thickness_measured => "pinned, not identified: measured".into(),
+        "d0_mm" => "pinned, not identified: typical for the shoe size".into(),
         "k_n_m3" => format!("identified: K = k C^(n+1) / d0^n, {} Pa", identified(1, 1.0)),
         "c_n_s_m3" => format!("identified: G = c C^(m+1) / d0^m, {} Pa s", identified(2, 1.0)),
         "n" => format!("identified, {}", identified(3, 1.0)),
         _ => format!("identified, {}", identified(4, 1.0)),
     }
+}
+
+/// How C follows the value that pins it, in words.
+fn effect(fit: &RegionFit) -> String {
+    fit.pin_effect.map_or(String::new(), |effect| {
+        let mm = |values: &PinnedValues| significant(values.c_m * 1e3);
+        let percent = PIN_CHANGE * 100.0;
+        format!("; {} mm if that were {percent:.0} % less, {} mm if more", mm(&effect.at_less), mm(&effect.at_more))
+    })
 }
 
 /// Makes the JSON object with all results.
@@ -109,6 +121,8 @@ pub fn to_json(study: &Study) -> Value {
             "recording": c.recording, "at_s": c.at_s, "why": c.reason.to_string(),
         })).collect::<Vec<_>>(),
         "regions": regions,
+        "is_whole": study.is_whole(),
+        "sensitivity": study.sensitivity.as_ref().map(sensitivity_to_json),
     })
 }
 
@@ -156,7 +170,12 @@ fn fit_to_json(fit: &Result<RegionFit, NotFitted>) -> Value {
             "k_n_m3": e.k, "n": e.n, "c_n_s_m3": e.c, "m": e.m,
         },
         "pinned": {
-            "aspect": fit.pins.aspect, "d0_mm": fit.pins.thickness_m * 1e3, "compression": fit.pins.compression,
+            "aspect": fit.pins.aspect,
+            "d0_mm": fit.pins.thickness_m * 1e3,
+            "d0_by": if fit.pins.is_thickness_measured { "measurement" } else { "shoe_size" },
+            "by": fit.pins.scale.name(),
+            "compression": fit.pins.compression(law, fit.area_max_m2),
+            "effect": fit.pin_effect.as_ref().map(effect_to_json),
         },
         "nrmse_percent": {
             "fitted": q.fitted * 100.0, "fitted_smoothed": q.fitted_smoothed * 100.0,
@@ -168,8 +187,43 @@ fn fit_to_json(fit: &Result<RegionFit, NotFitted>) -> Value {
         "unseen_percent": fit.predicted_nrmse.iter().map(|share| share * 100.0).collect::<Vec<_>>(),
         "area_levels": fit.area_levels,
         "recordings_ratio": fit.recordings_ratio,
+        "change": fit.change.map(|c| json!({ "load_ratio": c.load_ratio, "error_ratio": c.error_ratio })),
+        "ellipse_misfit_percent": fit.ellipse_misfit.map(|share| share * 100.0),
         "evaluations": fit.evaluations,
         "verdict": fit.verdict,
+        "defects": fit.defects,
         "warnings": fit.warnings,
+    })
+}
+
+fn effect_to_json(effect: &PinEffect) -> Value {
+    let of = |values: &PinnedValues| {
+        json!({
+            "c_mm": values.c_m * 1e3,
+            "secant_stiffness_n_mm": values.secant_stiffness_n_mm,
+            "secant_modulus_kpa": values.secant_modulus_kpa,
+        })
+    };
+    json!({ "change_percent": PIN_CHANGE * 100.0, "at_less": of(&effect.at_less), "at_more": of(&effect.at_more) })
+}
+
+fn sensitivity_to_json(sensitivity: &Sensitivity) -> Value {
+    let of = |results: &MainResults| {
+        json!({
+            "force_at_70_percent_area_n": results.force_at_area_n,
+            "area_at_50_percent_force_mm2": results.area_at_half_force_mm2,
+            "secant_stiffness_n_mm": results.secant_stiffness_n_mm,
+            "predicted_nrmse_percent": results.predicted_nrmse.map(|share| share * 100.0),
+        })
+    };
+    json!({
+        "variants": sensitivity.variants.iter().map(|variant| json!({
+            "kind": variant.choice.kind(),
+            "choice": variant.choice.to_string(),
+            "regions": Region::ALL.iter().zip(&variant.regions)
+                .map(|(region, results)| (region.name().into(), results.as_ref().map_or(Value::Null, of)))
+                .collect::<Map<String, Value>>(),
+        })).collect::<Vec<_>>(),
+        "skipped": sensitivity.skipped,
     })
 }

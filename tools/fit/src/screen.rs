@@ -32,6 +32,8 @@ pub enum NotFitted {
     Clipped,
     /// The area never changes.
     ConstantArea,
+    /// The force never changes.
+    ConstantForce,
     /// The area is at its maximum for this fraction of the contact.
     SaturatedArea(f64),
     /// The parameters are outside of the range that an insole accepts: see [`plantar::pipeline::model::ForceLaw::is_valid`].
@@ -63,6 +65,9 @@ impl fmt::Display for NotFitted {
             }
             Self::ConstantArea => f.write_str(
                 "constant area: the contact area never changes, so force cannot be related to it; use smaller cells",
+            ),
+            Self::ConstantForce => f.write_str(
+                "constant force: the force never changes during contact; check the sensor and its calibration",
             ),
             Self::SaturatedArea(share) => write!(
                 f,
@@ -107,8 +112,9 @@ pub(crate) fn usable(steps: &[Step], region: usize, filter: Filter) -> Result<Ve
         NotFitted::HardlyLoaded(peak_n) => (2, *peak_n),
         NotFitted::TooFewFrames(samples) => (3, *samples as f64),
         NotFitted::ConstantArea => (4, 0.0),
-        NotFitted::SaturatedArea(share) => (5, -share),
-        _ => (6, 0.0),
+        NotFitted::ConstantForce => (5, 0.0),
+        NotFitted::SaturatedArea(share) => (6, -share),
+        _ => (7, 0.0),
     };
     let furthest = reasons.into_iter().max_by(|a, b| rank(a).partial_cmp(&rank(b)).unwrap_or(Ordering::Equal));
     if used.is_empty() { Err(furthest.unwrap_or(NotFitted::NoSteps)) } else { Ok(used) }
@@ -133,6 +139,9 @@ fn check(curves: &RegionCurves, filter: Filter) -> Result<(), NotFitted> {
     }
     if curves.saturated {
         return Err(NotFitted::Clipped);
+    }
+    if samples.force_n.iter().all(|&force| force > 0.999 * peak_n) {
+        return Err(NotFitted::ConstantForce);
     }
     let most = quality::largest(area);
     let least = area.iter().copied().fold(f64::INFINITY, f64::min);

@@ -51,6 +51,8 @@ pub struct RegionCurves {
     pub saturated: bool,
     /// Mean contact ellipse over the stance, weighted by force. `None` without contact.
     pub ellipse: Option<MeanEllipse>,
+    /// Area of the contact ellipse divided by the contact area, mean over the stance, weighted by force. `None` without contact.
+    pub ellipse_ratio: Option<f64>,
 }
 
 /// A contact ellipse in foot coordinates.
@@ -91,6 +93,11 @@ impl MeanEllipse {
         })
     }
 
+    /// Its area, mm2.
+    pub fn area_mm2(&self) -> f64 {
+        std::f64::consts::PI * self.r_a_mm * self.r_b_mm
+    }
+
     /// The mean over steps, weighted by their peak forces.
     pub fn of_steps<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>) -> Option<Self> {
         Self::of(curves.into_iter().filter_map(|curve| Some((largest(&curve.force_n), curve.ellipse?))))
@@ -105,6 +112,19 @@ impl RegionCurves {
             Filter::Live => (&self.frame_area_mm2, &self.frame_force_n, self.frame_s),
         }
     }
+}
+
+/// See [`crate::RegionFit::ellipse_misfit`].
+pub(crate) fn ellipse_misfit<'c>(curves: impl IntoIterator<Item = &'c RegionCurves>) -> Option<f64> {
+    let (mut ratios, mut weights) = (0.0, 0.0);
+    for curve in curves {
+        if let Some(ratio) = curve.ellipse_ratio {
+            let peak_n = largest(&curve.force_n);
+            ratios += peak_n * ratio;
+            weights += peak_n;
+        }
+    }
+    (weights > 0.0).then(|| ratios / weights - 1.0)
 }
 
 /// One step.
@@ -199,11 +219,19 @@ pub(crate) fn peak_n(frames: &[FrameLoads]) -> f64 {
 pub(crate) fn frame_curves(frames: &[FrameLoads], region: usize, frame_s: f64) -> RegionCurves {
     let weighted = frames.iter().filter_map(|frame| Some((frame[region].1, frame[region].2?)));
     let ellipse = MeanEllipse::of(weighted);
+    let (mut ratios, mut weights) = (0.0, 0.0);
+    for (area_mm2, force_n, ellipse) in frames.iter().map(|frame| frame[region]) {
+        if let Some(ellipse) = ellipse.filter(|_| area_mm2 > 0.0) {
+            ratios += force_n * ellipse.area_mm2() / area_mm2;
+            weights += force_n;
+        }
+    }
     RegionCurves {
         frame_area_mm2: frames.iter().map(|frame| frame[region].0).collect(),
         frame_force_n: frames.iter().map(|frame| frame[region].1).collect(),
         frame_s,
         ellipse,
+        ellipse_ratio: (weights > 0.0).then_some(ratios / weights),
         ..RegionCurves::default()
     }
 }

@@ -1,6 +1,7 @@
 //! The identification of one person: the recordings, their steps, and the identified parameters.
 
 use crate::live::LiveSteps;
+use crate::sensitivity::Sensitivity;
 use crate::steps::ExcludedContact;
 use crate::{NotFitted, Options, RegionFit, Step};
 use plantar::pipeline::contact::ContactRule;
@@ -44,6 +45,8 @@ pub struct Study {
     pub excluded_contacts: Vec<ExcludedContact>,
     /// The options of the fit.
     pub options: Options,
+    /// The main results with other choices of the method; `None` if they were not computed.
+    pub sensitivity: Option<Sensitivity>,
     /// The results of the regions, in the order of [`Region::ALL`]. Empty before [`Study::fit`].
     pub fits: Vec<Result<RegionFit, NotFitted>>,
 }
@@ -58,6 +61,7 @@ impl Study {
             steps: Vec::new(),
             excluded_contacts: Vec::new(),
             options,
+            sensitivity: None,
             fits: Vec::new(),
         }
     }
@@ -115,6 +119,11 @@ impl Study {
             layout: Layout { name: String::new(), cells: Vec::new() },
         });
         Ok(())
+    }
+
+    /// True if all regions were fitted and their results are whole: see [`RegionFit::defects`].
+    pub fn is_whole(&self) -> bool {
+        !self.fits.is_empty() && self.fits.iter().all(|fit| fit.as_ref().is_ok_and(|fit| fit.defects.is_empty()))
     }
 
     /// Fits all regions. `progress` receives each region when its fit is complete; regions may complete in any order.

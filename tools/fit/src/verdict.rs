@@ -54,6 +54,20 @@ pub(crate) fn verdict(fit: &RegionFit) -> String {
     format!("approximate: {error}, and {:.0} % for the best non-decreasing function of area", q.floor * 100.0)
 }
 
+/// The reasons why the result of a region is not whole that follow from its steps: their number, and whether all of them are equal.
+pub(crate) fn defects(steps: usize, are_equal: bool) -> Option<String> {
+    if steps == 1 {
+        return Some(
+            "only one step could be used: the error of new steps, and how much steps differ, are unknown; record at least ten".into(),
+        );
+    }
+    are_equal.then(|| {
+        "all steps are equal, so that intervals and predicted errors have no meaning: check that the recording does not repeat one \
+         step"
+            .into()
+    })
+}
+
 /// The limitations of a fit, in sentences.
 pub(crate) fn warnings(fit: &RegionFit) -> Vec<String> {
     let mut warnings = Vec::new();

@@ -1,13 +1,13 @@
 //! The identifiability of the paper's eight parameters from a force trace. Five combinations of them are identifiable. In three
 //! directions of the parameter space, the force does not change.
 
-use fit::pins::Pins;
+use fit::pins::{Pins, Scale};
 use fit::synthetic::law;
 use nalgebra::DMatrix;
 use plantar::Region;
 use plantar::pipeline::model::Ellipsoid;
 
-const PINS: Pins = Pins { aspect: 0.8, thickness_m: 0.012, compression: 0.457 };
+const PINS: Pins = Pins { aspect: 0.8, thickness_m: 0.012, is_thickness_measured: false, scale: Scale::Assumed(0.457) };
 const SAMPLES: usize = 60;
 const SAMPLE_S: f64 = 0.01;
 
@@ -76,11 +76,12 @@ fn aspect_c_and_d0_leave_the_force_unchanged() {
         for other in [
             Pins { aspect: 1.7, ..PINS },
             Pins { thickness_m: 0.02, ..PINS },
-            Pins { compression: 0.2, ..PINS },
-            Pins { aspect: 0.5, thickness_m: 0.006, compression: 0.6 },
+            Pins { scale: Scale::PeakStrain(0.2), ..PINS },
+            Pins { scale: Scale::Curvature(0.05), ..PINS },
+            Pins { aspect: 0.5, thickness_m: 0.006, scale: Scale::Assumed(0.6), ..PINS },
         ] {
             let mut law = e.force_law();
-            law.c_m = other.c_m(0.5);
+            law.c_m = other.c_m(&law, largest_m2);
             let same = other.ellipsoid(&law);
             assert!(same.force_law().c_m != e.c_m || other.aspect != PINS.aspect);
             for (got, expected) in force_n(&same, largest_m2).iter().zip(&expected) {
@@ -94,11 +95,13 @@ fn aspect_c_and_d0_leave_the_force_unchanged() {
 fn an_ellipsoid_has_its_pins_and_its_force_law() {
     for region in 0..8 {
         let truth = law(region);
+        // The contact area at which the normalised deformation is 0.6, by Eq. 14.
         let g_max = 0.6;
-        let law = plantar::pipeline::model::ForceLaw { c_m: PINS.c_m(g_max), ..truth };
+        let largest_m2 = std::f64::consts::PI * truth.ab_m2 * g_max * (2.0 - g_max);
+        let law = plantar::pipeline::model::ForceLaw { c_m: PINS.c_m(&truth, largest_m2), ..truth };
         let e = PINS.ellipsoid(&law);
         assert!((e.a_m / e.b_m / PINS.aspect - 1.0).abs() < 1e-12);
-        assert!((e.c_m * g_max / e.d0_m / PINS.compression - 1.0).abs() < 1e-12);
+        assert!((e.c_m * g_max / e.d0_m / 0.457 - 1.0).abs() < 1e-12);
         assert_eq!(e.d0_m, PINS.thickness_m);
         let back = e.force_law();
         for (got, expected) in [

@@ -47,6 +47,11 @@ fn each_reason_is_recognised() {
         c
     });
     assert_eq!(reason(&constant), NotFitted::ConstantArea);
+    let flat = with_heel(|mut c| {
+        c.force_n.fill(300.0);
+        c
+    });
+    assert_eq!(reason(&flat), NotFitted::ConstantForce);
     let saturated = with_heel(|mut c| {
         c.area_mm2.iter_mut().for_each(|a| *a = (*a * 5.0).min(2000.0));
         c

@@ -1,12 +1,12 @@
 //! A wearer's tissue parameters: the paper's eight numbers for each of the eight regions, as a commented TOML file.
 
 mod defaults;
+mod measurements;
 mod participant;
-mod thickness;
 
 pub use defaults::{InsoleSize, TypicalRange};
+pub use measurements::{Measurements, OutOfRange, TissueMeasurements};
 pub use participant::{Participant, Sex};
-pub use thickness::Thickness;
 
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::model::{COEFFICIENT, Ellipsoid, ForceLaw, LENGTH_M, MAX_EXPONENT, is_within};

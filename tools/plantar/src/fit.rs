@@ -2,6 +2,7 @@
 
 pub mod live;
 mod results;
+mod sensitivity;
 
 use crate::replay::progress;
 use crate::setup::{self, ContactArgs, ZeroArgs};
@@ -9,9 +10,10 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use fit::interval::RESAMPLES;
 use fit::pins::COMPRESSION;
-use fit::{Bounds, Filter, Method, Options, Study};
+use fit::{Bounds, Filter, Measured, Method, Options, Study};
 use live::LiveSource;
-use parameters::{InsoleSize, Thickness};
+use parameters::{InsoleSize, TissueMeasurements};
+use plantar::Region;
 use plantar::checksum::crc32;
 use plantar::pipeline::contact::ContactRule;
 use recording::Recording;
@@ -26,7 +28,8 @@ use std::str::FromStr;
 /// insole's contact rule. Send the resulting file to an insole with `plantar params push`, and use it in
 /// `plantar replay` and `plantar emulate` with --params.
 ///
-/// Exit status: 0 if all eight regions were fitted, 3 if only some were, 1 if none was.
+/// Exit status: 0 if all eight regions were fitted, 3 if only some were or if a part of a region's result is missing or must not be
+/// used, for example because measurements contradict each other or because the insole shifted, 1 if no region was fitted.
 #[derive(Args)]
 pub struct Fit {
     /// The recordings and recorded live streams, all of one person.
@@ -35,7 +38,8 @@ pub struct Fit {
     /// The parameter file to write.
     #[arg(long, value_name = "FILE", default_value = "params.toml")]
     out: PathBuf,
-    /// Write a report with pictures to this HTML file, which can be read without a network.
+    /// Write a report with pictures to this HTML file, which can be read without a network. For the report, the fit is repeated
+    /// with other contact rules, filters and steps.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     /// Write the pictures of the report to this PNG file.
@@ -75,14 +79,17 @@ pub struct Search {
     /// squares without a prior (paper). Not used by --method paper.
     #[arg(long, value_enum, default_value_t = BoundsName::Free)]
     bounds: BoundsName,
-    /// Measured tissue thickness in mm: a TOML file with lines such as `heel = 17.5`. For regions that it does not name, --size
-    /// determines the thickness.
-    #[arg(long, value_name = "FILE")]
+    /// Measurements of the tissue: a TOML file with lines such as `heel = 17.5` for the thickness in mm, or with tables such as
+    /// [heel] with thickness_mm = 17.5, peak_strain = 0.45 (largest deformation divided by thickness, from ultrasound or
+    /// fluoroscopy) and curvature_mm = [35, 60] (radii of the unloaded sole, medial-lateral and heel-toe). Peak strain or curvature
+    /// determine the vertical radius C. Otherwise --size determines the thickness, and --compression C.
+    #[arg(long = "tissue", visible_alias = "thickness", value_name = "FILE")]
     pub(crate) thickness: Option<PathBuf>,
     /// European shoe size, 35 to 46, to which the typical tissue thickness is scaled.
     #[arg(long, default_value_t)]
     pub(crate) size: InsoleSize,
-    /// Assumed largest compression of the tissue, as a fraction of its thickness. It determines the vertical radius C.
+    /// Assumed largest compression of the tissue, as a fraction of its thickness. It determines the vertical radius C of regions
+    /// without a measured peak strain or curvature.
     #[arg(long, value_name = "FRACTION", default_value_t = COMPRESSION)]
     compression: f64,
 }
@@ -128,10 +135,14 @@ impl Search {
         if !(0.05..=0.95).contains(&self.compression) {
             bail!("--compression {}: expected a fraction of the thickness, 0.05 to 0.95", self.compression);
         }
-        let mut thickness_m = self.size.thickness_m();
-        if let Some(path) = &self.thickness {
-            Thickness::read(path)?.apply(&mut thickness_m);
-        }
+        let tissue = self.tissue()?;
+        let typical_m = self.size.thickness_m();
+        let thickness_m = std::array::from_fn(|region| tissue.0[region].thickness_m.unwrap_or(typical_m[region]));
+        let measured = tissue.0.map(|region| Measured {
+            has_thickness: region.thickness_m.is_some(),
+            peak_strain: region.peak_strain,
+            curvature_m: region.curvature_m,
+        });
         let (bounds, prior) = match self.bounds {
             BoundsName::Free => (Bounds::USUAL, Some(fit::prior::WALKERS)),
             BoundsName::Paper => (Bounds::PAPER, None),
@@ -146,7 +157,20 @@ impl Search {
             FilterName::Smoothed => Filter::Smoothed,
         });
         let (size_scale, compression) = (self.size.scale(), self.compression);
-        Ok(Options { filter, method, bounds, prior, thickness_m, size_scale, compression, resamples })
+        Ok(Options { filter, method, bounds, prior, thickness_m, size_scale, compression, measured, resamples })
+    }
+
+    /// Reads the file of tissue measurements, and prints a note on stderr for each value that is out of range.
+    fn tissue(&self) -> Result<TissueMeasurements> {
+        let Some(path) = &self.thickness else { return Ok(TissueMeasurements::default()) };
+        let tissue = TissueMeasurements::read(path)?;
+        for (region, measurements) in Region::ALL.iter().zip(&tissue.0) {
+            measurements
+                .rejected
+                .iter()
+                .for_each(|value| eprintln!("note: {}: {}: {value}", path.display(), region.name()));
+        }
+        Ok(tissue)
     }
 }
 
@@ -181,7 +205,7 @@ impl Fit {
         Self { contact, ..Self::of_streams(vec![recording], "the wearer".into(), folder, search) }
     }
 
-    /// Runs the command. Returns true if all regions were fitted.
+    /// Runs the command. Returns true if all regions were fitted and their results are whole.
     pub fn run(&self) -> Result<bool> {
         self.write(&self.study()?)
     }
@@ -191,10 +215,10 @@ impl Fit {
         let participant = self.participant.clone().unwrap_or_else(|| stem(&self.recordings[0]));
         let inputs = self.recordings.iter().map(|path| Input::open(path)).collect::<Result<Vec<_>>>()?;
         let mut study = Study::new(participant, self.contact_rule(&inputs)?, self.search.options(RESAMPLES)?);
-        let mut checksums = Vec::new();
+        let (mut checksums, mut recordings) = (Vec::new(), Vec::new());
         for input in inputs {
             match input {
-                Input::Recording(path) => add(&mut study, path, &self.zero, &mut checksums)?,
+                Input::Recording(path) => recordings.push(add(&mut study, path, &self.zero, &mut checksums)?),
                 Input::Live(sources) => sources.into_iter().try_for_each(|source| add_live(&mut study, source))?,
             }
         }
@@ -208,10 +232,27 @@ impl Fit {
         let bar = progress(8, "regions");
         study.fit(&|_| bar.inc(1));
         bar.finish_and_clear();
+        self.add_rejected(&mut study)?;
+        if self.report.is_some() {
+            let is_used =
+                |number: u32| self.steps.is_none_or(|StepRange(first, last)| (first..=last).contains(&number));
+            study.sensitivity = Some(sensitivity::of(&study, &recordings, &self.zero, is_used));
+        }
         Ok(study)
     }
 
-    /// Prints and writes the results. Returns true if all regions were fitted.
+    /// Adds the measurements that were out of range to the defects of their regions.
+    fn add_rejected(&self, study: &mut Study) -> Result<()> {
+        let Some(path) = &self.search.thickness else { return Ok(()) };
+        for (fit, measurements) in study.fits.iter_mut().zip(TissueMeasurements::read(path)?.0) {
+            if let Ok(fit) = fit {
+                fit.defects.extend(measurements.rejected.iter().map(ToString::to_string));
+            }
+        }
+        Ok(())
+    }
+
+    /// Prints and writes the results. Returns true if all regions were fitted and their results are whole.
     pub fn write(&self, study: &Study) -> Result<bool> {
         results::print(study);
         let fitted = study.fits.iter().flatten().count();
@@ -233,7 +274,7 @@ impl Fit {
             bail!("no region could be fitted, for the reasons above; {} was not written", self.out.display());
         }
         println!("wrote {}: {fitted} of 8 regions identified", self.out.display());
-        Ok(fitted == 8)
+        Ok(study.is_whole())
     }
 }
 
@@ -304,9 +345,9 @@ fn add_live(study: &mut Study, source: LiveSource) -> Result<()> {
     Ok(study.add_live(source.name, source.origin, source.side, &source.steps)?)
 }
 
-/// Adds the steps of a recording to the study. `checksums` has the checksums of the previous recordings: a recording may not be
+/// Adds the steps of a recording to the study, and returns the recording. `checksums` has the checksums of the previous recordings: a recording may not be
 /// given twice, because its steps would then be predicted from copies of themselves.
-fn add(study: &mut Study, path: &Path, zero: &ZeroArgs, checksums: &mut Vec<u32>) -> Result<()> {
+fn add(study: &mut Study, path: &Path, zero: &ZeroArgs, checksums: &mut Vec<u32>) -> Result<Recording> {
     let recording = Recording::read(path)?;
     let sum = crc32(&recording.pressure_kpa.iter().flat_map(|kpa| kpa.to_le_bytes()).collect::<Vec<_>>());
     if let Some(before) = checksums.iter().position(|previous| *previous == sum) {
@@ -320,7 +361,7 @@ fn add(study: &mut Study, path: &Path, zero: &ZeroArgs, checksums: &mut Vec<u32>
         .add(path.display().to_string(), &recording, &insole, &mut |done| bar.set_position(done as u64))
         .with_context(|| format!("{}: the recording cannot be evaluated", path.display()))?;
     bar.finish_and_clear();
-    Ok(())
+    Ok(recording)
 }
 
 /// The name of a file without folder and extension.

@@ -190,12 +190,12 @@ fn errors_for_bad_input_name_the_place_and_the_remedy() {
     fail(path, "fit walk.parquet --steps 90-99", &["--steps 90-99", "steps 0 to 5"]);
     fail(path, "fit walk.parquet walk.parquet", &["same recording", "give each recording once"]);
     fail(path, "fit walk.parquet --contact-on 5 --contact-off 6", &["--contact-off may not be above --contact-on"]);
-    fail(path, "fit walk.parquet --thickness none.toml", &["none.toml"]);
+    fail(path, "fit walk.parquet --tissue none.toml", &["none.toml"]);
     for (text, words) in [
         ("heal = 12\n", ["heal is not a region", "the regions are heel"]),
-        ("heel = 0\n", ["heel = 0", "thickness in mm"]),
         ("heel = \"thick\"\n", ["bad.toml", "line 1"]),
         ("heel = 12\nhallux\n", ["bad.toml", "line 2"]),
+        ("[heel]\nstrain = 0.4\n", ["bad.toml", "peak_strain"]),
     ] {
         std::fs::write(path.join("bad.toml"), text).expect("written");
         fail(path, "fit walk.parquet --thickness bad.toml", &words);

@@ -3,7 +3,7 @@
 use crate::document::{document, legend, section, wide};
 use crate::format::{NONE, count, percent};
 use crate::region::{TITLES, fit_of, fitted};
-use crate::{bars, curves, foot, parameters, protocol, reading};
+use crate::{bars, curves, foot, literature, parameters, pins, protocol, quantities, reading, sensitivity};
 use fit::Study;
 use maud::{Markup, html};
 
@@ -17,11 +17,14 @@ pub fn page(study: &Study) -> Markup {
         subtitle,
         &html! {
             (summary(study))
+            (section("quantities", "Mechanical quantities by region", quantity_figures(study)))
             (section("protocol", "Participant and protocol", protocol::protocol(study)))
             (section("foot", "Position of the regions", foot_figure(study)))
             (section("curves", "Area and force in a typical step", curve_figures(study)))
             (section("errors", "Errors by region", error_figure(study)))
             (section("parameters", "Parameters by region", parameter_figures(study)))
+            (section("sensitivity", "Sensitivity to the choices of the method", sensitivity::sensitivity(study)))
+            (section("literature", "Comparison with published measurements", literature::literature(study)))
             (section("table", "Table of errors", wide("Table of errors", bars::table(study))))
             (section("reading", "How to read this report", reading::reading(study.options.method)))
         },
@@ -50,7 +53,10 @@ fn summary(study: &Study) -> Markup {
                             @match fit_of(study, region) {
                                 Ok(fit) => {
                                     td.figure { (fit.quality.predicted.map_or(NONE.into(), percent)) }
-                                    td.prose { (fit.verdict) "." }
+                                    td.prose {
+                                        (fit.verdict) "."
+                                        @for defect in &fit.defects { div.reason { strong { "Not whole: " } (defect) "." } }
+                                    }
                                 }
                                 Err(reason) => {
                                     td.figure { (NONE) }
@@ -172,8 +178,21 @@ fn error_figure(study: &Study) -> Markup {
     }
 }
 
+fn quantity_figures(study: &Study) -> Markup {
+    html! {
+        p {
+            "Single parameters of the model compensate each other; these quantities do not, so that they can be compared between \
+             recordings and people."
+        }
+        (legend(&quantities::legend()))
+        figure { div.panels { @for chart in quantities::charts(study) { (chart.svg()) } } }
+        (wide("Mechanical quantities by region", quantities::table(study)))
+    }
+}
+
 fn parameter_figures(study: &Study) -> Markup {
     html! {
+        (wide("Pins", pins::table(study)))
         (legend(&parameters::legend()))
         figure {
             div.panels { @for chart in parameters::charts(study) { (chart.svg()) } }

@@ -3,7 +3,7 @@
 use crate::drawing::{Drawing, STYLE, legend_row};
 use crate::format::count;
 use crate::region::{TITLES, fitted};
-use crate::{bars, curves, foot, parameters};
+use crate::{bars, curves, foot, intervals, parameters};
 use fit::Study;
 use maud::{Markup, PreEscaped, html};
 use resvg::{tiny_skia, usvg};
@@ -77,7 +77,7 @@ fn svg(study: &Study) -> Markup {
     let foot_bottom = HEADER + foot.as_ref().map_or(0.0, |foot| foot.height) + GAP;
     let lower = (grid.y + 3.0 * grid.height).max(foot_bottom + 2.0 * LEGEND) + GAP;
     let (bars, charts) = (bars::bars(study), parameters::charts(study));
-    let beside = Grid { x: MARGIN + bars.width + 3.0 * GAP, y: lower + LEGEND, height: parameters::HEIGHT + GAP };
+    let beside = Grid { x: MARGIN + bars.width + 3.0 * GAP, y: lower + LEGEND, height: intervals::HEIGHT + GAP };
     let width = grid.width().max(beside.width());
     let height = lower + LEGEND + bars.height.max(2.0 * beside.height) + MARGIN;
     let sum = curves::Sum::of(study);

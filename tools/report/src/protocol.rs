@@ -2,7 +2,6 @@
 
 use crate::drawing::tick;
 use crate::format::{count, number};
-use crate::region::TITLES;
 use fit::{Filter, Method, Study};
 use maud::{Markup, html};
 
@@ -18,14 +17,13 @@ pub fn protocol(study: &Study) -> Markup {
             dt { "Method" } dd { (method(study.options.method)) }
             @if study.options.method == Method::Projection {
                 dt { "Bounds" } dd { (bounds(study)) }
-                dt { "Largest compression" }
-                dd { (number(study.options.compression * 100.0)) " % of the thickness; assumed, determines C" }
+                dt { "Assumed compression" }
+                dd { (number(study.options.compression * 100.0)) " % of the thickness; assumed, determines C of regions without a measured peak strain or curvature" }
             }
             dt { "Software" } dd { "Plantar " (env!("PLANTAR_VERSION")) }
         }
         (sources(study))
         (left_out(study))
-        (thickness(study))
     }
 }
 
@@ -130,20 +128,6 @@ fn left_out(study: &Study) -> Markup {
                             td.prose { (contact.reason) }
                         }
                     }
-                }
-            }
-        }
-    }
-}
-
-fn thickness(study: &Study) -> Markup {
-    html! {
-        @if study.options.method == Method::Projection {
-            div.wide tabindex="0" role="region" aria-label="Pinned thickness" {
-                table.across {
-                    caption { "Thickness d₀ of the unloaded tissue, mm: typical for the shoe size unless it was measured" }
-                    thead { tr { @for title in TITLES { th scope="col" { (title) } } } }
-                    tbody { tr { @for m in study.options.thickness_m { td { (tick(m * 1e3)) } } } }
                 }
             }
         }

@@ -31,12 +31,13 @@ pub fn reading(method: Method) -> Markup {
             ". The ratio A/B, C and d₀ can be changed without a change of the force if the other parameters are adapted. "
             @match method {
                 Method::Projection =>
-                    "These three are pinned by other data: A/B by the measured contact ellipse, d₀ by the given thickness, C by \
-                     the assumed largest compression. The values of A, B, C, d₀, k and c are valid only for these pinned \
+                    "These three are pinned by other data: A/B by the measured contact ellipse, d₀ by the thickness, C by a \
+                     measured peak strain, a measured curvature of the unloaded sole, or an assumed compression. The values of A, B, C, d₀, k and c are valid only for these pinned \
                      values. ",
                 Method::Paper => "The search determines these three arbitrarily. ",
             }
-            "Compare people by the five identifiable parameters."
+            "Compare people by the mechanical quantities. Parameters with the mark † are mostly those of other people: the force \
+             of this person changes the usual value hardly."
         }
         p {
             strong { "Intervals. " }

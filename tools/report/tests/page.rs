@@ -3,7 +3,8 @@
 mod common;
 
 use common::{FILE, PARTICIPANT, STUDY, TITLES, empty};
-use fit::{Method, Study};
+use fit::sensitivity::{Choice, MainResults, Sensitivity, Variant};
+use fit::{Filter, Method, RegionFit, Study};
 
 /// The texts between the tags of each table row, without white space.
 fn rows(html: &str) -> Vec<Vec<String>> {
@@ -29,7 +30,20 @@ fn sections_and_regions_are_present_in_order() {
         let html = report::html(study);
         assert!(html.starts_with("<!DOCTYPE html>"));
         let mut rest = &html[..];
-        for id in ["summary", "protocol", "foot", "curves", "errors", "parameters", "table", "reading"] {
+        let sections = [
+            "summary",
+            "quantities",
+            "protocol",
+            "foot",
+            "curves",
+            "errors",
+            "parameters",
+            "sensitivity",
+            "literature",
+            "table",
+            "reading",
+        ];
+        for id in sections {
             rest = rest.split_once(&format!("<section id=\"{id}\"")).unwrap_or_else(|| panic!("{id} follows")).1;
         }
         let mut rest = html.split_once("<section id=\"curves\"").expect("the section").1;
@@ -38,7 +52,7 @@ fn sections_and_regions_are_present_in_order() {
         }
         let drawings = html.matches("<svg class=\"drawing\"").count();
         assert_eq!(html.matches("role=\"img\" aria-label=\"").count(), drawings);
-        assert!(drawings >= 8 + 1 + 5);
+        assert!(drawings >= 8 + 1 + 6 + 5);
     }
 }
 
@@ -83,6 +97,7 @@ fn excluded_contacts_and_regions_are_listed_with_their_reasons() {
     }
     for fit in STUDY.fits.iter().flatten() {
         assert!(html.contains(&escaped(&fit.verdict)));
+        fit.defects.iter().for_each(|defect| assert!(html.matches(&escaped(defect)).count() >= 2, "{defect}"));
         fit.warnings.iter().for_each(|warning| assert!(html.contains(&escaped(warning)), "{warning}"));
     }
 }
@@ -122,4 +137,90 @@ fn fits_without_damping_or_intervals_are_shown() {
     without_intervals.options.method = Method::Paper;
     without_intervals.fits.iter_mut().flatten().for_each(|fit| fit.uncertainty = None);
     assert!(report::html(&without_intervals).contains("searched"));
+}
+
+#[test]
+fn the_table_of_quantities_has_the_numbers_of_the_study() {
+    let rows = rows(&table(&report::html(&STUDY), "quantities-table"));
+    let shown: Vec<f64> = rows[1][1..].iter().filter_map(|text| text.parse().ok()).collect();
+    assert!(rows[1][0].starts_with("Force at 70 % of the largest area"), "{:?}", rows[1]);
+    let measures = STUDY.fits.iter().flatten().map(|fit| &fit.measures[0]);
+    let expected: Vec<f64> = measures.filter(|m| m.is_determined()).map(|m| m.value).collect();
+    assert_eq!(shown.len(), expected.len());
+    for (shown, expected) in shown.iter().zip(expected) {
+        assert!((shown / expected - 1.0).abs() < 0.006, "{shown} for {expected}");
+    }
+}
+
+#[test]
+fn undetermined_parameters_and_defects_are_marked() {
+    let mut study = STUDY.clone();
+    assert!(!report::html(&study).contains("Not whole"));
+    for fit in study.fits.iter_mut().flatten() {
+        fit.defects = vec!["the insole shifted".into()];
+        for interval in fit.uncertainty.iter_mut().flat_map(|uncertainty| &mut uncertainty.intervals) {
+            interval.is_identifiable = true;
+        }
+    }
+    let identified = report::html(&study);
+    assert_eq!(identified.matches("Not whole: ").count(), 6);
+    let marks = |html: &str| html.matches('†').count();
+    if let Some(Ok(fit)) = study.fits.get_mut(0) {
+        fit.uncertainty.as_mut().expect("intervals").intervals[4].is_identifiable = false;
+    }
+    let without_m = report::html(&study);
+    // The interval from the Jacobian, and the row of the eight parameters. So few steps are not resampled.
+    assert_eq!(marks(&without_m), marks(&identified) + 2);
+}
+
+#[test]
+fn the_sensitivity_is_the_change_of_the_results() {
+    assert!(report::html(&STUDY).contains("was not repeated"));
+    let mut study = STUDY.clone();
+    let changed = |fit: &RegionFit| {
+        let results = MainResults::of(fit);
+        MainResults {
+            force_at_area_n: results.force_at_area_n.map(|force_n| 1.25 * force_n),
+            predicted_nrmse: results.predicted_nrmse.map(|error| error - 0.011),
+            ..results
+        }
+    };
+    let regions = std::array::from_fn(|region| study.fits[region].as_ref().ok().map(changed));
+    let variant = Variant { choice: Choice::Filter(Filter::Live), regions };
+    study.sensitivity = Some(Sensitivity { variants: vec![variant], skipped: vec!["Steps were too few.".into()] });
+    let html = report::html(&study);
+    let section = html.split_once("<section id=\"sensitivity\"").expect("the section").1;
+    assert!(section.contains("Steps were too few."));
+    let rows: Vec<_> = rows(section).into_iter().filter(|row| row[0] == "filter live").collect();
+    assert_eq!(rows.len(), 4);
+    assert_eq!(rows[0].iter().filter(|text| *text == "+25").count(), 6);
+    assert_eq!(rows[1].iter().filter(|text| *text == "0").count(), 6);
+    assert_eq!(rows[3].iter().filter(|text| *text == "−1.1").count(), 6);
+}
+
+/// Which findings of the paper a fit contradicts follows from its numbers.
+#[test]
+fn findings_of_the_paper_are_compared_with_the_results() {
+    let finding = |study: &Study, words: &str| {
+        let html = report::html(study);
+        let items: Vec<String> = html.split("<li>").skip(1).map(String::from).collect();
+        items.into_iter().find(|item| item.contains(words)).expect("the finding").contains("Agrees.")
+    };
+    let mut study = STUDY.clone();
+    for (region, fit) in study.fits.iter_mut().enumerate() {
+        let Ok(fit) = fit else { continue };
+        (fit.ellipsoid.a_m, fit.ellipsoid.b_m, fit.ellipsoid.c_m) = (0.03, 0.032, 0.01);
+        (fit.ellipsoid.k, fit.pins.aspect) = (1e7 * (1.0 + 0.1 * region as f64), 0.94);
+        fit.law.n = if region == 3 { 1.5 } else { 0.8 };
+    }
+    let findings = ["C is significantly smaller", "A and B are close", "fairly uniform", "highest at", "n is positive"];
+    findings.iter().for_each(|words| assert!(finding(&study, words), "{words}"));
+    if let Some(Ok(heel)) = study.fits.get_mut(0) {
+        (heel.ellipsoid.c_m, heel.pins.aspect, heel.ellipsoid.k, heel.law.n) = (0.031, 1.3, 3e7, 1.6);
+    }
+    findings[..4].iter().for_each(|words| assert!(!finding(&study, words), "{words}"));
+    if let Some(Ok(heel)) = study.fits.get_mut(0) {
+        heel.law.n = -0.1;
+    }
+    assert!(!finding(&study, "n is positive"));
 }

@@ -2,7 +2,7 @@
 
 use crate::setup::rule_in_words;
 use crate::summary;
-use fit::measures::Quantity;
+use fit::measures::{PIN_CHANGE, Quantity};
 use fit::results::{significant, widest};
 use fit::{RegionFit, Study};
 use plantar::Region;
@@ -21,6 +21,7 @@ pub fn print(study: &Study) {
         println!("left out: {} at {:.2} s, {}", study.sources[contact.recording].name, contact.at_s, contact.reason);
     }
     print_measures(study);
+    print_pins(study);
     let mut table = summary::table();
     table.set_header(["region", "steps", "A B mm2", "K kPa", "G kPa s", "n", "m", "error %", "predicted %", "floor %"]);
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
@@ -49,6 +50,7 @@ pub fn print(study: &Study) {
         match fit {
             Ok(fit) => {
                 println!("{}: {}", region.name(), fit.verdict);
+                fit.defects.iter().for_each(|defect| println!("    NOT WHOLE: {defect}"));
                 fit.warnings.iter().for_each(|warning| println!("    {warning}"));
             }
             Err(reason) => println!("{}: NOT FITTED, {reason}", region.name()),
@@ -78,7 +80,49 @@ fn print_measures(study: &Study) {
     println!("{table}");
     println!(
         "In brackets: 95 % intervals. Not determined: the interval is wider than the value. Strains, and with them stiffness,\n\
-         moduli and energies, depend on the assumed compression and thickness of the tissue."
+         moduli and energies, depend on the thickness of the tissue and on what determines C."
+    );
+}
+
+/// Prints what determines d0 and C of each region, and how the results follow it.
+fn print_pins(study: &Study) {
+    let fitted: Vec<_> =
+        Region::ALL.iter().zip(&study.fits).filter_map(|(region, fit)| Some((region, fit.as_ref().ok()?))).collect();
+    if !fitted.iter().any(|(_, fit)| fit.pin_effect.is_some()) {
+        return;
+    }
+    let mut table = summary::table();
+    table.set_header(["region", "d0 mm", "C mm", "C is pinned by", "C %", "stiffness %", "modulus %"]);
+    for (region, fit) in fitted {
+        let value = |quantity| fit.measures.iter().find(|m| m.quantity == quantity).map(|m| m.value);
+        let source = if fit.pins.is_thickness_measured { "measured" } else { "typical" };
+        let effects = fit.pin_effect.map_or([NONE; 3].map(String::from), |effect| {
+            let ends = [effect.at_less, effect.at_more];
+            let of = |at: Option<f64>, ends: [Option<f64>; 2]| match (at, ends) {
+                (Some(at), [Some(less), Some(more)]) => {
+                    format!("{:+.0} / {:+.0}", (less / at - 1.0) * 100.0, (more / at - 1.0) * 100.0)
+                }
+                _ => NONE.into(),
+            };
+            [
+                of(Some(fit.law.c_m), ends.map(|end| Some(end.c_m))),
+                of(value(Quantity::SecantStiffness), ends.map(|end| end.secant_stiffness_n_mm)),
+                of(value(Quantity::SecantModulus), ends.map(|end| end.secant_modulus_kpa)),
+            ]
+        });
+        let lengths = [
+            format!("{}, {source}", significant(fit.pins.thickness_m * 1e3)),
+            significant(fit.law.c_m * 1e3),
+            fit.pins.scale.to_string(),
+        ];
+        table.add_row(std::iter::once(region.name().to_string()).chain(lengths).chain(effects));
+    }
+    summary::align(&mut table);
+    println!("{table}");
+    println!(
+        "The force determines neither d0 nor C. The last three columns: change of C and of the secant stiffness and modulus at\n\
+         20 % strain if the value that pins C were {0:.0} % less / {0:.0} % more.",
+        PIN_CHANGE * 100.0
     );
 }
 

@@ -1,0 +1,250 @@
+//! The scale of the deformation: what determines C, the vertical radius of the ellipsoid.
+//!
+//! The force does not depend on C, so it follows from one of three other data: a measured peak strain of the tissue, a measured
+//! curvature of the unloaded sole, or, without a measurement, an assumed compression. Near its lowest point, an ellipsoid has the
+//! radii of curvature A^2/C and B^2/C. As the force determines A B, and the contact ellipse A/B, each of them determines C.
+
+use plantar::pipeline::model::ForceLaw;
+use std::fmt;
+
+/// Two measurements contradict each other if they yield values of C that differ by more than this factor.
+const CONTRADICTION: f64 = 1.5;
+/// Range of the largest deformation, divided by the thickness, that tissue can have.
+const POSSIBLE_STRAIN: [f64; 2] = [0.05, 0.95];
+/// The names of the radii of curvature, in the order of [`Measured::curvature_m`].
+const DIRECTIONS: [&str; 2] = ["medial-lateral curvature", "heel-toe curvature"];
+
+/// What was measured of the tissue of one region. Values are not checked here.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// True if the thickness was measured; otherwise it is typical for the shoe size.
+    pub has_thickness: bool,
+    /// Largest deformation in walking divided by the thickness, 0.05 to 0.95.
+    pub peak_strain: Option<f64>,
+    /// Radii of curvature of the unloaded sole, m, 0.005 to 0.5: medial-lateral and heel-toe.
+    pub curvature_m: [Option<f64>; 2],
+}
+
+/// What determines C of a region.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Scale {
+    /// An assumed largest deformation divided by the thickness, 0 to 1.
+    Assumed(f64),
+    /// A measured largest deformation divided by the thickness, 0 to 1.
+    PeakStrain(f64),
+    /// A measured curvature of the unloaded sole: the geometric mean of the medial-lateral and the heel-toe radius, m.
+    Curvature(f64),
+    /// The search of the paper, which results in any value. The number is the largest deformation divided by the thickness.
+    Searched(f64),
+}
+
+impl Measured {
+    /// Nothing was measured.
+    pub const NONE: Self = Self { has_thickness: false, peak_strain: None, curvature_m: [None; 2] };
+}
+
+impl Scale {
+    /// Name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Assumed(_) => "assumed_compression",
+            Self::PeakStrain(_) => "peak_strain",
+            Self::Curvature(_) => "curvature",
+            Self::Searched(_) => "search",
+        }
+    }
+
+    /// The same scale with its value multiplied by a factor.
+    pub fn scaled(self, factor: f64) -> Self {
+        match self {
+            Self::Assumed(strain) => Self::Assumed(strain * factor),
+            Self::PeakStrain(strain) => Self::PeakStrain(strain * factor),
+            Self::Curvature(radius_m) => Self::Curvature(radius_m * factor),
+            Self::Searched(strain) => Self::Searched(strain * factor),
+        }
+    }
+
+    /// C, m, of a force law. `area_max_m2` is the largest contact area.
+    pub(crate) fn c_m(self, law: &ForceLaw<f64>, area_max_m2: f64, thickness_m: f64) -> f64 {
+        match self {
+            Self::Assumed(strain) | Self::PeakStrain(strain) | Self::Searched(strain) => {
+                strain * thickness_m / law.area_ratio(area_max_m2).normalised_deformation()
+            }
+            Self::Curvature(radius_m) => law.ab_m2 / radius_m,
+        }
+    }
+}
+
+impl fmt::Display for Scale {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Assumed(strain) => write!(f, "an assumed largest compression of {:.1} %", strain * 100.0),
+            Self::PeakStrain(strain) => write!(f, "a measured peak strain of {:.1} %", strain * 100.0),
+            Self::Curvature(radius_m) => write!(f, "a measured radius of curvature of {:.1} mm", radius_m * 1e3),
+            Self::Searched(_) => f.write_str("the search"),
+        }
+    }
+}
+
+/// The data from which C of a region follows.
+pub(crate) struct Site<'s> {
+    /// The force law; its C is not used.
+    pub law: &'s ForceLaw<f64>,
+    /// Largest contact area, m2.
+    pub area_max_m2: f64,
+    /// d0, m.
+    pub thickness_m: f64,
+    /// A divided by B.
+    pub aspect: f64,
+}
+
+impl Site<'_> {
+    /// The scale from the measurements; a measured peak strain precedes a curvature that confirms it, because it is the
+    /// deformation itself. Without measurements, the scale is `assumed`.
+    ///
+    /// # Errors
+    /// The measurements contradict each other, or the properties of tissue.
+    pub fn scale(&self, measured: &Measured, assumed: f64) -> Result<Scale, Contradiction> {
+        let c_m = |scale: Scale| scale.c_m(self.law, self.area_max_m2, self.thickness_m);
+        // By A/B, one radius of curvature determines the other.
+        let [medial_lateral_m, heel_toe_m] = measured.curvature_m;
+        let means_m = [medial_lateral_m.map(|r| r / self.aspect), heel_toe_m.map(|r| r * self.aspect)];
+        let strain = measured.peak_strain.map(|strain| ("peak strain", c_m(Scale::PeakStrain(strain))));
+        let radii =
+            DIRECTIONS.into_iter().zip(means_m).filter_map(|(name, mean)| Some((name, c_m(Scale::Curvature(mean?)))));
+        let candidates: Vec<(&'static str, f64)> = strain.into_iter().chain(radii).collect();
+        let by_c = |a: &&(&str, f64), b: &&(&str, f64)| a.1.total_cmp(&b.1);
+        if let (Some(&least), Some(&most)) = (candidates.iter().min_by(by_c), candidates.iter().max_by(by_c))
+            && most.1 > CONTRADICTION * least.1
+        {
+            return Err(Contradiction::Between(least, most));
+        }
+        if let Some(strain) = measured.peak_strain {
+            return Ok(Scale::PeakStrain(strain));
+        }
+        let scale = match measured.curvature_m {
+            [None, None] => return Ok(Scale::Assumed(assumed)),
+            [Some(medial_lateral_m), Some(heel_toe_m)] => Scale::Curvature((medial_lateral_m * heel_toe_m).sqrt()),
+            _ => Scale::Curvature(means_m.into_iter().flatten().sum()),
+        };
+        let g_max = self.law.area_ratio(self.area_max_m2).normalised_deformation();
+        let strain = c_m(scale) * g_max / self.thickness_m;
+        if (POSSIBLE_STRAIN[0]..=POSSIBLE_STRAIN[1]).contains(&strain) {
+            Ok(scale)
+        } else {
+            Err(Contradiction::Strain { scale, strain })
+        }
+    }
+}
+
+/// Measurements that cannot all be true.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Contradiction {
+    /// The names of two measurements with the C, m, that follow from them.
+    Between((&'static str, f64), (&'static str, f64)),
+    /// The curvature results in a deformation, divided by the thickness, that is not possible.
+    Strain { scale: Scale, strain: f64 },
+}
+
+impl fmt::Display for Contradiction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Between((one, least_m), (other, most_m)) => write!(
+                f,
+                "measurements contradict each other: C is {:.1} mm by the {one} and {:.1} mm by the {other}, a factor of {:.1} \
+                 (at most {CONTRADICTION} is accepted)",
+                least_m * 1e3,
+                most_m * 1e3,
+                most_m / least_m
+            ),
+            Self::Strain { scale, strain } => write!(
+                f,
+                "{scale} contradicts the thickness: the tissue would be compressed by {:.0} % of it ({:.0} to {:.0} % are possible)",
+                strain * 100.0,
+                POSSIBLE_STRAIN[0] * 100.0,
+                POSSIBLE_STRAIN[1] * 100.0
+            ),
+        }?;
+        f.write_str(
+            "; none of them was used, and C, stiffness and moduli follow from the assumed compression; measure this region again, \
+             or remove a value from the file of tissue measurements",
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic;
+    use std::f64::consts::PI;
+
+    const C_M: f64 = 0.012;
+    const THICKNESS_M: f64 = 0.016;
+    const ASPECT: f64 = 0.8;
+
+    /// A heel whose ellipsoid has a C of 12 mm, and the measurements that a perfect observer would take of it: the largest
+    /// deformation, and the radii A^2/C and B^2/C.
+    fn heel() -> (ForceLaw<f64>, f64, Measured) {
+        let law = synthetic::law(0);
+        let area_max_m2 = 0.75 * PI * law.ab_m2;
+        let deformation_m = C_M * (1.0 - (1.0f64 - 0.75).sqrt());
+        let (a2_m2, b2_m2) = (law.ab_m2 * ASPECT, law.ab_m2 / ASPECT);
+        let measured = Measured {
+            has_thickness: true,
+            peak_strain: Some(deformation_m / THICKNESS_M),
+            curvature_m: [Some(a2_m2 / C_M), Some(b2_m2 / C_M)],
+        };
+        (law, area_max_m2, measured)
+    }
+
+    fn chosen(measured: &Measured) -> Result<(Scale, f64), Contradiction> {
+        let (law, area_max_m2, _) = heel();
+        let site = Site { law: &law, area_max_m2, thickness_m: THICKNESS_M, aspect: ASPECT };
+        site.scale(measured, 0.457).map(|scale| (scale, scale.c_m(&law, area_max_m2, THICKNESS_M)))
+    }
+
+    #[test]
+    fn every_measurement_of_the_same_tissue_results_in_its_c() {
+        let (.., all) = heel();
+        let [medial_lateral_m, heel_toe_m] = all.curvature_m;
+        let none = Measured::NONE;
+        for (measured, name) in [
+            (all, "peak_strain"),
+            (Measured { peak_strain: all.peak_strain, ..none }, "peak_strain"),
+            (Measured { curvature_m: all.curvature_m, ..none }, "curvature"),
+            (Measured { curvature_m: [medial_lateral_m, None], ..none }, "curvature"),
+            (Measured { curvature_m: [None, heel_toe_m], ..none }, "curvature"),
+        ] {
+            let (scale, c_m) = chosen(&measured).expect("no contradiction");
+            assert_eq!(scale.name(), name);
+            assert!((c_m / C_M - 1.0).abs() < 1e-12, "{measured:?}: {c_m}");
+        }
+        let (scale, _) = chosen(&none).expect("no contradiction");
+        assert_eq!(scale, Scale::Assumed(0.457));
+    }
+
+    #[test]
+    fn measurements_that_differ_by_more_than_half_contradict_each_other() {
+        let (.., all) = heel();
+        let [medial_lateral_m, heel_toe_m] = all.curvature_m;
+        let larger = |radius_m: Option<f64>, factor: f64| radius_m.map(|m| m * factor);
+        // C is inversely proportional to a radius.
+        let both =
+            |factor| Measured { curvature_m: [larger(medial_lateral_m, factor), larger(heel_toe_m, factor)], ..all };
+        assert!(chosen(&both(1.45)).is_ok() && chosen(&both(1.0 / 1.45)).is_ok());
+        let problem = chosen(&both(1.6)).expect_err("a contradiction").to_string();
+        assert!(problem.contains("C is 7.5 mm") && problem.contains("12.0 mm by the peak strain"), "{problem}");
+        assert!(chosen(&both(1.0 / 1.6)).is_err());
+        // The radii contradict the measured A/B.
+        let sole = Measured { peak_strain: None, curvature_m: [medial_lateral_m, larger(heel_toe_m, 1.6)], ..all };
+        let problem = chosen(&sole).expect_err("a contradiction").to_string();
+        assert!(problem.contains("medial-lateral curvature") && problem.contains("heel-toe curvature"), "{problem}");
+    }
+
+    #[test]
+    fn a_curvature_that_compresses_tissue_to_nothing_is_a_contradiction() {
+        let flat = Measured { curvature_m: [Some(0.005), None], ..Measured::NONE };
+        let problem = chosen(&flat).expect_err("a contradiction").to_string();
+        assert!(problem.contains("contradicts the thickness"), "{problem}");
+    }
+}

@@ -1,0 +1,188 @@
+//! How the main results follow the choices of the method: contact rule, filter and steps.
+
+use crate::measures::{Measure, Quantity};
+use crate::region::{SearchResult, cross_validate, search};
+use crate::screen::usable;
+use crate::{Filter, Method, Options, RegionCurves, RegionFit, Step, Study, parallel};
+use plantar::pipeline::contact::ContactRule;
+use std::fmt;
+
+/// Contact thresholds, kPa.
+const THRESHOLDS_KPA: [f32; 3] = [5.0, 10.0, 20.0];
+/// Scales of the effective area, kPa; 0 counts whole cells.
+const AREA_SCALES_KPA: [f32; 4] = [75.0, 150.0, 300.0, 0.0];
+/// Number of groups of steps, of which one at a time is left out.
+const QUARTERS: usize = 4;
+/// With fewer steps, none are left out.
+const LEAST_STEPS: usize = 8;
+
+/// A choice that differs from that of the fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Choice {
+    /// The contact threshold of the rule; the release threshold is the same fraction of it as in the fit.
+    Threshold(ContactRule),
+    /// The scale of the effective area.
+    AreaScale(ContactRule),
+    /// The filter of the area.
+    Filter(Filter),
+    /// The steps without every fourth one, from this one on.
+    LeftOut(usize),
+}
+
+impl Choice {
+    /// Name of what is chosen, as in JSON.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Threshold(_) => "contact_threshold",
+            Self::AreaScale(_) => "area_scale",
+            Self::Filter(_) => "filter",
+            Self::LeftOut(_) => "left_out_steps",
+        }
+    }
+
+    fn contact(&self) -> Option<ContactRule> {
+        match self {
+            Self::Threshold(rule) | Self::AreaScale(rule) => Some(*rule),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for Choice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Threshold(rule) => write!(f, "contact from {} kPa", rule.on_kpa),
+            Self::AreaScale(rule) if rule.full_kpa == 0.0 => f.write_str("area: cells counted whole"),
+            Self::AreaScale(rule) => write!(f, "area: whole cell from {} kPa", rule.full_kpa),
+            Self::Filter(filter) => write!(f, "filter {}", filter.name()),
+            Self::LeftOut(quarter) => write!(f, "without steps {}, {}, …", quarter + 1, quarter + 1 + QUARTERS),
+        }
+    }
+}
+
+/// The main results of a region.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MainResults {
+    /// Elastic force at the reference area, N.
+    pub force_at_area_n: Option<f64>,
+    /// Area at half of the peak force, mm2.
+    pub area_at_half_force_mm2: Option<f64>,
+    /// Secant stiffness at the reference strain, N/mm.
+    pub secant_stiffness_n_mm: Option<f64>,
+    /// NRMSE, as a fraction, of steps that are predicted from the others.
+    pub predicted_nrmse: Option<f64>,
+}
+
+impl MainResults {
+    /// The results of a fit.
+    pub fn of(fit: &RegionFit) -> Self {
+        Self::new(&fit.measures, fit.quality.predicted)
+    }
+
+    fn new(measures: &[Measure], predicted_nrmse: Option<f64>) -> Self {
+        let value = |quantity| measures.iter().find(|m| m.quantity == quantity).map(|m| m.value);
+        Self {
+            force_at_area_n: value(Quantity::ForceAtArea),
+            area_at_half_force_mm2: value(Quantity::AreaAtForce(0.5)),
+            secant_stiffness_n_mm: value(Quantity::SecantStiffness),
+            predicted_nrmse,
+        }
+    }
+}
+
+/// The main results with another choice.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Variant {
+    /// The choice.
+    pub choice: Choice,
+    /// The results in the order of [`plantar::Region::ALL`]; `None` for a region that cannot be fitted with this choice.
+    pub regions: [Option<MainResults>; 8],
+}
+
+/// The main results with all other choices.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sensitivity {
+    /// The results.
+    pub variants: Vec<Variant>,
+    /// Sentences that state which choices were not varied, and why.
+    pub skipped: Vec<String>,
+}
+
+/// Extracts the steps by another contact rule.
+pub type StepsBy<'s> = &'s (dyn Fn(&ContactRule) -> Result<Vec<Step>, String> + Sync);
+
+/// The choices that differ from those of the study. Without the cells, the contact rule cannot be chosen.
+pub fn choices(study: &Study, has_cells: bool) -> Vec<Choice> {
+    if study.options.method != Method::Projection {
+        return Vec::new();
+    }
+    let rule = study.contact;
+    let thresholds =
+        THRESHOLDS_KPA.map(|on_kpa| ContactRule { on_kpa, off_kpa: rule.off_kpa / rule.on_kpa * on_kpa, ..rule });
+    let scales = AREA_SCALES_KPA.map(|full_kpa| ContactRule { full_kpa, ..rule });
+    let is_other = |other: &ContactRule| other.is_valid() && *other != rule && has_cells;
+    let filters = [Filter::Direct, Filter::Live, Filter::Smoothed].into_iter().filter(|f| *f != study.options.filter);
+    let quarters = if study.steps.len() < LEAST_STEPS { 0 } else { QUARTERS };
+    let thresholds = thresholds.into_iter().filter(is_other).map(Choice::Threshold);
+    let scales = scales.into_iter().filter(is_other).map(Choice::AreaScale);
+    thresholds.chain(scales).chain(filters.map(Choice::Filter)).chain((0..quarters).map(Choice::LeftOut)).collect()
+}
+
+impl Sensitivity {
+    /// Fits the regions with the other [`choices`]. `steps_by` is `None` if the steps cannot be extracted by another contact rule,
+    /// because the sources do not contain the cells. `progress` is called after each fit of a region.
+    pub fn of(study: &Study, steps_by: Option<StepsBy>, progress: &(dyn Fn() + Sync)) -> Self {
+        let mut skipped = Vec::new();
+        if study.options.method != Method::Projection {
+            skipped.push("The method of the paper is too slow to be repeated with other choices.".into());
+            return Self { variants: Vec::new(), skipped };
+        }
+        if steps_by.is_none() {
+            skipped.push("The contact rule was not varied, because a live stream does not contain the cells.".into());
+        }
+        if study.steps.len() < LEAST_STEPS {
+            skipped.push(format!("No steps were left out, because this requires at least {LEAST_STEPS} steps."));
+        }
+        let choices = choices(study, steps_by.is_some());
+        let steps = parallel::map(choices.len(), |i| match (choices[i], choices[i].contact(), steps_by) {
+            (_, Some(rule), Some(steps_by)) => steps_by(&rule),
+            (Choice::LeftOut(quarter), ..) => {
+                let others = study.steps.iter().enumerate().filter(|(i, _)| i % QUARTERS != quarter);
+                Ok(others.map(|(_, step)| step.clone()).collect())
+            }
+            _ => Ok(study.steps.clone()),
+        });
+        let options = |choice: &Choice| match choice {
+            Choice::Filter(filter) => Options { filter: *filter, ..study.options },
+            _ => study.options,
+        };
+        let results = parallel::map(choices.len() * 8, |task| {
+            let choice = &choices[task / 8];
+            let results =
+                steps[task / 8].as_ref().ok().and_then(|steps| main_results(steps, task % 8, &options(choice)));
+            progress();
+            results
+        });
+        let mut variants = Vec::new();
+        for (i, (choice, steps)) in choices.into_iter().zip(steps).enumerate() {
+            match steps {
+                Ok(_) => {
+                    variants.push(Variant { choice, regions: std::array::from_fn(|region| results[8 * i + region]) })
+                }
+                Err(problem) => skipped.push(format!("The fit with {choice} was not possible: {problem}.")),
+            }
+        }
+        Self { variants, skipped }
+    }
+}
+
+/// Fits a region without intervals. `None` if it cannot be fitted.
+fn main_results(steps: &[Step], region: usize, options: &Options) -> Option<MainResults> {
+    let used = usable(steps, region, options.filter).ok()?;
+    let curves: Vec<&RegionCurves> = used.iter().map(|&i| &steps[i].regions[region]).collect();
+    let best: SearchResult = search(curves.iter().copied(), region, options);
+    let (pins, _) = best.pins(&curves, region, options);
+    let errors = cross_validate(&curves, &best, region, options);
+    let predicted = (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64);
+    Some(MainResults::new(&best.measures(&curves, &pins, &[], options), predicted))
+}

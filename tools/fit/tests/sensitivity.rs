@@ -1,0 +1,84 @@
+//! The main results with other choices of the method.
+
+use fit::sensitivity::{Choice, MainResults, Sensitivity, choices};
+use fit::synthetic::walk;
+use fit::{Filter, Method, Options, Step, Study};
+use plantar::pipeline::contact::ContactRule;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+fn study(steps: usize) -> Study {
+    let mut study = Study::new("someone".into(), ContactRule::COVERED, Options::usual([0.012; 8]));
+    study.steps = walk(steps, 100.0, Filter::Direct, 0.01, 1);
+    study.fit(&|_| ());
+    study
+}
+
+/// Computed steps by another contact rule: all areas are multiplied by a factor.
+fn scaled(study: &Study, factor: f64) -> Vec<Step> {
+    let mut steps = study.steps.clone();
+    for curves in steps.iter_mut().flat_map(|step| &mut step.regions) {
+        curves.area_mm2.iter_mut().for_each(|area| *area *= factor);
+    }
+    steps
+}
+
+#[test]
+fn every_choice_is_varied_and_changes_what_it_has_to() {
+    let study = study(12);
+    let calls = AtomicUsize::new(0);
+    let steps_by = |rule: &ContactRule| Ok(scaled(&study, if rule.on_kpa < 10.0 { 1.1 } else { 1.0 }));
+    let sensitivity = Sensitivity::of(&study, Some(&steps_by), &|| {
+        calls.fetch_add(1, Ordering::Relaxed);
+    });
+    let count = |kind: &str| sensitivity.variants.iter().filter(|v| v.choice.kind() == kind).count();
+    let counts = ["contact_threshold", "area_scale", "filter", "left_out_steps"].map(count);
+    assert_eq!(counts, [2, 3, 2, 4]);
+    assert_eq!(calls.into_inner(), 8 * choices(&study, true).len());
+    assert!(sensitivity.skipped.is_empty());
+    for variant in &sensitivity.variants {
+        for (results, fit) in variant.regions.iter().zip(&study.fits) {
+            let base = MainResults::of(fit.as_ref().expect("fitted"));
+            if variant.choice == Choice::Filter(Filter::Live) {
+                // Computed steps have no forces for the live filter.
+                assert_eq!(*results, None);
+                continue;
+            }
+            let results = results.expect("fitted");
+            let ratio =
+                results.area_at_half_force_mm2.expect("a value") / base.area_at_half_force_mm2.expect("a value");
+            match variant.choice {
+                // If all areas grow by a tenth, the area at a force does so, too.
+                Choice::Threshold(rule) if rule.on_kpa == 5.0 => assert!((1.05..1.15).contains(&ratio), "{ratio}"),
+                // The same steps result in the same law.
+                Choice::Threshold(_) | Choice::AreaScale(_) => assert!((ratio - 1.0).abs() < 1e-9, "{ratio}"),
+                Choice::LeftOut(_) => assert!((0.97..1.03).contains(&ratio), "{ratio}"),
+                // The forces of computed steps follow from the direct filter.
+                Choice::Filter(_) => assert!(ratio.is_finite()),
+            }
+        }
+    }
+}
+
+#[test]
+fn choices_that_cannot_be_varied_are_named() {
+    let live = Sensitivity::of(&study(6), None, &|| ());
+    assert!(live.variants.iter().all(|variant| variant.choice.kind() == "filter"));
+    assert_eq!(live.variants.len(), 2);
+    assert!(
+        live.skipped[0].contains("live stream") && live.skipped[1].contains("at least 8 steps"),
+        "{:?}",
+        live.skipped
+    );
+
+    let refused = |_: &ContactRule| Err("no cells".into());
+    let refused = Sensitivity::of(&study(6), Some(&refused), &|| ());
+    assert!(
+        refused.skipped.iter().any(|sentence| sentence.contains("not possible: no cells")),
+        "{:?}",
+        refused.skipped
+    );
+
+    let mut paper = study(6);
+    paper.options.method = Method::Paper;
+    assert!(Sensitivity::of(&paper, None, &|| ()).variants.is_empty());
+}

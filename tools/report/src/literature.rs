@@ -1,0 +1,244 @@
+//! Comparison with published measurements, and with the findings of the paper.
+
+use crate::format::{NONE, number};
+use crate::region::{TITLES, fitted};
+use fit::measures::Quantity;
+use fit::pins::Scale;
+use fit::{Method, RegionFit, Study};
+use maud::{Markup, html};
+use plantar::Region;
+
+/// A published measurement of a region.
+struct Published {
+    quantity: &'static str,
+    region: Region,
+    value: &'static str,
+    conditions: &'static str,
+    source: &'static str,
+    /// The value of this person.
+    own: fn(&RegionFit) -> Option<String>,
+}
+
+const LOADING_HISTORY: &str = "Effect of loading history on material properties of human heel pad: an in-vivo pilot investigation \
+    during gait, BMC Musculoskelet. Disord. (2022), s12891-022-05197-w";
+const CAVANAGH: &str =
+    "P. R. Cavanagh, Plantar soft tissue thickness during ground contact in walking, J. Biomech. 32(6) (1999)";
+const FLUOROSCOPY: &str = "ten healthy adults, 23 to 72 years, dual fluoroscopy and pressure plate in walking";
+const ULTRASOUND: &str = "second metatarsal head of five healthy adults, ultrasound, first step, barefoot";
+
+const PUBLISHED: [Published; 6] = [
+    Published {
+        quantity: "Thickness, mm",
+        region: Region::Heel,
+        value: "16.0 (median)",
+        conditions: FLUOROSCOPY,
+        source: LOADING_HISTORY,
+        own: thickness,
+    },
+    Published {
+        quantity: "Thickness, mm",
+        region: Region::Heel,
+        value: "12.5 to 24.5",
+        conditions: "means of several studies with ultrasound, magnetic resonance or radiography, unloaded",
+        source: "R. Naemi et al., Viscoelasticity in Foot-Ground Interaction, in: Viscoelastic and Viscoplastic Materials, InTech \
+                 (2016), doi 10.5772/64170",
+        own: thickness,
+    },
+    Published {
+        quantity: "Thickness, mm",
+        region: Region::Metatarsals12,
+        value: "15.2 (mean)",
+        conditions: ULTRASOUND,
+        source: CAVANAGH,
+        own: thickness,
+    },
+    Published {
+        quantity: "Peak strain, %",
+        region: Region::Metatarsals12,
+        value: "45.7 (mean)",
+        conditions: ULTRASOUND,
+        source: CAVANAGH,
+        own: |fit| {
+            let strain = number(fit.pins.compression(&fit.law, fit.area_max_m2) * 100.0);
+            let is_measured = matches!(fit.pins.scale, Scale::PeakStrain(_) | Scale::Curvature(_));
+            Some(format!("{strain}, {}", if is_measured { "measured" } else { "assumed" }))
+        },
+    },
+    Published {
+        quantity: "Viscous modulus, kPa\u{a0}s",
+        region: Region::Heel,
+        value: "43.9 (median)",
+        conditions: FLUOROSCOPY,
+        source: LOADING_HISTORY,
+        own: |fit| {
+            let measure = fit.measures.iter().find(|m| m.quantity == Quantity::ViscousModulus)?;
+            Some(if measure.is_determined() { number(measure.value) } else { "not determined".into() })
+        },
+    },
+    Published {
+        quantity: "Energy dissipated, share of the energy of loading",
+        region: Region::Heel,
+        value: "0.69 ± 0.08 (mean ± SD)",
+        conditions: "feet without pain, in a study of nine people with unilateral heel pain and nine controls, fluoroscopy and pressure \
+                     plate, walking at preferred speed",
+        source: "S. C. Wearing et al., Bulk compressive properties of the heel fat pad during walking, Clin. Biomech. 24 (2009) \
+                 397–402",
+        own: |fit| {
+            let value = |quantity| fit.measures.iter().find(|m| m.quantity == quantity).map(|m| m.value);
+            Some(number(value(Quantity::DissipatedEnergy)? / value(Quantity::LoadingEnergy)?))
+        },
+    },
+];
+
+fn thickness(fit: &RegionFit) -> Option<String> {
+    let source = if fit.pins.is_thickness_measured { "measured" } else { "typical for the shoe size" };
+    Some(format!("{}, {source}", number(fit.pins.thickness_m * 1e3)))
+}
+
+/// The content of the section.
+pub fn literature(study: &Study) -> Markup {
+    html! {
+        div.wide tabindex="0" role="region" aria-label="Published measurements" {
+            table.words {
+                caption { "Published measurements of feet without complaints, and the values of this person. None of them is a norm." }
+                thead {
+                    tr {
+                        th scope="col" { "Quantity" }
+                        th scope="col" { "Region" }
+                        th scope="col" { "Published" }
+                        th scope="col" { "This person" }
+                        th scope="col" { "Conditions and source" }
+                    }
+                }
+                tbody {
+                    @for row in &PUBLISHED {
+                        @let own = fitted(study).find(|(region, _)| *region == row.region as usize);
+                        tr {
+                            th scope="row" { (row.quantity) }
+                            td { (TITLES[row.region as usize]) }
+                            td.short { (row.value) }
+                            td.short { (own.and_then(|(_, fit)| (row.own)(fit)).unwrap_or(NONE.into())) }
+                            td.prose { (row.conditions) ". " cite { (row.source) } "." }
+                        }
+                    }
+                }
+            }
+        }
+        (paper(study))
+    }
+}
+
+/// Values that differ by at most this factor count as uniform.
+const UNIFORM: f64 = 2.0;
+/// A and B count as close if they differ by at most this factor.
+const CLOSE: f64 = 1.25;
+/// The smallest number of regions for statements on all regions.
+const COMPARED_REGIONS: usize = 3;
+
+/// A finding of the paper, and that of this fit.
+struct Finding {
+    paper: &'static str,
+    here: String,
+    agrees: bool,
+}
+
+/// What the paper finds about the parameters, and what this fit finds.
+fn paper(study: &Study) -> Markup {
+    let fits: Vec<(usize, &RegionFit)> = fitted(study).collect();
+    if fits.len() < COMPARED_REGIONS {
+        return html! { p { "Too few regions were fitted for a comparison with the findings of the paper." } };
+    }
+    html! {
+        h3.spaced { "Findings of the paper" }
+        ul.findings {
+            @for Finding { paper, here, agrees } in [vertical(&fits), round(&fits), uniform(&fits), exponent(&fits), positive(&fits)] {
+                li {
+                    strong { (if agrees { "Agrees. " } else { "Contradicts. " }) }
+                    "Paper: " (paper) " Here: " (here)
+                }
+            }
+        }
+        p {
+            @if study.options.method == Method::Projection {
+                "C, and with it k, depends on d₀ and on what pins C; A B, K and n follow from the force. "
+            }
+            "The paper's values of C and k follow from bounds and starting points of a search, because force does not determine them."
+        }
+    }
+}
+
+/// The largest divided by the smallest value.
+fn spread(values: impl Iterator<Item = f64>) -> f64 {
+    let [low, high] = values.fold([f64::MAX, f64::MIN], |[low, high], v| [low.min(v), high.max(v)]);
+    high / low
+}
+
+/// The titles of the regions that satisfy a condition; "none" if there are none.
+fn names(fits: &[(usize, &RegionFit)], of: impl Fn(&RegionFit) -> bool) -> String {
+    let names: Vec<_> =
+        fits.iter().filter(|(_, fit)| of(fit)).map(|(region, _)| TITLES[*region].to_lowercase()).collect();
+    if names.is_empty() { "none".into() } else { names.join(", ") }
+}
+
+fn vertical(fits: &[(usize, &RegionFit)]) -> Finding {
+    let ratio = |fit: &RegionFit| fit.ellipsoid.c_m / fit.ellipsoid.a_m.min(fit.ellipsoid.b_m);
+    let ratios = fits.iter().map(|(_, fit)| ratio(fit)).fold([f64::MAX, f64::MIN], |[l, h], r| [l.min(r), h.max(r)]);
+    Finding {
+        paper: "C is significantly smaller than A and B.",
+        here: format!(
+            "C is {} to {} times the smaller of A and B; not smaller: {}.",
+            number(ratios[0]),
+            number(ratios[1]),
+            names(fits, |fit| ratio(fit) >= 1.0)
+        ),
+        agrees: ratios[1] < 1.0,
+    }
+}
+
+fn round(fits: &[(usize, &RegionFit)]) -> Finding {
+    let is_long = |fit: &RegionFit| fit.pins.aspect.ln().abs() > CLOSE.ln();
+    let aspects =
+        fits.iter().map(|(_, fit)| fit.pins.aspect).fold([f64::MAX, f64::MIN], |[l, h], a| [l.min(a), h.max(a)]);
+    Finding {
+        paper: "A and B are close.",
+        here: format!(
+            "A / B is {} to {}; differing by more than a factor of {CLOSE}: {}.",
+            number(aspects[0]),
+            number(aspects[1]),
+            names(fits, is_long)
+        ),
+        agrees: !fits.iter().any(|(_, fit)| is_long(fit)),
+    }
+}
+
+fn uniform(fits: &[(usize, &RegionFit)]) -> Finding {
+    let k = spread(fits.iter().map(|(_, fit)| fit.ellipsoid.k));
+    let stiffness = spread(fits.iter().map(|(_, fit)| fit.law.stiffness_pa));
+    Finding {
+        paper: "the stiffness coefficient k is fairly uniform for all regions.",
+        here: format!(
+            "the largest k is {} times the smallest (a factor of up to {UNIFORM} counts as uniform), and the largest K, which does \
+             not depend on C and d₀, is {} times the smallest.",
+            number(k),
+            number(stiffness)
+        ),
+        agrees: k <= UNIFORM,
+    }
+}
+
+fn exponent(fits: &[(usize, &RegionFit)]) -> Finding {
+    let largest = fits.iter().max_by(|a, b| a.1.law.n.total_cmp(&b.1.law.n)).map_or(0, |(region, _)| *region);
+    Finding {
+        paper: "the stiffness exponent n is highest at the metatarsals.",
+        here: format!("n is highest at: {}.", TITLES[largest].to_lowercase()),
+        agrees: [Region::Metatarsals12, Region::Metatarsals35].iter().any(|region| *region as usize == largest),
+    }
+}
+
+fn positive(fits: &[(usize, &RegionFit)]) -> Finding {
+    Finding {
+        paper: "n is positive.",
+        here: format!("n is not positive at: {}.", names(fits, |fit| fit.law.n <= 0.0)),
+        agrees: fits.iter().all(|(_, fit)| fit.law.n > 0.0),
+    }
+}

@@ -1,0 +1,71 @@
+//! What determines d0 and C of each region, how the results follow it, and how well an ellipse describes the contact.
+
+use crate::format::{NONE, number, signed_percent};
+use crate::region::{TITLES, fit_of};
+use fit::measures::{PIN_CHANGE, Quantity};
+use fit::{RegionFit, Study};
+use maud::{Markup, html};
+
+/// The table.
+pub fn table(study: &Study) -> Markup {
+    let change = format!("{:.0} %", PIN_CHANGE * 100.0);
+    html! {
+        table.dense #pins {
+            caption {
+                "What pins d₀ and C, and by how much C and the quantities at 20 % strain change if the value that pins C is " (change)
+                " smaller / larger. Ellipse misfit: area of the ellipse with the second moments of the contact, relative to the \
+                 contact area, minus 1; it is large for a contact of separate parts, and for light contact if edge cells count by \
+                 a share."
+            }
+            thead {
+                tr {
+                    th scope="col" { "Region" }
+                    th scope="col" { "d₀, mm" }
+                    th.kind scope="col" { "C is pinned by" }
+                    th scope="col" { "C, mm" }
+                    th scope="col" { "Change of C, %" }
+                    th scope="col" { "of secant" br; "stiffness, %" }
+                    th scope="col" { "of secant" br; "modulus, %" }
+                    th scope="col" { "Ellipse" br; "misfit, %" }
+                }
+            }
+            tbody {
+                @for region in 0..8 {
+                    tr {
+                        th scope="row" { (TITLES[region]) }
+                        @match fit_of(study, region) {
+                            Ok(fit) => {
+                                @let source = if fit.pins.is_thickness_measured { "measured" } else { "typical" };
+                                td { (number(fit.pins.thickness_m * 1e3)) ", " (source) }
+                                td.kind { (fit.pins.scale) }
+                                td { (number(fit.law.c_m * 1e3)) }
+                                @for change in changes(fit) { td { (change) } }
+                                td { (fit.ellipse_misfit.map_or(NONE.into(), signed_percent)) }
+                            }
+                            Err(reason) => td.reason colspan="7" { "Not fitted: " (reason) },
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The changes of C, secant stiffness and secant modulus with a smaller and a larger value that pins C.
+fn changes(fit: &RegionFit) -> [String; 3] {
+    let Some(effect) = fit.pin_effect else { return [NONE; 3].map(String::from) };
+    let value = |quantity| fit.measures.iter().find(|m| m.quantity == quantity).map(|m| m.value);
+    let both = |at: Option<f64>, less: Option<f64>, more: Option<f64>| match (at, less, more) {
+        (Some(at), Some(less), Some(more)) => {
+            let change = |to: f64| format!("{:+.0}", (to / at - 1.0) * 100.0).replace('-', "−");
+            format!("{} / {}", change(less), change(more))
+        }
+        _ => NONE.into(),
+    };
+    let (less, more) = (effect.at_less, effect.at_more);
+    [
+        both(Some(fit.law.c_m), Some(less.c_m), Some(more.c_m)),
+        both(value(Quantity::SecantStiffness), less.secant_stiffness_n_mm, more.secant_stiffness_n_mm),
+        both(value(Quantity::SecantModulus), less.secant_modulus_kpa, more.secant_modulus_kpa),
+    ]
+}
