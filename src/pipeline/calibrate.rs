@@ -96,7 +96,7 @@ impl Curve {
         let inverse_exponent = 1.0 / law.exponent;
         let pressure_kpa = |code: u32| match code {
             0 => 0.0,
-            _ => law.full_kpa * Real::exp(Real::ln(code as f32 / f32::from(FULL_CODE)) * inverse_exponent),
+            _ => law.full_kpa * Real::exp2(Real::log2(code as f32 / f32::from(FULL_CODE)) * inverse_exponent),
         };
         let mut below_kpa = 0.0;
         for (i, segment) in self.segments.iter_mut().enumerate() {

@@ -142,7 +142,7 @@ fn power<R: Real>(base: R, exponent: R) -> R {
     if base <= R::ZERO {
         return if exponent == R::ZERO { R::ONE } else { R::ZERO };
     }
-    (base.ln() * exponent).exp()
+    (base.log2() * exponent).exp2()
 }
 
 /// `Ae / (pi A B)`, the contact area over the largest section of the ellipsoid, limited to 0..=1.
@@ -252,11 +252,11 @@ impl<R: Real> ForceLaw<R> {
         if g <= R::ZERO {
             return R::ZERO;
         }
-        let ln_g = g.ln();
+        let log2_g = g.log2();
         let three = R::of(3.0);
-        let elastic = self.stiffness_pa * (ln_g * (self.n + R::of(2.0))).exp() * (R::ONE - g / three);
+        let elastic = self.stiffness_pa * (log2_g * (self.n + R::of(2.0))).exp2() * (R::ONE - g / three);
         let shape = (R::of(6.0) - R::of(4.0) * g + g * g) / (three * (R::of(2.0) - g));
-        let viscous = self.damping_pa_s * (ln_g * (self.m + R::ONE)).exp() * g_rate_per_s * shape;
+        let viscous = self.damping_pa_s * (log2_g * (self.m + R::ONE)).exp2() * g_rate_per_s * shape;
         (R::of(core::f64::consts::PI) * self.ab_m2 * (elastic + viscous)).max(R::ZERO)
     }
 
