@@ -110,8 +110,10 @@ fn data_stored_by_older_firmware_is_read() {
         }
     }
     let expected = (5..20).map(|number| {
-        let regions = step(number).regions.map(|region| StepRegion { masked_cells: 0, ..region });
-        Step { regions, boots_since: 1, start_unix_us: None, ..step(number) }
+        let regions = step(number)
+            .regions
+            .map(|region| StepRegion { masked_cells: 0, stiffness_change_percent: 0, ..region });
+        Step { regions, boots_since: 1, start_unix_us: None, refit: 0, ..step(number) }
     });
     assert_eq!(steps(&mut store), expected.collect::<Vec<_>>());
     // Numbering continues, and old and new steps are acknowledged together.

@@ -100,17 +100,18 @@ fn step_region(v: [u16; 15]) -> StepRegion {
         ellipse_angle_ddeg: v[13] as i16,
         model_error_bp: v[14],
         masked_cells: v[14] as u8,
+        stiffness_change_percent: v[13] as i8,
     }
 }
 
 fn any_step() -> impl Strategy<Value = Step> {
     let regions = prop::array::uniform8(any::<[u16; 15]>().prop_map(step_region));
-    let numbers = any::<((u32, u64, u32, u32, u16, u8, u8), (u32, Option<u64>))>();
+    let numbers = any::<((u32, u64, u32, u32, u16, u8, u8), (u32, Option<u64>, u8))>();
     (numbers, side(), contact_rule(), regions).prop_map(
         |(
             (
                 (step, start_us, duration_us, sample_us, bridged_frames, saturated, clamped),
-                (boots_since, start_unix_us),
+                (boots_since, start_unix_us, refit),
             ),
             side,
             contact_rule,
@@ -129,6 +130,7 @@ fn any_step() -> impl Strategy<Value = Step> {
                 regions,
                 boots_since,
                 start_unix_us,
+                refit,
             }
         },
     )
@@ -532,6 +534,7 @@ fn longest_messages_fit_their_limits() {
         regions: [step_region([u16::MAX; 15]); 8],
         boots_since: u32::MAX,
         start_unix_us: Some(u64::MAX),
+        refit: u8::MAX,
         ..step(0)
     });
     let longest_status = ToHost::Status(Status {

@@ -79,6 +79,7 @@ fn json_has_every_quantity_once() {
         regions: [region; 8],
         boots_since: 0,
         start_unix_us: None,
+        refit: 0,
     };
     let json = step_to_json(&step);
     for quantity in Step::QUANTITIES {
