@@ -12,7 +12,7 @@ export const MIN_STEPS = 3;
 /** Number of steps of each foot on which the result is checked. */
 export const CHECK_STEPS = 10;
 /** A region with a smaller peak force is not fitted, and its model error is meaningless. */
-const LOADED_N = 20;
+const LOADED_N = 3;
 /** The check succeeds if the measured error is at most this multiple of the predicted error plus {@link TOLERANCE_PERCENT}. */
 const TOLERANCE = 1.3;
 const TOLERANCE_PERCENT = 1;

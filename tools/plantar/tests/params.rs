@@ -215,7 +215,7 @@ fn bad_parameters_are_refused_before_anything_is_sent() {
     let good = std::fs::read_to_string(path.join("params.toml")).expect("parameters");
     for (text, words) in [
         (good.replacen("k_n_m3 = ", "k_n_m3 = 1e13 # ", 1), ["regions.heel", "line 12", "more than 1e9"]),
-        (good.replacen("m = 0.5", "m = 11", 1), ["regions.heel", "line 12", "up to 10"]),
+        (good.replacen("\nm = ", "\nm = 11 # ", 1), ["regions.heel", "line 12", "up to 10"]),
         (good.replacen("subject = ", "subject ", 1), ["bad.toml", "line 9", "subject"]),
     ] {
         std::fs::write(path.join("bad.toml"), text).expect("written");
