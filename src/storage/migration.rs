@@ -37,7 +37,7 @@ pub(super) struct StepV1 {
 }
 
 /// Number of bytes of a [`StepRegion`] in version 2, which lacks the change of K.
-const REGION_V2_BYTES: usize = 33;
+const REGION_V2_BYTES: usize = 31;
 
 /// Version 2 of the entries of the step log.
 #[derive(Deserialize)]
@@ -59,14 +59,10 @@ pub(super) struct StepV2 {
     saturated: u8,
     clamped: u8,
     contact_rule: ContactRule,
-    regions: [RegionV2; 8],
+    regions: [[u8; REGION_V2_BYTES]; 8],
     boots_since: u32,
     start_unix_us: Option<u64>,
 }
-
-/// The bytes of a region; an array of more than 32 bytes has no decoder.
-#[derive(Deserialize)]
-struct RegionV2([u8; 32], u8);
 
 /// Decodes the bytes of a region of an older version, which is a prefix of the present one.
 fn region_of(bytes: &[u8]) -> StepRegion {
@@ -108,11 +104,7 @@ impl From<StepV2> for Step {
             saturated: old.saturated,
             clamped: old.clamped,
             contact_rule: old.contact_rule,
-            regions: old.regions.map(|RegionV2(first, last)| {
-                let mut bytes = [last; REGION_V2_BYTES];
-                bytes[..first.len()].copy_from_slice(&first);
-                region_of(&bytes)
-            }),
+            regions: old.regions.map(|region| region_of(&region)),
             boots_since: old.boots_since,
             start_unix_us: old.start_unix_us,
             refit: 0,
