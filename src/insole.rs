@@ -12,6 +12,7 @@ use crate::pipeline::setup::{Division, Setup, SetupCell, SetupError, check_setup
 use crate::pipeline::stance::{Rejected, Stance, StanceLimits};
 use crate::pipeline::step::{RegionStep, StepRecord};
 use crate::pipeline::tissue::{Tissue, TissueError};
+use crate::pipeline::track::Tracker;
 use heapless::Vec;
 
 /// An insole with at most `N` cells: the parameters and the state of all stages between raw codes and steps. The documentation of
@@ -29,6 +30,7 @@ pub struct Insole<R, const N: usize> {
     tissue_id: u32,
     force_laws: [ForceLaw<R>; 8],
 
+    tracker: Tracker<R>,
     live: [LiveModel<R>; 8],
     stance: Stance<R>,
     loads: [RegionLoad<R>; 8],
@@ -55,6 +57,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             limits: StanceLimits::NONE,
             tissue_id: 0,
             force_laws: [ForceLaw::NONE; 8],
+            tracker: Tracker::OFF,
             live: [LiveModel::NEW; 8],
             stance: Stance::new(),
             loads: [RegionLoad::NONE; 8],
@@ -115,7 +118,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     }
 
     /// Replaces the tissue parameters of the wearer from the next frame on. A stance that is in progress is evaluated with the
-    /// new parameters.
+    /// new parameters. They are not tracked until [`Insole::track`].
     ///
     /// # Errors
     /// If the parameters are damaged or out of range; the previous parameters then remain in force.
@@ -126,7 +129,14 @@ impl<R: Real, const N: usize> Insole<R, N> {
             *law = ForceLaw::of(new);
             live.rebase(law);
         }
+        self.tracker.stop();
         Ok(())
+    }
+
+    /// Lets K and G follow the wearer from step to step; see [`crate::pipeline::track`]. To be called for parameters that were
+    /// identified from steps of the wearer.
+    pub fn track(&mut self) {
+        self.tracker.start(&self.force_laws);
     }
 
     /// The configuration; `None` before [`Insole::set_up`].
@@ -280,10 +290,14 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Assembles the step of the stance that ended with the last frame from its eight regions, and increments the step number.
-    /// `None` before [`Insole::set_up`].
-    pub fn step(&mut self, regions: [RegionStep<R>; 8]) -> Option<StepRecord<R>> {
+    /// Assembles the step of the stance that ended with the last frame from its eight regions, and increments the step number. If the
+    /// parameters are tracked, they are adapted to the step, and used from the next frame on. `None` before [`Insole::set_up`].
+    pub fn step(&mut self, mut regions: [RegionStep<R>; 8]) -> Option<StepRecord<R>> {
         let setup = *self.setup()?;
+        for (i, (region, law)) in regions.iter_mut().zip(&mut self.force_laws).enumerate() {
+            let is_reliable = region.is_reliable() && self.stance.saturated() >> i & 1 == 0;
+            region.stiffness_change = self.tracker.adapt(i, law, region, is_reliable);
+        }
         let step = self.steps;
         self.steps = self.steps.wrapping_add(1);
         Some(StepRecord {

@@ -173,5 +173,6 @@ fn step(step: u32) -> Step {
         regions: [StepRegion { measured_peak_dn: u16::MAX, ..StepRegion::default() }; 8],
         boots_since: u32::MAX,
         start_unix_us: Some(u64::MAX),
+        refit: u8::MAX,
     }
 }

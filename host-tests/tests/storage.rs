@@ -84,6 +84,22 @@ fn a_long_script_erases_sectors() {
     assert!(Script::new(2, 12_000, 400).erasures > 0);
 }
 
+/// `flash-2.bin` was written by firmware whose steps lack the change of K: its first sector of records and two of the log.
+#[test]
+fn steps_stored_before_the_tracking_are_read() {
+    let capture = include_bytes!("../data/flash-2.bin");
+    let mut chip = chip();
+    let (records, log) = capture.split_at(SECTOR as usize);
+    chip.bytes[..records.len()].copy_from_slice(records);
+    chip.bytes[LOG.start as usize..][..log.len()].copy_from_slice(log);
+    let mut store = open(&mut chip);
+    let expected = (4..12).map(|number| {
+        let regions = step(number).regions.map(|region| StepRegion { stiffness_change_percent: 0, ..region });
+        Step { regions, boots_since: 1, refit: 0, ..step(number) }
+    });
+    assert_eq!(steps(&mut store), expected.collect::<Vec<_>>());
+}
+
 /// `flash-1.bin` was written by the first firmware with storage: its first sector of records and two of the log.
 #[test]
 fn data_stored_by_older_firmware_is_read() {
@@ -110,8 +126,9 @@ fn data_stored_by_older_firmware_is_read() {
         }
     }
     let expected = (5..20).map(|number| {
-        let regions = step(number).regions.map(|region| StepRegion { masked_cells: 0, ..region });
-        Step { regions, boots_since: 1, start_unix_us: None, ..step(number) }
+        let regions =
+            step(number).regions.map(|region| StepRegion { masked_cells: 0, stiffness_change_percent: 0, ..region });
+        Step { regions, boots_since: 1, start_unix_us: None, refit: 0, ..step(number) }
     });
     assert_eq!(steps(&mut store), expected.collect::<Vec<_>>());
     // Numbering continues, and old and new steps are acknowledged together.

@@ -70,6 +70,9 @@ fn adopt_tissue(insole: &mut DeviceInsole, shared: &Shared) {
     if let Some(tissue) = session.tissue_due().filter(|tissue| tissue.id != insole.tissue_id()) {
         // This cannot fail: the session has applied the same check before it accepted the parameters.
         let _ = insole.set_tissue(tissue);
+        if session.is_identified() {
+            insole.track();
+        }
         log::info!("settings: parameters {:x} are in force", tissue.id);
     }
 }

@@ -12,6 +12,7 @@
 //! | model | [`model`], [`live`] | tissue deformation and model force of a frame |
 //! | stance | [`stance`] | heel strike, toe off, and the curves between them |
 //! | step | [`step`] | step record: the quantities of each region |
+//! | tracking | [`track`] | force laws that follow the wearer |
 //! | cadence | [`cadence`] | steps per minute |
 //!
 //! [`setup`] and [`tissue`] are the configuration of the stages. [`outline`] and [`template`] describe soles.
@@ -27,6 +28,7 @@ pub mod tissue;
 pub mod live;
 pub mod stance;
 pub mod step;
+pub mod track;
 pub mod cadence;
 pub mod setup;
 pub(crate) mod marks;

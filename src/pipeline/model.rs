@@ -249,15 +249,28 @@ impl<R: Real> ForceLaw<R> {
     /// Vertical force, N, at a normalised deformation `g`, 0 to 1, and its rate, 1/s (Eq. 13). A tensile force is replaced by 0,
     /// because the contact cannot transmit it.
     pub fn force_n(&self, g: R, g_rate_per_s: R) -> R {
+        let (elastic_pa, viscous_pa) = self.terms_pa(g, g_rate_per_s);
+        (self.section_m2() * (elastic_pa + viscous_pa)).max(R::ZERO)
+    }
+
+    /// The largest section of the ellipsoid, pi A B, m2.
+    #[inline(always)]
+    pub fn section_m2(&self) -> R {
+        R::of(core::f64::consts::PI) * self.ab_m2
+    }
+
+    /// The elastic and the viscous term of the force, which are proportional to K and to G, divided by [`ForceLaw::section_m2`].
+    #[inline(always)]
+    pub fn terms_pa(&self, g: R, g_rate_per_s: R) -> (R, R) {
         if g <= R::ZERO {
-            return R::ZERO;
+            return (R::ZERO, R::ZERO);
         }
         let log2_g = g.log2();
         let three = R::of(3.0);
         let elastic = self.stiffness_pa * (log2_g * (self.n + R::of(2.0))).exp2() * (R::ONE - g / three);
         let shape = (R::of(6.0) - R::of(4.0) * g + g * g) / (three * (R::of(2.0) - g));
         let viscous = self.damping_pa_s * (log2_g * (self.m + R::ONE)).exp2() * g_rate_per_s * shape;
-        (R::of(core::f64::consts::PI) * self.ab_m2 * (elastic + viscous)).max(R::ZERO)
+        (elastic, viscous)
     }
 
     /// True if all numbers are within their limits: [`AB_M2`], [`LENGTH_M`] for C, [`COEFFICIENT`], [`MAX_EXPONENT`].

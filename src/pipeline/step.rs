@@ -58,6 +58,53 @@ pub struct RegionStep<R> {
     pub clamped: bool,
     /// Number of cells that were masked at toe off, at most 255.
     pub masked_cells: u8,
+    /// Relative change of K since the identification; 0 without tracking. [`RegionStep::new`] returns 0.
+    pub stiffness_change: R,
+    /// The sums by which the force law is adapted.
+    pub(crate) sums: StepSums<R>,
+}
+
+impl<R: Real> RegionStep<R> {
+    /// True if K has changed by so much that the wearer should be identified again.
+    pub fn needs_refit(&self) -> bool {
+        let change = self.stiffness_change;
+        change.max(-change) > R::of(REFIT_CHANGE)
+    }
+
+    /// True if forces and areas are those of the tissue: no masked cell, and no area beyond the ellipsoid.
+    pub(crate) fn is_reliable(&self) -> bool {
+        self.masked_cells == 0 && !self.clamped
+    }
+}
+
+/// Every how many samples of a curve contribute to [`StepSums`]. Neighbouring samples differ little, and the cost is proportional.
+const EVERY: usize = 4;
+/// Change of K beyond which the wearer should be identified again. It is the minimal detectable change of the force at a given area
+/// between two halves of a session of ten walkers, median of the regions (docs/identification.md).
+pub const REFIT_CHANGE: f64 = 0.25;
+
+/// The sums of one step over the samples of a region: products of the elastic force e, the viscous force v and the measured force f.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepSums<R> {
+    pub(super) ee: R,
+    pub(super) ev: R,
+    pub(super) vv: R,
+    pub(super) ef: R,
+    pub(super) vf: R,
+}
+
+impl<R: Real> StepSums<R> {
+    /// No samples.
+    pub(super) const NONE: Self = Self { ee: R::ZERO, ev: R::ZERO, vv: R::ZERO, ef: R::ZERO, vf: R::ZERO };
+
+    /// Adds a sample with these forces, N.
+    fn add(&mut self, elastic: R, viscous: R, measured: R) {
+        self.ee += elastic * elastic;
+        self.ev += elastic * viscous;
+        self.vv += viscous * viscous;
+        self.ef += elastic * measured;
+        self.vf += viscous * measured;
+    }
 }
 
 /// A step, with the contact rule of its areas.
@@ -110,7 +157,7 @@ impl<R: Real> RegionStep<R> {
             *g = ratio.normalised_deformation();
         }
 
-        let span = rate_span(sample_s.to_f64());
+        let (span, section_m2) = (rate_span(sample_s.to_f64()), law.section_m2());
         let (mut squares, mut peak_at) = (R::ZERO, 0u32);
         for (i, (&g_here, &measured)) in g.iter().zip(measured_n).enumerate() {
             let (earlier, later) = rate_samples(i, g.len(), span);
@@ -118,7 +165,11 @@ impl<R: Real> RegionStep<R> {
                 0 => R::ZERO,
                 samples => (g[later] - g[earlier]) / (R::of_u32(samples as u32) * sample_s),
             };
-            let model = law.force_n(g_here, rate_per_s);
+            let (elastic_pa, viscous_pa) = law.terms_pa(g_here, rate_per_s);
+            let model = (section_m2 * (elastic_pa + viscous_pa)).max(R::ZERO);
+            if i % EVERY == 0 && model > R::ZERO {
+                step.sums.add(section_m2 * elastic_pa, section_m2 * viscous_pa, measured);
+            }
             step.model_peak_n = step.model_peak_n.max(model);
             step.model_integral_n_s += model;
             step.measured_integral_n_s += measured;

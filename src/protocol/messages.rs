@@ -10,9 +10,9 @@ use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 /// Major protocol version of this build.
-pub const MAJOR: u8 = 2;
+pub const MAJOR: u8 = 3;
 /// Minor protocol version of this build.
-pub const MINOR: u8 = 2;
+pub const MINOR: u8 = 0;
 
 /// Number of cells in a [`ToHost::SetupCells`].
 pub const SETUP_CELLS: usize = 16;

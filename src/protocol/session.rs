@@ -248,6 +248,11 @@ impl Session {
         (!self.answers.iter().any(Answer::is_announcement)).then_some(&self.configured.tissue)
     }
 
+    /// True if the parameters in force were identified from steps of the wearer.
+    pub fn is_identified(&self) -> bool {
+        self.configured.identified.is_some()
+    }
+
     /// Sets the wall clock.
     pub fn set_clock(&mut self, unix_us: u64, now_us: u64) {
         self.unix_offset_us = Some(unix_us.wrapping_sub(now_us));

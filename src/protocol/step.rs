@@ -50,6 +50,9 @@ quantities! {
             "Counted by the insole.";
         /// `start_us` on the wall clock, us since 1970, UTC; `None` if the clock was not set.
         start_unix_us: Option<u64> = None;
+        /// K has changed by so much since the identification that the wearer should be identified again.
+        refit: u8 = bits(&record.regions, RegionStep::needs_refit),
+            flags "The tracked K differs from the identified one by more than 25 %.";
     }
 
     /// Rounds a step of the running boot to the integer units of the message.
@@ -139,6 +142,10 @@ quantities! {
         masked_cells: u8 = region.masked_cells
             => masked_cells [1 per "count"],
             "Cells that the fault detector replaces by their neighbours.";
+        /// Change of K since the identification; 0 without parameters of the wearer.
+        stiffness_change_percent: i8 = (region.stiffness_change * R::of(100.0)).round_i16().clamp(-100, 127) as i8
+            => stiffness_change_percent [1 per "%"],
+            "Recursive least squares over the recent steps, Eq. 13.";
     }
 
     /// Rounds a region to the integer units of the message.

@@ -1,7 +1,7 @@
 //! The entries of the step log.
 
 use super::BUFFER;
-use super::migration::EntryV1;
+use super::migration::{EntryV1, EntryV2};
 use crate::protocol::{Step, decode, encode};
 use serde::{Deserialize, Serialize};
 
@@ -20,13 +20,14 @@ pub(super) enum Entry {
 }
 
 /// Version of [`Entry`], the first byte of an encoded entry.
-const VERSION: u8 = 2;
+const VERSION: u8 = 3;
 
 impl Entry {
     /// Decodes an entry of this or an older version.
     pub(super) fn decode(bytes: &[u8]) -> Option<Self> {
         match bytes.split_first()? {
             (&VERSION, entry) => decode(entry),
+            (2, entry) => decode::<EntryV2>(entry).map(Self::from),
             (1, entry) => decode::<EntryV1>(entry).map(Self::from),
             _ => None,
         }
@@ -44,6 +45,15 @@ impl Entry {
         match self {
             Self::Step { step, .. } => step.step.wrapping_add(1),
             Self::Acknowledged { next } => *next,
+        }
+    }
+}
+
+impl From<EntryV2> for Entry {
+    fn from(entry: EntryV2) -> Self {
+        match entry {
+            EntryV2::Step { boot, step } => Self::Step { boot, step: step.into() },
+            EntryV2::Acknowledged { next } => Self::Acknowledged { next },
         }
     }
 }

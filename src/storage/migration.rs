@@ -36,9 +36,38 @@ pub(super) struct StepV1 {
     regions: [[u8; REGION_V1_BYTES]; 8],
 }
 
-fn region_from_v1(bytes: [u8; REGION_V1_BYTES]) -> StepRegion {
-    let mut padded = [0; 2 * REGION_V1_BYTES];
-    padded[..REGION_V1_BYTES].copy_from_slice(&bytes);
+/// Number of bytes of a [`StepRegion`] in version 2, which lacks the change of K.
+const REGION_V2_BYTES: usize = 31;
+
+/// Version 2 of the entries of the step log.
+#[derive(Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "it exists for a moment")]
+pub(super) enum EntryV2 {
+    Step { boot: u32, step: StepV2 },
+    Acknowledged { next: u32 },
+}
+
+/// Version 2 of a step, without tracking.
+#[derive(Deserialize)]
+pub(super) struct StepV2 {
+    step: u32,
+    side: Side,
+    start_us: u64,
+    duration_us: u32,
+    sample_us: u32,
+    bridged_frames: u16,
+    saturated: u8,
+    clamped: u8,
+    contact_rule: ContactRule,
+    regions: [[u8; REGION_V2_BYTES]; 8],
+    boots_since: u32,
+    start_unix_us: Option<u64>,
+}
+
+/// Decodes the bytes of a region of an older version, which is a prefix of the present one.
+fn region_of(bytes: &[u8]) -> StepRegion {
+    let mut padded = [0; 64];
+    padded[..bytes.len()].copy_from_slice(bytes);
     // All numbers have a fixed length, so any bytes are a region. Those of later versions are 0.
     postcard::take_from_bytes(&padded).map(|(region, _)| region).unwrap_or_default()
 }
@@ -55,9 +84,30 @@ impl From<StepV1> for Step {
             saturated: old.saturated,
             clamped: old.clamped,
             contact_rule: old.contact_rule,
-            regions: old.regions.map(region_from_v1),
+            regions: old.regions.map(|region| region_of(&region)),
             boots_since: 0,
             start_unix_us: None,
+            refit: 0,
+        }
+    }
+}
+
+impl From<StepV2> for Step {
+    fn from(old: StepV2) -> Self {
+        Self {
+            step: old.step,
+            side: old.side,
+            start_us: old.start_us,
+            duration_us: old.duration_us,
+            sample_us: old.sample_us,
+            bridged_frames: old.bridged_frames,
+            saturated: old.saturated,
+            clamped: old.clamped,
+            contact_rule: old.contact_rule,
+            regions: old.regions.map(|region| region_of(&region)),
+            boots_since: old.boots_since,
+            start_unix_us: old.start_unix_us,
+            refit: 0,
         }
     }
 }

@@ -108,6 +108,7 @@ pub fn step(step: u32) -> Step {
         ellipse_angle_ddeg: -450 + i as i16,
         model_error_bp: 1900 + i,
         masked_cells: i as u8,
+        stiffness_change_percent: 7 - i as i8,
     };
     Step {
         step,
@@ -122,6 +123,7 @@ pub fn step(step: u32) -> Step {
         regions: core::array::from_fn(|i| region(i as u16)),
         boots_since: 0,
         start_unix_us: Some(1_790_000_000_000_000),
+        refit: 0b0010_0000,
     }
 }
 

@@ -620,9 +620,10 @@ fn measured(step: &Step) -> Step {
         deformation_peak_um: 0,
         deformation_rate_peak_dmm_s: 0,
         model_error_bp: 0,
+        stiffness_change_percent: 0,
         ..region
     });
-    Step { step: 0, boots_since: 0, start_unix_us: None, clamped: 0, regions, ..*step }
+    Step { step: 0, boots_since: 0, start_unix_us: None, clamped: 0, refit: 0, regions, ..*step }
 }
 
 impl InsoleOutcome {

@@ -34,6 +34,7 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
         regions: [StepRegion::default(); 8],
         boots_since: u32::MAX,
         start_unix_us: Some(2 * CENTURY_US),
+        refit: u8::MAX,
     };
     for (key, message, meaning) in [
         ("live_frame_bytes", ToHost::Live(live), "longest live frame, bytes"),

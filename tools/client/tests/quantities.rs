@@ -54,6 +54,7 @@ fn write_section<T, U>(document: &mut String, title: &str, quantities: &[Quantit
 fn largest(wire_type: &str, per_unit: u32) -> String {
     let largest: u32 = match wire_type {
         "u8" => u8::MAX.into(),
+        "i8" => i8::MAX as u32,
         "i16" => i16::MAX as u32,
         "u16" => u16::MAX.into(),
         "u32" => u32::MAX,
@@ -79,6 +80,7 @@ fn json_has_every_quantity_once() {
         regions: [region; 8],
         boots_since: 0,
         start_unix_us: None,
+        refit: 0,
     };
     let json = step_to_json(&step);
     for quantity in Step::QUANTITIES {

@@ -58,6 +58,8 @@ export class Session {
   readonly counter: LiveCounter;
   /** Total forces of the last live frames, oldest first. */
   readonly history: ForceSample[] = [];
+  /** True if the last step says that tissue or shoe have changed so much that the wearer should be identified again. */
+  needs_refit = false;
   /** Times at which the last live frames arrived. */
   private readonly arrivals_ms: number[] = [];
   private hello_received_ms = 0;
@@ -108,8 +110,9 @@ export class Session {
         return this.receiveLive(message, now_ms);
       case "step":
         // A step of another major version may have another meaning.
-        if (this.state !== "other-version") this.onStep(message, bytes, this);
-        return;
+        if (this.state === "other-version") return;
+        this.needs_refit = Object.values(message.regions).some((region) => region.refit);
+        return this.onStep(message, bytes, this);
       case "status":
         this.status = message;
         this.counter.due(message.live_due);

@@ -38,6 +38,7 @@ pub fn print(steps: &[Step]) {
     }
     align(&mut table);
     println!("Peak force of each step, measured / model:\n{table}");
+    print_changes(steps);
     if steps.iter().any(|step| step.saturated != 0) {
         println!("> A cell was at full scale: the force was at least this value.");
     }
@@ -84,6 +85,22 @@ pub fn print(steps: &[Step]) {
         steps.len()
     );
     println!("Contact: {}.", rule_in_words(&first.contact_rule));
+}
+
+/// Prints by how much the force laws had changed at the last step, if the insole tracks the wearer.
+fn print_changes(steps: &[Step]) {
+    let Some(last) = steps.last() else { return };
+    let regions = SHORT.iter().zip(&last.regions).filter(|(_, region)| region.stiffness_change_percent != 0);
+    let changes: Vec<_> =
+        regions.map(|(name, region)| format!("{name} {:+} %", region.stiffness_change_percent)).collect();
+    if !changes.is_empty() {
+        println!("Change of the stiffness K since the identification: {}.", changes.join(", "));
+    }
+    if last.refit != 0 {
+        println!(
+            "The tissue or the shoe has changed: check the position of the insole, and identify the wearer again."
+        );
+    }
 }
 
 /// Requests the faults of an insole's sensor and prints them.

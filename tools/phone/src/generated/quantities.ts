@@ -48,12 +48,16 @@ export interface StepRegion {
   time_to_peak_s: number;
   /** Root mean square of model minus measured force over the contact, relative to the largest measured force. Unit: %. */
   model_error_nrmse_percent: number;
+  /** Change of K since the identification; 0 without parameters of the wearer. Unit: %. */
+  stiffness_change_percent: number;
   /** Contact ellipse at the largest measured force; null without contact. */
   ellipse_at_peak: Ellipse | null;
   /** A cell was saturated, so the forces are lower bounds. */
   saturated: boolean;
   /** The contact exceeded the ellipsoid, so deformation and model force are lower bounds. */
   clamped: boolean;
+  /** K has changed by so much since the identification that the wearer should be identified again. */
+  refit: boolean;
   /** Number of masked cells at toe off; 255 for more. Unit: count. */
   masked_cells: number;
 }
@@ -112,8 +116,10 @@ export const STEP_COLUMNS = [
   "contact_time_s",
   "time_to_peak_s",
   "model_error_nrmse_percent",
+  "stiffness_change_percent",
   "saturated",
   "clamped",
+  "refit",
   "masked_cells",
 ] as const satisfies readonly (keyof StepRegion)[];
 

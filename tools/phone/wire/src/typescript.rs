@@ -42,6 +42,7 @@ fn the_interfaces_have_the_keys_of_the_objects() {
         regions: [region; 8],
         boots_since: 0,
         start_unix_us: None,
+        refit: 0,
     };
     let step = step_to_json(&step);
     let heel = &step["regions"]["heel"];

@@ -56,6 +56,7 @@ fn the_key_of_a_step_depends_on_its_content_and_not_on_restarts_of_the_insole() 
         regions: [StepRegion::default(); 8],
         boots_since: 0,
         start_unix_us: Some(9),
+        refit: 0,
     };
     let key = |step: Step| decoded(&ToHost::Step(step))["key"].clone();
     assert_eq!(key(step), key(Step { boots_since: 2, ..step }));

@@ -52,12 +52,6 @@ impl Foot {
     pub fn new(mut link: Insole, folder: &Path) -> Result<Self> {
         let client = link.client();
         let hello = client.hello().clone();
-        ensure!(
-            hello.minor >= 2,
-            "the firmware {} of the {} insole cannot be set from here: update it with `plantar update`",
-            hello.firmware,
-            hello.side.name()
-        );
         if let Some(fault) = &hello.last_panic {
             println!("note: the {} insole reports: {fault}", hello.side.name());
         }

@@ -5,7 +5,7 @@ use crate::setup::{ContactArgs, rule_in_words};
 use anyhow::{Result, ensure};
 use clap::Args;
 use parameters::InsoleSize;
-use plantar::protocol::{MINOR, Settings};
+use plantar::protocol::Settings;
 
 /// The size of the reference layout, to which [`Settings::scale`] is relative.
 const REFERENCE_SIZE: f32 = 42.0;
@@ -45,12 +45,6 @@ pub struct SettingsArgs {
 impl SettingsArgs {
     /// Stores the settings on an insole.
     pub fn set(&self, client: &mut AnyClient) -> Result<()> {
-        let hello = client.hello();
-        ensure!(
-            hello.minor >= MINOR,
-            "the insole's firmware {} has no settings: update it with `plantar update`",
-            hello.firmware
-        );
         if self.reset {
             return Ok(client.set_settings(None)?);
         }
@@ -88,10 +82,6 @@ pub fn in_force(client: &mut AnyClient) -> Result<Settings> {
 /// Prints the settings in force.
 pub fn print_settings(client: &mut AnyClient) -> Result<()> {
     let hello = client.hello();
-    if hello.minor < MINOR {
-        println!("contact: {}; {} frames/s", rule_in_words(&hello.contact_rule), 1_000_000 / hello.period_us.max(1));
-        return Ok(());
-    }
     let (layout_id, is_stored) = (hello.layout_id, client.settings()?.is_some());
     let Settings { contact, stance, period_us, scale } = in_force(client)?;
     let origin = if is_stored { "set by a host" } else { "of the firmware" };

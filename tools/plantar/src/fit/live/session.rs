@@ -136,6 +136,7 @@ fn record(row: &Row, number: u32) -> Result<Step> {
         regions: [StepRegion::default(); 8],
         boots_since: row.integer("starts_ago")? as u32,
         start_unix_us: None,
+        refit: 0,
     })
 }
 

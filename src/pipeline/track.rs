@@ -1,0 +1,116 @@
+//! Tracking: follows changes of the wearer's tissue and shoes since the identification, from step to step.
+//!
+//! The force law (Eq. 13) is linear in K and G. After each step, both are the least-squares solution over the recent steps, in
+//! which a step counts less the longer ago it was: recursive least squares with exponential forgetting, in the form that keeps the
+//! normal equations of two unknowns. A B, n and m remain those of the identification. A step is weighted by its peak force, as in
+//! the identification.
+
+use super::model::ForceLaw;
+use super::step::{RegionStep, StepSums};
+use crate::num::Real;
+
+/// Factor by which the weight of a step decreases with each further step: the memory is about 30 steps.
+const FORGETTING: f64 = 1.0 - 1.0 / 30.0;
+/// Number of steps of a region before its law is changed. Fewer steps would pass on their own variation.
+const FIRST_STEPS: u8 = 10;
+/// The tracked K is within half and twice the identified one.
+const STIFFNESS_RANGE: [f64; 2] = [0.5, 2.0];
+/// The tracked G is within a quarter and four times the identified one, which is less certain than K.
+const DAMPING_RANGE: [f64; 2] = [0.25, 4.0];
+/// Elastic and viscous force are distinguished only if the determinant of their normal equations exceeds this fraction of the product
+/// of their squares.
+const INDEPENDENT: f64 = 0.01;
+impl<R: Real> StepSums<R> {
+    /// The older sums, which are forgotten in part, and the sums of a new step, divided by the square of `peak_n`. The forces of the
+    /// new step were computed with K and G scaled by `scale`.
+    fn with(self, new: &Self, scale: [R; 2], peak_n: R) -> Self {
+        let forgetting = R::of(FORGETTING);
+        let [e, v] = scale.map(|scale| R::ONE / (scale * peak_n));
+        let f = R::ONE / peak_n;
+        Self {
+            ee: self.ee * forgetting + new.ee * e * e,
+            ev: self.ev * forgetting + new.ev * e * v,
+            vv: self.vv * forgetting + new.vv * v * v,
+            ef: self.ef * forgetting + new.ef * e * f,
+            vf: self.vf * forgetting + new.vf * v * f,
+        }
+    }
+
+    /// The factors of K and G that fit best, within their ranges.
+    fn solve(&self) -> [R; 2] {
+        let clamp = |value: R, [least, most]: [f64; 2]| value.max(R::of(least)).min(R::of(most));
+        // The best factor of one coefficient if the other one is given.
+        let stiffness = |damping: R| clamp((self.ef - damping * self.ev) / self.ee, STIFFNESS_RANGE);
+        let determinant = self.ee * self.vv - self.ev * self.ev;
+        if determinant <= R::of(INDEPENDENT) * self.ee * self.vv {
+            return [stiffness(R::ONE), R::ONE];
+        }
+        let damping = clamp((self.vf * self.ee - self.ef * self.ev) / determinant, DAMPING_RANGE);
+        [stiffness(damping), damping]
+    }
+}
+
+/// The tracking of one region.
+#[derive(Clone, Copy, Debug)]
+struct Tracked<R> {
+    /// K (Pa) and G (Pa s) of the identification.
+    identified: [R; 2],
+    sums: StepSums<R>,
+    /// Number of steps in `sums`, up to [`FIRST_STEPS`].
+    steps: u8,
+}
+
+/// The tracking of all regions.
+#[derive(Clone, Debug)]
+pub struct Tracker<R> {
+    is_on: bool,
+    regions: [Tracked<R>; 8],
+}
+
+impl<R: Real> Tracker<R> {
+    /// Off.
+    pub const OFF: Self =
+        Self { is_on: false, regions: [Tracked { identified: [R::ZERO; 2], sums: StepSums::NONE, steps: 0 }; 8] };
+
+    /// Tracks from these identified force laws on.
+    pub fn start(&mut self, laws: &[ForceLaw<R>; 8]) {
+        *self = Self::OFF;
+        self.is_on = true;
+        for (region, law) in self.regions.iter_mut().zip(laws) {
+            region.identified = [law.stiffness_pa, law.damping_pa_s];
+        }
+    }
+
+    /// Ends the tracking.
+    pub fn stop(&mut self) {
+        *self = Self::OFF;
+    }
+
+    /// Adapts `law`, the present force law of a region, to a step that was evaluated with it. A step with `is_reliable` false is not
+    /// used: with faults of the sensor or a limited area, its forces are not those of the tissue.
+    ///
+    /// Returns the relative change of K since the identification.
+    ///
+    /// # Panics
+    /// If `region` is not an index of [`crate::Region::ALL`].
+    pub fn adapt(&mut self, region: usize, law: &mut ForceLaw<R>, step: &RegionStep<R>, is_reliable: bool) -> R {
+        let (sums, peak_n) = (&step.sums, step.measured_peak_n);
+        let tracked = &mut self.regions[region];
+        let [stiffness_pa, damping_pa_s] = tracked.identified;
+        if !self.is_on || stiffness_pa <= R::ZERO {
+            return R::ZERO;
+        }
+        if is_reliable && sums.ee > R::ZERO && peak_n > R::ZERO {
+            // Without damping, the viscous force is 0 with any factor.
+            let damping = if damping_pa_s > R::ZERO { law.damping_pa_s / damping_pa_s } else { R::ONE };
+            tracked.sums = tracked.sums.with(sums, [law.stiffness_pa / stiffness_pa, damping], peak_n);
+            tracked.steps = tracked.steps.saturating_add(1).min(FIRST_STEPS);
+            if tracked.steps == FIRST_STEPS {
+                let [stiffness, damping] = tracked.sums.solve();
+                law.stiffness_pa = stiffness * stiffness_pa;
+                law.damping_pa_s = damping * damping_pa_s;
+            }
+        }
+        law.stiffness_pa / stiffness_pa - R::ONE
+    }
+}
