@@ -111,7 +111,7 @@ export class Session {
       case "step":
         // A step of another major version may have another meaning.
         if (this.state === "other-version") return;
-        this.needs_refit = Object.values(message.regions).some((region) => region.refit);
+        this.needs_refit = Object.values(message.step.regions).some((region) => region.refit);
         return this.onStep(message, bytes, this);
       case "status":
         this.status = message;
