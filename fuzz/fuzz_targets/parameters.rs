@@ -1,9 +1,9 @@
-//! The TOML files of parameters, thicknesses, participants and baselines: each is refused or has valid values. Parameters and a
+//! The TOML files of parameters, tissue measurements, participants and baselines: each is refused or has valid values. Parameters and a
 //! baseline that were read can be written, and are the same after reading again.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use parameters::{Parameters, Participant, Thickness};
+use parameters::{Parameters, Participant, TissueMeasurements};
 use recording::Zero;
 use std::path::Path;
 
@@ -15,10 +15,11 @@ fuzz_target!(|text: &str| {
         assert_eq!((again.subject, again.identified), (parameters.subject, parameters.identified));
     }
     let _ = Participant::parse(text, path);
-    if let Ok(thickness) = Thickness::parse(text, path) {
-        let mut thickness_m = [0.01; 8];
-        thickness.apply(&mut thickness_m);
-        assert!(thickness_m.iter().all(|m| (0.002..=0.04).contains(m)), "{thickness_m:?}");
+    if let Ok(TissueMeasurements(regions)) = TissueMeasurements::parse(text, path) {
+        for region in regions {
+            assert!(region.thickness_m.is_none_or(|m| (0.002..=0.04).contains(&m)), "{region:?}");
+            assert!(region.peak_strain.is_none_or(|strain| (0.05..=0.95).contains(&strain)), "{region:?}");
+        }
     }
     if let Ok(zero) = Zero::parse(text, path) {
         assert_eq!(Zero::parse(&zero.to_toml(), path).expect("a written file can be read"), zero);
