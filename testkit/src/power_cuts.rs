@@ -118,7 +118,7 @@ impl Bench {
         let mut known = self.known.clone();
         let ended = client.and_then(|mut client| self.store_everything(&board, &mut client, &mut known));
         // A board without power closes the link.
-        let was_cut = matches!(ended, Err(Error::Carrier(_)));
+        let was_cut = matches!(ended, Err(Error::Carrier(_) | Error::Closed(_)));
         assert!(was_cut || ended.is_ok(), "{ended:?}");
         (known, board.flash().expect("the chip can be read"), was_cut)
     }

@@ -52,7 +52,8 @@ impl StepPicture<'_> {
                 text.title x=(MARGIN) y="22" { "Peak pressure, contact ellipse at peak force" }
                 text x=(MARGIN) y="40" { "contact: " (self.contact) }
                 (self.foot())
-                (legend_row(&legend(), MARGIN + FOOT[0] + GAP, 26.0))
+                // Beside the contact rule, which is longer than the foot is wide.
+                (legend_row(&legend(), MARGIN + FOOT[0] + PANEL[0] + 2.0 * GAP, 26.0))
                 @for region in 0..8 {
                     @let (column, row) = ((region % 3) as f64, (region / 3) as f64);
                     (self.region(region).at(MARGIN + FOOT[0] + GAP + column * (PANEL[0] + GAP), HEADER + row * (PANEL[1] + GAP)))
