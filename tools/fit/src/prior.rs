@@ -32,6 +32,9 @@ pub struct Prior {
 /// A parameter at a bound has no finite coordinate. A search starts inside of this absolute value, where the force still depends on
 /// the coordinate; for G, relative to K, it is a relaxation time of 2.5 ms.
 const INSIDE: f64 = 6.0;
+/// Smallest logit of `max_ratio`, which is then 0.12 as for least squares. With less, the force law is a power of the area, and A B
+/// and C would grow beyond every limit if steps have no noise.
+const LEAST_LOGIT: f64 = -2.0;
 /// Largest absolute value of a coordinate.
 const FAR: f64 = 30.0;
 /// Logarithm of the largest exponent, about that of a force law that an insole accepts.
@@ -65,7 +68,7 @@ pub fn parameters(at: &Coordinates, squares: f64, evaluations: usize) -> Identif
     let within = |i: usize| at[i].clamp(-FAR, FAR);
     Identified {
         shape: Shape {
-            max_ratio: 1.0 / (1.0 + (-within(0)).exp()),
+            max_ratio: 1.0 / (1.0 + (-within(0).max(LEAST_LOGIT)).exp()),
             n: Bounds::LEAST_N + within(1).min(LN_LARGEST_EXPONENT).exp(),
             m: within(2).min(LN_LARGEST_EXPONENT).exp(),
         },
@@ -206,7 +209,8 @@ pub(crate) fn derivatives(law: &NonNegativeForce, at: &Coordinates) -> [DVector<
     let x = parameters(at, 0.0, 0).x();
     let [max_ratio, n, m, k, g] = x;
     // The derivatives of the parameters with respect to their coordinates.
-    let chain = [max_ratio * (1.0 - max_ratio), n - Bounds::LEAST_N, m, k, g];
+    let by_logit = if at[0] > LEAST_LOGIT { max_ratio * (1.0 - max_ratio) } else { 0.0 };
+    let chain = [by_logit, n - Bounds::LEAST_N, m, k, g];
     std::array::from_fn(|i| law.derivative(i) * chain[i])
 }
 
