@@ -54,11 +54,10 @@ export function remarks(insoles: Insoles): string[] {
   if (without_parameters.length > 0) {
     return [`Your personal parameters are not on the ${without_parameters.join(" and ")} insole, so no model values are shown.`];
   }
-  const changed = sessions.filter(({ state, needs_refit }) => state === "live" && needs_refit).map(({ insole }) => insole);
+  const changed = SIDES.filter((side) => insoles.of(side)?.state === "live" && insoles.of(side)?.needs_refit);
   if (changed.length > 0) {
-    const sides = SIDES.filter((side) => changed.some((insole) => insoles.of(side)?.insole === insole));
     return [
-      `The ${sides.join(" and ")} foot or its shoe has changed since it was measured. Check that the insole lies flat in the shoe. ` +
+      `The ${changed.join(" and ")} foot or its shoe has changed since it was measured. Check that the insole lies flat in the shoe. ` +
         "If this stays, measure your feet again.",
     ];
   }

@@ -83,14 +83,15 @@ test("a step that is repeated after a restart of the insole is recognised", asyn
   const store = new StepStore(wire, storage);
   const [, message] = received[0]!;
   await store.add(...decodeStep(message), [], null);
-  // The last two bytes of the message are the number of boots since the step, which is 0, and the absent start time.
-  expect([...message.slice(-2)]).toEqual([0, 0]);
-  const [repeated, bytes] = decodeStep(Uint8Array.of(...message.slice(0, -2), 1, 0));
+  // The last three bytes of the message are the number of boots since the step, which is 0, the absent start time, and the regions
+  // whose tissue has changed.
+  expect([...message.slice(-3)]).toEqual([0, 0, 0]);
+  const [repeated, bytes] = decodeStep(Uint8Array.of(...message.slice(0, -3), 1, 0, 0));
   expect(repeated.step.starts_ago).toBe(1);
   await store.add(repeated, bytes, [], null);
   expect(storage.records).toHaveLength(1);
-  // Here the byte before these two differs. It is the number of masked cells of the last region, so this is another step.
-  const [other, other_bytes] = decodeStep(Uint8Array.of(...message.slice(0, -3), 1, 0, 0));
+  // Here the byte before these three differs. It is the change of stiffness of the last region, so this is another step.
+  const [other, other_bytes] = decodeStep(Uint8Array.of(...message.slice(0, -4), 1, 0, 0, 0));
   await store.add(other, other_bytes, [], null);
   expect(storage.records).toHaveLength(2);
 });
