@@ -1,7 +1,7 @@
 //! The entries of the step log.
 
 use super::BUFFER;
-use super::migration::{EntryV1, EntryV2};
+use super::migration::{OldEntry, StepV1, StepV2};
 use crate::protocol::{Step, decode, encode};
 use serde::{Deserialize, Serialize};
 
@@ -27,8 +27,8 @@ impl Entry {
     pub(super) fn decode(bytes: &[u8]) -> Option<Self> {
         match bytes.split_first()? {
             (&VERSION, entry) => decode(entry),
-            (2, entry) => decode::<EntryV2>(entry).map(Self::from),
-            (1, entry) => decode::<EntryV1>(entry).map(Self::from),
+            (2, entry) => decode::<OldEntry<StepV2>>(entry).map(Self::from),
+            (1, entry) => decode::<OldEntry<StepV1>>(entry).map(Self::from),
             _ => None,
         }
     }
@@ -49,20 +49,11 @@ impl Entry {
     }
 }
 
-impl From<EntryV2> for Entry {
-    fn from(entry: EntryV2) -> Self {
+impl<S: Into<Step>> From<OldEntry<S>> for Entry {
+    fn from(entry: OldEntry<S>) -> Self {
         match entry {
-            EntryV2::Step { boot, step } => Self::Step { boot, step: step.into() },
-            EntryV2::Acknowledged { next } => Self::Acknowledged { next },
-        }
-    }
-}
-
-impl From<EntryV1> for Entry {
-    fn from(entry: EntryV1) -> Self {
-        match entry {
-            EntryV1::Step { boot, step } => Self::Step { boot, step: step.into() },
-            EntryV1::Acknowledged { next } => Self::Acknowledged { next },
+            OldEntry::Step { boot, step } => Self::Step { boot, step: step.into() },
+            OldEntry::Acknowledged { next } => Self::Acknowledged { next },
         }
     }
 }

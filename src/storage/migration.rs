@@ -10,46 +10,38 @@ pub(super) fn record<R>(_version: u8, _bytes: &[u8]) -> Option<R> {
     None
 }
 
-/// Number of bytes of a [`StepRegion`] in version 1, which lacks the fields after the ellipse.
+/// Number of bytes of a [`StepRegion`] in version 1, which lacks the fields after the model error.
 const REGION_V1_BYTES: usize = 30;
+/// Number of bytes of a [`StepRegion`] in version 2, which lacks the change of K.
+const REGION_V2_BYTES: usize = 31;
 
-/// Version 1 of the entries of the step log.
+/// An older version of the entries of the step log.
 #[derive(Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "it exists for a moment")]
-pub(super) enum EntryV1 {
-    Step { boot: u32, step: StepV1 },
+pub(super) enum OldEntry<S> {
+    Step { boot: u32, step: S },
     Acknowledged { next: u32 },
 }
 
 /// Version 1 of a step, without the wall clock and masked cells.
 #[derive(Deserialize)]
 pub(super) struct StepV1 {
-    step: u32,
-    side: Side,
-    start_us: u64,
-    duration_us: u32,
-    sample_us: u32,
-    bridged_frames: u16,
-    saturated: u8,
-    clamped: u8,
-    contact_rule: ContactRule,
+    head: StepHead,
     regions: [[u8; REGION_V1_BYTES]; 8],
-}
-
-/// Number of bytes of a [`StepRegion`] in version 2, which lacks the change of K.
-const REGION_V2_BYTES: usize = 31;
-
-/// Version 2 of the entries of the step log.
-#[derive(Deserialize)]
-#[allow(clippy::large_enum_variant, reason = "it exists for a moment")]
-pub(super) enum EntryV2 {
-    Step { boot: u32, step: StepV2 },
-    Acknowledged { next: u32 },
 }
 
 /// Version 2 of a step, without tracking.
 #[derive(Deserialize)]
 pub(super) struct StepV2 {
+    head: StepHead,
+    regions: [[u8; REGION_V2_BYTES]; 8],
+    boots_since: u32,
+    start_unix_us: Option<u64>,
+}
+
+/// The first fields of a step, which all versions have.
+#[derive(Deserialize)]
+struct StepHead {
     step: u32,
     side: Side,
     start_us: u64,
@@ -59,9 +51,27 @@ pub(super) struct StepV2 {
     saturated: u8,
     clamped: u8,
     contact_rule: ContactRule,
-    regions: [[u8; REGION_V2_BYTES]; 8],
-    boots_since: u32,
-    start_unix_us: Option<u64>,
+}
+
+impl StepHead {
+    /// The step with these regions. The fields that older versions lack are 0.
+    fn step<const N: usize>(self, regions: [[u8; N]; 8]) -> Step {
+        Step {
+            step: self.step,
+            side: self.side,
+            start_us: self.start_us,
+            duration_us: self.duration_us,
+            sample_us: self.sample_us,
+            bridged_frames: self.bridged_frames,
+            saturated: self.saturated,
+            clamped: self.clamped,
+            contact_rule: self.contact_rule,
+            regions: regions.map(|region| region_of(&region)),
+            boots_since: 0,
+            start_unix_us: None,
+            refit: 0,
+        }
+    }
 }
 
 /// Decodes the bytes of a region of an older version, which is a prefix of the present one.
@@ -74,40 +84,12 @@ fn region_of(bytes: &[u8]) -> StepRegion {
 
 impl From<StepV1> for Step {
     fn from(old: StepV1) -> Self {
-        Self {
-            step: old.step,
-            side: old.side,
-            start_us: old.start_us,
-            duration_us: old.duration_us,
-            sample_us: old.sample_us,
-            bridged_frames: old.bridged_frames,
-            saturated: old.saturated,
-            clamped: old.clamped,
-            contact_rule: old.contact_rule,
-            regions: old.regions.map(|region| region_of(&region)),
-            boots_since: 0,
-            start_unix_us: None,
-            refit: 0,
-        }
+        old.head.step(old.regions)
     }
 }
 
 impl From<StepV2> for Step {
     fn from(old: StepV2) -> Self {
-        Self {
-            step: old.step,
-            side: old.side,
-            start_us: old.start_us,
-            duration_us: old.duration_us,
-            sample_us: old.sample_us,
-            bridged_frames: old.bridged_frames,
-            saturated: old.saturated,
-            clamped: old.clamped,
-            contact_rule: old.contact_rule,
-            regions: old.regions.map(|region| region_of(&region)),
-            boots_since: old.boots_since,
-            start_unix_us: old.start_unix_us,
-            refit: 0,
-        }
+        Self { boots_since: old.boots_since, start_unix_us: old.start_unix_us, ..old.head.step(old.regions) }
     }
 }
