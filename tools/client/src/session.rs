@@ -103,12 +103,7 @@ impl<C: Carrier> Client<C> {
     /// [`Error::NoAnswer`]; errors of the carrier.
     pub fn stream(&mut self) -> Result<(), Error> {
         self.send(ToDevice::SetClock { unix_us: C::unix_us() })?;
-        let request = ToDevice::GetTime { host_us: C::unix_us() };
-        let (host_us, device_us) = self.request(request, |message| match *message {
-            ToHost::Time { host_us, device_us } => Some((host_us, device_us)),
-            _ => None,
-        })?;
-        self.axis.answer(host_us, device_us);
+        self.device_us()?;
         self.send(ToDevice::Stream { live: true })?;
         self.status().map(drop)
     }
@@ -172,6 +167,20 @@ impl<C: Carrier> Client<C> {
     /// it.
     pub fn axis(&self) -> &Axis {
         &self.axis
+    }
+
+    /// Requests the insole's time, us since its first scan, which [`Client::axis`] uses, too.
+    ///
+    /// # Errors
+    /// If the link is lost or the insole does not answer.
+    pub fn device_us(&mut self) -> Result<u64, Error> {
+        let request = ToDevice::GetTime { host_us: C::unix_us() };
+        let (host_us, device_us) = self.request(request, |message| match *message {
+            ToHost::Time { host_us, device_us } => Some((host_us, device_us)),
+            _ => None,
+        })?;
+        self.axis.answer(host_us, device_us);
+        Ok(device_us)
     }
 
     fn request_time_if_due(&mut self) -> Result<(), Error> {

@@ -224,14 +224,10 @@ impl Emulate {
         let mut steps = Vec::new();
         let mut is_status_pending = false;
         let mut last_message = Instant::now();
-        let mut last_us = 0;
         loop {
             let mut is_silent = false;
             match client.receive()? {
-                Some(ToHost::Live(live)) => {
-                    last_us = live.t_us;
-                    view.live(&live, client.counters())?;
-                }
+                Some(ToHost::Live(live)) => view.live(&live, client.counters())?,
                 Some(ToHost::Cells(frame)) => {
                     if let Some(identification) = identification {
                         identification.frame(&frame);
@@ -245,7 +241,7 @@ impl Emulate {
                         if identification.is_complete() {
                             view.close();
                             board.plant().hold(true);
-                            identification.identify(client, &self.contact, last_us)?;
+                            identification.identify(client, &self.contact)?;
                             board.plant().hold(false);
                             *view = View::open(client.hello())?;
                         }

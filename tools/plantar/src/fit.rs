@@ -207,11 +207,22 @@ impl Fit {
 
     /// Runs the command. Returns true if all regions were fitted and their results are whole.
     pub fn run(&self) -> Result<bool> {
-        self.write(&self.study()?)
+        let (mut study, recordings) = self.fitted()?;
+        if self.report.is_some() {
+            let is_used =
+                |number: u32| self.steps.is_none_or(|StepRange(first, last)| (first..=last).contains(&number));
+            study.sensitivity = Some(sensitivity::of(&study, &recordings, &self.zero, is_used));
+        }
+        self.write(&study)
     }
 
-    /// Reads the recordings and fits all regions.
+    /// Reads the recordings and fits all regions. The fit is not repeated with other choices, because a wearer waits for the result.
     pub fn study(&self) -> Result<Study> {
+        Ok(self.fitted()?.0)
+    }
+
+    /// The fitted study, and its recordings of all cells.
+    fn fitted(&self) -> Result<(Study, Vec<Recording>)> {
         let participant = self.participant.clone().unwrap_or_else(|| stem(&self.recordings[0]));
         let inputs = self.recordings.iter().map(|path| Input::open(path)).collect::<Result<Vec<_>>>()?;
         let mut study = Study::new(participant, self.contact_rule(&inputs)?, self.search.options(RESAMPLES)?);
@@ -233,12 +244,7 @@ impl Fit {
         study.fit(&|_| bar.inc(1));
         bar.finish_and_clear();
         self.add_rejected(&mut study)?;
-        if self.report.is_some() {
-            let is_used =
-                |number: u32| self.steps.is_none_or(|StepRange(first, last)| (first..=last).contains(&number));
-            study.sensitivity = Some(sensitivity::of(&study, &recordings, &self.zero, is_used));
-        }
-        Ok(study)
+        Ok((study, recordings))
     }
 
     /// Adds the measurements that were out of range to the defects of their regions.

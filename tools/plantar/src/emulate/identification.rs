@@ -58,9 +58,8 @@ impl Identification {
         self.sent_us.is_some()
     }
 
-    /// Identifies the parameters from the recorded cells, as `plantar fit` does, and sends them to the insole. `now_us` is the
-    /// insole's time.
-    pub fn identify(&mut self, client: &mut Client<impl Carrier>, contact: &ContactArgs, now_us: u64) -> Result<()> {
+    /// Identifies the parameters from the recorded cells, as `plantar fit` does, and sends them to the insole.
+    pub fn identify(&mut self, client: &mut Client<impl Carrier>, contact: &ContactArgs) -> Result<()> {
         let recording = self.cells.take("Recorded from the emulated insole").context("no cells arrived")?;
         let path = self.folder.join("cells.parquet");
         recording.write(&path)?;
@@ -77,7 +76,8 @@ impl Identification {
             None => client.set_tissue(&parameters.tissue())?,
         }
         println!("The insole has received these parameters over its link.\n");
-        self.sent_us = Some(now_us);
+        // The insole may have measured further steps meanwhile, without the parameters.
+        self.sent_us = Some(client.device_us()?);
         Ok(())
     }
 }
