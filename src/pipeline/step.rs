@@ -79,8 +79,8 @@ impl<R: Real> RegionStep<R> {
 
 /// Every how many samples of a curve contribute to [`StepSums`]. Neighbouring samples differ little, and the cost is proportional.
 const EVERY: usize = 4;
-/// Change of K beyond which the wearer should be identified again. It is the minimal detectable change of the force at a given area
-/// between two halves of a session of ten walkers, median of the regions (docs/identification.md).
+/// Change of K beyond which the wearer should be identified again. It is larger than the changes of K between the two halves of a
+/// session of ten walkers, whose 95 % limits are 7 to 17 % by region (docs/identification.md).
 pub const REFIT_CHANGE: f64 = 0.25;
 
 /// The sums of one step over the samples of a region: products of the elastic force e, the viscous force v and the measured force f.
