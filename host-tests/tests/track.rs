@@ -6,7 +6,8 @@ use plantar::pipeline::region::AreaMoments;
 use plantar::pipeline::step::{REFIT_CHANGE, RegionStep};
 use plantar::pipeline::track::Tracker;
 use std::f64::consts::PI;
-use std::process::Command;
+use std::io::Write;
+use std::process::{Command, Stdio};
 
 /// Frames of a step at 100 Hz.
 const SAMPLES: usize = 70;
@@ -115,10 +116,12 @@ fn noisy_steps_result_in_the_batch_solution_of_numpy() {
             rows += &format!("{} {} {}\n", row[0], row[1], row[2]);
         }
     }
-    let path = std::env::temp_dir().join(format!("plantar-track-{}.txt", std::process::id()));
-    std::fs::write(&path, rows).expect("written");
-    let script = "import sys, numpy as np\nd = np.loadtxt(sys.argv[1])\nprint(*np.linalg.lstsq(d[:, :2], d[:, 2], rcond=None)[0])";
-    let output = Command::new(python).args(["-c", script]).arg(&path).output().expect("Python runs");
+    let script =
+        "import sys, numpy as np\nd = np.loadtxt(sys.stdin)\nprint(*np.linalg.lstsq(d[:, :2], d[:, 2], rcond=None)[0])";
+    let child = Command::new(python).args(["-c", script]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
+    let mut child = child.expect("Python starts");
+    child.stdin.take().expect("a pipe").write_all(rows.as_bytes()).expect("written");
+    let output = child.wait_with_output().expect("Python ends");
     let text = String::from_utf8(output.stdout).expect("text");
     let factors: Vec<f64> = text.split_whitespace().map(|word| word.parse().expect("a number")).collect();
     assert!((f64::from(law.stiffness_pa) / 4e5 / factors[0] - 1.0).abs() < 0.01, "{law:?} {factors:?}");

@@ -153,7 +153,8 @@ fn coverage(figures: &mut Figures) {
             }
             let samples = Samples::new([&curves], Filter::Direct);
             let (found, noise) = most_probable(&samples, prior);
-            let uncertainty = interval::from_posterior(&samples, prior, &found, &noise);
+            let covariance = interval::covariance(&samples, prior, &found, noise.variance);
+            let uncertainty = interval::from_posterior(samples.area_max_m2, prior, &found, &noise, &covariance);
             let truth = five(&truth, area_max_m2);
             for ((interval, truth), covered) in uncertainty.intervals.iter().zip(truth).zip(&mut covered) {
                 let [low, high] = interval.jacobian;

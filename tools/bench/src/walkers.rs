@@ -2,18 +2,18 @@
 //! the walker's other steps, and the quantities of the two halves of a session are compared. The prior of a walker is learnt from
 //! the other nine.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use bench::Figures;
 use fit::measures::Quantity;
 use fit::quality::Evaluated;
-use fit::repeat::Repeatability;
-use fit::{NotFitted, Options, RegionFit, Step, Study, prior};
+use fit::trials::Trial;
+use fit::variable::Variable;
+use fit::{Options, RegionFit, Step, Study, agreement, prior};
 use parameters::InsoleSize;
-use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance::StanceRule;
+use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, jiku};
-use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Every how many steps of a walker serve to learn the prior of the others.
@@ -25,8 +25,6 @@ const FEW_FITS: usize = 5;
 /// Half of the width of the interval of a determined quantity, relative to its value.
 const DETERMINED: f64 = 0.3;
 
-type Fits = Vec<Result<RegionFit, NotFitted>>;
-
 /// Measures the errors of each region with covered shares, which are the default, and with counted cells.
 pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
     let walks: Vec<Recording> = (0..jiku::WALKERS)
@@ -37,8 +35,7 @@ pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
     errors(&covered, &counted, figures);
     few_steps(&covered, figures);
     shares(&covered, figures);
-    repeatability(&covered, figures);
-    Ok(())
+    repeatability(&covered, figures)
 }
 
 /// The studies of all walkers with this contact rule.
@@ -162,39 +159,31 @@ fn shares(studies: &[Study], figures: &mut Figures) {
 }
 
 /// Measures the ICC of quantities between the first and the second half of each walker's steps: the median of the regions.
-fn repeatability(studies: &[Study], figures: &mut Figures) {
+fn repeatability(studies: &[Study], figures: &mut Figures) -> Result<()> {
     let shown = [
         ("force_at_area", Quantity::ForceAtArea, "at least 0.9"),
         ("area_at_force", Quantity::AreaAtForce(0.5), "at least 0.85"),
         ("stiffness", Quantity::SecantStiffness, "at least 0.8"),
     ];
-    let mut tables: BTreeMap<(&str, usize), Vec<Vec<f64>>> = BTreeMap::new();
-    for study in studies {
-        let middle = study.steps.len() / 2;
-        let halves: [Fits; 2] = [&study.steps[..middle], &study.steps[middle..]]
-            .map(|steps| fit::fit(steps, &study.options, &|_| ()).into());
-        for region in 0..8 {
-            let [Ok(first), Ok(second)] = halves.each_ref().map(|fits| &fits[region]) else { continue };
-            for (key, quantity, _) in shown {
-                let value = |fit: &RegionFit| Some(fit.measures.iter().find(|m| m.quantity == quantity)?.value);
-                if let (Some(first), Some(second)) = (value(first), value(second)) {
-                    tables.entry((key, region)).or_default().push(vec![first, second]);
-                }
-            }
-        }
-    }
-    for (key, _, limit) in shown {
-        let coefficients = (0..8).filter_map(|region| Some(Repeatability::of(tables.get(&(key, region))?)?.icc));
-        let mut coefficients: Vec<f64> = coefficients.collect();
-        coefficients.sort_by(f64::total_cmp);
-        let count = coefficients.len();
-        let median = (coefficients[(count - 1) / 2] + coefficients[count / 2]) / 2.0;
+    let halves = |study: &Study| {
+        let (first, second) = study.steps.split_at(study.steps.len() / 2);
+        // The data set has right feet only.
+        [first, second].map(|steps| Trial::of(String::new(), Side::Right, &fit::fit(steps, &study.options, &|_| ())))
+    };
+    let trials: Vec<_> = studies.iter().map(halves).collect();
+    let people: Vec<(&str, &[Trial])> = trials.iter().map(|trials| ("a walker", &trials[..])).collect();
+    let (feet, _) = agreement::repeatability(&people, 2);
+    let foot = feet.first().context("the walkers have no repeated trials")?;
+    for (key, quantity, limit) in shown {
+        let row = foot.rows.iter().find(|row| row.variable == Variable::Quantity(quantity));
+        let icc = row.and_then(|row| row.median(|agreement| agreement.icc)).context("no region has this quantity")?;
         figures.add(
             &format!("repeat.icc.{key}"),
-            round(median),
-            &format!("{limit}: ICC(2,1) of two halves of a session, median of {count} regions"),
+            round(icc),
+            &format!("{limit}: ICC(2,1) of two halves of a session, median of the regions"),
         );
     }
+    Ok(())
 }
 
 /// Rounds to three decimal places.

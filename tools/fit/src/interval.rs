@@ -104,21 +104,29 @@ const UNDETERMINED: f64 = 0.8;
 /// bound.
 const AT_BOUND: f64 = 0.005;
 
-/// Intervals of the most probable parameters, from the curvature of the posterior density.
-pub fn from_posterior(samples: &Samples, prior: &Prior, identified: &Identified, noise: &Noise) -> Uncertainty {
-    let covariance = covariance(samples, prior, identified, noise.variance);
+/// The place of each of the parameters [`FIVE`] among the variables of the search and among the coordinates of the prior.
+const SEARCHED: [usize; 5] = [0, 3, 4, 1, 2];
+
+/// Intervals of the most probable parameters, from the `covariance` matrix of their coordinates. `area_max_m2` is the largest area
+/// of the samples.
+pub fn from_posterior(
+    area_max_m2: f64,
+    prior: &Prior,
+    identified: &Identified,
+    noise: &Noise,
+    covariance: &Matrix5<f64>,
+) -> Uncertainty {
     let at = prior::coordinates(identified);
     let quantile = noise.quantile();
-    // The coordinate of each of the five parameters.
-    let coordinate = [0, 3, 4, 1, 2];
-    let values = five(identified, samples.area_max_m2);
-    let damping_variance = covariance[(3, 3)] + covariance[(4, 4)] - 2.0 * covariance[(3, 4)];
+    let coordinate = SEARCHED;
+    let values = five(identified, area_max_m2);
+    let [.., damping_variance] = prior::shape_variances(covariance);
     let interval = |i: usize| {
         let half = quantile * covariance[(coordinate[i], coordinate[i])].max(0.0).sqrt();
         let end = |direction: f64| {
             let mut moved = at;
             moved[coordinate[i]] += direction * half;
-            five(&prior::parameters(&moved, 0.0, 0), samples.area_max_m2)[i]
+            five(&prior::parameters(&moved, 0.0, 0), area_max_m2)[i]
         };
         let ends = [end(-1.0), end(1.0)];
         let deviation_of_prior = match i {
@@ -162,7 +170,7 @@ pub fn from_jacobian(samples: &Samples, bounds: &Bounds, identified: &Identified
     let columns = [-by(0) * x[0], by(3) * x[3], by(4) * if x[4] > 0.0 { x[4] } else { 1.0 }, by(1), by(2)];
     let norms = Vector5::from_fn(|i, _| columns[i].norm());
     let is_identifiable = |i: usize| norms[i] > 1e-9 * norms.max();
-    let (order, ends) = ([0, 3, 4, 1, 2], crate::identify::limits(bounds));
+    let (order, ends) = (SEARCHED, crate::identify::limits(bounds));
     let at_bound = |i: usize| x[order[i]] <= ends[0][order[i]] || x[order[i]] >= ends[1][order[i]];
     let gram = Matrix5::from_fn(|i, j| columns[i].dot(&columns[j]) / (norms[i] * norms[j]));
     // A parameter at a bound is held there for the intervals of the others, and released for its own.

@@ -7,6 +7,7 @@
 use crate::interval::{self, Noise};
 use crate::pins::Pins;
 use crate::prior::{self, Coordinates};
+use crate::trials::Moments;
 use crate::{Filter, RegionCurves, Samples};
 use nalgebra::{Matrix5, Vector5};
 use plantar::pipeline::model::ForceLaw;
@@ -145,6 +146,11 @@ pub struct PinEffect {
     pub at_more: PinnedValues,
 }
 
+/// The measure of a quantity; `None` if the region does not have it.
+pub fn find(measures: &[Measure], quantity: Quantity) -> Option<&Measure> {
+    measures.iter().find(|measure| measure.quantity == quantity)
+}
+
 /// The data from which the quantities of a region follow.
 pub(crate) struct Basis<'b> {
     /// Largest area of the fitted steps, m2.
@@ -271,15 +277,14 @@ pub(crate) fn energies(curves: &[&RegionCurves], filter: Filter, law: &ForceLaw<
         .collect();
     let count = steps.len() as f64;
     let measure = |(i, quantity): (usize, Quantity)| {
-        let mean = steps.iter().map(|step| step[i]).sum::<f64>() / count;
-        let squares = steps.iter().map(|step| (step[i] - mean).powi(2)).sum::<f64>();
-        let interval = StudentsT::new(0.0, 1.0, count - 1.0).ok().map(|t| {
-            let half = t.inverse_cdf(0.975) * (squares / (count - 1.0) / count).sqrt();
+        let Moments { mean, deviation, .. } = Moments::of(steps.iter().map(|step| step[i]))?;
+        let interval = deviation.zip(StudentsT::new(0.0, 1.0, count - 1.0).ok()).map(|(deviation, t)| {
+            let half = t.inverse_cdf(0.975) * deviation / count.sqrt();
             [mean - half, mean + half]
         });
-        Measure { quantity, value: mean, interval }
+        Some(Measure { quantity, value: mean, interval })
     };
-    [Quantity::LoadingEnergy, Quantity::DissipatedEnergy].into_iter().enumerate().map(measure).collect()
+    [Quantity::LoadingEnergy, Quantity::DissipatedEnergy].into_iter().enumerate().filter_map(measure).collect()
 }
 
 /// The work of a force, mJ: up to the largest deformation, and over the whole contact, which begins and ends without deformation.

@@ -11,7 +11,7 @@ use crate::law::Shape;
 use crate::screen::usable;
 use crate::{Options, Samples, Step, interval, parallel};
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
-use nalgebra::{DMatrix, DVector, Dyn, Matrix5, Owned, SVector, Vector5};
+use nalgebra::{DVector, Dyn, Matrix5, OMatrix, Owned, U5, Vector5};
 
 /// The parameters in coordinates without bounds: logit of `max_ratio`, ln(n + 0.95), ln m, ln K (Pa) and ln G (Pa s).
 pub type Coordinates = Vector5<f64>;
@@ -79,6 +79,12 @@ pub fn parameters(at: &Coordinates, squares: f64, evaluations: usize) -> Identif
     }
 }
 
+/// The variances of the shape coordinates, from the covariance matrix of the coordinates.
+pub(crate) fn shape_variances(covariance: &Matrix5<f64>) -> ShapeCoordinates {
+    let ln_g_over_k = covariance[(3, 3)] + covariance[(4, 4)] - 2.0 * covariance[(3, 4)];
+    [covariance[(0, 0)], covariance[(1, 1)], covariance[(2, 2)], ln_g_over_k]
+}
+
 impl Prior {
     /// The distribution from which [`learn`] starts: every plausible shape.
     pub const BROAD: Self = Self { mean: [0.5, -1.5, 0.0, -4.5], deviation: [1.5, 1.0, 0.7, 1.5] };
@@ -89,13 +95,9 @@ impl Prior {
         let count = people.len() as f64;
         let shapes: Vec<ShapeCoordinates> = people.iter().map(|(at, _)| Self::shape(at)).collect();
         let mean: ShapeCoordinates = std::array::from_fn(|i| shapes.iter().map(|shape| shape[i]).sum::<f64>() / count);
-        let variance_of = |covariance: &Matrix5<f64>, i: usize| match i {
-            3 => covariance[(3, 3)] + covariance[(4, 4)] - 2.0 * covariance[(3, 4)],
-            _ => covariance[(i, i)],
-        };
         let deviation = std::array::from_fn(|i| {
             let between = shapes.iter().map(|shape| (shape[i] - mean[i]).powi(2)).sum::<f64>() / count;
-            let within = people.iter().map(|(_, covariance)| variance_of(covariance, i)).sum::<f64>() / count;
+            let within = people.iter().map(|(_, covariance)| shape_variances(covariance)[i]).sum::<f64>() / count;
             (between + within).sqrt().clamp(LEAST_DEVIATION, Self::BROAD.deviation[i])
         });
         Self { mean, deviation }
@@ -214,17 +216,17 @@ pub(crate) fn derivatives(law: &NonNegativeForce, at: &Coordinates) -> [DVector<
     std::array::from_fn(|i| law.derivative(i) * chain[i])
 }
 
-impl LeastSquaresProblem<f64, Dyn, nalgebra::U5> for Posterior<'_> {
+impl LeastSquaresProblem<f64, Dyn, U5> for Posterior<'_> {
     type ResidualStorage = Owned<f64, Dyn>;
-    type JacobianStorage = Owned<f64, Dyn, nalgebra::U5>;
-    type ParameterStorage = Owned<f64, nalgebra::U5>;
+    type JacobianStorage = Owned<f64, Dyn, U5>;
+    type ParameterStorage = Owned<f64, U5>;
 
-    fn set_params(&mut self, at: &SVector<f64, 5>) {
+    fn set_params(&mut self, at: &Coordinates) {
         self.at = *at;
         self.law.set(&parameters(at, 0.0, 0).x());
     }
 
-    fn params(&self) -> SVector<f64, 5> {
+    fn params(&self) -> Coordinates {
         self.at
     }
 
@@ -234,16 +236,16 @@ impl LeastSquaresProblem<f64, Dyn, nalgebra::U5> for Posterior<'_> {
         Some(DVector::from_iterator(self.samples + 4, force.iter().copied().chain(rows)))
     }
 
-    fn jacobian(&self) -> Option<nalgebra::OMatrix<f64, Dyn, nalgebra::U5>> {
+    fn jacobian(&self) -> Option<OMatrix<f64, Dyn, U5>> {
         let force = derivatives(&self.law, &self.at);
-        let mut jacobian = DMatrix::zeros(self.samples + 4, 5);
+        let mut jacobian = OMatrix::<f64, Dyn, U5>::zeros(self.samples + 4);
         for (i, column) in force.iter().enumerate() {
             jacobian.view_mut((0, i), (self.samples, 1)).copy_from(column);
             for (row, value) in self.prior.derivative(i).into_iter().enumerate() {
                 jacobian[(self.samples + row, i)] = value * self.root_noise;
             }
         }
-        Some(jacobian.fixed_columns::<5>(0).into_owned())
+        Some(jacobian)
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::compare::{Change, Group};
 use crate::identify::{Bounds, Identified, identify as identify_by_projection, refine};
 use crate::interval::{self, Noise, Uncertainty};
-use crate::measures::{self, Basis, Measure, PinEffect};
+use crate::measures::{self, Basis, Measure, PinEffect, Quantity};
 #[cfg(feature = "paper")]
 use crate::paper;
 use crate::pins::{Pins, Scale};
@@ -13,6 +13,7 @@ use crate::scale::{Contradiction, Site};
 use crate::screen::{NotFitted, usable};
 use crate::steps::MeanEllipse;
 use crate::{Method, Options, RegionCurves, Samples, Step, parallel, steps, verdict};
+use nalgebra::Matrix5;
 use plantar::pipeline::model::{Ellipsoid, ForceLaw, LENGTH_M, is_within};
 use std::collections::BTreeSet;
 
@@ -62,6 +63,13 @@ pub struct RegionFit {
     pub defects: Vec<String>,
 }
 
+impl RegionFit {
+    /// A mechanical quantity; `None` if the region does not have it.
+    pub fn measure(&self, quantity: Quantity) -> Option<&Measure> {
+        measures::find(&self.measures, quantity)
+    }
+}
+
 /// Fits one region to one step alone, as the paper does before it averages.
 ///
 /// # Errors
@@ -75,8 +83,9 @@ pub fn fit_step(step: &Step, region: usize, options: &Options) -> Result<(Region
     let evaluated = Evaluated::new(curves, options.filter, &best.law).ok_or(NotFitted::NeverLoaded)?;
     let one = std::slice::from_ref(&evaluated);
     let quality = Quality::new(one, one, &[]);
-    let uncertainty = best.uncertainty();
-    let measures = best.measures(&[curves], &pins, &[], options);
+    let covariance = best.covariance();
+    let uncertainty = best.uncertainty(covariance.as_ref());
+    let measures = best.measures(&[curves], &pins, covariance.as_ref(), &[], options);
     let mut fit = best.into_fit(used, pins, uncertainty, measures, quality)?;
     fit.ellipse_misfit = steps::ellipse_misfit([curves]);
     fit.defects.extend(contradiction.map(|contradiction| contradiction.to_string()));
@@ -106,12 +115,13 @@ pub(crate) fn fit_region(steps: &[Step], region: usize, options: &Options) -> Re
     let (pins, contradiction) = best.pins(curves, region, options);
 
     let resampled = resample(curves, &best, region, options);
-    let mut uncertainty = best.uncertainty();
+    let covariance = best.covariance();
+    let mut uncertainty = best.uncertainty(covariance.as_ref());
     if let Some(uncertainty) = &mut uncertainty {
         let five = |law: &ForceLaw<f64>| [law.ab_m2, law.stiffness_pa, law.damping_pa_s, law.n, law.m];
         interval::add_bootstrap(uncertainty, &resampled.iter().map(five).collect::<Vec<_>>());
     }
-    let measures = best.measures(curves, &pins, &resampled, options);
+    let measures = best.measures(curves, &pins, covariance.as_ref(), &resampled, options);
     let evaluate = |curves: &RegionCurves, law: &ForceLaw<f64>| Evaluated::new(curves, options.filter, law);
     let fitted: Vec<_> = curves.iter().filter_map(|c| evaluate(c, &best.law)).collect();
     let own = parallel::map(curves.len(), |i| evaluate(curves[i], &search([curves[i]], region, options).law));
@@ -236,12 +246,20 @@ pub(crate) fn refit<'c>(
 }
 
 impl SearchResult {
+    /// The covariance matrix of the coordinates; `None` without a prior.
+    pub(crate) fn covariance(&self) -> Option<Matrix5<f64>> {
+        let (prior, identified) = (self.prior.as_ref()?, self.identified.as_ref()?);
+        Some(interval::covariance(&self.samples, prior, identified, self.noise.variance))
+    }
+
     /// The intervals of the five parameters; `None` for the method of the paper.
-    fn uncertainty(&self) -> Option<Uncertainty> {
+    fn uncertainty(&self, covariance: Option<&Matrix5<f64>>) -> Option<Uncertainty> {
         let identified = self.identified.as_ref()?;
-        Some(match &self.prior {
-            Some(prior) => interval::from_posterior(&self.samples, prior, identified, &self.noise),
-            None => interval::from_jacobian(&self.samples, &self.bounds, identified),
+        Some(match (&self.prior, covariance) {
+            (Some(prior), Some(covariance)) => {
+                interval::from_posterior(self.samples.area_max_m2, prior, identified, &self.noise, covariance)
+            }
+            _ => interval::from_jacobian(&self.samples, &self.bounds, identified),
         })
     }
 
@@ -256,19 +274,20 @@ impl SearchResult {
         }
     }
 
-    /// The mechanical quantities of the result. `resampled` are fits to resampled steps.
+    /// The mechanical quantities of the result. `covariance` is that of [`Self::covariance`], and `resampled` are fits to resampled
+    /// steps.
     pub(crate) fn measures(
         &self,
         curves: &[&RegionCurves],
         pins: &Pins,
+        covariance: Option<&Matrix5<f64>>,
         resampled: &[ForceLaw<f64>],
         options: &Options,
     ) -> Vec<Measure> {
         let basis = self.basis(pins);
-        let mut measures = match (&self.identified, &self.prior) {
-            (Some(identified), Some(prior)) => {
-                let covariance = interval::covariance(&self.samples, prior, identified, self.noise.variance);
-                basis.measures(&prior::coordinates(identified), &covariance, &self.noise, resampled)
+        let mut measures = match (&self.identified, covariance) {
+            (Some(identified), Some(covariance)) => {
+                basis.measures(&prior::coordinates(identified), covariance, &self.noise, resampled)
             }
             _ => basis.values(&self.law),
         };

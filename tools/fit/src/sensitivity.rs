@@ -1,6 +1,6 @@
 //! How the main results follow the choices of the method: contact rule, filter and steps.
 
-use crate::measures::{Measure, Quantity};
+use crate::measures::{self, Measure, Quantity};
 use crate::region::{SearchResult, cross_validate, search};
 use crate::screen::usable;
 use crate::{Filter, Method, Options, RegionCurves, RegionFit, Step, Study, parallel};
@@ -80,7 +80,7 @@ impl MainResults {
     }
 
     fn new(measures: &[Measure], predicted_nrmse: Option<f64>) -> Self {
-        let value = |quantity| measures.iter().find(|m| m.quantity == quantity).map(|m| m.value);
+        let value = |quantity| measures::find(measures, quantity).map(|m| m.value);
         Self {
             force_at_area_n: value(Quantity::ForceAtArea),
             area_at_half_force_mm2: value(Quantity::AreaAtForce(0.5)),
@@ -184,5 +184,5 @@ fn main_results(steps: &[Step], region: usize, options: &Options) -> Option<Main
     let (pins, _) = best.pins(&curves, region, options);
     let errors = cross_validate(&curves, &best, region, options);
     let predicted = (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64);
-    Some(MainResults::new(&best.measures(&curves, &pins, &[], options), predicted))
+    Some(MainResults::new(&best.measures(&curves, &pins, best.covariance().as_ref(), &[], options), predicted))
 }

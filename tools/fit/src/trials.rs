@@ -1,5 +1,7 @@
 //! The values of trials, and means over them. A trial is one recording of one foot.
 
+use crate::variable::Variable;
+use crate::{NotFitted, RegionFit};
 use plantar::Side;
 
 /// The values of one region, in the order of [`crate::variable::Variable::all`]. `None` is a variable without a value.
@@ -14,6 +16,14 @@ pub struct Trial {
     pub side: Side,
     /// The values of the regions, in the order of [`plantar::Region::ALL`]; `None` if the region was not fitted.
     pub regions: [Option<Values>; 8],
+}
+
+impl Trial {
+    /// The values of the fits of a recording.
+    pub fn of(name: String, side: Side, fits: &[Result<RegionFit, NotFitted>; 8]) -> Self {
+        let values = |fit: &RegionFit| Variable::all().map(|variable| variable.of(fit)).collect();
+        Self { name, side, regions: fits.each_ref().map(|fit| fit.as_ref().ok().map(values)) }
+    }
 }
 
 /// The mean of each variable over the values that it has; `None` without any values.

@@ -121,7 +121,7 @@ impl Variable {
     /// The value of a fitted region; `None` for a quantity that it does not have.
     pub fn of(self, fit: &RegionFit) -> Option<f64> {
         let value = match self {
-            Self::Quantity(quantity) => fit.measures.iter().find(|m| m.quantity == quantity).map(|m| m.value),
+            Self::Quantity(quantity) => fit.measure(quantity).map(|m| m.value),
             Self::Scalar(scalar) => Some((scalar.of)(fit)),
         };
         value.filter(|value| value.is_finite())

@@ -75,7 +75,7 @@ fn one_step_is_usable_and_less_certain() {
     for (region, (one, all)) in one.iter().zip(&all).enumerate() {
         let width = |fit: &Result<fit::RegionFit, fit::NotFitted>, quantity: Quantity| {
             let fit = fit.as_ref().expect("a fit");
-            let measure = fit.measures.iter().find(|measure| measure.quantity == quantity).expect("a quantity");
+            let measure = fit.measure(quantity).expect("a quantity");
             let [low, high] = measure.interval.expect("an interval");
             assert!(low <= measure.value && measure.value <= high, "region {region}: {measure:?}");
             high / low

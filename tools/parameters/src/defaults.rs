@@ -61,133 +61,43 @@ impl Default for InsoleSize {
     }
 }
 
-/// The typical values of a region, and the range of the steps from which they were determined.
+/// The typical values of a region.
 struct Typical {
-    a_mm: f64,
-    b_mm: f64,
-    /// So that the largest area compresses the tissue by 45.7 %, as measured under the metatarsal heads (Cavanagh 1999).
-    c_mm: f64,
+    /// A, B and C, mm. C is such that the largest area compresses the tissue by 45.7 %, as measured under the metatarsal heads
+    /// (Cavanagh 1999).
+    radii_mm: [f64; 3],
     d0_mm: f64,
-    stiffness_kpa: f64,
-    damping_kpa_s: f64,
-    n: f64,
-    m: f64,
-    /// Largest area of a step, mm2: the range of 98 % of the steps.
-    area_mm2: [f64; 2],
-    /// Peak force divided by the largest area, kPa: the range of 98 % of the steps.
-    pressure_kpa: [f64; 2],
+    /// K in kPa, G in kPa s, n and m of the force law.
+    law: [f64; 4],
+    range: TypicalRange,
 }
 
-/// Size 42, for each region from heel to toes.
+const fn typical(radii_mm: [f64; 3], d0_mm: f64, law: [f64; 4], area_mm2: [f64; 2], pressure_kpa: [f64; 2]) -> Typical {
+    Typical { radii_mm, d0_mm, law, range: TypicalRange { area_mm2, pressure_kpa } }
+}
+
+/// Size 42, for each region from heel to toes: radii, thickness, force law, and the ranges of area and pressure.
 ///
 /// The most probable parameters of 200 steps of ten barefoot walkers on a plate together (SpeedPP2DS), with covered shares, computed
 /// by `cargo run --release -p bench --bin typical`. The forces of a single walker at the same area differ from them by 12 to
 /// 23 % (one standard deviation), at the anterior midfoot by a factor of 1.9. All areas and pressures are those of covered shares.
 const SIZE_42: [Typical; 8] = [
-    Typical {
-        a_mm: 36.4,
-        b_mm: 44.7,
-        c_mm: 16.9,
-        d0_mm: 16.0,
-        stiffness_kpa: 685.0,
-        damping_kpa_s: 132.06,
-        n: -0.56,
-        m: 1.07,
-        area_mm2: [2033.0, 3418.0],
-        pressure_kpa: [204.0, 626.0],
-    },
-    Typical {
-        a_mm: 28.8,
-        b_mm: 18.5,
-        c_mm: 9.0,
-        d0_mm: 12.0,
-        stiffness_kpa: 220.0,
-        damping_kpa_s: 3.73,
-        n: -0.93,
-        m: 0.24,
-        area_mm2: [25.0, 1356.0],
-        pressure_kpa: [79.0, 147.0],
-    },
-    Typical {
-        a_mm: 20.6,
-        b_mm: 21.5,
-        c_mm: 6.6,
-        d0_mm: 12.0,
-        stiffness_kpa: 213.0,
-        damping_kpa_s: 0.34,
-        n: -0.93,
-        m: 1.87,
-        area_mm2: [21.0, 1318.0],
-        pressure_kpa: [76.0, 147.0],
-    },
-    Typical {
-        a_mm: 53.4,
-        b_mm: 60.9,
-        c_mm: 44.6,
-        d0_mm: 12.0,
-        stiffness_kpa: 1084.0,
-        damping_kpa_s: 4.37,
-        n: -0.59,
-        m: 1.78,
-        area_mm2: [850.0, 2178.0],
-        pressure_kpa: [162.0, 311.0],
-    },
-    Typical {
-        a_mm: 46.2,
-        b_mm: 74.5,
-        c_mm: 25.7,
-        d0_mm: 10.0,
-        stiffness_kpa: 487.0,
-        damping_kpa_s: 1.95,
-        n: -0.80,
-        m: 1.73,
-        area_mm2: [1092.0, 3155.0],
-        pressure_kpa: [122.0, 253.0],
-    },
-    Typical {
-        a_mm: 24.3,
-        b_mm: 22.1,
-        c_mm: 8.8,
-        d0_mm: 10.0,
-        stiffness_kpa: 706.0,
-        damping_kpa_s: 12.45,
-        n: -0.56,
-        m: 2.80,
-        area_mm2: [430.0, 1242.0],
-        pressure_kpa: [141.0, 541.0],
-    },
-    Typical {
-        a_mm: 17.6,
-        b_mm: 18.0,
-        c_mm: 13.8,
-        d0_mm: 7.0,
-        stiffness_kpa: 408.0,
-        damping_kpa_s: 2.12,
-        n: -0.83,
-        m: 1.50,
-        area_mm2: [23.0, 346.0],
-        pressure_kpa: [86.0, 287.0],
-    },
-    Typical {
-        a_mm: 13.9,
-        b_mm: 27.3,
-        c_mm: 8.6,
-        d0_mm: 7.0,
-        stiffness_kpa: 324.0,
-        damping_kpa_s: 1.02,
-        n: -0.87,
-        m: 1.90,
-        area_mm2: [22.0, 548.0],
-        pressure_kpa: [83.0, 209.0],
-    },
+    typical([36.4, 44.7, 16.9], 16.0, [685.0, 132.06, -0.56, 1.07], [2033.0, 3418.0], [204.0, 626.0]),
+    typical([28.8, 18.5, 9.0], 12.0, [220.0, 3.73, -0.93, 0.24], [25.0, 1356.0], [79.0, 147.0]),
+    typical([20.6, 21.5, 6.6], 12.0, [213.0, 0.34, -0.93, 1.87], [21.0, 1318.0], [76.0, 147.0]),
+    typical([53.4, 60.9, 44.6], 12.0, [1084.0, 4.37, -0.59, 1.78], [850.0, 2178.0], [162.0, 311.0]),
+    typical([46.2, 74.5, 25.7], 10.0, [487.0, 1.95, -0.80, 1.73], [1092.0, 3155.0], [122.0, 253.0]),
+    typical([24.3, 22.1, 8.8], 10.0, [706.0, 12.45, -0.56, 2.80], [430.0, 1242.0], [141.0, 541.0]),
+    typical([17.6, 18.0, 13.8], 7.0, [408.0, 2.12, -0.83, 1.50], [23.0, 346.0], [86.0, 287.0]),
+    typical([13.9, 27.3, 8.6], 7.0, [324.0, 1.02, -0.87, 1.90], [22.0, 548.0], [83.0, 209.0]),
 ];
 
 /// The range of steps, per region, within which typical parameters hold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TypicalRange {
-    /// Largest area of a step, mm2.
+    /// Largest area of a step, mm2: the range of 98 % of the steps.
     pub area_mm2: [f64; 2],
-    /// Peak force divided by the largest area, kPa.
+    /// Peak force divided by the largest area, kPa: the range of 98 % of the steps.
     pub pressure_kpa: [f64; 2],
 }
 
@@ -195,10 +105,7 @@ impl TypicalRange {
     /// The ranges for a size, in the order of [`plantar::Region::ALL`].
     pub fn of(size: InsoleSize) -> [Self; 8] {
         let scale = size.scale() * size.scale();
-        SIZE_42.map(|typical| Self {
-            area_mm2: typical.area_mm2.map(|mm2| mm2 * scale),
-            pressure_kpa: typical.pressure_kpa,
-        })
+        SIZE_42.map(|Typical { range, .. }| Self { area_mm2: range.area_mm2.map(|mm2| mm2 * scale), ..range })
     }
 
     /// True if area and pressure are at most [`MARGIN`] times outside of the range.
@@ -216,8 +123,9 @@ impl Parameters {
     pub fn typical(size: InsoleSize) -> Self {
         let scale = size.scale();
         let regions = SIZE_42.map(|typical| {
-            let Typical { a_mm, b_mm, c_mm, d0_mm, stiffness_kpa, damping_kpa_s, n, m, .. } = typical;
-            let d0_m = d0_mm * scale * 1e-3;
+            let [a_mm, b_mm, c_mm] = typical.radii_mm;
+            let [stiffness_kpa, damping_kpa_s, n, m] = typical.law;
+            let d0_m = typical.d0_mm * scale * 1e-3;
             let c_m = c_mm * scale * 1e-3;
             Ellipsoid {
                 a_m: a_mm * scale * 1e-3,

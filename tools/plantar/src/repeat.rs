@@ -11,7 +11,6 @@ use clap::Args;
 use fit::NotFitted;
 use fit::agreement::{FootRepeatability, SingleTrial, repeatability};
 use fit::trials::Trial;
-use fit::variable::Variable;
 use parameters::Participant;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -179,11 +178,10 @@ fn trial(person: &Person, path: &Path) -> Result<Trial> {
         bail!("{}: {}", path.display(), NotFitted::NoSteps);
     }
     let fits = fit::fit(&steps, &person.options, &|_| ());
-    let values = fits.map(|fit| fit.ok().map(|fit| Variable::all().map(|variable| variable.of(&fit)).collect()));
-    if values.iter().all(Option::is_none) {
+    if fits.iter().all(Result::is_err) {
         bail!("{}: no region could be fitted", path.display());
     }
-    Ok(Trial { name: stem(path), side, regions: values })
+    Ok(Trial::of(stem(path), side, &fits))
 }
 
 /// The reason why a person's only trial of a foot is left out, with the remedy.

@@ -71,7 +71,7 @@ const PUBLISHED: [Published; 6] = [
         conditions: FLUOROSCOPY,
         source: LOADING_HISTORY,
         own: |fit| {
-            let measure = fit.measures.iter().find(|m| m.quantity == Quantity::ViscousModulus)?;
+            let measure = fit.measure(Quantity::ViscousModulus)?;
             Some(if measure.is_determined() { number(measure.value) } else { "not determined".into() })
         },
     },
@@ -84,7 +84,7 @@ const PUBLISHED: [Published; 6] = [
         source: "S. C. Wearing et al., Bulk compressive properties of the heel fat pad during walking, Clin. Biomech. 24 (2009) \
                  397–402",
         own: |fit| {
-            let value = |quantity| fit.measures.iter().find(|m| m.quantity == quantity).map(|m| m.value);
+            let value = |quantity| fit.measure(quantity).map(|m| m.value);
             Some(number(value(Quantity::DissipatedEnergy)? / value(Quantity::LoadingEnergy)?))
         },
     },

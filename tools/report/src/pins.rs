@@ -54,7 +54,7 @@ pub fn table(study: &Study) -> Markup {
 /// The changes of C, secant stiffness and secant modulus with a smaller and a larger value that pins C.
 fn changes(fit: &RegionFit) -> [String; 3] {
     let Some(effect) = fit.pin_effect else { return [NONE; 3].map(String::from) };
-    let value = |quantity| fit.measures.iter().find(|m| m.quantity == quantity).map(|m| m.value);
+    let value = |quantity| fit.measure(quantity).map(|m| m.value);
     let both = |at: Option<f64>, less: Option<f64>, more: Option<f64>| match (at, less, more) {
         (Some(at), Some(less), Some(more)) => {
             let change = |to: f64| format!("{:+.0}", (to / at - 1.0) * 100.0).replace('-', "−");

@@ -4,8 +4,8 @@ use crate::drawing::{self, Drawing};
 use crate::format::number;
 use crate::intervals::{IntervalChart, Mark, Row, unfitted};
 use crate::region::{TITLES, fit_of, fitted};
+use fit::Study;
 use fit::measures::{Measure, Quantity};
-use fit::{RegionFit, Study};
 use maud::{Markup, html};
 
 /// The quantities that are drawn; the table contains all.
@@ -18,11 +18,6 @@ const DRAWN: [Quantity; 6] = [
     Quantity::DissipatedEnergy,
 ];
 
-/// The quantity of a region, if it has a value.
-fn measure(fit: &RegionFit, quantity: Quantity) -> Option<&Measure> {
-    fit.measures.iter().find(|measure| measure.quantity == quantity)
-}
-
 /// Name and unit of a quantity.
 fn title(quantity: Quantity) -> String {
     let (name, unit) = quantity.title();
@@ -33,7 +28,7 @@ fn title(quantity: Quantity) -> String {
 /// One chart for each of the main quantities.
 pub fn charts(study: &Study) -> impl Iterator<Item = Drawing> {
     DRAWN.into_iter().map(|quantity| {
-        let row = |region: usize| match fit_of(study, region).map(|fit| measure(fit, quantity)) {
+        let row = |region: usize| match fit_of(study, region).map(|fit| fit.measure(quantity)) {
             Ok(Some(measure)) => Row::Value {
                 value: measure.value,
                 mark: if measure.is_determined() { Mark::Point } else { Mark::Open },
@@ -61,7 +56,7 @@ pub fn legend() -> Vec<Drawing> {
 
 /// The table of all quantities: a row for each quantity, and a column for each region.
 pub fn table(study: &Study) -> Markup {
-    let has_value = |quantity: &Quantity| fitted(study).any(|(_, fit)| measure(fit, *quantity).is_some());
+    let has_value = |quantity: &Quantity| fitted(study).any(|(_, fit)| fit.measure(*quantity).is_some());
     html! {
         table.dense.regions #quantities-table {
             caption {
@@ -74,7 +69,7 @@ pub fn table(study: &Study) -> Markup {
                 @for quantity in Quantity::all().filter(has_value) {
                     tr {
                         th scope="row" { (title(quantity)) }
-                        @for region in 0..8 { td { (cell(fit_of(study, region).ok().and_then(|fit| measure(fit, quantity)))) } }
+                        @for region in 0..8 { td { (cell(fit_of(study, region).ok().and_then(|fit| fit.measure(quantity)))) } }
                     }
                 }
             }

@@ -77,8 +77,7 @@ fn typical(walkers: &[Study], options: &Options) {
             spread(walkers, region, law, fit.area_max_m2)
         );
         println!(
-            "    Typical {{ a_mm: {:.1}, b_mm: {:.1}, c_mm: {:.1}, d0_mm: {:.1}, stiffness_kpa: {:.1}, damping_kpa_s: {:.2}, n: {:.2}, m: \
-             {:.2}, area_mm2: [{:.1}, {:.1}], pressure_kpa: [{:.1}, {:.1}] }},",
+            "    typical([{:.1}, {:.1}, {:.1}], {:.1}, [{:.1}, {:.2}, {:.2}, {:.2}], [{:.1}, {:.1}], [{:.1}, {:.1}]),",
             e.a_m * 1e3,
             e.b_m * 1e3,
             e.c_m * 1e3,

@@ -94,7 +94,7 @@ fn print_pins(study: &Study) {
     let mut table = summary::table();
     table.set_header(["region", "d0 mm", "C mm", "C is pinned by", "C %", "stiffness %", "modulus %"]);
     for (region, fit) in fitted {
-        let value = |quantity| fit.measures.iter().find(|m| m.quantity == quantity).map(|m| m.value);
+        let value = |quantity| fit.measure(quantity).map(|m| m.value);
         let source = if fit.pins.is_thickness_measured { "measured" } else { "typical" };
         let effects = fit.pin_effect.map_or([NONE; 3].map(String::from), |effect| {
             let ends = [effect.at_less, effect.at_more];
@@ -131,7 +131,7 @@ const NONE: &str = "-";
 
 /// Formats a quantity of a region with its interval.
 fn measure_in_words(fit: &RegionFit, quantity: Quantity) -> String {
-    let Some(measure) = fit.measures.iter().find(|measure| measure.quantity == quantity) else { return NONE.into() };
+    let Some(measure) = fit.measure(quantity) else { return NONE.into() };
     match measure.interval {
         None => significant(measure.value),
         Some([low, high]) if measure.is_determined() => {
