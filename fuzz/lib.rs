@@ -4,7 +4,7 @@ use plantar::insole::Insole;
 use plantar::num::Real;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Live, Step};
 use recording::{MAX_CELLS, Recording, VirtualInsole};
 
@@ -34,7 +34,7 @@ pub fn check_recording(recording: &Recording) {
     assert!(recording.rate_hz > 0.0 && recording.rate_hz.is_finite());
     assert!(recording.pressure_kpa.iter().all(|&kpa| kpa >= 0.0 && kpa.is_finite()));
     assert!(recording.t_s.iter().all(|t_s| t_s.is_finite()));
-    let virtual_insole = VirtualInsole::new(recording, ContactRule::COVERED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     if insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).is_err() {
         return;

@@ -3,13 +3,17 @@
 
 use crate::faults::{FaultDetector, Faults, FrameContext, MatrixRows};
 use crate::num::Real;
+use crate::pipeline::baseline::{self, MAX_RESIDUAL_KPA};
 use crate::pipeline::calibrate::{CellCalibration, Curve};
 use crate::pipeline::cell::{InsoleCell, sum_region};
 use crate::pipeline::ellipse::Ellipse;
+use crate::pipeline::lift::is_unloaded;
 use crate::pipeline::live::{LiveModel, RegionLoad};
 use crate::pipeline::model::ForceLaw;
+use crate::pipeline::region::ForceMoments;
 use crate::pipeline::setup::{Division, Setup, SetupCell, SetupError, check_setup};
-use crate::pipeline::stance::{Rejected, Stance, StanceLimits};
+use crate::pipeline::stance::{Rejected, Stance};
+use crate::pipeline::stance_rule::StanceLimits;
 use crate::pipeline::step::{RegionStep, StepRecord};
 use crate::pipeline::tissue::{Tissue, TissueError};
 use crate::pipeline::track::Tracker;
@@ -25,6 +29,8 @@ pub struct Insole<R, const N: usize> {
     cells: Vec<InsoleCell<R>, N>,
     division: Division,
     rows: MatrixRows,
+    /// Largest reading of a baseline above zero, codes.
+    most_residual: u16,
     frame_rate_hz: R,
     limits: StanceLimits<R>,
     tissue_id: u32,
@@ -34,11 +40,30 @@ pub struct Insole<R, const N: usize> {
     live: [LiveModel<R>; 8],
     stance: Stance<R>,
     loads: [RegionLoad<R>; 8],
+    /// Force of the baselines of each region.
+    residuals: [ForceMoments<R>; 8],
     detector: FaultDetector,
     /// Number of the last frame.
     last_seq: Option<u32>,
     /// Number of the next step.
     steps: u32,
+}
+
+/// The frame, for the fault detection. A function would borrow the detector, too.
+macro_rules! frame_context {
+    ($insole:ident, $seq:ident, $codes:ident) => {
+        FrameContext {
+            cells: &mut $insole.cells,
+            division: &$insole.division,
+            curve: &$insole.curve,
+            contact: &$insole.setup.contact,
+            rows: &$insole.rows,
+            codes: $codes,
+            loads: &mut $insole.loads,
+            seq: $seq,
+            period_us: $insole.setup.period_us,
+        }
+    };
 }
 
 impl<R: Real, const N: usize> Insole<R, N> {
@@ -53,6 +78,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             cells: Vec::new(),
             division: Division::NONE,
             rows: MatrixRows::NONE,
+            most_residual: 0,
             frame_rate_hz: R::ZERO,
             limits: StanceLimits::NONE,
             tissue_id: 0,
@@ -61,6 +87,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             live: [LiveModel::NEW; 8],
             stance: Stance::new(),
             loads: [RegionLoad::NONE; 8],
+            residuals: [ForceMoments::NONE; 8],
             detector: FaultDetector::new(),
             last_seq: None,
             steps: 0,
@@ -86,6 +113,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
             let _ = self.cells.push(InsoleCell::new(&cell, &setup.contact, &self.curve, &division));
         }
         self.rows.set(&self.cells);
+        self.most_residual = self.curve.first_code_at(MAX_RESIDUAL_KPA);
+        self.residuals = [ForceMoments::NONE; 8];
         self.detector.set_up(&self.cells, setup.period_us);
         self.frame_rate_hz = R::of(1e6 / f64::from(setup.period_us));
         self.limits = StanceLimits::new(&setup.stance, setup.period_us);
@@ -174,7 +203,28 @@ impl<R: Real, const N: usize> Insole<R, N> {
         for ((load, live), law) in self.loads.iter_mut().zip(&mut self.live).zip(&self.force_laws) {
             load.tissue = live.update(law, load.frame.area.area_mm2(), per_s);
         }
-        self.stance.push(&self.limits, seq, self.loads.each_ref().map(|load| &load.frame))
+        let mut is_toe_off = self.stance.push(&self.limits, seq, self.loads.each_ref().map(|load| &load.frame));
+        if self.stance.has_settled(&self.limits) && is_unloaded(&self.cells, codes, self.most_residual) {
+            is_toe_off |= self.stance.lift(&self.limits);
+        }
+        if self.stance.is_lifted() {
+            self.review(seq, codes);
+        } else {
+            self.detector.pause(self.stance.on_ground());
+        }
+        is_toe_off
+    }
+
+    /// Reviews some cells of the lifted foot.
+    #[cold]
+    #[inline(never)]
+    fn review(&mut self, seq: u32, codes: &[u16]) {
+        let mut frame = frame_context!(self, seq, codes);
+        if self.detector.lifted_frame(&mut frame) {
+            for (region, residual) in self.residuals.iter_mut().enumerate() {
+                *residual = baseline::residual(&self.cells[self.division.cells(region)]);
+            }
+        }
     }
 
     /// Sums the cells region by region, then runs the fault detection if this frame needs it.
@@ -182,11 +232,12 @@ impl<R: Real, const N: usize> Insole<R, N> {
         let mut change = 0;
         let (mut cells, mut codes) = (self.cells.as_mut_slice(), all_codes);
         let mut start = 0;
-        for (load, &end) in self.loads.iter_mut().zip(&self.division.ends) {
+        for ((load, residual), &end) in self.loads.iter_mut().zip(&self.residuals).zip(&self.division.ends) {
             // The ends increase, the last end is the number of cells, and `frame` has checked the number of codes.
             let (region_cells, other_cells) = cells.split_at_mut(end - start);
             let (region_codes, other_codes) = codes.split_at(end - start);
             change += sum_region(&self.curve, region_cells, region_codes, &mut load.frame);
+            load.frame.force.subtract(residual);
             (cells, codes, start) = (other_cells, other_codes, end);
         }
         let is_foot_down = self.detector.is_foot_down(change);
@@ -202,16 +253,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
     #[cold]
     #[inline(never)]
     fn detect_faults(&mut self, seq: u32, codes: &[u16], is_saturated: bool) {
-        let mut frame = FrameContext {
-            cells: &mut self.cells,
-            division: &self.division,
-            rows: &self.rows,
-            codes,
-            loads: &mut self.loads,
-            seq,
-            period_us: self.setup.period_us,
-        };
-        self.detector.interpolate(&self.curve, &mut frame);
+        let mut frame = frame_context!(self, seq, codes);
+        self.detector.interpolate(&mut frame);
         self.detector.frame(&mut frame, is_saturated);
     }
 

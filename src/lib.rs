@@ -44,12 +44,12 @@
 //! ```
 //! use plantar::insole::Insole;
 //! use plantar::pipeline::calibrate::{CellCalibration, FULL_CODE, SensorLaw};
-//! use plantar::pipeline::{contact::ContactRule, region::Cell, stance::StanceRule};
+//! use plantar::pipeline::{contact::ContactRule, region::Cell, stance_rule::StanceRule};
 //! use plantar::pipeline::setup::{Setup, SetupCell};
 //! use plantar::{Region, Side};
 //!
 //! let sensor = SensorLaw { full_kpa: 1000.0, exponent: 1.0 };
-//! let (contact, stance) = (ContactRule::COUNTED, StanceRule::WALKING);
+//! let (contact, stance) = (ContactRule::COUNTED, StanceRule::ADAPTIVE);
 //! let setup = Setup { side: Side::Left, layout_id: 1, period_us: 10_000, sensor, contact, stance };
 //! let cells = [(20.0, 20.0), (30.0, 20.0), (20.0, 30.0), (30.0, 30.0)].map(|(x_mm, y_mm)| {
 //!     let cell = Cell { region: Region::Heel, x_mm, y_mm, area_mm2: 100.0 };

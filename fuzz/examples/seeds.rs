@@ -14,7 +14,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::BLOCK_CELLS;
 use plantar::protocol::fragment::Splitter;
@@ -37,7 +37,7 @@ const IDENTIFIED: Identified =
 fn main() {
     let recording =
         synthetic::walk(&SyntheticWalk { cells: 8, steps: 1, rate_hz: 50.0, ..Default::default() }).recording;
-    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COVERED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
     let parameters = Parameters::typical(InsoleSize::default());
     let tissue = parameters.tissue();
     let (live, step) = walked(&recording, &virtual_insole, &tissue);

@@ -12,7 +12,7 @@ use emulator::{Recorded, Scan, Time, Walk};
 use phones::{Phone, RadioSimulation, boot};
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Live, Status, Step, ToDevice, ToHost};
 use recording::{VirtualInsole, synthetic};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -125,7 +125,7 @@ fn both_feet_stream_a_minute_in_real_time() {
     let mut feet = [(Side::Left, "Plantar L"), (Side::Right, "Plantar R")].map(|(side, name)| {
         let walk = synthetic::SyntheticWalk { steps: STEPS, side, rate_hz: 100.0, ..Default::default() };
         let recording = synthetic::walk(&walk).recording;
-        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
         let scanned = Arc::<Mutex<Vec<Instant>>>::default();
         let walk = Recorded::new(recording, virtual_insole.clone());
         scans = walk.scans();

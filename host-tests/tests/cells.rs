@@ -8,7 +8,7 @@ use common::{connect, firmware, synthetic_walk, tissue};
 use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{CellStream, Refusal, Resolution, ToDevice, ToHost};
 use recording::{StreamedCells, VirtualInsole};
 
@@ -20,7 +20,7 @@ const STEPS: usize = 57;
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn every_cell_of_every_frame_arrives_in_either_resolution() {
     let walk = synthetic_walk(STEPS, 100.0);
-    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     for (resolution, mask) in [(Resolution::Converter, 0xfff0), (Resolution::Oversampled, 0xffff)] {
         let board = Board::start(
             &firmware(),
@@ -64,7 +64,7 @@ fn every_cell_of_every_frame_arrives_in_either_resolution() {
 
         // The pressures of the recording, converted to codes again, give the codes that were streamed.
         let recording = streamed.take("Recorded in a test").expect("frames");
-        let again = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let again = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
         for i in 0..recording.frames() {
             again.codes_of(&recording, i, &mut codes);
             insole.codes_of(&walk, i, &mut expected);
@@ -78,7 +78,7 @@ fn every_cell_of_every_frame_arrives_in_either_resolution() {
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_rate_that_the_port_cannot_carry_is_refused_with_the_highest_that_it_can() {
     let walk = synthetic_walk(1, 400.0);
-    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let config = EmulatorConfig::new(insole.setup);
     let board = Board::start(&firmware(), &config, &insole.cells, Time::Max, Recorded::new(walk, insole.clone()))
         .expect("the board boots");

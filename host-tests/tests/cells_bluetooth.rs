@@ -11,7 +11,7 @@ use common::{firmware, synthetic_walk};
 use emulator::{Looped, Recorded, Time};
 use phones::{RadioSimulation, boot};
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{CellStream, MAX_MESSAGE, Refusal, Resolution, ToDevice, ToHost, encode};
 use recording::VirtualInsole;
 use std::time::Instant;
@@ -23,7 +23,7 @@ const SCANS: u32 = 3_000;
 #[ignore = "needs the emulated board's firmware and Python with bumble: cargo xtask test"]
 fn the_cells_that_arrive_over_bluetooth_are_those_that_were_played() {
     let walk = synthetic_walk(8, 100.0);
-    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let frames = insole.frames(&walk);
     let mut radio = RadioSimulation::start();
     let played = Looped(Recorded::new(walk.clone(), insole.clone()));

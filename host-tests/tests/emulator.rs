@@ -14,7 +14,7 @@ use parameters::{InsoleSize, Parameters};
 use plantar::faults::Fault;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Live, MAX_FRAME, MAX_MESSAGE, Refusal, Status, Step, ToDevice, ToHost, encode, frame};
 use plantar::{Region, Side};
@@ -64,7 +64,7 @@ impl Session {
     }
 
     fn start_without_tissue(recording: &Recording, contact: ContactRule, fault: fn(u32) -> Option<Scan>) -> Self {
-        let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::ADAPTIVE);
         let walk = Recorded::new(recording.clone(), virtual_insole.clone());
         Self::start_walk(&virtual_insole, IncompleteWalk { walk, fault })
     }
@@ -270,7 +270,7 @@ fn the_hello_identifies_the_insole() {
 fn a_refused_set_up_is_reported_in_the_hello() {
     let firmware = firmware();
     let walk = synthetic_walk(1, 100.0);
-    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let mut cells = virtual_insole.cells.clone();
     cells.reverse();
     assert_ne!(cells.first().map(|c| c.cell.region), Some(Region::Heel));
@@ -372,7 +372,7 @@ fn damaged_and_invalid_parameters_are_refused_and_the_old_ones_remain() {
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn every_kind_of_fault_is_found_on_the_device_as_on_a_host() {
     let walk = synthetic_walk(10, 100.0);
-    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let zeros: Vec<u16> = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
     for fault in one_of_each(&walk, FAULT_S) {
         let played = Recorded::new(walk.clone(), virtual_insole.clone());
@@ -419,7 +419,7 @@ fn the_insole_reports_the_force_that_the_fit_evaluated() {
     for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
         let options = Options::usual(InsoleSize::default().thickness_m());
         let mut study = Study::new("walker 2".into(), contact, options);
-        let virtual_insole = VirtualInsole::new(&walk, contact, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&walk, contact, StanceRule::ADAPTIVE);
         study.add("walk".into(), &walk, &virtual_insole, &mut |_| ()).expect("the recording is valid");
         let steps = study.steps.clone();
         study.steps.retain(|step| FITTED.contains(&step.number));

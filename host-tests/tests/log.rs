@@ -6,7 +6,7 @@ use common::{TIMEOUT, connect, firmware, synthetic_walk, tissue};
 use emulation::EmulatorConfig;
 use emulator::{Board, Faulty, Recorded, SensorFault, Time};
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::ToHost;
 use recording::VirtualInsole;
 use std::time::Instant;
@@ -16,7 +16,7 @@ use std::time::Instant;
 fn the_log_contains_the_state_changes_of_the_firmware_with_their_levels() {
     let firmware = firmware();
     let recording = synthetic_walk(8, 100.0);
-    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let faults: Vec<SensorFault> = vec!["short-cell:20@1.5".parse().expect("the fault can be parsed")];
     let zeros = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();
     let walk =

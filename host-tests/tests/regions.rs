@@ -7,7 +7,7 @@ use plantar::pipeline::live::RegionLoad;
 use plantar::pipeline::model::Ellipsoid;
 use plantar::pipeline::region::{MAX_CELL_MM2, MAX_DISTANCE_MM};
 use plantar::pipeline::setup::{Setup, SetupCell, SetupError};
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::{Tissue, TissueError};
 use plantar::protocol::Refusal;
 use plantar::{Real, Region};
@@ -327,7 +327,7 @@ fn invalid_rules_are_refused_with_the_kind_of_rule() {
     assert_eq!(try_set_up(Setup { sensor, ..SETUP }, &one), Err(SetupError::Sensor));
     let contact = ContactRule { off_kpa: 11.0, ..ContactRule::COUNTED };
     assert_eq!(try_set_up(Setup { contact, ..SETUP }, &one), Err(SetupError::Contact));
-    let walking = StanceRule::WALKING;
+    let walking = StanceRule::ADAPTIVE;
     for stance in [
         StanceRule { release_n: 31.0, ..walking },
         StanceRule { release_n: 0.0, ..walking },

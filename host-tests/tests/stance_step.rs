@@ -4,7 +4,8 @@
 use plantar::Real;
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::region::{AreaMoments, ForceMoments, RegionFrame};
-use plantar::pipeline::stance::{BRIDGED_FRAMES, Rejected, STANCE_SAMPLES, Stance, StanceLimits, StanceRule};
+use plantar::pipeline::stance::{BRIDGED_FRAMES, Rejected, STANCE_SAMPLES, Stance};
+use plantar::pipeline::stance_rule::{StanceLimits, StanceRule};
 use plantar::pipeline::step::RegionStep;
 use proptest::prelude::*;
 use std::f64::consts::PI;
@@ -46,7 +47,7 @@ type Found = (u32, u32, u32);
 
 /// The steps that are detected in a sequence, which begins with the frame number `first_seq`.
 fn steps_of(sequence: &[Part], first_seq: u32) -> (Vec<Found>, Stance<f64>) {
-    let limits = StanceLimits::new(&StanceRule::WALKING, PERIOD_US);
+    let limits = StanceLimits::new(&StanceRule::ABSOLUTE, PERIOD_US);
     let mut stance = Stance::new();
     let mut steps = Vec::new();
     let mut seq = first_seq;
@@ -80,8 +81,8 @@ fn steps_are_detected_in_sequences_of_force() {
         ("exactly heel strike", &[OFF, Frames(60, 30.0), OFF], &[(10, 60, 0)], none),
         ("fading to just above toe off", &[OFF, Frames(20, 30.0), Frames(20, 20.0), OFF], &[(10, 40, 0)], none),
         ("fading to just below toe off", &[OFF, Frames(20, 30.0), Frames(20, 19.9), OFF], &[(10, 20, 0)], none),
-        ("short peak", &[OFF, Frames(14, 500.0), OFF], &[], short),
-        ("shortest step", &[OFF, Frames(15, 500.0), OFF], &[(10, 15, 0)], none),
+        ("short peak", &[OFF, Frames(8, 500.0), OFF], &[], short),
+        ("shortest step", &[OFF, Frames(9, 500.0), OFF], &[(10, 9, 0)], none),
         ("longest step", &[OFF, Frames(250, 500.0), OFF], &[(10, 250, 0)], none),
         ("standing", &[OFF, Frames(251, 500.0), OFF], &[], long),
         ("standing, then a step", &[OFF, Frames(600, 500.0), OFF, Frames(60, 500.0), OFF], &[(620, 60, 0)], long),
@@ -159,7 +160,7 @@ fn the_foot_is_on_the_ground_from_heel_strike_to_confirmed_toe_off() {
 
 #[test]
 fn missing_frames_are_interpolated_linearly() {
-    let limits = StanceLimits::new(&StanceRule::WALKING, PERIOD_US);
+    let limits = StanceLimits::new(&StanceRule::ADAPTIVE, PERIOD_US);
     let mut stance = Stance::<f64>::new();
     push(&mut stance, &limits, 0, &frame(0.0, 0.0));
     for seq in (1..=10).chain([15]).chain(16..=40) {
@@ -179,7 +180,7 @@ fn missing_frames_are_interpolated_linearly() {
 
 #[test]
 fn peak_and_saturation_belong_to_their_stance_and_region() {
-    let limits = StanceLimits::new(&StanceRule::WALKING, PERIOD_US);
+    let limits = StanceLimits::new(&StanceRule::ADAPTIVE, PERIOD_US);
     let mut stance = Stance::<f64>::new();
     for walk in 0..2 {
         let start = walk * 100;
@@ -205,7 +206,7 @@ fn peak_and_saturation_belong_to_their_stance_and_region() {
 
 #[test]
 fn a_long_stance_stores_every_second_fourth_or_eighth_frame() {
-    let rule = StanceRule { max_stance_ms: u16::MAX, ..StanceRule::WALKING };
+    let rule = StanceRule { max_stance_ms: u16::MAX, ..StanceRule::ADAPTIVE };
     let limits = StanceLimits::new(&rule, 2_500);
     for (frames, stride) in [(255, 1), (256, 1), (257, 2), (511, 2), (512, 2), (513, 4), (1024, 4), (1025, 8)] {
         let mut stance = Stance::<f64>::new();
@@ -388,7 +389,7 @@ fn frame_rate_does_not_change_the_step() {
     let law = ForceLaw::<f32> { stiffness_pa: 1.5e6, ..TISSUE.force_laws[0] };
     let step_at = |rate_hz: u32| {
         let period_us = 1_000_000 / rate_hz;
-        let limits = StanceLimits::<f32>::new(&StanceRule::WALKING, period_us);
+        let limits = StanceLimits::<f32>::new(&StanceRule::ADAPTIVE, period_us);
         let mut stance = Stance::new();
         let mut ended = false;
         for seq in 0..rate_hz {

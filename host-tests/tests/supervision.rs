@@ -12,7 +12,7 @@ use plantar::firmware::supervise::{
     CHECK_PERIOD_MS, HEALTHY_CHECKS, Heartbeats, STALLED_CHECKS, START_CHECKS, Watchdog,
 };
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Hello, MAJOR, MINOR, Reset, Status, ToDevice, ToHost};
 use recording::VirtualInsole;
 use std::net::TcpStream;
@@ -58,7 +58,7 @@ impl ConnectedBoard {
     fn start_with(change: impl Fn(EmulatorConfig) -> EmulatorConfig, time: Time, walk: Option<impl Walk>) -> Self {
         let firmware = firmware();
         let recording = synthetic_walk(3, 100.0);
-        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
         let config = change(EmulatorConfig::new(virtual_insole.setup));
         let cells = virtual_insole.cells.clone();
         let board = match walk {

@@ -8,7 +8,7 @@ use emulation::EmulatorConfig;
 use emulator::{Board, Hardware, Recorded, Time};
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Reset, Serial, ToHost};
 use recording::VirtualInsole;
 
@@ -17,7 +17,7 @@ use recording::VirtualInsole;
 fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
     let firmware = firmware();
     let walk = synthetic_walk(3, 100.0);
-    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let boot = |flash| {
         let hardware = Hardware { flash, ..Hardware::default() };
         let walk = Recorded::new(walk.clone(), virtual_insole.clone());

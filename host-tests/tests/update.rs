@@ -12,7 +12,7 @@ use emulation::EmulatorConfig;
 use emulator::{Board, Hardware, Looped, Recorded, Time};
 use firmware_image::{Image, SigningKey, development_key, flash_image};
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::update::{CHUNK, Header, Progress, Refusal, Request};
 use plantar::protocol::{self, ToDevice};
 use plantar::storage::flash_map::HEADER;
@@ -71,7 +71,7 @@ impl Insole {
     /// run.
     fn start(&self, power_cut: Option<u32>, swapped: bool) -> Board {
         let walk = synthetic_walk(2, 100.0);
-        let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
         let config = EmulatorConfig { power_cut, ..EmulatorConfig::new(virtual_insole.setup) };
         let cells = virtual_insole.cells.clone();
         let hardware = Hardware { flash: self.flash.clone(), swapped, ..Hardware::default() };

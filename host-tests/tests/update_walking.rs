@@ -10,7 +10,7 @@ use emulation::EmulatorConfig;
 use emulator::{Board, Looped, Recorded, Time};
 use firmware_image::{Image, development_key, flash_image};
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::update::{Progress, Request};
 use plantar::protocol::{Status, ToDevice, ToHost};
 use recording::VirtualInsole;
@@ -23,7 +23,7 @@ const CHUNKS: u16 = 300;
 fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
     let firmware = firmware();
     let walk = synthetic_walk(8, 100.0);
-    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let (config, cells) = (EmulatorConfig::new(virtual_insole.setup), virtual_insole.cells.clone());
     let walk = Looped(Recorded::new(walk, virtual_insole));
     let board = Board::start(&firmware, &config, &cells, Time::Real, walk).expect("the board boots");

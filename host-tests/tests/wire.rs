@@ -693,7 +693,7 @@ fn cell_frame() -> CellFrame {
 
 const SETTINGS: Settings = Settings {
     contact: ContactRule::COVERED,
-    stance: plantar::pipeline::stance::StanceRule::WALKING,
+    stance: plantar::pipeline::stance_rule::StanceRule::ADAPTIVE,
     period_us: 5_000,
     scale: 0.9,
 };
@@ -823,7 +823,7 @@ fn a_truncated_set_up_is_refused() {
         period_us: 10_000,
         sensor: plantar::pipeline::calibrate::SensorLaw { full_kpa: 1000.0, exponent: 0.8 },
         contact: ContactRule::COUNTED,
-        stance: plantar::pipeline::stance::StanceRule::WALKING,
+        stance: plantar::pipeline::stance_rule::StanceRule::ADAPTIVE,
     };
     let cells = [cell(Region::Heel, 10.0, 10.0, 100.0), cell(Region::Hallux, 10.0, 200.0, 100.0)];
     let mut bytes = encoded(&EmulatorConfig::new(setup));

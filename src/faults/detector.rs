@@ -5,10 +5,12 @@ use super::masking::Masking;
 use super::neighbourhood::{ADJACENT, FrameContext};
 use super::review::Review;
 use super::rows::RowSearch;
-use super::{Fault, FaultKind, Faults, MATRIX_CELLS, MIN_LINE_CELLS, Place, SETTLE_MS};
+use super::{Fault, FaultKind, Faults, MATRIX_CELLS, MIN_LINE_CELLS, Place};
 use crate::num::Real;
-use crate::pipeline::calibrate::{Curve, is_saturated};
+use crate::pipeline::baseline::{GAIT_MS, Rise};
+use crate::pipeline::calibrate::is_saturated;
 use crate::pipeline::cell::{AREA_SHIFT, InsoleCell};
+use crate::pipeline::lift::SETTLE_MS;
 use crate::pipeline::marks::{IMPLAUSIBLE_SATURATION, LINES, MASKED};
 use heapless::Vec;
 
@@ -24,18 +26,18 @@ pub(crate) struct FaultDetector {
     total_area: i32,
     /// Area in contact, without masked cells.
     contact_area: i32,
-    /// [`SETTLE_MS`] in frames.
-    settle_frames: u32,
+    /// Number of frames in which all cells are reviewed.
+    review_frames: u32,
+    /// [`GAIT_MS`] in frames.
+    gait_frames: u32,
     /// The insole has at most [`MATRIX_CELLS`] cells, so their rows and columns are known.
     has_lines: bool,
-    /// Number of frames since the contact became small and constant; 0 while the foot is down.
-    settled_frames: u32,
-    /// Contact area when it became small and constant.
-    settled_area: i32,
     /// The foot was down since the last review began.
     has_stance: bool,
     /// A stance interrupted the last review.
     is_interrupted: bool,
+    /// Number of the frame in which the last review ended; `None` before the first.
+    reviewed_seq: Option<u32>,
     /// Index of the next cell of the running review; `None` if no review is running.
     next_cell: Option<usize>,
     review: Review,
@@ -51,14 +53,14 @@ impl FaultDetector {
         Self {
             total_area: 0,
             contact_area: 0,
-            settle_frames: 0,
+            review_frames: 0,
+            gait_frames: 0,
             has_lines: false,
-            settled_frames: 0,
-            settled_area: 0,
             has_stance: false,
             is_interrupted: false,
+            reviewed_seq: None,
             next_cell: None,
-            review: Review::new(),
+            review: Review::new(Rise::Whole, false),
             rows: RowSearch::new(),
             lines: LineSearch::new(),
             masking: Masking::new(),
@@ -70,8 +72,8 @@ impl FaultDetector {
     pub(crate) fn set_up<R: Real>(&mut self, cells: &[InsoleCell<R>], period_us: u32) {
         *self = Self::new();
         self.total_area = cells.iter().map(|cell| cell.region.whole() >> AREA_SHIFT).sum();
-        self.settled_frames = 1;
-        self.settle_frames = (SETTLE_MS * 1000).div_ceil(period_us);
+        self.review_frames = (SETTLE_MS * 1000).div_ceil(period_us);
+        self.gait_frames = GAIT_MS * 1000 / period_us;
         self.has_lines = cells.len() <= MATRIX_CELLS;
         self.rows.set_period(period_us);
     }
@@ -91,11 +93,7 @@ impl FaultDetector {
     #[inline(always)]
     pub(crate) fn is_foot_down(&mut self, change: i32) -> bool {
         self.contact_area += change;
-        let is_down = self.contact_area > self.total_area / 2;
-        if is_down {
-            self.settled_frames = 0;
-        }
-        is_down
+        self.contact_area > self.total_area / 2
     }
 
     /// True if there are masked cells to interpolate.
@@ -105,8 +103,8 @@ impl FaultDetector {
     }
 
     /// Replaces the readings of masked cells by the mean of their neighbours: updates the region sums of this frame.
-    pub(crate) fn interpolate<R: Real>(&self, curve: &Curve, frame: &mut FrameContext<'_, R>) {
-        self.masking.interpolate(curve, frame);
+    pub(crate) fn interpolate<R: Real>(&self, frame: &mut FrameContext<'_, R>) {
+        self.masking.interpolate(frame);
     }
 
     /// Processes a frame. It need not be called for a frame with more than half of the insole in contact and without saturation.
@@ -115,52 +113,57 @@ impl FaultDetector {
         if is_saturated {
             check_saturation(frame);
         }
-        if self.contact_area <= self.total_area / 2 {
-            self.light_frame(frame);
+        // The other stages need less time for such a frame, which leaves time for the search for faults.
+        if self.has_lines && self.contact_area > 0 && self.contact_area <= self.total_area / 2 {
+            self.rows.inspect(frame);
         }
     }
 
-    /// Processes a frame with at most half of the insole in contact. The other stages need less time for such a frame, which
-    /// leaves time for the search for faults.
-    #[inline(never)]
-    fn light_frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) {
-        let area = self.contact_area;
-        if area > 0 && self.has_lines {
-            self.rows.inspect(frame);
-        }
-        if self.settled_frames == 0 {
-            // The foot is down. A review that this stance interrupts is abandoned.
+    /// Processes a frame in which the foot is not lifted, or not for long enough. `is_down` states whether it is on the ground.
+    #[inline(always)]
+    pub(crate) fn pause(&mut self, is_down: bool) {
+        if is_down {
+            // A review that this stance interrupts is abandoned.
             self.is_interrupted |= self.next_cell.is_some();
             (self.has_stance, self.next_cell) = (true, None);
         }
-        if area > self.total_area / 4 {
-            self.settled_frames = 0;
-            return;
-        }
-        if self.settled_frames == 0 || (area - self.settled_area).abs() > self.total_area / 32 {
-            (self.settled_frames, self.settled_area) = (0, area);
-        }
-        self.settled_frames = self.settled_frames.saturating_add(1);
-        if self.settled_frames <= self.settle_frames {
-            return;
-        }
-        if self.has_stance && self.next_cell.is_none() {
-            self.has_stance = false;
+    }
+
+    /// Processes a frame in which the foot is lifted: reviews all cells once after the start and once after each stance, a few in
+    /// each frame. True if baselines have changed or cells were masked.
+    #[inline(never)]
+    pub(crate) fn lifted_frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) -> bool {
+        if self.next_cell.is_none() {
+            if !self.has_stance && self.reviewed_seq.is_some() {
+                return false;
+            }
+            let has_stance = core::mem::take(&mut self.has_stance);
             if core::mem::take(&mut self.is_interrupted) {
                 // The cells that were reviewed before the interruption have counted a step already. This review is skipped, so
                 // that no step counts twice.
                 frame.cells.iter_mut().for_each(InsoleCell::begin_step);
-                return;
+                return false;
             }
-            self.review = Review::new();
+            let rise = match self.reviewed_seq {
+                None if !has_stance => Rise::Whole,
+                Some(before) if frame.seq.wrapping_sub(before) <= self.gait_frames => Rise::Confirmed,
+                _ => Rise::None,
+            };
+            self.review = Review::new(rise, has_stance);
             self.next_cell = Some(0);
         }
-        if let Some(first) = self.next_cell {
-            self.next_cell = self.review.cells(frame, first, self.settle_frames, &mut self.faults);
-            if self.next_cell.is_none() {
-                self.conclude(frame);
-            }
+        let Some(first) = self.next_cell else { return false };
+        self.next_cell = self.review.cells(frame, first, self.review_frames);
+        if self.next_cell.is_some() {
+            return false;
         }
+        self.reviewed_seq = Some(frame.seq);
+        let found_before = self.faults.found;
+        self.faults.rezeroed = self.faults.rezeroed.wrapping_add(self.review.rezeroed);
+        if self.review.has_stance {
+            self.conclude(frame);
+        }
+        self.review.rezeroed > 0 || self.faults.found != found_before
     }
 
     /// Concludes a review of all cells: reports faults of lines first, then those of single cells.
@@ -245,7 +248,7 @@ fn check_saturation<R: Real>(frame: &mut FrameContext<'_, R>) {
             let cell = &frame.cells[i];
             let (dx, dy) = cell.region.offset_from(&this);
             if !cell.marks.is_masked() && dx.abs().max(dy.abs()) * 10 <= reach {
-                sum += u32::from(codes[i].saturating_sub(cell.offset));
+                sum += u32::from(codes[i].saturating_sub(cell.baseline.code));
                 count += 1;
             }
         }

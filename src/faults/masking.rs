@@ -3,7 +3,6 @@
 use super::MAX_INTERPOLATED;
 use super::neighbourhood::{FrameContext, NEARBY};
 use crate::num::Real;
-use crate::pipeline::calibrate::Curve;
 use crate::pipeline::cell::area_units;
 use heapless::Vec;
 
@@ -12,8 +11,6 @@ use heapless::Vec;
 struct Mask {
     /// Index of the masked cell.
     cell: u16,
-    /// Offset of the cell before it was masked.
-    offset: u16,
     /// Indices of the nearest healthy cells. If there are fewer than four, the index of the masked cell fills the rest.
     neighbours: [u16; 4],
 }
@@ -42,9 +39,9 @@ impl Masking {
         let cell = &mut frame.cells[index];
         cell.marks.set_masked();
         self.regions |= 1 << region;
-        let mask = Mask { cell: index as u16, offset: cell.offset, neighbours: [index as u16; 4] };
-        // With this offset, the pass over the cells adds no force of this cell.
-        cell.offset = u16::MAX;
+        let mask = Mask { cell: index as u16, neighbours: [index as u16; 4] };
+        // With this zero, the pass over the cells adds no force of this cell.
+        cell.zero = u16::MAX;
         let share = cell.contact.update(0, 0.0);
         cell.contact.disable();
         let moments = &mut frame.loads[region].frame.area;
@@ -57,23 +54,23 @@ impl Masking {
     /// Replaces the readings of masked cells by the mean of their neighbours: updates the region sums of this frame.
     #[cold]
     #[inline(never)]
-    pub(super) fn interpolate<R: Real>(&self, curve: &Curve, frame: &mut FrameContext<'_, R>) {
+    pub(super) fn interpolate<R: Real>(&self, frame: &mut FrameContext<'_, R>) {
         for mask in &self.masks {
             let (mut sum, mut count) = (0, 0);
             for neighbour in mask.neighbours.into_iter().filter(|&neighbour| neighbour != mask.cell).map(usize::from) {
-                sum += u32::from(frame.codes[neighbour].saturating_sub(frame.cells[neighbour].offset));
+                sum += u32::from(frame.codes[neighbour].saturating_sub(frame.cells[neighbour].baseline.code));
                 count += 1;
             }
             // The mean of 16-bit numbers fits 16 bits.
             let above = sum.checked_div(count).unwrap_or(0) as u16;
-            let code = u32::from(mask.offset.saturating_add(above));
             let index = usize::from(mask.cell);
+            let code = u32::from(frame.cells[index].baseline.code.saturating_add(above));
             let region = frame.region(index);
             let (cell, load) = (&mut frame.cells[index], &mut frame.loads[region].frame);
-            load.area.change(&cell.region, cell.contact.update(code, curve.pressure_kpa(i32::from(above))));
+            load.area.change(&cell.region, cell.contact.update(code, frame.curve.pressure_kpa(i32::from(above))));
             cell.contact.disable();
             if above > 0 {
-                load.force.add(&cell.region, curve.pressure_kpa(i32::from(above)));
+                load.force.add(&cell.region, frame.curve.pressure_kpa(i32::from(above)));
             }
         }
     }

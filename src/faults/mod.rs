@@ -2,8 +2,8 @@
 //!
 //! Detection has two parts. In stance, a cell records evidence (`pipeline/cell.rs`) in the rarely executed code that runs when
 //! the contact of the cell changes; so a frame with the foot on the ground costs only a few more comparisons, independent of the
-//! number of cells. In swing, once the contact has been small and constant for `SETTLE_MS`, all cells are reviewed, a few in each
-//! frame: their evidence of the stance, and their unloaded reading. Most faults are reported once two steps have shown them;
+//! number of cells. In swing, once the foot is lifted (`pipeline/lift.rs`), all cells are reviewed, a few in each frame: their
+//! evidence of the stance, and their unloaded reading, which also becomes their baseline (`pipeline/baseline.rs`). Most faults are reported once two steps have shown them;
 //! `docs/faults.md` has the rules. A line is a row or a column of the matrix.
 //!
 //! A masked cell reads the mean of the nearest healthy cells of its region, or zero if there are none nearby.
@@ -27,8 +27,5 @@ pub const MAX_INTERPOLATED: usize = 24;
 /// Largest number of cells of an insole with known rows and columns, 16 by 16. Only such an insole is searched for faulty lines.
 pub const MATRIX_CELLS: usize = 256;
 
-/// Time for which the contact must be small and constant before the foot counts as lifted, ms: by then the toes are unloaded.
-/// The review takes up to another 100 ms. A swing lasts about 300 ms or longer, so both fit.
-const SETTLE_MS: u32 = 100;
 /// Smallest number of cells of a line that must agree before the line counts as faulty.
 const MIN_LINE_CELLS: u32 = 4;

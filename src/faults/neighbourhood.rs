@@ -2,7 +2,9 @@
 
 use super::matrix::MatrixRows;
 use crate::num::Real;
+use crate::pipeline::calibrate::Curve;
 use crate::pipeline::cell::InsoleCell;
+use crate::pipeline::contact::ContactRule;
 use crate::pipeline::live::RegionLoad;
 use crate::pipeline::marks::LOADED;
 use crate::pipeline::region::PER_MM;
@@ -19,6 +21,8 @@ pub(super) const NEARBY: i32 = 28;
 pub(crate) struct FrameContext<'a, R> {
     pub(crate) cells: &'a mut [InsoleCell<R>],
     pub(crate) division: &'a Division,
+    pub(crate) curve: &'a Curve,
+    pub(crate) contact: &'a ContactRule,
     pub(crate) rows: &'a MatrixRows,
     /// One code for each cell.
     pub(crate) codes: &'a [u16],

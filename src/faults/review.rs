@@ -1,31 +1,35 @@
 //! The review of single cells in swing.
 
+use super::FaultKind;
 use super::neighbourhood::{FrameContext, Neighbourhood};
-use super::{FaultKind, Faults};
 use crate::num::Real;
-use crate::pipeline::calibrate::is_saturated;
+use crate::pipeline::baseline::Rise;
+use crate::pipeline::calibrate::{Curve, is_saturated};
 use crate::pipeline::cell::InsoleCell;
 use crate::pipeline::marks::{
-    CellMarks, Count, DRIFT, IMPLAUSIBLE_SATURATION, LOADED, NO_RESPONSE, NOISE, RESPONDED, STUCK, UNCHANGED,
+    CellMarks, Count, DRIFT, IMPLAUSIBLE_SATURATION, LOADED, MAX_LOWERED, NO_RESPONSE, NOISE, RESPONDED, STUCK,
+    UNCHANGED,
 };
 
-/// Largest correction of a baseline in one swing, codes: 1 kPa with the sensor law of the reference insole.
-const MAX_CORRECTION: i16 = 256;
-/// Largest sum of the corrections of a baseline, codes: 13 kPa with the same law.
-const MAX_SUM: i32 = 2048;
 /// Largest deviation from the baseline in swing that can be a slow drift, codes.
 const MAX_SLOW: u16 = 1024;
 
-/// The result of a running review so far.
+/// A running review of all cells.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Review {
+    /// How far the readings can raise the baselines.
+    rise: Rise,
+    /// The foot was down since the last review, so there is evidence of a stance.
+    pub(super) has_stance: bool,
     /// Number of cells that carried load before and did not respond in this step.
     pub(super) unresponsive: u32,
+    /// Number of corrected baselines.
+    pub(super) rezeroed: u32,
 }
 
 impl Review {
-    pub(super) const fn new() -> Self {
-        Self { unresponsive: 0 }
+    pub(super) const fn new(rise: Rise, has_stance: bool) -> Self {
+        Self { rise, has_stance, unresponsive: 0, rezeroed: 0 }
     }
 
     /// Reviews some cells from index `first` on, as many as it takes to review all cells in `frames` frames. Returns the index of
@@ -35,7 +39,6 @@ impl Review {
         frame: &mut FrameContext<'_, R>,
         first: usize,
         frames: u32,
-        faults: &mut Faults,
     ) -> Option<usize> {
         let count = frame.cells.len();
         let end = count.min(first + count.div_ceil(frames as usize));
@@ -45,28 +48,40 @@ impl Review {
             if marks.is_masked() {
                 continue;
             }
-            let needs_neighbourhood = !marks.has(RESPONDED) || marks.has(UNCHANGED);
-            let around = needs_neighbourhood.then(|| Neighbourhood::new(frame, index));
+            let before = marks.swing_reading;
+            if self.has_stance {
+                let needs_neighbourhood = !marks.has(RESPONDED) || marks.has(UNCHANGED);
+                let around = needs_neighbourhood.then(|| Neighbourhood::new(frame, index));
+                let cell = &mut frame.cells[index];
+                review_swing(cell, code, around.as_ref(), frame.curve);
+                self.unresponsive += u32::from(review_stance(cell, around.as_ref()));
+            }
             let cell = &mut frame.cells[index];
-            review_swing(cell, code, around.as_ref(), faults);
-            self.unresponsive += u32::from(review_stance(cell, around.as_ref()));
+            let change = cell.follow(code, before, self.rise, frame.contact, frame.curve);
+            cell.marks.swing_reading = reading(cell, code);
+            self.rezeroed += u32::from(change != 0);
         }
         (end < count).then_some(end)
     }
 }
 
-/// Reviews the unloaded reading of a cell: it can be at full scale, stuck, or show a drift of the baseline, which is corrected
-/// within limits. `around` are the neighbours, if their state was determined.
-fn review_swing<R: Real>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Neighbourhood>, faults: &mut Faults) {
-    let above = i32::from(code) - i32::from(cell.offset);
-    let reading = above.clamp(i16::MIN.into(), i16::MAX.into()) as i16;
-    let reading_before = core::mem::replace(&mut cell.marks.swing_reading, reading);
-    let is_far_below = above < -i32::from(MAX_SLOW);
+/// The reading of a cell above its baseline, codes.
+fn reading<R>(cell: &InsoleCell<R>, code: u16) -> i16 {
+    let above = i32::from(code) - i32::from(cell.baseline.code);
+    above.clamp(i16::MIN.into(), i16::MAX.into()) as i16
+}
+
+/// Reviews the unloaded reading of a cell: it can be at full scale, stuck, or drift farther than the baseline follows. `around` are
+/// the neighbours, if their state was determined.
+fn review_swing<R: Real>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Neighbourhood>, curve: &Curve) {
+    let (reading, reading_before) = (reading(cell, code), cell.marks.swing_reading);
+    let (size, size_before) = (reading.unsigned_abs(), reading_before.unsigned_abs());
+    let is_far_below = reading < 0 && size > MAX_SLOW;
     let is_full = is_saturated(code.into());
     cell.marks.count_if(Count::OffScale, is_far_below || is_full);
     if cell.contact.is_loaded() && !is_full {
         // A tight shoe presses on cells in swing too, but then their code changes from step to step.
-        let is_loaded = u32::from(code) >= cell.contact.load_threshold(cell.offset);
+        let is_loaded = u32::from(code) >= cell.contact.load_threshold(cell.baseline.code);
         if cell.marks.has(UNCHANGED) && (is_loaded || around.is_some_and(Neighbourhood::is_mostly_loaded)) {
             cell.marks.add(STUCK);
         }
@@ -76,29 +91,18 @@ fn review_swing<R: Real>(cell: &mut InsoleCell<R>, code: u16, around: Option<&Ne
         cell.marks.clear(UNCHANGED);
     }
 
-    let (size, size_before) = (reading.unsigned_abs(), reading_before.unsigned_abs());
     // A drift grows from swing to swing. A reading far from the baseline must grow by more than a quarter, because a nearly
     // constant reading is a residual load.
     let least = if size > 8 * NOISE { size_before + size_before / 4 } else { size_before };
-    let is_drift = (reading < 0) == (reading_before < 0)
-        && size_before > NOISE / 2
-        && size_before <= MAX_SLOW
-        && size > NOISE
-        && size > least;
-    if !is_drift {
-        return;
-    }
-    let correction = reading.clamp(-MAX_CORRECTION, MAX_CORRECTION);
-    let sum = i32::from(cell.marks.rezeroed) * i32::from(NOISE) + i32::from(correction);
-    if size > MAX_SLOW || sum.abs() > MAX_SUM {
+    let is_drift =
+        (reading < 0) == (reading_before < 0) && size_before > NOISE && size_before <= MAX_SLOW && size > least;
+    let is_beyond = if reading < 0 {
+        u16::from(cell.marks.lowered) + size / NOISE > MAX_LOWERED.into()
+    } else {
+        cell.baseline.is_exceeded(code, cell.zero, curve)
+    };
+    if is_drift && is_beyond {
         cell.marks.add(DRIFT);
-    } else if !cell.contact.is_loaded() {
-        cell.offset = cell.offset.saturating_add_signed(correction);
-        cell.contact.shift(correction);
-        cell.marks.swing_reading -= correction;
-        // The sum is at most MAX_SUM, so it fits 8 bits in units of NOISE. It is rounded, so that the remainders cancel out.
-        cell.marks.rezeroed = ((sum + sum.signum() * i32::from(NOISE / 2)) / i32::from(NOISE)) as i8;
-        faults.rezeroed = faults.rezeroed.wrapping_add(1);
     }
 }
 

@@ -9,11 +9,11 @@ use super::neighbourhood::FrameContext;
 use crate::pipeline::calibrate::FULL_CODE;
 use crate::pipeline::marks::LINES;
 
-/// An inspection is conclusive if the highest reading of the row is at least this much above its baseline, codes (31 kPa with the
-/// sensor law of the reference insole), and below half of full scale.
-const CONCLUSIVE_LOAD: u16 = 4096;
-/// A conclusive inspection is clean if the lowest reading of the row is less than the highest one divided by this number.
-const CLEAN_FRACTION: u16 = 32;
+/// An inspection is conclusive if the highest pressure of the row is at least this much above that of the lifted foot, on the sensor
+/// curve, kPa, and its code below half of full scale.
+const CONCLUSIVE_KPA: f32 = 31.0;
+/// A conclusive inspection is clean if the lowest pressure of the row is less than the highest one divided by this number.
+const CLEAN_FRACTION: f32 = 76.0;
 /// Number of clean inspections after which a row counts as clean in a step. Fewer are not reliable: in the next step, the same
 /// healthy row may have no clean inspection.
 const CLEAN_INSPECTIONS: u8 = 2;
@@ -44,14 +44,18 @@ impl Row {
 
     /// Inspects the row, which has these cells.
     fn inspect<R>(&mut self, frame: &FrameContext<'_, R>, cells: &[u8]) {
-        let (mut least, mut most) = (u16::MAX, 0);
+        let (mut least_kpa, mut most_kpa, mut most) = (f32::MAX, 0.0f32, 0);
         for index in cells.iter().map(|&index| usize::from(index)) {
-            let above = frame.codes[index].saturating_sub(frame.cells[index].offset);
-            (least, most) = (least.min(above), most.max(above));
+            let (cell, code) = (&frame.cells[index], frame.codes[index]);
+            let kpa = |code: u16| frame.curve.pressure_kpa::<f32>(code.saturating_sub(cell.zero).into());
+            // A residual pressure that is not yet part of the baseline is in all cells of the row, as crosstalk would be.
+            let lifted = cell.baseline.code.saturating_add_signed(cell.marks.swing_reading.max(0));
+            let above_kpa = kpa(code) - kpa(lifted);
+            (least_kpa, most_kpa, most) = (least_kpa.min(above_kpa), most_kpa.max(above_kpa), most.max(code));
         }
-        if cells.len() >= MIN_LINE_CELLS as usize && (CONCLUSIVE_LOAD..FULL_CODE / 2).contains(&most) {
+        if cells.len() >= MIN_LINE_CELLS as usize && most_kpa >= CONCLUSIVE_KPA && most < FULL_CODE / 2 {
             self.inspections = self.inspections.saturating_add(1);
-            self.clean += u8::from(least < most / CLEAN_FRACTION);
+            self.clean += u8::from(least_kpa < most_kpa / CLEAN_FRACTION);
         }
     }
 }

@@ -10,7 +10,7 @@ use crate::pipeline::contact::ContactRule;
 use crate::pipeline::outline::REFERENCE_INSOLE;
 use crate::pipeline::region::{Cell, Region, Side};
 use crate::pipeline::setup::{Setup, SetupCell};
-use crate::pipeline::stance::StanceRule;
+use crate::pipeline::stance_rule::StanceRule;
 use crate::pipeline::template::region_at;
 
 /// Time between frames, us: 100 Hz, the rate of common clinical systems.
@@ -114,6 +114,6 @@ pub fn setup(side: Side) -> Setup {
         period_us: PERIOD_US,
         sensor: SensorLaw { full_kpa: 1000.0, exponent: 0.8 },
         contact: ContactRule::COVERED,
-        stance: StanceRule::WALKING,
+        stance: StanceRule::ADAPTIVE,
     }
 }

@@ -1,6 +1,7 @@
-//! One cell in the stages calibration, contact and region, and the evidence of faults that it collects.
+//! One cell in the stages calibration, baseline, contact and region, and the evidence of faults that it collects.
 
-use super::calibrate::{Curve, is_saturated};
+use super::baseline::Baseline;
+use super::calibrate::{CellCalibration, Curve, is_saturated};
 use super::contact::{ContactCell, ContactRule};
 use super::marks::CellMarks;
 use super::region::{AreaMoments, ForceMoments, RegionCell, RegionFrame};
@@ -10,8 +11,9 @@ use crate::num::Real;
 /// The parameters and the state of one cell.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InsoleCell<R> {
-    /// Code of the unloaded cell; [`u16::MAX`] for a masked cell.
-    pub(crate) offset: u16,
+    /// Code at zero pressure; [`u16::MAX`] for a masked cell.
+    pub(crate) zero: u16,
+    pub(crate) baseline: Baseline,
     pub(crate) contact: ContactCell,
     pub(crate) region: RegionCell<R>,
     pub(crate) marks: CellMarks,
@@ -23,8 +25,9 @@ impl<R: Real> InsoleCell<R> {
         let SetupCell { cell, calibration, row_column } = cell;
         let (x_mm, y_mm) = division.origins_mm[cell.region as usize];
         Self {
-            offset: calibration.offset,
-            contact: ContactCell::new(contact, curve, calibration),
+            zero: calibration.offset,
+            baseline: Baseline::new(calibration),
+            contact: ContactCell::new(contact, curve, calibration, 0.0),
             region: RegionCell::new(cell, calibration.gain, x_mm, y_mm),
             marks: CellMarks::new(*row_column),
         }
@@ -35,19 +38,29 @@ impl<R: Real> InsoleCell<R> {
     #[cold]
     #[inline(never)]
     fn update(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) -> i32 {
-        let curve_kpa = curve.pressure_kpa((code as i32 - i32::from(self.offset)).max(0));
+        let curve_kpa: f32 = curve.pressure_kpa((code as i32 - i32::from(self.zero)).max(0));
         let before = area_units(&frame.area);
-        frame.area.change(&self.region, self.contact.update(code, curve_kpa));
-        self.marks.note(code, self.offset, &mut self.contact);
+        let share = self.contact.update(code, (curve_kpa - self.baseline.residual_kpa).max(0.0));
+        frame.area.change(&self.region, share);
+        self.marks.note(code, self.baseline.code, &mut self.contact);
         frame.saturated |= is_saturated(code);
         area_units(&frame.area) - before
+    }
+
+    /// Replaces the baseline. The contact follows with the next frame.
+    pub(crate) fn set_baseline(&mut self, code: u16, contact: &ContactRule, curve: &Curve) {
+        self.zero = self.zero.min(code);
+        self.baseline.code = code;
+        self.baseline.residual_kpa = curve.pressure_kpa(i32::from(code - self.zero));
+        let calibration = CellCalibration { offset: self.zero, gain: self.baseline.gain };
+        self.contact.rebase(ContactCell::new(contact, curve, &calibration, self.baseline.residual_kpa));
     }
 }
 
 impl<R> InsoleCell<R> {
     /// Discards the evidence of the last step.
     pub(crate) fn begin_step(&mut self) {
-        self.marks.begin_step(self.offset, &mut self.contact);
+        self.marks.begin_step(self.baseline.code, &mut self.contact);
     }
 }
 
@@ -64,13 +77,13 @@ pub(crate) fn sum_region<R: Real>(
     let (mut force, mut change) = (ForceMoments::NONE, 0);
     frame.saturated = false;
     for (cell, &code) in cells.iter_mut().zip(codes) {
-        let (code, offset) = (u32::from(code), u32::from(cell.offset));
+        let (code, zero) = (u32::from(code), u32::from(cell.zero));
         if !cell.contact.is_unchanged(code) {
             change += cell.update(code, curve, frame);
         }
-        let above_offset = code as i32 - offset as i32;
-        if above_offset > 0 {
-            force.add(&cell.region, curve.pressure_kpa(above_offset));
+        let above_zero = code as i32 - zero as i32;
+        if above_zero > 0 {
+            force.add(&cell.region, curve.pressure_kpa(above_zero));
         }
     }
     frame.force = force;

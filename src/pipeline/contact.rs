@@ -49,7 +49,7 @@ pub const WHOLE: u16 = 256;
 ///
 /// let mut curve = Curve::new();
 /// curve.set(&SensorLaw { full_kpa: 1000.0, exponent: 1.0 });
-/// let mut cell = ContactCell::new(&ContactRule::COUNTED, &curve, &CellCalibration::IDEAL);
+/// let mut cell = ContactCell::new(&ContactRule::COUNTED, &curve, &CellCalibration::IDEAL, 0.0);
 /// let mut change = |kpa: f32| cell.update(u32::from(curve.first_code_at(kpa)), kpa);
 /// assert_eq!([change(9.0), change(10.0)], [0, i32::from(WHOLE)]);
 /// // It loses contact below 7.5 kPa.
@@ -74,12 +74,13 @@ pub struct ContactCell {
 }
 
 impl ContactCell {
-    /// An unloaded cell. Its thresholds are codes that include its offset.
-    pub fn new(rule: &ContactRule, curve: &Curve, cell: &CellCalibration) -> Self {
+    /// An unloaded cell. Its thresholds are codes that include its offset. `residual_kpa` is the pressure of its baseline on the
+    /// sensor curve, kPa; pressures of the rule are above it.
+    pub fn new(rule: &ContactRule, curve: &Curve, cell: &CellCalibration, residual_kpa: f32) -> Self {
         // The code is one below that of the threshold, so that a pressure of exactly the threshold is in contact after
         // quantisation.
         let code_at = |kpa: f32| {
-            let code = curve.first_code_at(kpa / cell.gain).saturating_sub(1).max(1);
+            let code = curve.first_code_at(kpa / cell.gain + residual_kpa).saturating_sub(1).max(1);
             code.saturating_add(cell.offset).min(FULL_CODE)
         };
         let on = code_at(rule.on_kpa);
@@ -98,8 +99,8 @@ impl ContactCell {
         code.wrapping_sub(u32::from(self.low)) < u32::from(self.span)
     }
 
-    /// Processes a code and returns the change of the share, in units of 1/[`WHOLE`]. `curve_kpa` is the pressure of the code on
-    /// the sensor curve that all cells share, kPa.
+    /// Processes a code and returns the change of the share, in units of 1/[`WHOLE`]. `curve_kpa` is the pressure of the code above
+    /// the baseline, on the sensor curve that all cells share, kPa.
     ///
     /// The share is computed in single precision and integers on every machine, so that all machines compute the same area.
     pub fn update(&mut self, code: u32, curve_kpa: f32) -> i32 {
@@ -121,9 +122,9 @@ impl ContactCell {
         self.share > 0
     }
 
-    /// The code at which a cell counts as loaded: it is twice as far above the offset as the code of first contact.
-    pub(crate) fn load_threshold(&self, offset: u16) -> u32 {
-        (2 * u32::from(self.on)).saturating_sub(offset.into())
+    /// The code at which a cell counts as loaded: it is twice as far above the baseline as the code of first contact.
+    pub(crate) fn load_threshold(&self, baseline: u16) -> u32 {
+        (2 * u32::from(self.on)).saturating_sub(baseline.into())
     }
 
     /// Requests [`ContactCell::update`] for codes from `code` on, in addition to those that change the share.
@@ -142,15 +143,9 @@ impl ContactCell {
         (self.low, self.span) = (0, u16::MAX);
     }
 
-    /// Shifts the thresholds of a cell without contact, after its offset was changed by the same number of codes.
-    pub(crate) fn shift(&mut self, codes: i16) {
-        for threshold in [&mut self.on, &mut self.off, &mut self.full] {
-            // 0 in `full` is not a code: the rule counts whole cells only.
-            if *threshold > 0 {
-                *threshold = threshold.saturating_add_signed(codes).clamp(1, FULL_CODE);
-            }
-        }
-        (self.low, self.span) = (0, self.on);
+    /// Adopts the thresholds of `new`. The share follows with the next [`ContactCell::update`], which is requested for any code.
+    pub(crate) fn rebase(&mut self, new: Self) {
+        *self = Self { share: self.share, low: 0, span: 0, ..new };
     }
 }
 

@@ -7,6 +7,8 @@ pub(crate) const LINES: usize = 16;
 /// Largest deviation of an unloaded cell from its baseline that counts as noise, codes: 0.07 kPa with the sensor law of the
 /// reference insole.
 pub(crate) const NOISE: u16 = 32;
+/// Largest [`CellMarks::lowered`]: 2048 codes, 13 kPa with the same law.
+pub(crate) const MAX_LOWERED: u8 = 64;
 
 /// The cell responded since the last review: it read more than noise above its baseline.
 pub(crate) const RESPONDED: u8 = 1;
@@ -43,8 +45,8 @@ pub(crate) enum Count {
 pub(crate) struct CellMarks {
     /// Reading above the baseline in the last reviewed swing, codes.
     pub(crate) swing_reading: i16,
-    /// Sum of the baseline corrections so far, in units of [`NOISE`] codes.
-    pub(crate) rezeroed: i8,
+    /// How far the zero is below the calibrated one, in units of [`NOISE`] codes.
+    pub(crate) lowered: u8,
     /// Position in the matrix: row times [`LINES`] plus column.
     row_column: u8,
     flags: u8,
@@ -54,31 +56,31 @@ pub(crate) struct CellMarks {
 
 impl CellMarks {
     pub(crate) const fn new(row_column: u8) -> Self {
-        Self { swing_reading: 0, rezeroed: 0, row_column, flags: 0, counts: 0 }
+        Self { swing_reading: 0, lowered: 0, row_column, flags: 0, counts: 0 }
     }
 
     /// Records a code for which [`ContactCell::update`] was called, and requests the next notification.
-    pub(crate) fn note(&mut self, code: u32, offset: u16, contact: &mut ContactCell) {
+    pub(crate) fn note(&mut self, code: u32, baseline: u16, contact: &mut ContactCell) {
         self.clear(UNCHANGED);
-        if code > u32::from(offset) + u32::from(NOISE) {
-            self.add(if code >= contact.load_threshold(offset) { RESPONDED | LOADED } else { RESPONDED });
+        if code > u32::from(baseline) + u32::from(NOISE) {
+            self.add(if code >= contact.load_threshold(baseline) { RESPONDED | LOADED } else { RESPONDED });
         }
-        self.arm_notification(offset, contact);
+        self.arm_notification(baseline, contact);
     }
 
     /// Requests a notification by the contact stage for the first code that would add to the evidence.
-    fn arm_notification(&self, offset: u16, contact: &mut ContactCell) {
+    fn arm_notification(&self, baseline: u16, contact: &mut ContactCell) {
         if contact.is_loaded() {
             if !self.has(LOADED) {
-                contact.notify_at(contact.load_threshold(offset));
+                contact.notify_at(contact.load_threshold(baseline));
             }
         } else if !self.has(RESPONDED) {
-            contact.notify_at(u32::from(offset) + u32::from(NOISE) + 1);
+            contact.notify_at(u32::from(baseline) + u32::from(NOISE) + 1);
         }
     }
 
     /// Discards the evidence of the last step. A masked cell has none.
-    pub(crate) fn begin_step(&mut self, offset: u16, contact: &mut ContactCell) {
+    pub(crate) fn begin_step(&mut self, baseline: u16, contact: &mut ContactCell) {
         if self.is_masked() {
             return;
         }
@@ -86,7 +88,7 @@ impl CellMarks {
         if contact.is_loaded() {
             self.add(RESPONDED);
         } else {
-            self.arm_notification(offset, contact);
+            self.arm_notification(baseline, contact);
         }
     }
 

@@ -6,18 +6,21 @@
 //! | stage | module | result |
 //! |---|---|---|
 //! | calibration | [`calibrate`] | pressure of a cell, kPa |
+//! | baseline | [`baseline`] | pressure of a cell above that of the lifted foot, kPa |
 //! | contact | [`contact`] | share of a cell that is in contact |
 //! | regions | [`region`] | area, force, centre of pressure and second moments of a region |
 //! | ellipse | [`ellipse`] | contact ellipse |
 //! | model | [`model`], [`live`] | tissue deformation and model force of a frame |
+//! | lift | `lift` | whether the foot is lifted |
 //! | stance | [`stance`] | heel strike, toe off, and the curves between them |
 //! | step | [`step`] | step record: the quantities of each region |
 //! | tracking | [`track`] | force laws that follow the wearer |
 //! | cadence | [`cadence`] | steps per minute |
 //!
-//! [`setup`] and [`tissue`] are the configuration of the stages. [`outline`] and [`template`] describe soles.
+//! [`setup`], [`stance_rule`] and [`tissue`] are the configuration of the stages. [`outline`] and [`template`] describe soles.
 
 pub mod calibrate;
+pub mod baseline;
 pub mod contact;
 pub mod region;
 pub mod template;
@@ -26,6 +29,8 @@ pub mod ellipse;
 pub mod model;
 pub mod tissue;
 pub mod live;
+pub(crate) mod lift;
+pub mod stance_rule;
 pub mod stance;
 pub mod step;
 pub mod track;

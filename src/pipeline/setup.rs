@@ -3,7 +3,7 @@
 use super::calibrate::{CellCalibration, SensorLaw};
 use super::contact::ContactRule;
 use super::region::{Cell, MAX_CELL_MM2, MAX_DISTANCE_MM, MAX_REGION_MM2, MIN_CELL_MM2, Side};
-use super::stance::StanceRule;
+use super::stance_rule::StanceRule;
 use core::fmt;
 use core::ops::Range;
 use serde::{Deserialize, Serialize};
@@ -42,7 +42,14 @@ impl Setup {
         period_us: 0,
         sensor: SensorLaw { full_kpa: 0.0, exponent: 0.0 },
         contact: ContactRule { on_kpa: 0.0, off_kpa: 0.0, full_kpa: 0.0 },
-        stance: StanceRule { strike_n: 0.0, release_n: 0.0, min_stance_ms: 0, min_swing_ms: 0, max_stance_ms: 0 },
+        stance: StanceRule {
+            strike_n: 0.0,
+            release_n: 0.0,
+            min_stance_ms: 0,
+            min_swing_ms: 0,
+            max_stance_ms: 0,
+            is_adaptive: false,
+        },
     };
 }
 

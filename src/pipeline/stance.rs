@@ -1,6 +1,11 @@
 //! Stance detection: heel strike and toe off from the total force, and the curves of the stance between them.
+//!
+//! By an adaptive rule, the thresholds are above the force that remains while the foot is lifted, and in proportion to the peaks
+//! of the wearer's steps. So a child and a heavy person, barefoot or in a tight shoe, have the same strides.
 
+use super::lift::Constancy;
 use super::region::{AreaMoments, RegionFrame};
+use super::stance_rule::StanceLimits;
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
@@ -11,36 +16,6 @@ pub const STANCE_SAMPLES: usize = 256;
 /// missing frames the contact does not become a step.
 pub const BRIDGED_FRAMES: u32 = 5;
 
-/// The rule that determines stance from the total force.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct StanceRule {
-    /// Heel strike: the total force reaches this value, N, at most 1000.
-    pub strike_n: f32,
-    /// Toe off: the total force falls below this value, N; above 0 and at most `strike_n`.
-    pub release_n: f32,
-    /// Shorter contacts are not steps, ms; below `max_stance_ms`.
-    pub min_stance_ms: u16,
-    /// Shorter gaps do not end a stance, ms; above 0.
-    pub min_swing_ms: u16,
-    /// Longer contacts are standing, not steps, ms.
-    pub max_stance_ms: u16,
-}
-
-impl StanceRule {
-    /// For slow to fast walking, barefoot or in a shoe.
-    pub const WALKING: Self =
-        Self { strike_n: 30.0, release_n: 20.0, min_stance_ms: 150, min_swing_ms: 40, max_stance_ms: 2500 };
-
-    /// True if forces and times are in range and in order.
-    pub fn is_valid(&self) -> bool {
-        self.release_n > 0.0
-            && self.release_n <= self.strike_n
-            && self.strike_n <= 1000.0
-            && self.min_swing_ms > 0
-            && self.min_stance_ms < self.max_stance_ms
-    }
-}
-
 /// Number of contacts that did not become steps, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Rejected {
@@ -50,33 +25,6 @@ pub struct Rejected {
     pub long: u32,
     /// Interrupted by more than [`BRIDGED_FRAMES`] missing frames.
     pub broken: u32,
-}
-
-/// A [`StanceRule`] with durations in frames.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StanceLimits<R> {
-    strike_n: R,
-    release_n: R,
-    min_stance_frames: u32,
-    min_swing_frames: u32,
-    max_stance_frames: u32,
-}
-
-impl<R: Real> StanceLimits<R> {
-    pub(crate) const NONE: Self =
-        Self { strike_n: R::ZERO, release_n: R::ZERO, min_stance_frames: 0, min_swing_frames: 0, max_stance_frames: 0 };
-
-    /// The rule at a frame period, us. Durations are rounded to whole frames, at least one.
-    pub fn new(rule: &StanceRule, period_us: u32) -> Self {
-        let frames = |ms: u16| ((u32::from(ms) * 1000 + period_us / 2) / period_us).max(1);
-        Self {
-            strike_n: R::of_f32(rule.strike_n),
-            release_n: R::of_f32(rule.release_n),
-            min_stance_frames: frames(rule.min_stance_ms),
-            min_swing_frames: frames(rule.min_swing_ms),
-            max_stance_frames: frames(rule.max_stance_ms),
-        }
-    }
 }
 
 /// The phase of gait.
@@ -96,9 +44,10 @@ enum Phase {
 ///
 /// ```
 /// use plantar::pipeline::region::{ForceMoments, RegionFrame};
-/// use plantar::pipeline::stance::{Stance, StanceLimits, StanceRule};
+/// use plantar::pipeline::stance::Stance;
+/// use plantar::pipeline::stance_rule::{StanceLimits, StanceRule};
 ///
-/// let limits = StanceLimits::<f64>::new(&StanceRule::WALKING, 10_000);
+/// let limits = StanceLimits::<f64>::new(&StanceRule::ADAPTIVE, 10_000);
 /// let mut stance = Stance::new();
 /// // 600 N under one region from frame 50 to frame 109, at 100 Hz.
 /// let toe_off = (0..200).find(|&seq| {
@@ -140,6 +89,14 @@ pub struct Stance<R> {
     at_peak: [(R, AreaMoments); 8],
     saturated: u8,
     rejected: Rejected,
+    /// Largest total force since heel strike, N.
+    peak_n: R,
+    /// Mean peak of the recent steps, N; 0 before the first step.
+    recent_peak_n: R,
+    /// Force of the lifted foot, N.
+    lifted_n: R,
+    constancy: Constancy<R>,
+    is_lifted: bool,
 }
 
 impl<R: Real> Stance<R> {
@@ -161,6 +118,11 @@ impl<R: Real> Stance<R> {
             at_peak: [(R::ZERO, AreaMoments::NONE); 8],
             saturated: 0,
             rejected: Rejected { short: 0, long: 0, broken: 0 },
+            peak_n: R::ZERO,
+            recent_peak_n: R::ZERO,
+            lifted_n: R::ZERO,
+            constancy: Constancy::NEW,
+            is_lifted: false,
         }
     }
 
@@ -169,6 +131,10 @@ impl<R: Real> Stance<R> {
         self.phase = Phase::Unknown;
         self.len = 0;
         self.rejected = Rejected::default();
+        self.recent_peak_n = R::ZERO;
+        self.lifted_n = R::ZERO;
+        self.constancy = Constancy::NEW;
+        self.is_lifted = false;
     }
 
     /// Processes frame number `seq`. True if it confirms toe off; then the curves are valid until the next call. Sequence numbers
@@ -177,30 +143,38 @@ impl<R: Real> Stance<R> {
         let total_n: R = regions.iter().map(|r| r.force.force_n).sum();
         let missing = seq.wrapping_sub(self.last_seq).wrapping_sub(1);
         self.last_seq = seq;
+        let scale = limits.scale(self.recent_peak_n);
+        self.constancy.push(total_n, scale);
+        self.is_lifted &= self.constancy.frames() > 0;
+        // Without the foot, there is only the force of the shoe.
+        self.lifted_n = self.lifted_n.min(total_n);
+        let strike_n = self.lifted_n + limits.strike_n * scale;
+        let release_n = self.lifted_n + limits.release_n * scale;
         match self.phase {
             // The foot was on the ground before the first frame, so the heel strike is unknown.
-            Phase::Unknown if total_n >= limits.release_n => {
+            Phase::Unknown if total_n >= release_n => {
                 self.ignore();
                 false
             }
             // The heel strike is within a gap that is too long to be bridged.
-            Phase::Swing | Phase::Ended if missing > BRIDGED_FRAMES && total_n >= limits.release_n => {
+            Phase::Swing | Phase::Ended if missing > BRIDGED_FRAMES && total_n >= release_n => {
                 self.rejected.broken += 1;
                 self.ignore();
                 false
             }
             Phase::Unknown | Phase::Swing | Phase::Ended => {
                 self.phase = Phase::Swing;
-                if total_n >= limits.strike_n {
+                if total_n >= strike_n {
                     self.begin(seq);
                     self.store(&regions);
+                    self.peak_n = total_n;
                     self.loaded = 1;
                 }
                 false
             }
             Phase::Ignored => {
                 self.pushed += 1;
-                if total_n >= limits.release_n {
+                if total_n >= release_n {
                     self.loaded = self.pushed;
                 } else if self.pushed - self.loaded >= limits.min_swing_frames {
                     self.phase = Phase::Swing;
@@ -215,7 +189,8 @@ impl<R: Real> Stance<R> {
             Phase::Stance => {
                 self.bridge(missing, &regions);
                 self.store(&regions);
-                if total_n >= limits.release_n {
+                self.peak_n = self.peak_n.max(total_n);
+                if total_n >= release_n {
                     (self.loaded, self.bridged) = (self.pushed, self.bridged_so_far);
                 }
                 if self.loaded > limits.max_stance_frames {
@@ -226,16 +201,58 @@ impl<R: Real> Stance<R> {
                 if self.pushed - self.loaded < limits.min_swing_frames {
                     return false;
                 }
-                if self.loaded < limits.min_stance_frames {
-                    self.rejected.short += 1;
-                    self.phase = Phase::Swing;
-                    return false;
-                }
-                self.len = self.loaded.div_ceil(self.stride) as usize;
-                self.phase = Phase::Ended;
-                true
+                self.end(limits)
             }
         }
+    }
+
+    /// True in the frame with which the total force has been constant long enough for a lifted foot. Then [`Stance::lift`] must be
+    /// called if the foot is lifted.
+    pub(crate) fn has_settled(&self, limits: &StanceLimits<R>) -> bool {
+        self.constancy.frames() == limits.settle_frames
+    }
+
+    /// The foot is lifted, and the present force is that of the shoe. True if this ends a stance; see [`Stance::push`].
+    #[cold]
+    pub(crate) fn lift(&mut self, limits: &StanceLimits<R>) -> bool {
+        self.is_lifted = true;
+        if !limits.is_adaptive {
+            return false;
+        }
+        self.lifted_n = self.constancy.level_n();
+        match self.phase {
+            Phase::Swing | Phase::Ended => false,
+            Phase::Unknown | Phase::Ignored => {
+                self.phase = Phase::Swing;
+                false
+            }
+            Phase::Stance => {
+                // The shoe presses more than before this stance, so its end was not recognised.
+                let release_n = self.lifted_n + limits.release_n * limits.scale(self.recent_peak_n);
+                let total_n = |sample: &usize| self.force_n.iter().map(|force_n| force_n[*sample]).sum::<R>();
+                let last = (0..self.len).rev().find(|sample| total_n(sample) >= release_n);
+                self.loaded = last.map_or(0, |last| (last as u32 + 1) * self.stride).min(self.pushed);
+                self.end(limits)
+            }
+        }
+    }
+
+    /// True while the foot is lifted and the total force is constant.
+    pub(crate) fn is_lifted(&self) -> bool {
+        self.is_lifted
+    }
+
+    /// Ends the stance. True if it is a step.
+    fn end(&mut self, limits: &StanceLimits<R>) -> bool {
+        if self.loaded < limits.min_stance_frames {
+            self.rejected.short += 1;
+            self.phase = Phase::Swing;
+            return false;
+        }
+        self.recent_peak_n = StanceLimits::recent_peak_n(self.recent_peak_n, self.peak_n - self.lifted_n);
+        self.len = self.loaded.div_ceil(self.stride) as usize;
+        self.phase = Phase::Ended;
+        true
     }
 
     /// Begins a stance with its heel strike in frame `seq`.

@@ -3,7 +3,7 @@
 use crate::checksum::crc32;
 use crate::pipeline::contact::ContactRule;
 use crate::pipeline::setup::{Setup, SetupCell};
-use crate::pipeline::stance::StanceRule;
+use crate::pipeline::stance_rule::StanceRule;
 use core::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 
@@ -58,8 +58,9 @@ impl Settings {
         let Self { contact, stance, period_us, scale } = *self;
         let rules = [contact.on_kpa, contact.off_kpa, contact.full_kpa, stance.strike_n, stance.release_n, scale];
         let times = [stance.min_stance_ms, stance.min_swing_ms, stance.max_stance_ms].map(u32::from);
-        let mut bytes = [0; 4 * 11];
-        let words = rules.map(f32::to_bits).into_iter().chain(times).chain([period_us, layout_id]);
+        let mut bytes = [0; 4 * 12];
+        let rest = [stance.is_adaptive.into(), period_us, layout_id];
+        let words = rules.map(f32::to_bits).into_iter().chain(times).chain(rest);
         for (place, word) in bytes.chunks_exact_mut(4).zip(words) {
             place.copy_from_slice(&word.to_le_bytes());
         }

@@ -9,7 +9,7 @@ use plantar::faults::{FaultKind, Faults, Place};
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, jiku, pedar, synthetic};
@@ -72,7 +72,7 @@ pub struct Outcome {
 /// Passes a recording with these sensor faults through an insole. Without `tissue` the insole has no parameters, and its model
 /// force is 0.
 pub fn walk(recording: &Recording, contact: ContactRule, tissue: Option<&Tissue>, faults: &[SensorFault]) -> Outcome {
-    let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a recording's insole is valid");
     if let Some(tissue) = tissue {
@@ -203,7 +203,7 @@ struct Loaded {
 
 impl Loaded {
     fn new(recording: &Recording, toe_offs_s: &[f64]) -> Self {
-        let virtual_insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
         let count = virtual_insole.cells.len();
         let mut loaded = vec![true; count];
         let mut from = 0;
@@ -269,7 +269,7 @@ pub struct ModelError {
 pub fn model_error(clean: &Clean, draws: usize, seed: u64) -> ModelError {
     let recording = &clean.recording;
     let contact = ContactRule::COUNTED;
-    let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::ADAPTIVE);
     let mut study = Study::new(clean.name.clone(), contact, Options::usual(InsoleSize::default().thickness_m()));
     study.add("walk".into(), recording, &virtual_insole, &mut |_| ()).expect("the recording is valid");
     study.fit(&|_| ());

@@ -6,7 +6,8 @@ use plantar::pipeline::contact::{ContactRule, WHOLE};
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::region::{AreaMoments, Cell, RegionCell};
 use plantar::pipeline::setup::{Setup, SetupCell};
-use plantar::pipeline::stance::{Rejected, StanceRule};
+use plantar::pipeline::stance::Rejected;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::Contents;
 use plantar::protocol::{
@@ -27,7 +28,7 @@ pub const SETUP: Setup = Setup {
     period_us: 10_000,
     sensor: LAW,
     contact: ContactRule::COUNTED,
-    stance: StanceRule::WALKING,
+    stance: StanceRule::ADAPTIVE,
 };
 
 /// Tissue parameters with the same force law in every region. Its ellipsoid is larger than the contact of any region.

@@ -15,6 +15,7 @@ pub mod scenario;
 pub mod store_script;
 pub mod virtual_time;
 pub mod walk;
+pub mod wear;
 pub mod world;
 
 pub use fixtures::*;

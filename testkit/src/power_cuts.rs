@@ -7,7 +7,7 @@ use parameters::{InsoleSize, Parameters};
 use plantar::Side;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::CalibrationId;
 use plantar::protocol::{Serial, ToDevice, ToHost};
@@ -86,7 +86,7 @@ impl Bench {
     pub fn new(firmware: &Path) -> Self {
         let walk = synthetic::SyntheticWalk { steps: STEPS as usize, side: Side::Left, ..Default::default() };
         let recording = synthetic::walk(&walk).recording;
-        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
         let known = KnownState {
             tissue_id: Known::new(0),
             serial: Known::new(Serial::NONE),

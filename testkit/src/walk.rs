@@ -4,7 +4,7 @@ use emulator::SensorFault;
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::{DEVICE_CELLS, Setup, SetupCell};
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use recording::synthetic::SyntheticWalk;
 use recording::{VirtualInsole, synthetic};
 use std::rc::Rc;
@@ -31,7 +31,7 @@ impl Codes {
     pub fn new(side: Side, rate_hz: f64) -> Self {
         let walk = SyntheticWalk { steps: LOOP_STEPS, side, rate_hz, ..SyntheticWalk::default() };
         let recording = synthetic::walk(&walk).recording;
-        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
         let cells = virtual_insole.cells.len();
         let mut frames = vec![0; cells * recording.frames()];
         for (i, codes) in frames.chunks_exact_mut(cells).enumerate() {

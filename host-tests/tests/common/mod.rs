@@ -9,7 +9,7 @@ use plantar::faults::Faults;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Live, Step};
 use recording::{Recording, VirtualInsole, synthetic};
@@ -101,7 +101,7 @@ fn replay_codes(
     tissues: &[(usize, Tissue)],
     faults: &[SensorFault],
 ) -> (Vec<Live>, Vec<Step>, Faults) {
-    let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(recording, contact, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a recording's insole is valid");
     let zeros: Vec<u16> = virtual_insole.cells.iter().map(|cell| cell.calibration.offset).collect();

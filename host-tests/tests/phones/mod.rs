@@ -5,7 +5,7 @@ use crate::common::{firmware, python};
 use emulation::EmulatorConfig;
 use emulator::{Board, Hardware, Recorded, Scan, Time, Walk};
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::fragment::{Joiner, Splitter};
 use plantar::protocol::{MAJOR, MINOR, Reset, Status, ToDevice, ToHost, decode, encode};
@@ -189,7 +189,7 @@ impl Insole {
         change: impl FnOnce(&mut EmulatorConfig),
         flash: Option<Vec<u8>>,
     ) -> Self {
-        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
         let allowed = Arc::<Allowed>::default();
         let walk = Paced {
             walk: Recorded::new(recording.clone(), virtual_insole.clone()),
@@ -216,7 +216,7 @@ impl Insole {
 
     /// Number of scans of the whole walk.
     pub fn scans(&self) -> u32 {
-        let virtual_insole = VirtualInsole::new(&self.recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&self.recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
         virtual_insole.frames(&self.recording) as u32
     }
 }

@@ -7,7 +7,7 @@ use plantar::Real;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use recording::{Recording, VirtualInsole, synthetic};
 
@@ -46,7 +46,7 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
 
 /// Evaluates a walk in both precisions, and raises `worst` to the largest differences.
 fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut Worst) -> Result<()> {
-    let virtual_insole = VirtualInsole::new(walk, contact, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(walk, contact, StanceRule::ADAPTIVE);
     let mut single = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     let mut double = Box::new(Insole::<f64, DEVICE_CELLS>::new());
     single.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
@@ -112,7 +112,7 @@ fn compare(walk: &Recording, contact: ContactRule, tissue: &Tissue, worst: &mut 
 /// Soft ellipsoids whose largest section is only one percent larger than the largest contact. With these, single precision is
 /// least accurate.
 fn tight_tissue(walk: &Recording, typical: &Tissue) -> Result<Tissue> {
-    let virtual_insole = VirtualInsole::new(walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
     let mut codes = vec![0; virtual_insole.cells.len()];

@@ -5,7 +5,7 @@ use bench::Figures;
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{CellCoder, MAX_MESSAGE, Resolution, ToHost, encode};
 use recording::{Recording, VirtualInsole, jiku, pedar};
 use std::path::Path;
@@ -40,7 +40,7 @@ fn add(suffix: &str, walks: &[Recording], figures: &mut Figures) -> Result<()> {
     let mut frames = [0; 2];
     let mut plain_bytes = 0.0;
     for walk in walks {
-        let insole = VirtualInsole::new(walk, ContactRule::COUNTED, StanceRule::WALKING);
+        let insole = VirtualInsole::new(walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
         let mut coder = CellCoder::new(Resolution::Converter);
         let mut codes = [0; DEVICE_CELLS];
         let codes = &mut codes[..walk.cells()];

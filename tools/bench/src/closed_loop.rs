@@ -10,7 +10,7 @@ use fit::live::LiveSteps;
 use fit::{Options, Study};
 use parameters::InsoleSize;
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{CellStream, Resolution, ToDevice, ToHost};
 use recording::{Recording, StreamedCells, VirtualInsole, jiku};
 use std::path::Path;
@@ -67,7 +67,7 @@ pub fn measure(firmware: &Path, data: &Path, figures: &mut Figures) -> Result<()
 
 /// Adds a recording to a study.
 fn add(study: &mut Study, recording: &Recording) -> Result<()> {
-    let insole = VirtualInsole::new(recording, CONTACT, StanceRule::WALKING);
+    let insole = VirtualInsole::new(recording, CONTACT, StanceRule::ADAPTIVE);
     Ok(study.add("recording".into(), recording, &insole, &mut |_| ())?)
 }
 
@@ -83,7 +83,7 @@ fn predicted(add: impl FnOnce(&mut Study) -> Result<()>) -> Result<f64> {
 
 /// Plays a walk into the emulated board, and receives live frames, steps and all cells.
 fn play(firmware: &Path, walk: &Recording) -> Result<Sent> {
-    let insole = VirtualInsole::new(walk, CONTACT, StanceRule::WALKING);
+    let insole = VirtualInsole::new(walk, CONTACT, StanceRule::ADAPTIVE);
     let (config, scans) = (EmulatorConfig::new(insole.setup), insole.frames(walk) as u32);
     let played = Recorded::new(walk.clone(), insole.clone());
     let board = Board::start(firmware, &config, &insole.cells, Time::Max, played)?;

@@ -6,7 +6,7 @@ use client::{Client, Framed};
 use emulation::EmulatorConfig;
 use emulator::{Board, Looped, Recorded, Time};
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use recording::{VirtualInsole, synthetic};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -24,7 +24,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
         return Ok(());
     }
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: 4, ..Default::default() }).recording;
-    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let (config, cells) = (EmulatorConfig::new(virtual_insole.setup), virtual_insole.cells.clone());
     let walk = Looped(Recorded::new(walk, virtual_insole));
     let board = Board::start(firmware, &config, &cells, Time::Real, walk)?;

@@ -7,7 +7,7 @@ use emulation::EmulatorConfig;
 use emulator::{Board, Scan, Time, Walk};
 use parameters::{InsoleSize, Parameters};
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{CellStream, Resolution, Status, ToDevice, ToHost};
 use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, synthetic};
@@ -82,7 +82,7 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
             "the same with covered shares",
         ),
     ] {
-        let virtual_insole = VirtualInsole::new(&recording, contact, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&recording, contact, StanceRule::ADAPTIVE);
         let mut codes = vec![0; CELLS];
         virtual_insole.codes(recording.frame(0), &mut codes);
         for region in Region::ALL {

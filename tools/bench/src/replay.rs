@@ -8,7 +8,7 @@ use parameters::{InsoleSize, Parameters};
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::model::ForceLaw;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use recording::{MAX_CELLS, VirtualInsole, synthetic};
 use std::hint::black_box;
 use std::path::Path;
@@ -22,7 +22,7 @@ const RUNS: usize = 20;
 /// Measures both versions; `python` is an interpreter with NumPy.
 pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     let walk = synthetic::walk(&synthetic::SyntheticWalk { steps: STEPS, ..Default::default() }).recording;
-    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let tissue = Parameters::typical(InsoleSize::default()).tissue();
     let cells = virtual_insole.cells.len();
     let frames = walk.frames();

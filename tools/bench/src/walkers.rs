@@ -11,7 +11,7 @@ use fit::variable::Variable;
 use fit::{Options, RegionFit, Step, Study, agreement, prior};
 use parameters::InsoleSize;
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, jiku};
 use std::path::Path;
@@ -44,7 +44,7 @@ fn fitted(walks: &[Recording], contact: ContactRule) -> Result<Vec<Study>> {
     let mut studies = Vec::new();
     for walk in walks {
         let mut study = Study::new(String::new(), contact, options);
-        study.add(String::new(), walk, &VirtualInsole::new(walk, contact, StanceRule::WALKING), &mut |_| ())?;
+        study.add(String::new(), walk, &VirtualInsole::new(walk, contact, StanceRule::ADAPTIVE), &mut |_| ())?;
         studies.push(study);
     }
     let samples: Vec<Vec<Step>> =

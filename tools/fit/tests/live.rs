@@ -5,7 +5,7 @@ use fit::steps::ExclusionReason;
 use fit::{Options, Study};
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Live, MAX_MESSAGE, Step, ToHost, decode, encode};
 use plantar::{Region, Side};
 use recording::synthetic::{SyntheticWalk, walk};
@@ -19,7 +19,7 @@ fn computed_walk(steps: usize) -> Recording {
 
 /// The live frames and step records of an insole during the recording, after they were encoded and decoded.
 fn messages(recording: &Recording) -> Vec<ToHost> {
-    let computed = VirtualInsole::new(recording, CONTACT, StanceRule::WALKING);
+    let computed = VirtualInsole::new(recording, CONTACT, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f32, 256>::new());
     insole.set_up(computed.setup, computed.cells.iter().copied()).expect("a valid insole");
     let mut codes = vec![0; computed.cells.len()];
@@ -67,7 +67,7 @@ fn a_live_stream_and_the_recording_of_all_cells_result_in_the_same_parameters() 
     let recording = computed_walk(30);
     let options = Options::usual([0.012; 8]);
     let mut of_cells = Study::new("cells".into(), CONTACT, options);
-    let insole = VirtualInsole::new(&recording, CONTACT, StanceRule::WALKING);
+    let insole = VirtualInsole::new(&recording, CONTACT, StanceRule::ADAPTIVE);
     of_cells.add("a walk".into(), &recording, &insole, &mut |_| ()).expect("a valid insole");
     let mut of_messages = Study::new("messages".into(), CONTACT, options);
     let live = collect(&messages(&recording));
@@ -170,7 +170,7 @@ fn a_record_may_arrive_before_the_last_frames_of_its_stance() {
 fn a_long_stance_is_decimated_as_on_the_insole() {
     let recording =
         walk(&SyntheticWalk { steps: 3, stance_s: 2.4, rate_hz: 200.0, ..SyntheticWalk::default() }).recording;
-    let insole = VirtualInsole::new(&recording, CONTACT, StanceRule::WALKING);
+    let insole = VirtualInsole::new(&recording, CONTACT, StanceRule::ADAPTIVE);
     let (of_cells, _) = fit::steps::isolate(&recording, &insole, 0, &mut |_| ()).expect("a valid insole");
     let (of_messages, _) = collect(&messages(&recording)).collected(0);
     assert_eq!((of_messages.len(), of_cells.len()), (3, 3));

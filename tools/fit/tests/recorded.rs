@@ -9,7 +9,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::region::AreaMoments;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::step::RegionStep;
 use plantar::{Region, Side};
 use recording::{MAX_CELLS, Recording, VirtualInsole, jiku, pedar};
@@ -38,7 +38,7 @@ fn least_squares(recording: Recording) -> Study {
 fn steps_of(recordings: &[Recording], contact: ContactRule, options: Options) -> Study {
     let mut study = Study::new("somebody".into(), contact, options);
     for recording in recordings {
-        let insole = VirtualInsole::new(recording, contact, StanceRule::WALKING);
+        let insole = VirtualInsole::new(recording, contact, StanceRule::ADAPTIVE);
         study.add("a walk".into(), recording, &insole, &mut |_| ()).expect("a valid insole");
     }
     study
@@ -122,7 +122,7 @@ fn the_errors_of_a_fit_are_those_of_the_insole() {
         let study = study(std::slice::from_ref(&walk), contact);
         let force_laws: Vec<_> =
             study.fits.iter().map(|f| f.as_ref().map_or(ForceLaw::NONE, |f| ForceLaw { c_m: 0.01, ..f.law })).collect();
-        let virtual_insole = VirtualInsole::new(&walk, contact, StanceRule::WALKING);
+        let virtual_insole = VirtualInsole::new(&walk, contact, StanceRule::ADAPTIVE);
         let mut insole = Box::new(Insole::<f64, MAX_CELLS>::new());
         insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a valid insole");
         let mut codes = vec![0; virtual_insole.cells.len()];

@@ -160,7 +160,7 @@ pub fn rule_in_words(rule: &ContactRule) -> String {
 
 /// Makes a virtual insole for a recording. Returns an error if an insole cannot have the recording's frame rate.
 pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole> {
-    let insole = VirtualInsole::new(recording, rule, plantar::pipeline::stance::StanceRule::WALKING);
+    let insole = VirtualInsole::new(recording, rule, plantar::pipeline::stance_rule::StanceRule::ADAPTIVE);
     if !PERIOD_US.contains(&insole.setup.period_us) {
         bail!(
             "the recording has {:.2} frames per second, and 20 to 500 are supported: import it again with --rate 100",

@@ -4,7 +4,7 @@ use anyhow::{Result, bail};
 use clap::Args;
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use recording::{FootZero, Recording, StandingTrial, VirtualInsole};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -68,7 +68,7 @@ fn measure(path: &Path, weight_n: Option<f64>) -> Result<(Side, FootZero, f64)> 
     let trial = StandingTrial::find(&recording, &place)?;
     let foot = FootZero::measure(&recording, &trial, &place)?;
     // The contact rule and the stance rule have no influence on the measured pressures.
-    let mut insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+    let mut insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     foot.apply_to(&mut insole, &place)?;
 
     let lifted_n = trial.lifted.clone().map(|phase| mean(phase, |i| recording.force_n(i)));

@@ -7,7 +7,7 @@ use board::forward;
 use emulation::EmulatorConfig;
 use emulator::{Board, Recorded, Time};
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{Recording, VirtualInsole};
 use serde_json::Value;
@@ -39,7 +39,7 @@ fn a_recording_of_cells_gives_the_steps_of_the_walk() {
     let walk = synthetic::walk(&SyntheticWalk { steps: STEPS as usize, ..Default::default() }).recording;
     let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(240)).expect("a walk for the device");
     walk.write(path("walk.parquet")).expect("the walk is written");
-    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let config = EmulatorConfig::new(insole.setup);
     let played = Recorded::new(walk, insole.clone());
     let board =

@@ -5,7 +5,7 @@ use plantar::Side;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{
     Decoder, Hello, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Reset, Status, Step, ToDevice, ToHost, decode, encode,
     frame,
@@ -207,7 +207,7 @@ fn errors_for_bad_input_name_the_place_and_the_remedy() {
 /// The messages of an insole during a computed walk with the steps of [`walk`], by this contact rule.
 fn messages(folder: &Path, contact: ContactRule) -> Vec<ToHost> {
     let recording = Recording::read(folder.join("walk.parquet")).expect("a recording");
-    let computed = VirtualInsole::new(&recording, contact, StanceRule::WALKING);
+    let computed = VirtualInsole::new(&recording, contact, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(computed.setup, computed.cells.iter().copied()).expect("a valid insole");
     let mut messages = vec![ToHost::Hello(Hello {

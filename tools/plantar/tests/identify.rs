@@ -13,7 +13,7 @@ use emulator::{Board, Hardware, Scan, Time, Walk};
 use parameters::Parameters;
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use portable_pty::{CommandBuilder, PtySize, native_pty_system};
 use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
 use recording::{Recording, VirtualInsole};
@@ -141,7 +141,7 @@ fn board(side: Side, does: &Arc<AtomicU8>, offsets: u16, hardware: &Hardware) ->
     let walk = synthetic::walk(&SyntheticWalk { side, steps: 40, ..Default::default() }).recording;
     let standing = synthetic::standing(&SyntheticStanding { side, ..Default::default() });
     let standing = standing.frame(standing.frames() / 2).to_vec();
-    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let config = EmulatorConfig { address: [1, 0, 0, 0, 0, 0xc0], ..EmulatorConfig::new(insole.setup) };
     let cells = insole.cells.clone();
     let wearer = Wearer { does: does.clone(), insole, standing, walk, walked: 0, offsets };

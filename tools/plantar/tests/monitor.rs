@@ -10,7 +10,7 @@ use plantar::Region;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Decoder, Live, Step, ToHost, decode};
 use recording::{Recording, VirtualInsole, synthetic};
 use std::fs::File;
@@ -48,7 +48,7 @@ fn run_with_insole(arguments: &[&str]) -> Output {
     let firmware = std::env::var_os("PLANTAR_FIRMWARE")
         .expect("set PLANTAR_FIRMWARE to the firmware of the emulated board; `cargo xtask test` does");
     let walk = walk();
-    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&walk, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let config = EmulatorConfig::new(virtual_insole.setup);
     let cells = virtual_insole.cells.clone();
     let walk = Recorded::new(walk, virtual_insole);
@@ -119,7 +119,7 @@ fn record_stores_the_session_as_tables() {
     assert!(output.status.success() && text.contains("3 steps"), "{text}");
 
     let recording = walk();
-    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a valid set-up");
     let mut codes = vec![0; virtual_insole.cells.len()];

@@ -7,7 +7,7 @@ use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw}
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::region::Cell;
 use plantar::pipeline::setup::{Setup, SetupCell};
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 
 /// Exponent of the virtual sensor's power law. It is below 1, because the conductance of a resistive cell increases slightly
 /// less than in proportion to pressure. The value is this project's choice.

@@ -5,7 +5,7 @@ use crate::{Error, Recording, Result, StandingTrial, VirtualInsole};
 use plantar::Side;
 use plantar::pipeline::calibrate::zero_offset;
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use serde::Deserialize;
 use std::fmt::Write;
 use std::path::Path;
@@ -159,7 +159,7 @@ impl FootZero {
     /// Fails if a cell of the lifted foot reads more than half of its scale.
     pub fn measure(recording: &Recording, trial: &StandingTrial, name: &str) -> Result<Self> {
         // The codes depend on neither of these two rules.
-        let mut insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING);
+        let mut insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
         let cells = recording.cells();
         let mut codes = Vec::new();
         for i in trial.lifted.iter().cloned().flatten() {

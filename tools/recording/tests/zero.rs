@@ -4,7 +4,7 @@
 use plantar::insole::Insole;
 use plantar::pipeline::calibrate::{FULL_CODE, zero_offset};
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
 use recording::{FootZero, MAX_CELLS, Recording, StandingTrial, VirtualInsole, Zero};
 use std::path::Path;
@@ -28,7 +28,7 @@ fn trial(parameters: &SyntheticStanding) -> Recording {
 }
 
 fn virtual_insole(recording: &Recording) -> VirtualInsole {
-    VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING)
+    VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::ADAPTIVE)
 }
 
 fn measured(recording: &Recording) -> (StandingTrial, FootZero) {

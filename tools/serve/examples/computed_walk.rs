@@ -6,7 +6,7 @@ use plantar::Side;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Hello, Live, MAJOR, MINOR, Reset, Step, ToHost};
 use recording::VirtualInsole;
 use recording::synthetic::{SyntheticWalk, walk};
@@ -41,7 +41,7 @@ fn messages(
     seed: u64,
 ) -> Result<Vec<(u32, ToHost)>, Box<dyn Error>> {
     let recording = walk(&SyntheticWalk { side, steps, peak_n, seed, ..SyntheticWalk::default() }).recording;
-    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let tissue = Parameters::typical(InsoleSize::default()).tissue();
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;

@@ -8,7 +8,7 @@ use parameters::InsoleSize;
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::model::ForceLaw;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use recording::{VirtualInsole, jiku};
 use std::path::PathBuf;
 
@@ -27,7 +27,7 @@ fn main() -> Result<()> {
     for walker in 0..jiku::WALKERS {
         let walk = jiku::import(&arguments.jiku, walker, 0..jiku::TRIALS, &mut |_, _| ())?;
         let mut study = Study::new(String::new(), ContactRule::COVERED, options);
-        let insole = VirtualInsole::new(&walk, ContactRule::COVERED, StanceRule::WALKING);
+        let insole = VirtualInsole::new(&walk, ContactRule::COVERED, StanceRule::ADAPTIVE);
         study.add(String::new(), &walk, &insole, &mut |_| ())?;
         walkers.push(study);
     }

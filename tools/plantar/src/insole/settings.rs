@@ -3,21 +3,32 @@
 use crate::carrier::AnyClient;
 use crate::setup::{ContactArgs, rule_in_words};
 use anyhow::{Result, ensure};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use parameters::InsoleSize;
 use plantar::protocol::Settings;
 
 /// The size of the reference layout, to which [`Settings::scale`] is relative.
 const REFERENCE_SIZE: f32 = 42.0;
 
+/// What the thresholds of heel strike and toe off depend on.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Thresholds {
+    Adaptive,
+    Absolute,
+}
+
 #[derive(Args)]
 pub struct SettingsArgs {
     #[command(flatten)]
     contact: ContactArgs,
-    /// Heel strike is when the total force reaches this value, N.
+    /// Thresholds of heel strike and toe off: adaptive ones are in proportion to the peaks of the wearer's steps and above the
+    /// force of the lifted foot; absolute ones are fixed.
+    #[arg(long, value_enum)]
+    thresholds: Option<Thresholds>,
+    /// Heel strike is when the total force reaches this value, N; for steps with a peak of 700 N if thresholds are adaptive.
     #[arg(long, value_name = "N")]
     strike: Option<f32>,
-    /// Toe off is when the total force falls below this value, N.
+    /// Toe off is when the total force falls below this value, N; for the same peak if thresholds are adaptive.
     #[arg(long, value_name = "N")]
     release: Option<f32>,
     /// Shorter contacts are not steps, ms.
@@ -37,7 +48,7 @@ pub struct SettingsArgs {
     size: Option<InsoleSize>,
     /// Remove all settings: the configuration in the insole's firmware is in force again.
     #[arg(long, conflicts_with_all = [
-        "contact_on", "contact_off", "contact_full", "strike", "release", "min_stance", "min_swing", "max_stance", "rate", "size",
+        "contact_on", "contact_off", "contact_full", "thresholds", "strike", "release", "min_stance", "min_swing", "max_stance", "rate", "size",
     ])]
     reset: bool,
 }
@@ -63,6 +74,8 @@ impl SettingsArgs {
         set(&mut stance.release_n, self.release);
         set(scale, self.size.map(|size| f32::from(size.eur()) / REFERENCE_SIZE));
         let set_ms = |place: &mut u16, value: Option<u16>| *place = value.unwrap_or(*place);
+        stance.is_adaptive =
+            self.thresholds.map_or(stance.is_adaptive, |thresholds| thresholds == Thresholds::Adaptive);
         set_ms(&mut stance.min_stance_ms, self.min_stance);
         set_ms(&mut stance.min_swing_ms, self.min_swing);
         set_ms(&mut stance.max_stance_ms, self.max_stance);
@@ -88,8 +101,13 @@ pub fn print_settings(client: &mut AnyClient) -> Result<()> {
     println!("settings {layout_id:08x}, {origin}:");
     println!("  contact: {}", rule_in_words(&contact));
     println!(
-        "  stance: from {} N until below {} N, {} to {} ms, gaps of less than {} ms are bridged",
-        stance.strike_n, stance.release_n, stance.min_stance_ms, stance.max_stance_ms, stance.min_swing_ms
+        "  stance: {} thresholds, from {} N until below {} N, {} to {} ms, gaps of less than {} ms are bridged",
+        if stance.is_adaptive { "adaptive" } else { "absolute" },
+        stance.strike_n,
+        stance.release_n,
+        stance.min_stance_ms,
+        stance.max_stance_ms,
+        stance.min_swing_ms
     );
     println!("  {:.0} frames/s, {:.1} % of the layout's size", 1e6 / f64::from(period_us), 100.0 * scale);
     Ok(())

@@ -3,7 +3,7 @@
 
 use fit::{Options, Study};
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::{Region, Side};
 use recording::synthetic::{SyntheticWalk, walk};
 use recording::{Recording, VirtualInsole};
@@ -44,7 +44,7 @@ pub fn empty() -> Study {
 }
 
 fn add(study: &mut Study, name: &str, recording: &Recording) {
-    let insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::WALKING);
+    let insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     study.add(name.into(), recording, &insole, &mut |_| ()).expect("a valid insole");
 }
 

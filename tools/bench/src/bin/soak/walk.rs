@@ -10,7 +10,7 @@ use plantar::Side;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::pipeline::stance::StanceRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Reset, Status, Step, ToDevice, ToHost};
 use plantar::storage::Store;
 use recording::{VirtualInsole, synthetic};
@@ -112,7 +112,7 @@ pub fn soak(firmware: &Path, short: bool, figures: &mut Figures) -> Result<()> {
 fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
     let walk = synthetic::SyntheticWalk { steps: 20, side, ..Default::default() };
     let recording = synthetic::walk(&walk).recording;
-    let insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::WALKING);
+    let insole = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let first_scan = u32::MAX - SCANS_BEFORE_WRAP;
     let first_step = u32::MAX - STEPS_BEFORE_WRAP;
     let repeated = || Repeated { walk: Recorded::new(recording.clone(), insole.clone()), first: first_scan };

@@ -1,0 +1,59 @@
+//! Lift: recognises a lifted foot by a constant total force, whatever the shoe presses.
+//!
+//! The force of a foot on the ground never stays within [`TOLERANCE_N`] for [`SETTLE_MS`] while most cells have less pressure than
+//! a shoe can cause: a foot that carries load has cells with far more, and a foot that is dragged has a force that changes.
+
+use super::cell::InsoleCell;
+use crate::num::Real;
+
+/// Time for which the total force must be constant, ms. The toes are then unloaded. The review of all cells that follows takes
+/// as long again; a swing lasts about 300 ms or longer, so both fit.
+pub(crate) const SETTLE_MS: u32 = 100;
+
+/// Largest deviation of a constant force, N, for a wearer with peaks of [`super::stance_rule::REFERENCE_PEAK_N`].
+const TOLERANCE_N: f64 = 5.0;
+
+/// At most one in this number of cells of a lifted foot has more pressure than a baseline can have: so many that a shorted line of
+/// the matrix is not a load.
+const EXCEEDED_PART: usize = 8;
+
+/// The time for which the total force has been constant.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Constancy<R> {
+    /// Force of the first frame of this time, N.
+    level_n: R,
+    /// Number of frames since then.
+    frames: u32,
+}
+
+impl<R: Real> Constancy<R> {
+    pub(crate) const NEW: Self = Self { level_n: R::ZERO, frames: 0 };
+
+    /// Processes the total force of a frame. `scale` is the load of the wearer relative to that of the reference.
+    #[inline(always)]
+    pub(crate) fn push(&mut self, total_n: R, scale: R) {
+        let tolerance_n = scale * R::of(TOLERANCE_N);
+        let difference_n = total_n - self.level_n;
+        if difference_n < tolerance_n && difference_n > R::ZERO - tolerance_n {
+            self.frames = self.frames.saturating_add(1);
+        } else {
+            *self = Self { level_n: total_n, frames: 0 };
+        }
+    }
+
+    /// Number of frames for which the force has been constant.
+    pub(crate) fn frames(&self) -> u32 {
+        self.frames
+    }
+
+    /// The constant force, N.
+    pub(crate) fn level_n(&self) -> R {
+        self.level_n
+    }
+}
+
+/// True if at most one in [`EXCEEDED_PART`] cells reads more than `most` codes above its zero.
+pub(crate) fn is_unloaded<R>(cells: &[InsoleCell<R>], codes: &[u16], most: u16) -> bool {
+    let exceeded = cells.iter().zip(codes).filter(|(cell, code)| code.saturating_sub(cell.zero) > most).count();
+    EXCEEDED_PART * exceeded <= cells.len()
+}

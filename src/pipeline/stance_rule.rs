@@ -1,0 +1,107 @@
+//! The rule that determines stance: its parameters, and how its thresholds adapt to the wearer.
+
+use super::lift::SETTLE_MS;
+use crate::num::Real;
+use serde::{Deserialize, Serialize};
+
+/// Peak of the total force in a step to which the thresholds of an adaptive [`StanceRule`] refer, N: an adult of 65 kg who walks.
+pub const REFERENCE_PEAK_N: f64 = 700.0;
+/// Range of the peaks that thresholds are in proportion to, relative to [`REFERENCE_PEAK_N`]: from a child of 14 kg who walks to a
+/// person of 70 kg who runs, or of 130 kg who walks.
+const SCALE: (f64, f64) = (0.2, 2.0);
+
+/// The rule that determines stance from the total force.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StanceRule {
+    /// Heel strike: the total force reaches this value, N, at most 1000.
+    pub strike_n: f32,
+    /// Toe off: the total force falls below this value, N; above 0 and at most `strike_n`.
+    pub release_n: f32,
+    /// Shorter contacts are not steps, ms; below `max_stance_ms`.
+    pub min_stance_ms: u16,
+    /// Shorter gaps do not end a stance, ms; above 0.
+    pub min_swing_ms: u16,
+    /// Longer contacts are standing, not steps, ms.
+    pub max_stance_ms: u16,
+    /// True: the forces are those for steps with a peak of [`REFERENCE_PEAK_N`]. They are in proportion to the mean peak of the
+    /// recent steps, and above the constant force of the lifted foot. False: they are absolute.
+    pub is_adaptive: bool,
+}
+
+impl StanceRule {
+    /// For children and adults who walk or run, barefoot or in a shoe.
+    pub const ADAPTIVE: Self = Self {
+        strike_n: 30.0,
+        release_n: 20.0,
+        min_stance_ms: 90,
+        min_swing_ms: 40,
+        max_stance_ms: 2500,
+        is_adaptive: true,
+    };
+    /// As [`StanceRule::ADAPTIVE`], with fixed thresholds, as in the paper.
+    pub const ABSOLUTE: Self = Self { is_adaptive: false, ..Self::ADAPTIVE };
+
+    /// True if forces and times are in range and in order.
+    pub fn is_valid(&self) -> bool {
+        self.release_n > 0.0
+            && self.release_n <= self.strike_n
+            && self.strike_n <= 1000.0
+            && self.min_swing_ms > 0
+            && self.min_stance_ms < self.max_stance_ms
+    }
+}
+
+/// A [`StanceRule`] with durations in frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StanceLimits<R> {
+    pub(super) strike_n: R,
+    pub(super) release_n: R,
+    pub(super) min_stance_frames: u32,
+    pub(super) min_swing_frames: u32,
+    pub(super) max_stance_frames: u32,
+    /// [`SETTLE_MS`] in frames.
+    pub(super) settle_frames: u32,
+    pub(super) is_adaptive: bool,
+}
+
+impl<R: Real> StanceLimits<R> {
+    pub(crate) const NONE: Self = Self {
+        strike_n: R::ZERO,
+        release_n: R::ZERO,
+        min_stance_frames: 0,
+        min_swing_frames: 0,
+        max_stance_frames: 0,
+        settle_frames: 0,
+        is_adaptive: false,
+    };
+
+    /// The rule at a frame period, us. Durations are rounded to whole frames, at least one.
+    pub fn new(rule: &StanceRule, period_us: u32) -> Self {
+        let frames = |ms: u16| ((u32::from(ms) * 1000 + period_us / 2) / period_us).max(1);
+        Self {
+            strike_n: R::of_f32(rule.strike_n),
+            release_n: R::of_f32(rule.release_n),
+            min_stance_frames: frames(rule.min_stance_ms),
+            min_swing_frames: frames(rule.min_swing_ms),
+            max_stance_frames: frames(rule.max_stance_ms),
+            settle_frames: (SETTLE_MS * 1000).div_ceil(period_us),
+            is_adaptive: rule.is_adaptive,
+        }
+    }
+
+    /// Load of the wearer relative to [`REFERENCE_PEAK_N`]. `recent_peak_n` is the mean peak of the recent steps, N; 0 before the
+    /// first step.
+    pub(super) fn scale(&self, recent_peak_n: R) -> R {
+        if self.is_adaptive && recent_peak_n > R::ZERO {
+            (recent_peak_n * R::of(1.0 / REFERENCE_PEAK_N)).max(R::of(SCALE.0)).min(R::of(SCALE.1))
+        } else {
+            R::ONE
+        }
+    }
+
+    /// The mean peak of the recent steps after a step with `peak_n`, N. `before_n` is that before this step, 0 before the first.
+    pub(super) fn recent_peak_n(before_n: R, peak_n: R) -> R {
+        let before_n = if before_n > R::ZERO { before_n } else { R::of(REFERENCE_PEAK_N) };
+        before_n + (peak_n - before_n) * R::of(0.25)
+    }
+}

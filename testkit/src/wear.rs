@@ -1,0 +1,144 @@
+//! Wear: walks in shoes that press on the insole even when the foot is lifted.
+
+use plantar::faults::Faults;
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::stance_rule::StanceRule;
+use recording::{Recording, VirtualInsole, synthetic};
+
+/// The levels of the residual pressure, kPa.
+pub const LEVELS_KPA: [f32; 5] = [0.5, 1.0, 2.0, 4.0, 8.0];
+
+/// When and where the residual pressure acts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Residual {
+    /// On all cells, from the start.
+    Everywhere,
+    /// On a third of the cells, in patches with a side of 30 mm, from the start.
+    Patches,
+    /// On all cells, from the middle of the walk on.
+    Appearing,
+    /// On all cells, rising in proportion to time.
+    Creeping,
+    /// On all cells, until the middle of the walk.
+    Released,
+}
+
+impl Residual {
+    /// All kinds.
+    pub const ALL: [Self; 5] = [Self::Everywhere, Self::Patches, Self::Appearing, Self::Creeping, Self::Released];
+
+    /// Share of the residual pressure that acts on a cell at this place, mm, at this share of the duration of the walk.
+    fn share(self, (x_mm, y_mm): (f64, f64), elapsed: f64) -> f32 {
+        match self {
+            Self::Everywhere => 1.0,
+            Self::Patches => f32::from((x_mm / 30.0) as u32 % 3 == (y_mm / 30.0) as u32 % 3),
+            Self::Appearing => f32::from(elapsed >= 0.5),
+            Self::Creeping => elapsed as f32,
+            Self::Released => f32::from(elapsed < 0.5),
+        }
+    }
+}
+
+/// Adds a residual pressure of `level_kpa` to a recording.
+#[must_use]
+pub fn with_residual(mut recording: Recording, residual: Residual, level_kpa: f32) -> Recording {
+    let places: Vec<_> = recording.layout.cells.iter().map(|cell| (cell.x_mm, cell.y_mm)).collect();
+    let frames = recording.frames() as f64;
+    for (i, frame) in recording.pressure_kpa.chunks_exact_mut(places.len()).enumerate() {
+        for (kpa, &place) in frame.iter_mut().zip(&places) {
+            *kpa += level_kpa * residual.share(place, i as f64 / frames);
+        }
+    }
+    recording
+}
+
+/// A step that an insole found.
+#[derive(Clone, Copy, Debug)]
+pub struct FoundStep {
+    /// Number of its first frame.
+    pub start: usize,
+    /// Number of its frames.
+    pub frames: usize,
+    /// Largest total force, N.
+    pub peak_n: f64,
+}
+
+/// What an insole found in a walk.
+pub struct Found {
+    /// The steps.
+    pub steps: Vec<FoundStep>,
+    /// The reported sensor faults.
+    pub faults: Faults,
+}
+
+/// Passes a recording through an insole with a contact rule.
+pub fn find(recording: &Recording, contact: ContactRule, stance: StanceRule) -> Found {
+    let virtual_insole = VirtualInsole::new(recording, contact, stance);
+    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a recording's insole is valid");
+    let mut codes = vec![0; virtual_insole.cells.len()];
+    let (mut steps, mut totals_n) = (Vec::new(), Vec::new());
+    for i in 0..virtual_insole.frames(recording) {
+        virtual_insole.codes_of(recording, i, &mut codes);
+        let is_toe_off = insole.frame(i as u32, &codes);
+        totals_n.push(insole.loads().iter().map(|load| f64::from(load.frame.force.force_n)).sum::<f64>());
+        if is_toe_off && let Some(step) = insole.whole_step() {
+            let period_us = u64::from(virtual_insole.setup.period_us);
+            let start = (step.start_us / period_us) as usize;
+            let frames = (u64::from(step.duration_us) / period_us) as usize;
+            let peak_n = totals_n[start..start + frames].iter().copied().fold(0.0, f64::max);
+            steps.push(FoundStep { start, frames, peak_n });
+        }
+    }
+    Found { steps, faults: insole.faults().clone() }
+}
+
+/// How an insole with a residual pressure compares with the same walk without it.
+#[derive(Clone, Copy, Debug)]
+pub struct WearResult {
+    /// Number of steps that were walked.
+    pub walked: usize,
+    /// Number of them that were found: heel strike and toe off within 40 ms of the walk without residual pressure.
+    pub found: usize,
+    /// Number of other steps.
+    pub extra: usize,
+    /// Number of reported sensor faults.
+    pub faults: u32,
+    /// Mean deviation of the peak force of the found steps, relative to the peak.
+    pub force_error: f64,
+}
+
+/// Compares the steps of `walk` with a residual pressure with those without it.
+pub fn compare(walk: &Recording, contact: ContactRule, residual: Residual, level_kpa: f32) -> WearResult {
+    let truth = find(walk, contact, StanceRule::ADAPTIVE);
+    let worn = find(&with_residual(walk.clone(), residual, level_kpa), contact, StanceRule::ADAPTIVE);
+    let most = (0.04 * walk.rate_hz) as usize;
+    let is_same = |a: &FoundStep, b: &FoundStep| {
+        a.start.abs_diff(b.start) <= most && (a.start + a.frames).abs_diff(b.start + b.frames) <= most
+    };
+    let errors: Vec<f64> = truth
+        .steps
+        .iter()
+        .filter_map(|step| {
+            let found = worn.steps.iter().find(|found| is_same(step, found))?;
+            Some((found.peak_n - step.peak_n).abs() / step.peak_n)
+        })
+        .collect();
+    WearResult {
+        walked: truth.steps.len(),
+        found: errors.len(),
+        extra: worn.steps.len() - errors.len(),
+        faults: worn.faults.found,
+        force_error: errors.iter().sum::<f64>() / errors.len().max(1) as f64,
+    }
+}
+
+/// A walk of 60 steps with the noise of a sensor.
+pub fn noisy_walk(walk: &synthetic::SyntheticWalk) -> Recording {
+    let mut recording = synthetic::walk(walk).recording;
+    let offsets = vec![0.0; recording.cells()];
+    synthetic::add_sensor_errors(&mut recording, &offsets, 12.0, 7);
+    recording
+}
