@@ -3,9 +3,9 @@
 
 use crate::faults::{FaultDetector, Faults, FrameContext, MatrixRows};
 use crate::num::Real;
-use crate::pipeline::baseline::{self, MAX_RESIDUAL_KPA};
+use crate::pipeline::baseline::MAX_RESIDUAL_KPA;
 use crate::pipeline::calibrate::{CellCalibration, Curve};
-use crate::pipeline::cell::{InsoleCell, sum_region};
+use crate::pipeline::cell::{InsoleCell, residual as residual_of, sum_region};
 use crate::pipeline::ellipse::Ellipse;
 use crate::pipeline::lift::is_unloaded;
 use crate::pipeline::live::{LiveModel, RegionLoad};
@@ -210,7 +210,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         if self.stance.is_lifted() {
             self.review(seq, codes);
         } else {
-            self.detector.pause(self.stance.on_ground());
+            self.detector.pause(self.stance.has_loaded());
         }
         is_toe_off
     }
@@ -222,7 +222,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         let mut frame = frame_context!(self, seq, codes);
         if self.detector.lifted_frame(&mut frame) {
             for (region, residual) in self.residuals.iter_mut().enumerate() {
-                *residual = baseline::residual(&self.cells[self.division.cells(region)]);
+                *residual = residual_of(&self.cells[self.division.cells(region)]);
             }
         }
     }

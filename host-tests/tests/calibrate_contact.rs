@@ -31,7 +31,7 @@ struct Probe {
 impl Probe {
     fn new(law: &SensorLaw, rule: &ContactRule, calibration: &CellCalibration) -> Self {
         let curve = curve(law);
-        let cell = ContactCell::new(rule, &curve, calibration);
+        let cell = ContactCell::new(rule, &curve, calibration, 0.0);
         Self { curve, offset: calibration.offset, cell, share: 0 }
     }
 

@@ -1,8 +1,10 @@
 //! Walks in shoes that press on the insole even when the foot is lifted; and people who do not walk.
 
 use plantar::pipeline::contact::ContactRule;
-use recording::synthetic::SyntheticWalk;
-use testkit::wear::{LEVELS_KPA, Residual, compare, noisy_walk};
+use plantar::pipeline::stance_rule::StanceRule;
+use recording::Recording;
+use recording::synthetic::{self, SyntheticStanding, SyntheticWalk};
+use testkit::wear::{Found, LEVELS_KPA, Residual, compare, find, noisy_walk, with_residual};
 
 /// The walk has the noise of a sensor. Each scenario has its own variation of the steps.
 #[test]
@@ -23,4 +25,85 @@ fn steps_are_found_whatever_the_shoe_presses() {
     }
     println!("{found} of {walked} steps found");
     assert!(found as f64 >= 0.995 * walked as f64, "{found} of {walked}");
+}
+
+/// What an insole with the default rules finds.
+fn found(recording: &Recording) -> Found {
+    find(recording, ContactRule::COVERED, StanceRule::ADAPTIVE)
+}
+
+/// Children and heavy people, slow walkers and runners, at all frame rates of a device; in a shoe that presses with 4 kPa.
+#[test]
+fn all_wearers_have_their_steps() {
+    let wearers = [
+        // A child of 15 kg, a person of 65 kg and one of 180 kg.
+        (160.0, 0.5, 0.35),
+        (700.0, 0.65, 0.4),
+        (1_950.0, 0.8, 0.45),
+        // Running and very slow walking.
+        (1_600.0, 0.20, 0.5),
+        (300.0, 0.11, 0.4),
+        (650.0, 2.2, 0.9),
+    ];
+    for (peak_n, stance_s, swing_s) in wearers {
+        for rate_hz in [50.0, 100.0, 400.0] {
+            let steps = 20;
+            let walk = SyntheticWalk { steps, rate_hz, stance_s, swing_s, peak_n, ..SyntheticWalk::default() };
+            let walk = noisy_walk(&walk);
+            for recording in [walk.clone(), with_residual(walk, Residual::Everywhere, 4.0)] {
+                let name = format!("{peak_n} N, {stance_s} s, {rate_hz} Hz");
+                let found = found(&recording);
+                assert_eq!((found.steps.len(), found.faults.found), (steps, 0), "{name}");
+                for step in &found.steps {
+                    let measured_s = step.frames as f64 / rate_hz;
+                    assert!((measured_s - stance_s).abs() < 0.1 * stance_s + 1.5 / rate_hz, "{name}: {measured_s} s");
+                    assert!((step.peak_n - peak_n).abs() < 0.06 * peak_n, "{name}: {} N", step.peak_n);
+                }
+            }
+        }
+    }
+}
+
+/// The foot is lifted, stands, and is lifted again; or it stands from the first frame on.
+#[test]
+fn a_standing_foot_never_becomes_the_baseline() {
+    for standing_n in [150.0, 350.0, 900.0] {
+        for (lifted_s, sway) in [(2.0, 0.0), (0.0, 0.0), (2.0, 0.03)] {
+            let trial = SyntheticStanding {
+                standing_n,
+                sway,
+                stand_s: 20.0,
+                lifted_s: [lifted_s, 2.0],
+                transition_s: 0.3,
+                ..SyntheticStanding::default()
+            };
+            let recording = synthetic::standing(&trial);
+            let (totals_n, middle) = (found(&recording).totals_n, recording.frames() / 2);
+            let error = (totals_n[middle] - recording.force_n(middle)).abs() / standing_n;
+            assert!(error < 0.01, "{standing_n} N, lifted for {lifted_s} s: {} N", totals_n[middle]);
+        }
+    }
+}
+
+/// A person sits down and stands up with the feet on the ground. The load of the seated foot is as constant as that of a shoe.
+#[test]
+fn a_seated_foot_does_not_become_the_baseline() {
+    let stand = |standing_n: f64, stand_s: f64| {
+        let lifted_s = [0.0; 2];
+        let trial =
+            SyntheticStanding { standing_n, stand_s, lifted_s, transition_s: 0.2, sway: 0.0, ..Default::default() };
+        synthetic::standing(&trial)
+    };
+    let (lifted, up) = (stand(1e-6, 1.0), stand(350.0, 3.0));
+    // The load of the lower leg.
+    let seated = stand(30.0, 4.0);
+    let mut recording = lifted.clone();
+    for part in [&up, &lifted, &seated, &up, &seated, &up, &seated, &up] {
+        recording.pressure_kpa.extend_from_slice(&part.pressure_kpa);
+    }
+    let frames = recording.pressure_kpa.len() / recording.cells();
+    recording.t_s = (0..frames).map(|i| i as f64 / recording.rate_hz).collect();
+    let totals_n = found(&recording).totals_n;
+    let last = frames - up.frames() / 2;
+    assert!((totals_n[last] - 350.0).abs() < 3.5, "{} N", totals_n[last]);
 }

@@ -10,8 +10,8 @@ use crate::num::Real;
 use crate::pipeline::baseline::{GAIT_MS, Rise};
 use crate::pipeline::calibrate::is_saturated;
 use crate::pipeline::cell::{AREA_SHIFT, InsoleCell};
-use crate::pipeline::lift::SETTLE_MS;
 use crate::pipeline::marks::{IMPLAUSIBLE_SATURATION, LINES, MASKED};
+use crate::pipeline::stance_rule::SETTLE_MS;
 use heapless::Vec;
 
 /// Largest number of saturated cells that are compared with their neighbours in one frame.

@@ -57,9 +57,9 @@ impl Review {
                 self.unresponsive += u32::from(review_stance(cell, around.as_ref()));
             }
             let cell = &mut frame.cells[index];
-            let change = cell.follow(code, before, self.rise, frame.contact, frame.curve);
+            let is_changed = cell.follow(code, before, self.rise, frame.contact, frame.curve);
             cell.marks.swing_reading = reading(cell, code);
-            self.rezeroed += u32::from(change != 0);
+            self.rezeroed += u32::from(is_changed);
         }
         (end < count).then_some(end)
     }

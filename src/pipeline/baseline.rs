@@ -14,11 +14,7 @@
 //! are not proportional to pressure. If the baseline is below the calibrated zero, the zero follows it.
 
 use super::calibrate::{CellCalibration, Curve};
-use super::cell::InsoleCell;
-use super::contact::ContactRule;
 use super::marks::{MAX_LOWERED, NOISE};
-use super::region::ForceMoments;
-use crate::num::Real;
 
 /// Largest pressure of a baseline, kPa. In-shoe pressures of a lifted foot are below 10 kPa, and a standing foot exceeds this
 /// pressure under a large part of its contact.
@@ -44,6 +40,33 @@ impl Baseline {
         Self { code: calibration.offset, residual_kpa: 0.0, gain: calibration.gain }
     }
 
+    /// The baseline after a code of the lifted foot; `None` if it stays. `zero` is the code of the cell at zero pressure, `lowered`
+    /// how far it is below the calibrated one, in units of [`NOISE`] codes, and `before` the reading of the swing before, codes
+    /// above the baseline. Changes within the noise are none. The second number is the new `lowered`.
+    pub(crate) fn follow(
+        &self,
+        code: u16,
+        before: i16,
+        rise: Rise,
+        (zero, lowered): (u16, u8),
+        curve: &Curve,
+    ) -> Option<(u16, u8)> {
+        let reading = i32::from(code) - i32::from(self.code);
+        let change = match rise {
+            _ if reading < 0 => reading,
+            Rise::Whole => reading,
+            Rise::Confirmed => reading.min(before.into()),
+            Rise::None => 0,
+        };
+        if change.unsigned_abs() <= NOISE.into() {
+            return None;
+        }
+        // The new code is between the former one and `code`, or, if `before` is negative, at least the former one minus `before`.
+        let new = (i32::from(self.code) + change).max(0) as u16;
+        let lowered = lowered.saturating_add(((zero.saturating_sub(new) + NOISE / 2) / NOISE).min(255) as u8);
+        (lowered <= MAX_LOWERED && !self.is_exceeded(new, zero, curve)).then_some((new, lowered))
+    }
+
     /// True if the cell at `code` has more pressure than a baseline can have. `zero` is its code at zero pressure.
     pub(crate) fn is_exceeded(&self, code: u16, zero: u16, curve: &Curve) -> bool {
         curve.pressure_kpa::<f32>(i32::from(code.saturating_sub(zero))) * self.gain > MAX_RESIDUAL_KPA
@@ -59,41 +82,4 @@ pub(crate) enum Rise {
     Confirmed,
     /// Not at all.
     None,
-}
-
-impl<R: Real> InsoleCell<R> {
-    /// Follows the code of the cell under a lifted foot. `before` is the reading of the swing before, codes above the baseline.
-    /// Returns the change of the baseline, codes; 0 for a masked cell, and for changes within the noise.
-    pub(crate) fn follow(&mut self, code: u16, before: i16, rise: Rise, contact: &ContactRule, curve: &Curve) -> i32 {
-        let baseline = i32::from(self.baseline.code);
-        let reading = i32::from(code) - baseline;
-        let change = match rise {
-            _ if reading < 0 => reading,
-            Rise::Whole => reading,
-            Rise::Confirmed => reading.min(before.into()),
-            Rise::None => 0,
-        };
-        if change.unsigned_abs() <= NOISE.into() || self.marks.is_masked() {
-            return 0;
-        }
-        // The new code is between the former one and `code`.
-        let new = (baseline + change) as u16;
-        let lowered =
-            self.marks.lowered.saturating_add(((self.zero.saturating_sub(new) + NOISE / 2) / NOISE).min(255) as u8);
-        if lowered > MAX_LOWERED || self.baseline.is_exceeded(new, self.zero, curve) {
-            return 0;
-        }
-        self.marks.lowered = lowered;
-        self.set_baseline(new, contact, curve);
-        change
-    }
-}
-
-/// The force of the baselines of a region's cells, and its moments about the region's reference point.
-pub(crate) fn residual<R: Real>(cells: &[InsoleCell<R>]) -> ForceMoments<R> {
-    let mut residual = ForceMoments::NONE;
-    for cell in cells.iter().filter(|cell| cell.baseline.residual_kpa > 0.0 && !cell.marks.is_masked()) {
-        residual.add(&cell.region, R::of_f32(cell.baseline.residual_kpa));
-    }
-    residual
 }

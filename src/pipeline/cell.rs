@@ -1,6 +1,6 @@
 //! One cell in the stages calibration, baseline, contact and region, and the evidence of faults that it collects.
 
-use super::baseline::Baseline;
+use super::baseline::{Baseline, Rise};
 use super::calibrate::{CellCalibration, Curve, is_saturated};
 use super::contact::{ContactCell, ContactRule};
 use super::marks::CellMarks;
@@ -47,13 +47,18 @@ impl<R: Real> InsoleCell<R> {
         area_units(&frame.area) - before
     }
 
-    /// Replaces the baseline. The contact follows with the next frame.
-    pub(crate) fn set_baseline(&mut self, code: u16, contact: &ContactRule, curve: &Curve) {
+    /// Lets the baseline follow a code of the lifted foot; see [`Baseline::follow`]. The contact follows with the next frame. True if
+    /// the baseline has changed.
+    pub(crate) fn follow(&mut self, code: u16, before: i16, rise: Rise, contact: &ContactRule, curve: &Curve) -> bool {
+        let zero = (self.zero, self.marks.lowered);
+        let Some((code, lowered)) = self.baseline.follow(code, before, rise, zero, curve) else { return false };
+        self.marks.lowered = lowered;
         self.zero = self.zero.min(code);
         self.baseline.code = code;
         self.baseline.residual_kpa = curve.pressure_kpa(i32::from(code - self.zero));
         let calibration = CellCalibration { offset: self.zero, gain: self.baseline.gain };
         self.contact.rebase(ContactCell::new(contact, curve, &calibration, self.baseline.residual_kpa));
+        true
     }
 }
 
@@ -97,4 +102,13 @@ pub(crate) const AREA_SHIFT: u32 = 4;
 #[inline(always)]
 pub(crate) fn area_units(moments: &AreaMoments) -> i32 {
     moments.units() >> AREA_SHIFT
+}
+
+/// The force of the baselines of a region's cells, and its moments about the region's reference point.
+pub(crate) fn residual<R: Real>(cells: &[InsoleCell<R>]) -> ForceMoments<R> {
+    let mut residual = ForceMoments::NONE;
+    for cell in cells.iter().filter(|cell| cell.baseline.residual_kpa > 0.0 && !cell.marks.is_masked()) {
+        residual.add(&cell.region, R::of_f32(cell.baseline.residual_kpa));
+    }
+    residual
 }

@@ -1,14 +1,10 @@
 //! Lift: recognises a lifted foot by a constant total force, whatever the shoe presses.
 //!
-//! The force of a foot on the ground never stays within [`TOLERANCE_N`] for [`SETTLE_MS`] while most cells have less pressure than
+//! The force of a foot on the ground never stays within [`TOLERANCE_N`] for [`super::stance_rule::SETTLE_MS`] while most cells have less pressure than
 //! a shoe can cause: a foot that carries load has cells with far more, and a foot that is dragged has a force that changes.
 
 use super::cell::InsoleCell;
 use crate::num::Real;
-
-/// Time for which the total force must be constant, ms. The toes are then unloaded. The review of all cells that follows takes
-/// as long again; a swing lasts about 300 ms or longer, so both fit.
-pub(crate) const SETTLE_MS: u32 = 100;
 
 /// Largest deviation of a constant force, N, for a wearer with peaks of [`super::stance_rule::REFERENCE_PEAK_N`].
 const TOLERANCE_N: f64 = 5.0;

@@ -292,9 +292,9 @@ impl<R: Real> ForceMoments<R> {
     /// Subtracts a force that presses without the foot. A force below it is none.
     #[inline(always)]
     pub(crate) fn subtract(&mut self, residual: &Self) {
-        self.force_n = self.force_n - residual.force_n;
-        self.x_n_mm = self.x_n_mm - residual.x_n_mm;
-        self.y_n_mm = self.y_n_mm - residual.y_n_mm;
+        self.force_n -= residual.force_n;
+        self.x_n_mm -= residual.x_n_mm;
+        self.y_n_mm -= residual.y_n_mm;
         if self.force_n <= R::ZERO {
             *self = Self::NONE;
         }

@@ -97,6 +97,8 @@ pub struct Stance<R> {
     lifted_n: R,
     constancy: Constancy<R>,
     is_lifted: bool,
+    /// The total force has changed since the first frame.
+    has_moved: bool,
 }
 
 impl<R: Real> Stance<R> {
@@ -123,6 +125,7 @@ impl<R: Real> Stance<R> {
             lifted_n: R::ZERO,
             constancy: Constancy::NEW,
             is_lifted: false,
+            has_moved: false,
         }
     }
 
@@ -135,6 +138,7 @@ impl<R: Real> Stance<R> {
         self.lifted_n = R::ZERO;
         self.constancy = Constancy::NEW;
         self.is_lifted = false;
+        self.has_moved = false;
     }
 
     /// Processes frame number `seq`. True if it confirms toe off; then the curves are valid until the next call. Sequence numbers
@@ -145,7 +149,9 @@ impl<R: Real> Stance<R> {
         self.last_seq = seq;
         let scale = limits.scale(self.recent_peak_n);
         self.constancy.push(total_n, scale);
-        self.is_lifted &= self.constancy.frames() > 0;
+        let has_changed = self.constancy.frames() == 0;
+        self.has_moved |= has_changed && self.phase != Phase::Unknown;
+        self.is_lifted &= !has_changed;
         // Without the foot, there is only the force of the shoe.
         self.lifted_n = self.lifted_n.min(total_n);
         let strike_n = self.lifted_n + limits.strike_n * scale;
@@ -240,6 +246,11 @@ impl<R: Real> Stance<R> {
     /// True while the foot is lifted and the total force is constant.
     pub(crate) fn is_lifted(&self) -> bool {
         self.is_lifted
+    }
+
+    /// True if the foot has carried load since the first frame. A constant force since the first frame may be that of the shoe.
+    pub(crate) fn has_loaded(&self) -> bool {
+        self.has_moved && self.on_ground()
     }
 
     /// Ends the stance. True if it is a step.

@@ -1,6 +1,5 @@
 //! The rule that determines stance: its parameters, and how its thresholds adapt to the wearer.
 
-use super::lift::SETTLE_MS;
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
@@ -9,6 +8,10 @@ pub const REFERENCE_PEAK_N: f64 = 700.0;
 /// Range of the peaks that thresholds are in proportion to, relative to [`REFERENCE_PEAK_N`]: from a child of 14 kg who walks to a
 /// person of 70 kg who runs, or of 130 kg who walks.
 const SCALE: (f64, f64) = (0.2, 2.0);
+
+/// Time for which the total force must be constant before the foot counts as lifted, ms. The toes are then unloaded. The review of
+/// all cells that follows takes as long again; a swing lasts about 300 ms or longer, so both fit.
+pub(crate) const SETTLE_MS: u32 = 100;
 
 /// The rule that determines stance from the total force.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -69,6 +69,8 @@ pub struct FoundStep {
 pub struct Found {
     /// The steps.
     pub steps: Vec<FoundStep>,
+    /// Total force in each frame, N.
+    pub totals_n: Vec<f64>,
     /// The reported sensor faults.
     pub faults: Faults,
 }
@@ -92,7 +94,7 @@ pub fn find(recording: &Recording, contact: ContactRule, stance: StanceRule) -> 
             steps.push(FoundStep { start, frames, peak_n });
         }
     }
-    Found { steps, faults: insole.faults().clone() }
+    Found { steps, totals_n, faults: insole.faults().clone() }
 }
 
 /// How an insole with a residual pressure compares with the same walk without it.
