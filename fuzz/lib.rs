@@ -60,7 +60,7 @@ pub fn check_frame<R: Real, const N: usize>(insole: &mut Insole<R, N>, seq: u32,
         numbers.extend(insole.centre_of_pressure_mm(region).into_iter().flat_map(|(x_mm, y_mm)| [x_mm, y_mm]));
         assert!(numbers.iter().all(|v| v.to_f64().is_finite()), "region {region}: {load:?} {numbers:?}");
     }
-    Live::new(seq, 0, insole.loads(), insole.masked());
+    Live::new(seq, 0, insole.loads(), insole.masked(), insole.foot_centre_mm());
     if !is_step {
         return;
     }

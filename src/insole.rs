@@ -5,10 +5,11 @@ use crate::faults::{FaultDetector, Faults, FrameContext, MatrixRows};
 use crate::num::Real;
 use crate::pipeline::baseline::MAX_RESIDUAL_KPA;
 use crate::pipeline::calibrate::{CellCalibration, Curve};
-use crate::pipeline::cell::{InsoleCell, residual as residual_of, sum_region};
+use crate::pipeline::cell::{InsoleCell, find_peak, residual as residual_of, sum_region};
 use crate::pipeline::ellipse::Ellipse;
 use crate::pipeline::lift::is_unloaded;
 use crate::pipeline::live::{LiveModel, RegionLoad};
+use crate::pipeline::measures::{Extent, FootMeasures, RegionMeasures};
 use crate::pipeline::model::ForceLaw;
 use crate::pipeline::region::ForceMoments;
 use crate::pipeline::setup::{Division, Setup, SetupCell, SetupError, check_setup};
@@ -42,6 +43,9 @@ pub struct Insole<R, const N: usize> {
     loads: [RegionLoad<R>; 8],
     /// Force of the baselines of each region.
     residuals: [ForceMoments<R>; 8],
+    /// Centre of pressure of the foot, foot coordinates, mm; that of the last loaded frame without force.
+    centre_mm: (R, R),
+    extent: Extent,
     detector: FaultDetector,
     /// Number of the last frame.
     last_seq: Option<u32>,
@@ -88,6 +92,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
             stance: Stance::new(),
             loads: [RegionLoad::NONE; 8],
             residuals: [ForceMoments::NONE; 8],
+            centre_mm: (R::ZERO, R::ZERO),
+            extent: Extent { heel_mm: 0.0, toe_mm: 0.0, forefoot_width_mm: 0.0 },
             detector: FaultDetector::new(),
             last_seq: None,
             steps: 0,
@@ -105,6 +111,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     {
         let division = check_setup(&setup, cells.clone(), N)?;
 
+        self.extent = division.extent();
         self.division = division;
         self.curve.set(&setup.sensor);
         self.cells.clear();
@@ -203,7 +210,9 @@ impl<R: Real, const N: usize> Insole<R, N> {
         for ((load, live), law) in self.loads.iter_mut().zip(&mut self.live).zip(&self.force_laws) {
             load.tissue = live.update(law, load.frame.area.area_mm2(), per_s);
         }
-        let mut is_toe_off = self.stance.push(&self.limits, seq, self.loads.each_ref().map(|load| &load.frame));
+        let centre_mm = self.move_centre();
+        let regions = self.loads.each_ref().map(|load| &load.frame);
+        let mut is_toe_off = self.stance.push(&self.limits, seq, regions, centre_mm);
         if self.stance.has_settled(&self.limits) && is_unloaded(&self.cells, codes, self.most_residual) {
             is_toe_off |= self.stance.lift(&self.limits);
         }
@@ -213,6 +222,22 @@ impl<R: Real, const N: usize> Insole<R, N> {
             self.detector.pause(self.stance.has_loaded());
         }
         is_toe_off
+    }
+
+    /// Computes the centre of pressure of the foot.
+    fn move_centre(&mut self) -> (R, R) {
+        let (mut force_n, mut x_n_mm, mut y_n_mm) = (R::ZERO, R::ZERO, R::ZERO);
+        for (load, origin_mm) in self.loads.iter().zip(&self.division.origins_mm) {
+            let force = &load.frame.force;
+            force_n += force.force_n;
+            x_n_mm += force.x_n_mm + force.force_n * R::of_f32(origin_mm.0);
+            y_n_mm += force.y_n_mm + force.force_n * R::of_f32(origin_mm.1);
+        }
+        if force_n > R::ZERO {
+            let per_n = R::ONE / force_n;
+            self.centre_mm = (x_n_mm * per_n, y_n_mm * per_n);
+        }
+        self.centre_mm
     }
 
     /// Reviews some cells of the lifted foot.
@@ -236,7 +261,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
             // The ends increase, the last end is the number of cells, and `frame` has checked the number of codes.
             let (region_cells, other_cells) = cells.split_at_mut(end - start);
             let (region_codes, other_codes) = codes.split_at(end - start);
+            let before = load.frame.peak_code;
             change += sum_region(&self.curve, region_cells, region_codes, &mut load.frame);
+            if load.frame.peak_code == 0 && before > 0 {
+                find_peak(&self.curve, region_cells, region_codes, &mut load.frame);
+            }
             load.frame.force.subtract(residual);
             (cells, codes, start) = (other_cells, other_codes, end);
         }
@@ -291,6 +320,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
         Some((x_mm + R::of_f32(origin.0), y_mm + R::of_f32(origin.1)))
     }
 
+    /// Centre of pressure of the foot in the last frame, foot coordinates, mm; `None` unless the foot is on the ground.
+    pub fn foot_centre_mm(&self) -> Option<(R, R)> {
+        self.on_ground().then_some(self.centre_mm)
+    }
+
     /// Converts an ellipse from the coordinates of its region to foot coordinates.
     fn to_foot_coordinates(&self, region: usize, ellipse: Ellipse<R>) -> Ellipse<R> {
         let (x_mm, y_mm) = self.division.origins_mm[region];
@@ -313,8 +347,13 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// # Panics
     /// If `region` is not an index of [`crate::Region::ALL`].
     pub fn curves(&self, region: usize) -> (&[R], &[R], R) {
-        let (area_mm2, force_n) = self.stance.curves(region);
-        (area_mm2, force_n, R::of_u32(self.stance.stride()) / self.frame_rate_hz)
+        let curves = self.stance.curves();
+        (curves.area_mm2(region), curves.force_n(region), self.sample_s())
+    }
+
+    /// Time between samples of the curves, s.
+    fn sample_s(&self) -> R {
+        R::of_u32(self.stance.curves().stride()) / self.frame_rate_hz
     }
 
     /// Evaluates a region of the stance that ended with the last frame. This takes up to 256 evaluations of the model, so a
@@ -329,6 +368,10 @@ impl<R: Real, const N: usize> Insole<R, N> {
         RegionStep {
             ellipse_at_peak: step.ellipse_at_peak.map(|e| self.to_foot_coordinates(region, e)),
             masked_cells: self.faults().masked_cells[region],
+            measures: RegionMeasures {
+                residual_n: self.residuals[region].force_n,
+                ..RegionMeasures::new(self.stance.curves(), region, sample_s)
+            },
             ..step
         }
     }
@@ -348,10 +391,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
             step,
             start_us: u64::from(self.stance.start_seq()) * u64::from(setup.period_us),
             duration_us: self.stance.frames() * setup.period_us,
-            sample_us: self.stance.stride() * setup.period_us,
+            sample_us: self.stance.curves().stride() * setup.period_us,
             bridged_frames: self.stance.bridged().min(u32::from(u16::MAX)) as u16,
             saturated: self.stance.saturated(),
             contact_rule: setup.contact,
+            foot: FootMeasures::new(self.stance.curves(), self.sample_s(), &self.extent),
             regions,
         })
     }

@@ -189,7 +189,7 @@ fn walked(recording: &Recording, virtual_insole: &VirtualInsole, tissue: &Tissue
             return (live, Step::new(&insole.whole_step().expect("the step is complete")));
         }
         if insole.on_ground() {
-            live = Live::new(i as u32, i as u64 * 20_000, insole.loads(), insole.masked());
+            live = Live::new(i as u32, i as u64 * 20_000, insole.loads(), insole.masked(), insole.foot_centre_mm());
         }
     }
     panic!("the walk has a step");
@@ -204,7 +204,7 @@ fn session(recording: &Recording, virtual_insole: &VirtualInsole) -> Vec<Vec<u8>
     for i in 0..virtual_insole.frames(recording) {
         virtual_insole.codes_of(recording, i, &mut codes);
         let is_toe_off = insole.frame(i as u32, &codes);
-        let live = Live::new(i as u32, i as u64 * 20_000, insole.loads(), insole.masked());
+        let live = Live::new(i as u32, i as u64 * 20_000, insole.loads(), insole.masked(), insole.foot_centre_mm());
         messages.push(encoded(&ToHost::Live(live)));
         if is_toe_off {
             let step = Step::new(&insole.whole_step().expect("the step is complete"));

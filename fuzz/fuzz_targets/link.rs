@@ -8,7 +8,7 @@ use plantar::faults::Faults;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::{CommandResult, LIVE_QUEUE, STEP_QUEUE, Session};
 use plantar::protocol::{
-    Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepRegion, ToDevice, ToHost, decode,
+    Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepFoot, StepRegion, ToDevice, ToHost, decode,
 };
 use plantar_fuzz::Pieces;
 
@@ -174,5 +174,6 @@ fn step(step: u32) -> Step {
         boots_since: u32::MAX,
         start_unix_us: Some(u64::MAX),
         refit: u8::MAX,
+        foot: StepFoot::default(),
     }
 }

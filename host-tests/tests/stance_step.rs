@@ -2,9 +2,10 @@
 //! the paper's method in f64.
 
 use plantar::Real;
+use plantar::pipeline::curves::STANCE_SAMPLES;
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::region::{AreaMoments, ForceMoments, RegionFrame};
-use plantar::pipeline::stance::{BRIDGED_FRAMES, Rejected, STANCE_SAMPLES, Stance};
+use plantar::pipeline::stance::{BRIDGED_FRAMES, Rejected, Stance};
 use plantar::pipeline::stance_rule::{StanceLimits, StanceRule};
 use plantar::pipeline::step::RegionStep;
 use proptest::prelude::*;
@@ -20,13 +21,13 @@ const PERIOD_US: u32 = 10_000;
 /// The region's values in a frame with this contact area and this force.
 fn frame<R: Real>(area_mm2: f32, force_n: f64) -> RegionFrame<R> {
     let force = ForceMoments { force_n: R::of(force_n), ..ForceMoments::NONE };
-    RegionFrame { area: area_moments(area_mm2), force, saturated: false }
+    RegionFrame { area: area_moments(area_mm2), force, ..RegionFrame::NONE }
 }
 
 /// Passes a frame in which only the heel is loaded to `stance`. Returns true if a step is complete.
 fn push<R: Real>(stance: &mut Stance<R>, limits: &StanceLimits<R>, seq: u32, heel: &RegionFrame<R>) -> bool {
     let none = RegionFrame::NONE;
-    stance.push(limits, seq, [heel, &none, &none, &none, &none, &none, &none, &none])
+    stance.push(limits, seq, [heel, &none, &none, &none, &none, &none, &none, &none], (R::ZERO, R::ZERO))
 }
 
 /// A part of a sequence of frames.
@@ -169,7 +170,7 @@ fn missing_frames_are_interpolated_linearly() {
     }
     let ended = (41..45).any(|seq| push(&mut stance, &limits, seq, &frame(0.0, 0.0)));
     assert!(ended);
-    let (area_mm2, force_n) = stance.curves(0);
+    let (area_mm2, force_n) = (stance.curves().area_mm2(0), stance.curves().force_n(0));
     assert_eq!((area_mm2.len(), force_n.len(), stance.bridged()), (40, 40, 4));
     for (i, (got_mm2, got_n)) in area_mm2.iter().zip(force_n).enumerate() {
         let part = ((i as f64 - 9.0) / 5.0).clamp(0.0, 1.0);
@@ -190,7 +191,7 @@ fn peak_and_saturation_belong_to_their_stance_and_region() {
             let saturated = RegionFrame { saturated: walk == 0 && i == 20, ..toe };
             let none = RegionFrame::NONE;
             let regions = [&none, &none, &none, &none, &none, &saturated, &none, &none];
-            if stance.push(&limits, (start + i) as u32, regions) {
+            if stance.push(&limits, (start + i) as u32, regions, (0.0, 0.0)) {
                 assert_eq!(stance.saturated(), if walk == 0 { 1 << 5 } else { 0 });
                 assert_eq!(
                     stance.moments_at_peak(5).area_mm2::<f64>(),
@@ -217,12 +218,16 @@ fn a_long_stance_stores_every_second_fourth_or_eighth_frame() {
         }
         let ended = (0..16).position(|i| push(&mut stance, &limits, 1 + frames + i, &frame(0.0, 0.0)));
         assert_eq!(ended, Some(15), "toe off must be confirmed after 40 ms, 16 frames at 400 Hz");
-        let (area_mm2, stored_n) = stance.curves(0);
+        let (area_mm2, stored_n) = (stance.curves().area_mm2(0), stance.curves().force_n(0));
         assert_eq!(stance.frames(), frames);
         assert!(stored_n.len() <= STANCE_SAMPLES && area_mm2.len() == stored_n.len());
         // The frames between toe off and its confirmation may have doubled the stride once more.
-        assert!(stance.stride() == stride || stance.stride() == 2 * stride, "{frames}: {}", stance.stride());
-        let expected: Vec<_> = (0..frames).step_by(stance.stride() as usize).map(force_n).collect();
+        assert!(
+            stance.curves().stride() == stride || stance.curves().stride() == 2 * stride,
+            "{frames}: {}",
+            stance.curves().stride()
+        );
+        let expected: Vec<_> = (0..frames).step_by(stance.curves().stride() as usize).map(force_n).collect();
         assert_eq!(stored_n, expected, "{frames} frames");
     }
 }
@@ -402,8 +407,8 @@ fn frame_rate_does_not_change_the_step() {
             }
         }
         assert!(ended, "{rate_hz} Hz");
-        let (area_mm2, force_n) = stance.curves(0);
-        let sample_s = stance.stride() as f32 * period_us as f32 * 1e-6;
+        let (area_mm2, force_n) = (stance.curves().area_mm2(0), stance.curves().force_n(0));
+        let sample_s = stance.curves().stride() as f32 * period_us as f32 * 1e-6;
         RegionStep::new(&law, area_mm2, force_n, sample_s, stance.moments_at_peak(0))
     };
     let reference = step_at(400);

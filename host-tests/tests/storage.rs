@@ -5,7 +5,7 @@ use plantar::Side;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::BLOCK_CELLS;
-use plantar::protocol::{Reset, Serial, Step, StepRegion};
+use plantar::protocol::{Reset, Serial, Step, StepFoot, StepRegion};
 use plantar::storage::flash_map::SECTOR;
 use plantar::storage::flash_map::{LOG, RECORDS};
 use plantar::storage::{Bonds, BootCounters, IdentityRecord, Record, StorageError, Store};
@@ -84,6 +84,22 @@ fn a_long_script_erases_sectors() {
     assert!(Script::new(2, 12_000, 400).erasures > 0);
 }
 
+/// A region as older firmware stored it.
+fn old_region(region: StepRegion, masked_cells: u8) -> StepRegion {
+    StepRegion {
+        masked_cells,
+        stiffness_change_percent: 0,
+        peak_pressure_dkpa: 0,
+        peak_pressure_ms: 0,
+        pressure_integral_dkpas: 0,
+        mean_pressure_dkpa: 0,
+        loading_rate_n_s: 0,
+        contact_start_ms: 0,
+        residual_n: 0,
+        ..region
+    }
+}
+
 /// `flash-2.bin` was written by firmware whose steps lack the change of K: its first sector of records and two of the log.
 #[test]
 fn steps_stored_before_the_tracking_are_read() {
@@ -94,8 +110,8 @@ fn steps_stored_before_the_tracking_are_read() {
     chip.bytes[LOG.start as usize..][..log.len()].copy_from_slice(log);
     let mut store = open(&mut chip);
     let expected = (4..12).map(|number| {
-        let regions = step(number).regions.map(|region| StepRegion { stiffness_change_percent: 0, ..region });
-        Step { regions, boots_since: 1, refit: 0, ..step(number) }
+        let regions = step(number).regions.map(|region| old_region(region, region.masked_cells));
+        Step { regions, boots_since: 1, refit: 0, foot: StepFoot::default(), ..step(number) }
     });
     assert_eq!(steps(&mut store), expected.collect::<Vec<_>>());
 }
@@ -126,9 +142,8 @@ fn data_stored_by_older_firmware_is_read() {
         }
     }
     let expected = (5..20).map(|number| {
-        let regions =
-            step(number).regions.map(|region| StepRegion { masked_cells: 0, stiffness_change_percent: 0, ..region });
-        Step { regions, boots_since: 1, start_unix_us: None, refit: 0, ..step(number) }
+        let regions = step(number).regions.map(|region| old_region(region, 0));
+        Step { regions, boots_since: 1, start_unix_us: None, refit: 0, foot: StepFoot::default(), ..step(number) }
     });
     assert_eq!(steps(&mut store), expected.collect::<Vec<_>>());
     // Numbering continues, and old and new steps are acknowledged together.

@@ -14,8 +14,8 @@ use plantar::protocol::update::{self, Chunk, Header, Offer, Progress, Request, S
 use plantar::protocol::{BLOCK_CELLS, CalibrationBlock, Contents};
 use plantar::protocol::{
     CellCoder, CellFrame, CellStream, Decoder, Hello, Identity, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE,
-    MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Serial, Settings, Status, Step, StepRegion, ToDevice, ToHost,
-    decode, encode, frame,
+    MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Serial, Settings, Status, Step, StepFoot, StepRegion, ToDevice,
+    ToHost, decode, encode, frame,
 };
 use plantar::{Region, Side};
 use proptest::prelude::*;
@@ -69,15 +69,16 @@ fn any_hello() -> impl Strategy<Value = Hello> {
 }
 
 fn any_live() -> impl Strategy<Value = Live> {
-    (any::<(u32, u64, u8, u8, u8)>(), prop::array::uniform8(any::<[u16; 4]>())).prop_map(
-        |((sequence, t_us, saturated, clamped, masked), regions)| {
+    (any::<(u32, u64, u8, u8, u8, i16, i16)>(), prop::array::uniform8(any::<[u16; 4]>())).prop_map(
+        |((sequence, t_us, saturated, clamped, masked, centre_x_dmm, centre_y_dmm), regions)| {
             let region = |[area_mm2, deformation_um, model_dn, measured_dn]: [u16; 4]| LiveRegion {
                 area_mm2,
                 deformation_um,
                 model_dn,
                 measured_dn,
             };
-            Live { sequence, t_us, saturated, clamped, masked, regions: regions.map(region) }
+            let regions = regions.map(region);
+            Live { sequence, t_us, saturated, clamped, masked, centre_x_dmm, centre_y_dmm, regions }
         },
     )
 }
@@ -101,6 +102,13 @@ fn step_region(v: [u16; 15]) -> StepRegion {
         model_error_bp: v[14],
         masked_cells: v[14] as u8,
         stiffness_change_percent: v[13] as i8,
+        peak_pressure_dkpa: v[0],
+        peak_pressure_ms: v[1],
+        pressure_integral_dkpas: v[2],
+        mean_pressure_dkpa: v[3],
+        loading_rate_n_s: v[4],
+        contact_start_ms: v[5],
+        residual_n: v[6] as u8,
     }
 }
 
@@ -131,6 +139,7 @@ fn any_step() -> impl Strategy<Value = Step> {
                 boots_since,
                 start_unix_us,
                 refit,
+                foot: StepFoot { peak_dn: saturated.into(), gait_x_10_dmm: -1, ..StepFoot::default() },
             }
         },
     )
@@ -521,6 +530,8 @@ fn longest_messages_fit_their_limits() {
         saturated: u8::MAX,
         clamped: u8::MAX,
         masked: u8::MAX,
+        centre_x_dmm: i16::MAX,
+        centre_y_dmm: i16::MAX,
         regions: [region; 8],
     });
     let longest_step = ToHost::Step(Step {
@@ -569,8 +580,8 @@ fn longest_messages_fit_their_limits() {
         list: [most; MAX_FAULTS].into_iter().collect(),
     });
     assert!(encoded(&longest_live).len() <= MAX_LIVE);
-    assert!(framed(&longest_live).len() <= 90, "{}", framed(&longest_live).len());
-    assert!(framed(&longest_step).len() <= 328, "{}", framed(&longest_step).len());
+    assert!(framed(&longest_live).len() <= 112, "{}", framed(&longest_live).len());
+    assert!(framed(&longest_step).len() <= 488, "{}", framed(&longest_step).len());
     let longest_tissue = Tissue { id: u32::MAX, ..*TISSUE };
     let longest_chunk = Request::Chunk { number: u16::MAX, chunk: [[0xff; 32]; 8] };
     for message in [ToDevice::SetTissue(longest_tissue), ToDevice::Update(longest_chunk)] {
@@ -722,8 +733,8 @@ const BLOCK: CalibrationBlock = [CellCalibration { offset: 300, gain: 1.5 }; BLO
 
 const HELLO: &str =
     "0102011705302e312e30047465737401f8acd19101c801904e4d010320410103f0400101011104010961742061206c696e65f2c164b700";
-const LIVE: &str = "5101ac0290b298d01240022040e803d007b80ba00fe903d107b90ba10fea03d207ba0ba20feb03d307bb0ba30fec03d407bc0ba40fed03d507bd0ba50fee03d607be0ba60fef03d707bf0ba70f192c2f8800";
-const STEP: &str = "0302290e80e497d012c0c029904e028104010320410103f04001144842e8034c04b00414057805dc054006bc02c80d2c0170fe340898083efe6c071307e9034d04b10415057905dd054106bd02c9202d016ffe350899083ffe6d070106ea034e04b20416057a05de054206be02ca202e016efe36089a0840fe6e070205eb034f04b30417057b05df054306bf02cb202f016dfe37089b0841fe6f070304ec035004b40418057c05e0054406c002cc2030016cfe38089c0842fe70070403ed035104b50419057d05e1054506c102cd2031016bfe39089d0843fe71070502ee035204b6041a057e05e2054606c202ce2032016afe3a089e0844fe72070601ef035304b7041b057f05e3054706c302cf0e330169fe3b089f0845fe730707010f0180c097d1edff9603205a1f322900";
+const LIVE: &str = "5501ac0290b298d012400220a5012efb40e803d007b80ba00fe903d107b90ba10fea03d207ba0ba20feb03d307bb0ba30fec03d407bc0ba40fed03d507bd0ba50fee03d607be0ba60fef03d707bf0ba70f55fd928900";
+const STEP: &str = "0302290e80e497d012c0c029904e028104010320410103f04001084842401fdc1ea022d4174a01401ffe013c0f5f01920193012403c701b60497011007cbfe3e08130770064d018effd712e8034c04b00414057805dc054006bc02c80d2c0170fe340898083efe6c070507c40996082003e204d41714131ee9034d04b10415057905dd054106bd02c9122d016ffe350899083ffe6d070106c50997082103e304d51715131fea034e04b20416057a05de054206be02ca122e016efe36089a0840fe6e070205c60998082203e404d617161320eb034f04b30417057b05df054306bf02cb122f016dfe37089b0841fe6f070304c70999082303e504d717171321ec035004b40418057c05e0054406c002cc1230016cfe38089c0842fe70070403c8099a082403e604d817181322ed035104b50419057d05e1054506c102cd1231016bfe39089d0843fe71070502c9099b082503e704d917191323ee035204b6041a057e05e2054606c202ce1232016afe3a089e0844fe72070601ca099c082603e804da171a1324ef035304b7041b057f05e3054706c302cf0e330169fe3b089f0845fe73070704cb099d082703e904db171b02250f0180c097d1edff960320b8992ce000";
 const STATUS: &str = "290380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d0e0f85ac266400";
 const CONNECT: &str = "0102010553e85ae600";
 const STREAM_CELLS: &str = "090f01010210f5f08f00";
@@ -802,14 +813,16 @@ fn live_values_are_rounded_and_limited() {
             area: AreaMoments::NONE,
             force: ForceMoments { force_n, ..ForceMoments::NONE },
             saturated: true,
+            ..RegionFrame::NONE
         };
         loads[5].tissue.clamped = true;
-        let live = Live::new(9, 10, &loads, 1 << 6);
+        let live = Live::new(9, 10, &loads, 1 << 6, Some((12.34, 56.78)));
         let region =
             LiveRegion { area_mm2: 0, deformation_um: message_dn, model_dn: message_dn, measured_dn: message_dn };
         let deformation_um = (force_n * 0.1).max(0.0).round().min(65535.0) as u16;
         assert_eq!(live.regions[3], LiveRegion { deformation_um, ..region }, "{force_n} N");
         assert_eq!((live.sequence, live.t_us, live.saturated, live.clamped), (9, 10, 1 << 3, 1 << 5));
+        assert_eq!((live.centre_x_dmm, live.centre_y_dmm), (123, 568));
     }
 }
 

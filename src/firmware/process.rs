@@ -29,7 +29,9 @@ pub async fn process(
         {
             let mut session = shared.session.borrow_mut();
             if let Some(sequence) = session.next_live() {
-                session.push_live(Live::new(sequence, u64::from(seq) * period_us, insole.loads(), insole.masked()));
+                let t_us = u64::from(seq) * period_us;
+                let live = Live::new(sequence, t_us, insole.loads(), insole.masked(), insole.foot_centre_mm());
+                session.push_live(live);
             }
             session.push_cells(seq, frame.codes.get(..insole.cells()).unwrap_or_default());
         }

@@ -70,7 +70,8 @@ impl<R> InsoleCell<R> {
 }
 
 /// Calibrates the cells of a region, sums their forces, and updates the contact area if the contact of a cell changed. Returns the
-/// change of [`area_units`]. A device spends most of its time in this loop, which has a function of its own so that all registers
+/// change of [`area_units`]. If no pressure is found near the highest one of the frame before, [`RegionFrame::peak_code`] is 0 and
+/// [`find_peak`] must be called. A device spends most of its time in this loop, which has a function of its own so that all registers
 /// are available.
 #[inline(never)]
 pub(crate) fn sum_region<R: Real>(
@@ -80,6 +81,9 @@ pub(crate) fn sum_region<R: Real>(
     frame: &mut RegionFrame<R>,
 ) -> i32 {
     let (mut force, mut change) = (ForceMoments::NONE, 0);
+    // Pressures change little from frame to frame, so few cells must be compared.
+    let candidate = frame.peak_code - (frame.peak_code >> 3);
+    let mut peak = Peak { kpa: R::ZERO, code: 0 };
     frame.saturated = false;
     for (cell, &code) in cells.iter_mut().zip(codes) {
         let (code, zero) = (u32::from(code), u32::from(cell.zero));
@@ -88,11 +92,49 @@ pub(crate) fn sum_region<R: Real>(
         }
         let above_zero = code as i32 - zero as i32;
         if above_zero > 0 {
-            force.add(&cell.region, curve.pressure_kpa(above_zero));
+            let curve_kpa = curve.pressure_kpa(above_zero);
+            force.add(&cell.region, curve_kpa);
+            if above_zero > candidate {
+                peak.consider(cell, above_zero, curve_kpa);
+            }
         }
     }
+    (frame.peak_kpa, frame.peak_code) = (peak.kpa, peak.code);
     frame.force = force;
     change
+}
+
+/// The highest cell of a region. Its code is at least seven eighths of every other cell's, so it has the highest pressure as long as
+/// the gains of the cells differ by a factor of less than 1.18.
+struct Peak<R> {
+    /// Pressure above the baseline, kPa.
+    kpa: R,
+    /// Code above zero pressure.
+    code: i32,
+}
+
+impl<R: Real> Peak<R> {
+    #[inline(always)]
+    fn consider(&mut self, cell: &InsoleCell<R>, code: i32, curve_kpa: R) {
+        let kpa = (curve_kpa - R::of_f32(cell.baseline.residual_kpa)) * R::of_f32(cell.baseline.gain);
+        if kpa > self.kpa {
+            *self = Self { kpa, code };
+        }
+    }
+}
+
+/// Finds the highest cell of a region among all cells, after a frame with much higher pressures.
+#[cold]
+#[inline(never)]
+pub(crate) fn find_peak<R: Real>(curve: &Curve, cells: &[InsoleCell<R>], codes: &[u16], frame: &mut RegionFrame<R>) {
+    let mut peak = Peak { kpa: R::ZERO, code: 0 };
+    for (cell, &code) in cells.iter().zip(codes) {
+        let above_zero = i32::from(code) - i32::from(cell.zero);
+        if above_zero > 0 {
+            peak.consider(cell, above_zero, curve.pressure_kpa(above_zero));
+        }
+    }
+    (frame.peak_kpa, frame.peak_code) = (peak.kpa, peak.code);
 }
 
 /// Right shift with which the sum of the area units over all regions fits into 32 bits.

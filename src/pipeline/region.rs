@@ -313,11 +313,16 @@ pub struct RegionFrame<R> {
     pub area: AreaMoments,
     /// Measured force.
     pub force: ForceMoments<R>,
+    /// Pressure of the highest cell, kPa. Masked cells are not considered.
+    pub peak_kpa: R,
+    /// Code of this cell above zero pressure.
+    pub peak_code: i32,
     /// A cell is saturated: the area is valid, the force is a lower bound.
     pub saturated: bool,
 }
 
 impl<R: Real> RegionFrame<R> {
     /// The unloaded region.
-    pub const NONE: Self = Self { area: AreaMoments::NONE, force: ForceMoments::NONE, saturated: false };
+    pub const NONE: Self =
+        Self { area: AreaMoments::NONE, force: ForceMoments::NONE, peak_kpa: R::ZERO, peak_code: 0, saturated: false };
 }

@@ -2,6 +2,7 @@
 
 use super::calibrate::{CellCalibration, SensorLaw};
 use super::contact::ContactRule;
+use super::measures::Extent;
 use super::region::{Cell, MAX_CELL_MM2, MAX_DISTANCE_MM, MAX_REGION_MM2, MIN_CELL_MM2, Side};
 use super::stance_rule::StanceRule;
 use core::fmt;
@@ -124,6 +125,23 @@ pub(crate) struct Division {
 
 impl Division {
     pub(crate) const NONE: Self = Self { ends: [0; 8], origins_mm: [(0.0, 0.0); 8], extents_mm: [(0.0, 0.0); 8] };
+
+    /// The extent of all cells.
+    pub(crate) fn extent(&self) -> Extent {
+        // Lowest and highest coordinate of some regions along an axis.
+        let range = |regions: Range<usize>, along: fn((f32, f32)) -> f32| {
+            regions.filter(|&region| !self.cells(region).is_empty()).fold(
+                (f32::MAX, f32::MIN),
+                |(low, high), region| {
+                    let (origin, half) = (along(self.origins_mm[region]), along(self.extents_mm[region]) * 0.5);
+                    (low.min(origin - half), high.max(origin + half))
+                },
+            )
+        };
+        let (heel_mm, toe_mm) = range(0..8, |(_, y_mm)| y_mm);
+        let (medial_mm, lateral_mm) = range(3..5, |(x_mm, _)| x_mm);
+        Extent { heel_mm, toe_mm, forefoot_width_mm: lateral_mm - medial_mm }
+    }
 
     /// The region of a cell, by its index.
     pub(crate) fn region(&self, cell: usize) -> usize {

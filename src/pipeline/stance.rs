@@ -3,14 +3,12 @@
 //! By an adaptive rule, the thresholds are above the force that remains while the foot is lifted, and in proportion to the peaks
 //! of the wearer's steps. So a child and a heavy person, barefoot or in a tight shoe, have the same strides.
 
+use super::curves::Curves;
 use super::lift::Constancy;
 use super::region::{AreaMoments, RegionFrame};
 use super::stance_rule::StanceLimits;
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
-
-/// Largest number of samples of a curve. In a longer stance only every second frame is stored, then every fourth, and so on.
-pub const STANCE_SAMPLES: usize = 256;
 
 /// Largest number of successive frames that may be missing within a stance. They are bridged by linear interpolation. With more
 /// missing frames the contact does not become a step.
@@ -54,11 +52,11 @@ enum Phase {
 ///     let force_n = if (50..110).contains(&seq) { 600.0 } else { 0.0 };
 ///     let loaded = RegionFrame { force: ForceMoments { force_n, ..ForceMoments::NONE }, ..RegionFrame::NONE };
 ///     let regions = [loaded, RegionFrame::NONE];
-///     stance.push(&limits, seq, core::array::from_fn(|region| &regions[region.min(1)]))
+///     stance.push(&limits, seq, core::array::from_fn(|region| &regions[region.min(1)]), (0.0, 0.0))
 /// });
 /// // Toe off is confirmed after 40 ms.
 /// assert_eq!((toe_off, stance.start_seq(), stance.frames()), (Some(113), 50, 60));
-/// assert_eq!(stance.curves(0).1, [600.0; 60]);
+/// assert_eq!(stance.curves().force_n(0), [600.0; 60]);
 /// ```
 #[derive(Debug)]
 pub struct Stance<R> {
@@ -67,24 +65,15 @@ pub struct Stance<R> {
     start_seq: u32,
     /// Number of the last frame.
     last_seq: u32,
-    /// Number of frames since heel strike, including bridged frames.
-    pushed: u32,
-    /// Number of these frames up to the last frame with the foot on the ground.
+    /// Number of frames of a contact that will not become a step.
+    ignored: u32,
+    /// Number of frames since heel strike, including bridged frames, up to the last frame with the foot on the ground.
     loaded: u32,
     /// Number of bridged frames since heel strike.
     bridged_so_far: u32,
     /// Number of bridged frames up to the last frame with the foot on the ground.
     bridged: u32,
-    /// Number of frames from one sample of the curves to the next one.
-    stride: u32,
-    /// Number of samples of the curves.
-    len: usize,
-    /// Contact area of each region, mm2.
-    area_mm2: [[R; STANCE_SAMPLES]; 8],
-    /// Measured force of each region, N.
-    force_n: [[R; STANCE_SAMPLES]; 8],
-    /// Area, mm2, and force, N, of each region in the last frame.
-    last: [(R, R); 8],
+    curves: Curves<R>,
     /// Largest measured force of each region, N, and its area moments in that frame.
     at_peak: [(R, AreaMoments); 8],
     saturated: u8,
@@ -108,15 +97,11 @@ impl<R: Real> Stance<R> {
             phase: Phase::Unknown,
             start_seq: 0,
             last_seq: 0,
-            pushed: 0,
+            ignored: 0,
             loaded: 0,
             bridged_so_far: 0,
             bridged: 0,
-            stride: 0,
-            len: 0,
-            area_mm2: [[R::ZERO; STANCE_SAMPLES]; 8],
-            force_n: [[R::ZERO; STANCE_SAMPLES]; 8],
-            last: [(R::ZERO, R::ZERO); 8],
+            curves: Curves::EMPTY,
             at_peak: [(R::ZERO, AreaMoments::NONE); 8],
             saturated: 0,
             rejected: Rejected { short: 0, long: 0, broken: 0 },
@@ -129,10 +114,10 @@ impl<R: Real> Stance<R> {
         }
     }
 
-    /// Returns to the state before the first frame, in place: the curves are large and need not be cleared.
+    /// Returns to the state before the first frame, in place, because the curves are large.
     pub fn reset(&mut self) {
         self.phase = Phase::Unknown;
-        self.len = 0;
+        self.curves.clear();
         self.rejected = Rejected::default();
         self.recent_peak_n = R::ZERO;
         self.lifted_n = R::ZERO;
@@ -141,9 +126,15 @@ impl<R: Real> Stance<R> {
         self.has_moved = false;
     }
 
-    /// Processes frame number `seq`. True if it confirms toe off; then the curves are valid until the next call. Sequence numbers
-    /// wrap, and a difference of more than 1 between two frames means that frames are missing.
-    pub fn push(&mut self, limits: &StanceLimits<R>, seq: u32, regions: [&RegionFrame<R>; 8]) -> bool {
+    /// Processes frame number `seq`; `centre_mm` is the centre of pressure of the foot, mm. True if it confirms toe off; then the
+    /// curves are valid until the next call. Sequence numbers wrap, and a difference of more than 1 between two frames means that frames are missing.
+    pub fn push(
+        &mut self,
+        limits: &StanceLimits<R>,
+        seq: u32,
+        regions: [&RegionFrame<R>; 8],
+        centre_mm: (R, R),
+    ) -> bool {
         let total_n: R = regions.iter().map(|r| r.force.force_n).sum();
         let missing = seq.wrapping_sub(self.last_seq).wrapping_sub(1);
         self.last_seq = seq;
@@ -172,17 +163,17 @@ impl<R: Real> Stance<R> {
                 self.phase = Phase::Swing;
                 if total_n >= strike_n {
                     self.begin(seq);
-                    self.store(&regions);
+                    self.store(&regions, centre_mm);
                     self.peak_n = total_n;
                     self.loaded = 1;
                 }
                 false
             }
             Phase::Ignored => {
-                self.pushed += 1;
+                self.ignored += 1;
                 if total_n >= release_n {
-                    self.loaded = self.pushed;
-                } else if self.pushed - self.loaded >= limits.min_swing_frames {
+                    self.loaded = self.ignored;
+                } else if self.ignored - self.loaded >= limits.min_swing_frames {
                     self.phase = Phase::Swing;
                 }
                 false
@@ -193,18 +184,19 @@ impl<R: Real> Stance<R> {
                 false
             }
             Phase::Stance => {
-                self.bridge(missing, &regions);
-                self.store(&regions);
+                self.curves.bridge(missing, &regions, centre_mm);
+                self.bridged_so_far += missing;
+                self.store(&regions, centre_mm);
                 self.peak_n = self.peak_n.max(total_n);
                 if total_n >= release_n {
-                    (self.loaded, self.bridged) = (self.pushed, self.bridged_so_far);
+                    (self.loaded, self.bridged) = (self.curves.frames(), self.bridged_so_far);
                 }
                 if self.loaded > limits.max_stance_frames {
                     self.rejected.long += 1;
                     self.ignore();
                     return false;
                 }
-                if self.pushed - self.loaded < limits.min_swing_frames {
+                if self.curves.frames() - self.loaded < limits.min_swing_frames {
                     return false;
                 }
                 self.end(limits)
@@ -235,9 +227,7 @@ impl<R: Real> Stance<R> {
             Phase::Stance => {
                 // The shoe presses more than before this stance, so its end was not recognised.
                 let release_n = self.lifted_n + limits.release_n * limits.scale(self.recent_peak_n);
-                let total_n = |sample: &usize| self.force_n.iter().map(|force_n| force_n[*sample]).sum::<R>();
-                let last = (0..self.len).rev().find(|sample| total_n(sample) >= release_n);
-                self.loaded = last.map_or(0, |last| (last as u32 + 1) * self.stride).min(self.pushed);
+                self.loaded = self.curves.frames_above(release_n);
                 self.end(limits)
             }
         }
@@ -261,7 +251,7 @@ impl<R: Real> Stance<R> {
             return false;
         }
         self.recent_peak_n = StanceLimits::recent_peak_n(self.recent_peak_n, self.peak_n - self.lifted_n);
-        self.len = self.loaded.div_ceil(self.stride) as usize;
+        self.curves.end_after(self.loaded);
         self.phase = Phase::Ended;
         true
     }
@@ -270,8 +260,8 @@ impl<R: Real> Stance<R> {
     fn begin(&mut self, seq: u32) {
         self.phase = Phase::Stance;
         self.start_seq = seq;
-        (self.pushed, self.loaded, self.bridged_so_far, self.bridged) = (0, 0, 0, 0);
-        (self.stride, self.len) = (1, 0);
+        (self.loaded, self.bridged_so_far, self.bridged) = (0, 0, 0);
+        self.curves.clear();
         self.at_peak = [(R::ZERO, AreaMoments::NONE); 8];
         self.saturated = 0;
     }
@@ -279,26 +269,12 @@ impl<R: Real> Stance<R> {
     /// Ignores the present contact, which will not become a step.
     fn ignore(&mut self) {
         self.phase = Phase::Ignored;
-        (self.pushed, self.loaded) = (0, 0);
-    }
-
-    /// Adds linearly interpolated frames for the `missing` frames between the last one and `regions`.
-    fn bridge(&mut self, missing: u32, regions: &[&RegionFrame<R>; 8]) {
-        let from = self.last;
-        for i in 1..=missing {
-            let part = R::of_u32(i) / R::of_u32(missing + 1);
-            self.store_sample(|region| {
-                let (area, force) = from[region];
-                let to = regions[region];
-                (area + (to.area.area_mm2::<R>() - area) * part, force + (to.force.force_n - force) * part)
-            });
-            self.bridged_so_far += 1;
-        }
+        (self.ignored, self.loaded) = (0, 0);
     }
 
     /// Adds a measured frame.
-    fn store(&mut self, regions: &[&RegionFrame<R>; 8]) {
-        let is_stored = self.store_sample(|region| (regions[region].area.area_mm2(), regions[region].force.force_n));
+    fn store(&mut self, regions: &[&RegionFrame<R>; 8], centre_mm: (R, R)) {
+        let is_stored = self.curves.push(regions, centre_mm);
         for (i, (region, peak)) in regions.iter().zip(&mut self.at_peak).enumerate() {
             if is_stored && region.force.force_n > peak.0 {
                 *peak = (region.force.force_n, region.area);
@@ -307,43 +283,14 @@ impl<R: Real> Stance<R> {
         }
     }
 
-    /// Stores area and force of a frame, unless the stride skips it. True if the frame is stored.
-    fn store_sample(&mut self, sample: impl Fn(usize) -> (R, R)) -> bool {
-        if self.len == STANCE_SAMPLES {
-            for curve in self.area_mm2.iter_mut().chain(&mut self.force_n) {
-                for i in 0..STANCE_SAMPLES / 2 {
-                    curve[i] = curve[2 * i];
-                }
-            }
-            self.len = STANCE_SAMPLES / 2;
-            self.stride *= 2;
-        }
-        let is_stored = self.pushed.is_multiple_of(self.stride);
-        for region in 0..8 {
-            let (area, force) = sample(region);
-            self.last[region] = (area, force);
-            if is_stored {
-                self.area_mm2[region][self.len] = area;
-                self.force_n[region][self.len] = force;
-            }
-        }
-        self.len += usize::from(is_stored);
-        self.pushed += 1;
-        is_stored
-    }
-
     /// True from heel strike until toe off is confirmed, and during contacts that will not become steps.
     pub fn on_ground(&self) -> bool {
         matches!(self.phase, Phase::Stance | Phase::Ignored)
     }
 
-    /// The curves of contact area (mm2) and measured force (N) of a region over the stance, one sample every [`Stance::stride`]
-    /// frames.
-    ///
-    /// # Panics
-    /// If `region` is not an index of [`crate::Region::ALL`].
-    pub fn curves(&self, region: usize) -> (&[R], &[R]) {
-        (&self.area_mm2[region][..self.len], &self.force_n[region][..self.len])
+    /// The curves of the stance.
+    pub fn curves(&self) -> &Curves<R> {
+        &self.curves
     }
 
     /// Area moments of a region, about its reference point, in the stored frame of its largest measured force.
@@ -367,11 +314,6 @@ impl<R: Real> Stance<R> {
     /// Number of frames from heel strike to toe off that were missing and bridged.
     pub fn bridged(&self) -> u32 {
         self.bridged
-    }
-
-    /// Number of frames from one sample of the curves to the next one, a power of 2.
-    pub fn stride(&self) -> u32 {
-        self.stride
     }
 
     /// Bit i: a cell of region i was saturated during the stance.

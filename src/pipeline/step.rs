@@ -6,10 +6,11 @@
 //! would dominate the latter.
 
 use super::contact::ContactRule;
+use super::curves::STANCE_SAMPLES;
 use super::ellipse::Ellipse;
+use super::measures::{FootMeasures, RegionMeasures};
 use super::model::ForceLaw;
 use super::region::{AreaMoments, Side};
-use super::stance::STANCE_SAMPLES;
 use crate::num::Real;
 
 /// One region in a step.
@@ -60,6 +61,8 @@ pub struct RegionStep<R> {
     pub masked_cells: u8,
     /// Relative change of K since the identification; 0 without tracking. [`RegionStep::new`] returns 0.
     pub stiffness_change: R,
+    /// The standard measures. [`RegionStep::new`] returns zeros.
+    pub measures: RegionMeasures<R>,
     /// The sums by which the force law is adapted.
     pub(crate) sums: StepSums<R>,
 }
@@ -126,6 +129,8 @@ pub struct StepRecord<R> {
     pub saturated: u8,
     /// The contact rule.
     pub contact_rule: ContactRule,
+    /// The measures of the foot.
+    pub foot: FootMeasures<R>,
     /// The regions, in the order of [`crate::Region::ALL`].
     pub regions: [RegionStep<R>; 8],
 }

@@ -3,10 +3,11 @@
 use super::quantities::{bits, quantities};
 use crate::num::Real;
 use crate::pipeline::live::RegionLoad;
+use postcard::fixint::le;
 use serde::{Deserialize, Serialize};
 
 /// Longest live frame as a message, bytes.
-pub const MAX_LIVE: usize = 84;
+pub const MAX_LIVE: usize = 88;
 
 quantities! {
     /// One frame: 8 regions in the order of [`crate::Region::ALL`].
@@ -29,13 +30,30 @@ quantities! {
         /// Cells are masked.
         masked: u8 = masked,
             flags "The fault detector replaces cells by their neighbours.";
+        /// Centre of pressure of the foot, to the lateral side in foot coordinates.
+        #[serde(with = "le")]
+        centre_x_dmm: i16 = centre_mm.map_or(0, |(x_mm, _)| (x_mm * R::of(10.0)).round_i16())
+            => centre_x_mm [10 per "mm"] if centre_y_dmm,
+            "Sum over the cells of force times position, divided by the total force.";
+        /// Centre of pressure of the foot, from heel to toe in foot coordinates; absent unless the foot is on the ground.
+        #[serde(with = "le")]
+        centre_y_dmm: i16 = centre_mm.map_or(0, |(_, y_mm)| (y_mm * R::of(10.0)).round_i16())
+            => centre_y_mm [10 per "mm"] if centre_y_dmm,
+            "Sum over the cells of force times position, divided by the total force.";
         /// The regions.
         #[serde(with = "live_regions")]
         regions: [LiveRegion; 8] = loads.each_ref().map(LiveRegion::new);
     }
 
-    /// Rounds one frame to the integer units of the message. `masked` is the value of [`crate::insole::Insole::masked`].
-    pub fn new<R: Real>(sequence: u32, t_us: u64, loads: &[RegionLoad<R>; 8], masked: u8);
+    /// Rounds one frame to the integer units of the message. `masked` is the value of [`crate::insole::Insole::masked`], and
+    /// `centre_mm` that of [`crate::insole::Insole::foot_centre_mm`].
+    pub fn new<R: Real>(
+        sequence: u32,
+        t_us: u64,
+        loads: &[RegionLoad<R>; 8],
+        masked: u8,
+        centre_mm: Option<(R, R)>,
+    );
 }
 
 quantities! {

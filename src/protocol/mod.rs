@@ -40,4 +40,4 @@ pub use quantities::{COUNT, Flag, Quantity};
 pub use refusal::Refusal;
 pub use settings::{SCALE, SETTABLE_PERIOD_US, Settings};
 pub use status::{Contents, Status};
-pub use step::{Step, StepRegion};
+pub use step::{Step, StepFoot, StepRegion};

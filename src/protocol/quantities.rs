@@ -20,6 +20,8 @@ pub struct Quantity<T: 'static> {
     pub meaning: &'static str,
     /// Equation or definition.
     pub source: &'static str,
+    /// True if a `T` can lack this quantity.
+    pub is_optional: bool,
     /// The field's value; `None` if the `T` lacks this quantity.
     pub value: fn(&T) -> Option<i64>,
 }
@@ -98,7 +100,7 @@ macro_rules! quantities {
         }
 
         $(#[$about_new:meta])*
-        $visibility:vis fn new<$real:ident: Real>($($input:ident: $input_type:ty),+);
+        $visibility:vis fn new<$real:ident: Real>($($input:ident: $input_type:ty),+ $(,)?);
         $($numbers:tt)*
     ) => {
         $(#[$about])*
@@ -137,6 +139,7 @@ macro_rules! quantities {
                         per_unit: $per_unit,
                         meaning: $meaning.trim_ascii(),
                         source: $source,
+                        is_optional: quantities!(@optional $($present)?),
                         value: |it| {
                             $(if it.$present == 0 {
                                 return None;
@@ -162,6 +165,8 @@ macro_rules! quantities {
 
         quantities! { @numbers $struct [$($field)*] $($numbers)* }
     };
+    (@optional) => { false };
+    (@optional $present:ident) => { true };
     (@key $name:ident) => { stringify!($name) };
     (@key $name:ident $key:literal) => { $key };
     (@numbers $struct:ident [$($field:ident)*]) => {};

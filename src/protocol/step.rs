@@ -3,6 +3,7 @@
 use super::quantities::{bits, quantities};
 use crate::num::Real;
 use crate::pipeline::contact::ContactRule;
+use crate::pipeline::measures::FootMeasures;
 use crate::pipeline::region::Side;
 use crate::pipeline::step::{RegionStep, StepRecord};
 use postcard::fixint::le;
@@ -42,6 +43,8 @@ quantities! {
             flags "The contact area exceeded pi A B.";
         /// The rule that areas were counted by.
         contact_rule: ContactRule = record.contact_rule;
+        /// The foot.
+        foot: StepFoot = StepFoot::new(&record.foot);
         /// The regions, in the order of [`crate::Region::ALL`].
         regions: [StepRegion; 8] = record.regions.each_ref().map(StepRegion::new);
         /// Boots of the insole since the one that recorded this step; the start time counts from that one.
@@ -57,6 +60,131 @@ quantities! {
 
     /// Rounds a step of the running boot to the integer units of the message.
     pub fn new<R: Real>(record: &StepRecord<R>);
+}
+
+quantities! {
+    /// The foot in a [`Step`].
+    #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
+    pub struct StepFoot {
+        /// Largest total force.
+        #[serde(with = "le")]
+        peak_dn: u16 = (foot.peak_n * R::of(10.0)).round_u16()
+            => foot_force_peak_n [10 per "N"],
+            "Sum of the measured forces of the regions.";
+        /// First peak of the total force.
+        #[serde(with = "le")]
+        first_peak_dn: u16 = (foot.first_peak.force_n * R::of(10.0)).round_u16()
+            => foot_first_peak_n [10 per "N"],
+            "Largest total force in the first half of stance.";
+        /// Time from heel strike to the first peak.
+        #[serde(with = "le")]
+        first_peak_ms: u16 = (foot.first_peak.t_s * R::of(1e3)).round_u16()
+            => foot_first_peak_time_s [1000 per "s"],
+            "Largest total force in the first half of stance.";
+        /// Valley between the two peaks of the total force.
+        #[serde(with = "le")]
+        valley_dn: u16 = (foot.valley.force_n * R::of(10.0)).round_u16()
+            => foot_valley_n [10 per "N"] if valley_dn,
+            "Smallest total force between the two peaks, at least 5 % below both.";
+        /// Time from heel strike to the valley.
+        #[serde(with = "le")]
+        valley_ms: u16 = (foot.valley.t_s * R::of(1e3)).round_u16()
+            => foot_valley_time_s [1000 per "s"] if valley_dn,
+            "Smallest total force between the two peaks.";
+        /// Second peak of the total force.
+        #[serde(with = "le")]
+        second_peak_dn: u16 = (foot.second_peak.force_n * R::of(10.0)).round_u16()
+            => foot_second_peak_n [10 per "N"] if valley_dn,
+            "Largest total force in the second half of stance.";
+        /// Time from heel strike to the second peak.
+        #[serde(with = "le")]
+        second_peak_ms: u16 = (foot.second_peak.t_s * R::of(1e3)).round_u16()
+            => foot_second_peak_time_s [1000 per "s"] if valley_dn,
+            "Largest total force in the second half of stance.";
+        /// Force-time integral of the total force.
+        #[serde(with = "le")]
+        integral_dns: u16 = (foot.integral_n_s * R::of(10.0)).round_u16()
+            => foot_force_integral_n_s [10 per "N s"],
+            "Sum of the samples times the time between them.";
+        /// Centre of pressure at 10 % of stance, to the lateral side in foot coordinates.
+        #[serde(with = "le")]
+        gait_x_10_dmm: i16 = (foot.gait_line_mm[0].0 * R::of(10.0)).round_i16()
+            => gait_x_10_mm as "gait_line.x_10_mm" [10 per "mm"],
+            "Sum over the cells of force times position, divided by the total force.";
+        /// Centre of pressure at 10 % of stance, from heel to toe in foot coordinates.
+        #[serde(with = "le")]
+        gait_y_10_dmm: i16 = (foot.gait_line_mm[0].1 * R::of(10.0)).round_i16()
+            => gait_y_10_mm as "gait_line.y_10_mm" [10 per "mm"],
+            "Sum over the cells of force times position, divided by the total force.";
+        /// Centre of pressure at 30 % of stance, to the lateral side in foot coordinates.
+        #[serde(with = "le")]
+        gait_x_30_dmm: i16 = (foot.gait_line_mm[1].0 * R::of(10.0)).round_i16()
+            => gait_x_30_mm as "gait_line.x_30_mm" [10 per "mm"],
+            "Sum over the cells of force times position, divided by the total force.";
+        /// Centre of pressure at 30 % of stance, from heel to toe in foot coordinates.
+        #[serde(with = "le")]
+        gait_y_30_dmm: i16 = (foot.gait_line_mm[1].1 * R::of(10.0)).round_i16()
+            => gait_y_30_mm as "gait_line.y_30_mm" [10 per "mm"],
+            "Sum over the cells of force times position, divided by the total force.";
+        /// Centre of pressure at 50 % of stance, to the lateral side in foot coordinates.
+        #[serde(with = "le")]
+        gait_x_50_dmm: i16 = (foot.gait_line_mm[2].0 * R::of(10.0)).round_i16()
+            => gait_x_50_mm as "gait_line.x_50_mm" [10 per "mm"],
+            "Sum over the cells of force times position, divided by the total force.";
+        /// Centre of pressure at 50 % of stance, from heel to toe in foot coordinates.
+        #[serde(with = "le")]
+        gait_y_50_dmm: i16 = (foot.gait_line_mm[2].1 * R::of(10.0)).round_i16()
+            => gait_y_50_mm as "gait_line.y_50_mm" [10 per "mm"],
+            "Sum over the cells of force times position, divided by the total force.";
+        /// Centre of pressure at 70 % of stance, to the lateral side in foot coordinates.
+        #[serde(with = "le")]
+        gait_x_70_dmm: i16 = (foot.gait_line_mm[3].0 * R::of(10.0)).round_i16()
+            => gait_x_70_mm as "gait_line.x_70_mm" [10 per "mm"],
+            "Sum over the cells of force times position, divided by the total force.";
+        /// Centre of pressure at 70 % of stance, from heel to toe in foot coordinates.
+        #[serde(with = "le")]
+        gait_y_70_dmm: i16 = (foot.gait_line_mm[3].1 * R::of(10.0)).round_i16()
+            => gait_y_70_mm as "gait_line.y_70_mm" [10 per "mm"],
+            "Sum over the cells of force times position, divided by the total force.";
+        /// Centre of pressure at 90 % of stance, to the lateral side in foot coordinates.
+        #[serde(with = "le")]
+        gait_x_90_dmm: i16 = (foot.gait_line_mm[4].0 * R::of(10.0)).round_i16()
+            => gait_x_90_mm as "gait_line.x_90_mm" [10 per "mm"],
+            "Sum over the cells of force times position, divided by the total force.";
+        /// Centre of pressure at 90 % of stance, from heel to toe in foot coordinates.
+        #[serde(with = "le")]
+        gait_y_90_dmm: i16 = (foot.gait_line_mm[4].1 * R::of(10.0)).round_i16()
+            => gait_y_90_mm as "gait_line.y_90_mm" [10 per "mm"],
+            "Sum over the cells of force times position, divided by the total force.";
+        /// Length of the path of the centre of pressure from 10 to 90 % of stance.
+        #[serde(with = "le")]
+        gait_length_dmm: u16 = (foot.gait_length_mm * R::of(10.0)).round_u16()
+            => gait_length_mm as "gait_line.length_mm" [10 per "mm"],
+            "Sum of the distances between successive samples.";
+        /// Extent of this path to the lateral side.
+        #[serde(with = "le")]
+        gait_width_dmm: u16 = (foot.gait_width_mm * R::of(10.0)).round_u16()
+            => gait_width_mm as "gait_line.width_mm" [10 per "mm"],
+            "Largest minus smallest position.";
+        /// Mean velocity of the centre of pressure on this path.
+        #[serde(with = "le")]
+        gait_velocity_mm_s: u16 = foot.gait_velocity_mm_s.round_u16()
+            => gait_velocity_mm_s as "gait_line.velocity_mm_s" [1 per "mm/s"],
+            "Length divided by time.";
+        /// Centre of pressure excursion index; positive if the path is lateral of the line between its ends.
+        #[serde(with = "le")]
+        excursion_index_dpercent: i16 = (foot.excursion_index * R::of(1e3)).round_i16()
+            => cop_excursion_index_percent [10 per "%"],
+            "Distance from that line at two thirds of the foot, divided by the width of the forefoot.";
+        /// Arch index.
+        #[serde(with = "le")]
+        arch_index_permille: u16 = (foot.arch_index * R::of(1e3)).round_u16()
+            => arch_index_percent [10 per "%"],
+            "Largest contact area of the midfoot, divided by the sum of those of heel, midfoot and metatarsals.";
+    }
+
+    /// Rounds the measures of a foot to the integer units of the message.
+    fn new<R: Real>(foot: &FootMeasures<R>);
 }
 
 quantities! {
@@ -146,6 +274,40 @@ quantities! {
         stiffness_change_percent: i8 = (region.stiffness_change * R::of(100.0)).round_i16().clamp(-100, 127) as i8
             => stiffness_change_percent [1 per "%"],
             "Recursive least squares over the recent steps, Eq. 13.";
+        /// Largest pressure of a cell.
+        #[serde(with = "le")]
+        peak_pressure_dkpa: u16 = (region.measures.peak_pressure_kpa * R::of(10.0)).round_u16()
+            => peak_pressure_kpa [10 per "kPa"],
+            "Highest cell of the region over the step.";
+        /// Time from heel strike to the largest pressure of a cell.
+        #[serde(with = "le")]
+        peak_pressure_ms: u16 = (region.measures.peak_pressure_s * R::of(1e3)).round_u16()
+            => peak_pressure_time_s [1000 per "s"],
+            "First sample with this pressure.";
+        /// Pressure-time integral.
+        #[serde(with = "le")]
+        pressure_integral_dkpas: u16 = (region.measures.pressure_integral_kpa_s * R::of(10.0)).round_u16()
+            => pressure_integral_kpa_s [10 per "kPa s"],
+            "Sum over the samples of the pressure of the highest cell, times the time between them.";
+        /// Mean pressure at the largest measured force.
+        #[serde(with = "le")]
+        mean_pressure_dkpa: u16 = (region.measures.mean_pressure_kpa * R::of(10.0)).round_u16()
+            => mean_pressure_kpa [10 per "kPa"],
+            "Force divided by contact area.";
+        /// Loading rate.
+        #[serde(with = "le")]
+        loading_rate_n_s: u16 = region.measures.loading_rate_n_s.round_u16()
+            => loading_rate_n_s [1 per "N/s"],
+            "Slope of the force between 20 and 80 % of its first peak.";
+        /// Time from heel strike to the region's first sample in contact.
+        #[serde(with = "le")]
+        contact_start_ms: u16 = (region.measures.contact_start_s * R::of(1e3)).round_u16()
+            => contact_start_s [1000 per "s"],
+            "First sample with a contact area above 0.";
+        /// Force under the lifted foot, which is subtracted from the measured force; 255 for more.
+        residual_n: u8 = region.measures.residual_n.round_u16().min(255) as u8
+            => residual_force_n [1 per "N"],
+            "Sum over the cells of the pressure of their baselines times area.";
     }
 
     /// Rounds a region to the integer units of the message.

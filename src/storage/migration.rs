@@ -2,7 +2,7 @@
 
 use crate::pipeline::contact::ContactRule;
 use crate::pipeline::region::Side;
-use crate::protocol::{Step, StepRegion};
+use crate::protocol::{Step, StepFoot, StepRegion};
 use serde::Deserialize;
 
 /// Decodes an older version of a record. All kinds are at version 1, so there is no older version yet.
@@ -70,6 +70,7 @@ impl StepHead {
             boots_since: 0,
             start_unix_us: None,
             refit: 0,
+            foot: StepFoot::default(),
         }
     }
 }

@@ -41,4 +41,4 @@ impl<E> From<Error<E>> for StorageError {
 }
 
 /// Size of the longest item, bytes: a step with the overhead of the log and the padding to the chip's words.
-const BUFFER: usize = 352;
+const BUFFER: usize = 512;

@@ -11,7 +11,7 @@ use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::Contents;
 use plantar::protocol::{
-    self, Decoder, Hello, Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step, StepRegion,
+    self, Decoder, Hello, Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step, StepFoot, StepRegion,
 };
 use plantar::{Region, Side};
 use serde::Serialize;
@@ -110,6 +110,13 @@ pub fn step(step: u32) -> Step {
         model_error_bp: 1900 + i,
         masked_cells: i as u8,
         stiffness_change_percent: 7 - i as i8,
+        peak_pressure_dkpa: 2500 + i,
+        peak_pressure_ms: 150 + i,
+        pressure_integral_dkpas: 800 + i,
+        mean_pressure_dkpa: 1250 + i,
+        loading_rate_n_s: 6100 + i,
+        contact_start_ms: 20 + i,
+        residual_n: 30 + i as u8,
     };
     Step {
         step,
@@ -125,6 +132,31 @@ pub fn step(step: u32) -> Step {
         boots_since: 0,
         start_unix_us: Some(1_790_000_000_000_000),
         refit: 0b0010_0000,
+        foot: StepFoot {
+            peak_dn: 8000,
+            first_peak_dn: 7900,
+            first_peak_ms: 160,
+            valley_dn: 6100,
+            valley_ms: 330,
+            second_peak_dn: 8000,
+            second_peak_ms: 510,
+            integral_dns: 3900,
+            gait_x_10_dmm: 351,
+            gait_y_10_dmm: 402,
+            gait_x_30_dmm: 403,
+            gait_y_30_dmm: 804,
+            gait_x_50_dmm: 455,
+            gait_y_50_dmm: 1206,
+            gait_x_70_dmm: 407,
+            gait_y_70_dmm: 1808,
+            gait_x_90_dmm: -309,
+            gait_y_90_dmm: 2110,
+            gait_length_dmm: 1811,
+            gait_width_dmm: 112,
+            gait_velocity_mm_s: 333,
+            excursion_index_dpercent: -114,
+            arch_index_permille: 215,
+        },
     }
 }
 
@@ -138,6 +170,8 @@ pub fn live(sequence: u32) -> Live {
         saturated: 0b0100_0000,
         clamped: 0b0000_0010,
         masked: 0b0010_0000,
+        centre_x_dmm: 421,
+        centre_y_dmm: -1234,
         regions: core::array::from_fn(|i| region(i as u16)),
     }
 }

@@ -118,7 +118,7 @@ fn replay_codes(
         let t_us = u64::from(i) * u64::from(virtual_insole.setup.period_us);
         faults.iter().for_each(|fault| fault.apply(t_us as f64 / 1e6, &zeros, &mut codes));
         let toe_off = insole.frame(i, &codes);
-        live.push(Live::new(live.len() as u32, t_us, insole.loads(), insole.masked()));
+        live.push(Live::new(live.len() as u32, t_us, insole.loads(), insole.masked(), insole.foot_centre_mm()));
         if toe_off {
             steps.push(Step::new(&insole.whole_step().expect("the insole is set up")));
         }

@@ -4,7 +4,7 @@ use anyhow::Result;
 use bench::Figures;
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::{Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Step, StepRegion, ToHost, encode, frame};
+use plantar::protocol::{Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Step, StepFoot, StepRegion, ToHost, encode, frame};
 
 /// A hundred years, us, which is longer than an insole can run.
 const CENTURY_US: u64 = 100 * 366 * 24 * 3600 * 1_000_000;
@@ -18,6 +18,8 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
         saturated: u8::MAX,
         clamped: u8::MAX,
         masked: u8::MAX,
+        centre_x_dmm: i16::MAX,
+        centre_y_dmm: i16::MAX,
         regions: [region; 8],
     };
     let step = Step {
@@ -35,6 +37,7 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
         boots_since: u32::MAX,
         start_unix_us: Some(2 * CENTURY_US),
         refit: u8::MAX,
+        foot: StepFoot::default(),
     };
     for (key, message, meaning) in [
         ("live_frame_bytes", ToHost::Live(live), "longest live frame, bytes"),

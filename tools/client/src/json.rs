@@ -1,10 +1,11 @@
 //! Steps as JSON objects. Names include units, and values have the resolution of the step message.
 
 use plantar::Region;
-use plantar::protocol::{Quantity, Step, StepRegion};
+use plantar::protocol::{Quantity, Step, StepFoot, StepRegion};
 use serde_json::{Map, Value, json};
 
-/// A step as an object; the key `regions` has an object for each region by its name.
+/// A step as an object; the key `foot` has the measures of the foot, and `regions` an object for each region by its
+/// name.
 ///
 /// Values have the resolution of the step message, so a step that an insole sent and the same step computed on a host have the
 /// same text. `docs/quantities.md` lists the names.
@@ -16,6 +17,9 @@ pub fn step_to_json(step: &Step) -> Value {
     let start_unix_s = step.start_unix_us.filter(|_| step.boots_since > 0).map(|us| us as f64 / 1e6);
     object.insert("start_unix_s".into(), start_unix_s.into());
     object.insert("contact_rule".into(), contact_rule_to_json(step));
+    let mut foot = Map::new();
+    insert(&mut foot, StepFoot::QUANTITIES, &step.foot);
+    object.insert("foot".into(), foot.into());
     let regions = Region::ALL.iter().enumerate().map(|(i, region)| (region.name().into(), region_to_json(step, i)));
     object.insert("regions".into(), regions.collect::<Map<_, _>>().into());
     object.into()

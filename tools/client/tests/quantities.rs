@@ -2,7 +2,7 @@
 
 use client::step_to_json;
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::{Flag, Live, LiveRegion, Quantity, Step, StepRegion};
+use plantar::protocol::{Flag, Live, LiveRegion, Quantity, Step, StepFoot, StepRegion};
 use plantar::{Region, Side};
 use std::fmt::Write;
 
@@ -16,13 +16,14 @@ This file is generated from the declarations in `src/protocol/step.rs` and `src/
 *Column* is the name in Parquet and CSV files, *key* the one in JSON objects, where `a.b` is the key `b` in the object
 `a`. The page's CSV of live frames has one column for each region and key, such as `heel_area_mm2`. A value is an
 integer on the wire, so it has a resolution and a largest value. Quantities of the contact ellipse are null without
-contact. Equations are those of [model.md](model.md).
+contact; the valley and the second peak of the total force are null in a step with one hump. Equations are those of [model.md](model.md).
 ";
 
 #[test]
 fn the_document_lists_the_declared_quantities() {
     let mut document = String::from(INTRODUCTION);
     write_section(&mut document, "A step", Step::QUANTITIES, &[] as &[Flag<Step>]);
+    write_section(&mut document, "The foot in a step", StepFoot::QUANTITIES, &[] as &[Flag<Step>]);
     write_section(&mut document, "A region of a step", StepRegion::QUANTITIES, Step::FLAGS);
     write_section(&mut document, "A live frame", Live::QUANTITIES, &[] as &[Flag<Live>]);
     write_section(&mut document, "A region of a live frame", LiveRegion::QUANTITIES, Live::FLAGS);
@@ -81,10 +82,15 @@ fn json_has_every_quantity_once() {
         boots_since: 0,
         start_unix_us: None,
         refit: 0,
+        foot: StepFoot::default(),
     };
     let json = step_to_json(&step);
     for quantity in Step::QUANTITIES {
         assert!(json.get(quantity.key).is_some(), "{}", quantity.key);
+    }
+    for quantity in StepFoot::QUANTITIES {
+        let pointer = format!("/foot/{}", quantity.key.replace('.', "/"));
+        assert!(json.pointer(&pointer).is_some(), "{}", quantity.key);
     }
     let heel = &json["regions"][Region::Heel.name()];
     for quantity in StepRegion::QUANTITIES {

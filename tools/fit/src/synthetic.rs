@@ -4,8 +4,8 @@
 
 use crate::{Filter, RegionCurves, Step, smooth};
 use plantar::Side;
+use plantar::pipeline::curves::STANCE_SAMPLES;
 use plantar::pipeline::model::ForceLaw;
-use plantar::pipeline::stance::STANCE_SAMPLES;
 use std::f64::consts::PI;
 
 /// Two arrays for each region. The first contains A B (mm2), K (kPa), G (kPa s), n and m. The second contains the start and the end

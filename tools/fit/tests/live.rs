@@ -28,7 +28,13 @@ fn messages(recording: &Recording) -> Vec<ToHost> {
         computed.codes_of(recording, frame, &mut codes);
         let is_toe_off = insole.frame(frame as u32, &codes);
         let t_us = frame as u64 * u64::from(computed.setup.period_us);
-        messages.push(ToHost::Live(Live::new(frame as u32, t_us, insole.loads(), insole.masked())));
+        messages.push(ToHost::Live(Live::new(
+            frame as u32,
+            t_us,
+            insole.loads(),
+            insole.masked(),
+            insole.foot_centre_mm(),
+        )));
         if is_toe_off && let Some(step) = insole.whole_step() {
             messages.push(ToHost::Step(Step::new(&step)));
         }

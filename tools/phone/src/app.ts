@@ -133,7 +133,7 @@ export class App {
     const { step } = message;
     this.identify.step(step.side, step, message.key);
     const start_unix_s = step.starts_ago === 0 ? session.axis.unix_s(step.start_s) : step.start_unix_s;
-    this.store.add(message, bytes, session.history, start_unix_s).then(
+    this.store.add(message, bytes, start_unix_s).then(
       () => session.acknowledge(step.step),
       // The step is not acknowledged, so the insole still stores it and sends it again.
       () => (this.problem = CANNOT_STORE),

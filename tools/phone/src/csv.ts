@@ -1,6 +1,6 @@
 /** CSV files with units in the column names. docs/quantities.md describes the columns. */
 
-import { ELLIPSE_COLUMNS, LIVE_COLUMNS, STEP_COLUMNS, type Side } from "./generated/quantities";
+import { ELLIPSE_COLUMNS, FOOT_COLUMNS, GAIT_COLUMNS, LIVE_COLUMNS, STEP_COLUMNS, type Side } from "./generated/quantities";
 import type { StoredStep } from "./step_store";
 import type { Entry } from "./stream_file";
 import { INSOLES } from "./transport/transport";
@@ -37,13 +37,16 @@ export function liveCsv(recorded: Iterable<Entry>, wire: Wire): string[] {
 
 /** Returns the lines of a CSV file with one row for each region of each step. */
 export function stepsCsv(steps: readonly StoredStep[]): string[] {
-  const head = ["start_unix_s", "side", "step", "start_s", "contact_time_foot_s", "peak_force_foot_n", "region", ...STEP_COLUMNS];
-  const rows = [line([...head, ...ELLIPSE_COLUMNS.map((column) => `ellipse_${column}`)])];
-  for (const { step, peak_n, start_unix_s } of steps) {
+  const head = ["start_unix_s", "side", "step", "start_s", "contact_time_foot_s", "region", ...STEP_COLUMNS];
+  const ellipse_head = ELLIPSE_COLUMNS.map((column) => `ellipse_${column}`);
+  const gait_head = GAIT_COLUMNS.map((column) => `gait_${column}`);
+  const rows = [line([...head, ...ellipse_head, ...FOOT_COLUMNS, ...gait_head])];
+  for (const { step, start_unix_s } of steps) {
+    const foot = [...FOOT_COLUMNS.map((column) => step.foot[column]), ...GAIT_COLUMNS.map((column) => step.foot.gait_line[column])];
     for (const [name, region] of Object.entries(step.regions)) {
       const values = STEP_COLUMNS.map((column) => Number(region[column]));
       const ellipse = ELLIPSE_COLUMNS.map((column) => region.ellipse_at_peak?.[column] ?? null);
-      rows.push(line([start_unix_s, step.side, step.step, step.start_s, step.duration_s, peak_n, name, ...values, ...ellipse]));
+      rows.push(line([start_unix_s, step.side, step.step, step.start_s, step.duration_s, name, ...values, ...ellipse, ...foot]));
     }
   }
   return rows;

@@ -61,7 +61,7 @@ export class LiveView {
   frame(live: Live, side: Side): void {
     const picture = this.pictures[side];
     picture.live = live;
-    extendPath(picture.path, live, this.facts);
+    extendPath(picture.path, live);
     live.regions.forEach(({ measured_n, saturated }, i) => {
       if (measured_n > this.largest_n) this.largest_n = measured_n;
       if (saturated) this.saturated.add(this.regionText(side, i));

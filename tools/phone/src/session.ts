@@ -12,8 +12,6 @@ const STATUS_MS = 1000;
 const TIME_MS = 250;
 /** Duration over which the rate of live frames is averaged. */
 const RATE_MS = 2000;
-/** Duration for which the total forces of live frames are stored. The peak force of a step is determined from them. */
-const HISTORY_S = 10;
 
 /**
  * State of a session:
@@ -30,12 +28,6 @@ export type StepMessage = Extract<ToHost, { kind: "step" }>;
 
 /** A decoded message that answers a request that concerns parameters. */
 export type InsoleAnswer = Extract<ToHost, { kind: "tissue" | "refused" }>;
-
-/** The total force on a foot in one live frame. */
-export interface ForceSample {
-  t_s: number;
-  force_n: number;
-}
 
 /** The sum of the measured forces on all regions, N. */
 export const totalForce = (live: Live) => live.regions.reduce((sum, region) => sum + region.measured_n, 0);
@@ -56,8 +48,6 @@ export class Session {
   damaged = 0;
   readonly axis: Axis;
   readonly counter: LiveCounter;
-  /** Total forces of the last live frames, oldest first. */
-  readonly history: ForceSample[] = [];
   /** True if the last step says that tissue or shoe have changed so much that the wearer should be identified again. */
   needs_refit = false;
   /** Times at which the last live frames arrived. */
@@ -148,10 +138,6 @@ export class Session {
     if (this.state === "lost") this.state = "live";
     this.counter.frame(live.sequence);
     this.live = live;
-    const last = this.history.at(-1);
-    if (last && live.t_s < last.t_s) this.history.length = 0;
-    this.history.push({ t_s: live.t_s, force_n: totalForce(live) });
-    while ((this.history[0]?.t_s ?? Infinity) < live.t_s - HISTORY_S) this.history.shift();
     this.arrivals_ms.push(now_ms);
   }
 

@@ -1,10 +1,9 @@
 /** Storage of the wearer's steps across visits of the page. */
 
-/** A stored step. `peak_n` and `start_unix_s` are those of `StoredStep`. */
+/** A stored step. `start_unix_s` is that of `StoredStep`. */
 export interface StepRecord {
   /** The encoded message of the step. */
   message: Uint8Array;
-  peak_n: number | null;
   start_unix_s: number | null;
 }
 

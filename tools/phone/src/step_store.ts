@@ -1,15 +1,13 @@
 /** The steps of the wearer. A step is stored before it is acknowledged, and is ignored if the insole sends it again. */
 
 import type { Step } from "./generated/quantities";
-import type { ForceSample, StepMessage } from "./session";
+import type { StepMessage } from "./session";
 import type { StepRecord, StepStorage } from "./step_storage";
 import type { Wire } from "./wire";
 
-/** A step with the quantities that the page determined when the step arrived. */
+/** A step, and when it arrived. */
 export interface StoredStep {
   step: Step;
-  /** Largest total force on the foot in the live frames of the step; `null` if too many of these frames are missing. */
-  peak_n: number | null;
   /** Time of first contact on the browser's clock, s since 1970; `null` if it is unknown. */
   start_unix_s: number | null;
 }
@@ -32,28 +30,22 @@ export class StepStore {
   /** Loads the steps of earlier visits. */
   async load(): Promise<void> {
     const keys = new Set<string>();
-    for (const { message, peak_n, start_unix_s } of await this.storage.load()) {
+    for (const { message, start_unix_s } of await this.storage.load()) {
       const decoded = this.wire.decode(message);
       // Steps of another protocol version are not shown, but remain in the storage. If two pages were open in one browser, they may
       // have stored a step twice.
       if (decoded?.kind !== "step" || keys.has(decoded.key)) continue;
       keys.add(decoded.key);
-      this.steps.push({ step: decoded.step, peak_n, start_unix_s });
+      this.steps.push({ step: decoded.step, start_unix_s });
       this.remember(decoded.key);
     }
   }
 
   /** Adds a step, unless it was added before. Resolves once this step and all earlier steps are stored. */
-  add(
-    { key, step }: StepMessage,
-    message: Uint8Array,
-    history: readonly ForceSample[],
-    start_unix_s: number | null,
-  ): Promise<void> {
+  add({ key, step }: StepMessage, message: Uint8Array, start_unix_s: number | null): Promise<void> {
     if (!this.recent.has(key)) {
-      const peak_n = peakForce(step, history);
-      this.steps.push({ step, peak_n, start_unix_s });
-      this.pending.push({ message: message.slice(), peak_n, start_unix_s });
+      this.steps.push({ step, start_unix_s });
+      this.pending.push({ message: message.slice(), start_unix_s });
       this.remember(key);
     }
     this.storing = this.storing.catch(() => undefined).then(() => this.storePending());
@@ -81,17 +73,4 @@ export class StepStore {
     const [oldest] = this.recent;
     if (oldest !== undefined && this.recent.size > 2 * this.wire.facts.step_queue) this.recent.delete(oldest);
   }
-}
-
-/**
- * The peak force on the whole foot during a step; `null` if too many live frames are missing. The step itself contains only the
- * peaks of its regions, which do not occur at the same time.
- */
-export function peakForce(step: Step, history: readonly ForceSample[]): number | null {
-  const end_s = step.start_s + step.duration_s;
-  const within = history.filter(({ t_s }) => t_s >= step.start_s - 1e-6 && t_s <= end_s + 1e-6);
-  // If more than a tenth of the frames is missing, the peak may be among them.
-  const expected = step.duration_s / step.sample_s;
-  if (within.length < 0.9 * expected) return null;
-  return within.reduce((peak, { force_n }) => Math.max(peak, force_n), 0);
 }

@@ -44,14 +44,14 @@ export function drawSteps(steps: readonly StoredStep[], settings: Settings): voi
   const head = ["Foot", "Step", "Contact, s", "Peak, N", "Peak, %BW", "Force × time, N s"];
   fill(byId("table").querySelector("thead"), [["tr", {}, ...head.map((name): Node => ["th", { scope: "col" }, name])]]);
   const rows = steps.slice(-ROWS).reverse();
-  fill(byId("table").querySelector("tbody"), rows.map(({ step, peak_n }): Node => [
+  fill(byId("table").querySelector("tbody"), rows.map(({ step }): Node => [
     "tr",
     {},
     ["td", { class: step.side }, sideTitle(step.side)],
     ["td", {}, String(step.step)],
     ["td", {}, step.duration_s.toFixed(2)],
-    ["td", {}, hasMaskedCells(step) ? `~ ${numberText(peak_n, 0)}` : numberText(peak_n, 0)],
-    ["td", {}, numberText(peak_n === null ? null : percentOfWeight(peak_n, settings), 0)],
+    ["td", {}, `${hasMaskedCells(step) ? "~ " : ""}${step.foot.foot_force_peak_n.toFixed(0)}`],
+    ["td", {}, numberText(percentOfWeight(step.foot.foot_force_peak_n, settings), 0)],
     ["td", {}, impulse_n_s(step).toFixed(0)],
   ]));
 }
@@ -71,7 +71,7 @@ function trend(steps: readonly StoredStep[], settings: Settings): Node[] {
     side,
     values: stepsOf(steps, side)
       .slice(-TREND_STEPS)
-      .flatMap(({ peak_n }) => (peak_n === null ? [] : [Number(forceText(peak_n, settings, "")[0])])),
+      .map(({ step }) => Number(forceText(step.foot.foot_force_peak_n, settings, "")[0])),
   })).filter(({ values }) => values.length > 0);
   if (series.length === 0) return [];
   const all = series.flatMap(({ values }) => values);

@@ -60,7 +60,7 @@ export function footMeasures(steps: readonly StoredStep[], side: Side): FootMeas
   const latest = all.slice(-LATEST);
   return {
     count: all.length,
-    peak_n: mean(latest.flatMap(({ peak_n }) => (peak_n === null ? [] : [peak_n]))),
+    peak_n: mean(latest.map(({ step }) => step.foot.foot_force_peak_n)),
     impulse_n_s: mean(latest.map(({ step }) => impulse_n_s(step))),
     contact_s: mean(latest.map(({ step }) => step.duration_s)),
   };

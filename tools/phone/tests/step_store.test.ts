@@ -1,9 +1,9 @@
 import { beforeAll, expect, test } from "vitest";
 import type { StepMessage } from "../src/session";
 import type { StepRecord, StepStorage } from "../src/step_storage";
-import { StepStore, peakForce } from "../src/step_store";
+import { StepStore } from "../src/step_store";
 import type { Wire } from "../src/wire";
-import { loadWire, messagesOf, step } from "./wire";
+import { loadWire, messagesOf } from "./wire";
 
 let wire: Wire;
 /** The steps of the computed walk, decoded and as messages. */
@@ -36,7 +36,7 @@ class TestStorage implements StepStorage {
 test("a step is stored once, however often it is repeated", async () => {
   const storage = new TestStorage();
   const store = new StepStore(wire, storage);
-  for (const _ of [1, 2, 3]) for (const [step, message] of received) await store.add(step, message, [], null);
+  for (const _ of [1, 2, 3]) for (const [step, message] of received) await store.add(step, message, null);
   expect(store.steps.map(({ step }) => step)).toEqual(received.map(([{ step }]) => step));
   expect(storage.records).toHaveLength(received.length);
 });
@@ -44,11 +44,11 @@ test("a step is stored once, however often it is repeated", async () => {
 test("stored steps are loaded at the next visit, and their repetitions are ignored", async () => {
   const storage = new TestStorage();
   const store = new StepStore(wire, storage);
-  for (const [step, message] of received) await store.add(step, message, [], null);
+  for (const [step, message] of received) await store.add(step, message, null);
   const next = new StepStore(wire, storage);
   await next.load();
   expect(next.steps).toEqual(store.steps);
-  for (const [step, message] of received) await next.add(step, message, [], null);
+  for (const [step, message] of received) await next.add(step, message, null);
   expect(next.steps).toHaveLength(received.length);
 });
 
@@ -57,9 +57,9 @@ test("a step that cannot be stored is reported, is shown once, and is stored whe
   const store = new StepStore(wire, storage);
   const [first, message] = received[0]!;
   storage.is_full = true;
-  await expect(store.add(first, message, [], null)).rejects.toThrow("full");
+  await expect(store.add(first, message, null)).rejects.toThrow("full");
   storage.is_full = false;
-  await store.add(first, message, [], null);
+  await store.add(first, message, null);
   expect(store.steps).toHaveLength(1);
   expect(storage.records).toHaveLength(1);
 });
@@ -69,11 +69,11 @@ test("a step that cannot be stored delays the following steps", async () => {
   const store = new StepStore(wire, storage);
   const [one, other] = received;
   storage.is_full = true;
-  await expect(store.add(...one!, [], null)).rejects.toThrow("full");
-  await expect(store.add(...other!, [], null)).rejects.toThrow("full");
+  await expect(store.add(...one!, null)).rejects.toThrow("full");
+  await expect(store.add(...other!, null)).rejects.toThrow("full");
   storage.is_full = false;
   // The acknowledgement of the later step covers both.
-  await store.add(...other!, [], null);
+  await store.add(...other!, null);
   expect(storage.records.map(({ message }) => message)).toEqual([one![1], other![1]]);
   expect(store.steps).toHaveLength(2);
 });
@@ -82,17 +82,17 @@ test("a step that is repeated after a restart of the insole is recognised", asyn
   const storage = new TestStorage();
   const store = new StepStore(wire, storage);
   const [, message] = received[0]!;
-  await store.add(...decodeStep(message), [], null);
+  await store.add(...decodeStep(message), null);
   // The last three bytes of the message are the number of boots since the step, which is 0, the absent start time, and the regions
   // whose tissue has changed.
   expect([...message.slice(-3)]).toEqual([0, 0, 0]);
   const [repeated, bytes] = decodeStep(Uint8Array.of(...message.slice(0, -3), 1, 0, 0));
   expect(repeated.step.starts_ago).toBe(1);
-  await store.add(repeated, bytes, [], null);
+  await store.add(repeated, bytes, null);
   expect(storage.records).toHaveLength(1);
-  // Here the byte before these three differs. It is the change of stiffness of the last region, so this is another step.
+  // Here the byte before these three differs. It is the residual force of the last region, so this is another step.
   const [other, other_bytes] = decodeStep(Uint8Array.of(...message.slice(0, -4), 1, 0, 0, 0));
-  await store.add(other, other_bytes, [], null);
+  await store.add(other, other_bytes, null);
   expect(storage.records).toHaveLength(2);
 });
 
@@ -100,17 +100,10 @@ test("a step that two pages stored is shown once", async () => {
   const storage = new TestStorage();
   for (const _ of [1, 2]) {
     const store = new StepStore(wire, storage);
-    for (const [step, message] of received) await store.add(step, message, [], null);
+    for (const [step, message] of received) await store.add(step, message, null);
   }
   expect(storage.records).toHaveLength(2 * received.length);
   const next = new StepStore(wire, storage);
   await next.load();
   expect(next.steps).toHaveLength(received.length);
-});
-
-test("the peak force of the foot is read from the frames of the step, if they are complete", () => {
-  const frames = Array.from({ length: 200 }, (_, i) => ({ t_s: i / 100, force_n: i === 150 ? 900 : i }));
-  expect(peakForce(step({ start_s: 0.2, duration_s: 0.6 }), frames)).toBe(80);
-  expect(peakForce(step({ start_s: 1.3, duration_s: 0.6 }), frames)).toBe(900);
-  expect(peakForce(step({ start_s: 1.6, duration_s: 0.6 }), frames)).toBeNull();
 });

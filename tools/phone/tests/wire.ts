@@ -20,12 +20,19 @@ export const messagesOf = (insole: number) =>
 /** A decoded live frame with the same measured force on each region. */
 export function live(values: Partial<Extract<ToHost, { kind: "live" }>> = {}, measured_n = 0): ToHost {
   const region = { area_mm2: 0, deformation_mm: 0, model_n: 0, measured_n, saturated: false, clamped: false, masked: false };
-  return { kind: "live", sequence: 0, t_s: 0, regions: Array.from({ length: 8 }, () => ({ ...region })), ...values };
+  const centre = { centre_x_mm: null, centre_y_mm: null };
+  return { kind: "live", sequence: 0, t_s: 0, ...centre, regions: Array.from({ length: 8 }, () => ({ ...region })), ...values };
 }
 
 /** A decoded step without regions. */
 export function step(values: Partial<Step> = {}): Step {
   const times = { start_s: 0, duration_s: 0.6, sample_s: 0.01, starts_ago: 0, start_unix_s: null };
   const contact_rule = { rule: "counted", on_kpa: 10, off_kpa: 7.5, full_kpa: 0 } as const;
-  return { side: "left", step: 0, ...times, bridged_frames: 0, contact_rule, regions: {}, ...values };
+  const humps = { foot_first_peak_n: 0, foot_first_peak_time_s: 0, foot_valley_n: null, foot_valley_time_s: null };
+  const second = { foot_second_peak_n: null, foot_second_peak_time_s: null, foot_force_integral_n_s: 0 };
+  const points = { x_10_mm: 0, y_10_mm: 0, x_30_mm: 0, y_30_mm: 0, x_50_mm: 0, y_50_mm: 0, x_70_mm: 0, y_70_mm: 0 };
+  const gait_line = { ...points, x_90_mm: 0, y_90_mm: 0, length_mm: 0, width_mm: 0, velocity_mm_s: 0 };
+  const indices = { cop_excursion_index_percent: 0, arch_index_percent: 0 };
+  const foot = { foot_force_peak_n: 0, ...humps, ...second, gait_line, ...indices };
+  return { side: "left", step: 0, ...times, bridged_frames: 0, contact_rule, foot, regions: {}, ...values };
 }

@@ -10,7 +10,7 @@ use anyhow::{Result, bail};
 use clap::Args;
 use client::{Axis, ReconnectPolicy};
 use plantar::protocol::{
-    CellFrame, CellStream, Flag, Live, LiveRegion, Quantity, Resolution, Step, StepRegion, ToDevice,
+    CellFrame, CellStream, Flag, Live, LiveRegion, Quantity, Resolution, Step, StepFoot, StepRegion, ToDevice,
 };
 use plantar::{Region, Side};
 use std::path::PathBuf;
@@ -242,6 +242,7 @@ fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
     ]);
     row.extend(columns(scaled, r));
     row.extend(columns(nested, r));
+    row.extend(columns(StepFoot::QUANTITIES, &step.foot));
     row
 }
 

@@ -127,7 +127,7 @@ fn record_stores_the_session_as_tables() {
     for i in 0..virtual_insole.frames(&recording) {
         virtual_insole.codes_of(&recording, i, &mut codes);
         let toe_off = insole.frame(i as u32, &codes);
-        live.push(Live::new(i as u32, 0, insole.loads(), insole.masked()));
+        live.push(Live::new(i as u32, 0, insole.loads(), insole.masked(), insole.foot_centre_mm()));
         if toe_off {
             steps.push(Step::new(&insole.whole_step().expect("a step")));
         }

@@ -67,7 +67,10 @@ fn messages(
         let toe_off = insole.frame(frame as u32, &codes);
         let t_us = frame as u64 * u64::from(virtual_insole.setup.period_us);
         let t_ms = (t_us as f64 / 1e3 + lag_s * 1e3).round() as u32;
-        messages.push((t_ms, ToHost::Live(Live::new(frame as u32, t_us, insole.loads(), insole.masked()))));
+        messages.push((
+            t_ms,
+            ToHost::Live(Live::new(frame as u32, t_us, insole.loads(), insole.masked(), insole.foot_centre_mm())),
+        ));
         if toe_off && let Some(step) = insole.whole_step() {
             messages.push((t_ms, ToHost::Step(Step::new(&step))));
         }

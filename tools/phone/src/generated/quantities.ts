@@ -22,8 +22,66 @@ export interface Step {
   start_unix_s: number | null;
   /** Contact rule of the areas. */
   contact_rule: { rule: "counted" | "fractional"; on_kpa: number; off_kpa: number; full_kpa: number };
+  /** The measures of the foot. */
+  foot: StepFoot;
   /** The regions by name. */
   regions: Record<string, StepRegion>;
+}
+
+/** The foot in a step. */
+export interface StepFoot {
+  /** Largest total force. Unit: N. */
+  foot_force_peak_n: number;
+  /** First peak of the total force. Unit: N. */
+  foot_first_peak_n: number;
+  /** Time from heel strike to the first peak. Unit: s. */
+  foot_first_peak_time_s: number;
+  /** Valley between the two peaks of the total force. Unit: N. */
+  foot_valley_n: number | null;
+  /** Time from heel strike to the valley. Unit: s. */
+  foot_valley_time_s: number | null;
+  /** Second peak of the total force. Unit: N. */
+  foot_second_peak_n: number | null;
+  /** Time from heel strike to the second peak. Unit: s. */
+  foot_second_peak_time_s: number | null;
+  /** Force-time integral of the total force. Unit: N s. */
+  foot_force_integral_n_s: number;
+  /** Centre of pressure excursion index; positive if the path is lateral of the line between its ends. Unit: %. */
+  cop_excursion_index_percent: number;
+  /** Arch index. Unit: %. */
+  arch_index_percent: number;
+  /** The path of the centre of pressure. */
+  gait_line: GaitLine;
+}
+
+/** The path of the centre of pressure in a step. */
+export interface GaitLine {
+  /** Centre of pressure at 10 % of stance, to the lateral side in foot coordinates. Unit: mm. */
+  x_10_mm: number;
+  /** Centre of pressure at 10 % of stance, from heel to toe in foot coordinates. Unit: mm. */
+  y_10_mm: number;
+  /** Centre of pressure at 30 % of stance, to the lateral side in foot coordinates. Unit: mm. */
+  x_30_mm: number;
+  /** Centre of pressure at 30 % of stance, from heel to toe in foot coordinates. Unit: mm. */
+  y_30_mm: number;
+  /** Centre of pressure at 50 % of stance, to the lateral side in foot coordinates. Unit: mm. */
+  x_50_mm: number;
+  /** Centre of pressure at 50 % of stance, from heel to toe in foot coordinates. Unit: mm. */
+  y_50_mm: number;
+  /** Centre of pressure at 70 % of stance, to the lateral side in foot coordinates. Unit: mm. */
+  x_70_mm: number;
+  /** Centre of pressure at 70 % of stance, from heel to toe in foot coordinates. Unit: mm. */
+  y_70_mm: number;
+  /** Centre of pressure at 90 % of stance, to the lateral side in foot coordinates. Unit: mm. */
+  x_90_mm: number;
+  /** Centre of pressure at 90 % of stance, from heel to toe in foot coordinates. Unit: mm. */
+  y_90_mm: number;
+  /** Length of the path of the centre of pressure from 10 to 90 % of stance. Unit: mm. */
+  length_mm: number;
+  /** Extent of this path to the lateral side. Unit: mm. */
+  width_mm: number;
+  /** Mean velocity of the centre of pressure on this path. Unit: mm/s. */
+  velocity_mm_s: number;
 }
 
 /** One region of a step. */
@@ -50,6 +108,20 @@ export interface StepRegion {
   model_error_nrmse_percent: number;
   /** Change of K since the identification; 0 without parameters of the wearer. Unit: %. */
   stiffness_change_percent: number;
+  /** Largest pressure of a cell. Unit: kPa. */
+  peak_pressure_kpa: number;
+  /** Time from heel strike to the largest pressure of a cell. Unit: s. */
+  peak_pressure_time_s: number;
+  /** Pressure-time integral. Unit: kPa s. */
+  pressure_integral_kpa_s: number;
+  /** Mean pressure at the largest measured force. Unit: kPa. */
+  mean_pressure_kpa: number;
+  /** Loading rate. Unit: N/s. */
+  loading_rate_n_s: number;
+  /** Time from heel strike to the region's first sample in contact. Unit: s. */
+  contact_start_s: number;
+  /** Force under the lifted foot, which is subtracted from the measured force; 255 for more. Unit: N. */
+  residual_force_n: number;
   /** Contact ellipse at the largest measured force; null without contact. */
   ellipse_at_peak: Ellipse | null;
   /** A cell was saturated, so the forces are lower bounds. */
@@ -82,6 +154,10 @@ export interface Live {
   sequence: number;
   /** Time of the scan since the first scan. Unit: s. */
   t_s: number;
+  /** Centre of pressure of the foot, to the lateral side in foot coordinates. Unit: mm. */
+  centre_x_mm: number | null;
+  /** Centre of pressure of the foot, from heel to toe in foot coordinates; absent unless the foot is on the ground. Unit: mm. */
+  centre_y_mm: number | null;
   /** The regions, in the order of `Facts.regions`. */
   regions: LiveRegion[];
 }
@@ -117,6 +193,13 @@ export const STEP_COLUMNS = [
   "time_to_peak_s",
   "model_error_nrmse_percent",
   "stiffness_change_percent",
+  "peak_pressure_kpa",
+  "peak_pressure_time_s",
+  "pressure_integral_kpa_s",
+  "mean_pressure_kpa",
+  "loading_rate_n_s",
+  "contact_start_s",
+  "residual_force_n",
   "saturated",
   "clamped",
   "refit",
@@ -131,6 +214,37 @@ export const ELLIPSE_COLUMNS = [
   "r_b_mm",
   "angle_deg",
 ] as const satisfies readonly (keyof Ellipse)[];
+
+/** Columns of the foot in the CSV of steps. */
+export const FOOT_COLUMNS = [
+  "foot_force_peak_n",
+  "foot_first_peak_n",
+  "foot_first_peak_time_s",
+  "foot_valley_n",
+  "foot_valley_time_s",
+  "foot_second_peak_n",
+  "foot_second_peak_time_s",
+  "foot_force_integral_n_s",
+  "cop_excursion_index_percent",
+  "arch_index_percent",
+] as const satisfies readonly (keyof StepFoot)[];
+
+/** Columns of the path of the centre of pressure in the CSV of steps, without their prefix `gait_`. */
+export const GAIT_COLUMNS = [
+  "x_10_mm",
+  "y_10_mm",
+  "x_30_mm",
+  "y_30_mm",
+  "x_50_mm",
+  "y_50_mm",
+  "x_70_mm",
+  "y_70_mm",
+  "x_90_mm",
+  "y_90_mm",
+  "length_mm",
+  "width_mm",
+  "velocity_mm_s",
+] as const satisfies readonly (keyof GaitLine)[];
 
 /** Columns of a region in the CSV of live frames. */
 export const LIVE_COLUMNS = [

@@ -5,7 +5,7 @@ use crate::message::{Fault, Faults, Hello, LiveFrame, Message, Status};
 use client::step_to_json;
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::{Flag, Live, LiveRegion, Quantity, Step, StepRegion};
+use plantar::protocol::{Flag, Live, LiveRegion, Quantity, Step, StepFoot, StepRegion};
 use std::fmt::Write;
 use ts_rs::{Config, TS};
 
@@ -43,6 +43,7 @@ fn the_interfaces_have_the_keys_of_the_objects() {
         boots_since: 0,
         start_unix_us: None,
         refit: 0,
+        foot: StepFoot { valley_dn: 1, ..StepFoot::default() },
     };
     let step = step_to_json(&step);
     let heel = &step["regions"]["heel"];
@@ -50,6 +51,8 @@ fn the_interfaces_have_the_keys_of_the_objects() {
     let text = quantities();
     for (name, object) in [
         ("Step", &step),
+        ("StepFoot", &step["foot"]),
+        ("GaitLine", &step["foot"]["gait_line"]),
         ("StepRegion", heel),
         ("Ellipse", &heel["ellipse_at_peak"]),
         ("Live", &live),
@@ -108,7 +111,16 @@ fn quantities() -> String {
             "Start on the insole's own clock, s since 1970; null unless the insole has restarted since the step.";
         field(text, meaning, "start_unix_s", "number | null");
         field(text, "Contact rule of the areas.", "contact_rule", contact_rule);
+        field(text, "The measures of the foot.", "foot", "StepFoot");
         field(text, "The regions by name.", "regions", "Record<string, StepRegion>");
+    });
+    let (gait, foot): (Vec<_>, Vec<_>) = StepFoot::QUANTITIES.iter().partition(|quantity| quantity.path().0.is_some());
+    interface(&mut text, "The foot in a step.", "StepFoot", |text| {
+        foot.iter().for_each(|quantity| quantity_field(text, quantity));
+        field(text, "The path of the centre of pressure.", "gait_line", "GaitLine");
+    });
+    interface(&mut text, "The path of the centre of pressure in a step.", "GaitLine", |text| {
+        gait.iter().for_each(|quantity| quantity_field(text, quantity));
     });
     interface(&mut text, "One region of a step.", "StepRegion", |text| {
         measures.iter().for_each(|quantity| quantity_field(text, quantity));
@@ -145,6 +157,16 @@ fn quantities() -> String {
         "Ellipse",
         &keys(&nested),
     );
+    let keys =
+        |quantities: &[&Quantity<StepFoot>]| quantities.iter().map(|quantity| quantity.path().1).collect::<Vec<_>>();
+    constant(&mut text, "Columns of the foot in the CSV of steps.", "FOOT_COLUMNS", "StepFoot", &keys(&foot));
+    constant(
+        &mut text,
+        "Columns of the path of the centre of pressure in the CSV of steps, without their prefix `gait_`.",
+        "GAIT_COLUMNS",
+        "GaitLine",
+        &keys(&gait),
+    );
     let live = LiveRegion::QUANTITIES.iter().map(|quantity| quantity.key);
     let columns: Vec<_> = live.chain(Live::FLAGS.iter().map(|flag| flag.name)).collect();
     constant(&mut text, "Columns of a region in the CSV of live frames.", "LIVE_COLUMNS", "LiveRegion", &columns);
@@ -159,8 +181,11 @@ fn interface(text: &mut String, meaning: &str, name: &str, fields: impl FnOnce(&
 }
 
 fn quantity_field<T>(text: &mut String, quantity: &Quantity<T>) {
-    let Quantity { meaning, unit, .. } = quantity;
-    field(text, &format!("{meaning} Unit: {unit}."), quantity.path().1, "number");
+    let Quantity { meaning, unit, is_optional, .. } = quantity;
+    // A nested object lacks all of its quantities, or none.
+    let (nested, key) = quantity.path();
+    let of_type = if *is_optional && nested.is_none() { "number | null" } else { "number" };
+    field(text, &format!("{meaning} Unit: {unit}."), key, of_type);
 }
 
 fn flag_field<T>(text: &mut String, flag: &Flag<T>) {

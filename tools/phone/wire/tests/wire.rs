@@ -2,7 +2,7 @@
 
 use phone_wire::{decode_to_json, outline_mm, region_shapes};
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::{Live, LiveRegion, MAX_MESSAGE, Refusal, Step, StepRegion, ToHost, encode};
+use plantar::protocol::{Live, LiveRegion, MAX_MESSAGE, Refusal, Step, StepFoot, StepRegion, ToHost, encode};
 use plantar::{Region, Side};
 use recording::synthetic;
 use serde_json::Value;
@@ -57,6 +57,7 @@ fn the_key_of_a_step_depends_on_its_content_and_not_on_restarts_of_the_insole() 
         boots_since: 0,
         start_unix_us: Some(9),
         refit: 0,
+        foot: StepFoot::default(),
     };
     let key = |step: Step| decoded(&ToHost::Step(step))["key"].clone();
     assert_eq!(key(step), key(Step { boots_since: 2, ..step }));

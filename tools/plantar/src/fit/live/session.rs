@@ -6,7 +6,7 @@ use fit::live::LiveSteps;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::{Live, Step, StepRegion};
+use plantar::protocol::{Live, Step, StepFoot, StepRegion};
 use plantar::{Region, Side};
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};
@@ -137,6 +137,7 @@ fn record(row: &Row, number: u32) -> Result<Step> {
         boots_since: row.integer("starts_ago")? as u32,
         start_unix_us: None,
         refit: 0,
+        foot: StepFoot::default(),
     })
 }
 

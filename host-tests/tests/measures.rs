@@ -1,0 +1,126 @@
+//! The standard measures of a step equal those of an independent implementation.
+
+mod common;
+
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::measures::{FootMeasures, RegionMeasures};
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::stance_rule::StanceRule;
+use plantar::pipeline::step::StepRecord;
+use recording::synthetic::{self, SyntheticWalk};
+use recording::{Recording, VirtualInsole, jiku};
+use serde_json::json;
+use std::io::Write;
+use std::process::{Command, Stdio};
+
+/// The steps of a recording, each with the pressures that the insole measured from heel strike to toe off.
+fn steps(recording: &Recording) -> (VirtualInsole, Vec<(StepRecord<f64>, Vec<Vec<f32>>)>) {
+    let virtual_insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a recording's insole is valid");
+    let mut codes = vec![0; virtual_insole.cells.len()];
+    let mut steps = Vec::new();
+    for i in 0..virtual_insole.frames(recording) {
+        virtual_insole.codes_of(recording, i, &mut codes);
+        if insole.frame(i as u32, &codes) {
+            let step = insole.whole_step().expect("the insole is set up");
+            let period_us = u64::from(virtual_insole.setup.period_us);
+            let (start, frames) = ((step.start_us / period_us) as usize, u64::from(step.duration_us) / period_us);
+            let pressures = (start..start + frames as usize).map(|i| virtual_insole.measured_kpa(recording.frame(i)));
+            steps.push((step, pressures.collect()));
+        }
+    }
+    (virtual_insole, steps)
+}
+
+fn of_foot(foot: &FootMeasures<f64>) -> Vec<f64> {
+    let humps = [foot.first_peak, foot.valley, foot.second_peak].map(|extremum| [extremum.force_n, extremum.t_s]);
+    let mut values = vec![foot.peak_n];
+    values.extend(humps.concat());
+    values.push(foot.integral_n_s);
+    values.extend(foot.gait_line_mm.iter().flat_map(|(x_mm, y_mm)| [x_mm, y_mm]));
+    values.extend([foot.gait_length_mm, foot.gait_width_mm, foot.gait_velocity_mm_s]);
+    values.extend([foot.excursion_index, foot.arch_index]);
+    values
+}
+
+fn of_region(region: &RegionMeasures<f64>) -> Vec<f64> {
+    vec![
+        region.peak_pressure_kpa,
+        region.peak_pressure_s,
+        region.pressure_integral_kpa_s,
+        region.mean_pressure_kpa,
+        region.loading_rate_n_s,
+        region.contact_start_s,
+    ]
+}
+
+/// Compares all measures of a recording with those of NumPy, within 0.1 % and the resolution of the stored curves: 0.05 kPa and
+/// 1/64 mm.
+fn compare(recording: &Recording) {
+    let (virtual_insole, steps) = steps(recording);
+    assert!(steps.len() > 3);
+    let cells = recording.layout.cells.iter();
+    let input = json!({
+        "rate_hz": recording.rate_hz,
+        "cells": cells.map(|cell| [cell.x_mm, cell.y_mm, cell.area_mm2, f64::from(cell.region as u8)]).collect::<Vec<_>>(),
+        "on_kpa": virtual_insole.setup.contact.on_kpa,
+        "off_kpa": virtual_insole.setup.contact.off_kpa,
+        "steps": steps.iter().map(|(_, pressures)| pressures).collect::<Vec<_>>(),
+    });
+    let mut child = Command::new(common::python())
+        .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/measures.py"))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("Python can be started");
+    let mut stdin = child.stdin.take().expect("it is piped");
+    stdin.write_all(input.to_string().as_bytes()).expect("the script reads its input");
+    drop(stdin);
+    let output = child.wait_with_output().expect("the script ends");
+    assert!(output.status.success(), "the script fails");
+    let text = String::from_utf8(output.stdout).expect("the script prints text");
+    assert_eq!(text.lines().count(), steps.len());
+    let mut compared = 0;
+    for ((step, _), line) in steps.iter().zip(text.lines()) {
+        let expected: Vec<Vec<f64>> = serde_json::from_str(line).expect("JSON");
+        let found =
+            [of_foot(&step.foot)].into_iter().chain(step.regions.iter().map(|region| of_region(&region.measures)));
+        for (part, (found, expected)) in found.zip(expected).enumerate() {
+            assert_eq!(found.len(), expected.len());
+            for (i, (found, expected)) in found.into_iter().zip(expected).enumerate() {
+                let resolution = match (part, i) {
+                    (0, ..8 | 22) | (1.., 4) => 1e-6,
+                    (0, 21) => 4e-4,
+                    (0, _) => 0.02,
+                    _ => 0.05,
+                };
+                let tolerance = expected.abs() * 1e-3 + resolution;
+                let step = step.step;
+                assert!((found - expected).abs() <= tolerance, "step {step}, part {part}, {i}: {found} for {expected}");
+                compared += 1;
+            }
+        }
+    }
+    println!("{compared} measures of {} steps agree", steps.len());
+}
+
+#[test]
+#[ignore = "needs Python with NumPy: cargo xtask test"]
+fn measures_of_a_computed_walk_equal_those_of_numpy() {
+    for rate_hz in [50.0, 100.0, 200.0] {
+        compare(
+            &synthetic::walk(&SyntheticWalk { steps: 6, rate_hz, variation: 0.1, ..SyntheticWalk::default() })
+                .recording,
+        );
+    }
+}
+
+#[test]
+#[ignore = "needs Python with NumPy, and the data set SpeedPP2DS: cargo xtask test"]
+fn measures_of_recorded_steps_equal_those_of_numpy() {
+    let walk = jiku::import(common::jiku(), 2, 0..10, &mut |_, _| ()).expect("the data set can be read");
+    let walk = walk.at_rate(100.0).and_then(|walk| walk.binned(DEVICE_CELLS));
+    compare(&walk.expect("a walk can be binned"));
+}
