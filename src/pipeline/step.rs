@@ -77,8 +77,9 @@ impl<R: Real> RegionStep<R> {
     }
 }
 
-/// Every how many samples of a curve contribute to [`StepSums`]. Neighbouring samples differ little, and the cost is proportional.
-const EVERY: usize = 4;
+/// Largest number of samples of a curve that contribute to [`StepSums`]. Neighbouring samples differ little, and the cost is
+/// proportional.
+const SUMMED: usize = 8;
 /// Change of K beyond which the wearer should be identified again. It is larger than the changes of K between the two halves of a
 /// session of ten walkers, whose 95 % limits are 7 to 17 % by region (docs/identification.md).
 pub const REFIT_CHANGE: f64 = 0.25;
@@ -158,6 +159,7 @@ impl<R: Real> RegionStep<R> {
         }
 
         let (span, section_m2) = (rate_span(sample_s.to_f64()), law.section_m2());
+        let every = g.len().div_ceil(SUMMED);
         let (mut squares, mut peak_at) = (R::ZERO, 0u32);
         for (i, (&g_here, &measured)) in g.iter().zip(measured_n).enumerate() {
             let (earlier, later) = rate_samples(i, g.len(), span);
@@ -167,7 +169,7 @@ impl<R: Real> RegionStep<R> {
             };
             let (elastic_pa, viscous_pa) = law.terms_pa(g_here, rate_per_s);
             let model = (section_m2 * (elastic_pa + viscous_pa)).max(R::ZERO);
-            if i % EVERY == 0 && model > R::ZERO {
+            if i % every == 0 && model > R::ZERO {
                 step.sums.add(section_m2 * elastic_pa, section_m2 * viscous_pa, measured);
             }
             step.model_peak_n = step.model_peak_n.max(model);
