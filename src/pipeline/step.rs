@@ -65,12 +65,6 @@ pub struct RegionStep<R> {
 }
 
 impl<R: Real> RegionStep<R> {
-    /// True if K has changed by so much that the wearer should be identified again.
-    pub fn needs_refit(&self) -> bool {
-        let change = self.stiffness_change;
-        change.max(-change) > R::of(REFIT_CHANGE)
-    }
-
     /// True if forces and areas are those of the tissue: no masked cell, and no area beyond the ellipsoid.
     pub(crate) fn is_reliable(&self) -> bool {
         self.masked_cells == 0 && !self.clamped
@@ -80,9 +74,10 @@ impl<R: Real> RegionStep<R> {
 /// Largest number of samples of a curve that contribute to [`StepSums`]. Neighbouring samples differ little, and the cost is
 /// proportional.
 const SUMMED: usize = 8;
-/// Change of K beyond which the wearer should be identified again. It is larger than the changes of K between the two halves of a
-/// session of ten walkers, whose 95 % limits are 7 to 17 % by region (docs/identification.md).
-pub const REFIT_CHANGE: f64 = 0.25;
+/// Relative change of K beyond which the wearer should be identified again, in the order of [`crate::Region::ALL`]: the minimal
+/// detectable change (95 %) of the tracked K. It was computed by `cargo run --release -p bench --bin typical` for the ten barefoot
+/// walkers of docs/identification.md: K was identified from one half of a session and tracked through the other half.
+pub const REFIT_CHANGE: [f64; 8] = [0.11, 0.07, 0.08, 0.15, 0.07, 0.20, 0.14, 0.11];
 
 /// The sums of one step over the samples of a region: products of the elastic force e, the viscous force v and the measured force f.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -129,6 +124,17 @@ pub struct StepRecord<R> {
     pub contact_rule: ContactRule,
     /// The regions, in the order of [`crate::Region::ALL`].
     pub regions: [RegionStep<R>; 8],
+}
+
+impl<R: Real> StepRecord<R> {
+    /// Bit i: K of region i has changed by so much since the identification that the wearer should be identified again.
+    pub fn refit(&self) -> u8 {
+        let is_due = |(i, limit): (usize, f64)| {
+            let change = self.regions[i].stiffness_change;
+            u8::from(change.max(-change) > R::of(limit)) << i
+        };
+        REFIT_CHANGE.into_iter().enumerate().map(is_due).sum()
+    }
 }
 
 impl<R: Real> RegionStep<R> {
