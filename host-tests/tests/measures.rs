@@ -14,8 +14,10 @@ use serde_json::json;
 use std::io::Write;
 use std::process::{Command, Stdio};
 
-/// The steps of a recording, each with the pressures that the insole measured from heel strike to toe off.
-fn steps(recording: &Recording) -> (VirtualInsole, Vec<(StepRecord<f64>, Vec<Vec<f32>>)>) {
+/// A step, and the pressures that the insole measured from heel strike to toe off, frame by frame.
+type MeasuredStep = (StepRecord<f64>, Vec<Vec<f32>>);
+
+fn steps(recording: &Recording) -> (VirtualInsole, Vec<MeasuredStep>) {
     let virtual_insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a recording's insole is valid");

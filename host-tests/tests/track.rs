@@ -1,9 +1,12 @@
 //! Tracking: K and G follow the steps. The reference is the least-squares solution of all samples of the window by NumPy, or a
 //! known law by which the steps were made.
 
+use plantar::Side;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::measures::FootMeasures;
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::region::AreaMoments;
-use plantar::pipeline::step::{REFIT_CHANGE, RegionStep};
+use plantar::pipeline::step::{REFIT_PER_MDC, RegionStep, STIFFNESS_MDC, StepRecord};
 use plantar::pipeline::track::Tracker;
 use std::f64::consts::PI;
 use std::io::Write;
@@ -138,7 +141,7 @@ fn unreliable_steps_change_nothing_and_changes_are_bounded() {
     let (law, changes) = tracked::<f64>(&walk, |_| true);
     assert_eq!(law.stiffness_pa as f32, 0.5 * identified().stiffness_pa as f32);
     assert_eq!(law.damping_pa_s as f32, 0.25 * identified().damping_pa_s as f32);
-    assert!(changes[39] < -REFIT_CHANGE);
+    assert!((changes[39] + 0.5).abs() < 1e-6, "{changes:?}");
 }
 
 #[test]
@@ -149,4 +152,31 @@ fn the_law_forgets_an_earlier_change() {
     let (law, changes) = tracked::<f64>(&walk, |_| true);
     assert!((law.stiffness_pa / 4e5 - 1.0).abs() < 0.01, "{law:?}");
     assert!(changes[29] < -0.29 && changes[60] > -0.15, "{changes:?}");
+}
+
+#[test]
+fn each_region_has_its_own_limit_of_the_change_in_both_directions() {
+    // K of region i has changed by a little less or by a little more than its limit, upwards or downwards.
+    let refit = |beyond: u8, sign: f64| {
+        let mut regions = [RegionStep::default(); 8];
+        for (i, (region, limit)) in regions.iter_mut().zip(STIFFNESS_MDC).enumerate() {
+            region.stiffness_change = sign * REFIT_PER_MDC * limit * if beyond >> i & 1 == 1 { 1.01 } else { 0.99 };
+        }
+        let record = StepRecord {
+            side: Side::Left,
+            step: 0,
+            start_us: 0,
+            duration_us: 0,
+            sample_us: 0,
+            bridged_frames: 0,
+            saturated: 0,
+            contact_rule: ContactRule::COVERED,
+            foot: FootMeasures::default(),
+            regions,
+        };
+        record.refit()
+    };
+    for beyond in [0, 0b1000_0001, 0b0101_0010, u8::MAX] {
+        assert_eq!([refit(beyond, 1.0), refit(beyond, -1.0)], [beyond; 2]);
+    }
 }

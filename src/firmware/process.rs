@@ -48,7 +48,7 @@ pub async fn process(
         }
         report_faults(insole.faults(), shared);
         if is_toe_off {
-            complete_step(insole, shared).await;
+            complete_step(insole, shared, || stopwatch.cycles_since(start)).await;
         }
         shared.scan.heartbeats.frame_processed();
         shared.signal_changed();
@@ -80,13 +80,20 @@ fn adopt_tissue(insole: &mut DeviceInsole, shared: &Shared) {
 }
 
 /// Evaluates the step that just ended, and queues it to be stored. Other tasks can run between the evaluations of two regions.
-async fn complete_step(insole: &mut DeviceInsole, shared: &Shared) {
+/// `cycles` reads the board's cycle counter; the number of cycles in the log is invalid if the counter wrapped in a measurement.
+async fn complete_step(insole: &mut DeviceInsole, shared: &Shared, cycles: impl Fn() -> u32) {
     let mut regions = [RegionStep::default(); 8];
+    let mut total = 0u32;
     for (region, step) in regions.iter_mut().enumerate() {
+        let before = cycles();
         *step = insole.step_region(region);
+        total = total.wrapping_add(cycles().wrapping_sub(before));
         yield_now().await;
     }
+    let before = cycles();
     let Some(step) = insole.step(regions) else { return };
+    total = total.wrapping_add(cycles().wrapping_sub(before));
+    log::info!("process: step {} was evaluated in {} cycles", step.step, total);
     let frames_before = shared.frames_before.get().unwrap_or(shared.scan.heartbeats.processed());
     shared.frames_before.set(Some(frames_before));
     let start_unix_us = shared.session.borrow().unix_us(step.start_us);

@@ -68,23 +68,22 @@ pub struct RegionStep<R> {
 }
 
 impl<R: Real> RegionStep<R> {
-    /// True if K has changed by so much that the wearer should be identified again.
-    pub fn needs_refit(&self) -> bool {
-        let change = self.stiffness_change;
-        change.max(-change) > R::of(REFIT_CHANGE)
-    }
-
     /// True if forces and areas are those of the tissue: no masked cell, and no area beyond the ellipsoid.
     pub(crate) fn is_reliable(&self) -> bool {
         self.masked_cells == 0 && !self.clamped
     }
 }
 
-/// Every how many samples of a curve contribute to [`StepSums`]. Neighbouring samples differ little, and the cost is proportional.
-const EVERY: usize = 4;
-/// Change of K beyond which the wearer should be identified again. It is larger than the changes of K between the two halves of a
-/// session of ten walkers, whose 95 % limits are 7 to 17 % by region (docs/identification.md).
-pub const REFIT_CHANGE: f64 = 0.25;
+/// Largest number of samples of a curve that contribute to [`StepSums`]. Neighbouring samples differ little, and the cost is
+/// proportional.
+const SUMMED: usize = 8;
+/// The minimal detectable change (95 %) of the tracked K in the order of [`crate::Region::ALL`], relative to K. It was computed by `cargo run --release -p bench --bin typical` for the ten barefoot
+/// walkers of docs/identification.md: K was identified from one half of a session and tracked through the other half.
+pub const STIFFNESS_MDC: [f64; 8] = [0.11, 0.07, 0.08, 0.15, 0.07, 0.20, 0.14, 0.11];
+/// Change of K beyond which the wearer should be identified again, relative to [`STIFFNESS_MDC`]: with it, one in twenty steps of an
+/// unchanged wearer exceeds the limit in any of its eight regions by chance (Sidak's correction, 2.73 instead of 1.96 standard
+/// deviations).
+pub const REFIT_PER_MDC: f64 = 1.4;
 
 /// The sums of one step over the samples of a region: products of the elastic force e, the viscous force v and the measured force f.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -135,6 +134,17 @@ pub struct StepRecord<R> {
     pub regions: [RegionStep<R>; 8],
 }
 
+impl<R: Real> StepRecord<R> {
+    /// Bit i: K of region i has changed by so much since the identification that the wearer should be identified again.
+    pub fn refit(&self) -> u8 {
+        let is_due = |(i, limit): (usize, f64)| {
+            let change = self.regions[i].stiffness_change;
+            u8::from(change.max(-change) > R::of(REFIT_PER_MDC * limit)) << i
+        };
+        STIFFNESS_MDC.into_iter().enumerate().map(is_due).sum()
+    }
+}
+
 impl<R: Real> RegionStep<R> {
     /// Evaluates a region. `area_mm2` and `force_n` are the curves of the stance. They have the same number of samples, at most
     /// [`STANCE_SAMPLES`], and the time `sample_s` between samples. `at_peak` are the area moments at the largest measured force,
@@ -163,6 +173,7 @@ impl<R: Real> RegionStep<R> {
         }
 
         let (span, section_m2) = (rate_span(sample_s.to_f64()), law.section_m2());
+        let every = g.len().div_ceil(SUMMED);
         let (mut squares, mut peak_at) = (R::ZERO, 0u32);
         for (i, (&g_here, &measured)) in g.iter().zip(measured_n).enumerate() {
             let (earlier, later) = rate_samples(i, g.len(), span);
@@ -172,7 +183,7 @@ impl<R: Real> RegionStep<R> {
             };
             let (elastic_pa, viscous_pa) = law.terms_pa(g_here, rate_per_s);
             let model = (section_m2 * (elastic_pa + viscous_pa)).max(R::ZERO);
-            if i % EVERY == 0 && model > R::ZERO {
+            if i % every == 0 && model > R::ZERO {
                 step.sums.add(section_m2 * elastic_pa, section_m2 * viscous_pa, measured);
             }
             step.model_peak_n = step.model_peak_n.max(model);

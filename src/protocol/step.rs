@@ -54,8 +54,8 @@ quantities! {
         /// `start_us` on the wall clock, us since 1970, UTC; `None` if the clock was not set.
         start_unix_us: Option<u64> = None;
         /// K has changed by so much since the identification that the wearer should be identified again.
-        refit: u8 = bits(&record.regions, RegionStep::needs_refit),
-            flags "The tracked K differs from the identified one by more than 25 %.";
+        refit: u8 = record.refit(),
+            flags "The tracked K differs from the identified one by more than 1.4 times the minimal detectable change of the region.";
     }
 
     /// Rounds a step of the running boot to the integer units of the message.

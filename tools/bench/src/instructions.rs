@@ -1,16 +1,19 @@
 //! Counts the instructions of one frame on the emulated Cortex-M4F, from raw codes to the encoded live message.
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use bench::Figures;
 use client::{Client, Framed, READ_TIMEOUT};
 use emulation::EmulatorConfig;
 use emulator::{Board, Scan, Time, Walk};
 use parameters::{InsoleSize, Parameters};
 use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::stance_rule::StanceRule;
+use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::{CellStream, Resolution, Status, ToDevice, ToHost};
 use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, synthetic};
+use std::net::TcpStream;
 use std::path::Path;
 use std::time::Duration;
 
@@ -92,7 +95,13 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
         }
         let measure = |walk: Loaded| instructions(&walk_through(firmware, &virtual_insole, Time::Counted, walk, None)?);
         figures.add(key, measure(Loaded(codes.clone()))?, meaning);
-        if contact == ContactRule::COUNTED {
+        if contact.full_kpa > 0.0 {
+            figures.add(
+                "tracking_instructions",
+                tracking(firmware, &virtual_insole, &codes)?,
+                "at most 2,000: instructions that the tracking adds to a step of 0.64 s at 100 Hz with 8 regions",
+            );
+        } else {
             let noisy = || Noisy(codes.clone(), fastrand::Rng::with_seed(1));
             let all = Some(CellStream { resolution: Resolution::Converter, every: 1 });
             let with = walk_through(firmware, &virtual_insole, Time::Counted, noisy(), all)?;
@@ -106,6 +115,76 @@ pub fn measure(firmware: &Path, figures: &mut Figures) -> Result<()> {
     }
     Ok(())
 }
+
+/// Number of scans of a stride of [`Striding`], and of its stance.
+const STRIDE: u32 = 100;
+/// See [`STRIDE`].
+const STANCE: u32 = 64;
+/// Number of strides. The insole adapts the force laws from the tenth on.
+const STRIDES: u32 = 16;
+
+/// A foot that loads every cell of every region in each stance, most in the middle of the stance.
+struct Striding(Vec<u16>);
+
+impl Walk for Striding {
+    fn scans(&self) -> u32 {
+        STRIDE * STRIDES
+    }
+
+    fn scan(&mut self, seq: u32, codes: &mut [u16]) -> Scan {
+        let phase = seq % STRIDE;
+        let share = phase.min(STANCE.saturating_sub(phase)) * 2;
+        for (code, &most) in codes.iter_mut().zip(&self.0) {
+            *code = (u32::from(most) * share / STANCE) as u16;
+        }
+        Scan::Whole
+    }
+}
+
+/// Instructions that the tracking adds to the evaluation of a step: the difference to a step without tracking whose model force is
+/// 0, which leaves nothing to sum up.
+fn tracking(firmware: &Path, insole: &VirtualInsole, codes: &[u16]) -> Result<f64> {
+    let law = |stiffness_pa, damping_pa_s| ForceLaw {
+        // pi A B exceeds every area, and the model force is positive in all samples.
+        ab_m2: 0.01,
+        c_m: 0.01,
+        stiffness_pa,
+        damping_pa_s,
+        n: -0.5,
+        m: 1.0,
+    };
+    let measure = |tissue: Tissue, is_tracked: bool| -> Result<f64> {
+        let board = Board::start(
+            firmware,
+            &EmulatorConfig::new(insole.setup),
+            &insole.cells,
+            Time::Counted,
+            Striding(codes.to_vec()),
+        )?;
+        let mut client = connect(&board)?;
+        let contact = insole.setup.contact;
+        match is_tracked {
+            true => client.set_identified_tissue(
+                &tissue,
+                Identified { contact, filter: AreaFilter::Direct, side: Some(Side::Right), steps: STRIDES },
+            )?,
+            false => client.set_tissue(&tissue)?,
+        }
+        play(&board, &mut client, STRIDE * STRIDES)?;
+        let cycles = board.log(firmware)?.into_iter().filter_map(|entry| {
+            let (_, cycles) = entry.text.strip_suffix(" cycles")?.rsplit_once("evaluated in ")?;
+            cycles.parse::<u32>().ok()
+        });
+        let least = cycles.skip(FIRST_ADAPTED).min().context("the board has evaluated too few steps")?;
+        Ok(f64::from(least) * NS_PER_CYCLE)
+    };
+    let tracked = measure(Tissue::new([law(1e5, 1e2); 8]), true)?;
+    let untracked = measure(Tissue::new([law(0.0, 0.0); 8]), false)?;
+    Ok((tracked - untracked).round())
+}
+
+/// Number of steps before the first one by which the force laws are adapted.
+const FIRST_ADAPTED: usize = 9;
 
 /// Instructions of the frame with the fewest cycles, because interrupts of the scan lengthen others.
 fn instructions(status: &Status) -> Result<f64> {
@@ -125,12 +204,21 @@ pub fn walk_through(
     let scans = walk.scans();
     let config = EmulatorConfig::new(insole.setup);
     let board = Board::start(firmware, &config, &insole.cells, time, walk)?;
-    let link = board.link()?;
-    link.set_read_timeout(Some(READ_TIMEOUT))?;
-    let mut client = Client::connect(Framed::new(link), Duration::from_secs(20))?;
+    let mut client = connect(&board)?;
     client.set_tissue(&Parameters::typical(InsoleSize::default()).tissue())?;
     client.stream()?;
     client.stream_cells(cells)?;
+    play(&board, &mut client, scans)
+}
+
+fn connect(board: &Board) -> Result<Client<Framed<TcpStream>>> {
+    let link = board.link()?;
+    link.set_read_timeout(Some(READ_TIMEOUT))?;
+    Ok(Client::connect(Framed::new(link), Duration::from_secs(20))?)
+}
+
+/// Plays the walk, which has this number of scans, and returns the board's counters after it.
+fn play(board: &Board, client: &mut Client<Framed<TcpStream>>, scans: u32) -> Result<Status> {
     board.play();
     loop {
         client.send(ToDevice::GetStatus)?;

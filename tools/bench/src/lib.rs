@@ -1,6 +1,8 @@
-//! The parts that the benchmarks and the endurance test share: the output of figures, and walks on the host loops.
+//! The parts that several programs of this package share: the output of figures, walks on the host loops, and the studies of the
+//! walkers.
 
 mod figures;
 pub mod host_loops;
+pub mod studies;
 
 pub use figures::Figures;

@@ -4,20 +4,16 @@
 
 use anyhow::{Context, Result};
 use bench::Figures;
+use bench::studies::{self, mean_percent};
 use fit::measures::Quantity;
 use fit::quality::Evaluated;
 use fit::trials::Trial;
 use fit::variable::Variable;
-use fit::{Options, RegionFit, Step, Study, agreement, prior};
-use parameters::InsoleSize;
+use fit::{RegionFit, Step, Study, agreement};
 use plantar::pipeline::contact::ContactRule;
-use plantar::pipeline::stance_rule::StanceRule;
 use plantar::{Region, Side};
-use recording::{Recording, VirtualInsole, jiku};
 use std::path::Path;
 
-/// Every how many steps of a walker serve to learn the prior of the others.
-const LEARNT_FROM: usize = 3;
 /// Number of steps of the small fits.
 const FEW_STEPS: usize = 4;
 /// Number of small fits of each walker.
@@ -27,41 +23,13 @@ const DETERMINED: f64 = 0.3;
 
 /// Measures the errors of each region with covered shares, which are the default, and with counted cells.
 pub fn measure(data: &Path, figures: &mut Figures) -> Result<()> {
-    let walks: Vec<Recording> = (0..jiku::WALKERS)
-        .map(|w| Ok(jiku::import(data, w, 0..jiku::TRIALS, &mut |_, _| ())?))
-        .collect::<Result<_>>()?;
-    let covered = fitted(&walks, ContactRule::COVERED)?;
-    let counted = fitted(&walks, ContactRule::COUNTED)?;
+    let walks = studies::walks(data)?;
+    let covered = studies::fitted(&walks, ContactRule::COVERED)?;
+    let counted = studies::fitted(&walks, ContactRule::COUNTED)?;
     errors(&covered, &counted, figures);
     few_steps(&covered, figures);
     shares(&covered, figures);
     repeatability(&covered, figures)
-}
-
-/// The studies of all walkers with this contact rule.
-fn fitted(walks: &[Recording], contact: ContactRule) -> Result<Vec<Study>> {
-    let options = Options::usual(InsoleSize::default().thickness_m());
-    let mut studies = Vec::new();
-    for walk in walks {
-        let mut study = Study::new(String::new(), contact, options);
-        study.add(String::new(), walk, &VirtualInsole::new(walk, contact, StanceRule::ADAPTIVE), &mut |_| ())?;
-        studies.push(study);
-    }
-    let samples: Vec<Vec<Step>> =
-        studies.iter().map(|study| study.steps.iter().step_by(LEARNT_FROM).cloned().collect()).collect();
-    for (i, study) in studies.iter_mut().enumerate() {
-        let others = samples.iter().enumerate().filter(|(other, _)| *other != i);
-        let others: Vec<&[Step]> = others.map(|(_, steps)| &steps[..]).collect();
-        study.options.prior = Some(prior::learn(&others, &options));
-        study.fit(&|_| ());
-    }
-    Ok(studies)
-}
-
-/// The mean over the walkers whose region was fitted, %.
-fn mean(studies: &[Study], region: usize, of: fn(&RegionFit) -> Option<f64>) -> f64 {
-    let values: Vec<f64> = studies.iter().filter_map(|study| of(study.fits[region].as_ref().ok()?)).collect();
-    values.iter().sum::<f64>() / values.len() as f64 * 100.0
 }
 
 fn errors(covered: &[Study], counted: &[Study], figures: &mut Figures) {
@@ -71,8 +39,8 @@ fn errors(covered: &[Study], counted: &[Study], figures: &mut Figures) {
     let mut means = [0.0; 2];
     for (i, region) in Region::ALL.iter().enumerate() {
         let name = region.name();
-        let of_covered = mean(covered, i, predicted);
-        let of_counted = mean(counted, i, predicted);
+        let of_covered = mean_percent(covered, i, predicted);
+        let of_counted = mean_percent(counted, i, predicted);
         worst = worst.max(of_covered);
         means[0] += of_covered / 8.0;
         means[1] += of_counted / 8.0;
@@ -84,12 +52,12 @@ fn errors(covered: &[Study], counted: &[Study], figures: &mut Figures) {
         );
         figures.add(
             &format!("nrmse.{name}.own"),
-            round(mean(covered, i, |fit| Some(fit.quality.own))),
+            round(mean_percent(covered, i, |fit| Some(fit.quality.own))),
             "NRMSE, %, of each step with parameters fitted to it alone",
         );
         figures.add(
             &format!("nrmse.{name}.floor"),
-            round(mean(covered, i, |fit| Some(fit.quality.floor))),
+            round(mean_percent(covered, i, |fit| Some(fit.quality.floor))),
             "least NRMSE, %, of any force law without damping for the measured areas",
         );
         figures.add(&format!("nrmse.{name}.counted"), round(of_counted), "as predicted, with counted cells");

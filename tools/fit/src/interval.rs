@@ -100,8 +100,8 @@ pub fn covariance(samples: &Samples, prior: &Prior, identified: &Identified, var
 
 /// A coordinate whose standard deviation is more than this fraction of that among people is not determined by the force.
 const UNDETERMINED: f64 = 0.8;
-/// An n that exceeds its bound by less than this, or a `max_ratio` that is below 1 by less than a hundredth of it, counts as at the
-/// bound.
+/// An n or a logit of `max_ratio` that exceeds its lower bound by less than this, or a `max_ratio` that is below 1 by less than a
+/// hundredth of it, counts as at the bound.
 const AT_BOUND: f64 = 0.005;
 
 /// The place of each of the parameters [`FIVE`] among the variables of the search and among the coordinates of the prior.
@@ -140,7 +140,7 @@ pub fn from_posterior(
             jacobian: [ends[0].min(ends[1]), ends[0].max(ends[1])],
             bootstrap: None,
             at_bound: match i {
-                0 => identified.shape.max_ratio > 1.0 - 0.01 * AT_BOUND,
+                0 => identified.shape.max_ratio > 1.0 - 0.01 * AT_BOUND || at[0] < prior::LEAST_LOGIT + AT_BOUND,
                 3 => values[3] < Bounds::LEAST_N + AT_BOUND,
                 _ => false,
             },

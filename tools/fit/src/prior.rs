@@ -34,7 +34,7 @@ pub struct Prior {
 const INSIDE: f64 = 6.0;
 /// Smallest logit of `max_ratio`, which is then 0.12 as for least squares. With less, the force law is a power of the area, and A B
 /// and C would grow beyond every limit if steps have no noise.
-const LEAST_LOGIT: f64 = -2.0;
+pub(crate) const LEAST_LOGIT: f64 = -2.0;
 /// Largest absolute value of a coordinate.
 const FAR: f64 = 30.0;
 /// Logarithm of the largest exponent, about that of a force law that an insole accepts.

@@ -99,8 +99,12 @@ fn effect(fit: &RegionFit) -> String {
 
 /// Makes the JSON object with all results.
 pub fn to_json(study: &Study) -> Value {
-    let regions: Map<String, Value> =
-        Region::ALL.iter().zip(&study.fits).map(|(region, fit)| (region.name().into(), fit_to_json(fit))).collect();
+    let regions: Map<String, Value> = Region::ALL
+        .iter()
+        .zip(&study.fits)
+        .zip(study.counted_nrmse)
+        .map(|((region, fit), counted)| (region.name().into(), fit_to_json(fit, counted)))
+        .collect();
     json!({
         "participant": study.participant,
         "recordings": study.sources.iter().map(|s| json!({
@@ -137,7 +141,8 @@ fn cells(source: &Source) -> Option<usize> {
     }
 }
 
-fn fit_to_json(fit: &Result<RegionFit, NotFitted>) -> Value {
+/// `counted_nrmse` is that of [`Study::counted_nrmse`].
+fn fit_to_json(fit: &Result<RegionFit, NotFitted>, counted_nrmse: Option<f64>) -> Value {
     let fit = match fit {
         Ok(fit) => fit,
         Err(reason) => return json!({ "fitted": false, "reason": reason.to_string() }),
@@ -180,7 +185,8 @@ fn fit_to_json(fit: &Result<RegionFit, NotFitted>) -> Value {
         "nrmse_percent": {
             "fitted": q.fitted * 100.0, "fitted_smoothed": q.fitted_smoothed * 100.0,
             "own": q.own * 100.0, "own_smoothed": q.own_smoothed * 100.0,
-            "predicted": q.predicted.map(|p| p * 100.0), "floor": q.floor * 100.0,
+            "predicted": q.predicted.map(|p| p * 100.0), "predicted_counted": counted_nrmse.map(|p| p * 100.0),
+            "floor": q.floor * 100.0,
         },
         "peak_bias_percent": q.peak_bias * 100.0,
         "saturated_share": q.saturated,

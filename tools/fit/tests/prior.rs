@@ -7,6 +7,7 @@ use fit::prior::{self, Coordinates, Prior, WALKERS};
 use fit::synthetic::{Noise, curves, law, walk};
 use fit::{Filter, Options, Samples, interval};
 use plantar::pipeline::model::ForceLaw;
+use std::f64::consts::PI;
 
 /// The negative logarithm of the density times twice the noise, by the force law of the insole.
 fn objective(samples: &Samples, prior: &Prior, noise: f64, at: &Coordinates) -> f64 {
@@ -64,6 +65,33 @@ fn exact_steps_overrule_the_prior() {
             assert!((found / truth - 1.0).abs() < 1e-4, "region {region}: {found} is not {truth}");
         }
     }
+}
+
+/// The forces follow, without noise, from the known law of a region or from an ellipsoid with a hundred times the largest area, which
+/// is beyond the search: pi A B is at most 1 + e^2 times the largest area.
+#[test]
+fn a_fit_that_ends_at_the_largest_ellipsoid_is_marked() {
+    let options = Options::usual([0.012; 8]);
+    let mut marked = [0; 2];
+    for region in 0..8 {
+        let mut step = walk(1, 100.0, Filter::Direct, 0.0, 1).remove(0);
+        for marked in &mut marked {
+            let (fit, _) = fit::fit_step(&step, region, &options).expect("a fit");
+            let at_bound = fit.uncertainty.expect("intervals").intervals[0].at_bound;
+            let ratio = PI * fit.law.ab_m2 / fit.area_max_m2;
+            assert_eq!(at_bound, ratio > 0.99 * (1.0 + 2f64.exp()), "region {region}: {ratio}");
+            let is_named = |warning: &String| warning.starts_with("A B") && warning.contains("at a bound");
+            assert_eq!(at_bound, fit.warnings.iter().any(is_named), "region {region}: {:?}", fit.warnings);
+            *marked += usize::from(at_bound);
+
+            let curves = &mut step.regions[region];
+            let flat = ForceLaw { ab_m2: 100.0 * fit.area_max_m2 / PI, ..law(region) };
+            curves.force_n = fit::synthetic::forces(curves, Filter::Direct, &flat);
+            let peak_n = curves.force_n.iter().copied().fold(0.0, f64::max);
+            curves.force_n.iter_mut().for_each(|force_n| *force_n *= 100.0 / peak_n);
+        }
+    }
+    assert!(marked[0] == 0 && marked[1] > 0, "{marked:?}");
 }
 
 /// Each region is fitted to one step, and its quantities are less certain than with twenty steps.

@@ -15,7 +15,6 @@ use parameters::{InsoleSize, Parameters};
 use plantar::Region;
 use plantar::insole::Insole;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Hello, Status, Step, ToDevice, ToHost};
 use recording::{Recording, VirtualInsole};
 use std::net::TcpStream;
@@ -121,7 +120,6 @@ impl Emulate {
         };
         let EmulatedInsole { recording, insole } =
             EmulatedInsole::new(&self.recording, &parameters, &self.contact, &self.zero)?;
-        let tissue = if self.identify.is_none() { parameters.tissue() } else { Tissue::NONE };
         let config = EmulatorConfig::new(insole.setup);
         let cells = insole.cells.clone();
         let seconds = recording.frames() as f64 / recording.rate_hz;
@@ -144,21 +142,21 @@ impl Emulate {
         let board = Board::start(&self.firmware, &config, &cells, time, walk)?;
         let link = board.link()?;
         link.set_read_timeout(Some(READ_TIMEOUT))?;
-        let result = self.walk(&board, link, &tissue, seconds, scans);
+        let result = self.walk(&board, link, &parameters, seconds, scans);
         // The log is written even after a failure, because it can explain the failure.
         #[cfg(feature = "log")]
         self.write_log(&board)?;
         result
     }
 
-    /// Plays the walk, and prints and writes its outcome. `seconds` is the duration of the recording, `scans` the number of scans
-    /// of the walk.
-    fn walk(&self, board: &Board, link: TcpStream, tissue: &Tissue, seconds: f64, scans: u32) -> Result<()> {
+    /// Plays the walk, and prints and writes its outcome. With --identify, `parameters` are not used. `seconds` is the duration of the
+    /// recording, `scans` the number of scans of the walk.
+    fn walk(&self, board: &Board, link: TcpStream, parameters: &Parameters, seconds: f64, scans: u32) -> Result<()> {
         let mut client = Client::connect(Framed::new(link), ReconnectPolicy::STREAM.answer)?;
         let mut identification = match &self.identify {
             Some(folder) => Some(Identification::begin(&mut client, folder, self.identify_steps)?),
             None => {
-                client.set_tissue(tissue)?;
+                client.set_tissue(&parameters.tissue())?;
                 None
             }
         };
@@ -175,6 +173,9 @@ impl Emulate {
         }
         let counters = client.counters();
         summary::print(&steps);
+        if identification.is_none() {
+            setup::note_unless_applicable(parameters, self.wearer.size, &steps);
+        }
         summary::print_faults_of(&mut client);
         println!(
             "the insole processed {} frames of a walk of {seconds:.1} s in {:.1} s; {} scans were incomplete, and {} \

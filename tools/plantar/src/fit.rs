@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use fit::interval::RESAMPLES;
 use fit::pins::COMPRESSION;
-use fit::{Bounds, Filter, Measured, Method, Options, Study};
+use fit::{Bounds, Filter, Measured, Method, Options, Step, Study};
 use live::LiveSource;
 use parameters::{InsoleSize, TissueMeasurements};
 use plantar::Region;
@@ -209,14 +209,17 @@ impl Fit {
     pub fn run(&self) -> Result<bool> {
         let (mut study, recordings) = self.fitted()?;
         if self.report.is_some() {
-            let is_used =
-                |number: u32| self.steps.is_none_or(|StepRange(first, last)| (first..=last).contains(&number));
-            study.sensitivity = Some(sensitivity::of(&study, &recordings, &self.zero, is_used));
+            study.sensitivity = Some(self.sensitivity(&study, &recordings));
         }
         self.write(&study)
     }
 
-    /// Reads the recordings and fits all regions. The fit is not repeated with other choices, because a wearer waits for the result.
+    /// True if --steps selects the step.
+    fn is_used(&self, step: &Step) -> bool {
+        self.steps.is_none_or(|StepRange(first, last)| (first..=last).contains(&step.number))
+    }
+
+    /// Reads the recordings and fits all regions. The sensitivity is not computed, because a wearer waits for the result.
     pub fn study(&self) -> Result<Study> {
         Ok(self.fitted()?.0)
     }
@@ -235,7 +238,7 @@ impl Fit {
         }
         if let Some(StepRange(first, last)) = self.steps {
             let most = study.steps.iter().map(|step| step.number).max();
-            study.steps.retain(|step| (first..=last).contains(&step.number));
+            study.steps.retain(|step| self.is_used(step));
             if let (true, Some(most)) = (study.steps.is_empty(), most) {
                 bail!("--steps {first}-{last}: the recordings have steps 0 to {most}");
             }
@@ -243,6 +246,7 @@ impl Fit {
         let bar = progress(8, "regions");
         study.fit(&|_| bar.inc(1));
         bar.finish_and_clear();
+        study.counted_nrmse = self.counted_nrmse(&study, &recordings);
         self.add_rejected(&mut study)?;
         Ok((study, recordings))
     }

@@ -35,7 +35,8 @@ use std::time::{Duration, Instant};
 /// the identification promised. The folder then contains recordings, parameters and reports. A session that was interrupted
 /// continues when the command is given again with the same folder.
 ///
-/// Exit status: 0 if all regions were identified and verified, 3 if not all were, 1 if the session did not come to its end.
+/// Exit status: 0 if all regions were identified with whole results, as by `plantar fit`, and verified, 3 if not all were, 1 if the
+/// session did not come to its end.
 #[derive(Args)]
 pub struct Identify {
     #[command(flatten)]
@@ -99,7 +100,7 @@ impl Identify {
         let mut studies = Vec::new();
         for foot in &mut feet {
             let study = self.identify(foot)?;
-            is_good &= study.fits.iter().all(Result::is_ok);
+            is_good &= study.is_whole();
             studies.push(study);
         }
         let verified = self.verify(&mut feet)?;

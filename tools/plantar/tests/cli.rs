@@ -189,6 +189,24 @@ fn errors_for_too_many_cells_and_missing_programs_name_the_remedy() {
     fail(&path, "monitor --serial /dev/nowhere", &["/dev/nowhere"]);
 }
 
+/// The heel is loaded by 1,000 N on 200 mm2, and barefoot walkers load more than 2,000 mm2 of it.
+#[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn replay_and_emulate_note_that_typical_parameters_are_not_applicable() {
+    let firmware = std::env::var("PLANTAR_FIRMWARE").expect("PLANTAR_FIRMWARE names the emulated board's firmware");
+    let (_folder, path) = folder();
+    succeed(&path, IMPORT);
+    let emulate = format!("emulate walk.parquet --speed max --firmware {firmware}");
+    for command in ["replay walk.parquet", &emulate] {
+        let output = plantar(&path, command);
+        let text = String::from_utf8(output.stderr).expect("text");
+        assert!(
+            output.status.success() && text.contains("NOT APPLICABLE to heel (200 mm2, 5000 kPa)"),
+            "{command}: {text}"
+        );
+    }
+}
+
 /// An offset for each of 240 cells, kPa, all different.
 fn offsets() -> Vec<f32> {
     (0..240).map(|i| 20.0 * ((i * 37) % 240) as f32 / 240.0).collect()

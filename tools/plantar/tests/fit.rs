@@ -93,6 +93,22 @@ fn fitted_parameters_have_the_same_errors_in_a_replay_as_in_the_fit() {
 }
 
 #[test]
+fn the_error_with_counted_cells_is_that_of_a_fit_with_counted_cells() {
+    let folder = walk();
+    let path = folder.path();
+    let text = succeed(path, "fit walk.parquet --steps 1-5 --out p.toml --json covered.json");
+    assert!(text.contains("counted %"), "{text}");
+    succeed(path, "fit walk.parquet --steps 1-5 --out p.toml --json counted.json --contact-full 0");
+    let [covered, counted] = ["covered.json", "counted.json"].map(|name| json(&path.join(name)));
+    for (region, fit) in counted["regions"].as_object().expect("regions") {
+        let errors = &fit["nrmse_percent"];
+        let beside = &covered["regions"][region]["nrmse_percent"]["predicted_counted"];
+        assert!(errors["predicted"].is_f64() && errors["predicted"] == *beside, "{region}: {errors}, {beside}");
+        assert_eq!(errors["predicted_counted"], errors["predicted"], "{region}");
+    }
+}
+
+#[test]
 fn steps_are_selected_and_options_are_recorded() {
     let folder = walk();
     let path = folder.path();

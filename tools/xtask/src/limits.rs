@@ -4,9 +4,10 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 
 /// Keys of figures, each with its smallest and its largest allowed value.
-const LIMITS: [(&str, f64, f64); 30] = [
+const LIMITS: [(&str, f64, f64); 31] = [
     ("frame_instructions", 0.0, 12_000.0),
     ("cells_instructions", 0.0, 6_000.0),
+    ("tracking_instructions", 0.0, 2_000.0),
     ("device_vs_host_force_rel", 0.0, 1e-4),
     ("device_vs_host_area_rel", 0.0, 1e-4),
     ("cells_percent.stance", 0.0, 60.0),

@@ -1,18 +1,23 @@
 //! Computes what is known about people from the ten walkers of SpeedPP2DS: the distribution of the shape of their force laws
-//! (`fit::prior::WALKERS`) and the typical parameters (`parameters::defaults`). It prints both as Rust source.
+//! (`fit::prior::WALKERS`), the typical parameters (`parameters::defaults`) and the minimal detectable change of the tracked stiffness
+//! (`plantar::pipeline::step::STIFFNESS_MDC`). It prints them as Rust source.
 
 use anyhow::Result;
 use clap::Parser;
-use fit::{Options, Step, Study, prior};
+use fit::repeat::within_person;
+use fit::{Options, RegionCurves, Step, Study, prior};
 use parameters::InsoleSize;
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::model::ForceLaw;
+use plantar::pipeline::region::AreaMoments;
 use plantar::pipeline::stance_rule::StanceRule;
+use plantar::pipeline::step::RegionStep;
+use plantar::pipeline::track::Tracker;
 use recording::{VirtualInsole, jiku};
 use std::path::PathBuf;
 
-/// Learns the distribution of the parameters among walkers, and their typical parameters.
+/// Learns the distribution of the parameters among walkers, their typical parameters, and how the tracked stiffness varies.
 #[derive(Parser)]
 struct Arguments {
     /// The folder SpeedPP2DS of the Python package jiku-data.
@@ -44,7 +49,44 @@ fn main() -> Result<()> {
         study.fit(&|_| ());
     }
     typical(&walkers, &options);
+    refit_change(&walkers, &options);
     Ok(())
+}
+
+/// Prints the minimal detectable change of the K that an insole tracks. K is identified from one half of a walker's steps and tracked
+/// through the other half, in both orders; the wearer does not change, so every change that the insole reports is an error.
+fn refit_change(walkers: &[Study], options: &Options) {
+    let limit = |region: usize| {
+        let of_walker = |study: &Study| {
+            let (first, second) = study.steps.split_at(study.steps.len() / 2);
+            [(first, second), (second, first)]
+                .into_iter()
+                .flat_map(|(identified, walked)| changes(identified, walked, region, options))
+                .collect::<Vec<_>>()
+        };
+        // The change of the identified K itself is 0.
+        let trials: Vec<Vec<f64>> = walkers.iter().flat_map(of_walker).map(|change| vec![0.0, change]).collect();
+        // Ten walkers load every region.
+        within_person(&trials).map_or(f64::NAN, |(_, mdc)| mdc)
+    };
+    let limits: [f64; 8] = std::array::from_fn(limit);
+    println!("\npub const STIFFNESS_MDC: [f64; 8] = {limits:.2?};");
+}
+
+/// The changes of K that the insole reports in the steps `walked`, with parameters that were identified from other steps.
+fn changes(identified: &[Step], walked: &[Step], region: usize, options: &Options) -> Vec<f64> {
+    let Ok(mut law) = fit::fit_one(identified, region, options) else { return Vec::new() };
+    let mut laws = [ForceLaw::NONE; 8];
+    laws[region] = law;
+    let mut tracker = Tracker::OFF;
+    tracker.start(&laws);
+    let changes = walked.iter().map(|step| {
+        let RegionCurves { area_mm2, force_n, sample_s, saturated, .. } = &step.regions[region];
+        let evaluated = RegionStep::new(&law, area_mm2, force_n, *sample_s, &AreaMoments::NONE);
+        tracker.adapt(region, &mut law, &evaluated, !saturated && !evaluated.clamped)
+    });
+    // The change is 0 until the tracking has collected enough steps.
+    changes.filter(|change| *change != 0.0).collect()
 }
 
 /// Prints the parameters of all walkers together, and the range within which they were determined.

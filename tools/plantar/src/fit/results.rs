@@ -23,18 +23,32 @@ pub fn print(study: &Study) {
     print_measures(study);
     print_pins(study);
     let mut table = summary::table();
-    table.set_header(["region", "steps", "A B mm2", "K kPa", "G kPa s", "n", "m", "error %", "predicted %", "floor %"]);
-    for (region, fit) in Region::ALL.iter().zip(&study.fits) {
+    table.set_header([
+        "region",
+        "steps",
+        "A B mm2",
+        "K kPa",
+        "G kPa s",
+        "n",
+        "m",
+        "error %",
+        "predicted %",
+        "counted %",
+        "floor %",
+    ]);
+    for ((region, fit), counted) in Region::ALL.iter().zip(&study.fits).zip(study.counted_nrmse) {
         let mut row = vec![region.name().to_string()];
         match fit {
             Ok(fit) => {
                 row.push(fit.steps.len().to_string());
                 row.extend(five_in_words(fit, study.options.prior.is_some()));
                 let percent = |share: f64| format!("{:.1}", share * 100.0);
-                row.extend([percent(fit.quality.fitted), fit.quality.predicted.map_or("-".into(), percent)]);
+                let predicted = [fit.quality.predicted, counted].map(|error| error.map_or(NONE.into(), percent));
+                row.push(percent(fit.quality.fitted));
+                row.extend(predicted);
                 row.push(percent(fit.quality.floor));
             }
-            Err(_) => row.extend(std::iter::repeat_n("-".to_string(), 9)),
+            Err(_) => row.extend(std::iter::repeat_n(NONE.to_string(), 10)),
         }
         table.add_row(row);
     }
@@ -42,9 +56,10 @@ pub fn print(study: &Study) {
     println!("{table}");
     println!(
         "Error: NRMSE of the model against the measured force (Eq. 20), mean over the steps. Predicted: the same\n\
-         error if each step is predicted from the others. Floor: the least error of any force law without damping\n\
-         for the measured areas. In brackets: 95 % intervals. A value with ! is at a bound of the search, and one with *\n\
-         is mostly the usual value of other people, because the force does not determine it."
+         error if each step is predicted from the others. Counted: the predicted error if cells count whole; recordings\n\
+         of all cells have it. Floor: the least error of any force law without damping for the measured areas. In\n\
+         brackets: 95 % intervals. A value with ! is at a bound of the search, and one with * is mostly the usual value\n\
+         of other people, because the force does not determine it."
     );
     for (region, fit) in Region::ALL.iter().zip(&study.fits) {
         match fit {

@@ -1,34 +1,44 @@
-//! Repeats a fit with other choices of the method, for the report.
+//! Repeats a fit with counted cells and, for the report, with other choices of the method.
 
+use super::Fit;
 use crate::replay::progress;
-use crate::setup::{self, ZeroArgs};
-use fit::sensitivity::{Sensitivity, choices};
+use crate::setup;
+use fit::sensitivity::{Sensitivity, choices, predicted_nrmse};
 use fit::steps::isolate;
-use fit::{Step, Study};
+use fit::{Method, Step, Study};
 use plantar::pipeline::contact::ContactRule;
 use recording::Recording;
 
-/// The main results of the study with other choices. `recordings` are the recordings of the study with all cells, if all of its
-/// sources are such recordings. `is_used` selects the steps of the fit by their numbers.
-pub fn of(
-    study: &Study,
-    recordings: &[Recording],
-    zero: &ZeroArgs,
-    is_used: impl Fn(u32) -> bool + Sync,
-) -> Sensitivity {
-    let steps_by = |rule: &ContactRule| -> Result<Vec<Step>, String> {
+impl Fit {
+    /// The steps of the recordings by another contact rule.
+    fn steps_by(&self, recordings: &[Recording], rule: &ContactRule) -> Result<Vec<Step>, String> {
         let mut all = Vec::new();
         for (index, recording) in recordings.iter().enumerate() {
             let mut insole = setup::insole(recording, *rule).map_err(|e| format!("{e:#}"))?;
-            zero.apply(&mut insole).map_err(|e| format!("{e:#}"))?;
+            self.zero.apply(&mut insole).map_err(|e| format!("{e:#}"))?;
             let (steps, _) = isolate(recording, &insole, index, &mut |_| ()).map_err(|e| e.to_string())?;
-            all.extend(steps.into_iter().filter(|step| is_used(step.number)));
+            all.extend(steps.into_iter().filter(|step| self.is_used(step)));
         }
         Ok(all)
-    };
-    let has_cells = recordings.len() == study.sources.len();
-    let bar = progress(8 * choices(study, has_cells).len() as u64, "fits with other choices");
-    let sensitivity = Sensitivity::of(study, has_cells.then_some(&steps_by), &|| bar.inc(1));
-    bar.finish_and_clear();
-    sensitivity
+    }
+
+    /// See [`Study::counted_nrmse`]. `recordings` are the recordings of the study with all cells.
+    pub(super) fn counted_nrmse(&self, study: &Study, recordings: &[Recording]) -> [Option<f64>; 8] {
+        // The method of the paper is too slow to be repeated.
+        if recordings.len() != study.sources.len() || study.options.method != Method::Projection {
+            return [None; 8];
+        }
+        let steps = self.steps_by(recordings, &ContactRule { full_kpa: 0.0, ..study.contact });
+        steps.map_or([None; 8], |steps| predicted_nrmse(&steps, &study.options))
+    }
+
+    /// The main results of the study with other choices. `recordings` are the recordings of the study with all cells.
+    pub(super) fn sensitivity(&self, study: &Study, recordings: &[Recording]) -> Sensitivity {
+        let steps_by = |rule: &ContactRule| self.steps_by(recordings, rule);
+        let has_cells = recordings.len() == study.sources.len();
+        let bar = progress(8 * choices(study, has_cells).len() as u64, "fits with other choices");
+        let sensitivity = Sensitivity::of(study, has_cells.then_some(&steps_by), &|| bar.inc(1));
+        bar.finish_and_clear();
+        sensitivity
+    }
 }

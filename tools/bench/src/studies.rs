@@ -1,0 +1,43 @@
+//! The studies of the ten barefoot walkers on a pressure plate (SpeedPP2DS). The prior of a walker is learnt from the other nine.
+
+use anyhow::Result;
+use fit::{Options, RegionFit, Step, Study, prior};
+use parameters::InsoleSize;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance_rule::StanceRule;
+use recording::{Recording, VirtualInsole, jiku};
+use std::path::Path;
+
+/// Every how many steps of a walker serve to learn the prior of the others.
+const LEARNT_FROM: usize = 3;
+
+/// The recordings of all walkers, from the folder SpeedPP2DS of the Python package jiku-data.
+pub fn walks(data: &Path) -> Result<Vec<Recording>> {
+    (0..jiku::WALKERS).map(|walker| Ok(jiku::import(data, walker, 0..jiku::TRIALS, &mut |_, _| ())?)).collect()
+}
+
+/// The fitted studies of all walkers with this contact rule.
+pub fn fitted(walks: &[Recording], contact: ContactRule) -> Result<Vec<Study>> {
+    let options = Options::usual(InsoleSize::default().thickness_m());
+    let mut studies = Vec::new();
+    for walk in walks {
+        let mut study = Study::new(String::new(), contact, options);
+        study.add(String::new(), walk, &VirtualInsole::new(walk, contact, StanceRule::ADAPTIVE), &mut |_| ())?;
+        studies.push(study);
+    }
+    let samples: Vec<Vec<Step>> =
+        studies.iter().map(|study| study.steps.iter().step_by(LEARNT_FROM).cloned().collect()).collect();
+    for (i, study) in studies.iter_mut().enumerate() {
+        let others = samples.iter().enumerate().filter(|(other, _)| *other != i);
+        let others: Vec<&[Step]> = others.map(|(_, steps)| &steps[..]).collect();
+        study.options.prior = Some(prior::learn(&others, &options));
+        study.fit(&|_| ());
+    }
+    Ok(studies)
+}
+
+/// The mean over the walkers whose region was fitted, %.
+pub fn mean_percent(studies: &[Study], region: usize, of: fn(&RegionFit) -> Option<f64>) -> f64 {
+    let values: Vec<f64> = studies.iter().filter_map(|study| of(study.fits[region].as_ref().ok()?)).collect();
+    values.iter().sum::<f64>() / values.len() as f64 * 100.0
+}
