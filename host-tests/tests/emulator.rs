@@ -44,8 +44,9 @@ impl Walk for IncompleteWalk {
 
 /// Time at which a fault begins, in the fifth step of a computed walk, s.
 const FAULT_S: f64 = 5.0;
-/// Number of successive reads of 50 ms without a message after which the board counts as stopped.
-const SILENT_READS: usize = 400;
+/// Number of successive reads without a message after which the board counts as stopped. A read takes up to 50 ms, and on a busy
+/// machine it may return a single byte of a message.
+const SILENT_READS: usize = 2_000;
 
 /// A session with a board that scans a walk; its time does not advance before [`Board::play`].
 struct Session {

@@ -329,8 +329,9 @@ fn invalid_rules_are_refused_with_the_kind_of_rule() {
     assert_eq!(try_set_up(Setup { contact, ..SETUP }, &one), Err(SetupError::Contact));
     let walking = StanceRule::ADAPTIVE;
     for stance in [
-        StanceRule { release_n: 31.0, ..walking },
+        StanceRule { release_n: 1001.0, ..walking },
         StanceRule { release_n: 0.0, ..walking },
+        StanceRule { strike_n: 0.0, ..walking },
         StanceRule { strike_n: f32::NAN, ..walking },
         StanceRule { strike_n: 1001.0, ..walking },
         StanceRule { min_swing_ms: 0, ..walking },

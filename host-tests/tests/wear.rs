@@ -1,4 +1,6 @@
-//! Walks in shoes that press on the insole even when the foot is lifted; and people who do not walk.
+//! Walks in shoes that press on the insole even when the foot is lifted; people who do not walk; and walks of another vendor.
+
+mod common;
 
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
@@ -106,4 +108,14 @@ fn a_seated_foot_does_not_become_the_baseline() {
     let totals_n = found(&recording).totals_n;
     let last = frames - up.frames() / 2;
     assert!((totals_n[last] - 350.0).abs() < 3.5, "{} N", totals_n[last]);
+}
+
+/// The vendor's reports have 42 steps of three walks, slow to fast, in shoes.
+#[test]
+#[ignore = "needs Python, and the source archive of moticon-opengo: cargo xtask test"]
+fn steps_are_those_of_another_vendor() {
+    let agreement = testkit::moticon::compare(&common::python(), &common::moticon());
+    println!("{agreement:?}");
+    assert_eq!((agreement.steps, agreement.found), (42, 42));
+    assert!(agreement.contact_ms <= 10.0 && agreement.toe_off_ms <= 15.0 && agreement.peak_n <= 1.0, "{agreement:?}");
 }

@@ -98,7 +98,7 @@ impl fmt::Display for SetupError {
                 "contact: needs 0 < off_kpa <= on_kpa <= 1000, and full_kpa = 0 or on_kpa <= full_kpa <= 2000",
             ),
             Self::Stance => f.write_str(
-                "stance: needs 0 < release_n <= strike_n <= 1000, min_stance_ms < max_stance_ms, min_swing_ms > 0",
+                "stance: needs 0 < release_n <= 1000, 0 < strike_n <= 1000, min_stance_ms < max_stance_ms, min_swing_ms > 0",
             ),
             Self::TooManyCells => f.write_str("more cells than this device holds"),
             Self::NoCells => f.write_str("no cells"),

@@ -85,6 +85,8 @@ pub struct Stance<R> {
     /// Force of the lifted foot, N.
     lifted_n: R,
     constancy: Constancy<R>,
+    /// The total force was below the threshold of heel strike since the last contact.
+    is_unloaded: bool,
     is_lifted: bool,
     /// The total force has changed since the first frame.
     has_moved: bool,
@@ -109,6 +111,7 @@ impl<R: Real> Stance<R> {
             recent_peak_n: R::ZERO,
             lifted_n: R::ZERO,
             constancy: Constancy::NEW,
+            is_unloaded: false,
             is_lifted: false,
             has_moved: false,
         }
@@ -145,8 +148,13 @@ impl<R: Real> Stance<R> {
         self.is_lifted &= !has_changed;
         // Without the foot, there is only the force of the shoe.
         self.lifted_n = self.lifted_n.min(total_n);
-        let strike_n = self.lifted_n + limits.strike_n * scale;
         let release_n = self.lifted_n + limits.release_n * scale;
+        let mut strike_n = self.lifted_n + limits.strike_n * scale;
+        // The force that fades after toe off is no heel strike.
+        self.is_unloaded |= total_n < strike_n;
+        if !self.is_unloaded {
+            strike_n = strike_n.max(release_n);
+        }
         match self.phase {
             // The foot was on the ground before the first frame, so the heel strike is unknown.
             Phase::Unknown if total_n >= release_n => {
@@ -259,6 +267,7 @@ impl<R: Real> Stance<R> {
     /// Begins a stance with its heel strike in frame `seq`.
     fn begin(&mut self, seq: u32) {
         self.phase = Phase::Stance;
+        self.is_unloaded = false;
         self.start_seq = seq;
         (self.loaded, self.bridged_so_far, self.bridged) = (0, 0, 0);
         self.curves.clear();
@@ -269,6 +278,7 @@ impl<R: Real> Stance<R> {
     /// Ignores the present contact, which will not become a step.
     fn ignore(&mut self) {
         self.phase = Phase::Ignored;
+        self.is_unloaded = false;
         (self.ignored, self.loaded) = (0, 0);
     }
 

@@ -87,7 +87,7 @@ impl fmt::Display for Refusal {
             Self::Settings => write!(
                 f,
                 "the settings are out of range: {} to {} frames/s, a scale of {} to {}, 0 < off_kpa <= on_kpa <= 1000, \
-                 full_kpa = 0 or on_kpa <= full_kpa <= 2000, 0 < release_n <= strike_n <= 1000, \
+                 full_kpa = 0 or on_kpa <= full_kpa <= 2000, 0 < release_n <= 1000, 0 < strike_n <= 1000, \
                  min_stance_ms < max_stance_ms, min_swing_ms > 0",
                 1_000_000 / SETTABLE_PERIOD_US.end(),
                 1_000_000 / SETTABLE_PERIOD_US.start(),

@@ -9,6 +9,7 @@ pub mod faults;
 pub mod fixtures;
 pub mod host;
 pub mod insole;
+pub mod moticon;
 pub mod nor_flash;
 pub mod power_cuts;
 pub mod scenario;

@@ -43,6 +43,14 @@ pub fn jiku() -> PathBuf {
     named_by("PLANTAR_JIKU", "the folder SpeedPP2DS of the package jiku-data")
 }
 
+/// The source archive of the package moticon-opengo.
+///
+/// # Panics
+/// If `PLANTAR_MOTICON` does not contain its path.
+pub fn moticon() -> PathBuf {
+    named_by("PLANTAR_MOTICON", "the source archive of the package moticon-opengo")
+}
+
 /// A Python interpreter with bumble.
 ///
 /// # Panics

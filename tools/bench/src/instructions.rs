@@ -22,7 +22,7 @@ const CELLS: usize = 240;
 /// Number of scans of the walk.
 const SCANS: u32 = 200;
 /// The board counts as stalled after this number of successive read timeouts without a message.
-const MAX_TIMEOUTS: u32 = 400;
+const MAX_TIMEOUTS: u32 = 2_000;
 /// Duration of a cycle of the board's cycle counter, SysTick at 168 MHz. An instruction takes 1 ns of emulated time, so this is
 /// also the number of instructions for each cycle.
 const NS_PER_CYCLE: f64 = 1000.0 / 168.0;

@@ -12,6 +12,7 @@ mod python;
 mod replay;
 mod stack;
 mod walkers;
+mod wear;
 
 use anyhow::Result;
 use bench::Figures;
@@ -32,6 +33,9 @@ struct Arguments {
     /// walkers.
     #[arg(long, requires = "plantar")]
     jiku: Option<PathBuf>,
+    /// The source archive of the package moticon-opengo. With this option, the detection of steps is also measured.
+    #[arg(long, requires = "python")]
+    moticon: Option<PathBuf>,
     /// The folder with recordings of people that are not public. With this option, the packed cells of an in-shoe recording are
     /// also measured.
     #[arg(long)]
@@ -58,6 +62,9 @@ fn main() -> Result<()> {
         identify::measure(python, &mut figures)?;
         idle::measure(&arguments.firmware, &mut figures)?;
         bench::host_loops::measure_speed(&mut figures)?;
+        if let Some(moticon) = &arguments.moticon {
+            wear::measure(python, moticon, &mut figures)?;
+        }
         if let (Some(jiku), Some(plantar)) = (&arguments.jiku, &arguments.plantar) {
             cells::measure(jiku, arguments.recordings.as_deref(), &mut figures)?;
             closed_loop::measure(&arguments.firmware, jiku, &mut figures)?;

@@ -65,8 +65,8 @@ fn pedar_feet() -> Option<[Recording; 2]> {
     )
 }
 
-/// The mean NRMSE of each region against the measured force, %, of fits by SciPy to the same filtered areas within the same bounds.
-/// `None` if the region is not fitted.
+/// The root mean square of the NRMSE of each region's steps, %, in fits by SciPy to the same filtered areas within the same bounds.
+/// Both fits minimise it. `None` if the region is not fitted.
 fn reference(study: &Study) -> [Option<f64>; 8] {
     let python = std::env::var_os("PLANTAR_PYTHON").expect("PLANTAR_PYTHON names an interpreter with SciPy");
     let is_fitted = |region: &usize| study.fits[*region].is_ok();
@@ -94,15 +94,19 @@ fn reference(study: &Study) -> [Option<f64>; 8] {
     std::array::from_fn(|region| is_fitted(&region).then(|| percents.next().expect("one line for each region")))
 }
 
-/// Asserts that the NRMSE of the fits, which use no random starts, is at most 0.05 percentage points above those of the reference,
-/// and at most 0.3 below.
+/// Asserts that these errors of the fits, which use no random starts, are at most 0.1 percentage points above those of the
+/// reference, and at most 0.3 below.
 fn assert_as_good_as_the_reference(study: &Study) {
-    for ((region, fit), reference) in Region::ALL.iter().zip(&study.fits).zip(reference(study)) {
+    for (i, reference) in reference(study).into_iter().enumerate() {
+        let (region, fit) = (Region::ALL[i], &study.fits[i]);
         match (fit, reference) {
             (Ok(fit), Some(reference)) => {
-                let percent = fit.quality.fitted * 100.0;
+                let law = fit.ellipsoid.force_law();
+                let nrmse = |step: &fit::Step| Some(Evaluated::new(&step.regions[i], Filter::Smoothed, &law)?.nrmse());
+                let squares: Vec<f64> = study.steps.iter().filter_map(nrmse).map(|nrmse| nrmse * nrmse).collect();
+                let percent = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt() * 100.0;
                 println!("{}: {percent:.2} %, by SciPy {reference:.2} %", region.name());
-                assert!((reference - 0.3..reference + 0.05).contains(&percent), "{}", region.name());
+                assert!((reference - 0.3..reference + 0.1).contains(&percent), "{}", region.name());
             }
             (fit, _) => println!("{}: {:?}", region.name(), fit.as_ref().err()),
         }

@@ -18,7 +18,7 @@ pub struct Arguments {
 #[derive(Subcommand)]
 pub enum Task {
     /// Install missing programs and data: Rust targets, QEMU, Node.js, Chromium, a C++ compiler, D-Bus, private copies of
-    /// cargo-fuzz and cargo-deny, and a private Python with NumPy, SciPy, bumble and the sample walk.
+    /// cargo-fuzz and cargo-deny, and a private Python with NumPy, SciPy, bumble and walks.
     Setup,
     /// Build the firmware of all boards and the command line.
     Build,

@@ -23,8 +23,13 @@ pub fn bench() -> Result<Figures> {
     build_host("plantar-cli")?;
     let plantar = built("release/plantar");
     let recordings = recordings();
-    let options: [(&str, &Path); 4] =
-        [("--python", &python.interpreter), ("--jiku", &python.jiku), ("--plantar", &plantar), ("--json", &json)];
+    let options: [(&str, &Path); 5] = [
+        ("--python", &python.interpreter),
+        ("--jiku", &python.jiku),
+        ("--moticon", &python.moticon),
+        ("--plantar", &plantar),
+        ("--json", &json),
+    ];
     let unpublished = recordings.as_deref().map(|folder| ("--recordings", folder));
     run_bench(&options.into_iter().chain(unpublished).collect::<Vec<_>>())?;
     figures.extend(read(&json)?);

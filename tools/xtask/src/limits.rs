@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 
 /// Keys of figures, each with its smallest and its largest allowed value.
-const LIMITS: [(&str, f64, f64); 31] = [
+const LIMITS: [(&str, f64, f64); 39] = [
     ("frame_instructions", 0.0, 12_000.0),
     ("cells_instructions", 0.0, 6_000.0),
     ("tracking_instructions", 0.0, 2_000.0),
@@ -36,6 +36,14 @@ const LIMITS: [(&str, f64, f64); 31] = [
     ("repeat.icc.force_at_area", 0.9, 1.0),
     ("repeat.icc.area_at_force", 0.85, 1.0),
     ("repeat.icc.stiffness", 0.8, 1.0),
+    ("wear.residual_found", 0.995, 1.0),
+    ("wear.residual_extra", 0.0, 0.0),
+    ("wear.false_faults", 0.0, 0.0),
+    ("wear.force_error", 0.0, 0.02),
+    ("moticon.found", 1.0, 1.0),
+    ("moticon.contact_ms", 0.0, 10.0),
+    ("moticon.toe_off_ms", 0.0, 15.0),
+    ("moticon.peak_force_n", 0.0, 1.0),
 ];
 
 /// Returns an error if a figure is missing or outside of its limits.

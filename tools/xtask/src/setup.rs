@@ -9,6 +9,9 @@ use std::process::{Command, Stdio};
 /// The package with the sample walk. It is licensed under GPLv3, so it is stored only in the private cache, and never in the
 /// repository. Its dependencies are not installed, because the importer only reads its data files.
 const SAMPLE_PACKAGE: &str = "jiku-data==0.1.16";
+/// The package with walks of another vendor's insoles, which are only in its source archive. It is stored in the private cache, too.
+const WALKS_PACKAGE: &str = "moticon-opengo";
+const WALKS_VERSION: &str = "1.0.3";
 const NUMPY: &str = "numpy>=1.26,<3";
 const SCIPY: &str = "scipy>=1.13,<2";
 /// A library that simulates phones and Bluetooth controllers.
@@ -20,6 +23,8 @@ pub struct Python {
     pub interpreter: PathBuf,
     /// The path of the data set with the sample walk.
     pub jiku: PathBuf,
+    /// The path of the source archive with walks of another vendor's insoles.
+    pub moticon: PathBuf,
 }
 
 /// Installs all programs and data.
@@ -144,22 +149,30 @@ const PYTHON_STAMP: &str = "holds.txt";
 pub fn python() -> Result<Python> {
     let environment = cache().join("python");
     let stamp = environment.join(PYTHON_STAMP);
-    let packages = format!("{SAMPLE_PACKAGE} {NUMPY} {SCIPY} {BUMBLE}");
+    let walks = format!("{WALKS_PACKAGE}=={WALKS_VERSION}");
+    let packages = format!("{SAMPLE_PACKAGE} {walks} {NUMPY} {SCIPY} {BUMBLE}");
+    let sources = environment.join("sources");
     let bin = if cfg!(windows) { "Scripts" } else { "bin" };
     let interpreter = environment.join(bin).join("python");
     if std::fs::read_to_string(&stamp).ok().as_deref() != Some(&packages) {
         std::fs::create_dir_all(cache())?;
         create_environment(&environment)?;
-        let pip = [&interpreter.to_string_lossy(), "-m", "pip", "--disable-pip-version-check", "install", "--quiet"];
-        run(pip[0], &[&pip[1..], &["--no-deps", SAMPLE_PACKAGE, NUMPY, SCIPY]].concat())
-            .and_then(|()| run(pip[0], &[&pip[1..], &[BUMBLE]].concat()))
-            .context("the sample walk, NumPy, SciPy and bumble come from PyPI: check the network connection")?;
+        let python = interpreter.to_string_lossy();
+        let pip = |options: &[&str]| {
+            run(&python, &[&["-m", "pip", "--disable-pip-version-check", "--quiet"], options].concat())
+        };
+        let (source, folder) = (["--no-deps", "--no-binary", WALKS_PACKAGE, &walks], sources.to_string_lossy());
+        pip(&["install", "--no-deps", SAMPLE_PACKAGE, NUMPY, SCIPY])
+            .and_then(|()| pip(&["install", BUMBLE]))
+            .and_then(|()| pip(&[&["download", "--dest", &folder], &source[..]].concat()))
+            .context("the walks, NumPy, SciPy and bumble come from PyPI: check the network connection")?;
         std::fs::write(&stamp, packages)?;
     }
     let jiku = find(&environment, Path::new("jikudata/datasets/SpeedPP2DS")).with_context(|| {
         format!("{SAMPLE_PACKAGE} lacks its data set: remove {} and run the command again", environment.display())
     })?;
-    Ok(Python { interpreter, jiku })
+    let moticon = sources.join(format!("{}-{WALKS_VERSION}.tar.gz", WALKS_PACKAGE.replace('-', "_")));
+    Ok(Python { interpreter, jiku, moticon })
 }
 
 /// Creates a new, empty environment in this folder.

@@ -67,6 +67,7 @@ fn host_tests(python: &Python) -> Result<()> {
         .args(["test", "--locked", "--release", "--no-fail-fast", "--", "--include-ignored"])
         .env("PLANTAR_FIRMWARE", firmware(EMULATED))
         .env("PLANTAR_JIKU", &python.jiku)
+        .env("PLANTAR_MOTICON", &python.moticon)
         .env("PLANTAR_PYTHON", &python.interpreter);
     match recordings() {
         Some(folder) => command.env("PLANTAR_RECORDINGS", folder),

@@ -34,7 +34,7 @@ const LIVE_STEPS: u32 = 1_000;
 /// Number of steps between two requests for the status.
 const STATUS_INTERVAL: u32 = 100;
 /// The board counts as stalled after this number of successive read timeouts without a message.
-const MAX_TIMEOUTS: u32 = 400;
+const MAX_TIMEOUTS: u32 = 2_000;
 
 /// A walk that is repeated without end.
 struct Repeated {

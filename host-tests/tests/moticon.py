@@ -1,0 +1,59 @@
+"""Reads the walks in the source archive of the package moticon-opengo: the total forces of its raw exports, and the steps in the
+vendor's reports of the same walks.
+
+The argument is the archive. Prints a JSON list with an object for each foot of each walk: "t_s" and "force_n" of its frames, and its
+"steps", each with initial contact (s), toe off (s) and largest force (N).
+"""
+
+import json
+import re
+import sys
+import tarfile
+import xml.etree.ElementTree as ElementTree
+import zipfile
+
+SHEET = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
+WALKS = [("102114", "10_21_14"), ("102137", "10_21_37"), ("102231", "10_22_31")]
+
+
+def forces(lines, side):
+    """Times and total forces of the frames that the export has of this foot."""
+    head = next(line for line in lines if line.startswith("# time")).split("\t")
+    column = next(i for i, name in enumerate(head) if name.startswith(f"{side} total force"))
+    rows = [line.split("\t") for line in lines if line and not line.startswith("#")]
+    frames = [(float(row[0]), float(row[column])) for row in rows if row[column]]
+    return [t_s for t_s, _ in frames], [force_n for _, force_n in frames]
+
+
+def table(book, number):
+    """The rows of a sheet, each a list of its cells."""
+    shared = ElementTree.fromstring(book.read("xl/sharedStrings.xml"))
+    texts = ["".join(part.text or "" for part in item.iter(f"{SHEET}t")) for item in shared]
+    for row in ElementTree.fromstring(book.read(f"xl/worksheets/sheet{number}.xml")).iter(f"{SHEET}row"):
+        values = {}
+        for cell in row:
+            value = cell.find(f"{SHEET}v")
+            if value is not None:
+                text = cell.get("t") == "s"
+                values[re.match("[A-Z]+", cell.get("r"))[0]] = texts[int(value.text)] if text else value.text
+        yield values
+
+
+def steps(book, number):
+    """Initial contact, toe off and largest force of the steps in a sheet."""
+    rows = list(table(book, number))
+    column = {title: letter for letter, title in rows[0].items()}
+    wanted = [column[title] for title in ("Initial contact (s)", "Toe off (s)", "Max total force during stance phase (N)")]
+    return [[float(row[letter]) for letter in wanted] for row in rows[1:] if all(letter in row for letter in wanted)]
+
+
+feet = []
+with tarfile.open(sys.argv[1]) as archive:
+    data = f"{archive.getnames()[0].split('/')[0]}/tests/testdata"
+    for walk, report in WALKS:
+        lines = archive.extractfile(f"{data}/230927_{walk}.txt").read().decode().splitlines()
+        book = zipfile.ZipFile(archive.extractfile(f"{data}/gait_report_230927_{report}.xlsx"))
+        for side, sheet in (("left", 2), ("right", 3)):
+            t_s, force_n = forces(lines, side)
+            feet.append({"t_s": t_s, "force_n": force_n, "steps": steps(book, sheet)})
+json.dump(feet, sys.stdout)

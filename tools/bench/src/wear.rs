@@ -1,0 +1,51 @@
+//! Measures how an insole finds steps in shoes that press on it, and how its steps agree with those of another vendor.
+
+use anyhow::Result;
+use bench::Figures;
+use plantar::pipeline::contact::ContactRule;
+use recording::synthetic::SyntheticWalk;
+use std::path::Path;
+use testkit::moticon;
+use testkit::wear::{LEVELS_KPA, Residual, compare, noisy_walk};
+
+/// Measures all figures; `moticon` is the source archive of the package moticon-opengo.
+pub fn measure(python: &Path, moticon: &Path, figures: &mut Figures) -> Result<()> {
+    let (mut walked, mut found, mut extra, mut faults, mut force_error) = (0, 0, 0, 0, 0.0f64);
+    for contact in [ContactRule::COUNTED, ContactRule::COVERED] {
+        // Other walks than those of the test.
+        for (seed, residual) in (100..).zip(Residual::ALL) {
+            let walk = noisy_walk(&SyntheticWalk { steps: 60, variation: 0.1, seed, ..SyntheticWalk::default() });
+            for level_kpa in LEVELS_KPA {
+                let result = compare(&walk, contact, residual, level_kpa);
+                walked += result.walked;
+                found += result.found;
+                extra += result.extra;
+                faults += result.faults;
+                force_error = force_error.max(result.force_error);
+            }
+        }
+    }
+    figures.add(
+        "wear.residual_found",
+        found as f64 / walked as f64,
+        "at least 0.995: share of the steps that are found in shoes that press with 0.5 to 8 kPa, 50 walks of 60 steps",
+    );
+    figures.add("wear.residual_extra", extra as f64, "0: number of other steps in these walks");
+    figures.add("wear.false_faults", f64::from(faults), "0: number of sensor faults that are reported in these walks");
+    figures.add(
+        "wear.force_error",
+        force_error,
+        "at most 0.02: deviation of the peak force of the found steps, mean of a walk, largest of these walks",
+    );
+    let agreement = moticon::compare(python, moticon);
+    let share = agreement.found as f64 / agreement.steps as f64;
+    figures.add("moticon.found", share, "1: share of 42 steps in another vendor's reports that are found");
+    for (key, value, meaning) in [
+        ("moticon.contact_ms", agreement.contact_ms, "at most 10: difference of initial contact, median"),
+        ("moticon.toe_off_ms", agreement.toe_off_ms, "at most 15: difference of toe off, median"),
+        ("moticon.peak_force_n", agreement.peak_n, "at most 1: difference of the largest force, median"),
+    ] {
+        figures.add(key, (value * 1e3).round() / 1e3, meaning);
+    }
+    Ok(())
+}
