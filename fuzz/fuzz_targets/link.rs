@@ -8,7 +8,8 @@ use plantar::faults::Faults;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::{CommandResult, LIVE_QUEUE, STEP_QUEUE, Session};
 use plantar::protocol::{
-    Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepFoot, StepRegion, ToDevice, ToHost, decode,
+    Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepFoot, StepRegion, ToDevice, ToHost,
+    decode,
 };
 use plantar_fuzz::Pieces;
 
