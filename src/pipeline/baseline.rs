@@ -1,7 +1,7 @@
 //! Baseline: the reading of each cell under a lifted foot, which the insole follows by itself.
 //!
 //! A shoe presses on the insole even when the foot is lifted, and this residual pressure creeps, as the sensor does, and drifts
-//! with temperature. After each stance, once the foot is lifted ([`super::lift`]), every cell is read:
+//! with temperature. After each stance, once the foot is lifted (`pipeline/lift.rs`), every cell is read:
 //!
 //! - A reading below the baseline lowers the baseline at once, because a cell without load cannot read less than its baseline.
 //! - A reading above it raises the baseline only as far as the swing before read the same, at most [`GAIT_MS`] earlier; so neither

@@ -17,9 +17,9 @@ pub const BRIDGED_FRAMES: u32 = 5;
 /// Number of contacts that did not become steps, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Rejected {
-    /// Shorter than [`StanceRule::min_stance_ms`].
+    /// Shorter than [`super::stance_rule::StanceRule::min_stance_ms`].
     pub short: u32,
-    /// Longer than [`StanceRule::max_stance_ms`].
+    /// Longer than [`super::stance_rule::StanceRule::max_stance_ms`].
     pub long: u32,
     /// Interrupted by more than [`BRIDGED_FRAMES`] missing frames.
     pub broken: u32,
