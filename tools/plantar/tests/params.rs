@@ -184,8 +184,14 @@ fn settings_are_set_shown_and_removed() {
     let (done, text, _) = run("show");
     assert!(done && text.contains("of the firmware") && text.contains("whole cells"), "{text}");
     let (done, text, error) = run("set --contact-full 150 --rate 200 --size 39 --strike 40 --max-stance 2000");
-    let words =
-        ["set by a host", "sqrt(p / 150 kPa)", "from 40 N until below 20 N", "to 2000 ms", "200 frames/s", "92.9 %"];
+    let words = [
+        "set by a host",
+        "sqrt(p / 150 kPa)",
+        "adaptive thresholds, from 40 N until below 65 N",
+        "to 2000 ms",
+        "200 frames/s",
+        "92.9 %",
+    ];
     assert!(done && words.iter().all(|words| text.contains(words)), "{text} {error}");
     // Other values remain as they are.
     let (done, text, _) = run("set --contact-on 12");
