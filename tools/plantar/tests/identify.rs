@@ -22,7 +22,11 @@ use std::net::{Shutdown, TcpStream};
 use std::path::Path;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, mpsc};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
+
+/// These tests run one after the other: with several emulated insoles and a simulated radio at once, a connection can exceed its time.
+static ALONE: Mutex<()> = Mutex::new(());
 
 /// What the wearer does.
 const LIFTED: u8 = 0;
@@ -158,6 +162,7 @@ fn insole(side: Side, does: &Arc<AtomicU8>, offsets: u16) -> (Board, String, Cab
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn a_wearer_is_identified_although_the_session_is_interrupted() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().expect("a folder");
     let does = Arc::new(AtomicU8::new(LIFTED));
     let (_board, address, cable) = insole(Side::Right, &does, 1);
@@ -219,6 +224,7 @@ fn a_wearer_is_identified_although_the_session_is_interrupted() {
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn both_feet_are_identified_without_a_terminal() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().expect("a folder");
     // The thickness is out of range, so the results are not whole, as with `plantar fit`.
     let tissue = folder.path().join("tissue.toml");
@@ -257,6 +263,7 @@ fn both_feet_are_identified_without_a_terminal() {
 #[cfg(all(target_os = "linux", feature = "ble"))]
 #[ignore = "needs the emulated board's firmware, Python with bumble and a D-Bus daemon: cargo xtask test"]
 fn a_wearer_is_identified_over_bluetooth() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().expect("a folder");
     let does = Arc::new(AtomicU8::new(LIFTED));
     let (radio, address, values) = radio::Radio::start("Plantar R");
