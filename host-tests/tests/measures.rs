@@ -11,8 +11,6 @@ use plantar::pipeline::step::StepRecord;
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{Recording, VirtualInsole, jiku};
 use serde_json::json;
-use std::io::Write;
-use std::process::{Command, Stdio};
 
 /// A step, and the pressures that the insole measured from heel strike to toe off, frame by frame.
 type MeasuredStep = (StepRecord<f64>, Vec<Vec<f32>>);
@@ -71,18 +69,8 @@ fn compare(recording: &Recording) {
         "off_kpa": virtual_insole.setup.contact.off_kpa,
         "steps": steps.iter().map(|(_, pressures)| pressures).collect::<Vec<_>>(),
     });
-    let mut child = Command::new(common::python())
-        .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/measures.py"))
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("Python can be started");
-    let mut stdin = child.stdin.take().expect("it is piped");
-    stdin.write_all(input.to_string().as_bytes()).expect("the script reads its input");
-    drop(stdin);
-    let output = child.wait_with_output().expect("the script ends");
-    assert!(output.status.success(), "the script fails");
-    let text = String::from_utf8(output.stdout).expect("the script prints text");
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/measures.py");
+    let text = common::run_python(&[script], &input.to_string());
     assert_eq!(text.lines().count(), steps.len());
     let mut compared = 0;
     for ((step, _), line) in steps.iter().zip(text.lines()) {

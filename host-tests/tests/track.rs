@@ -1,6 +1,8 @@
 //! Tracking: K and G follow the steps. The reference is the least-squares solution of all samples of the window by NumPy, or a
 //! known law by which the steps were made.
 
+mod common;
+
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::measures::FootMeasures;
@@ -9,8 +11,6 @@ use plantar::pipeline::region::AreaMoments;
 use plantar::pipeline::step::{REFIT_PER_MDC, RegionStep, STIFFNESS_MDC, StepRecord};
 use plantar::pipeline::track::Tracker;
 use std::f64::consts::PI;
-use std::io::Write;
-use std::process::{Command, Stdio};
 
 /// Frames of a step at 100 Hz.
 const SAMPLES: usize = 70;
@@ -96,7 +96,6 @@ fn a_changed_law_is_found_in_single_and_double_precision() {
 #[test]
 #[ignore = "needs Python with NumPy: cargo xtask test"]
 fn noisy_steps_result_in_the_batch_solution_of_numpy() {
-    let python = std::env::var("PLANTAR_PYTHON").expect("PLANTAR_PYTHON names an interpreter with NumPy");
     let warm = ForceLaw { stiffness_pa: 1.25 * 4e5, damping_pa_s: 0.7 * 1.5e4, ..identified() };
     let walk = steps(30, &warm, 0.02);
     let (law, _) = tracked::<f32>(&walk, |_| true);
@@ -121,11 +120,7 @@ fn noisy_steps_result_in_the_batch_solution_of_numpy() {
     }
     let script =
         "import sys, numpy as np\nd = np.loadtxt(sys.stdin)\nprint(*np.linalg.lstsq(d[:, :2], d[:, 2], rcond=None)[0])";
-    let child = Command::new(python).args(["-c", script]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
-    let mut child = child.expect("Python starts");
-    child.stdin.take().expect("a pipe").write_all(rows.as_bytes()).expect("written");
-    let output = child.wait_with_output().expect("Python ends");
-    let text = String::from_utf8(output.stdout).expect("text");
+    let text = common::run_python(&["-c", script], &rows);
     let factors: Vec<f64> = text.split_whitespace().map(|word| word.parse().expect("a number")).collect();
     assert!((f64::from(law.stiffness_pa) / 4e5 / factors[0] - 1.0).abs() < 0.01, "{law:?} {factors:?}");
     assert!((f64::from(law.damping_pa_s) / 1.5e4 / factors[1] - 1.0).abs() < 0.01, "{law:?} {factors:?}");

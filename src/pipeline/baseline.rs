@@ -55,14 +55,14 @@ impl Baseline {
         let change = match rise {
             _ if reading < 0 => reading,
             Rise::Whole => reading,
-            Rise::Confirmed => reading.min(before.into()),
+            Rise::Confirmed => reading.min(before.into()).max(0),
             Rise::None => 0,
         };
         if change.unsigned_abs() <= NOISE.into() {
             return None;
         }
-        // The new code is between the former one and `code`, or, if `before` is negative, at least the former one minus `before`.
-        let new = (i32::from(self.code) + change).max(0) as u16;
+        // The new code is between the former one and `code`, so it fits.
+        let new = (i32::from(self.code) + change) as u16;
         let lowered = lowered.saturating_add(((zero.saturating_sub(new) + NOISE / 2) / NOISE).min(255) as u8);
         (lowered <= MAX_LOWERED && !self.is_exceeded(new, zero, curve)).then_some((new, lowered))
     }

@@ -130,7 +130,8 @@ impl<R: Real> Stance<R> {
     }
 
     /// Processes frame number `seq`; `centre_mm` is the centre of pressure of the foot, mm. True if it confirms toe off; then the
-    /// curves are valid until the next call. Sequence numbers wrap, and a difference of more than 1 between two frames means that frames are missing.
+    /// curves are valid until the next call. Sequence numbers wrap, and a difference of more than 1 between two frames means that
+    /// frames are missing.
     pub fn push(
         &mut self,
         limits: &StanceLimits<R>,

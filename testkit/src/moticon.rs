@@ -37,7 +37,7 @@ pub struct Agreement {
 /// Detects the stances in the total forces of all walks. `archive` is the source archive of the package moticon-opengo, and `python`
 /// an interpreter.
 pub fn compare(python: &Path, archive: &Path) -> Agreement {
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../host-tests/tests/moticon.py");
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/src/moticon.py");
     let output = Command::new(python).arg(script).arg(archive).output().expect("Python can be started");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let feet: Vec<Foot> = serde_json::from_slice(&output.stdout).expect("the script prints JSON");

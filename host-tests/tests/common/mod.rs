@@ -13,8 +13,10 @@ use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Live, Step};
 use recording::{Recording, VirtualInsole, synthetic};
+use std::io::Write;
 use std::net::TcpStream;
 use std::path::PathBuf;
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
 /// Longest wait for the insole's answer.
@@ -57,6 +59,19 @@ pub fn moticon() -> PathBuf {
 /// If `PLANTAR_PYTHON` does not contain its path.
 pub fn python() -> PathBuf {
     named_by("PLANTAR_PYTHON", "a Python interpreter with bumble")
+}
+
+/// Runs a Python program, given by these arguments, with this standard input. Returns what it prints.
+///
+/// # Panics
+/// If `PLANTAR_PYTHON` does not contain the path of an interpreter, or the program fails.
+pub fn run_python(arguments: &[&str], input: &str) -> String {
+    let child = Command::new(python()).args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
+    let mut child = child.expect("Python can be started");
+    child.stdin.take().expect("it is piped").write_all(input.as_bytes()).expect("the program reads its input");
+    let output = child.wait_with_output().expect("the program ends");
+    assert!(output.status.success(), "the program fails");
+    String::from_utf8(output.stdout).expect("the program prints text")
 }
 
 /// The folder with recordings of people, which are not public.
