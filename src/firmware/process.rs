@@ -83,17 +83,17 @@ fn adopt_tissue(insole: &mut DeviceInsole, shared: &Shared) {
 /// `cycles` reads the board's cycle counter; the number of cycles in the log is invalid if the counter wrapped in a measurement.
 async fn complete_step(insole: &mut DeviceInsole, shared: &Shared, cycles: impl Fn() -> u32) {
     let mut regions = [RegionStep::default(); 8];
-    let mut total = 0u32;
-    for (region, step) in regions.iter_mut().enumerate() {
+    let mut region_cycles = [0; 8];
+    for (region, (step, used)) in regions.iter_mut().zip(&mut region_cycles).enumerate() {
         let before = cycles();
         *step = insole.step_region(region);
-        total = total.wrapping_add(cycles().wrapping_sub(before));
+        *used = cycles().wrapping_sub(before);
         yield_now().await;
     }
     let before = cycles();
     let Some(step) = insole.step(regions) else { return };
-    total = total.wrapping_add(cycles().wrapping_sub(before));
-    log::info!("process: step {} was evaluated in {} cycles", step.step, total);
+    let used = cycles().wrapping_sub(before);
+    log::info!("process: step {} was evaluated in {} cycles by region, and {} cycles", step.step, region_cycles, used);
     let frames_before = shared.frames_before.get().unwrap_or(shared.scan.heartbeats.processed());
     shared.frames_before.set(Some(frames_before));
     let start_unix_us = shared.session.borrow().unix_us(step.start_us);
