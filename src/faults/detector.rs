@@ -188,7 +188,7 @@ impl FaultDetector {
             frame.cells[index].begin_step();
         }
         if self.faults.found == before
-            && let Some(row) = self.rows.conclude()
+            && let Some(row) = self.rows.conclude(self.review.risen_rows)
         {
             self.mark_line_faulty(frame, FaultKind::Crosstalk, row);
         }

@@ -14,6 +14,9 @@ use crate::pipeline::marks::{
 /// Largest deviation from the baseline in swing that can be a slow drift, codes.
 const MAX_SLOW: u16 = 1024;
 
+/// Rise of a reading from swing to swing, codes, from which on the step between them is no evidence of crosstalk in the cell's row.
+const MAX_RISE: i16 = 2 * NOISE as i16;
+
 /// A running review of all cells.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Review {
@@ -25,11 +28,13 @@ pub(super) struct Review {
     pub(super) unresponsive: u32,
     /// Number of corrected baselines.
     pub(super) rezeroed: u32,
+    /// Bit i: a cell of row i reads more than in the last swing, so its residual pressure in the step between was not known.
+    pub(super) risen_rows: u16,
 }
 
 impl Review {
     pub(super) const fn new(rise: Rise, has_stance: bool) -> Self {
-        Self { rise, has_stance, unresponsive: 0, rezeroed: 0 }
+        Self { rise, has_stance, unresponsive: 0, rezeroed: 0, risen_rows: 0 }
     }
 
     /// Reviews some cells from index `first` on, as many as it takes to review all cells in `frames` frames. Returns the index of
@@ -49,6 +54,8 @@ impl Review {
                 continue;
             }
             let before = marks.swing_reading;
+            let is_risen = reading(&frame.cells[index], code) > before.max(0).saturating_add(MAX_RISE);
+            self.risen_rows |= u16::from(is_risen) << marks.row();
             if self.has_stance {
                 let needs_neighbourhood = !marks.has(RESPONDED) || marks.has(UNCHANGED);
                 let around = needs_neighbourhood.then(|| Neighbourhood::new(frame, index));

@@ -96,8 +96,9 @@ impl RowSearch {
     }
 
     /// Ends a step: returns the row with crosstalk that was inspected most often. Only one row is returned, because the crosstalk
-    /// of one row enlarges the contact and leaves fewer inspections of other rows.
-    pub(super) fn conclude(&mut self) -> Option<usize> {
+    /// of one row enlarges the contact and leaves fewer inspections of other rows. The inspections of the rows with a bit in
+    /// `unknown_rows` are no evidence of crosstalk.
+    pub(super) fn conclude(&mut self, unknown_rows: u16) -> Option<usize> {
         let mut worst = None;
         for (index, row) in self.rows.iter_mut().enumerate() {
             if row.clean > 0 {
@@ -106,7 +107,10 @@ impl RowSearch {
                 let is_clean = u8::from(row.clean >= CLEAN_INSPECTIONS);
                 row.clean_steps = if row.suspect_steps == 0 { row.clean_steps.saturating_add(is_clean) } else { 0 };
                 row.suspect_steps = 0;
-            } else if row.inspections >= SUSPECT_INSPECTIONS && row.clean_steps >= STEPS {
+            } else if row.inspections >= SUSPECT_INSPECTIONS
+                && row.clean_steps >= STEPS
+                && unknown_rows >> index & 1 == 0
+            {
                 row.suspect_steps += 1;
                 if row.suspect_steps >= STEPS {
                     worst = worst.max(Some((row.inspections, index)));

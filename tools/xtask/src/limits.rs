@@ -38,7 +38,7 @@ const LIMITS: [(&str, f64, f64); 39] = [
     ("repeat.icc.stiffness", 0.8, 1.0),
     ("wear.residual_found", 0.995, 1.0),
     ("wear.residual_extra", 0.0, 0.0),
-    ("wear.false_faults", 0.0, 1.0),
+    ("wear.false_faults", 0.0, 0.0),
     ("wear.force_error", 0.0, 0.02),
     ("moticon.found", 1.0, 1.0),
     ("moticon.contact_ms", 0.0, 10.0),
