@@ -4,6 +4,7 @@
 use crate::faults::{FaultDetector, Faults, FrameContext, MatrixRows};
 use crate::num::Real;
 use crate::pipeline::baseline::MAX_RESIDUAL_KPA;
+use crate::pipeline::bout::BoutRecord;
 use crate::pipeline::calibrate::{CellCalibration, Curve};
 use crate::pipeline::cell::{InsoleCell, find_peak, residual as residual_of, sum_region};
 use crate::pipeline::ellipse::Ellipse;
@@ -49,8 +50,8 @@ pub struct Insole<R, const N: usize> {
     detector: FaultDetector,
     /// Number of the last frame.
     last_seq: Option<u32>,
-    /// Number of the next step.
-    steps: u32,
+    /// Number of the next record.
+    records: u32,
 }
 
 /// The frame, for the fault detection. A function would borrow the detector, too.
@@ -96,11 +97,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
             extent: Extent { heel_mm: 0.0, toe_mm: 0.0, forefoot_width_mm: 0.0 },
             detector: FaultDetector::new(),
             last_seq: None,
-            steps: 0,
+            records: 0,
         }
     }
 
-    /// Replaces geometry, calibration and rules, and resets the state. The tissue parameters and the number of the next step
+    /// Replaces geometry, calibration and rules, and resets the state. The tissue parameters and the number of the next record
     /// remain. Iterates over `cells` twice.
     ///
     /// # Errors
@@ -126,7 +127,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.frame_rate_hz = R::of(1e6 / f64::from(setup.period_us));
         self.limits = StanceLimits::new(&setup.stance, setup.period_us);
         self.live = [LiveModel::NEW; 8];
-        self.stance.reset();
+        self.stance.reset(setup.period_us);
         self.loads = [RegionLoad::NONE; 8];
         self.last_seq = None;
         self.setup = setup;
@@ -148,9 +149,9 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Sets the number of the next step.
-    pub fn count_steps_from(&mut self, next: u32) {
-        self.steps = next;
+    /// Sets the number of the next record. Steps and bouts are counted together.
+    pub fn count_records_from(&mut self, next: u32) {
+        self.records = next;
     }
 
     /// Replaces the tissue parameters of the wearer from the next frame on. A stance that is in progress is evaluated with the
@@ -376,7 +377,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Assembles the step of the stance that ended with the last frame from its eight regions, and increments the step number. If the
+    /// Assembles the step of the stance that ended with the last frame from its eight regions, and increments the record number. If the
     /// parameters are tracked, they are adapted to the step, and used from the next frame on. `None` before [`Insole::set_up`].
     pub fn step(&mut self, mut regions: [RegionStep<R>; 8]) -> Option<StepRecord<R>> {
         let setup = *self.setup()?;
@@ -384,8 +385,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
             let is_reliable = region.is_reliable() && self.stance.saturated() >> i & 1 == 0;
             region.stiffness_change = self.tracker.adapt(i, law, region, is_reliable);
         }
-        let step = self.steps;
-        self.steps = self.steps.wrapping_add(1);
+        let step = self.records;
+        self.records = self.records.wrapping_add(1);
         Some(StepRecord {
             side: setup.side,
             step,
@@ -398,6 +399,22 @@ impl<R: Real, const N: usize> Insole<R, N> {
             foot: FootMeasures::new(self.stance.curves(), self.sample_s(), &self.extent),
             regions,
         })
+    }
+
+    /// The load bout that was completed by the last frame, if there is one: the load of a time that was not part of a step. It is
+    /// returned once; the next bout is completed two seconds later at the earliest.
+    pub fn take_bout(&mut self) -> Option<BoutRecord<R>> {
+        if !self.stance.has_bout() {
+            return None;
+        }
+        let bout = self.stance.take_bout(self.setup.side, self.records)?;
+        self.records = self.records.wrapping_add(1);
+        Some(bout)
+    }
+
+    /// Completes the load bout in progress, at the end of a recording; see [`Insole::take_bout`].
+    pub fn end_bout(&mut self) {
+        self.stance.end_bout();
     }
 
     /// Evaluates all regions and assembles the step, as [`Insole::step_region`] and [`Insole::step`] do.

@@ -6,7 +6,7 @@ use libfuzzer_sys::fuzz_target;
 use plantar::Side;
 use plantar::faults::Faults;
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::session::{CommandResult, LIVE_QUEUE, STEP_QUEUE, Session};
+use plantar::protocol::session::{CommandResult, LIVE_QUEUE, RECORD_QUEUE, Session};
 use plantar::protocol::{
     Hello, Live, MAJOR, MAX_MESSAGE, MINOR, Refusal, Reset, Status, Step, StepFoot, StepRegion, ToDevice, ToHost,
     decode,
@@ -56,10 +56,10 @@ fuzz_target!(|data: &[u8]| {
             }
             // A step is complete.
             [b'S'] => {
-                session.push_step(step(expected.pushed));
+                session.push_record(step(expected.pushed));
                 expected.unacknowledged.push(expected.pushed);
                 expected.pushed += 1;
-                if expected.unacknowledged.len() > STEP_QUEUE {
+                if expected.unacknowledged.len() > RECORD_QUEUE {
                     expected.unacknowledged.remove(0);
                     expected.sent = expected.sent.saturating_sub(1);
                     expected.dropped += 1;
@@ -129,7 +129,7 @@ fn next(session: &mut Session, expected: &mut Expected) -> bool {
             assert!(expected.live_due - status.live_due <= LIVE_QUEUE as u32);
             expected.live_passed = status.live_due;
             assert_eq!(status.live_sent, expected.live_sent);
-            assert_eq!(status.steps_dropped, expected.dropped);
+            assert_eq!(status.records_dropped, expected.dropped);
         }
         ToHost::Tissue(tissue) => assert!(tissue.id == 0 || tissue.check().is_ok()),
         ToHost::Hello(hello) => assert_eq!(hello.tissue_id, session.tissue().id),

@@ -120,7 +120,7 @@ impl StateMachineTest for AnyOrder {
         hosts[0].connect(LinkKind::Serial, true);
         world.borrow_mut().schedule(now_us() + 500_000, 0, InsoleEvent::Walk { steps: 1 });
         follow(&mut hosts, now_us() + 3_000_000);
-        assert_eq!(hosts[0].steps.len(), 1);
+        assert_eq!(hosts[0].steps().count(), 1);
         Simulated { world, hosts }
     }
 
@@ -140,8 +140,8 @@ impl StateMachineTest for AnyOrder {
     }
 
     fn check_invariants(simulated: &Simulated, _: &Schedule) {
-        for pair in simulated.hosts[0].steps.windows(2) {
-            assert!(plantar::sequence::is_after(pair[1].step, pair[0].step), "step numbers must increase");
+        for pair in simulated.hosts[0].records.windows(2) {
+            assert!(plantar::sequence::is_after(pair[1].number(), pair[0].number()), "numbers must increase");
         }
     }
 

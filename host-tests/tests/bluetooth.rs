@@ -301,7 +301,7 @@ fn break_links(seed: u32) {
     println!("{cuts} cuts, {} steps", store.0.len());
     assert_eq!(store.0, steps);
     let status = phone.status(&mut world.radio);
-    assert_eq!((status.steps, status.steps_dropped), (STEPS as u32, 0));
+    assert_eq!((status.steps, status.records_dropped), (STEPS as u32, 0));
 }
 
 // The walk is divided into two, because each needs a minute and both can run at the same time.

@@ -161,7 +161,7 @@ fn both_feet_stream_a_minute_in_real_time() {
             foot.steps.iter().map(|(_, step)| step.step).eq(0..status.steps),
             "every step must arrive once, in order"
         );
-        assert_eq!((status.steps_dropped, status.bad_frames), (0, 0));
+        assert_eq!((status.records_dropped, status.bad_frames), (0, 0));
         // The emulated board misses scans if the host is busy. Too many missed scans in a stance cost its step, which is counted.
         assert_eq!(status.steps + status.rejected.broken, STEPS as u32);
 

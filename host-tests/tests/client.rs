@@ -153,7 +153,7 @@ fn step_numbers(messages: &[ToHost]) -> Vec<u32> {
 }
 
 fn push_steps(cable: &Cable, numbers: impl IntoIterator<Item = u32>) {
-    numbers.into_iter().for_each(|number| cable.insole().session.push_step(step(number)));
+    numbers.into_iter().for_each(|number| cable.insole().session.push_record(step(number)));
 }
 
 #[test]
@@ -223,7 +223,7 @@ fn a_step_that_a_restarted_insole_repeats_is_recognised() {
     push_steps(&cable, [0]);
     assert_eq!(step_numbers(&receive_all(&mut client)), [0]);
     cable.insole().session = Session::new();
-    cable.insole().session.push_step(Step { boots_since: 1, ..step(0) });
+    cable.insole().session.push_record(Step { boots_since: 1, ..step(0) });
     push_steps(&cable, [1]);
     client.reconnect(TIMEOUT).expect("the insole answers");
     assert_eq!(step_numbers(&receive_all(&mut client)), [1]);
@@ -277,7 +277,7 @@ fn steps_of_an_insole_that_restarted_are_delivered() {
     client.reconnect(TIMEOUT).expect("the insole answers");
     // The steps of another walk have other times.
     let after = |number: u32| plantar::protocol::Step { start_us: 1_000_000 * u64::from(number), ..step(number) };
-    (0..3).for_each(|number| cable.insole().session.push_step(after(number)));
+    (0..3).for_each(|number| cable.insole().session.push_record(after(number)));
     assert_eq!(step_numbers(&receive_all(&mut client)), [0, 1, 2]);
 }
 
@@ -362,7 +362,7 @@ fn messages_that_arrive_while_the_stream_is_turned_on_are_delivered_in_order() {
 fn a_status_arrives_on_request() {
     let (_, mut client) = connected();
     client.send(ToDevice::GetStatus).expect("the link works");
-    let expected = Status { live_due: 0, live_sent: 0, steps_dropped: 0, faults: 0, rezeroed: 0, ..status() };
+    let expected = Status { live_due: 0, live_sent: 0, records_dropped: 0, faults: 0, rezeroed: 0, ..status() };
     assert_eq!(receive_all(&mut client), [ToHost::Status(expected)]);
 }
 

@@ -4,14 +4,14 @@ use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::BLOCK_CELLS;
-use plantar::protocol::session::{Command, CommandResult, STEP_QUEUE, Session};
+use plantar::protocol::session::{Command, CommandResult, RECORD_QUEUE, Session};
 use plantar::protocol::update::{Progress, Request};
 use plantar::protocol::{
     CellCoder, CellStream, Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Resolution, SETUP_CELLS, Serial,
     Settings, Status, ToDevice, ToHost, decode, encode,
 };
 use plantar::{Region, Side};
-use testkit::{SETUP, TISSUE, cell, hello, live, status, step};
+use testkit::{SETUP, TISSUE, bout, cell, hello, live, status, step};
 
 /// A message to the host, in a short form.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,6 +19,7 @@ enum Sent {
     Hello,
     Live(u32),
     Step(u32),
+    Bout(u32),
     Status(Status),
     Tissue(u32),
     Refused(Refusal),
@@ -51,6 +52,10 @@ fn next(session: &mut Session) -> Option<Sent> {
         ToHost::Step(got) => {
             assert_eq!(got, step(got.step));
             Sent::Step(got.step)
+        }
+        ToHost::Bout(got) => {
+            assert_eq!(got, bout(got.number));
+            Sent::Bout(got.number)
         }
         ToHost::Status(got) => Sent::Status(got),
         ToHost::Tissue(got) => {
@@ -118,7 +123,7 @@ fn streaming() -> Session {
 /// A closed session with these queued steps.
 fn with_steps(numbers: impl IntoIterator<Item = u32>) -> Session {
     let mut session = Session::new();
-    numbers.into_iter().for_each(|number| session.push_step(step(number)));
+    numbers.into_iter().for_each(|number| session.push_record(step(number)));
     session
 }
 
@@ -180,7 +185,7 @@ fn steps_are_sent_once_in_each_session_until_they_are_acknowledged() {
     assert_eq!(steps(&mut session), [0, 1, 2]);
     assert!(steps(&mut session).is_empty(), "a step must not be repeated in the same session");
     acknowledge(&mut session, 1);
-    session.push_step(step(3));
+    session.push_record(step(3));
     assert_eq!(steps(&mut session), [3]);
 
     connect(&mut session);
@@ -219,6 +224,22 @@ fn an_outdated_acknowledgement_has_no_effect() {
 }
 
 #[test]
+fn load_bouts_are_sent_and_acknowledged_in_turn_with_steps() {
+    let mut session = with_steps([0]);
+    session.push_record(bout(1));
+    session.push_record(step(2));
+    connect(&mut session);
+    assert_eq!(all(&mut session), [Sent::Hello, Sent::Step(0), Sent::Bout(1), Sent::Step(2)]);
+    acknowledge(&mut session, 0);
+    connect(&mut session);
+    assert_eq!(all(&mut session), [Sent::Hello, Sent::Bout(1), Sent::Step(2)]);
+    acknowledge(&mut session, 1);
+    assert_eq!((session.take_acknowledged(), session.newest_record()), (Some(1), Some(2)));
+    connect(&mut session);
+    assert_eq!(all(&mut session), [Sent::Hello, Sent::Step(2)]);
+}
+
+#[test]
 fn step_numbers_wrap() {
     let mut session = with_steps([u32::MAX - 1, u32::MAX, 0, 1]);
     connect(&mut session);
@@ -230,24 +251,24 @@ fn step_numbers_wrap() {
 
 #[test]
 fn a_full_queue_drops_the_oldest_step_and_counts_it() {
-    let count = STEP_QUEUE as u32;
+    let count = RECORD_QUEUE as u32;
     let mut session = with_steps(0..count + 5);
     connect(&mut session);
     session.receive(ToDevice::GetStatus, 0);
     let sent = all(&mut session);
     let expected: Vec<_> = (5..count + 5).map(Sent::Step).collect();
-    assert_eq!(sent[1..=STEP_QUEUE], expected);
-    assert!(matches!(sent.last(), Some(Sent::Status(s)) if s.steps_dropped == 5), "{sent:?}");
+    assert_eq!(sent[1..=RECORD_QUEUE], expected);
+    assert!(matches!(sent.last(), Some(Sent::Status(s)) if s.records_dropped == 5), "{sent:?}");
 }
 
 #[test]
 fn a_full_queue_of_sent_steps_accepts_new_ones() {
-    let count = STEP_QUEUE as u32;
+    let count = RECORD_QUEUE as u32;
     let mut session = with_steps(0..count);
     connect(&mut session);
-    assert_eq!(steps(&mut session).len(), STEP_QUEUE);
-    session.push_step(step(count));
-    session.push_step(step(count + 1));
+    assert_eq!(steps(&mut session).len(), RECORD_QUEUE);
+    session.push_record(step(count));
+    session.push_record(step(count + 1));
     assert_eq!(steps(&mut session), [count, count + 1], "no step must be repeated or missing");
     acknowledge(&mut session, count);
     connect(&mut session);
@@ -300,11 +321,11 @@ fn steps_are_sent_before_live_frames_and_live_frames_before_the_status() {
     let mut session = streaming();
     push_live(&mut session);
     session.receive(ToDevice::GetStatus, 0);
-    session.push_step(step(0));
+    session.push_record(step(0));
     push_live(&mut session);
     let sent = all(&mut session);
     assert_eq!(sent[..3], [Sent::Step(0), Sent::Live(0), Sent::Live(1)]);
-    let expected = Status { live_due: 2, live_sent: 2, steps_dropped: 0, faults: 0, rezeroed: 0, ..status() };
+    let expected = Status { live_due: 2, live_sent: 2, records_dropped: 0, faults: 0, rezeroed: 0, ..status() };
     assert_eq!(sent[3..], [Sent::Status(expected)]);
     assert_eq!(all(&mut session), [], "there must be one status for each request");
 }
@@ -312,15 +333,15 @@ fn steps_are_sent_before_live_frames_and_live_frames_before_the_status() {
 #[test]
 fn steps_remain_queued_when_the_session_is_closed() {
     let mut session = streaming();
-    session.push_step(step(0));
+    session.push_record(step(0));
     assert_eq!(steps(&mut session), [0]);
-    session.push_step(step(1));
+    session.push_record(step(1));
     push_live(&mut session);
     session.receive(ToDevice::GetStatus, 0);
     session.close();
     assert_eq!(session.next_live(), None);
     assert_eq!(all(&mut session), []);
-    session.push_step(step(2));
+    session.push_record(step(2));
     assert_eq!(all(&mut session), [], "steps must wait until a host connects");
     connect(&mut session);
     assert_eq!(all(&mut session), [Sent::Hello, Sent::Step(0), Sent::Step(1), Sent::Step(2)]);
@@ -328,11 +349,11 @@ fn steps_remain_queued_when_the_session_is_closed() {
 
 #[test]
 fn dropped_steps_are_counted_across_sessions() {
-    let mut session = with_steps(0..STEP_QUEUE as u32 + 2);
+    let mut session = with_steps(0..RECORD_QUEUE as u32 + 2);
     session.close();
     connect(&mut session);
     session.receive(ToDevice::GetStatus, 0);
-    assert!(matches!(all(&mut session).last(), Some(Sent::Status(s)) if s.steps_dropped == 2));
+    assert!(matches!(all(&mut session).last(), Some(Sent::Status(s)) if s.records_dropped == 2));
 }
 
 /// Other valid parameters.
@@ -407,7 +428,7 @@ fn answers_are_sent_in_the_order_of_the_requests_after_queued_messages() {
     let mut session = streaming();
     let (bad, reason) = bad_tissues()[0];
     push_live(&mut session);
-    session.push_step(step(0));
+    session.push_record(step(0));
     for request in [
         ToDevice::SetTissue(bad),
         ToDevice::SetTissue(*TISSUE),
@@ -553,7 +574,7 @@ fn invalid_calibrations_and_serial_numbers_are_refused() {
 #[test]
 fn an_acknowledgement_is_passed_to_the_storage_once() {
     let mut session = with_steps(10..15);
-    assert_eq!((session.has_room(), session.newest_step()), (STEP_QUEUE > 5, Some(14)));
+    assert_eq!((session.has_room(), session.newest_record()), (RECORD_QUEUE > 5, Some(14)));
     connect(&mut session);
     acknowledge(&mut session, 12);
     assert_eq!(session.take_acknowledged(), None, "steps that were not sent must not be acknowledged");
@@ -577,7 +598,7 @@ fn frames_of_cells_are_sent_last_and_dropped_whole() {
     assert_eq!(all(&mut link), [Sent::CellStream(Some(stream))]);
     (0..5).for_each(|scan| link.push_cells(scan, &[100 * scan as u16; 240]));
     push_live(&mut link);
-    link.push_step(step(0));
+    link.push_record(step(0));
     let cells = |scan, dropped| Sent::Cells { scan, dropped };
     assert_eq!(all(&mut link), [Sent::Step(0), Sent::Live(0), cells(0, 0), cells(1, 0), cells(2, 0)]);
     link.push_cells(5, &[500; 240]);

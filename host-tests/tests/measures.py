@@ -43,10 +43,10 @@ def loading_rate(force_n):
 
 def of_region(pressure_kpa, area, r):
     cells = region == r
-    if not area.any():
-        return [0.0] * 6
     force_n = pressure_kpa[:, cells] @ area_mm2[cells] * 1e-3
     highest_kpa = pressure_kpa[:, cells].max(axis=1)
+    if not area.any():
+        return [0.0, 0.0, highest_kpa.sum() / rate_hz, 0.0, 0.0, 0.0]
     peak = force_n.argmax()
     return [
         highest_kpa.max(),

@@ -4,8 +4,8 @@ use embedded_storage_async::nor_flash::NorFlash;
 use plantar::Side;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::BLOCK_CELLS;
-use plantar::protocol::{Reset, Serial, Step, StepFoot, StepRegion};
+
+use plantar::protocol::{BLOCK_CELLS, LoadRecord, Reset, Serial, Step, StepFoot, StepRegion};
 use plantar::storage::flash_map::SECTOR;
 use plantar::storage::flash_map::{LOG, RECORDS};
 use plantar::storage::{Bonds, BootCounters, IdentityRecord, Record, StorageError, Store};
@@ -14,7 +14,7 @@ use sequential_storage::map::{MapConfig, MapStorage};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
 use testkit::nor_flash::{NorFlashChip, Torn, block_on};
 use testkit::store_script::Script;
-use testkit::{TISSUE, step};
+use testkit::{TISSUE, bout, step};
 
 type ChipStore<'c> = Store<&'c mut NorFlashChip>;
 
@@ -30,8 +30,8 @@ fn open(chip: &mut NorFlashChip) -> ChipStore<'_> {
 /// All stored steps.
 fn steps(store: &mut ChipStore) -> Vec<Step> {
     let mut steps = Vec::new();
-    let more = block_on(store.steps(None, |step| {
-        steps.push(step);
+    let more = block_on(store.records(None, |record| {
+        steps.extend(record.step());
         true
     }));
     assert_eq!(more, Ok(false));
@@ -69,7 +69,7 @@ fn an_interrupted_first_start_erases_nothing_at_the_next_start() {
             let mut chip = chip.restarted();
             let store = open(&mut chip);
             let contents = store.contents();
-            assert_eq!((contents.erased, contents.next_step), (0, 0), "{torn:?} in operation {at}");
+            assert_eq!((contents.erased, contents.next_record), (0, 0), "{torn:?} in operation {at}");
             assert!((1..=2).contains(&contents.start));
             if !was_cut {
                 break;
@@ -127,7 +127,7 @@ fn data_stored_by_older_firmware_is_read() {
 
     let mut store = open(&mut chip);
     let contents = store.contents();
-    assert_eq!((contents.start, contents.next_step, contents.newer_kinds, contents.newer_steps), (2, 20, 0, 0));
+    assert_eq!((contents.start, contents.next_record, contents.newer_kinds, contents.newer_records), (2, 20, 0, 0));
     assert_eq!(block_on(store.get::<Tissue>(0)), Ok(Some(*TISSUE)));
     let serial = Serial::new("P-0001").expect("the serial number is valid");
     assert_eq!(block_on(store.get::<IdentityRecord>(0)), Ok(Some(IdentityRecord { side: Side::Right, serial })));
@@ -147,7 +147,7 @@ fn data_stored_by_older_firmware_is_read() {
     });
     assert_eq!(steps(&mut store), expected.collect::<Vec<_>>());
     // Numbering continues, and old and new steps are acknowledged together.
-    assert_eq!(block_on(store.push_step(&step(20))), Ok(0));
+    assert_eq!(block_on(store.push_record(step(20))), Ok(0));
     assert_eq!(block_on(store.acknowledge(18)), Ok(()));
     assert_eq!(numbers(&mut store), [19, 20]);
 }
@@ -157,7 +157,7 @@ fn step_numbers_continue_after_all_steps_were_acknowledged() {
     let mut chip = chip();
     let mut store = open(&mut chip);
     for number in [u32::MAX - 1, u32::MAX, 0, 1] {
-        assert_eq!(block_on(store.push_step(&step(number))), Ok(0));
+        assert_eq!(block_on(store.push_record(step(number))), Ok(0));
     }
     assert_eq!(block_on(store.acknowledge(u32::MAX)), Ok(()));
     assert_eq!(numbers(&mut store), [0, 1]);
@@ -165,7 +165,7 @@ fn step_numbers_continue_after_all_steps_were_acknowledged() {
     assert!(numbers(&mut store).is_empty());
     for _ in 0..3 {
         let mut store = open(&mut chip);
-        assert_eq!(store.contents().next_step, 2);
+        assert_eq!(store.contents().next_record, 2);
         assert!(numbers(&mut store).is_empty());
         // A host repeats its acknowledgement if it does not know whether the first one arrived.
         assert_eq!(block_on(store.acknowledge(1)), Ok(()));
@@ -178,12 +178,12 @@ fn step_numbers_continue_after_a_step_that_could_not_be_stored() {
     let mut chip = chip();
     let mut store = open(&mut chip);
     for number in 0..3 {
-        assert_eq!(block_on(store.push_step(&step(number))), Ok(0));
+        assert_eq!(block_on(store.push_record(step(number))), Ok(0));
     }
     assert_eq!(block_on(store.acknowledge(3)), Ok(()));
     assert!(numbers(&mut store).is_empty());
     let store = open(&mut chip);
-    assert_eq!((store.contents().next_step, store.contents().erased), (4, 0));
+    assert_eq!((store.contents().next_record, store.contents().erased), (4, 0));
 }
 
 #[test]
@@ -192,7 +192,7 @@ fn a_full_log_contains_at_least_the_last_2000_steps_and_counts_dropped_ones() {
     let mut store = open(&mut chip);
     let (mut dropped, mut fewest) = (0, u32::MAX);
     for number in 0..12_000 {
-        let newly_dropped = block_on(store.push_step(&step(number))).expect("the chip works");
+        let newly_dropped = block_on(store.push_record(step(number))).expect("the chip works");
         dropped += newly_dropped;
         if newly_dropped > 0 {
             let stored = numbers(&mut store);
@@ -225,7 +225,7 @@ fn records_of_newer_firmware_are_reported_and_not_changed() {
     });
     let mut store = open(&mut chip);
     assert_eq!(store.contents().newer_kinds, 1 << Tissue::KIND | 1 << 31);
-    assert_eq!(store.contents().newer_steps, 1);
+    assert_eq!(store.contents().newer_records, 1);
     assert_eq!(block_on(store.get::<Tissue>(0)), Ok(None));
     // This firmware stores its own records in the same sectors, until the sectors were reused several times.
     for i in 0..5000 {
@@ -236,7 +236,7 @@ fn records_of_newer_firmware_are_reported_and_not_changed() {
         assert_eq!(block_on(store.get(0)), Ok(Some(tissue)));
     }
     for number in 0..50 {
-        assert_eq!(block_on(store.push_step(&step(number))), Ok(0));
+        assert_eq!(block_on(store.push_record(step(number))), Ok(0));
     }
     assert_eq!(block_on(store.acknowledge(49)), Ok(()));
     assert!(numbers(&mut store).is_empty());
@@ -321,7 +321,7 @@ fn a_chip_with_any_content_becomes_usable() {
             _ => {
                 let mut store = open(&mut chip);
                 for number in 0..500 {
-                    block_on(store.push_step(&step(number))).expect("the chip works");
+                    block_on(store.push_record(step(number))).expect("the chip works");
                 }
                 let mut at = random.usize(..RECORDS.end as usize);
                 for _ in 0..200 {
@@ -339,9 +339,9 @@ fn a_chip_with_any_content_becomes_usable() {
         }
         let mut store = open(&mut chip);
         assert_eq!(block_on(store.put(0, &*TISSUE)), Ok(()), "round {round}");
-        let next = store.contents().next_step;
+        let next = store.contents().next_record;
         for number in next..next + 20 {
-            block_on(store.push_step(&step(number))).expect("the chip works");
+            block_on(store.push_record(step(number))).expect("the chip works");
         }
         let mut store = open(&mut chip);
         assert_eq!(block_on(store.get(0)), Ok(Some(*TISSUE)), "round {round}");
@@ -357,9 +357,9 @@ fn a_defective_chip_is_reported() {
     let mut store = open(&mut chip);
     assert_eq!(block_on(store.get::<Tissue>(0)), Err(StorageError::Chip));
     assert_eq!(block_on(store.put(0, &*TISSUE)), Err(StorageError::Chip));
-    assert_eq!(block_on(store.push_step(&step(0))), Err(StorageError::Chip));
+    assert_eq!(block_on(store.push_record(step(0))), Err(StorageError::Chip));
     assert_eq!(block_on(store.acknowledge(0)), Err(StorageError::Chip));
-    assert_eq!(block_on(store.steps(None, |_| true)), Err(StorageError::Chip));
+    assert_eq!(block_on(store.records(None, |_| true)), Err(StorageError::Chip));
 }
 
 #[test]
@@ -374,6 +374,36 @@ fn serial_numbers_are_short_and_printable() {
     }
 }
 
+/// The records of both kinds are numbered together, continue after a restart, and are removed by one acknowledgement.
+#[test]
+fn load_bouts_are_stored_between_steps() {
+    let mut chip = chip();
+    let mut store = open(&mut chip);
+    for record in [LoadRecord::from(bout(0)), step(1).into(), bout(2).into(), bout(3).into()] {
+        assert_eq!(block_on(store.push_record(record)), Ok(0));
+    }
+    let mut store = open(&mut chip);
+    assert_eq!(store.contents().next_record, 4);
+    let mut stored = Vec::new();
+    let more = block_on(store.records(Some(0), |record| {
+        stored.push(record);
+        true
+    }));
+    let expected = [LoadRecord::from(step(1)), bout(2).into(), bout(3).into()];
+    assert_eq!((more, stored), (Ok(false), expected.map(|record| record.with_boots_since(1)).to_vec()));
+    assert_eq!(block_on(store.acknowledge(2)), Ok(()));
+    let mut store = open(&mut chip);
+    let mut numbers = Vec::new();
+    assert_eq!(
+        block_on(store.records(None, |record| {
+            numbers.push(record.number());
+            true
+        })),
+        Ok(false)
+    );
+    assert_eq!((numbers, store.contents().next_record), (vec![3], 4));
+}
+
 /// As in the firmware, a few steps are read and acknowledged at a time, while others are recorded.
 #[test]
 fn steps_are_read_and_acknowledged_while_others_are_recorded() {
@@ -384,17 +414,17 @@ fn steps_are_read_and_acknowledged_while_others_are_recorded() {
     for _ in 0..60_000 {
         match random.u8(0..3) {
             0 if next - oldest < 1500 => {
-                assert_eq!(block_on(store.push_step(&step(next))), Ok(0));
+                assert_eq!(block_on(store.push_record(step(next))), Ok(0));
                 next += 1;
             }
             1 => {
                 let after = (read > oldest).then(|| read - 1);
                 let first = read.max(oldest);
                 let mut got = Vec::new();
-                let more = block_on(store.steps(after, |step| {
+                let more = block_on(store.records(after, |record| {
                     let has_room = got.len() < 6;
                     if has_room {
-                        got.push(step.step);
+                        got.push(record.number());
                     }
                     has_room
                 }));
@@ -426,7 +456,7 @@ fn a_day_of_steps_wears_the_chip_little() {
         let mut chip = chip();
         let mut store = open(&mut chip);
         for number in 0..STEPS * DAYS {
-            block_on(store.push_step(&step(number))).expect("the chip works");
+            block_on(store.push_record(step(number))).expect("the chip works");
             if is_acknowledged {
                 block_on(store.acknowledge(number)).expect("the chip works");
             }

@@ -63,7 +63,7 @@ fn settings_and_steps_survive_a_restart_and_a_loss_of_power() {
             assert_eq!(*again, plantar::protocol::Step { boots_since, ..*recorded });
         }
         let status = client.status().expect("the insole answers");
-        assert_eq!((status.contents.start, status.contents.next_step), (boots_since + 1, 3));
+        assert_eq!((status.contents.start, status.contents.next_record), (boots_since + 1, 3));
         let flash = boards.pop().expect("a board is on").flash().expect("the chip can be read");
         boards.push(boot(Some(flash)));
         client = connect(&boards[0]);

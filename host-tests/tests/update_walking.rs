@@ -63,7 +63,10 @@ fn a_transfer_during_a_walk_loses_no_frame_and_no_step() {
         status.frames_overrun,
         status.stack_bytes
     );
-    assert_eq!((counters.frames_lost, counters.crc_errors, status.frames_overrun, status.steps_dropped), (0, 0, 0, 0));
+    assert_eq!(
+        (counters.frames_lost, counters.crc_errors, status.frames_overrun, status.records_dropped),
+        (0, 0, 0, 0)
+    );
     assert!(status.steps > 0 && steps.windows(2).all(|pair| pair[1] == pair[0] + 1), "{steps:?}");
 }
 

@@ -11,7 +11,7 @@ use plantar::pipeline::setup::Setup;
 use plantar::pipeline::stance::Rejected;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::update::{self, Chunk, Header, Offer, Progress, Request, Signature};
-use plantar::protocol::{BLOCK_CELLS, CalibrationBlock, Contents};
+use plantar::protocol::{BLOCK_CELLS, Bout, BoutRegion, CalibrationBlock, Contents};
 use plantar::protocol::{
     CellCoder, CellFrame, CellStream, Decoder, Hello, Identity, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE,
     MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Serial, Settings, Status, Step, StepFoot, StepRegion, ToDevice,
@@ -21,7 +21,7 @@ use plantar::{Region, Side};
 use proptest::prelude::*;
 use std::io::Read;
 use std::slice::from_ref;
-use testkit::{TISSUE, cell, faults, framed, hello, live, messages, status, step, text};
+use testkit::{TISSUE, bout, cell, faults, framed, hello, live, messages, status, step, text};
 
 fn config() -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }
@@ -154,7 +154,7 @@ fn any_status() -> impl Strategy<Value = Status> {
         live_due: v[3],
         live_sent: v[4],
         steps: v[5],
-        steps_dropped: v[6],
+        records_dropped: v[6],
         rejected: Rejected { short: v[7], long: v[8], broken: v[9] },
         bad_frames: v[10],
         frame_cycles: (v[11], v[12]),
@@ -162,7 +162,13 @@ fn any_status() -> impl Strategy<Value = Status> {
         faults: v[14],
         rezeroed: v[15],
         not_stored: v[16],
-        contents: Contents { start: v[17], next_step: v[18], newer_kinds: v[19], newer_steps: v[20], erased: v[21] },
+        contents: Contents {
+            start: v[17],
+            next_record: v[18],
+            newer_kinds: v[19],
+            newer_records: v[20],
+            erased: v[21],
+        },
     })
 }
 
@@ -265,6 +271,14 @@ fn to_host() -> impl Strategy<Value = ToHost> {
         }),
         any::<Option<u16>>().prop_map(|number| ToHost::Settings(number.map(any_settings))),
         any::<bool>().prop_map(|is_known| ToHost::Identified(is_known.then_some(IDENTIFIED))),
+        any::<(u32, u64, u32, u32, u16)>().prop_map(|(number, start_us, duration_us, integral, peak)| {
+            let region = BoutRegion {
+                measured_integral_cns: integral,
+                pressure_integral_dkpas: !integral,
+                peak_pressure_dkpa: peak,
+            };
+            ToHost::Bout(Bout { start_us, duration_us, regions: [region; 8], ..bout(number) })
+        }),
         Just(ToHost::Update(Progress::Accepted)),
     ]
 }
@@ -330,6 +344,7 @@ fn samples() -> Vec<ToHost> {
         ToHost::Identity(identity()),
         ToHost::CalibrationBlock { block: 3 },
         ToHost::Update(Progress::Next(300)),
+        ToHost::Bout(bout(10)),
     ]
 }
 
@@ -548,6 +563,16 @@ fn longest_messages_fit_their_limits() {
         refit: u8::MAX,
         ..step(0)
     });
+    let region =
+        BoutRegion { measured_integral_cns: u32::MAX, pressure_integral_dkpas: u32::MAX, peak_pressure_dkpa: u16::MAX };
+    let longest_bout = ToHost::Bout(Bout {
+        start_us: u64::MAX,
+        duration_us: u32::MAX,
+        regions: [region; 8],
+        boots_since: u32::MAX,
+        start_unix_us: Some(u64::MAX),
+        ..bout(u32::MAX)
+    });
     let longest_status = ToHost::Status(Status {
         uptime_us: u64::MAX,
         frames: u32::MAX,
@@ -556,7 +581,7 @@ fn longest_messages_fit_their_limits() {
         live_due: u32::MAX,
         live_sent: u32::MAX,
         steps: u32::MAX,
-        steps_dropped: u32::MAX,
+        records_dropped: u32::MAX,
         rejected: Rejected { short: u32::MAX, long: u32::MAX, broken: u32::MAX },
         bad_frames: u32::MAX,
         frame_cycles: (u32::MAX, u32::MAX),
@@ -566,9 +591,9 @@ fn longest_messages_fit_their_limits() {
         not_stored: u32::MAX,
         contents: Contents {
             start: u32::MAX,
-            next_step: u32::MAX,
+            next_record: u32::MAX,
             newer_kinds: u32::MAX,
-            newer_steps: u32::MAX,
+            newer_records: u32::MAX,
             erased: u32::MAX,
         },
     });
@@ -581,6 +606,7 @@ fn longest_messages_fit_their_limits() {
     });
     assert!(encoded(&longest_live).len() <= MAX_LIVE);
     assert!(framed(&longest_live).len() <= 112, "{}", framed(&longest_live).len());
+    assert!(encoded(&longest_bout).len() <= 200, "{}", encoded(&longest_bout).len());
     assert!(framed(&longest_step).len() <= 488, "{}", framed(&longest_step).len());
     let longest_tissue = Tissue { id: u32::MAX, ..*TISSUE };
     let longest_chunk = Request::Chunk { number: u16::MAX, chunk: [[0xff; 32]; 8] };
@@ -603,9 +629,9 @@ fn longest_messages_fit_their_limits() {
 #[test]
 fn the_first_byte_identifies_the_message() {
     let first = |message: &ToHost| encoded(message)[0];
-    let expected = [ToHost::LIVE, ToHost::STEP, ToHost::TISSUE, ToHost::REFUSED];
+    let expected = [ToHost::LIVE, ToHost::STEP, ToHost::TISSUE, ToHost::REFUSED, ToHost::BOUT];
     let samples = samples();
-    assert_eq!([1, 2, 4, 5].map(|i| first(&samples[i])), expected);
+    assert_eq!([1, 2, 4, 5, 11].map(|i| first(&samples[i])), expected);
 }
 
 #[test]
@@ -628,6 +654,7 @@ fn messages_have_the_bytes_of_this_version() {
         ("hello", framed(&ToHost::Hello(Hello { major: 1, minor: 0, ..hello() })), HELLO),
         ("live", framed(&ToHost::Live(live(300))), LIVE),
         ("step", framed(&ToHost::Step(step(41))), STEP),
+        ("load bout", framed(&ToHost::Bout(bout(42))), BOUT),
         ("status", framed(&ToHost::Status(status())), STATUS),
         ("connect", framed(&ToDevice::Connect { major: 1, minor: 0 }), CONNECT),
         ("stream", framed(&ToDevice::Stream { live: true }), STREAM),
@@ -735,6 +762,7 @@ const HELLO: &str =
     "0102011705302e312e30047465737401f8acd19101c801904e4d010320410103f0400101011104010961742061206c696e65f2c164b700";
 const LIVE: &str = "5501ac0290b298d012400220a5012efb40e803d007b80ba00fe903d107b90ba10fea03d207ba0ba20feb03d307bb0ba30fec03d407bc0ba40fed03d507bd0ba50fee03d607be0ba60fef03d707bf0ba70f55fd928900";
 const STEP: &str = "0302290e80e497d012c0c029904e028104010320410103f04001084842401fdc1ea022d4174a01401ffe013c0f5f01920193012403c701b60497011007cbfe3e08130770064d018effd712e8034c04b00414057805dc054006bc02c80d2c0170fe340898083efe6c070507c40996082003e204d41714131ee9034d04b10415057905dd054106bd02c9122d016ffe350899083ffe6d070106c50997082103e304d51715131fea034e04b20416057a05de054206be02ca122e016efe36089a0840fe6e070205c60998082203e404d617161320eb034f04b30417057b05df054306bf02cb122f016dfe37089b0841fe6f070304c70999082303e504d717171321ec035004b40418057c05e0054406c002cc1230016cfe38089c0842fe70070403c8099a082403e604d817181322ed035104b50419057d05e1054506c102cd1231016bfe39089d0843fe71070502c9099b082503e704d917191323ee035204b6041a057e05e2054606c202ce1232016afe3a089e0844fe72070601ca099c082603e804da171a1324ef035304b7041b057f05e3054706c302cf0e330169fe3b089f0845fe73070704cb099d082703e904db171b02250f0180c097d1edff960320b8992ce000";
+const BOUT: &str = "10112a0102c0a8a504b097991d40e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e201020402010321030e018080f9c0c1c482037b37f30a00";
 const STATUS: &str = "290380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d0e0f85ac266400";
 const CONNECT: &str = "0102010553e85ae600";
 const STREAM_CELLS: &str = "090f01010210f5f08f00";

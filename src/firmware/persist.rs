@@ -1,11 +1,11 @@
-//! Persists steps, acknowledgements, parameters and bonds, and executes the commands of a host.
+//! Persists steps, load bouts, acknowledgements, parameters and bonds, and executes the commands of a host.
 
 use super::shared::Shared;
 use super::trial::Trial;
 use crate::log;
 use crate::protocol::session::{Command, CommandResult};
 use crate::protocol::update::{Header, Progress, Refusal as UpdateRefusal};
-use crate::protocol::{Identity, Refusal, Step};
+use crate::protocol::{Identity, LoadRecord, Refusal};
 use crate::storage::update::{self, Update};
 use crate::storage::{Bonds, IdentifiedRecord, IdentityRecord, SettingsRecord, StorageError, Store};
 use core::future::poll_fn;
@@ -21,9 +21,9 @@ const RESTART_DELAY: Duration = Duration::from_millis(500);
 /// The state of persisting.
 struct Persist<'a> {
     shared: &'a Shared,
-    /// The log may contain steps after the newest step in RAM.
+    /// The log may contain steps or load bouts after the newest one in RAM.
     has_more_in_log: bool,
-    /// The last attempt to read steps from the log succeeded.
+    /// The last attempt to read from the log succeeded.
     is_log_readable: bool,
     update: Update,
     /// Time of the restart after an accepted update.
@@ -32,7 +32,7 @@ struct Persist<'a> {
     trial: Option<Trial>,
 }
 
-/// Persists steps, acknowledgements, parameters and bonds. Never returns. An item that the chip fails to store is counted, and is
+/// Persists steps, load bouts, acknowledgements, parameters and bonds. Never returns. An item that the chip fails to store is counted, and is
 /// in force until the next start. Receives firmware updates, and confirms the running image after its trial; `image` is its
 /// header.
 pub async fn persist(
@@ -58,7 +58,7 @@ pub async fn persist(
         log::info!("update: this image is on trial");
     }
     loop {
-        state.store_steps(store).await;
+        state.store_records(store).await;
         state.store_acknowledgement(store).await;
         if state.has_more_in_log && shared.session.borrow().has_room() {
             state.refill_from_log(store).await;
@@ -79,19 +79,19 @@ pub async fn persist(
 }
 
 impl Persist<'_> {
-    async fn store_steps(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
-        while let Ok(step) = self.shared.steps.try_receive() {
-            if !self.store_step(store, &step).await {
-                self.shared.session.borrow_mut().push_step(step);
+    async fn store_records(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
+        while let Ok(record) = self.shared.records.try_receive() {
+            if !self.store_record(store, record).await {
+                self.shared.session.borrow_mut().push_record(record);
             }
         }
         self.shared.frames_before.set(None);
     }
 
-    /// Stores a step. False if the session must also hold it in RAM, because it follows the steps there or could not be stored.
+    /// Stores a record. False if the session must also hold it in RAM, because it follows the records there or could not be stored.
     /// True if it will be loaded from the log later, or is lost.
-    async fn store_step(&mut self, store: &mut Store<impl MultiwriteNorFlash>, step: &Step) -> bool {
-        match store.push_step(step).await {
+    async fn store_record(&mut self, store: &mut Store<impl MultiwriteNorFlash>, record: LoadRecord) -> bool {
+        match store.push_record(record).await {
             Ok(dropped) => {
                 let mut session = self.shared.session.borrow_mut();
                 session.count_dropped(dropped);
@@ -100,7 +100,7 @@ impl Persist<'_> {
             }
             Err(_) => {
                 self.shared.count_not_stored();
-                // If this step were in RAM, only steps after it would be loaded from the log. It is dropped, because the steps
+                // If this record were in RAM, only those after it would be loaded from the log. It is dropped, because those
                 // before it, which are in the log only, are more numerous.
                 let is_lost = self.has_more_in_log && self.is_log_readable;
                 self.shared.session.borrow_mut().count_dropped(is_lost.into());
@@ -111,25 +111,25 @@ impl Persist<'_> {
 
     async fn store_acknowledgement(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         let acknowledged = self.shared.session.borrow_mut().take_acknowledged();
-        if let Some(step) = acknowledged
-            && store.acknowledge(step).await.is_err()
+        if let Some(number) = acknowledged
+            && store.acknowledge(number).await.is_err()
         {
             self.shared.count_not_stored();
         }
     }
 
-    /// Loads steps from the log, those after the newest step in RAM, as many as the session can hold.
+    /// Loads steps and load bouts from the log, those after the newest one in RAM, as many as the session can hold.
     async fn refill_from_log(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
-        let newest = self.shared.session.borrow().newest_step();
-        let push = |step| {
+        let newest = self.shared.session.borrow().newest_record();
+        let push = |record| {
             let mut session = self.shared.session.borrow_mut();
             let has_room = session.has_room();
             if has_room {
-                session.push_step(step);
+                session.push_record(record);
             }
             has_room
         };
-        let has_more = store.steps(newest, push).await;
+        let has_more = store.records(newest, push).await;
         self.is_log_readable = has_more.is_ok();
         // A failed read is repeated with the next event.
         self.has_more_in_log = has_more.unwrap_or(true);

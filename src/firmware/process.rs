@@ -7,7 +7,7 @@ use super::shared::Shared;
 use crate::faults::Faults;
 use crate::log;
 use crate::pipeline::step::RegionStep;
-use crate::protocol::{Live, Step};
+use crate::protocol::{Bout, Live, LoadRecord, Step};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::Receiver;
@@ -49,6 +49,11 @@ pub async fn process(
         report_faults(insole.faults(), shared);
         if is_toe_off {
             complete_step(insole, shared, || stopwatch.cycles_since(start)).await;
+        }
+        if let Some(bout) = insole.take_bout() {
+            let start_unix_us = shared.session.borrow().unix_us(bout.start_us);
+            log::info!("process: load bout {} is {}", bout.number, bout.kind.name());
+            queue(shared, Bout { start_unix_us, ..Bout::new(&bout) }.into());
         }
         shared.scan.heartbeats.frame_processed();
         shared.signal_changed();
@@ -97,13 +102,18 @@ async fn complete_step(insole: &mut DeviceInsole, shared: &Shared, cycles: impl 
     let frames_before = shared.frames_before.get().unwrap_or(shared.scan.heartbeats.processed());
     shared.frames_before.set(Some(frames_before));
     let start_unix_us = shared.session.borrow().unix_us(step.start_us);
-    if shared.steps.try_send(Step { start_unix_us, ..Step::new(&step) }).is_err() {
-        log::warn!("storage: step {} was dropped before it could be stored", step.step);
-        shared.session.borrow_mut().count_dropped(1);
-    }
-    shared.to_persist.signal(());
+    queue(shared, Step { start_unix_us, ..Step::new(&step) }.into());
     let mut cadence = shared.cadence.get();
     cadence.step(step.start_us);
     shared.cadence.set(cadence);
     shared.counters.borrow_mut().steps += 1;
+}
+
+/// Queues a record to be stored.
+fn queue(shared: &Shared, record: LoadRecord) {
+    if shared.records.try_send(record).is_err() {
+        log::warn!("storage: record {} was dropped before it could be stored", record.number());
+        shared.session.borrow_mut().count_dropped(1);
+    }
+    shared.to_persist.signal(());
 }

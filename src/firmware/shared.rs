@@ -5,7 +5,7 @@ use crate::log;
 use crate::pipeline::cadence::Cadence;
 use crate::pipeline::stance::Rejected;
 use crate::protocol::session::Session;
-use crate::protocol::{CellStream, Contents, Hello, Identity, Refusal, Status, Step, ToDevice, gatt};
+use crate::protocol::{CellStream, Contents, Hello, Identity, LoadRecord, Refusal, Status, ToDevice, gatt};
 use crate::storage::{Bonds, IdentityRecord, MAX_BONDS_BYTES, Store};
 use core::cell::{Cell, RefCell};
 use core::sync::atomic::Ordering;
@@ -16,8 +16,8 @@ use embassy_time::Instant;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use heapless::Vec;
 
-/// Number of steps that can wait to be stored.
-pub const STEP_QUEUE: usize = 2;
+/// Number of steps and load bouts that can wait to be stored.
+pub const RECORD_QUEUE: usize = 2;
 
 /// The kind of link to a host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,8 +49,8 @@ pub struct Shared {
     pub(super) scan: &'static ScanCounters,
     /// Returns the deepest use of the stack so far, bytes.
     stack_bytes: fn() -> u32,
-    /// Steps that [`super::persist::persist`] has not taken yet.
-    pub(super) steps: Channel<NoopRawMutex, Step, STEP_QUEUE>,
+    /// Steps and load bouts that [`super::persist::persist`] has not taken yet.
+    pub(super) records: Channel<NoopRawMutex, LoadRecord, RECORD_QUEUE>,
     /// The bonded centrals.
     bonds: RefCell<Vec<u8, MAX_BONDS_BYTES>>,
     pub(super) bonds_changed: Cell<bool>,
@@ -87,7 +87,7 @@ impl Shared {
             counters: RefCell::new(counters),
             scan,
             stack_bytes,
-            steps: Channel::new(),
+            records: Channel::new(),
             bonds: RefCell::default(),
             bonds_changed: Cell::default(),
             frames_before: Cell::default(),

@@ -107,7 +107,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     let Configuration { mut setup, cells, serial_bytes_per_s, fault } = configuration;
     let store = memory.store.init(Store::open(chip, boot.reset).await);
     let contents = store.contents();
-    log::info!("storage: boot {}, next step {}", contents.start, contents.next_step);
+    log::info!("storage: boot {}, next record {}", contents.start, contents.next_record);
     if contents.erased > 0 {
         log::error!("storage: {} areas were damaged and had to be erased", contents.erased);
     }
@@ -117,7 +117,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     let stored = store.get(0).await.ok().flatten().and_then(|SettingsRecord(settings)| settings);
     let mut settings = stored.filter(Settings::is_valid);
     let insole = memory.insole.take();
-    insole.count_steps_from(contents.next_step);
+    insole.count_records_from(contents.next_record);
     let mut refused = set_up(insole, &mut setup, &cells, settings).err();
     if let Some(error) = refused.filter(|_| settings.is_some()) {
         log::error!("settings: the stored ones do not fit this board: {}", truncated(error).as_str());

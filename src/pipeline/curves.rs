@@ -115,9 +115,14 @@ impl<R: Real> Curves<R> {
         is_stored
     }
 
-    /// Removes all samples after the first `frames` frames.
-    pub(super) fn end_after(&mut self, frames: u32) {
-        self.len = frames.div_ceil(self.stride) as usize;
+    /// Number of samples in the first `frames` frames.
+    pub(super) fn samples_in(&self, frames: u32) -> usize {
+        frames.div_ceil(self.stride) as usize
+    }
+
+    /// Removes all samples after the first `samples` samples.
+    pub(super) fn end_after(&mut self, samples: usize) {
+        self.len = samples;
     }
 
     /// Number of frames since heel strike, including bridged frames.

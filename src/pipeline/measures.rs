@@ -35,7 +35,6 @@ impl<R: Real> RegionMeasures<R> {
     pub fn new(curves: &Curves<R>, region: usize, sample_s: R) -> Self {
         let (area_mm2, force_n) = (curves.area_mm2(region), curves.force_n(region));
         let at = |i: usize| R::of_u32(i as u32) * sample_s;
-        let Some(start) = area_mm2.iter().position(|area_mm2| *area_mm2 > R::ZERO) else { return Self::default() };
         let (mut peak, mut sum) = ((0u16, 0), 0u32);
         for (i, &dkpa) in curves.pressure_dkpa(region).iter().enumerate() {
             sum += u32::from(dkpa);
@@ -44,11 +43,15 @@ impl<R: Real> RegionMeasures<R> {
             }
         }
         let kpa = R::of(0.1);
+        let pressure_integral_kpa_s = R::of_u32(sum) * kpa * sample_s;
+        let Some(start) = area_mm2.iter().position(|area_mm2| *area_mm2 > R::ZERO) else {
+            return Self { pressure_integral_kpa_s, ..Self::default() };
+        };
         let largest = largest(force_n);
         Self {
             peak_pressure_kpa: R::of_u32(peak.0.into()) * kpa,
             peak_pressure_s: at(peak.1),
-            pressure_integral_kpa_s: R::of_u32(sum) * kpa * sample_s,
+            pressure_integral_kpa_s,
             mean_pressure_kpa: match area_mm2[largest] > R::ZERO {
                 // 1 N on 1 mm2 is 1000 kPa.
                 true => force_n[largest] / area_mm2[largest] * R::of(1e3),

@@ -13,6 +13,7 @@
 //! | model | [`model`], [`live`] | tissue deformation and model force of a frame |
 //! | lift | `lift` | whether the foot is lifted |
 //! | stance | [`stance`] | heel strike, toe off, and the curves between them |
+//! | bouts | [`bout`] | load outside steps |
 //! | measures | [`measures`] | the standard measures of a region and of the foot in a step |
 //! | step | [`step`] | step record: the quantities of each region |
 //! | tracking | [`track`] | force laws that follow the wearer |
@@ -33,6 +34,7 @@ pub mod live;
 pub(crate) mod lift;
 pub mod curves;
 pub mod stance_rule;
+pub mod bout;
 pub mod stance;
 pub mod measures;
 pub mod step;

@@ -3,9 +3,10 @@
 //! By an adaptive rule, the thresholds are above the force that remains while the foot is lifted, and in proportion to the peaks
 //! of the wearer's steps. So a child and a heavy person, barefoot or in a tight shoe, have the same strides.
 
+use super::bout::{BoutRecord, Bouts};
 use super::curves::Curves;
 use super::lift::Constancy;
-use super::region::{AreaMoments, RegionFrame};
+use super::region::{AreaMoments, RegionFrame, Side};
 use super::stance_rule::StanceLimits;
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
@@ -74,6 +75,7 @@ pub struct Stance<R> {
     /// Number of bridged frames up to the last frame with the foot on the ground.
     bridged: u32,
     curves: Curves<R>,
+    bouts: Bouts<R>,
     /// Largest measured force of each region, N, and its area moments in that frame.
     at_peak: [(R, AreaMoments); 8],
     saturated: u8,
@@ -104,6 +106,7 @@ impl<R: Real> Stance<R> {
             bridged_so_far: 0,
             bridged: 0,
             curves: Curves::EMPTY,
+            bouts: Bouts::new(),
             at_peak: [(R::ZERO, AreaMoments::NONE); 8],
             saturated: 0,
             rejected: Rejected { short: 0, long: 0, broken: 0 },
@@ -117,10 +120,11 @@ impl<R: Real> Stance<R> {
         }
     }
 
-    /// Returns to the state before the first frame, in place, because the curves are large.
-    pub fn reset(&mut self) {
+    /// Returns to the state before the first frame, in place, because the curves are large. `period_us` is the time between frames.
+    pub fn reset(&mut self, period_us: u32) {
         self.phase = Phase::Unknown;
         self.curves.clear();
+        self.bouts.set_up(period_us);
         self.rejected = Rejected::default();
         self.recent_peak_n = R::ZERO;
         self.lifted_n = R::ZERO;
@@ -140,7 +144,10 @@ impl<R: Real> Stance<R> {
         centre_mm: (R, R),
     ) -> bool {
         let total_n: R = regions.iter().map(|r| r.force.force_n).sum();
-        let missing = seq.wrapping_sub(self.last_seq).wrapping_sub(1);
+        let missing = match self.phase {
+            Phase::Unknown => 0,
+            _ => seq.wrapping_sub(self.last_seq).wrapping_sub(1),
+        };
         self.last_seq = seq;
         let scale = limits.scale(self.recent_peak_n);
         self.constancy.push(total_n, scale);
@@ -156,7 +163,7 @@ impl<R: Real> Stance<R> {
         if !self.is_unloaded {
             strike_n = strike_n.max(release_n);
         }
-        match self.phase {
+        let is_toe_off = match self.phase {
             // The foot was on the ground before the first frame, so the heel strike is unknown.
             Phase::Unknown if total_n >= release_n => {
                 self.ignore();
@@ -175,6 +182,7 @@ impl<R: Real> Stance<R> {
                     self.store(&regions, centre_mm);
                     self.peak_n = total_n;
                     self.loaded = 1;
+                    return false;
                 }
                 false
             }
@@ -189,6 +197,7 @@ impl<R: Real> Stance<R> {
             }
             Phase::Stance if missing > BRIDGED_FRAMES => {
                 self.rejected.broken += 1;
+                self.bouts.contact(&self.curves, self.start_seq);
                 self.ignore();
                 false
             }
@@ -202,15 +211,16 @@ impl<R: Real> Stance<R> {
                 }
                 if self.loaded > limits.max_stance_frames {
                     self.rejected.long += 1;
+                    self.bouts.contact(&self.curves, self.start_seq);
                     self.ignore();
                     return false;
                 }
-                if self.curves.frames() - self.loaded < limits.min_swing_frames {
-                    return false;
-                }
-                self.end(limits)
+                // The frame is part of the curves.
+                return self.curves.frames() - self.loaded >= limits.min_swing_frames && self.end(limits);
             }
-        }
+        };
+        self.bouts.frame(seq, 1 + missing.min(BRIDGED_FRAMES), &regions, self.on_ground());
+        is_toe_off
     }
 
     /// True in the frame with which the total force has been constant long enough for a lifted foot. Then [`Stance::lift`] must be
@@ -256,13 +266,36 @@ impl<R: Real> Stance<R> {
     fn end(&mut self, limits: &StanceLimits<R>) -> bool {
         if self.loaded < limits.min_stance_frames {
             self.rejected.short += 1;
+            self.bouts.contact(&self.curves, self.start_seq);
             self.phase = Phase::Swing;
             return false;
         }
         self.recent_peak_n = StanceLimits::recent_peak_n(self.recent_peak_n, self.peak_n - self.lifted_n);
-        self.curves.end_after(self.loaded);
+        let samples = self.curves.samples_in(self.loaded);
+        self.bouts.after_step(&self.curves, self.start_seq, samples, self.recent_peak_n);
+        self.curves.end_after(samples);
         self.phase = Phase::Ended;
         true
+    }
+
+    /// The bout that was completed by the last frame, as the record of a foot with this number.
+    pub(crate) fn take_bout(&mut self, side: Side, number: u32) -> Option<BoutRecord<R>> {
+        self.bouts.take(side, number)
+    }
+
+    /// True if the last frame has completed a bout.
+    #[inline(always)]
+    pub(crate) fn has_bout(&self) -> bool {
+        self.bouts.has_complete()
+    }
+
+    /// Completes the bout in progress, at the end of a recording. A stance in progress is part of it.
+    pub(crate) fn end_bout(&mut self) {
+        if self.phase == Phase::Stance {
+            self.bouts.contact(&self.curves, self.start_seq);
+            self.ignore();
+        }
+        self.bouts.end();
     }
 
     /// Begins a stance with its heel strike in frame `seq`.

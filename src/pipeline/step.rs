@@ -115,7 +115,8 @@ impl<R: Real> StepSums<R> {
 pub struct StepRecord<R> {
     /// The foot.
     pub side: Side,
-    /// Number of the step; see [`Insole::count_steps_from`](crate::insole::Insole::count_steps_from).
+    /// Number of the step; steps and load bouts are counted together; see
+    /// [`Insole::count_records_from`](crate::insole::Insole::count_records_from).
     pub step: u32,
     /// Time of heel strike, us: the number of the frame of heel strike times the time between frames.
     pub start_us: u64,
@@ -158,15 +159,17 @@ impl<R: Real> RegionStep<R> {
     /// If `force_n` is shorter than the contact, or a curve is longer than [`STANCE_SAMPLES`].
     pub fn new(law: &ForceLaw<R>, area_mm2: &[R], force_n: &[R], sample_s: R, at_peak: &AreaMoments) -> Self {
         let in_contact = |&area: &R| area > R::ZERO;
+        // The force of cells that are not in contact counts, too, so that the integrals of all regions are that of the foot.
+        let measured_integral_n_s = force_n.iter().copied().sum::<R>() * sample_s;
         let (Some(first), Some(last)) = (area_mm2.iter().position(in_contact), area_mm2.iter().rposition(in_contact))
         else {
-            return Self::default();
+            return Self { measured_integral_n_s, ..Self::default() };
         };
         let (raw_area_mm2, measured_n) = (&area_mm2[first..=last], &force_n[first..=last]);
 
         let mut scratch = [R::ZERO; STANCE_SAMPLES];
         let g = &mut scratch[..raw_area_mm2.len()];
-        let mut step = Self { clamped: false, ..Self::default() };
+        let mut step = Self { clamped: false, measured_integral_n_s, ..Self::default() };
         for (g, &area_mm2) in g.iter_mut().zip(raw_area_mm2) {
             let ratio = law.area_ratio(area_mm2 * R::of(1e-6));
             step.clamped |= ratio.clamped;
@@ -189,7 +192,6 @@ impl<R: Real> RegionStep<R> {
             }
             step.model_peak_n = step.model_peak_n.max(model);
             step.model_integral_n_s += model;
-            step.measured_integral_n_s += measured;
             if measured > step.measured_peak_n {
                 step.measured_peak_n = measured;
                 peak_at = i as u32;
@@ -200,7 +202,6 @@ impl<R: Real> RegionStep<R> {
             squares += (model - measured) * (model - measured);
         }
         step.model_integral_n_s = step.model_integral_n_s * sample_s;
-        step.measured_integral_n_s = step.measured_integral_n_s * sample_s;
         let samples = R::of_u32(g.len() as u32);
         step.contact_s = samples * sample_s;
         step.time_to_peak_s = R::of_u32(peak_at) * sample_s;

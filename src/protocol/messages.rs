@@ -1,7 +1,9 @@
 //! The two directions of messages, and their version.
 
 use super::update;
-use super::{CalibrationBlock, CellFrame, CellStream, Hello, Identity, Live, Refusal, Serial, Settings, Status, Step};
+use super::{
+    Bout, CalibrationBlock, CellFrame, CellStream, Hello, Identity, Live, Refusal, Serial, Settings, Status, Step,
+};
 use crate::faults::Faults;
 use crate::pipeline::region::Side;
 use crate::pipeline::setup::{Setup, SetupCell};
@@ -69,6 +71,8 @@ pub enum ToHost {
     Settings(Option<Settings>),
     /// How the parameters in force were identified; `None` if the host that set them did not say so.
     Identified(Option<Identified>),
+    /// A load bout that is not acknowledged yet.
+    Bout(Bout),
 }
 
 impl ToHost {
@@ -82,14 +86,16 @@ impl ToHost {
     pub const REFUSED: u8 = 5;
     /// First byte of an encoded [`ToHost::Cells`].
     pub const CELLS: u8 = 12;
+    /// First byte of an encoded [`ToHost::Bout`].
+    pub const BOUT: u8 = 17;
 }
 
 /// A message to the insole.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "messages exist one at a time, in place")]
 pub enum ToDevice {
-    /// Opens a session: the insole answers with a hello and, to a host of its own major version, replays the steps that were
-    /// never acknowledged.
+    /// Opens a session: the insole answers with a hello and, to a host of its own major version, replays the steps and
+    /// load bouts that were never acknowledged.
     Connect {
         /// The host's [`MAJOR`].
         major: u8,
@@ -101,9 +107,9 @@ pub enum ToDevice {
         /// True for on.
         live: bool,
     },
-    /// All steps up to and including this number arrived and are stored.
+    /// All steps and load bouts up to and including this number arrived and are stored.
     Acknowledge {
-        /// Step number.
+        /// Number of the record.
         step: u32,
     },
     /// Asks for [`Status`].

@@ -7,6 +7,7 @@
 //! Version rule: framing, [`Hello`] and [`ToDevice::Connect`] never change. A change of any other message raises [`MAJOR`]; a
 //! message added at the end of an enum raises [`MINOR`]. Peers of different majors exchange hellos only.
 
+mod bout;
 mod calibration;
 mod cell_stream;
 mod cells;
@@ -19,6 +20,7 @@ mod hello;
 mod identity;
 mod live;
 mod live_counter;
+mod load_record;
 mod messages;
 mod quantities;
 mod refusal;
@@ -28,6 +30,7 @@ mod status;
 mod step;
 pub mod update;
 
+pub use bout::{Bout, BoutRegion};
 pub use calibration::{BLOCK_CELLS, CALIBRATION_BLOCKS, CalibrationBlock, CalibrationId};
 pub use cells::{CellCoder, CellFrame, CellStream, KEY_INTERVAL, MAX_PACKED, Resolution};
 pub use codec::{Decoder, EncodeError, MAX_FRAME, MAX_MESSAGE, decode, encode, frame};
@@ -35,6 +38,7 @@ pub use hello::{Hello, MAX_FAULT_TEXT, Reset};
 pub use identity::{Identity, Serial};
 pub use live::{Live, LiveRegion, MAX_LIVE};
 pub use live_counter::LiveCounter;
+pub use load_record::LoadRecord;
 pub use messages::{MAJOR, MINOR, SETUP_CELLS, ToDevice, ToHost};
 pub use quantities::{COUNT, Flag, Quantity};
 pub use refusal::Refusal;

@@ -1,15 +1,16 @@
 //! The insole's side of a session with a host, over any carrier: it decides which message to send next and which commands to
 //! execute.
 //!
-//! A live frame is soon out of date, so a full queue drops the oldest. A step must not be lost: it remains until it is
-//! acknowledged, and is sent again in the next session. The session holds the oldest unacknowledged steps; the step log
+//! A live frame is soon out of date, so a full queue drops the oldest. A load record, a step or a load bout, must not be lost: it remains
+//! until it is acknowledged, and is sent again in the next session. The session holds the oldest unacknowledged records; the log
 //! ([`crate::storage`]) contains all of them. The wearer's parameters and the clock remain after the session that set them.
 
 use super::cell_stream::CellSender;
 use super::command::{Answer, Configured};
 pub use super::command::{Command, CommandResult};
 use super::{
-    Hello, Identity, Live, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Settings, Status, Step, ToDevice, ToHost, encode,
+    Hello, Identity, Live, LoadRecord, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Settings, Status, ToDevice, ToHost,
+    encode,
 };
 use crate::faults::Faults;
 use crate::pipeline::setup::{Setup, SetupCell};
@@ -19,8 +20,8 @@ use heapless::{Deque, Vec};
 
 /// Live frames that can wait for the carrier.
 pub const LIVE_QUEUE: usize = 8;
-/// Steps that are held in RAM until they are acknowledged.
-pub const STEP_QUEUE: usize = 6;
+/// Records that are held in RAM until they are acknowledged.
+pub const RECORD_QUEUE: usize = 6;
 /// Answers that can wait for the carrier: more than the requests in one read of the carrier. Further requests are not answered.
 const ANSWER_QUEUE: usize = 16;
 
@@ -39,11 +40,11 @@ pub struct Session {
     live_due: u32,
     /// Number of live frames that were passed to the carrier in this session.
     live_sent: u32,
-    steps: Deque<Step, STEP_QUEUE>,
-    /// Number of `steps`, from the front, that were sent in this session.
-    steps_sent: usize,
-    steps_dropped: u32,
-    /// The last acknowledged step that the step log has not removed yet.
+    records: Deque<LoadRecord, RECORD_QUEUE>,
+    /// Number of `records`, from the front, that were sent in this session.
+    records_sent: usize,
+    records_dropped: u32,
+    /// The last acknowledged record that the log has not removed yet.
     acknowledged: Option<u32>,
     command: Option<Command>,
     configured: Configured,
@@ -66,9 +67,9 @@ impl Session {
             live: Deque::new(),
             live_due: 0,
             live_sent: 0,
-            steps: Deque::new(),
-            steps_sent: 0,
-            steps_dropped: 0,
+            records: Deque::new(),
+            records_sent: 0,
+            records_dropped: 0,
             acknowledged: None,
             command: None,
             configured: Configured::NONE,
@@ -93,12 +94,12 @@ impl Session {
                 self.live.clear();
             }
             ToDevice::Acknowledge { step } => {
-                // Only a step that was sent can have arrived.
-                while self.steps_sent > 0
-                    && let Some(arrived) = self.steps.pop_front_if(|sent| !sequence::is_after(sent.step, step))
+                // Only a record that was sent can have arrived.
+                while self.records_sent > 0
+                    && let Some(arrived) = self.records.pop_front_if(|sent| !sequence::is_after(sent.number(), step))
                 {
-                    self.acknowledged = Some(arrived.step);
-                    self.steps_sent -= 1;
+                    self.acknowledged = Some(arrived.number());
+                    self.records_sent -= 1;
                 }
             }
             ToDevice::GetStatus => self.answer(Answer::Status),
@@ -196,24 +197,24 @@ impl Session {
         self.configured.identity
     }
 
-    /// The last step that was acknowledged since the last call.
+    /// The last record that was acknowledged since the last call.
     pub fn take_acknowledged(&mut self) -> Option<u32> {
         self.acknowledged.take()
     }
 
-    /// True if a step can be added without dropping another one.
+    /// True if a record can be added without dropping another one.
     pub fn has_room(&self) -> bool {
-        !self.steps.is_full()
+        !self.records.is_full()
     }
 
-    /// The number of the newest step in RAM.
-    pub fn newest_step(&self) -> Option<u32> {
-        self.steps.back().map(|step| step.step)
+    /// The number of the newest record in RAM.
+    pub fn newest_record(&self) -> Option<u32> {
+        self.records.back().map(LoadRecord::number)
     }
 
-    /// Counts steps that are lost.
-    pub fn count_dropped(&mut self, steps: u32) {
-        self.steps_dropped = self.steps_dropped.wrapping_add(steps);
+    /// Counts records that are lost.
+    pub fn count_dropped(&mut self, records: u32) {
+        self.records_dropped = self.records_dropped.wrapping_add(records);
     }
 
     /// Receives a frame that arrived intact and contains no known message.
@@ -269,11 +270,11 @@ impl Session {
         self.unix_offset_us.map(|offset_us| offset_us.wrapping_add(now_us))
     }
 
-    /// Ends the session after the carrier lost its host: the live stream ends; steps, parameters and the clock remain.
+    /// Ends the session after the carrier lost its host: the live stream ends; records, parameters and the clock remain.
     pub fn close(&mut self) {
         *self = Self {
-            steps: core::mem::take(&mut self.steps),
-            steps_dropped: self.steps_dropped,
+            records: core::mem::take(&mut self.records),
+            records_dropped: self.records_dropped,
             acknowledged: self.acknowledged,
             command: self.command,
             configured: self.configured,
@@ -312,17 +313,17 @@ impl Session {
         self.cells.push(scan, codes);
     }
 
-    /// Holds a step until it is acknowledged; a full queue drops and counts its oldest step.
-    pub fn push_step(&mut self, step: Step) {
-        if self.steps.is_full() {
-            self.steps.pop_front();
-            self.steps_sent = self.steps_sent.saturating_sub(1);
+    /// Holds a record until it is acknowledged; a full queue drops and counts its oldest record.
+    pub fn push_record(&mut self, record: impl Into<LoadRecord>) {
+        if self.records.is_full() {
+            self.records.pop_front();
+            self.records_sent = self.records_sent.saturating_sub(1);
             self.count_dropped(1);
         }
-        let _ = self.steps.push_back(step);
+        let _ = self.records.push_back(record.into());
     }
 
-    /// The next message to send, encoded into `buffer`; `None` when there is nothing to send. The hello comes first, then steps,
+    /// The next message to send, encoded into `buffer`; `None` when there is nothing to send. The hello comes first, then records,
     /// then live frames, then answers in the order of their requests, then frames of cells. On a carrier that is
     /// too slow for the live stream, at most [`LIVE_QUEUE`] live frames go before an answer.
     pub fn next<'b>(
@@ -333,9 +334,9 @@ impl Session {
     ) -> Option<&'b [u8]> {
         let message = if core::mem::take(&mut self.is_hello_due) {
             ToHost::Hello(Hello { tissue_id: self.configured.tissue.id, ..hello.clone() })
-        } else if let Some(step) = self.steps.iter().nth(self.steps_sent).filter(|_| self.is_open) {
-            self.steps_sent += 1;
-            ToHost::Step(*step)
+        } else if let Some(record) = self.records.iter().nth(self.records_sent).filter(|_| self.is_open) {
+            self.records_sent += 1;
+            ToHost::from(*record)
         } else if let Some(live) =
             self.live.pop_front_if(|_| self.answers.is_empty() || self.live_before_answer < LIVE_QUEUE as u8)
         {
@@ -355,7 +356,7 @@ impl Session {
                     // Queued frames may still arrive.
                     live_due: self.live_due.wrapping_sub(self.live.len() as u32),
                     live_sent: self.live_sent,
-                    steps_dropped: self.steps_dropped,
+                    records_dropped: self.records_dropped,
                     faults: self.faults.found,
                     rezeroed: self.faults.rezeroed,
                     ..status()

@@ -21,8 +21,8 @@ pub struct Status {
     pub live_sent: u32,
     /// Number of steps completed since the start.
     pub steps: u32,
-    /// Number of unacknowledged steps that were dropped.
-    pub steps_dropped: u32,
+    /// Number of unacknowledged steps and load bouts that were dropped.
+    pub records_dropped: u32,
     /// Number of contacts that did not become steps.
     pub rejected: Rejected,
     /// Number of frames on the serial port, or values over Bluetooth, that arrived with a wrong CRC or without a known message.
@@ -47,12 +47,12 @@ pub struct Status {
 pub struct Contents {
     /// Number of the present boot, from 1.
     pub start: u32,
-    /// Number of the next step, according to the step log.
-    pub next_step: u32,
+    /// Number of the next step or load bout, according to the log.
+    pub next_record: u32,
     /// Bit k: records of kind k exist in a newer format than this firmware knows. They are not changed.
     pub newer_kinds: u32,
-    /// Number of entries of the step log in a newer format. They are not changed until the log is full.
-    pub newer_steps: u32,
+    /// Number of entries of the log in a newer format. They are not changed until the log is full.
+    pub newer_records: u32,
     /// Number of areas, records or step log, that were damaged beyond repair and were erased at this start.
     pub erased: u32,
 }

@@ -13,10 +13,10 @@ quantities! {
     /// A [`StepRecord`] in scaled integers.
     #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
     pub struct Step {
-        /// Number of the step; continues after a restart as long as the flash chip is the same.
+        /// Number of the record; continues after a restart as long as the flash chip is the same.
         step: u32 = record.step
             => step [1 per "count"],
-            "Counted by the insole at each toe off.";
+            "Steps and load bouts are counted together.";
         /// Foot.
         side: Side = record.side;
         /// Time of the heel strike, the first loaded frame of the step, since the first scan.
@@ -312,21 +312,4 @@ quantities! {
 
     /// Rounds a region to the integer units of the message.
     fn new<R: Real>(region: &RegionStep<R>);
-}
-
-impl Step {
-    /// The step without the field that changes when an insole repeats it after a restart.
-    ///
-    /// Two records with equal contents describe the same step. The number alone does not identify a step: an insole with a new
-    /// flash chip numbers its steps from 0 again.
-    #[must_use]
-    pub fn content(&self) -> Self {
-        Self { boots_since: 0, ..*self }
-    }
-
-    /// True if both records describe the same step, even if the insole restarted between them.
-    #[must_use]
-    pub fn is_same(&self, other: &Self) -> bool {
-        self.content() == other.content()
-    }
 }

@@ -1,11 +1,11 @@
-//! The entries of the step log.
+//! The entries of the log of steps and load bouts.
 
 use super::BUFFER;
 use super::migration::{OldEntry, StepV1, StepV2};
-use crate::protocol::{Step, decode, encode};
+use crate::protocol::{Bout, LoadRecord, Step, decode, encode};
 use serde::{Deserialize, Serialize};
 
-/// An entry of the step log.
+/// An entry of the log.
 #[derive(Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "entries exist one at a time, in place")]
 pub(super) enum Entry {
@@ -15,8 +15,14 @@ pub(super) enum Entry {
         boot: u32,
         step: Step,
     },
-    /// All steps before this number are acknowledged.
+    /// All records before this number are acknowledged.
     Acknowledged { next: u32 },
+    /// A load bout that no host has acknowledged yet.
+    Bout {
+        /// Number of the boot that recorded the bout.
+        boot: u32,
+        bout: Bout,
+    },
 }
 
 /// Version of [`Entry`], the first byte of an encoded entry.
@@ -40,10 +46,28 @@ impl Entry {
         &buffer[..len]
     }
 
-    /// The number of the next step after this entry.
-    pub(super) fn next_step(&self) -> u32 {
+    /// The entry of a record of this boot.
+    pub(super) fn of(boot: u32, record: LoadRecord) -> Self {
+        match record {
+            LoadRecord::Step(step) => Self::Step { boot, step },
+            LoadRecord::Bout(bout) => Self::Bout { boot, bout },
+        }
+    }
+
+    /// The record, and the boot that recorded it; `None` for an acknowledgement.
+    pub(super) fn record(self) -> Option<(u32, LoadRecord)> {
+        match self {
+            Self::Step { boot, step } => Some((boot, step.into())),
+            Self::Bout { boot, bout } => Some((boot, bout.into())),
+            Self::Acknowledged { .. } => None,
+        }
+    }
+
+    /// The number of the next record after this entry.
+    pub(super) fn next_record(&self) -> u32 {
         match self {
             Self::Step { step, .. } => step.step.wrapping_add(1),
+            Self::Bout { bout, .. } => bout.number.wrapping_add(1),
             Self::Acknowledged { next } => *next,
         }
     }

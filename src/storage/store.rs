@@ -4,7 +4,7 @@ use super::flash_map::{LOG, RECORDS, SECTOR};
 use super::log::Entry;
 use super::records::{BootCounters, CalibrationRecord, CellsRecord, Key, Record, VERSIONS};
 use super::{BUFFER, StorageError};
-use crate::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId, Contents, Reset, Step, decode, encode};
+use crate::protocol::{BLOCK_CELLS, CalibrationBlock, CalibrationId, Contents, LoadRecord, Reset, decode, encode};
 use crate::sequence::is_after;
 use core::ops::Range;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
@@ -47,7 +47,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         let has_boots = matches!(boots, Ok(Some(_)));
         // This firmware has used the chip before if the chip has a count of boots or a step number. The first boot on a new chip
         // may have been interrupted: then it has at most the first log entry, with step number 0, and nothing is lost by erasing.
-        let is_in_use = has_boots || store.contents.next_step != 0;
+        let is_in_use = has_boots || store.contents.next_record != 0;
         // An area is not erased if anything in it can be read, because a newer firmware may have written the rest.
         let is_empty = |count| matches!(count, Ok(0) | Err(StorageError::Contents));
         if is_empty(records) && matches!(boots, Ok(None) | Err(StorageError::Contents)) {
@@ -115,8 +115,8 @@ impl<F: MultiwriteNorFlash> Store<F> {
             while let Some(entry) = entries.next(buffer).await? {
                 count += 1;
                 match Entry::decode(&entry) {
-                    Some(entry) => contents.next_step = entry.next_step(),
-                    None => contents.newer_steps += 1,
+                    Some(entry) => contents.next_record = entry.next_record(),
+                    None => contents.newer_records += 1,
                 }
             }
             Ok(count)
@@ -233,18 +233,18 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(Some(id.id()))
     }
 
-    /// Appends a step to the log. A full log drops its oldest steps; returns their number.
+    /// Appends a step or a load bout to the log. A full log drops its oldest ones; returns their number.
     ///
     /// # Errors
     /// See [`StorageError`].
-    pub async fn push_step(&mut self, step: &Step) -> Result<u32, StorageError> {
-        let entry = Entry::Step { boot: self.contents.start, step: *step };
+    pub async fn push_record(&mut self, record: impl Into<LoadRecord>) -> Result<u32, StorageError> {
+        let entry = Entry::of(self.contents.start, record.into());
         let dropped = self.push(&entry).await?;
-        self.contents.next_step = entry.next_step();
+        self.contents.next_record = entry.next_record();
         Ok(dropped)
     }
 
-    /// Appends an entry to the log. A full log drops its oldest entries; returns the number of dropped steps.
+    /// Appends an entry to the log. A full log drops its oldest entries; returns the number of dropped steps and load bouts.
     async fn push(&mut self, entry: &Entry) -> Result<u32, StorageError> {
         let mut bytes = [0; BUFFER];
         let bytes = entry.encode(&mut bytes);
@@ -262,26 +262,30 @@ impl<F: MultiwriteNorFlash> Store<F> {
         .await
     }
 
-    /// Removes all steps up to and including this number.
+    /// Removes all steps and load bouts up to and including this number.
     ///
     /// # Errors
     /// See [`StorageError`].
-    pub async fn acknowledge(&mut self, step: u32) -> Result<(), StorageError> {
-        let next = step.wrapping_add(1);
-        // All stored steps are acknowledged, so the log would become empty and lose the number of the next step; this entry
-        // preserves it. The acknowledged step can be later than all stored steps, if it could not be stored.
-        if !is_after(self.contents.next_step, next) {
+    pub async fn acknowledge(&mut self, number: u32) -> Result<(), StorageError> {
+        let next = number.wrapping_add(1);
+        // All stored records are acknowledged, so the log would become empty and lose the number of the next one; this entry
+        // preserves it. The acknowledged record can be later than all stored ones, if it could not be stored.
+        if !is_after(self.contents.next_record, next) {
             self.push(&Entry::Acknowledged { next }).await?;
-            self.contents.next_step = next;
+            self.contents.next_record = next;
         }
         let Self { flash, log_cache, buffer, contents } = self;
         with_log(flash, log_cache, async |log| {
             let mut entries = log.iter().await?;
             while let Some(entry) = entries.next(buffer).await? {
                 match Entry::decode(&entry) {
-                    Some(Entry::Step { step: stored, .. }) if is_after(stored.step, step) => break,
-                    Some(Entry::Acknowledged { next }) if next == contents.next_step => break,
-                    Some(_) => drop(entry.pop().await?),
+                    Some(Entry::Acknowledged { next }) if next == contents.next_record => break,
+                    Some(stored) => {
+                        if stored.record().is_some_and(|(_, record)| is_after(record.number(), number)) {
+                            break;
+                        }
+                        let _ = entry.pop().await?;
+                    }
                     None => {}
                 }
             }
@@ -290,23 +294,23 @@ impl<F: MultiwriteNorFlash> Store<F> {
         .await
     }
 
-    /// Passes the stored steps after number `after`, or all stored steps for `None`, to `take`, the oldest first, until `take`
-    /// returns false. Each step has the number of boots since it was recorded. True if steps remain.
+    /// Passes the stored steps and load bouts after number `after`, or all of them for `None`, to `take`, the oldest first, until
+    /// `take` returns false. Each has the number of boots since it was recorded. True if some remain.
     ///
     /// # Errors
     /// See [`StorageError`].
-    pub async fn steps(
+    pub async fn records(
         &mut self,
         after: Option<u32>,
-        mut take: impl FnMut(Step) -> bool,
+        mut take: impl FnMut(LoadRecord) -> bool,
     ) -> Result<bool, StorageError> {
         let Self { flash, log_cache, buffer, contents } = self;
         with_log(flash, log_cache, async |log| {
             let mut entries = log.iter().await?;
             while let Some(entry) = entries.next(buffer).await? {
-                let Some(Entry::Step { boot, step }) = Entry::decode(&entry) else { continue };
-                let is_new = after.is_none_or(|after| is_after(step.step, after));
-                if is_new && !take(Step { boots_since: contents.start.wrapping_sub(boot), ..step }) {
+                let Some((boot, record)) = Entry::decode(&entry).and_then(Entry::record) else { continue };
+                let is_new = after.is_none_or(|after| is_after(record.number(), after));
+                if is_new && !take(record.with_boots_since(contents.start.wrapping_sub(boot))) {
                     return Ok(true);
                 }
             }
@@ -338,15 +342,15 @@ async fn with_log<F: MultiwriteNorFlash, T>(
     Ok(done?)
 }
 
-/// Number of the oldest step in the log.
+/// Number of the oldest step or load bout in the log.
 async fn oldest<F: MultiwriteNorFlash>(
     log: &mut QueueStorage<&mut F, LogCache>,
     buffer: &mut [u8],
 ) -> Result<Option<u32>, Error<F::Error>> {
     let mut entries = log.iter().await?;
     while let Some(entry) = entries.next(buffer).await? {
-        if let Some(Entry::Step { step, .. }) = Entry::decode(&entry) {
-            return Ok(Some(step.step));
+        if let Some((_, record)) = Entry::decode(&entry).and_then(Entry::record) {
+            return Ok(Some(record.number()));
         }
     }
     Ok(None)

@@ -14,7 +14,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::region::Cell;
 use plantar::pipeline::setup::{DEVICE_CELLS, SetupCell};
 use plantar::protocol::gatt::GattChannel;
-use plantar::protocol::{MAX_FAULT_TEXT, Settings, Step};
+use plantar::protocol::{Bout, LoadRecord, MAX_FAULT_TEXT, Settings, Step};
 use plantar::storage::flash_map::SECTOR;
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -70,11 +70,11 @@ impl NorFlash for SharedChip {
 
 impl MultiwriteNorFlash for SharedChip {}
 
-/// Runs the pipeline on the frames of one boot, as a reference for the steps that arrive.
+/// Runs the pipeline on the frames of one boot, as a reference for the steps and load bouts that arrive.
 pub struct Reference {
     insole: Box<Insole<f32, DEVICE_CELLS>>,
-    /// The steps of this boot, numbered from 0.
-    pub steps: Vec<Step>,
+    /// The steps and load bouts of this boot, numbered from 0.
+    pub records: Vec<LoadRecord>,
     /// Number of frames of this boot.
     pub frames: u32,
 }
@@ -105,7 +105,7 @@ impl Reference {
         });
         let mut insole = Box::new(Insole::new());
         insole.set_up(setup, cells).expect("a computed insole is valid");
-        Self { insole, steps: Vec::new(), frames: 0 }
+        Self { insole, records: Vec::new(), frames: 0 }
     }
 
     /// Passes a complete frame through the pipeline.
@@ -113,8 +113,9 @@ impl Reference {
         self.frames += 1;
         if self.insole.frame(seq, codes) {
             let step = self.insole.whole_step().expect("the insole is set up");
-            self.steps.push(Step::new(&step));
+            self.records.push(Step::new(&step).into());
         }
+        self.records.extend(self.insole.take_bout().map(|bout| LoadRecord::from(Bout::new(&bout))));
     }
 }
 

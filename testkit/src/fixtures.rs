@@ -1,6 +1,7 @@
 //! Set-ups, messages, and sensor laws evaluated in f64, for tests. A sensor law is a cell's code as a function of its pressure.
 
 use plantar::faults::{Fault, FaultKind, Faults, Place};
+use plantar::pipeline::bout::BoutKind;
 use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
 use plantar::pipeline::contact::{ContactRule, WHOLE};
 use plantar::pipeline::model::ForceLaw;
@@ -9,9 +10,9 @@ use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::stance::Rejected;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::Contents;
 use plantar::protocol::{
-    self, Decoder, Hello, Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step, StepFoot, StepRegion,
+    self, Bout, BoutRegion, Contents, Decoder, Hello, Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step,
+    StepFoot, StepRegion,
 };
 use plantar::{Region, Side};
 use serde::Serialize;
@@ -87,6 +88,22 @@ pub fn hello() -> Hello {
         contact_rule: ContactRule::COUNTED,
         reset: Reset::Panic,
         last_panic: Some(text("at a line")),
+    }
+}
+
+/// A load bout with this number.
+pub fn bout(number: u32) -> Bout {
+    let region =
+        BoutRegion { measured_integral_cns: 123_456, pressure_integral_dkpas: 65_540, peak_pressure_dkpa: 801 };
+    Bout {
+        number,
+        side: Side::Right,
+        kind: BoutKind::Shuffling,
+        start_us: 9_000_000,
+        duration_us: 61_230_000,
+        regions: [region; 8],
+        boots_since: 0,
+        start_unix_us: Some(1_700_000_000_000_000),
     }
 }
 
@@ -186,7 +203,7 @@ pub fn status() -> Status {
         live_due: 300,
         live_sent: 299,
         steps: 12,
-        steps_dropped: 3,
+        records_dropped: 3,
         rejected: Rejected { short: 4, long: 5, broken: 6 },
         bad_frames: 7,
         frame_cycles: (40_000, 90_000),
@@ -194,7 +211,7 @@ pub fn status() -> Status {
         faults: 8,
         rezeroed: 9,
         not_stored: 10,
-        contents: Contents { start: 11, next_step: 12, newer_kinds: 13, newer_steps: 14, erased: 15 },
+        contents: Contents { start: 11, next_record: 12, newer_kinds: 13, newer_records: 14, erased: 15 },
     }
 }
 

@@ -6,7 +6,7 @@ use client::{Carrier, Client, Framed};
 use parameters::{InsoleSize, Parameters};
 use plantar::protocol::fragment::{Joiner, Splitter};
 use plantar::protocol::gatt::GattChannel;
-use plantar::protocol::{Hello, Live, Status, Step, ToDevice, ToHost, decode, encode};
+use plantar::protocol::{Hello, Live, LoadRecord, Status, Step, ToDevice, ToHost, decode, encode};
 use std::io::{self, Read, Write};
 use std::time::Duration;
 
@@ -223,8 +223,8 @@ pub struct Host {
     is_broken: bool,
     /// Time of the last message, us.
     last_message_us: u64,
-    /// The steps, in the order of their arrival.
-    pub steps: Vec<Step>,
+    /// The steps and load bouts, in the order of their arrival.
+    pub records: Vec<LoadRecord>,
     /// Number of live frames that arrived.
     pub live: u64,
     /// The last live frame that arrived.
@@ -248,7 +248,7 @@ impl Host {
             acknowledges: true,
             is_broken: false,
             last_message_us: 0,
-            steps: Vec::new(),
+            records: Vec::new(),
             live: 0,
             last_live: None,
             hellos: Vec::new(),
@@ -336,17 +336,22 @@ impl Host {
                 self.live += 1;
                 self.last_live = Some(live);
             }
-            ToHost::Step(step) => {
-                self.steps.push(step);
+            message => {
+                let Some(record) = LoadRecord::of(&message) else { return };
+                self.records.push(record);
                 if self.acknowledges
                     && let Some(client) = &mut self.client
-                    && let Err(error) = client.send(ToDevice::Acknowledge { step: step.step })
+                    && let Err(error) = client.send(ToDevice::Acknowledge { step: record.number() })
                 {
                     self.fail(&error);
                 }
             }
-            _ => {}
         }
+    }
+
+    /// The steps, in the order of their arrival.
+    pub fn steps(&self) -> impl Iterator<Item = &Step> {
+        self.records.iter().filter_map(LoadRecord::step)
     }
 
     /// Sets typical parameters. An error is added to [`Host::errors`].

@@ -3,6 +3,7 @@
 
 use critical_section as _; // links the host's implementation of the critical sections that the firmware uses
 
+pub mod activity;
 pub mod board;
 pub mod executor;
 pub mod faults;

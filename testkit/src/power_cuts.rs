@@ -9,7 +9,7 @@ use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::CalibrationId;
+use plantar::protocol::{CalibrationId, LoadRecord};
 use plantar::protocol::{Serial, ToDevice, ToHost};
 use recording::{Recording, VirtualInsole, synthetic};
 use std::net::TcpStream;
@@ -151,11 +151,11 @@ impl Bench {
         board.play();
         let last = known.arrived + STEPS;
         while known.arrived < last {
-            if let Some(ToHost::Step(step)) = client.receive()? {
-                known.arrived = known.arrived.max(step.step + 1);
-                if step.step + 1 < last {
-                    known.acknowledged.set_pending(step.step + 1);
-                    client.send(ToDevice::Acknowledge { step: step.step })?;
+            if let Some(number) = client.receive()?.as_ref().and_then(LoadRecord::of).map(|record| record.number()) {
+                known.arrived = known.arrived.max(number + 1);
+                if number + 1 < last {
+                    known.acknowledged.set_pending(number + 1);
+                    client.send(ToDevice::Acknowledge { step: number })?;
                 }
             }
         }
@@ -182,23 +182,24 @@ impl Bench {
             client.send(ToDevice::GetStatus).map_err(|error| error.to_string())?;
             loop {
                 match client.receive().map_err(|error| error.to_string())? {
-                    Some(ToHost::Step(step)) => {
-                        steps.push(step.step);
-                        client.send(ToDevice::Acknowledge { step: step.step }).map_err(|error| error.to_string())?;
-                    }
                     Some(ToHost::Status(_)) => break,
+                    Some(message) if let Some(record) = LoadRecord::of(&message) => {
+                        let step = record.number();
+                        steps.push(step);
+                        client.send(ToDevice::Acknowledge { step }).map_err(|error| error.to_string())?;
+                    }
                     _ => {}
                 }
             }
             // After a start the insole reads its stored steps while it answers the first requests.
-            let all = steps.last().map_or(known.acknowledged.confirmed, |last| last + 1) == status.contents.next_step;
+            let all = steps.last().map_or(known.acknowledged.confirmed, |last| last + 1) == status.contents.next_record;
             requests += 1;
             if steps.len() == before && (all || requests > MAX_REQUESTS) {
                 break;
             }
         }
-        let oldest = steps.first().copied().unwrap_or(status.contents.next_step);
-        let is_gapless = steps.iter().copied().eq(oldest..status.contents.next_step);
+        let oldest = steps.first().copied().unwrap_or(status.contents.next_record);
+        let is_gapless = steps.iter().copied().eq(oldest..status.contents.next_record);
         let most = known.acknowledged.pending.unwrap_or(known.acknowledged.confirmed);
         let checks = [
             (known.tissue_id.allows(&tissue_id), "parameters"),
@@ -206,7 +207,7 @@ impl Bench {
             (known.calibration_id.allows(&identity.calibration_id), "calibration"),
             (is_gapless && (known.acknowledged.confirmed..=most).contains(&oldest), "oldest step"),
             // The insole may have recorded one more step than those that arrived.
-            ((known.arrived..=known.arrived + 1).contains(&status.contents.next_step), "steps"),
+            ((known.arrived..=known.arrived + 1).contains(&status.contents.next_record), "steps"),
             (status.contents.erased == 0 && status.not_stored == 0, "counters of the chip"),
         ];
         match checks.iter().find(|(is_met, _)| !is_met) {

@@ -9,11 +9,11 @@ use crate::virtual_time::now_us;
 use crate::world::{InsoleEvent, SharedWorld, World};
 use emulator::SensorFault;
 use parameters::{InsoleSize, Parameters};
-use plantar::firmware::shared::STEP_QUEUE;
+use plantar::firmware::shared::RECORD_QUEUE;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::{AreaFilter, Identified};
 use plantar::protocol::update::{Progress, Request};
-use plantar::protocol::{Serial, Settings, Status, Step, StepRegion, ToDevice};
+use plantar::protocol::{Bout, LoadRecord, Serial, Settings, Status, Step, StepRegion, ToDevice};
 use plantar::sequence::is_after;
 use serde::Deserialize;
 use std::cell::RefCell;
@@ -470,8 +470,8 @@ pub struct InsoleOutcome {
     pub host: Host,
     /// The counters of the last boot; `None` if the host has ended its session or the insole did not answer.
     pub status: Option<Status>,
-    /// For each boot, the steps that the pipeline computed, and whether the boot was cut short.
-    computed: Vec<(Vec<Step>, bool)>,
+    /// For each boot, the steps and load bouts that the pipeline computed, and whether the boot was cut short.
+    computed: Vec<(Vec<LoadRecord>, bool)>,
     /// Number of frames that the last boot scanned.
     frames: u32,
     /// Number of frame periods since the last boot.
@@ -487,7 +487,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Reads the insoles' counters through their hosts, and collects the steps that the insoles computed.
+    /// Reads the insoles' counters through their hosts, and collects the steps and load bouts that the insoles computed.
     pub fn new(world: &SharedWorld, hosts: Vec<Host>) -> Self {
         let collect = |(index, mut host): (usize, Host)| {
             // A slow cable would delay the answer.
@@ -496,8 +496,8 @@ impl Outcome {
             let world = world.borrow();
             let insole = &world.insoles[index];
             let computed = insole.boots.iter().map(|boot| {
-                let steps = boot.reference.borrow().steps.clone();
-                (steps, boot.is_cut_short)
+                let records = boot.reference.borrow().records.clone();
+                (records, boot.is_cut_short)
             });
             let last = insole.boots.last();
             let hello = host.hellos.last();
@@ -514,15 +514,15 @@ impl Outcome {
         Self { insoles: hosts.into_iter().enumerate().map(collect).collect() }
     }
 
-    /// Checks the invariants of all scenarios: every computed step arrives once, in order and unchanged, except the last ones of
-    /// a boot that was cut short; step numbers increase; counters are consistent. Returns the number of lost steps.
+    /// Checks the invariants of all scenarios: every computed step and load bout arrives once, in order and unchanged, except
+    /// the last ones of a boot that was cut short; numbers increase; counters are consistent. Returns the number of lost ones.
     ///
     /// # Errors
     /// The first invariant that is violated.
     pub fn verify(&self) -> Result<usize, String> {
         let mut lost = 0;
         for (index, insole) in self.insoles.iter().enumerate() {
-            lost += insole.verify_steps().map_err(|error| format!("insole {index}: {error}"))?;
+            lost += insole.verify_records().map_err(|error| format!("insole {index}: {error}"))?;
             if let Some(status) = &insole.status {
                 insole.verify_counters(status).map_err(|error| format!("insole {index}: {error}"))?;
             }
@@ -541,13 +541,13 @@ impl Outcome {
                 differences.push(format!("{name}: expected {expected}, found {found}"));
             }
         };
-        let all: usize = self.insoles.iter().map(|insole| insole.host.steps.len()).sum();
+        let all: usize = self.insoles.iter().map(|insole| insole.host.steps().count()).sum();
         if let Some(steps) = expect.steps {
             compare("steps", steps.to_string(), all.to_string());
         }
         match self.verify() {
             Ok(lost) if lost <= expect.lost_at_most => {}
-            Ok(lost) => compare("lost steps", format!("at most {}", expect.lost_at_most), lost.to_string()),
+            Ok(lost) => compare("lost steps and bouts", format!("at most {}", expect.lost_at_most), lost.to_string()),
             Err(error) => compare("invariants", "hold".into(), error),
         }
         let first = &mut self.insoles[0];
@@ -611,9 +611,13 @@ impl Outcome {
     }
 }
 
-/// The part of a step that a replay of the same frames computes too: all but its number, the boots since the step, the wall-clock
+/// The part of a step or load bout that a replay of the same frames computes too: all but its number, the boots since then, the wall-clock
 /// time, and the results of the model, which depend on the wearer's parameters.
-fn measured(step: &Step) -> Step {
+fn measured(record: &LoadRecord) -> LoadRecord {
+    let step = match record {
+        LoadRecord::Bout(bout) => return Bout { number: 0, boots_since: 0, start_unix_us: None, ..*bout }.into(),
+        LoadRecord::Step(step) => step,
+    };
     let regions = step.regions.map(|region| StepRegion {
         model_peak_dn: 0,
         model_integral_cns: 0,
@@ -623,34 +627,35 @@ fn measured(step: &Step) -> Step {
         stiffness_change_percent: 0,
         ..region
     });
-    Step { step: 0, boots_since: 0, start_unix_us: None, clamped: 0, refit: 0, regions, ..*step }
+    Step { step: 0, boots_since: 0, start_unix_us: None, clamped: 0, refit: 0, regions, ..*step }.into()
 }
 
 impl InsoleOutcome {
-    /// Verifies that the host received the computed steps; returns the number of lost ones.
-    fn verify_steps(&self) -> Result<usize, String> {
-        for pair in self.host.steps.windows(2) {
-            if !is_after(pair[1].step, pair[0].step) {
-                return Err(format!("step {} arrived after step {}", pair[1].step, pair[0].step));
+    /// Verifies that the host received the computed steps and load bouts; returns the number of lost ones.
+    fn verify_records(&self) -> Result<usize, String> {
+        for pair in self.host.records.windows(2) {
+            let (earlier, later) = (pair[0].number(), pair[1].number());
+            if !is_after(later, earlier) {
+                return Err(format!("record {later} arrived after record {earlier}"));
             }
         }
-        let mut arrived = self.host.steps.iter().map(measured).peekable();
+        let mut arrived = self.host.records.iter().map(measured).peekable();
         let mut lost = 0;
         for (boot, (computed, is_cut_short)) in self.computed.iter().enumerate() {
             let mut missing = Vec::new();
-            for (index, step) in computed.iter().enumerate() {
-                if arrived.next_if(|arrived| *arrived == measured(step)).is_none() {
+            for (index, record) in computed.iter().enumerate() {
+                if arrived.next_if(|arrived| *arrived == measured(record)).is_none() {
                     missing.push(index);
                 }
             }
-            // Steps of the last boot may still wait on the insole if the host has ended its session or does not acknowledge.
+            // Records of the last boot may still wait on the insole if the host has ended its session or does not acknowledge.
             let is_last = boot + 1 == self.computed.len();
-            let may_lose = if *is_cut_short { STEP_QUEUE + 1 } else { 0 };
+            let may_lose = if *is_cut_short { RECORD_QUEUE + 1 } else { 0 };
             let from = computed.len().saturating_sub(may_lose);
             let is_waiting = !self.host.is_following || !self.host.acknowledges;
             if let Some(index) = missing.iter().find(|index| **index < from && !(is_waiting && is_last)) {
                 return Err(format!(
-                    "boot {boot}: the step with index {index} did not arrive; {} steps of this boot are missing",
+                    "boot {boot}: the record with index {index} did not arrive; {} records of this boot are missing",
                     missing.len()
                 ));
             }
@@ -658,13 +663,16 @@ impl InsoleOutcome {
         }
         match arrived.next() {
             None => Ok(lost),
-            Some(step) => Err(format!("a step at {} us arrived that the pipeline did not compute", step.start_us)),
+            Some(record) => {
+                Err(format!("a record at {} us arrived that the pipeline did not compute", record.start().1))
+            }
         }
     }
 
     /// Compares the insole's counters with those of the test.
     fn verify_counters(&self, status: &Status) -> Result<(), String> {
-        let computed = self.computed.last().map_or(0, |(steps, _)| steps.len()) as u32;
+        let computed =
+            self.computed.last().map_or(0, |(records, _)| records.iter().filter_map(LoadRecord::step).count()) as u32;
         let check = |name: &str, counter: u32, found: u32, tolerance: u32| {
             if counter.abs_diff(found) > tolerance {
                 return Err(format!("{name}: the insole counts {counter}, the test {found}"));
@@ -711,7 +719,7 @@ impl LongWalk {
         let end_us = ends.into_iter().fold(0, u64::max);
         while now_us() < end_us {
             follow(&mut hosts, (now_us() + 60_000_000).min(end_us));
-            progress(hosts.iter().map(|host| host.steps.len()).sum());
+            progress(hosts.iter().map(|host| host.steps().count()).sum());
         }
         follow(&mut hosts, end_us + (SETTLE_S * 1e6) as u64);
         let walked = Duration::from_micros(now_us() - start_us);

@@ -110,7 +110,7 @@ async fn act(store: &mut Chip<'_>, action: Action, content: &Content) -> Result<
             Ok(())
         }
         Action::Step => {
-            assert_eq!(store.push_step(&step(content.steps.1)).await?, 0, "the log must have room");
+            assert_eq!(store.push_record(step(content.steps.1)).await?, 0, "the log must have room");
             Ok(())
         }
         Action::AcknowledgeAllBut(rest) => match content.steps.1.checked_sub(rest + 1) {
@@ -145,8 +145,8 @@ async fn check_content(store: &mut Chip<'_>, expected: &Content) -> Result<(), S
         cells.truncate(CELLS);
     }
     let mut steps: Vec<Step> = Vec::new();
-    let more = store.steps(None, |step| {
-        steps.push(step);
+    let more = store.records(None, |record| {
+        steps.extend(record.step());
         true
     });
     assert!(!more.await.expect("the chip works"), "all steps must be read");
@@ -160,7 +160,7 @@ async fn check_content(store: &mut Chip<'_>, expected: &Content) -> Result<(), S
         (cells == expected.calibration.map(calibrations).unwrap_or_default(), "calibration"),
         (numbers().eq(expected.steps.0..expected.steps.1), "steps"),
         ((expected.steps.0..).zip(&steps).all(is_step), "contents of steps"),
-        (contents.next_step == expected.steps.1, "number of the next step"),
+        (contents.next_record == expected.steps.1, "number of the next step"),
         (contents.start == expected.boots + 1, "number of boots"),
         (contents.erased == 0, "number of erased areas"),
     ];

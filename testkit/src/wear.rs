@@ -2,6 +2,7 @@
 
 use plantar::faults::Faults;
 use plantar::insole::Insole;
+use plantar::pipeline::bout::BoutRecord;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::stance_rule::StanceRule;
@@ -69,6 +70,10 @@ pub struct FoundStep {
 pub struct Found {
     /// The steps.
     pub steps: Vec<FoundStep>,
+    /// The load bouts, the last one to the end of the recording.
+    pub bouts: Vec<BoutRecord<f32>>,
+    /// Force-time integral of all steps and bouts, N s.
+    pub integral_n_s: f64,
     /// Total force in each frame, N.
     pub totals_n: Vec<f64>,
     /// The reported sensor faults.
@@ -81,7 +86,7 @@ pub fn find(recording: &Recording, contact: ContactRule, stance: StanceRule) -> 
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("a recording's insole is valid");
     let mut codes = vec![0; virtual_insole.cells.len()];
-    let (mut steps, mut totals_n) = (Vec::new(), Vec::new());
+    let (mut steps, mut bouts, mut totals_n, mut integral_n_s) = (Vec::new(), Vec::new(), Vec::new(), 0.0);
     for i in 0..virtual_insole.frames(recording) {
         virtual_insole.codes_of(recording, i, &mut codes);
         let is_toe_off = insole.frame(i as u32, &codes);
@@ -91,10 +96,16 @@ pub fn find(recording: &Recording, contact: ContactRule, stance: StanceRule) -> 
             let start = (step.start_us / period_us) as usize;
             let frames = (u64::from(step.duration_us) / period_us) as usize;
             let peak_n = totals_n[start..start + frames].iter().copied().fold(0.0, f64::max);
+            integral_n_s += step.regions.iter().map(|region| f64::from(region.measured_integral_n_s)).sum::<f64>();
             steps.push(FoundStep { start, frames, peak_n });
         }
+        bouts.extend(insole.take_bout());
     }
-    Found { steps, totals_n, faults: insole.faults().clone() }
+    insole.end_bout();
+    bouts.extend(insole.take_bout());
+    integral_n_s +=
+        bouts.iter().flat_map(|bout| bout.regions).map(|region| f64::from(region.integral_n_s)).sum::<f64>();
+    Found { steps, bouts, integral_n_s, totals_n, faults: insole.faults().clone() }
 }
 
 /// How an insole with a residual pressure compares with the same walk without it.

@@ -3,8 +3,11 @@
 use anyhow::Result;
 use bench::Figures;
 use plantar::Side;
+use plantar::pipeline::bout::BoutKind;
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::{Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Step, StepFoot, StepRegion, ToHost, encode, frame};
+use plantar::protocol::{
+    Bout, BoutRegion, Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Step, StepFoot, StepRegion, ToHost, encode, frame,
+};
 
 /// A hundred years, us, which is longer than an insole can run.
 const CENTURY_US: u64 = 100 * 366 * 24 * 3600 * 1_000_000;
@@ -39,9 +42,21 @@ pub fn measure(figures: &mut Figures) -> Result<()> {
         refit: u8::MAX,
         foot: StepFoot::default(),
     };
+    let bout = Bout {
+        number: u32::MAX,
+        side: Side::Right,
+        kind: BoutKind::Sitting,
+        start_us: CENTURY_US,
+        duration_us: u32::MAX,
+        // The fields of a region have a fixed length.
+        regions: [BoutRegion::default(); 8],
+        boots_since: u32::MAX,
+        start_unix_us: Some(2 * CENTURY_US),
+    };
     for (key, message, meaning) in [
         ("live_frame_bytes", ToHost::Live(live), "longest live frame, bytes"),
         ("step_record_bytes", ToHost::Step(step), "longest step record, bytes"),
+        ("bout_record_bytes", ToHost::Bout(bout), "longest load bout, bytes"),
     ] {
         let (mut buffer, mut framed) = ([0; MAX_MESSAGE], [0; MAX_FRAME]);
         let message = encode(&message, &mut buffer)?;

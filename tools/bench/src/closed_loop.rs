@@ -105,6 +105,7 @@ fn play(firmware: &Path, walk: &Recording) -> Result<Sent> {
                 client.send(ToDevice::Acknowledge { step: step.step })?;
                 live.step(&step);
             }
+            Some(ToHost::Bout(bout)) => client.send(ToDevice::Acknowledge { step: bout.number })?,
             Some(_) => {}
             // The insole is silent once it has sent everything.
             None if board.plant().scans() >= scans => break,

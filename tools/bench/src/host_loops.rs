@@ -47,7 +47,7 @@ pub fn soak(is_short: bool, figures: &mut Figures) -> Result<()> {
         }
     });
     let lost = outcome.verify().map_err(|error| anyhow!("{error}"))?;
-    let arrived: usize = outcome.insoles.iter().map(|insole| insole.host.steps.len()).sum();
+    let arrived: usize = outcome.insoles.iter().map(|insole| insole.host.steps().count()).sum();
     ensure!(lost == 0 && arrived == 2 * steps as usize, "{arrived} of {} steps arrived, {lost} were lost", 2 * steps);
     figures.add("soak_steps", arrived, "steps of both feet in a long walk on the host loops, each received once");
     figures.add(
@@ -61,7 +61,7 @@ pub fn soak(is_short: bool, figures: &mut Figures) -> Result<()> {
         let losses = [
             ("frames_missed", status.frames_missed),
             ("frames_overrun", status.frames_overrun),
-            ("steps_dropped", status.steps_dropped),
+            ("records_dropped", status.records_dropped),
             ("not_stored", status.not_stored),
             ("rejected", status.rejected.short + status.rejected.long + status.rejected.broken),
             ("live_lost", counters.frames_lost),

@@ -1,6 +1,6 @@
 //! Estimates an insole's clock relative to the host's, so that several insoles share one time axis.
 
-use plantar::protocol::Step;
+use plantar::protocol::LoadRecord;
 use std::collections::VecDeque;
 
 /// Length of a window, us: of the requests within a window, only the one with the least delay is used.
@@ -77,10 +77,11 @@ impl Axis {
         Some(device_us.wrapping_sub(offset_us as u64))
     }
 
-    /// The host's time at the start of a step, us. For a step of an earlier boot it is the time of the insole's own wall clock;
-    /// `None` if that clock was not set.
-    pub fn step_us(&self, step: &Step) -> Option<u64> {
-        if step.boots_since == 0 { self.host_us(step.start_us) } else { step.start_unix_us }
+    /// The host's time at the start of a step or load bout, us. For one of an earlier boot it is the time of the insole's own wall
+    /// clock; `None` if that clock was not set.
+    pub fn start_us(&self, record: &LoadRecord) -> Option<u64> {
+        let (boots_since, start_us, start_unix_us) = record.start();
+        if boots_since == 0 { self.host_us(start_us) } else { start_unix_us }
     }
 
     /// The time on the insole's clock at `host_us`; `None` before the first answer.

@@ -1,7 +1,7 @@
-//! Steps as JSON objects. Names include units, and values have the resolution of the step message.
+//! Steps and load bouts as JSON objects. Names include units, and values have the resolution of the step message.
 
 use plantar::Region;
-use plantar::protocol::{Quantity, Step, StepFoot, StepRegion};
+use plantar::protocol::{Bout, BoutRegion, LoadRecord, Quantity, Step, StepFoot, StepRegion};
 use serde_json::{Map, Value, json};
 
 /// A step as an object; the key `foot` has the measures of the foot, and `regions` an object for each region by its
@@ -23,6 +23,31 @@ pub fn step_to_json(step: &Step) -> Value {
     let regions = Region::ALL.iter().enumerate().map(|(i, region)| (region.name().into(), region_to_json(step, i)));
     object.insert("regions".into(), regions.collect::<Map<_, _>>().into());
     object.into()
+}
+
+/// A load bout as an object; the key `kind`, which steps lack, has its kind, and `regions` an object for each region by its name.
+pub fn bout_to_json(bout: &Bout) -> Value {
+    let mut object = Map::new();
+    object.insert("kind".into(), bout.kind.name().into());
+    object.insert("side".into(), bout.side.name().into());
+    insert(&mut object, Bout::QUANTITIES, bout);
+    let start_unix_s = bout.start_unix_us.filter(|_| bout.boots_since > 0).map(|us| us as f64 / 1e6);
+    object.insert("start_unix_s".into(), start_unix_s.into());
+    let regions = Region::ALL.iter().zip(&bout.regions).map(|(name, region)| {
+        let mut object = Map::new();
+        insert(&mut object, BoutRegion::QUANTITIES, region);
+        (name.name().into(), object.into())
+    });
+    object.insert("regions".into(), regions.collect::<Map<_, _>>().into());
+    object.into()
+}
+
+/// A step or a load bout as an object.
+pub fn record_to_json(record: &LoadRecord) -> Value {
+    match record {
+        LoadRecord::Step(step) => step_to_json(step),
+        LoadRecord::Bout(bout) => bout_to_json(bout),
+    }
 }
 
 fn region_to_json(step: &Step, i: usize) -> Value {

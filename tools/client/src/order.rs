@@ -1,29 +1,29 @@
-//! Checks the order of the steps that arrive, and decides when to request a replay of steps that were lost on the way.
+//! Checks the order of the steps and load bouts that arrive, and decides when to request a replay of those that were lost on the way.
 //!
-//! In a replay, the insole sends all its unacknowledged steps again, oldest first.
+//! In a replay, the insole sends all its unacknowledged records again, oldest first.
 
 use plantar::sequence::is_after;
 
-/// Number of replays without the missing step after which the insole is assumed to have dropped it. A damaged link may lose the
-/// step in several replays.
+/// Number of replays without the missing record after which the insole is assumed to have dropped it. A damaged link may lose the
+/// record in several replays.
 const REPLAYS: u8 = 8;
 
-/// The treatment of a step that arrives.
+/// The treatment of a record that arrives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Arrival {
     /// It is the next one.
     InOrder,
-    /// Steps before it are missing. Request a replay and ignore this step, because the replay includes it.
+    /// Records before it are missing. Request a replay and ignore this record, because the replay includes it.
     Gap,
-    /// A replay was requested and has not begun. Ignore the step, because the replay includes it.
+    /// A replay was requested and has not begun. Ignore the record, because the replay includes it.
     Awaited,
 }
 
-/// Detects steps that were lost on the way. An acknowledgement also covers all earlier steps, so a lost step must arrive before a
+/// Detects records that were lost on the way. An acknowledgement also covers all earlier ones, so a lost record must arrive before a
 /// later one is accepted.
 #[derive(Debug, Default)]
-pub(crate) struct StepOrder {
-    /// The number after the last accepted step.
+pub(crate) struct RecordOrder {
+    /// The number after the last accepted record.
     expected: Option<u32>,
     /// When a replay that has not begun yet was requested, by the carrier's clock, us.
     requested_us: Option<u64>,
@@ -31,18 +31,18 @@ pub(crate) struct StepOrder {
     replays: Option<(u32, u8)>,
 }
 
-impl StepOrder {
-    /// Decides how to treat a step that was not delivered before.
-    pub(crate) fn arrive(&mut self, step: u32) -> Arrival {
+impl RecordOrder {
+    /// Decides how to treat a record that was not delivered before.
+    pub(crate) fn arrive(&mut self, number: u32) -> Arrival {
         if self.requested_us.is_some() {
             return Arrival::Awaited;
         }
-        let missing = self.expected.filter(|&expected| is_after(step, expected));
-        let begun = self.replays.filter(|(number, _)| Some(*number) == missing).map_or(0, |(_, begun)| begun);
+        let missing = self.expected.filter(|&expected| is_after(number, expected));
+        let begun = self.replays.filter(|(first, _)| Some(*first) == missing).map_or(0, |(_, begun)| begun);
         if missing.is_some() && begun < REPLAYS {
             return Arrival::Gap;
         }
-        self.expected = Some(step.wrapping_add(1));
+        self.expected = Some(number.wrapping_add(1));
         Arrival::InOrder
     }
 
@@ -51,7 +51,7 @@ impl StepOrder {
         self.requested_us = Some(now_us);
     }
 
-    /// Called when a session begins, in which the insole sends its unacknowledged steps from the oldest on. True if this is the
+    /// Called when a session begins, in which the insole sends its unacknowledged records from the oldest on. True if this is the
     /// replay that was requested.
     pub(crate) fn begin(&mut self) -> bool {
         let is_requested = self.requested_us.take().is_some();
@@ -70,11 +70,11 @@ impl StepOrder {
 
 #[cfg(test)]
 mod tests {
-    use super::{Arrival, REPLAYS, StepOrder};
+    use super::{Arrival, REPLAYS, RecordOrder};
 
     #[test]
     fn a_gap_is_replayed_once() {
-        let mut order = StepOrder::default();
+        let mut order = RecordOrder::default();
         assert_eq!([7, 8].map(|step| order.arrive(step)), [Arrival::InOrder; 2]);
         assert_eq!(order.arrive(10), Arrival::Gap);
         order.request(5);
@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn a_step_that_the_insole_dropped_is_not_awaited_without_end() {
-        let mut order = StepOrder::default();
+        let mut order = RecordOrder::default();
         assert_eq!(order.arrive(u32::MAX), Arrival::InOrder);
         for _ in 0..REPLAYS {
             assert_eq!(order.arrive(3), Arrival::Gap);
@@ -100,7 +100,7 @@ mod tests {
 
     #[test]
     fn numbers_of_another_flash_chip_are_no_gap() {
-        let mut order = StepOrder::default();
+        let mut order = RecordOrder::default();
         assert_eq!([900, 0, 1].map(|step| order.arrive(step)), [Arrival::InOrder; 3]);
     }
 }

@@ -1,10 +1,10 @@
-//! The host's side of a session: sends and receives messages, delivers each step once, and counts live frames.
+//! The host's side of a session: sends and receives messages, delivers each step and load bout once, and counts live frames.
 
 use crate::counters::LinkCounters;
 use crate::delivered::Delivered;
-use crate::order::{Arrival, StepOrder};
+use crate::order::{Arrival, RecordOrder};
 use crate::{Axis, Carrier, Error};
-use plantar::protocol::{Hello, LiveCounter, MAJOR, MINOR, ToDevice, ToHost};
+use plantar::protocol::{Hello, LiveCounter, LoadRecord, MAJOR, MINOR, ToDevice, ToHost};
 use std::collections::VecDeque;
 use std::io;
 use std::time::Duration;
@@ -32,7 +32,7 @@ pub struct Client<C> {
     /// When the insole's time was last requested, by [`Carrier::now_us`].
     time_requested_us: Option<u64>,
     delivered: Delivered,
-    order: StepOrder,
+    order: RecordOrder,
     is_streaming: bool,
 }
 
@@ -54,7 +54,7 @@ impl<C: Carrier> Client<C> {
             axis: Axis::new(),
             time_requested_us: None,
             delivered: Delivered::new(),
-            order: StepOrder::default(),
+            order: RecordOrder::default(),
             is_streaming: false,
         })
     }
@@ -155,7 +155,7 @@ impl<C: Carrier> Client<C> {
     /// Errors of the carrier.
     pub fn send(&mut self, message: ToDevice) -> Result<(), Error> {
         match message {
-            // This holds even if the message is lost on the way: the host has stored the step.
+            // This holds even if the message is lost on the way: the host has stored the record.
             ToDevice::Acknowledge { step } => self.delivered.acknowledge(step),
             ToDevice::Stream { live } => self.is_streaming = live,
             _ => {}
@@ -194,9 +194,9 @@ impl<C: Carrier> Client<C> {
     /// The next message for the caller; `None` if there is none within the carrier's timeout. Requests the insole's time four
     /// times a second, for [`Client::axis`].
     ///
-    /// Each step is returned once, however often the insole repeats it. Send [`ToDevice::Acknowledge`] once it is stored; if the
-    /// insole repeats it afterwards, this function acknowledges it again. If a step is missing before the one that arrives, this
-    /// function requests all unacknowledged steps again, because an acknowledgement also covers all earlier steps.
+    /// Each step and each load bout is returned once, however often the insole repeats it. Send [`ToDevice::Acknowledge`] once it is
+    /// stored; if the insole repeats it afterwards, this function acknowledges it again. If one is missing before the one that
+    /// arrives, this function requests all unacknowledged ones again, because an acknowledgement also covers all earlier ones.
     ///
     /// # Errors
     /// Errors of the carrier.
@@ -207,29 +207,15 @@ impl<C: Carrier> Client<C> {
             self.request_replay()?;
         }
         let Some(message) = self.next()? else { return Ok(None) };
+        if let Some(record) = LoadRecord::of(&message) {
+            return Ok(self.deliver(&record)?.then_some(message));
+        }
         match &message {
             ToHost::Time { host_us, device_us } => {
                 self.axis.answer(*host_us, *device_us);
                 return Ok(None);
             }
             ToHost::Live(live) => self.live.frame(live.sequence),
-            ToHost::Step(step) => match self.delivered.is_acknowledged(step) {
-                None => match self.order.arrive(step.step) {
-                    Arrival::InOrder => self.delivered.push(*step),
-                    Arrival::Awaited => return Ok(None),
-                    Arrival::Gap => {
-                        self.request_replay()?;
-                        return Ok(None);
-                    }
-                },
-                Some(is_acknowledged) => {
-                    // The insole did not receive the acknowledgement, and would repeat the step without end.
-                    if is_acknowledged {
-                        self.send(ToDevice::Acknowledge { step: step.step })?;
-                    }
-                    return Ok(None);
-                }
-            },
             ToHost::Status(status) => {
                 self.frames_sent = status.live_sent;
                 // A status follows all frames that were due before it.
@@ -247,7 +233,25 @@ impl<C: Carrier> Client<C> {
         Ok(Some(message))
     }
 
-    /// Requests to open the session again, so that the insole sends its steps from the oldest unacknowledged one on.
+    /// True if a record that arrives is to be delivered to the caller.
+    fn deliver(&mut self, record: &LoadRecord) -> Result<bool, Error> {
+        match self.delivered.is_acknowledged(record) {
+            // The insole did not receive the acknowledgement, and would repeat the record without end.
+            Some(true) => self.send(ToDevice::Acknowledge { step: record.number() })?,
+            Some(false) => {}
+            None => match self.order.arrive(record.number()) {
+                Arrival::InOrder => {
+                    self.delivered.push(*record);
+                    return Ok(true);
+                }
+                Arrival::Awaited => {}
+                Arrival::Gap => self.request_replay()?,
+            },
+        }
+        Ok(false)
+    }
+
+    /// Requests to open the session again, so that the insole sends its records from the oldest unacknowledged one on.
     fn request_replay(&mut self) -> Result<(), Error> {
         let is_streaming = self.is_streaming;
         self.order.request(C::now_us());

@@ -7,13 +7,13 @@ import { Insoles } from "./insoles";
 import { LiveView } from "./live_view";
 import { problems, remarks } from "./notes";
 import { Recorder } from "./recorder";
-import type { Session, StepMessage } from "./session";
+import { type RecordMessage, type Session, recordOf } from "./session";
 import { loadSettings } from "./settings";
 import { listenToExport, listenToSettings, updateSettingsView } from "./settings_view";
 import { SIDES } from "./side";
 import { DatabaseStorage, NoStorage, type StepStorage, TemporaryStorage } from "./step_storage";
 import { StepStore } from "./step_store";
-import { drawSteps } from "./steps_view";
+import { drawBouts, drawSteps } from "./steps_view";
 import { BluetoothTransport, explain } from "./transport/bluetooth";
 import { ReplayTransport } from "./transport/replay";
 import type { Transport } from "./transport/transport";
@@ -49,7 +49,7 @@ export class App {
         this.live_view.frame(live, side);
         this.identify.live(side, live);
       },
-      step: this.onStep,
+      record: this.onRecord,
       answer: (answer, { hello }) => hello && this.identify.insoleAnswer(hello.side, answer),
       message: (bytes, side) => this.identify.message(side, bytes),
     });
@@ -129,26 +129,29 @@ export class App {
     byId("start").hidden = true;
   }
 
-  private readonly onStep = (message: StepMessage, bytes: Uint8Array, session: Session): void => {
-    const { step } = message;
-    this.identify.step(step.side, step, message.key);
-    const start_unix_s = step.starts_ago === 0 ? session.axis.unix_s(step.start_s) : step.start_unix_s;
+  private readonly onRecord = (message: RecordMessage, bytes: Uint8Array, session: Session): void => {
+    if (message.kind === "step") this.identify.step(message.step.side, message.step, message.key);
+    const { record, number } = recordOf(message);
+    const start_unix_s = record.starts_ago === 0 ? session.axis.unix_s(record.start_s) : record.start_unix_s;
     this.store.add(message, bytes, start_unix_s).then(
-      () => session.acknowledge(step.step),
-      // The step is not acknowledged, so the insole still stores it and sends it again.
+      () => session.acknowledge(number),
+      // It is not acknowledged, so the insole still stores it and sends it again.
       () => (this.problem = CANNOT_STORE),
     );
     this.stepsChanged();
   };
 
   private stepsChanged(): void {
-    const { steps } = this.store;
+    const { steps, bouts } = this.store;
     for (const side of SIDES) {
       const last = steps.findLast(({ step }) => step.side === side)?.step;
       this.live_view.showEllipses(side, Object.values(last?.regions ?? {}).flatMap((region) => region.ellipse_at_peak ?? []));
     }
     drawSteps(steps, this.settings);
-    for (const id of ["export-steps", "clear"]) byId(id, HTMLButtonElement).disabled = steps.length === 0;
+    drawBouts(bouts);
+    byId("export-steps", HTMLButtonElement).disabled = steps.length === 0;
+    byId("export-bouts", HTMLButtonElement).disabled = bouts.length === 0;
+    byId("clear", HTMLButtonElement).disabled = steps.length + bouts.length === 0;
   }
 
   private tick(): void {

@@ -1,7 +1,7 @@
 /** CSV files with units in the column names. docs/quantities.md describes the columns. */
 
-import { ELLIPSE_COLUMNS, FOOT_COLUMNS, GAIT_COLUMNS, LIVE_COLUMNS, STEP_COLUMNS, type Side } from "./generated/quantities";
-import type { StoredStep } from "./step_store";
+import { BOUT_COLUMNS, ELLIPSE_COLUMNS, FOOT_COLUMNS, GAIT_COLUMNS, LIVE_COLUMNS, STEP_COLUMNS, type Side } from "./generated/quantities";
+import type { StoredBout, StoredStep } from "./step_store";
 import type { Entry } from "./stream_file";
 import { INSOLES } from "./transport/transport";
 import type { Wire } from "./wire";
@@ -47,6 +47,18 @@ export function stepsCsv(steps: readonly StoredStep[]): string[] {
       const values = STEP_COLUMNS.map((column) => Number(region[column]));
       const ellipse = ELLIPSE_COLUMNS.map((column) => region.ellipse_at_peak?.[column] ?? null);
       rows.push(line([start_unix_s, step.side, step.step, step.start_s, step.duration_s, name, ...values, ...ellipse, ...foot]));
+    }
+  }
+  return rows;
+}
+
+/** Returns the lines of a CSV file with one row for each region of each load bout. */
+export function boutsCsv(bouts: readonly StoredBout[]): string[] {
+  const rows = [line(["start_unix_s", "side", "number", "kind", "start_s", "duration_s", "region", ...BOUT_COLUMNS])];
+  for (const { bout, start_unix_s } of bouts) {
+    for (const [name, region] of Object.entries(bout.regions)) {
+      const values = BOUT_COLUMNS.map((column) => region[column]);
+      rows.push(line([start_unix_s, bout.side, bout.number, bout.kind, bout.start_s, bout.duration_s, name, ...values]));
     }
   }
   return rows;

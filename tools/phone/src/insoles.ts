@@ -2,7 +2,7 @@
 
 import type { Live, Side } from "./generated/quantities";
 import type { Recorder } from "./recorder";
-import { type InsoleAnswer, Session, type StepMessage } from "./session";
+import { type InsoleAnswer, Session, type RecordMessage } from "./session";
 import { INSOLES, type Insole, type Transport, type TransportEvents } from "./transport/transport";
 import type { Wire } from "./wire";
 
@@ -10,8 +10,8 @@ import type { Wire } from "./wire";
 export interface InsoleEvents {
   /** A live frame arrived from the insole of this foot. */
   live(live: Live, side: Side): void;
-  /** A step arrived. `bytes` is the encoded message. */
-  step(message: StepMessage, bytes: Uint8Array, session: Session): void;
+  /** A step or load bout arrived. `bytes` is the encoded message. */
+  record(message: RecordMessage, bytes: Uint8Array, session: Session): void;
   /** An insole answered a request that concerns parameters. */
   answer(answer: InsoleAnswer, session: Session): void;
   /** An encoded message of the insole of this foot arrived. */
@@ -36,8 +36,8 @@ export class Insoles {
     this.transport?.close();
     this.transport = transport;
     this.hellos.clear();
-    const { step, answer } = this.events;
-    this.sessions = INSOLES.map((insole) => new Session(insole, this.wire, () => this.transport, step, answer));
+    const { record, answer } = this.events;
+    this.sessions = INSOLES.map((insole) => new Session(insole, this.wire, () => this.transport, record, answer));
   }
 
   /** The session with the insole of this foot; `undefined` until that insole has sent its hello. */

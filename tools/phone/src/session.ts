@@ -23,8 +23,14 @@ const RATE_MS = 2000;
  */
 export type SessionState = "closed" | "waiting" | "live" | "lost" | "other-version";
 
-/** A decoded message that contains a step. */
-export type StepMessage = Extract<ToHost, { kind: "step" }>;
+/** A decoded message that contains a step or a load bout. */
+export type RecordMessage = Extract<ToHost, { kind: "step" | "bout" }>;
+
+/** The step or load bout in a message, and its number. */
+export const recordOf = (message: RecordMessage) =>
+  message.kind === "step"
+    ? { record: message.step, number: message.step.step }
+    : { record: message.bout, number: message.bout.number };
 
 /** A decoded message that answers a request that concerns parameters. */
 export type InsoleAnswer = Extract<ToHost, { kind: "tissue" | "refused" }>;
@@ -62,7 +68,7 @@ export class Session {
     readonly insole: Insole,
     private readonly wire: Wire,
     private readonly transport: () => Transport | undefined,
-    private readonly onStep: (message: StepMessage, bytes: Uint8Array, session: Session) => void,
+    private readonly onRecord: (message: RecordMessage, bytes: Uint8Array, session: Session) => void,
     private readonly onAnswer: (answer: InsoleAnswer, session: Session) => void = () => undefined,
   ) {
     this.axis = wire.axis(insole);
@@ -102,7 +108,10 @@ export class Session {
         // A step of another major version may have another meaning.
         if (this.state === "other-version") return;
         this.needs_refit = Object.values(message.step.regions).some((region) => region.refit);
-        return this.onStep(message, bytes, this);
+        return this.onRecord(message, bytes, this);
+      case "bout":
+        if (this.state === "other-version") return;
+        return this.onRecord(message, bytes, this);
       case "status":
         this.status = message;
         this.counter.due(message.live_due);
@@ -172,9 +181,9 @@ export class Session {
     }
   }
 
-  /** Acknowledges a step and all earlier ones, so that the insole can delete them. To be called once they are stored. */
-  acknowledge(step: number): void {
-    this.send(this.wire.acknowledge(step));
+  /** Acknowledges a step or load bout and all earlier ones, so that the insole can delete them. To be called once they are stored. */
+  acknowledge(number: number): void {
+    this.send(this.wire.acknowledge(number));
   }
 
   /** Sends an encoded message. */

@@ -1,6 +1,6 @@
 /** The settings view: the wearer, the connected insoles, recording and export. */
 
-import { liveCsv, stepsCsv } from "./csv";
+import { boutsCsv, liveCsv, stepsCsv } from "./csv";
 import { type Node, byId, download, fill } from "./dom";
 import type { Insoles } from "./insoles";
 import type { Recorder } from "./recorder";
@@ -56,6 +56,7 @@ export function listenToExport(
   };
   byId("export-live").onclick = () => download("plantar_live.csv", "text/csv", liveCsv(recorder.entries(), wire));
   byId("export-stream").onclick = () => download("walk.plantar", "application/octet-stream", recorder.file());
+  byId("export-bouts").onclick = () => download("plantar_load_bouts.csv", "text/csv", boutsCsv(store().bouts));
   byId("export-steps").onclick = () => download("plantar_steps.csv", "text/csv", stepsCsv(store().steps));
   byId("clear").onclick = () => {
     if (!confirm("Delete all steps that are stored on this device? Export them first if you need them.")) return;
@@ -79,8 +80,8 @@ function insoleDetails(session: Session, now_ms: number): Node[] {
     `Firmware ${hello.firmware}, ${hello.board} board, ${hello.cells} cells`,
   ];
   if (battery_percent !== undefined) details.push(`Battery ${battery_percent} %`);
-  if (status && status.steps_dropped > 0) {
-    details.push(`${status.steps_dropped} steps were lost because the insole's memory was full.`);
+  if (status && status.records_dropped > 0) {
+    details.push(`${status.records_dropped} steps were lost because the insole's memory was full.`);
   }
   const title: Node = ["dt", { class: hello.side }, sideTitle(hello.side)];
   return [["div", {}, title, ...details.map((detail): Node => ["dd", {}, detail])]];

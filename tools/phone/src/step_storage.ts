@@ -1,13 +1,13 @@
-/** Storage of the wearer's steps across visits of the page. */
+/** Storage of the wearer's steps and load bouts across visits of the page. */
 
-/** A stored step. `start_unix_s` is that of `StoredStep`. */
+/** A stored step or load bout. `start_unix_s` is that of `StoredStep` or `StoredBout`. */
 export interface StepRecord {
-  /** The encoded message of the step. */
+  /** The encoded message. */
   message: Uint8Array;
   start_unix_s: number | null;
 }
 
-/** A storage of steps. */
+/** A storage of steps and load bouts. */
 export interface StepStorage {
   load(): Promise<StepRecord[]>;
   add(record: StepRecord): Promise<void>;

@@ -5,7 +5,7 @@ import { forceText, numberText, unitOf } from "./format";
 import type { Side, Step } from "./generated/quantities";
 import { type Settings, percentOfWeight } from "./settings";
 import { SIDES, sideTitle } from "./side";
-import type { StoredStep } from "./step_store";
+import type { StoredBout, StoredStep } from "./step_store";
 import { cadence_per_min, footMeasures, impulse_n_s, stepsOf, symmetryIndex } from "./walk";
 
 /** Number of steps of each foot in the diagram. */
@@ -54,6 +54,27 @@ export function drawSteps(steps: readonly StoredStep[], settings: Settings): voi
     ["td", {}, numberText(percentOfWeight(step.foot.foot_force_peak_n, settings), 0)],
     ["td", {}, impulse_n_s(step).toFixed(0)],
   ]));
+}
+
+/** Number of load bouts in the table. */
+const BOUT_ROWS = 50;
+
+/** Shows the load bouts. To be called after each change of them. */
+export function drawBouts(bouts: readonly StoredBout[]): void {
+  byId("bouts").hidden = bouts.length === 0;
+  fill(byId("bouts").querySelector("tbody"), bouts.slice(-BOUT_ROWS).reverse().map(({ bout, start_unix_s }): Node => {
+    const integral_n_s = Object.values(bout.regions).reduce((sum, region) => sum + region.measured_force_integral_n_s, 0);
+    const start = start_unix_s === null ? "–" : new Date(start_unix_s * 1000).toLocaleTimeString();
+    return [
+      "tr",
+      {},
+      ["td", { class: bout.side }, sideTitle(bout.side)],
+      ["td", {}, start],
+      ["td", {}, bout.kind],
+      ["td", {}, bout.duration_s.toFixed(0)],
+      ["td", {}, integral_n_s.toFixed(0)],
+    ];
+  }));
 }
 
 /** True if cells were masked in any region of the step. */

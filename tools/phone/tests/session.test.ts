@@ -64,7 +64,7 @@ test("gaps are counted, and a status reveals losses before the first and after t
   receive(hello(wire.facts.major));
   for (const sequence of [2, 3, 7]) receive(live({ sequence }));
   expect(session.counter.lost).toBe(3);
-  const none = { frames_missed: 0, steps: 0, steps_dropped: 0, bad_frames: 0, not_stored: 0, faults: 0, rezeroed: 0 };
+  const none = { frames_missed: 0, steps: 0, records_dropped: 0, bad_frames: 0, not_stored: 0, faults: 0, rezeroed: 0 };
   const status = { kind: "status", uptime_s: 1, live_due: 9, live_sent: 9, ...none } as const;
   receive(status);
   expect(session.counter.lost).toBe(6);

@@ -1,9 +1,11 @@
 import { beforeAll, expect, test } from "vitest";
-import type { StepMessage } from "../src/session";
+import type { RecordMessage } from "../src/session";
 import type { StepRecord, StepStorage } from "../src/step_storage";
 import { StepStore } from "../src/step_store";
 import type { Wire } from "../src/wire";
 import { loadWire, messagesOf } from "./wire";
+
+type StepMessage = Extract<RecordMessage, { kind: "step" }>;
 
 let wire: Wire;
 /** The steps of the computed walk, decoded and as messages. */

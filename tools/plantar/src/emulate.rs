@@ -2,12 +2,13 @@
 
 mod identification;
 
+use crate::records::Records;
 use crate::setup::{self, ContactArgs, WearerArgs, ZeroArgs};
 use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
-use client::{Client, Framed, READ_TIMEOUT, ReconnectPolicy, step_to_json};
+use client::{Client, Framed, READ_TIMEOUT, ReconnectPolicy, bout_to_json, step_to_json};
 use emulation::{COLUMNS, EmulatorConfig};
 use emulator::{Board, Faulty, Recorded, SensorFault, Time};
 use identification::Identification;
@@ -108,7 +109,7 @@ impl EmulatedInsole {
 
 /// The steps of a walk, and the insole's counters after it.
 struct Outcome {
-    steps: Vec<Step>,
+    records: Records,
     status: Status,
 }
 
@@ -164,7 +165,8 @@ impl Emulate {
         let start = Instant::now();
         let outcome = self.follow(board, &mut client, &mut view, &mut identification, scans);
         view.close();
-        let Outcome { steps, status } = outcome?;
+        let Outcome { records, status } = outcome?;
+        let steps = &records.steps;
         if let Some(identification) = &identification {
             ensure!(identification.is_done(), "the walk has fewer than {} steps to identify", self.identify_steps);
             println!(
@@ -172,9 +174,9 @@ impl Emulate {
             );
         }
         let counters = client.counters();
-        summary::print(&steps);
+        records.print();
         if identification.is_none() {
-            setup::note_unless_applicable(parameters, self.wearer.size, &steps);
+            setup::note_unless_applicable(parameters, self.wearer.size, steps);
         }
         summary::print_faults_of(&mut client);
         println!(
@@ -193,10 +195,12 @@ impl Emulate {
             let errors: serde_json::Map<_, _> = Region::ALL
                 .iter()
                 .enumerate()
-                .map(|(i, region)| (region.name().into(), summary::model_error_percent(&steps, i).into()))
+                .map(|(i, region)| (region.name().into(), summary::model_error_percent(steps, i).into()))
                 .collect();
             let steps: Vec<_> = steps.iter().map(step_to_json).collect();
-            let outcome = serde_json::json!({ "steps": steps, "link": counters, "model_error_percent": errors });
+            let bouts: Vec<_> = records.bouts.iter().map(bout_to_json).collect();
+            let outcome =
+                serde_json::json!({ "steps": steps, "bouts": bouts, "link": counters, "model_error_percent": errors });
             let text = serde_json::to_string_pretty(&outcome)? + "\n";
             std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
         }
@@ -222,7 +226,7 @@ impl Emulate {
     ) -> Result<Outcome> {
         client.stream()?;
         board.play();
-        let mut steps = Vec::new();
+        let mut records = Records::default();
         let mut is_status_pending = false;
         let mut last_message = Instant::now();
         loop {
@@ -238,7 +242,7 @@ impl Emulate {
                     client.send(ToDevice::Acknowledge { step: step.step })?;
                     let is_scored = identification.as_mut().is_none_or(|identification| identification.scores(&step));
                     if let Some(identification) = identification.as_mut().filter(|_| !is_scored) {
-                        view.step(&step)?;
+                        view.step(&step);
                         if identification.is_complete() {
                             view.close();
                             board.plant().hold(true);
@@ -246,16 +250,21 @@ impl Emulate {
                             board.plant().hold(false);
                             *view = View::open(client.hello())?;
                         }
-                    } else if self.steps.is_none_or(|limit| steps.len() < limit) {
-                        view.step(&step)?;
-                        steps.push(step);
+                    } else if self.steps.is_none_or(|limit| records.steps.len() < limit) {
+                        view.step(&step);
+                        records.steps.push(step);
                     }
+                }
+                Some(ToHost::Bout(bout)) => {
+                    client.send(ToDevice::Acknowledge { step: bout.number })?;
+                    view.load_record(&bout.into());
+                    records.bouts.push(bout);
                 }
                 // The insole sends its status after all messages that were due before, so none of them is missing.
                 Some(ToHost::Status(status)) => {
                     let done = status.frames + status.frames_missed + status.frames_overrun;
-                    if done >= scans || self.has_enough(&steps) || view.wants_to_end()? {
-                        return Ok(Outcome { steps, status });
+                    if done >= scans || self.has_enough(&records.steps) || view.wants_to_end()? {
+                        return Ok(Outcome { records, status });
                     }
                     is_status_pending = false;
                 }
@@ -273,7 +282,7 @@ impl Emulate {
                 last_message = Instant::now();
             }
             if !is_status_pending
-                && (board.plant().scans() >= scans || self.has_enough(&steps) || view.wants_to_end()?)
+                && (board.plant().scans() >= scans || self.has_enough(&records.steps) || view.wants_to_end()?)
             {
                 is_status_pending = true;
                 client.send(ToDevice::GetStatus)?;

@@ -136,7 +136,7 @@ fn show(connection: &Connection) -> Result<()> {
         "boot number {}, reset reason: {}, steps so far: {}",
         contents.start,
         hello.reset.name(),
-        contents.next_step
+        contents.next_record
     );
     if let Some(last) = &hello.last_panic {
         println!("note: the insole reports a failure: {last}");
@@ -151,14 +151,14 @@ fn show(connection: &Connection) -> Result<()> {
             "the insole stores records of a newer firmware, which are not changed: update its firmware to use them",
         ),
         (
-            contents.newer_steps > 0,
+            contents.newer_records > 0,
             "the insole stores steps of a newer firmware, which are not changed: update its firmware to receive them",
         ),
         (
             contents.erased > 0,
             "a part of the insole's flash chip was damaged and had to be erased, so its contents are lost",
         ),
-        (status.steps_dropped > 0, "the insole's step log was full, so the oldest steps were dropped"),
+        (status.records_dropped > 0, "the insole's step log was full, so the oldest steps were dropped"),
     ];
     for (_, warning) in warnings.iter().filter(|(applies, _)| *applies) {
         println!("warning: {warning}");

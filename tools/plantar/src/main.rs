@@ -15,6 +15,7 @@ mod params;
 mod people;
 mod picture;
 mod record;
+mod records;
 mod repeat;
 mod replay;
 #[cfg(feature = "serve")]

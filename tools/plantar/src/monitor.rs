@@ -1,20 +1,21 @@
 //! `plantar monitor`: shows an insole's live loads and steps.
 
 use crate::carrier::{AnyClient, Connection, Insole};
+use crate::records::Records;
 use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use client::{Axis, Event, ReconnectPolicy, SessionStart, step_to_json};
-use plantar::protocol::{CellFrame, Live, Step, ToDevice, ToHost};
+use client::{Axis, Event, ReconnectPolicy, SessionStart, record_to_json};
+use plantar::protocol::{CellFrame, Live, LoadRecord, ToDevice, ToHost};
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Shows the live loads of the eight regions, and a table of the steps at the end.
+/// Shows the live loads of the eight regions, and tables of the steps and the load bouts at the end.
 ///
-/// In a terminal, press q or Ctrl-C to end. When the link is lost, the program reconnects. A step remains on the insole until it
-/// has arrived on this computer and, with --json, is written to the file.
+/// In a terminal, press q or Ctrl-C to end. When the link is lost, the program reconnects. A step or a load bout remains on the
+/// insole until it has arrived on this computer and, with --json, is written to the file.
 #[derive(Args)]
 pub struct Monitor {
     #[command(flatten)]
@@ -22,7 +23,7 @@ pub struct Monitor {
     /// End the session after this number of steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
-    /// Write the steps to this JSON file as they arrive, one object per step. The file must be new or empty.
+    /// Write steps and load bouts to this JSON file as they arrive, one object each. The file must be new or empty.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -32,10 +33,10 @@ pub trait Sink {
     /// Processes a live frame; `axis` converts its time to this computer's clock.
     fn live(&mut self, live: &Live, axis: &Axis) -> Result<()>;
 
-    /// Processes a step.
-    fn step(&mut self, step: &Step, axis: &Axis) -> Result<()>;
+    /// Processes a step or a load bout.
+    fn load_record(&mut self, record: &LoadRecord, axis: &Axis) -> Result<()>;
 
-    /// Returns the number of the newest stored step, if steps were stored since the last call. This step and all earlier ones can
+    /// Returns the number of the newest stored record, if one was stored since the last call. This record and all earlier ones can
     /// be acknowledged.
     fn take_stored(&mut self) -> Option<u32>;
 
@@ -62,9 +63,9 @@ pub fn follow(connection: &Connection, insole: &mut Insole, view: &mut View, sin
                 sink.live(&live, client.axis())?;
                 view.live(&live, client.counters())?;
             }
-            Event::Message(ToHost::Step(step)) => {
-                sink.step(&step, insole.client().axis())?;
-                view.step(&step)?;
+            Event::Message(message) if let Some(record) = LoadRecord::of(&message) => {
+                sink.load_record(&record, insole.client().axis())?;
+                view.load_record(&record);
             }
             Event::Message(ToHost::Cells(frame)) => sink.cells(&frame)?,
             Event::Message(_) | Event::Started(SessionStart::Connected) | Event::Timeout => {}
@@ -138,26 +139,26 @@ impl<'m> JsonArray<'m> {
     }
 }
 
-/// Collects the steps for the table at the end of the session, and writes them to the JSON file.
-struct Steps<'m> {
+/// Collects the steps and load bouts for the tables at the end of the session, and writes them to the JSON file.
+struct Collected<'m> {
     monitor: &'m Monitor,
     json: Option<JsonArray<'m>>,
-    all: Vec<Step>,
+    all: Records,
     stored: Option<u32>,
 }
 
-impl Sink for Steps<'_> {
+impl Sink for Collected<'_> {
     fn live(&mut self, _: &Live, _: &Axis) -> Result<()> {
         Ok(())
     }
 
-    fn step(&mut self, step: &Step, _: &Axis) -> Result<()> {
-        self.all.push(*step);
-        // The step is written before it is acknowledged, because the insole then deletes it.
+    fn load_record(&mut self, record: &LoadRecord, _: &Axis) -> Result<()> {
+        self.all.push(record);
+        // The record is written before it is acknowledged, because the insole then deletes it.
         if let Some(json) = &mut self.json {
-            json.push(&step_to_json(step))?;
+            json.push(&record_to_json(record))?;
         }
-        self.stored = Some(step.step);
+        self.stored = Some(record.number());
         Ok(())
     }
 
@@ -170,7 +171,7 @@ impl Sink for Steps<'_> {
     }
 
     fn has_reached_limit(&self) -> bool {
-        self.monitor.steps.is_some_and(|limit| self.all.len() >= limit)
+        self.monitor.steps.is_some_and(|limit| self.all.steps.len() >= limit)
     }
 }
 
@@ -179,10 +180,10 @@ impl Monitor {
         let json = self.json.as_deref().map(JsonArray::create).transpose()?;
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
         let mut view = View::open(insole.client().hello())?;
-        let mut steps = Steps { monitor: self, json, all: Vec::new(), stored: None };
-        let outcome = follow(&self.connection, &mut insole, &mut view, &mut steps);
+        let mut records = Collected { monitor: self, json, all: Records::default(), stored: None };
+        let outcome = follow(&self.connection, &mut insole, &mut view, &mut records);
         view.close();
-        summary::print(&steps.all);
+        records.all.print();
         summary::print_faults_of(insole.client());
         outcome
     }

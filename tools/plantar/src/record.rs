@@ -3,6 +3,7 @@
 use crate::carrier::{AnyClient, Connection};
 use crate::cells::CellRecorder;
 use crate::monitor::{Sink, follow};
+use crate::records::Records;
 use crate::summary;
 use crate::table::{self, Row, Value};
 use crate::view::View;
@@ -10,18 +11,19 @@ use anyhow::{Result, bail};
 use clap::Args;
 use client::{Axis, ReconnectPolicy};
 use plantar::protocol::{
-    CellFrame, CellStream, Flag, Live, LiveRegion, Quantity, Resolution, Step, StepFoot, StepRegion, ToDevice,
+    Bout, BoutRegion, CellFrame, CellStream, Flag, Live, LiveRegion, LoadRecord, Quantity, Resolution, Step, StepFoot,
+    StepRegion, ToDevice,
 };
 use plantar::{Region, Side};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Stores live frames and steps of an insole in a folder of Parquet files.
+/// Stores live frames, steps and load bouts of an insole in a folder of Parquet files.
 ///
 /// The files FOLDER/live/*.parquet have one row per frame and region, the files FOLDER/steps/*.parquet one row per step and
-/// region. pandas, Polars, DuckDB and Spark read the files of a folder as one table. Files are completed at least every half
-/// minute, so a crash loses the live frames of at most this time. No step is lost, because a step remains on the insole until its
-/// file is complete. With --cells, each folder FOLDER/cells/* is a recording that all other commands read; a loss that is too
+/// region, the files FOLDER/bouts/*.parquet one row per load bout and region. pandas, Polars, DuckDB and Spark read the files of a folder as one table. Files are completed at least every half
+/// minute, so a crash loses the live frames of at most this time. No step or load bout is lost, because it remains on the insole
+/// until its file is complete. With --cells, each folder FOLDER/cells/* is a recording that all other commands read; a loss that is too
 /// long to be interpolated begins another one. When the link is lost, the program reconnects. In a
 /// terminal, press q or Ctrl-C to end.
 #[derive(Args)]
@@ -50,8 +52,9 @@ pub struct Record {
 
 /// The current files are completed after this time.
 const FILE_TIME: Duration = Duration::from_secs(30);
-/// The current files are completed after this number of steps: an insole sends no further step before these are acknowledged.
-const FILE_STEPS: usize = plantar::protocol::session::STEP_QUEUE;
+/// The current files are completed after this number of steps and load bouts: an insole sends no further one before these are
+/// acknowledged.
+const FILE_RECORDS: usize = plantar::protocol::session::RECORD_QUEUE;
 
 impl Record {
     pub fn run(&self) -> Result<()> {
@@ -69,16 +72,18 @@ impl Record {
         if let Some(step) = recorder.take_stored()
             && insole.client().hello().side == recorder.side
         {
-            // An error is ignored: without the acknowledgement, the insole sends these steps again in its next session.
+            // An error is ignored: without the acknowledgement, the insole sends these records again in its next session.
             let _ = insole.client().send(ToDevice::Acknowledge { step });
         }
         if completed.is_err() {
-            let count = recorder.pending_steps.len();
-            eprintln!("note: {count} received steps were not stored; they remain on the insole until its log is full");
+            let count = recorder.pending.len();
+            eprintln!(
+                "note: {count} received steps and load bouts were not stored; they remain on the insole until its log is full"
+            );
         }
-        summary::print(&recorder.all_steps);
+        recorder.all.print();
         summary::print_faults_of(insole.client());
-        println!("wrote {}: {} frames, {} steps", self.out.display(), recorder.frames, recorder.all_steps.len());
+        println!("wrote {}: {} frames, {} steps", self.out.display(), recorder.frames, recorder.all.steps.len());
         if let Some(cells) = &recorder.cells {
             cells.print();
         }
@@ -102,12 +107,14 @@ struct Recorder<'r> {
     live: Vec<Row>,
     /// Rows of the table of steps that are not written yet.
     steps: Vec<Row>,
-    /// Numbers of the steps that are not written yet.
-    pending_steps: Vec<u32>,
-    /// Number of the newest step in a complete file, until it is acknowledged.
+    /// Rows of the table of load bouts that are not written yet.
+    bouts: Vec<Row>,
+    /// Numbers of the steps and load bouts that are not written yet.
+    pending: Vec<u32>,
+    /// Number of the newest step or load bout in a complete file, until it is acknowledged.
     stored: Option<u32>,
-    /// All steps, for the table at the end.
-    all_steps: Vec<Step>,
+    /// All steps and load bouts, for the tables at the end.
+    all: Records,
     /// Number of received live frames.
     frames: usize,
     cells: Option<CellRecorder>,
@@ -125,9 +132,10 @@ impl<'r> Recorder<'r> {
             file_start: now,
             live: Vec::new(),
             steps: Vec::new(),
-            pending_steps: Vec::new(),
+            bouts: Vec::new(),
+            pending: Vec::new(),
             stored: None,
-            all_steps: Vec::new(),
+            all: Records::default(),
             frames: 0,
             cells: None,
         }
@@ -145,10 +153,11 @@ impl<'r> Recorder<'r> {
         Ok(())
     }
 
-    /// Writes the collected rows as the next file of each table. The steps among them can then be acknowledged.
+    /// Writes the collected rows as the next file of each table. The steps and load bouts among them can then be
+    /// acknowledged.
     fn complete_file(&mut self) -> Result<()> {
         let path = |table: &str| self.record.out.join(table).join(format!("part-{:05}.parquet", self.file_number));
-        for (table, rows) in [("live", &mut self.live), ("steps", &mut self.steps)] {
+        for (table, rows) in [("live", &mut self.live), ("steps", &mut self.steps), ("bouts", &mut self.bouts)] {
             if !rows.is_empty() {
                 table::write(&path(table), None, rows)?;
                 rows.clear();
@@ -159,13 +168,13 @@ impl<'r> Recorder<'r> {
         }
         self.file_number += 1;
         self.file_start = Instant::now();
-        self.stored = self.pending_steps.drain(..).next_back().or(self.stored);
+        self.stored = self.pending.drain(..).next_back().or(self.stored);
         Ok(())
     }
 
-    /// Completes the files after [`FILE_STEPS`] steps or [`FILE_TIME`].
+    /// Completes the files after [`FILE_RECORDS`] steps and load bouts, or [`FILE_TIME`].
     fn complete_file_if_due(&mut self) -> Result<()> {
-        let is_due = self.pending_steps.len() >= FILE_STEPS || self.file_start.elapsed() >= FILE_TIME;
+        let is_due = self.pending.len() >= FILE_RECORDS || self.file_start.elapsed() >= FILE_TIME;
         if is_due { self.complete_file() } else { Ok(()) }
     }
 }
@@ -185,16 +194,18 @@ impl Sink for Recorder<'_> {
         self.complete_file_if_due()
     }
 
-    fn step(&mut self, step: &Step, axis: &Axis) -> Result<()> {
-        self.all_steps.push(*step);
-        self.pending_steps.push(step.step);
-        let start = Value::Real(axis.step_us(step).map(seconds));
-        let rows = Region::ALL.iter().enumerate().map(|(i, region)| {
-            let mut row = step_row(self.session, step, i, region.name());
+    fn load_record(&mut self, record: &LoadRecord, axis: &Axis) -> Result<()> {
+        self.all.push(record);
+        self.pending.push(record.number());
+        let start = Value::Real(axis.start_us(record).map(seconds));
+        for (i, region) in Region::ALL.iter().enumerate() {
+            let (rows, mut row) = match record {
+                LoadRecord::Step(step) => (&mut self.steps, step_row(self.session, step, i, region.name())),
+                LoadRecord::Bout(bout) => (&mut self.bouts, bout_row(self.session, bout, i, region.name())),
+            };
             row.push(("start_unix_s", start.clone()));
-            row
-        });
-        self.steps.extend(rows);
+            rows.push(row);
+        }
         self.complete_file_if_due()
     }
 
@@ -214,7 +225,7 @@ impl Sink for Recorder<'_> {
 
     fn has_reached_limit(&self) -> bool {
         let is_over = |seconds| self.start.elapsed() >= Duration::from_secs(seconds);
-        self.record.steps.is_some_and(|limit| self.all_steps.len() >= limit) || self.record.seconds.is_some_and(is_over)
+        self.record.steps.is_some_and(|limit| self.all.steps.len() >= limit) || self.record.seconds.is_some_and(is_over)
     }
 }
 
@@ -246,7 +257,16 @@ fn step_row(session: i32, step: &Step, i: usize, region: &str) -> Row {
     row
 }
 
-/// The columns of these quantities, with the values that they have in `of`: a live frame, a step or a region.
+/// The row of the region with index `i` and name `region` in a load bout.
+fn bout_row(session: i32, bout: &Bout, i: usize, region: &str) -> Row {
+    let mut row: Row = vec![("session", session.into()), ("side", bout.side.name().into())];
+    row.extend(columns(Bout::QUANTITIES, bout));
+    row.extend([("kind", bout.kind.name().into()), ("region", region.into())]);
+    row.extend(columns(BoutRegion::QUANTITIES, &bout.regions[i]));
+    row
+}
+
+/// The columns of these quantities, with the values that they have in `of`: a live frame, a step, a load bout or a region.
 fn columns<T: 'static>(
     quantities: impl IntoIterator<Item = &'static Quantity<T>>,
     of: &T,

@@ -2,21 +2,21 @@
 
 use crate::frames::FrameWriter;
 use crate::picture::Picture;
+use crate::records::Records;
 use crate::setup::{self, ContactArgs, WearerArgs, ZeroArgs};
 use crate::summary;
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
-use client::step_to_json;
 use indicatif::{ProgressBar, ProgressStyle};
 use plantar::Real;
 use plantar::insole::Insole;
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::Step;
+use plantar::protocol::{Bout, Step};
 use recording::{MAX_CELLS, Recording, VirtualInsole};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
-/// Computes the steps of a recording as the insole would, with the same code.
+/// Computes the steps and load bouts of a recording as the insole would, with the same code.
 ///
 /// Recorded pressures are first converted to the codes of a virtual sensor, exactly as in `plantar emulate`. In f32, the steps
 /// are therefore equal to those of the emulated insole, to the last digit. A replay in f64 shows the error of single precision.
@@ -34,8 +34,8 @@ pub struct Replay {
     /// the resolution of an insole's messages; the values of --frames are not rounded.
     #[arg(long, value_enum, default_value_t = Precision::F32)]
     precision: Precision,
-    /// Write the steps to this JSON file, one object per step: side, number, start, duration, and every quantity of each region.
-    /// The names of the quantities end with their units.
+    /// Write steps and load bouts to this JSON file, one object each: side, number, start, duration, and every quantity of each
+    /// region. The names of the quantities end with their units. The last bout ends with the recording.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Write the live values of every frame to this file. Its extension, .csv or .parquet, selects the format.
@@ -61,16 +61,16 @@ impl Replay {
             .with_context(|| self.recording.display().to_string())?;
         self.zero.apply(&mut insole)?;
         let start = Instant::now();
-        let steps = match self.precision {
+        let records = match self.precision {
             Precision::F32 => self.replay::<f32>(&recording, &insole, &tissue)?,
             Precision::F64 => self.replay::<f64>(&recording, &insole, &tissue)?,
         };
         let seconds = start.elapsed().as_secs_f64();
         if let Some(path) = &self.json {
-            write_json(path, &steps)?;
+            records.write_json(path)?;
         }
-        summary::print(&steps);
-        setup::note_unless_applicable(&parameters, self.wearer.size, &steps);
+        records.print();
+        setup::note_unless_applicable(&parameters, self.wearer.size, &records.steps);
         let frames = recording.frames();
         eprintln!("{frames} frames of {} cells in {seconds:.2} s", recording.cells());
         Ok(())
@@ -82,7 +82,7 @@ impl Replay {
         recording: &Recording,
         virtual_insole: &VirtualInsole,
         tissue: &Tissue,
-    ) -> Result<Vec<Step>> {
+    ) -> Result<Records> {
         let mut insole = Box::new(Insole::<R, MAX_CELLS>::new());
         let accepted = insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied());
         accepted.with_context(|| format!("{}: the recording cannot be evaluated", self.recording.display()))?;
@@ -93,7 +93,7 @@ impl Replay {
         let count = virtual_insole.frames(recording);
         let bar = progress(count as u64, "frames");
         let mut codes = vec![0; virtual_insole.cells.len()];
-        let mut steps = Vec::new();
+        let mut records = Records::default();
         for i in 0..count {
             virtual_insole.codes_of(recording, i, &mut codes);
             let toe_off = insole.frame(i as u32, &codes);
@@ -104,29 +104,25 @@ impl Replay {
                 picture.push(&insole);
             }
             if toe_off && let Some(step) = insole.whole_step() {
-                steps.push(Step::new(&step));
+                records.steps.push(Step::new(&step));
             }
+            records.bouts.extend(insole.take_bout().as_ref().map(Bout::new));
             if i % 4096 == 0 {
                 bar.set_position(i as u64);
             }
         }
+        insole.end_bout();
+        records.bouts.extend(insole.take_bout().as_ref().map(Bout::new));
         bar.finish_and_clear();
         if let Some(frames) = frames {
             frames.finish()?;
         }
         summary::print_faults(insole.faults(), recording.cells());
         if let (Some(picture), Some(path)) = (picture, &self.picture) {
-            picture.write(path, recording, virtual_insole, steps.first())?;
+            picture.write(path, recording, virtual_insole, records.steps.first())?;
         }
-        Ok(steps)
+        Ok(records)
     }
-}
-
-/// Writes a JSON array with one object per step.
-pub fn write_json(path: &Path, steps: &[Step]) -> Result<()> {
-    let objects: Vec<_> = steps.iter().map(step_to_json).collect();
-    let text = serde_json::to_string_pretty(&objects)? + "\n";
-    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// A progress bar that counts to `total`. It is hidden if stderr is not a terminal.

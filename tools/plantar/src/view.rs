@@ -1,9 +1,10 @@
 //! Shows the live loads of the eight regions in the terminal. If stdout is not a terminal, prints one line per step instead.
 
+use crate::records::bout_line;
 use crate::summary::SHORT;
 use anyhow::Result;
 use client::LinkCounters;
-use plantar::protocol::{Hello, Live, Step};
+use plantar::protocol::{Hello, Live, LoadRecord, Step};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyModifiers};
 use ratatui::layout::{Constraint, Layout};
 use ratatui::style::{Color, Style, Stylize};
@@ -112,13 +113,21 @@ impl View {
         Ok(())
     }
 
+    /// Lists a step. A load bout is printed if stdout is not a terminal.
+    pub fn load_record(&mut self, record: &LoadRecord) {
+        match record {
+            LoadRecord::Step(step) => self.step(step),
+            LoadRecord::Bout(bout) if self.terminal.is_none() => println!("{}", bout_line(bout)),
+            LoadRecord::Bout(_) => {}
+        }
+    }
+
     /// Lists a step.
-    pub fn step(&mut self, step: &Step) -> Result<()> {
+    pub fn step(&mut self, step: &Step) {
         self.steps.push(*step);
         if self.terminal.is_none() {
             println!("{}", step_line(step));
         }
-        Ok(())
     }
 
     /// True once q, Esc or Ctrl-C was pressed.

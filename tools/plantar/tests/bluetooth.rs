@@ -61,7 +61,7 @@ impl Peripheral for Insole {
         assert_eq!(number == 4, matches!(message, ToDevice::SetTissue(_) | ToDevice::GetTissue));
         if matches!(message, ToDevice::Acknowledge { .. }) && self.breaks_link.swap(false, Ordering::SeqCst) {
             self.connected.store(false, Ordering::SeqCst);
-            session.push_step(step(8));
+            session.push_record(step(8));
             return Ok(());
         }
         if let ToDevice::Acknowledge { step } = message {
@@ -77,7 +77,7 @@ impl Peripheral for Insole {
                 // Each frame is sent at once, because the session can queue only a few.
                 self.send(session);
             }
-            session.push_step(step(7));
+            session.push_record(step(7));
         }
         self.send(session);
         Ok(())
@@ -242,7 +242,7 @@ fn a_second_program_on_this_computer_is_refused_and_the_first_one_loses_nothing(
     assert!(refusal.contains("C0:00:00:00:00:01 is in use") && refusal.contains("close that program"), "{refusal}");
     {
         let session = &mut simulated.insole.session.lock().expect("no panic").0;
-        session.push_step(step(8));
+        session.push_record(step(8));
         simulated.insole.send(session);
     }
     let output = first.wait_with_output().expect("it ends");

@@ -4,7 +4,7 @@
 
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use plantar::Side;
-use plantar::protocol::session::{STEP_QUEUE, Session};
+use plantar::protocol::session::{RECORD_QUEUE, Session};
 use plantar::protocol::{Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Reset, Status, ToDevice, decode, frame};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
@@ -25,7 +25,7 @@ impl Insole {
     /// An insole with these unacknowledged steps.
     fn with_steps(steps: impl IntoIterator<Item = u32>) -> Self {
         let mut session = Session::new();
-        steps.into_iter().for_each(|number| session.push_step(step(number)));
+        steps.into_iter().for_each(|number| session.push_record(step(number)));
         Self { session, is_silent: false }
     }
 
@@ -106,7 +106,7 @@ fn monitor_reconnects_and_reports_the_loss_once() {
     // The link breaks before the insole receives the acknowledgement, and the next link before any message. Nevertheless, each
     // step is written once.
     drop(listener.accept().expect("it connects again").0);
-    insole.session.push_step(step(1));
+    insole.session.push_record(step(1));
     insole.serve(listener.accept().expect("it connects again").0, |_| false);
     let (output, text) = wait_for_end(program);
     assert!(output.status.success(), "{text}");
@@ -127,12 +127,12 @@ fn a_recorder_whose_acknowledgement_was_lost_repeats_it() {
         .arg(folder.path().join("session"))
         .spawn()
         .expect("it runs");
-    let mut insole = Insole::with_steps(0..STEP_QUEUE as u32);
+    let mut insole = Insole::with_steps(0..RECORD_QUEUE as u32);
     assert!(insole.serve(listener.accept().expect("it connects").0, is_acknowledgement));
     let mut again = listener.accept().expect("it connects again").0;
     assert!(insole.serve(&mut again, is_acknowledgement));
-    insole.session.receive(ToDevice::Acknowledge { step: STEP_QUEUE as u32 - 1 }, 0);
-    insole.session.push_step(step(STEP_QUEUE as u32));
+    insole.session.receive(ToDevice::Acknowledge { step: RECORD_QUEUE as u32 - 1 }, 0);
+    insole.session.push_record(step(RECORD_QUEUE as u32));
     insole.serve(&mut again, |_| false);
     let (output, text) = wait_for_end(program);
     assert!(output.status.success(), "{text}");
@@ -173,7 +173,7 @@ fn the_steps_that_a_killed_recorder_acknowledged_are_readable() {
     let complete: Vec<_> = files.iter().filter(|file| !file.file_name().to_string_lossy().starts_with('.')).collect();
     assert!(!complete.is_empty());
     // The file has the steps that fit into the insole's RAM, with one row for each of the eight regions.
-    assert_eq!(rows(&complete[0].path()), 8 * STEP_QUEUE as i64);
+    assert_eq!(rows(&complete[0].path()), 8 * RECORD_QUEUE as i64);
 }
 
 #[test]
@@ -242,7 +242,7 @@ fn refused_beside<L: Read + Write>(arguments: &[&str], link: impl FnOnce() -> L)
         assert!(!output.status.success(), "{text}");
         text
     });
-    insole.session.push_step(step(1));
+    insole.session.push_record(step(1));
     assert!(insole.serve(&mut link, |message| matches!(message, ToDevice::Acknowledge { step: 1 })));
     let (output, first_text) = wait_for_end(first);
     assert!(output.status.success() && !first_text.contains("trying again"), "{first_text}");
@@ -318,7 +318,7 @@ mod serial {
             connect_requests.get() > MAX_CONNECT_REQUESTS
         }));
         insole.is_silent = false;
-        insole.session.push_step(step(1));
+        insole.session.push_record(step(1));
         assert!(insole.serve(&mut port, |message| matches!(message, ToDevice::Acknowledge { step: 1 })));
         let (output, text) = wait_for_end(program);
         assert!(output.status.success(), "{text}");
@@ -333,11 +333,11 @@ mod serial {
         // The port is never plugged in again, so the option --seconds ends the program.
         let program =
             plantar(&["record", "--seconds", "3", "--serial", &name, "--out"]).arg(&out).spawn().expect("it runs");
-        assert!(Insole::with_steps(0..STEP_QUEUE as u32).serve(&mut port, is_acknowledgement));
+        assert!(Insole::with_steps(0..RECORD_QUEUE as u32).serve(&mut port, is_acknowledgement));
         drop(port);
         let (output, text) = wait_for_end(program);
         assert!(output.status.success(), "{text}");
         assert!(text.contains(&name) && text.contains("trying again"), "{text}");
-        assert_eq!(rows(&out.join("steps/part-00000.parquet")), 8 * STEP_QUEUE as i64);
+        assert_eq!(rows(&out.join("steps/part-00000.parquet")), 8 * RECORD_QUEUE as i64);
     }
 }

@@ -3,7 +3,7 @@
 use crate::hub::Hub;
 use client::{Carrier, Error, Event, Link, Open, ReconnectPolicy};
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::{ToDevice, ToHost};
+use plantar::protocol::{LoadRecord, ToDevice, ToHost};
 use std::time::{Duration, Instant};
 
 /// Time between two requests for the insole's counters.
@@ -43,7 +43,9 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
         match insole.next_event() {
             Ok(Event::Started(_)) => pass_hello(hub, index, &mut insole),
             Ok(Event::Message(ToHost::Live(live))) => hub.live(index, live),
-            Ok(Event::Message(ToHost::Step(step))) => hub.step(index, step),
+            Ok(Event::Message(message)) if let Some(record) = LoadRecord::of(&message) => {
+                hub.load_record(index, record)
+            }
             Ok(Event::Message(ToHost::Status(status))) => hub.status(index, status),
             Ok(Event::Message(ToHost::Tissue(tissue))) => hub.tissue_answer(index, Ok(tissue)),
             Ok(Event::Message(ToHost::Refused(refusal))) => hub.tissue_answer(index, Err(refusal)),

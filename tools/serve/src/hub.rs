@@ -2,8 +2,8 @@
 
 use client::{Axis, StreamFile, unix_us};
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::session::{CommandResult, STEP_QUEUE, Session};
-use plantar::protocol::{Hello, Live, MAX_MESSAGE, Refusal, Status, Step, ToDevice, ToHost, decode};
+use plantar::protocol::session::{CommandResult, RECORD_QUEUE, Session};
+use plantar::protocol::{Hello, Live, LoadRecord, MAX_MESSAGE, Refusal, Status, ToDevice, ToHost, decode};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -32,28 +32,28 @@ struct Insole {
     status: Status,
     /// Converts between the insole's clock and this computer's.
     axis: Axis,
-    /// Number of sessions with the insole so far. Step numbers can be compared only within one session.
+    /// Number of sessions with the insole so far. Numbers of records can be compared only within one session.
     session: u64,
-    /// Steps that no page has acknowledged, at most as many as the insole holds in RAM.
-    pending: VecDeque<PendingStep>,
-    /// The last steps that a page acknowledged: after a lost acknowledgement, the insole sends them again.
-    acknowledged: VecDeque<Step>,
-    /// Number of the step to acknowledge to the insole next.
+    /// Steps and load bouts that no page has acknowledged, at most as many as the insole holds in RAM.
+    pending: VecDeque<Pending>,
+    /// The last ones that a page acknowledged: after a lost acknowledgement, the insole sends them again.
+    acknowledged: VecDeque<LoadRecord>,
+    /// Number of the record to acknowledge to the insole next.
     to_acknowledge: Option<u32>,
     /// The number of each page, and its session.
     pages: Vec<(u64, Session)>,
 }
 
-struct PendingStep {
-    step: Step,
-    /// The session with the insole in which the step arrived last.
+struct Pending {
+    record: LoadRecord,
+    /// The session with the insole in which the record arrived last.
     session: u64,
     is_recorded: bool,
 }
 
-/// Pushes to a queue with at most [`STEP_QUEUE`] items; a full queue drops its oldest item.
+/// Pushes to a queue with at most [`RECORD_QUEUE`] items; a full queue drops its oldest item.
 fn push<T>(queue: &mut VecDeque<T>, item: T) {
-    if queue.len() == STEP_QUEUE {
+    if queue.len() == RECORD_QUEUE {
         queue.pop_front();
     }
     queue.push_back(item);
@@ -92,7 +92,9 @@ impl Hub {
         let Some(file) = recorder.as_mut() else { return false };
         let written = file.write(index as u8, message);
         if let Err(error) = &written {
-            eprintln!("the recording has ended: {error}; steps remain on the insole until a page stores them");
+            eprintln!(
+                "the recording has ended: {error}; steps and load bouts remain on the insole until a page stores them"
+            );
             *recorder = None;
         }
         written.is_ok()
@@ -159,28 +161,28 @@ impl Hub {
         self.changed.send_replace(());
     }
 
-    pub fn step(&self, index: usize, step: Step) {
+    pub fn load_record(&self, index: usize, record: LoadRecord) {
         let mut insole = self.insole(index);
         let session = insole.session;
-        if insole.acknowledged.iter().any(|acknowledged| acknowledged.is_same(&step)) {
-            insole.to_acknowledge = Some(step.step);
+        if insole.acknowledged.iter().any(|acknowledged| acknowledged.is_same(&record)) {
+            insole.to_acknowledge = Some(record.number());
             return;
         }
-        if let Some(pending) = insole.pending.iter_mut().find(|pending| pending.step.is_same(&step)) {
+        if let Some(pending) = insole.pending.iter_mut().find(|pending| pending.record.is_same(&record)) {
             pending.session = session;
-            // The step is in the recording, but the insole did not receive its acknowledgement.
+            // It is in the recording, but the insole did not receive its acknowledgement.
             if pending.is_recorded {
-                insole.to_acknowledge = Some(step.step);
+                insole.to_acknowledge = Some(record.number());
             }
             return;
         }
-        let is_recorded = self.record(index, &ToHost::Step(step));
-        push(&mut insole.pending, PendingStep { step, session, is_recorded });
+        let is_recorded = self.record(index, &record.into());
+        push(&mut insole.pending, Pending { record, session, is_recorded });
         for (_, link) in &mut insole.pages {
-            link.push_step(step);
+            link.push_record(record);
         }
         if is_recorded {
-            insole.to_acknowledge = Some(step.step);
+            insole.to_acknowledge = Some(record.number());
         }
         drop(insole);
         self.changed.send_replace(());
@@ -196,7 +198,7 @@ impl Hub {
         self.insole(index).axis.clone_from(axis);
     }
 
-    /// Takes the number of the step that must be acknowledged to the insole.
+    /// Takes the number of the record that must be acknowledged to the insole.
     pub fn acknowledgement(&self, index: usize) -> Option<u32> {
         self.insole(index).to_acknowledge.take()
     }
@@ -209,7 +211,7 @@ impl Hub {
             let mut insole = insole.lock().unwrap_or_else(PoisonError::into_inner);
             let mut link = Session::new();
             for pending in &insole.pending {
-                link.push_step(pending.step);
+                link.push_record(pending.record);
             }
             insole.pages.push((*next, link));
         }
@@ -316,13 +318,13 @@ impl Page {
 }
 
 impl Insole {
-    fn acknowledged_by_page(&mut self, step: u32) {
-        let Some(at) = self.pending.iter().position(|pending| pending.step.step == step) else { return };
-        if let Some(PendingStep { step, session, .. }) = self.pending.remove(at) {
-            push(&mut self.acknowledged, step);
-            // In a later session the insole may use this number for another step.
+    fn acknowledged_by_page(&mut self, number: u32) {
+        let Some(at) = self.pending.iter().position(|pending| pending.record.number() == number) else { return };
+        if let Some(Pending { record, session, .. }) = self.pending.remove(at) {
+            push(&mut self.acknowledged, record);
+            // In a later session the insole may use this number for another record.
             if session == self.session {
-                self.to_acknowledge = Some(step.step);
+                self.to_acknowledge = Some(number);
             }
         }
     }

@@ -102,7 +102,7 @@ impl Cable {
 
     fn step(&self, number: u32) {
         let step = step(self.act(|insole| insole.side), number);
-        self.act(|insole| insole.link.push_step(step));
+        self.act(|insole| insole.link.push_record(step));
     }
 
     /// Waits until the insole received a command, and answers it.
@@ -333,7 +333,7 @@ async fn a_repeated_step_is_acknowledged_again_and_recorded_once() {
     cable.act(|insole| {
         insole.acknowledged.clear();
         insole.link = Session::new();
-        insole.link.push_step(Step { boots_since: 1, ..step(Side::Left, 0) });
+        insole.link.push_record(Step { boots_since: 1, ..step(Side::Left, 0) });
         insole.is_unplugged = false;
     });
     assert!(cable.acknowledged(0));

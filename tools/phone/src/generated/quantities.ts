@@ -6,7 +6,7 @@ export type Side = "left" | "right";
 export interface Step {
   /** Foot. */
   side: Side;
-  /** Number of the step; continues after a restart as long as the flash chip is the same. Unit: count. */
+  /** Number of the record; continues after a restart as long as the flash chip is the same. Unit: count. */
   step: number;
   /** Time of the heel strike, the first loaded frame of the step, since the first scan. Unit: s. */
   start_s: number;
@@ -148,6 +148,36 @@ export interface Ellipse {
   angle_deg: number;
 }
 
+/** A load bout, the same object as in the files of the command line. */
+export interface Bout {
+  /** What the wearer did. */
+  kind: "unclassified" | "standing" | "shuffling" | "sitting";
+  /** Foot. */
+  side: Side;
+  /** Number of the record. Unit: count. */
+  number: number;
+  /** Time of the first frame, since the first scan. Unit: s. */
+  start_s: number;
+  /** Time from the first to the last frame. Unit: s. */
+  duration_s: number;
+  /** Boots of the insole since the one that recorded this bout; the start time counts from that one. Unit: count. */
+  starts_ago: number;
+  /** Start on the insole's own clock, s since 1970; null unless the insole has restarted since the load bout. */
+  start_unix_s: number | null;
+  /** The regions by name. */
+  regions: Record<string, BoutRegion>;
+}
+
+/** One region of a load bout. */
+export interface BoutRegion {
+  /** Force-time integral of the measured force. Unit: N s. */
+  measured_force_integral_n_s: number;
+  /** Pressure-time integral. Unit: kPa s. */
+  pressure_integral_kpa_s: number;
+  /** Largest pressure of a cell. Unit: kPa. */
+  peak_pressure_kpa: number;
+}
+
 /** A live frame. */
 export interface Live {
   /** Number of the frame in its stream; a gap is a frame that was dropped or lost on the way. Unit: count. */
@@ -245,6 +275,13 @@ export const GAIT_COLUMNS = [
   "width_mm",
   "velocity_mm_s",
 ] as const satisfies readonly (keyof GaitLine)[];
+
+/** Columns of a region in the CSV of load bouts. */
+export const BOUT_COLUMNS = [
+  "measured_force_integral_n_s",
+  "pressure_integral_kpa_s",
+  "peak_pressure_kpa",
+] as const satisfies readonly (keyof BoutRegion)[];
 
 /** Columns of a region in the CSV of live frames. */
 export const LIVE_COLUMNS = [

@@ -5,7 +5,7 @@ use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::gatt::{self, GattChannel};
-use plantar::protocol::session::STEP_QUEUE;
+use plantar::protocol::session::RECORD_QUEUE;
 use plantar::protocol::{MAJOR, MAX_MESSAGE, MINOR, ToDevice, encode};
 use serde::Serialize;
 
@@ -17,8 +17,8 @@ pub struct Facts {
     major: u8,
     /// Minor protocol version of the page.
     minor: u8,
-    /// Unacknowledged steps that an insole holds in RAM.
-    step_queue: usize,
+    /// Unacknowledged steps and load bouts that an insole holds in RAM.
+    record_queue: usize,
     gatt: Gatt,
     /// The regions, in the order of the messages.
     regions: Vec<RegionFacts>,
@@ -83,7 +83,7 @@ pub(crate) fn facts_to_json() -> String {
     let facts = Facts {
         major: MAJOR,
         minor: MINOR,
-        step_queue: STEP_QUEUE,
+        record_queue: RECORD_QUEUE,
         gatt: Gatt {
             service: uuid_to_text(gatt::SERVICE),
             control: uuid_to_text(gatt::CONTROL),

@@ -1,10 +1,10 @@
 //! Messages of an insole as JSON for the page. Each message is one object. Its first key is `kind`; the names of the other keys
 //! include the units.
 
-use client::step_to_json;
+use client::{bout_to_json, step_to_json};
 use plantar::Side;
 use plantar::faults;
-use plantar::protocol::{self, LiveRegion, MAX_MESSAGE, Quantity, Step, ToHost, encode};
+use plantar::protocol::{self, Bout, LiveRegion, MAX_MESSAGE, Quantity, Step, ToHost, encode};
 use serde::ser::{SerializeMap, SerializeSeq};
 use serde::{Serialize, Serializer};
 use serde_json::Value;
@@ -23,6 +23,13 @@ pub(crate) enum Message {
         key: String,
         #[cfg_attr(test, ts(type = "Step"))]
         step: Value,
+    },
+    /// A load bout.
+    Bout {
+        /// Identifies the load bout, as that of a step.
+        key: String,
+        #[cfg_attr(test, ts(type = "Bout"))]
+        bout: Value,
     },
     Status(Status),
     Tissue {
@@ -80,8 +87,8 @@ pub(crate) struct Status {
     /// Live frames that the insole handed to its link in this session.
     live_sent: u32,
     steps: u32,
-    /// Unacknowledged steps that were dropped because there was no space for newer steps.
-    steps_dropped: u32,
+    /// Unacknowledged steps and load bouts that were dropped because there was no space for newer ones.
+    records_dropped: u32,
     /// Damaged or unknown messages that the insole received.
     bad_frames: u32,
     /// Records that the insole could not store.
@@ -126,7 +133,8 @@ impl Message {
         Some(match message {
             ToHost::Hello(hello) => Self::Hello(hello.into()),
             ToHost::Live(live) => Self::Live(LiveFrame(live)),
-            ToHost::Step(step) => Self::Step { key: step_key(&step), step: step_to_json(&step) },
+            ToHost::Step(step) => Self::Step { key: key(&Step { boots_since: 0, ..step }), step: step_to_json(&step) },
+            ToHost::Bout(bout) => Self::Bout { key: key(&Bout { boots_since: 0, ..bout }), bout: bout_to_json(&bout) },
             ToHost::Status(status) => Self::Status(status.into()),
             ToHost::Tissue(tissue) => Self::Tissue { id: tissue.id },
             ToHost::Refused(refusal) => Self::Refused { reason: refusal.to_string() },
@@ -137,11 +145,12 @@ impl Message {
     }
 }
 
-/// The key of a step: the encoded [`Step::content`] in hexadecimal digits.
-fn step_key(step: &Step) -> String {
+/// The key of a step or load bout: `content`, all of it that does not change if an insole sends it again after a restart, encoded in
+/// hexadecimal digits.
+fn key(content: &impl Serialize) -> String {
     let mut buffer = [0; MAX_MESSAGE];
-    // Every step fits into the buffer, so the key is never empty.
-    let content = encode(&step.content(), &mut buffer).map_or(&[][..], |content| content);
+    // Every message fits into the buffer, so the key is never empty.
+    let content = encode(content, &mut buffer).map_or(&[][..], |content| content);
     content.iter().fold(String::with_capacity(2 * content.len()), |mut key, byte| {
         // Writing to a String does not fail.
         let _ = write!(key, "{byte:02x}");
@@ -177,7 +186,7 @@ impl From<protocol::Status> for Status {
             live_due: status.live_due,
             live_sent: status.live_sent,
             steps: status.steps,
-            steps_dropped: status.steps_dropped,
+            records_dropped: status.records_dropped,
             bad_frames: status.bad_frames,
             not_stored: status.not_stored,
             faults: status.faults,

@@ -2,10 +2,11 @@
 
 use crate::facts::{Facts, Gatt, RegionFacts, Sole};
 use crate::message::{Fault, Faults, Hello, LiveFrame, Message, Status};
-use client::step_to_json;
+use client::{bout_to_json, step_to_json};
 use plantar::Side;
+use plantar::pipeline::bout::BoutKind;
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::{Flag, Live, LiveRegion, Quantity, Step, StepFoot, StepRegion};
+use plantar::protocol::{Bout, BoutRegion, Flag, Live, LiveRegion, Quantity, Step, StepFoot, StepRegion};
 use std::fmt::Write;
 use ts_rs::{Config, TS};
 
@@ -46,6 +47,16 @@ fn the_interfaces_have_the_keys_of_the_objects() {
         foot: StepFoot { valley_dn: 1, ..StepFoot::default() },
     };
     let step = step_to_json(&step);
+    let bout = bout_to_json(&Bout {
+        number: 0,
+        side: Side::Left,
+        kind: BoutKind::Standing,
+        start_us: 0,
+        duration_us: 0,
+        regions: [BoutRegion::default(); 8],
+        boots_since: 0,
+        start_unix_us: None,
+    });
     let heel = &step["regions"]["heel"];
     let live = serde_json::to_value(Message::Live(LiveFrame(Live::default()))).expect("JSON");
     let text = quantities();
@@ -55,6 +66,8 @@ fn the_interfaces_have_the_keys_of_the_objects() {
         ("GaitLine", &step["foot"]["gait_line"]),
         ("StepRegion", heel),
         ("Ellipse", &heel["ellipse_at_peak"]),
+        ("Bout", &bout),
+        ("BoutRegion", &bout["regions"]["heel"]),
         ("Live", &live),
         ("LiveRegion", &live["regions"][0]),
     ] {
@@ -64,7 +77,7 @@ fn the_interfaces_have_the_keys_of_the_objects() {
         let mut fields: Vec<_> = fields.map(|(name, _)| name.trim()).collect();
         let keys = object.as_object().expect("an object").keys().map(String::as_str);
         // The message of a live frame also has the key `kind`.
-        let mut keys: Vec<_> = keys.filter(|key| *key != "kind").collect();
+        let mut keys: Vec<_> = keys.filter(|key| *key != "kind" || name == "Bout").collect();
         fields.sort_unstable();
         keys.sort_unstable();
         assert_eq!(fields, keys, "{name}");
@@ -73,7 +86,7 @@ fn the_interfaces_have_the_keys_of_the_objects() {
 
 /// The content of `messages.ts`.
 fn messages() -> String {
-    let mut text = format!("{HEADER}\nimport type {{ Live, Side, Step }} from \"./quantities\";\n");
+    let mut text = format!("{HEADER}\nimport type {{ Bout, Live, Side, Step }} from \"./quantities\";\n");
     let config = Config::new().with_large_int("number");
     declare::<Message>(&mut text, &config);
     declare::<Hello>(&mut text, &config);
@@ -136,6 +149,19 @@ fn quantities() -> String {
     interface(&mut text, "A contact ellipse.", "Ellipse", |text| {
         nested.iter().for_each(|quantity| quantity_field(text, quantity));
     });
+    interface(&mut text, "A load bout, the same object as in the files of the command line.", "Bout", |text| {
+        let kinds = BoutKind::ALL.map(|kind| format!("\"{}\"", kind.name())).join(" | ");
+        field(text, "What the wearer did.", "kind", &kinds);
+        field(text, "Foot.", "side", "Side");
+        Bout::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
+        let meaning =
+            "Start on the insole's own clock, s since 1970; null unless the insole has restarted since the load bout.";
+        field(text, meaning, "start_unix_s", "number | null");
+        field(text, "The regions by name.", "regions", "Record<string, BoutRegion>");
+    });
+    interface(&mut text, "One region of a load bout.", "BoutRegion", |text| {
+        BoutRegion::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
+    });
     interface(&mut text, "A live frame.", "Live", |text| {
         Live::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
         field(text, "The regions, in the order of `Facts.regions`.", "regions", "LiveRegion[]");
@@ -167,6 +193,8 @@ fn quantities() -> String {
         "GaitLine",
         &keys(&gait),
     );
+    let columns: Vec<_> = BoutRegion::QUANTITIES.iter().map(|quantity| quantity.key).collect();
+    constant(&mut text, "Columns of a region in the CSV of load bouts.", "BOUT_COLUMNS", "BoutRegion", &columns);
     let live = LiveRegion::QUANTITIES.iter().map(|quantity| quantity.key);
     let columns: Vec<_> = live.chain(Live::FLAGS.iter().map(|flag| flag.name)).collect();
     constant(&mut text, "Columns of a region in the CSV of live frames.", "LIVE_COLUMNS", "LiveRegion", &columns);

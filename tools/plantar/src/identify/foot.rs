@@ -257,6 +257,9 @@ impl Foot {
                     steps.push(step);
                     foot.update(|progress| progress.done = steps.len());
                 }
+            } else if let Item::Message(message @ ToHost::Bout(bout)) = item {
+                file.write(0, &message)?;
+                foot.link.send(ToDevice::Acknowledge { step: bout.number });
             }
             Ok(steps.len() >= count)
         })?;
@@ -316,6 +319,10 @@ impl Walk {
                 foot.link.send(ToDevice::Acknowledge { step: step.step });
                 self.steps.step(&step);
                 self.last_step = Instant::now();
+            }
+            Item::Message(message @ ToHost::Bout(bout)) => {
+                file.write(0, &message)?;
+                foot.link.send(ToDevice::Acknowledge { step: bout.number });
             }
             Item::Message(_) => {}
         }

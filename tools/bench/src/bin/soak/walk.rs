@@ -11,7 +11,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::stance_rule::StanceRule;
-use plantar::protocol::{Reset, Status, Step, ToDevice, ToHost};
+use plantar::protocol::{Bout, LoadRecord, Reset, Status, Step, ToDevice, ToHost};
 use plantar::storage::Store;
 use recording::{VirtualInsole, synthetic};
 use std::net::TcpStream;
@@ -131,7 +131,7 @@ fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
     let mut replay = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     replay.set_up(insole.setup, insole.cells.iter().copied())?;
     replay.set_tissue(&tissue).map_err(anyhow::Error::msg)?;
-    replay.count_steps_from(first_step);
+    replay.count_records_from(first_step);
     let mut walk = repeated();
     let mut codes = vec![0; insole.cells.len()];
     let mut scans = 0;
@@ -140,7 +140,10 @@ fn walk(firmware: &Path, side: Side, steps: u32) -> Result<Walked> {
         walk.scan(seq, &mut codes);
         scans += 1;
         if replay.frame(seq, &codes) {
-            return Some(Step::new(&replay.whole_step()?));
+            return Some(Step::new(&replay.whole_step()?).into());
+        }
+        if let Some(bout) = replay.take_bout() {
+            return Some(Bout::new(&bout).into());
         }
     };
 
@@ -159,7 +162,7 @@ fn used_chip(first_step: u32) -> Result<Vec<u8>> {
     let last_step = first_step.wrapping_sub(1);
     block_on(async {
         let mut store = Store::open(Some(&mut chip), Reset::Power).await;
-        store.push_step(&step(last_step)).await?;
+        store.push_record(step(last_step)).await?;
         store.acknowledge(last_step).await
     })
     .ok()
@@ -167,12 +170,13 @@ fn used_chip(first_step: u32) -> Result<Vec<u8>> {
     Ok(chip.bytes)
 }
 
-/// Receives and acknowledges `steps` steps, and compares each with the next step of a replay, which `expected` returns.
+/// Receives and acknowledges steps and load bouts until `steps` steps have arrived, and compares each with the next one of a replay,
+/// which `expected` returns.
 fn receive(
     client: &mut Client<Framed<TcpStream>>,
     side: Side,
     steps: u32,
-    mut expected: impl FnMut() -> Option<Step>,
+    mut expected: impl FnMut() -> Option<LoadRecord>,
 ) -> Result<Walked> {
     let (mut received, mut live, mut lost, mut first_stack_bytes, mut timeouts) = (0, 0, None, None, 0);
     let status = loop {
@@ -181,7 +185,7 @@ fn receive(
             Some(ToHost::Step(step)) => {
                 let expected = expected();
                 ensure!(
-                    expected == Some(Step { start_unix_us: None, ..step }),
+                    expected == Some(Step { start_unix_us: None, ..step }.into()),
                     "step {received} of the {} foot differs from the replay: {step:?}, {expected:?}",
                     side.name()
                 );
@@ -202,6 +206,16 @@ fn receive(
                     eprintln!("{} foot: {received} of {steps} steps", side.name());
                 }
             }
+            Some(ToHost::Bout(bout)) => {
+                let expected = expected();
+                ensure!(
+                    expected == Some(Bout { start_unix_us: None, ..bout }.into()),
+                    "load bout {} of the {} foot differs from the replay: {bout:?}, {expected:?}",
+                    bout.number,
+                    side.name()
+                );
+                client.send(ToDevice::Acknowledge { step: bout.number })?;
+            }
             Some(ToHost::Status(status)) => drop(first_stack_bytes.get_or_insert(status.stack_bytes)),
             Some(ToHost::Hello(hello)) => bail!("the insole restarted: {:?}", hello.last_panic),
             Some(_) => {}
@@ -216,7 +230,7 @@ fn receive(
     let counters = client.counters();
     let lost = lost.unwrap_or(counters.frames_lost);
     ensure!(lost == 0 && counters.crc_errors == 0, "{lost} live frames were lost: {counters:?}");
-    ensure!(status.steps_dropped == 0 && status.not_stored == 0, "steps were dropped: {status:?}");
+    ensure!(status.records_dropped == 0 && status.not_stored == 0, "steps were dropped: {status:?}");
     let scans = status.frames + status.frames_missed + status.frames_overrun;
     let stack_bytes = (first_stack_bytes.unwrap_or(status.stack_bytes), status.stack_bytes);
     Ok(Walked { status, scans, steps: received, live, stack_bytes })

@@ -1,0 +1,380 @@
+//! Load bouts: the load that is not part of a step, so that each newton-second is part of one record.
+//!
+//! The load outside steps is collected in windows of [`WINDOW_MS`]. Each window has a kind; a bout ends when two successive windows
+//! have another kind than it, so that a single movement does not divide a time of standing. The force between the steps of a
+//! walk, below the threshold of heel strike, is collected in one long bout without a kind.
+
+use super::curves::Curves;
+use super::region::{RegionFrame, Side};
+use super::stance_rule::REFERENCE_PEAK_N;
+use crate::num::Real;
+use serde::{Deserialize, Serialize};
+
+/// Time outside steps after which a window ends, ms.
+const WINDOW_MS: u32 = 2_000;
+/// A window whose foot leaves the ground earlier than after this part of [`WINDOW_MS`] has no kind of its own.
+const LEAST_PART: u32 = 2;
+/// A bout ends with the window in which it reaches this duration, s.
+const LONGEST_S: u32 = 60;
+/// The same for a bout with a mean force below [`LIGHT`], s.
+const LONGEST_LIGHT_S: u32 = 3_600;
+
+/// Range of the total force in a window of shuffling, relative to the peak of the wearer's steps: more than the sway of a person who
+/// stands, less than the transfer of half of the weight to the other foot.
+const MOVING: f64 = 0.25;
+/// Mean force of standing, relative to the same: each foot of a person who stands has about half of the weight, of a person who sits
+/// less than a tenth.
+const STANDING: f64 = 0.15;
+/// Mean force of a foot in the air is below this, relative to the same.
+const LIGHT: f64 = 0.01;
+/// A bout has at least this force-time integral, N s. A smaller one is added to the next bout.
+const LEAST_N_S: f64 = 1.0;
+
+/// The kind of a load bout.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum BoutKind {
+    /// None of the others: the force between the steps of a walk, short contacts, and the force of a foot in the air.
+    #[default]
+    Unclassified,
+    /// The foot carries a nearly constant load.
+    Standing,
+    /// The load changes as in walking, but the foot does not leave the ground between the steps.
+    Shuffling,
+    /// The foot carries a small, nearly constant load.
+    Sitting,
+}
+
+impl BoutKind {
+    /// All kinds.
+    pub const ALL: [Self; 4] = [Self::Unclassified, Self::Standing, Self::Shuffling, Self::Sitting];
+
+    /// Name in files and output.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Unclassified => "unclassified",
+            Self::Standing => "standing",
+            Self::Shuffling => "shuffling",
+            Self::Sitting => "sitting",
+        }
+    }
+}
+
+/// The load of one region in a bout.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BoutRegion<R> {
+    /// Force-time integral of the measured force, N s.
+    pub integral_n_s: R,
+    /// Time integral of the pressure of the highest cell, kPa s.
+    pub pressure_integral_kpa_s: R,
+    /// Largest pressure of a cell, kPa.
+    pub peak_pressure_kpa: R,
+}
+
+/// A load bout.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoutRecord<R> {
+    /// The foot.
+    pub side: Side,
+    /// Number of the record; steps and bouts are counted together.
+    pub number: u32,
+    /// The kind.
+    pub kind: BoutKind,
+    /// Time of the first frame, us.
+    pub start_us: u64,
+    /// Time from the first to the last frame, us. Steps within this time are not part of the bout.
+    pub duration_us: u32,
+    /// The regions, in the order of [`crate::Region::ALL`].
+    pub regions: [BoutRegion<R>; 8],
+}
+
+/// The load of some frames.
+#[derive(Clone, Copy, Debug)]
+struct Load<R> {
+    /// Number of the first frame.
+    start_seq: u32,
+    /// Number of frames outside steps.
+    frames: u32,
+    /// Sum of the forces of each region, N.
+    force_n: [R; 8],
+    /// Sum of the pressures of the highest cell of each region, kPa.
+    pressure_kpa: [R; 8],
+    /// Largest pressure of a cell of each region, kPa.
+    peak_kpa: [R; 8],
+}
+
+impl<R: Real> Load<R> {
+    const NONE: Self =
+        Self { start_seq: 0, frames: 0, force_n: [R::ZERO; 8], pressure_kpa: [R::ZERO; 8], peak_kpa: [R::ZERO; 8] };
+
+    /// Adds later frames.
+    fn append(&mut self, later: &Self) {
+        if self.frames == 0 {
+            self.start_seq = later.start_seq;
+        }
+        self.frames += later.frames;
+        for region in 0..8 {
+            self.force_n[region] += later.force_n[region];
+            self.pressure_kpa[region] += later.pressure_kpa[region];
+            self.peak_kpa[region] = self.peak_kpa[region].max(later.peak_kpa[region]);
+        }
+    }
+
+    /// Sum of the total force, N.
+    fn total_n(&self) -> R {
+        self.force_n.iter().copied().sum()
+    }
+}
+
+/// The load of some time, and its kind.
+#[derive(Clone, Copy, Debug)]
+struct Part<R> {
+    kind: BoutKind,
+    /// No frames: there is no such part.
+    load: Load<R>,
+}
+
+impl<R: Real> Part<R> {
+    const NONE: Self = Self { kind: BoutKind::Unclassified, load: Load::NONE };
+
+    fn is_none(&self) -> bool {
+        self.load.frames == 0
+    }
+
+    fn take(&mut self) -> Self {
+        core::mem::replace(self, Self::NONE)
+    }
+}
+
+/// The frames that are collected for a common kind.
+#[derive(Clone, Copy, Debug)]
+struct Window<R> {
+    load: Load<R>,
+    /// Smallest and largest total force, N.
+    range_n: (R, R),
+    /// The foot is on the ground.
+    is_on_ground: bool,
+    /// The load is that between steps, or of a short contact.
+    is_between_steps: bool,
+}
+
+impl<R: Real> Window<R> {
+    const NEW: Self =
+        Self { load: Load::NONE, range_n: (R::ZERO, R::ZERO), is_on_ground: false, is_between_steps: false };
+
+    /// Adds a number of frames with these regions' forces and highest pressures.
+    fn add(&mut self, seq: u32, frames: u32, region: impl Fn(usize) -> (R, R)) {
+        let mut total_n = R::ZERO;
+        let is_first = self.load.frames == 0;
+        if is_first {
+            self.load.start_seq = seq;
+        }
+        self.load.frames += frames;
+        for i in 0..8 {
+            let (force_n, peak_kpa) = region(i);
+            total_n += force_n;
+            self.load.force_n[i] += force_n * R::of_u32(frames);
+            self.load.pressure_kpa[i] += peak_kpa * R::of_u32(frames);
+            self.load.peak_kpa[i] = self.load.peak_kpa[i].max(peak_kpa);
+        }
+        let (least_n, most_n) = self.range_n;
+        self.range_n = if is_first { (total_n, total_n) } else { (least_n.min(total_n), most_n.max(total_n)) };
+    }
+
+    /// The kind, for a wearer with steps of this peak, N.
+    fn kind(&self, peak_n: R) -> BoutKind {
+        let mean_n = self.load.total_n() / R::of_u32(self.load.frames.max(1));
+        let (least_n, most_n) = self.range_n;
+        if self.is_between_steps {
+            BoutKind::Unclassified
+        } else if most_n - least_n >= peak_n * R::of(MOVING) {
+            BoutKind::Shuffling
+        } else if mean_n >= peak_n * R::of(STANDING) {
+            BoutKind::Standing
+        } else if mean_n >= peak_n * R::of(LIGHT) {
+            BoutKind::Sitting
+        } else {
+            BoutKind::Unclassified
+        }
+    }
+}
+
+/// The load outside steps that is not part of a complete bout yet, and the bout that was completed last.
+#[derive(Debug)]
+pub(crate) struct Bouts<R> {
+    /// Time between frames, us.
+    period_us: u32,
+    /// Peak of the total force in the wearer's steps, N; 0 before the first step.
+    peak_n: R,
+    /// Number of the last frame.
+    last_seq: u32,
+    window: Window<R>,
+    /// The bout in progress.
+    bout: Part<R>,
+    /// The window after it, of another kind.
+    next: Part<R>,
+    /// The complete bout.
+    complete: Part<R>,
+    /// Number of the frame after it.
+    end_seq: u32,
+}
+
+impl<R: Real> Bouts<R> {
+    pub(crate) const fn new() -> Self {
+        Self {
+            period_us: 0,
+            peak_n: R::ZERO,
+            last_seq: 0,
+            window: Window::NEW,
+            bout: Part::NONE,
+            next: Part::NONE,
+            complete: Part::NONE,
+            end_seq: 0,
+        }
+    }
+
+    /// Discards all load, for frames with this time between them, us.
+    pub(crate) fn set_up(&mut self, period_us: u32) {
+        *self = Self { period_us, ..Self::new() };
+    }
+
+    /// Adds frame number `seq`, which is not part of a stance. `frames` is the number of frames that it stands for, more than 1
+    /// after missing ones.
+    #[inline(never)]
+    pub(crate) fn frame(&mut self, seq: u32, frames: u32, regions: &[&RegionFrame<R>; 8], is_on_ground: bool) {
+        self.last_seq = seq;
+        if is_on_ground != self.window.is_on_ground {
+            self.end_window();
+            self.window.is_on_ground = is_on_ground;
+        }
+        self.window.add(seq, frames, |region| (regions[region].force.force_n, regions[region].peak_kpa));
+        if self.window.load.frames >= self.frames_in(WINDOW_MS) {
+            self.end_window();
+            self.window.is_on_ground = is_on_ground;
+        }
+    }
+
+    /// Adds the samples of a stance from `first` on, after the end of a step. `peak_n` is the peak of the wearer's recent steps.
+    pub(crate) fn after_step(&mut self, curves: &Curves<R>, start_seq: u32, first: usize, peak_n: R) {
+        self.peak_n = peak_n;
+        self.add(curves, start_seq, first);
+        self.window.is_between_steps = true;
+    }
+
+    /// Adds a whole contact that began with frame `start_seq` and is not a step.
+    pub(crate) fn contact(&mut self, curves: &Curves<R>, start_seq: u32) {
+        let has_kind = self.is_long(curves.frames());
+        if has_kind {
+            self.end_window();
+        }
+        self.add(curves, start_seq, 0);
+        if has_kind {
+            self.end_window();
+            self.window.is_on_ground = true;
+        } else {
+            self.window.is_between_steps = true;
+        }
+    }
+
+    fn add(&mut self, curves: &Curves<R>, start_seq: u32, first: usize) {
+        for sample in first..curves.samples() {
+            let seq = start_seq.wrapping_add(sample as u32 * curves.stride());
+            self.window.add(seq, curves.stride(), |region| {
+                let peak_kpa = R::of_u32(curves.pressure_dkpa(region)[sample].into()) * R::of(0.1);
+                (curves.force_n(region)[sample], peak_kpa)
+            });
+            self.last_seq = seq;
+        }
+    }
+
+    fn frames_in(&self, ms: u32) -> u32 {
+        (u64::from(ms) * 1000 / u64::from(self.period_us.max(1))) as u32
+    }
+
+    /// True if a window of this number of frames has a kind of its own.
+    fn is_long(&self, frames: u32) -> bool {
+        frames >= self.frames_in(WINDOW_MS / LEAST_PART)
+    }
+
+    /// Ends the window: decides which bout it is part of.
+    fn end_window(&mut self) {
+        let window = core::mem::replace(&mut self.window, Window::NEW);
+        if window.load.frames == 0 {
+            return;
+        }
+        let peak_n = if self.peak_n > R::ZERO { self.peak_n } else { R::of(REFERENCE_PEAK_N) };
+        let part = Part { kind: window.kind(peak_n), load: window.load };
+        let has_kind = self.is_long(window.load.frames) || window.is_between_steps;
+        if !self.next.is_none() && (part.kind == self.next.kind || !has_kind) {
+            self.next.load.append(&part.load);
+            if has_kind {
+                let next = self.next.take();
+                let before = core::mem::replace(&mut self.bout, next);
+                self.complete(before, next.load.start_seq);
+            }
+        } else {
+            // A single window of another kind is part of the bout.
+            let single = self.next.take();
+            self.bout.load.append(&single.load);
+            if self.bout.is_none() {
+                self.bout.kind = part.kind;
+            }
+            if self.bout.is_none() || part.kind == self.bout.kind || !has_kind {
+                self.bout.load.append(&part.load);
+            } else {
+                self.next = part;
+            }
+        }
+        let is_light = self.bout.load.total_n() < peak_n * R::of(LIGHT) * R::of_u32(self.bout.load.frames);
+        let longest_ms = if is_light { LONGEST_LIGHT_S } else { LONGEST_S } * 1000;
+        let end_seq = if self.next.is_none() { self.last_seq.wrapping_add(1) } else { self.next.load.start_seq };
+        if end_seq.wrapping_sub(self.bout.load.start_seq) >= self.frames_in(longest_ms) {
+            let next = self.next.take();
+            let before = core::mem::replace(&mut self.bout, next);
+            self.complete(before, end_seq);
+        }
+    }
+
+    /// Completes a bout that ended before frame `end_seq`. A bout with little load is added to the one in progress.
+    fn complete(&mut self, bout: Part<R>, end_seq: u32) {
+        let least_n = R::of(LEAST_N_S * 1e6) / R::of_u32(self.period_us.max(1));
+        if !bout.is_none() && bout.load.total_n() >= least_n {
+            // A bout takes longer than the frame after which the previous one is taken.
+            (self.complete, self.end_seq) = (bout, end_seq);
+        } else {
+            self.bout.load.append(&Load { frames: 0, ..bout.load });
+        }
+    }
+
+    /// Completes the bout in progress, at the end of a recording.
+    pub(crate) fn end(&mut self) {
+        self.end_window();
+        let next = self.next.take();
+        let mut bout = core::mem::replace(&mut self.bout, Part::NONE);
+        bout.load.append(&next.load);
+        self.complete(bout, self.last_seq.wrapping_add(1));
+    }
+
+    /// True if there is a complete bout.
+    #[inline(always)]
+    pub(crate) fn has_complete(&self) -> bool {
+        !self.complete.is_none()
+    }
+
+    /// Returns the complete bout as the record with this number.
+    pub(crate) fn take(&mut self, side: Side, number: u32) -> Option<BoutRecord<R>> {
+        let Part { kind, load } = self.complete.take();
+        let frame_s = R::of(f64::from(self.period_us) * 1e-6);
+        (load.frames > 0).then(|| BoutRecord {
+            side,
+            number,
+            kind,
+            start_us: u64::from(load.start_seq) * u64::from(self.period_us),
+            duration_us: self.end_seq.wrapping_sub(load.start_seq).saturating_mul(self.period_us),
+            regions: core::array::from_fn(|region| BoutRegion {
+                integral_n_s: load.force_n[region] * frame_s,
+                pressure_integral_kpa_s: load.pressure_kpa[region] * frame_s,
+                peak_pressure_kpa: load.peak_kpa[region],
+            }),
+        })
+    }
+}

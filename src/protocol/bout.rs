@@ -1,0 +1,72 @@
+//! The load bout as a message.
+
+use super::quantities::quantities;
+use crate::num::Real;
+use crate::pipeline::bout::{BoutKind, BoutRecord, BoutRegion as Region};
+use crate::pipeline::region::Side;
+use postcard::fixint::le;
+use serde::{Deserialize, Serialize};
+
+quantities! {
+    /// A [`BoutRecord`] in scaled integers.
+    #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct Bout {
+        /// Number of the record.
+        number: u32 = record.number
+            => number [1 per "count"],
+            "Steps and load bouts are counted together; the number continues after a restart.";
+        /// Foot.
+        side: Side = record.side;
+        /// What the wearer did.
+        kind: BoutKind = record.kind;
+        /// Time of the first frame, since the first scan.
+        start_us: u64 = record.start_us
+            => start_s [1_000_000 per "s"],
+            "First frame that is not part of a step, after the bout before.";
+        /// Time from the first to the last frame.
+        duration_us: u32 = record.duration_us
+            => duration_s [1_000_000 per "s"],
+            "Steps within this time are not part of the bout.";
+        /// The regions, in the order of [`crate::Region::ALL`].
+        regions: [BoutRegion; 8] = record.regions.each_ref().map(BoutRegion::new);
+        /// Boots of the insole since the one that recorded this bout; the start time counts from that one.
+        boots_since: u32 = 0
+            => starts_ago [1 per "count"],
+            "Counted by the insole.";
+        /// `start_us` on the wall clock, us since 1970, UTC; `None` if the clock was not set.
+        start_unix_us: Option<u64> = None;
+    }
+
+    /// Rounds a bout of the running boot to the integer units of the message.
+    pub fn new<R: Real>(record: &BoutRecord<R>);
+}
+
+quantities! {
+    /// One region of a [`Bout`].
+    #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
+    pub struct BoutRegion {
+        /// Force-time integral of the measured force.
+        #[serde(with = "le")]
+        measured_integral_cns: u32 = round_u32(region.integral_n_s * R::of(100.0))
+            => measured_force_integral_n_s [100 per "N s"],
+            "Sum of the frames times the time between them.";
+        /// Pressure-time integral.
+        #[serde(with = "le")]
+        pressure_integral_dkpas: u32 = round_u32(region.pressure_integral_kpa_s * R::of(10.0))
+            => pressure_integral_kpa_s [10 per "kPa s"],
+            "Sum over the frames of the pressure of the highest cell, times the time between them.";
+        /// Largest pressure of a cell.
+        #[serde(with = "le")]
+        peak_pressure_dkpa: u16 = (region.peak_pressure_kpa * R::of(10.0)).round_u16()
+            => peak_pressure_kpa [10 per "kPa"],
+            "Highest cell of the region over the bout.";
+    }
+
+    /// Rounds a region to the integer units of the message.
+    fn new<R: Real>(region: &Region<R>);
+}
+
+/// Nearest integer. Single precision has fewer digits than the integer, so the larger ones need not be rounded.
+fn round_u32<R: Real>(value: R) -> u32 {
+    (value + R::of(0.5)).to_f64() as u32
+}

@@ -1,0 +1,90 @@
+//! A load record: a step or a load bout. The insole stores it until a host has acknowledged it. Load records are numbered in the
+//! order of their ends.
+
+use super::{Bout, Step, ToHost};
+use serde::{Deserialize, Serialize};
+
+/// A step or a load bout.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "most records are steps")]
+pub enum LoadRecord {
+    /// A step.
+    Step(Step),
+    /// A load bout.
+    Bout(Bout),
+}
+
+impl LoadRecord {
+    /// The record in this message; `None` if it contains none.
+    pub fn of(message: &ToHost) -> Option<Self> {
+        match message {
+            ToHost::Step(step) => Some(Self::Step(*step)),
+            ToHost::Bout(bout) => Some(Self::Bout(*bout)),
+            _ => None,
+        }
+    }
+
+    /// The step; `None` for a load bout.
+    pub fn step(&self) -> Option<&Step> {
+        match self {
+            Self::Step(step) => Some(step),
+            Self::Bout(_) => None,
+        }
+    }
+
+    /// The number of the record.
+    pub fn number(&self) -> u32 {
+        match self {
+            Self::Step(step) => step.step,
+            Self::Bout(bout) => bout.number,
+        }
+    }
+
+    /// Its start: the number of boots since then, the time since the first scan of that boot, us, and the time on the wall clock, us
+    /// since 1970, if it was set.
+    pub fn start(&self) -> (u32, u64, Option<u64>) {
+        match self {
+            Self::Step(step) => (step.boots_since, step.start_us, step.start_unix_us),
+            Self::Bout(bout) => (bout.boots_since, bout.start_us, bout.start_unix_us),
+        }
+    }
+
+    /// The record with this number of boots since the one that recorded it.
+    #[must_use]
+    pub fn with_boots_since(self, boots_since: u32) -> Self {
+        match self {
+            Self::Step(step) => Self::Step(Step { boots_since, ..step }),
+            Self::Bout(bout) => Self::Bout(Bout { boots_since, ..bout }),
+        }
+    }
+
+    /// True if both are the same record, even if the insole restarted between them.
+    ///
+    /// Two records with equal contents are the same. The number alone does not identify a record: an insole with a new flash chip
+    /// numbers its records from 0 again.
+    #[must_use]
+    pub fn is_same(&self, other: &Self) -> bool {
+        self.with_boots_since(0) == other.with_boots_since(0)
+    }
+}
+
+impl From<Step> for LoadRecord {
+    fn from(step: Step) -> Self {
+        Self::Step(step)
+    }
+}
+
+impl From<Bout> for LoadRecord {
+    fn from(bout: Bout) -> Self {
+        Self::Bout(bout)
+    }
+}
+
+impl From<LoadRecord> for ToHost {
+    fn from(record: LoadRecord) -> Self {
+        match record {
+            LoadRecord::Step(step) => Self::Step(step),
+            LoadRecord::Bout(bout) => Self::Bout(bout),
+        }
+    }
+}

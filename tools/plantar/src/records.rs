@@ -1,0 +1,78 @@
+//! The steps and load bouts of a session.
+
+use crate::summary;
+use anyhow::{Context, Result};
+use client::{bout_to_json, step_to_json};
+use comfy_table::CellAlignment;
+use plantar::pipeline::bout::BoutKind;
+use plantar::protocol::{Bout, LoadRecord, Step};
+use std::path::Path;
+
+/// Steps and load bouts, each in the order of their numbers.
+#[derive(Default)]
+pub struct Records {
+    pub steps: Vec<Step>,
+    pub bouts: Vec<Bout>,
+}
+
+impl Records {
+    pub fn push(&mut self, record: &LoadRecord) {
+        match record {
+            LoadRecord::Step(step) => self.steps.push(*step),
+            LoadRecord::Bout(bout) => self.bouts.push(*bout),
+        }
+    }
+
+    /// Prints the tables of the steps, and one of the load bouts.
+    pub fn print(&self) {
+        summary::print(&self.steps);
+        if self.bouts.is_empty() {
+            return;
+        }
+        let mut table = summary::table();
+        table.set_header(["load outside steps", "bouts", "time s", "force-time integral N s"]);
+        for kind in BoutKind::ALL {
+            let bouts: Vec<_> = self.bouts.iter().filter(|bout| bout.kind == kind).collect();
+            if !bouts.is_empty() {
+                table.add_row([
+                    kind.name().to_string(),
+                    bouts.len().to_string(),
+                    format!("{:.1}", bouts.iter().map(|bout| bout.duration_s()).sum::<f64>()),
+                    format!("{:.0}", bouts.iter().map(|bout| integral_n_s(bout)).sum::<f64>()),
+                ]);
+            }
+        }
+        if let Some(column) = table.column_mut(0) {
+            column.set_cell_alignment(CellAlignment::Left);
+        }
+        println!("{table}");
+    }
+
+    /// Writes a JSON array with one object for each step and load bout, in the order of their numbers.
+    pub fn write_json(&self, path: &Path) -> Result<()> {
+        let steps = self.steps.iter().map(|step| (step.step, step_to_json(step)));
+        let bouts = self.bouts.iter().map(|bout| (bout.number, bout_to_json(bout)));
+        let mut objects: Vec<_> = steps.chain(bouts).collect();
+        objects.sort_by_key(|(number, _)| *number);
+        let objects: Vec<_> = objects.into_iter().map(|(_, object)| object).collect();
+        let text = serde_json::to_string_pretty(&objects)? + "\n";
+        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+    }
+}
+
+/// Force-time integral of the foot in a bout, N s.
+fn integral_n_s(bout: &Bout) -> f64 {
+    bout.regions.iter().map(|region| region.measured_force_integral_n_s()).sum()
+}
+
+/// A load bout in one line.
+pub fn bout_line(bout: &Bout) -> String {
+    format!(
+        "load bout {}, {}, from {:.2} s for {:.2} s: {:.0} N s",
+        bout.number,
+        bout.kind.name(),
+        bout.start_s(),
+        bout.duration_s(),
+        integral_n_s(bout)
+    )
+}
