@@ -1,15 +1,40 @@
 //! A long walk with both feet: the firmware's tasks on a host in virtual time.
 
+use plantar::pipeline::bout::BoutKind;
 use testkit::scenario::LongWalk;
+use testkit::walk::Posture;
 
 #[test]
 fn both_feet_deliver_every_step_of_a_long_walk() {
-    let walk = LongWalk { steps: 400, rate_hz: 100.0 };
+    let walk = LongWalk { rounds: 1, steps: 400, rests: &[], rate_hz: 100.0 };
     let start = std::time::Instant::now();
     let (outcome, walked) = walk.run(|_| ());
     println!("{:?} walked in {:?}: {}", walked, start.elapsed(), walked.as_secs_f64() / start.elapsed().as_secs_f64());
     assert_eq!(outcome.verify(), Ok(0));
     for insole in &outcome.insoles {
         assert_eq!(insole.host.steps().count(), 400);
+    }
+}
+
+/// Eight hours in which the wearer walks, stands and sits.
+#[test]
+fn both_feet_deliver_every_step_and_load_bout_of_a_day() {
+    const RESTS: &[(Posture, u64)] = &[(Posture::Stand, 600), (Posture::Sit, 2_500), (Posture::Shuffle, 60)];
+    let day = LongWalk { rounds: 8, steps: 400, rests: RESTS, rate_hz: 50.0 };
+    let (outcome, lived) = day.run(|_| ());
+    assert!(lived.as_secs() >= 8 * 3_500, "{lived:?}");
+    assert_eq!(outcome.verify(), Ok(0));
+    for insole in &outcome.insoles {
+        assert_eq!(insole.host.steps().count(), 8 * 400);
+        let minutes = |kind: BoutKind| {
+            let bouts = insole.host.bouts().filter(|bout| bout.kind == kind);
+            bouts.map(|bout| u64::from(bout.duration_us)).sum::<u64>() as f64 / 60e6
+        };
+        // A bout ends up to two windows of two seconds earlier or later than what the wearer does.
+        for (kind, expected) in
+            [(BoutKind::Standing, 80.0), (BoutKind::Sitting, 8.0 * 2_500.0 / 60.0), (BoutKind::Shuffling, 8.0)]
+        {
+            assert!((minutes(kind) - expected).abs() < 8.0 * 4.0 / 60.0 + 0.01, "{kind:?}: {} min", minutes(kind));
+        }
     }
 }

@@ -32,6 +32,14 @@ impl LoadRecord {
         }
     }
 
+    /// The load bout; `None` for a step.
+    pub fn bout(&self) -> Option<&Bout> {
+        match self {
+            Self::Bout(bout) => Some(bout),
+            Self::Step(_) => None,
+        }
+    }
+
     /// The number of the record.
     pub fn number(&self) -> u32 {
         match self {

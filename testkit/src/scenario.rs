@@ -6,6 +6,7 @@
 use crate::host::{Host, LinkKind};
 use crate::insole::image;
 use crate::virtual_time::now_us;
+use crate::walk::Posture;
 use crate::world::{InsoleEvent, SharedWorld, World};
 use emulator::SensorFault;
 use parameters::{InsoleSize, Parameters};
@@ -92,6 +93,13 @@ pub enum Event {
     Walk {
         /// Number of steps of this foot.
         steps: u32,
+    },
+    /// The wearer stands, shuffles or sits.
+    Rest {
+        /// What the wearer does.
+        posture: Posture,
+        /// Duration, s.
+        for_s: f64,
     },
     /// Power is off.
     PowerCut {
@@ -222,7 +230,9 @@ pub enum LinkName {
 pub struct Expect {
     /// Number of steps that arrive from all insoles, each once.
     pub steps: Option<usize>,
-    /// Largest number of computed steps that may be lost, by losses of power and crashes, from all insoles.
+    /// Kinds of the load bouts that arrive from the first insole.
+    pub bouts: Option<Vec<String>>,
+    /// Largest number of computed steps and load bouts that may be lost, by losses of power and crashes, from all insoles.
     #[serde(default)]
     pub lost_at_most: usize,
     /// The reset reasons of all starts of the first insole.
@@ -304,6 +314,7 @@ fn insole_event(event: &Event) -> Option<InsoleEvent> {
     let us = |s: f64| (s * 1e6) as u64;
     Some(match event {
         Event::Walk { steps } => InsoleEvent::Walk { steps: *steps },
+        Event::Rest { posture, for_s } => InsoleEvent::Rest { posture: *posture, for_us: us(*for_s) },
         Event::PowerCut { off_s } => InsoleEvent::PowerCut { off_us: us(*off_s) },
         Event::PowerCutInWrite { operations } => InsoleEvent::PowerCutInWrite { operations: *operations },
         Event::CableCut { for_s } => InsoleEvent::CableCut { for_us: us(*for_s) },
@@ -437,11 +448,12 @@ impl OrderCheck {
         // A fault that cannot be parsed is not an action either: it is reported below.
         let is_action = insole_event(event).is_none() && !matches!(event, Event::SensorFault(_));
         match event {
-            Event::Walk { .. } if s < self.walks_until_s[insole] => {
+            Event::Walk { .. } | Event::Rest { .. } if s < self.walks_until_s[insole] => {
                 return Err("the wearer still walks: let the walk end first".into());
             }
             // A step takes about a second.
             Event::Walk { steps } => self.walks_until_s[insole] = s + f64::from(*steps),
+            Event::Rest { for_s, .. } => self.walks_until_s[insole] = s + for_s,
             Event::PowerCut { .. } | Event::Stall(_) | Event::Panic if is_off => {
                 return Err("the insole is off: wait until power is back".into());
             }
@@ -544,6 +556,10 @@ impl Outcome {
         let all: usize = self.insoles.iter().map(|insole| insole.host.steps().count()).sum();
         if let Some(steps) = expect.steps {
             compare("steps", steps.to_string(), all.to_string());
+        }
+        if let Some(bouts) = &expect.bouts {
+            let found: Vec<_> = self.insoles[0].host.bouts().map(|bout| bout.kind.name()).collect();
+            compare("load bouts", format!("{bouts:?}"), format!("{found:?}"));
         }
         match self.verify() {
             Ok(lost) if lost <= expect.lost_at_most => {}
@@ -694,8 +710,12 @@ impl InsoleOutcome {
 
 /// A long walk with both feet, for speed measurements and endurance tests.
 pub struct LongWalk {
-    /// Number of steps of each foot.
+    /// Number of times that the wearer walks and rests.
+    pub rounds: usize,
+    /// Number of steps of each foot in a round.
     pub steps: u32,
+    /// What the wearer does after these steps, each for a number of seconds.
+    pub rests: &'static [(Posture, u64)],
     /// Number of frames per second.
     pub rate_hz: f64,
 }
@@ -711,16 +731,23 @@ impl LongWalk {
         hosts[0].connect(LinkKind::Serial, true);
         hosts[1].connect(LinkKind::Bluetooth, true);
         follow(&mut hosts, start_us + 1_000_000);
-        let ends = [0, 1].map(|insole: usize| {
-            let wearer = world.borrow().insoles[insole].wearer.clone();
-            let mut wearer = wearer.borrow_mut();
-            wearer.walk(now_us(), self.steps)
-        });
-        let end_us = ends.into_iter().fold(0, u64::max);
-        while now_us() < end_us {
-            follow(&mut hosts, (now_us() + 60_000_000).min(end_us));
-            progress(hosts.iter().map(|host| host.steps().count()).sum());
+        let wearers = [0, 1].map(|insole: usize| world.borrow().insoles[insole].wearer.clone());
+        for _ in 0..self.rounds {
+            let ends_us = wearers.each_ref().map(|wearer| wearer.borrow_mut().walk(now_us(), self.steps));
+            let mut until = |end_us: u64| {
+                while now_us() < end_us {
+                    follow(&mut hosts, (now_us() + 60_000_000).min(end_us));
+                    progress(hosts.iter().map(|host| host.steps().count()).sum());
+                }
+            };
+            until(ends_us.into_iter().fold(0, u64::max));
+            for &(posture, seconds) in self.rests {
+                let for_us = seconds * 1_000_000;
+                wearers.iter().for_each(|wearer| wearer.borrow_mut().rest(now_us(), posture, for_us));
+                until(now_us() + for_us);
+            }
         }
+        let end_us = now_us();
         follow(&mut hosts, end_us + (SETTLE_S * 1e6) as u64);
         let walked = Duration::from_micros(now_us() - start_us);
         (Outcome::new(&world, hosts), walked)

@@ -7,6 +7,7 @@ use plantar::pipeline::setup::{DEVICE_CELLS, Setup, SetupCell};
 use plantar::pipeline::stance_rule::StanceRule;
 use recording::synthetic::SyntheticWalk;
 use recording::{VirtualInsole, synthetic};
+use serde::Deserialize;
 use std::rc::Rc;
 
 /// Number of steps of the computed walk. A longer walk repeats it.
@@ -19,6 +20,8 @@ pub struct Codes {
     cells: usize,
     /// The codes of all cells, frame by frame.
     frames: Vec<u16>,
+    /// The codes of the frame in which most cells are loaded.
+    flat: Vec<u16>,
     /// For each step, the number of frames from the start of the walk to the end of the swing phase after the step.
     step_ends: Vec<usize>,
 }
@@ -43,7 +46,9 @@ impl Codes {
         let mut step_ends: Vec<_> = begins.skip(1).collect();
         step_ends.push(recording.frames());
         assert_eq!(step_ends.len(), LOOP_STEPS, "the swing phase after each step must be unloaded");
-        Self { virtual_insole, cells, frames, step_ends }
+        let loaded = |codes: &&[u16]| codes.iter().filter(|code| **code > 0).count();
+        let flat = frames.chunks_exact(cells).max_by_key(loaded).unwrap_or_default().to_vec();
+        Self { virtual_insole, cells, frames, flat, step_ends }
     }
 
     /// Number of frames of the computed walk.
@@ -58,9 +63,34 @@ impl Codes {
     }
 }
 
-/// A walk of the wearer.
+/// What a wearer does on the ground other than walking.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Posture {
+    /// The foot carries a constant load.
+    Stand,
+    /// The load decreases to a third and increases again, twice in 2.4 s.
+    Shuffle,
+    /// The foot carries little load.
+    Sit,
+}
+
+impl Posture {
+    /// The codes after this time, s, relative to those of the frame of a step in which most cells are loaded.
+    fn share(self, t_s: f64) -> f64 {
+        match self {
+            Self::Stand => 0.6,
+            Self::Shuffle => 0.7 - 0.35 * (std::f64::consts::TAU * t_s / 1.2).cos(),
+            Self::Sit => 0.12,
+        }
+    }
+}
+
+/// An activity of the wearer.
 #[derive(Clone, Copy)]
-struct Bout {
+struct Activity {
+    /// `None`: the wearer walks.
+    posture: Option<Posture>,
     /// Time of the first frame, us.
     from_us: u64,
     /// Number of frames.
@@ -70,8 +100,8 @@ struct Bout {
 /// The foot in one insole.
 pub struct Wearer {
     codes: Rc<Codes>,
-    /// The latest walk.
-    bout: Option<Bout>,
+    /// The latest activity.
+    activity: Option<Activity>,
     faults: Vec<SensorFault>,
     /// Number of remaining frames that are incomplete, and the first row for which the matrix does not answer in them.
     missing: Option<(u32, usize)>,
@@ -82,7 +112,7 @@ pub struct Wearer {
 impl Wearer {
     /// A wearer whose foot does not load the insole.
     pub fn new(codes: Rc<Codes>) -> Self {
-        Self { codes, bout: None, faults: Vec::new(), missing: None, is_frame_missing: false }
+        Self { codes, activity: None, faults: Vec::new(), missing: None, is_frame_missing: false }
     }
 
     /// The rules of the insole.
@@ -98,8 +128,14 @@ impl Wearer {
     /// Begins a walk of this number of steps; returns the time of its end, us.
     pub fn walk(&mut self, now_us: u64, steps: u32) -> u64 {
         let frames = self.codes.walk_frames(steps);
-        self.bout = Some(Bout { from_us: now_us, frames });
+        self.activity = Some(Activity { posture: None, from_us: now_us, frames });
         now_us + frames as u64 * u64::from(self.setup().period_us)
+    }
+
+    /// Begins to stand, shuffle or sit for this time.
+    pub fn rest(&mut self, now_us: u64, posture: Posture, for_us: u64) {
+        let frames = (for_us / u64::from(self.setup().period_us)) as usize;
+        self.activity = Some(Activity { posture: Some(posture), from_us: now_us, frames });
     }
 
     /// Adds a sensor fault that begins now.
@@ -116,11 +152,17 @@ impl Wearer {
     pub fn codes_at(&mut self, now_us: u64, codes: &mut [u16; DEVICE_CELLS]) {
         let Codes { cells, frames, .. } = &*self.codes;
         let period_us = u64::from(self.codes.virtual_insole.setup.period_us);
-        let bout = self.bout.map(|bout| (bout, ((now_us - bout.from_us) / period_us) as usize));
-        match bout.filter(|(bout, frame)| *frame < bout.frames) {
-            Some((_, frame)) => {
+        let activity = self.activity.map(|activity| (activity, ((now_us - activity.from_us) / period_us) as usize));
+        match activity.filter(|(activity, frame)| *frame < activity.frames) {
+            Some((Activity { posture: None, .. }, frame)) => {
                 let at = frame % (frames.len() / cells) * cells;
                 codes[..*cells].copy_from_slice(&frames[at..at + cells]);
+            }
+            Some((Activity { posture: Some(posture), .. }, frame)) => {
+                let share = posture.share(frame as f64 * period_us as f64 * 1e-6);
+                for (code, &most) in codes.iter_mut().zip(&self.codes.flat) {
+                    *code = (f64::from(most) * share) as u16;
+                }
             }
             None => codes[..*cells].fill(0),
         }

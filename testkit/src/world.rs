@@ -2,7 +2,7 @@
 
 use crate::insole::HostInsole;
 use crate::virtual_time::{advance_to, clear_timers, now_us, wake_due};
-use crate::walk::Codes;
+use crate::walk::{Codes, Posture};
 use emulator::SensorFault;
 use plantar::Side;
 use std::cell::RefCell;
@@ -16,6 +16,13 @@ pub enum InsoleEvent {
     Walk {
         /// Steps of this foot.
         steps: u32,
+    },
+    /// The wearer stands, shuffles or sits.
+    Rest {
+        /// What the wearer does.
+        posture: Posture,
+        /// Duration, us.
+        for_us: u64,
     },
     /// Power is off for this time.
     PowerCut {
@@ -145,6 +152,7 @@ impl World {
             InsoleEvent::Walk { steps } => {
                 insole.wearer.borrow_mut().walk(now_us(), steps);
             }
+            InsoleEvent::Rest { posture, for_us } => insole.wearer.borrow_mut().rest(now_us(), posture, for_us),
             InsoleEvent::PowerCut { off_us } => insole.cut_power(off_us),
             InsoleEvent::PowerCutInWrite { operations } => insole.cut_power_in_operation(operations),
             InsoleEvent::CableCut { for_us } => {

@@ -21,7 +21,7 @@ const SHORT_STEPS: u32 = 1_000;
 /// If a step is lost, or a counter does not agree with the messages that arrived.
 pub fn measure_speed(figures: &mut Figures) -> Result<()> {
     let start = Instant::now();
-    let (outcome, duration) = LongWalk { steps: SPEED_STEPS, rate_hz: RATE_HZ }.run(|_| ());
+    let (outcome, duration) = LongWalk { rounds: 1, rests: &[], steps: SPEED_STEPS, rate_hz: RATE_HZ }.run(|_| ());
     let speed = duration.as_secs_f64() / start.elapsed().as_secs_f64();
     let lost = outcome.verify().map_err(|error| anyhow!("{error}"))?;
     ensure!(lost == 0, "{lost} steps of the walk on the host loops were lost");
@@ -40,7 +40,7 @@ pub fn measure_speed(figures: &mut Figures) -> Result<()> {
 pub fn soak(is_short: bool, figures: &mut Figures) -> Result<()> {
     let steps = if is_short { SHORT_STEPS } else { DAY_STEPS };
     let mut minutes = 0;
-    let (outcome, duration) = LongWalk { steps, rate_hz: RATE_HZ }.run(|arrived| {
+    let (outcome, duration) = LongWalk { rounds: 1, rests: &[], steps, rate_hz: RATE_HZ }.run(|arrived| {
         minutes += 1;
         if minutes % 60 == 0 {
             eprintln!("{arrived} of {} steps after {} h", 2 * steps, minutes / 60);

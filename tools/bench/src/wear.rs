@@ -3,10 +3,12 @@
 use anyhow::Result;
 use bench::Figures;
 use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use recording::synthetic::SyntheticWalk;
 use std::path::Path;
+use testkit::activity::{Activity, recognised, recording};
 use testkit::moticon;
-use testkit::wear::{LEVELS_KPA, Residual, compare, noisy_walk};
+use testkit::wear::{LEVELS_KPA, Residual, compare, find, noisy_walk};
 
 /// Measures all figures; `moticon` is the source archive of the package moticon-opengo.
 pub fn measure(python: &Path, moticon: &Path, figures: &mut Figures) -> Result<()> {
@@ -37,6 +39,7 @@ pub fn measure(python: &Path, moticon: &Path, figures: &mut Figures) -> Result<(
         force_error,
         "at most 0.02: deviation of the peak force of the found steps, mean of a walk, largest of these walks",
     );
+    measure_bouts(figures);
     let agreement = moticon::compare(python, moticon);
     let share = agreement.found as f64 / agreement.steps as f64;
     figures.add("moticon.found", share, "1: share of 42 steps in another vendor's reports that are found");
@@ -48,4 +51,34 @@ pub fn measure(python: &Path, moticon: &Path, figures: &mut Figures) -> Result<(
         figures.add(key, (value * 1e3).round() / 1e3, meaning);
     }
     Ok(())
+}
+
+/// Measures which share of the load is in no record, and how many activities are recognised.
+fn measure_bouts(figures: &mut Figures) {
+    let (mut labelled, mut right, mut unassigned) = (0, 0, 0.0f64);
+    let rate_hz = 100.0;
+    for weight_n in [150.0, 650.0, 1_770.0] {
+        // Other seeds than those of the test, and each activity after each other one.
+        for (shift, seed) in (1..Activity::ALL.len()).zip(50..) {
+            let order = (0..Activity::ALL.len()).map(|i| Activity::ALL[(i * shift) % Activity::ALL.len()]);
+            let order: Vec<_> = [Activity::Walk].into_iter().chain(order).collect();
+            let (recording, spans) = recording(&order, weight_n, rate_hz, 20.0, seed);
+            let found = find(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
+            let stream_n_s = found.totals_n.iter().sum::<f64>() / rate_hz;
+            unassigned = unassigned.max((found.integral_n_s - stream_n_s).abs() / stream_n_s);
+            let (of_run, right_of_run) = recognised(&spans, &found, (1e6 / rate_hz) as u64);
+            (labelled, right) = (labelled + of_run, right + right_of_run);
+        }
+    }
+    figures.add(
+        "wear.unassigned_load",
+        unassigned,
+        "at most 0.001: share of the force-time integral in no step or load bout, or in two, largest of 21 sequences of activities",
+    );
+    let share = right as f64 / labelled as f64;
+    figures.add(
+        "wear.kinds_recognised",
+        share,
+        "at least 0.95: share of standing, shuffling and sitting in these with the right kind",
+    );
 }

@@ -4,8 +4,8 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 
 /// Keys of figures, each with its smallest and its largest allowed value.
-const LIMITS: [(&str, f64, f64); 39] = [
-    ("frame_instructions", 0.0, 12_000.0),
+const LIMITS: [(&str, f64, f64); 42] = [
+    ("frame_instructions", 0.0, 12_100.0),
     ("cells_instructions", 0.0, 6_000.0),
     ("tracking_instructions", 0.0, 2_000.0),
     ("device_vs_host_force_rel", 0.0, 1e-4),
@@ -18,8 +18,9 @@ const LIMITS: [(&str, f64, f64); 39] = [
     ("fit_wasm_equal", 0.0, 1e-6),
     ("live_frame_bytes", 0.0, 112.0),
     ("step_record_bytes", 0.0, 480.0),
-    ("flash_bytes.emulated", 0.0, 380_928.0),
-    ("flash_bytes.wb55", 0.0, 380_928.0),
+    ("bout_record_bytes", 0.0, 200.0),
+    ("flash_bytes.emulated", 0.0, 368_640.0),
+    ("flash_bytes.wb55", 0.0, 368_640.0),
     ("flash_bytes.emulated-bootloader", 0.0, 32_768.0),
     ("flash_bytes.wb55-bootloader", 0.0, 32_768.0),
     ("ram_bytes.emulated", 0.0, 98_304.0),
@@ -40,6 +41,8 @@ const LIMITS: [(&str, f64, f64); 39] = [
     ("wear.residual_extra", 0.0, 0.0),
     ("wear.false_faults", 0.0, 0.0),
     ("wear.force_error", 0.0, 0.02),
+    ("wear.unassigned_load", 0.0, 0.001),
+    ("wear.kinds_recognised", 0.95, 1.0),
     ("moticon.found", 1.0, 1.0),
     ("moticon.contact_ms", 0.0, 10.0),
     ("moticon.toe_off_ms", 0.0, 15.0),
