@@ -12,17 +12,20 @@ use fit::quality::Evaluated;
 use fit::{Filter, Options, Study};
 use parameters::{InsoleSize, Parameters};
 use plantar::faults::Fault;
+use plantar::pipeline::bout::BoutKind;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::{Live, MAX_FRAME, MAX_MESSAGE, Refusal, Status, Step, ToDevice, ToHost, encode, frame};
+use plantar::protocol::{Bout, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Status, Step, ToDevice, ToHost, encode, frame};
 use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, jiku, pedar};
 use std::io::Write;
 use std::net::TcpStream;
 use std::time::Duration;
+use testkit::activity::{self, Activity};
 use testkit::faults::one_of_each;
+use testkit::wear::find;
 
 /// A recording in which some scans are incomplete.
 struct IncompleteWalk {
@@ -92,13 +95,17 @@ impl Session {
     /// Receives one message; returns true if it is an answer.
     fn receive(&mut self, received: &mut Received) -> bool {
         let message = self.next();
-        let is_answer = !matches!(message, ToHost::Live(_) | ToHost::Step(_));
+        let is_answer = !matches!(message, ToHost::Live(_) | ToHost::Step(_) | ToHost::Bout(_));
         match message {
             ToHost::Live(live) => received.live.push(live),
             ToHost::Step(step) => {
                 self.client.send(ToDevice::Acknowledge { step: step.step }).expect("the link works");
                 // A replay has no wall clock.
                 received.steps.push(Step { start_unix_us: None, ..step });
+            }
+            ToHost::Bout(bout) => {
+                self.client.send(ToDevice::Acknowledge { step: bout.number }).expect("the link works");
+                received.bouts.push(Bout { start_unix_us: None, ..bout });
             }
             ToHost::Status(status) => received.status = status,
             ToHost::Tissue(tissue) => received.tissues.push((received.live.len(), tissue)),
@@ -139,6 +146,7 @@ impl Session {
 struct Received {
     live: Vec<Live>,
     steps: Vec<Step>,
+    bouts: Vec<Bout>,
     /// Confirmed parameters, each with the number of live frames that arrived before.
     tissues: Vec<(usize, Tissue)>,
     refusals: Vec<Refusal>,
@@ -281,6 +289,22 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     let client = connect(&board);
     let report = client.hello().last_panic.as_deref().unwrap_or_default().to_owned();
     assert!(report.contains("belongs to a region before that of the previous cell"), "{report}");
+}
+
+#[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn load_bouts_are_the_same_on_the_device_and_on_a_host() {
+    let activities = [Activity::Walk, Activity::Stand, Activity::Shuffle, Activity::Run, Activity::Sit, Activity::Walk];
+    let (recording, _) = activity::recording(&activities, 650.0, 100.0, 10.0, 5);
+    let mut session = Session::start(&recording, ContactRule::COVERED, |_| None);
+    session.board.play();
+    let received = session.finish();
+    let found = find(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
+    let computed: Vec<_> = found.bouts.iter().map(Bout::new).collect();
+    assert_eq!(received.steps.len(), found.steps.len());
+    // The last bout is still in progress on the device.
+    assert_eq!(received.bouts, computed[..computed.len() - 1]);
+    assert!(received.bouts.iter().any(|bout| bout.kind == BoutKind::Shuffling), "{:?}", received.bouts);
 }
 
 #[test]

@@ -139,7 +139,7 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
         hello(image, &setup, insole, boot.reset, boot.fault.or(fault).or(refused.map(truncated)).or(unused));
     hello.layout_id = settings.map_or(setup.layout_id, |settings| settings.id(setup.layout_id));
     let (to_process, scanned) = memory.channel.init(Channel::new(memory.frames.take())).split();
-    let shared = memory.shared.init(Shared::new(hello, serial_bytes_per_s, counters, stack_bytes));
+    let shared = init_shared(&memory.shared, hello, serial_bytes_per_s, counters, stack_bytes);
     shared.restore(store, identity, calibration_id).await;
     {
         let mut session = shared.session.borrow_mut();
@@ -151,6 +151,18 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
         }
     }
     Started { insole, store, shared, to_process, scanned, period_us: setup.period_us }
+}
+
+/// Initialises the shared state, in a function of its own: the stack that its move needs is not reserved while the chip is read.
+#[inline(never)]
+fn init_shared(
+    memory: &'static StaticCell<Shared>,
+    hello: Hello,
+    serial_bytes_per_s: u32,
+    counters: &'static ScanCounters,
+    stack_bytes: fn() -> u32,
+) -> &'static Shared {
+    memory.init(Shared::new(hello, serial_bytes_per_s, counters, stack_bytes))
 }
 
 /// The text of [`Hello::last_panic`] if the stored parameters cannot be used.

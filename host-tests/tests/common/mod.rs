@@ -145,6 +145,8 @@ fn replay_codes(
         if toe_off {
             steps.push(Step::new(&insole.whole_step().expect("the insole is set up")));
         }
+        // Load bouts have numbers between those of the steps.
+        insole.take_bout();
     }
     (live, steps, insole.faults().clone())
 }
