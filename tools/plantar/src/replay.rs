@@ -125,8 +125,12 @@ impl Replay {
 /// Writes a JSON array with one object per step.
 pub fn write_json(path: &Path, steps: &[Step]) -> Result<()> {
     let objects: Vec<_> = steps.iter().map(step_to_json).collect();
-    let text = serde_json::to_string_pretty(&objects)? + "\n";
-    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+    write_text(path, &serde_json::to_string_pretty(&objects)?)
+}
+
+/// Writes a text and the end of its last line.
+pub fn write_text(path: &Path, text: &str) -> Result<()> {
+    std::fs::write(path, format!("{text}\n")).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// A progress bar that counts to `total`. It is hidden if stderr is not a terminal.

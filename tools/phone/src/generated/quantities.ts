@@ -180,6 +180,56 @@ export interface LiveRegion {
   masked: boolean;
 }
 
+/** Measures of both feet. */
+export interface Gait {
+  /** True if the steps of both feet are known on one clock. */
+  has_both_feet: boolean;
+  /** Number of strides in use. */
+  strides: { left: number; right: number };
+  /** Number of pairs of steps that are no stride, because of a pause or a missing step. */
+  gaps: { left: number; right: number };
+  /** Number of strides without exactly one step of the other foot, which are not used. */
+  unpaired: { left: number; right: number };
+  /** Steps of both feet in a minute. */
+  cadence_per_min: Estimate | null;
+  /** Walking speed, m/s; null without a stride length. */
+  speed_m_s: number | null;
+  /** The measures of a stride. */
+  measures: GaitMeasure[];
+}
+
+/** A measure of a stride. */
+export interface GaitMeasure {
+  /** Name with its unit. */
+  key: string;
+  /** Name for the wearer. */
+  title: string;
+  /** Unit. */
+  unit: string;
+  /** Number of decimals to show. */
+  digits: number;
+  /** Left foot. */
+  left: Estimate | null;
+  /** Right foot. */
+  right: Estimate | null;
+  /** Symmetry index; positive if the left value is larger. */
+  symmetry_percent: Estimate | null;
+}
+
+/** A mean over strides. */
+export interface Estimate {
+  /** Number of values. */
+  count: number;
+  /** Mean. */
+  mean: number;
+  /** Standard deviation; null for a single value. */
+  sd: number | null;
+  /** Lower limit of the 95 % interval of the mean; null if there are too few values. */
+  low: number | null;
+  /** Upper limit of the interval. */
+  high: number | null;
+}
+
 /** Columns of a region in the CSV of steps. */
 export const STEP_COLUMNS = [
   "measured_force_peak_n",
