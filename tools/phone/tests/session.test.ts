@@ -28,7 +28,7 @@ const counts = ({ counter, damaged }: Session) => ({ received: counter.received,
 
 function hello(major: number): ToHost {
   const board = { firmware: "9", board: "test", side: "left", cells: 1, rate_hz: 100 } as const;
-  return { kind: "hello", major, minor: 0, ...board, has_parameters: true, reset: "power", last_panic: null };
+  return { kind: "hello", major, minor: 0, ...board, has_effective_areas: false, has_parameters: true, reset: "power", last_panic: null };
 }
 
 test("a session sends connect requests until the insole answers, then requests the live stream", () => {

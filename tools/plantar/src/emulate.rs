@@ -11,7 +11,7 @@ use client::{Client, Framed, READ_TIMEOUT, ReconnectPolicy, step_to_json};
 use emulation::{COLUMNS, EmulatorConfig};
 use emulator::{Board, Faulty, Recorded, SensorFault, Time};
 use identification::Identification;
-use parameters::{InsoleSize, Parameters};
+use parameters::{DeformationScale, InsoleSize, Parameters};
 use plantar::Region;
 use plantar::insole::Insole;
 use plantar::pipeline::setup::DEVICE_CELLS;
@@ -172,7 +172,9 @@ impl Emulate {
             );
         }
         let counters = client.counters();
-        summary::print(&steps);
+        // An identification in this command has no measurements of the tissue.
+        let scales = if identification.is_none() { parameters.deformation } else { DeformationScale::ALL_ASSUMED };
+        summary::print(&steps, &scales);
         if identification.is_none() {
             setup::note_unless_applicable(parameters, self.wearer.size, &steps);
         }

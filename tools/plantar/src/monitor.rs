@@ -6,6 +6,7 @@ use crate::view::View;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use client::{Axis, Event, ReconnectPolicy, SessionStart, step_to_json};
+use parameters::DeformationScale;
 use plantar::protocol::{CellFrame, Live, Step, ToDevice, ToHost};
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -182,7 +183,7 @@ impl Monitor {
         let mut steps = Steps { monitor: self, json, all: Vec::new(), stored: None };
         let outcome = follow(&self.connection, &mut insole, &mut view, &mut steps);
         view.close();
-        summary::print(&steps.all);
+        summary::print(&steps.all, &DeformationScale::ALL_ASSUMED);
         summary::print_faults_of(insole.client());
         outcome
     }

@@ -9,6 +9,7 @@ use crate::view::View;
 use anyhow::{Result, bail};
 use clap::Args;
 use client::{Axis, ReconnectPolicy};
+use parameters::DeformationScale;
 use plantar::protocol::{
     CellFrame, CellStream, Flag, Live, LiveRegion, Quantity, Resolution, Step, StepFoot, StepRegion, ToDevice,
 };
@@ -76,7 +77,7 @@ impl Record {
             let count = recorder.pending_steps.len();
             eprintln!("note: {count} received steps were not stored; they remain on the insole until its log is full");
         }
-        summary::print(&recorder.all_steps);
+        summary::print(&recorder.all_steps, &DeformationScale::ALL_ASSUMED);
         summary::print_faults_of(insole.client());
         println!("wrote {}: {} frames, {} steps", self.out.display(), recorder.frames, recorder.all_steps.len());
         if let Some(cells) = &recorder.cells {

@@ -69,7 +69,7 @@ impl Replay {
         if let Some(path) = &self.json {
             write_json(path, &steps)?;
         }
-        summary::print(&steps);
+        summary::print(&steps, &parameters.deformation);
         setup::note_unless_applicable(&parameters, self.wearer.size, &steps);
         let frames = recording.frames();
         eprintln!("{frames} frames of {} cells in {seconds:.2} s", recording.cells());

@@ -21,7 +21,7 @@ export interface Step {
   /** Start on the insole's own clock, s since 1970; null unless the insole has restarted since the step. */
   start_unix_s: number | null;
   /** Contact rule of the areas. */
-  contact_rule: { rule: "counted" | "fractional"; on_kpa: number; off_kpa: number; full_kpa: number };
+  contact_rule: { area: string; rule: "counted" | "fractional"; on_kpa: number; off_kpa: number; full_kpa: number };
   /** The measures of the foot. */
   foot: StepFoot;
   /** The regions by name. */
@@ -94,11 +94,11 @@ export interface StepRegion {
   measured_force_integral_n_s: number;
   /** Force-time integral of the model force. Unit: N s. */
   model_force_integral_n_s: number;
-  /** Largest contact area. Unit: mm2. */
+  /** Largest contact area; the effective area if the contact rule has covered shares. Unit: mm2. */
   area_peak_mm2: number;
-  /** Largest tissue deformation of the model. Unit: mm. */
+  /** Largest tissue deformation of the model (scaled by assumption, unless thickness and strain were measured). Unit: mm. */
   deformation_peak_mm: number;
-  /** Largest rate of the deformation under increasing load. Unit: mm/s. */
+  /** Largest rate of the deformation (scaled by assumption as well) under increasing load. Unit: mm/s. */
   deformation_rate_peak_mm_s: number;
   /** Time from the region's first to its last sample in contact. Unit: s. */
   contact_time_s: number;
@@ -164,9 +164,9 @@ export interface Live {
 
 /** One region of a live frame. */
 export interface LiveRegion {
-  /** Contact area. Unit: mm2. */
+  /** Contact area; the effective area if the contact rule has covered shares. Unit: mm2. */
   area_mm2: number;
-  /** Tissue deformation of the model. Unit: mm. */
+  /** Tissue deformation of the model (scaled by assumption, unless thickness and strain were measured). Unit: mm. */
   deformation_mm: number;
   /** Model force. Unit: N. */
   model_n: number;

@@ -143,6 +143,12 @@ test("the table of regions shows the chosen quantity", async () => {
       return [...document.querySelectorAll("#regions td")].some((cell) => value.test(cell.textContent ?? ""));
     }, unit);
   }
+  const select = page.locator("#quantity");
+  // The computed walk has counted cells.
+  expect(await select.locator("option:checked").innerText()).toBe("Contact area");
+  await select.selectOption("deformation");
+  expect(await select.locator("option:checked").innerText()).toBe("Tissue deformation (scaled by assumption)");
+  await page.locator("#quantity-note", { hasText: "Share of assumption: 100 %" }).waitFor();
   await page.close();
 });
 

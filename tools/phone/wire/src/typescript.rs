@@ -109,7 +109,8 @@ fn quantities() -> String {
     let (counts, measures): (Vec<_>, Vec<_>) = plain.into_iter().partition(|quantity| quantity.is_count());
 
     let mut text = format!("{HEADER}\nexport type Side = \"left\" | \"right\";\n");
-    let contact_rule = "{ rule: \"counted\" | \"fractional\"; on_kpa: number; off_kpa: number; full_kpa: number }";
+    let contact_rule =
+        "{ area: string; rule: \"counted\" | \"fractional\"; on_kpa: number; off_kpa: number; full_kpa: number }";
     interface(&mut text, "A step, the same object as in the files of the command line.", "Step", |text| {
         field(text, "Foot.", "side", "Side");
         Step::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
