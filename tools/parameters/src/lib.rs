@@ -202,15 +202,8 @@ impl Parameters {
             let line = line(found.span().start);
             let ellipsoid = found.get_ref().check().map_err(|p| wrong(region.name(), format!("(line {line}) {p}")))?;
             *slot = Some(ellipsoid);
-            if let Some(name) = &found.get_ref().deformation_scale {
-                *scale = DeformationScale::from_name(name).ok_or_else(|| {
-                    let problem = format!(
-                        "(line {line}) deformation_scale = {name:?}: expected \"measured\", \"assumed_thickness\", \
-                                           \"assumed_compression\" or \"assumed\""
-                    );
-                    wrong(region.name(), problem)
-                })?;
-            }
+            let name = found.get_ref().deformation_scale.as_deref();
+            *scale = DeformationScale::of_file(name).map_err(|p| wrong(region.name(), format!("(line {line}) {p}")))?;
         }
         // The loop returns an error unless it fills every slot.
         let regions = regions.map(|region| region.expect("the loop fills every slot"));

@@ -34,9 +34,13 @@ impl DeformationScale {
         }
     }
 
-    /// The scale with this name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|scale| scale.name() == name)
+    /// The scale with this name in a file, which omits the name if nothing was measured.
+    pub(crate) fn of_file(name: Option<&str>) -> Result<Self, String> {
+        let Some(name) = name else { return Ok(Self::Assumed) };
+        Self::ALL.into_iter().find(|scale| scale.name() == name).ok_or_else(|| {
+            let names = Self::ALL.map(Self::name).join(", ");
+            format!("deformation_scale = {name:?}: expected one of {names}")
+        })
     }
 
     /// The share of assumption, %: how many of the two factors, thickness and compression, are assumed. The deformation is in
