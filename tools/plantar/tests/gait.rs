@@ -110,7 +110,7 @@ fn recordings_of_both_feet_have_their_true_times() {
         let mut recording =
             walk(&SyntheticWalk { side, steps: 6, variation: 0.0, ..SyntheticWalk::default() }).recording;
         recording.t_s.iter_mut().for_each(|t_s| *t_s += lag_s);
-        recording.write(&folder.path().join(format!("{}.parquet", side.name()))).expect("written");
+        recording.write(folder.path().join(format!("{}.parquet", side.name()))).expect("written");
     }
     let (gait, _) = measures(folder.path(), "left.parquet right.parquet");
     let SyntheticWalk { stance_s, swing_s, .. } = SyntheticWalk::default();
