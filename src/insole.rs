@@ -1,22 +1,22 @@
 //! One insole: connects the stages of the pipeline and the fault detection. Parameters are separate from state and can be
 //! replaced while running.
 
+mod records;
+
 use crate::faults::{FaultDetector, Faults, FrameContext, MatrixRows};
 use crate::num::Real;
 use crate::pipeline::baseline::MAX_RESIDUAL_KPA;
-use crate::pipeline::bout::BoutRecord;
 use crate::pipeline::calibrate::{CellCalibration, Curve};
 use crate::pipeline::cell::{InsoleCell, find_peak, residual as residual_of, sum_region};
 use crate::pipeline::ellipse::Ellipse;
 use crate::pipeline::lift::is_unloaded;
 use crate::pipeline::live::{LiveModel, RegionLoad};
-use crate::pipeline::measures::{Extent, FootMeasures, RegionMeasures};
+use crate::pipeline::measures::Extent;
 use crate::pipeline::model::ForceLaw;
 use crate::pipeline::region::ForceMoments;
 use crate::pipeline::setup::{Division, Setup, SetupCell, SetupError, check_setup};
 use crate::pipeline::stance::{Rejected, Stance};
 use crate::pipeline::stance_rule::StanceLimits;
-use crate::pipeline::step::{RegionStep, StepRecord};
 use crate::pipeline::tissue::{Tissue, TissueError};
 use crate::pipeline::track::Tracker;
 use heapless::Vec;
@@ -147,11 +147,6 @@ impl<R: Real, const N: usize> Insole<R, N> {
             let cell = SetupCell { calibration, ..cell };
             *place = InsoleCell::new(&cell, &self.setup.contact, &self.curve, &self.division);
         }
-    }
-
-    /// Sets the number of the next record. Steps and bouts are counted together.
-    pub fn count_records_from(&mut self, next: u32) {
-        self.records = next;
     }
 
     /// Replaces the tissue parameters of the wearer from the next frame on. A stance that is in progress is evaluated with the
@@ -340,87 +335,6 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// Number of contacts so far that did not become steps.
     pub fn rejected(&self) -> Rejected {
         self.stance.rejected()
-    }
-
-    /// The curves of a region in the stance that ended with the last frame: contact area (mm2), measured force (N), and the time
-    /// between samples (s).
-    ///
-    /// # Panics
-    /// If `region` is not an index of [`crate::Region::ALL`].
-    pub fn curves(&self, region: usize) -> (&[R], &[R], R) {
-        let curves = self.stance.curves();
-        (curves.area_mm2(region), curves.force_n(region), self.sample_s())
-    }
-
-    /// Time between samples of the curves, s.
-    fn sample_s(&self) -> R {
-        R::of_u32(self.stance.curves().stride()) / self.frame_rate_hz
-    }
-
-    /// Evaluates a region of the stance that ended with the last frame. This takes up to 256 evaluations of the model, so a
-    /// device should let other tasks run between two regions.
-    ///
-    /// # Panics
-    /// If `region` is not an index of [`crate::Region::ALL`].
-    pub fn step_region(&self, region: usize) -> RegionStep<R> {
-        let (area_mm2, force_n, sample_s) = self.curves(region);
-        let step =
-            RegionStep::new(&self.force_laws[region], area_mm2, force_n, sample_s, self.stance.moments_at_peak(region));
-        RegionStep {
-            ellipse_at_peak: step.ellipse_at_peak.map(|e| self.to_foot_coordinates(region, e)),
-            masked_cells: self.faults().masked_cells[region],
-            measures: RegionMeasures {
-                residual_n: self.residuals[region].force_n,
-                ..RegionMeasures::new(self.stance.curves(), region, sample_s)
-            },
-            ..step
-        }
-    }
-
-    /// Assembles the step of the stance that ended with the last frame from its eight regions, and increments the record number. If the
-    /// parameters are tracked, they are adapted to the step, and used from the next frame on. `None` before [`Insole::set_up`].
-    pub fn step(&mut self, mut regions: [RegionStep<R>; 8]) -> Option<StepRecord<R>> {
-        let setup = *self.setup()?;
-        for (i, (region, law)) in regions.iter_mut().zip(&mut self.force_laws).enumerate() {
-            let is_reliable = region.is_reliable() && self.stance.saturated() >> i & 1 == 0;
-            region.stiffness_change = self.tracker.adapt(i, law, region, is_reliable);
-        }
-        let step = self.records;
-        self.records = self.records.wrapping_add(1);
-        Some(StepRecord {
-            side: setup.side,
-            step,
-            start_us: u64::from(self.stance.start_seq()) * u64::from(setup.period_us),
-            duration_us: self.stance.frames() * setup.period_us,
-            sample_us: self.stance.curves().stride() * setup.period_us,
-            bridged_frames: self.stance.bridged().min(u32::from(u16::MAX)) as u16,
-            saturated: self.stance.saturated(),
-            contact_rule: setup.contact,
-            foot: FootMeasures::new(self.stance.curves(), self.sample_s(), &self.extent),
-            regions,
-        })
-    }
-
-    /// The load bout that was completed by the last frame, if there is one: the load of a time that was not part of a step. It is
-    /// returned once; the next bout is completed two seconds later at the earliest.
-    pub fn take_bout(&mut self) -> Option<BoutRecord<R>> {
-        if !self.stance.has_bout() {
-            return None;
-        }
-        let bout = self.stance.take_bout(self.setup.side, self.records)?;
-        self.records = self.records.wrapping_add(1);
-        Some(bout)
-    }
-
-    /// Completes the load bout in progress, at the end of a recording; see [`Insole::take_bout`].
-    pub fn end_bout(&mut self) {
-        self.stance.end_bout();
-    }
-
-    /// Evaluates all regions and assembles the step, as [`Insole::step_region`] and [`Insole::step`] do.
-    pub fn whole_step(&mut self) -> Option<StepRecord<R>> {
-        let regions = core::array::from_fn(|region| self.step_region(region));
-        self.step(regions)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Conversion between parameter files and the parameters on an insole: it preserves every bit in either direction.
 
-use parameters::{InsoleSize, Parameters};
+use parameters::{DeformationScale, InsoleSize, Parameters};
 use plantar::pipeline::model::{AB_M2, COEFFICIENT, ForceLaw, LENGTH_M, MAX_EXPONENT};
 use plantar::pipeline::tissue::Tissue;
 use proptest::prelude::*;
@@ -75,6 +75,21 @@ fn lengths_within_their_limits_are_accepted() {
             assert!(text.contains("line 12") && text.contains("from 0.1 to 200 mm"), "{text}");
         }
     }
+}
+
+#[test]
+fn what_a_deformation_rests_on_is_read_back_from_a_file_and_assumed_otherwise() {
+    let mut parameters = Parameters::typical(InsoleSize::default());
+    let assumed = parameters.to_toml();
+    assert!(!assumed.contains("deformation_scale"));
+    assert_eq!(through_a_file(&parameters).deformation, DeformationScale::ALL_ASSUMED);
+    let scales = [DeformationScale::Measured, DeformationScale::AssumedThickness, DeformationScale::AssumedCompression];
+    parameters.deformation[..3].copy_from_slice(&scales);
+    assert_eq!(through_a_file(&parameters).deformation, parameters.deformation);
+    assert_eq!(parameters.deformation.map(DeformationScale::assumed_percent), [0, 50, 50, 100, 100, 100, 100, 100]);
+    let wrong = parameters.to_toml().replace("\"assumed_thickness\"", "\"guessed\"");
+    let error = Parameters::parse(&wrong, Path::new("params.toml")).expect_err("an unknown name").to_string();
+    assert!(error.contains("posterior_midfoot") && error.contains("guessed") && error.contains("measured"), "{error}");
 }
 
 /// The name needs escape sequences, and those of TOML differ from those of Rust.

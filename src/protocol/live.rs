@@ -60,11 +60,11 @@ quantities! {
     /// One region of a [`Live`] frame in scaled integers.
     #[derive(Clone, Copy, Debug, PartialEq, Default)]
     pub struct LiveRegion {
-        /// Contact area.
+        /// Contact area; the effective area if the contact rule has covered shares.
         area_mm2: u16 = load.frame.area.area_mm2::<R>().round_u16()
             => area_mm2 [1 per "mm2"],
-            "Area of the cells in contact by the contact rule.";
-        /// Tissue deformation of the model.
+            "Sum of the areas of the cells in contact; with covered shares, each times its share, which depends on pressure and cell size.";
+        /// Tissue deformation of the model (scaled by assumption, unless thickness and strain were measured).
         deformation_um: u16 = (load.tissue.deformation_m * R::of(1e6)).round_u16()
             => deformation_mm [1000 per "mm"],
             "Eq. 14, on the mean contact area of three frames.";

@@ -211,17 +211,17 @@ quantities! {
         model_integral_cns: u16 = (region.model_integral_n_s * R::of(100.0)).round_u16()
             => model_force_integral_n_s [100 per "N s"],
             "Sum of the samples times the time between them.";
-        /// Largest contact area.
+        /// Largest contact area; the effective area if the contact rule has covered shares.
         #[serde(with = "le")]
         area_peak_mm2: u16 = (region.area_peak_mm2 * R::of(1.0)).round_u16()
             => area_peak_mm2 [1 per "mm2"],
-            "Area of the cells in contact by the contact rule.";
-        /// Largest tissue deformation of the model.
+            "Sum of the areas of the cells in contact; with covered shares, each times its share, which depends on pressure and cell size.";
+        /// Largest tissue deformation of the model (scaled by assumption, unless thickness and strain were measured).
         #[serde(with = "le")]
         deformation_peak_um: u16 = (region.deformation_peak_m * R::of(1e6)).round_u16()
             => deformation_peak_mm [1000 per "mm"],
             "Eq. 14, on the contact area.";
-        /// Largest rate of the deformation under increasing load.
+        /// Largest rate of the deformation (scaled by assumption as well) under increasing load.
         #[serde(with = "le")]
         deformation_rate_peak_dmm_s: u16 = (region.deformation_rate_peak_m_s * R::of(1e4)).round_u16()
             => deformation_rate_peak_mm_s [10 per "mm/s"],

@@ -1,11 +1,12 @@
 """Reads the walks in the source archive of the package moticon-opengo: the total forces of its raw exports, and the steps in the
 vendor's reports of the same walks.
 
-The argument is the archive. Prints a JSON list with an object for each foot of each walk: "t_s" and "force_n" of its frames, and its
-"steps", each with initial contact (s), toe off (s) and largest force (N).
+The argument is the archive. Prints a JSON list with an object for each foot of each walk, left before right: "t_s" and "force_n" of
+its frames, and its "steps", each an object with the values of COLUMNS. A value that the report lacks is null.
 """
 
 import json
+import math
 import re
 import sys
 import tarfile
@@ -14,6 +15,16 @@ import zipfile
 
 SHEET = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 WALKS = [("102114", "10_21_14"), ("102137", "10_21_37"), ("102231", "10_22_31")]
+# In the reports, double support is one phase: from initial contact of this foot to toe off of the other one. The step duration is the
+# time from initial contact of this foot to that of the other one.
+COLUMNS = {
+    "contact_s": "Initial contact (s)",
+    "toe_off_s": "Toe off (s)",
+    "most_n": "Max total force during stance phase (N)",
+    "stride_s": "Stride time (s)",
+    "to_other_s": "Step duration (s)",
+    "double_support_s": "Double support (s)",
+}
 
 
 def forces(lines, side):
@@ -40,11 +51,13 @@ def table(book, number):
 
 
 def steps(book, number):
-    """Initial contact, toe off and largest force of the steps in a sheet."""
+    """The steps in a sheet, with the values of COLUMNS."""
     rows = list(table(book, number))
     column = {title: letter for letter, title in rows[0].items()}
-    wanted = [column[title] for title in ("Initial contact (s)", "Toe off (s)", "Max total force during stance phase (N)")]
-    return [[float(row[letter]) for letter in wanted] for row in rows[1:] if all(letter in row for letter in wanted)]
+    for row in rows[1:]:
+        step = {key: float(row.get(column[title], "nan")) for key, title in COLUMNS.items()}
+        if not math.isnan(step["contact_s"]):
+            yield {key: None if math.isnan(value) else value for key, value in step.items()}
 
 
 feet = []
@@ -55,5 +68,5 @@ with tarfile.open(sys.argv[1]) as archive:
         book = zipfile.ZipFile(archive.extractfile(f"{data}/gait_report_230927_{report}.xlsx"))
         for side, sheet in (("left", 2), ("right", 3)):
             t_s, force_n = forces(lines, side)
-            feet.append({"t_s": t_s, "force_n": force_n, "steps": steps(book, sheet)})
+            feet.append({"t_s": t_s, "force_n": force_n, "steps": list(steps(book, sheet))})
 json.dump(feet, sys.stdout)

@@ -1,5 +1,6 @@
 //! Walks that another vendor's insoles recorded, and the steps in this vendor's reports.
 
+use client::gait::{FootStep, Gait, MEASURES, Stride};
 use plantar::pipeline::region::{ForceMoments, RegionFrame};
 use plantar::pipeline::stance::Stance;
 use plantar::pipeline::stance_rule::{StanceLimits, StanceRule};
@@ -12,26 +13,62 @@ use std::process::Command;
 struct Foot {
     t_s: Vec<f64>,
     force_n: Vec<f64>,
-    /// Initial contact (s), toe off (s) and largest force (N).
-    steps: Vec<[f64; 3]>,
+    steps: Vec<VendorStep>,
+}
+
+impl Foot {
+    /// The vendor's step with its initial contact at about this time.
+    fn step_at(&self, t_s: f64) -> Option<&VendorStep> {
+        self.steps.iter().find(|step| (step.contact_s - t_s).abs() < SAME_STEP_S)
+    }
+}
+
+/// A step in a report of the vendor. The report lacks times that need a step before or after its first or last one.
+#[derive(Deserialize)]
+struct VendorStep {
+    /// Initial contact.
+    contact_s: f64,
+    toe_off_s: f64,
+    /// Largest force.
+    most_n: f64,
+    /// Time to the next initial contact of the same foot.
+    stride_s: Option<f64>,
+    /// Time to the next initial contact of the other foot.
+    to_other_s: Option<f64>,
+    /// Time from initial contact to toe off of the other foot.
+    double_support_s: Option<f64>,
 }
 
 /// Time between the frames of all walks, us.
 const PERIOD_US: u32 = 10_000;
+/// Largest difference between the heel strikes of the same step, s.
+const SAME_STEP_S: f64 = 0.2;
 
-/// How the steps of the stance detection compare with those of the vendor.
+/// How the steps of the stance detection compare with those of the vendor. The differences are medians of absolute values.
 #[derive(Debug)]
 pub struct Agreement {
     /// Number of the vendor's steps.
     pub steps: usize,
     /// Number of them that the stance detection found, too.
     pub found: usize,
-    /// Median of the absolute differences of initial contact, ms.
+    /// Difference of initial contact, ms.
     pub contact_ms: f64,
-    /// The same of toe off, ms.
+    /// Difference of toe off, ms.
     pub toe_off_ms: f64,
-    /// The same of the largest force, N.
+    /// Difference of the largest force, N.
     pub peak_n: f64,
+    /// Number of the vendor's stride times.
+    pub strides: usize,
+    /// Number of compared stride times, step times, first phases of double support, and double supports.
+    pub compared: [usize; 4],
+    /// Difference of stride time, ms.
+    pub stride_ms: f64,
+    /// Difference of step time, ms.
+    pub step_ms: f64,
+    /// Difference of a phase of double support, which is what the vendor reports, ms.
+    pub double_support_ms: f64,
+    /// Difference of the double support of a stride, both phases together, ms.
+    pub both_phases_ms: f64,
 }
 
 /// Detects the stances in the total forces of all walks. `archive` is the source archive of the package moticon-opengo, and `python`
@@ -41,22 +78,77 @@ pub fn compare(python: &Path, archive: &Path) -> Agreement {
     let output = Command::new(python).arg(script).arg(archive).output().expect("Python can be started");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let feet: Vec<Foot> = serde_json::from_slice(&output.stdout).expect("the script prints JSON");
-    let (mut steps, mut contact_ms, mut toe_off_ms, mut peak_n) = (0, Vec::new(), Vec::new(), Vec::new());
-    for foot in &feet {
-        let found = stances(foot);
-        for [contact_s, toe_off_s, most_n] in &foot.steps {
-            steps += 1;
-            let is_same = |stance: &&[f64; 3]| stance[0] < *toe_off_s && *contact_s < stance[1];
-            if let Some(stance) = found.iter().find(is_same) {
-                contact_ms.push((stance[0] - contact_s).abs() * 1e3);
-                toe_off_ms.push((stance[1] - toe_off_s).abs() * 1e3);
-                peak_n.push((stance[2] - most_n).abs());
-            }
+    let mut steps: [Vec<f64>; 3] = Default::default();
+    let mut times: [Vec<f64>; 4] = Default::default();
+    for walk in feet.chunks_exact(2) {
+        let found = [&walk[0], &walk[1]].map(stances);
+        for (foot, found) in walk.iter().zip(&found) {
+            compare_steps(foot, found, &mut steps);
+        }
+        let gait = Gait::new(found.map(|found| foot_steps(&found)), true);
+        compare_strides([&walk[0], &walk[1]], &gait.feet[0].strides, &mut times);
+        compare_strides([&walk[1], &walk[0]], &gait.feet[1].strides, &mut times);
+    }
+    let vendor = || feet.iter().flat_map(|foot| &foot.steps);
+    let (compared, found) = (times.each_ref().map(Vec::len), steps[0].len());
+    let [contact_ms, toe_off_ms, peak_n] = steps.map(median);
+    let [stride_ms, step_ms, double_support_ms, both_phases_ms] = times.map(median);
+    let strides = vendor().filter(|step| step.stride_s.is_some()).count();
+    let steps = vendor().count();
+    Agreement {
+        steps,
+        found,
+        contact_ms,
+        toe_off_ms,
+        peak_n,
+        strides,
+        compared,
+        stride_ms,
+        step_ms,
+        double_support_ms,
+        both_phases_ms,
+    }
+}
+
+/// Adds the differences of initial contact (ms), toe off (ms) and largest force (N) of the steps of a foot.
+fn compare_steps(foot: &Foot, found: &[[f64; 3]], differences: &mut [Vec<f64>; 3]) {
+    for step in &foot.steps {
+        let is_same = |stance: &&[f64; 3]| stance[0] < step.toe_off_s && step.contact_s < stance[1];
+        if let Some([contact_s, toe_off_s, most_n]) = found.iter().find(is_same) {
+            differences[0].push((contact_s - step.contact_s).abs() * 1e3);
+            differences[1].push((toe_off_s - step.toe_off_s).abs() * 1e3);
+            differences[2].push((most_n - step.most_n).abs());
         }
     }
-    let found = peak_n.len();
-    let [contact_ms, toe_off_ms, peak_n] = [contact_ms, toe_off_ms, peak_n].map(median);
-    Agreement { steps, found, contact_ms, toe_off_ms, peak_n }
+}
+
+/// Adds the differences of stride time, step time and double support (ms) of the strides of a foot. The vendor reports the time to the
+/// other foot's contact, and each phase of double support, with the step that begins with it.
+fn compare_strides([own, other]: [&Foot; 2], strides: &[Stride], differences: &mut [Vec<f64>; 4]) {
+    for stride in strides {
+        let begins = own.step_at(stride.start_s);
+        let within = stride.other_s.and_then(|t_s| other.step_at(t_s));
+        let (Some(begins), Some(within)) = (begins, within) else { continue };
+        let both = begins.double_support_s.zip(within.double_support_s).map(|(first, second)| first + second);
+        let vendor_s = [begins.stride_s, within.to_other_s, begins.double_support_s, both];
+        let keys = ["stride_time_s", "step_time_s", "first_double_support_s", "double_support_s"];
+        for ((key, vendor_s), differences) in keys.into_iter().zip(vendor_s).zip(&mut *differences) {
+            let found_s = MEASURES.iter().position(|measure| measure.key == key).and_then(|i| stride.values[i]);
+            differences.extend(found_s.zip(vendor_s).map(|(found_s, vendor_s)| (found_s - vendor_s).abs() * 1e3));
+        }
+    }
+}
+
+/// The steps of a foot on the clock of the walk.
+fn foot_steps(stances: &[[f64; 3]]) -> Vec<FootStep> {
+    let step = |(number, &[start_s, end_s, peak_n]): (u32, &[f64; 3])| FootStep {
+        number,
+        start_s,
+        duration_s: end_s - start_s,
+        peak_n,
+        integral_n_s: 0.0,
+    };
+    (0..).zip(stances).map(step).collect()
 }
 
 /// Heel strike (s), toe off (s) and largest total force (N) of the steps of a foot.

@@ -47,6 +47,18 @@ pub fn measure(python: &Path, moticon: &Path, figures: &mut Figures) -> Result<(
         ("moticon.contact_ms", agreement.contact_ms, "at most 10: difference of initial contact, median"),
         ("moticon.toe_off_ms", agreement.toe_off_ms, "at most 15: difference of toe off, median"),
         ("moticon.peak_force_n", agreement.peak_n, "at most 1: difference of the largest force, median"),
+        ("moticon.stride_ms", agreement.stride_ms, "at most 15: difference of stride time, median"),
+        ("moticon.step_ms", agreement.step_ms, "at most 15: difference of step time, median"),
+        (
+            "moticon.double_support_ms",
+            agreement.double_support_ms,
+            "at most 18: difference of a phase of double support, median",
+        ),
+        (
+            "moticon.both_phases_ms",
+            agreement.both_phases_ms,
+            "at most 35: difference of the double support of a stride, both phases together, median",
+        ),
     ] {
         figures.add(key, (value * 1e3).round() / 1e3, meaning);
     }

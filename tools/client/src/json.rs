@@ -92,6 +92,8 @@ fn insert<T: 'static>(
 fn contact_rule_to_json(step: &Step) -> Value {
     let rule = &step.contact_rule;
     json!({
+        // The name of the quantities area_mm2 and area_peak_mm2.
+        "area": if rule.full_kpa > 0.0 { "effective area" } else { "contact area" },
         "rule": if rule.full_kpa > 0.0 { "fractional" } else { "counted" },
         "on_kpa": rule.on_kpa,
         "off_kpa": rule.off_kpa,

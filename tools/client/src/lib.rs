@@ -10,6 +10,7 @@ mod counters;
 mod delivered;
 mod error;
 mod file;
+pub mod gait;
 mod json;
 mod link;
 mod order;

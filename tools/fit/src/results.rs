@@ -2,10 +2,11 @@
 
 use crate::interval::{FIVE, Interval};
 use crate::measures::{PIN_CHANGE, PinEffect, PinnedValues};
+use crate::pins::{Pins, Scale};
 use crate::sensitivity::{MainResults, Sensitivity};
 use crate::study::Source;
 use crate::{Method, NotFitted, RegionFit, Study};
-use parameters::{Identified, InsoleSize, Parameters};
+use parameters::{DeformationScale, Identified, InsoleSize, Parameters};
 use plantar::{Region, Side};
 use serde_json::{Map, Value, json};
 
@@ -22,6 +23,17 @@ pub fn significant(value: f64) -> String {
 pub fn widest(interval: &Interval) -> [f64; 2] {
     let width = |[low, high]: [f64; 2]| high - low;
     interval.bootstrap.filter(|b| width(*b) > width(interval.jacobian)).unwrap_or(interval.jacobian)
+}
+
+/// What the scale of the deformation rests on. A C that was searched rests on no measurement of the tissue.
+pub fn deformation_scale(pins: &Pins) -> DeformationScale {
+    match (pins.scale, pins.is_thickness_measured) {
+        // A curvature determines C without the thickness.
+        (Scale::Curvature(_), _) | (Scale::PeakStrain(_), true) => DeformationScale::Measured,
+        (Scale::PeakStrain(_), false) => DeformationScale::AssumedThickness,
+        (Scale::Assumed(_), true) => DeformationScale::AssumedCompression,
+        (Scale::Assumed(_), false) | (Scale::Searched(_), _) => DeformationScale::Assumed,
+    }
 }
 
 /// The parameters. A region that was not fitted has the typical values of the size.
@@ -41,9 +53,10 @@ pub fn parameters(study: &Study, size: InsoleSize) -> Parameters {
         side: side.into(),
         steps: study.steps.len() as u32,
     });
-    for (slot, fit) in parameters.regions.iter_mut().zip(&study.fits) {
+    for (region, fit) in study.fits.iter().enumerate() {
         if let Ok(fit) = fit {
-            *slot = fit.ellipsoid;
+            parameters.regions[region] = fit.ellipsoid;
+            parameters.deformation[region] = deformation_scale(&fit.pins);
         }
     }
     parameters
@@ -179,6 +192,8 @@ fn fit_to_json(fit: &Result<RegionFit, NotFitted>, counted_nrmse: Option<f64>) -
             "d0_mm": fit.pins.thickness_m * 1e3,
             "d0_by": if fit.pins.is_thickness_measured { "measurement" } else { "shoe_size" },
             "by": fit.pins.scale.name(),
+            "deformation_scale": deformation_scale(&fit.pins).name(),
+            "assumed_percent": deformation_scale(&fit.pins).assumed_percent(),
             "compression": fit.pins.compression(law, fit.area_max_m2),
             "effect": fit.pin_effect.as_ref().map(effect_to_json),
         },

@@ -1,7 +1,7 @@
 //! Typical parameters by insole size. They were not identified from steps of the wearer: they are sufficient for a first view of
 //! a live stream, but do not support a statement about a person.
 
-use crate::Parameters;
+use crate::{DeformationScale, Parameters};
 use plantar::pipeline::model::Ellipsoid;
 use serde::Deserialize;
 use std::fmt;
@@ -139,6 +139,12 @@ impl Parameters {
                 m,
             }
         });
-        Self { subject: format!("typical, size {size}"), personal: false, identified: None, regions }
+        Self {
+            subject: format!("typical, size {size}"),
+            personal: false,
+            identified: None,
+            regions,
+            deformation: DeformationScale::ALL_ASSUMED,
+        }
     }
 }

@@ -3,10 +3,12 @@
 mod defaults;
 mod measurements;
 mod participant;
+mod scale;
 
 pub use defaults::{InsoleSize, TypicalRange};
 pub use measurements::{Measurements, OutOfRange, TissueMeasurements};
 pub use participant::{Participant, Sex};
+pub use scale::{AssumedShare, DeformationScale, deformation_title};
 
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::model::{COEFFICIENT, Ellipsoid, ForceLaw, LENGTH_M, MAX_EXPONENT, is_within};
@@ -66,6 +68,8 @@ pub struct Parameters {
     pub identified: Option<Identified>,
     /// The ellipsoids in the order of [`Region::ALL`], SI units.
     pub regions: [Ellipsoid<f64>; 8],
+    /// What the deformations of the regions rest on.
+    pub deformation: [DeformationScale; 8],
 }
 
 /// The conditions of an identification. The parameters are valid only for areas with the same contact rule and filter.
@@ -155,6 +159,8 @@ struct FileRegion {
     n: f64,
     c_n_s_m3: f64,
     m: f64,
+    /// [`DeformationScale::name`]; omitted if C rests on assumptions alone.
+    deformation_scale: Option<String>,
 }
 
 impl Parameters {
@@ -188,13 +194,16 @@ impl Parameters {
             return Err(wrong(name, format!("(line {line}) is not a region; the regions are {}", names.join(", "))));
         }
         let mut regions = [None; 8];
-        for (slot, region) in regions.iter_mut().zip(Region::ALL) {
+        let mut deformation = DeformationScale::ALL_ASSUMED;
+        for ((slot, scale), region) in regions.iter_mut().zip(&mut deformation).zip(Region::ALL) {
             let Some(found) = file.regions.get(region.name()) else {
                 return Err(wrong(region.name(), "is missing; provide all eight regions".into()));
             };
             let line = line(found.span().start);
             let ellipsoid = found.get_ref().check().map_err(|p| wrong(region.name(), format!("(line {line}) {p}")))?;
             *slot = Some(ellipsoid);
+            let name = found.get_ref().deformation_scale.as_deref();
+            *scale = DeformationScale::of_file(name).map_err(|p| wrong(region.name(), format!("(line {line}) {p}")))?;
         }
         // The loop returns an error unless it fills every slot.
         let regions = regions.map(|region| region.expect("the loop fills every slot"));
@@ -221,7 +230,7 @@ impl Parameters {
                     .into(),
             ));
         }
-        Ok(Self { subject: file.subject, personal: file.personal, identified, regions })
+        Ok(Self { subject: file.subject, personal: file.personal, identified, regions, deformation })
     }
 
     /// The force laws of an insole as ellipsoids with the same force. A force law determines neither A / B nor d0, so A = B and
@@ -247,6 +256,7 @@ impl Parameters {
             personal: identified.is_some(),
             identified: identified.map(Identified::from_insole),
             regions,
+            deformation: DeformationScale::ALL_ASSUMED,
         }
     }
 
@@ -293,7 +303,7 @@ impl Parameters {
             let _ = writeln!(text, "contact_on_kpa = {:?}\ncontact_off_kpa = {:?}", contact.on_kpa, contact.off_kpa);
             let _ = writeln!(text, "contact_full_kpa = {:?}", contact.full_kpa);
         }
-        for (region, e) in Region::ALL.iter().zip(&self.regions) {
+        for ((region, e), scale) in Region::ALL.iter().zip(&self.regions).zip(self.deformation) {
             let _ = writeln!(text, "\n[regions.{}]", region.name());
             let values = [
                 ("a_mm", e.a_m * 1e3),
@@ -308,6 +318,10 @@ impl Parameters {
             for (name, value) in values {
                 let comment = note(*region, name).map_or(String::new(), |note| format!(" # {note}"));
                 let _ = writeln!(text, "{name} = {value:?}{comment}");
+            }
+            if scale != DeformationScale::Assumed {
+                let percent = scale.assumed_percent();
+                let _ = writeln!(text, "deformation_scale = {:?} # share of assumption: {percent} %", scale.name());
             }
         }
         text

@@ -18,6 +18,7 @@ import { BluetoothTransport, explain } from "./transport/bluetooth";
 import { ReplayTransport } from "./transport/replay";
 import type { Transport } from "./transport/transport";
 import { WebSocketTransport } from "./transport/websocket";
+import { gaitOf } from "./walk";
 import type { Wire } from "./wire";
 
 /** True for localhost and IP addresses, at which `plantar serve` serves the page. A server with a domain name has no insoles. */
@@ -147,7 +148,7 @@ export class App {
       const last = steps.findLast(({ step }) => step.side === side)?.step;
       this.live_view.showEllipses(side, Object.values(last?.regions ?? {}).flatMap((region) => region.ellipse_at_peak ?? []));
     }
-    drawSteps(steps, this.settings);
+    drawSteps(steps, gaitOf(this.wire, steps, bouts, this.settings), this.settings);
     drawBouts(bouts);
     byId("export-steps", HTMLButtonElement).disabled = steps.length === 0;
     byId("export-bouts", HTMLButtonElement).disabled = bouts.length === 0;

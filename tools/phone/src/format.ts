@@ -35,6 +35,25 @@ export function quantityText(region: LiveRegion, quantity: Quantity, has_paramet
   return region.saturated ? `${text} ▲` : region.masked ? `${text} ~` : is_clamped ? `${text} △` : text;
 }
 
+/** What the wearer must know about a quantity. An insole does not know whether the scale of its deformation was measured. */
+export function quantityNote(quantity: Quantity, has_effective_areas: boolean): string {
+  switch (quantity) {
+    case "measured":
+      return "The sum of the sensors. Load beside the sensors, and shear, are not part of it.";
+    case "deformation":
+      return (
+        "Share of assumption: 100 %. The scale of the deformation follows from a typical thickness of the tissue and an assumed " +
+        "compression, unless both were measured for your parameters."
+      );
+    case "area":
+      return has_effective_areas
+        ? "Cells count by the share that the foot covers, estimated from their pressure. So the area depends on pressure and cell size."
+        : "Cells with contact count with their whole area.";
+    case "model":
+      return "";
+  }
+}
+
 /** The unit in which forces are shown. */
 export const unitOf = (settings: Settings) => (settings.force_unit === "%BW" && settings.body_mass_kg !== null ? "%BW" : "N");
 

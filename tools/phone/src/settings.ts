@@ -12,19 +12,23 @@ export interface Settings {
   force_unit: "N" | "%BW";
   /** European shoe size, 35 to 46. */
   shoe_size: number;
+  /** Mean length of a stride, cm; `null` if the wearer has not stated it. */
+  stride_cm: number | null;
 }
 
-const DEFAULTS: Settings = { body_mass_kg: null, mass_unit: "kg", force_unit: "N", shoe_size: 42 };
+const DEFAULTS: Settings = { body_mass_kg: null, mass_unit: "kg", force_unit: "N", shoe_size: 42, stride_cm: null };
 
 /** The stored settings. Missing or invalid settings have their defaults. */
 export function loadSettings(storage: Storage): Settings {
   try {
+    const positive = (value: unknown) => (typeof value === "number" && value > 0 ? value : null);
     const saved = JSON.parse(storage.getItem(KEY) ?? "{}") as Partial<Settings>;
     return {
-      body_mass_kg: typeof saved.body_mass_kg === "number" && saved.body_mass_kg > 0 ? saved.body_mass_kg : null,
+      body_mass_kg: positive(saved.body_mass_kg),
       mass_unit: saved.mass_unit === "lb" ? "lb" : "kg",
       force_unit: saved.force_unit === "%BW" ? "%BW" : "N",
       shoe_size: Number.isInteger(saved.shoe_size) ? Math.min(46, Math.max(35, saved.shoe_size ?? 42)) : 42,
+      stride_cm: positive(saved.stride_cm),
     };
   } catch {
     return { ...DEFAULTS };

@@ -13,12 +13,14 @@ import type { Wire } from "./wire";
 /** Shows the wearer's settings in the form, and stores each change of the form. `changed` is called after each change. */
 export function listenToSettings(settings: Settings, changed: () => void): void {
   const mass = byId("mass", HTMLInputElement);
+  const stride = byId("stride", HTMLInputElement);
   const mass_unit = byId("mass-unit", HTMLSelectElement);
   const force_unit = byId("force-unit", HTMLSelectElement);
   const kg_per_unit = () => (settings.mass_unit === "lb" ? KG_PER_LB : 1);
   const show = () => (mass.value = settings.body_mass_kg === null ? "" : (settings.body_mass_kg / kg_per_unit()).toFixed(1));
   mass_unit.value = settings.mass_unit;
   force_unit.value = settings.force_unit;
+  stride.value = settings.stride_cm === null ? "" : settings.stride_cm.toFixed(0);
   show();
   const save = () => {
     saveSettings(localStorage, settings);
@@ -27,6 +29,11 @@ export function listenToSettings(settings: Settings, changed: () => void): void 
   mass.oninput = () => {
     const value = mass.valueAsNumber;
     settings.body_mass_kg = value > 0 ? value * kg_per_unit() : null;
+    save();
+  };
+  stride.oninput = () => {
+    const value = stride.valueAsNumber;
+    settings.stride_cm = value > 0 ? value : null;
     save();
   };
   mass_unit.onchange = () => {

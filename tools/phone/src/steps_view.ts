@@ -2,43 +2,34 @@
 
 import { type Node, byId, fill } from "./dom";
 import { forceText, numberText, unitOf } from "./format";
-import type { Side, Step } from "./generated/quantities";
+import type { Estimate, Gait, GaitMeasure, Step } from "./generated/quantities";
 import { type Settings, percentOfWeight } from "./settings";
 import { SIDES, sideTitle } from "./side";
 import type { StoredBout, StoredStep } from "./step_store";
-import { cadence_per_min, footMeasures, impulse_n_s, stepsOf, symmetryIndex } from "./walk";
+import { LATEST, stepsOf } from "./walk";
 
 /** Number of steps of each foot in the diagram. */
 const TREND_STEPS = 60;
 /** Largest number of rows in the table. */
 const ROWS = 200;
 
+/** Measures of both feet that the table omits, because they follow from others. */
+const OMITTED = ["swing_percent", "first_double_support_s", "single_support_percent"];
+
 /** Shows the steps. To be called after each change of the steps or of the settings. */
-export function drawSteps(steps: readonly StoredStep[], settings: Settings): void {
+export function drawSteps(steps: readonly StoredStep[], gait: Gait, settings: Settings): void {
   const is_empty = steps.length === 0;
   byId("no-steps").hidden = !is_empty;
-  for (const id of ["measures", "symmetry", "trend", "table"]) byId(id).hidden = is_empty;
+  for (const id of ["measures", "both-feet-title", "both-feet", "both-feet-note", "trend", "table"]) byId(id).hidden = is_empty;
   if (is_empty) return;
-  const both = { left: footMeasures(steps, "left"), right: footMeasures(steps, "right") };
-
+  const speed = gait.speed_m_s === null ? [] : [card("Walking speed", numberText(gait.speed_m_s, 2), "m/s, from your stride length")];
+  const [left, right] = SIDES.map((side) => stepsOf(steps, side).length);
   fill("measures", [
-    card("Cadence", numberText(cadence_per_min(steps), 0), "steps per minute"),
-    card("Steps", String(steps.length), `left ${both.left.count}, right ${both.right.count}`),
+    card("Cadence", numberText(gait.cadence_per_min?.mean ?? null, 0), "steps per minute"),
+    card("Steps", String(steps.length), `left ${left}, right ${right}`),
+    ...speed,
   ]);
-
-  const force = (value: number | null) => (value === null ? "–" : forceText(value, settings, "")[0]);
-  const row = (name: string, of: (side: Side) => number | null, text: (value: number | null) => string): Node => [
-    "tr",
-    {},
-    ["th", { scope: "row" }, name],
-    ...SIDES.map((side): Node => ["td", {}, text(of(side))]),
-    ["td", {}, numberText(symmetryIndex(of("left"), of("right")), 1, "%")],
-  ];
-  fill(byId("symmetry").querySelector("tbody"), [
-    row(`Peak force, ${unitOf(settings)}`, (side) => both[side].peak_n, force),
-    row("Contact time, s", (side) => both[side].contact_s, (value) => numberText(value, 2)),
-    row("Force × time, N s", (side) => both[side].impulse_n_s, (value) => numberText(value, 0)),
-  ]);
+  drawGait(gait, settings);
   fill("trend", trend(steps, settings));
 
   const head = ["Foot", "Step", "Contact, s", "Peak, N", "Peak, %BW", "Force × time, N s"];
@@ -52,7 +43,7 @@ export function drawSteps(steps: readonly StoredStep[], settings: Settings): voi
     ["td", {}, step.duration_s.toFixed(2)],
     ["td", {}, `${hasMaskedCells(step) ? "~ " : ""}${step.foot.foot_force_peak_n.toFixed(0)}`],
     ["td", {}, numberText(percentOfWeight(step.foot.foot_force_peak_n, settings), 0)],
-    ["td", {}, impulse_n_s(step).toFixed(0)],
+    ["td", {}, step.foot.foot_force_integral_n_s.toFixed(0)],
   ]));
 }
 
@@ -75,6 +66,32 @@ export function drawBouts(bouts: readonly StoredBout[]): void {
       ["td", {}, integral_n_s.toFixed(0)],
     ];
   }));
+}
+
+/** Shows the measures of both feet, with the intervals of the means. */
+function drawGait(gait: Gait, settings: Settings): void {
+  const value = (estimate: Estimate | null, digits: number, scale: number): Node => {
+    if (!estimate) return ["td", {}, "–"];
+    const text = (value: number | null) => (value === null ? "–" : (scale * value).toFixed(digits));
+    const interval = estimate.low === null ? "" : `${text(estimate.low)} to ${text(estimate.high)}`;
+    return ["td", {}, text(estimate.mean), ["small", {}, interval]];
+  };
+  const row = ({ key, title, unit, digits, left, right, symmetry_percent }: GaitMeasure): Node => {
+    const is_force = key === "peak_force_n";
+    const scale = (is_force && unitOf(settings) === "%BW" && percentOfWeight(1, settings)) || 1;
+    const name = `${title}, ${is_force ? unitOf(settings) : unit}`;
+    const feet = [left, right].map((estimate) => value(estimate, digits, scale));
+    return ["tr", {}, ["th", { scope: "row" }, name], ...feet, value(symmetry_percent, 1, 1)];
+  };
+  const measures = gait.measures.filter(({ key, left, right }) => (left || right) && !OMITTED.includes(key));
+  fill(byId("both-feet").querySelector("tbody"), measures.map(row));
+  const { strides, gaps, unpaired } = gait;
+  const both = ({ left, right }: { left: number; right: number }) => `${left} left, ${right} right`;
+  const compared = gait.has_both_feet ? "" : "The feet are not compared, because the steps of one foot or their common time are missing. ";
+  fill("both-feet-note", [
+    `${compared}Strides in use: ${both(strides)}, of the last ${LATEST} steps of each foot. Not used, because of a pause or a ` +
+      `missing step: ${both(gaps)}; without exactly one step of the other foot: ${both(unpaired)}.`,
+  ]);
 }
 
 /** True if cells were masked in any region of the step. */

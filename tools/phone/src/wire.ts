@@ -1,6 +1,7 @@
 /** The core of the page, as WebAssembly: it decodes and encodes messages, converts the times of insoles, and counts lost frames. */
 
 import type { Facts, ToHost } from "./generated/messages";
+import type { Gait, Step } from "./generated/quantities";
 import { INSOLES, type Insole } from "./transport/transport";
 
 /** The exports of tools/phone/wire, where they are described. If one writes to the shared buffer, it returns the length written. */
@@ -25,6 +26,8 @@ interface Exports {
   counter_due(index: number, live_due: number): void;
   counter_received(index: number): number;
   counter_lost(index: number): number;
+  gait_step(foot: number, number: number, start_s: number, duration_s: number, peak_n: number, integral_n_s: number): void;
+  gait_measures(has_common_clock: boolean, stride_m: number): number;
 }
 
 /** Converts times of an insole's clock to times of the browser's clock, so that the times of both feet can be compared. */
@@ -119,6 +122,21 @@ export class Wire {
   /** The clock of an insole in a recording. */
   recordedAxis = (insole: Insole) => new Axis(this.core, INSOLES.length + insole);
   counter = (insole: Insole) => new LiveCounter(this.core, insole);
+
+  /**
+   * The measures of both feet, from the steps of the left and of the right foot, each with the time of its heel strike.
+   * `has_common_clock` states whether the times of both feet can be compared. `stride_m` is the mean length of a stride; 0 if it is
+   * unknown.
+   */
+  gait(feet: readonly (readonly { step: Step; number: number; start_s: number }[])[], has_common_clock: boolean, stride_m: number): Gait {
+    feet.forEach((steps, foot) => {
+      for (const { step, number, start_s } of steps) {
+        const { foot_force_peak_n, foot_force_integral_n_s } = step.foot;
+        this.core.gait_step(foot, number, start_s, step.duration_s, foot_force_peak_n, foot_force_integral_n_s);
+      }
+    });
+    return JSON.parse(this.text.decode(this.read(this.core.gait_measures(has_common_clock, stride_m)))) as Gait;
+  }
 
   private request(length: number): Uint8Array {
     return this.read(length).slice();

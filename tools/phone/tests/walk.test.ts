@@ -1,49 +1,54 @@
 import { expect, test } from "vitest";
+import type { Side } from "../src/generated/quantities";
+import { loadSettings } from "../src/settings";
 import { TemporaryStorage } from "../src/step_storage";
 import type { StoredStep } from "../src/step_store";
-import { cadence_per_min, footMeasures, symmetryIndex } from "../src/walk";
-import { step } from "./wire";
+import { gaitOf } from "../src/walk";
+import { loadWire, step } from "./wire";
 
-function stored(values: Parameters<typeof step>[0]): StoredStep {
-  return { step: step(values), start_unix_s: null };
+const wire = await loadWire();
+const SETTINGS = loadSettings({ getItem: () => null } as unknown as Storage);
+const STRIDE_S = 1.2;
+
+/** Steps of a foot with equal strides; the clock of the insole shows 70 s less than that of the browser. */
+function foot(side: Side, lag_s: number, duration_s: number, count: number): StoredStep[] {
+  return Array.from({ length: count }, (_, n) => {
+    const start_unix_s = 1_800_000_000 + lag_s + n * STRIDE_S;
+    return { step: step({ side, step: n, start_s: start_unix_s - 1_799_999_930, duration_s }), start_unix_s };
+  });
 }
 
-test("the symmetry index is 0 for equal feet, positive if the left value is larger, and null without two values", () => {
-  expect(symmetryIndex(800, 800)).toBe(0);
-  expect(symmetryIndex(900, 700)).toBe(25);
-  expect(symmetryIndex(700, 900)).toBe(-25);
-  expect(symmetryIndex(null, 700)).toBeNull();
-  expect(symmetryIndex(0, 0)).toBeNull();
+const measure = (gait: ReturnType<typeof gaitOf>, key: string) => gait.measures.find((measure) => measure.key === key);
+
+test("the measures of both feet are computed from their steps on the clock of the browser", () => {
+  const steps = [...foot("left", 0, 0.8, 12), ...foot("right", 0.5, 0.7, 12)];
+  const gait = gaitOf(wire, steps, [], { ...SETTINGS, stride_cm: 150 });
+  expect(gait.has_both_feet).toBe(true);
+  expect(gait.strides).toEqual({ left: 11, right: 11 });
+  expect(gait.cadence_per_min?.mean).toBeCloseTo(100, 3);
+  expect(gait.speed_m_s).toBeCloseTo(1.25, 4);
+  expect(measure(gait, "step_time_s")?.left?.mean).toBeCloseTo(0.7, 5);
+  expect(measure(gait, "step_time_s")?.right?.mean).toBeCloseTo(0.5, 5);
+  // The left foot lands 0.5 s before the right one and is lifted 0.3 s after it; the right foot is lifted when the next left one lands.
+  expect(measure(gait, "double_support_s")?.left?.mean).toBeCloseTo(0.3, 5);
+  expect(measure(gait, "stance_time_s")?.symmetry_percent?.mean).toBeCloseTo((200 * 0.1) / 1.5, 5);
+  expect(gaitOf(wire, steps, [], SETTINGS).speed_m_s).toBeNull();
 });
 
-test("the cadence counts the steps of both feet, even if the steps of only one foot are known", () => {
-  const left = [0, 1, 2, 3].map((n) => stored({ step: n, start_s: 10 + n * 1.2 }));
-  const right = [0, 1, 2, 3].map((n) => stored({ side: "right", step: n, start_s: 77 + n * 1.2 }));
-  expect(cadence_per_min(left)).toBeCloseTo(100);
-  expect(cadence_per_min([...left, ...right])).toBeCloseTo(100);
-  expect(cadence_per_min(left.slice(0, 1))).toBeNull();
+test("steps without a time of the browser's clock are measured for each foot", () => {
+  const steps = [...foot("left", 0, 0.8, 5), ...foot("right", 0.5, 0.7, 5)].map((stored) => ({ ...stored, start_unix_s: null }));
+  const gait = gaitOf(wire, steps, [], SETTINGS);
+  expect(gait.has_both_feet).toBe(false);
+  expect(gait.cadence_per_min?.mean).toBeCloseTo(100, 5);
+  expect(measure(gait, "stance_time_s")?.right?.mean).toBeCloseTo(0.7, 5);
+  expect(measure(gait, "step_time_s")).toMatchObject({ left: null, right: null, symmetry_percent: null });
 });
 
-test("intervals across a missing step, a pause or a restart are not strides", () => {
-  const steps = [
-    stored({ step: 0, start_s: 0 }),
-    stored({ step: 1, start_s: 1 }),
-    stored({ step: 3, start_s: 3 }),
-    stored({ step: 4, start_s: 20 }),
-    stored({ step: 5, start_s: 2 }),
-  ];
-  expect(cadence_per_min(steps)).toBe(120);
-});
-
-test("means are computed from the last 20 steps", () => {
-  const steps = Array.from({ length: 30 }, (_, n) => {
-    const values = stored({ step: n, duration_s: n < 10 ? 9 : 0.6 });
-    values.step.foot.foot_force_peak_n = n < 10 ? 100 : 790 + 20 * (n % 2);
-    return values;
-  });
-  const left = footMeasures(steps, "left");
-  expect(left).toEqual({ count: 30, peak_n: 800, impulse_n_s: 0, contact_s: expect.closeTo(0.6) });
-  expect(footMeasures(steps, "right")).toEqual({ count: 0, peak_n: null, impulse_n_s: null, contact_s: null });
+test("measures are computed from the last 100 steps of each foot", () => {
+  const steps = foot("left", 0, 0.6, 150).map((stored, n) => ({ ...stored, step: { ...stored.step, duration_s: n < 50 ? 0.9 : 0.6 } }));
+  const gait = gaitOf(wire, steps, [], SETTINGS);
+  expect(gait.strides).toEqual({ left: 99, right: 0 });
+  expect(measure(gait, "stance_time_s")?.left).toMatchObject({ count: 99, mean: expect.closeTo(0.6) });
 });
 
 test("a temporary storage contains no steps of earlier visits", async () => {

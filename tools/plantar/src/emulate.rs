@@ -12,7 +12,7 @@ use client::{Client, Framed, READ_TIMEOUT, ReconnectPolicy, bout_to_json, step_t
 use emulation::{COLUMNS, EmulatorConfig};
 use emulator::{Board, Faulty, Recorded, SensorFault, Time};
 use identification::Identification;
-use parameters::{InsoleSize, Parameters};
+use parameters::{DeformationScale, InsoleSize, Parameters};
 use plantar::Region;
 use plantar::insole::Insole;
 use plantar::pipeline::setup::DEVICE_CELLS;
@@ -174,7 +174,9 @@ impl Emulate {
             );
         }
         let counters = client.counters();
-        records.print();
+        // An identification in this command has no measurements of the tissue.
+        let scales = if identification.is_none() { parameters.deformation } else { DeformationScale::ALL_ASSUMED };
+        records.print(&scales);
         if identification.is_none() {
             setup::note_unless_applicable(parameters, self.wearer.size, steps);
         }

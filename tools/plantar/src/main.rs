@@ -6,6 +6,7 @@ mod cohort;
 mod emulate;
 mod fit;
 mod frames;
+mod gait;
 mod identify;
 mod import;
 mod info;
@@ -45,6 +46,7 @@ use std::process::ExitCode;
 ///   plantar repeat study --csv repeatability.csv
 ///   plantar replay walk.parquet --params params.toml --json steps.json
 ///   plantar emulate walk.parquet
+///   plantar gait walk.plantar --json gait.json
 ///   plantar params push params.toml --serial /dev/ttyACM0
 ///   plantar identify --serial /dev/ttyACM0 --out me
 ///   plantar insole name --serial-number P-0001 --serial /dev/ttyACM0
@@ -73,6 +75,7 @@ enum Command {
     Cohort(cohort::Cohort),
     Repeat(repeat::Repeat),
     Emulate(emulate::Emulate),
+    Gait(gait::GaitCommand),
     Monitor(monitor::Monitor),
     Record(record::Record),
     #[cfg(feature = "serve")]
@@ -100,6 +103,7 @@ fn main() -> ExitCode {
         Command::Cohort(cohort) => return status(cohort.run()),
         Command::Repeat(repeat) => return status(repeat.run()),
         Command::Emulate(emulate) => emulate.run(),
+        Command::Gait(gait) => gait.run(),
         Command::Update(update) => update.run(),
         Command::Monitor(monitor) => monitor.run(),
         Command::Record(record) => record.run(),

@@ -7,6 +7,7 @@ use crate::view::View;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use client::{Axis, Event, ReconnectPolicy, SessionStart, record_to_json};
+use parameters::DeformationScale;
 use plantar::protocol::{CellFrame, Live, LoadRecord, ToDevice, ToHost};
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -183,7 +184,7 @@ impl Monitor {
         let mut records = Collected { monitor: self, json, all: Records::default(), stored: None };
         let outcome = follow(&self.connection, &mut insole, &mut view, &mut records);
         view.close();
-        records.all.print();
+        records.all.print(&DeformationScale::ALL_ASSUMED);
         summary::print_faults_of(insole.client());
         outcome
     }

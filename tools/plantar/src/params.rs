@@ -7,7 +7,7 @@ use crate::summary;
 use anyhow::{Context, Result, bail};
 use clap::Subcommand;
 use client::ReconnectPolicy;
-use parameters::{Identified as Conditions, InsoleSize, Parameters};
+use parameters::{AssumedShare, Identified as Conditions, InsoleSize, Parameters};
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::{Identified, Tissue};
@@ -167,6 +167,7 @@ fn show_file(parameters: &Parameters) {
         row
     });
     print(["region", "a mm", "b mm", "c mm", "d0 mm", "k N/m3", "n", "c N s/m3", "m"], regions);
+    println!("Share of assumption in C, the scale of the deformation: {}.", AssumedShare(&parameters.deformation));
     show(&parameters.tissue());
 }
 

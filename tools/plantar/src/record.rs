@@ -10,6 +10,7 @@ use crate::view::View;
 use anyhow::{Result, bail};
 use clap::Args;
 use client::{Axis, ReconnectPolicy};
+use parameters::DeformationScale;
 use plantar::protocol::{
     Bout, BoutRegion, CellFrame, CellStream, Flag, Live, LiveRegion, LoadRecord, Quantity, Resolution, Step, StepFoot,
     StepRegion, ToDevice,
@@ -81,7 +82,7 @@ impl Record {
                 "note: {count} received steps and load bouts were not stored; they remain on the insole until its log is full"
             );
         }
-        recorder.all.print();
+        recorder.all.print(&DeformationScale::ALL_ASSUMED);
         summary::print_faults_of(insole.client());
         println!("wrote {}: {} frames, {} steps", self.out.display(), recorder.frames, recorder.all.steps.len());
         if let Some(cells) = &recorder.cells {

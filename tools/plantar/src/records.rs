@@ -1,9 +1,11 @@
 //! The steps and load bouts of a session.
 
+use crate::replay::write_text;
 use crate::summary;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use client::{bout_to_json, step_to_json};
 use comfy_table::CellAlignment;
+use parameters::DeformationScale;
 use plantar::pipeline::bout::BoutKind;
 use plantar::protocol::{Bout, LoadRecord, Step};
 use std::path::Path;
@@ -24,8 +26,9 @@ impl Records {
     }
 
     /// Prints the tables of the steps, and one of the load bouts.
-    pub fn print(&self) {
-        summary::print(&self.steps);
+    /// `scales` are those of the deformations.
+    pub fn print(&self, scales: &[DeformationScale; 8]) {
+        summary::print(&self.steps, scales);
         if self.bouts.is_empty() {
             return;
         }
@@ -55,8 +58,7 @@ impl Records {
         let mut objects: Vec<_> = steps.chain(bouts).collect();
         objects.sort_by_key(|(number, _)| *number);
         let objects: Vec<_> = objects.into_iter().map(|(_, object)| object).collect();
-        let text = serde_json::to_string_pretty(&objects)? + "\n";
-        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+        write_text(path, &serde_json::to_string_pretty(&objects)?)
     }
 }
 

@@ -13,7 +13,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Bout, Step};
 use recording::{MAX_CELLS, Recording, VirtualInsole};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Computes the steps and load bouts of a recording as the insole would, with the same code.
@@ -69,7 +69,7 @@ impl Replay {
         if let Some(path) = &self.json {
             records.write_json(path)?;
         }
-        records.print();
+        records.print(&parameters.deformation);
         setup::note_unless_applicable(&parameters, self.wearer.size, &records.steps);
         let frames = recording.frames();
         eprintln!("{frames} frames of {} cells in {seconds:.2} s", recording.cells());
@@ -123,6 +123,11 @@ impl Replay {
         }
         Ok(records)
     }
+}
+
+/// Writes a text and the end of its last line.
+pub fn write_text(path: &Path, text: &str) -> Result<()> {
+    std::fs::write(path, format!("{text}\n")).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// A progress bar that counts to `total`. It is hidden if stderr is not a terminal.

@@ -151,11 +151,12 @@ pub fn note_unless_same_rule(identified: &ContactRule, in_use: &ContactRule) {
     }
 }
 
-/// A contact rule in words.
+/// A contact rule in words, with the name of its areas.
 pub fn rule_in_words(rule: &ContactRule) -> String {
     let counted =
         if rule.full_kpa > 0.0 { format!("fraction sqrt(p / {} kPa)", rule.full_kpa) } else { "whole cells".into() };
-    format!("{counted}, on at {} kPa, off below {} kPa", rule.on_kpa, rule.off_kpa)
+    let area = recording::area_title(rule);
+    format!("{area}, {counted}, on at {} kPa, off below {} kPa", rule.on_kpa, rule.off_kpa)
 }
 
 /// Makes a virtual insole for a recording. Returns an error if an insole cannot have the recording's frame rate.

@@ -3,6 +3,7 @@
 use crate::setup::rule_in_words;
 use client::{Carrier, Client};
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
+use parameters::{AssumedShare, DeformationScale, deformation_title};
 use plantar::Region;
 use plantar::faults::{Fault, Faults};
 use plantar::protocol::{Step, StepRegion};
@@ -10,8 +11,9 @@ use plantar::protocol::{Step, StepRegion};
 /// Short names of the regions for narrow columns, in the order of [`Region::ALL`].
 pub const SHORT: [&str; 8] = ["Heel", "P.midfoot", "A.midfoot", "Met 1-2", "Met 3-5", "Hallux", "Toe 2", "Toes 3-5"];
 
-/// Prints a table with a row for each step, and a table with the means of each region.
-pub fn print(steps: &[Step]) {
+/// Prints a table with a row for each step, and a table with the means of each region. `scales` states what the deformations of the
+/// regions rest on.
+pub fn print(steps: &[Step], scales: &[DeformationScale; 8]) {
     let Some(first) = steps.first() else {
         println!("no steps");
         return;
@@ -49,14 +51,15 @@ pub fn print(steps: &[Step]) {
         println!("* The contact was larger than the ellipsoid: the model is limited to the whole ellipsoid.");
     }
 
+    let (area, deformation) = (recording::area_title(&first.contact_rule), deformation_title(scales));
     let mut table = self::table();
     table.set_header([
         "region",
         "force N",
         "model N",
-        "area mm2",
+        &format!("{area} mm2"),
         "ellipse mm",
-        "deformation mm",
+        &format!("{deformation} mm"),
         "contact s",
         "model error %",
     ]);
@@ -81,9 +84,12 @@ pub fn print(steps: &[Step]) {
     align(&mut table);
     println!(
         "Mean of each region over the steps that loaded it, of {} steps. Force, model, area and deformation are the \
-         peak values of a step:\n{table}",
+         peak values of a step. Force is the sum of the sensors:\n{table}",
         steps.len()
     );
+    if scales.iter().any(|scale| scale.assumed_percent() > 0) {
+        println!("Share of assumption in the scale of the deformation: {}.", AssumedShare(scales));
+    }
     println!("Contact: {}.", rule_in_words(&first.contact_rule));
 }
 

@@ -4,6 +4,7 @@ use crate::records::bout_line;
 use crate::summary::SHORT;
 use anyhow::Result;
 use client::LinkCounters;
+use parameters::{DeformationScale, deformation_title};
 use plantar::protocol::{Hello, Live, LoadRecord, Step};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyModifiers};
 use ratatui::layout::{Constraint, Layout};
@@ -22,6 +23,8 @@ const LISTED: usize = 6;
 /// The display of a session.
 pub struct View {
     title: String,
+    /// What the columns of area and deformation are.
+    columns: String,
     /// `None` if stdout is not a terminal, or once the display is closed.
     terminal: Option<DefaultTerminal>,
     /// Time of the last redraw.
@@ -57,6 +60,7 @@ impl View {
         };
         Ok(Self {
             title,
+            columns: columns(hello),
             terminal,
             drawn: None,
             live: Live::default(),
@@ -92,6 +96,7 @@ impl View {
     /// Shows that the link is open again.
     pub fn reconnected(&mut self, hello: &Hello) {
         self.title = title(hello);
+        self.columns = columns(hello);
         if self.terminal.is_none() {
             println!("{}", self.title.trim());
         }
@@ -180,7 +185,11 @@ impl View {
                 std::iter::once(Span::raw(numbers)).chain(bar).chain([Span::styled(flag, Style::new().fg(Color::Red))]);
             lines.push(Line::from(spans.collect::<Vec<_>>()));
         }
-        frame.render_widget(Paragraph::new(lines).block(Block::bordered().title(self.title.as_str())), loads);
+        frame.render_widget(
+            Paragraph::new(lines)
+                .block(Block::bordered().title(self.title.as_str()).title_bottom(self.columns.as_str())),
+            loads,
+        );
         let listed = self.steps.iter().rev().take(LISTED).map(|step| Line::from(step_line(step))).collect::<Vec<_>>();
         let title = format!(" {} steps, newest first: measured peak force, N ", self.steps.len());
         frame.render_widget(Paragraph::new(listed).block(Block::bordered().title(title)), steps);
@@ -219,6 +228,14 @@ fn title(hello: &Hello) -> String {
         hello.board,
         hello.firmware
     )
+}
+
+/// The names of the areas and of the deformation, for which the columns have no space. An insole does not know whether the scale of
+/// its deformation was measured.
+fn columns(hello: &Hello) -> String {
+    let (area, deformation) =
+        (recording::area_title(&hello.contact_rule), deformation_title(&DeformationScale::ALL_ASSUMED));
+    format!(" area: {area}; deform: {deformation} ")
 }
 
 /// A line with a step's number, times and peak forces.

@@ -5,7 +5,7 @@
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use plantar::Side;
 use plantar::protocol::session::{RECORD_QUEUE, Session};
-use plantar::protocol::{Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Reset, Status, ToDevice, decode, frame};
+use plantar::protocol::{Decoder, Hello, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step, ToDevice, decode, frame};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpListener;
@@ -136,6 +136,29 @@ fn a_recorder_whose_acknowledgement_was_lost_repeats_it() {
     insole.serve(&mut again, |_| false);
     let (output, text) = wait_for_end(program);
     assert!(output.status.success(), "{text}");
+}
+
+/// The steps in the folder have the times of this computer's clock, on which both feet can be compared.
+#[test]
+fn the_measures_of_a_walk_are_computed_from_the_folder_of_a_recorder() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let session = folder.path().join("session");
+    let (listener, address) = listen();
+    let program = plantar(&["record", "--tcp", &address, "--steps", "4", "--out"]).arg(&session).spawn();
+    let mut insole = Insole::with_steps([]);
+    for number in 0..4 {
+        insole.session.push_record(Step { start_us: 1_200_000 * u64::from(number), ..step(number) });
+    }
+    insole.serve(listener.accept().expect("it connects").0, |_| false);
+    let (output, text) = wait_for_end(program.expect("it runs"));
+    assert!(output.status.success(), "{text}");
+    let json = folder.path().join("gait.json");
+    let program = plantar(&["gait", "--json"]).arg(&json).arg(&session).spawn();
+    let (output, text) = wait_for_end(program.expect("it runs"));
+    assert!(output.status.success() && !text.contains("no common clock"), "{text}");
+    let gait: serde_json::Value = serde_json::from_slice(&std::fs::read(json).expect("a file")).expect("JSON");
+    let stride_s = gait["measures"][0]["left"]["mean"].as_f64();
+    assert!(stride_s.is_some_and(|stride_s| (stride_s - 1.2).abs() < 1e-5), "{gait:#}");
 }
 
 /// The file may be the only copy of recorded steps.

@@ -70,6 +70,34 @@ fn measurements_of_the_tissue_pin_c_and_are_named_everywhere() {
     );
     let report = std::fs::read_to_string(path.join("r.html")).expect("a report");
     assert!(report.contains("a measured peak strain of 30.0 %"));
+    // Only the heel has a measured thickness and a measured strain.
+    for (region, scale, percent) in
+        [("heel", "measured", 0), ("toe_2", "assumed_compression", 50), ("metatarsals_12", "assumed", 100)]
+    {
+        let pinned = pinned(region);
+        assert_eq!(
+            (&pinned["deformation_scale"], &pinned["assumed_percent"]),
+            (&scale.into(), &percent.into()),
+            "{region}"
+        );
+    }
+    assert!(
+        out.contains("deformation (scaled by assumption)") && report.contains("deformation (scaled by assumption)")
+    );
+    let replayed = succeed(path, "replay walk.parquet --params p.toml");
+    assert!(replayed.contains("deformation (scaled by assumption) mm"), "{replayed}");
+    assert!(replayed.contains("heel 0 %") && replayed.contains("toe_2 50 %"), "{replayed}");
+    assert!(succeed(path, "replay walk.parquet").contains("100 % in all regions"));
+    // Everything was measured.
+    let text = text.replace("\n[regions", "\ndeformation_scale = \"measured\"\n[regions");
+    let text: String = text.split_inclusive('\n').filter(|line| !line.contains("share of assumption")).collect();
+    let text = text.replacen("\ndeformation_scale = \"measured\"\n[regions.heel", "\n[regions.heel", 1);
+    std::fs::write(path.join("all.toml"), text + "deformation_scale = \"measured\"\n").expect("written");
+    let replayed = succeed(path, "replay walk.parquet --params all.toml");
+    assert!(replayed.contains("deformation mm") && !replayed.contains("assumption"), "{replayed}");
+    // The areas are named by their rule.
+    assert!(replayed.contains("effective area mm2"), "{replayed}");
+    assert!(succeed(path, "replay walk.parquet --contact-full 0").contains("contact area mm2"));
     // Six steps suffice for other contact rules and filters, but not for leaving out quarters.
     let sensitivity = &results["sensitivity"];
     assert_eq!(sensitivity["variants"].as_array().expect("variants").len(), 2 + 3 + 2);

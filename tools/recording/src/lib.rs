@@ -30,6 +30,7 @@ mod zero;
 pub use error::{Error, Result};
 pub use insole::VirtualInsole;
 pub use layout::{Cell, Layout, MAX_CELLS};
+pub use names::area_title;
 pub use recording::Recording;
 pub use standing::StandingTrial;
 pub use streamed::StreamedCells;

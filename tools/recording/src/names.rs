@@ -1,4 +1,14 @@
-//! Serialisation of regions and sides by the lower-case names that are used in files, instead of their Rust identifiers.
+//! Names of regions, sides and areas.
+//!
+//! Regions and sides are serialised by the lower-case names that are used in files, instead of their Rust identifiers.
+
+use plantar::pipeline::contact::ContactRule;
+
+/// The name of areas by a contact rule. With covered shares, the area depends on pressure and on the size of the cells, so that it is
+/// an effective one.
+pub fn area_title(rule: &ContactRule) -> &'static str {
+    if rule.full_kpa > 0.0 { "effective area" } else { "contact area" }
+}
 
 /// `#[serde(with = "names::region")]`: [`plantar::Region::name`].
 pub mod region {

@@ -136,6 +136,7 @@ fn chart(study: &Study, height: f64, largest: f64) -> Curves {
 /// The chart of contact area, measured and smoothed; `None` if the region was not fitted.
 pub fn area(study: &Study, region: usize, typical: &Result<Typical, String>) -> Option<Drawing> {
     let Typical { start_s, curves, .. } = typical.as_ref().ok()?;
+    let title = recording::area_title(&study.contact);
     let chart = chart(study, AREA_HEIGHT, largest([&curves.area_mm2, &curves.filtered_mm2]));
     // The direct filter leaves the area unchanged.
     let squares: f64 = curves.filtered_mm2.iter().zip(&curves.area_mm2).map(|(a, b)| (a - b) * (a - b)).sum();
@@ -143,9 +144,9 @@ pub fn area(study: &Study, region: usize, typical: &Result<Typical, String>) -> 
     Some(Drawing {
         width: WIDTH,
         height: AREA_HEIGHT,
-        label: format!("{}: contact area over time, NRMSE {} %", TITLES[region], percent(nrmse)),
+        label: format!("{}: {title} over time, NRMSE {} %", TITLES[region], percent(nrmse)),
         body: html! {
-            (chart.axes("", "area, mm²"))
+            (chart.axes("", &format!("{title}, mm²")))
             @if nrmse > 0.0 { text.end x=(WIDTH - 6.0) y=(TOP - 8.0) { "NRMSE " (percent(nrmse)) " %" } }
             path.points d=(chart.points(*start_s, curves.sample_s, &curves.area_mm2)) {}
             path.model.(colour(region)) d=(chart.line(*start_s, curves.sample_s, &curves.filtered_mm2)) {}

@@ -3,6 +3,7 @@
 use crate::format::{NONE, number, signed_percent};
 use crate::region::{TITLES, fit_of};
 use fit::measures::{PIN_CHANGE, Quantity};
+use fit::results::deformation_scale;
 use fit::{RegionFit, Study};
 use maud::{Markup, html};
 
@@ -13,15 +14,17 @@ pub fn table(study: &Study) -> Markup {
         table.dense #pins {
             caption {
                 "What pins d₀ and C, and by how much C and the quantities at 20 % strain change if the value that pins C is " (change)
-                " smaller / larger. Ellipse misfit: area of the ellipse with the second moments of the contact, relative to the \
-                 contact area, minus 1; it is large for a contact of separate parts, and for light contact if edge cells count by \
-                 a share."
+                " smaller / larger. Share of assumption: how many of thickness and compression, on which C rests, are assumed. Unless it \
+                 is 0, stiffness, moduli and energies are those of a deformation (scaled by assumption). Ellipse misfit: area of the \
+                 ellipse with the second moments of the contact, relative to the contact area, minus 1; it is large for a contact of \
+                 separate parts, and for light contact if edge cells count by a share."
             }
             thead {
                 tr {
                     th scope="col" { "Region" }
                     th scope="col" { "d₀, mm" }
                     th.kind scope="col" { "C is pinned by" }
+                    th scope="col" { "Share of" br; "assumption, %" }
                     th scope="col" { "C, mm" }
                     th scope="col" { "Change of C, %" }
                     th scope="col" { "of secant" br; "stiffness, %" }
@@ -38,11 +41,12 @@ pub fn table(study: &Study) -> Markup {
                                 @let source = if fit.pins.is_thickness_measured { "measured" } else { "typical" };
                                 td { (number(fit.pins.thickness_m * 1e3)) ", " (source) }
                                 td.kind { (fit.pins.scale) }
+                                td { (deformation_scale(&fit.pins).assumed_percent()) }
                                 td { (number(fit.law.c_m * 1e3)) }
                                 @for change in changes(fit) { td { (change) } }
                                 td { (fit.ellipse_misfit.map_or(NONE.into(), signed_percent)) }
                             }
-                            Err(reason) => td.reason colspan="7" { "Not fitted: " (reason) },
+                            Err(reason) => td.reason colspan="8" { "Not fitted: " (reason) },
                         }
                     }
                 }

@@ -34,9 +34,11 @@ fn contact(study: &Study) -> String {
         full_kpa => format!("counts with the fraction √(p / {full_kpa} kPa) of its area, at most 1"),
     };
     format!(
-        "a cell is in contact from {} kPa until its pressure falls below {} kPa, and {whole}; the parameters are valid for this \
-         rule only",
-        rule.on_kpa, rule.off_kpa
+        "a cell is in contact from {} kPa until its pressure falls below {} kPa, and {whole}; the areas are {}s. The parameters are \
+         valid for this rule only",
+        rule.on_kpa,
+        rule.off_kpa,
+        recording::area_title(rule)
     )
 }
 

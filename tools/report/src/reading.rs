@@ -60,8 +60,10 @@ pub fn reading(method: Method) -> Markup {
         p {
             strong { "Limits. " }
             "Contact area depends on the contact threshold and on the size of the cells: parameters that were identified with \
-             another contact rule or sensor are not comparable. The force is the normal force; shear is not measured. The eight \
-             regions are a convention for comparing feet, not anatomical structures. This is not a medical device; it must not be \
+             another contact rule or sensor are not comparable. With covered shares, it is an effective area, which also depends on \
+             the pressure. The measured force is the sum of the sensors: shear, and load beside the sensors, are not part of it. \
+             Deformations, and with them stiffness, moduli and energies, are scaled by assumption unless thickness and strain of the \
+             tissue were measured. The eight regions are a convention for comparing feet, not anatomical structures. This is not a medical device; it must not be \
              used for diagnosis."
         }
         p {

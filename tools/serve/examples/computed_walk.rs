@@ -17,6 +17,8 @@ use std::io::{BufWriter, Write};
 const STEPS: usize = 6;
 /// Duration of a stride, s; the right foot strikes half a stride after the left foot.
 const STRIDE_S: f64 = 1.05;
+/// Number of frames between two answers with the time of the insole, by which a host puts both feet on one clock.
+const TIME_FRAMES: usize = 25;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let path = std::env::args().nth(1).ok_or("name the file to write")?;
@@ -67,6 +69,9 @@ fn messages(
         let toe_off = insole.frame(frame as u32, &codes);
         let t_us = frame as u64 * u64::from(virtual_insole.setup.period_us);
         let t_ms = (t_us as f64 / 1e3 + lag_s * 1e3).round() as u32;
+        if frame % TIME_FRAMES == 0 {
+            messages.push((t_ms, ToHost::Time { host_us: t_us + (lag_s * 1e6) as u64, device_us: t_us }));
+        }
         messages.push((
             t_ms,
             ToHost::Live(Live::new(frame as u32, t_us, insole.loads(), insole.masked(), insole.foot_centre_mm())),

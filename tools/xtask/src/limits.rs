@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value};
 
 /// Keys of figures, each with its smallest and its largest allowed value.
-const LIMITS: [(&str, f64, f64); 42] = [
+const LIMITS: [(&str, f64, f64); 46] = [
     ("frame_instructions", 0.0, 12_100.0),
     ("cells_instructions", 0.0, 6_000.0),
     ("tracking_instructions", 0.0, 2_000.0),
@@ -47,6 +47,10 @@ const LIMITS: [(&str, f64, f64); 42] = [
     ("moticon.contact_ms", 0.0, 10.0),
     ("moticon.toe_off_ms", 0.0, 15.0),
     ("moticon.peak_force_n", 0.0, 1.0),
+    ("moticon.stride_ms", 0.0, 15.0),
+    ("moticon.step_ms", 0.0, 15.0),
+    ("moticon.double_support_ms", 0.0, 18.0),
+    ("moticon.both_phases_ms", 0.0, 35.0),
 ];
 
 /// Returns an error if a figure is missing or outside of its limits.

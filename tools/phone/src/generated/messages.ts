@@ -31,6 +31,8 @@ board: string, side: Side,
 cells: number,
 /** Frames per second. */
 rate_hz: number,
+/** True if areas are sums of covered shares: effective areas instead of contact areas. */
+has_effective_areas: boolean,
 /** True if the insole has the wearer's parameters. Without them it computes no deformation and no model force. */
 has_parameters: boolean,
 /** The reason of the last reset, one word. */

@@ -21,7 +21,7 @@ export interface Step {
   /** Start on the insole's own clock, s since 1970; null unless the insole has restarted since the step. */
   start_unix_s: number | null;
   /** Contact rule of the areas. */
-  contact_rule: { rule: "counted" | "fractional"; on_kpa: number; off_kpa: number; full_kpa: number };
+  contact_rule: { area: string; rule: "counted" | "fractional"; on_kpa: number; off_kpa: number; full_kpa: number };
   /** The measures of the foot. */
   foot: StepFoot;
   /** The regions by name. */
@@ -94,11 +94,11 @@ export interface StepRegion {
   measured_force_integral_n_s: number;
   /** Force-time integral of the model force. Unit: N s. */
   model_force_integral_n_s: number;
-  /** Largest contact area. Unit: mm2. */
+  /** Largest contact area; the effective area if the contact rule has covered shares. Unit: mm2. */
   area_peak_mm2: number;
-  /** Largest tissue deformation of the model. Unit: mm. */
+  /** Largest tissue deformation of the model (scaled by assumption, unless thickness and strain were measured). Unit: mm. */
   deformation_peak_mm: number;
-  /** Largest rate of the deformation under increasing load. Unit: mm/s. */
+  /** Largest rate of the deformation (scaled by assumption as well) under increasing load. Unit: mm/s. */
   deformation_rate_peak_mm_s: number;
   /** Time from the region's first to its last sample in contact. Unit: s. */
   contact_time_s: number;
@@ -194,9 +194,9 @@ export interface Live {
 
 /** One region of a live frame. */
 export interface LiveRegion {
-  /** Contact area. Unit: mm2. */
+  /** Contact area; the effective area if the contact rule has covered shares. Unit: mm2. */
   area_mm2: number;
-  /** Tissue deformation of the model. Unit: mm. */
+  /** Tissue deformation of the model (scaled by assumption, unless thickness and strain were measured). Unit: mm. */
   deformation_mm: number;
   /** Model force. Unit: N. */
   model_n: number;
@@ -208,6 +208,56 @@ export interface LiveRegion {
   clamped: boolean;
   /** Cells are masked. */
   masked: boolean;
+}
+
+/** Measures of both feet. */
+export interface Gait {
+  /** True if the steps of both feet are known on one clock. */
+  has_both_feet: boolean;
+  /** Number of strides in use. */
+  strides: { left: number; right: number };
+  /** Number of pairs of steps that are no stride, because of a pause or a missing step. */
+  gaps: { left: number; right: number };
+  /** Number of strides without exactly one step of the other foot, which are not used. */
+  unpaired: { left: number; right: number };
+  /** Steps of both feet in a minute. */
+  cadence_per_min: Estimate | null;
+  /** Walking speed, m/s; null without a stride length. */
+  speed_m_s: number | null;
+  /** The measures of a stride. */
+  measures: GaitMeasure[];
+}
+
+/** A measure of a stride. */
+export interface GaitMeasure {
+  /** Name with its unit. */
+  key: string;
+  /** Name for the wearer. */
+  title: string;
+  /** Unit. */
+  unit: string;
+  /** Number of decimals to show. */
+  digits: number;
+  /** Left foot. */
+  left: Estimate | null;
+  /** Right foot. */
+  right: Estimate | null;
+  /** Symmetry index; positive if the left value is larger. */
+  symmetry_percent: Estimate | null;
+}
+
+/** A mean over strides. */
+export interface Estimate {
+  /** Number of values. */
+  count: number;
+  /** Mean. */
+  mean: number;
+  /** Standard deviation; null for a single value. */
+  sd: number | null;
+  /** Lower limit of the 95 % interval of the mean; null if there are too few values. */
+  low: number | null;
+  /** Upper limit of the interval. */
+  high: number | null;
 }
 
 /** Columns of a region in the CSV of steps. */

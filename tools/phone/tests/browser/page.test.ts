@@ -47,9 +47,19 @@ test("a recording shows both feet, their steps and measures", async () => {
   });
   await waitForSteps(page, 4);
   await show(page, "steps");
-  const symmetry = await page.locator("#symmetry tbody tr").first().innerText();
-  // The peak force is 760 N on the left foot and 800 N on the right foot, so the symmetry index is negative.
-  expect(Number(/(-?[\d.]+) %/.exec(symmetry)?.[1])).toBeLessThan(0);
+  /** The means of the left and of the right foot and the symmetry index in a row of the table. */
+  const both = async (name: string) => {
+    const cells = page.locator("#both-feet tr", { hasText: name }).first().locator("td");
+    return cells.evaluateAll((cells) => cells.map((cell) => parseFloat(cell.firstChild?.textContent ?? "")));
+  };
+  // The walk has strides of 1.05 s on average, which consist of a step of each foot.
+  const [left_s, right_s] = await both("Step time");
+  expect(Math.abs((left_s ?? 0) + (right_s ?? 0) - 1.05)).toBeLessThan(0.03);
+  // The peak force is 760 N on the left foot and 800 N on the right foot.
+  const [left, right, symmetry] = await both("Peak force");
+  expect(Math.abs((left ?? 0) - 760)).toBeLessThan(25);
+  expect(Math.abs((right ?? 0) - 800)).toBeLessThan(25);
+  expect(symmetry).toBeLessThan(0);
   const cadence = Number(await page.locator("#measures dd").first().evaluate((dd) => dd.firstChild?.textContent));
   expect(cadence).toBeGreaterThan(100);
   expect(cadence).toBeLessThan(130);
@@ -133,6 +143,12 @@ test("the table of regions shows the chosen quantity", async () => {
       return [...document.querySelectorAll("#regions td")].some((cell) => value.test(cell.textContent ?? ""));
     }, unit);
   }
+  const select = page.locator("#quantity");
+  // The computed walk has counted cells.
+  expect(await select.locator("option:checked").innerText()).toBe("Contact area");
+  await select.selectOption("deformation");
+  expect(await select.locator("option:checked").innerText()).toBe("Tissue deformation (scaled by assumption)");
+  await page.locator("#quantity-note", { hasText: "Share of assumption: 100 %" }).waitFor();
   await page.close();
 });
 

@@ -18,6 +18,7 @@ pub use message::decode_to_json;
 pub use sole::{REGION_COUNT, RegionShape, outline_mm, region_shapes};
 
 use client::Axis;
+use client::gait::{FootStep, Gait, Length};
 use phone_buffer::put;
 use plantar::protocol::{LiveCounter, MAJOR, MAX_MESSAGE, MINOR, ToDevice, encode};
 use std::sync::{Mutex, PoisonError};
@@ -148,4 +149,24 @@ pub extern "C" fn counter_received(index: usize) -> f64 {
 #[unsafe(no_mangle)]
 pub extern "C" fn counter_lost(index: usize) -> f64 {
     with(&COUNTERS, index, |counter| counter.lost.into())
+}
+
+/// The steps of the left and of the right foot for [`gait_measures`].
+static GAIT_STEPS: Mutex<[Vec<FootStep>; 2]> = Mutex::new([Vec::new(), Vec::new()]);
+
+/// Adds a step for [`gait_measures`]. `foot` is 0 for the left and 1 for the right foot; the step has its number, its heel strike, its
+/// stance time, its peak force and its force-time integral.
+#[unsafe(no_mangle)]
+pub extern "C" fn gait_step(foot: usize, number: u32, start_s: f64, duration_s: f64, peak_n: f64, integral_n_s: f64) {
+    with(&GAIT_STEPS, foot, |steps| steps.push(FootStep { number, start_s, duration_s, peak_n, integral_n_s }));
+}
+
+/// Writes the measures of the steps that were added since the last call to the buffer as JSON, and returns the length of the text.
+/// `has_common_clock` states whether the times of both feet are on one clock. `stride_m` is the mean length of a stride; 0 if it is
+/// unknown.
+#[unsafe(no_mangle)]
+pub extern "C" fn gait_measures(has_common_clock: bool, stride_m: f64) -> usize {
+    let steps = std::mem::take(&mut *GAIT_STEPS.lock().unwrap_or_else(PoisonError::into_inner));
+    let length = (stride_m > 0.0).then_some(Length::Stride(stride_m));
+    put(Gait::new(steps, has_common_clock).to_json(length).to_string().as_bytes())
 }

@@ -67,6 +67,8 @@ pub(crate) struct Hello {
     cells: u16,
     /// Frames per second.
     rate_hz: f64,
+    /// True if areas are sums of covered shares: effective areas instead of contact areas.
+    has_effective_areas: bool,
     /// True if the insole has the wearer's parameters. Without them it computes no deformation and no model force.
     has_parameters: bool,
     /// The reason of the last reset, one word.
@@ -171,6 +173,7 @@ impl From<protocol::Hello> for Hello {
             },
             cells: hello.cells,
             rate_hz: 1e6 / f64::from(hello.period_us),
+            has_effective_areas: hello.contact_rule.full_kpa > 0.0,
             has_parameters: hello.tissue_id != 0,
             reset: hello.reset.name(),
             last_panic: hello.last_panic.as_deref().map(String::from),

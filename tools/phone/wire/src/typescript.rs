@@ -2,6 +2,7 @@
 
 use crate::facts::{Facts, Gatt, RegionFacts, Sole};
 use crate::message::{Fault, Faults, Hello, LiveFrame, Message, Status};
+use client::gait::{FootStep, Gait};
 use client::{bout_to_json, step_to_json};
 use plantar::Side;
 use plantar::pipeline::bout::BoutKind;
@@ -59,6 +60,8 @@ fn the_interfaces_have_the_keys_of_the_objects() {
     });
     let heel = &step["regions"]["heel"];
     let live = serde_json::to_value(Message::Live(LiveFrame(Live::default()))).expect("JSON");
+    let foot_step = |i: u32| FootStep { number: i, start_s: i.into(), duration_s: 0.6, peak_n: 1.0, integral_n_s: 1.0 };
+    let gait = Gait::new([(0..3).map(foot_step).collect(), Vec::new()], true).to_json(None);
     let text = quantities();
     for (name, object) in [
         ("Step", &step),
@@ -70,6 +73,9 @@ fn the_interfaces_have_the_keys_of_the_objects() {
         ("BoutRegion", &bout["regions"]["heel"]),
         ("Live", &live),
         ("LiveRegion", &live["regions"][0]),
+        ("Gait", &gait),
+        ("GaitMeasure", &gait["measures"][0]),
+        ("Estimate", &gait["measures"][0]["left"]),
     ] {
         let (_, interface) = text.split_once(&format!("export interface {name} {{")).expect("it is declared");
         let (interface, _) = interface.split_once("\n}").expect("it ends");
@@ -116,7 +122,8 @@ fn quantities() -> String {
     let (counts, measures): (Vec<_>, Vec<_>) = plain.into_iter().partition(|quantity| quantity.is_count());
 
     let mut text = format!("{HEADER}\nexport type Side = \"left\" | \"right\";\n");
-    let contact_rule = "{ rule: \"counted\" | \"fractional\"; on_kpa: number; off_kpa: number; full_kpa: number }";
+    let contact_rule =
+        "{ area: string; rule: \"counted\" | \"fractional\"; on_kpa: number; off_kpa: number; full_kpa: number }";
     interface(&mut text, "A step, the same object as in the files of the command line.", "Step", |text| {
         field(text, "Foot.", "side", "Side");
         Step::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
@@ -170,6 +177,7 @@ fn quantities() -> String {
         LiveRegion::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
         Live::FLAGS.iter().for_each(|flag| flag_field(text, flag));
     });
+    gait_interfaces(&mut text);
 
     let keys =
         |quantities: &[&Quantity<StepRegion>]| quantities.iter().map(|quantity| quantity.path().1).collect::<Vec<_>>();
@@ -199,6 +207,46 @@ fn quantities() -> String {
     let columns: Vec<_> = live.chain(Live::FLAGS.iter().map(|flag| flag.name)).collect();
     constant(&mut text, "Columns of a region in the CSV of live frames.", "LIVE_COLUMNS", "LiveRegion", &columns);
     text
+}
+
+/// Adds the interfaces of the measures of both feet.
+fn gait_interfaces(text: &mut String) {
+    interface(text, "Measures of both feet.", "Gait", |text| {
+        let both = "{ left: number; right: number }";
+        field(text, "True if the steps of both feet are known on one clock.", "has_both_feet", "boolean");
+        field(text, "Number of strides in use.", "strides", both);
+        field(text, "Number of pairs of steps that are no stride, because of a pause or a missing step.", "gaps", both);
+        field(
+            text,
+            "Number of strides without exactly one step of the other foot, which are not used.",
+            "unpaired",
+            both,
+        );
+        field(text, "Steps of both feet in a minute.", "cadence_per_min", "Estimate | null");
+        field(text, "Walking speed, m/s; null without a stride length.", "speed_m_s", "number | null");
+        field(text, "The measures of a stride.", "measures", "GaitMeasure[]");
+    });
+    interface(text, "A measure of a stride.", "GaitMeasure", |text| {
+        field(text, "Name with its unit.", "key", "string");
+        field(text, "Name for the wearer.", "title", "string");
+        field(text, "Unit.", "unit", "string");
+        field(text, "Number of decimals to show.", "digits", "number");
+        field(text, "Left foot.", "left", "Estimate | null");
+        field(text, "Right foot.", "right", "Estimate | null");
+        field(text, "Symmetry index; positive if the left value is larger.", "symmetry_percent", "Estimate | null");
+    });
+    interface(text, "A mean over strides.", "Estimate", |text| {
+        field(text, "Number of values.", "count", "number");
+        field(text, "Mean.", "mean", "number");
+        field(text, "Standard deviation; null for a single value.", "sd", "number | null");
+        field(
+            text,
+            "Lower limit of the 95 % interval of the mean; null if there are too few values.",
+            "low",
+            "number | null",
+        );
+        field(text, "Upper limit of the interval.", "high", "number | null");
+    });
 }
 
 /// Adds an interface to `text`. `fields` adds its fields.

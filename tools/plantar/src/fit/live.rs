@@ -1,7 +1,7 @@
 //! Live streams as sources of a fit: the stream file of `plantar serve --record` or of the web page for a phone, and the folder
 //! of `plantar record`.
 
-mod session;
+pub mod session;
 
 use crate::setup::rule_in_words;
 use anyhow::{Context, Result, anyhow, bail};

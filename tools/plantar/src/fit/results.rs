@@ -3,7 +3,7 @@
 use crate::setup::rule_in_words;
 use crate::summary;
 use fit::measures::{PIN_CHANGE, Quantity};
-use fit::results::{significant, widest};
+use fit::results::{deformation_scale, significant, widest};
 use fit::{RegionFit, Study};
 use plantar::Region;
 
@@ -107,7 +107,7 @@ fn print_pins(study: &Study) {
         return;
     }
     let mut table = summary::table();
-    table.set_header(["region", "d0 mm", "C mm", "C is pinned by", "C %", "stiffness %", "modulus %"]);
+    table.set_header(["region", "d0 mm", "C mm", "C is pinned by", "assumed %", "C %", "stiffness %", "modulus %"]);
     for (region, fit) in fitted {
         let value = |quantity| fit.measure(quantity).map(|m| m.value);
         let source = if fit.pins.is_thickness_measured { "measured" } else { "typical" };
@@ -129,13 +129,15 @@ fn print_pins(study: &Study) {
             format!("{}, {source}", significant(fit.pins.thickness_m * 1e3)),
             significant(fit.law.c_m * 1e3),
             fit.pins.scale.to_string(),
+            deformation_scale(&fit.pins).assumed_percent().to_string(),
         ];
         table.add_row(std::iter::once(region.name().to_string()).chain(lengths).chain(effects));
     }
     summary::align(&mut table);
     println!("{table}");
     println!(
-        "The force determines neither d0 nor C. The last three columns: change of C and of the secant stiffness and modulus at\n\
+        "The force determines neither d0 nor C. Assumed: how many of thickness and compression, on which C rests, are assumed;\n\
+         unless this is 0, the results are those of a deformation (scaled by assumption). The last three columns: change of C and of the secant stiffness and modulus at\n\
          20 % strain if the value that pins C were {0:.0} % less / {0:.0} % more.",
         PIN_CHANGE * 100.0
     );

@@ -14,6 +14,20 @@ use std::path::{Path, PathBuf};
 
 /// The name of a region's column in both tables.
 const REGION: &str = "region";
+/// The columns of a step that are read for every use.
+const STEP_COLUMNS: [&str; 11] = [
+    "session",
+    "side",
+    "step",
+    "start_s",
+    "duration_s",
+    "sample_s",
+    "starts_ago",
+    REGION,
+    "contact_on_kpa",
+    "contact_off_kpa",
+    "contact_full_kpa",
+];
 
 /// Reads the folder; `None` if it has no tables of live frames and steps.
 pub fn read(folder: &Path) -> Result<Option<Vec<LiveSource>>> {
@@ -80,25 +94,11 @@ fn frames(folder: &Path) -> Result<BTreeMap<i32, Vec<Live>>> {
 /// The steps of each session, in the order of their arrival. Only the quantities that a fit uses are read.
 fn records(folder: &Path) -> Result<BTreeMap<i32, Vec<Step>>> {
     let columns = [
-        "session",
-        "side",
-        "step",
-        "start_s",
-        "duration_s",
-        "sample_s",
-        "starts_ago",
-        REGION,
-        "saturated",
-        "masked_cells",
-        "contact_on_kpa",
-        "contact_off_kpa",
-        "contact_full_kpa",
-        "ellipse_x_mm",
-        "ellipse_y_mm",
-        "ellipse_r_a_mm",
-        "ellipse_r_b_mm",
-        "ellipse_angle_deg",
+        &STEP_COLUMNS[..],
+        &["saturated", "masked_cells"],
+        &["ellipse_x_mm", "ellipse_y_mm", "ellipse_r_a_mm", "ellipse_r_b_mm", "ellipse_angle_deg"],
     ];
+    let columns = columns.concat();
     let mut sessions: BTreeMap<i32, Vec<Step>> = BTreeMap::new();
     for_each_row(folder, &columns, |row| {
         let steps = sessions.entry(row.integer("session")?).or_default();
@@ -115,7 +115,39 @@ fn records(folder: &Path) -> Result<BTreeMap<i32, Vec<Step>>> {
     Ok(sessions)
 }
 
-/// The quantities of a step that all of its rows contain.
+/// The steps in the folder with the times of their heel strikes on the clock of the host, s since 1970, in the order of their arrival.
+/// Only the quantities that the measures of both feet use are read.
+pub fn timed_steps(folder: &Path) -> Result<Vec<(Step, Option<f64>)>> {
+    let columns = [&STEP_COLUMNS[..], &["start_unix_s", "foot_force_peak_n", "foot_force_integral_n_s"]].concat();
+    let mut steps: Vec<(Step, Option<f64>)> = Vec::new();
+    for_each_row(&folder.join("steps"), &columns, |row| {
+        if row.region()? == 0 {
+            let mut step = record(row, row.integer("step")? as u32)?;
+            step.foot.peak_dn = (row.real("foot_force_peak_n")? * 10.0).round() as u16;
+            step.foot.integral_dns = (row.real("foot_force_integral_n_s")? * 10.0).round() as u16;
+            steps.push((step, row.optional("start_unix_s")?));
+        }
+        Ok(())
+    })?;
+    Ok(steps)
+}
+
+/// The feet and numbers of the load bouts in the folder, which has none without its folder `bouts`.
+pub fn bouts(folder: &Path) -> Result<Vec<(Side, u32)>> {
+    let mut bouts = Vec::new();
+    let folder = folder.join("bouts");
+    if folder.is_dir() {
+        for_each_row(&folder, &["side", REGION, "number"], |row| {
+            if row.region()? == 0 {
+                bouts.push((row.side()?, row.integer("number")? as u32));
+            }
+            Ok(())
+        })?;
+    }
+    Ok(bouts)
+}
+
+/// The quantities of a step that all of its rows contain, from the columns [`STEP_COLUMNS`].
 fn record(row: &Row, number: u32) -> Result<Step> {
     let us = |name| anyhow::Ok((row.real(name)? * 1e6).round());
     let kpa = |name| anyhow::Ok(row.real(name)? as f32);

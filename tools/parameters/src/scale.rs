@@ -1,0 +1,79 @@
+//! What the scale of the deformation of a region rests on.
+
+use plantar::Region;
+use std::fmt;
+
+/// What the scale C of the deformation of a region rests on. The largest deformation is the product of the thickness of the tissue and
+/// of its largest compression. C rests on measurements alone if both were measured, or if a curvature of the sole was measured, from
+/// which C follows without them (docs/identification.md).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DeformationScale {
+    /// Measurements.
+    Measured,
+    /// A measured compression of a thickness that is typical for the shoe size.
+    AssumedThickness,
+    /// An assumed compression of a measured thickness.
+    AssumedCompression,
+    /// An assumed compression of a typical thickness, or an unknown source.
+    #[default]
+    Assumed,
+}
+
+impl DeformationScale {
+    /// The scale of all regions if nothing is known about it, as for the parameters on an insole.
+    pub const ALL_ASSUMED: [Self; 8] = [Self::Assumed; 8];
+    const ALL: [Self; 4] = [Self::Measured, Self::AssumedThickness, Self::AssumedCompression, Self::Assumed];
+
+    /// Name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Measured => "measured",
+            Self::AssumedThickness => "assumed_thickness",
+            Self::AssumedCompression => "assumed_compression",
+            Self::Assumed => "assumed",
+        }
+    }
+
+    /// The scale with this name in a file, which omits the name if nothing was measured.
+    pub(crate) fn of_file(name: Option<&str>) -> Result<Self, String> {
+        let Some(name) = name else { return Ok(Self::Assumed) };
+        Self::ALL.into_iter().find(|scale| scale.name() == name).ok_or_else(|| {
+            let names = Self::ALL.map(Self::name).join(", ");
+            format!("deformation_scale = {name:?}: expected one of {names}")
+        })
+    }
+
+    /// The share of assumption, %: how many of the two factors, thickness and compression, are assumed. The deformation is in
+    /// proportion to each of them.
+    pub fn assumed_percent(self) -> u32 {
+        match self {
+            Self::Measured => 0,
+            Self::AssumedThickness | Self::AssumedCompression => 50,
+            Self::Assumed => 100,
+        }
+    }
+}
+
+/// The words for the deformation of regions with these scales: every value has the mark unless all rest on measurements.
+pub fn deformation_title(scales: &[DeformationScale]) -> &'static str {
+    match scales.iter().all(|scale| *scale == DeformationScale::Measured) {
+        true => "deformation",
+        false => "deformation (scaled by assumption)",
+    }
+}
+
+/// The share of assumption of the eight regions in words.
+#[derive(Clone, Copy, Debug)]
+pub struct AssumedShare<'s>(pub &'s [DeformationScale; 8]);
+
+impl fmt::Display for AssumedShare<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let percent = self.0.map(DeformationScale::assumed_percent);
+        if percent.iter().all(|share| *share == percent[0]) {
+            return write!(f, "{} % in all regions", percent[0]);
+        }
+        let regions: Vec<_> =
+            Region::ALL.iter().zip(percent).map(|(region, share)| format!("{} {share} %", region.name())).collect();
+        f.write_str(&regions.join(", "))
+    }
+}

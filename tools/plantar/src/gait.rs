@@ -1,0 +1,198 @@
+//! `plantar gait`: the measures of both feet.
+
+use crate::fit::live::session;
+use crate::replay::write_text;
+use crate::setup;
+use crate::summary::{align, table};
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use client::gait::{Estimate, FootStep, Gait, Length, MEASURES};
+use client::{Axis, Entries, STREAM_INSOLES};
+use plantar::Side;
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
+use plantar::protocol::session::RECORD_QUEUE;
+use plantar::protocol::{Hello, LoadRecord, MAJOR, Step, ToHost, decode};
+use recording::{MAX_CELLS, Recording};
+use std::path::{Path, PathBuf};
+
+/// Computes the measures of both feet: stride, step, stance and swing time, double and single support, cadence and symmetry.
+///
+/// A file of `plantar serve --record` or of the page contains both feet. Recordings of one walk, and folders that
+/// `plantar record` wrote at the same time, contain one foot each. Strides with a pause, and strides without exactly one step of
+/// the other foot, are counted and not used. docs/measures.md has the definitions.
+#[derive(Args)]
+pub struct GaitCommand {
+    /// The file of a stream, or a recording or a folder of `plantar record` for each foot. The recordings of both feet must have
+    /// the same time column.
+    #[arg(required = true, num_args = 1..=2, value_name = "FILE")]
+    walk: Vec<PathBuf>,
+    /// Mean length of a stride, m. The walking speed is computed from it.
+    #[arg(long, value_name = "M", value_parser = length)]
+    stride_length: Option<f64>,
+    /// Distance from the first to the last heel strike, m. The walking speed is computed from it if the walk has no pause.
+    #[arg(long, value_name = "M", value_parser = length, conflicts_with = "stride_length")]
+    distance: Option<f64>,
+    /// Write the measures to this JSON file.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+fn length(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(length_m) if length_m > 0.0 && length_m < f64::INFINITY => Ok(length_m),
+        _ => Err("give a length in metres, above 0".into()),
+    }
+}
+
+/// The content of a source.
+#[derive(Default)]
+struct Walk {
+    /// The steps, with the times of their heel strikes, us; `None` if the time on a common clock is unknown.
+    steps: Vec<(Step, Option<u64>)>,
+    /// The load bouts: the foot and the number.
+    bouts: Vec<(Side, u32)>,
+}
+
+impl GaitCommand {
+    pub fn run(&self) -> Result<()> {
+        let Walk { mut steps, mut bouts } = Walk::default();
+        for path in &self.walk {
+            let added = read(path).with_context(|| path.display().to_string())?;
+            if let (Some((first, _)), Some((before, _)), 2) = (added.steps.first(), steps.first(), self.walk.len())
+                && first.side == before.side
+            {
+                bail!("both files contain steps of the {} foot: give one file for each foot", first.side.name());
+            }
+            steps.extend(added.steps);
+            bouts.extend(added.bouts);
+        }
+        if steps.is_empty() {
+            bail!("{} contains no steps: record a walk of several steps", self.walk[0].display());
+        }
+        let has_common_clock = steps.iter().all(|(_, start_us)| start_us.is_some());
+        let of = |side| {
+            let numbers: Vec<_> = bouts.iter().filter(|(of, _)| *of == side).map(|(_, number)| *number).collect();
+            let steps = steps.iter().filter(|(step, _)| step.side == side);
+            steps.map(|(step, start_us)| FootStep::new(step, start_us.unwrap_or(step.start_us), &numbers)).collect()
+        };
+        let gait = Gait::new([of(Side::Left), of(Side::Right)], has_common_clock);
+        let length = self.stride_length.map(Length::Stride).or(self.distance.map(Length::Walk));
+        if !has_common_clock {
+            eprintln!("note: the steps have no common clock, so the feet are not compared");
+        }
+        print(&gait, length);
+        match &self.json {
+            Some(path) => write_text(path, &serde_json::to_string_pretty(&gait.to_json(length))?),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Reads the steps of a stream file, of a folder of `plantar record`, or of a recording, which is replayed.
+fn read(path: &Path) -> Result<Walk> {
+    if path.is_dir() {
+        let steps = session::timed_steps(path)?.into_iter();
+        let steps = steps.map(|(step, start_s)| (step, start_s.map(|s| (s * 1e6).round() as u64))).collect();
+        return Ok(Walk { steps, bouts: session::bouts(path)? });
+    }
+    let is_stream = path.extension().is_some_and(|extension| extension == "plantar");
+    if is_stream { from_stream(&std::fs::read(path)?) } else { from_recording(&Recording::read(path)?) }
+}
+
+/// The steps in the content of a stream file. Their times are on the clock of the host, by the time messages of the insoles or, in a
+/// file without them, by the wall clocks that the host set.
+fn from_stream(bytes: &[u8]) -> Result<Walk> {
+    let mut axes = [const { Axis::new() }; STREAM_INSOLES];
+    let Walk { mut steps, mut bouts } = Walk::default();
+    for entry in Entries::new(bytes) {
+        let entry = entry?;
+        let axis = &mut axes[entry.insole];
+        match decode::<ToHost>(entry.message) {
+            Some(ToHost::Hello(Hello { major, .. })) if major != MAJOR => {
+                bail!("recorded with protocol version {major}, but this program reads version {MAJOR}")
+            }
+            Some(ToHost::Hello(_)) => *axis = Axis::new(),
+            Some(ToHost::Time { host_us, device_us }) => axis.answer(host_us, device_us),
+            Some(ToHost::Step(step)) => {
+                // An insole sends unacknowledged steps again.
+                let record = LoadRecord::from(step);
+                let is_same = |known: &Step| LoadRecord::from(*known).is_same(&record);
+                let is_known = steps.iter().rev().take(4 * RECORD_QUEUE).any(|(known, _)| is_same(known));
+                if !is_known {
+                    steps.push((step, axis.start_us(&record).or(step.start_unix_us)));
+                }
+            }
+            Some(ToHost::Bout(bout)) if !bouts.contains(&(bout.side, bout.number)) => {
+                bouts.push((bout.side, bout.number))
+            }
+            _ => {}
+        }
+    }
+    Ok(Walk { steps, bouts })
+}
+
+/// The steps that an insole would find in a recording, on the clock of its time column.
+fn from_recording(recording: &Recording) -> Result<Walk> {
+    let virtual_insole = setup::insole(recording, ContactRule::COUNTED)?;
+    let mut insole = Box::new(Insole::<f32, MAX_CELLS>::new());
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied())?;
+    let start_s = recording.t_s.first().copied().unwrap_or(0.0);
+    if start_s < 0.0 {
+        bail!("the time column begins before 0");
+    }
+    let mut codes = vec![0; virtual_insole.cells.len()];
+    let Walk { mut steps, mut bouts } = Walk::default();
+    for i in 0..virtual_insole.frames(recording) {
+        virtual_insole.codes_of(recording, i, &mut codes);
+        if insole.frame(i as u32, &codes)
+            && let Some(step) = insole.whole_step()
+        {
+            let step = Step::new(&step);
+            steps.push((step, Some((start_s * 1e6).round() as u64 + step.start_us)));
+        }
+        bouts.extend(insole.take_bout().map(|bout| (bout.side, bout.number)));
+    }
+    Ok(Walk { steps, bouts })
+}
+
+/// Prints the measures as a table.
+fn print(gait: &Gait, length: Option<Length>) {
+    let mut table = table();
+    table.set_header(["measure", "left", "right", "symmetry index %"]);
+    let [left, right] = &gait.feet;
+    for (i, measure) in MEASURES.iter().enumerate() {
+        let text = |estimate: Option<Estimate>, digits| estimate.map_or("-".into(), |it| to_text(&it, digits));
+        table.add_row([
+            format!("{}, {}", measure.title, measure.unit),
+            text(left.measures[i], measure.digits),
+            text(right.measures[i], measure.digits),
+            if measure.has_symmetry { text(gait.symmetry_percent[i], 1) } else { String::new() },
+        ]);
+    }
+    align(&mut table);
+    println!("Mean ± standard deviation, and 95 % confidence interval of the mean:\n{table}");
+    println!("The symmetry index is 0 for equal feet and positive if the left value is larger.");
+    if let Some(cadence) = gait.cadence_per_min {
+        println!("Cadence, steps per minute: {}", to_text(&cadence, 1));
+    }
+    match length.map(|length| gait.speed_m_s(length)) {
+        Some(Some(speed_m_s)) => println!("Walking speed: {speed_m_s:.2} m/s"),
+        Some(None) => println!("Walking speed: unknown, because there is a pause, a missing step or a missing foot"),
+        None => {}
+    }
+    let counts = |of: fn(&client::gait::FootGait) -> usize| format!("{} left, {} right", of(left), of(right));
+    println!("Strides in use: {}", counts(|foot| foot.strides.len()));
+    println!(
+        "Not used: with a pause or a missing step {}; without exactly one step of the other foot {}",
+        counts(|foot| foot.gaps),
+        counts(|foot| foot.unpaired)
+    );
+}
+
+fn to_text(estimate: &Estimate, digits: usize) -> String {
+    let sd = estimate.sd.map_or(String::new(), |sd| format!(" ± {sd:.digits$}"));
+    let interval =
+        estimate.interval.map_or(String::new(), |[low, high]| format!(" ({low:.digits$} to {high:.digits$})"));
+    format!("{:.digits$}{sd}{interval}", estimate.mean)
+}

@@ -1,0 +1,123 @@
+//! `plantar gait` computes the measures of both feet from a stream file and from recordings.
+
+use plantar::Side;
+use plantar::pipeline::contact::ContactRule;
+use plantar::protocol::{Step, StepFoot, StepRegion, ToHost};
+use recording::synthetic::{SyntheticWalk, walk};
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// Stride time, and time from the left to the right heel strike, us.
+const STRIDE_US: u64 = 1_100_000;
+const LAG_US: u64 = 500_000;
+
+fn gait(folder: &Path, arguments: &str) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_plantar"));
+    command.arg("gait").args(arguments.split_whitespace()).current_dir(folder).output().expect("the program starts")
+}
+
+/// The measures that the command writes, and the text that it prints.
+fn measures(folder: &Path, arguments: &str) -> (Value, String) {
+    let output = gait(folder, &format!("{arguments} --json gait.json"));
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));
+    let json = std::fs::read_to_string(folder.join("gait.json")).expect("a file");
+    (serde_json::from_str(&json).expect("JSON"), text)
+}
+
+/// The mean of a measure for `side`, which is `left`, `right` or `symmetry_percent`.
+fn mean(gait: &Value, key: &str, side: &str) -> f64 {
+    let measures = gait["measures"].as_array().expect("measures");
+    let measure = measures.iter().find(|measure| measure["key"] == key).expect("the key");
+    measure[side]["mean"].as_f64().unwrap_or(f64::NAN)
+}
+
+/// A step whose insole started `ahead_us` before the walk.
+fn step(side: Side, number: u32, ahead_us: u64) -> Step {
+    let (lag_us, duration_us, peak_dn) =
+        if side == Side::Left { (0, 700_000, 8_000) } else { (LAG_US, 650_000, 7_600) };
+    Step {
+        step: number,
+        side,
+        start_us: 1_000_000 + ahead_us + lag_us + u64::from(number) * STRIDE_US,
+        duration_us,
+        sample_us: 10_000,
+        bridged_frames: 0,
+        saturated: 0,
+        clamped: 0,
+        contact_rule: ContactRule::COUNTED,
+        foot: StepFoot { peak_dn, integral_dns: 3_000, ..StepFoot::default() },
+        regions: [StepRegion::default(); 8],
+        boots_since: 0,
+        start_unix_us: None,
+        refit: 0,
+    }
+}
+
+/// A stream file with the steps of both feet; their clocks differ by many seconds. The host's clock is that of the walk.
+fn write_stream(path: &Path, has_times: bool) {
+    let mut file = Vec::new();
+    let mut append = |insole, message: &ToHost| client::append(&mut file, 0, insole, message).expect("it fits");
+    for (insole, side, ahead_us) in [(0, Side::Left, 5_000_000), (1, Side::Right, 90_000_000)] {
+        if has_times {
+            append(insole, &ToHost::Time { host_us: 100, device_us: 100 + ahead_us });
+        }
+        for number in 0..10 {
+            append(insole, &ToHost::Step(step(side, number, ahead_us)));
+        }
+        // The insole repeats a step.
+        append(insole, &ToHost::Step(step(side, 9, ahead_us)));
+    }
+    std::fs::write(path, file).expect("written");
+}
+
+#[test]
+fn a_stream_has_the_measures_of_both_feet_on_the_clock_of_the_host() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write_stream(&folder.path().join("walk.plantar"), true);
+    let (gait, text) = measures(folder.path(), "walk.plantar --stride-length 1.32");
+    assert_eq!(gait["strides"], serde_json::json!({ "left": 9, "right": 9 }));
+    for (key, left, right) in [
+        ("stride_time_s", 1.1, 1.1),
+        ("step_time_s", 0.6, 0.5),
+        ("double_support_s", 0.25, 0.25),
+        ("peak_force_n", 800.0, 760.0),
+    ] {
+        assert!((mean(&gait, key, "left") - left).abs() < 1e-6, "{key}: {gait:#}");
+        assert!((mean(&gait, key, "right") - right).abs() < 1e-6, "{key}: {gait:#}");
+    }
+    // 200 (800 - 760) / (800 + 760)
+    assert!((mean(&gait, "peak_force_n", "symmetry_percent") - 5.128_205).abs() < 1e-5);
+    assert!((gait["speed_m_s"].as_f64().expect("a speed") - 1.2).abs() < 1e-6);
+    assert!(text.contains("Walking speed: 1.20 m/s") && text.contains("Double support"), "{text}");
+}
+
+#[test]
+fn a_stream_without_a_common_clock_has_the_measures_of_each_foot() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write_stream(&folder.path().join("walk.plantar"), false);
+    let (gait, _) = measures(folder.path(), "walk.plantar --distance 10");
+    assert_eq!(gait["has_both_feet"], false);
+    assert!((mean(&gait, "stance_time_s", "right") - 0.65).abs() < 1e-9);
+    assert!(mean(&gait, "step_time_s", "left").is_nan() && gait["speed_m_s"].is_null());
+}
+
+#[test]
+fn recordings_of_both_feet_have_their_true_times() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (side, lag_s) in [(Side::Left, 0.0), (Side::Right, 0.4)] {
+        let mut recording =
+            walk(&SyntheticWalk { side, steps: 6, variation: 0.0, ..SyntheticWalk::default() }).recording;
+        recording.t_s.iter_mut().for_each(|t_s| *t_s += lag_s);
+        recording.write(folder.path().join(format!("{}.parquet", side.name()))).expect("written");
+    }
+    let (gait, _) = measures(folder.path(), "left.parquet right.parquet");
+    let SyntheticWalk { stance_s, swing_s, .. } = SyntheticWalk::default();
+    assert!((mean(&gait, "stride_time_s", "left") - (stance_s + swing_s)).abs() < 1e-6, "{gait:#}");
+    assert!((mean(&gait, "step_time_s", "right") - 0.4).abs() < 1e-6, "{gait:#}");
+    assert!((mean(&gait, "step_time_s", "left") - (stance_s + swing_s - 0.4)).abs() < 1e-6, "{gait:#}");
+    let output = self::gait(folder.path(), "left.parquet left.parquet");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && text.contains("one file for each foot"), "{text}");
+}
