@@ -55,7 +55,7 @@ export function drawBouts(bouts: readonly StoredBout[]): void {
   byId("bouts").hidden = bouts.length === 0;
   fill(byId("bouts").querySelector("tbody"), bouts.slice(-BOUT_ROWS).reverse().map(({ bout, start_unix_s }): Node => {
     const integral_n_s = Object.values(bout.regions).reduce((sum, region) => sum + region.measured_force_integral_n_s, 0);
-    const start = start_unix_s === null ? "–" : new Date(start_unix_s * 1000).toLocaleTimeString();
+    const start = start_unix_s === null ? "–" : new Date(start_unix_s * 1000).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" });
     return [
       "tr",
       {},

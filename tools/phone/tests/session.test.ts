@@ -19,7 +19,7 @@ function start(decode?: (bytes: Uint8Array) => ToHost | undefined) {
   const send = (_: unknown, message: Uint8Array) => sent.push(message);
   const transport: Transport = { location: "in a test", is_replay: false, send, close: () => undefined };
   const core = decode ? (Object.assign(Object.create(wire), { decode }) as Wire) : wire;
-  const session = new Session(0, core, () => transport, ({ step }) => steps.push(step));
+  const session = new Session(0, core, () => transport, (message) => message.kind === "step" && steps.push(message.step));
   return { session, sent, steps };
 }
 

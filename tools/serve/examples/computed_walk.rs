@@ -7,7 +7,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::stance_rule::StanceRule;
-use plantar::protocol::{Hello, Live, MAJOR, MINOR, Reset, Step, ToHost};
+use plantar::protocol::{Bout, Hello, Live, MAJOR, MINOR, Reset, Step, ToHost};
 use recording::VirtualInsole;
 use recording::synthetic::{SyntheticWalk, walk};
 use std::error::Error;
@@ -78,6 +78,9 @@ fn messages(
         ));
         if toe_off && let Some(step) = insole.whole_step() {
             messages.push((t_ms, ToHost::Step(Step::new(&step))));
+        }
+        if let Some(bout) = insole.take_bout() {
+            messages.push((t_ms, ToHost::Bout(Bout::new(&bout))));
         }
     }
     Ok(messages)

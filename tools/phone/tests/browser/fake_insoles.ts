@@ -4,7 +4,7 @@ import type { Page, WebSocketRoute } from "playwright-core";
 import { type Entry, entries } from "../../src/stream_file";
 
 /** First bytes of the requests and answers that the insoles use. */
-const [CONNECT, STREAM, SET_IDENTIFIED_TISSUE] = [0, 1, 20];
+const [CONNECT, STREAM, ACKNOWLEDGE, SET_IDENTIFIED_TISSUE] = [0, 1, 2, 20];
 const TISSUE = 4;
 /** Length of the force laws in a message, which follow the identifier: six numbers of 32 bits for each of eight regions. */
 const FORCE_LAWS_BYTES = 8 * 6 * 4;
@@ -14,6 +14,8 @@ const MOST_TICK_MS = 20;
 export class FakeInsoles {
   /** The parameters that each insole received. */
   readonly received: [number, Uint8Array][] = [];
+  /** The acknowledgements that each insole received, as the bytes of the number. */
+  readonly acknowledged: [number, Uint8Array][] = [];
   /** False: the link is open, but no messages arrive. */
   is_connected = true;
   private readonly all: Entry[];
@@ -49,6 +51,7 @@ export class FakeInsoles {
     if (!this.is_connected || !hello) return;
     if (request[0] === CONNECT) this.send(socket, hello);
     if (request[0] === STREAM && this.timer === undefined) this.play();
+    if (request[0] === ACKNOWLEDGE) this.acknowledged.push([insole!, Uint8Array.from(request.slice(1))]);
     if (request[0] === SET_IDENTIFIED_TISSUE) {
       this.received.push([insole!, Uint8Array.from(request)]);
       // The last byte of the identifier, an integer of variable length, has no highest bit.
