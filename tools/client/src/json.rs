@@ -1,7 +1,7 @@
 //! Steps and load bouts as JSON objects. Names include units, and values have the resolution of the step message.
 
 use plantar::Region;
-use plantar::protocol::{Bout, BoutRegion, LoadRecord, Quantity, Step, StepFoot, StepRegion};
+use plantar::protocol::{Bout, BoutRegion, Quantity, Step, StepFoot, StepRegion};
 use serde_json::{Map, Value, json};
 
 /// A step as an object; the key `foot` has the measures of the foot, and `regions` an object for each region by its
@@ -25,7 +25,7 @@ pub fn step_to_json(step: &Step) -> Value {
     object.into()
 }
 
-/// A load bout as an object; the key `kind`, which steps lack, has its kind, and `regions` an object for each region by its name.
+/// A load bout as an object; the key `kind` has its kind, and `regions` an object for each region by its name.
 pub fn bout_to_json(bout: &Bout) -> Value {
     let mut object = Map::new();
     object.insert("kind".into(), bout.kind.name().into());
@@ -40,14 +40,6 @@ pub fn bout_to_json(bout: &Bout) -> Value {
     });
     object.insert("regions".into(), regions.collect::<Map<_, _>>().into());
     object.into()
-}
-
-/// A step or a load bout as an object.
-pub fn record_to_json(record: &LoadRecord) -> Value {
-    match record {
-        LoadRecord::Step(step) => step_to_json(step),
-        LoadRecord::Bout(bout) => bout_to_json(bout),
-    }
 }
 
 fn region_to_json(step: &Step, i: usize) -> Value {

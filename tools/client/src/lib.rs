@@ -24,7 +24,7 @@ pub use cells::{CellReceiver, StartedCells};
 pub use counters::LinkCounters;
 pub use error::Error;
 pub use file::create_new;
-pub use json::{bout_to_json, record_to_json, step_to_json};
+pub use json::{bout_to_json, step_to_json};
 pub use link::{Event, Link, Open, ReconnectPolicy, SessionStart};
 pub use session::Client;
 pub use stream_file::{DamagedAt, Entries, Entry, STREAM_INSOLES, StreamFile, append};

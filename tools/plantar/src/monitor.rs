@@ -6,7 +6,7 @@ use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use client::{Axis, Event, ReconnectPolicy, SessionStart, record_to_json};
+use client::{Axis, Event, ReconnectPolicy, SessionStart, bout_to_json, step_to_json};
 use parameters::DeformationScale;
 use plantar::protocol::{CellFrame, Live, LoadRecord, ToDevice, ToHost};
 use std::fs::File;
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 /// Shows the live loads of the eight regions, and tables of the steps and the load bouts at the end.
 ///
 /// In a terminal, press q or Ctrl-C to end. When the link is lost, the program reconnects. A step or a load bout remains on the
-/// insole until it has arrived on this computer and, with --json, is written to the file.
+/// insole until it has arrived on this computer and, with --json and --bouts, is written to the file.
 #[derive(Args)]
 pub struct Monitor {
     #[command(flatten)]
@@ -24,9 +24,12 @@ pub struct Monitor {
     /// End the session after this number of steps.
     #[arg(long, value_name = "N")]
     steps: Option<usize>,
-    /// Write steps and load bouts to this JSON file as they arrive, one object each. The file must be new or empty.
+    /// Write the steps to this JSON file as they arrive, one object per step. The file must be new or empty.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// The same for the load bouts, all load outside steps.
+    #[arg(long, value_name = "FILE")]
+    bouts: Option<PathBuf>,
 }
 
 /// Stores the messages of a session with an insole.
@@ -140,10 +143,11 @@ impl<'m> JsonArray<'m> {
     }
 }
 
-/// Collects the steps and load bouts for the tables at the end of the session, and writes them to the JSON file.
+/// Collects the steps and load bouts for the tables at the end of the session, and writes them to the JSON files.
 struct Collected<'m> {
     monitor: &'m Monitor,
-    json: Option<JsonArray<'m>>,
+    steps: Option<JsonArray<'m>>,
+    bouts: Option<JsonArray<'m>>,
     all: Records,
     stored: Option<u32>,
 }
@@ -156,8 +160,12 @@ impl Sink for Collected<'_> {
     fn load_record(&mut self, record: &LoadRecord, _: &Axis) -> Result<()> {
         self.all.push(record);
         // The record is written before it is acknowledged, because the insole then deletes it.
-        if let Some(json) = &mut self.json {
-            json.push(&record_to_json(record))?;
+        let (file, object) = match record {
+            LoadRecord::Step(step) => (&mut self.steps, step_to_json(step)),
+            LoadRecord::Bout(bout) => (&mut self.bouts, bout_to_json(bout)),
+        };
+        if let Some(file) = file {
+            file.push(&object)?;
         }
         self.stored = Some(record.number());
         Ok(())
@@ -178,10 +186,11 @@ impl Sink for Collected<'_> {
 
 impl Monitor {
     pub fn run(&self) -> Result<()> {
-        let json = self.json.as_deref().map(JsonArray::create).transpose()?;
+        let [steps, bouts] = [&self.json, &self.bouts].map(|path| path.as_deref().map(JsonArray::create).transpose());
+        let (steps, bouts) = (steps?, bouts?);
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
         let mut view = View::open(insole.client().hello())?;
-        let mut records = Collected { monitor: self, json, all: Records::default(), stored: None };
+        let mut records = Collected { monitor: self, steps, bouts, all: Records::default(), stored: None };
         let outcome = follow(&self.connection, &mut insole, &mut view, &mut records);
         view.close();
         records.all.print(&DeformationScale::ALL_ASSUMED);

@@ -3,11 +3,11 @@
 use crate::replay::write_text;
 use crate::summary;
 use anyhow::Result;
-use client::{bout_to_json, step_to_json};
 use comfy_table::CellAlignment;
 use parameters::DeformationScale;
 use plantar::pipeline::bout::BoutKind;
 use plantar::protocol::{Bout, LoadRecord, Step};
+use serde_json::Value;
 use std::path::Path;
 
 /// Steps and load bouts, each in the order of their numbers.
@@ -50,16 +50,11 @@ impl Records {
         }
         println!("{table}");
     }
+}
 
-    /// Writes a JSON array with one object for each step and load bout, in the order of their numbers.
-    pub fn write_json(&self, path: &Path) -> Result<()> {
-        let steps = self.steps.iter().map(|step| (step.step, step_to_json(step)));
-        let bouts = self.bouts.iter().map(|bout| (bout.number, bout_to_json(bout)));
-        let mut objects: Vec<_> = steps.chain(bouts).collect();
-        objects.sort_by_key(|(number, _)| *number);
-        let objects: Vec<_> = objects.into_iter().map(|(_, object)| object).collect();
-        write_text(path, &serde_json::to_string_pretty(&objects)?)
-    }
+/// Writes a JSON array.
+pub fn write_json(path: &Path, objects: &[Value]) -> Result<()> {
+    write_text(path, &serde_json::to_string_pretty(objects)?)
 }
 
 /// Force-time integral of the foot in a bout, N s.

@@ -2,11 +2,12 @@
 
 use crate::frames::FrameWriter;
 use crate::picture::Picture;
-use crate::records::Records;
+use crate::records::{Records, write_json};
 use crate::setup::{self, ContactArgs, WearerArgs, ZeroArgs};
 use crate::summary;
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
+use client::{bout_to_json, step_to_json};
 use indicatif::{ProgressBar, ProgressStyle};
 use plantar::Real;
 use plantar::insole::Insole;
@@ -34,10 +35,13 @@ pub struct Replay {
     /// the resolution of an insole's messages; the values of --frames are not rounded.
     #[arg(long, value_enum, default_value_t = Precision::F32)]
     precision: Precision,
-    /// Write steps and load bouts to this JSON file, one object each: side, number, start, duration, and every quantity of each
-    /// region. The names of the quantities end with their units. The last bout ends with the recording.
+    /// Write the steps to this JSON file, one object per step: side, number, start, duration, and every quantity of each region.
+    /// The names of the quantities end with their units.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Write the load bouts, all load outside steps, to this JSON file, one object per bout. The last one ends with the recording.
+    #[arg(long, value_name = "FILE")]
+    bouts: Option<PathBuf>,
     /// Write the live values of every frame to this file. Its extension, .csv or .parquet, selects the format.
     #[arg(long, value_name = "FILE")]
     frames: Option<PathBuf>,
@@ -67,7 +71,10 @@ impl Replay {
         };
         let seconds = start.elapsed().as_secs_f64();
         if let Some(path) = &self.json {
-            records.write_json(path)?;
+            write_json(path, &records.steps.iter().map(step_to_json).collect::<Vec<_>>())?;
+        }
+        if let Some(path) = &self.bouts {
+            write_json(path, &records.bouts.iter().map(bout_to_json).collect::<Vec<_>>())?;
         }
         records.print(&parameters.deformation);
         setup::note_unless_applicable(&parameters, self.wearer.size, &records.steps);

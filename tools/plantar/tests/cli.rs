@@ -220,6 +220,28 @@ fn write_trial(path: &Path, side: plantar::Side, standing_n: f64) -> Recording {
     trial
 }
 
+/// The person stands for ten seconds with 400 N, after and before transitions of a second.
+#[test]
+fn standing_is_a_load_bout_with_its_force_time_integral() {
+    let (_folder, path) = folder();
+    let trial = synthetic::standing(&SyntheticStanding { standing_n: 400.0, ..Default::default() });
+    trial.write(path.join("trial.parquet")).expect("written");
+    let text = succeed(&path, "replay trial.parquet --bouts bouts.json");
+    assert!(text.contains("no steps") && text.contains("standing"), "{text}");
+    let bouts: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(path.join("bouts.json")).expect("written")).expect("JSON");
+    let bouts = bouts.as_array().expect("an array");
+    let integral_n_s = |bout: &serde_json::Value| -> f64 {
+        let regions = bout["regions"].as_object().expect("regions").values();
+        regions.map(|region| region["measured_force_integral_n_s"].as_f64().expect("a number")).sum()
+    };
+    let true_n_s = (0..trial.frames()).map(|i| trial.force_n(i)).sum::<f64>() / trial.rate_hz;
+    let sum_n_s: f64 = bouts.iter().map(integral_n_s).sum();
+    assert!((sum_n_s - true_n_s).abs() < 0.01 * true_n_s, "{sum_n_s} for {true_n_s} N s");
+    let standing: Vec<_> = bouts.iter().filter(|bout| bout["kind"] == "standing").collect();
+    assert!(standing.len() == 1 && integral_n_s(standing[0]) > 0.95 * true_n_s, "{bouts:?}");
+}
+
 /// The weight of 70 kg is 686.5 N, of which the left foot carries 420 N (61.2 %) and the right foot 266.5 N (38.8 %).
 #[test]
 fn a_standing_trial_results_in_a_baseline_and_a_check_of_the_weight() {
