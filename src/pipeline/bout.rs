@@ -1,8 +1,9 @@
 //! Load bouts: the load that is not part of a step, so that each newton-second is part of one record.
 //!
-//! The load outside steps is collected in windows of [`WINDOW_MS`]. Each window has a kind; a bout ends when two successive windows
-//! have another kind than it, so that a single movement does not divide a time of standing. The force between the steps of a
-//! walk, below the threshold of heel strike, is collected in one long bout without a kind.
+//! The load outside steps is collected in windows of two seconds, and each window has a kind. A bout ends when two successive windows
+//! have other kinds than it, so that a single movement does not divide a time of standing. The next bout has the kind of the
+//! second one, because the first one may be the transition. The force between the steps of a walk, below the threshold of heel
+//! strike, is collected in one long bout without a kind.
 
 use super::curves::Curves;
 use super::region::{RegionFrame, Side};
@@ -304,9 +305,10 @@ impl<R: Real> Bouts<R> {
         let peak_n = if self.peak_n > R::ZERO { self.peak_n } else { R::of(REFERENCE_PEAK_N) };
         let part = Part { kind: window.kind(peak_n), load: window.load };
         let has_kind = self.is_long(window.load.frames) || window.is_between_steps;
-        if !self.next.is_none() && (part.kind == self.next.kind || !has_kind) {
+        if !self.next.is_none() && (part.kind != self.bout.kind || !has_kind) {
             self.next.load.append(&part.load);
             if has_kind {
+                self.next.kind = part.kind;
                 let next = self.next.take();
                 let before = core::mem::replace(&mut self.bout, next);
                 self.complete(before, next.load.start_seq);
