@@ -3,7 +3,7 @@
 //! The load outside steps is collected in windows of two seconds, and each window has a kind. A bout ends when two successive windows
 //! have other kinds than it, so that a single movement does not divide a time of standing. The next bout has the kind of the
 //! second one, because the first one may be the transition. The force between the steps of a walk, below the threshold of heel
-//! strike, is collected in one long bout without a kind.
+//! strike, is collected in one long, unclassified bout.
 
 use super::curves::Curves;
 use super::region::{RegionFrame, Side};
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 /// Time outside steps after which a window ends, ms.
 const WINDOW_MS: u32 = 2_000;
-/// A window whose foot leaves the ground earlier than after this part of [`WINDOW_MS`] has no kind of its own.
+/// A window that ends before one in this number of parts of [`WINDOW_MS`], because the foot leaves the ground, has no kind of its own.
 const LEAST_PART: u32 = 2;
 /// A bout ends with the window in which it reaches this duration, s.
 const LONGEST_S: u32 = 60;
@@ -204,6 +204,8 @@ impl<R: Real> Window<R> {
 pub(crate) struct Bouts<R> {
     /// Time between frames, us.
     period_us: u32,
+    /// [`WINDOW_MS`] in frames.
+    window_frames: u32,
     /// Peak of the total force in the wearer's steps, N; 0 before the first step.
     peak_n: R,
     /// Number of the last frame.
@@ -211,7 +213,7 @@ pub(crate) struct Bouts<R> {
     window: Window<R>,
     /// The bout in progress.
     bout: Part<R>,
-    /// The window after it, of another kind.
+    /// The window after it, if it is of another kind.
     next: Part<R>,
     /// The complete bout.
     complete: Part<R>,
@@ -223,6 +225,7 @@ impl<R: Real> Bouts<R> {
     pub(crate) const fn new() -> Self {
         Self {
             period_us: 0,
+            window_frames: 0,
             peak_n: R::ZERO,
             last_seq: 0,
             window: Window::NEW,
@@ -236,6 +239,7 @@ impl<R: Real> Bouts<R> {
     /// Discards all load, for frames with this time between them, us.
     pub(crate) fn set_up(&mut self, period_us: u32) {
         *self = Self { period_us, ..Self::new() };
+        self.window_frames = self.frames_in(WINDOW_MS);
     }
 
     /// Adds frame number `seq`, which is not part of a stance. `frames` is the number of frames that it stands for, more than 1
@@ -248,7 +252,7 @@ impl<R: Real> Bouts<R> {
             self.window.is_on_ground = is_on_ground;
         }
         self.window.add(seq, frames, |region| (regions[region].force.force_n, regions[region].peak_kpa));
-        if self.window.load.frames >= self.frames_in(WINDOW_MS) {
+        if self.window.load.frames >= self.window_frames {
             self.end_window();
             self.window.is_on_ground = is_on_ground;
         }
@@ -293,7 +297,7 @@ impl<R: Real> Bouts<R> {
 
     /// True if a window of this number of frames has a kind of its own.
     fn is_long(&self, frames: u32) -> bool {
-        frames >= self.frames_in(WINDOW_MS / LEAST_PART)
+        LEAST_PART * frames >= self.window_frames
     }
 
     /// Ends the window: decides which bout it is part of.
