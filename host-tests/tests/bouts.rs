@@ -43,3 +43,18 @@ fn load_in_a_tight_shoe_is_part_of_one_record() {
         assert!(share < 0.001, "{residual:?}: {share}");
     }
 }
+
+/// The recording ends at any moment of an activity, also while two bouts can be completed at once.
+#[test]
+fn load_at_the_end_of_a_recording_is_part_of_one_record() {
+    for half_seconds in 1..16 {
+        let activities = [Activity::Walk, Activity::Stand, Activity::Stand, Activity::Sit, Activity::Stand];
+        for count in 3..=activities.len() {
+            let seconds = f64::from(half_seconds) / 2.0;
+            let (recording, _) = recording(&activities[..count], 650.0, 100.0, seconds, 2);
+            let found = find(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
+            let share = unassigned(&found, 100.0);
+            assert!(share < 0.001, "{count} activities of {seconds} s: {share}");
+        }
+    }
+}

@@ -99,8 +99,6 @@ async fn complete_step(insole: &mut DeviceInsole, shared: &Shared, cycles: impl 
     let Some(step) = insole.step(regions) else { return };
     let used = cycles().wrapping_sub(before);
     log::info!("process: step {} was evaluated in {} cycles by region, and {} cycles", step.step, region_cycles, used);
-    let frames_before = shared.frames_before.get().unwrap_or(shared.scan.heartbeats.processed());
-    shared.frames_before.set(Some(frames_before));
     let start_unix_us = shared.session.borrow().unix_us(step.start_us);
     queue(shared, Step { start_unix_us, ..Step::new(&step) }.into());
     let mut cadence = shared.cadence.get();
@@ -109,8 +107,10 @@ async fn complete_step(insole: &mut DeviceInsole, shared: &Shared, cycles: impl 
     shared.counters.borrow_mut().steps += 1;
 }
 
-/// Queues a record to be stored.
+/// Queues a record to be stored. Must be called before the frame that completed it counts as processed.
 fn queue(shared: &Shared, record: LoadRecord) {
+    let frames_before = shared.frames_before.get().unwrap_or(shared.scan.heartbeats.processed());
+    shared.frames_before.set(Some(frames_before));
     if shared.records.try_send(record).is_err() {
         log::warn!("storage: record {} was dropped before it could be stored", record.number());
         shared.session.borrow_mut().count_dropped(1);

@@ -54,7 +54,8 @@ pub struct Shared {
     /// The bonded centrals.
     bonds: RefCell<Vec<u8, MAX_BONDS_BYTES>>,
     pub(super) bonds_changed: Cell<bool>,
-    /// Number of frames that were processed before the end of the first step that is not stored yet; `None` if all are stored.
+    /// Number of frames that were processed before the end of the first step or load bout that is not stored yet; `None` if all are
+    /// stored.
     pub(super) frames_before: Cell<Option<u32>>,
     /// Signalled when there may be something to persist.
     pub(super) to_persist: Signal<NoopRawMutex, ()>,

@@ -72,7 +72,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     }
 
     /// The load bout that was completed by the last frame, if there is one: the load of a time that was not part of a step. It is
-    /// returned once; the next bout is completed two seconds later at the earliest.
+    /// returned once.
     pub fn take_bout(&mut self) -> Option<BoutRecord<R>> {
         if !self.stance.has_bout() {
             return None;
@@ -82,9 +82,10 @@ impl<R: Real, const N: usize> Insole<R, N> {
         Some(bout)
     }
 
-    /// Completes the load bout in progress, at the end of a recording; see [`Insole::take_bout`].
-    pub fn end_bout(&mut self) {
+    /// Completes and returns the load bout in progress, at the end of a recording. To be called until it returns `None`.
+    pub fn end_bout(&mut self) -> Option<BoutRecord<R>> {
         self.stance.end_bout();
+        self.take_bout()
     }
 
     /// Evaluates all regions and assembles the step, as [`Insole::step_region`] and [`Insole::step`] do.

@@ -344,16 +344,25 @@ impl<R: Real> Bouts<R> {
     fn complete(&mut self, bout: Part<R>, end_seq: u32) {
         let least_n = R::of(LEAST_N_S * 1e6) / R::of_u32(self.period_us.max(1));
         if !bout.is_none() && bout.load.total_n() >= least_n {
-            // A bout takes longer than the frame after which the previous one is taken.
-            (self.complete, self.end_seq) = (bout, end_seq);
+            // Two bouts can be completed in one frame, or at the end of a recording. They become one record.
+            let mut first = self.complete.take();
+            if first.is_none() {
+                first.kind = bout.kind;
+            }
+            first.load.append(&bout.load);
+            (self.complete, self.end_seq) = (first, end_seq);
         } else {
             self.bout.load.append(&Load { frames: 0, ..bout.load });
         }
     }
 
-    /// Completes the bout in progress, at the end of a recording.
+    /// Completes the bout in progress, at the end of a recording. The last windows are part of it, unless they end it.
     pub(crate) fn end(&mut self) {
         self.end_window();
+        if self.has_complete() {
+            // This bout is returned first, and the rest by another call.
+            return;
+        }
         let next = self.next.take();
         let mut bout = core::mem::replace(&mut self.bout, Part::NONE);
         bout.load.append(&next.load);

@@ -1,5 +1,5 @@
 //! A load record: a step or a load bout. The insole stores it until a host has acknowledged it. Load records are numbered in the
-//! order of their ends.
+//! order in which the insole completes them: a step at toe off, a load bout some seconds after its end.
 
 use super::{Bout, Step, ToHost};
 use serde::{Deserialize, Serialize};

@@ -53,6 +53,6 @@ pub struct Contents {
     pub newer_kinds: u32,
     /// Number of entries of the log in a newer format. They are not changed until the log is full.
     pub newer_records: u32,
-    /// Number of areas, records or step log, that were damaged beyond repair and were erased at this start.
+    /// Number of areas, records or log, that were damaged beyond repair and were erased at this start.
     pub erased: u32,
 }

@@ -101,8 +101,7 @@ pub fn find(recording: &Recording, contact: ContactRule, stance: StanceRule) -> 
         }
         bouts.extend(insole.take_bout());
     }
-    insole.end_bout();
-    bouts.extend(insole.take_bout());
+    bouts.extend(std::iter::from_fn(|| insole.end_bout()));
     integral_n_s +=
         bouts.iter().flat_map(|bout| bout.regions).map(|region| f64::from(region.integral_n_s)).sum::<f64>();
     Found { steps, bouts, integral_n_s, totals_n, faults: insole.faults().clone() }

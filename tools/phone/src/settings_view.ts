@@ -66,7 +66,7 @@ export function listenToExport(
   byId("export-bouts").onclick = () => download("plantar_load_bouts.csv", "text/csv", boutsCsv(store().bouts));
   byId("export-steps").onclick = () => download("plantar_steps.csv", "text/csv", stepsCsv(store().steps));
   byId("clear").onclick = () => {
-    if (!confirm("Delete all steps that are stored on this device? Export them first if you need them.")) return;
+    if (!confirm("Delete all steps and loads that are stored on this device? Export them first if you need them.")) return;
     void store().clear().then(cleared);
   };
 }
@@ -88,7 +88,7 @@ function insoleDetails(session: Session, now_ms: number): Node[] {
   ];
   if (battery_percent !== undefined) details.push(`Battery ${battery_percent} %`);
   if (status && status.records_dropped > 0) {
-    details.push(`${status.records_dropped} steps were lost because the insole's memory was full.`);
+    details.push(`${status.records_dropped} steps and loads were lost because the insole's memory was full.`);
   }
   const title: Node = ["dt", { class: hello.side }, sideTitle(hello.side)];
   return [["div", {}, title, ...details.map((detail): Node => ["dd", {}, detail])]];

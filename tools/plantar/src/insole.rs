@@ -133,7 +133,7 @@ fn show(connection: &Connection) -> Result<()> {
     print_settings(client)?;
     let hello = client.hello();
     println!(
-        "boot number {}, reset reason: {}, steps so far: {}",
+        "boot number {}, reset reason: {}, steps and load bouts so far: {}",
         contents.start,
         hello.reset.name(),
         contents.next_record

@@ -118,8 +118,7 @@ impl Replay {
                 bar.set_position(i as u64);
             }
         }
-        insole.end_bout();
-        records.bouts.extend(insole.take_bout().as_ref().map(Bout::new));
+        records.bouts.extend(std::iter::from_fn(|| insole.end_bout()).map(|bout| Bout::new(&bout)));
         bar.finish_and_clear();
         if let Some(frames) = frames {
             frames.finish()?;

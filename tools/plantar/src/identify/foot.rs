@@ -11,7 +11,9 @@ use fit::steps::{ExcludedContact, ExclusionReason};
 use plantar::Side;
 use plantar::pipeline::calibrate::{CellCalibration, zero_offset};
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::{CalibrationId, CellFrame, CellStream, Refusal, Resolution, Step, ToDevice, ToHost};
+use plantar::protocol::{
+    CalibrationId, CellFrame, CellStream, LoadRecord, Refusal, Resolution, Step, ToDevice, ToHost,
+};
 use recording::{Recording, StandingTrial, StreamedCells};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -129,14 +131,14 @@ impl Foot {
     /// Records the cells of a standing trial for `time`.
     pub fn stand(&mut self, stop: &AtomicBool, time: Duration) -> Result<Trial> {
         let mut trial = Trial::begin(self.link.client())?;
+        let mut file = self.new_stream_file(STAND)?;
         let start = Instant::now();
         self.update(|progress| progress.needed = 0);
         self.follow(stop, |foot, item| {
             match item {
                 Item::Message(ToHost::Cells(frame)) => trial.frame(&frame),
                 Item::Started => trial = Trial::begin(foot.link.client())?,
-                // Steps are not stored in this part, so they remain on the insole.
-                Item::Message(_) => {}
+                Item::Message(message) => foot.store_record(&mut file, &message)?,
             }
             Ok(start.elapsed() >= time)
         })?;
@@ -173,6 +175,15 @@ impl Foot {
     /// The file with the calibration of this session, in the format of `plantar insole calibrate`.
     pub fn calibration_file(&self) -> PathBuf {
         self.folder.join("calibration.csv")
+    }
+
+    /// Stores a step or load bout in the file, and acknowledges it. Other messages are ignored.
+    fn store_record(&mut self, file: &mut StreamFile, message: &ToHost) -> Result<()> {
+        if let Some(record) = LoadRecord::of(message) {
+            file.write(0, message)?;
+            self.link.send(ToDevice::Acknowledge { step: record.number() });
+        }
+        Ok(())
     }
 
     /// Begins the next stream file whose name begins with `name`. It contains the insole's hello.
@@ -250,16 +261,14 @@ impl Foot {
         let mut file = self.new_stream_file(VERIFY)?;
         self.update(|progress| (progress.done, progress.needed, progress.remark) = (0, count, String::new()));
         self.follow(stop, |foot, item| {
-            if let Item::Message(message @ ToHost::Step(step)) = item {
-                file.write(0, &message)?;
-                foot.link.send(ToDevice::Acknowledge { step: step.step });
-                if step.boots_since == 0 && step.start_us > begin_us {
-                    steps.push(step);
-                    foot.update(|progress| progress.done = steps.len());
-                }
-            } else if let Item::Message(message @ ToHost::Bout(bout)) = item {
-                file.write(0, &message)?;
-                foot.link.send(ToDevice::Acknowledge { step: bout.number });
+            let Item::Message(message) = item else { return Ok(false) };
+            foot.store_record(&mut file, &message)?;
+            if let ToHost::Step(step) = message
+                && step.boots_since == 0
+                && step.start_us > begin_us
+            {
+                steps.push(step);
+                foot.update(|progress| progress.done = steps.len());
             }
             Ok(steps.len() >= count)
         })?;
@@ -269,7 +278,9 @@ impl Foot {
 
 /// The remark if the insole seems to lie under the other foot.
 const OTHER_FOOT: &str = "the small toes carry more than the big toe: is this insole in the other shoe?";
-/// First part of the names of the stream files of the walk.
+/// First part of the names of the stream files of the standing trial, with the steps and load bouts before it.
+const STAND: &str = "stand";
+/// The same for the walk.
 const WALK: &str = "walk";
 /// The same for the steps that verify the result.
 const VERIFY: &str = "verify";
@@ -314,17 +325,13 @@ impl Walk {
                 file.write(0, &message)?;
                 self.steps.frame(&live);
             }
-            Item::Message(message @ ToHost::Step(step)) => {
-                file.write(0, &message)?;
-                foot.link.send(ToDevice::Acknowledge { step: step.step });
-                self.steps.step(&step);
-                self.last_step = Instant::now();
+            Item::Message(message) => {
+                foot.store_record(file, &message)?;
+                if let ToHost::Step(step) = message {
+                    self.steps.step(&step);
+                    self.last_step = Instant::now();
+                }
             }
-            Item::Message(message @ ToHost::Bout(bout)) => {
-                file.write(0, &message)?;
-                foot.link.send(ToDevice::Acknowledge { step: bout.number });
-            }
-            Item::Message(_) => {}
         }
         if self.part_start.elapsed() >= PART_TIME
             && let Some(cells) = &mut self.cells
