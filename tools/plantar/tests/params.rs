@@ -295,6 +295,6 @@ fn an_insole_is_named_calibrated_and_shown() {
     assert!(done && text.contains(&format!("calibration {:08x}", id.id())), "{text} {failed}");
     assert_eq!(session.lock().expect("no panic").identity().calibration_id, id.id());
     let (done, text, _) = run("show");
-    assert!(done && text.contains("P-0001") && text.contains("steps so far"), "{text}");
+    assert!(done && text.contains("P-0001") && text.contains("steps and load bouts so far"), "{text}");
     assert!(run("restart").0);
 }
