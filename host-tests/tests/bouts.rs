@@ -2,26 +2,18 @@
 
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
-use testkit::activity::{Activity, recognised, recording};
-use testkit::wear::{Found, Residual, find, with_residual};
+use testkit::activity::{Activity, recognised, recording, sequences};
+use testkit::wear::{Residual, find, with_residual};
 
-/// Share of the stream's force-time integral that is in no record, or in two.
-fn unassigned(found: &Found, rate_hz: f64) -> f64 {
-    let stream_n_s = found.totals_n.iter().sum::<f64>() / rate_hz;
-    (found.integral_n_s - stream_n_s).abs() / stream_n_s
-}
-
-/// A child, an adult, and a heavy person; sequences in which each activity follows each other one.
+/// A child, an adult, and a heavy person, in sequences of activities.
 #[test]
 fn each_newton_second_is_part_of_one_record_and_kinds_are_recognised() {
     let (mut labelled, mut right) = (0, 0);
     for (weight_n, rate_hz) in [(150.0, 100.0), (650.0, 50.0), (650.0, 100.0), (650.0, 400.0), (1_770.0, 100.0)] {
-        for (shift, seed) in (1..Activity::ALL.len()).zip(1..) {
-            let order = (0..Activity::ALL.len()).map(|i| Activity::ALL[(i * shift) % Activity::ALL.len()]);
-            let order: Vec<_> = [Activity::Walk].into_iter().chain(order).collect();
+        for (order, seed) in sequences().zip(1..) {
             let (recording, spans) = recording(&order, weight_n, rate_hz, 20.0, seed);
             let found = find(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
-            let share = unassigned(&found, rate_hz);
+            let share = found.unassigned(rate_hz);
             let of_run = recognised(&spans, &found, (1e6 / rate_hz) as u64);
             println!("{weight_n} N, {rate_hz} Hz, {order:?}: {} steps, {of_run:?}, {share:.6}", found.steps.len());
             assert!(share < 0.001, "{weight_n} N, {rate_hz} Hz: {share}");
@@ -38,7 +30,7 @@ fn load_in_a_tight_shoe_is_part_of_one_record() {
     for residual in Residual::ALL {
         let (recording, _) = recording(&Activity::ALL, 700.0, 100.0, 8.0, 3);
         let found = find(&with_residual(recording, residual, 4.0), ContactRule::COVERED, StanceRule::ADAPTIVE);
-        let share = unassigned(&found, 100.0);
+        let share = found.unassigned(100.0);
         println!("{residual:?}: {share:.6}");
         assert!(share < 0.001, "{residual:?}: {share}");
     }
@@ -53,7 +45,7 @@ fn load_at_the_end_of_a_recording_is_part_of_one_record() {
             let seconds = f64::from(half_seconds) / 2.0;
             let (recording, _) = recording(&activities[..count], 650.0, 100.0, seconds, 2);
             let found = find(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
-            let share = unassigned(&found, 100.0);
+            let share = found.unassigned(100.0);
             assert!(share < 0.001, "{count} activities of {seconds} s: {share}");
         }
     }

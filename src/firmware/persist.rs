@@ -32,9 +32,9 @@ struct Persist<'a> {
     trial: Option<Trial>,
 }
 
-/// Persists steps, load bouts, acknowledgements, parameters and bonds. Never returns. An item that the chip fails to store is counted, and is
-/// in force until the next start. Receives firmware updates, and confirms the running image after its trial; `image` is its
-/// header.
+/// Persists steps, load bouts, acknowledgements, parameters and bonds. Never returns. An item that the chip fails to store is
+/// counted, and is in force until the next start. Receives firmware updates, and confirms the running image after its trial;
+/// `image` is its header.
 pub async fn persist(
     store: &mut Store<impl MultiwriteNorFlash>,
     shared: &Shared,

@@ -47,8 +47,9 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
     }
 
-    /// Assembles the step of the stance that ended with the last frame from its eight regions, and increments the record number. If the
-    /// parameters are tracked, they are adapted to the step, and used from the next frame on. `None` before [`Insole::set_up`].
+    /// Assembles the step of the stance that ended with the last frame from its eight regions, and increments the record
+    /// number. If the parameters are tracked, they are adapted to the step, and used from the next frame on. `None` before
+    /// [`Insole::set_up`].
     pub fn step(&mut self, mut regions: [RegionStep<R>; 8]) -> Option<StepRecord<R>> {
         let setup = *self.setup()?;
         for (i, (region, law)) in regions.iter_mut().zip(&mut self.force_laws).enumerate() {
@@ -74,9 +75,6 @@ impl<R: Real, const N: usize> Insole<R, N> {
     /// The load bout that was completed by the last frame, if there is one: the load of a time that was not part of a step. It is
     /// returned once.
     pub fn take_bout(&mut self) -> Option<BoutRecord<R>> {
-        if !self.stance.has_bout() {
-            return None;
-        }
         let bout = self.stance.take_bout(self.setup.side, self.records)?;
         self.records = self.records.wrapping_add(1);
         Some(bout)

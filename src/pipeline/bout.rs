@@ -1,9 +1,9 @@
 //! Load bouts: the load that is not part of a step, so that each newton-second is part of one record.
 //!
-//! The load outside steps is collected in windows of two seconds, and each window has a kind. A bout ends when two successive windows
-//! have other kinds than it, so that a single movement does not divide a time of standing. The next bout has the kind of the
-//! second one, because the first one may be the transition. The force between the steps of a walk, below the threshold of heel
-//! strike, is collected in one long, unclassified bout.
+//! The load outside steps is collected in windows of two seconds, and each window has a kind. A bout ends when two successive
+//! windows have other kinds than it, so that a single movement does not divide a time of standing. The next bout has the kind
+//! of the second one, because the first one may be the transition. The force between the steps of a walk, below the threshold
+//! of heel strike, is collected in one long, unclassified bout.
 
 use super::curves::Curves;
 use super::region::{RegionFrame, Side};
@@ -13,18 +13,19 @@ use serde::{Deserialize, Serialize};
 
 /// Time outside steps after which a window ends, ms.
 const WINDOW_MS: u32 = 2_000;
-/// A window that ends before one in this number of parts of [`WINDOW_MS`], because the foot leaves the ground, has no kind of its own.
+/// A window that ends before one in this number of parts of [`WINDOW_MS`], because the foot leaves the ground, has no kind of
+/// its own.
 const LEAST_PART: u32 = 2;
 /// A bout ends with the window in which it reaches this duration, s.
 const LONGEST_S: u32 = 60;
 /// The same for a bout with a mean force below [`LIGHT`], s.
 const LONGEST_LIGHT_S: u32 = 3_600;
 
-/// Range of the total force in a window of shuffling, relative to the peak of the wearer's steps: more than the sway of a person who
-/// stands, less than the transfer of half of the weight to the other foot.
+/// Range of the total force in a window of shuffling, relative to the peak of the wearer's steps: more than the sway of a
+/// person who stands, less than the transfer of half of the weight to the other foot.
 const MOVING: f64 = 0.25;
-/// Mean force of standing, relative to the same: each foot of a person who stands has about half of the weight, of a person who sits
-/// less than a tenth.
+/// Mean force of standing, relative to the same: each foot of a person who stands has about half of the weight, of a person who
+/// sits less than a tenth.
 const STANDING: f64 = 0.15;
 /// Mean force of a foot in the air is below this, relative to the same.
 const LIGHT: f64 = 0.01;
@@ -359,7 +360,7 @@ impl<R: Real> Bouts<R> {
     /// Completes the bout in progress, at the end of a recording. The last windows are part of it, unless they end it.
     pub(crate) fn end(&mut self) {
         self.end_window();
-        if self.has_complete() {
+        if !self.complete.is_none() {
             // This bout is returned first, and the rest by another call.
             return;
         }
@@ -369,17 +370,14 @@ impl<R: Real> Bouts<R> {
         self.complete(bout, self.last_seq.wrapping_add(1));
     }
 
-    /// True if there is a complete bout.
-    #[inline(always)]
-    pub(crate) fn has_complete(&self) -> bool {
-        !self.complete.is_none()
-    }
-
-    /// Returns the complete bout as the record with this number.
+    /// Returns the complete bout as the record with this number; `None` if there is none.
     pub(crate) fn take(&mut self, side: Side, number: u32) -> Option<BoutRecord<R>> {
+        if self.complete.is_none() {
+            return None;
+        }
         let Part { kind, load } = self.complete.take();
         let frame_s = R::of(f64::from(self.period_us) * 1e-6);
-        (load.frames > 0).then(|| BoutRecord {
+        Some(BoutRecord {
             side,
             number,
             kind,

@@ -1,7 +1,8 @@
 //! Lift: recognises a lifted foot by a constant total force, whatever the shoe presses.
 //!
 //! The force of a foot on the ground never stays within [`TOLERANCE_N`] for [`super::stance_rule::SETTLE_MS`] while most cells
-//! have less pressure than a shoe can cause: a foot that carries load has cells with far more, and a foot that is dragged has a force that changes.
+//! have less pressure than a shoe can cause: a foot that carries load has cells with far more, and a foot that is dragged has a
+//! force that changes.
 
 use super::cell::InsoleCell;
 use crate::num::Real;

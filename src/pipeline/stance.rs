@@ -283,12 +283,6 @@ impl<R: Real> Stance<R> {
         self.bouts.take(side, number)
     }
 
-    /// True if the last frame has completed a bout.
-    #[inline(always)]
-    pub(crate) fn has_bout(&self) -> bool {
-        self.bouts.has_complete()
-    }
-
     /// Completes the bout in progress, at the end of a recording. A stance in progress is part of it.
     pub(crate) fn end_bout(&mut self) {
         if self.phase == Phase::Stance {

@@ -48,8 +48,8 @@ impl LoadRecord {
         }
     }
 
-    /// Its start: the number of boots since then, the time since the first scan of that boot, us, and the time on the wall clock, us
-    /// since 1970, if it was set.
+    /// Its start: the number of boots since then, the time since the first scan of that boot, us, and the time on the wall
+    /// clock, us since 1970, if it was set.
     pub fn start(&self) -> (u32, u64, Option<u64>) {
         match self {
             Self::Step(step) => (step.boots_since, step.start_us, step.start_unix_us),

@@ -1,9 +1,10 @@
 //! The insole's side of a session with a host, over any carrier: it decides which message to send next and which commands to
 //! execute.
 //!
-//! A live frame is soon out of date, so a full queue drops the oldest. A load record, a step or a load bout, must not be lost: it remains
-//! until it is acknowledged, and is sent again in the next session. The session holds the oldest unacknowledged records; the log
-//! ([`crate::storage`]) contains all of them. The wearer's parameters and the clock remain after the session that set them.
+//! A live frame is soon out of date, so a full queue drops the oldest. A load record, a step or a load bout, must not be lost:
+//! it remains until it is acknowledged, and is sent again in the next session. The session holds the oldest unacknowledged
+//! records; the log ([`crate::storage`]) contains all of them. The wearer's parameters and the clock remain after the session
+//! that set them.
 
 use super::cell_stream::CellSender;
 use super::command::{Answer, Configured};

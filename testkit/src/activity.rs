@@ -66,6 +66,15 @@ impl Activity {
     }
 }
 
+/// Sequences that begin with a walk and continue with activities in different orders.
+pub fn sequences() -> impl Iterator<Item = Vec<Activity>> {
+    let count = Activity::ALL.len();
+    (1..count).map(move |stride| {
+        let others = (0..count).map(|i| Activity::ALL[i * stride % count]);
+        [Activity::Walk].into_iter().chain(others).collect()
+    })
+}
+
 /// The frames of a recording in which the wearer did something.
 pub type Span = (Activity, Range<usize>);
 

@@ -15,8 +15,8 @@ import zipfile
 
 SHEET = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 WALKS = [("102114", "10_21_14"), ("102137", "10_21_37"), ("102231", "10_22_31")]
-# In the reports, double support is one phase: from initial contact of this foot to toe off of the other one. The step duration is the
-# time from initial contact of this foot to that of the other one.
+# In the reports, double support is one phase: from initial contact of this foot to toe off of the other one. The step duration
+# is the time from initial contact of this foot to that of the other one.
 COLUMNS = {
     "contact_s": "Initial contact (s)",
     "toe_off_s": "Toe off (s)",

@@ -122,8 +122,8 @@ fn compare_steps(foot: &Foot, found: &[[f64; 3]], differences: &mut [Vec<f64>; 3
     }
 }
 
-/// Adds the differences of stride time, step time and double support (ms) of the strides of a foot. The vendor reports the time to the
-/// other foot's contact, and each phase of double support, with the step that begins with it.
+/// Adds the differences of stride time, step time and double support (ms) of the strides of a foot. The vendor reports the time
+/// to the other foot's contact, and each phase of double support, with the step that begins with it.
 fn compare_strides([own, other]: [&Foot; 2], strides: &[Stride], differences: &mut [Vec<f64>; 4]) {
     for stride in strides {
         let begins = own.step_at(stride.start_s);

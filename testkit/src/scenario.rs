@@ -627,8 +627,8 @@ impl Outcome {
     }
 }
 
-/// The part of a step or load bout that a replay of the same frames computes too: all but its number, the boots since then, the wall-clock
-/// time, and the results of the model, which depend on the wearer's parameters.
+/// The part of a step or load bout that a replay of the same frames computes too: all but its number, the boots since then, the
+/// wall-clock time, and the results of the model, which depend on the wearer's parameters.
 fn measured(record: &LoadRecord) -> LoadRecord {
     let step = match record {
         LoadRecord::Bout(bout) => return Bout { number: 0, boots_since: 0, start_unix_us: None, ..*bout }.into(),

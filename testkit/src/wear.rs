@@ -80,6 +80,14 @@ pub struct Found {
     pub faults: Faults,
 }
 
+impl Found {
+    /// Share of the stream's force-time integral that is in no step or load bout, or in two.
+    pub fn unassigned(&self, rate_hz: f64) -> f64 {
+        let stream_n_s = self.totals_n.iter().sum::<f64>() / rate_hz;
+        (self.integral_n_s - stream_n_s).abs() / stream_n_s
+    }
+}
+
 /// Passes a recording through an insole with a contact rule.
 pub fn find(recording: &Recording, contact: ContactRule, stance: StanceRule) -> Found {
     let virtual_insole = VirtualInsole::new(recording, contact, stance);

@@ -6,7 +6,7 @@ use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use recording::synthetic::SyntheticWalk;
 use std::path::Path;
-use testkit::activity::{Activity, recognised, recording};
+use testkit::activity::{recognised, recording, sequences};
 use testkit::moticon;
 use testkit::wear::{LEVELS_KPA, Residual, compare, find, noisy_walk};
 
@@ -70,14 +70,11 @@ fn measure_bouts(figures: &mut Figures) {
     let (mut labelled, mut right, mut unassigned) = (0, 0, 0.0f64);
     let rate_hz = 100.0;
     for weight_n in [150.0, 650.0, 1_770.0] {
-        // Other seeds than those of the test, and each activity after each other one.
-        for (shift, seed) in (1..Activity::ALL.len()).zip(50..) {
-            let order = (0..Activity::ALL.len()).map(|i| Activity::ALL[(i * shift) % Activity::ALL.len()]);
-            let order: Vec<_> = [Activity::Walk].into_iter().chain(order).collect();
+        // Other seeds than those of the test.
+        for (order, seed) in sequences().zip(50..) {
             let (recording, spans) = recording(&order, weight_n, rate_hz, 20.0, seed);
             let found = find(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
-            let stream_n_s = found.totals_n.iter().sum::<f64>() / rate_hz;
-            unassigned = unassigned.max((found.integral_n_s - stream_n_s).abs() / stream_n_s);
+            unassigned = unassigned.max(found.unassigned(rate_hz));
             let (of_run, right_of_run) = recognised(&spans, &found, (1e6 / rate_hz) as u64);
             (labelled, right) = (labelled + of_run, right + right_of_run);
         }

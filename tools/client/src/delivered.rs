@@ -1,4 +1,5 @@
-//! Remembers the steps and load bouts that were delivered to the caller, so that each is delivered only once if the insole repeats it.
+//! Remembers the steps and load bouts that were delivered to the caller, so that each is delivered only once if the insole
+//! repeats it.
 
 use plantar::protocol::LoadRecord;
 use plantar::protocol::session::RECORD_QUEUE;

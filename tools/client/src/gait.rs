@@ -25,8 +25,8 @@ pub struct FootStep {
 }
 
 impl FootStep {
-    /// A step with its heel strike at `start_us` on the clock of the walk. `bouts` are the numbers of the insole's load bouts, which
-    /// are counted together with the steps.
+    /// A step with its heel strike at `start_us` on the clock of the walk. `bouts` are the numbers of the insole's load bouts,
+    /// which are counted together with the steps.
     pub fn new(step: &Step, start_us: u64, bouts: &[u32]) -> Self {
         let before = bouts.iter().filter(|bout| is_after(step.step, **bout)).count();
         Self {

@@ -1,4 +1,5 @@
-//! Checks the order of the steps and load bouts that arrive, and decides when to request a replay of those that were lost on the way.
+//! Checks the order of the steps and load bouts that arrive, and decides when to request a replay of those that were lost on
+//! the way.
 //!
 //! In a replay, the insole sends all its unacknowledged records again, oldest first.
 
@@ -19,8 +20,8 @@ pub(crate) enum Arrival {
     Awaited,
 }
 
-/// Detects records that were lost on the way. An acknowledgement also covers all earlier ones, so a lost record must arrive before a
-/// later one is accepted.
+/// Detects records that were lost on the way. An acknowledgement also covers all earlier ones, so a lost record must arrive
+/// before a later one is accepted.
 #[derive(Debug, Default)]
 pub(crate) struct RecordOrder {
     /// The number after the last accepted record.

@@ -3,9 +3,9 @@
 use plantar::Region;
 use std::fmt;
 
-/// What the scale C of the deformation of a region rests on. The largest deformation is the product of the thickness of the tissue and
-/// of its largest compression. C rests on measurements alone if both were measured, or if a curvature of the sole was measured, from
-/// which C follows without them (docs/identification.md).
+/// What the scale C of the deformation of a region rests on. The largest deformation is the product of the thickness of the
+/// tissue and of its largest compression. C rests on measurements alone if both were measured, or if a curvature of the sole
+/// was measured, from which C follows without them (docs/identification.md).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeformationScale {
     /// Measurements.

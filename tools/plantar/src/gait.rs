@@ -100,8 +100,8 @@ fn read(path: &Path) -> Result<Walk> {
     if is_stream { from_stream(&std::fs::read(path)?) } else { from_recording(&Recording::read(path)?) }
 }
 
-/// The steps in the content of a stream file. Their times are on the clock of the host, by the time messages of the insoles or, in a
-/// file without them, by the wall clocks that the host set.
+/// The steps in the content of a stream file. Their times are on the clock of the host, by the time messages of the insoles or,
+/// in a file without them, by the wall clocks that the host set.
 fn from_stream(bytes: &[u8]) -> Result<Walk> {
     let mut axes = [const { Axis::new() }; STREAM_INSOLES];
     let Walk { mut steps, mut bouts } = Walk::default();

@@ -25,7 +25,8 @@ use std::sync::{Arc, mpsc};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-/// These tests run one after the other: with several emulated insoles and a simulated radio at once, a connection can exceed its time.
+/// These tests run one after the other: with several emulated insoles and a simulated radio at once, a connection can exceed
+/// its time.
 static ALONE: Mutex<()> = Mutex::new(());
 
 /// What the wearer does.

@@ -154,8 +154,8 @@ pub extern "C" fn counter_lost(index: usize) -> f64 {
 /// The steps of the left and of the right foot for [`gait_measures`].
 static GAIT_STEPS: Mutex<[Vec<FootStep>; 2]> = Mutex::new([Vec::new(), Vec::new()]);
 
-/// Adds a step for [`gait_measures`]. `foot` is 0 for the left and 1 for the right foot; the step has its number, its heel strike, its
-/// stance time, its peak force and its force-time integral.
+/// Adds a step for [`gait_measures`]. `foot` is 0 for the left and 1 for the right foot; the step has its number, its heel
+/// strike, its stance time, its peak force and its force-time integral.
 #[unsafe(no_mangle)]
 pub extern "C" fn gait_step(foot: usize, number: u32, start_s: f64, duration_s: f64, peak_n: f64, integral_n_s: f64) {
     with(&GAIT_STEPS, foot, |steps| steps.push(FootStep { number, start_s, duration_s, peak_n, integral_n_s }));

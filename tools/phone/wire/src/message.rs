@@ -147,8 +147,8 @@ impl Message {
     }
 }
 
-/// The key of a step or load bout: `content`, all of it that does not change if an insole sends it again after a restart, encoded in
-/// hexadecimal digits.
+/// The key of a step or load bout: `content`, all of it that does not change if an insole sends it again after a restart,
+/// encoded in hexadecimal digits.
 fn key(content: &impl Serialize) -> String {
     let mut buffer = [0; MAX_MESSAGE];
     // Every message fits into the buffer, so the key is never empty.

@@ -170,8 +170,8 @@ fn used_chip(first_step: u32) -> Result<Vec<u8>> {
     Ok(chip.bytes)
 }
 
-/// Receives and acknowledges steps and load bouts until `steps` steps have arrived, and compares each with the next one of a replay,
-/// which `expected` returns.
+/// Receives and acknowledges steps and load bouts until `steps` steps have arrived, and compares each with the next one of a
+/// replay, which `expected` returns.
 fn receive(
     client: &mut Client<Framed<TcpStream>>,
     side: Side,

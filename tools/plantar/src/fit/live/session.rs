@@ -115,8 +115,8 @@ fn records(folder: &Path) -> Result<BTreeMap<i32, Vec<Step>>> {
     Ok(sessions)
 }
 
-/// The steps in the folder with the times of their heel strikes on the clock of the host, s since 1970, in the order of their arrival.
-/// Only the quantities that the measures of both feet use are read.
+/// The steps in the folder with the times of their heel strikes on the clock of the host, s since 1970, in the order of their
+/// arrival. Only the quantities that the measures of both feet use are read.
 pub fn timed_steps(folder: &Path) -> Result<Vec<(Step, Option<f64>)>> {
     let columns = [&STEP_COLUMNS[..], &["start_unix_s", "foot_force_peak_n", "foot_force_integral_n_s"]].concat();
     let mut steps: Vec<(Step, Option<f64>)> = Vec::new();
