@@ -1,13 +1,16 @@
 //! One insole: connects the stages of the pipeline and the fault detection. Parameters are separate from state and can be
 //! replaced while running.
 
+mod alerts;
 mod records;
 
 use crate::faults::{FaultDetector, Faults, FrameContext, MatrixRows};
 use crate::num::Real;
+use crate::pipeline::alert::{AlertRules, Alerts, DailyLoad};
 use crate::pipeline::baseline::MAX_RESIDUAL_KPA;
 use crate::pipeline::calibrate::{CellCalibration, Curve};
 use crate::pipeline::cell::{InsoleCell, find_peak, residual as residual_of, sum_region};
+use crate::pipeline::cumulative::CumulativeLoad;
 use crate::pipeline::ellipse::Ellipse;
 use crate::pipeline::lift::is_unloaded;
 use crate::pipeline::live::{LiveModel, RegionLoad};
@@ -15,7 +18,7 @@ use crate::pipeline::measures::Extent;
 use crate::pipeline::model::ForceLaw;
 use crate::pipeline::region::ForceMoments;
 use crate::pipeline::setup::{Division, Setup, SetupCell, SetupError, check_setup};
-use crate::pipeline::stance::{Rejected, Stance};
+use crate::pipeline::stance::{BRIDGED_FRAMES, Rejected, Stance};
 use crate::pipeline::stance_rule::StanceLimits;
 use crate::pipeline::tissue::{Tissue, TissueError};
 use crate::pipeline::track::Tracker;
@@ -48,6 +51,14 @@ pub struct Insole<R, const N: usize> {
     centre_mm: (R, R),
     extent: Extent,
     detector: FaultDetector,
+    /// [`AlertRules::UNSET`] until [`Insole::set_up`].
+    alert_rules: AlertRules,
+    cumulative: CumulativeLoad<R>,
+    alerts: Alerts,
+    /// The load that was stored before this start.
+    earlier: DailyLoad,
+    /// The last frame completed a second of the cumulative load.
+    has_ended_second: bool,
     /// Number of the last frame.
     last_seq: Option<u32>,
     /// Number of the next record.
@@ -96,6 +107,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
             centre_mm: (R::ZERO, R::ZERO),
             extent: Extent { heel_mm: 0.0, toe_mm: 0.0, forefoot_width_mm: 0.0 },
             detector: FaultDetector::new(),
+            alert_rules: AlertRules::UNSET,
+            cumulative: CumulativeLoad::new(),
+            alerts: Alerts::NONE,
+            earlier: DailyLoad::NONE,
+            has_ended_second: false,
             last_seq: None,
             records: 0,
         }
@@ -128,6 +144,10 @@ impl<R: Real, const N: usize> Insole<R, N> {
         self.limits = StanceLimits::new(&setup.stance, setup.period_us);
         self.live = [LiveModel::NEW; 8];
         self.stance.reset(setup.period_us);
+        self.cumulative.set_up(setup.period_us);
+        if self.alert_rules == AlertRules::UNSET {
+            self.alert_rules = AlertRules::OFF;
+        }
         self.loads = [RegionLoad::NONE; 8];
         self.last_seq = None;
         self.setup = setup;
@@ -195,17 +215,19 @@ impl<R: Real, const N: usize> Insole<R, N> {
         if self.setup().is_none() || codes.len() < self.cells() {
             return false;
         }
-        let mut per_s = self.frame_rate_hz;
+        let (mut per_s, mut frames) = (self.frame_rate_hz, 1);
         if let Some(last) = self.last_seq.replace(seq) {
             let elapsed = seq.wrapping_sub(last);
             if elapsed > 1 {
                 per_s = per_s / R::of_u32(elapsed);
+                frames = elapsed.min(1 + BRIDGED_FRAMES);
             }
         }
         self.sum_cells(seq, codes);
         for ((load, live), law) in self.loads.iter_mut().zip(&mut self.live).zip(&self.force_laws) {
             load.tissue = live.update(law, load.frame.area.area_mm2(), per_s);
         }
+        self.accumulate(frames);
         let centre_mm = self.move_centre();
         let regions = self.loads.each_ref().map(|load| &load.frame);
         let mut is_toe_off = self.stance.push(&self.limits, seq, regions, centre_mm);

@@ -12,12 +12,17 @@ use fit::quality::Evaluated;
 use fit::{Filter, Options, Study};
 use parameters::{InsoleSize, Parameters};
 use plantar::faults::Fault;
+use plantar::insole::Insole;
+use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::bout::BoutKind;
 use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::cumulative::LoadLimits;
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::{Bout, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Status, Step, ToDevice, ToHost, encode, frame};
+use plantar::protocol::{
+    Alert, Bout, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Status, Step, ToDevice, ToHost, encode, frame,
+};
 use plantar::{Region, Side};
 use recording::{Recording, VirtualInsole, jiku, pedar};
 use std::io::Write;
@@ -95,7 +100,7 @@ impl Session {
     /// Receives one message; returns true if it is an answer.
     fn receive(&mut self, received: &mut Received) -> bool {
         let message = self.next();
-        let is_answer = !matches!(message, ToHost::Live(_) | ToHost::Step(_) | ToHost::Bout(_));
+        let is_answer = !matches!(message, ToHost::Live(_) | ToHost::Step(_) | ToHost::Bout(_) | ToHost::Alert(_));
         match message {
             ToHost::Live(live) => received.live.push(live),
             ToHost::Step(step) => {
@@ -106,6 +111,10 @@ impl Session {
             ToHost::Bout(bout) => {
                 self.client.send(ToDevice::Acknowledge { step: bout.number }).expect("the link works");
                 received.bouts.push(Bout { start_unix_us: None, ..bout });
+            }
+            ToHost::Alert(alert) => {
+                self.client.send(ToDevice::Acknowledge { step: alert.number }).expect("the link works");
+                received.alerts.push(Alert { start_unix_us: None, ..alert });
             }
             ToHost::Status(status) => received.status = status,
             ToHost::Tissue(tissue) => received.tissues.push((received.live.len(), tissue)),
@@ -147,6 +156,7 @@ struct Received {
     live: Vec<Live>,
     steps: Vec<Step>,
     bouts: Vec<Bout>,
+    alerts: Vec<Alert>,
     /// Confirmed parameters, each with the number of live frames that arrived before.
     tissues: Vec<(usize, Tissue)>,
     refusals: Vec<Refusal>,
@@ -305,6 +315,47 @@ fn load_bouts_are_the_same_on_the_device_and_on_a_host() {
     // The last bout is still in progress on the device.
     assert_eq!(received.bouts, computed[..computed.len() - 1]);
     assert!(received.bouts.iter().any(|bout| bout.kind == BoutKind::Shuffling), "{:?}", received.bouts);
+}
+
+#[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn alerts_and_the_load_of_the_day_are_the_same_on_the_device_and_on_a_host() {
+    let limits = LoadLimits { window_s: 60, ..LoadLimits::DEFAULT };
+    let rules = AlertRules { limits, snooze_s: 60, ..AlertRules::RECOMMENDED };
+    let activities = [Activity::Walk, Activity::Stand, Activity::Stand, Activity::Walk];
+    let (recording, _) = activity::recording(&activities, 650.0, 100.0, 40.0, 5);
+    let mut session = Session::start(&recording, ContactRule::COVERED, |_| None);
+    session.client.set_alert_rules(&rules).expect("the rules are valid");
+    session.board.play();
+    let received = session.finish();
+    let daily = session.client.daily_load().expect("the insole answers");
+
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
+    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the set-up is valid");
+    let mut codes = vec![0; virtual_insole.cells.len()];
+    let (mut alerts, mut load, mut seconds) = (Vec::new(), DailyLoad::NONE, 0);
+    for i in 0..session.scans as usize {
+        virtual_insole.codes_of(&recording, i, &mut codes);
+        if insole.frame(i as u32, &codes) {
+            insole.whole_step();
+        }
+        insole.take_bout();
+        if insole.has_ended_second() {
+            seconds += 1;
+            // The device executes requests at the end of a second.
+            if seconds == 1 {
+                insole.set_alert_rules(&rules);
+            }
+            load = insole.daily_load();
+            alerts.extend(insole.take_alert().as_ref().map(Alert::new));
+        }
+    }
+    assert_eq!(received.alerts, alerts);
+    assert_eq!(alerts.len(), 1, "{alerts:?}");
+    assert_eq!(daily.totals, load.totals);
+    assert_eq!((daily.sustained, daily.alerts, daily.snoozed_s), (load.sustained, load.alerts, load.snoozed_s));
+    assert!(load.totals.regions[0].sustained_s > 10, "{load:?}");
 }
 
 #[test]

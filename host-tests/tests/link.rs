@@ -1,7 +1,9 @@
 //! The insole's side of a session, tested message by message.
 
+use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::cumulative::LoadLimits;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::BLOCK_CELLS;
 use plantar::protocol::session::{Command, CommandResult, RECORD_QUEUE, Session};
@@ -11,7 +13,7 @@ use plantar::protocol::{
     Settings, Status, ToDevice, ToHost, decode, encode,
 };
 use plantar::{Region, Side};
-use testkit::{SETUP, TISSUE, bout, cell, hello, live, status, step};
+use testkit::{SETUP, TISSUE, alert, bout, cell, daily_load, hello, live, status, step};
 
 /// A message to the host, in a short form.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,6 +36,9 @@ enum Sent {
     SetupCells(usize),
     Settings(Option<Settings>),
     Identified(Option<Identified>),
+    Alert(u32),
+    AlertRules(AlertRules),
+    DailyLoad(DailyLoad),
 }
 
 /// The next message that the insole sends. Its content must be that of the fixtures.
@@ -80,6 +85,12 @@ fn next(session: &mut Session) -> Option<Sent> {
         ToHost::SetupCells { cells, .. } => Sent::SetupCells(cells.len()),
         ToHost::Settings(got) => Sent::Settings(got),
         ToHost::Identified(got) => Sent::Identified(got),
+        ToHost::Alert(got) => {
+            assert_eq!(got, alert(got.number));
+            Sent::Alert(got.number)
+        }
+        ToHost::AlertRules(got) => Sent::AlertRules(got),
+        ToHost::DailyLoad(got) => Sent::DailyLoad(got),
     })
 }
 
@@ -704,4 +715,62 @@ fn a_queued_frame_of_cells_has_the_bytes_of_its_message() {
         let expected = encode(&ToHost::Cells(coder.pack(scan, 0, &codes)), &mut expected).expect("it fits");
         assert_eq!(link.next(&hello(), status, &mut sent), Some(&*expected));
     }
+}
+
+#[test]
+fn rules_of_alerts_are_checked_stored_and_passed_to_the_insole() {
+    let mut session = Session::new();
+    connect(&mut session);
+    all(&mut session);
+    for wrong in [
+        AlertRules { limits: LoadLimits { window_s: 901, ..LoadLimits::DEFAULT }, ..AlertRules::RECOMMENDED },
+        AlertRules { limits: LoadLimits { relieved_percent: 95, ..LoadLimits::DEFAULT }, ..AlertRules::RECOMMENDED },
+        AlertRules { limits: LoadLimits { sustained_kpa: f32::NAN, ..LoadLimits::DEFAULT }, ..AlertRules::RECOMMENDED },
+        AlertRules { snooze_s: 59, ..AlertRules::RECOMMENDED },
+        AlertRules { day_start_min: 1440, ..AlertRules::RECOMMENDED },
+        AlertRules { dose_kpa_s: -1.0, ..AlertRules::RECOMMENDED },
+    ] {
+        session.receive(ToDevice::SetAlertRules(wrong), 0);
+        assert_eq!(session.command(), None);
+        assert_eq!(all(&mut session), [Sent::Refused(Refusal::AlertRules)]);
+    }
+    session.receive(ToDevice::GetAlertRules, 0);
+    assert_eq!(all(&mut session), [Sent::AlertRules(AlertRules::OFF)], "the former rules remain in force");
+
+    session.receive(ToDevice::SetAlertRules(AlertRules::RECOMMENDED), 0);
+    assert_eq!(session.command(), Some(Command::AlertRules(AlertRules::RECOMMENDED)));
+    session.complete(Ok(CommandResult::Stored));
+    assert_eq!(all(&mut session), [Sent::AlertRules(AlertRules::RECOMMENDED)]);
+    assert_eq!(session.take_to_insole().rules, Some(AlertRules::RECOMMENDED));
+    assert_eq!(session.take_to_insole().rules, None);
+}
+
+/// A snooze is answered with the load of the day once the insole has executed it.
+#[test]
+fn a_snooze_waits_for_the_insole() {
+    let mut session = Session::new();
+    connect(&mut session);
+    all(&mut session);
+    session.receive(ToDevice::SnoozeAlerts { snoozed_s: 1_100 }, 0);
+    assert_eq!(all(&mut session), []);
+    assert_eq!(session.take_to_insole().snooze_s, Some(1_100));
+    session.set_daily_load(daily_load(), true);
+    assert_eq!(all(&mut session), [Sent::DailyLoad(daily_load())]);
+    session.receive(ToDevice::GetDailyLoad, 0);
+    assert_eq!(all(&mut session), [Sent::DailyLoad(daily_load())]);
+}
+
+#[test]
+fn alerts_are_sent_until_they_are_acknowledged() {
+    let mut session = Session::new();
+    session.push_record(step(4));
+    session.push_record(alert(5));
+    connect(&mut session);
+    assert_eq!(all(&mut session), [Sent::Hello, Sent::Step(4), Sent::Alert(5)]);
+    session.receive(ToDevice::Acknowledge { step: 4 }, 0);
+    connect(&mut session);
+    assert_eq!(all(&mut session), [Sent::Hello, Sent::Alert(5)]);
+    session.receive(ToDevice::Acknowledge { step: 5 }, 0);
+    connect(&mut session);
+    assert_eq!(all(&mut session), [Sent::Hello]);
 }

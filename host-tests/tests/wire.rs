@@ -3,15 +3,17 @@
 use plantar::checksum::crc32;
 use plantar::faults::{Fault, FaultKind, Faults, MAX_FAULTS, Place};
 use plantar::insole::Insole;
+use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::cumulative::{RegionTotal, Totals};
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::region::{AreaMoments, ForceMoments, RegionFrame};
 use plantar::pipeline::setup::Setup;
 use plantar::pipeline::stance::Rejected;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::update::{self, Chunk, Header, Offer, Progress, Request, Signature};
-use plantar::protocol::{BLOCK_CELLS, Bout, BoutRegion, CalibrationBlock, Contents};
+use plantar::protocol::{Alert, BLOCK_CELLS, Bout, BoutRegion, CalibrationBlock, Contents};
 use plantar::protocol::{
     CellCoder, CellFrame, CellStream, Decoder, Hello, Identity, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE,
     MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Serial, Settings, Status, Step, StepFoot, StepRegion, ToDevice,
@@ -21,7 +23,7 @@ use plantar::{Region, Side};
 use proptest::prelude::*;
 use std::io::Read;
 use std::slice::from_ref;
-use testkit::{TISSUE, bout, cell, faults, framed, hello, live, messages, status, step, text};
+use testkit::{TISSUE, alert, bout, cell, daily_load, faults, framed, hello, live, messages, status, step, text};
 
 fn config() -> ProptestConfig {
     ProptestConfig { failure_persistence: None, ..ProptestConfig::default() }
@@ -279,6 +281,11 @@ fn to_host() -> impl Strategy<Value = ToHost> {
             };
             ToHost::Bout(Bout { start_us, duration_us, regions: [region; 8], ..bout(number) })
         }),
+        any::<(u32, u64, u8, u8)>().prop_map(|(number, start_us, sustained, dose)| {
+            ToHost::Alert(Alert { start_us, sustained, dose, ..alert(number) })
+        }),
+        any::<u16>().prop_map(|snooze_s| ToHost::AlertRules(AlertRules { snooze_s, ..AlertRules::RECOMMENDED })),
+        any::<(u32, u8)>().prop_map(|(day, alerts)| ToHost::DailyLoad(DailyLoad { day, alerts, ..daily_load() })),
         Just(ToHost::Update(Progress::Accepted)),
     ]
 }
@@ -317,6 +324,10 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
             ToDevice::SetIdentifiedTissue { tissue, identified: Identified { contact, ..IDENTIFIED } }
         }),
         Just(ToDevice::GetIdentified),
+        Just(ToDevice::GetAlertRules),
+        any::<u16>().prop_map(|snooze_s| ToDevice::SetAlertRules(AlertRules { snooze_s, ..AlertRules::OFF })),
+        Just(ToDevice::GetDailyLoad),
+        any::<u16>().prop_map(|snoozed_s| ToDevice::SnoozeAlerts { snoozed_s }),
     ]
 }
 
@@ -345,6 +356,7 @@ fn samples() -> Vec<ToHost> {
         ToHost::CalibrationBlock { block: 3 },
         ToHost::Update(Progress::Next(300)),
         ToHost::Bout(bout(10)),
+        ToHost::Alert(alert(11)),
     ]
 }
 
@@ -615,9 +627,25 @@ fn longest_messages_fit_their_limits() {
         assert!(bytes <= 288, "{bytes} bytes do not fit the boards' receive buffers");
     }
     let longest_tissue = ToHost::Tissue(longest_tissue);
-    for message in
-        [longest_live, longest_step, longest_status, longest_faults, longest_tissue, ToHost::Hello(longest_hello)]
-    {
+    let longest_daily_load = ToHost::DailyLoad(DailyLoad {
+        day: u32::MAX,
+        totals: Totals {
+            loaded_s: u32::MAX,
+            steps: u32::MAX,
+            regions: [RegionTotal { dose_dkpa_s: u32::MAX, squared_kpa2_s: u32::MAX, sustained_s: u32::MAX }; 8],
+        },
+        snoozed_s: u16::MAX,
+        ..daily_load()
+    });
+    for message in [
+        longest_live,
+        longest_daily_load,
+        longest_step,
+        longest_status,
+        longest_faults,
+        longest_tissue,
+        ToHost::Hello(longest_hello),
+    ] {
         assert!(encoded(&message).len() <= MAX_MESSAGE, "{}", encoded(&message).len());
         assert_eq!(messages::<ToHost>(&mut Decoder::new(), &framed(&message)), [message]);
     }
@@ -629,9 +657,9 @@ fn longest_messages_fit_their_limits() {
 #[test]
 fn the_first_byte_identifies_the_message() {
     let first = |message: &ToHost| encoded(message)[0];
-    let expected = [ToHost::LIVE, ToHost::STEP, ToHost::TISSUE, ToHost::REFUSED, ToHost::BOUT];
+    let expected = [ToHost::LIVE, ToHost::STEP, ToHost::TISSUE, ToHost::REFUSED, ToHost::BOUT, ToHost::ALERT];
     let samples = samples();
-    assert_eq!([1, 2, 4, 5, 11].map(|i| first(&samples[i])), expected);
+    assert_eq!([1, 2, 4, 5, 11, 12].map(|i| first(&samples[i])), expected);
 }
 
 #[test]
@@ -713,6 +741,14 @@ fn messages_have_the_bytes_of_this_version() {
         ("set identified tissue", framed(&set_identified_tissue()), SET_IDENTIFIED),
         ("refused: settings", framed(&ToHost::Refused(Refusal::Settings)), SETTINGS_REFUSED),
         ("refused: contact rule", framed(&ToHost::Refused(Refusal::ContactRule)), RULE_REFUSED),
+        ("alert", framed(&ToHost::Alert(alert(43))), ALERT),
+        ("rules of alerts", framed(&ToHost::AlertRules(AlertRules::RECOMMENDED)), ALERT_RULES),
+        ("load of the day", framed(&ToHost::DailyLoad(daily_load())), DAILY_LOAD),
+        ("get rules of alerts", framed(&ToDevice::GetAlertRules), GET_ALERT_RULES),
+        ("set rules of alerts", framed(&ToDevice::SetAlertRules(AlertRules::OFF)), SET_ALERT_RULES),
+        ("get load of the day", framed(&ToDevice::GetDailyLoad), GET_DAILY_LOAD),
+        ("snooze", framed(&ToDevice::SnoozeAlerts { snoozed_s: 600 }), SNOOZE),
+        ("refused: rules of alerts", framed(&ToHost::Refused(Refusal::AlertRules)), ALERT_RULES_REFUSED),
     ];
     for (name, bytes, expected) in golden {
         assert_eq!(hex(&bytes), expected, "{name}");
@@ -762,6 +798,14 @@ const HELLO: &str =
     "0102011705302e312e30047465737401f8acd19101c801904e4d010320410103f0400101011104010961742061206c696e65f2c164b700";
 const LIVE: &str = "5501ac0290b298d012400220a5012efb40e803d007b80ba00fe903d107b90ba10fea03d207ba0ba20feb03d307bb0ba30fec03d407bc0ba40fed03d507bd0ba50fee03d607be0ba60fef03d707bf0ba70f55fd928900";
 const STEP: &str = "0302290e80e497d012c0c029904e028104010320410103f04001084842401fdc1ea022d4174a01401ffe013c0f5f01920193012403c701b60497011007cbfe3e08130770064d018effd712e8034c04b00414057805dc054006bc02c80d2c0170fe340898083efe6c070507c40996082003e204d41714131ee9034d04b10415057905dd054106bd02c9122d016ffe350899083ffe6d070106c50997082103e304d51715131fea034e04b20416057a05de054206be02ca122e016efe36089a0840fe6e070205c60998082203e404d617161320eb034f04b30417057b05df054306bf02cb122f016dfe37089b0841fe6f070304c70999082303e504d717171321ec035004b40418057c05e0054406c002cc1230016cfe38089c0842fe70070403c8099a082403e604d817181322ed035104b50419057d05e1054506c102cd1231016bfe39089d0843fe71070502c9099b082503e704d917191323ee035204b6041a057e05e2054606c202ce1232016afe3a089e0844fe72070601ca099c082603e804da171a1324ef035304b7041b057f05e3054706c302cf0e330169fe3b089f0845fe73070704cb099d082703e904db171b02250f0180c097d1edff960320b8992ce000";
+const ALERT: &str = "0e122b01c0d6d0ad0329018407030e018080f9c0c1c48203c9e48caa00";
+const ALERT_RULES: &str = "0213010c48436666964084075f50ff01010104b009140573e5f8c800";
+const DAILY_LOAD: &str = "5b14a09c01b0ea01e121f0a204c0a8a504b009f1a204c1a8a504b109f2a204c2a8a504b209f3a204c3a8a504b309f4a204c4a8a504b409f5a204c5a8a504b509f6a204c6a8a504b609f7a204c7a8a504b709030403cc08b197659900";
+const GET_ALERT_RULES: &str = "0616dc5ad62600";
+const SET_ALERT_RULES: &str = "0217010c48436666964084075f50ff01010103b009010526a1f7ba00";
+const GET_DAILY_LOAD: &str = "0618db776ec100";
+const SNOOZE: &str = "0819d804e3ca3aa200";
+const ALERT_RULES_REFUSED: &str = "07050c91aa183500";
 const BOUT: &str = "10112a0102c0a8a504b097991d40e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e2010204020106210340e201020402010321030e018080f9c0c1c482037b37f30a00";
 const STATUS: &str = "290380f882ad16d8040102ac02ab020c0304050607c0b80290bf05801008090a0b0c0d0e0f85ac266400";
 const CONNECT: &str = "0102010553e85ae600";

@@ -1,4 +1,4 @@
-//! Persists steps, load bouts, acknowledgements, parameters and bonds, and executes the commands of a host.
+//! Persists steps, load bouts, alerts, acknowledgements, parameters and bonds, and executes the commands of a host.
 
 use super::shared::Shared;
 use super::trial::Trial;
@@ -18,6 +18,9 @@ use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 /// Time from the acceptance of an update to the restart, in which the answer to the host is sent.
 const RESTART_DELAY: Duration = Duration::from_millis(500);
 
+/// Time between two attempts to store the load of the day: a loss of power loses at most this part of it.
+const DAILY_LOAD_PERIOD: Duration = Duration::from_secs(300);
+
 /// The state of persisting.
 struct Persist<'a> {
     shared: &'a Shared,
@@ -28,6 +31,8 @@ struct Persist<'a> {
     update: Update,
     /// Time of the restart after an accepted update.
     restart_at: Instant,
+    /// Time at which the load of the day is stored next.
+    daily_load_at: Instant,
     /// The trial of the running image; `None` if no trial is in progress.
     trial: Option<Trial>,
 }
@@ -52,6 +57,7 @@ pub async fn persist(
         is_log_readable: false,
         update: Update::new(),
         restart_at: Instant::MAX,
+        daily_load_at: Instant::now() + DAILY_LOAD_PERIOD,
         trial: is_on_trial.then(|| Trial::new(&shared.scan.heartbeats)),
     };
     if is_on_trial {
@@ -67,11 +73,15 @@ pub async fn persist(
             shared.count_not_stored();
         }
         state.execute_command(store, image, restart).await;
+        if Instant::now() >= state.daily_load_at {
+            state.store_daily_load(store).await;
+        }
         shared.contents.set(store.contents());
         shared.signal_changed();
         let next_check = state.trial.as_ref().map_or(Instant::MAX, Trial::next_check);
-        select(shared.to_persist.wait(), Timer::at(state.restart_at.min(next_check))).await;
+        select(shared.to_persist.wait(), Timer::at(state.restart_at.min(next_check).min(state.daily_load_at))).await;
         if Instant::now() >= state.restart_at {
+            state.store_daily_load(store).await;
             restart();
         }
         state.check_trial(store).await;
@@ -118,7 +128,16 @@ impl Persist<'_> {
         }
     }
 
-    /// Loads steps and load bouts from the log, those after the newest one in RAM, as many as the session can hold.
+    /// Stores the load of the day, if the day is known.
+    async fn store_daily_load(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
+        self.daily_load_at = Instant::now() + DAILY_LOAD_PERIOD;
+        let daily = *self.shared.session.borrow().daily_load();
+        if daily.day > 0 && store.put(0, &daily).await.is_err() {
+            self.shared.count_not_stored();
+        }
+    }
+
+    /// Loads records from the log, those after the newest one in RAM, as many as the session can hold.
     async fn refill_from_log(&mut self, store: &mut Store<impl MultiwriteNorFlash>) {
         let newest = self.shared.session.borrow().newest_record();
         let push = |record| {
@@ -195,7 +214,13 @@ impl Persist<'_> {
                 log::info!("settings: the rules are stored, for the next start");
                 Ok(CommandResult::Stored)
             }
+            Command::AlertRules(rules) => {
+                store.put(0, &rules).await?;
+                log::info!("settings: the rules of alerts are stored");
+                Ok(CommandResult::Stored)
+            }
             Command::Restart => {
+                self.store_daily_load(store).await;
                 log::info!("restart: requested by the host");
                 restart()
             }

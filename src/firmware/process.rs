@@ -1,4 +1,4 @@
-//! Turns frames into live messages and steps.
+//! Turns frames into live messages, steps, load bouts and alerts.
 
 use super::DeviceInsole;
 use super::board::Stopwatch;
@@ -7,7 +7,8 @@ use super::shared::Shared;
 use crate::faults::Faults;
 use crate::log;
 use crate::pipeline::step::RegionStep;
-use crate::protocol::{Bout, Live, LoadRecord, Step};
+use crate::protocol::session::ToInsole;
+use crate::protocol::{Alert, Bout, Live, LoadRecord, Step};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::Receiver;
@@ -55,6 +56,9 @@ pub async fn process(
             log::info!("process: load bout {} is {}", bout.number, bout.kind.name());
             queue(shared, Bout { start_unix_us, ..Bout::new(&bout) }.into());
         }
+        if insole.has_ended_second() {
+            end_second(insole, shared);
+        }
         shared.scan.heartbeats.frame_processed();
         shared.signal_changed();
         // The link can run here, even while further frames are queued.
@@ -81,6 +85,38 @@ fn adopt_tissue(insole: &mut DeviceInsole, shared: &Shared) {
             insole.track();
         }
         log::info!("settings: parameters {:x} are in force", tissue.id);
+    }
+}
+
+/// Executes the requests of hosts that concern alerts, and publishes the load of the day. A change takes effect within a second.
+#[cold]
+#[inline(never)]
+fn end_second(insole: &mut DeviceInsole, shared: &Shared) {
+    let mut session = shared.session.borrow_mut();
+    let ToInsole { rules, snooze_s } = session.take_to_insole();
+    if let Some(rules) = rules {
+        insole.set_alert_rules(&rules);
+    }
+    if let Some(snooze_s) = snooze_s {
+        insole.snooze_alerts(snooze_s);
+    }
+    if let Some(unix_us) = session.unix_us(shared.frame_us.get()) {
+        insole.enter_day(session.alert_rules().day(unix_us));
+    }
+    session.set_daily_load(insole.daily_load(), snooze_s.is_some());
+    // With a full queue, the alert waits for the next second.
+    if !shared.records.is_full()
+        && let Some(alert) = insole.take_alert()
+    {
+        let start_unix_us = session.unix_us(alert.start_us);
+        drop(session);
+        log::info!(
+            "process: alert {}, regions under sustained load {:x}, by dose {:x}",
+            alert.number,
+            alert.sustained,
+            alert.dose
+        );
+        queue(shared, Alert { start_unix_us, ..Alert::new(&alert) }.into());
     }
 }
 

@@ -5,6 +5,7 @@ use super::scan::{Frame, ScanCounters};
 use super::shared::Shared;
 use crate::insole::Insole;
 use crate::log;
+use crate::pipeline::alert::AlertRules;
 use crate::pipeline::setup::{DEVICE_CELLS, Setup, SetupCell, SetupError};
 use crate::pipeline::tissue::{Identified, Tissue};
 use crate::protocol::update::Header;
@@ -115,20 +116,29 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     let identity = stored_identity.unwrap_or(IdentityRecord { side: setup.side, serial: Serial::NONE });
     setup.side = identity.side;
     let stored = store.get(0).await.ok().flatten().and_then(|SettingsRecord(settings)| settings);
-    let mut settings = stored.filter(Settings::is_valid);
+    let stored = stored.filter(Settings::is_valid);
     let insole = memory.insole.take();
     insole.count_records_from(contents.next_record);
-    let mut refused = set_up(insole, &mut setup, &cells, settings).err();
-    if let Some(error) = refused.filter(|_| settings.is_some()) {
-        log::error!("settings: the stored ones do not fit this board: {}", truncated(error).as_str());
-        settings = None;
-        refused = set_up(insole, &mut setup, &cells, None).err();
+    let (mut settings, mut refused) = (None, None);
+    // One call in a loop, because two calls would be two copies in the firmware.
+    for attempt in [stored, None] {
+        settings = attempt;
+        refused = set_up(insole, &mut setup, &cells, settings).err();
+        match refused {
+            Some(error) if settings.is_some() => {
+                log::error!("settings: the stored ones do not fit this board: {}", truncated(error).as_str());
+            }
+            _ => break,
+        }
     }
     let cells = cells.map(|cell| scaled(cell, settings));
     let calibrated = memory.cells.take();
     if refused.is_none() {
         // The insole has as many places.
         calibrated.extend(cells.clone().take(DEVICE_CELLS));
+    }
+    if let Ok(Some(earlier)) = store.get(0).await {
+        insole.restore_day(&earlier);
     }
     let calibration_id = restore_calibration(store, insole, cells, calibrated).await;
     let (tissue, identified) = stored_tissue(store).await;
@@ -141,8 +151,12 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     let (to_process, scanned) = memory.channel.init(Channel::new(memory.frames.take())).split();
     let shared = init_shared(&memory.shared, hello, serial_bytes_per_s, counters, stack_bytes);
     shared.restore(store, identity, calibration_id).await;
+    let alert_rules = store.get(0).await.ok().flatten().filter(AlertRules::is_valid);
     {
         let mut session = shared.session.borrow_mut();
+        if let Some(rules) = alert_rules {
+            session.set_alert_rules(rules);
+        }
         if is_of_rule {
             session.restore_tissue(tissue, identified);
         }
@@ -172,6 +186,7 @@ const OTHER_RULE: &str = "the parameters are of another contact rule and not use
 ///
 /// # Errors
 /// If the configuration is invalid; nothing is changed.
+#[inline(never)]
 fn set_up(
     insole: &mut DeviceInsole,
     setup: &mut Setup,

@@ -7,7 +7,7 @@ use crate::pipeline::measures::{FootMeasures, RegionMeasures};
 use crate::pipeline::step::{RegionStep, StepRecord};
 
 impl<R: Real, const N: usize> Insole<R, N> {
-    /// Sets the number of the next record. Steps and bouts are counted together.
+    /// Sets the number of the next record. Steps, load bouts and alerts are counted together.
     pub fn count_records_from(&mut self, next: u32) {
         self.records = next;
     }
@@ -58,6 +58,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
         let step = self.records;
         self.records = self.records.wrapping_add(1);
+        self.cumulative.totals.steps = self.cumulative.totals.steps.saturating_add(1);
         Some(StepRecord {
             side: setup.side,
             step,

@@ -14,6 +14,8 @@
 //! | lift | `lift` | whether the foot is lifted |
 //! | stance | [`stance`] | heel strike, toe off, and the curves between them |
 //! | bouts | [`bout`] | load outside steps |
+//! | cumulative load | [`cumulative`] | dose, squared pressure and sustained load of a day |
+//! | alerts | [`alert`] | requests to unload a region |
 //! | measures | [`measures`] | the standard measures of a region and of the foot in a step |
 //! | step | [`step`] | step record: the quantities of each region |
 //! | tracking | [`track`] | force laws that follow the wearer |
@@ -35,6 +37,8 @@ pub(crate) mod lift;
 pub mod curves;
 pub mod stance_rule;
 pub mod bout;
+pub mod cumulative;
+pub mod alert;
 pub mod stance;
 pub mod measures;
 pub mod step;

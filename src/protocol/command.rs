@@ -2,6 +2,7 @@
 
 use super::cells::CellStream;
 use super::{CALIBRATION_BLOCKS, CalibrationBlock, Identity, Refusal, Serial, Settings, ToDevice, update};
+use crate::pipeline::alert::AlertRules;
 use crate::pipeline::calibrate::CellCalibration;
 use crate::pipeline::contact::ContactRule;
 use crate::pipeline::region::Side;
@@ -32,6 +33,8 @@ pub enum Command {
     Update(update::Request),
     /// Store settings.
     Settings(Option<Settings>),
+    /// Store rules of alerts, which are in force from then on.
+    AlertRules(AlertRules),
 }
 
 impl Command {
@@ -63,6 +66,7 @@ impl Command {
             ToDevice::SetSettings(settings) => {
                 accept(settings.is_none_or(|settings| settings.is_valid()), Refusal::Settings, Self::Settings(settings))
             }
+            ToDevice::SetAlertRules(rules) => accept(rules.is_valid(), Refusal::AlertRules, Self::AlertRules(rules)),
             ToDevice::Restart => Some(Ok(Self::Restart)),
             ToDevice::Update(request) => Some(Ok(Self::Update(request))),
             _ => None,
@@ -81,6 +85,8 @@ pub(super) struct Configured {
     pub settings: Option<Settings>,
     /// The stored identity.
     pub identity: Identity,
+    /// The rules of alerts in force.
+    pub alert_rules: AlertRules,
     /// The rules and cells in force; `None` without a valid layout.
     pub layout: Option<(Setup, &'static [SetupCell])>,
 }
@@ -92,6 +98,7 @@ impl Configured {
         identified: None,
         settings: None,
         identity: Identity { side: Side::Left, serial: Serial::NONE, calibration_id: 0 },
+        alert_rules: AlertRules::OFF,
         layout: None,
     };
 }
@@ -123,6 +130,8 @@ pub(super) enum Answer {
     SetupCells(u16),
     Settings,
     Identified,
+    AlertRules,
+    DailyLoad,
 }
 
 impl Answer {

@@ -16,7 +16,7 @@ pub const SERVICE: u128 = uuid(0);
 pub const CONTROL: u128 = uuid(1);
 /// Live frames, and frames of all cells.
 pub const LIVE: u128 = uuid(2);
-/// Steps and load bouts.
+/// Steps, load bouts and alerts.
 pub const STEPS: u128 = uuid(3);
 /// The wearer's parameters.
 pub const PARAMETERS: u128 = uuid(4);
@@ -63,7 +63,7 @@ impl GattChannel {
     pub fn of_answer(message: &[u8]) -> Self {
         match message.first() {
             Some(&(ToHost::LIVE | ToHost::CELLS)) => Self::Live,
-            Some(&(ToHost::STEP | ToHost::BOUT)) => Self::Steps,
+            Some(&(ToHost::STEP | ToHost::BOUT | ToHost::ALERT)) => Self::Steps,
             // A request that is not understood is refused by an attribute error, so a refusal concerns a value to be stored.
             Some(&(ToHost::TISSUE | ToHost::REFUSED)) => Self::Parameters,
             _ => Self::Control,

@@ -1,10 +1,10 @@
-//! A load record: a step or a load bout. The insole stores it until a host has acknowledged it. Load records are numbered in the
-//! order in which the insole completes them: a step at toe off, a load bout some seconds after its end.
+//! A load record: a step, a load bout or an alert. The insole stores it until a host has acknowledged it. Load records are numbered
+//! in the order in which the insole completes them: a step at toe off, a load bout some seconds after its end.
 
-use super::{Bout, Step, ToHost};
+use super::{Alert, Bout, Step, ToHost};
 use serde::{Deserialize, Serialize};
 
-/// A step or a load bout.
+/// A step, a load bout or an alert.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "most records are steps")]
 pub enum LoadRecord {
@@ -12,6 +12,8 @@ pub enum LoadRecord {
     Step(Step),
     /// A load bout.
     Bout(Bout),
+    /// An alert.
+    Alert(Alert),
 }
 
 impl LoadRecord {
@@ -20,23 +22,32 @@ impl LoadRecord {
         match message {
             ToHost::Step(step) => Some(Self::Step(*step)),
             ToHost::Bout(bout) => Some(Self::Bout(*bout)),
+            ToHost::Alert(alert) => Some(Self::Alert(*alert)),
             _ => None,
         }
     }
 
-    /// The step; `None` for a load bout.
+    /// The step; `None` for another record.
     pub fn step(&self) -> Option<&Step> {
         match self {
             Self::Step(step) => Some(step),
-            Self::Bout(_) => None,
+            Self::Bout(_) | Self::Alert(_) => None,
         }
     }
 
-    /// The load bout; `None` for a step.
+    /// The load bout; `None` for another record.
     pub fn bout(&self) -> Option<&Bout> {
         match self {
             Self::Bout(bout) => Some(bout),
-            Self::Step(_) => None,
+            Self::Step(_) | Self::Alert(_) => None,
+        }
+    }
+
+    /// The alert; `None` for another record.
+    pub fn alert(&self) -> Option<&Alert> {
+        match self {
+            Self::Alert(alert) => Some(alert),
+            Self::Step(_) | Self::Bout(_) => None,
         }
     }
 
@@ -45,6 +56,7 @@ impl LoadRecord {
         match self {
             Self::Step(step) => step.step,
             Self::Bout(bout) => bout.number,
+            Self::Alert(alert) => alert.number,
         }
     }
 
@@ -54,6 +66,7 @@ impl LoadRecord {
         match self {
             Self::Step(step) => (step.boots_since, step.start_us, step.start_unix_us),
             Self::Bout(bout) => (bout.boots_since, bout.start_us, bout.start_unix_us),
+            Self::Alert(alert) => (alert.boots_since, alert.start_us, alert.start_unix_us),
         }
     }
 
@@ -63,6 +76,7 @@ impl LoadRecord {
         match self {
             Self::Step(step) => Self::Step(Step { boots_since, ..step }),
             Self::Bout(bout) => Self::Bout(Bout { boots_since, ..bout }),
+            Self::Alert(alert) => Self::Alert(Alert { boots_since, ..alert }),
         }
     }
 
@@ -88,11 +102,18 @@ impl From<Bout> for LoadRecord {
     }
 }
 
+impl From<Alert> for LoadRecord {
+    fn from(alert: Alert) -> Self {
+        Self::Alert(alert)
+    }
+}
+
 impl From<LoadRecord> for ToHost {
     fn from(record: LoadRecord) -> Self {
         match record {
             LoadRecord::Step(step) => Self::Step(step),
             LoadRecord::Bout(bout) => Self::Bout(bout),
+            LoadRecord::Alert(alert) => Self::Alert(alert),
         }
     }
 }

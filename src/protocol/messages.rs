@@ -2,9 +2,11 @@
 
 use super::update;
 use super::{
-    Bout, CalibrationBlock, CellFrame, CellStream, Hello, Identity, Live, Refusal, Serial, Settings, Status, Step,
+    Alert, Bout, CalibrationBlock, CellFrame, CellStream, Hello, Identity, Live, Refusal, Serial, Settings, Status,
+    Step,
 };
 use crate::faults::Faults;
+use crate::pipeline::alert::{AlertRules, DailyLoad};
 use crate::pipeline::region::Side;
 use crate::pipeline::setup::{Setup, SetupCell};
 use crate::pipeline::tissue::{Identified, Tissue};
@@ -73,6 +75,12 @@ pub enum ToHost {
     Identified(Option<Identified>),
     /// A load bout that is not acknowledged yet.
     Bout(Bout),
+    /// An alert that is not acknowledged yet.
+    Alert(Alert),
+    /// The rules of alerts in force: on request, and when new ones are accepted.
+    AlertRules(AlertRules),
+    /// The load of the day: on request, and after [`ToDevice::SnoozeAlerts`].
+    DailyLoad(DailyLoad),
 }
 
 impl ToHost {
@@ -88,14 +96,16 @@ impl ToHost {
     pub const CELLS: u8 = 12;
     /// First byte of an encoded [`ToHost::Bout`].
     pub const BOUT: u8 = 17;
+    /// First byte of an encoded [`ToHost::Alert`].
+    pub const ALERT: u8 = 18;
 }
 
 /// A message to the insole.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "messages exist one at a time, in place")]
 pub enum ToDevice {
-    /// Opens a session: the insole answers with a hello and, to a host of its own major version, replays the steps and
-    /// load bouts that were never acknowledged.
+    /// Opens a session: the insole answers with a hello and, to a host of its own major version, replays the steps,
+    /// load bouts and alerts that were never acknowledged.
     Connect {
         /// The host's [`MAJOR`].
         major: u8,
@@ -107,7 +117,7 @@ pub enum ToDevice {
         /// True for on.
         live: bool,
     },
-    /// All steps and load bouts up to and including this number arrived and are stored.
+    /// All steps, load bouts and alerts up to and including this number arrived and are stored.
     Acknowledge {
         /// Number of the record.
         step: u32,
@@ -184,4 +194,15 @@ pub enum ToDevice {
     },
     /// Asks for [`ToHost::Identified`].
     GetIdentified,
+    /// Asks for [`ToHost::AlertRules`].
+    GetAlertRules,
+    /// Replaces the rules of alerts; answered by [`ToHost::AlertRules`] once they are stored, or by [`ToHost::Refused`].
+    SetAlertRules(AlertRules),
+    /// Asks for [`ToHost::DailyLoad`].
+    GetDailyLoad,
+    /// Raises no alerts for this time; answered by [`ToHost::DailyLoad`].
+    SnoozeAlerts {
+        /// The time, s; 0 ends a snooze.
+        snoozed_s: u16,
+    },
 }

@@ -7,6 +7,7 @@
 //! Version rule: framing, [`Hello`] and [`ToDevice::Connect`] never change. A change of any other message raises [`MAJOR`]; a
 //! message added at the end of an enum raises [`MINOR`]. Peers of different majors exchange hellos only.
 
+mod alert;
 mod bout;
 mod calibration;
 mod cell_stream;
@@ -30,6 +31,7 @@ mod status;
 mod step;
 pub mod update;
 
+pub use alert::Alert;
 pub use bout::{Bout, BoutRegion};
 pub use calibration::{BLOCK_CELLS, CALIBRATION_BLOCKS, CalibrationBlock, CalibrationId};
 pub use cells::{CellCoder, CellFrame, CellStream, KEY_INTERVAL, MAX_PACKED, Resolution};

@@ -100,7 +100,7 @@ macro_rules! quantities {
         }
 
         $(#[$about_new:meta])*
-        $visibility:vis fn new<$real:ident: Real>($($input:ident: $input_type:ty),+ $(,)?);
+        $visibility:vis fn new$(<$real:ident: Real>)?($($input:ident: $input_type:ty),+ $(,)?);
         $($numbers:tt)*
     ) => {
         $(#[$about])*
@@ -116,7 +116,7 @@ macro_rules! quantities {
 
         impl $struct {
             $(#[$about_new])*
-            $visibility fn new<$real: Real>($($input: $input_type),+) -> Self {
+            $visibility fn new$(<$real: Real>)?($($input: $input_type),+) -> Self {
                 Self { $($field: $value,)* }
             }
 

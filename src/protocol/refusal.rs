@@ -1,6 +1,7 @@
 //! Why an insole did not execute a request.
 
 use super::{SCALE, SETTABLE_PERIOD_US, update};
+use crate::pipeline::cumulative::WINDOW_PARTS;
 use crate::pipeline::model::{AB_M2, COEFFICIENT, LENGTH_M, MAX_EXPONENT};
 use crate::pipeline::region::Region;
 use crate::pipeline::tissue::TissueError;
@@ -37,6 +38,8 @@ pub enum Refusal {
     Settings,
     /// The parameters were identified with another contact rule than the one in force.
     ContactRule,
+    /// Rules of alerts that are out of range.
+    AlertRules,
 }
 
 impl From<TissueError> for Refusal {
@@ -96,6 +99,12 @@ impl fmt::Display for Refusal {
             ),
             Self::ContactRule => f.write_str(
                 "the parameters were identified with another contact rule than the one of the insole: set the rule first",
+            ),
+            Self::AlertRules => write!(
+                f,
+                "the rules of alerts are out of range: pressures of 1 to 2000 kPa, a window of 60 to 3600 s that is a multiple of \
+                 {WINDOW_PARTS} s, relieved_percent below sustained_percent, a dose of 0 to 1e7 kPa s, 60 to 43200 s without \
+                 another alert",
             ),
         }
     }

@@ -6,17 +6,16 @@
 //! records; the log ([`crate::storage`]) contains all of them. The wearer's parameters and the clock remain after the session
 //! that set them.
 
+mod configuration;
+
 use super::cell_stream::CellSender;
 use super::command::{Answer, Configured};
 pub use super::command::{Command, CommandResult};
-use super::{
-    Hello, Identity, Live, LoadRecord, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Settings, Status, ToDevice, ToHost,
-    encode,
-};
+use super::{Hello, Live, LoadRecord, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Status, ToDevice, ToHost, encode};
 use crate::faults::Faults;
-use crate::pipeline::setup::{Setup, SetupCell};
-use crate::pipeline::tissue::{Identified, Tissue};
+use crate::pipeline::alert::DailyLoad;
 use crate::sequence;
+pub use configuration::ToInsole;
 use heapless::{Deque, Vec};
 
 /// Live frames that can wait for the carrier.
@@ -51,6 +50,8 @@ pub struct Session {
     configured: Configured,
     cells: CellSender,
     faults: Faults,
+    daily: DailyLoad,
+    to_insole: ToInsole,
     /// The wall clock, us since 1970, minus the device's time.
     unix_offset_us: Option<u64>,
     clock_sets: u32,
@@ -76,6 +77,8 @@ impl Session {
             configured: Configured::NONE,
             cells: CellSender::new(),
             faults: Faults::NONE,
+            daily: DailyLoad::NONE,
+            to_insole: ToInsole::NONE,
             unix_offset_us: None,
             clock_sets: 0,
         }
@@ -120,6 +123,9 @@ impl Session {
             ToDevice::GetSetupCells { first } => self.answer(Answer::SetupCells(first)),
             ToDevice::GetSettings => self.answer(Answer::Settings),
             ToDevice::GetIdentified => self.answer(Answer::Identified),
+            ToDevice::GetAlertRules => self.answer(Answer::AlertRules),
+            ToDevice::GetDailyLoad => self.answer(Answer::DailyLoad),
+            ToDevice::SnoozeAlerts { snoozed_s } => self.to_insole.snooze_s = Some(snoozed_s),
             request => match Command::of(&request, self.setup().map(|setup| setup.contact)) {
                 Some(Ok(command)) => self.begin(command),
                 Some(Err(refusal)) => self.answer(Answer::Refused(refusal)),
@@ -143,9 +149,15 @@ impl Session {
     /// Completes the pending command with its result, and queues the answer.
     pub fn complete(&mut self, result: Result<CommandResult, Refusal>) {
         let Some(command) = self.command.take() else { return };
-        // Parameters that could not be stored are in force until the insole restarts.
-        if let (Command::Tissue(tissue, identified), Ok(_) | Err(Refusal::NotStored)) = (command, result) {
-            (self.configured.tissue, self.configured.identified) = (tissue, identified);
+        // Parameters and rules that could not be stored are in force until the insole restarts.
+        if let Ok(_) | Err(Refusal::NotStored) = result {
+            match command {
+                Command::Tissue(tissue, identified) => {
+                    (self.configured.tissue, self.configured.identified) = (tissue, identified);
+                }
+                Command::AlertRules(rules) => self.set_alert_rules(rules),
+                _ => {}
+            }
         }
         let answer = match (result, command) {
             (Err(refusal), _) => Answer::Refused(refusal),
@@ -159,31 +171,10 @@ impl Session {
                 self.configured.settings = settings;
                 Answer::Settings
             }
+            (Ok(CommandResult::Stored), Command::AlertRules(_)) => Answer::AlertRules,
             (Ok(CommandResult::Stored), _) => Answer::Tissue,
         };
         self.answer(answer);
-    }
-
-    /// Restores the persisted identity after a start.
-    pub fn restore_identity(&mut self, identity: Identity) {
-        self.configured.identity = identity;
-    }
-
-    /// Restores the persisted parameters after a start. Parameters that do not pass their check are discarded.
-    pub fn restore_tissue(&mut self, tissue: Tissue, identified: Option<Identified>) {
-        (self.configured.tissue, self.configured.identified) =
-            if tissue.check().is_ok() { (tissue, identified) } else { (Tissue::NONE, None) };
-    }
-
-    /// Sets the configuration that hosts can read, and the stored settings, which are part of it.
-    pub fn set_layout(&mut self, setup: Setup, cells: &'static [SetupCell], settings: Option<Settings>) {
-        self.configured.layout = Some((setup, cells));
-        self.configured.settings = settings;
-    }
-
-    /// The configuration; `None` without a valid layout.
-    pub fn setup(&self) -> Option<&Setup> {
-        self.configured.layout.as_ref().map(|(setup, _)| setup)
     }
 
     /// Answers a request with a refusal.
@@ -191,11 +182,6 @@ impl Session {
         if self.is_open {
             self.answer(Answer::Refused(refusal));
         }
-    }
-
-    /// The stored identity of the insole.
-    pub fn identity(&self) -> Identity {
-        self.configured.identity
     }
 
     /// The last record that was acknowledged since the last call.
@@ -230,11 +216,6 @@ impl Session {
         let _ = self.answers.push_back(answer);
     }
 
-    /// The wearer's parameters: the last that were accepted.
-    pub fn tissue(&self) -> &Tissue {
-        &self.configured.tissue
-    }
-
     /// Stores the faults that the insole detected; returns how many of them are new.
     pub fn set_faults(&mut self, faults: &Faults) -> u32 {
         let new = faults.found.saturating_sub(self.faults.found);
@@ -242,17 +223,6 @@ impl Session {
             self.faults = faults.clone();
         }
         new
-    }
-
-    /// The parameters for the next frame; `None` while new ones must be announced first, because live frames before the
-    /// announcement use the previous ones.
-    pub fn tissue_due(&self) -> Option<&Tissue> {
-        (!self.answers.iter().any(Answer::is_announcement)).then_some(&self.configured.tissue)
-    }
-
-    /// True if the parameters in force were identified from steps of the wearer.
-    pub fn is_identified(&self) -> bool {
-        self.configured.identified.is_some()
     }
 
     /// Sets the wall clock.
@@ -280,6 +250,8 @@ impl Session {
             command: self.command,
             configured: self.configured,
             faults: core::mem::take(&mut self.faults),
+            daily: self.daily,
+            to_insole: self.to_insole,
             unix_offset_us: self.unix_offset_us,
             clock_sets: self.clock_sets,
             ..Self::new()
@@ -378,6 +350,8 @@ impl Session {
                 }
                 Answer::Settings => ToHost::Settings(self.configured.settings),
                 Answer::Identified => ToHost::Identified(self.configured.identified),
+                Answer::AlertRules => ToHost::AlertRules(self.configured.alert_rules),
+                Answer::DailyLoad => ToHost::DailyLoad(self.daily),
             }
         };
         // Every message fits MAX_MESSAGE, the least size of `buffer`.

@@ -1,8 +1,8 @@
-//! The entries of the log of steps and load bouts.
+//! The entries of the log of steps, load bouts and alerts.
 
 use super::BUFFER;
 use super::migration::{OldEntry, StepV1, StepV2};
-use crate::protocol::{Bout, LoadRecord, Step, decode, encode};
+use crate::protocol::{Alert, Bout, LoadRecord, Step, decode, encode};
 use serde::{Deserialize, Serialize};
 
 /// An entry of the log.
@@ -22,6 +22,12 @@ pub(super) enum Entry {
         /// Number of the boot that recorded the bout.
         boot: u32,
         bout: Bout,
+    },
+    /// An alert that no host has acknowledged yet.
+    Alert {
+        /// Number of the boot that recorded the alert.
+        boot: u32,
+        alert: Alert,
     },
 }
 
@@ -51,6 +57,7 @@ impl Entry {
         match record {
             LoadRecord::Step(step) => Self::Step { boot, step },
             LoadRecord::Bout(bout) => Self::Bout { boot, bout },
+            LoadRecord::Alert(alert) => Self::Alert { boot, alert },
         }
     }
 
@@ -59,6 +66,7 @@ impl Entry {
         match self {
             Self::Step { boot, step } => Some((boot, step.into())),
             Self::Bout { boot, bout } => Some((boot, bout.into())),
+            Self::Alert { boot, alert } => Some((boot, alert.into())),
             Self::Acknowledged { .. } => None,
         }
     }
@@ -68,6 +76,7 @@ impl Entry {
         match self {
             Self::Step { step, .. } => step.step.wrapping_add(1),
             Self::Bout { bout, .. } => bout.number.wrapping_add(1),
+            Self::Alert { alert, .. } => alert.number.wrapping_add(1),
             Self::Acknowledged { next } => *next,
         }
     }

@@ -1,6 +1,7 @@
 //! The records, each with the number of its kind and the version of its format.
 
 use super::migration;
+use crate::pipeline::alert::{AlertRules, DailyLoad};
 use crate::pipeline::region::Side;
 use crate::pipeline::tissue::{Identified, Tissue};
 use crate::protocol::{CalibrationBlock, Reset, Serial, Settings};
@@ -108,6 +109,8 @@ records! {
     BootCounters: 6, 1;
     SettingsRecord: 7, 1;
     IdentifiedRecord: 8, 1;
+    AlertRules: 9, 1;
+    DailyLoad: 10, 1;
 }
 
 /// Key of a record: kind, part (for blocks of a calibration; otherwise 0) and version. The version is in the key so that a record

@@ -129,11 +129,12 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// # Errors
     /// See [`StorageError`].
     pub async fn get<R: Record>(&mut self, part: u8) -> Result<Option<R>, StorageError> {
-        let mut records = records(&mut self.flash)?;
-        for version in (1..=R::VERSION).rev() {
-            let found = records.fetch_item::<&[u8]>(&mut self.buffer, &[R::KIND, part, version]).await?;
-            if let Some(bytes) = found {
-                return Ok(if version == R::VERSION { decode(bytes) } else { R::migrate(version, bytes) });
+        if let Some(bytes) = self.fetch([R::KIND, part, R::VERSION]).await? {
+            return Ok(decode(bytes));
+        }
+        for version in (1..R::VERSION).rev() {
+            if let Some(bytes) = self.fetch([R::KIND, part, version]).await? {
+                return Ok(R::migrate(version, bytes));
             }
         }
         Ok(None)
@@ -144,30 +145,35 @@ impl<F: MultiwriteNorFlash> Store<F> {
     /// # Errors
     /// See [`StorageError`].
     pub async fn put<R: Record>(&mut self, part: u8, record: &R) -> Result<(), StorageError> {
-        // An unchanged record is not written, which saves wear.
-        if self.get::<R>(part).await?.as_ref() == Some(record) {
-            return Ok(());
-        }
         let mut bytes = [0; BUFFER - size_of::<Key>()];
         let bytes: &[u8] = encode(record, &mut bytes).map_err(|_| StorageError::Contents)?;
+        self.store([R::KIND, part, R::VERSION], bytes).await
+    }
+
+    /// The encoded record with this key. This function and [`Store::store`] are not generic, so that they exist once in the
+    /// firmware.
+    async fn fetch(&mut self, key: Key) -> Result<Option<&[u8]>, StorageError> {
+        Ok(records(&mut self.flash)?.fetch_item::<&[u8]>(&mut self.buffer, &key).await?)
+    }
+
+    /// Replaces the encoded record with this key, and removes its older versions.
+    async fn store(&mut self, key: Key, bytes: &[u8]) -> Result<(), StorageError> {
+        // An unchanged record is not written, which saves wear.
+        if self.fetch(key).await? == Some(bytes) {
+            return Ok(());
+        }
         for _ in 0..WRITE_ATTEMPTS {
-            let mut records = records(&mut self.flash)?;
-            records.store_item(&mut self.buffer, &[R::KIND, part, R::VERSION], &bytes).await?;
+            records(&mut self.flash)?.store_item(&mut self.buffer, &key, &bytes).await?;
             // A location with a stuck bit reads as no item; the next attempt uses another location.
-            if self.get::<R>(part).await?.as_ref() == Some(record) {
-                return self.remove_older::<R>(part).await;
+            if self.fetch(key).await? == Some(bytes) {
+                let [kind, part, version] = key;
+                for older in 1..version {
+                    records(&mut self.flash)?.remove_item(&mut self.buffer, &[kind, part, older]).await?;
+                }
+                return Ok(());
             }
         }
         Err(StorageError::Chip)
-    }
-
-    /// Removes the older versions of a part of the record `R`.
-    async fn remove_older<R: Record>(&mut self, part: u8) -> Result<(), StorageError> {
-        let mut records = records(&mut self.flash)?;
-        for older in 1..R::VERSION {
-            records.remove_item(&mut self.buffer, &[R::KIND, part, older]).await?;
-        }
-        Ok(())
     }
 
     /// Stores a block of the next calibration, which is not in force before [`Store::put_calibration`].

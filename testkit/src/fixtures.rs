@@ -1,9 +1,11 @@
 //! Set-ups, messages, and sensor laws evaluated in f64, for tests. A sensor law is a cell's code as a function of its pressure.
 
 use plantar::faults::{Fault, FaultKind, Faults, Place};
+use plantar::pipeline::alert::DailyLoad;
 use plantar::pipeline::bout::BoutKind;
 use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw};
 use plantar::pipeline::contact::{ContactRule, WHOLE};
+use plantar::pipeline::cumulative::{RegionTotal, Totals};
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::region::{AreaMoments, Cell, RegionCell};
 use plantar::pipeline::setup::{Setup, SetupCell};
@@ -11,8 +13,8 @@ use plantar::pipeline::stance::Rejected;
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{
-    self, Bout, BoutRegion, Contents, Decoder, Hello, Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Reset, Status, Step,
-    StepFoot, StepRegion,
+    self, Alert, Bout, BoutRegion, Contents, Decoder, Hello, Live, LiveRegion, MAX_FRAME, MAX_MESSAGE, Reset, Status,
+    Step, StepFoot, StepRegion,
 };
 use plantar::{Region, Side};
 use serde::Serialize;
@@ -104,6 +106,35 @@ pub fn bout(number: u32) -> Bout {
         regions: [region; 8],
         boots_since: 0,
         start_unix_us: Some(1_700_000_000_000_000),
+    }
+}
+
+/// An alert with this number and a different value in each field.
+pub fn alert(number: u32) -> Alert {
+    Alert {
+        number,
+        side: Side::Right,
+        start_us: 901_000_000,
+        sustained: 0b10_1001,
+        dose: 1,
+        window_s: 900,
+        today: 3,
+        boots_since: 0,
+        start_unix_us: Some(1_700_000_000_000_000),
+    }
+}
+
+/// The load of a day, with a different value in each field.
+pub fn daily_load() -> DailyLoad {
+    let region =
+        |i: u32| RegionTotal { dose_dkpa_s: 70_000 + i, squared_kpa2_s: 9_000_000 + i, sustained_s: 1_200 + i };
+    DailyLoad {
+        day: 20_000,
+        totals: Totals { loaded_s: 30_000, steps: 4_321, regions: std::array::from_fn(|i| region(i as u32)) },
+        sustained: 0b11,
+        dose: 0b100,
+        alerts: 3,
+        snoozed_s: 1_100,
     }
 }
 

@@ -6,7 +6,7 @@ use client::{Carrier, Client, Framed};
 use parameters::{InsoleSize, Parameters};
 use plantar::protocol::fragment::{Joiner, Splitter};
 use plantar::protocol::gatt::GattChannel;
-use plantar::protocol::{Bout, Hello, Live, LoadRecord, Status, Step, ToDevice, ToHost, decode, encode};
+use plantar::protocol::{Alert, Bout, Hello, Live, LoadRecord, Status, Step, ToDevice, ToHost, decode, encode};
 use std::io::{self, Read, Write};
 use std::time::Duration;
 
@@ -352,6 +352,11 @@ impl Host {
     /// The load bouts, in the order of their arrival.
     pub fn bouts(&self) -> impl Iterator<Item = &Bout> {
         self.records.iter().filter_map(LoadRecord::bout)
+    }
+
+    /// The alerts, in the order of their arrival.
+    pub fn alerts(&self) -> impl Iterator<Item = &Alert> {
+        self.records.iter().filter_map(LoadRecord::alert)
     }
 
     /// The steps, in the order of their arrival.

@@ -11,10 +11,12 @@ use crate::world::{InsoleEvent, SharedWorld, World};
 use emulator::SensorFault;
 use parameters::{InsoleSize, Parameters};
 use plantar::firmware::shared::RECORD_QUEUE;
+use plantar::pipeline::alert::AlertRules;
 use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::cumulative::LoadLimits;
 use plantar::pipeline::tissue::{AreaFilter, Identified};
 use plantar::protocol::update::{Progress, Request};
-use plantar::protocol::{Bout, LoadRecord, Serial, Settings, Status, Step, StepRegion, ToDevice};
+use plantar::protocol::{Alert, Bout, LoadRecord, Serial, Settings, Status, Step, StepRegion, ToDevice};
 use plantar::sequence::is_after;
 use serde::Deserialize;
 use std::cell::RefCell;
@@ -176,6 +178,20 @@ pub enum Event {
         #[serde(default = "unscaled")]
         scale: f32,
     },
+    /// The host sets rules of alerts, with the recommended limits of pressure.
+    SetAlerts {
+        /// [`LoadLimits::window_s`].
+        window_s: u16,
+        /// [`AlertRules::snooze_s`].
+        snooze_s: u16,
+        /// [`AlertRules::per_day`].
+        per_day: u8,
+        /// [`AlertRules::dose_kpa_s`].
+        #[serde(default)]
+        dose_kpa_s: f32,
+    },
+    /// The host requests that no alerts are raised for this time, s.
+    SnoozeAlerts(u16),
     /// The host sets the serial number.
     SetSerial(String),
     /// The host restarts the insole.
@@ -232,6 +248,8 @@ pub struct Expect {
     pub steps: Option<usize>,
     /// Kinds of the load bouts that arrive from the first insole.
     pub bouts: Option<Vec<String>>,
+    /// Times of the alerts that arrive from the first insole, since the first scan of its boot, s.
+    pub alerts: Option<Vec<f64>>,
     /// Largest number of computed steps and load bouts that may be lost, by losses of power and crashes, from all insoles.
     #[serde(default)]
     pub lost_at_most: usize,
@@ -384,6 +402,14 @@ fn request(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) -
             world.borrow_mut().insoles[insole].settings = settings;
             Ok(())
         }
+        Event::SetAlerts { window_s, snooze_s, per_day, dose_kpa_s } => client.set_alert_rules(&AlertRules {
+            limits: LoadLimits { window_s: *window_s, ..LoadLimits::DEFAULT },
+            snooze_s: *snooze_s,
+            per_day: *per_day,
+            dose_kpa_s: *dose_kpa_s,
+            ..AlertRules::OFF
+        }),
+        Event::SnoozeAlerts(snoozed_s) => client.snooze_alerts(*snoozed_s).map(drop),
         Event::SetSerial(serial) => {
             let identity = client.identity()?;
             let serial = Serial::new(serial).unwrap_or(Serial::NONE);
@@ -561,6 +587,10 @@ impl Outcome {
             let found: Vec<_> = self.insoles[0].host.bouts().map(|bout| bout.kind.name()).collect();
             compare("load bouts", format!("{bouts:?}"), format!("{found:?}"));
         }
+        if let Some(alerts) = &expect.alerts {
+            let found: Vec<_> = self.insoles[0].host.alerts().map(|alert| alert.start_s()).collect();
+            compare("alerts", format!("{alerts:?}"), format!("{found:?}"));
+        }
         match self.verify() {
             Ok(lost) if lost <= expect.lost_at_most => {}
             Ok(lost) => compare("lost steps and bouts", format!("at most {}", expect.lost_at_most), lost.to_string()),
@@ -632,6 +662,7 @@ impl Outcome {
 fn measured(record: &LoadRecord) -> LoadRecord {
     let step = match record {
         LoadRecord::Bout(bout) => return Bout { number: 0, boots_since: 0, start_unix_us: None, ..*bout }.into(),
+        LoadRecord::Alert(alert) => return Alert { number: 0, boots_since: 0, start_unix_us: None, ..*alert }.into(),
         LoadRecord::Step(step) => step,
     };
     let regions = step.regions.map(|region| StepRegion {
@@ -655,7 +686,9 @@ impl InsoleOutcome {
                 return Err(format!("record {later} arrived after record {earlier}"));
             }
         }
-        let mut arrived = self.host.records.iter().map(measured).peekable();
+        // Alerts depend on rules that the replay does not know.
+        let arrived = self.host.records.iter().filter(|record| !matches!(record, LoadRecord::Alert(_)));
+        let mut arrived = arrived.map(measured).peekable();
         let mut lost = 0;
         for (boot, (computed, is_cut_short)) in self.computed.iter().enumerate() {
             let mut missing = Vec::new();

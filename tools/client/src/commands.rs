@@ -4,6 +4,7 @@ use crate::session::elapsed;
 use crate::{Carrier, Client, Error};
 use plantar::Side;
 use plantar::faults::Faults;
+use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::tissue::{Identified, Tissue};
@@ -81,6 +82,50 @@ impl<C: Carrier> Client<C> {
     fn request_settings(&mut self, request: ToDevice) -> Result<Option<Settings>, Error> {
         self.request(request, |message| match message {
             ToHost::Settings(settings) => Some(*settings),
+            _ => None,
+        })
+    }
+
+    /// The rules of alerts in force.
+    ///
+    /// # Errors
+    /// See the `impl` block.
+    pub fn alert_rules(&mut self) -> Result<AlertRules, Error> {
+        self.request(ToDevice::GetAlertRules, |message| match message {
+            ToHost::AlertRules(rules) => Some(*rules),
+            _ => None,
+        })
+    }
+
+    /// Stores rules of alerts, which are in force from then on.
+    ///
+    /// # Errors
+    /// See the `impl` block; [`plantar::protocol::Refusal::AlertRules`] if a value is out of range.
+    pub fn set_alert_rules(&mut self, rules: &AlertRules) -> Result<(), Error> {
+        self.request(ToDevice::SetAlertRules(*rules), |message| {
+            matches!(message, ToHost::AlertRules(in_force) if in_force == rules).then_some(())
+        })
+    }
+
+    /// The load of the day.
+    ///
+    /// # Errors
+    /// See the `impl` block.
+    pub fn daily_load(&mut self) -> Result<DailyLoad, Error> {
+        self.request_daily_load(ToDevice::GetDailyLoad)
+    }
+
+    /// Raises no alerts for this time, s. Returns the load of the day.
+    ///
+    /// # Errors
+    /// See the `impl` block.
+    pub fn snooze_alerts(&mut self, snoozed_s: u16) -> Result<DailyLoad, Error> {
+        self.request_daily_load(ToDevice::SnoozeAlerts { snoozed_s })
+    }
+
+    fn request_daily_load(&mut self, request: ToDevice) -> Result<DailyLoad, Error> {
+        self.request(request, |message| match message {
+            ToHost::DailyLoad(daily) => Some(*daily),
             _ => None,
         })
     }

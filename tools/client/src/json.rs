@@ -58,7 +58,7 @@ fn region_to_json(step: &Step, i: usize) -> Value {
 }
 
 /// Inserts quantities under their keys. A nested object is null if its quantities have no value.
-fn insert<T: 'static>(
+pub(crate) fn insert<T: 'static>(
     object: &mut Map<String, Value>,
     quantities: impl IntoIterator<Item = &'static Quantity<T>>,
     of: &T,

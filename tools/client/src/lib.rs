@@ -1,5 +1,6 @@
 //! The host's side of a session with an insole, over any carrier of messages.
 
+mod alert;
 mod axis;
 #[cfg(feature = "ble")]
 pub mod ble;
@@ -18,6 +19,7 @@ mod session;
 mod stream_file;
 mod update;
 
+pub use alert::{alert_advice, alert_to_json, daily_load_to_json};
 pub use axis::Axis;
 pub use carrier::{Carrier, Framed, READ_TIMEOUT};
 pub use cells::{CellReceiver, StartedCells};

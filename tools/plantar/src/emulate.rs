@@ -8,7 +8,7 @@ use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
-use client::{Client, Framed, READ_TIMEOUT, ReconnectPolicy, bout_to_json, step_to_json};
+use client::{Client, Framed, READ_TIMEOUT, ReconnectPolicy, alert_to_json, bout_to_json, step_to_json};
 use emulation::{COLUMNS, EmulatorConfig};
 use emulator::{Board, Faulty, Recorded, SensorFault, Time};
 use identification::Identification;
@@ -201,8 +201,8 @@ impl Emulate {
                 .collect();
             let steps: Vec<_> = steps.iter().map(step_to_json).collect();
             let bouts: Vec<_> = records.bouts.iter().map(bout_to_json).collect();
-            let outcome =
-                serde_json::json!({ "steps": steps, "bouts": bouts, "link": counters, "model_error_percent": errors });
+            let alerts: Vec<_> = records.alerts.iter().map(alert_to_json).collect();
+            let outcome = serde_json::json!({ "steps": steps, "bouts": bouts, "alerts": alerts, "link": counters, "model_error_percent": errors });
             let text = serde_json::to_string_pretty(&outcome)? + "\n";
             std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
         }
@@ -261,6 +261,11 @@ impl Emulate {
                     client.send(ToDevice::Acknowledge { step: bout.number })?;
                     view.load_record(&bout.into());
                     records.bouts.push(bout);
+                }
+                Some(ToHost::Alert(alert)) => {
+                    client.send(ToDevice::Acknowledge { step: alert.number })?;
+                    view.load_record(&alert.into());
+                    records.alerts.push(alert);
                 }
                 // The insole sends its status after all messages that were due before, so none of them is missing.
                 Some(ToHost::Status(status)) => {

@@ -1,4 +1,4 @@
-//! `plantar insole`: identity, settings and calibration of an insole.
+//! `plantar insole`: identity, settings, alerts and calibration of an insole.
 
 use crate::carrier::{self, Connection};
 use anyhow::{Context, Result, bail, ensure};
@@ -10,7 +10,9 @@ use plantar::protocol::{Identity, Serial};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
+pub mod alerts;
 pub mod settings;
+use alerts::AlertArgs;
 use settings::{SettingsArgs, print_settings};
 
 #[derive(Subcommand)]
@@ -38,6 +40,15 @@ pub enum Insole {
     Set {
         #[command(flatten)]
         settings: SettingsArgs,
+        #[command(flatten)]
+        connection: Connection,
+    },
+    /// Show and set the rules of alerts, and show the load of the day.
+    ///
+    /// An alert asks the wearer to unload a region that carried load for too long. Values that are not given remain as they are.
+    Alerts {
+        #[command(flatten)]
+        alerts: AlertArgs,
         #[command(flatten)]
         connection: Connection,
     },
@@ -98,6 +109,7 @@ impl Insole {
                 restart(&mut insole)?;
                 print_settings(insole.client())
             }
+            Self::Alerts { alerts, connection } => alerts.run(connection.open(ReconnectPolicy::RESTART)?.client()),
             Self::Calibrate { file, connection } => {
                 let cells = read(file)?;
                 let mut insole = connection.open(ReconnectPolicy::RESTART)?;
@@ -133,7 +145,7 @@ fn show(connection: &Connection) -> Result<()> {
     print_settings(client)?;
     let hello = client.hello();
     println!(
-        "boot number {}, reset reason: {}, steps and load bouts so far: {}",
+        "boot number {}, reset reason: {}, records so far: {}",
         contents.start,
         hello.reset.name(),
         contents.next_record
@@ -158,7 +170,7 @@ fn show(connection: &Connection) -> Result<()> {
             contents.erased > 0,
             "a part of the insole's flash chip was damaged and had to be erased, so its contents are lost",
         ),
-        (status.records_dropped > 0, "the insole's step log was full, so the oldest steps were dropped"),
+        (status.records_dropped > 0, "the insole's log was full, so the oldest steps were dropped"),
     ];
     for (_, warning) in warnings.iter().filter(|(applies, _)| *applies) {
         println!("warning: {warning}");

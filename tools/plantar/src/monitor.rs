@@ -6,17 +6,17 @@ use crate::summary;
 use crate::view::View;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use client::{Axis, Event, ReconnectPolicy, SessionStart, bout_to_json, step_to_json};
+use client::{Axis, Event, ReconnectPolicy, SessionStart, alert_to_json, bout_to_json, step_to_json};
 use parameters::DeformationScale;
 use plantar::protocol::{CellFrame, Live, LoadRecord, ToDevice, ToHost};
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Shows the live loads of the eight regions, and tables of the steps and the load bouts at the end.
+/// Shows the live loads of the eight regions, alerts, and tables of the steps and the load bouts at the end.
 ///
-/// In a terminal, press q or Ctrl-C to end. When the link is lost, the program reconnects. A step or a load bout remains on the
-/// insole until it has arrived on this computer and, with --json and --bouts, is written to the file.
+/// In a terminal, press q or Ctrl-C to end. When the link is lost, the program reconnects. A step, load bout or alert
+/// remains on the insole until it has arrived on this computer and, with --json, --bouts and --alerts, is written to the file.
 #[derive(Args)]
 pub struct Monitor {
     #[command(flatten)]
@@ -30,6 +30,9 @@ pub struct Monitor {
     /// The same for the load bouts, all load outside steps.
     #[arg(long, value_name = "FILE")]
     bouts: Option<PathBuf>,
+    /// The same for the alerts, which ask the wearer to unload a region.
+    #[arg(long, value_name = "FILE")]
+    alerts: Option<PathBuf>,
 }
 
 /// Stores the messages of a session with an insole.
@@ -37,7 +40,7 @@ pub trait Sink {
     /// Processes a live frame; `axis` converts its time to this computer's clock.
     fn live(&mut self, live: &Live, axis: &Axis) -> Result<()>;
 
-    /// Processes a step or a load bout.
+    /// Processes a step, load bout or alert.
     fn load_record(&mut self, record: &LoadRecord, axis: &Axis) -> Result<()>;
 
     /// Returns the number of the newest stored record, if one was stored since the last call. This record and all earlier ones can
@@ -143,11 +146,12 @@ impl<'m> JsonArray<'m> {
     }
 }
 
-/// Collects the steps and load bouts for the tables at the end of the session, and writes them to the JSON files.
+/// Collects the steps, load bouts and alerts for the tables at the end of the session, and writes them to the JSON files.
 struct Collected<'m> {
     monitor: &'m Monitor,
     steps: Option<JsonArray<'m>>,
     bouts: Option<JsonArray<'m>>,
+    alerts: Option<JsonArray<'m>>,
     all: Records,
     stored: Option<u32>,
 }
@@ -163,6 +167,7 @@ impl Sink for Collected<'_> {
         let (file, object) = match record {
             LoadRecord::Step(step) => (&mut self.steps, step_to_json(step)),
             LoadRecord::Bout(bout) => (&mut self.bouts, bout_to_json(bout)),
+            LoadRecord::Alert(alert) => (&mut self.alerts, alert_to_json(alert)),
         };
         if let Some(file) = file {
             file.push(&object)?;
@@ -186,11 +191,12 @@ impl Sink for Collected<'_> {
 
 impl Monitor {
     pub fn run(&self) -> Result<()> {
-        let [steps, bouts] = [&self.json, &self.bouts].map(|path| path.as_deref().map(JsonArray::create).transpose());
-        let (steps, bouts) = (steps?, bouts?);
+        let paths = [&self.json, &self.bouts, &self.alerts];
+        let [steps, bouts, alerts] = paths.map(|path| path.as_deref().map(JsonArray::create).transpose());
+        let (steps, bouts, alerts) = (steps?, bouts?, alerts?);
         let mut insole = self.connection.open(ReconnectPolicy::STREAM)?;
         let mut view = View::open(insole.client().hello())?;
-        let mut records = Collected { monitor: self, steps, bouts, all: Records::default(), stored: None };
+        let mut records = Collected { monitor: self, steps, bouts, alerts, all: Records::default(), stored: None };
         let outcome = follow(&self.connection, &mut insole, &mut view, &mut records);
         view.close();
         records.all.print(&DeformationScale::ALL_ASSUMED);

@@ -12,17 +12,18 @@ use clap::Args;
 use client::{Axis, ReconnectPolicy};
 use parameters::DeformationScale;
 use plantar::protocol::{
-    Bout, BoutRegion, CellFrame, CellStream, Flag, Live, LiveRegion, LoadRecord, Quantity, Resolution, Step, StepFoot,
-    StepRegion, ToDevice,
+    Alert, Bout, BoutRegion, CellFrame, CellStream, Flag, Live, LiveRegion, LoadRecord, Quantity, Resolution, Step,
+    StepFoot, StepRegion, ToDevice,
 };
 use plantar::{Region, Side};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Stores live frames, steps and load bouts of an insole in a folder of Parquet files.
+/// Stores live frames, steps, load bouts and alerts of an insole in a folder of Parquet files.
 ///
 /// The files FOLDER/live/*.parquet have one row per frame and region, the files FOLDER/steps/*.parquet one row per step and
-/// region, the files FOLDER/bouts/*.parquet one row per load bout and region. pandas, Polars, DuckDB and Spark read the files
+/// region, the files FOLDER/bouts/*.parquet one row per load bout and region, the files
+/// FOLDER/alerts/*.parquet one row per alert and region. pandas, Polars, DuckDB and Spark read the files
 /// of a folder as one table. Files are completed at least every half minute, so a crash loses the live frames of at most this
 /// time. No step or load bout is lost, because it remains on the insole until its file is complete. With --cells, each folder
 /// FOLDER/cells/* is a recording that all other commands read; a loss that is too long to be interpolated begins another one.
@@ -53,7 +54,7 @@ pub struct Record {
 
 /// The current files are completed after this time.
 const FILE_TIME: Duration = Duration::from_secs(30);
-/// The current files are completed after this number of steps and load bouts: an insole sends no further one before these are
+/// The current files are completed after this number of records: an insole sends no further one before these are
 /// acknowledged.
 const FILE_RECORDS: usize = plantar::protocol::session::RECORD_QUEUE;
 
@@ -79,7 +80,7 @@ impl Record {
         if completed.is_err() {
             let count = recorder.pending.len();
             eprintln!(
-                "note: {count} received steps and load bouts were not stored; they remain on the insole until its log is full"
+                "note: {count} received steps, load bouts and alerts were not stored; they remain on the insole until its log is full"
             );
         }
         recorder.all.print(&DeformationScale::ALL_ASSUMED);
@@ -110,11 +111,13 @@ struct Recorder<'r> {
     steps: Vec<Row>,
     /// Rows of the table of load bouts that are not written yet.
     bouts: Vec<Row>,
-    /// Numbers of the steps and load bouts that are not written yet.
+    /// Rows of the table of alerts that are not written yet.
+    alerts: Vec<Row>,
+    /// Numbers of the records that are not written yet.
     pending: Vec<u32>,
     /// Number of the newest step or load bout in a complete file, until it is acknowledged.
     stored: Option<u32>,
-    /// All steps and load bouts, for the tables at the end.
+    /// All records, for the tables at the end.
     all: Records,
     /// Number of received live frames.
     frames: usize,
@@ -134,6 +137,7 @@ impl<'r> Recorder<'r> {
             live: Vec::new(),
             steps: Vec::new(),
             bouts: Vec::new(),
+            alerts: Vec::new(),
             pending: Vec::new(),
             stored: None,
             all: Records::default(),
@@ -154,11 +158,16 @@ impl<'r> Recorder<'r> {
         Ok(())
     }
 
-    /// Writes the collected rows as the next file of each table. The steps and load bouts among them can then be
-    /// acknowledged.
+    /// Writes the collected rows as the next file of each table. The records among them can then be acknowledged.
     fn complete_file(&mut self) -> Result<()> {
         let path = |table: &str| self.record.out.join(table).join(format!("part-{:05}.parquet", self.file_number));
-        for (table, rows) in [("live", &mut self.live), ("steps", &mut self.steps), ("bouts", &mut self.bouts)] {
+        let tables = [
+            ("live", &mut self.live),
+            ("steps", &mut self.steps),
+            ("bouts", &mut self.bouts),
+            ("alerts", &mut self.alerts),
+        ];
+        for (table, rows) in tables {
             if !rows.is_empty() {
                 table::write(&path(table), None, rows)?;
                 rows.clear();
@@ -173,7 +182,7 @@ impl<'r> Recorder<'r> {
         Ok(())
     }
 
-    /// Completes the files after [`FILE_RECORDS`] steps and load bouts, or [`FILE_TIME`].
+    /// Completes the files after [`FILE_RECORDS`] records, or [`FILE_TIME`].
     fn complete_file_if_due(&mut self) -> Result<()> {
         let is_due = self.pending.len() >= FILE_RECORDS || self.file_start.elapsed() >= FILE_TIME;
         if is_due { self.complete_file() } else { Ok(()) }
@@ -203,6 +212,7 @@ impl Sink for Recorder<'_> {
             let (rows, mut row) = match record {
                 LoadRecord::Step(step) => (&mut self.steps, step_row(self.session, step, i, region.name())),
                 LoadRecord::Bout(bout) => (&mut self.bouts, bout_row(self.session, bout, i, region.name())),
+                LoadRecord::Alert(alert) => (&mut self.alerts, alert_row(self.session, alert, i, region.name())),
             };
             row.push(("start_unix_s", start.clone()));
             rows.push(row);
@@ -264,6 +274,15 @@ fn bout_row(session: i32, bout: &Bout, i: usize, region: &str) -> Row {
     row.extend(columns(Bout::QUANTITIES, bout));
     row.extend([("kind", bout.kind.name().into()), ("region", region.into())]);
     row.extend(columns(BoutRegion::QUANTITIES, &bout.regions[i]));
+    row
+}
+
+/// The row of the region with index `i` and name `region` in an alert.
+fn alert_row(session: i32, alert: &Alert, i: usize, region: &str) -> Row {
+    let mut row: Row = vec![("session", session.into()), ("side", alert.side.name().into())];
+    row.extend(columns(Alert::QUANTITIES, alert));
+    row.push(("region", region.into()));
+    row.extend(flag_columns(Alert::FLAGS, alert, i));
     row
 }
 

@@ -1,4 +1,4 @@
-//! The steps and load bouts of a session.
+//! The steps, load bouts and alerts of a session.
 
 use crate::replay::write_text;
 use crate::summary;
@@ -6,15 +6,16 @@ use anyhow::Result;
 use comfy_table::CellAlignment;
 use parameters::DeformationScale;
 use plantar::pipeline::bout::BoutKind;
-use plantar::protocol::{Bout, LoadRecord, Step};
+use plantar::protocol::{Alert, Bout, LoadRecord, Step};
 use serde_json::Value;
 use std::path::Path;
 
-/// Steps and load bouts, each in the order of their numbers.
+/// Steps, load bouts and alerts, each in the order of their numbers.
 #[derive(Default)]
 pub struct Records {
     pub steps: Vec<Step>,
     pub bouts: Vec<Bout>,
+    pub alerts: Vec<Alert>,
 }
 
 impl Records {
@@ -22,16 +23,20 @@ impl Records {
         match record {
             LoadRecord::Step(step) => self.steps.push(*step),
             LoadRecord::Bout(bout) => self.bouts.push(*bout),
+            LoadRecord::Alert(alert) => self.alerts.push(*alert),
         }
     }
 
-    /// Prints the tables of the steps, and one of the load bouts.
-    /// `scales` are those of the deformations.
+    /// Prints the tables of the steps, one of the load bouts, and the alerts. `scales` are those of the deformations.
     pub fn print(&self, scales: &[DeformationScale; 8]) {
         summary::print(&self.steps, scales);
-        if self.bouts.is_empty() {
-            return;
+        if !self.bouts.is_empty() {
+            self.print_bouts();
         }
+        self.alerts.iter().for_each(|alert| println!("{}", alert_line(alert)));
+    }
+
+    fn print_bouts(&self) {
         let mut table = summary::table();
         table.set_header(["load outside steps", "bouts", "time s", "force-time integral N s"]);
         for kind in BoutKind::ALL {
@@ -60,6 +65,11 @@ pub fn write_json(path: &Path, objects: &[Value]) -> Result<()> {
 /// Force-time integral of the foot in a bout, N s.
 fn integral_n_s(bout: &Bout) -> f64 {
     bout.regions.iter().map(|region| region.measured_force_integral_n_s()).sum()
+}
+
+/// An alert in one line.
+pub fn alert_line(alert: &Alert) -> String {
+    format!("alert {} at {:.0} s: {}", alert.number, alert.start_s(), client::alert_advice(alert))
 }
 
 /// A load bout in one line.

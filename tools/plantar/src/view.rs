@@ -1,6 +1,6 @@
 //! Shows the live loads of the eight regions in the terminal. If stdout is not a terminal, prints one line per step instead.
 
-use crate::records::bout_line;
+use crate::records::{alert_line, bout_line};
 use crate::summary::SHORT;
 use anyhow::Result;
 use client::LinkCounters;
@@ -10,9 +10,9 @@ use ratatui::crossterm::event::{self, Event, KeyCode, KeyModifiers};
 use ratatui::layout::{Constraint, Layout};
 use ratatui::style::{Color, Style, Stylize};
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Block, Paragraph};
+use ratatui::widgets::{Block, Paragraph, Wrap};
 use ratatui::{DefaultTerminal, Frame};
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 /// Shortest time between two redraws.
@@ -35,6 +35,8 @@ pub struct View {
     /// Force at the end of the bars' scale, 0.1 N: the largest force so far, but at least 100 N.
     scale_dn: u16,
     steps: Vec<Step>,
+    /// The advice of the last alert; empty without one.
+    alert: String,
     /// The user has pressed a key that ends the session.
     has_ended: bool,
 }
@@ -67,6 +69,7 @@ impl View {
             counters: LinkCounters::default(),
             scale_dn: 1000,
             steps: Vec::new(),
+            alert: String::new(),
             has_ended: false,
         })
     }
@@ -118,12 +121,19 @@ impl View {
         Ok(())
     }
 
-    /// Lists a step. A load bout is printed if stdout is not a terminal.
+    /// Lists a step. An alert is shown until the next one, with the terminal's bell. If stdout is not a terminal, it is printed, as
+    /// a load bout is.
     pub fn load_record(&mut self, record: &LoadRecord) {
         match record {
             LoadRecord::Step(step) => self.step(step),
             LoadRecord::Bout(bout) if self.terminal.is_none() => println!("{}", bout_line(bout)),
             LoadRecord::Bout(_) => {}
+            LoadRecord::Alert(alert) if self.terminal.is_none() => println!("{}", alert_line(alert)),
+            LoadRecord::Alert(alert) => {
+                self.alert = client::alert_advice(alert);
+                // The bell of a terminal that cannot be written to is not worth an error.
+                let _ = std::io::stdout().write_all(b"\x07");
+            }
         }
     }
 
@@ -151,9 +161,9 @@ impl View {
     }
 
     fn draw(&self, frame: &mut Frame) {
-        let areas =
-            Layout::vertical([Constraint::Length(11), Constraint::Length(LISTED as u16 + 2), Constraint::Length(1)]);
-        let [loads, steps, footer] = areas.areas(frame.area());
+        let alert_height = if self.alert.is_empty() { 0 } else { 3 };
+        let heights = [11, LISTED as u16 + 2, alert_height, 1].map(Constraint::Length);
+        let [loads, steps, alert, footer] = Layout::vertical(heights).areas(frame.area());
         let width = usize::from(loads.width).saturating_sub(62).max(10);
         let mut lines = vec![
             Line::from(format!("{:<10} {:>8} {:>8} {:>9} {:>8}  ", "", "force N", "model N", "area mm2", "deform mm"))
@@ -193,6 +203,7 @@ impl View {
         let listed = self.steps.iter().rev().take(LISTED).map(|step| Line::from(step_line(step))).collect::<Vec<_>>();
         let title = format!(" {} steps, newest first: measured peak force, N ", self.steps.len());
         frame.render_widget(Paragraph::new(listed).block(Block::bordered().title(title)), steps);
+        frame.render_widget(Paragraph::new(self.alert.as_str()).red().bold().wrap(Wrap { trim: true }), alert);
         let c = &self.counters;
         let text = format!(
             " {:.2} s   bar: measured force, |: model force   frames: {} received, {} lost, {} damaged   q: end",

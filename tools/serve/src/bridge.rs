@@ -1,4 +1,4 @@
-//! The session with one insole: passes its messages to the hub, and acknowledges steps that a page or the recording has stored.
+//! The session with one insole: passes its messages to the hub, and acknowledges records that a page or the recording has stored.
 
 use crate::hub::Hub;
 use client::{Carrier, Error, Event, Link, Open, ReconnectPolicy};
@@ -47,6 +47,8 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
                 hub.load_record(index, record)
             }
             Ok(Event::Message(ToHost::Status(status))) => hub.status(index, status),
+            Ok(Event::Message(ToHost::AlertRules(rules))) => hub.alert_rules(index, rules),
+            Ok(Event::Message(ToHost::DailyLoad(daily))) => hub.daily_load(index, daily),
             Ok(Event::Message(ToHost::Tissue(tissue))) => hub.tissue_answer(index, Ok(tissue)),
             Ok(Event::Message(ToHost::Refused(refusal))) => hub.tissue_answer(index, Err(refusal)),
             // The hello of a repeated connect request, or the answer to a request that this loop does not send.
@@ -67,12 +69,13 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
         if let Some(step) = hub.acknowledgement(index) {
             insole.send(ToDevice::Acknowledge { step });
         }
-        if let Some(request) = hub.tissue_to_send(index) {
+        if let Some(request) = hub.to_send(index) {
             insole.send(request);
         }
         if status_requested.elapsed() > STATUS_INTERVAL {
             status_requested = Instant::now();
             insole.send(ToDevice::GetStatus);
+            insole.send(ToDevice::GetDailyLoad);
         }
     }
 }
@@ -80,7 +83,7 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
 /// Passes the hello and the parameters of a new session to the hub.
 fn pass_hello(hub: &Hub, index: usize, insole: &mut Session) {
     let client = insole.client();
-    // Older firmware does not know this request; the parameters are then unknown.
-    let tissue = client.tissue().ok();
-    hub.hello(index, client.hello(), tissue);
+    // Older firmware does not know these requests; the values are then unknown.
+    let (tissue, alert_rules) = (client.tissue().ok(), client.alert_rules().ok());
+    hub.hello(index, client.hello(), tissue, alert_rules);
 }

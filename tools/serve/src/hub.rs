@@ -1,6 +1,7 @@
 //! Connects insoles with pages. Each page has a session of its own with each insole, in which the hub acts as the insole.
 
 use client::{Axis, StreamFile, unix_us};
+use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::session::{CommandResult, RECORD_QUEUE, Session};
 use plantar::protocol::{Hello, Live, LoadRecord, MAX_MESSAGE, Refusal, Status, ToDevice, ToHost, decode};
@@ -27,14 +28,17 @@ struct Insole {
     hello: Option<Hello>,
     /// The wearer's parameters, if they are known.
     tissue: Option<Tissue>,
-    /// Parameters of a page, to be sent to the insole next. The session of the page waits for the answer.
-    tissue_to_send: Option<ToDevice>,
+    /// Request of a page, to be sent to the insole next. The session of the page waits for the answer.
+    to_send: Option<ToDevice>,
+    /// The rules of alerts, if they are known.
+    alert_rules: Option<AlertRules>,
+    daily_load: DailyLoad,
     status: Status,
     /// Converts between the insole's clock and this computer's.
     axis: Axis,
     /// Number of sessions with the insole so far. Numbers of records can be compared only within one session.
     session: u64,
-    /// Steps and load bouts that no page has acknowledged, at most as many as the insole holds in RAM.
+    /// Records that no page has acknowledged, at most as many as the insole holds in RAM.
     pending: VecDeque<Pending>,
     /// The last ones that a page acknowledged: after a lost acknowledgement, the insole sends them again.
     acknowledged: VecDeque<LoadRecord>,
@@ -92,28 +96,26 @@ impl Hub {
         let Some(file) = recorder.as_mut() else { return false };
         let written = file.write(index as u8, message);
         if let Err(error) = &written {
-            eprintln!(
-                "the recording has ended: {error}; steps and load bouts remain on the insole until a page stores them"
-            );
+            eprintln!("the recording has ended: {error}; records remain on the insole until a page stores them");
             *recorder = None;
         }
         written.is_ok()
     }
 
     /// Starts a new session with the insole, which sent this hello.
-    pub fn hello(&self, index: usize, hello: &Hello, tissue: Option<Tissue>) {
+    pub fn hello(&self, index: usize, hello: &Hello, tissue: Option<Tissue>, alert_rules: Option<AlertRules>) {
         self.record(index, &ToHost::Hello(hello.clone()));
         let mut insole = self.insole(index);
         let insole = &mut *insole;
         insole.hello = Some(hello.clone());
-        insole.tissue = tissue;
+        (insole.tissue, insole.alert_rules) = (tissue, alert_rules);
         insole.session += 1;
         insole.axis = Axis::new();
         insole.to_acknowledge = None;
         for (_, link) in &mut insole.pages {
             // Connects on behalf of the page, which thereby receives the insole's new hello.
             let is_streaming = link.next_live().is_some();
-            open_session(link, CONNECT, insole.tissue);
+            open_session(link, CONNECT, insole.tissue, insole.alert_rules);
             link.receive(ToDevice::Stream { live: is_streaming }, NO_CLOCK_US);
         }
         self.changed.send_replace(());
@@ -123,14 +125,14 @@ impl Hub {
     pub fn lost(&self, index: usize) {
         let mut insole = self.insole(index);
         insole.hello = None;
-        insole.tissue_to_send = None;
+        insole.to_send = None;
         // The answer to a request of a page is lost with the link; the page can repeat its request.
         insole.pages.iter_mut().for_each(|(_, link)| link.complete(Err(Refusal::Busy)));
     }
 
     /// Takes the request of a page that must be sent to the insole.
-    pub fn tissue_to_send(&self, index: usize) -> Option<ToDevice> {
-        self.insole(index).tissue_to_send.take()
+    pub fn to_send(&self, index: usize) -> Option<ToDevice> {
+        self.insole(index).to_send.take()
     }
 
     /// Passes the insole's answer to new parameters to the page that sent them.
@@ -147,6 +149,32 @@ impl Hub {
                 link.restore_tissue(tissue, None);
             }
         }
+        self.changed.send_replace(());
+    }
+
+    /// Passes the rules of alerts to the pages, one of which may have set them.
+    pub fn alert_rules(&self, index: usize, rules: AlertRules) {
+        let mut insole = self.insole(index);
+        insole.alert_rules = Some(rules);
+        for (_, link) in &mut insole.pages {
+            if link.command().is_some() {
+                link.complete(Ok(CommandResult::Stored));
+            }
+            link.set_alert_rules(rules);
+        }
+        drop(insole);
+        self.changed.send_replace(());
+    }
+
+    /// Stores the load of the day. A page that has requested a snooze receives it.
+    pub fn daily_load(&self, index: usize, daily: DailyLoad) {
+        let mut insole = self.insole(index);
+        insole.daily_load = daily;
+        for (_, link) in &mut insole.pages {
+            let is_answer = link.take_to_insole().snooze_s.is_some();
+            link.set_daily_load(daily, is_answer);
+        }
+        drop(insole);
         self.changed.send_replace(());
     }
 
@@ -224,9 +252,12 @@ const NO_CLOCK_US: u64 = 0;
 
 const CONNECT: ToDevice = ToDevice::Connect { major: plantar::protocol::MAJOR, minor: plantar::protocol::MINOR };
 
-/// Opens the session of a page, with the parameters of the insole.
-fn open_session(link: &mut Session, connect: ToDevice, tissue: Option<Tissue>) {
+/// Opens the session of a page, with the parameters and the rules of alerts of the insole.
+fn open_session(link: &mut Session, connect: ToDevice, tissue: Option<Tissue>, alert_rules: Option<AlertRules>) {
     link.receive(connect, NO_CLOCK_US);
+    if let Some(rules) = alert_rules {
+        link.set_alert_rules(rules);
+    }
     link.restore_tissue(tissue.unwrap_or(Tissue::NONE), None);
 }
 
@@ -268,8 +299,18 @@ impl Page {
                 link.receive(ToDevice::SetTissue(tissue), NO_CLOCK_US);
                 // Invalid parameters, and those that follow others without an answer, are refused already.
                 if link.command().is_some() {
-                    insole.tissue_to_send = Some(request);
+                    insole.to_send = Some(request);
                 }
+            }
+            Some(request @ ToDevice::SetAlertRules(_)) if self.hub.accepts_parameters => {
+                link.receive(request, NO_CLOCK_US);
+                if link.command().is_some() {
+                    insole.to_send = Some(request);
+                }
+            }
+            Some(request @ ToDevice::SnoozeAlerts { .. }) => {
+                link.receive(request, NO_CLOCK_US);
+                insole.to_send = Some(request);
             }
             // A page may not change other settings of an insole.
             Some(
@@ -279,6 +320,7 @@ impl Page {
                 | ToDevice::GetIdentified
                 | ToDevice::GetSettings
                 | ToDevice::SetSettings(_)
+                | ToDevice::SetAlertRules(_)
                 | ToDevice::GetIdentity
                 | ToDevice::SetIdentity { .. }
                 | ToDevice::Update(_)
@@ -294,7 +336,10 @@ impl Page {
                     link.receive(request, device_us);
                 }
             }
-            Some(connect @ ToDevice::Connect { .. }) => open_session(link, connect, insole.tissue),
+            Some(connect @ ToDevice::Connect { .. }) => {
+                open_session(link, connect, insole.tissue, insole.alert_rules);
+                link.set_daily_load(insole.daily_load, false);
+            }
             Some(message) => {
                 link.receive(message, NO_CLOCK_US);
                 if let ToDevice::Acknowledge { step } = message {

@@ -1,0 +1,197 @@
+//! Cumulative load and alerts equal those of an independent implementation, and alerts follow their rules.
+
+mod common;
+
+use plantar::Region;
+use plantar::insole::Insole;
+use plantar::pipeline::alert::{AlertRecord, AlertRules, DailyLoad};
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::cumulative::{LoadLimits, Totals};
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::stance_rule::StanceRule;
+use recording::{Recording, VirtualInsole};
+use serde_json::{Value, json};
+use testkit::activity::{self, Activity};
+
+const RATE_HZ: usize = 100;
+
+/// Rules with a window of a minute and a dose that a walk of some minutes reaches.
+const RULES: AlertRules = AlertRules {
+    limits: LoadLimits { window_s: 60, ..LoadLimits::DEFAULT },
+    dose_kpa_s: 500.0,
+    snooze_s: 60,
+    ..AlertRules::RECOMMENDED
+};
+
+/// Passes a recording through an insole with these rules. `request` is called after each second.
+fn run(
+    recording: &Recording,
+    rules: &AlertRules,
+    mut request: impl FnMut(usize, &mut Insole<f32, DEVICE_CELLS>),
+) -> (Vec<AlertRecord>, DailyLoad) {
+    let virtual_insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    let mut insole = Box::new(Insole::new());
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the set-up is valid");
+    insole.set_alert_rules(rules);
+    let mut codes = vec![0; virtual_insole.cells.len()];
+    let (mut alerts, mut seconds) = (Vec::new(), 0);
+    for i in 0..recording.frames() {
+        virtual_insole.codes_of(recording, i, &mut codes);
+        if insole.frame(i as u32, &codes) {
+            insole.whole_step();
+        }
+        if insole.has_ended_second() {
+            seconds += 1;
+            alerts.extend(insole.take_alert());
+            request(seconds, &mut insole);
+        }
+    }
+    (alerts, insole.daily_load())
+}
+
+/// Several minutes of these activities, each of 50 s if it has no steps.
+fn day(activities: &[Activity], seed: u64) -> Recording {
+    activity::recording(activities, 700.0, RATE_HZ as f64, 50.0, seed).0
+}
+
+/// The recorded pressure of the highest cell of each region in each frame, kPa.
+fn peaks_kpa(recording: &Recording) -> Vec<Vec<f32>> {
+    let cells = recording.cells();
+    let of_region = |region: Region| {
+        let members: Vec<_> = (0..cells).filter(|&i| recording.layout.cells[i].region == region).collect();
+        let frames = recording.pressure_kpa.chunks_exact(cells);
+        frames.map(|frame| members.iter().map(|&i| frame[i]).fold(0.0, f32::max)).collect()
+    };
+    Region::ALL.map(of_region).into()
+}
+
+fn numpy(recording: &Recording, rules: &AlertRules) -> Value {
+    let input = json!({
+        "rate_hz": RATE_HZ,
+        "peaks_kpa": peaks_kpa(recording),
+        "dose_kpa": rules.limits.dose_kpa,
+        "sustained_kpa": rules.limits.sustained_kpa,
+        "window_s": rules.limits.window_s,
+        "sustained_percent": rules.limits.sustained_percent,
+        "relieved_percent": rules.limits.relieved_percent,
+        "dose_kpa_s": rules.dose_kpa_s,
+        "snooze_s": rules.snooze_s,
+        "per_day": rules.per_day,
+    });
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/alerts.py");
+    serde_json::from_str(&common::run_python(&[script], &input.to_string())).expect("JSON")
+}
+
+#[test]
+#[ignore = "needs Python with NumPy: cargo xtask test"]
+fn totals_and_alerts_equal_those_of_numpy() {
+    use Activity::{Lift, Run, Sit, Stand, StandOnOne, Walk};
+    let mut raised = 0;
+    for (seed, activities) in [
+        &[Walk, Walk, Stand, Stand, StandOnOne, Lift, Lift, Walk][..],
+        &[Lift, Run, Run, Run, Run, Run, Run, Sit, Sit, Walk],
+        &[Stand, Stand, Lift, Stand, Stand, Stand, Stand, Stand, Lift, Lift],
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let recording = day(activities, seed as u64);
+        let (alerts, daily) = run(&recording, &RULES, |_, _| ());
+        let expected = numpy(&recording, &RULES);
+        let seconds: Vec<_> = alerts
+            .iter()
+            .map(|alert| json!([(alert.start_us + 10_000) / 1_000_000, alert.sustained, alert.dose]))
+            .collect();
+        assert_eq!(json!(seconds), expected["alerts"], "sequence {seed}");
+        raised += seconds.len();
+        for (i, region) in daily.totals.regions.iter().enumerate() {
+            let value = |key: &str| expected[key][i].as_f64().expect("a number");
+            // The virtual sensor has 16 bits, and each second is rounded to a unit.
+            let near =
+                |found: f64, expected: f64, unit: f64| (found - expected).abs() <= 0.005 * expected + 100.0 * unit;
+            assert!(near(f64::from(region.dose_dkpa_s) / 10.0, value("dose_kpa_s"), 0.1), "{i}: {region:?}");
+            assert!(near(region.squared_kpa2_s.into(), value("squared_kpa2_s"), 1.0), "{i}: {region:?}");
+            // The oldest part of the window, 4 s, counts in proportion.
+            assert!((f64::from(region.sustained_s) - value("sustained_s")).abs() <= 8.0, "{i}: {region:?} {expected}");
+        }
+    }
+    assert!(raised >= 6, "{raised} alerts");
+}
+
+#[test]
+fn an_alert_repeats_after_the_pause_until_the_budget_of_the_day_is_used() {
+    let recording = day(&[Activity::Stand; 8], 1);
+    let rules = AlertRules { per_day: 3, dose_kpa_s: 0.0, ..RULES };
+    let (alerts, daily) = run(&recording, &rules, |_, _| ());
+    let times_s: Vec<_> = alerts.iter().map(|alert| alert.start_us / 1_000_000).collect();
+    // 95 % of a minute of standing, then every minute.
+    assert_eq!(times_s.len(), 3, "{times_s:?}");
+    assert!((56..=58).contains(&times_s[0]), "{times_s:?}");
+    assert_eq!([times_s[1] - times_s[0], times_s[2] - times_s[1]], [60, 60]);
+    assert_eq!((daily.alerts, alerts[2].today), (3, 3));
+    assert_eq!(run(&recording, &AlertRules { per_day: 0, ..rules }, |_, _| ()).0, []);
+}
+
+#[test]
+fn walking_raises_no_alert_of_sustained_load() {
+    let recording = day(&[Activity::Walk; 20], 2);
+    let (alerts, daily) = run(&recording, &AlertRules { dose_kpa_s: 0.0, ..RULES }, |_, _| ());
+    assert_eq!(alerts, []);
+    assert_eq!(daily.totals.steps, 200);
+    assert!(daily.totals.regions.iter().all(|region| region.sustained_s == 0), "{daily:?}");
+}
+
+#[test]
+fn only_the_chosen_regions_raise_alerts() {
+    let recording = day(&[Activity::Stand; 3], 3);
+    let hallux = 1 << Region::Hallux as u8;
+    let (alerts, daily) = run(&recording, &AlertRules { regions: hallux, ..RULES }, |_, _| ());
+    assert!(!alerts.is_empty() && alerts.iter().all(|alert| alert.sustained | alert.dose == hallux), "{alerts:?}");
+    assert_ne!(daily.sustained, hallux, "the load of the other regions is counted");
+}
+
+#[test]
+fn a_snooze_delays_the_alert() {
+    let recording = day(&[Activity::Stand; 8], 4);
+    let (alerts, _) = run(&recording, &RULES, |seconds, insole| {
+        if seconds == 30 {
+            insole.snooze_alerts(120);
+        }
+    });
+    assert_eq!(alerts.first().map(|alert| alert.start_us), Some(149_990_000));
+}
+
+#[test]
+fn a_day_begins_without_load_and_continues_after_a_restart() {
+    let recording = day(&[Activity::Walk, Activity::Stand, Activity::Stand], 5);
+    let (_, whole) = run(&recording, &RULES, |_, _| ());
+    let (_, renewed) = run(&recording, &RULES, |seconds, insole| match seconds {
+        60 => insole.enter_day(7),
+        70 => insole.enter_day(8),
+        _ => {}
+    });
+    assert_eq!(renewed.day, 8);
+    assert!(renewed.totals.steps == 0 && renewed.totals.loaded_s < whole.totals.loaded_s, "{renewed:?}");
+
+    let earlier = DailyLoad { day: 7, totals: Totals { steps: 1000, ..Totals::NONE }, alerts: 2, ..DailyLoad::NONE };
+    for (day, steps, alerts) in
+        [(7, whole.totals.steps + 1000, whole.alerts + 2), (9, whole.totals.steps, whole.alerts)]
+    {
+        let (_, continued) = run(&recording, &RULES, |seconds, insole| {
+            if seconds == 20 {
+                insole.restore_day(&earlier);
+                insole.enter_day(day);
+            }
+        });
+        assert_eq!((continued.totals.steps, continued.alerts), (steps, alerts), "day {day}");
+    }
+}
+
+#[test]
+fn the_day_begins_at_the_set_minute() {
+    let rules = AlertRules { day_start_min: 330, ..AlertRules::OFF };
+    let minute_us = 60_000_000;
+    let midnight_us = 20_000 * 1440 * minute_us;
+    assert_eq!(rules.day(midnight_us), rules.day(midnight_us + 329 * minute_us));
+    assert_eq!(rules.day(midnight_us) + 1, rules.day(midnight_us + 330 * minute_us));
+}

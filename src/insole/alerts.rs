@@ -1,0 +1,85 @@
+//! Cumulative load and alerts of a day.
+
+use super::Insole;
+use crate::num::Real;
+use crate::pipeline::alert::{AlertRecord, AlertRules, DailyLoad};
+use crate::pipeline::cumulative::Totals;
+
+impl<R: Real, const N: usize> Insole<R, N> {
+    /// Adds the present frame, which stands for this number of frames.
+    pub(super) fn accumulate(&mut self, frames: u32) {
+        let regions = self.loads.iter().map(|load| &load.frame);
+        self.has_ended_second = self.cumulative.frame(&self.alert_rules.limits, frames, regions);
+        if self.has_ended_second {
+            self.end_second();
+        }
+    }
+
+    #[cold]
+    fn end_second(&mut self) {
+        self.alerts.second(
+            &self.alert_rules,
+            self.last_seq.unwrap_or(0),
+            self.cumulative.sustained(),
+            &self.cumulative.totals,
+        );
+        if self.alerts.ends_day() {
+            self.begin_day(0);
+        }
+    }
+
+    /// True if the last frame completed a second of the cumulative load, by which [`Insole::daily_load`] has changed.
+    pub fn has_ended_second(&self) -> bool {
+        self.has_ended_second
+    }
+
+    /// Replaces the rules of alerts. The load of the day remains; the time under sustained load begins again if its limits are new.
+    /// The caller has checked that the rules are valid.
+    pub fn set_alert_rules(&mut self, rules: &AlertRules) {
+        if rules.limits != self.alert_rules.limits {
+            self.cumulative.clear_window();
+        }
+        self.alert_rules = *rules;
+    }
+
+    /// Raises no alerts for this time, s.
+    pub fn snooze_alerts(&mut self, snoozed_s: u16) {
+        self.alerts.snooze(snoozed_s);
+    }
+
+    /// The load of the present day.
+    pub fn daily_load(&self) -> DailyLoad {
+        self.alerts.daily(&self.cumulative.totals, self.cumulative.sustained())
+    }
+
+    /// Restores the load that was stored before this start. It is added if [`Insole::enter_day`] names the same day.
+    pub fn restore_day(&mut self, earlier: &DailyLoad) {
+        self.earlier = *earlier;
+    }
+
+    /// States the number of the present day, from 1. A new day begins without load. The first call after the start states the day
+    /// of the load so far.
+    pub fn enter_day(&mut self, day: u32) {
+        if self.alerts.day == 0 {
+            self.alerts.day = day;
+            if self.earlier.day == day {
+                self.cumulative.totals.add(&self.earlier.totals);
+                self.alerts.add(&self.earlier);
+            }
+        } else if self.alerts.day != day {
+            self.begin_day(day);
+        }
+    }
+
+    fn begin_day(&mut self, day: u32) {
+        self.cumulative.totals = Totals::NONE;
+        self.alerts.begin_day(day);
+    }
+
+    /// The alert that was raised since the last call, if there is one. It is returned once.
+    pub fn take_alert(&mut self) -> Option<AlertRecord> {
+        let alert = self.alerts.take(&self.alert_rules, self.setup.side, self.records, self.setup.period_us)?;
+        self.records = self.records.wrapping_add(1);
+        Some(alert)
+    }
+}

@@ -1,0 +1,46 @@
+//! The alert as a message.
+
+use super::quantities::quantities;
+use crate::pipeline::alert::AlertRecord;
+use crate::pipeline::region::Side;
+use serde::{Deserialize, Serialize};
+
+quantities! {
+    /// An [`AlertRecord`].
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    pub struct Alert {
+        /// Number of the record.
+        number: u32 = record.number
+            => number [1 per "count"],
+            "Steps, load bouts and alerts are counted together; the number continues after a restart.";
+        /// Foot.
+        side: Side = record.side;
+        /// Time of the alert, since the first scan.
+        start_us: u64 = record.start_us
+            => start_s [1_000_000 per "s"],
+            "End of the second in which the limit was reached.";
+        /// The region is under sustained load.
+        sustained: u8 = record.sustained,
+            flags "The pressure of the highest cell reached the limit for the set share of the window.";
+        /// The dose of the region has reached the limit of the day.
+        dose: u8 = record.dose,
+            flags "Time integral of the pressure of the highest cell above the limit.";
+        /// Length of the window of sustained load.
+        window_s: u16 = record.window_s
+            => window_s [1 per "s"],
+            "Set by the rules of alerts.";
+        /// Alerts in this day, with this one.
+        today: u8 = record.today
+            => today [1 per "count"],
+            "Counted by the insole.";
+        /// Boots of the insole since the one that recorded this alert; the start time counts from that one.
+        boots_since: u32 = 0
+            => starts_ago [1 per "count"],
+            "Counted by the insole.";
+        /// `start_us` on the wall clock, us since 1970, UTC; `None` if the clock was not set.
+        start_unix_us: Option<u64> = None;
+    }
+
+    /// An alert of the running boot.
+    pub fn new(record: &AlertRecord);
+}

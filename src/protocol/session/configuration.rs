@@ -1,0 +1,94 @@
+//! The configuration of an insole, and what its data path exchanges with the session of a host.
+
+use super::{Answer, Session};
+use crate::pipeline::alert::{AlertRules, DailyLoad};
+use crate::pipeline::setup::{Setup, SetupCell};
+use crate::pipeline::tissue::{Identified, Tissue};
+use crate::protocol::{Identity, Settings};
+
+/// Requests of a host that the insole itself executes, with its next frame.
+#[derive(Clone, Copy, Debug)]
+pub struct ToInsole {
+    /// New rules of alerts.
+    pub rules: Option<AlertRules>,
+    /// Raise no alerts for this time, s.
+    pub snooze_s: Option<u16>,
+}
+
+impl ToInsole {
+    pub(super) const NONE: Self = Self { rules: None, snooze_s: None };
+}
+
+impl Session {
+    /// Restores the persisted identity after a start.
+    pub fn restore_identity(&mut self, identity: Identity) {
+        self.configured.identity = identity;
+    }
+
+    /// Restores the persisted parameters after a start. Parameters that do not pass their check are discarded.
+    pub fn restore_tissue(&mut self, tissue: Tissue, identified: Option<Identified>) {
+        (self.configured.tissue, self.configured.identified) =
+            if tissue.check().is_ok() { (tissue, identified) } else { (Tissue::NONE, None) };
+    }
+
+    /// Puts rules of alerts in force.
+    pub fn set_alert_rules(&mut self, rules: AlertRules) {
+        self.configured.alert_rules = rules;
+        self.to_insole.rules = Some(rules);
+    }
+
+    /// What hosts have requested since the last call.
+    pub fn take_to_insole(&mut self) -> ToInsole {
+        core::mem::replace(&mut self.to_insole, ToInsole::NONE)
+    }
+
+    /// The rules of alerts in force.
+    pub fn alert_rules(&self) -> &AlertRules {
+        &self.configured.alert_rules
+    }
+
+    /// Sets the load of the day; with `is_answer`, it is sent to the host.
+    pub fn set_daily_load(&mut self, daily: DailyLoad, is_answer: bool) {
+        self.daily = daily;
+        if is_answer && self.is_open {
+            self.answer(Answer::DailyLoad);
+        }
+    }
+
+    /// The load of the day.
+    pub fn daily_load(&self) -> &DailyLoad {
+        &self.daily
+    }
+
+    /// Sets the configuration that hosts can read, and the stored settings, which are part of it.
+    pub fn set_layout(&mut self, setup: Setup, cells: &'static [SetupCell], settings: Option<Settings>) {
+        self.configured.layout = Some((setup, cells));
+        self.configured.settings = settings;
+    }
+
+    /// The configuration; `None` without a valid layout.
+    pub fn setup(&self) -> Option<&Setup> {
+        self.configured.layout.as_ref().map(|(setup, _)| setup)
+    }
+
+    /// The stored identity of the insole.
+    pub fn identity(&self) -> Identity {
+        self.configured.identity
+    }
+
+    /// The wearer's parameters: the last that were accepted.
+    pub fn tissue(&self) -> &Tissue {
+        &self.configured.tissue
+    }
+
+    /// The parameters for the next frame; `None` while new ones must be announced first, because live frames before the
+    /// announcement use the previous ones.
+    pub fn tissue_due(&self) -> Option<&Tissue> {
+        (!self.answers.iter().any(Answer::is_announcement)).then_some(&self.configured.tissue)
+    }
+
+    /// True if the parameters in force were identified from steps of the wearer.
+    pub fn is_identified(&self) -> bool {
+        self.configured.identified.is_some()
+    }
+}

@@ -1,0 +1,123 @@
+//! Alerts and the load of a day in words and as JSON.
+
+use plantar::Region;
+use plantar::pipeline::alert::DailyLoad;
+use plantar::protocol::Alert;
+use serde_json::{Map, Value, json};
+
+/// The region in plain words.
+const fn title(region: Region) -> &'static str {
+    match region {
+        Region::Heel => "heel",
+        Region::PosteriorMidfoot => "back of the arch",
+        Region::AnteriorMidfoot => "front of the arch",
+        Region::Metatarsals12 => "inner ball",
+        Region::Metatarsals35 => "outer ball",
+        Region::Hallux => "big toe",
+        Region::Toe2 => "second toe",
+        Region::Toes35 => "small toes",
+    }
+}
+
+/// The regions of a bit mask.
+fn regions_of(bits: u8) -> impl Iterator<Item = Region> {
+    Region::ALL.into_iter().enumerate().filter(move |(i, _)| bits >> i & 1 == 1).map(|(_, region)| region)
+}
+
+/// The regions of a bit mask in plain words: "heel, inner ball and big toe".
+fn titles(bits: u8) -> String {
+    let titles: Vec<_> = regions_of(bits).map(title).collect();
+    match titles.split_last() {
+        Some((last, [])) => (*last).into(),
+        Some((last, before)) => format!("{} and {last}", before.join(", ")),
+        None => String::new(),
+    }
+}
+
+/// What the wearer should do, and why.
+pub fn alert_advice(alert: &Alert) -> String {
+    let side = alert.side.name();
+    let mut sentences = Vec::new();
+    if alert.sustained != 0 {
+        sentences.push(format!(
+            "Unload your {side} foot: sit down and lift it, or shift your weight. It carried load here for most of the last {} \
+             minutes: {}.",
+            alert.window_s / 60,
+            titles(alert.sustained)
+        ));
+    }
+    if alert.dose != 0 {
+        sentences.push(format!(
+            "Spare your {side} foot for the rest of the day. It has reached the day's limit of high pressure here: {}.",
+            titles(alert.dose)
+        ));
+    }
+    sentences.join(" ")
+}
+
+/// An alert as an object; the key `advice` has what the wearer should do.
+pub fn alert_to_json(alert: &Alert) -> Value {
+    let mut object = Map::new();
+    object.insert("side".into(), alert.side.name().into());
+    crate::json::insert(&mut object, Alert::QUANTITIES, alert);
+    let start_unix_s = alert.start_unix_us.filter(|_| alert.boots_since > 0).map(|us| us as f64 / 1e6);
+    object.insert("start_unix_s".into(), start_unix_s.into());
+    object.insert("sustained".into(), names(alert.sustained));
+    object.insert("dose".into(), names(alert.dose));
+    object.insert("advice".into(), alert_advice(alert).into());
+    object.into()
+}
+
+/// The load of a day as an object; the key `regions` has an object for each region by its name.
+pub fn daily_load_to_json(daily: &DailyLoad) -> Value {
+    let regions = Region::ALL.iter().zip(&daily.totals.regions).map(|(region, total)| {
+        let object = json!({
+            "dose_kpa_s": f64::from(total.dose_dkpa_s) / 10.0,
+            "squared_pressure_kpa2_s": total.squared_kpa2_s,
+            "sustained_s": total.sustained_s,
+        });
+        (region.name().into(), object)
+    });
+    json!({
+        "day": daily.day,
+        "loaded_s": daily.totals.loaded_s,
+        "steps": daily.totals.steps,
+        "alerts": daily.alerts,
+        "snoozed_s": daily.snoozed_s,
+        "sustained": names(daily.sustained),
+        "regions": regions.collect::<Map<_, _>>(),
+    })
+}
+
+/// The names of the regions of a bit mask.
+fn names(bits: u8) -> Value {
+    regions_of(bits).map(Region::name).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plantar::Side;
+
+    #[test]
+    fn the_advice_names_foot_regions_and_time() {
+        let record = plantar::pipeline::alert::AlertRecord {
+            side: Side::Left,
+            number: 7,
+            start_us: 900_000_000,
+            sustained: 0b10_1001,
+            dose: 1,
+            window_s: 900,
+            today: 2,
+        };
+        let alert = Alert::new(&record);
+        assert_eq!(
+            alert_advice(&alert),
+            "Unload your left foot: sit down and lift it, or shift your weight. It carried load here for most of the last 15 \
+             minutes: heel, inner ball and big toe. Spare your left foot for the rest of the day. It has reached the day's limit \
+             of high pressure here: heel."
+        );
+        let json = alert_to_json(&alert);
+        assert_eq!((&json["start_s"], &json["dose"], &json["today"]), (&json!(900.0), &json!(["heel"]), &json!(2)));
+    }
+}
