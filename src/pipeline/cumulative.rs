@@ -165,15 +165,11 @@ impl<R: Real> CumulativeLoad<R> {
         let (dose_kpa, sustained_kpa) = (R::of_f32(limits.dose_kpa), R::of_f32(limits.sustained_kpa));
         for (sums, region) in self.sums.iter_mut().zip(regions) {
             let kpa = region.peak_kpa;
-            if kpa > R::ZERO {
-                let weight = R::of_u32(frames);
-                sums.squared_kpa2 += kpa * kpa * weight;
-                if kpa >= sustained_kpa {
-                    sums.sustained += frames;
-                }
-                if kpa > dose_kpa {
-                    sums.dose_kpa += (kpa - dose_kpa) * weight;
-                }
+            // Few frames stand for others, so repetition costs less than a product in every frame.
+            for _ in 0..frames {
+                sums.squared_kpa2 += kpa * kpa;
+                sums.sustained += u32::from(kpa >= sustained_kpa);
+                sums.dose_kpa += (kpa - dose_kpa).max(R::ZERO);
             }
         }
         self.frames += frames;
