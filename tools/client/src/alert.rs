@@ -9,8 +9,8 @@ use serde_json::{Map, Value, json};
 const fn title(region: Region) -> &'static str {
     match region {
         Region::Heel => "heel",
-        Region::PosteriorMidfoot => "back of the arch",
-        Region::AnteriorMidfoot => "front of the arch",
+        Region::PosteriorMidfoot => "rear midfoot",
+        Region::AnteriorMidfoot => "front midfoot",
         Region::Metatarsals12 => "inner ball",
         Region::Metatarsals35 => "outer ball",
         Region::Hallux => "big toe",

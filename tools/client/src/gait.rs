@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 /// A step on the clock of the walk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FootStep {
-    /// Number of the step on its insole, without load bouts: the next step has the next number.
+    /// Number of the step on its insole, without other records: the next step has the next number.
     pub number: u32,
     /// Time of the heel strike, s. The steps of both feet are on the same clock, which [`crate::Axis`] provides.
     pub start_s: f64,
@@ -25,10 +25,10 @@ pub struct FootStep {
 }
 
 impl FootStep {
-    /// A step with its heel strike at `start_us` on the clock of the walk. `bouts` are the numbers of the insole's load bouts,
-    /// which are counted together with the steps.
-    pub fn new(step: &Step, start_us: u64, bouts: &[u32]) -> Self {
-        let before = bouts.iter().filter(|bout| is_after(step.step, **bout)).count();
+    /// A step with its heel strike at `start_us` on the clock of the walk. `others` are the numbers of the insole's load
+    /// bouts and alerts, which are counted together with the steps.
+    pub fn new(step: &Step, start_us: u64, others: &[u32]) -> Self {
+        let before = others.iter().filter(|other| is_after(step.step, **other)).count();
         Self {
             number: step.step.wrapping_sub(before as u32),
             start_s: start_us as f64 / 1e6,

@@ -1,5 +1,6 @@
 /** The page: passes the messages of the insoles to the stored steps and to the views. */
 
+import { Alerts, drawAlerts } from "./alerts";
 import { type Node, byId, fill } from "./dom";
 import type { Live, Side } from "./generated/quantities";
 import { IdentifyController } from "./identify_controller";
@@ -38,6 +39,7 @@ export class App {
   private readonly insoles: Insoles;
   private readonly live_view: LiveView;
   private readonly identify: IdentifyController;
+  private readonly alerts: Alerts;
   private store: StepStore;
   /** The last error, as a sentence for the wearer; empty without an error. */
   private problem = "";
@@ -55,6 +57,7 @@ export class App {
       message: (bytes, side) => this.identify.message(side, bytes),
     });
     this.identify = new IdentifyController(this.insoles, this.settings);
+    this.alerts = new Alerts(wire, this.insoles, this.settings);
   }
 
   async start(): Promise<void> {
@@ -134,6 +137,8 @@ export class App {
     if (message.kind === "step") this.identify.step(message.step.side, message.step, message.key);
     const { record, number } = recordOf(message);
     const start_unix_s = record.starts_ago === 0 ? session.axis.unix_s(record.start_s) : record.start_unix_s;
+    // An alert that the page has already stored is a repetition, because its acknowledgement was lost.
+    if (message.kind === "alert" && !this.store.has(message)) this.alerts.raise(message.alert, start_unix_s);
     this.store.add(message, bytes, start_unix_s).then(
       () => session.acknowledge(number),
       // It is not acknowledged, so the insole still stores it and sends it again.
@@ -143,16 +148,17 @@ export class App {
   };
 
   private stepsChanged(): void {
-    const { steps, bouts } = this.store;
+    const { steps, bouts, alerts } = this.store;
     for (const side of SIDES) {
       const last = steps.findLast(({ step }) => step.side === side)?.step;
       this.live_view.showEllipses(side, Object.values(last?.regions ?? {}).flatMap((region) => region.ellipse_at_peak ?? []));
     }
-    drawSteps(steps, gaitOf(this.wire, steps, bouts, this.settings), this.settings);
+    drawSteps(steps, gaitOf(this.wire, this.store, this.settings), this.settings);
     drawBouts(bouts);
+    drawAlerts(alerts);
     byId("export-steps", HTMLButtonElement).disabled = steps.length === 0;
     byId("export-bouts", HTMLButtonElement).disabled = bouts.length === 0;
-    byId("clear", HTMLButtonElement).disabled = steps.length + bouts.length === 0;
+    byId("clear", HTMLButtonElement).disabled = steps.length + bouts.length + alerts.length === 0;
   }
 
   private tick(): void {
@@ -167,6 +173,7 @@ export class App {
     const { insoles, live_view } = this;
     live_view.update(insoles, this.settings);
     updateSettingsView(insoles, this.recorder, now_ms);
+    this.alerts.update();
     fill("chips", SIDES.flatMap((side) => {
       const session = insoles.of(side);
       if (!session) return [];
@@ -204,6 +211,7 @@ export class App {
     byId("walk").onclick = () => void this.replay(COMPUTED_WALK);
     byId("quantity").addEventListener("change", () => this.tick());
     document.addEventListener("visibilitychange", () => this.tick());
+    this.alerts.listen();
     listenToSettings(this.settings, () => {
       this.tick();
       this.stepsChanged();

@@ -4,6 +4,8 @@ import type { Cues } from "./identify_session";
 
 /** Cues by the browser's speech and the phone's vibration, where they exist. */
 export class PhoneCues implements Cues {
+  private audio: AudioContext | undefined;
+
   say(text: string): void {
     if (!("speechSynthesis" in window)) return;
     // A new cue replaces those that are not spoken yet: they no longer apply.
@@ -11,6 +13,20 @@ export class PhoneCues implements Cues {
     const utterance = new SpeechSynthesisUtterance(text);
     utterance.lang = "en";
     speechSynthesis.speak(utterance);
+  }
+
+  /** Sounds two tones. Browsers allow sound only after the wearer has touched the page. */
+  tone(): void {
+    this.audio ??= new AudioContext();
+    const { audio } = this;
+    void audio.resume();
+    for (const [start_s, frequency_hz] of [[0, 660], [0.35, 880]] as const) {
+      const oscillator = new OscillatorNode(audio, { frequency: frequency_hz });
+      const gain = new GainNode(audio, { gain: 0.2 });
+      oscillator.connect(gain).connect(audio.destination);
+      oscillator.start(audio.currentTime + start_s);
+      oscillator.stop(audio.currentTime + start_s + 0.25);
+    }
   }
 
   vibrate(pattern_ms: number[]): void {

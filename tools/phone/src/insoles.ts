@@ -10,7 +10,7 @@ import type { Wire } from "./wire";
 export interface InsoleEvents {
   /** A live frame arrived from the insole of this foot. */
   live(live: Live, side: Side): void;
-  /** A step or load bout arrived. `bytes` is the encoded message. */
+  /** A step, load bout or alert arrived. `bytes` is the encoded message. */
   record(message: RecordMessage, bytes: Uint8Array, session: Session): void;
   /** An insole answered a request that concerns parameters. */
   answer(answer: InsoleAnswer, session: Session): void;

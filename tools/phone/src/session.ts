@@ -1,7 +1,7 @@
 /** The session with one insole: sends the requests, stores the latest messages, and counts received and lost frames. */
 
 import type { Hello, Status, ToHost } from "./generated/messages";
-import type { Live } from "./generated/quantities";
+import type { DailyLoad, Live } from "./generated/quantities";
 import { CONNECT_REQUEST_MS, TIMEOUT_MS } from "./reconnect";
 import type { Insole, Transport } from "./transport/transport";
 import type { Axis, LiveCounter, Wire } from "./wire";
@@ -10,6 +10,8 @@ import type { Axis, LiveCounter, Wire } from "./wire";
 const STATUS_MS = 1000;
 /** Interval of the requests for the time of the insole. */
 const TIME_MS = 250;
+/** Interval of the requests for the load of the day. */
+const DAILY_LOAD_MS = 5000;
 /** Duration over which the rate of live frames is averaged. */
 const RATE_MS = 2000;
 
@@ -23,14 +25,20 @@ const RATE_MS = 2000;
  */
 export type SessionState = "closed" | "waiting" | "live" | "lost" | "other-version";
 
-/** A decoded message that contains a step or a load bout. */
-export type RecordMessage = Extract<ToHost, { kind: "step" | "bout" }>;
+/** A decoded message that contains a step, a load bout or an alert. */
+export type RecordMessage = Extract<ToHost, { kind: "step" | "bout" | "alert" }>;
 
-/** The step or load bout in a message, and its number. */
-export const recordOf = (message: RecordMessage) =>
-  message.kind === "step"
-    ? { record: message.step, number: message.step.step }
-    : { record: message.bout, number: message.bout.number };
+/** The record in a message, and its number. */
+export function recordOf(message: RecordMessage) {
+  switch (message.kind) {
+    case "step":
+      return { record: message.step, number: message.step.step };
+    case "bout":
+      return { record: message.bout, number: message.bout.number };
+    case "alert":
+      return { record: message.alert, number: message.alert.number };
+  }
+}
 
 /** A decoded message that answers a request that concerns parameters. */
 export type InsoleAnswer = Extract<ToHost, { kind: "tissue" | "refused" }>;
@@ -47,6 +55,10 @@ export class Session {
   hello: Hello | undefined;
   live: Live | undefined;
   status: Status | undefined;
+  /** The load of the day, as far as it is known. */
+  daily: DailyLoad | undefined;
+  /** True if the insole raises alerts; `undefined` until it has answered. */
+  has_alerts: boolean | undefined;
   /** The reason why the connection was lost, as a phrase for the wearer. */
   reason = "";
   battery_percent: number | undefined;
@@ -63,6 +75,7 @@ export class Session {
   private connect_requested_ms = -Infinity;
   private status_requested_ms = -Infinity;
   private time_requested_ms = -Infinity;
+  private daily_requested_ms = -Infinity;
 
   constructor(
     readonly insole: Insole,
@@ -110,11 +123,18 @@ export class Session {
         this.needs_refit = Object.values(message.step.regions).some((region) => region.refit);
         return this.onRecord(message, bytes, this);
       case "bout":
+      case "alert":
         if (this.state === "other-version") return;
         return this.onRecord(message, bytes, this);
       case "status":
         this.status = message;
         this.counter.due(message.live_due);
+        return;
+      case "daily_load":
+        this.daily = message.load;
+        return;
+      case "alert_rules":
+        this.has_alerts = message.is_on;
         return;
       case "time":
         this.axis.answer(message);
@@ -139,6 +159,7 @@ export class Session {
     }
     this.state = "live";
     this.send(this.wire.setClock(unix_us(now_ms)));
+    this.send(this.wire.getAlertRules());
     this.send(this.wire.stream(true));
   }
 
@@ -179,9 +200,13 @@ export class Session {
       this.time_requested_ms = now_ms;
       this.send(this.wire.getTime(unix_us(performance.now())));
     }
+    if (this.state === "live" && now_ms - this.daily_requested_ms >= DAILY_LOAD_MS) {
+      this.daily_requested_ms = now_ms;
+      this.send(this.wire.getDailyLoad());
+    }
   }
 
-  /** Acknowledges a step or load bout and all earlier ones, so that the insole can delete them. To be called once they are stored. */
+  /** Acknowledges a record and all earlier ones, so that the insole can delete them. To be called once they are stored. */
   acknowledge(number: number): void {
     this.send(this.wire.acknowledge(number));
   }

@@ -12,11 +12,23 @@ export interface Settings {
   force_unit: "N" | "%BW";
   /** European shoe size, 35 to 46. */
   shoe_size: number;
+  /** Whether an alert sounds. */
+  alert_sound: boolean;
+  /** Whether an alert lets the phone vibrate. */
+  alert_vibration: boolean;
   /** Mean length of a stride, cm; `null` if the wearer has not stated it. */
   stride_cm: number | null;
 }
 
-const DEFAULTS: Settings = { body_mass_kg: null, mass_unit: "kg", force_unit: "N", shoe_size: 42, stride_cm: null };
+const DEFAULTS: Settings = {
+  body_mass_kg: null,
+  mass_unit: "kg",
+  force_unit: "N",
+  shoe_size: 42,
+  alert_sound: false,
+  alert_vibration: true,
+  stride_cm: null,
+};
 
 /** The stored settings. Missing or invalid settings have their defaults. */
 export function loadSettings(storage: Storage): Settings {
@@ -28,6 +40,8 @@ export function loadSettings(storage: Storage): Settings {
       mass_unit: saved.mass_unit === "lb" ? "lb" : "kg",
       force_unit: saved.force_unit === "%BW" ? "%BW" : "N",
       shoe_size: Number.isInteger(saved.shoe_size) ? Math.min(46, Math.max(35, saved.shoe_size ?? 42)) : 42,
+      alert_sound: saved.alert_sound === true,
+      alert_vibration: saved.alert_vibration !== false,
       stride_cm: positive(saved.stride_cm),
     };
   } catch {

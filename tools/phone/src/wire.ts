@@ -15,6 +15,10 @@ interface Exports {
   stream(live: boolean): number;
   acknowledge(step: number): number;
   get_status(): number;
+  get_alert_rules(): number;
+  set_alerts(is_on: boolean, day_start_min: number): number;
+  get_daily_load(): number;
+  snooze_alerts(snoozed_s: number): number;
   get_time(unix_us: number): number;
   set_clock(unix_us: number): number;
   axis_clear(index: number): void;
@@ -115,6 +119,11 @@ export class Wire {
   stream = (live: boolean) => this.request(this.core.stream(live));
   acknowledge = (step: number) => this.request(this.core.acknowledge(step));
   getStatus = () => this.request(this.core.get_status());
+  getAlertRules = () => this.request(this.core.get_alert_rules());
+  /** Turns the recommended alerts on or off. The wearer's day begins `day_start_min` minutes after midnight UTC. */
+  setAlerts = (is_on: boolean, day_start_min: number) => this.request(this.core.set_alerts(is_on, day_start_min));
+  getDailyLoad = () => this.request(this.core.get_daily_load());
+  snoozeAlerts = (snoozed_s: number) => this.request(this.core.snooze_alerts(snoozed_s));
   getTime = (unix_us: number) => this.request(this.core.get_time(unix_us));
   setClock = (unix_us: number) => this.request(this.core.set_clock(unix_us));
   /** The clock of a connected insole. */

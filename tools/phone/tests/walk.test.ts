@@ -22,7 +22,7 @@ const measure = (gait: ReturnType<typeof gaitOf>, key: string) => gait.measures.
 
 test("the measures of both feet are computed from their steps on the clock of the browser", () => {
   const steps = [...foot("left", 0, 0.8, 12), ...foot("right", 0.5, 0.7, 12)];
-  const gait = gaitOf(wire, steps, [], { ...SETTINGS, stride_cm: 150 });
+  const gait = gaitOf(wire, { steps, bouts: [], alerts: [] }, { ...SETTINGS, stride_cm: 150 });
   expect(gait.has_both_feet).toBe(true);
   expect(gait.strides).toEqual({ left: 11, right: 11 });
   expect(gait.cadence_per_min?.mean).toBeCloseTo(100, 3);
@@ -32,12 +32,12 @@ test("the measures of both feet are computed from their steps on the clock of th
   // The left foot lands 0.5 s before the right one and is lifted 0.3 s after it; the right foot is lifted when the next left one lands.
   expect(measure(gait, "double_support_s")?.left?.mean).toBeCloseTo(0.3, 5);
   expect(measure(gait, "stance_time_s")?.symmetry_percent?.mean).toBeCloseTo((200 * 0.1) / 1.5, 5);
-  expect(gaitOf(wire, steps, [], SETTINGS).speed_m_s).toBeNull();
+  expect(gaitOf(wire, { steps, bouts: [], alerts: [] }, SETTINGS).speed_m_s).toBeNull();
 });
 
 test("steps without a time of the browser's clock are measured for each foot", () => {
   const steps = [...foot("left", 0, 0.8, 5), ...foot("right", 0.5, 0.7, 5)].map((stored) => ({ ...stored, start_unix_s: null }));
-  const gait = gaitOf(wire, steps, [], SETTINGS);
+  const gait = gaitOf(wire, { steps, bouts: [], alerts: [] }, SETTINGS);
   expect(gait.has_both_feet).toBe(false);
   expect(gait.cadence_per_min?.mean).toBeCloseTo(100, 5);
   expect(measure(gait, "stance_time_s")?.right?.mean).toBeCloseTo(0.7, 5);
@@ -46,7 +46,7 @@ test("steps without a time of the browser's clock are measured for each foot", (
 
 test("measures are computed from the last 100 steps of each foot", () => {
   const steps = foot("left", 0, 0.6, 150).map((stored, n) => ({ ...stored, step: { ...stored.step, duration_s: n < 50 ? 0.9 : 0.6 } }));
-  const gait = gaitOf(wire, steps, [], SETTINGS);
+  const gait = gaitOf(wire, { steps, bouts: [], alerts: [] }, SETTINGS);
   expect(gait.strides).toEqual({ left: 99, right: 0 });
   expect(measure(gait, "stance_time_s")?.left).toMatchObject({ count: 99, mean: expect.closeTo(0.6) });
 });

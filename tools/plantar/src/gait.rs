@@ -12,7 +12,7 @@ use plantar::Side;
 use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::protocol::session::RECORD_QUEUE;
-use plantar::protocol::{Hello, LoadRecord, MAJOR, Step, ToHost, decode};
+use plantar::protocol::{Alert, Bout, Hello, LoadRecord, MAJOR, Step, ToHost, decode};
 use recording::{MAX_CELLS, Recording};
 use std::path::{Path, PathBuf};
 
@@ -50,13 +50,13 @@ fn length(text: &str) -> Result<f64, String> {
 struct Walk {
     /// The steps, with the times of their heel strikes, us; `None` if the time on a common clock is unknown.
     steps: Vec<(Step, Option<u64>)>,
-    /// The load bouts: the foot and the number.
-    bouts: Vec<(Side, u32)>,
+    /// The load bouts and alerts: the foot and the number.
+    others: Vec<(Side, u32)>,
 }
 
 impl GaitCommand {
     pub fn run(&self) -> Result<()> {
-        let Walk { mut steps, mut bouts } = Walk::default();
+        let Walk { mut steps, mut others } = Walk::default();
         for path in &self.walk {
             let added = read(path).with_context(|| path.display().to_string())?;
             if let (Some((first, _)), Some((before, _)), 2) = (added.steps.first(), steps.first(), self.walk.len())
@@ -65,14 +65,14 @@ impl GaitCommand {
                 bail!("both files contain steps of the {} foot: give one file for each foot", first.side.name());
             }
             steps.extend(added.steps);
-            bouts.extend(added.bouts);
+            others.extend(added.others);
         }
         if steps.is_empty() {
             bail!("{} contains no steps: record a walk of several steps", self.walk[0].display());
         }
         let has_common_clock = steps.iter().all(|(_, start_us)| start_us.is_some());
         let of = |side| {
-            let numbers: Vec<_> = bouts.iter().filter(|(of, _)| *of == side).map(|(_, number)| *number).collect();
+            let numbers: Vec<_> = others.iter().filter(|(of, _)| *of == side).map(|(_, number)| *number).collect();
             let steps = steps.iter().filter(|(step, _)| step.side == side);
             steps.map(|(step, start_us)| FootStep::new(step, start_us.unwrap_or(step.start_us), &numbers)).collect()
         };
@@ -94,7 +94,7 @@ fn read(path: &Path) -> Result<Walk> {
     if path.is_dir() {
         let steps = session::timed_steps(path)?.into_iter();
         let steps = steps.map(|(step, start_s)| (step, start_s.map(|s| (s * 1e6).round() as u64))).collect();
-        return Ok(Walk { steps, bouts: session::bouts(path)? });
+        return Ok(Walk { steps, others: session::other_records(path)? });
     }
     let is_stream = path.extension().is_some_and(|extension| extension == "plantar");
     if is_stream { from_stream(&std::fs::read(path)?) } else { from_recording(&Recording::read(path)?) }
@@ -104,7 +104,7 @@ fn read(path: &Path) -> Result<Walk> {
 /// in a file without them, by the wall clocks that the host set.
 fn from_stream(bytes: &[u8]) -> Result<Walk> {
     let mut axes = [const { Axis::new() }; STREAM_INSOLES];
-    let Walk { mut steps, mut bouts } = Walk::default();
+    let Walk { mut steps, mut others } = Walk::default();
     for entry in Entries::new(bytes) {
         let entry = entry?;
         let axis = &mut axes[entry.insole];
@@ -123,13 +123,15 @@ fn from_stream(bytes: &[u8]) -> Result<Walk> {
                     steps.push((step, axis.start_us(&record).or(step.start_unix_us)));
                 }
             }
-            Some(ToHost::Bout(bout)) if !bouts.contains(&(bout.side, bout.number)) => {
-                bouts.push((bout.side, bout.number))
+            Some(ToHost::Bout(Bout { side, number, .. }) | ToHost::Alert(Alert { side, number, .. }))
+                if !others.contains(&(side, number)) =>
+            {
+                others.push((side, number));
             }
             _ => {}
         }
     }
-    Ok(Walk { steps, bouts })
+    Ok(Walk { steps, others })
 }
 
 /// The steps that an insole would find in a recording, on the clock of its time column.
@@ -142,7 +144,7 @@ fn from_recording(recording: &Recording) -> Result<Walk> {
         bail!("the time column begins before 0");
     }
     let mut codes = vec![0; virtual_insole.cells.len()];
-    let Walk { mut steps, mut bouts } = Walk::default();
+    let Walk { mut steps, mut others } = Walk::default();
     for i in 0..virtual_insole.frames(recording) {
         virtual_insole.codes_of(recording, i, &mut codes);
         if insole.frame(i as u32, &codes)
@@ -151,9 +153,9 @@ fn from_recording(recording: &Recording) -> Result<Walk> {
             let step = Step::new(&step);
             steps.push((step, Some((start_s * 1e6).round() as u64 + step.start_us)));
         }
-        bouts.extend(insole.take_bout().map(|bout| (bout.side, bout.number)));
+        others.extend(insole.take_bout().map(|bout| (bout.side, bout.number)));
     }
-    Ok(Walk { steps, bouts })
+    Ok(Walk { steps, others })
 }
 
 /// Prints the measures as a table.

@@ -145,7 +145,7 @@ fn show(connection: &Connection) -> Result<()> {
     print_settings(client)?;
     let hello = client.hello();
     println!(
-        "boot number {}, reset reason: {}, records so far: {}",
+        "boot number {}, reset reason: {}, steps, load bouts and alerts so far: {}",
         contents.start,
         hello.reset.name(),
         contents.next_record

@@ -7,13 +7,15 @@ use crate::setup::{self, ContactArgs, WearerArgs, ZeroArgs};
 use crate::summary;
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
-use client::{bout_to_json, step_to_json};
+use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
 use indicatif::{ProgressBar, ProgressStyle};
 use plantar::Real;
 use plantar::insole::Insole;
+use plantar::pipeline::alert::AlertRules;
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::{Bout, Step};
+use plantar::protocol::{Alert, Bout, Step};
 use recording::{MAX_CELLS, Recording, VirtualInsole};
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -42,6 +44,9 @@ pub struct Replay {
     /// Write the load bouts, all load outside steps, to this JSON file, one object per bout. The last one ends with the recording.
     #[arg(long, value_name = "FILE")]
     bouts: Option<PathBuf>,
+    /// Write the load of the recording, as if it were a day, and the alerts by the recommended rules to this JSON file.
+    #[arg(long, value_name = "FILE")]
+    load: Option<PathBuf>,
     /// Write the live values of every frame to this file. Its extension, .csv or .parquet, selects the format.
     #[arg(long, value_name = "FILE")]
     frames: Option<PathBuf>,
@@ -94,6 +99,9 @@ impl Replay {
         let accepted = insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied());
         accepted.with_context(|| format!("{}: the recording cannot be evaluated", self.recording.display()))?;
         insole.set_tissue(tissue)?;
+        if self.load.is_some() {
+            insole.set_alert_rules(&AlertRules::RECOMMENDED);
+        }
         let mut frames =
             self.frames.as_deref().map(|path| FrameWriter::create(path, virtual_insole.setup.contact)).transpose()?;
         let mut picture = self.picture.is_some().then(Picture::default);
@@ -114,12 +122,18 @@ impl Replay {
                 records.steps.push(Step::new(&step));
             }
             records.bouts.extend(insole.take_bout().as_ref().map(Bout::new));
+            records.alerts.extend(insole.take_alert().as_ref().map(Alert::new));
             if i % 4096 == 0 {
                 bar.set_position(i as u64);
             }
         }
         records.bouts.extend(std::iter::from_fn(|| insole.end_bout()).map(|bout| Bout::new(&bout)));
         bar.finish_and_clear();
+        if let Some(path) = &self.load {
+            let alerts: Vec<_> = records.alerts.iter().map(alert_to_json).collect();
+            let load = json!({ "load": daily_load_to_json(&insole.daily_load()), "alerts": alerts });
+            write_text(path, &serde_json::to_string_pretty(&load)?)?;
+        }
         if let Some(frames) = frames {
             frames.finish()?;
         }

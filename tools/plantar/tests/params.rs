@@ -2,8 +2,10 @@
 //! firmware's session.
 
 use parameters::{DIRECT, Identified, InsoleSize, Parameters};
+use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::cumulative::LoadLimits;
 use plantar::pipeline::region::Side;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::CalibrationId;
@@ -42,6 +44,9 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
                             _ => CommandResult::Stored,
                         };
                         session.complete(Ok(result));
+                        if let Some(snoozed_s) = session.take_to_insole().snooze_s {
+                            session.set_daily_load(DailyLoad { snoozed_s, ..testkit::daily_load() }, true);
+                        }
                         if let ToDevice::SetSettings(settings) = message {
                             // A real insole adopts its settings when it restarts, which always follows.
                             let setup = settings.map_or(testkit::SETUP, |settings| settings.apply_to(testkit::SETUP));
@@ -295,6 +300,41 @@ fn an_insole_is_named_calibrated_and_shown() {
     assert!(done && text.contains(&format!("calibration {:08x}", id.id())), "{text} {failed}");
     assert_eq!(session.lock().expect("no panic").identity().calibration_id, id.id());
     let (done, text, _) = run("show");
-    assert!(done && text.contains("P-0001") && text.contains("steps and load bouts so far"), "{text}");
+    assert!(done && text.contains("P-0001") && text.contains("steps, load bouts and alerts so far"), "{text}");
     assert!(run("restart").0);
+}
+
+#[test]
+fn alerts_are_set_shown_snoozed_and_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (address, session) = insole();
+    let rules = || *session.lock().expect("no panic").alert_rules();
+    let (succeeded, shown, _) = run_insole(folder.path(), address, "alerts");
+    assert!(succeeded && shown.contains("alerts: off") && shown.contains("4.7 kPa for 95 % of 15 minutes"), "{shown}");
+    let set = "alerts --on --window 20 --pause 30 --dose 800 --region heel --region hallux";
+    let (succeeded, shown, _) = run_insole(folder.path(), address, set);
+    assert!(succeeded && shown.contains("regions: Heel, Hallux") && shown.contains("800 kPa s"), "{shown}");
+    let expected = AlertRules {
+        limits: LoadLimits { window_s: 1200, ..LoadLimits::DEFAULT },
+        snooze_s: 1800,
+        dose_kpa_s: 800.0,
+        regions: 0b10_0001,
+        ..AlertRules::RECOMMENDED
+    };
+    assert_eq!(rules(), expected);
+    for (wrong, reason) in [
+        ("alerts --ends 95", "--ends below --begins"),
+        ("alerts --sustained-pressure 0.5", "pressures must be 1 to 2000 kPa"),
+        ("alerts --region knee", "the regions are heel"),
+        ("alerts --window 61", "61 is not in 1..=60"),
+        ("alerts --on --off", "cannot be used with"),
+    ] {
+        let (succeeded, _, stderr) = run_insole(folder.path(), address, wrong);
+        assert!(!succeeded && stderr.contains(reason), "{wrong}: {stderr}");
+        assert_eq!(rules(), expected, "{wrong}");
+    }
+    let (succeeded, shown, _) = run_insole(folder.path(), address, "alerts --snooze 25");
+    assert!(succeeded && shown.contains("no alerts for another 25 minutes") && shown.contains("4321 steps"), "{shown}");
+    assert!(run_insole(folder.path(), address, "alerts --off").0);
+    assert_eq!(rules(), AlertRules { per_day: 0, ..expected });
 }

@@ -178,6 +178,58 @@ export interface BoutRegion {
   peak_pressure_kpa: number;
 }
 
+/** An alert, the same object as in the files of the command line. */
+export interface Alert {
+  /** Foot. */
+  side: Side;
+  /** Number of the record. Unit: count. */
+  number: number;
+  /** Time of the alert, since the first scan. Unit: s. */
+  start_s: number;
+  /** Length of the window of sustained load. Unit: s. */
+  window_s: number;
+  /** Alerts in this day, with this one. Unit: count. */
+  today: number;
+  /** Boots of the insole since the one that recorded this alert; the start time counts from that one. Unit: count. */
+  starts_ago: number;
+  /** Time on the insole's own clock, s since 1970; null unless the insole has restarted since the alert. */
+  start_unix_s: number | null;
+  /** Regions to which this applies: The region is under sustained load. */
+  sustained: string[];
+  /** Regions to which this applies: The dose of the region has reached the limit of the day. */
+  dose: string[];
+  /** What the wearer should do, and why. */
+  advice: string;
+}
+
+/** The load of a day. */
+export interface DailyLoad {
+  /** Number of the wearer's day; 0 if the insole has no clock. */
+  day: number;
+  /** Time in which the foot carried load, s. */
+  loaded_s: number;
+  /** Number of steps. */
+  steps: number;
+  /** Number of alerts. */
+  alerts: number;
+  /** Time until the next alert can be raised, s. */
+  snoozed_s: number;
+  /** Regions that are under sustained load. */
+  sustained: string[];
+  /** The regions by name. */
+  regions: Record<string, DailyRegion>;
+}
+
+/** One region in the load of a day. */
+export interface DailyRegion {
+  /** Dose, kPa s. */
+  dose_kpa_s: number;
+  /** Time integral of the squared pressure, kPa2 s. */
+  squared_pressure_kpa2_s: number;
+  /** Time under sustained load, s. */
+  sustained_s: number;
+}
+
 /** A live frame. */
 export interface Live {
   /** Number of the frame in its stream; a gap is a frame that was dropped or lost on the way. Unit: count. */

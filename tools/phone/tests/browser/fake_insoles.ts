@@ -16,6 +16,8 @@ export class FakeInsoles {
   readonly received: [number, Uint8Array][] = [];
   /** The acknowledgements that each insole received, as the bytes of the number. */
   readonly acknowledged: [number, Uint8Array][] = [];
+  /** The requests that each insole received. */
+  readonly requests: [number, number[]][] = [];
   /** False: the link is open, but no messages arrive. */
   is_connected = true;
   private readonly all: Entry[];
@@ -49,6 +51,7 @@ export class FakeInsoles {
   private receive(socket: WebSocketRoute, [insole, ...request]: Uint8Array): void {
     const hello = this.hellos.find((entry) => entry.insole === insole);
     if (!this.is_connected || !hello) return;
+    this.requests.push([insole!, request]);
     if (request[0] === CONNECT) this.send(socket, hello);
     if (request[0] === STREAM && this.timer === undefined) this.play();
     if (request[0] === ACKNOWLEDGE) this.acknowledged.push([insole!, Uint8Array.from(request.slice(1))]);
@@ -76,6 +79,11 @@ export class FakeInsoles {
         if (this.socket) this.send(this.socket, due);
       }
     }, 5);
+  }
+
+  /** Sends a message of an insole. */
+  answer(insole: Entry["insole"], message: Uint8Array): void {
+    if (this.socket) this.send(this.socket, { t_ms: 0, insole, message });
   }
 
   /** Ends the walk. */

@@ -20,6 +20,7 @@ pub use sole::{REGION_COUNT, RegionShape, outline_mm, region_shapes};
 use client::Axis;
 use client::gait::{FootStep, Gait, Length};
 use phone_buffer::put;
+use plantar::pipeline::alert::AlertRules;
 use plantar::protocol::{LiveCounter, MAJOR, MAX_MESSAGE, MINOR, ToDevice, encode};
 use std::sync::{Mutex, PoisonError};
 
@@ -66,6 +67,32 @@ pub extern "C" fn acknowledge(step: u32) -> usize {
 #[unsafe(no_mangle)]
 pub extern "C" fn get_status() -> usize {
     request(ToDevice::GetStatus)
+}
+
+/// Encodes a request for the rules of alerts.
+#[unsafe(no_mangle)]
+pub extern "C" fn get_alert_rules() -> usize {
+    request(ToDevice::GetAlertRules)
+}
+
+/// Encodes a request for the recommended rules of alerts, or for no alerts. The wearer's day begins `day_start_min` minutes after
+/// midnight UTC.
+#[unsafe(no_mangle)]
+pub extern "C" fn set_alerts(is_on: bool, day_start_min: u16) -> usize {
+    let rules = if is_on { AlertRules::RECOMMENDED } else { AlertRules::OFF };
+    request(ToDevice::SetAlertRules(AlertRules { day_start_min, ..rules }))
+}
+
+/// Encodes a request for the load of the day.
+#[unsafe(no_mangle)]
+pub extern "C" fn get_daily_load() -> usize {
+    request(ToDevice::GetDailyLoad)
+}
+
+/// Encodes a request to raise no alerts for this time, s.
+#[unsafe(no_mangle)]
+pub extern "C" fn snooze_alerts(snoozed_s: u16) -> usize {
+    request(ToDevice::SnoozeAlerts { snoozed_s })
 }
 
 /// Encodes [`ToDevice::GetTime`] with a time in us since 1970; returns the length of the message.

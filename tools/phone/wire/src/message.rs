@@ -1,10 +1,10 @@
 //! Messages of an insole as JSON for the page. Each message is one object. Its first key is `kind`; the names of the other keys
 //! include the units.
 
-use client::{bout_to_json, step_to_json};
+use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
 use plantar::Side;
 use plantar::faults;
-use plantar::protocol::{self, Bout, LiveRegion, MAX_MESSAGE, Quantity, Step, ToHost, encode};
+use plantar::protocol::{self, Alert, Bout, LiveRegion, MAX_MESSAGE, Quantity, Step, ToHost, encode};
 use serde::ser::{SerializeMap, SerializeSeq};
 use serde::{Serialize, Serializer};
 use serde_json::Value;
@@ -30,6 +30,23 @@ pub(crate) enum Message {
         key: String,
         #[cfg_attr(test, ts(type = "Bout"))]
         bout: Value,
+    },
+    /// An alert.
+    Alert {
+        /// Identifies the alert, as that of a step.
+        key: String,
+        #[cfg_attr(test, ts(type = "Alert"))]
+        alert: Value,
+    },
+    /// The rules of alerts.
+    AlertRules {
+        /// True if the insole raises alerts.
+        is_on: bool,
+    },
+    /// The load of the day.
+    DailyLoad {
+        #[cfg_attr(test, ts(type = "DailyLoad"))]
+        load: Value,
     },
     Status(Status),
     Tissue {
@@ -89,7 +106,7 @@ pub(crate) struct Status {
     /// Live frames that the insole handed to its link in this session.
     live_sent: u32,
     steps: u32,
-    /// Unacknowledged steps and load bouts that were dropped because there was no space for newer ones.
+    /// Unacknowledged records that were dropped because there was no space for newer ones.
     records_dropped: u32,
     /// Damaged or unknown messages that the insole received.
     bad_frames: u32,
@@ -137,6 +154,11 @@ impl Message {
             ToHost::Live(live) => Self::Live(LiveFrame(live)),
             ToHost::Step(step) => Self::Step { key: key(&Step { boots_since: 0, ..step }), step: step_to_json(&step) },
             ToHost::Bout(bout) => Self::Bout { key: key(&Bout { boots_since: 0, ..bout }), bout: bout_to_json(&bout) },
+            ToHost::Alert(alert) => {
+                Self::Alert { key: key(&Alert { boots_since: 0, ..alert }), alert: alert_to_json(&alert) }
+            }
+            ToHost::AlertRules(rules) => Self::AlertRules { is_on: rules.per_day > 0 },
+            ToHost::DailyLoad(daily) => Self::DailyLoad { load: daily_load_to_json(&daily) },
             ToHost::Status(status) => Self::Status(status.into()),
             ToHost::Tissue(tissue) => Self::Tissue { id: tissue.id },
             ToHost::Refused(refusal) => Self::Refused { reason: refusal.to_string() },
@@ -147,7 +169,7 @@ impl Message {
     }
 }
 
-/// The key of a step or load bout: `content`, all of it that does not change if an insole sends it again after a restart,
+/// The key of a step, load bout or alert: `content`, all of it that does not change if an insole sends it again after a restart,
 /// encoded in hexadecimal digits.
 fn key(content: &impl Serialize) -> String {
     let mut buffer = [0; MAX_MESSAGE];

@@ -3,11 +3,12 @@
 use crate::facts::{Facts, Gatt, RegionFacts, Sole};
 use crate::message::{Fault, Faults, Hello, LiveFrame, Message, Status};
 use client::gait::{FootStep, Gait};
-use client::{bout_to_json, step_to_json};
+use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
 use plantar::Side;
+use plantar::pipeline::alert::{AlertRecord, DailyLoad};
 use plantar::pipeline::bout::BoutKind;
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::{Bout, BoutRegion, Flag, Live, LiveRegion, Quantity, Step, StepFoot, StepRegion};
+use plantar::protocol::{Alert, Bout, BoutRegion, Flag, Live, LiveRegion, Quantity, Step, StepFoot, StepRegion};
 use std::fmt::Write;
 use ts_rs::{Config, TS};
 
@@ -58,6 +59,16 @@ fn the_interfaces_have_the_keys_of_the_objects() {
         boots_since: 0,
         start_unix_us: None,
     });
+    let alert = alert_to_json(&Alert::new(&AlertRecord {
+        side: Side::Left,
+        number: 0,
+        start_us: 0,
+        sustained: 1,
+        dose: 0,
+        window_s: 900,
+        today: 1,
+    }));
+    let load = daily_load_to_json(&DailyLoad::NONE);
     let heel = &step["regions"]["heel"];
     let live = serde_json::to_value(Message::Live(LiveFrame(Live::default()))).expect("JSON");
     let foot_step = |i: u32| FootStep { number: i, start_s: i.into(), duration_s: 0.6, peak_n: 1.0, integral_n_s: 1.0 };
@@ -71,6 +82,9 @@ fn the_interfaces_have_the_keys_of_the_objects() {
         ("Ellipse", &heel["ellipse_at_peak"]),
         ("Bout", &bout),
         ("BoutRegion", &bout["regions"]["heel"]),
+        ("Alert", &alert),
+        ("DailyLoad", &load),
+        ("DailyRegion", &load["regions"]["heel"]),
         ("Live", &live),
         ("LiveRegion", &live["regions"][0]),
         ("Gait", &gait),
@@ -92,7 +106,8 @@ fn the_interfaces_have_the_keys_of_the_objects() {
 
 /// The content of `messages.ts`.
 fn messages() -> String {
-    let mut text = format!("{HEADER}\nimport type {{ Bout, Live, Side, Step }} from \"./quantities\";\n");
+    let mut text =
+        format!("{HEADER}\nimport type {{ Alert, Bout, DailyLoad, Live, Side, Step }} from \"./quantities\";\n");
     let config = Config::new().with_large_int("number");
     declare::<Message>(&mut text, &config);
     declare::<Hello>(&mut text, &config);
@@ -168,6 +183,32 @@ fn quantities() -> String {
     });
     interface(&mut text, "One region of a load bout.", "BoutRegion", |text| {
         BoutRegion::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
+    });
+    interface(&mut text, "An alert, the same object as in the files of the command line.", "Alert", |text| {
+        field(text, "Foot.", "side", "Side");
+        Alert::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
+        let meaning =
+            "Time on the insole's own clock, s since 1970; null unless the insole has restarted since the alert.";
+        field(text, meaning, "start_unix_s", "number | null");
+        Alert::FLAGS.iter().for_each(|flag| {
+            let meaning = format!("Regions to which this applies: {}", flag.meaning);
+            field(text, &meaning, flag.name, "string[]");
+        });
+        field(text, "What the wearer should do, and why.", "advice", "string");
+    });
+    interface(&mut text, "The load of a day.", "DailyLoad", |text| {
+        field(text, "Number of the wearer's day; 0 if the insole has no clock.", "day", "number");
+        field(text, "Time in which the foot carried load, s.", "loaded_s", "number");
+        field(text, "Number of steps.", "steps", "number");
+        field(text, "Number of alerts.", "alerts", "number");
+        field(text, "Time until the next alert can be raised, s.", "snoozed_s", "number");
+        field(text, "Regions that are under sustained load.", "sustained", "string[]");
+        field(text, "The regions by name.", "regions", "Record<string, DailyRegion>");
+    });
+    interface(&mut text, "One region in the load of a day.", "DailyRegion", |text| {
+        field(text, "Dose, kPa s.", "dose_kpa_s", "number");
+        field(text, "Time integral of the squared pressure, kPa2 s.", "squared_pressure_kpa2_s", "number");
+        field(text, "Time under sustained load, s.", "sustained_s", "number");
     });
     interface(&mut text, "A live frame.", "Live", |text| {
         Live::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));

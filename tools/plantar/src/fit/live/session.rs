@@ -132,19 +132,18 @@ pub fn timed_steps(folder: &Path) -> Result<Vec<(Step, Option<f64>)>> {
     Ok(steps)
 }
 
-/// The feet and numbers of the load bouts in the folder, which has none without its folder `bouts`.
-pub fn bouts(folder: &Path) -> Result<Vec<(Side, u32)>> {
-    let mut bouts = Vec::new();
-    let folder = folder.join("bouts");
-    if folder.is_dir() {
-        for_each_row(&folder, &["side", REGION, "number"], |row| {
+/// The load bouts and alerts in a folder of `plantar record`: the foot and the number of each.
+pub fn other_records(folder: &Path) -> Result<Vec<(Side, u32)>> {
+    let mut records = Vec::new();
+    for folder in ["bouts", "alerts"].map(|table| folder.join(table)).iter().filter(|folder| folder.is_dir()) {
+        for_each_row(folder, &["side", REGION, "number"], |row| {
             if row.region()? == 0 {
-                bouts.push((row.side()?, row.integer("number")? as u32));
+                records.push((row.side()?, row.integer("number")? as u32));
             }
             Ok(())
         })?;
     }
-    Ok(bouts)
+    Ok(records)
 }
 
 /// The quantities of a step that all of its rows contain, from the columns [`STEP_COLUMNS`].

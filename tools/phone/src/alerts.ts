@@ -1,0 +1,126 @@
+/** Alerts of the insoles: the request to unload a region, and the load of the day. */
+
+import { PhoneCues } from "./cues";
+import { type Node, byId, fill } from "./dom";
+import { regionTitle } from "./format";
+import type { Alert, DailyRegion, Side } from "./generated/quantities";
+import type { Insoles } from "./insoles";
+import type { Session } from "./session";
+import { type Settings, saveSettings } from "./settings";
+import { SIDES, sideTitle } from "./side";
+import type { StoredAlert } from "./step_store";
+import type { Wire } from "./wire";
+
+/** An alert is shown if it is not older than this; an older one is only listed. */
+const FRESH_S = 300;
+/** Duration of a snooze. */
+const SNOOZE_MIN = 30;
+/** Number of alerts in the table. */
+const ROWS = 10;
+const VIBRATION_MS = [400, 200, 400, 200, 400];
+
+/** Minutes from midnight UTC to midnight of the phone's time zone. */
+const dayStartMinutes = () => (new Date().getTimezoneOffset() + 1440) % 1440;
+
+/** Shows alerts until the wearer closes them. */
+export class Alerts {
+  private readonly cues = new PhoneCues();
+  private readonly shown = new Map<Side, Alert>();
+
+  constructor(
+    private readonly wire: Wire,
+    private readonly insoles: Insoles,
+    private readonly settings: Settings,
+  ) {}
+
+  /** Connects the buttons. */
+  listen(): void {
+    byId("alert-close").onclick = () => this.close();
+    byId("alert-snooze").onclick = () => {
+      // Both feet: a wearer who has no time to unload one foot has none for the other.
+      for (const session of this.insoles.sessions) session.send(this.wire.snoozeAlerts(SNOOZE_MIN * 60));
+      this.close();
+    };
+    const alerts = byId("alerts-on", HTMLInputElement);
+    alerts.onchange = () => {
+      for (const session of this.connected()) session.send(this.wire.setAlerts(alerts.checked, dayStartMinutes()));
+    };
+    for (const key of ["alert_sound", "alert_vibration"] as const) {
+      const box = byId(key.replace("_", "-"), HTMLInputElement);
+      box.checked = this.settings[key];
+      box.onchange = () => {
+        this.settings[key] = box.checked;
+        saveSettings(localStorage, this.settings);
+        // The wearer hears or feels what was chosen. After this touch, the browser allows sound.
+        if (box.checked) this.signal();
+      };
+    }
+  }
+
+  /** Shows a new alert, with sound and vibration if the wearer has allowed them. */
+  raise(alert: Alert, start_unix_s: number | null): void {
+    if (start_unix_s !== null && Date.now() / 1000 - start_unix_s > FRESH_S) return;
+    if (start_unix_s === null && alert.starts_ago > 0) return;
+    this.shown.set(alert.side, alert);
+    this.signal();
+    this.draw();
+  }
+
+  private signal(): void {
+    if (this.settings.alert_sound) this.cues.tone();
+    if (this.settings.alert_vibration) this.cues.vibrate(VIBRATION_MS);
+  }
+
+  private close(): void {
+    this.shown.clear();
+    this.draw();
+  }
+
+  private draw(): void {
+    byId("alert").hidden = this.shown.size === 0;
+    fill("alert-text", [...this.shown.values()].map(({ advice }): Node => ["p", {}, advice]));
+  }
+
+  private connected(): Session[] {
+    return this.insoles.sessions.filter(({ state }) => state === "live");
+  }
+
+  /** Updates the load of the day, and the switch of the alerts. To be called a few times a second. */
+  update(): void {
+    const sessions = this.connected();
+    const alerts = byId("alerts-on", HTMLInputElement);
+    alerts.disabled = sessions.length === 0 || sessions.some(({ has_alerts }) => has_alerts === undefined);
+    // While the wearer uses the switch, the insoles have not answered yet.
+    if (document.activeElement !== alerts) alerts.checked = sessions.some(({ has_alerts }) => has_alerts);
+    const daily = SIDES.map((side) => this.insoles.of(side)?.daily);
+    byId("today").hidden = daily.every((load) => !load);
+    const cell = (value: (region: DailyRegion) => string, name: string) =>
+      daily.map((load): Node => {
+        const region = load?.regions[name];
+        return ["td", {}, region ? value(region) : "–"];
+      });
+    const minutes = ({ sustained_s }: DailyRegion) => (sustained_s / 60).toFixed(0);
+    const dose = ({ dose_kpa_s }: DailyRegion) => dose_kpa_s.toFixed(0);
+    fill(byId("today").querySelector("tbody"), this.wire.facts.regions.map(({ name }): Node => {
+      const is_sustained = daily.some((load) => load?.sustained.includes(name));
+      const title: Node = ["th", { scope: "row" }, regionTitle(name), ...(is_sustained ? [" ●"] : [])];
+      return ["tr", {}, title, ...cell(minutes, name), ...cell(dose, name)];
+    }));
+    const snoozed_s = Math.max(0, ...daily.map((load) => load?.snoozed_s ?? 0));
+    const raised = daily.reduce((sum, load) => sum + (load?.alerts ?? 0), 0);
+    fill("today-note", [
+      `Alerts today: ${raised}.` + (snoozed_s > 0 ? ` None for another ${Math.ceil(snoozed_s / 60)} minutes.` : ""),
+    ]);
+  }
+}
+
+/** Lists the last alerts. */
+export function drawAlerts(alerts: readonly StoredAlert[]): void {
+  byId("alert-list").hidden = alerts.length === 0;
+  fill(byId("alert-list").querySelector("tbody"), alerts.slice(-ROWS).reverse().map(({ alert, start_unix_s }): Node => {
+    const format: Intl.DateTimeFormatOptions = { weekday: "short", hour: "2-digit", minute: "2-digit" };
+    const time = start_unix_s === null ? "–" : new Date(start_unix_s * 1000).toLocaleString([], format);
+    const regions = [...new Set([...alert.sustained, ...alert.dose])].map(regionTitle);
+    return ["tr", {}, ["td", { class: alert.side }, sideTitle(alert.side)], ["td", {}, time], ["td", {}, regions.join(", ")]];
+  }));
+}

@@ -1,0 +1,124 @@
+/** Alerts and the load of the day on the built page in Chromium. */
+
+import { readFileSync } from "node:fs";
+import type { Browser } from "playwright-core";
+import { afterAll, beforeAll, expect, test } from "vitest";
+import { entries, entry } from "../../src/stream_file";
+import { folder, launch, serveFiles } from "./browser";
+import { FakeInsoles } from "./fake_insoles";
+
+const PHONE = { width: 390, height: 844 };
+/** First bytes of messages and requests. */
+const [TIME, ALERT, ALERT_RULES, DAILY_LOAD] = [6, 18, 19, 20];
+const [GET_ALERT_RULES, SET_ALERT_RULES, GET_DAILY_LOAD, SNOOZE_ALERTS] = [22, 23, 24, 25];
+/** Number of the alert, above those of the steps of the walk. */
+const NUMBER = 90;
+
+let browser: Browser;
+let files: Awaited<ReturnType<typeof serveFiles>>;
+beforeAll(async () => {
+  browser = await launch();
+  files = await serveFiles();
+});
+afterAll(async () => {
+  await browser.close();
+  files.close();
+});
+
+/** An integer of variable length. */
+const varint = (value: number): number[] => (value < 128 ? [value] : [(value % 128) + 128, ...varint(Math.floor(value / 128))]);
+const f32 = (value: number) => [...new Uint8Array(Float32Array.of(value).buffer)];
+
+/** Heel and big toe of the left foot under sustained load, 15 minutes after the start. */
+const ALERT_BYTES = [ALERT, ...varint(NUMBER), 0, ...varint(300_000), 0b10_0001, 0, ...varint(900), 1, 0, 0];
+/** The recommended rules, with this number of alerts in a day. */
+const rules = (per_day: number) =>
+  [ALERT_RULES, ...f32(200), ...f32(4.7), ...varint(900), 95, 80, 255, ...f32(0), ...varint(1200), per_day, 0];
+/** A day in which the heel was under sustained load for 20 minutes, with a dose of 500 kPa s. */
+const DAILY_BYTES = [
+  ...[DAILY_LOAD, ...varint(20_000), ...varint(7200), ...varint(1500), ...varint(5000), ...varint(90_000), ...varint(1200)],
+  ...Array.from({ length: 7 * 3 }, () => 0),
+  ...[1, 0, 2, ...varint(600)],
+];
+
+test("an alert is shown in plain words, signalled, stored, acknowledged and snoozed", async () => {
+  const walk = entries(new Uint8Array(readFileSync(folder("public/walk.plantar"))));
+  // The times of the recording are not those of today: without them, the alert has no time and counts as new.
+  const timeless = [...walk].filter(({ message }) => message[0] !== TIME);
+  const alert = { t_ms: 400, insole: 0, message: Uint8Array.from(ALERT_BYTES) } as const;
+  const insoles = new FakeInsoles(new Uint8Array(Buffer.concat([...timeless, alert].map(entry))), 1);
+  const context = await browser.newContext({ viewport: PHONE });
+  const page = await context.newPage();
+  // The browser of the test has no vibration motor and no loudspeaker, so the calls are counted.
+  await page.addInitScript(() => {
+    const counts = { vibrations: 0, tones: 0 };
+    Object.assign(window, { counts });
+    navigator.vibrate = () => ((counts.vibrations += 1), true);
+    const start = OscillatorNode.prototype.start;
+    OscillatorNode.prototype.start = function (when?: number) {
+      counts.tones += 1;
+      start.call(this, when);
+    };
+    localStorage.setItem("plantar.settings", JSON.stringify({ alert_sound: true }));
+  });
+  await insoles.serve(page);
+  await page.goto(files.url);
+  const banner = page.locator("#alert");
+  await banner.waitFor();
+  expect(await banner.locator("p").textContent()).toBe(
+    "Unload your left foot: sit down and lift it, or shift your weight. It carried load here for most of the last 15 minutes: heel and big toe.",
+  );
+  expect(await page.evaluate(() => (window as unknown as { counts: object }).counts)).toEqual({ vibrations: 1, tones: 2 });
+  await expect.poll(() => insoles.acknowledged.map(([, bytes]) => bytes[0])).toContain(NUMBER);
+  await page.screenshot({ path: folder("tests/screenshots/alert.png") });
+
+  await page.locator("#alert-snooze").click();
+  expect(await banner.isHidden()).toBe(true);
+  await expect.poll(() => insoles.requests.filter(([, [kind]]) => kind === SNOOZE_ALERTS)).toEqual([
+    [0, [SNOOZE_ALERTS, ...varint(1800)]],
+    [1, [SNOOZE_ALERTS, ...varint(1800)]],
+  ]);
+  // The insole sends the alert again, because the acknowledgement was lost: it is not shown again.
+  insoles.answer(0, Uint8Array.from(ALERT_BYTES));
+  await page.locator("nav [data-to=steps]").click();
+  const rows = page.locator("#alert-list tbody tr");
+  await rows.first().waitFor();
+  expect(await banner.isHidden()).toBe(true);
+  expect(await rows.count()).toBe(1);
+  expect(await rows.locator("td").last().textContent()).toBe("heel, hallux");
+
+  await expect.poll(() => insoles.requests.some(([, [kind]]) => kind === GET_DAILY_LOAD)).toBe(true);
+  insoles.answer(0, Uint8Array.from(DAILY_BYTES));
+  await page.locator("#today").waitFor();
+  const heel = await page.locator("#today tbody tr").first().locator("th, td").allTextContents();
+  expect(heel).toEqual(["heel ●", "20", "–", "500", "–"]);
+  expect(await page.locator("#today-note").textContent()).toBe("Alerts today: 2. None for another 10 minutes.");
+  await page.locator("#today").scrollIntoViewIfNeeded();
+  await page.screenshot({ path: folder("tests/screenshots/daily-load.png") });
+  insoles.stop();
+  await context.close();
+});
+
+test("the wearer turns the alerts of both insoles on and off", async () => {
+  const insoles = new FakeInsoles(new Uint8Array(readFileSync(folder("public/walk.plantar"))), 1);
+  const context = await browser.newContext({ viewport: PHONE, timezoneId: "Asia/Kolkata" });
+  const page = await context.newPage();
+  await insoles.serve(page);
+  await page.goto(files.url);
+  await page.locator("nav [data-to=settings]").click();
+  const box = page.locator("#alerts-on");
+  expect(await box.isDisabled()).toBe(true);
+  await expect.poll(() => insoles.requests.filter(([, [kind]]) => kind === GET_ALERT_RULES).length).toBe(2);
+  for (const insole of [0, 1] as const) insoles.answer(insole, Uint8Array.from(rules(0)));
+  await expect.poll(() => box.isEnabled()).toBe(true);
+  expect(await box.isChecked()).toBe(false);
+  await box.check();
+  const sets = () => insoles.requests.filter(([, [kind]]) => kind === SET_ALERT_RULES).map(([, bytes]) => bytes);
+  // The day in India begins at 18:30 UTC.
+  const expected = [SET_ALERT_RULES, ...rules(20).slice(1, -1), ...varint(1110)];
+  await expect.poll(sets).toEqual([expected, expected]);
+  await box.scrollIntoViewIfNeeded();
+  await page.screenshot({ path: folder("tests/screenshots/alert-settings.png") });
+  insoles.stop();
+  await context.close();
+});
