@@ -13,9 +13,9 @@ use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::update::{self, Chunk, Header, Offer, Progress, Request, Signature};
 use plantar::protocol::{BLOCK_CELLS, Bout, BoutRegion, CalibrationBlock, Contents};
 use plantar::protocol::{
-    CellCoder, CellFrame, CellStream, Decoder, Hello, Identity, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE,
-    MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Serial, Settings, Status, Step, StepFoot, StepRegion, ToDevice,
-    ToHost, decode, encode, frame,
+    CellCoder, CellFrame, CellStream, ContactEllipse, Decoder, Ellipses, Hello, Identity, Live, LiveRegion, MAJOR,
+    MAX_FRAME, MAX_LIVE, MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Serial, Settings, Status, Step, StepFoot,
+    StepRegion, ToDevice, ToHost, decode, encode, frame,
 };
 use plantar::{Region, Side};
 use proptest::prelude::*;
@@ -280,6 +280,10 @@ fn to_host() -> impl Strategy<Value = ToHost> {
             ToHost::Bout(Bout { start_us, duration_us, regions: [region; 8], ..bout(number) })
         }),
         Just(ToHost::Update(Progress::Accepted)),
+        any::<(u32, u64, [i16; 5])>().prop_map(|(sequence, t_us, [x_dmm, y_dmm, r_a_cmm, r_b_cmm, angle_ddeg])| {
+            let ellipse = ContactEllipse { x_dmm, y_dmm, r_a_cmm, r_b_cmm, angle_ddeg };
+            ToHost::Ellipses(Ellipses { sequence, t_us, regions: [ellipse; 8] })
+        }),
     ]
 }
 
@@ -317,6 +321,7 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
             ToDevice::SetIdentifiedTissue { tissue, identified: Identified { contact, ..IDENTIFIED } }
         }),
         Just(ToDevice::GetIdentified),
+        any::<u8>().prop_map(|every| ToDevice::StreamEllipses { every }),
     ]
 }
 
@@ -345,6 +350,7 @@ fn samples() -> Vec<ToHost> {
         ToHost::CalibrationBlock { block: 3 },
         ToHost::Update(Progress::Next(300)),
         ToHost::Bout(bout(10)),
+        ToHost::Ellipses(ellipses()),
     ]
 }
 
@@ -629,9 +635,9 @@ fn longest_messages_fit_their_limits() {
 #[test]
 fn the_first_byte_identifies_the_message() {
     let first = |message: &ToHost| encoded(message)[0];
-    let expected = [ToHost::LIVE, ToHost::STEP, ToHost::TISSUE, ToHost::REFUSED, ToHost::BOUT];
+    let expected = [ToHost::LIVE, ToHost::STEP, ToHost::TISSUE, ToHost::REFUSED, ToHost::BOUT, ToHost::ELLIPSES];
     let samples = samples();
-    assert_eq!([1, 2, 4, 5, 11].map(|i| first(&samples[i])), expected);
+    assert_eq!([1, 2, 4, 5, 11, 12].map(|i| first(&samples[i])), expected);
 }
 
 #[test]
@@ -713,6 +719,9 @@ fn messages_have_the_bytes_of_this_version() {
         ("set identified tissue", framed(&set_identified_tissue()), SET_IDENTIFIED),
         ("refused: settings", framed(&ToHost::Refused(Refusal::Settings)), SETTINGS_REFUSED),
         ("refused: contact rule", framed(&ToHost::Refused(Refusal::ContactRule)), RULE_REFUSED),
+        ("stream ellipses", framed(&ToDevice::StreamEllipses { every: 4 }), STREAM_ELLIPSES),
+        ("ellipses", framed(&ToHost::Ellipses(ellipses())), ELLIPSES),
+        ("refused: ellipse rate", framed(&ToHost::Refused(Refusal::EllipseRate { every: 4 })), ELLIPSE_RATE),
     ];
     for (name, bytes, expected) in golden {
         assert_eq!(hex(&bytes), expected, "{name}");
@@ -727,6 +736,13 @@ fn cell_frame() -> CellFrame {
     codes[8..16].copy_from_slice(&[160, 320, 480, 640, 800, 960, 1120, 1280]);
     codes[23] = 65520;
     CellCoder::new(Resolution::Converter).pack(300, 2, &codes)
+}
+
+fn ellipses() -> Ellipses {
+    let heel = ContactEllipse { x_dmm: 300, y_dmm: -5, r_a_cmm: 2_500, r_b_cmm: 2_750, angle_ddeg: -123 };
+    let mut regions = [ContactEllipse::default(); 8];
+    regions[0] = heel;
+    Ellipses { sequence: 300, t_us: 3_000_000, regions }
 }
 
 const SETTINGS: Settings = Settings {
@@ -782,6 +798,9 @@ const IDENTIFIED_BYTES: &str = "031001010320410103f040010c1643010101ac024c6b7280
 const SET_IDENTIFIED: &str = "0f14c395a3cf0a6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f4480c409c459a99993fcdcc4c3f010320410103f040010416430107ac02b949d69400";
 const SETTINGS_REFUSED: &str = "07050aa40f7bdc00";
 const RULE_REFUSED: &str = "07050b323f7cab00";
+const STREAM_ELLIPSES: &str = "07160431632c5a00";
+const ELLIPSES: &str = "1312ac02c08db701502c01fbffc409be0a85ff01010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010105826672db00";
+const ELLIPSE_RATE: &str = "08050c04ec90525200";
 const STREAM: &str = "0701012813c52f00";
 const ACKNOWLEDGE: &str = "07022911e85d3100";
 const GET_STATUS: &str = "060337be0b4b00";

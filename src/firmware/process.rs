@@ -7,7 +7,7 @@ use super::shared::Shared;
 use crate::faults::Faults;
 use crate::log;
 use crate::pipeline::step::RegionStep;
-use crate::protocol::{Bout, Live, LoadRecord, Step};
+use crate::protocol::{Bout, ContactEllipse, Ellipses, Live, LoadRecord, Step};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::Receiver;
@@ -26,7 +26,7 @@ pub async fn process(
         let start = stopwatch.start();
         let seq = frame.seq;
         let is_toe_off = insole.frame(seq, &frame.codes);
-        {
+        let ellipses_due = {
             let mut session = shared.session.borrow_mut();
             if let Some(sequence) = session.next_live() {
                 let t_us = u64::from(seq) * period_us;
@@ -34,9 +34,13 @@ pub async fn process(
                 session.push_live(live);
             }
             session.push_cells(seq, frame.codes.get(..insole.cells()).unwrap_or_default());
-        }
+            session.next_ellipses()
+        };
         let cycles = stopwatch.cycles_since(start);
         frames.receive_done();
+        if let Some(sequence) = ellipses_due {
+            push_ellipses(insole, shared, sequence, u64::from(seq) * period_us);
+        }
         shared.frame_us.set(u64::from(seq) * period_us);
         {
             let mut counters = shared.counters.borrow_mut();
@@ -60,6 +64,14 @@ pub async fn process(
         // The link can run here, even while further frames are queued.
         yield_now().await;
     }
+}
+
+/// Computes and queues the ellipses of the last frame.
+#[cold]
+#[inline(never)]
+fn push_ellipses(insole: &DeviceInsole, shared: &Shared, sequence: u32, t_us: u64) {
+    let regions = core::array::from_fn(|region| ContactEllipse::new(insole.ellipse(region)));
+    shared.session.borrow_mut().push_ellipses(Ellipses { sequence, t_us, regions });
 }
 
 /// Passes newly detected faults of the sensor to the session.

@@ -1,5 +1,8 @@
-//! The wall clock as the Bluetooth characteristic Current Time. Its ten bytes are: year (two bytes, little endian), month, day,
-//! hour, minute, second, day of the week (Monday is 1), fraction of the second in 1/256 s, and reason for the last adjustment.
+//! The wall clock, and its form as the Bluetooth characteristic Current Time. Its ten bytes are: year (two bytes, little endian),
+//! month, day, hour, minute, second, day of the week (Monday is 1), fraction of the second in 1/256 s, and reason for the last
+//! adjustment.
+
+use super::session::Session;
 
 const DAY_US: u64 = 86_400_000_000;
 
@@ -57,4 +60,23 @@ pub fn from_current_time(bytes: &[u8]) -> Option<u64> {
         + u64::from(day - 1);
     let seconds = (u64::from(hour) * 60 + u64::from(minute)) * 60 + u64::from(second);
     Some(days * DAY_US + seconds * 1_000_000 + u64::from(fraction) * 1_000_000 / 256)
+}
+
+/// The wall clock of the session.
+impl Session {
+    /// Sets the wall clock.
+    pub fn set_clock(&mut self, unix_us: u64, now_us: u64) {
+        self.unix_offset_us = Some(unix_us.wrapping_sub(now_us));
+        self.clock_sets = self.clock_sets.wrapping_add(1);
+    }
+
+    /// Number of times that the wall clock was set; wraps.
+    pub fn clock_sets(&self) -> u32 {
+        self.clock_sets
+    }
+
+    /// The wall clock, us since 1970; `None` until it is set.
+    pub fn unix_us(&self, now_us: u64) -> Option<u64> {
+        self.unix_offset_us.map(|offset_us| offset_us.wrapping_add(now_us))
+    }
 }

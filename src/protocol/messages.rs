@@ -2,7 +2,8 @@
 
 use super::update;
 use super::{
-    Bout, CalibrationBlock, CellFrame, CellStream, Hello, Identity, Live, Refusal, Serial, Settings, Status, Step,
+    Bout, CalibrationBlock, CellFrame, CellStream, Ellipses, Hello, Identity, Live, Refusal, Serial, Settings, Status,
+    Step,
 };
 use crate::faults::Faults;
 use crate::pipeline::region::Side;
@@ -73,6 +74,8 @@ pub enum ToHost {
     Identified(Option<Identified>),
     /// A load bout that is not acknowledged yet.
     Bout(Bout),
+    /// The contact ellipses of one frame of a running stream of ellipses.
+    Ellipses(Ellipses),
 }
 
 impl ToHost {
@@ -88,6 +91,8 @@ impl ToHost {
     pub const CELLS: u8 = 12;
     /// First byte of an encoded [`ToHost::Bout`].
     pub const BOUT: u8 = 17;
+    /// First byte of an encoded [`ToHost::Ellipses`].
+    pub const ELLIPSES: u8 = 18;
 }
 
 /// A message to the insole.
@@ -184,4 +189,9 @@ pub enum ToDevice {
     },
     /// Asks for [`ToHost::Identified`].
     GetIdentified,
+    /// Turns the stream of ellipses on or off; answered by [`ToHost::Refused`] where the rate is above 25 Hz.
+    StreamEllipses {
+        /// One of so many frames is sent; 0 for none.
+        every: u8,
+    },
 }

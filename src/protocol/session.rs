@@ -9,6 +9,7 @@
 use super::cell_stream::CellSender;
 use super::command::{Answer, Configured};
 pub use super::command::{Command, CommandResult};
+use super::ellipses::EllipseSender;
 use super::{
     Hello, Identity, Live, LoadRecord, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Settings, Status, ToDevice, ToHost,
     encode,
@@ -50,10 +51,11 @@ pub struct Session {
     command: Option<Command>,
     configured: Configured,
     cells: CellSender,
+    pub(super) ellipses: EllipseSender,
     faults: Faults,
     /// The wall clock, us since 1970, minus the device's time.
-    unix_offset_us: Option<u64>,
-    clock_sets: u32,
+    pub(super) unix_offset_us: Option<u64>,
+    pub(super) clock_sets: u32,
 }
 
 impl Session {
@@ -75,6 +77,7 @@ impl Session {
             command: None,
             configured: Configured::NONE,
             cells: CellSender::new(),
+            ellipses: EllipseSender::new(),
             faults: Faults::NONE,
             unix_offset_us: None,
             clock_sets: 0,
@@ -113,6 +116,7 @@ impl Session {
                 self.cells.start(stream);
                 self.answer(Answer::CellStream(stream));
             }
+            ToDevice::StreamEllipses { every } => self.start_ellipses(every),
             ToDevice::GetSetup | ToDevice::GetSetupCells { .. } if self.configured.layout.is_none() => {
                 self.answer(Answer::Refused(Refusal::NoLayout));
             }
@@ -255,22 +259,6 @@ impl Session {
         self.configured.identified.is_some()
     }
 
-    /// Sets the wall clock.
-    pub fn set_clock(&mut self, unix_us: u64, now_us: u64) {
-        self.unix_offset_us = Some(unix_us.wrapping_sub(now_us));
-        self.clock_sets = self.clock_sets.wrapping_add(1);
-    }
-
-    /// Number of times that the wall clock was set; wraps.
-    pub fn clock_sets(&self) -> u32 {
-        self.clock_sets
-    }
-
-    /// The wall clock, us since 1970; `None` until it is set.
-    pub fn unix_us(&self, now_us: u64) -> Option<u64> {
-        self.unix_offset_us.map(|offset_us| offset_us.wrapping_add(now_us))
-    }
-
     /// Ends the session after the carrier lost its host: the live stream ends; records, parameters and the clock remain.
     pub fn close(&mut self) {
         *self = Self {
@@ -325,7 +313,7 @@ impl Session {
     }
 
     /// The next message to send, encoded into `buffer`; `None` when there is nothing to send. The hello comes first, then records,
-    /// then live frames, then answers in the order of their requests, then frames of cells. On a carrier that is
+    /// then live frames, then answers in the order of their requests, then frames of cells, then ellipses. On a carrier that is
     /// too slow for the live stream, at most [`LIVE_QUEUE`] live frames go before an answer.
     pub fn next<'b>(
         &mut self,
@@ -346,9 +334,14 @@ impl Session {
             let out = buffer.get_mut(..live.len())?;
             out.copy_from_slice(&live);
             return Some(out);
+        } else if self.answers.is_empty() {
+            // Frames of cells and ellipses wait for all other messages.
+            match self.cells.pop(&mut *buffer).map(|out| out.len()) {
+                Some(len) => return buffer.get(..len),
+                None => ToHost::Ellipses(self.ellipses.pop()?),
+            }
         } else {
-            // Frames of cells wait for all other messages.
-            let Some(answer) = self.answers.pop_front() else { return self.cells.pop(buffer).map(|out| &*out) };
+            let answer = self.answers.pop_front()?;
             if answer.is_announcement() {
                 self.live.clear();
             }
