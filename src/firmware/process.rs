@@ -26,7 +26,7 @@ pub async fn process(
         let start = stopwatch.start();
         let seq = frame.seq;
         let is_toe_off = insole.frame(seq, &frame.codes);
-        let ellipses_due = {
+        {
             let mut session = shared.session.borrow_mut();
             if let Some(sequence) = session.next_live() {
                 let t_us = u64::from(seq) * period_us;
@@ -34,10 +34,10 @@ pub async fn process(
                 session.push_live(live);
             }
             session.push_cells(seq, frame.codes.get(..insole.cells()).unwrap_or_default());
-            session.next_ellipses()
-        };
+        }
         let cycles = stopwatch.cycles_since(start);
         frames.receive_done();
+        let ellipses_due = shared.session.borrow_mut().next_ellipses();
         if let Some(sequence) = ellipses_due {
             push_ellipses(insole, shared, sequence, u64::from(seq) * period_us);
         }
