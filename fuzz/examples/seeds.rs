@@ -20,7 +20,7 @@ use plantar::protocol::BLOCK_CELLS;
 use plantar::protocol::fragment::Splitter;
 use plantar::protocol::update::{Header, Offer, Progress, Request};
 use plantar::protocol::{
-    CellCoder, CellFrame, CellStream, Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset,
+    CellCoder, CellFrame, CellStream, ContactEllipse, Ellipses, Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset,
     Resolution, SETUP_CELLS, Serial, Settings, Status, Step, ToDevice, ToHost, decode, encode, frame,
 };
 use recording::synthetic::{self, SyntheticWalk};
@@ -30,6 +30,9 @@ use std::path::Path;
 
 /// A stream of the cells of every frame.
 const CELLS: CellStream = CellStream { resolution: Resolution::Converter, every: 1 };
+/// A contact ellipse under the heel.
+const ELLIPSE: ContactEllipse =
+    ContactEllipse { x_dmm: 350, y_dmm: 300, r_a_cmm: 2_500, r_b_cmm: 2_750, angle_ddeg: 100 };
 /// How the parameters were identified.
 const IDENTIFIED: Identified =
     Identified { contact: ContactRule::COVERED, filter: AreaFilter::Direct, side: Some(Side::Left), steps: 30 };
@@ -71,6 +74,7 @@ fn main() {
             chunks: 16,
             signature: [[1; 32]; 2],
         })),
+        ToDevice::StreamEllipses { every: 4 },
     ]
     .map(|message| encoded(&message));
     let to_host = [
@@ -97,6 +101,8 @@ fn main() {
         ToHost::Settings(Some(Settings::of(&virtual_insole.setup))),
         ToHost::Identified(Some(IDENTIFIED)),
         ToHost::Refused(Refusal::CellRate { every: 2 }),
+        ToHost::Ellipses(Ellipses { sequence: 0, t_us: 10_000, regions: [ELLIPSE; 8] }),
+        ToHost::Refused(Refusal::EllipseRate { every: 4 }),
     ]
     .map(|message| encoded(&message));
     for (i, message) in to_device.iter().enumerate() {

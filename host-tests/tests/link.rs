@@ -4,13 +4,14 @@ use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::cumulative::LoadLimits;
+use plantar::pipeline::setup::Setup;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::BLOCK_CELLS;
 use plantar::protocol::session::{Command, CommandResult, RECORD_QUEUE, Session};
 use plantar::protocol::update::{Progress, Request};
 use plantar::protocol::{
-    CellCoder, CellStream, Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Resolution, SETUP_CELLS, Serial,
-    Settings, Status, ToDevice, ToHost, decode, encode,
+    CellCoder, CellStream, Ellipses, Hello, Identity, MAJOR, MAX_MESSAGE, MINOR, Refusal, Resolution, SETUP_CELLS,
+    Serial, Settings, Status, ToDevice, ToHost, decode, encode,
 };
 use plantar::{Region, Side};
 use testkit::{SETUP, TISSUE, alert, bout, cell, daily_load, hello, live, status, step};
@@ -39,6 +40,7 @@ enum Sent {
     Alert(u32),
     AlertRules(AlertRules),
     DailyLoad(DailyLoad),
+    Ellipses(u32),
 }
 
 /// The next message that the insole sends. Its content must be that of the fixtures.
@@ -91,6 +93,7 @@ fn next(session: &mut Session) -> Option<Sent> {
         }
         ToHost::AlertRules(got) => Sent::AlertRules(got),
         ToHost::DailyLoad(got) => Sent::DailyLoad(got),
+        ToHost::Ellipses(got) => Sent::Ellipses(got.sequence),
     })
 }
 
@@ -621,6 +624,55 @@ fn frames_of_cells_are_sent_last_and_dropped_whole() {
     link.receive(ToDevice::StreamCells(None), 0);
     link.push_cells(6, &[600; 240]);
     assert_eq!(all(&mut link), [Sent::CellStream(None)]);
+}
+
+/// Passes a frame to a session as the insole does: computes ellipses only if they are due.
+fn push_ellipses(session: &mut Session, frame: u32) {
+    if let Some(sequence) = session.next_ellipses() {
+        session.push_ellipses(Ellipses { sequence, t_us: frame.into(), regions: Default::default() });
+    }
+}
+
+#[test]
+fn ellipses_have_a_rate_of_at_most_25_hz() {
+    let mut link = streaming();
+    link.receive(ToDevice::StreamEllipses { every: 40 }, 0);
+    assert_eq!(all(&mut link), [Sent::Refused(Refusal::NoLayout)]);
+    for (period_us, least) in [(10_000, 4), (2_500, 16), (3_333, 13), (50_000, 1)] {
+        link.set_layout(Setup { period_us, ..SETUP }, &[], None);
+        for every in 1..least {
+            link.receive(ToDevice::StreamEllipses { every }, 0);
+            assert_eq!(all(&mut link), [Sent::Refused(Refusal::EllipseRate { every: least })]);
+            assert_eq!(link.next_ellipses(), None, "no stream runs");
+        }
+        link.receive(ToDevice::StreamEllipses { every: least }, 0);
+        let due = (0..3 * least).filter(|&frame| {
+            push_ellipses(&mut link, frame.into());
+            all(&mut link).len() == 1
+        });
+        assert_eq!(due.collect::<Vec<_>>(), [0, least, 2 * least]);
+        link.receive(ToDevice::StreamEllipses { every: 0 }, 0);
+        assert_eq!((link.next_ellipses(), all(&mut link)), (None, vec![]));
+    }
+}
+
+#[test]
+fn ellipses_wait_for_all_other_messages_and_only_the_newest_is_sent() {
+    let mut link = streaming();
+    link.set_layout(SETUP, &[], None);
+    link.receive(ToDevice::StreamEllipses { every: 10 }, 0);
+    let stream = CellStream { resolution: Resolution::Converter, every: 1 };
+    link.receive(ToDevice::StreamCells(Some(stream)), 0);
+    (0..30).for_each(|frame| push_ellipses(&mut link, frame));
+    link.push_cells(0, &[100; 240]);
+    push_live(&mut link);
+    link.push_record(step(0));
+    let cells = Sent::Cells { scan: 0, dropped: 0 };
+    let expected = [Sent::Step(0), Sent::Live(0), Sent::CellStream(Some(stream)), cells, Sent::Ellipses(2)];
+    assert_eq!(all(&mut link), expected);
+    // Another host receives none unless it asks for them.
+    connect(&mut link);
+    assert_eq!(link.next_ellipses(), None);
 }
 
 #[test]

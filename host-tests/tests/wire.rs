@@ -15,9 +15,9 @@ use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
 use plantar::protocol::update::{self, Chunk, Header, Offer, Progress, Request, Signature};
 use plantar::protocol::{Alert, BLOCK_CELLS, Bout, BoutRegion, CalibrationBlock, Contents};
 use plantar::protocol::{
-    CellCoder, CellFrame, CellStream, Decoder, Hello, Identity, Live, LiveRegion, MAJOR, MAX_FRAME, MAX_LIVE,
-    MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Serial, Settings, Status, Step, StepFoot, StepRegion, ToDevice,
-    ToHost, decode, encode, frame,
+    CellCoder, CellFrame, CellStream, ContactEllipse, Decoder, Ellipses, Hello, Identity, Live, LiveRegion, MAJOR,
+    MAX_FRAME, MAX_LIVE, MAX_MESSAGE, MINOR, Refusal, Reset, Resolution, Serial, Settings, Status, Step, StepFoot,
+    StepRegion, ToDevice, ToHost, decode, encode, frame,
 };
 use plantar::{Region, Side};
 use proptest::prelude::*;
@@ -287,6 +287,10 @@ fn to_host() -> impl Strategy<Value = ToHost> {
         any::<u16>().prop_map(|snooze_s| ToHost::AlertRules(AlertRules { snooze_s, ..AlertRules::RECOMMENDED })),
         any::<(u32, u8)>().prop_map(|(day, alerts)| ToHost::DailyLoad(DailyLoad { day, alerts, ..daily_load() })),
         Just(ToHost::Update(Progress::Accepted)),
+        any::<(u32, u64, [i16; 5])>().prop_map(|(sequence, t_us, [x_dmm, y_dmm, r_a_cmm, r_b_cmm, angle_ddeg])| {
+            let ellipse = ContactEllipse { x_dmm, y_dmm, r_a_cmm, r_b_cmm, angle_ddeg };
+            ToHost::Ellipses(Ellipses { sequence, t_us, regions: [ellipse; 8] })
+        }),
     ]
 }
 
@@ -328,6 +332,7 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
         any::<u16>().prop_map(|snooze_s| ToDevice::SetAlertRules(AlertRules { snooze_s, ..AlertRules::OFF })),
         Just(ToDevice::GetDailyLoad),
         any::<u16>().prop_map(|snoozed_s| ToDevice::SnoozeAlerts { snoozed_s }),
+        any::<u8>().prop_map(|every| ToDevice::StreamEllipses { every }),
     ]
 }
 
@@ -357,6 +362,7 @@ fn samples() -> Vec<ToHost> {
         ToHost::Update(Progress::Next(300)),
         ToHost::Bout(bout(10)),
         ToHost::Alert(alert(11)),
+        ToHost::Ellipses(ellipses()),
     ]
 }
 
@@ -657,9 +663,10 @@ fn longest_messages_fit_their_limits() {
 #[test]
 fn the_first_byte_identifies_the_message() {
     let first = |message: &ToHost| encoded(message)[0];
-    let expected = [ToHost::LIVE, ToHost::STEP, ToHost::TISSUE, ToHost::REFUSED, ToHost::BOUT, ToHost::ALERT];
+    let expected =
+        [ToHost::LIVE, ToHost::STEP, ToHost::TISSUE, ToHost::REFUSED, ToHost::BOUT, ToHost::ALERT, ToHost::ELLIPSES];
     let samples = samples();
-    assert_eq!([1, 2, 4, 5, 11, 12].map(|i| first(&samples[i])), expected);
+    assert_eq!([1, 2, 4, 5, 11, 12, 13].map(|i| first(&samples[i])), expected);
 }
 
 #[test]
@@ -749,6 +756,9 @@ fn messages_have_the_bytes_of_this_version() {
         ("get load of the day", framed(&ToDevice::GetDailyLoad), GET_DAILY_LOAD),
         ("snooze", framed(&ToDevice::SnoozeAlerts { snoozed_s: 600 }), SNOOZE),
         ("refused: rules of alerts", framed(&ToHost::Refused(Refusal::AlertRules)), ALERT_RULES_REFUSED),
+        ("stream ellipses", framed(&ToDevice::StreamEllipses { every: 4 }), STREAM_ELLIPSES),
+        ("ellipses", framed(&ToHost::Ellipses(ellipses())), ELLIPSES),
+        ("refused: ellipse rate", framed(&ToHost::Refused(Refusal::EllipseRate { every: 4 })), ELLIPSE_RATE),
     ];
     for (name, bytes, expected) in golden {
         assert_eq!(hex(&bytes), expected, "{name}");
@@ -763,6 +773,13 @@ fn cell_frame() -> CellFrame {
     codes[8..16].copy_from_slice(&[160, 320, 480, 640, 800, 960, 1120, 1280]);
     codes[23] = 65520;
     CellCoder::new(Resolution::Converter).pack(300, 2, &codes)
+}
+
+fn ellipses() -> Ellipses {
+    let heel = ContactEllipse { x_dmm: 300, y_dmm: -5, r_a_cmm: 2_500, r_b_cmm: 2_750, angle_ddeg: -123 };
+    let mut regions = [ContactEllipse::default(); 8];
+    regions[0] = heel;
+    Ellipses { sequence: 300, t_us: 3_000_000, regions }
 }
 
 const SETTINGS: Settings = Settings {
@@ -826,6 +843,9 @@ const IDENTIFIED_BYTES: &str = "031001010320410103f040010c1643010101ac024c6b7280
 const SET_IDENTIFIED: &str = "0f14c395a3cf0a6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f44814409c459a99993fcdcc4c3f6f12033ba69b443c0424f4480c409c459a99993fcdcc4c3f010320410103f040010416430107ac02b949d69400";
 const SETTINGS_REFUSED: &str = "07050aa40f7bdc00";
 const RULE_REFUSED: &str = "07050b323f7cab00";
+const STREAM_ELLIPSES: &str = "071a043d2c99f600";
+const ELLIPSES: &str = "1315ac02c08db701502c01fbffc409be0a85ff010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101010101058c9859a700";
+const ELLIPSE_RATE: &str = "08050d04ada1494b00";
 const STREAM: &str = "0701012813c52f00";
 const ACKNOWLEDGE: &str = "07022911e85d3100";
 const GET_STATUS: &str = "060337be0b4b00";

@@ -8,7 +8,7 @@ use crate::faults::Faults;
 use crate::log;
 use crate::pipeline::step::RegionStep;
 use crate::protocol::session::ToInsole;
-use crate::protocol::{Alert, Bout, Live, LoadRecord, Step};
+use crate::protocol::{Alert, Bout, ContactEllipse, Ellipses, Live, LoadRecord, Step};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::Receiver;
@@ -38,6 +38,10 @@ pub async fn process(
         }
         let cycles = stopwatch.cycles_since(start);
         frames.receive_done();
+        let ellipses_due = shared.session.borrow_mut().next_ellipses();
+        if let Some(sequence) = ellipses_due {
+            push_ellipses(insole, shared, sequence, u64::from(seq) * period_us);
+        }
         shared.frame_us.set(u64::from(seq) * period_us);
         {
             let mut counters = shared.counters.borrow_mut();
@@ -64,6 +68,14 @@ pub async fn process(
         // The link can run here, even while further frames are queued.
         yield_now().await;
     }
+}
+
+/// Computes and queues the ellipses of the last frame.
+#[cold]
+#[inline(never)]
+fn push_ellipses(insole: &DeviceInsole, shared: &Shared, sequence: u32, t_us: u64) {
+    let regions = core::array::from_fn(|region| ContactEllipse::new(insole.ellipse(region)));
+    shared.session.borrow_mut().push_ellipses(Ellipses { sequence, t_us, regions });
 }
 
 /// Passes newly detected faults of the sensor to the session.

@@ -42,6 +42,8 @@ pub struct Ellipse<R> {
 
 impl<R: Real> Ellipse<R> {
     /// The ellipse with these moments; `None` without contact.
+    // Not inlined, which saves flash.
+    #[inline(never)]
     pub fn from_moments(moments: &AreaMoments) -> Option<Self> {
         let SecondMoments { x_mm, y_mm, variance_x_mm2, variance_y_mm2, covariance_mm2 } =
             moments.second_moments::<R>()?;

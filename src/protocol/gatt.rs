@@ -14,7 +14,7 @@ const fn uuid(number: u128) -> u128 {
 pub const SERVICE: u128 = uuid(0);
 /// Requests and their answers.
 pub const CONTROL: u128 = uuid(1);
-/// Live frames, and frames of all cells.
+/// Live frames, frames of all cells, and ellipses.
 pub const LIVE: u128 = uuid(2);
 /// Steps, load bouts and alerts.
 pub const STEPS: u128 = uuid(3);
@@ -62,7 +62,7 @@ impl GattChannel {
     /// The characteristic that an encoded [`ToHost`] is sent on.
     pub fn of_answer(message: &[u8]) -> Self {
         match message.first() {
-            Some(&(ToHost::LIVE | ToHost::CELLS)) => Self::Live,
+            Some(&(ToHost::LIVE | ToHost::CELLS | ToHost::ELLIPSES)) => Self::Live,
             Some(&(ToHost::STEP | ToHost::BOUT | ToHost::ALERT)) => Self::Steps,
             // A request that is not understood is refused by an attribute error, so a refusal concerns a value to be stored.
             Some(&(ToHost::TISSUE | ToHost::REFUSED)) => Self::Parameters,

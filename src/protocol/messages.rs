@@ -2,8 +2,8 @@
 
 use super::update;
 use super::{
-    Alert, Bout, CalibrationBlock, CellFrame, CellStream, Hello, Identity, Live, Refusal, Serial, Settings, Status,
-    Step,
+    Alert, Bout, CalibrationBlock, CellFrame, CellStream, Ellipses, Hello, Identity, Live, Refusal, Serial, Settings,
+    Status, Step,
 };
 use crate::faults::Faults;
 use crate::pipeline::alert::{AlertRules, DailyLoad};
@@ -81,6 +81,8 @@ pub enum ToHost {
     AlertRules(AlertRules),
     /// The load of the day: on request, and after [`ToDevice::SnoozeAlerts`].
     DailyLoad(DailyLoad),
+    /// The contact ellipses of one frame of a running stream of ellipses.
+    Ellipses(Ellipses),
 }
 
 impl ToHost {
@@ -98,6 +100,8 @@ impl ToHost {
     pub const BOUT: u8 = 17;
     /// First byte of an encoded [`ToHost::Alert`].
     pub const ALERT: u8 = 18;
+    /// First byte of an encoded [`ToHost::Ellipses`].
+    pub const ELLIPSES: u8 = 21;
 }
 
 /// A message to the insole.
@@ -204,5 +208,10 @@ pub enum ToDevice {
     SnoozeAlerts {
         /// The time, s; 0 ends a snooze.
         snoozed_s: u16,
+    },
+    /// Turns the stream of ellipses on or off; answered by [`ToHost::Refused`] where the rate is above 25 Hz.
+    StreamEllipses {
+        /// One of so many frames is sent; 0 for none.
+        every: u8,
     },
 }

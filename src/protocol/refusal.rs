@@ -1,6 +1,6 @@
 //! Why an insole did not execute a request.
 
-use super::{SCALE, SETTABLE_PERIOD_US, update};
+use super::{ELLIPSES_PERIOD_US, SCALE, SETTABLE_PERIOD_US, update};
 use crate::pipeline::cumulative::WINDOW_PARTS;
 use crate::pipeline::model::{AB_M2, COEFFICIENT, LENGTH_M, MAX_EXPONENT};
 use crate::pipeline::region::Region;
@@ -40,6 +40,11 @@ pub enum Refusal {
     ContactRule,
     /// Rules of alerts that are out of range.
     AlertRules,
+    /// The stream of ellipses has at most 25 messages a second.
+    EllipseRate {
+        /// The highest rate is that of one of every so many frames.
+        every: u8,
+    },
 }
 
 impl From<TissueError> for Refusal {
@@ -105,6 +110,11 @@ impl fmt::Display for Refusal {
                 "the rules of alerts are out of range: pressures of 1 to 2000 kPa, a window of 60 to 3600 s that is a multiple of \
                  {WINDOW_PARTS} s, relieved_percent below sustained_percent, a dose of 0 to 1e7 kPa s, 60 to 43200 s without \
                  another alert",
+            ),
+            Self::EllipseRate { every } => write!(
+                f,
+                "ellipses are streamed at {} Hz at most: request one of every {every} frames",
+                1_000_000 / ELLIPSES_PERIOD_US,
             ),
         }
     }

@@ -11,6 +11,7 @@ mod configuration;
 use super::cell_stream::CellSender;
 use super::command::{Answer, Configured};
 pub use super::command::{Command, CommandResult};
+use super::ellipses::EllipseSender;
 use super::{Hello, Live, LoadRecord, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Status, ToDevice, ToHost, encode};
 use crate::faults::Faults;
 use crate::pipeline::alert::DailyLoad;
@@ -49,6 +50,7 @@ pub struct Session {
     command: Option<Command>,
     configured: Configured,
     cells: CellSender,
+    pub(super) ellipses: EllipseSender,
     faults: Faults,
     daily: DailyLoad,
     to_insole: ToInsole,
@@ -76,6 +78,7 @@ impl Session {
             command: None,
             configured: Configured::NONE,
             cells: CellSender::new(),
+            ellipses: EllipseSender::new(),
             faults: Faults::NONE,
             daily: DailyLoad::NONE,
             to_insole: ToInsole::NONE,
@@ -116,6 +119,7 @@ impl Session {
                 self.cells.start(stream);
                 self.answer(Answer::CellStream(stream));
             }
+            ToDevice::StreamEllipses { every } => self.start_ellipses(every),
             ToDevice::GetSetup | ToDevice::GetSetupCells { .. } if self.configured.layout.is_none() => {
                 self.answer(Answer::Refused(Refusal::NoLayout));
             }
@@ -225,22 +229,6 @@ impl Session {
         new
     }
 
-    /// Sets the wall clock.
-    pub fn set_clock(&mut self, unix_us: u64, now_us: u64) {
-        self.unix_offset_us = Some(unix_us.wrapping_sub(now_us));
-        self.clock_sets = self.clock_sets.wrapping_add(1);
-    }
-
-    /// Number of times that the wall clock was set; wraps.
-    pub fn clock_sets(&self) -> u32 {
-        self.clock_sets
-    }
-
-    /// The wall clock, us since 1970; `None` until it is set.
-    pub fn unix_us(&self, now_us: u64) -> Option<u64> {
-        self.unix_offset_us.map(|offset_us| offset_us.wrapping_add(now_us))
-    }
-
     /// Ends the session after the carrier lost its host: the live stream ends; records, parameters and the clock remain.
     pub fn close(&mut self) {
         *self = Self {
@@ -297,7 +285,7 @@ impl Session {
     }
 
     /// The next message to send, encoded into `buffer`; `None` when there is nothing to send. The hello comes first, then records,
-    /// then live frames, then answers in the order of their requests, then frames of cells. On a carrier that is
+    /// then live frames, then answers in the order of their requests, then frames of cells, then ellipses. On a carrier that is
     /// too slow for the live stream, at most [`LIVE_QUEUE`] live frames go before an answer.
     pub fn next<'b>(
         &mut self,
@@ -318,9 +306,14 @@ impl Session {
             let out = buffer.get_mut(..live.len())?;
             out.copy_from_slice(&live);
             return Some(out);
+        } else if self.answers.is_empty() {
+            // Frames of cells and ellipses wait for all other messages.
+            match self.cells.pop(&mut *buffer).map(|out| out.len()) {
+                Some(len) => return buffer.get(..len),
+                None => ToHost::Ellipses(self.ellipses.pop()?),
+            }
         } else {
-            // Frames of cells wait for all other messages.
-            let Some(answer) = self.answers.pop_front() else { return self.cells.pop(buffer).map(|out| &*out) };
+            let answer = self.answers.pop_front()?;
             if answer.is_announcement() {
                 self.live.clear();
             }

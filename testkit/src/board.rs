@@ -11,13 +11,14 @@ use embedded_storage_async::nor_flash::{self, MultiwriteNorFlash, NorFlash, Read
 use plantar::firmware::ble::GattServer;
 use plantar::firmware::board::{BluetoothBoard, Matrix, MatrixTimeout, Stopwatch};
 use plantar::insole::Insole;
+use plantar::pipeline::ellipse::Ellipse;
 use plantar::pipeline::region::Cell;
 use plantar::pipeline::setup::{DEVICE_CELLS, SetupCell};
 use plantar::protocol::gatt::GattChannel;
 use plantar::protocol::{Bout, LoadRecord, MAX_FAULT_TEXT, Settings, Step};
 use plantar::storage::flash_map::SECTOR;
 use std::cell::RefCell;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::future::poll_fn;
 use std::rc::Rc;
 use std::task::{Poll, Waker};
@@ -77,6 +78,8 @@ pub struct Reference {
     pub records: Vec<LoadRecord>,
     /// Number of frames of this boot.
     pub frames: u32,
+    /// The contact ellipses of the regions in each frame, by the number of the frame; `None` unless a test asks for them.
+    pub ellipses: Option<BTreeMap<u32, [Option<Ellipse<f32>>; 8]>>,
 }
 
 impl Reference {
@@ -105,7 +108,7 @@ impl Reference {
         });
         let mut insole = Box::new(Insole::new());
         insole.set_up(setup, cells).expect("a computed insole is valid");
-        Self { insole, records: Vec::new(), frames: 0 }
+        Self { insole, records: Vec::new(), frames: 0, ellipses: None }
     }
 
     /// Passes a complete frame through the pipeline.
@@ -116,6 +119,9 @@ impl Reference {
             self.records.push(Step::new(&step).into());
         }
         self.records.extend(self.insole.take_bout().map(|bout| LoadRecord::from(Bout::new(&bout))));
+        if let Some(ellipses) = &mut self.ellipses {
+            ellipses.insert(seq, std::array::from_fn(|region| self.insole.ellipse(region)));
+        }
     }
 }
 

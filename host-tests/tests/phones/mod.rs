@@ -400,7 +400,7 @@ impl Phone {
             let Some(message) = joiner.push(&value).expect("fragments arrive in order") else { continue };
             let message = decode(message).expect("the bytes are one complete message");
             let characteristic = match message {
-                ToHost::Live(_) | ToHost::Cells(_) => LIVE,
+                ToHost::Live(_) | ToHost::Cells(_) | ToHost::Ellipses(_) => LIVE,
                 ToHost::Step(_) => STEPS,
                 ToHost::Tissue(_) | ToHost::Refused(_) => PARAMETERS,
                 _ => CONTROL,

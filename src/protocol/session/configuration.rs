@@ -1,4 +1,4 @@
-//! The configuration of an insole, and what its data path exchanges with the session of a host.
+//! The configuration and the clock of an insole, and what its data path exchanges with the session of a host.
 
 use super::{Answer, Session};
 use crate::pipeline::alert::{AlertRules, DailyLoad};
@@ -90,5 +90,21 @@ impl Session {
     /// True if the parameters in force were identified from steps of the wearer.
     pub fn is_identified(&self) -> bool {
         self.configured.identified.is_some()
+    }
+
+    /// Sets the wall clock.
+    pub fn set_clock(&mut self, unix_us: u64, now_us: u64) {
+        self.unix_offset_us = Some(unix_us.wrapping_sub(now_us));
+        self.clock_sets = self.clock_sets.wrapping_add(1);
+    }
+
+    /// Number of times that the wall clock was set; wraps.
+    pub fn clock_sets(&self) -> u32 {
+        self.clock_sets
+    }
+
+    /// The wall clock, us since 1970; `None` until it is set.
+    pub fn unix_us(&self, now_us: u64) -> Option<u64> {
+        self.unix_offset_us.map(|offset_us| offset_us.wrapping_add(now_us))
     }
 }

@@ -233,6 +233,16 @@ impl<C: Carrier> Client<C> {
         })
     }
 
+    /// Turns the stream of ellipses on, with one of every `every` frames, or off for 0. It is off after a reconnection. Returns once
+    /// the insole has answered a later request, because it answers this one only by a refusal.
+    ///
+    /// # Errors
+    /// See the `impl` block; [`plantar::protocol::Refusal::EllipseRate`] has the highest rate if this one is above 25 Hz.
+    pub fn stream_ellipses(&mut self, every: u8) -> Result<(), Error> {
+        self.send(ToDevice::StreamEllipses { every })?;
+        self.status().map(drop)
+    }
+
     /// Restarts the insole and opens the session again within `patience`.
     ///
     /// # Errors

@@ -2,7 +2,9 @@
 
 use client::step_to_json;
 use plantar::pipeline::contact::ContactRule;
-use plantar::protocol::{Alert, Bout, BoutRegion, Flag, Live, LiveRegion, Quantity, Step, StepFoot, StepRegion};
+use plantar::protocol::{
+    Alert, Bout, BoutRegion, ContactEllipse, Flag, Live, LiveRegion, Quantity, Step, StepFoot, StepRegion,
+};
 use plantar::{Region, Side};
 use std::fmt::Write;
 
@@ -10,7 +12,7 @@ const DOCUMENT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/quantiti
 
 const INTRODUCTION: &str = "# Quantities
 
-This file is generated from the declarations in `src/protocol/{step,bout,alert,live}.rs` by
+This file is generated from the declarations in `src/protocol/{step,bout,alert,live,ellipses}.rs` by
 `UPDATE_DOCS=1 cargo test --release --package client --test quantities`. A test checks that it is up to date.
 
 *Column* is the name in Parquet and CSV files, *key* the one in JSON objects, where `a.b` is the key `b` in the object
@@ -30,6 +32,12 @@ fn the_document_lists_the_declared_quantities() {
     write_section(&mut document, "An alert", Alert::QUANTITIES, Alert::FLAGS);
     write_section(&mut document, "A live frame", Live::QUANTITIES, &[] as &[Flag<Live>]);
     write_section(&mut document, "A region of a live frame", LiveRegion::QUANTITIES, Live::FLAGS);
+    write_section(
+        &mut document,
+        "A contact ellipse of the stream of ellipses",
+        ContactEllipse::QUANTITIES,
+        &[] as &[Flag<ContactEllipse>],
+    );
     if std::env::var_os("UPDATE_DOCS").is_some() {
         std::fs::write(DOCUMENT, &document).expect("the folder docs exists");
     }

@@ -52,6 +52,7 @@ export class App {
         this.live_view.frame(live, side);
         this.identify.live(side, live);
       },
+      shape: ({ ellipses, sole }, side) => this.live_view.shape(side, ellipses, sole),
       record: this.onRecord,
       answer: (answer, { hello }) => hello && this.identify.insoleAnswer(hello.side, answer),
       message: (bytes, side) => this.identify.message(side, bytes),
@@ -149,10 +150,6 @@ export class App {
 
   private stepsChanged(): void {
     const { steps, bouts, alerts } = this.store;
-    for (const side of SIDES) {
-      const last = steps.findLast(({ step }) => step.side === side)?.step;
-      this.live_view.showEllipses(side, Object.values(last?.regions ?? {}).flatMap((region) => region.ellipse_at_peak ?? []));
-    }
     drawSteps(steps, gaitOf(this.wire, this.store, this.settings), this.settings);
     drawBouts(bouts);
     drawAlerts(alerts);

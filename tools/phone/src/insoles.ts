@@ -10,6 +10,8 @@ import type { Wire } from "./wire";
 export interface InsoleEvents {
   /** A live frame arrived from the insole of this foot. */
   live(live: Live, side: Side): void;
+  /** The contact ellipses or the cells of the insole of this foot arrived. */
+  shape(session: Session, side: Side): void;
   /** A step, load bout or alert arrived. `bytes` is the encoded message. */
   record(message: RecordMessage, bytes: Uint8Array, session: Session): void;
   /** An insole answered a request that concerns parameters. */
@@ -68,12 +70,14 @@ export class Insoles {
   private receive(insole: Insole, bytes: Uint8Array, now_ms: number): void {
     const session = this.sessions[insole];
     if (!session) return;
-    const before = { hello: session.hello, live: session.live };
+    const before = { hello: session.hello, live: session.live, ellipses: session.ellipses, sole: session.sole };
     // A step must be among the messages of a guided session before it is counted.
     if (session.hello) this.events.message(bytes, session.hello.side);
     session.receive(bytes, now_ms);
     if (session.hello !== before.hello) this.hellos.set(insole, bytes.slice());
     this.recorder.add(insole, bytes, now_ms);
+    const is_new_shape = session.ellipses !== before.ellipses || session.sole !== before.sole;
+    if (session.hello && is_new_shape) this.events.shape(session, session.hello.side);
     if (session.live && session.hello && session.live !== before.live) this.events.live(session.live, session.hello.side);
   }
 }

@@ -2,7 +2,7 @@
 
 import { type Node, byId, fill } from "./dom";
 import { QUANTITIES, type Quantity, forceText, quantityNote, quantityText, regionTitle } from "./format";
-import type { Facts } from "./generated/messages";
+import type { Facts, Sole } from "./generated/messages";
 import type { Ellipse, Live, Side } from "./generated/quantities";
 import type { Insoles } from "./insoles";
 import { extendPath } from "./pressure_path";
@@ -39,8 +39,8 @@ export class LiveView {
   private has_drawn_load = false;
 
   constructor(private readonly facts: Facts) {
-    this.soles = new Soles(byId("soles", HTMLCanvasElement), facts);
-    const empty = (): SolePicture => ({ live: undefined, text: NOT_CONNECTED, ellipses: [], path: [] });
+    this.soles = new Soles(byId("soles", HTMLCanvasElement));
+    const empty = (): SolePicture => ({ live: undefined, text: NOT_CONNECTED, ellipses: [], sole: facts.sole, path: [] });
     this.pictures = { left: empty(), right: empty() };
     const is_dark = matchMedia("(prefers-color-scheme: dark)");
     const measure = () => this.measure(is_dark.matches);
@@ -51,10 +51,11 @@ export class LiveView {
     quantity.onchange = () => (this.quantity = QUANTITIES.find((known) => known === quantity.value) ?? "measured");
   }
 
-  /** Resets the largest force and the saturated regions. To be called when other insoles are used. */
+  /** Resets the largest force, the saturated regions and the shapes of the soles. To be called when other insoles are used. */
   reset(): void {
     this.largest_n = 0;
     this.saturated.clear();
+    for (const side of SIDES) this.shape(side, [], undefined);
   }
 
   /** Shows a live frame. It is drawn together with the next frame of the screen. */
@@ -69,9 +70,11 @@ export class LiveView {
     this.requestDraw();
   }
 
-  /** Shows the contact ellipses of the last step of a foot. */
-  showEllipses(side: Side, ellipses: Ellipse[]): void {
-    this.pictures[side].ellipses = ellipses;
+  /** Shows the contact ellipses of a foot within its sole, which is the generic one until the cells of the insole are known. */
+  shape(side: Side, ellipses: readonly (Ellipse | null)[], sole: Sole | undefined): void {
+    const picture = this.pictures[side];
+    picture.ellipses = ellipses.filter((ellipse) => ellipse !== null);
+    picture.sole = sole ?? this.facts.sole;
     this.requestDraw();
   }
 
@@ -120,6 +123,7 @@ export class LiveView {
     picture.text = text;
     if (text !== "") {
       picture.live = undefined;
+      picture.ellipses = [];
       picture.path.length = 0;
     }
     this.requestDraw();

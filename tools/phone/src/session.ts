@@ -1,7 +1,7 @@
 /** The session with one insole: sends the requests, stores the latest messages, and counts received and lost frames. */
 
-import type { Hello, Status, ToHost } from "./generated/messages";
-import type { DailyLoad, Live } from "./generated/quantities";
+import type { Hello, LayoutCell, Sole, Status, ToHost } from "./generated/messages";
+import type { DailyLoad, Ellipse, Live } from "./generated/quantities";
 import { CONNECT_REQUEST_MS, TIMEOUT_MS } from "./reconnect";
 import type { Insole, Transport } from "./transport/transport";
 import type { Axis, LiveCounter, Wire } from "./wire";
@@ -12,6 +12,10 @@ const STATUS_MS = 1000;
 const TIME_MS = 250;
 /** Interval of the requests for the load of the day. */
 const DAILY_LOAD_MS = 5000;
+/** Interval of the requests for the next cells of the insole while it does not answer. */
+const CELLS_MS = 1000;
+/** Highest rate of the stream of ellipses. */
+const ELLIPSES_HZ = 25;
 /** Duration over which the rate of live frames is averaged. */
 const RATE_MS = 2000;
 
@@ -59,6 +63,10 @@ export class Session {
   daily: DailyLoad | undefined;
   /** True if the insole raises alerts; `undefined` until it has answered. */
   has_alerts: boolean | undefined;
+  /** The contact ellipses of the last frame that had some, by region; null without contact. */
+  ellipses: (Ellipse | null)[] = [];
+  /** The sole of the insole; `undefined` until its cells are known. After a reconnection it remains until they are read again. */
+  sole: Sole | undefined;
   /** The reason why the connection was lost, as a phrase for the wearer. */
   reason = "";
   battery_percent: number | undefined;
@@ -69,6 +77,8 @@ export class Session {
   /** True if the last step says that tissue or shoe have changed so much that the wearer should be identified again. */
   needs_refit = false;
   /** Times at which the last live frames arrived. */
+  /** The cells of the insole that have arrived. */
+  private cells: LayoutCell[] = [];
   private readonly arrivals_ms: number[] = [];
   private hello_received_ms = 0;
   private last_message_ms = 0;
@@ -76,6 +86,7 @@ export class Session {
   private status_requested_ms = -Infinity;
   private time_requested_ms = -Infinity;
   private daily_requested_ms = -Infinity;
+  private cells_requested_ms = -Infinity;
 
   constructor(
     readonly insole: Insole,
@@ -142,6 +153,11 @@ export class Session {
       case "tissue":
       case "refused":
         return this.onAnswer(message, this);
+      case "ellipses":
+        if (this.state === "live") this.ellipses = message.regions;
+        return;
+      case "setup_cells":
+        return this.receiveCells(message.first, message.cells, now_ms);
       // The page does not use this message.
       case "faults":
     }
@@ -153,6 +169,8 @@ export class Session {
     this.axis.clear();
     this.counter.newSession();
     this.arrivals_ms.length = 0;
+    this.ellipses = [];
+    this.cells = [];
     if (hello.major !== this.wire.facts.major) {
       this.state = "other-version";
       return;
@@ -161,6 +179,22 @@ export class Session {
     this.send(this.wire.setClock(unix_us(now_ms)));
     this.send(this.wire.getAlertRules());
     this.send(this.wire.stream(true));
+    this.send(this.wire.streamEllipses(Math.ceil(hello.rate_hz / ELLIPSES_HZ)));
+    this.requestCells(now_ms);
+  }
+
+  /** Requests the next part of the insole's cells. */
+  private requestCells(now_ms: number): void {
+    this.cells_requested_ms = now_ms;
+    this.send(this.wire.getSetupCells(this.cells.length));
+  }
+
+  private receiveCells(first: number, cells: LayoutCell[], now_ms: number): void {
+    // A request that was sent twice is answered twice.
+    if (this.state !== "live" || !this.hello || first !== this.cells.length || first >= this.hello.cells) return;
+    this.cells.push(...cells);
+    if (this.cells.length < this.hello.cells) this.requestCells(now_ms);
+    else this.sole = this.wire.sole(this.cells);
   }
 
   private receiveLive(live: Live, now_ms: number): void {
@@ -204,6 +238,8 @@ export class Session {
       this.daily_requested_ms = now_ms;
       this.send(this.wire.getDailyLoad());
     }
+    const has_all_cells = this.cells.length >= (this.hello?.cells ?? 0);
+    if (this.state === "live" && !has_all_cells && now_ms - this.cells_requested_ms >= CELLS_MS) this.requestCells(now_ms);
   }
 
   /** Acknowledges a record and all earlier ones, so that the insole can delete them. To be called once they are stored. */

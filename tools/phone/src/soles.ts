@@ -1,6 +1,6 @@
 /** Draws both soles on a canvas. */
 
-import type { Facts } from "./generated/messages";
+import type { Sole } from "./generated/messages";
 import type { Ellipse, Live, Side } from "./generated/quantities";
 import { type Path, type Point } from "./pressure_path";
 import { colourOf } from "./scale";
@@ -14,8 +14,9 @@ export interface SolePicture {
   live: Live | undefined;
   /** Text that is shown instead of loads. */
   text: string;
-  /** Contact ellipses at the peak of the last step. */
+  /** Contact ellipses of the regions in contact. */
   ellipses: Ellipse[];
+  sole: Sole;
   /** Path of the centre of pressure. */
   path: Path;
 }
@@ -31,8 +32,8 @@ interface Ink {
 /** The canvas with both soles. */
 export class Soles {
   private readonly context: CanvasRenderingContext2D;
-  private readonly outline: Path2D;
-  private readonly regions: Path2D[];
+  /** The shapes of the soles that were drawn last. */
+  private readonly shapes = new WeakMap<Sole, { outline: Path2D; regions: Path2D[] }>();
   private ink: Ink = { back: "", text: "", line: "", sole: "" };
   private palette: readonly string[] = [];
   /** Size of the canvas on the page; 0 while it is not displayed. */
@@ -41,15 +42,10 @@ export class Soles {
   /** The {@link appearanceOf} each sole when it was drawn last. */
   private readonly drawn: Record<Side, string> = { left: "", right: "" };
 
-  constructor(
-    private readonly canvas: HTMLCanvasElement,
-    private readonly facts: Facts,
-  ) {
+  constructor(private readonly canvas: HTMLCanvasElement) {
     const context = canvas.getContext("2d");
     if (!context) throw new Error("This browser cannot draw on a canvas. Use another browser.");
     this.context = context;
-    this.outline = polygon(facts.sole.outline_mm);
-    this.regions = facts.regions.map(({ outline_mm }) => polygon(outline_mm));
   }
 
   /** Reads the colours of the page and the size of the canvas again. */
@@ -78,19 +74,20 @@ export class Soles {
   /** Draws the soles whose appearance has changed. */
   draw(pictures: Record<Side, SolePicture>, scale_end_n: number): void {
     if (!this.isVisible) return;
+    const size_mm = [0, 1].map((axis) => Math.max(...SIDES.map((side) => extent_mm(pictures[side].sole, axis)))) as Point;
     for (const side of SIDES) {
       const colours = pictures[side].live?.regions.map(({ measured_n }) => colourOf(measured_n, scale_end_n, this.palette)) ?? [];
-      const appearance = appearanceOf(pictures[side], colours);
+      const appearance = [...size_mm, appearanceOf(pictures[side], colours)].join();
       if (appearance === this.drawn[side]) continue;
       this.drawn[side] = appearance;
-      this.drawHalf(side, pictures[side], colours);
+      this.drawHalf(side, pictures[side], size_mm, colours);
     }
   }
 
-  /** Draws one sole in its half of the canvas. */
-  private drawHalf(side: Side, picture: SolePicture, colours: readonly string[]): void {
+  /** Draws one sole in its half of the canvas. Both soles are drawn to the same scale, by which the larger one fits. */
+  private drawHalf(side: Side, picture: SolePicture, [width_mm, length_mm]: Point, colours: readonly string[]): void {
     const { context: c, width, height } = this;
-    const { length_mm, width_mm } = this.facts.sole;
+    const [x_mm, y_mm] = picture.sole.from_mm;
     const scale = Math.min(width / (2 * width_mm + 5 * MARGIN_MM), height / (length_mm + 2 * MARGIN_MM));
     // In foot coordinates x points to the lateral side, so a left foot is mirrored.
     const mirror = side === "left" ? -1 : 1;
@@ -101,6 +98,7 @@ export class Soles {
     c.clearRect(0, 0, width, height);
     c.translate(width / 2 + mirror * MARGIN_MM * scale, height - MARGIN_MM * scale);
     c.scale(mirror * scale, -scale);
+    c.translate(-x_mm, -y_mm);
     this.drawSole(picture, colours, 1 / scale);
     c.restore();
     if (picture.text) {
@@ -110,17 +108,21 @@ export class Soles {
   }
 
   /** Draws one sole in foot coordinates, mm; `px` is the size of a CSS pixel. */
-  private drawSole({ live, ellipses, path }: SolePicture, colours: readonly string[], px: number): void {
+  private drawSole({ live, ellipses, sole, path }: SolePicture, colours: readonly string[], px: number): void {
     const { context: c, ink } = this;
-    this.regions.forEach((region, i) => {
+    const { outline, regions } = this.shapesOf(sole);
+    regions.forEach((region, i) => {
       c.fillStyle = colours[i] ?? ink.sole;
       c.fill(region);
     });
     c.strokeStyle = ink.line;
     c.lineWidth = 1.5 * px;
-    c.stroke(this.outline);
+    c.stroke(outline);
     if (!live) return;
     c.lineJoin = "round";
+    // The ellipse of a hollow contact, such as that of the two edges of the heel, can extend beyond the sole.
+    c.save();
+    c.clip(outline);
     c.beginPath();
     for (const { x_mm, y_mm, r_a_mm, r_b_mm, angle_deg } of ellipses) {
       const angle = (angle_deg * Math.PI) / 180;
@@ -128,11 +130,21 @@ export class Soles {
       c.ellipse(x_mm, y_mm, r_a_mm, r_b_mm, angle, 0, 2 * Math.PI);
     }
     this.strokeWithHalo(2 * px);
+    c.restore();
     this.drawPath(path, px);
     live.regions.forEach(({ saturated, clamped }, i) => {
-      const centre = this.facts.regions[i]?.centre_mm;
+      const centre = sole.regions[i]?.centre_mm;
       if (centre && (saturated || clamped)) this.drawFlag(centre, saturated, px);
     });
+  }
+
+  private shapesOf(sole: Sole): { outline: Path2D; regions: Path2D[] } {
+    let shapes = this.shapes.get(sole);
+    if (!shapes) {
+      shapes = { outline: polygon(sole.outline_mm), regions: sole.regions.map(({ outline_mm }) => polygon(outline_mm)) };
+      this.shapes.set(sole, shapes);
+    }
+    return shapes;
   }
 
   /** Draws the path of the centre of pressure, with a disc at its last point. */
@@ -195,11 +207,14 @@ export class Soles {
 }
 
 /** A text that is equal for pictures with the same appearance. */
-function appearanceOf({ live, text, ellipses, path }: SolePicture, colours: readonly string[]): string {
+function appearanceOf({ live, text, ellipses, sole, path }: SolePicture, colours: readonly string[]): string {
   const flags = live?.regions.map(({ saturated, clamped }) => (saturated ? 2 : clamped ? 1 : 0)) ?? [];
-  const shapes = live ? ellipses.flatMap(({ x_mm, y_mm, r_a_mm }) => [x_mm, y_mm, r_a_mm]) : [];
-  return [text, ...colours, ...flags, ...shapes, path.length, path.at(0)?.t_s, path.at(-1)?.t_s].join();
+  const shapes = live ? ellipses.flatMap(({ x_mm, y_mm, r_a_mm, r_b_mm }) => [x_mm, y_mm, r_a_mm, r_b_mm]) : [];
+  return [text, ...sole.from_mm, sole.outline_mm.length, ...colours, ...flags, ...shapes, path.length, path.at(0)?.t_s, path.at(-1)?.t_s].join();
 }
+
+/** Width (axis 0) or length (axis 1) of a sole. */
+const extent_mm = ({ from_mm, to_mm }: Sole, axis: number) => (to_mm[axis] ?? 0) - (from_mm[axis] ?? 0);
 
 /** A closed polygon for drawing. */
 function polygon(points: readonly Point[]): Path2D {

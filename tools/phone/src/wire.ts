@@ -1,6 +1,6 @@
 /** The core of the page, as WebAssembly: it decodes and encodes messages, converts the times of insoles, and counts lost frames. */
 
-import type { Facts, ToHost } from "./generated/messages";
+import type { Facts, LayoutCell, Sole, ToHost } from "./generated/messages";
 import type { Gait, Step } from "./generated/quantities";
 import { INSOLES, type Insole } from "./transport/transport";
 
@@ -13,6 +13,9 @@ interface Exports {
   facts(): number;
   connect(): number;
   stream(live: boolean): number;
+  stream_ellipses(every: number): number;
+  get_setup_cells(first: number): number;
+  sole(): number;
   acknowledge(step: number): number;
   get_status(): number;
   get_alert_rules(): number;
@@ -109,14 +112,22 @@ export class Wire {
 
   /** Decodes a message. Returns `undefined` for bytes that are not a message of this version. */
   decode(bytes: Uint8Array): ToHost | undefined {
-    const at = this.core.resize_buffer(bytes.length);
-    new Uint8Array(this.core.memory.buffer, at, bytes.length).set(bytes);
+    this.write(bytes);
     const length = this.core.decode();
     return length === 0 ? undefined : (JSON.parse(this.text.decode(this.read(length))) as ToHost);
   }
 
+  /** The sole of an insole with these cells; `undefined` if they cannot be drawn. */
+  sole(cells: readonly LayoutCell[]): Sole | undefined {
+    this.write(new TextEncoder().encode(JSON.stringify(cells)));
+    const length = this.core.sole();
+    return length === 0 ? undefined : (JSON.parse(this.text.decode(this.read(length))) as Sole);
+  }
+
   connect = () => this.request(this.core.connect());
   stream = (live: boolean) => this.request(this.core.stream(live));
+  streamEllipses = (every: number) => this.request(this.core.stream_ellipses(every));
+  getSetupCells = (first: number) => this.request(this.core.get_setup_cells(first));
   acknowledge = (step: number) => this.request(this.core.acknowledge(step));
   getStatus = () => this.request(this.core.get_status());
   getAlertRules = () => this.request(this.core.get_alert_rules());
@@ -145,6 +156,11 @@ export class Wire {
       }
     });
     return JSON.parse(this.text.decode(this.read(this.core.gait_measures(has_common_clock, stride_m)))) as Gait;
+  }
+
+  private write(bytes: Uint8Array): void {
+    const at = this.core.resize_buffer(bytes.length);
+    new Uint8Array(this.core.memory.buffer, at, bytes.length).set(bytes);
   }
 
   private request(length: number): Uint8Array {

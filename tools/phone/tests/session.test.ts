@@ -31,7 +31,7 @@ function hello(major: number): ToHost {
   return { kind: "hello", major, minor: 0, ...board, has_effective_areas: false, has_parameters: true, reset: "power", last_panic: null };
 }
 
-test("a session sends connect requests until the insole answers, then requests the live stream", () => {
+test("a session sends connect requests until the insole answers, then requests the streams and the cells", () => {
   const { session, sent } = start();
   session.opened(0);
   session.tick(100);
@@ -40,7 +40,43 @@ test("a session sends connect requests until the insole answers, then requests t
   session.receive(messagesOf(0)[0]!, 600);
   expect(session.state).toBe("live");
   expect(session.hello?.side).toBe("left");
-  expect(sent.at(-1)).toEqual(wire.stream(true));
+  expect(sent.slice(-3)).toEqual([wire.stream(true), wire.streamEllipses(4), wire.getSetupCells(0)]);
+});
+
+test("the cells of an insole are requested part by part until all have arrived, and give its sole", () => {
+  const { session, sent } = start();
+  session.opened(0);
+  const [hello, ...parts] = messagesOf(0).filter((message) => ["hello", "setup_cells"].includes(wire.decode(message)?.kind ?? ""));
+  session.receive(hello!, 0);
+  session.receive(parts[0]!, 1);
+  expect(sent.at(-1)).toEqual(wire.getSetupCells(16));
+  // An answer was lost, so the request is repeated.
+  session.tick(500);
+  session.tick(1001);
+  expect(sent.filter((request) => request[0] === wire.getSetupCells(0)[0]).at(-1)).toEqual(wire.getSetupCells(16));
+  // The request for the first part was sent twice.
+  session.receive(parts[0]!, 1100);
+  parts.slice(1).forEach((part) => {
+    expect(session.sole).toBeUndefined();
+    session.receive(part, 1200);
+  });
+  const sole = session.sole!;
+  expect(sole.regions).toHaveLength(8);
+  // The computed insole has the shape of the generic sole.
+  sole.to_mm.forEach((mm, axis) => expect(Math.abs(mm - wire.facts.sole.to_mm[axis]!)).toBeLessThan(8));
+});
+
+test("the ellipses of the last frame replace those before, and a new session has none", () => {
+  const { session } = start();
+  session.opened(0);
+  const messages = messagesOf(0);
+  const ellipses = messages.map((message) => wire.decode(message)).filter((message) => message?.kind === "ellipses");
+  messages.forEach((message, i) => session.receive(message, i));
+  expect(ellipses.length).toBeGreaterThan(100);
+  expect(ellipses.some(({ regions }) => regions.every((ellipse) => ellipse))).toBe(true);
+  expect(session.ellipses).toEqual(ellipses.at(-1)?.regions);
+  session.receive(messages[0]!, 0);
+  expect(session.ellipses).toEqual([]);
 });
 
 test("all frames and steps of the computed walk are received", () => {

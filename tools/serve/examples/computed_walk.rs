@@ -7,7 +7,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::stance_rule::StanceRule;
-use plantar::protocol::{Bout, Hello, Live, MAJOR, MINOR, Reset, Step, ToHost};
+use plantar::protocol::{Bout, ContactEllipse, Ellipses, Hello, Live, MAJOR, MINOR, Reset, SETUP_CELLS, Step, ToHost};
 use recording::VirtualInsole;
 use recording::synthetic::{SyntheticWalk, walk};
 use std::error::Error;
@@ -19,6 +19,8 @@ const STEPS: usize = 6;
 const STRIDE_S: f64 = 1.05;
 /// Number of frames between two answers with the time of the insole, by which a host puts both feet on one clock.
 const TIME_FRAMES: usize = 25;
+/// Number of frames between two messages with ellipses: 25 Hz.
+const ELLIPSE_FRAMES: usize = 4;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let path = std::env::args().nth(1).ok_or("name the file to write")?;
@@ -63,6 +65,9 @@ fn messages(
         last_panic: None,
     };
     let mut messages = vec![(0, ToHost::Hello(hello))];
+    messages.extend(virtual_insole.cells.chunks(SETUP_CELLS).enumerate().map(|(i, cells)| {
+        (0, ToHost::SetupCells { first: (i * SETUP_CELLS) as u16, cells: cells.iter().copied().collect() })
+    }));
     let mut codes = vec![0; virtual_insole.cells.len()];
     for frame in 0..virtual_insole.frames(&recording) {
         virtual_insole.codes_of(&recording, frame, &mut codes);
@@ -76,6 +81,11 @@ fn messages(
             t_ms,
             ToHost::Live(Live::new(frame as u32, t_us, insole.loads(), insole.masked(), insole.foot_centre_mm())),
         ));
+        if frame % ELLIPSE_FRAMES == 0 {
+            let regions = std::array::from_fn(|region| ContactEllipse::new(insole.ellipse(region)));
+            let sequence = (frame / ELLIPSE_FRAMES) as u32;
+            messages.push((t_ms, ToHost::Ellipses(Ellipses { sequence, t_us, regions })));
+        }
         if toe_off && let Some(step) = insole.whole_step() {
             messages.push((t_ms, ToHost::Step(Step::new(&step))));
         }

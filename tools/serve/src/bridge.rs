@@ -43,6 +43,7 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
         match insole.next_event() {
             Ok(Event::Started(_)) => pass_hello(hub, index, &mut insole),
             Ok(Event::Message(ToHost::Live(live))) => hub.live(index, live),
+            Ok(Event::Message(ToHost::Ellipses(ellipses))) => hub.ellipses(index, ellipses),
             Ok(Event::Message(message)) if let Some(record) = LoadRecord::of(&message) => {
                 hub.load_record(index, record)
             }
@@ -72,6 +73,9 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
         if let Some(request) = hub.to_send(index) {
             insole.send(request);
         }
+        if let Some(request) = hub.ellipses_to_request(index) {
+            insole.send(request);
+        }
         if status_requested.elapsed() > STATUS_INTERVAL {
             status_requested = Instant::now();
             insole.send(ToDevice::GetStatus);
@@ -80,10 +84,14 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
     }
 }
 
-/// Passes the hello and the parameters of a new session to the hub.
+/// Passes the hello, the parameters and the layout of a new session to the hub.
 fn pass_hello(hub: &Hub, index: usize, insole: &mut Session) {
     let client = insole.client();
     // Older firmware does not know these requests; the values are then unknown.
     let (tissue, alert_rules) = (client.tissue().ok(), client.alert_rules().ok());
-    hub.hello(index, client.hello(), tissue, alert_rules);
+    let layout = hub.layout(index, client.hello().layout_id).or_else(|| {
+        let (setup, cells) = (client.setup().ok()?, client.setup_cells().ok()?);
+        Some((setup, &*cells.leak()))
+    });
+    hub.hello(index, client.hello(), tissue, alert_rules, layout);
 }

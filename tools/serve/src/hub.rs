@@ -2,9 +2,10 @@
 
 use client::{Axis, StreamFile, unix_us};
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
+use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::session::{CommandResult, RECORD_QUEUE, Session};
-use plantar::protocol::{Hello, Live, LoadRecord, MAX_MESSAGE, Refusal, Status, ToDevice, ToHost, decode};
+use plantar::protocol::{Ellipses, Hello, Live, LoadRecord, MAX_MESSAGE, Refusal, Status, ToDevice, ToHost, decode};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -26,6 +27,10 @@ pub(crate) struct Hub {
 #[derive(Default)]
 struct Insole {
     hello: Option<Hello>,
+    /// The configuration that pages can read, and its identifier in the hello.
+    layout: Option<(u32, Layout)>,
+    /// The rate of the stream of ellipses that was requested from the insole, as [`Session::ellipses_every`].
+    ellipses_every: u8,
     /// The wearer's parameters, if they are known.
     tissue: Option<Tissue>,
     /// Request of a page, to be sent to the insole next. The session of the page waits for the answer.
@@ -47,6 +52,10 @@ struct Insole {
     /// The number of each page, and its session.
     pages: Vec<(u64, Session)>,
 }
+
+/// Rules and cells of an insole. The cells are never freed, because sessions on an insole refer to static ones; a program reads few
+/// layouts.
+pub(crate) type Layout = (Setup, &'static [SetupCell]);
 
 struct Pending {
     record: LoadRecord,
@@ -103,22 +112,38 @@ impl Hub {
     }
 
     /// Starts a new session with the insole, which sent this hello.
-    pub fn hello(&self, index: usize, hello: &Hello, tissue: Option<Tissue>, alert_rules: Option<AlertRules>) {
+    pub fn hello(
+        &self,
+        index: usize,
+        hello: &Hello,
+        tissue: Option<Tissue>,
+        alert_rules: Option<AlertRules>,
+        layout: Option<Layout>,
+    ) {
         self.record(index, &ToHost::Hello(hello.clone()));
         let mut insole = self.insole(index);
         let insole = &mut *insole;
         insole.hello = Some(hello.clone());
         (insole.tissue, insole.alert_rules) = (tissue, alert_rules);
+        insole.layout = layout.map(|layout| (hello.layout_id, layout));
+        insole.ellipses_every = 0;
         insole.session += 1;
         insole.axis = Axis::new();
         insole.to_acknowledge = None;
         for (_, link) in &mut insole.pages {
             // Connects on behalf of the page, which thereby receives the insole's new hello.
-            let is_streaming = link.next_live().is_some();
+            let (is_streaming, every) = (link.next_live().is_some(), link.ellipses_every());
+            set_layout(link, layout);
             open_session(link, CONNECT, insole.tissue, insole.alert_rules);
             link.receive(ToDevice::Stream { live: is_streaming }, NO_CLOCK_US);
+            link.receive(ToDevice::StreamEllipses { every }, NO_CLOCK_US);
         }
         self.changed.send_replace(());
+    }
+
+    /// The layout with this identifier, if the last session with the insole had the same.
+    pub fn layout(&self, index: usize, id: u32) -> Option<Layout> {
+        self.insole(index).layout.filter(|(known, _)| *known == id).map(|(_, layout)| layout)
     }
 
     /// Ends the session with an insole: pages receive nothing until the next session starts.
@@ -189,6 +214,25 @@ impl Hub {
         self.changed.send_replace(());
     }
 
+    /// The request for another rate of the stream of ellipses, if that of the pages has changed: the highest rate that a page requested.
+    pub fn ellipses_to_request(&self, index: usize) -> Option<ToDevice> {
+        let mut insole = self.insole(index);
+        let rates = insole.pages.iter().map(|(_, link)| link.ellipses_every());
+        let every = rates.filter(|&every| every > 0).min().unwrap_or(0);
+        let is_changed = std::mem::replace(&mut insole.ellipses_every, every) != every;
+        is_changed.then_some(ToDevice::StreamEllipses { every })
+    }
+
+    /// Passes ellipses to the pages that requested them.
+    pub fn ellipses(&self, index: usize, ellipses: Ellipses) {
+        let mut insole = self.insole(index);
+        for (_, link) in insole.pages.iter_mut().filter(|(_, link)| link.ellipses_every() > 0) {
+            link.push_ellipses(ellipses);
+        }
+        drop(insole);
+        self.changed.send_replace(());
+    }
+
     pub fn load_record(&self, index: usize, record: LoadRecord) {
         let mut insole = self.insole(index);
         let session = insole.session;
@@ -238,6 +282,7 @@ impl Hub {
         for insole in &self.insoles {
             let mut insole = insole.lock().unwrap_or_else(PoisonError::into_inner);
             let mut link = Session::new();
+            set_layout(&mut link, insole.layout.map(|(_, layout)| layout));
             for pending in &insole.pending {
                 link.push_record(pending.record);
             }
@@ -251,6 +296,13 @@ impl Hub {
 const NO_CLOCK_US: u64 = 0;
 
 const CONNECT: ToDevice = ToDevice::Connect { major: plantar::protocol::MAJOR, minor: plantar::protocol::MINOR };
+
+/// Lets a page read the configuration of the insole.
+fn set_layout(link: &mut Session, layout: Option<Layout>) {
+    if let Some((setup, cells)) = layout {
+        link.set_layout(setup, cells, None);
+    }
+}
 
 /// Opens the session of a page, with the parameters and the rules of alerts of the insole.
 fn open_session(link: &mut Session, connect: ToDevice, tissue: Option<Tissue>, alert_rules: Option<AlertRules>) {
@@ -295,7 +347,7 @@ impl Page {
             Some(request @ (ToDevice::SetTissue(tissue) | ToDevice::SetIdentifiedTissue { tissue, .. }))
                 if self.hub.accepts_parameters =>
             {
-                // The session of the page has no layout, so the contact rule is checked above.
+                // The session of the page may have no layout, so the contact rule is checked above.
                 link.receive(ToDevice::SetTissue(tissue), NO_CLOCK_US);
                 // Invalid parameters, and those that follow others without an answer, are refused already.
                 if link.command().is_some() {

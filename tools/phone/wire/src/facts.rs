@@ -1,6 +1,6 @@
 //! The constants of the protocol and the geometry of the sole. The page reads them once, when it starts.
 
-use crate::sole::{self, outline_mm, region_shapes};
+use crate::sole::Sole;
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::tissue::{AreaFilter, Identified, Tissue};
@@ -22,6 +22,7 @@ pub struct Facts {
     gatt: Gatt,
     /// The regions, in the order of the messages.
     regions: Vec<RegionFacts>,
+    /// The sole to draw until the cells of an insole are known.
     sole: Sole,
 }
 
@@ -42,26 +43,12 @@ pub struct Gatt {
     parameter_requests: Vec<u8>,
 }
 
-/// A region and its shape.
+/// A region.
 #[derive(Serialize)]
 #[cfg_attr(test, derive(ts_rs::TS))]
 pub struct RegionFacts {
     /// Name in messages and files.
     name: &'static str,
-    /// A closed polygon, mm.
-    outline_mm: Vec<[f32; 2]>,
-    /// Its centroid, mm.
-    centre_mm: [f32; 2],
-}
-
-/// A sole in foot coordinates, the same for both feet: x to the lateral side, y from heel to toes.
-#[derive(Serialize)]
-#[cfg_attr(test, derive(ts_rs::TS))]
-pub struct Sole {
-    length_mm: f32,
-    width_mm: f32,
-    /// A closed polygon, mm.
-    outline_mm: Vec<[f32; 2]>,
 }
 
 /// See [`Gatt::parameter_requests`].
@@ -92,16 +79,8 @@ pub(crate) fn facts_to_json() -> String {
             parameters: uuid_to_text(gatt::PARAMETERS),
             parameter_requests: parameter_requests(),
         },
-        regions: Region::ALL
-            .iter()
-            .zip(region_shapes())
-            .map(|(region, shape)| RegionFacts {
-                name: region.name(),
-                outline_mm: shape.outline_mm,
-                centre_mm: shape.centre_mm,
-            })
-            .collect(),
-        sole: Sole { length_mm: sole::LENGTH_MM, width_mm: sole::WIDTH_MM, outline_mm: outline_mm() },
+        regions: Region::ALL.iter().map(|region| RegionFacts { name: region.name() }).collect(),
+        sole: Sole::generic(),
     };
     // Strings and finite numbers can always be written as JSON.
     serde_json::to_string(&facts).unwrap_or_default()

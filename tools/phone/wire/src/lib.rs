@@ -15,7 +15,7 @@ mod sole;
 mod typescript;
 
 pub use message::decode_to_json;
-pub use sole::{REGION_COUNT, RegionShape, outline_mm, region_shapes};
+pub use sole::{LayoutCell, RegionShape, Sole};
 
 use client::Axis;
 use client::gait::{FootStep, Gait, Length};
@@ -45,6 +45,15 @@ pub extern "C" fn facts() -> usize {
     put(facts::facts_to_json().as_bytes())
 }
 
+/// Replaces the list of an insole's cells in the buffer, a JSON array of [`LayoutCell`], by its [`Sole`] as JSON, and returns the length
+/// of the text. Returns 0 for a list without cells, or with damaged ones.
+#[unsafe(no_mangle)]
+pub extern "C" fn sole() -> usize {
+    let cells: Option<Vec<LayoutCell>> = phone_buffer::with(|buffer| serde_json::from_slice(buffer).ok());
+    let sole = cells.and_then(|cells| serde_json::to_string(&Sole::of(&cells)?).ok());
+    sole.map_or(0, |json| put(json.as_bytes()))
+}
+
 /// Encodes [`ToDevice::Connect`]; returns the length of the message.
 #[unsafe(no_mangle)]
 pub extern "C" fn connect() -> usize {
@@ -55,6 +64,18 @@ pub extern "C" fn connect() -> usize {
 #[unsafe(no_mangle)]
 pub extern "C" fn stream(live: bool) -> usize {
     request(ToDevice::Stream { live })
+}
+
+/// Encodes [`ToDevice::StreamEllipses`]; returns the length of the message.
+#[unsafe(no_mangle)]
+pub extern "C" fn stream_ellipses(every: u8) -> usize {
+    request(ToDevice::StreamEllipses { every })
+}
+
+/// Encodes [`ToDevice::GetSetupCells`]; returns the length of the message.
+#[unsafe(no_mangle)]
+pub extern "C" fn get_setup_cells(first: u16) -> usize {
+    request(ToDevice::GetSetupCells { first })
 }
 
 /// Encodes [`ToDevice::Acknowledge`]; returns the length of the message.

@@ -1,10 +1,12 @@
 //! Messages of an insole as JSON for the page. Each message is one object. Its first key is `kind`; the names of the other keys
 //! include the units.
 
+use crate::sole::LayoutCell;
 use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
 use plantar::Side;
 use plantar::faults;
-use plantar::protocol::{self, Alert, Bout, LiveRegion, MAX_MESSAGE, Quantity, Step, ToHost, encode};
+use plantar::pipeline::setup::SetupCell;
+use plantar::protocol::{self, Alert, Bout, ContactEllipse, LiveRegion, MAX_MESSAGE, Quantity, Step, ToHost, encode};
 use serde::ser::{SerializeMap, SerializeSeq};
 use serde::{Serialize, Serializer};
 use serde_json::Value;
@@ -64,6 +66,20 @@ pub(crate) enum Message {
         device_us: u64,
     },
     Faults(Faults),
+    /// The contact ellipses of one frame.
+    Ellipses {
+        /// Time of the scan since the first scan.
+        t_s: f64,
+        /// The regions, in the order of `Facts.regions`; null without contact.
+        #[cfg_attr(test, ts(type = "Array<Ellipse | null>"))]
+        regions: Vec<Option<ShownEllipse>>,
+    },
+    /// A part of the insole's cells.
+    SetupCells {
+        /// Index of the first cell.
+        first: u16,
+        cells: Vec<LayoutCell>,
+    },
 }
 
 /// Identifies the insole.
@@ -164,6 +180,13 @@ impl Message {
             ToHost::Refused(refusal) => Self::Refused { reason: refusal.to_string() },
             ToHost::Time { host_us, device_us } => Self::Time { host_us, device_us },
             ToHost::Faults(faults) => Self::Faults(faults.into()),
+            ToHost::Ellipses(ellipses) => Self::Ellipses {
+                t_s: ellipses.t_us as f64 / 1e6,
+                regions: ellipses.regions.iter().map(|&ellipse| ShownEllipse::new(ellipse)).collect(),
+            },
+            ToHost::SetupCells { first, cells } => {
+                Self::SetupCells { first, cells: cells.iter().map(LayoutCell::from).collect() }
+            }
             _ => return None,
         })
     }
@@ -241,6 +264,30 @@ impl Serialize for LiveFrame {
         serialize_quantities(&mut map, protocol::Live::QUANTITIES, &self.0)?;
         map.serialize_entry("regions", &Regions(&self.0))?;
         map.end()
+    }
+}
+
+/// A contact ellipse. Its JSON contains the quantities that the protocol declares.
+pub(crate) struct ShownEllipse(ContactEllipse);
+
+impl ShownEllipse {
+    /// `None` without contact.
+    fn new(ellipse: ContactEllipse) -> Option<Self> {
+        (ellipse.r_a_cmm > 0).then_some(Self(ellipse))
+    }
+}
+
+impl Serialize for ShownEllipse {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        serialize_quantities(&mut map, ContactEllipse::QUANTITIES, &self.0)?;
+        map.end()
+    }
+}
+
+impl From<&SetupCell> for LayoutCell {
+    fn from(SetupCell { cell, .. }: &SetupCell) -> Self {
+        Self { region: cell.region as usize, x_mm: cell.x_mm, y_mm: cell.y_mm, area_mm2: cell.area_mm2 }
     }
 }
 

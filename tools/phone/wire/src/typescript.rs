@@ -1,7 +1,8 @@
 //! Generates the page's TypeScript types from the Rust types and from the declared quantities.
 
-use crate::facts::{Facts, Gatt, RegionFacts, Sole};
+use crate::facts::{Facts, Gatt, RegionFacts};
 use crate::message::{Fault, Faults, Hello, LiveFrame, Message, Status};
+use crate::sole::{LayoutCell, RegionShape, Sole};
 use client::gait::{FootStep, Gait};
 use client::{alert_to_json, bout_to_json, daily_load_to_json, step_to_json};
 use plantar::Side;
@@ -106,8 +107,9 @@ fn the_interfaces_have_the_keys_of_the_objects() {
 
 /// The content of `messages.ts`.
 fn messages() -> String {
-    let mut text =
-        format!("{HEADER}\nimport type {{ Alert, Bout, DailyLoad, Live, Side, Step }} from \"./quantities\";\n");
+    let mut text = format!(
+        "{HEADER}\nimport type {{ Alert, Bout, DailyLoad, Ellipse, Live, Side, Step }} from \"./quantities\";\n"
+    );
     let config = Config::new().with_large_int("number");
     declare::<Message>(&mut text, &config);
     declare::<Hello>(&mut text, &config);
@@ -118,6 +120,8 @@ fn messages() -> String {
     declare::<Gatt>(&mut text, &config);
     declare::<RegionFacts>(&mut text, &config);
     declare::<Sole>(&mut text, &config);
+    declare::<RegionShape>(&mut text, &config);
+    declare::<LayoutCell>(&mut text, &config);
     text
 }
 

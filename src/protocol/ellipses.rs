@@ -1,0 +1,169 @@
+//! The stream of ellipses: the contact ellipses of the regions, for display.
+
+use super::Refusal;
+use super::quantities::quantities;
+use super::session::Session;
+use crate::num::Real;
+use crate::pipeline::ellipse::Ellipse;
+use crate::pipeline::setup::Setup;
+use serde::{Deserialize, Serialize};
+
+/// Shortest time between two messages of the stream, us: 25 Hz.
+pub const ELLIPSES_PERIOD_US: u32 = 40_000;
+
+/// The contact ellipses of one frame: 8 regions in the order of [`crate::Region::ALL`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ellipses {
+    /// Number in its stream; a gap is a message that the insole replaced by a newer one, or that was lost on the way.
+    pub sequence: u32,
+    /// Time of the scan since the first scan, as in [`super::Live::t_us`], us.
+    pub t_us: u64,
+    /// The regions.
+    #[serde(with = "ellipse_regions")]
+    pub regions: [ContactEllipse; 8],
+}
+
+quantities! {
+    /// The contact ellipse of a region in [`Ellipses`], in the units of that in a step. Without contact all numbers are 0.
+    #[derive(Clone, Copy, Debug, PartialEq, Default)]
+    pub struct ContactEllipse {
+        /// Centre of the contact ellipse, to the lateral side in foot coordinates.
+        x_dmm: i16 = ellipse.map_or(0, |ellipse| (ellipse.x_mm * R::of(10.0)).round_i16())
+            => x_mm [10 per "mm"] if r_a_cmm,
+            "Centroid of the contact area.";
+        /// Centre of the contact ellipse, from heel to toe in foot coordinates.
+        y_dmm: i16 = ellipse.map_or(0, |ellipse| (ellipse.y_mm * R::of(10.0)).round_i16())
+            => y_mm [10 per "mm"] if r_a_cmm,
+            "Centroid of the contact area.";
+        /// Radius of the ellipse along the axis nearer to the medial-lateral one; 0 without contact.
+        r_a_cmm: i16 = ellipse.map_or(0, |ellipse| (ellipse.r_a_mm * R::of(100.0)).round_i16())
+            => r_a_mm [100 per "mm"] if r_a_cmm,
+            "Uniform ellipse with the second moments of the contact area.";
+        /// Radius of the ellipse along the axis nearer to the heel-toe one; 0 without contact.
+        r_b_cmm: i16 = ellipse.map_or(0, |ellipse| (ellipse.r_b_mm * R::of(100.0)).round_i16())
+            => r_b_mm [100 per "mm"] if r_a_cmm,
+            "Uniform ellipse with the second moments of the contact area.";
+        /// Angle from the x axis to the first radius, counter-clockwise seen from above with x to the right and y forwards.
+        angle_ddeg: i16 = ellipse.map_or(0, |ellipse| (ellipse.angle_deg() * 10.0).round_i16())
+            => angle_deg [10 per "deg"] if r_a_cmm,
+            "Uniform ellipse with the second moments of the contact area.";
+    }
+
+    /// Rounds an ellipse, as [`crate::insole::Insole::ellipse`] returns it, to the integer units of the message.
+    pub fn new<R: Real>(ellipse: Option<Ellipse<R>>);
+    fn numbers(&self) -> [i16];
+}
+
+/// Serialises the regions of [`Ellipses`] as one sequence of bytes, two for each number, little endian. This takes a fifth of the code
+/// that serialises every number.
+mod ellipse_regions {
+    use super::ContactEllipse;
+    use core::fmt;
+    use serde::de::{Error, Visitor};
+    use serde::{Deserializer, Serializer};
+
+    const BYTES: usize = 8 * 2 * ContactEllipse::NUMBERS;
+
+    pub fn serialize<S: Serializer>(regions: &[ContactEllipse; 8], serializer: S) -> Result<S::Ok, S::Error> {
+        let mut bytes = [0; BYTES];
+        let numbers = regions.iter().flat_map(ContactEllipse::numbers);
+        for (place, number) in bytes.chunks_exact_mut(2).zip(numbers) {
+            place.copy_from_slice(&number.to_le_bytes());
+        }
+        serializer.serialize_bytes(&bytes)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[ContactEllipse; 8], D::Error> {
+        struct Regions;
+
+        impl Visitor<'_> for Regions {
+            type Value = [ContactEllipse; 8];
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "{BYTES} bytes")
+            }
+
+            fn visit_bytes<E: Error>(self, bytes: &[u8]) -> Result<Self::Value, E> {
+                if bytes.len() != BYTES {
+                    return Err(E::invalid_length(bytes.len(), &self));
+                }
+                let number = |i: usize| i16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]);
+                let region = |i: usize| core::array::from_fn(|k| number(ContactEllipse::NUMBERS * i + k));
+                Ok(core::array::from_fn(|i| ContactEllipse::from_numbers(region(i))))
+            }
+        }
+
+        deserializer.deserialize_bytes(Regions)
+    }
+}
+
+/// The insole's side of the stream: which frames are due, and the newest message that was not sent yet. It replaces an older one,
+/// because an ellipse is soon out of date.
+#[derive(Debug)]
+pub(super) struct EllipseSender {
+    /// One of so many frames is sent; 0 for none.
+    every: u8,
+    /// Frames until the next one that is sent.
+    skip: u8,
+    /// Number of the next message.
+    sequence: u32,
+    newest: Option<Ellipses>,
+}
+
+impl EllipseSender {
+    pub const fn new() -> Self {
+        Self { every: 0, skip: 0, sequence: 0, newest: None }
+    }
+
+    /// Begins another stream, or none for 0.
+    fn start(&mut self, every: u8) {
+        *self = Self { every, ..Self::new() };
+    }
+
+    fn push(&mut self, ellipses: Ellipses) {
+        self.sequence = ellipses.sequence.wrapping_add(1);
+        self.newest = Some(ellipses);
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn count_frame(&mut self) -> Option<u32> {
+        let is_due = self.skip == 0;
+        self.skip = if is_due { self.every } else { self.skip } - 1;
+        is_due.then_some(self.sequence)
+    }
+
+    /// The message to send next.
+    pub fn pop(&mut self) -> Option<Ellipses> {
+        self.newest.take()
+    }
+}
+
+impl Session {
+    /// Begins a stream of ellipses with one of every `every` frames, or none for 0; refuses a rate above 25 Hz.
+    pub(super) fn start_ellipses(&mut self, every: u8) {
+        let least = |setup: &Setup| ELLIPSES_PERIOD_US.div_ceil(setup.period_us.max(1)).min(u8::MAX.into()) as u8;
+        match self.setup().map(least) {
+            _ if every == 0 => self.ellipses.start(0),
+            None => self.refuse(Refusal::NoLayout),
+            Some(least) if every < least => self.refuse(Refusal::EllipseRate { every: least }),
+            Some(_) => self.ellipses.start(every),
+        }
+    }
+
+    /// One of so many frames is due in the stream of ellipses; 0 without a stream.
+    pub fn ellipses_every(&self) -> u8 {
+        self.ellipses.every
+    }
+
+    /// The number of the message with ellipses that is due with this frame. To be called once for each frame.
+    #[inline(always)]
+    pub fn next_ellipses(&mut self) -> Option<u32> {
+        if self.ellipses.every == 0 { None } else { self.ellipses.count_frame() }
+    }
+
+    /// Holds the ellipses of a frame until the carrier has sent everything else, in place of older ones.
+    pub fn push_ellipses(&mut self, ellipses: Ellipses) {
+        self.ellipses.push(ellipses);
+    }
+}
