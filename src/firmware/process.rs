@@ -26,16 +26,7 @@ pub async fn process(
         adopt_tissue(insole, shared);
         let start = stopwatch.start();
         let seq = frame.seq;
-        let is_toe_off = insole.frame(seq, &frame.codes);
-        {
-            let mut session = shared.session.borrow_mut();
-            if let Some(sequence) = session.next_live() {
-                let t_us = u64::from(seq) * period_us;
-                let live = Live::new(sequence, t_us, insole.loads(), insole.masked(), insole.foot_centre_mm());
-                session.push_live(live);
-            }
-            session.push_cells(seq, frame.codes.get(..insole.cells()).unwrap_or_default());
-        }
+        let is_toe_off = evaluate_frame(insole, shared, seq, &frame.codes, u64::from(seq) * period_us);
         let cycles = stopwatch.cycles_since(start);
         frames.receive_done();
         let ellipses_due = shared.session.borrow_mut().next_ellipses();
@@ -76,6 +67,34 @@ pub async fn process(
 fn push_ellipses(insole: &DeviceInsole, shared: &Shared, sequence: u32, t_us: u64) {
     let regions = core::array::from_fn(|region| ContactEllipse::new(insole.ellipse(region)));
     shared.session.borrow_mut().push_ellipses(Ellipses { sequence, t_us, regions });
+}
+
+/// Evaluates a frame, and queues its live message and its cells. True at toe off.
+///
+/// This function and [`evaluate_region`] are not generic. So they are compiled with this library, for speed, and not with the board,
+/// for size.
+#[inline(never)]
+fn evaluate_frame(insole: &mut DeviceInsole, shared: &Shared, seq: u32, codes: &[u16], t_us: u64) -> bool {
+    let is_toe_off = insole.frame(seq, codes);
+    let mut session = shared.session.borrow_mut();
+    if let Some(sequence) = session.next_live() {
+        let live = Live::new(sequence, t_us, insole.loads(), insole.masked(), insole.foot_centre_mm());
+        session.push_live(live);
+    }
+    session.push_cells(seq, codes.get(..insole.cells()).unwrap_or_default());
+    is_toe_off
+}
+
+/// Evaluates a region of the step that just ended.
+#[inline(never)]
+fn evaluate_region(insole: &DeviceInsole, region: usize) -> RegionStep<f32> {
+    insole.step_region(region)
+}
+
+/// Adapts the parameters to the step that just ended, and assembles its record.
+#[inline(never)]
+fn assemble_step(insole: &mut DeviceInsole, regions: [RegionStep<f32>; 8]) -> Option<Step> {
+    insole.step(regions).map(|step| Step::new(&step))
 }
 
 /// Passes newly detected faults of the sensor to the session.
@@ -139,16 +158,16 @@ async fn complete_step(insole: &mut DeviceInsole, shared: &Shared, cycles: impl 
     let mut region_cycles = [0; 8];
     for (region, (step, used)) in regions.iter_mut().zip(&mut region_cycles).enumerate() {
         let before = cycles();
-        *step = insole.step_region(region);
+        *step = evaluate_region(insole, region);
         *used = cycles().wrapping_sub(before);
         yield_now().await;
     }
     let before = cycles();
-    let Some(step) = insole.step(regions) else { return };
+    let Some(step) = assemble_step(insole, regions) else { return };
     let used = cycles().wrapping_sub(before);
     log::info!("process: step {} was evaluated in {} cycles by region, and {} cycles", step.step, region_cycles, used);
     let start_unix_us = shared.session.borrow().unix_us(step.start_us);
-    queue(shared, Step { start_unix_us, ..Step::new(&step) }.into());
+    queue(shared, Step { start_unix_us, ..step }.into());
     let mut cadence = shared.cadence.get();
     cadence.step(step.start_us);
     shared.cadence.set(cadence);

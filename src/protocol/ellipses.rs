@@ -1,11 +1,8 @@
 //! The stream of ellipses: the contact ellipses of the regions, for display.
 
-use super::Refusal;
 use super::quantities::quantities;
-use super::session::Session;
 use crate::num::Real;
 use crate::pipeline::ellipse::Ellipse;
-use crate::pipeline::setup::Setup;
 use serde::{Deserialize, Serialize};
 
 /// Shortest time between two messages of the stream, us: 25 Hz.
@@ -102,7 +99,7 @@ mod ellipse_regions {
 #[derive(Debug)]
 pub(super) struct EllipseSender {
     /// One of so many frames is sent; 0 for none.
-    every: u8,
+    pub every: u8,
     /// Frames until the next one that is sent.
     skip: u8,
     /// Number of the next message.
@@ -116,18 +113,18 @@ impl EllipseSender {
     }
 
     /// Begins another stream, or none for 0.
-    fn start(&mut self, every: u8) {
+    pub fn start(&mut self, every: u8) {
         *self = Self { every, ..Self::new() };
     }
 
-    fn push(&mut self, ellipses: Ellipses) {
+    pub fn push(&mut self, ellipses: Ellipses) {
         self.sequence = ellipses.sequence.wrapping_add(1);
         self.newest = Some(ellipses);
     }
 
     #[cold]
     #[inline(never)]
-    fn count_frame(&mut self) -> Option<u32> {
+    pub fn count_frame(&mut self) -> Option<u32> {
         let is_due = self.skip == 0;
         self.skip = if is_due { self.every } else { self.skip } - 1;
         is_due.then_some(self.sequence)
@@ -136,34 +133,5 @@ impl EllipseSender {
     /// The message to send next.
     pub fn pop(&mut self) -> Option<Ellipses> {
         self.newest.take()
-    }
-}
-
-impl Session {
-    /// Begins a stream of ellipses with one of every `every` frames, or none for 0; refuses a rate above 25 Hz.
-    pub(super) fn start_ellipses(&mut self, every: u8) {
-        let least = |setup: &Setup| ELLIPSES_PERIOD_US.div_ceil(setup.period_us.max(1)).min(u8::MAX.into()) as u8;
-        match self.setup().map(least) {
-            _ if every == 0 => self.ellipses.start(0),
-            None => self.refuse(Refusal::NoLayout),
-            Some(least) if every < least => self.refuse(Refusal::EllipseRate { every: least }),
-            Some(_) => self.ellipses.start(every),
-        }
-    }
-
-    /// One of so many frames is due in the stream of ellipses; 0 without a stream.
-    pub fn ellipses_every(&self) -> u8 {
-        self.ellipses.every
-    }
-
-    /// The number of the message with ellipses that is due with this frame. To be called once for each frame.
-    #[inline(always)]
-    pub fn next_ellipses(&mut self) -> Option<u32> {
-        if self.ellipses.every == 0 { None } else { self.ellipses.count_frame() }
-    }
-
-    /// Holds the ellipses of a frame until the carrier has sent everything else, in place of older ones.
-    pub fn push_ellipses(&mut self, ellipses: Ellipses) {
-        self.ellipses.push(ellipses);
     }
 }

@@ -7,6 +7,7 @@
 //! that set them.
 
 mod configuration;
+mod ellipse_stream;
 
 use super::cell_stream::CellSender;
 use super::command::{Answer, Configured};
@@ -50,7 +51,7 @@ pub struct Session {
     command: Option<Command>,
     configured: Configured,
     cells: CellSender,
-    pub(super) ellipses: EllipseSender,
+    ellipses: EllipseSender,
     faults: Faults,
     daily: DailyLoad,
     to_insole: ToInsole,
