@@ -231,6 +231,9 @@ impl<R: Real, const N: usize> Insole<R, N> {
         let centre_mm = self.move_centre();
         let regions = self.loads.each_ref().map(|load| &load.frame);
         let mut is_toe_off = self.stance.push(&self.limits, seq, regions, centre_mm);
+        if seq == self.stance.start_seq() {
+            self.loads.iter_mut().for_each(|load| load.frame.restart_count());
+        }
         if self.stance.has_settled(&self.limits) && is_unloaded(&self.cells, codes, self.most_residual) {
             is_toe_off |= self.stance.lift(&self.limits);
         }

@@ -2,13 +2,18 @@
 //! the paper's method in f64.
 
 use plantar::Real;
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::curves::STANCE_SAMPLES;
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::region::{AreaMoments, ForceMoments, RegionFrame};
+use plantar::pipeline::setup::DEVICE_CELLS;
 use plantar::pipeline::stance::{BRIDGED_FRAMES, Rejected, Stance};
 use plantar::pipeline::stance_rule::{StanceLimits, StanceRule};
 use plantar::pipeline::step::RegionStep;
 use proptest::prelude::*;
+use recording::VirtualInsole;
+use recording::synthetic::{self, SyntheticWalk};
 use std::f64::consts::PI;
 use testkit::{TISSUE, area_moments};
 
@@ -436,5 +441,34 @@ fn frame_rate_does_not_change_the_step() {
         assert!((step.contact_s - 0.68).abs() < 0.03 + 2.0 * sample_s, "{rate_hz} Hz: {}", step.contact_s);
         assert!((step.time_to_peak_s - reference.time_to_peak_s).abs() <= 2.0 * sample_s + 0.01, "{rate_hz} Hz");
         assert!((step.model_error - reference.model_error).abs() < 0.02, "{rate_hz} Hz: {}", step.model_error);
+    }
+}
+
+/// The cells in contact do not depend on how they count, so an insole with covered shares reports the same counted areas as an
+/// insole that counts whole cells.
+#[test]
+fn the_counted_area_of_a_step_does_not_depend_on_the_contact_rule() {
+    let walk = SyntheticWalk { steps: 6, variation: 0.1, ..SyntheticWalk::default() };
+    let recording = synthetic::walk(&walk).recording;
+    let steps = |contact| {
+        let virtual_insole = VirtualInsole::new(&recording, contact, StanceRule::ADAPTIVE);
+        let mut insole = Box::new(Insole::<f64, DEVICE_CELLS>::new());
+        insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the insole is valid");
+        let mut codes = vec![0; recording.cells()];
+        let frames = 0..virtual_insole.frames(&recording);
+        let steps = frames.filter_map(|frame| {
+            virtual_insole.codes_of(&recording, frame, &mut codes);
+            insole.frame(frame as u32, &codes).then(|| insole.whole_step().expect("a step has ended"))
+        });
+        steps.collect::<Vec<_>>()
+    };
+    let (counted, covered) = (steps(ContactRule::COUNTED), steps(ContactRule::COVERED));
+    assert_eq!((counted.len(), covered.len()), (6, 6));
+    for (counted, covered) in counted.iter().zip(&covered) {
+        for (counted, covered) in counted.regions.iter().zip(&covered.regions) {
+            assert_eq!(counted.counted_peak_mm2, counted.area_peak_mm2);
+            assert_eq!(covered.counted_peak_mm2, counted.counted_peak_mm2);
+            assert!(covered.area_peak_mm2 < covered.counted_peak_mm2 || counted.area_peak_mm2 == 0.0);
+        }
     }
 }

@@ -96,6 +96,7 @@ fn old_region(region: StepRegion, masked_cells: u8) -> StepRegion {
         loading_rate_n_s: 0,
         contact_start_ms: 0,
         residual_n: 0,
+        counted_peak_mm2: 0,
         ..region
     }
 }

@@ -2,6 +2,8 @@
 
 mod common;
 
+use plantar::Region;
+use plantar::pipeline::baseline::MAX_RESIDUAL_KPA;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::stance_rule::StanceRule;
 use recording::Recording;
@@ -64,6 +66,34 @@ fn all_wearers_have_their_steps() {
             }
         }
     }
+}
+
+/// A hard spot in the shoe presses more than a baseline can have: its cells are reported, and steps and other cells are not affected.
+#[test]
+fn cells_without_a_baseline_are_reported_by_region() {
+    let walk = noisy_walk(&SyntheticWalk { steps: 12, ..SyntheticWalk::default() });
+    let expected_steps = found(&walk).steps.len();
+    let mut pressed = walk.clone();
+    let spot: Vec<_> = [(Region::Heel, 6), (Region::Metatarsals12, 3)]
+        .into_iter()
+        .flat_map(|(region, count)| {
+            let cells = walk.layout.cells.iter().enumerate().filter(move |(_, cell)| cell.region == region);
+            cells.map(|(index, _)| index).take(count)
+        })
+        .collect();
+    // The pressure creeps, as in every shoe: a constant code is that of a stuck cell.
+    for (i, frame) in pressed.pressure_kpa.chunks_exact_mut(walk.cells()).enumerate() {
+        let creep_kpa = 2.0 * i as f32 / walk.frames() as f32;
+        spot.iter().for_each(|&cell| frame[cell] += 2.0 * MAX_RESIDUAL_KPA + creep_kpa);
+    }
+    let Found { faults, steps, .. } = found(&pressed);
+    assert_eq!(faults.without_baseline, [6, 0, 0, 3, 0, 0, 0, 0]);
+    assert_eq!((faults.found, steps.len()), (0, expected_steps));
+
+    // The number is that of the last swing.
+    let released_at = walk.pressure_kpa.len() / 2;
+    pressed.pressure_kpa[released_at..].copy_from_slice(&walk.pressure_kpa[released_at..]);
+    assert_eq!(found(&pressed).faults.without_baseline, [0; 8]);
 }
 
 /// The foot is lifted, stands, and is lifted again; or it stands from the first frame on.

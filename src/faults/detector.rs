@@ -160,6 +160,7 @@ impl FaultDetector {
         self.reviewed_seq = Some(frame.seq);
         let found_before = self.faults.found;
         self.faults.rezeroed = self.faults.rezeroed.wrapping_add(self.review.rezeroed);
+        self.faults.without_baseline = self.review.without_baseline;
         if self.review.has_stance {
             self.conclude(frame);
         }

@@ -83,13 +83,18 @@ pub struct Faults {
     pub rezeroed: u32,
     /// Number of masked cells of each region; 255 stands for 255 or more.
     pub masked_cells: [u8; 8],
+    /// Number of cells of each region without a baseline: in the last swing, they read more than a baseline can have
+    /// ([`MAX_RESIDUAL_KPA`](crate::pipeline::baseline::MAX_RESIDUAL_KPA)), so their former baseline remains in force. 255 stands for
+    /// 255 or more.
+    pub without_baseline: [u8; 8],
     /// The first [`MAX_FAULTS`] faults, in the order of their detection.
     pub list: Vec<Fault, MAX_FAULTS>,
 }
 
 impl Faults {
     /// No faults.
-    pub const NONE: Self = Self { found: 0, rezeroed: 0, masked_cells: [0; 8], list: Vec::new() };
+    pub const NONE: Self =
+        Self { found: 0, rezeroed: 0, masked_cells: [0; 8], without_baseline: [0; 8], list: Vec::new() };
 
     /// Bit i: region i has masked cells.
     pub fn masked(&self) -> u8 {

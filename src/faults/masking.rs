@@ -42,13 +42,12 @@ impl Masking {
         let mask = Mask { cell: index as u16, neighbours: [index as u16; 4] };
         // With this zero, the pass over the cells adds no force of this cell.
         cell.zero = u16::MAX;
-        let share = cell.contact.update(0, 0.0);
+        let load = &mut frame.loads[region].frame;
+        let before = area_units(&load.area);
+        load.update_contact(&cell.region, &mut cell.contact, 0, 0.0);
         cell.contact.disable();
-        let moments = &mut frame.loads[region].frame.area;
-        let before = area_units(moments);
-        moments.change(&cell.region, share);
         let _ = self.masks.push(mask);
-        area_units(moments) - before
+        area_units(&load.area) - before
     }
 
     /// Replaces the readings of masked cells by the mean of their neighbours: updates the region sums of this frame.
@@ -67,7 +66,8 @@ impl Masking {
             let code = u32::from(frame.cells[index].baseline.code.saturating_add(above));
             let region = frame.region(index);
             let (cell, load) = (&mut frame.cells[index], &mut frame.loads[region].frame);
-            load.area.change(&cell.region, cell.contact.update(code, frame.curve.pressure_kpa(i32::from(above))));
+            let above_kpa = frame.curve.pressure_kpa(i32::from(above));
+            load.update_contact(&cell.region, &mut cell.contact, code, above_kpa);
             cell.contact.disable();
             if above > 0 {
                 load.force.add(&cell.region, frame.curve.pressure_kpa(i32::from(above)));

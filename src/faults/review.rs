@@ -28,13 +28,15 @@ pub(super) struct Review {
     pub(super) unresponsive: u32,
     /// Number of corrected baselines.
     pub(super) rezeroed: u32,
+    /// See [`Faults::without_baseline`](super::Faults::without_baseline).
+    pub(super) without_baseline: [u8; 8],
     /// Bit i: a cell of row i reads more than in the last swing, so its residual pressure in the step between was not known.
     pub(super) risen_rows: u16,
 }
 
 impl Review {
     pub(super) const fn new(rise: Rise, has_stance: bool) -> Self {
-        Self { rise, has_stance, unresponsive: 0, rezeroed: 0, risen_rows: 0 }
+        Self { rise, has_stance, unresponsive: 0, rezeroed: 0, without_baseline: [0; 8], risen_rows: 0 }
     }
 
     /// Reviews some cells from index `first` on, as many as it takes to review all cells in `frames` frames. Returns the index of
@@ -67,6 +69,10 @@ impl Review {
             let is_changed = cell.follow(code, before, self.rise, frame.contact, frame.curve);
             cell.marks.swing_reading = reading(cell, code);
             self.rezeroed += u32::from(is_changed);
+            if cell.baseline.is_exceeded(code, cell.zero, frame.curve) {
+                let cells = &mut self.without_baseline[frame.region(index)];
+                *cells = cells.saturating_add(1);
+            }
         }
         (end < count).then_some(end)
     }

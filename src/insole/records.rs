@@ -38,6 +38,10 @@ impl<R: Real, const N: usize> Insole<R, N> {
             RegionStep::new(&self.force_laws[region], area_mm2, force_n, sample_s, self.stance.moments_at_peak(region));
         RegionStep {
             ellipse_at_peak: step.ellipse_at_peak.map(|e| self.to_foot_coordinates(region, e)),
+            counted_peak_mm2: match self.setup.contact.full_kpa > 0.0 {
+                true => self.loads[region].frame.counted_peak_mm2(),
+                false => step.area_peak_mm2,
+            },
             masked_cells: self.faults().masked_cells[region],
             measures: RegionMeasures {
                 residual_n: self.residuals[region].force_n,

@@ -7,8 +7,8 @@
 //! - A reading above it raises the baseline only as far as the swing before read the same, at most [`GAIT_MS`] earlier; so neither
 //!   a foot that rests for a moment, nor a person who sits down and stands up, becomes the baseline. The first reading after the
 //!   start is used at once.
-//! - A baseline is at most [`MAX_RESIDUAL_KPA`] above zero pressure. A cell that reads more under a lifted foot keeps its
-//!   baseline.
+//! - A baseline is at most [`MAX_RESIDUAL_KPA`] above zero pressure. The former baseline of a cell that reads more under a
+//!   lifted foot remains in force, and the cell is counted in [`Faults::without_baseline`](crate::faults::Faults).
 //!
 //! The pressure of the baseline is subtracted from the pressure of the cell. It is not subtracted from the code, because codes
 //! are not proportional to pressure. If the baseline is below the calibrated zero, the zero follows it.

@@ -40,8 +40,8 @@ impl<R: Real> InsoleCell<R> {
     fn update(&mut self, code: u32, curve: &Curve, frame: &mut RegionFrame<R>) -> i32 {
         let curve_kpa: f32 = curve.pressure_kpa((code as i32 - i32::from(self.zero)).max(0));
         let before = area_units(&frame.area);
-        let share = self.contact.update(code, (curve_kpa - self.baseline.residual_kpa).max(0.0));
-        frame.area.change(&self.region, share);
+        let above_kpa = (curve_kpa - self.baseline.residual_kpa).max(0.0);
+        frame.update_contact(&self.region, &mut self.contact, code, above_kpa);
         self.marks.note(code, self.baseline.code, &mut self.contact);
         frame.saturated |= is_saturated(code);
         area_units(&frame.area) - before

@@ -1,6 +1,6 @@
 //! Regions: area, measured force, centre of pressure and second moments, in one pass over the cells.
 
-use super::contact::WHOLE;
+use super::contact::{ContactCell, WHOLE};
 use crate::num::Real;
 use serde::{Deserialize, Serialize};
 
@@ -319,10 +319,47 @@ pub struct RegionFrame<R> {
     pub peak_code: i32,
     /// A cell is saturated: the area is valid, the force is a lower bound.
     pub saturated: bool,
+    /// Area of all cells in contact, each with its whole area, and its maximum since the last heel strike, in units of 1/16 mm2.
+    pub counted: (i32, i32),
 }
 
 impl<R: Real> RegionFrame<R> {
     /// The unloaded region.
-    pub const NONE: Self =
-        Self { area: AreaMoments::NONE, force: ForceMoments::NONE, peak_kpa: R::ZERO, peak_code: 0, saturated: false };
+    pub const NONE: Self = Self {
+        area: AreaMoments::NONE,
+        force: ForceMoments::NONE,
+        peak_kpa: R::ZERO,
+        peak_code: 0,
+        saturated: false,
+        counted: (0, 0),
+    };
+
+    /// Passes a code to the contact of a cell, as [`ContactCell::update`], and updates the areas of the region.
+    #[inline(always)]
+    pub(crate) fn update_contact(
+        &mut self,
+        cell: &RegionCell<R>,
+        contact: &mut ContactCell,
+        code: u32,
+        curve_kpa: f32,
+    ) {
+        let was_loaded = contact.is_loaded();
+        let share = contact.update(code, curve_kpa);
+        self.area.change(cell, share);
+        if contact.is_loaded() != was_loaded {
+            let (counted, most) = self.counted;
+            let counted = counted + if was_loaded { -i32::from(cell.area) } else { cell.area.into() };
+            self.counted = (counted, counted.max(most));
+        }
+    }
+
+    /// Begins the search for the largest counted area again.
+    pub(crate) fn restart_count(&mut self) {
+        self.counted.1 = self.counted.0;
+    }
+
+    /// The largest area of all cells in contact, each with its whole area, since the last heel strike, mm2.
+    pub(crate) fn counted_peak_mm2(&self) -> R {
+        R::of_i32(self.counted.1) * R::of(f64::from(1.0 / PER_MM2))
+    }
 }

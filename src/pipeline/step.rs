@@ -40,6 +40,9 @@ pub struct RegionStep<R> {
     pub model_integral_n_s: R,
     /// Largest contact area in the samples of the curve, not smoothed, mm2.
     pub area_peak_mm2: R,
+    /// Largest contact area in the frames of the step if every cell in contact counts with its whole area, mm2.
+    /// [`RegionStep::new`] returns 0.
+    pub counted_peak_mm2: R,
     /// Largest tissue deformation of the model, m.
     pub deformation_peak_m: R,
     /// Largest deformation rate of the model, m/s.

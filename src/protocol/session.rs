@@ -224,7 +224,8 @@ impl Session {
     /// Stores the faults that the insole detected; returns how many of them are new.
     pub fn set_faults(&mut self, faults: &Faults) -> u32 {
         let new = faults.found.saturating_sub(self.faults.found);
-        if (faults.found, faults.rezeroed) != (self.faults.found, self.faults.rezeroed) {
+        let state = |faults: &Faults| (faults.found, faults.rezeroed, faults.without_baseline);
+        if state(faults) != state(&self.faults) {
             self.faults = faults.clone();
         }
         new

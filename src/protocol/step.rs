@@ -308,6 +308,11 @@ quantities! {
         residual_n: u8 = region.measures.residual_n.round_u16().min(255) as u8
             => residual_force_n [1 per "N"],
             "Sum over the cells of the pressure of their baselines times area.";
+        /// Largest contact area by the counted rule, beside the effective area.
+        #[serde(with = "le")]
+        counted_peak_mm2: u16 = region.counted_peak_mm2.round_u16()
+            => counted_area_peak_mm2 [1 per "mm2"],
+            "Sum of the areas of the cells in contact, each with its whole area; the largest contact area if the contact rule counts whole cells.";
     }
 
     /// Rounds a region to the integer units of the message.

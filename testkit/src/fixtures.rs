@@ -165,6 +165,7 @@ pub fn step(step: u32) -> Step {
         loading_rate_n_s: 6100 + i,
         contact_start_ms: 20 + i,
         residual_n: 30 + i as u8,
+        counted_peak_mm2: 1900 + i,
     };
     Step {
         step,
@@ -253,7 +254,13 @@ pub fn faults() -> Faults {
         Fault { kind: FaultKind::Drift, place: Place::Cell(300), found_ms: 13_000 },
         Fault { kind: FaultKind::Short, place: Place::Column(5), found_ms: 14_000 },
     ];
-    Faults { found: 3, rezeroed: 8, masked_cells: [1, 2, 3, 4, 5, 6, 7, 8], list: list.into_iter().collect() }
+    Faults {
+        found: 3,
+        rezeroed: 8,
+        masked_cells: [1, 2, 3, 4, 5, 6, 7, 8],
+        without_baseline: [8, 7, 6, 5, 4, 3, 2, 1],
+        list: list.into_iter().collect(),
+    }
 }
 
 /// A message with the framing of a byte carrier.

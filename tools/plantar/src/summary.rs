@@ -123,7 +123,7 @@ pub fn print_faults(faults: &Faults, cells: usize) {
     faults_to_lines(faults, cells).iter().for_each(|line| println!("{line}"));
 }
 
-/// One line for each fault, then lines with the number of masked cells and of corrected baselines.
+/// One line for each fault, then lines with the number of masked cells, of cells without a baseline, and of corrected baselines.
 fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
     let fault = |fault: &Fault| {
         let found_s = f64::from(fault.found_ms) / 1e3;
@@ -134,11 +134,16 @@ fn faults_to_lines(faults: &Faults, cells: usize) -> Vec<String> {
     if unlisted > 0 {
         lines.push(format!("further sensor faults, not listed: {unlisted}"));
     }
-    let regions = SHORT.iter().zip(&faults.masked_cells).filter(|&(_, &masked)| masked > 0);
-    let regions: Vec<_> = regions.map(|(name, masked)| format!("{name} {masked}")).collect();
-    if !regions.is_empty() {
-        let masked: u32 = faults.masked_cells.iter().map(|&masked| u32::from(masked)).sum();
-        lines.push(format!("{masked} of {cells} cells masked: {}", regions.join(", ")));
+    for (of_regions, state) in [
+        (&faults.masked_cells, "masked"),
+        (&faults.without_baseline, "without a baseline, because they are loaded under the lifted foot"),
+    ] {
+        let regions = SHORT.iter().zip(of_regions).filter(|&(_, &count)| count > 0);
+        let regions: Vec<_> = regions.map(|(name, count)| format!("{name} {count}")).collect();
+        if !regions.is_empty() {
+            let count: u32 = of_regions.iter().map(|&count| u32::from(count)).sum();
+            lines.push(format!("{count} of {cells} cells {state}: {}", regions.join(", ")));
+        }
     }
     if faults.rezeroed > 0 {
         lines.push(format!("baselines of drifting cells were corrected {} times", faults.rezeroed));
@@ -174,19 +179,21 @@ mod tests {
     use plantar::faults::{FaultKind, Place};
 
     #[test]
-    fn faults_are_printed_with_place_kind_time_and_masked_cells() {
+    fn faults_are_printed_with_place_kind_time_and_cells() {
         assert_eq!(faults_to_lines(&Faults::NONE, 240), [""; 0]);
         let list = [
             Fault { kind: FaultKind::Open, place: Place::Cell(17), found_ms: 1_900 },
             Fault { kind: FaultKind::Short, place: Place::Row(3), found_ms: 12_340 },
         ];
         let list = list.into_iter().collect();
-        let faults = Faults { found: 3, rezeroed: 5, masked_cells: [2, 0, 0, 0, 0, 1, 0, 0], list };
+        let (masked_cells, without_baseline) = ([2, 0, 0, 0, 0, 1, 0, 0], [0, 0, 0, 4, 0, 0, 0, 0]);
+        let faults = Faults { found: 3, rezeroed: 5, masked_cells, without_baseline, list };
         let lines = [
             "sensor fault: cell 17 open, found after 1.9 s",
             "sensor fault: row 3 short, found after 12.3 s",
             "further sensor faults, not listed: 1",
             "3 of 240 cells masked: Heel 2, Hallux 1",
+            "4 of 240 cells without a baseline, because they are loaded under the lifted foot: Met 1-2 4",
             "baselines of drifting cells were corrected 5 times",
         ];
         assert_eq!(faults_to_lines(&faults, 240), lines);

@@ -9,7 +9,8 @@ use plantar::Side;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::session::{CommandResult, Session};
 use plantar::protocol::{
-    Decoder, Hello, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Reset, Status, Step, ToDevice, ToHost, decode, frame,
+    ContactEllipse, Decoder, Ellipses, Hello, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Reset, Status, Step, ToDevice,
+    ToHost, decode, frame,
 };
 use serve::{Options, Source};
 use std::collections::VecDeque;
@@ -208,6 +209,58 @@ async fn two_pages_receive_both_feet_and_a_step_is_acknowledged_once_one_page_ac
     other.send(1, ToDevice::Acknowledge { step: 0 }).await;
     assert!(right.acknowledged(0));
     left.act(|insole| assert_eq!(insole.acknowledged, [0; 0]));
+}
+
+/// Waits until the insole streams ellipses at this rate, or none for 0. The bridge requests a changed rate after its next message.
+async fn wait_for_ellipses(cable: &Cable, page: &mut Page, every: u8) {
+    let end = std::time::Instant::now() + TIMEOUT;
+    while cable.act(|insole| insole.link.ellipses_every()) != every {
+        assert!(std::time::Instant::now() < end, "the rate is {}", cable.act(|insole| insole.link.ellipses_every()));
+        page.status(0).await;
+    }
+}
+
+#[tokio::test]
+async fn pages_read_the_layout_and_receive_ellipses_at_the_highest_rate_that_one_requested() {
+    let cable = Cable::new(Side::Left);
+    let cells: Vec<_> = (0..20).map(|i| testkit::cell(plantar::Region::Heel, i as f32, 20.0, 25.0)).collect();
+    let cells: &'static [_] = cells.leak();
+    cable.act(|insole| insole.link.set_layout(testkit::SETUP, cells, None));
+    let address = serve(&[&cable], None);
+    let (mut one, mut other) = (Page::open(address).await, Page::open(address).await);
+    for page in [&mut one, &mut other] {
+        let mut received = Vec::new();
+        while received.len() < cells.len() {
+            let first = received.len() as u16;
+            page.send(0, ToDevice::GetSetupCells { first }).await;
+            let part = page.find(0, |message| match message {
+                ToHost::SetupCells { first: at, cells } if at == first => Some(cells),
+                _ => None,
+            });
+            received.extend(part.await);
+        }
+        assert_eq!(received, cells);
+    }
+    one.send(0, ToDevice::StreamEllipses { every: 1 }).await;
+    let refused = one.find(0, |message| if let ToHost::Refused(refusal) = message { Some(refusal) } else { None });
+    assert_eq!(refused.await, Refusal::EllipseRate { every: 4 });
+
+    one.send(0, ToDevice::StreamEllipses { every: 8 }).await;
+    wait_for_ellipses(&cable, &mut one, 8).await;
+    other.send(0, ToDevice::StreamEllipses { every: 4 }).await;
+    wait_for_ellipses(&cable, &mut other, 4).await;
+    let regions = [ContactEllipse { x_dmm: 300, y_dmm: 200, r_a_cmm: 100, r_b_cmm: 200, angle_ddeg: 0 }; 8];
+    let sent = Ellipses { sequence: 0, t_us: 40_000, regions };
+    cable.act(|insole| insole.link.push_ellipses(sent));
+    for page in [&mut one, &mut other] {
+        let received =
+            page.find(0, |message| if let ToHost::Ellipses(ellipses) = message { Some(ellipses) } else { None });
+        assert_eq!(received.await, sent);
+    }
+    drop(other);
+    wait_for_ellipses(&cable, &mut one, 8).await;
+    one.send(0, ToDevice::StreamEllipses { every: 0 }).await;
+    wait_for_ellipses(&cable, &mut one, 0).await;
 }
 
 #[tokio::test]

@@ -3,6 +3,7 @@
 use crate::build::build_example;
 use crate::command::{built, root, run, run_command};
 use crate::setup;
+use crate::test::recordings;
 use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -33,11 +34,17 @@ pub fn build() -> Result<()> {
 const WALK_STEPS: &str = "60";
 
 /// Checks the types of the page and runs its tests: unit tests, and tests in Chromium with the computed walk and with an emulated
-/// insole. `plantar` is the command line, `firmware` the firmware of the emulated board.
+/// insole, also with recordings of people where there are some. `plantar` is the command line, `firmware` the firmware of the
+/// emulated board.
 pub fn test(plantar: &Path, firmware: &Path) -> Result<()> {
     setup::chromium()?;
     npm(&["run", "check"])?;
-    run_command(tests(plantar)?.env("PLANTAR_FIRMWARE", std::path::absolute(firmware)?))
+    let mut command = tests(plantar)?;
+    command.env("PLANTAR_FIRMWARE", std::path::absolute(firmware)?);
+    if let Some(folder) = recordings() {
+        command.env("PLANTAR_RECORDINGS", std::path::absolute(folder)?);
+    }
+    run_command(&mut command)
 }
 
 /// Measures the identification on the page in Node.js, and writes its time and its largest difference from that of `plantar`, the

@@ -122,6 +122,8 @@ export interface StepRegion {
   contact_start_s: number;
   /** Force under the lifted foot, which is subtracted from the measured force; 255 for more. Unit: N. */
   residual_force_n: number;
+  /** Largest contact area by the counted rule, beside the effective area. Unit: mm2. */
+  counted_area_peak_mm2: number;
   /** Contact ellipse at the largest measured force; null without contact. */
   ellipse_at_peak: Ellipse | null;
   /** A cell was saturated, so the forces are lower bounds. */
@@ -332,6 +334,7 @@ export const STEP_COLUMNS = [
   "loading_rate_n_s",
   "contact_start_s",
   "residual_force_n",
+  "counted_area_peak_mm2",
   "saturated",
   "clamped",
   "refit",

@@ -29,9 +29,9 @@ const POINT_MM: f32 = 0.25;
 const TOLERANCE_MM: f32 = 0.1;
 /// Width of the rim of an insole around its cells. Contact ellipses extend beyond the cells in contact: the ellipse with the second
 /// moments of a square is 15 % wider than the square.
-const RIM_MM: f32 = 5.0;
+const RIM_MM: f32 = 7.0;
 /// Largest radius of the notches between cells that the outline bridges.
-const NOTCH_MM: f32 = 40.0;
+const NOTCH_MM: f32 = 80.0;
 /// Cells farther than this from a row do not contain a point of the row, and no other cell of a foot is nearer to it.
 const REACH_MM: f32 = 40.0;
 
