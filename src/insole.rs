@@ -3,6 +3,9 @@
 
 mod alerts;
 mod records;
+mod zero;
+
+pub use zero::NotLifted;
 
 use crate::faults::{FaultDetector, Faults, FrameContext, MatrixRows};
 use crate::num::Real;
@@ -55,6 +58,8 @@ pub struct Insole<R, const N: usize> {
     alert_rules: AlertRules,
     cumulative: CumulativeLoad<R>,
     alerts: Alerts,
+    /// Number of seconds within which the foot must be lifted for a requested measurement of the baselines; 0 without a request.
+    zero_s: u8,
     /// The load that was stored before this start.
     earlier: DailyLoad,
     /// The last frame completed a second of the cumulative load.
@@ -110,6 +115,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
             alert_rules: AlertRules::UNSET,
             cumulative: CumulativeLoad::new(),
             alerts: Alerts::NONE,
+            zero_s: 0,
             earlier: DailyLoad::NONE,
             has_ended_second: false,
             last_seq: None,

@@ -1,6 +1,7 @@
 //! The insole's side of a session, tested message by message.
 
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
+use plantar::pipeline::baseline::ZeroResult;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::cumulative::LoadLimits;
@@ -41,6 +42,7 @@ enum Sent {
     AlertRules(AlertRules),
     DailyLoad(DailyLoad),
     Ellipses(u32),
+    Zero(ZeroResult),
 }
 
 /// The next message that the insole sends. Its content must be that of the fixtures.
@@ -94,6 +96,7 @@ fn next(session: &mut Session) -> Option<Sent> {
         ToHost::AlertRules(got) => Sent::AlertRules(got),
         ToHost::DailyLoad(got) => Sent::DailyLoad(got),
         ToHost::Ellipses(got) => Sent::Ellipses(got.sequence),
+        ToHost::Zero(got) => Sent::Zero(got),
     })
 }
 
@@ -825,4 +828,18 @@ fn alerts_are_sent_until_they_are_acknowledged() {
     session.receive(ToDevice::Acknowledge { step: 5 }, 0);
     connect(&mut session);
     assert_eq!(all(&mut session), [Sent::Hello]);
+}
+
+#[test]
+fn a_request_to_measure_the_baselines_is_passed_to_the_insole_and_answered() {
+    let mut session = Session::new();
+    connect(&mut session);
+    all(&mut session);
+    session.receive(ToDevice::Zero, 0);
+    assert!(session.take_to_insole().zero && !session.take_to_insole().zero);
+    assert_eq!(all(&mut session), []);
+    let result = ZeroResult { changed: 3, without_baseline: [1; 8], residual_dn: [40; 8] };
+    session.answer_zero(Ok(result));
+    session.answer_zero(Err(Refusal::NotLifted));
+    assert_eq!(all(&mut session), [Sent::Zero(result), Sent::Refused(Refusal::NotLifted)]);
 }

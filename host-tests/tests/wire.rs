@@ -4,6 +4,7 @@ use plantar::checksum::crc32;
 use plantar::faults::{Fault, FaultKind, Faults, MAX_FAULTS, Place};
 use plantar::insole::Insole;
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
+use plantar::pipeline::baseline::ZeroResult;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::cumulative::{RegionTotal, Totals};
@@ -288,6 +289,9 @@ fn to_host() -> impl Strategy<Value = ToHost> {
         }),
         any::<u16>().prop_map(|snooze_s| ToHost::AlertRules(AlertRules { snooze_s, ..AlertRules::RECOMMENDED })),
         any::<(u32, u8)>().prop_map(|(day, alerts)| ToHost::DailyLoad(DailyLoad { day, alerts, ..daily_load() })),
+        any::<(u16, [u8; 8], [u16; 8])>().prop_map(|(changed, without_baseline, residual_dn)| {
+            ToHost::Zero(ZeroResult { changed, without_baseline, residual_dn })
+        }),
         Just(ToHost::Update(Progress::Accepted)),
         any::<(u32, u64, [i16; 5])>().prop_map(|(sequence, t_us, [x_dmm, y_dmm, r_a_cmm, r_b_cmm, angle_ddeg])| {
             let ellipse = ContactEllipse { x_dmm, y_dmm, r_a_cmm, r_b_cmm, angle_ddeg };
@@ -335,6 +339,7 @@ fn to_device() -> impl Strategy<Value = ToDevice> {
         Just(ToDevice::GetDailyLoad),
         any::<u16>().prop_map(|snoozed_s| ToDevice::SnoozeAlerts { snoozed_s }),
         any::<u8>().prop_map(|every| ToDevice::StreamEllipses { every }),
+        Just(ToDevice::Zero),
     ]
 }
 
@@ -759,6 +764,9 @@ fn messages_have_the_bytes_of_this_version() {
         ("get load of the day", framed(&ToDevice::GetDailyLoad), GET_DAILY_LOAD),
         ("snooze", framed(&ToDevice::SnoozeAlerts { snoozed_s: 600 }), SNOOZE),
         ("refused: rules of alerts", framed(&ToHost::Refused(Refusal::AlertRules)), ALERT_RULES_REFUSED),
+        ("zero", framed(&ToDevice::Zero), ZERO),
+        ("result of zero", framed(&ToHost::Zero(ZERO_RESULT)), ZERO_RESULT_BYTES),
+        ("refused: not lifted", framed(&ToHost::Refused(Refusal::NotLifted)), NOT_LIFTED),
         ("stream ellipses", framed(&ToDevice::StreamEllipses { every: 4 }), STREAM_ELLIPSES),
         ("ellipses", framed(&ToHost::Ellipses(ellipses())), ELLIPSES),
         ("refused: ellipse rate", framed(&ToHost::Refused(Refusal::EllipseRate { every: 4 })), ELLIPSE_RATE),
@@ -767,6 +775,9 @@ fn messages_have_the_bytes_of_this_version() {
         assert_eq!(hex(&bytes), expected, "{name}");
     }
 }
+
+const ZERO_RESULT: ZeroResult =
+    ZeroResult { changed: 300, without_baseline: [1, 2, 3, 4, 5, 6, 7, 8], residual_dn: [45; 8] };
 
 const CELL_STREAM: CellStream = CellStream { resolution: Resolution::Oversampled, every: 2 };
 
@@ -818,6 +829,9 @@ const HELLO: &str =
     "0102011705302e312e30047465737401f8acd19101c801904e4d010320410103f0400101011104010961742061206c696e65f2c164b700";
 const LIVE: &str = "5501ac0290b298d012400220a5012efb40e803d007b80ba00fe903d107b90ba10fea03d207ba0ba20feb03d307bb0ba30fec03d407bc0ba40fed03d507bd0ba50fee03d607be0ba60fef03d707bf0ba70f55fd928900";
 const STEP: &str = "0302290e80e497d012c0c029904e028104010320410103f04001084842401fdc1ea022d4174a01401ffe013c0f5f01920193012403c701b60497011007cbfe3e08130770064d018effd712e8034c04b00414057805dc054006bc02c80d2c0170fe340898083efe6c070507c40996082003e204d41714151e6c07e9034d04b10415057905dd054106bd02c9122d016ffe350899083ffe6d070106c50997082103e304d51715151f6d07ea034e04b20416057a05de054206be02ca122e016efe36089a0840fe6e070205c60998082203e404d6171615206e07eb034f04b30417057b05df054306bf02cb122f016dfe37089b0841fe6f070304c70999082303e504d7171715216f07ec035004b40418057c05e0054406c002cc1230016cfe38089c0842fe70070403c8099a082403e604d8171815227007ed035104b50419057d05e1054506c102cd1231016bfe39089d0843fe71070502c9099b082503e704d9171915237107ee035204b6041a057e05e2054606c202ce1232016afe3a089e0844fe72070601ca099c082603e804da171a15247207ef035304b7041b057f05e3054706c302cf0e330169fe3b089f0845fe73070704cb099d082703e904db171b042573070f0180c097d1edff9603208840360700";
+const ZERO: &str = "061b6126675800";
+const ZERO_RESULT_BYTES: &str = "1816ac0201020304050607082d2d2d2d2d2d2d2d395318b500";
+const NOT_LIFTED: &str = "07050ebdcb16db00";
 const ALERT: &str = "0e122b01c0d6d0ad0329018407030e018080f9c0c1c48203c9e48caa00";
 const ALERT_RULES: &str = "0213010c48436666964084075f50ff01010104b009140573e5f8c800";
 const DAILY_LOAD: &str = "5b14a09c01b0ea01e121f0a204c0a8a504b009f1a204c1a8a504b109f2a204c2a8a504b209f3a204c3a8a504b309f4a204c4a8a504b409f5a204c5a8a504b509f6a204c6a8a504b609f7a204c7a8a504b709030403cc08b197659900";

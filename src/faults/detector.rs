@@ -34,6 +34,8 @@ pub(crate) struct FaultDetector {
     has_lines: bool,
     /// The foot was down since the last review began.
     has_stance: bool,
+    /// A host has requested that the baselines are measured.
+    is_zero_requested: bool,
     /// A stance interrupted the last review.
     is_interrupted: bool,
     /// Number of the frame in which the last review ended; `None` before the first.
@@ -57,6 +59,7 @@ impl FaultDetector {
             gait_frames: 0,
             has_lines: false,
             has_stance: false,
+            is_zero_requested: false,
             is_interrupted: false,
             reviewed_seq: None,
             next_cell: None,
@@ -129,12 +132,27 @@ impl FaultDetector {
         }
     }
 
-    /// Processes a frame in which the foot is lifted: reviews all cells once after the start and once after each stance, a few in
-    /// each frame. True if baselines have changed or cells were masked.
+    /// Requests a review that measures the baselines, or cancels the request.
+    pub(crate) fn request_zero(&mut self, is_requested: bool) {
+        self.is_zero_requested = is_requested;
+    }
+
+    /// True until the requested review is complete.
+    pub(crate) fn is_zero_requested(&self) -> bool {
+        self.is_zero_requested
+    }
+
+    /// Number of baselines that the last review has changed.
+    pub(crate) fn last_rezeroed(&self) -> u32 {
+        self.review.rezeroed
+    }
+
+    /// Processes a frame in which the foot is lifted: reviews all cells once after the start, after each stance and on
+    /// request, a few in each frame. True if baselines have changed or cells were masked.
     #[inline(never)]
     pub(crate) fn lifted_frame<R: Real>(&mut self, frame: &mut FrameContext<'_, R>) -> bool {
         if self.next_cell.is_none() {
-            if !self.has_stance && self.reviewed_seq.is_some() {
+            if !self.has_stance && self.reviewed_seq.is_some() && !self.is_zero_requested {
                 return false;
             }
             let has_stance = core::mem::take(&mut self.has_stance);
@@ -145,6 +163,7 @@ impl FaultDetector {
                 return false;
             }
             let rise = match self.reviewed_seq {
+                _ if self.is_zero_requested => Rise::Whole,
                 None if !has_stance => Rise::Whole,
                 Some(before) if frame.seq.wrapping_sub(before) <= self.gait_frames => Rise::Confirmed,
                 _ => Rise::None,
@@ -158,6 +177,7 @@ impl FaultDetector {
             return false;
         }
         self.reviewed_seq = Some(frame.seq);
+        self.is_zero_requested &= self.review.rise != Rise::Whole;
         let found_before = self.faults.found;
         self.faults.rezeroed = self.faults.rezeroed.wrapping_add(self.review.rezeroed);
         self.faults.without_baseline = self.review.without_baseline;

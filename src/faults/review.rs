@@ -21,7 +21,7 @@ const MAX_RISE: i16 = 2 * NOISE as i16;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Review {
     /// How far the readings can raise the baselines.
-    rise: Rise,
+    pub(super) rise: Rise,
     /// The foot was down since the last review, so there is evidence of a stance.
     pub(super) has_stance: bool,
     /// Number of cells that carried load before and did not respond in this step.

@@ -5,10 +5,11 @@ use super::board::Stopwatch;
 use super::scan::Frame;
 use super::shared::Shared;
 use crate::faults::Faults;
+use crate::insole::NotLifted;
 use crate::log;
 use crate::pipeline::step::RegionStep;
 use crate::protocol::session::ToInsole;
-use crate::protocol::{Alert, Bout, ContactEllipse, Ellipses, Live, LoadRecord, Step};
+use crate::protocol::{Alert, Bout, ContactEllipse, Ellipses, Live, LoadRecord, Refusal, Step};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::Receiver;
@@ -119,12 +120,18 @@ fn adopt_tissue(insole: &mut DeviceInsole, shared: &Shared) {
     }
 }
 
-/// Executes the requests of hosts that concern alerts, and publishes the load of the day. A change takes effect within a second.
+/// Executes the requests of hosts that concern alerts and baselines, and publishes the load of the day. A change takes effect within a second.
 #[cold]
 #[inline(never)]
 fn end_second(insole: &mut DeviceInsole, shared: &Shared) {
     let mut session = shared.session.borrow_mut();
-    let ToInsole { rules, snooze_s } = session.take_to_insole();
+    let ToInsole { rules, snooze_s, zero } = session.take_to_insole();
+    if let Some(outcome) = insole.take_zero() {
+        session.answer_zero(outcome.map_err(|NotLifted| Refusal::NotLifted));
+    }
+    if zero {
+        insole.request_zero();
+    }
     if let Some(rules) = rules {
         insole.set_alert_rules(&rules);
     }

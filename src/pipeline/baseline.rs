@@ -6,7 +6,7 @@
 //! - A reading below the baseline lowers the baseline at once, because a cell without load cannot read less than its baseline.
 //! - A reading above it raises the baseline only as far as the swing before read the same, at most [`GAIT_MS`] earlier; so neither
 //!   a foot that rests for a moment, nor a person who sits down and stands up, becomes the baseline. The first reading after the
-//!   start is used at once.
+//!   start is used at once, and so is the first one after a host has requested it.
 //! - A baseline is at most [`MAX_RESIDUAL_KPA`] above zero pressure. The former baseline of a cell that reads more under a
 //!   lifted foot remains in force, and the cell is counted in [`Faults::without_baseline`](crate::faults::Faults).
 //!
@@ -15,6 +15,7 @@
 
 use super::calibrate::{CellCalibration, Curve};
 use super::marks::{MAX_LOWERED, NOISE};
+use serde::{Deserialize, Serialize};
 
 /// Largest pressure of a baseline, kPa. In-shoe pressures of a lifted foot are below 10 kPa, and a standing foot exceeds this
 /// pressure under a large part of its contact.
@@ -22,6 +23,21 @@ pub const MAX_RESIDUAL_KPA: f32 = 13.0;
 
 /// Longest time between the readings of two swings that confirm each other, ms: a slow step and its swing.
 pub const GAIT_MS: u32 = 5_000;
+
+/// Time within which the foot must be lifted after a host has requested that the baselines are measured, s.
+pub const ZERO_S: u8 = 4;
+
+/// The result of a measurement of the baselines that a host has requested.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ZeroResult {
+    /// Number of cells of which the baseline has changed by more than the noise.
+    pub changed: u16,
+    /// Number of cells of each region that read more than [`MAX_RESIDUAL_KPA`], so that their former baseline remains in force; 255
+    /// stands for 255 or more.
+    pub without_baseline: [u8; 8],
+    /// Force of the baselines of each region, 0.1 N.
+    pub residual_dn: [u16; 8],
+}
 
 /// The baseline of one cell.
 #[derive(Clone, Copy, Debug)]
@@ -76,7 +92,7 @@ impl Baseline {
 /// How far a reading can raise baselines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rise {
-    /// By the whole reading: the first one after the start.
+    /// By the whole reading: the first one after the start, or on request.
     Whole,
     /// By the smaller of this reading and that of the swing before.
     Confirmed,

@@ -3,6 +3,7 @@
 use super::cells::CellStream;
 use super::{CALIBRATION_BLOCKS, CalibrationBlock, Identity, Refusal, Serial, Settings, ToDevice, update};
 use crate::pipeline::alert::AlertRules;
+use crate::pipeline::baseline::ZeroResult;
 use crate::pipeline::calibrate::CellCalibration;
 use crate::pipeline::contact::ContactRule;
 use crate::pipeline::region::Side;
@@ -132,6 +133,7 @@ pub(super) enum Answer {
     Identified,
     AlertRules,
     DailyLoad,
+    Zero(ZeroResult),
 }
 
 impl Answer {

@@ -7,6 +7,7 @@ use super::{
 };
 use crate::faults::Faults;
 use crate::pipeline::alert::{AlertRules, DailyLoad};
+use crate::pipeline::baseline::ZeroResult;
 use crate::pipeline::region::Side;
 use crate::pipeline::setup::{Setup, SetupCell};
 use crate::pipeline::tissue::{Identified, Tissue};
@@ -83,6 +84,8 @@ pub enum ToHost {
     DailyLoad(DailyLoad),
     /// The contact ellipses of one frame of a running stream of ellipses.
     Ellipses(Ellipses),
+    /// The answer to [`ToDevice::Zero`].
+    Zero(ZeroResult),
 }
 
 impl ToHost {
@@ -214,4 +217,7 @@ pub enum ToDevice {
         /// One of so many frames is sent; 0 for none.
         every: u8,
     },
+    /// Measures the baselines of all cells under the lifted foot; answered by [`ToHost::Zero`], or by [`ToHost::Refused`] if the foot
+    /// is not lifted within [`ZERO_S`](crate::pipeline::baseline::ZERO_S) seconds.
+    Zero,
 }

@@ -45,6 +45,8 @@ pub enum Refusal {
         /// The highest rate is that of one of every so many frames.
         every: u8,
     },
+    /// The foot was not lifted, so the baselines were not measured.
+    NotLifted,
 }
 
 impl From<TissueError> for Refusal {
@@ -104,6 +106,9 @@ impl fmt::Display for Refusal {
             ),
             Self::ContactRule => f.write_str(
                 "the parameters were identified with another contact rule than the one of the insole: set the rule first",
+            ),
+            Self::NotLifted => f.write_str(
+                "the baselines were not measured, because the foot carries load or moves: sit down, lift the foot, and hold it still",
             ),
             Self::AlertRules => write!(
                 f,

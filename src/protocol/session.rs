@@ -120,6 +120,7 @@ impl Session {
                 self.cells.start(stream);
                 self.answer(Answer::CellStream(stream));
             }
+            ToDevice::Zero => self.to_insole.zero = true,
             ToDevice::StreamEllipses { every } => self.start_ellipses(every),
             ToDevice::GetSetup | ToDevice::GetSetupCells { .. } if self.configured.layout.is_none() => {
                 self.answer(Answer::Refused(Refusal::NoLayout));
@@ -347,6 +348,7 @@ impl Session {
                 Answer::Identified => ToHost::Identified(self.configured.identified),
                 Answer::AlertRules => ToHost::AlertRules(self.configured.alert_rules),
                 Answer::DailyLoad => ToHost::DailyLoad(self.daily),
+                Answer::Zero(result) => ToHost::Zero(result),
             }
         };
         // Every message fits MAX_MESSAGE, the least size of `buffer`.

@@ -190,6 +190,8 @@ pub enum Event {
         #[serde(default)]
         dose_kpa_s: f32,
     },
+    /// The host requests that the baselines are measured.
+    Zero,
     /// The host requests that no alerts are raised for this time, s.
     SnoozeAlerts(u16),
     /// The host sets the serial number.
@@ -409,6 +411,7 @@ fn request(world: &SharedWorld, host: &mut Host, insole: usize, event: &Event) -
             dose_kpa_s: *dose_kpa_s,
             ..AlertRules::OFF
         }),
+        Event::Zero => client.zero().map(drop),
         Event::SnoozeAlerts(snoozed_s) => client.snooze_alerts(*snoozed_s).map(drop),
         Event::SetSerial(serial) => {
             let identity = client.identity()?;

@@ -2,9 +2,10 @@
 
 use super::{Answer, Session};
 use crate::pipeline::alert::{AlertRules, DailyLoad};
+use crate::pipeline::baseline::ZeroResult;
 use crate::pipeline::setup::{Setup, SetupCell};
 use crate::pipeline::tissue::{Identified, Tissue};
-use crate::protocol::{Identity, Settings};
+use crate::protocol::{Identity, Refusal, Settings};
 
 /// Requests of a host that the insole itself executes, with its next frame.
 #[derive(Clone, Copy, Debug)]
@@ -13,10 +14,12 @@ pub struct ToInsole {
     pub rules: Option<AlertRules>,
     /// Raise no alerts for this time, s.
     pub snooze_s: Option<u16>,
+    /// Measure the baselines.
+    pub zero: bool,
 }
 
 impl ToInsole {
-    pub(super) const NONE: Self = Self { rules: None, snooze_s: None };
+    pub(super) const NONE: Self = Self { rules: None, snooze_s: None, zero: false };
 }
 
 impl Session {
@@ -45,6 +48,13 @@ impl Session {
     /// The rules of alerts in force.
     pub fn alert_rules(&self) -> &AlertRules {
         &self.configured.alert_rules
+    }
+
+    /// Answers a request to measure the baselines, with the result or the refusal.
+    pub fn answer_zero(&mut self, result: Result<ZeroResult, Refusal>) {
+        if self.is_open {
+            self.answer(result.map_or_else(Answer::Refused, Answer::Zero));
+        }
     }
 
     /// Sets the load of the day; with `is_answer`, it is sent to the host.

@@ -5,6 +5,7 @@ use crate::{Carrier, Client, Error};
 use plantar::Side;
 use plantar::faults::Faults;
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
+use plantar::pipeline::baseline::{ZERO_S, ZeroResult};
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::tissue::{Identified, Tissue};
@@ -104,6 +105,19 @@ impl<C: Carrier> Client<C> {
     pub fn set_alert_rules(&mut self, rules: &AlertRules) -> Result<(), Error> {
         self.request(ToDevice::SetAlertRules(*rules), |message| {
             matches!(message, ToHost::AlertRules(in_force) if in_force == rules).then_some(())
+        })
+    }
+
+    /// Measures the baselines of all cells under the lifted foot.
+    ///
+    /// # Errors
+    /// See the `impl` block; [`plantar::protocol::Refusal::NotLifted`] if the foot carries load or moves.
+    pub fn zero(&mut self) -> Result<ZeroResult, Error> {
+        // The request waits for the end of a second, and the answer too.
+        let patience = Duration::from_secs(u64::from(ZERO_S) + 4);
+        self.request_within(patience, ToDevice::Zero, |message| match message {
+            ToHost::Zero(result) => Some(*result),
+            _ => None,
         })
     }
 

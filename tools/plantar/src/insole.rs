@@ -1,10 +1,12 @@
 //! `plantar insole`: identity, settings, alerts and calibration of an insole.
 
-use crate::carrier::{self, Connection};
+use crate::carrier::{self, AnyClient, Connection};
+use crate::summary::SHORT;
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Subcommand, ValueEnum};
 use client::ReconnectPolicy;
 use plantar::Side;
+use plantar::pipeline::baseline::MAX_RESIDUAL_KPA;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::protocol::{Identity, Serial};
 use serde::Deserialize;
@@ -49,6 +51,14 @@ pub enum Insole {
     Alerts {
         #[command(flatten)]
         alerts: AlertArgs,
+        #[command(flatten)]
+        connection: Connection,
+    },
+    /// Measure the baselines of all cells: sit down, lift the foot, and hold it still.
+    ///
+    /// An insole does this by itself at its start and in each swing, if two successive swings agree. The command makes it use the next
+    /// reading at once, for example after the shoe was laced again. It refuses a foot that carries load or moves.
+    Zero {
         #[command(flatten)]
         connection: Connection,
     },
@@ -110,6 +120,7 @@ impl Insole {
                 print_settings(insole.client())
             }
             Self::Alerts { alerts, connection } => alerts.run(connection.open(ReconnectPolicy::RESTART)?.client()),
+            Self::Zero { connection } => zero(connection.open(ReconnectPolicy::RESTART)?.client()),
             Self::Calibrate { file, connection } => {
                 let cells = read(file)?;
                 let mut insole = connection.open(ReconnectPolicy::RESTART)?;
@@ -174,6 +185,22 @@ fn show(connection: &Connection) -> Result<()> {
     ];
     for (_, warning) in warnings.iter().filter(|(applies, _)| *applies) {
         println!("warning: {warning}");
+    }
+    Ok(())
+}
+
+/// Measures the baselines, and prints the result.
+fn zero(client: &mut AnyClient) -> Result<()> {
+    let result = client.zero()?;
+    let forces = SHORT.iter().zip(result.residual_dn).filter(|(_, dn)| *dn > 0);
+    let forces: Vec<_> = forces.map(|(name, dn)| format!("{name} {:.1} N", f64::from(dn) / 10.0)).collect();
+    println!("the baselines of {} cells have changed", result.changed);
+    println!("force that is subtracted: {}", if forces.is_empty() { "none".into() } else { forces.join(", ") });
+    for (name, cells) in SHORT.iter().zip(result.without_baseline).filter(|(_, cells)| *cells > 0) {
+        println!(
+            "warning: {cells} cells of {name} read more than {MAX_RESIDUAL_KPA} kPa, so their former baselines remain: loosen the \
+             shoe, or check these cells"
+        );
     }
     Ok(())
 }

@@ -84,7 +84,7 @@ enum Command {
     #[command(subcommand)]
     Params(params::Params),
     Update(update::Update),
-    /// Show, set, name, calibrate and restart an insole, and set its alerts.
+    /// Show, set, name, zero, calibrate and restart an insole, and set its alerts.
     #[command(subcommand)]
     Insole(insole::Insole),
 }

@@ -3,6 +3,7 @@
 
 use parameters::{DIRECT, Identified, InsoleSize, Parameters};
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
+use plantar::pipeline::baseline::ZeroResult;
 use plantar::pipeline::calibrate::CellCalibration;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::cumulative::LoadLimits;
@@ -16,6 +17,10 @@ use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{self, Output};
 use std::sync::{Arc, Mutex};
+
+/// The baselines that the insole measures on request.
+const ZERO_RESULT: ZeroResult =
+    ZeroResult { changed: 17, without_baseline: [0, 2, 0, 0, 0, 0, 0, 0], residual_dn: [31, 0, 0, 0, 0, 0, 0, 0] };
 
 /// Starts an insole that serves one host after the other until the test ends. Returns its address and its session.
 fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
@@ -44,7 +49,11 @@ fn insole() -> (SocketAddr, Arc<Mutex<Session>>) {
                             _ => CommandResult::Stored,
                         };
                         session.complete(Ok(result));
-                        if let Some(snoozed_s) = session.take_to_insole().snooze_s {
+                        let requests = session.take_to_insole();
+                        if requests.zero {
+                            session.answer_zero(Ok(ZERO_RESULT));
+                        }
+                        if let Some(snoozed_s) = requests.snooze_s {
                             session.set_daily_load(DailyLoad { snoozed_s, ..testkit::daily_load() }, true);
                         }
                         if let ToDevice::SetSettings(settings) = message {
@@ -337,4 +346,15 @@ fn alerts_are_set_shown_snoozed_and_refused() {
     assert!(succeeded && shown.contains("no alerts for another 25 minutes") && shown.contains("4321 steps"), "{shown}");
     assert!(run_insole(folder.path(), address, "alerts --off").0);
     assert_eq!(rules(), AlertRules { per_day: 0, ..expected });
+}
+
+#[test]
+fn the_result_of_a_measured_baseline_is_shown() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (address, _session) = insole();
+    let (succeeded, shown, _) = run_insole(folder.path(), address, "zero");
+    assert!(succeeded, "{shown}");
+    for text in ["baselines of 17 cells", "Heel 3.1 N", "2 cells of P.midfoot read more than 13 kPa"] {
+        assert!(shown.contains(text), "{shown}");
+    }
 }

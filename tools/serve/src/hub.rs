@@ -373,6 +373,7 @@ impl Page {
                 | ToDevice::GetSettings
                 | ToDevice::SetSettings(_)
                 | ToDevice::SetAlertRules(_)
+                | ToDevice::Zero
                 | ToDevice::GetIdentity
                 | ToDevice::SetIdentity { .. }
                 | ToDevice::Update(_)

@@ -1,0 +1,38 @@
+//! Measurement of the baselines on request.
+
+use super::Insole;
+use crate::num::Real;
+use crate::pipeline::baseline::{ZERO_S, ZeroResult};
+
+/// The foot was not lifted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NotLifted;
+
+impl<R: Real, const N: usize> Insole<R, N> {
+    /// Measures the baselines of all cells as soon as the foot is lifted, within [`ZERO_S`] seconds. The readings become the baselines
+    /// at once, as after the start.
+    pub fn request_zero(&mut self) {
+        self.zero_s = ZERO_S;
+        self.detector.request_zero(true);
+    }
+
+    /// The outcome of a requested measurement; `None` without a request, and while it is in progress. To be called once a second.
+    pub fn take_zero(&mut self) -> Option<Result<ZeroResult, NotLifted>> {
+        if self.zero_s == 0 {
+            return None;
+        }
+        if !self.detector.is_zero_requested() {
+            self.zero_s = 0;
+            return Some(Ok(ZeroResult {
+                changed: self.detector.last_rezeroed() as u16,
+                without_baseline: self.faults().without_baseline,
+                residual_dn: self.residuals.each_ref().map(|residual| (residual.force_n * R::of(10.0)).round_u16()),
+            }));
+        }
+        self.zero_s -= 1;
+        (self.zero_s == 0).then(|| {
+            self.detector.request_zero(false);
+            Err(NotLifted)
+        })
+    }
+}
