@@ -6,15 +6,23 @@
 //! of a recording to the codes of a sensor. The baseline of an insole, [`Zero`], is computed from a [`StandingTrial`].
 
 pub mod csv;
+pub mod emed;
+pub mod export;
+pub mod footprint;
 pub mod jiku;
 pub mod pedar;
 pub mod synthetic;
+pub mod tekscan;
 pub mod template;
+pub mod xsensor;
 
 mod bins;
 mod check;
+mod clock;
 mod error;
 mod file;
+mod gaps;
+mod grid;
 mod insole;
 mod layout;
 mod names;
@@ -25,9 +33,13 @@ mod recording;
 mod standing;
 mod streamed;
 mod table;
+mod text;
+mod totals;
+mod units;
 mod zero;
 
 pub use error::{Error, Result};
+pub use export::{Export, Format};
 pub use insole::VirtualInsole;
 pub use layout::{Cell, Layout, MAX_CELLS};
 pub use names::area_title;
