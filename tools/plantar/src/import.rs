@@ -30,6 +30,10 @@ pub enum Import {
     Tekscan(Vendor),
     /// Import an ASCII file (.lst) of a plate of novel's emed system.
     Emed(Vendor),
+    /// Import the export "Dynamic Roll off" (.xls, or its text) of RSscan's footscan plate.
+    Footscan(Vendor),
+    /// Import a text file that Moticon's OpenGo program exported.
+    Moticon(Vendor),
     /// Import two CSV files: the layout of the cells, and their pressures.
     ///
     /// The layout has the columns cell,x_mm,y_mm,area_mm2 and optionally region. It has one line per cell; cells are numbered
@@ -158,6 +162,8 @@ impl Import {
             Self::Xsensor(file) => vendor(Format::Xsensor, file),
             Self::Tekscan(file) => vendor(Format::Tekscan, file),
             Self::Emed(file) => vendor(Format::Emed, file),
+            Self::Footscan(file) => vendor(Format::Footscan, file),
+            Self::Moticon(file) => vendor(Format::Moticon, file),
             Self::Csv { layout, frames, side, out } => {
                 let recording = csv::import(layout, frames, (*side).into(), &mut report)?;
                 bar.finish_and_clear();

@@ -153,7 +153,7 @@ pub fn intervals(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Res
 }
 
 /// Checks that all pressures are finite, not negative, and at most [`MAX_KPA`].
-fn pressures(pressure_kpa: &[f32], cells: usize, place: &dyn Fn(At) -> String) -> Result<()> {
+pub fn pressures(pressure_kpa: &[f32], cells: usize, place: &dyn Fn(At) -> String) -> Result<()> {
     let valid = |kpa: f32| (0.0..=MAX_KPA).contains(&kpa);
     for (frame, row) in pressure_kpa.chunks_exact(cells).enumerate() {
         // `fold` tests every value, so that the compiler can vectorise the loop. The cell is then searched in invalid rows

@@ -1,7 +1,7 @@
 //! The exports of vendors' programs: their formats, and how a file's format is recognised from its content.
 
 use crate::text::decode;
-use crate::{Error, Recording, Result, emed, tekscan, xsensor};
+use crate::{Error, Recording, Result, emed, footscan, moticon, tekscan, xsensor};
 use plantar::Side;
 use std::fs;
 use std::path::Path;
@@ -24,11 +24,15 @@ pub enum Format {
     Tekscan,
     /// See [`emed`].
     Emed,
+    /// See [`footscan`].
+    Footscan,
+    /// See [`moticon`].
+    Moticon,
 }
 
 impl Format {
     /// All formats, in the order in which they are tried.
-    pub const ALL: [Self; 3] = [Self::Xsensor, Self::Tekscan, Self::Emed];
+    pub const ALL: [Self; 5] = [Self::Xsensor, Self::Tekscan, Self::Emed, Self::Footscan, Self::Moticon];
 
     /// The name, which is also the name of the command that imports it.
     pub const fn name(self) -> &'static str {
@@ -36,6 +40,8 @@ impl Format {
             Self::Xsensor => "xsensor",
             Self::Tekscan => "tekscan",
             Self::Emed => "emed",
+            Self::Footscan => "footscan",
+            Self::Moticon => "moticon",
         }
     }
 
@@ -52,11 +58,16 @@ impl Format {
         if bytes.starts_with(b"\x89HDF\r\n") {
             return other("an HDF5 file", "import a walker of jiku-data with plantar import jiku");
         }
+        if footscan::is_xls(bytes) {
+            return Ok(Self::Footscan);
+        }
         let text = decode(bytes, path)?;
         let recognised = |format: &Self| match format {
             Self::Xsensor => xsensor::recognise(&text),
             Self::Tekscan => tekscan::recognise(&text),
             Self::Emed => emed::recognise(&text),
+            Self::Footscan => footscan::recognise(&text),
+            Self::Moticon => moticon::recognise(&text),
         };
         if let Some(format) = Self::ALL.into_iter().find(recognised) {
             return Ok(format);
@@ -93,6 +104,8 @@ impl Format {
             Self::Xsensor => xsensor::parse(bytes, path, side),
             Self::Tekscan => tekscan::parse(bytes, path, side),
             Self::Emed => emed::parse(bytes, path, side),
+            Self::Footscan => footscan::parse(bytes, path, side),
+            Self::Moticon => moticon::parse(bytes, path, side),
         }
     }
 }

@@ -20,7 +20,7 @@ const TOES: [f64; 2] = [0.84, 1.0];
 const LEAST_ASYMMETRY: f64 = 0.05;
 
 /// The pressures on the cells of a sensor. The cells lie in any plane that is seen from above.
-pub struct Footprint<'a> {
+pub(crate) struct Footprint<'a> {
     pub cells: &'a [Cell],
     /// For each cell, whether it is under the foot. Other cells respond to noise.
     pub under_foot: &'a [bool],
@@ -166,7 +166,7 @@ fn lesser_toes_exceed_hallux(recording: &Recording) -> bool {
 }
 
 /// The foot's name at the beginning of a sentence.
-pub fn capitalised(side: Side) -> &'static str {
+pub(crate) fn capitalised(side: Side) -> &'static str {
     match side {
         Side::Left => "Left",
         Side::Right => "Right",

@@ -1,7 +1,8 @@
 //! Matrix sensors: equal cells in rows and columns, in an insole or a pressure plate.
 
-use crate::footprint::{self, Footprint};
-use crate::{Cell, Error, Layout, MAX_CELLS, Recording, Result, check, gaps, rate, template};
+use crate::assembly::Parts;
+use crate::footprint::Footprint;
+use crate::{Cell, Error, MAX_CELLS, Recording, Result, check, template};
 use plantar::{Region, Side};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -110,6 +111,7 @@ impl Foot {
             .collect();
         let under_foot = under_foot(&indices, &pressure_kpa);
         if grid.toes == Toes::Walked {
+            check_one_foot(&cells, &under_foot, &file)?;
             turn_toes_to_top(&mut cells, &under_foot, &pressure_kpa, remarks);
         }
         let footprint = Footprint { cells: &cells, under_foot: &under_foot, pressure_kpa: &pressure_kpa };
@@ -126,17 +128,8 @@ impl Foot {
         }
         place_at_origin(&mut cells, &under_foot, [grid.column_mm / 2.0, grid.row_mm / 2.0]);
         template::assign_within(&mut cells, &under_foot);
-        let source = match gaps::fill(&mut frames.t_s, &mut pressure_kpa, cells.len()) {
-            None => source,
-            Some(note) => {
-                remarks.push(format!("{} foot: {note}", footprint::capitalised(side)));
-                format!("{source} {note}")
-            }
-        };
-        let rate_hz = rate::of(&frames.t_s, &|_| file.clone())?;
-        let layout = Layout { name, cells };
-        check::geometry(&layout, &file)?;
-        let recording = Recording { side, layout, rate_hz, source, t_s: frames.t_s, pressure_kpa };
+        let parts = Parts { side, cells, t_s: frames.t_s, pressure_kpa, name, source };
+        let recording = parts.recording(path, remarks)?;
         if recording.cells() <= MAX_CELLS {
             return Ok(recording);
         }
@@ -165,6 +158,22 @@ fn under_foot(indices: &BTreeMap<(usize, usize), usize>, pressure_kpa: &[f32]) -
         }
     }
     if under_foot.contains(&true) { under_foot } else { vec![true; indices.len()] }
+}
+
+/// Checks that a plate has no more than one footprint.
+fn check_one_foot(cells: &[Cell], under_foot: &[bool], file: &str) -> Result<()> {
+    /// Longest foot, mm: a size of about 60.
+    const LONGEST_MM: f64 = 400.0;
+    let most_mm = [|c: &Cell| c.x_mm, |c: &Cell| c.y_mm].map(|along| {
+        let foot = || cells.iter().zip(under_foot).filter(|(_, is_under)| **is_under).map(|(cell, _)| along(cell));
+        foot().fold(f64::NEG_INFINITY, f64::max) - foot().fold(f64::INFINITY, f64::min)
+    });
+    let length_mm = most_mm[0].max(most_mm[1]);
+    if length_mm <= LONGEST_MM {
+        return Ok(());
+    }
+    let problem = format!("loads over {length_mm:.0} mm, which is more than one foot");
+    Err(Error::content(file, problem, "select one step in the vendor's program, and export it alone"))
 }
 
 /// Turns the picture, so that the foot walks towards its top.
