@@ -169,7 +169,7 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
         cells,
         t_s,
         pressure_kpa,
-        name: format!("Moticon OpenGo insole, {CELLS} cells"),
+        name: "Moticon OpenGo insole".to_owned(),
         source: format!(
             "Moticon OpenGo measurement {}, {} insole, effective areas by least squares, regions by template.",
             file_name(path),

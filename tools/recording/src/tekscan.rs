@@ -211,12 +211,14 @@ fn read_frames<'a>(
             continue;
         }
         let fields = row.split([',', ';', '\t']).map(str::trim);
-        if found == rows || fields.clone().count() != columns {
-            let problem = match found == rows {
-                true => format!("`{}` after the last row of a frame", shortened(row)),
-                false => format!("{} values, expected {columns}, as COLS states", fields.count()),
-            };
+        if found == rows {
+            let problem = format!("`{}` after the last row of a frame", shortened(row));
             return Err(Error::content(place(), problem, "export the measurement again, and do not edit the file"));
+        }
+        let width = fields.clone().count();
+        if width != columns {
+            let problem = format!("{width} values, expected {columns}, as COLS states");
+            return Err(Error::content(place(), problem, "the export is cut off or damaged: export or copy it again"));
         }
         for (column, field) in fields.enumerate().filter(|(_, field)| !field.eq_ignore_ascii_case("B")) {
             let value = number(field, &format!("the value in column {}", column + 1), &place)?;

@@ -5,7 +5,7 @@ use crate::{Error, Result};
 use std::path::Path;
 
 /// The text of a file in UTF-8, in UTF-16 with a byte-order mark, or else in Latin-1, without the byte-order mark. All lines end
-/// with `\n` or `\r\n`.
+/// with `\n`.
 ///
 /// # Errors
 /// Fails if the file is empty or is not text.
@@ -34,8 +34,15 @@ pub fn decode(bytes: &[u8], path: &Path) -> Result<String> {
             "name the text file that the vendor's program exports, not its own recording",
         ));
     }
-    // Old programs end lines with a carriage return alone.
-    Ok(if text.contains('\n') { text } else { text.replace('\r', "\n") })
+    let mut text = text.replace("\r\n", "\n");
+    if !text.contains('\n') {
+        // Old programs end lines with a carriage return alone.
+        text = text.replace('\r', "\n");
+    }
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    Ok(text)
 }
 
 /// Parses a finite number with a decimal point or a decimal comma.

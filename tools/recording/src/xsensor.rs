@@ -42,7 +42,8 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         .from_reader(text.as_bytes());
     let mut row = StringRecord::new();
     while rows.read_record(&mut row).map_err(|error| unreadable(path, error))? {
-        reader.line = row.position().map_or(0, |position| position.line());
+        // The reader is at the beginning of the next line; blank lines before a record do not count as part of it.
+        reader.line = rows.position().line() - 1;
         reader.row(&row)?;
     }
     reader.finish_table("the end of the file")?;
