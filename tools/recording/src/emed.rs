@@ -87,7 +87,10 @@ impl Pages<'_> {
                 return Ok(());
             };
             let place = || at_line(self.path, line);
-            let value_of = |name: &str| row.split_once(name).map(|(_, value)| value.trim_start_matches([':', ' ']));
+            let value_of = |name: &str| {
+                let value = row.split_once(name).map(|(_, value)| value.split('\t').next().unwrap_or(value));
+                value.map(|value| value.trim_start_matches([':', ' ']))
+            };
             if let Some(value) = value_of("Sensor size") {
                 size_mm = Some(sizes_mm(value, &place)?);
             }
