@@ -306,6 +306,10 @@ fn vendor() {
     );
     let (mut emed, mut footscan) = (String::new(), "Right foot data\n".to_owned());
     let mut moticon = "# time".to_owned();
+    let mut loadsol =
+        "walk\n\tA-L:heel\tA-L:medial\tA-L\t\tA-R:heel\tA-R:lateral\n[sec]\t[N]\t[N]\t[N]\t[sec]\t[N]\t[N]\n"
+            .to_owned();
+    let mut gaitpdb = String::new();
     for side in ["left", "right"] {
         (1..=16).for_each(|cell| moticon += &format!("\t{side} pressure {cell}[N/cm²]"));
         moticon += &format!("\t{side} total force[N]");
@@ -330,12 +334,18 @@ fn vendor() {
         );
         footscan += &format!("Frame {frame} ({:.2} ms)\n{}\n", frame as f64 * 20.0, table(frame, "\t", 0.1));
         moticon += &format!("\n{:.2}", frame as f64 * 0.02);
+        let (time_s, heel_n, front_n) = (frame as f64 * 0.02, kpa(frame, 7, 0), kpa(frame, 1, 0));
+        loadsol += &format!("{time_s:.2}\t{heel_n}\t{front_n}\t0\t{time_s:.2}\t{heel_n}\t{front_n}\n");
+        let forces_n: Vec<_> = (0..8).map(|sensor| kpa(frame, 7 - sensor, 0)).collect();
+        let (fields, total_n) =
+            (forces_n.iter().map(f64::to_string).collect::<Vec<_>>().join("\t"), forces_n.iter().sum::<f64>());
+        gaitpdb += &format!("{time_s:.2}\t{fields}\t{fields}\t{total_n}\t{total_n}\n");
         for _ in 0..2 {
             (0..16).for_each(|cell| moticon += &format!("\t{:.2}", kpa(frame, cell / 2, cell % 2) * 0.1));
             moticon += &format!("\t{:.2}", kpa(frame, 3, 0));
         }
     }
-    let files = [xsensor, tekscan, emed, footscan, moticon];
+    let files = [xsensor, tekscan, emed, footscan, moticon, loadsol, gaitpdb];
     for ((index, format), file) in Format::ALL.iter().enumerate().zip(files) {
         assert!(format.parse(file.as_bytes(), Path::new("seed"), None).is_ok(), "{}", format.name());
         seed("vendor", format.name(), &[&[index as u8], file.as_bytes()].concat());

@@ -34,6 +34,10 @@ pub enum Import {
     Footscan(Vendor),
     /// Import a text file that Moticon's OpenGo program exported.
     Moticon(Vendor),
+    /// Import a text file that novel's loadsol insoles exported, with the forces of zones. Positions and areas are nominal.
+    Loadsol(Vendor),
+    /// Import a walk of PhysioNet's database gaitpdb, with the forces of eight sensors. Positions and areas are nominal.
+    Gaitpdb(Vendor),
     /// Import two CSV files: the layout of the cells, and their pressures.
     ///
     /// The layout has the columns cell,x_mm,y_mm,area_mm2 and optionally region. It has one line per cell; cells are numbered
@@ -164,6 +168,8 @@ impl Import {
             Self::Emed(file) => vendor(Format::Emed, file),
             Self::Footscan(file) => vendor(Format::Footscan, file),
             Self::Moticon(file) => vendor(Format::Moticon, file),
+            Self::Loadsol(file) => vendor(Format::Loadsol, file),
+            Self::Gaitpdb(file) => vendor(Format::Gaitpdb, file),
             Self::Csv { layout, frames, side, out } => {
                 let recording = csv::import(layout, frames, (*side).into(), &mut report)?;
                 bar.finish_and_clear();

@@ -1,7 +1,7 @@
 //! The exports of vendors' programs: their formats, and how a file's format is recognised from its content.
 
 use crate::text::decode;
-use crate::{Error, Recording, Result, emed, footscan, moticon, tekscan, xsensor};
+use crate::{Error, Recording, Result, emed, footscan, gaitpdb, loadsol, moticon, tekscan, xsensor};
 use plantar::Side;
 use std::fs;
 use std::path::Path;
@@ -28,11 +28,16 @@ pub enum Format {
     Footscan,
     /// See [`moticon`].
     Moticon,
+    /// See [`loadsol`].
+    Loadsol,
+    /// See [`gaitpdb`].
+    Gaitpdb,
 }
 
 impl Format {
     /// All formats, in the order in which they are tried.
-    pub const ALL: [Self; 5] = [Self::Xsensor, Self::Tekscan, Self::Emed, Self::Footscan, Self::Moticon];
+    pub const ALL: [Self; 7] =
+        [Self::Xsensor, Self::Tekscan, Self::Emed, Self::Footscan, Self::Moticon, Self::Loadsol, Self::Gaitpdb];
 
     /// The name, which is also the name of the command that imports it.
     pub const fn name(self) -> &'static str {
@@ -42,6 +47,8 @@ impl Format {
             Self::Emed => "emed",
             Self::Footscan => "footscan",
             Self::Moticon => "moticon",
+            Self::Loadsol => "loadsol",
+            Self::Gaitpdb => "gaitpdb",
         }
     }
 
@@ -68,6 +75,8 @@ impl Format {
             Self::Emed => emed::recognise(&text),
             Self::Footscan => footscan::recognise(&text),
             Self::Moticon => moticon::recognise(&text),
+            Self::Loadsol => loadsol::recognise(&text),
+            Self::Gaitpdb => gaitpdb::recognise(&text),
         };
         if let Some(format) = Self::ALL.into_iter().find(recognised) {
             return Ok(format);
@@ -106,6 +115,8 @@ impl Format {
             Self::Emed => emed::parse(bytes, path, side),
             Self::Footscan => footscan::parse(bytes, path, side),
             Self::Moticon => moticon::parse(bytes, path, side),
+            Self::Loadsol => loadsol::parse(bytes, path, side),
+            Self::Gaitpdb => gaitpdb::parse(bytes, path, side),
         }
     }
 }
