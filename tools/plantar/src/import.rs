@@ -176,6 +176,9 @@ impl Import {
                 out.write(recording, &out.out)
             }
             Self::Pedar { file, geometry, side, out } => {
+                if side.is_none() && pedar::feet(file)? == 1 {
+                    bail!("{}: the export contains one foot; state it with --side", file.display());
+                }
                 let sides = side.map_or(vec![Side::Left, Side::Right], |side| vec![side.into()]);
                 let feet = sides.into_iter().map(|foot| pedar::import(file, geometry, foot, &mut report));
                 let feet = feet.collect::<recording::Result<_>>()?;
