@@ -310,6 +310,7 @@ fn vendor() {
         "walk\n\tA-L:heel\tA-L:medial\tA-L\t\tA-R:heel\tA-R:lateral\n[sec]\t[N]\t[N]\t[N]\t[sec]\t[N]\t[N]\n"
             .to_owned();
     let mut gaitpdb = String::new();
+    let mut pliance = "time[secs] 1 2 3 4 5 6 7 8\n".to_owned();
     for side in ["left", "right"] {
         (1..=16).for_each(|cell| moticon += &format!("\t{side} pressure {cell}[N/cm²]"));
         moticon += &format!("\t{side} total force[N]");
@@ -339,13 +340,21 @@ fn vendor() {
         let forces_n: Vec<_> = (0..8).map(|sensor| kpa(frame, 7 - sensor, 0)).collect();
         let (fields, total_n) =
             (forces_n.iter().map(f64::to_string).collect::<Vec<_>>().join("\t"), forces_n.iter().sum::<f64>());
+        pliance += &format!("{time_s:.2} {}\n", forces_n.iter().map(f64::to_string).collect::<Vec<_>>().join(" "));
         gaitpdb += &format!("{time_s:.2}\t{fields}\t{fields}\t{total_n}\t{total_n}\n");
         for _ in 0..2 {
             (0..16).for_each(|cell| moticon += &format!("\t{:.2}", kpa(frame, cell / 2, cell % 2) * 0.1));
             moticon += &format!("\t{:.2}", kpa(frame, 3, 0));
         }
     }
-    let files = [xsensor, tekscan, emed, footscan, moticon, loadsol, gaitpdb];
+    for (corner, x_cm, y_cm) in [(1, 0, 0), (2, 2, 0), (3, 2, 3), (4, 0, 3)] {
+        let row = |along: fn(usize) -> usize, cm: usize| {
+            (0..8).map(|i| (along(i) + cm).to_string()).collect::<Vec<_>>().join(" ")
+        };
+        pliance +=
+            &format!("\nx[{corner}] {}\ny[{corner}] {}\n", row(|i| 2 * (i % 2), x_cm), row(|i| 3 * (i / 2), y_cm));
+    }
+    let files = [xsensor, tekscan, emed, footscan, moticon, loadsol, gaitpdb, pliance];
     for ((index, format), file) in Format::ALL.iter().enumerate().zip(files) {
         assert!(format.parse(file.as_bytes(), Path::new("seed"), None).is_ok(), "{}", format.name());
         seed("vendor", format.name(), &[&[index as u8], file.as_bytes()].concat());

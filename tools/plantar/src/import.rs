@@ -38,6 +38,8 @@ pub enum Import {
     Loadsol(Vendor),
     /// Import a walk of PhysioNet's database gaitpdb, with the forces of eight sensors. Positions and areas are nominal.
     Gaitpdb(Vendor),
+    /// Import an .asc file of a mat of novel's pliance system, with the corners of its sensors.
+    Pliance(Vendor),
     /// Import two CSV files: the layout of the cells, and their pressures.
     ///
     /// The layout has the columns cell,x_mm,y_mm,area_mm2 and optionally region. It has one line per cell; cells are numbered
@@ -170,6 +172,7 @@ impl Import {
             Self::Moticon(file) => vendor(Format::Moticon, file),
             Self::Loadsol(file) => vendor(Format::Loadsol, file),
             Self::Gaitpdb(file) => vendor(Format::Gaitpdb, file),
+            Self::Pliance(file) => vendor(Format::Pliance, file),
             Self::Csv { layout, frames, side, out } => {
                 let recording = csv::import(layout, frames, (*side).into(), &mut report)?;
                 bar.finish_and_clear();

@@ -1,7 +1,7 @@
 //! The exports of vendors' programs: their formats, and how a file's format is recognised from its content.
 
 use crate::text::decode;
-use crate::{Error, Recording, Result, emed, footscan, gaitpdb, loadsol, moticon, tekscan, xsensor};
+use crate::{Error, Recording, Result, emed, footscan, gaitpdb, loadsol, moticon, pliance, tekscan, xsensor};
 use plantar::Side;
 use std::fs;
 use std::path::Path;
@@ -32,12 +32,22 @@ pub enum Format {
     Loadsol,
     /// See [`gaitpdb`].
     Gaitpdb,
+    /// See [`pliance`].
+    Pliance,
 }
 
 impl Format {
     /// All formats, in the order in which they are tried.
-    pub const ALL: [Self; 7] =
-        [Self::Xsensor, Self::Tekscan, Self::Emed, Self::Footscan, Self::Moticon, Self::Loadsol, Self::Gaitpdb];
+    pub const ALL: [Self; 8] = [
+        Self::Xsensor,
+        Self::Tekscan,
+        Self::Emed,
+        Self::Footscan,
+        Self::Moticon,
+        Self::Loadsol,
+        Self::Gaitpdb,
+        Self::Pliance,
+    ];
 
     /// The name, which is also the name of the command that imports it.
     pub const fn name(self) -> &'static str {
@@ -49,6 +59,7 @@ impl Format {
             Self::Moticon => "moticon",
             Self::Loadsol => "loadsol",
             Self::Gaitpdb => "gaitpdb",
+            Self::Pliance => "pliance",
         }
     }
 
@@ -77,6 +88,7 @@ impl Format {
             Self::Moticon => moticon::recognise(&text),
             Self::Loadsol => loadsol::recognise(&text),
             Self::Gaitpdb => gaitpdb::recognise(&text),
+            Self::Pliance => pliance::recognise(&text),
         };
         if let Some(format) = Self::ALL.into_iter().find(recognised) {
             return Ok(format);
@@ -117,6 +129,7 @@ impl Format {
             Self::Moticon => moticon::parse(bytes, path, side),
             Self::Loadsol => loadsol::parse(bytes, path, side),
             Self::Gaitpdb => gaitpdb::parse(bytes, path, side),
+            Self::Pliance => pliance::parse(bytes, path, side),
         }
     }
 }

@@ -15,6 +15,7 @@ pub mod jiku;
 pub mod loadsol;
 pub mod moticon;
 pub mod pedar;
+pub mod pliance;
 pub mod synthetic;
 pub mod tekscan;
 pub mod template;
