@@ -2,8 +2,8 @@
 //! data. The command
 //! is `cargo run --example seeds`, in this workspace.
 //!
-//! This program does not write the seeds of `jiku`, because nothing in this project writes HDF5. Those seeds were written from
-//! computed trials with h5py.
+//! This program does not write the seeds of `jiku` and the seed `footscan-xls` of `vendor`, because nothing in this project writes
+//! HDF5 or files of Excel. Those seeds were written from computed trials with h5py, and from the computed step below with xlwt.
 
 use client::append;
 use emulation::EmulatorConfig;
@@ -282,8 +282,7 @@ fn set_up_and_walk(recording: &Recording, virtual_insole: &VirtualInsole, tissue
     input
 }
 
-/// Writes the seeds of the target `vendor`: a step on eight rows and five columns in each text format. The files of Excel that
-/// footscan exports are missing, because nothing in this project writes them.
+/// Writes the seeds of the target `vendor`: a step on eight rows and five columns in each text format.
 fn vendor() {
     const ROWS: usize = 8;
     const COLUMNS: usize = 5;

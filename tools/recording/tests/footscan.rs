@@ -52,6 +52,25 @@ fn a_step_is_imported_in_both_directions_of_walking() {
 }
 
 #[test]
+fn a_file_of_excel_is_imported() {
+    // A seed of the fuzz targets: a computed step on eight rows and five columns. Its first byte selects the format.
+    let seed = include_bytes!("../../../fuzz/corpus/vendor/footscan-xls");
+    let export = common::parse(Format::Footscan, "step.xls", &seed[1..], None).unwrap();
+    let foot = &export.feet[0];
+    assert_eq!((foot.side, foot.frames(), foot.cells()), (Side::Right, 30, 40));
+    assert!((foot.rate_hz - 50.0).abs() < 1e-6);
+    for frame in 0..30 {
+        let kpa = |row: usize, column: usize| {
+            let late = (7 - row) as f64 / 8.0 - frame as f64 / 30.0;
+            (200.0 * (1.0 - 9.0 * late * late).max(0.0) * (1.0 - 0.1 * column as f64)).round()
+        };
+        // A tenth of a newton for a kilopascal of the computed step.
+        let true_n: f64 = (0..40).map(|cell| 0.1 * kpa(cell / 5, cell % 5)).sum();
+        assert!((foot.force_n(frame) - true_n).abs() < 1e-3 * true_n + 1e-6, "frame {frame}");
+    }
+}
+
+#[test]
 fn both_feet_of_a_file_are_imported() {
     let export = parse(&file(&(foot(Side::Left, false) + &foot(Side::Right, false)))).unwrap();
     for (recording, side) in export.feet.iter().zip([Side::Left, Side::Right]) {
