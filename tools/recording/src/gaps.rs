@@ -22,7 +22,8 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
     let left_out = t_s.len() - part.len();
     let (old_s, old_kpa) = (t_s[part.clone()].to_vec(), kpa[part.start * cells..part.end * cells].to_vec());
     let mut filled = 0;
-    (t_s.clear(), kpa.clear());
+    t_s.clear();
+    kpa.clear();
     for (i, &now_s) in old_s.iter().enumerate() {
         let frame = |i: usize| &old_kpa[i * cells..(i + 1) * cells];
         if let Some(before_s) = i.checked_sub(1).map(|before| old_s[before])
