@@ -7,10 +7,8 @@
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
 use crate::table::file_name;
 use crate::text::{decode, first_number, number, shortened};
-use crate::{Error, Export, Result};
-use calamine::{Data, Reader, Xls};
+use crate::{Error, Export, Result, xls};
 use plantar::Side;
-use std::io::Cursor;
 use std::path::Path;
 
 /// Extent of a cell along the plate, mm.
@@ -44,7 +42,10 @@ fn frame_s(line: &str) -> Option<f64> {
 pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
     let text;
     let rows: Vec<Vec<String>> = if is_xls(bytes) {
-        rows_of_xls(bytes, path)?
+        xls::rows(bytes).map_err(|reason| {
+            let problem = format!("not a readable file of Excel ({reason})");
+            Error::content(path.display().to_string(), problem, "export or copy the measurement again")
+        })?
     } else {
         text = decode(bytes, path)?;
         text.lines().map(|line| line.split(['\t', ';']).map(|field| field.trim().to_owned()).collect()).collect()
@@ -114,26 +115,4 @@ pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
         return Err(Error::content(path.display().to_string(), problem, "export the dynamic roll off of one step"));
     }
     Ok(export)
-}
-
-/// The rows of the first sheet of a file of Excel.
-fn rows_of_xls(bytes: &[u8], path: &Path) -> Result<Vec<Vec<String>>> {
-    let damaged = |reason: String| {
-        let problem = format!("not a readable file of Excel ({reason})");
-        Error::content(path.display().to_string(), problem, "export or copy the measurement again")
-    };
-    // The library panics on some damaged files.
-    let range = std::panic::catch_unwind(|| {
-        let mut book: Xls<_> = Xls::new(Cursor::new(bytes)).map_err(|error| damaged(error.to_string()))?;
-        let name = book.sheet_names().first().cloned().ok_or_else(|| damaged("no sheet".to_owned()))?;
-        book.worksheet_range(&name).map_err(|error| damaged(error.to_string()))
-    });
-    let range = range.unwrap_or_else(|_| Err(damaged("the file is damaged".to_owned())))?;
-    // Empty rows above the first one count as lines.
-    let above = range.start().map_or(0, |(row, _)| row as usize);
-    let rows = range.rows().map(|row| {
-        let field = |cell: &Data| if matches!(cell, Data::Empty) { String::new() } else { cell.to_string() };
-        row.iter().map(field).collect()
-    });
-    Ok(std::iter::repeat_n(Vec::new(), above).chain(rows).collect())
 }

@@ -43,6 +43,7 @@ mod table;
 mod text;
 mod totals;
 mod units;
+mod xls;
 mod zero;
 
 pub use error::{Error, Result};
