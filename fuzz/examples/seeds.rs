@@ -1,9 +1,9 @@
 //! Writes the seeds of the fuzz targets to `corpus/`, which has one folder for each target. The seeds are made from computed
-//! data. The command
-//! is `cargo run --example seeds`, in this workspace.
+//! data. The command is `cargo run --example seeds`, in this workspace.
 //!
-//! This program does not write the seeds of `jiku` and the seed `footscan-xls` of `vendor`, because nothing in this project writes
-//! HDF5 or files of Excel. Those seeds were written from computed trials with h5py, and from the computed step below with xlwt.
+//! This program does not write the seeds of `jiku` and the seed `footscan-xls` of `vendor`, because nothing in this project
+//! writes HDF5 or files of Excel. Those seeds were written from computed trials with h5py, and from the computed step below
+//! with xlwt.
 
 use client::append;
 use emulation::EmulatorConfig;
@@ -308,8 +308,7 @@ fn vendor() {
     let mut loadsol =
         "walk\n\tA-L:heel\tA-L:medial\tA-L\t\tA-R:heel\tA-R:lateral\n[sec]\t[N]\t[N]\t[N]\t[sec]\t[N]\t[N]\n"
             .to_owned();
-    let mut gaitpdb = String::new();
-    let mut pliance = "time[secs] 1 2 3 4 5 6 7 8\n".to_owned();
+    let (mut gaitpdb, mut pliance) = (String::new(), "time[secs] 1 2 3 4 5 6 7 8\n".to_owned());
     for side in ["left", "right"] {
         (1..=16).for_each(|cell| moticon += &format!("\t{side} pressure {cell}[N/cm²]"));
         moticon += &format!("\t{side} total force[N]");

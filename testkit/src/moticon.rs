@@ -79,8 +79,8 @@ pub struct Agreement {
     pub both_phases_ms: f64,
 }
 
-/// Detects the stances in the total forces of all walks. `archive` is the source archive of the package moticon-opengo, and `python`
-/// an interpreter.
+/// Detects the stances in the total forces of all walks. `archive` is the source archive of the package moticon-opengo, and
+/// `python` an interpreter.
 pub fn compare(python: &Path, archive: &Path) -> Agreement {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/src/moticon.py");
     let output = Command::new(python).arg(script).arg(archive).output().expect("Python can be started");

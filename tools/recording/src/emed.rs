@@ -1,9 +1,9 @@
 //! Import of measurements on a plate of the emed system (novel GmbH), from the ASCII export (`.lst`).
 //!
-//! Each page contains one frame, as a table of the loaded part of the plate in kPa: the first line has the numbers of the columns,
-//! and each other line begins with the number of its row. The last column and the last line contain forces in N, with which the
-//! import is compared. Pages of a summary, such as the maximum of all frames, are skipped. Rows are numbered from the top, as seen
-//! from above.
+//! Each page contains one frame, as a table of the loaded part of the plate in kPa: the first line has the numbers of the
+//! columns, and each other line begins with the number of its row. The last column and the last line contain forces in N, with
+//! which the import is compared. Pages of a summary, such as the maximum of all frames, are skipped. Rows are numbered from the
+//! top, as seen from above.
 
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
 use crate::table::{at_line, file_name};

@@ -88,9 +88,9 @@ impl Footprint<'_> {
         })
     }
 
-    /// How far the load of the midfoot lies towards +x from the line between heel and forefoot, and that of the toes towards -x from
-    /// the centre of the forefoot, as a fraction of the width of the forefoot: positive if +x is lateral. y points to the toes.
-    /// `None` if heel or forefoot is never loaded.
+    /// How far the load of the midfoot lies towards +x from the line between heel and forefoot, and that of the toes towards -x
+    /// from the centre of the forefoot, as a fraction of the width of the forefoot: positive if +x is lateral. y points to the
+    /// toes. `None` if heel or forefoot is never loaded.
     fn lateral_asymmetry(&self) -> Option<f64> {
         let mut impulse = vec![0.0f64; self.cells.len()];
         for frame in self.pressure_kpa.chunks_exact(self.cells.len()) {
@@ -135,17 +135,17 @@ pub fn warnings(recording: &Recording) -> Vec<String> {
     let backwards = movements_mm.iter().filter(|m| m[1] < -least_mm).count();
     if backwards > 0 && backwards == movements_mm.len() {
         warnings.push(format!(
-            "The {} foot looks upside down: the forefoot is loaded before the heel in every step. If the person did not walk \
-             backwards, turn the layout round in the vendor's program, or correct y_mm in a layout file.",
+            "The {} foot looks upside down: the forefoot is loaded before the heel in every step. \
+             If the person did not walk backwards, turn the layout round in the vendor's program, or correct y_mm in a layout file.",
             recording.side.name()
         ));
     } else if footprint.lateral_asymmetry().is_some_and(|asymmetry| asymmetry < -LEAST_ASYMMETRY)
         && lesser_toes_exceed_hallux(recording)
     {
         warnings.push(format!(
-            "The {} foot looks mirrored: the lesser toes carry more than the hallux, and the midfoot its load on the medial side. \
-             If it is the other foot, state it with --side; else mirror the layout in the vendor's program, or correct x_mm in a \
-             layout file.",
+            "The {} foot looks mirrored: the lesser toes carry more than the hallux, and the midfoot its load on \
+             the medial side. If it is the other foot, state it with --side; else mirror the layout in the vendor's \
+             program, or correct x_mm in a layout file.",
             recording.side.name()
         ));
     }

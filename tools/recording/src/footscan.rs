@@ -1,8 +1,8 @@
-//! Import of measurements on a plate of the footscan system (RSscan), from the export "Dynamic Roll off": a file of Excel (`.xls`) or
-//! its text, in which tabs separate the fields.
+//! Import of measurements on a plate of the footscan system (RSscan), from the export "Dynamic Roll off": a file of Excel
+//! (`.xls`) or its text, in which tabs separate the fields.
 //!
-//! `Left foot data` or `Right foot data` begins a foot. Each frame begins with `Frame`, its number and its time in ms, and contains the
-//! force on each cell in N. The first row is that at the lower edge of the plate, as seen from above.
+//! `Left foot data` or `Right foot data` begins a foot. Each frame begins with `Frame`, its number and its time in ms, and
+//! contains the force on each cell in N. The first row is that at the lower edge of the plate, as seen from above.
 
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
 use crate::table::file_name;

@@ -1,10 +1,10 @@
-//! Import of the walks in PhysioNet's database "Gait in Parkinson's Disease" (gaitpdb), which insoles with eight force sensors under
-//! each foot recorded.
+//! Import of the walks in PhysioNet's database "Gait in Parkinson's Disease" (gaitpdb), which insoles with eight force sensors
+//! under each foot recorded.
 //!
-//! Each line of a file has 19 numbers: the time in s, the forces on the sensors of the left and of the right foot in N, and the total
-//! forces of both feet. The database states approximate positions of the sensors in a unit of its own, and no areas. Here the
-//! positions are scaled to a foot of 260 mm, and the areas are equal parts of its sole. So forces are measured, and pressures,
-//! areas and ellipses are nominal.
+//! Each line of a file has 19 numbers: the time in s, the forces on the sensors of the left and of the right foot in N, and the
+//! total forces of both feet. The database states approximate positions of the sensors in a unit of its own, and no areas. Here
+//! the positions are scaled to a foot of 260 mm, and the areas are equal parts of its sole. So forces are measured, and
+//! pressures, areas and ellipses are nominal.
 
 use crate::assembly::Parts;
 use crate::table::{at_line, check_later, check_width, file_name};
@@ -18,8 +18,9 @@ use std::path::Path;
 const SENSORS: usize = 8;
 /// Number of columns: the time, the sensors of both feet, and the total forces.
 const COLUMNS: usize = 1 + 2 * SENSORS + 2;
-/// Positions of the sensors, from the medial to the lateral side and from heel to toes, in the unit of the database. Source: the file
-/// `format.txt` of the database; the walker stands with parallel feet, of which the medial sides are at 300 units from the middle.
+/// Positions of the sensors, from the medial to the lateral side and from heel to toes, in the unit of the database. Source:
+/// the file `format.txt` of the database; the walker stands with parallel feet, of which the medial sides are at 300 units from
+/// the middle.
 const POSITIONS: [[f64; 2]; SENSORS] = [
     [500.0, -800.0],
     [700.0, -400.0],

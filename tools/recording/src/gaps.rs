@@ -1,7 +1,7 @@
 //! Frames that a system lost on the way. A recording has none: short gaps are filled, and a long one ends it.
 
-/// Longest gap that is filled by interpolation, s. A heel strike takes about this time, so that a longer gap may hide the beginning
-/// of a step.
+/// Longest gap that is filled by interpolation, s. A heel strike takes about this time, so that a longer gap may hide the
+/// beginning of a step.
 const LONGEST_FILLED_S: f64 = 0.1;
 /// An interval of more than this number of median intervals has lost frames.
 const LOST: f64 = 1.5;
@@ -43,8 +43,8 @@ pub fn fill(t_s: &mut Vec<f64>, kpa: &mut Vec<f32>, cells: usize) -> Option<Stri
     let mut note = format!("{filled} lost frames were filled linearly.");
     if left_out > 0 {
         note += &format!(
-            " Frames are missing for more than {LONGEST_FILLED_S} s: only the longest part without such a gap was imported, and \
-             {left_out} frames were left out."
+            " Frames are missing for more than {LONGEST_FILLED_S} s: only the longest part without such a gap \
+             was imported, and {left_out} frames were left out."
         );
     }
     Some(note)

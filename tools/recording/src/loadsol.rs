@@ -1,11 +1,11 @@
 //! Import of forces under zones of the foot by novel's loadsol insoles, from the text export.
 //!
-//! Below a description, a line names the columns, and the next one has their units; tabs separate the fields. Each insole has a column
-//! with its time in s and one with the force in N for each zone, with heel, medial or lateral in its name. The name also contains the
-//! foot, such as `-L`. Columns of totals and of motion are not needed. `-` means that a frame was lost.
+//! Below a description, a line names the columns, and the next one has their units; tabs separate the fields. Each insole has a
+//! column with its time in s and one with the force in N for each zone, with heel, medial or lateral in its name. The name also
+//! contains the foot, such as `-L`. Columns of totals and of motion are not needed. `-` means that a frame was lost.
 //!
-//! This importer follows published programs that read such exports. It was not tried on a real export. The positions and areas of the
-//! zones are nominal: forces are measured, and pressures, areas and ellipses are not.
+//! This importer follows published programs that read such exports. It was not tried on a real export. The positions and areas
+//! of the zones are nominal: forces are measured, and pressures, areas and ellipses are not.
 
 use crate::assembly::Parts;
 use crate::table::{at_line, check_later, file_name};

@@ -3,9 +3,10 @@
 //! Lines that begin with `#` describe the measurement; the last one names the columns, which tabs separate. Each foot has the
 //! pressures of 16 cells in N/cm², its total force in N and its centre of pressure. Empty fields mean that a frame was lost.
 //!
-//! The export states no geometry. The areas of the cells are those that reproduce the total force best. The centres of the cells are
-//! those that reproduce the vendor's centre of pressure, as fractions of the length and the width of the insole; they are the same
-//! in all sizes and for both feet. They were determined from the exports in the package `moticon-opengo` (Apache-2.0, Moticon).
+//! The export states no geometry. The areas of the cells are those that reproduce the total force best. The centres of the
+//! cells are those that reproduce the vendor's centre of pressure, as fractions of the length and the width of the insole; they
+//! are the same in all sizes and for both feet. They were determined from the exports in the package `moticon-opengo`
+//! (Apache-2.0, Moticon).
 
 use crate::assembly::Parts;
 use crate::footprint::capitalised;
@@ -18,8 +19,8 @@ use std::path::Path;
 
 /// Number of cells of an insole.
 const CELLS: usize = 16;
-/// Centres of the cells, in the order of their numbers: from the middle of the insole to the toes in lengths of the insole, and to
-/// the medial side in widths.
+/// Centres of the cells, in the order of their numbers: from the middle of the insole to the toes in lengths of the insole, and
+/// to the medial side in widths.
 const CENTRES: [[f64; 2]; CELLS] = [
     [-0.404, 0.109],
     [-0.417, -0.166],
@@ -43,8 +44,8 @@ const AREAS: [f64; CELLS] = [
     0.0604, 0.0540, 0.0652, 0.0641, 0.0641, 0.0636, 0.0877, 0.0889, 0.0765, 0.0607, 0.0611, 0.0619, 0.0500, 0.0495,
     0.0611, 0.0312,
 ];
-/// Length of an insole relative to the square root of the area of its cells, and width relative to its length. A typical insole of
-/// size 45 has 297 mm and about 0.35 of this; its cells have 20,480 mm².
+/// Length of an insole relative to the square root of the area of its cells, and width relative to its length. A typical insole
+/// of size 45 has 297 mm and about 0.35 of this; its cells have 20,480 mm².
 const LENGTH: f64 = 2.07;
 const WIDTH: f64 = 0.345;
 /// Area of all cells, mm2, of an insole that is never loaded: about size 42.
@@ -158,8 +159,8 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
     });
     let rms_n = (squares.sum::<f64>() / totals_n.len() as f64).sqrt();
     export.remarks.push(format!(
-        "{} foot: effective areas of the cells by least squares, {:.0} mm2 in total; the force differs from the vendor's by {rms_n:.2} N \
-         (root mean square of {} frames).",
+        "{} foot: effective areas of the cells by least squares, {:.0} mm2 in total; \
+         the force differs from the vendor's by {rms_n:.2} N (root mean square of {} frames).",
         capitalised(side),
         areas_mm2.iter().sum::<f64>(),
         totals_n.len()
@@ -182,7 +183,8 @@ fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Pa
 
 /// The areas with which the pressures, kPa, reproduce the total forces, N, best.
 fn areas_mm2(pressure_kpa: &[f32], totals_n: &[f64]) -> [f64; CELLS] {
-    /// Weight of the typical areas relative to the mean square of the pressures. It decides only about cells that are hardly loaded.
+    /// Weight of the typical areas relative to the mean square of the pressures. It decides only about cells that are hardly
+    /// loaded.
     const TYPICAL: f64 = 1e-6;
     let frames = || pressure_kpa.as_chunks::<CELLS>().0.iter().map(|frame| frame.map(f64::from)).zip(totals_n);
     let (mut product, mut square) = (0.0, 0.0);

@@ -1,11 +1,11 @@
 //! Import of in-shoe measurements by the pedar system (novel GmbH), from its ASCII export (`.asc`) and a description of the
 //! geometry of the insoles.
 //!
-//! Each line of the export contains the time in seconds and the pressures of both feet: first the left sensors, then the right ones.
-//! An export may also contain one foot alone, or lack sensors that a mask excluded; its header states the unit. Lines with the mean
-//! or the maximum of all frames at the end are skipped. The geometry is a CSV file with the header `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm`. Each of its lines
-//! contains the corners of one sensor. Both insoles lie side by side and are seen from above, with the heels at small y and the
-//! right insole at larger x.
+//! Each line of the export contains the time in seconds and the pressures of both feet: first the left sensors, then the right
+//! ones. An export may also contain one foot alone, or lack sensors that a mask excluded; its header states the unit. Lines
+//! with the mean or the maximum of all frames at the end are skipped. The geometry is a CSV file with the header
+//! `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm`. Each of its lines contains the corners of one sensor. Both insoles lie
+//! side by side and are seen from above, with the heels at small y and the right insole at larger x.
 
 use crate::check::{self, At};
 use crate::table::{self, at_line, check_later, check_width, file_name, number, pressure_kpa, unreadable};

@@ -1,9 +1,9 @@
 //! Import of measurements on a mat of the pliance system (novel GmbH), from the ASCII export (`.asc`) with the corners of the
 //! sensors.
 //!
-//! Below the line that begins with `time[secs]` and names the sensors, each line has the time and the pressures. Further tables may
-//! follow. The lines `x[1]`, `y[1]`, `x[2]`, ... state the corners of the sensors in cm, x to the right and y to the top, as seen from
-//! above. The sensors of a mat for feet are equal rectangles in rows and columns.
+//! Below the line that begins with `time[secs]` and names the sensors, each line has the time and the pressures. Further tables
+//! may follow. The lines `x[1]`, `y[1]`, `x[2]`, ... state the corners of the sensors in cm, x to the right and y to the top,
+//! as seen from above. The sensors of a mat for feet are equal rectangles in rows and columns.
 
 use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
 use crate::table::{at_line, check_later, check_width, file_name, number, pressure_kpa};

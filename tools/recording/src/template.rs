@@ -19,8 +19,8 @@ pub fn assign(cells: &mut [Cell]) {
     assign_within(cells, &under_foot);
 }
 
-/// As [`assign`], for cells that are not all under the foot: the foot is the extent of those that `under_foot` marks. Another cell
-/// has the region of the nearest position under the foot.
+/// As [`assign`], for cells that are not all under the foot: the foot is the extent of those that `under_foot` marks. Another
+/// cell has the region of the nearest position under the foot.
 pub(crate) fn assign_within(cells: &mut [Cell], under_foot: &[bool]) {
     let foot: Vec<Cell> =
         cells.iter().zip(under_foot).filter(|(_, is_under)| **is_under).map(|(cell, _)| *cell).collect();

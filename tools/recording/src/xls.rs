@@ -1,7 +1,8 @@
 //! The cells of the first sheet of a file of Excel 97 to 2003 (BIFF8 in a compound file), with numbers and texts.
 //!
-//! The library for compound files checks the container. The records are read here, because the libraries for files of Excel allocate
-//! memory for all rows and columns up to the largest ones that a file claims, which may be more than the memory of a computer.
+//! The library for compound files checks the container. The records are read here, because the libraries for files of Excel
+//! allocate memory for all rows and columns up to the largest ones that a file claims, which may be more than the memory of a
+//! computer.
 //!
 //! Source: Microsoft, [MS-XLS]: Excel Binary File Format (.xls) Structure, sections 2.1.4, 2.4 and 2.5.
 
