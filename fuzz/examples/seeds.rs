@@ -1,9 +1,9 @@
 //! Writes the seeds of the fuzz targets to `corpus/`, which has one folder for each target. The seeds are made from computed
-//! data. The command
-//! is `cargo run --example seeds`, in this workspace.
+//! data. The command is `cargo run --example seeds`, in this workspace.
 //!
-//! This program does not write the seeds of `jiku`, because nothing in this project writes HDF5. Those seeds were written from
-//! computed trials with h5py.
+//! This program does not write the seeds of `jiku` and the seed `footscan-xls` of `vendor`, because nothing in this project
+//! writes HDF5 or files of Excel. Those seeds were written from computed trials with h5py, and from the computed step below
+//! with xlwt.
 
 use client::append;
 use emulation::EmulatorConfig;
@@ -24,7 +24,7 @@ use plantar::protocol::{
     Resolution, SETUP_CELLS, Serial, Settings, Status, Step, ToDevice, ToHost, decode, encode, frame,
 };
 use recording::synthetic::{self, SyntheticWalk};
-use recording::{FootZero, Recording, VirtualInsole, Zero};
+use recording::{FootZero, Format, Recording, VirtualInsole, Zero};
 use std::fs;
 use std::path::Path;
 
@@ -147,6 +147,7 @@ fn main() {
 
     csv(&recording);
     seed("pedar", "walk", &pedar());
+    vendor();
 
     let file = tempfile::NamedTempFile::new().expect("the file can be created");
     let short = Recording {
@@ -286,6 +287,88 @@ fn set_up_and_walk(recording: &Recording, virtual_insole: &VirtualInsole, tissue
         input.extend(codes.iter().map(|code| (code >> 8) as u8));
     }
     input
+}
+
+/// Writes the seeds of the target `vendor`: a step on eight rows and five columns in each text format.
+fn vendor() {
+    const ROWS: usize = 8;
+    const COLUMNS: usize = 5;
+    const FRAMES: usize = 30;
+    let kpa = |frame: usize, row: usize, column: usize| {
+        let late = (ROWS - 1 - row) as f64 / ROWS as f64 - frame as f64 / FRAMES as f64;
+        (200.0 * (1.0 - 9.0 * late * late).max(0.0) * (1.0 - 0.1 * column as f64)).round()
+    };
+    let table = |frame: usize, separator: &str, scale: f64| -> String {
+        let row = |row: usize| {
+            let fields = (0..COLUMNS).map(|column| format!("{:.1}", kpa(frame, row, column) * scale));
+            fields.collect::<Vec<_>>().join(separator) + "\n"
+        };
+        (0..ROWS).map(row).collect()
+    };
+    let mut xsensor = "Units:,mmHg\n".to_owned();
+    let mut tekscan = format!(
+        "FILENAME walkL.fsx\nSENSOR_TYPE FSCAN\nROWS {ROWS}\nCOLS {COLUMNS}\nROW_SPACING 20 mm\nCOL_SPACING 0.7 inches\n\
+         SECONDS_PER_FRAME 0.02\nCALIBRATION_POINT_1 75 (Kgs) 4798 (Raw Sum) 24 (Number of Loaded Cells)\nUNITS KPa\nASCII_DATA @@\n"
+    );
+    let (mut emed, mut footscan) = (String::new(), "Right foot data\n".to_owned());
+    let mut moticon = "# time".to_owned();
+    let mut loadsol =
+        "walk\n\tA-L:heel\tA-L:medial\tA-L\t\tA-R:heel\tA-R:lateral\n[sec]\t[N]\t[N]\t[N]\t[sec]\t[N]\t[N]\n"
+            .to_owned();
+    let (mut gaitpdb, mut pliance) = (String::new(), "time[secs] 1 2 3 4 5 6 7 8\n".to_owned());
+    for side in ["left", "right"] {
+        (1..=16).for_each(|cell| moticon += &format!("\t{side} pressure {cell}[N/cm²]"));
+        moticon += &format!("\t{side} total force[N]");
+    }
+    for frame in 0..FRAMES {
+        xsensor += &format!("FRAME,{frame}\nTime,08:00:{:.3}\n", frame as f64 * 0.02);
+        for name in ["LF", "RF"] {
+            xsensor += &format!(
+                "SENSOR,HX-{name} 1\nRows,{ROWS}\nColumns,{COLUMNS}\nSensel Width (cm),1.8\nSensel Height (cm),2\n\
+                 Contact Area (cm2),100\nEst. Load (N),500\nSENSELS\n{}",
+                table(frame, ",", 7.5)
+            );
+        }
+        tekscan += &format!("\nFrame {}\n{}", frame + 1, table(frame, ",", 1.0));
+        emed += &format!(
+            "\n\tSensor size: 1.8x2.0 cm\tTime/picture: 20 ms\n\tPict-No.: {frame}\n\n\t1\t2\t3\t4\t5\n{}\n\x0c",
+            table(frame, "\t", 1.0)
+                .lines()
+                .enumerate()
+                .map(|(row, line)| format!("{row}\t{line}\n"))
+                .collect::<String>()
+        );
+        footscan += &format!("Frame {frame} ({:.2} ms)\n{}\n", frame as f64 * 20.0, table(frame, "\t", 0.1));
+        moticon += &format!("\n{:.2}", frame as f64 * 0.02);
+        let (time_s, heel_n, front_n) = (frame as f64 * 0.02, kpa(frame, 7, 0), kpa(frame, 1, 0));
+        loadsol += &format!("{time_s:.2}\t{heel_n}\t{front_n}\t0\t{time_s:.2}\t{heel_n}\t{front_n}\n");
+        let forces_n: Vec<_> = (0..8).map(|sensor| kpa(frame, 7 - sensor, 0)).collect();
+        let (fields, total_n) =
+            (forces_n.iter().map(f64::to_string).collect::<Vec<_>>().join("\t"), forces_n.iter().sum::<f64>());
+        pliance += &format!("{time_s:.2} {}\n", forces_n.iter().map(f64::to_string).collect::<Vec<_>>().join(" "));
+        gaitpdb += &format!("{time_s:.2}\t{fields}\t{fields}\t{total_n}\t{total_n}\n");
+        for _ in 0..2 {
+            (0..16).for_each(|cell| moticon += &format!("\t{:.2}", kpa(frame, cell / 2, cell % 2) * 0.1));
+            moticon += &format!("\t{:.2}", kpa(frame, 3, 0));
+        }
+    }
+    for (corner, x_cm, y_cm) in [(1, 0, 0), (2, 2, 0), (3, 2, 3), (4, 0, 3)] {
+        let row = |along: fn(usize) -> usize, cm: usize| {
+            (0..8).map(|i| (along(i) + cm).to_string()).collect::<Vec<_>>().join(" ")
+        };
+        pliance +=
+            &format!("\nx[{corner}] {}\ny[{corner}] {}\n", row(|i| 2 * (i % 2), x_cm), row(|i| 3 * (i / 2), y_cm));
+    }
+    let files = [xsensor, tekscan, emed, footscan, moticon, loadsol, gaitpdb, pliance];
+    for ((index, format), file) in Format::ALL.iter().enumerate().zip(files) {
+        assert!(format.parse(file.as_bytes(), Path::new("seed"), None).is_ok(), "{}", format.name());
+        seed("vendor", format.name(), &[&[index as u8], file.as_bytes()].concat());
+        seed(
+            "vendor",
+            &format!("recognised-{}", format.name()),
+            &[&[Format::ALL.len() as u8], file.as_bytes()].concat(),
+        );
+    }
 }
 
 /// Writes the seeds of the targets `layout` and `frames`.

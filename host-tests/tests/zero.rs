@@ -26,7 +26,7 @@ fn wearer(last: Activity) -> Recording {
 /// Requests a measurement after a number of seconds. Returns its outcome, the number of seconds from the request to the outcome, and
 /// the total force two seconds later, N.
 fn request_after(recording: &Recording, request_s: usize) -> (Result<ZeroResult, NotLifted>, usize, f64) {
-    let virtual_insole = VirtualInsole::new(recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    let virtual_insole = VirtualInsole::new(recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
     let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
     insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the set-up is valid");
     let mut codes = vec![0; virtual_insole.cells.len()];
@@ -40,15 +40,16 @@ fn request_after(recording: &Recording, request_s: usize) -> (Result<ZeroResult,
             continue;
         }
         second += 1;
+        let new = insole.take_zero().map(|result| (result, second));
         if second == request_s {
             insole.request_zero();
         }
-        let new = insole.take_zero().map(|result| (result, second));
         assert!(outcome.is_none() || new.is_none(), "there is one outcome");
         outcome = outcome.or(new);
         if let Some((result, at_s)) = outcome
             && second == at_s + 2
         {
+            println!("{:?}", insole.faults());
             let total_n = insole.loads().iter().map(|load| f64::from(load.frame.force.force_n)).sum();
             return (result, at_s - request_s, total_n);
         }

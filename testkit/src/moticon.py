@@ -1,8 +1,8 @@
-"""Reads the walks in the source archive of the package moticon-opengo: the total forces of its raw exports, and the steps in the
-vendor's reports of the same walks.
+"""Reads the walks in the source archive of the package moticon-opengo: the text of its raw exports, and the steps in the vendor's
+reports of the same walks.
 
-The argument is the archive. Prints a JSON list with an object for each foot of each walk, left before right: "t_s" and "force_n" of
-its frames, and its "steps", each an object with the values of COLUMNS. A value that the report lacks is null.
+The argument is the archive. Prints a JSON list with an object for each walk: its "export", and "steps" with a list for each foot,
+left before right. Each step is an object with the values of COLUMNS. A value that the report lacks is null.
 """
 
 import json
@@ -25,15 +25,6 @@ COLUMNS = {
     "to_other_s": "Step duration (s)",
     "double_support_s": "Double support (s)",
 }
-
-
-def forces(lines, side):
-    """Times and total forces of the frames that the export has of this foot."""
-    head = next(line for line in lines if line.startswith("# time")).split("\t")
-    column = next(i for i, name in enumerate(head) if name.startswith(f"{side} total force"))
-    rows = [line.split("\t") for line in lines if line and not line.startswith("#")]
-    frames = [(float(row[0]), float(row[column])) for row in rows if row[column]]
-    return [t_s for t_s, _ in frames], [force_n for _, force_n in frames]
 
 
 def table(book, number):
@@ -60,13 +51,11 @@ def steps(book, number):
             yield {key: None if math.isnan(value) else value for key, value in step.items()}
 
 
-feet = []
+walks = []
 with tarfile.open(sys.argv[1]) as archive:
     data = f"{archive.getnames()[0].split('/')[0]}/tests/testdata"
     for walk, report in WALKS:
-        lines = archive.extractfile(f"{data}/230927_{walk}.txt").read().decode().splitlines()
+        export = archive.extractfile(f"{data}/230927_{walk}.txt").read().decode()
         book = zipfile.ZipFile(archive.extractfile(f"{data}/gait_report_230927_{report}.xlsx"))
-        for side, sheet in (("left", 2), ("right", 3)):
-            t_s, force_n = forces(lines, side)
-            feet.append({"t_s": t_s, "force_n": force_n, "steps": list(steps(book, sheet))})
-json.dump(feet, sys.stdout)
+        walks.append({"export": export, "steps": [list(steps(book, sheet)) for sheet in (2, 3)]})
+json.dump(walks, sys.stdout)

@@ -1,15 +1,23 @@
 //! Walks that another vendor's insoles recorded, and the steps in this vendor's reports.
 
 use client::gait::{FootStep, Gait, MEASURES, Stride};
+use plantar::Side;
 use plantar::pipeline::region::{ForceMoments, RegionFrame};
 use plantar::pipeline::stance::Stance;
 use plantar::pipeline::stance_rule::{StanceLimits, StanceRule};
+use recording::moticon;
 use serde::Deserialize;
 use std::path::Path;
 use std::process::Command;
 
-/// One foot in one walk.
+/// One walk: the text of the raw export, and the steps of both feet in the report.
 #[derive(Deserialize)]
+struct Walk {
+    export: String,
+    steps: [Vec<VendorStep>; 2],
+}
+
+/// One foot in one walk.
 struct Foot {
     t_s: Vec<f64>,
     force_n: Vec<f64>,
@@ -71,13 +79,14 @@ pub struct Agreement {
     pub both_phases_ms: f64,
 }
 
-/// Detects the stances in the total forces of all walks. `archive` is the source archive of the package moticon-opengo, and `python`
-/// an interpreter.
+/// Detects the stances in the total forces of all walks. `archive` is the source archive of the package moticon-opengo, and
+/// `python` an interpreter.
 pub fn compare(python: &Path, archive: &Path) -> Agreement {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/src/moticon.py");
     let output = Command::new(python).arg(script).arg(archive).output().expect("Python can be started");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let feet: Vec<Foot> = serde_json::from_slice(&output.stdout).expect("the script prints JSON");
+    let walks: Vec<Walk> = serde_json::from_slice(&output.stdout).expect("the script prints JSON");
+    let feet: Vec<Foot> = walks.into_iter().flat_map(feet_of).collect();
     let mut steps: [Vec<f64>; 3] = Default::default();
     let mut times: [Vec<f64>; 4] = Default::default();
     for walk in feet.chunks_exact(2) {
@@ -108,6 +117,17 @@ pub fn compare(python: &Path, archive: &Path) -> Agreement {
         double_support_ms,
         both_phases_ms,
     }
+}
+
+/// The feet of a walk, from the importer.
+fn feet_of(walk: Walk) -> impl Iterator<Item = Foot> {
+    let export = moticon::parse(walk.export.as_bytes(), Path::new("walk.txt"), None).expect("the export is read");
+    assert!(export.feet.iter().map(|foot| foot.side).eq([Side::Left, Side::Right]), "both feet");
+    export.feet.into_iter().zip(walk.steps).map(|(recording, steps)| Foot {
+        force_n: (0..recording.frames()).map(|i| recording.force_n(i)).collect(),
+        t_s: recording.t_s,
+        steps,
+    })
 }
 
 /// Adds the differences of initial contact (ms), toe off (ms) and largest force (N) of the steps of a foot.
@@ -157,7 +177,6 @@ fn stances(foot: &Foot) -> Vec<[f64; 3]> {
     let mut stance = Stance::new();
     let mut found = Vec::new();
     for (&t_s, &force_n) in foot.t_s.iter().zip(&foot.force_n) {
-        // Frames that were lost on the way are missing in the export.
         let seq = (t_s * 1e6 / f64::from(PERIOD_US)).round() as u32;
         let whole = RegionFrame { force: ForceMoments { force_n, ..ForceMoments::NONE }, ..RegionFrame::NONE };
         let none = RegionFrame::NONE;

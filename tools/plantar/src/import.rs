@@ -5,11 +5,41 @@ use anyhow::{Result, bail};
 use clap::{Args, Subcommand, ValueEnum};
 use plantar::Side;
 use recording::synthetic::{self, SyntheticWalk};
-use recording::{Recording, csv, jiku, pedar};
+use recording::{Export, Format, Recording, csv, export, footprint, jiku, pedar};
 use std::path::{Path, PathBuf};
 
 #[derive(Subcommand)]
 pub enum Import {
+    /// Import exports of other systems, whose formats are recognised from their content.
+    ///
+    /// The files are of one measurement: one file with both feet, or a file for each foot. Both feet are written to
+    /// NAME.left.parquet and NAME.right.parquet for --out NAME.parquet, with times on one clock.
+    Auto {
+        /// The exported files.
+        #[arg(required = true)]
+        files: Vec<PathBuf>,
+        /// The foot, if the export does not state it; or the only foot to import.
+        #[arg(long, value_enum)]
+        side: Option<Foot>,
+        #[command(flatten)]
+        out: Out,
+    },
+    /// Import a CSV file that XSENSOR's program exported.
+    Xsensor(Vendor),
+    /// Import an ASCII file (.asf, .csv) of Tekscan's F-Scan, I-Scan or plates.
+    Tekscan(Vendor),
+    /// Import an ASCII file (.lst) of a plate of novel's emed system.
+    Emed(Vendor),
+    /// Import the export "Dynamic Roll off" (.xls, or its text) of RSscan's footscan plate.
+    Footscan(Vendor),
+    /// Import a text file that Moticon's OpenGo program exported.
+    Moticon(Vendor),
+    /// Import a text file that novel's loadsol insoles exported, with the forces of zones. Positions and areas are nominal.
+    Loadsol(Vendor),
+    /// Import a walk of PhysioNet's database gaitpdb, with the forces of eight sensors. Positions and areas are nominal.
+    Gaitpdb(Vendor),
+    /// Import an .asc file of a mat of novel's pliance system, with the corners of its sensors.
+    Pliance(Vendor),
     /// Import two CSV files: the layout of the cells, and their pressures.
     ///
     /// The layout has the columns cell,x_mm,y_mm,area_mm2 and optionally region. It has one line per cell; cells are numbered
@@ -75,6 +105,18 @@ pub enum Import {
     },
 }
 
+/// A file that contains all that its importer needs.
+#[derive(Args)]
+pub struct Vendor {
+    /// The exported file.
+    file: PathBuf,
+    /// The foot, if the export does not state it; or the only foot to import.
+    #[arg(long, value_enum)]
+    side: Option<Foot>,
+    #[command(flatten)]
+    out: Out,
+}
+
 #[derive(Args)]
 pub struct Out {
     /// The recording to write.
@@ -105,29 +147,46 @@ impl From<Foot> for Side {
 
 impl Import {
     pub fn run(&self) -> Result<()> {
+        let vendor = |format: Format, vendor: &Vendor| {
+            vendor.out.write_feet(format.import(&vendor.file, vendor.side.map(Side::from))?)
+        };
         let bar = progress(0, "bytes");
         let mut report = |done, total| {
             bar.set_length(total);
             bar.set_position(done);
         };
         match self {
+            Self::Auto { files, side, out } => {
+                let mut all = Export { feet: Vec::new(), remarks: Vec::new() };
+                for file in files {
+                    let Export { feet, remarks } = export::import(file, side.map(Side::from))?;
+                    all.feet.extend(feet);
+                    all.remarks.extend(remarks);
+                }
+                out.write_feet(all)
+            }
+            Self::Xsensor(file) => vendor(Format::Xsensor, file),
+            Self::Tekscan(file) => vendor(Format::Tekscan, file),
+            Self::Emed(file) => vendor(Format::Emed, file),
+            Self::Footscan(file) => vendor(Format::Footscan, file),
+            Self::Moticon(file) => vendor(Format::Moticon, file),
+            Self::Loadsol(file) => vendor(Format::Loadsol, file),
+            Self::Gaitpdb(file) => vendor(Format::Gaitpdb, file),
+            Self::Pliance(file) => vendor(Format::Pliance, file),
             Self::Csv { layout, frames, side, out } => {
                 let recording = csv::import(layout, frames, (*side).into(), &mut report)?;
                 bar.finish_and_clear();
                 out.write(recording, &out.out)
             }
-            Self::Pedar { file, geometry, side: Some(side), out } => {
-                let recording = pedar::import(file, geometry, (*side).into(), &mut report)?;
-                bar.finish_and_clear();
-                out.write(recording, &out.out)
-            }
-            Self::Pedar { file, geometry, side: None, out } => {
-                for foot in [Side::Left, Side::Right] {
-                    let recording = pedar::import(file, geometry, foot, &mut report)?;
-                    bar.finish_and_clear();
-                    out.write(recording, &out.out.with_extension(format!("{}.parquet", foot.name())))?;
+            Self::Pedar { file, geometry, side, out } => {
+                if side.is_none() && pedar::feet(file)? == 1 {
+                    bail!("{}: the export contains one foot; state it with --side", file.display());
                 }
-                Ok(())
+                let sides = side.map_or(vec![Side::Left, Side::Right], |side| vec![side.into()]);
+                let feet = sides.into_iter().map(|foot| pedar::import(file, geometry, foot, &mut report));
+                let feet = feet.collect::<recording::Result<_>>()?;
+                bar.finish_and_clear();
+                out.write_feet(Export { feet, remarks: Vec::new() })
             }
             Self::Jiku { data, walker, trials, out } => {
                 if *trials == 0 || *trials > jiku::TRIALS {
@@ -146,6 +205,29 @@ impl Import {
 }
 
 impl Out {
+    /// Writes one foot to the file, or both feet to a file each.
+    fn write_feet(&self, export: Export) -> Result<()> {
+        for remark in &export.remarks {
+            println!("{remark}");
+        }
+        let [left, right] =
+            [Side::Left, Side::Right].map(|side| export.feet.iter().filter(|foot| foot.side == side).count());
+        if left.max(right) > 1 {
+            bail!(
+                "the files contain the same foot more than once: import them one by one, or state the foot of each with --side"
+            );
+        }
+        let is_pair = left + right == 2;
+        for foot in export.feet {
+            let path = match is_pair {
+                true => self.out.with_extension(format!("{}.parquet", foot.side.name())),
+                false => self.out.clone(),
+            };
+            self.write(foot, &path)?;
+        }
+        Ok(())
+    }
+
     fn write(&self, mut recording: Recording, path: &Path) -> Result<()> {
         if let Some(rate_hz) = self.rate {
             if !(20.0..=500.0).contains(&rate_hz) {
@@ -158,6 +240,9 @@ impl Out {
         }
         recording.write(path)?;
         println!("wrote {}", path.display());
+        for warning in footprint::warnings(&recording) {
+            eprintln!("warning: {warning}");
+        }
         crate::info::print(&recording);
         Ok(())
     }

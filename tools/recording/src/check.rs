@@ -37,9 +37,30 @@ const MAX_TIME_S: f64 = 1e10;
 /// Largest pressure, kPa: ten times the pressure of a hard edge under a heel. A larger value must be in another unit.
 const MAX_KPA: f32 = 50_000.0;
 
+/// Largest number of pressures in a recording; they occupy 8 GiB. Without this limit, a small file could exhaust the memory,
+/// because equal values are compressed. The limit is lower for fuzzing, which reads many files.
+const MAX_VALUES: u64 = if cfg!(fuzzing) { 1 << 22 } else { 1 << 31 };
+
+/// Checks that a recording with this number of frames and cells fits into memory. Messages begin with `place`.
+pub fn value_count(frames: u64, cells: usize, place: &str) -> Result<()> {
+    if frames <= MAX_VALUES / cells.max(1) as u64 {
+        return Ok(());
+    }
+    Err(Error::content(
+        place,
+        format!("{frames} frames of {cells} cells, more than this program can hold in memory"),
+        "split the recording, or copy or import the file again",
+    ))
+}
+
 /// Checks the number of cells and their geometry. Messages begin with `place`.
 pub fn layout(layout: &Layout, place: &str) -> Result<()> {
     cell_count(layout.cells.len(), place)?;
+    geometry(layout, place)
+}
+
+/// Checks the positions and the areas of the cells. Messages begin with `place`.
+pub fn geometry(layout: &Layout, place: &str) -> Result<()> {
     for (i, cell) in layout.cells.iter().enumerate() {
         if !(cell.x_mm.abs() <= MAX_COORDINATE_MM && cell.y_mm.abs() <= MAX_COORDINATE_MM) {
             return Err(Error::content(
@@ -132,7 +153,7 @@ pub fn intervals(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Res
 }
 
 /// Checks that all pressures are finite, not negative, and at most [`MAX_KPA`].
-fn pressures(pressure_kpa: &[f32], cells: usize, place: &dyn Fn(At) -> String) -> Result<()> {
+pub fn pressures(pressure_kpa: &[f32], cells: usize, place: &dyn Fn(At) -> String) -> Result<()> {
     let valid = |kpa: f32| (0.0..=MAX_KPA).contains(&kpa);
     for (frame, row) in pressure_kpa.chunks_exact(cells).enumerate() {
         // `fold` tests every value, so that the compiler can vectorise the loop. The cell is then searched in invalid rows

@@ -30,9 +30,6 @@ const MAGIC: &[u8] = b"PAR1";
 const VERSION: u32 = 1;
 /// Number of frames in a row group. A reader needs memory for one group at a time.
 const FRAMES_PER_GROUP: usize = 16_384;
-/// Largest number of pressures in a recording; they occupy 8 GiB. Without this limit, a small file could exhaust the memory,
-/// because equal values are compressed. The limit is lower for fuzzing, which reads many files.
-const MAX_VALUES: u64 = if cfg!(fuzzing) { 1 << 22 } else { 1 << 31 };
 /// Number of columns that are transposed to rows at a time. In a row, their f32 values fill one cache line of 64 bytes.
 const COLUMNS_PER_BLOCK: usize = 16;
 
@@ -250,13 +247,7 @@ fn read_columns(reader: &SerializedFileReader<Bytes>, cells: usize, file: &str) 
         Error::content(file, format!("damaged Parquet data ({error})"), "copy or import the file again")
     };
     let frames = reader.metadata().row_groups().iter().fold(0u64, |sum, group| sum.saturating_add(rows(group) as u64));
-    if frames > MAX_VALUES / cells as u64 {
-        return Err(Error::content(
-            file,
-            format!("{frames} frames of {cells} cells, more than this program can hold in memory"),
-            "split the recording, or copy or import the file again",
-        ));
-    }
+    check::value_count(frames, cells, file)?;
     let mut t_s = Vec::new();
     let mut pressure_kpa = Vec::new();
     for index in 0..reader.num_row_groups() {

@@ -1,22 +1,38 @@
 //! Plantar pressure recordings: their type in memory, their file format, and the importers.
 //!
 //! A [`Recording`] is the pressure under one foot over time. It is stored in a Parquet file ([`Recording::read`],
-//! [`Recording::write`]). One of the importers creates it ([`csv`], [`pedar`], [`jiku`]), or it is computed from known true
-//! values ([`synthetic`]). If the source names no regions, [`template`] assigns them. [`VirtualInsole`] converts the pressures
-//! of a recording to the codes of a sensor. The baseline of an insole, [`Zero`], is computed from a [`StandingTrial`].
+//! [`Recording::write`]). One of the importers creates it ([`export`] for the exports of other systems, [`csv`], [`pedar`],
+//! [`jiku`]), or it is computed from known true values ([`synthetic`]). If the source names no regions, [`template`] assigns
+//! them. [`VirtualInsole`] converts the pressures of a recording to the codes of a sensor. The baseline of an insole, [`Zero`],
+//! is computed from a [`StandingTrial`].
 
 pub mod csv;
+pub mod emed;
+pub mod export;
+pub mod footprint;
+pub mod footscan;
+pub mod gaitpdb;
 pub mod jiku;
+pub mod loadsol;
+pub mod moticon;
 pub mod pedar;
+pub mod pliance;
 pub mod synthetic;
+pub mod tekscan;
 pub mod template;
+pub mod xsensor;
 
+mod assembly;
 mod bins;
 mod check;
+mod clock;
 mod error;
 mod file;
+mod gaps;
+mod grid;
 mod insole;
 mod layout;
+mod least_squares;
 mod names;
 mod pages;
 mod parts;
@@ -25,9 +41,14 @@ mod recording;
 mod standing;
 mod streamed;
 mod table;
+mod text;
+mod totals;
+mod units;
+mod xls;
 mod zero;
 
 pub use error::{Error, Result};
+pub use export::{Export, Format};
 pub use insole::VirtualInsole;
 pub use layout::{Cell, Layout, MAX_CELLS};
 pub use names::area_title;

@@ -1,14 +1,16 @@
 //! Import of in-shoe measurements by the pedar system (novel GmbH), from its ASCII export (`.asc`) and a description of the
 //! geometry of the insoles.
 //!
-//! Each line of the export contains the time in seconds and the pressures of both feet in kPa: first the left sensors, then the
-//! right ones. The geometry is a CSV file with the header `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm`. Each of its lines
-//! contains the corners of one sensor. Both insoles lie side by side and are seen from above, with the heels at small y and the
-//! right insole at larger x.
+//! Each line of the export contains the time in seconds and the pressures of both feet: first the left sensors, then the right
+//! ones. An export may also contain one foot alone, or lack sensors that a mask excluded; its header states the unit. Lines
+//! with the mean or the maximum of all frames at the end are skipped. The geometry is a CSV file with the header
+//! `side,sensor,area_mm2,x1_mm,y1_mm,...,x4_mm,y4_mm`. Each of its lines contains the corners of one sensor. Both insoles lie
+//! side by side and are seen from above, with the heels at small y and the right insole at larger x.
 
 use crate::check::{self, At};
 use crate::table::{self, at_line, check_later, check_width, file_name, number, pressure_kpa, unreadable};
-use crate::{Cell, Error, Layout, Recording, Result, rate, template};
+use crate::text::decode;
+use crate::{Cell, Error, Layout, Recording, Result, rate, template, units};
 use plantar::{Region, Side};
 use std::fs;
 use std::path::Path;
@@ -57,8 +59,13 @@ fn read(
     side: Side,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Recording> {
-    let cells = read_geometry(geometry, geometry_path, side)?;
-    let frames = read_frames(asc, asc_path, geometry_path, cells.len(), side, progress)?;
+    let all_cells = read_geometry(geometry, geometry_path, side)?;
+    let text = decode(asc, asc_path)?;
+    let mut lines = (1..).zip(text.lines());
+    let header = read_header(&mut lines, asc_path)?;
+    let sensors = header.sensors_of(side, all_cells.len(), asc_path, geometry_path)?;
+    let cells: Vec<Cell> = sensors.iter().map(|(_, sensor)| all_cells[sensor - 1]).collect();
+    let frames = read_frames(&text, lines, asc_path, &header, &sensors, side, progress)?;
     let rate_hz = rate::of(&frames.t_s, &|at| match at {
         At::Whole => asc_path.display().to_string(),
         At::Frame(frame) | At::Value { frame, .. } => at_line(asc_path, frames.lines[frame]),
@@ -68,10 +75,14 @@ fn read(
         layout: Layout { name: format!("pedar insole, {} sensors", cells.len()), cells },
         rate_hz,
         source: format!(
-            "pedar measurement {}, {} insole, geometry {}, regions by template.",
+            "pedar measurement {}, {} insole, geometry {}, regions by template.{}",
             file_name(asc_path),
             side.name(),
-            file_name(geometry_path)
+            file_name(geometry_path),
+            match all_cells.len() - sensors.len() {
+                0 => String::new(),
+                masked => format!(" {masked} sensors are not in the export."),
+            }
         ),
         t_s: frames.t_s,
         pressure_kpa: frames.pressure_kpa,
@@ -169,39 +180,111 @@ struct Frames {
     pressure_kpa: Vec<f32>,
 }
 
-fn read_frames(
-    bytes: &[u8],
+/// The line that names the columns, and the unit.
+struct Header {
+    line: u64,
+    kpa_per_unit: f64,
+    /// The numbers of the sensors of each foot in the export.
+    feet: Vec<Vec<usize>>,
+}
+
+impl Header {
+    /// The columns of a foot, each with the number of its sensor. An export with one foot is that of `side`.
+    fn sensors_of(&self, side: Side, most: usize, path: &Path, geometry_path: &Path) -> Result<Vec<(usize, usize)>> {
+        let is_known = |sensor: &usize| (1..=most).contains(sensor);
+        let (first_column, sensors) = match (&self.feet[..], side) {
+            ([sensors], _) | ([sensors, _], Side::Left) => (1, sensors),
+            ([left, sensors], Side::Right) => (1 + left.len(), sensors),
+            _ => (1, &Vec::new()),
+        };
+        if !sensors.is_empty() && self.feet.iter().flatten().all(is_known) {
+            return Ok((first_column..).zip(sensors.iter().copied()).collect());
+        }
+        Err(Error::content(
+            at_line(path, self.line),
+            format!(
+                "the columns are not sensors 1 to {most} of one foot, or of the left and the right one, as in {}",
+                geometry_path.display()
+            ),
+            "use the geometry of this insole size, and export both feet with all sensors",
+        ))
+    }
+
+    /// Number of columns.
+    fn width(&self) -> usize {
+        1 + self.feet.iter().map(Vec::len).sum::<usize>()
+    }
+}
+
+/// The number of feet in an export.
+///
+/// # Errors
+/// Fails if the file cannot be read, or has no line that names the columns.
+pub fn feet(asc_path: impl AsRef<Path>) -> Result<usize> {
+    let path = asc_path.as_ref();
+    let text = decode(&fs::read(path).map_err(Error::io(path))?, path)?;
+    Ok(read_header(&mut (1..).zip(text.lines()), path)?.feet.len())
+}
+
+/// Consumes the lines up to the line that names the columns.
+fn read_header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> Result<Header> {
+    let mut kpa_per_unit = 1.0;
+    for (line, row) in lines {
+        let place = || at_line(path, line);
+        if let Some(unit) = row.strip_prefix("pressure values in") {
+            kpa_per_unit = units::kpa(unit.trim(), &place)?;
+        }
+        let Some(labels) = row.strip_prefix(TIME_COLUMN) else { continue };
+        let mut feet: Vec<Vec<usize>> = vec![Vec::new()];
+        for label in labels.split_whitespace() {
+            let Ok(sensor) = label.parse() else {
+                let problem = format!("`{label}` is not the number of a sensor");
+                return Err(Error::content(place(), problem, "export the pressures of the sensors"));
+            };
+            // The numbers of a foot increase.
+            if feet.last().and_then(|foot| foot.last()).is_some_and(|&before| sensor <= before) {
+                feet.push(Vec::new());
+            }
+            feet.last_mut().expect("there is a first foot").push(sensor);
+        }
+        return Ok(Header { line, kpa_per_unit, feet });
+    }
+    Err(Error::content(
+        path.display().to_string(),
+        format!("no line begins with {TIME_COLUMN}"),
+        "export the measurement as ASCII (.asc)",
+    ))
+}
+
+/// Reads the lines below the header. `sensors` are the columns of the foot, each with the number of its sensor.
+fn read_frames<'a>(
+    text: &str,
+    lines: impl Iterator<Item = (u64, &'a str)>,
     path: &Path,
-    geometry_path: &Path,
-    sensors: usize,
+    header: &Header,
+    sensors: &[(usize, usize)],
     side: Side,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Frames> {
-    // The header of the file may contain names in any encoding, which are not needed. The numbers are ASCII.
-    let text = String::from_utf8_lossy(bytes);
-    let mut lines = (1..).zip(text.lines());
-    check_header(&mut lines, path, geometry_path, sensors)?;
-
-    let first_column = match side {
-        Side::Left => 1,
-        Side::Right => 1 + sensors,
-    };
     let total_bytes = text.len() as u64;
     let mut frames = Frames { t_s: Vec::new(), lines: Vec::new(), pressure_kpa: Vec::new() };
     for (line, row) in lines {
-        let fields: Vec<&str> = row.split_whitespace().collect();
-        if fields.is_empty() {
+        // Some programs write decimal commas.
+        let row_with_points = row.replace(',', ".");
+        let fields: Vec<&str> = row_with_points.split_whitespace().collect();
+        // The mean and the maximum of all frames.
+        if fields.is_empty() || ["MVP", "MPP"].iter().any(|summary| fields[0].starts_with(summary)) {
             continue;
         }
         let place = || at_line(path, line);
-        check_width(fields.len(), 1 + 2 * sensors, &place)?;
+        check_width(fields.len(), header.width(), &place)?;
         let now_s = number(fields[0], TIME_COLUMN, &place)?;
         check_later(now_s, frames.t_s.last().copied(), &place)?;
         frames.t_s.push(now_s);
         frames.lines.push(line);
-        for (i, field) in fields[first_column..first_column + sensors].iter().enumerate() {
-            let column = format!("{} {}", side.name(), i + 1);
-            frames.pressure_kpa.push(pressure_kpa(field, &column, &place)?);
+        for &(column, sensor) in sensors {
+            let name = format!("{} {sensor}", side.name());
+            frames.pressure_kpa.push(header.kpa_per_unit as f32 * pressure_kpa(fields[column], &name, &place)?);
         }
         if frames.lines.len().is_multiple_of(LINES_PER_REPORT) {
             let done_bytes = row.as_ptr() as usize - text.as_ptr() as usize;
@@ -210,44 +293,4 @@ fn read_frames(
     }
     progress(total_bytes, total_bytes);
     Ok(frames)
-}
-
-/// Consumes the lines up to the line that names the columns, and checks the unit and the sensors.
-fn check_header<'a>(
-    lines: &mut impl Iterator<Item = (u64, &'a str)>,
-    path: &Path,
-    geometry_path: &Path,
-    sensors: usize,
-) -> Result<()> {
-    for (line, row) in lines {
-        if let Some(unit) = row.strip_prefix("pressure values in")
-            && unit.trim() != "kPa"
-        {
-            return Err(Error::content(
-                at_line(path, line),
-                format!("pressures in `{}`", unit.trim()),
-                "export the measurement in kPa",
-            ));
-        }
-        if let Some(labels) = row.strip_prefix(TIME_COLUMN) {
-            let expected = (1..=sensors).chain(1..=sensors).map(Ok);
-            if !labels.split_whitespace().map(str::parse).eq(expected) {
-                return Err(Error::content(
-                    at_line(path, line),
-                    format!(
-                        "the columns are not the sensors 1 to {sensors} of the left and of the \
-                         right foot, as in {}",
-                        geometry_path.display()
-                    ),
-                    "export both feet with all sensors, and use the geometry of this insole size",
-                ));
-            }
-            return Ok(());
-        }
-    }
-    Err(Error::content(
-        path.display().to_string(),
-        format!("no line begins with {TIME_COLUMN}"),
-        "export the measurement as ASCII (.asc)",
-    ))
 }

@@ -15,13 +15,22 @@ const FOREFOOT_BAND: [f64; 2] = [0.60, 0.78];
 ///
 /// `cells` must be the cells under the foot, in foot coordinates; their regions are replaced. An empty slice is allowed.
 pub fn assign(cells: &mut [Cell]) {
-    let length = extent(cells, |c| c.y_mm);
+    let under_foot = vec![true; cells.len()];
+    assign_within(cells, &under_foot);
+}
+
+/// As [`assign`], for cells that are not all under the foot: the foot is the extent of those that `under_foot` marks. Another
+/// cell has the region of the nearest position under the foot.
+pub(crate) fn assign_within(cells: &mut [Cell], under_foot: &[bool]) {
+    let foot: Vec<Cell> =
+        cells.iter().zip(under_foot).filter(|(_, is_under)| **is_under).map(|(cell, _)| *cell).collect();
+    let length = extent(&foot, |c| c.y_mm);
     let y_frac = |y_mm: f64| (y_mm - length.low_mm) / (length.high_mm - length.low_mm);
     let edges = |band: [f64; 2]| {
         let within: Vec<Cell> =
-            cells.iter().filter(|c| (band[0]..=band[1]).contains(&y_frac(c.y_mm))).copied().collect();
+            foot.iter().filter(|c| (band[0]..=band[1]).contains(&y_frac(c.y_mm))).copied().collect();
         // A layout without cells in the band is treated as a rectangle.
-        extent(if within.is_empty() { cells } else { &within }, |c| c.x_mm)
+        extent(if within.is_empty() { &foot } else { &within }, |c| c.x_mm)
     };
     let (heel, forefoot) = (edges(HEEL_BAND), edges(FOREFOOT_BAND));
     let middle = |band: [f64; 2]| (band[0] + band[1]) / 2.0;

@@ -150,6 +150,35 @@ fn each_foot_is_imported_from_its_own_columns_with_x_to_the_lateral_side() {
     }
 }
 
+#[test]
+fn variants_of_the_export_yield_the_same_pressures() {
+    let usual = import(ASC, GEOMETRY, Side::Right).unwrap();
+    let commas = ASC.replace("0.0", "0,0").replace("\t1\t2\t3\t4\n", "\t1,0\t2,0\t3,0\t4,0\n");
+    let newtons = ASC.replace("kPa", "N/cm²").replace("\t3\t4\n", "\t0.3\t0.4\n").replace("\t7\t8\n", "\t0.7\t0.8\n");
+    let newtons = newtons.replace("\t11\t12\n", "\t1.1\t1.2\n");
+    let summaries = format!("{ASC}MVP\t1\t2\t3\t4\nMPP\t1\t2\t3\t4\n");
+    let one_foot = "time[secs]\t1\t2\n0.01\t3\t4\n0.02\t7\t8\n0.03\t11\t12\n";
+    for (asc, tolerance) in [(&*commas, 0.0), (&newtons, 1e-5), (&summaries, 0.0), (one_foot, 0.0)] {
+        let variant = import(asc, GEOMETRY, Side::Right).unwrap();
+        assert_eq!((&variant.layout, &variant.t_s), (&usual.layout, &usual.t_s), "{asc}");
+        for (a, b) in variant.pressure_kpa.iter().zip(&usual.pressure_kpa) {
+            assert!((a - b).abs() <= tolerance * b, "{a} {b} {asc}");
+        }
+    }
+    let latin_1: Vec<u8> = newtons.chars().map(|c| c as u8).collect();
+    assert_eq!(pedar::parse(&latin_1, GEOMETRY.as_bytes(), Side::Right).unwrap().frames(), 3);
+}
+
+#[test]
+fn sensors_that_a_mask_excluded_are_missing_in_the_layout() {
+    let masked = "time[secs]\t2\t1\t2\n0.01\t2\t3\t4\n0.02\t6\t7\t8\n0.03\t10\t11\t12\n";
+    let left = import(masked, GEOMETRY, Side::Left).unwrap();
+    assert_eq!(left.pressure_kpa, [2.0, 6.0, 10.0]);
+    assert_eq!((left.layout.cells[0].x_mm, left.layout.cells[0].y_mm), (15.0, 5.0));
+    assert!(left.source.contains("1 sensors are not in the export"));
+    assert_eq!(import(masked, GEOMETRY, Side::Right).unwrap().pressure_kpa, [3.0, 4.0, 7.0, 8.0, 11.0, 12.0]);
+}
+
 #[track_caller]
 fn assert_refused(asc: &str, geometry: &str, expected: &[&str]) {
     let error = import(asc, geometry, Side::Right).unwrap_err().to_string();
@@ -164,6 +193,7 @@ fn the_error_for_an_invalid_measurement_names_the_line() {
         assert_refused(&ASC.replace(from, to), GEOMETRY, expected);
     };
     refused("kPa", "N", &["walk.asc:2", "`N`", "export the measurement in kPa"]);
+    refused("1\t2\t1\t2", "1\t2\t1\tx", &["walk.asc:4", "`x`"]);
     refused("1\t2\t1\t2", "1\t2\t3\t1\t2\t3", &["walk.asc:4", "geometry.csv"]);
     refused("time", "dime", &["walk.asc", "time[secs]", "ASCII"]);
     refused("\t7\t8", "\t7", &["walk.asc:6", "4 columns"]);

@@ -1,0 +1,28 @@
+//! The export of a vendor's program: its first byte selects the format and the foot; one value of it lets the format be
+//! recognised. The recordings are consistent, or the file is refused.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use plantar::Side;
+use plantar_fuzz::check_recording;
+use recording::{Format, footprint};
+use std::path::Path;
+
+fuzz_target!(|data: &[u8]| {
+    let Some((&selector, bytes)) = data.split_first() else { return };
+    let path = Path::new("export");
+    let choices = Format::ALL.len() + 1;
+    let format = match Format::ALL.get(usize::from(selector) % choices) {
+        Some(format) => *format,
+        None => match Format::recognise(bytes, path) {
+            Ok(format) => format,
+            Err(_) => return,
+        },
+    };
+    let side = [None, Some(Side::Left), Some(Side::Right)][usize::from(selector) / choices % 3];
+    let Ok(export) = format.parse(bytes, path, side) else { return };
+    for recording in &export.feet {
+        check_recording(recording);
+        footprint::warnings(recording);
+    }
+});

@@ -1,0 +1,107 @@
+//! The clock of an export that numbers its frames and states the time of day of each.
+
+/// Largest difference between the stated times and a uniform clock, s, if the times have fractions of a second, and if not.
+const LARGEST_RESIDUAL_S: [f64; 2] = [0.1, 1.1];
+/// Seconds of a day.
+const DAY_S: f64 = 86_400.0;
+
+/// The time of day in `text`, s, such as `08:21:17.982`, `8:21:17 PM`, or a number of seconds. `None` if it is none of these.
+pub fn time_of_day_s(text: &str) -> Option<f64> {
+    let upper = text.trim().to_uppercase();
+    let (digits, is_afternoon) = match upper.strip_suffix("PM").or_else(|| upper.strip_suffix("P.M.")) {
+        Some(digits) => (digits, Some(true)),
+        None => match upper.strip_suffix("AM").or_else(|| upper.strip_suffix("A.M.")) {
+            Some(digits) => (digits, Some(false)),
+            None => (upper.as_str(), None),
+        },
+    };
+    let mut seconds = 0.0;
+    for part in digits.trim().split(':') {
+        let value = crate::text::parse_number(part)?;
+        seconds = seconds * 60.0 + value;
+    }
+    Some(match is_afternoon {
+        Some(true) if seconds < DAY_S / 2.0 => seconds + DAY_S / 2.0,
+        Some(false) if seconds >= DAY_S / 2.0 => seconds - DAY_S / 2.0,
+        _ => seconds,
+    })
+}
+
+/// The times of frames, s from the first one. `numbers` are the numbers of the frames, `times_s` their times of day.
+///
+/// Times of day come from the clock of a computer: they jitter, and some programs state whole seconds. If the numbers increase
+/// and the times are near a straight line over them, the frames are on this line. If not, the stated times are used.
+pub fn times_s(numbers: &[u64], times_s: &[f64]) -> Vec<f64> {
+    let mut passed_s = Vec::with_capacity(times_s.len());
+    let mut midnights = 0.0;
+    for (i, &now_s) in times_s.iter().enumerate() {
+        if i > 0 && now_s < times_s[i - 1] - DAY_S / 2.0 {
+            midnights += DAY_S;
+        }
+        passed_s.push(now_s + midnights - times_s[0]);
+    }
+    let is_numbered = numbers.len() == passed_s.len() && numbers.windows(2).all(|pair| pair[0] < pair[1]);
+    if !is_numbered || numbers.len() < 3 {
+        return passed_s;
+    }
+    let n = numbers.len() as f64;
+    let count = |i: usize| (numbers[i] - numbers[0]) as f64;
+    let mean_count = (0..numbers.len()).map(count).sum::<f64>() / n;
+    let mean_s = passed_s.iter().sum::<f64>() / n;
+    let (mut product, mut square) = (0.0, 0.0);
+    for (i, time_s) in passed_s.iter().enumerate() {
+        product += (count(i) - mean_count) * (time_s - mean_s);
+        square += (count(i) - mean_count).powi(2);
+    }
+    let period_s = product / square;
+    let first_s = mean_s - period_s * mean_count;
+    let is_fractional = times_s.iter().any(|time_s| time_s.fract() != 0.0);
+    let largest_s = LARGEST_RESIDUAL_S[usize::from(!is_fractional)];
+    let is_uniform =
+        (passed_s.iter().enumerate()).all(|(i, time_s)| (time_s - first_s - period_s * count(i)).abs() <= largest_s);
+    if !is_uniform || period_s <= 0.0 {
+        return passed_s;
+    }
+    (0..numbers.len()).map(|i| period_s * count(i)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_of_day_are_read_in_both_notations() {
+        assert_eq!(time_of_day_s(" 08:21:17.5"), Some(8.0 * 3600.0 + 21.0 * 60.0 + 17.5));
+        assert_eq!(time_of_day_s("1:00:02 PM"), Some(13.0 * 3600.0 + 2.0));
+        assert_eq!(time_of_day_s("12:00:02 AM"), Some(2.0));
+        assert_eq!(time_of_day_s("12.25"), Some(12.25));
+        assert_eq!(time_of_day_s("noon"), None);
+    }
+
+    #[test]
+    fn jitter_and_whole_seconds_become_a_uniform_clock() {
+        let numbers: Vec<u64> = (10..210).collect();
+        let jitter: Vec<f64> = (0..200).map(|i| 100.0 + 0.01 * f64::from(i) + 0.004 * f64::from(i % 3)).collect();
+        let whole: Vec<f64> = (0..200).map(|i| (100.0 + 0.05 * f64::from(i)).floor()).collect();
+        for (stated, period_s) in [(jitter, 0.01), (whole, 0.05)] {
+            let uniform = times_s(&numbers, &stated);
+            for pair in uniform.windows(2) {
+                assert!(((pair[1] - pair[0]) / period_s - 1.0).abs() < 0.01, "{pair:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_missing_number_is_a_gap_and_midnight_is_not() {
+        let stated = [86_399.98, 86_399.99, 0.0, 0.03, 0.04];
+        let uniform = times_s(&[1, 2, 3, 6, 7], &stated);
+        assert!((uniform[3] - uniform[2] - 0.03).abs() < 1e-3, "{uniform:?}");
+        assert!((uniform[4] - 0.06).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_pause_without_missing_numbers_remains_a_gap() {
+        let uniform = times_s(&[1, 2, 3, 4], &[0.01, 0.02, 5.03, 5.04]);
+        assert!((uniform[2] - uniform[1] - 5.01).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,212 @@
+//! Import of measurements on a plate of the emed system (novel GmbH), from the ASCII export (`.lst`).
+//!
+//! Each page contains one frame, as a table of the loaded part of the plate in kPa: the first line has the numbers of the
+//! columns, and each other line begins with the number of its row. The last column and the last line contain forces in N, with
+//! which the import is compared. Pages of a summary, such as the maximum of all frames, are skipped. Rows are numbered from the
+//! top, as seen from above.
+
+use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
+use crate::table::{at_line, file_name};
+use crate::text::{decode, first_number, number, shortened};
+use crate::{Error, Export, Result, units};
+use plantar::Side;
+use std::path::Path;
+
+/// Name of the column and of the line with forces.
+const FORCE: &str = "Force";
+/// Largest relative difference between the force of a frame and that in the file. The file rounds forces to 0.01 N.
+const FORCE_TOLERANCE: f64 = 0.005;
+
+/// Whether a text is such an export.
+pub fn recognise(text: &str) -> bool {
+    let has = |word: &str| text.lines().take(60).any(|line| line.contains(word));
+    has("Pict-No") && (has("Sensor size") || has("Sensor area"))
+}
+
+/// Imports a step. `side` states the foot; without it, the shape of the footprint decides.
+///
+/// # Errors
+/// Fails if a line violates the format. The message names file, line and remedy.
+pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+    let text = decode(bytes, path)?;
+    let mut pages =
+        Pages { path, size_mm: None, period_s: None, frames: Frames::default(), summaries: 0, differences: Vec::new() };
+    let mut first_line = 1;
+    for page in text.split('\x0c') {
+        pages.page(page, first_line)?;
+        first_line += page.matches('\n').count() as u64;
+    }
+    let Pages { size_mm: Some([width_mm, height_mm]), frames, summaries, differences, .. } = pages else {
+        return Err(Error::content(
+            path.display().to_string(),
+            "no page with a frame",
+            "export all pictures of the measurement",
+        ));
+    };
+    let mut remarks = vec![format!(
+        "{} frames; their force differs from that in the file by up to {:.2} %.{}",
+        frames.t_s.len(),
+        100.0 * differences.iter().copied().fold(0.0, f64::max),
+        if summaries > 0 { format!(" {summaries} pages without a frame were skipped.") } else { String::new() },
+    )];
+    let foot = Foot {
+        side,
+        grid: Grid { row_mm: height_mm, column_mm: width_mm, toes: Toes::Walked },
+        frames,
+        name: "emed plate".to_owned(),
+        source: format!("emed measurement {}, regions by template.", file_name(path)),
+    };
+    Ok(Export { feet: vec![foot.recording(path, &mut remarks)?], remarks })
+}
+
+/// What was read from the pages.
+struct Pages<'a> {
+    path: &'a Path,
+    /// Width and height of a cell.
+    size_mm: Option<[f64; 2]>,
+    period_s: Option<f64>,
+    frames: Frames,
+    /// Number of pages without a frame.
+    summaries: usize,
+    /// Relative differences between the force of a frame and that in the file.
+    differences: Vec<f64>,
+}
+
+impl Pages<'_> {
+    /// Reads a page, which begins at this line of the file.
+    fn page(&mut self, page: &str, first_line: u64) -> Result<()> {
+        if page.trim().is_empty() {
+            return Ok(());
+        }
+        let mut lines = (first_line..).zip(page.lines());
+        let (mut size_mm, mut area_mm2, mut period_s, mut is_frame) = (None, None, None, false);
+        // The line of the columns is the first one with a number in its first field that is not empty.
+        let columns = loop {
+            let Some((line, row)) = lines.next() else {
+                self.summaries += 1;
+                return Ok(());
+            };
+            let place = || at_line(self.path, line);
+            let value_of = |name: &str| {
+                let value = row.split_once(name).map(|(_, value)| value.split('\t').next().unwrap_or(value));
+                value.map(|value| value.trim_start_matches([':', ' ']))
+            };
+            if let Some(value) = value_of("Sensor size") {
+                size_mm = Some(sizes_mm(value, &place)?);
+            }
+            if let Some(value) = value_of("Sensor area") {
+                area_mm2 = first_number(value).map(|cm2| 100.0 * cm2);
+            }
+            if let Some(value) = value_of("Time/picture") {
+                let unit_s = if value.contains("ms") { 1e-3 } else { 1.0 };
+                period_s = first_number(value).map(|time| time * unit_s);
+            }
+            is_frame |= row.contains("Pict-No");
+            let mut fields = row.split('\t').map(str::trim).filter(|field| !field.is_empty());
+            if fields.next().is_some_and(|field| field.parse::<usize>().is_ok()) {
+                break (line, row);
+            }
+        };
+        if !is_frame {
+            self.summaries += 1;
+            return Ok(());
+        }
+        let place = || at_line(self.path, first_line);
+        let size_mm =
+            size_mm.or(area_mm2.map(|mm2| [mm2.sqrt(); 2])).filter(|s| s.iter().all(|mm| *mm > 0.0 && *mm <= 60.0));
+        let (Some(size_mm), Some(period_s)) = (size_mm, period_s.filter(|s| (1e-5..=1.0).contains(s))) else {
+            let problem = "no sensor size of up to 60 mm, or no time of a picture, on this page";
+            return Err(Error::content(place(), problem, "export the measurement with the header of each page"));
+        };
+        if self.size_mm.is_some_and(|before| before != size_mm)
+            || self.period_s.is_some_and(|before| before != period_s)
+        {
+            let problem = "sensor size or time of a picture differs from that of the pages before";
+            return Err(Error::content(place(), problem, "import each measurement on its own"));
+        }
+        (self.size_mm, self.period_s) = (Some(size_mm), Some(period_s));
+        self.table(columns, lines)
+    }
+
+    /// Reads the table of a frame.
+    fn table<'a>(&mut self, columns: (u64, &str), lines: impl Iterator<Item = (u64, &'a str)>) -> Result<()> {
+        let place = || at_line(self.path, columns.0);
+        let names: Vec<&str> = columns.1.split('\t').map(str::trim).filter(|name| !name.is_empty()).collect();
+        let has_force = names.last() == Some(&FORCE);
+        let numbers = names[..names.len() - usize::from(has_force)].iter().map(|name| index(name, "column", &place));
+        let numbers = numbers.collect::<Result<Vec<usize>>>()?;
+        let cell_mm2 = self.size_mm.map_or(0.0, |[width_mm, height_mm]| width_mm * height_mm);
+        self.frames.begin(self.frames.t_s.len() as f64 * self.period_s.unwrap_or(1.0));
+        let (mut force_n, mut stated_n) = (0.0, None);
+        for (line, row) in lines {
+            let place = || at_line(self.path, line);
+            let fields: Vec<&str> = row.trim_end().split('\t').map(str::trim).collect();
+            if fields.iter().all(|field| field.is_empty()) {
+                continue;
+            }
+            if fields[0] == FORCE {
+                stated_n = fields.last().and_then(|field| first_number(field));
+                break;
+            }
+            let at = index(fields[0], "row", &place)?;
+            if fields.len() != names.len() + 1 {
+                let problem = format!("{} values in a row, the table has {} columns", fields.len() - 1, names.len());
+                return Err(Error::content(
+                    place(),
+                    problem,
+                    "the export is cut off or damaged: export or copy it again",
+                ));
+            }
+            let mut row_n = 0.0;
+            for (field, &column) in fields[1..].iter().zip(&numbers) {
+                let kpa = number(field, &format!("the pressure in column {column}"), &place)?;
+                self.frames.add(at, column, kpa as f32);
+                row_n += kpa.max(0.0) * cell_mm2 * 1e-3;
+            }
+            if has_force {
+                check_force(row_n, number(fields[fields.len() - 1], "the force of the row", &place)?, &place)?;
+            }
+            force_n += row_n;
+        }
+        if let Some(stated_n) = stated_n {
+            check_force(force_n, stated_n, &place)?;
+            self.differences.extend((stated_n > 1.0).then(|| (force_n / stated_n - 1.0).abs()));
+        }
+        Ok(())
+    }
+}
+
+/// Checks a force against the one in the file, N.
+fn check_force(force_n: f64, stated_n: f64, place: &dyn Fn() -> String) -> Result<()> {
+    // The file rounds forces to 0.01 N, and each pressure to 0.01 kPa.
+    if (force_n - stated_n).abs() <= FORCE_TOLERANCE * stated_n + 0.02 {
+        return Ok(());
+    }
+    Err(Error::content(
+        place(),
+        format!("the cells carry {force_n:.2} N, the column Force states {stated_n:.2} N"),
+        "export the measurement in kPa, and do not edit the file",
+    ))
+}
+
+/// The number of a row or a column.
+fn index(field: &str, what: &str, place: &dyn Fn() -> String) -> Result<usize> {
+    field.parse().ok().filter(|index| *index < MAX_LINES).ok_or_else(|| {
+        let problem = format!("`{}` is not the number of a {what}, up to {MAX_LINES}", shortened(field));
+        Error::content(place(), problem, "the export is cut off or damaged: export or copy it again")
+    })
+}
+
+/// Width and height of a cell, mm, from a text such as `0.500x0.500 cm`.
+fn sizes_mm(text: &str, place: &dyn Fn() -> String) -> Result<[f64; 2]> {
+    let unit = text.trim().rsplit([' ', '\t']).next().unwrap_or("cm");
+    let mm = units::mm(unit, place)?;
+    let (width, height) = text.split_once('x').unwrap_or((text, text));
+    match (first_number(width), first_number(height)) {
+        (Some(width), Some(height)) => Ok([width * mm, height * mm]),
+        _ => {
+            let problem = format!("`{}` is not a size of a sensor", shortened(text));
+            Err(Error::content(place(), problem, "export the measurement with the header of each page"))
+        }
+    }
+}

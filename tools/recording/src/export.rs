@@ -1,0 +1,145 @@
+//! The exports of vendors' programs: their formats, and how a file's format is recognised from its content.
+
+use crate::text::decode;
+use crate::{Error, Recording, Result, emed, footscan, gaitpdb, loadsol, moticon, pliance, tekscan, xsensor};
+use plantar::Side;
+use std::fs;
+use std::path::Path;
+
+/// The content of an export.
+#[derive(Debug)]
+pub struct Export {
+    /// One recording for each foot, on a common clock.
+    pub feet: Vec<Recording>,
+    /// What the import decided, and how the result compares with totals in the export; sentences for the user.
+    pub remarks: Vec<String>,
+}
+
+/// A vendor's format that needs no other file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Format {
+    /// See [`xsensor`].
+    Xsensor,
+    /// See [`tekscan`].
+    Tekscan,
+    /// See [`emed`].
+    Emed,
+    /// See [`footscan`].
+    Footscan,
+    /// See [`moticon`].
+    Moticon,
+    /// See [`loadsol`].
+    Loadsol,
+    /// See [`gaitpdb`].
+    Gaitpdb,
+    /// See [`pliance`].
+    Pliance,
+}
+
+impl Format {
+    /// All formats, in the order in which they are tried.
+    pub const ALL: [Self; 8] = [
+        Self::Xsensor,
+        Self::Tekscan,
+        Self::Emed,
+        Self::Footscan,
+        Self::Moticon,
+        Self::Loadsol,
+        Self::Gaitpdb,
+        Self::Pliance,
+    ];
+
+    /// The name, which is also the name of the command that imports it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Xsensor => "xsensor",
+            Self::Tekscan => "tekscan",
+            Self::Emed => "emed",
+            Self::Footscan => "footscan",
+            Self::Moticon => "moticon",
+            Self::Loadsol => "loadsol",
+            Self::Gaitpdb => "gaitpdb",
+            Self::Pliance => "pliance",
+        }
+    }
+
+    /// Recognises the format of a file from its content. Messages name `path`.
+    ///
+    /// # Errors
+    /// Fails if no importer reads the file. The message names the command for a format that needs further arguments.
+    pub fn recognise(bytes: &[u8], path: &Path) -> Result<Self> {
+        let file = || path.display().to_string();
+        let other = |what: &str, remedy: &str| Err(Error::content(file(), what, remedy));
+        if bytes.starts_with(b"PAR1") {
+            return other("already a recording", "use it directly, for example with plantar info");
+        }
+        if bytes.starts_with(b"\x89HDF\r\n") {
+            return other("an HDF5 file", "import a walker of jiku-data with plantar import jiku");
+        }
+        if footscan::is_xls(bytes) {
+            return Ok(Self::Footscan);
+        }
+        let text = decode(bytes, path)?;
+        let recognised = |format: &Self| match format {
+            Self::Xsensor => xsensor::recognise(&text),
+            Self::Tekscan => tekscan::recognise(&text),
+            Self::Emed => emed::recognise(&text),
+            Self::Footscan => footscan::recognise(&text),
+            Self::Moticon => moticon::recognise(&text),
+            Self::Loadsol => loadsol::recognise(&text),
+            Self::Gaitpdb => gaitpdb::recognise(&text),
+            Self::Pliance => pliance::recognise(&text),
+        };
+        if let Some(format) = Self::ALL.into_iter().find(recognised) {
+            return Ok(format);
+        }
+        let first_line = text.lines().next().unwrap_or_default();
+        if text.lines().take(40).any(|line| line.starts_with("time[secs]")) {
+            return other("a pedar export", "use plantar import pedar with --geometry, the geometry of its insole");
+        }
+        if first_line.starts_with("t_s,") || first_line.starts_with("cell,") {
+            return other("frames or a layout in CSV", "use plantar import csv with --layout, --frames and --side");
+        }
+        let names: Vec<_> = Self::ALL.iter().map(|format| format.name()).collect();
+        other(
+            "the format is not recognised",
+            &format!("export the measurement as text in a format of plantar import: {}, pedar, csv", names.join(", ")),
+        )
+    }
+
+    /// Imports a file of this format. `side` states the foot, if the export does not or is wrong.
+    ///
+    /// # Errors
+    /// Fails if the file cannot be read or violates its format. The message names file, line and remedy.
+    pub fn import(self, path: impl AsRef<Path>, side: Option<Side>) -> Result<Export> {
+        let path = path.as_ref();
+        self.parse(&fs::read(path).map_err(Error::io(path))?, path, side)
+    }
+
+    /// As [`Format::import`], from the content of a file. Messages name `path`.
+    ///
+    /// # Errors
+    /// Fails if the content violates the format.
+    pub fn parse(self, bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+        match self {
+            Self::Xsensor => xsensor::parse(bytes, path, side),
+            Self::Tekscan => tekscan::parse(bytes, path, side),
+            Self::Emed => emed::parse(bytes, path, side),
+            Self::Footscan => footscan::parse(bytes, path, side),
+            Self::Moticon => moticon::parse(bytes, path, side),
+            Self::Loadsol => loadsol::parse(bytes, path, side),
+            Self::Gaitpdb => gaitpdb::parse(bytes, path, side),
+            Self::Pliance => pliance::parse(bytes, path, side),
+        }
+    }
+}
+
+/// Imports a file in any of the formats, recognised from its content.
+///
+/// # Errors
+/// Fails in the same cases as [`Format::recognise`] and [`Format::import`].
+pub fn import(path: impl AsRef<Path>, side: Option<Side>) -> Result<Export> {
+    let path = path.as_ref();
+    let bytes = fs::read(path).map_err(Error::io(path))?;
+    Format::recognise(&bytes, path)?.parse(&bytes, path, side)
+}

@@ -1,0 +1,174 @@
+//! The orientation of a foot on its sensor, from the distribution of the pressure over space and time.
+//!
+//! In a stance, the centre of pressure moves from the heel to the toes, the load of the midfoot is on its lateral side, and the
+//! hallux carries more than the lesser toes. These rules hold for most people, not for all. So they decide only where an export
+//! states nothing, and else lead to a warning.
+
+use crate::{Cell, Recording, template};
+use plantar::{Region, Side};
+
+/// Fraction of the largest force above which the foot is on the ground.
+const IN_STANCE: f64 = 0.1;
+/// Least movement of the centre of pressure in a step, as a fraction of the length of the foot.
+const LEAST_MOVEMENT: f64 = 0.1;
+/// Bands of the length of the foot, as fractions from the back of the heel.
+const HEEL: [f64; 2] = [0.05, 0.25];
+const MIDFOOT: [f64; 2] = [0.32, 0.52];
+const FOREFOOT: [f64; 2] = [0.60, 0.78];
+const TOES: [f64; 2] = [0.84, 1.0];
+/// Least asymmetry of a footprint, as a fraction of the width of the forefoot, that shows a mirrored layout.
+const LEAST_ASYMMETRY: f64 = 0.05;
+
+/// The pressures on the cells of a sensor. The cells lie in any plane that is seen from above.
+pub(crate) struct Footprint<'a> {
+    pub cells: &'a [Cell],
+    /// For each cell, whether it is under the foot. Other cells respond to noise.
+    pub under_foot: &'a [bool],
+    /// All cells of the first frame, then those of the second one, and so on.
+    pub pressure_kpa: &'a [f32],
+}
+
+impl Footprint<'_> {
+    /// The foot, if y points to the toes and x to the right.
+    pub fn side(&self) -> Side {
+        if self.lateral_asymmetry().unwrap_or(0.0) < 0.0 { Side::Left } else { Side::Right }
+    }
+
+    /// The direction from heel to toes: a unit vector along the longer extent of the foot. `None` if the pressure does not move
+    /// along it.
+    pub fn walking_direction(&self) -> Option<[f64; 2]> {
+        let [width_mm, height_mm] = [|c: &Cell| c.x_mm, |c: &Cell| c.y_mm].map(|along| {
+            let [low_mm, high_mm] = self.extent_mm(along);
+            high_mm - low_mm
+        });
+        let (axis, length_mm) = if width_mm > height_mm { (0, width_mm) } else { (1, height_mm) };
+        let movements_mm = self.movements_mm();
+        let movement_mm = movements_mm.iter().map(|m| m[axis]).sum::<f64>() / movements_mm.len() as f64;
+        let is_clear = movement_mm.abs() > LEAST_MOVEMENT * length_mm;
+        let sign = movement_mm.signum();
+        is_clear.then_some(if axis == 0 { [sign, 0.0] } else { [0.0, sign] })
+    }
+
+    /// The movement of the centre of pressure, mm, in each stance: from its first to its last third.
+    fn movements_mm(&self) -> Vec<[f64; 2]> {
+        let centres: Vec<_> =
+            self.pressure_kpa.chunks_exact(self.cells.len()).map(|frame| self.centre(frame)).collect();
+        let most = centres.iter().map(|centre| centre.2).fold(0.0, f64::max);
+        let is_stance = |centre: &(f64, f64, f64)| centre.2 > IN_STANCE * most;
+        let stances = centres.chunk_by(|a, b| is_stance(a) == is_stance(b)).filter(|part| is_stance(&part[0]));
+        stances
+            .filter(|stance| stance.len() >= 3)
+            .map(|stance| {
+                let third = stance.len() / 3;
+                let mean = |part: &[(f64, f64, f64)]| {
+                    let sum = part.iter().fold((0.0, 0.0, 0.0), |s, c| (s.0 + c.0 * c.2, s.1 + c.1 * c.2, s.2 + c.2));
+                    [sum.0 / sum.2, sum.1 / sum.2]
+                };
+                let (first, last) = (mean(&stance[..third]), mean(&stance[stance.len() - third..]));
+                [last[0] - first[0], last[1] - first[1]]
+            })
+            .collect()
+    }
+
+    /// The centre of pressure of a frame, mm, and its force in any unit.
+    fn centre(&self, frame: &[f32]) -> (f64, f64, f64) {
+        let mut sum = (0.0, 0.0, 0.0);
+        for ((cell, &kpa), _) in self.cells.iter().zip(frame).zip(self.under_foot).filter(|(_, is_under)| **is_under) {
+            let force = f64::from(kpa) * cell.area_mm2;
+            sum = (sum.0 + cell.x_mm * force, sum.1 + cell.y_mm * force, sum.2 + force);
+        }
+        if sum.2 > 0.0 { (sum.0 / sum.2, sum.1 / sum.2, sum.2) } else { (0.0, 0.0, 0.0) }
+    }
+
+    /// The least and the largest coordinate of the cells under the foot, mm.
+    fn extent_mm(&self, along: fn(&Cell) -> f64) -> [f64; 2] {
+        let under = self.cells.iter().zip(self.under_foot).filter(|(_, is_under)| **is_under);
+        under.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], (cell, _)| {
+            [low.min(along(cell)), high.max(along(cell))]
+        })
+    }
+
+    /// How far the load of the midfoot lies towards +x from the line between heel and forefoot, and that of the toes towards -x
+    /// from the centre of the forefoot, as a fraction of the width of the forefoot: positive if +x is lateral. y points to the
+    /// toes. `None` if heel or forefoot is never loaded.
+    fn lateral_asymmetry(&self) -> Option<f64> {
+        let mut impulse = vec![0.0f64; self.cells.len()];
+        for frame in self.pressure_kpa.chunks_exact(self.cells.len()) {
+            impulse.iter_mut().zip(frame).for_each(|(sum, &kpa)| *sum += f64::from(kpa));
+        }
+        let [back_mm, front_mm] = self.extent_mm(|c| c.y_mm);
+        let in_band = |band: [f64; 2]| {
+            let range = band.map(|fraction| back_mm + fraction * (front_mm - back_mm));
+            let cells = self.cells.iter().zip(&impulse).zip(self.under_foot);
+            cells
+                .filter(move |((cell, _), is_under)| **is_under && (range[0]..=range[1]).contains(&cell.y_mm))
+                .map(|(c, _)| c)
+        };
+        let centre_mm = |band: [f64; 2]| {
+            let sum = in_band(band).fold((0.0, 0.0), |sum, (cell, impulse)| {
+                (sum.0 + cell.x_mm * impulse * cell.area_mm2, sum.1 + impulse * cell.area_mm2)
+            });
+            (sum.1 > 0.0).then(|| sum.0 / sum.1)
+        };
+        let (heel_mm, forefoot_mm) = (centre_mm(HEEL)?, centre_mm(FOREFOOT)?);
+        let x_mm = || in_band(FOREFOOT).map(|(cell, _)| cell.x_mm);
+        let width_mm = x_mm().fold(f64::NEG_INFINITY, f64::max) - x_mm().fold(f64::INFINITY, f64::min);
+        let middle = |band: [f64; 2]| (band[0] + band[1]) / 2.0;
+        let share = (middle(MIDFOOT) - middle(HEEL)) / (middle(FOREFOOT) - middle(HEEL));
+        let arch_mm = centre_mm(MIDFOOT).map_or(0.0, |x_mm| x_mm - heel_mm - share * (forefoot_mm - heel_mm));
+        // The toes lie in front of the forefoot in the direction from heel to forefoot.
+        let beyond = (middle(TOES) - middle(HEEL)) / (middle(FOREFOOT) - middle(HEEL));
+        let toes_mm = centre_mm(TOES).map_or(0.0, |x_mm| x_mm - heel_mm - beyond * (forefoot_mm - heel_mm));
+        (width_mm > 0.0).then_some((arch_mm - toes_mm) / width_mm)
+    }
+}
+
+/// Warnings about a recording with cells that look mirrored or upside down, each with a remedy.
+pub fn warnings(recording: &Recording) -> Vec<String> {
+    let cells = &recording.layout.cells;
+    let under_foot = vec![true; cells.len()];
+    let footprint = Footprint { cells, under_foot: &under_foot, pressure_kpa: &recording.pressure_kpa };
+    let mut warnings = Vec::new();
+    let [back_mm, front_mm] = footprint.extent_mm(|c| c.y_mm);
+    let movements_mm = footprint.movements_mm();
+    let least_mm = LEAST_MOVEMENT * (front_mm - back_mm);
+    let backwards = movements_mm.iter().filter(|m| m[1] < -least_mm).count();
+    if backwards > 0 && backwards == movements_mm.len() {
+        warnings.push(format!(
+            "The {} foot looks upside down: the forefoot is loaded before the heel in every step. \
+             If the person did not walk backwards, turn the layout round in the vendor's program, or correct y_mm in a layout file.",
+            recording.side.name()
+        ));
+    } else if footprint.lateral_asymmetry().is_some_and(|asymmetry| asymmetry < -LEAST_ASYMMETRY)
+        && lesser_toes_exceed_hallux(recording)
+    {
+        warnings.push(format!(
+            "The {} foot looks mirrored: the lesser toes carry more than the hallux, and the midfoot its load on \
+             the medial side. If it is the other foot, state it with --side; else mirror the layout in the vendor's \
+             program, or correct x_mm in a layout file.",
+            recording.side.name()
+        ));
+    }
+    warnings
+}
+
+/// Whether the force-time integral of toes 3 to 5 exceeds that of the hallux, in the regions of the template.
+fn lesser_toes_exceed_hallux(recording: &Recording) -> bool {
+    let mut cells = recording.layout.cells.clone();
+    template::assign(&mut cells);
+    let mut integrals = [0.0; 8];
+    for frame in recording.pressure_kpa.chunks_exact(cells.len()) {
+        for (cell, &kpa) in cells.iter().zip(frame) {
+            integrals[cell.region as usize] += f64::from(kpa) * cell.area_mm2;
+        }
+    }
+    integrals[Region::Toes35 as usize] > integrals[Region::Hallux as usize]
+}
+
+/// The foot's name at the beginning of a sentence.
+pub(crate) fn capitalised(side: Side) -> &'static str {
+    match side {
+        Side::Left => "Left",
+        Side::Right => "Right",
+    }
+}

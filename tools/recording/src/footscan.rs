@@ -1,0 +1,118 @@
+//! Import of measurements on a plate of the footscan system (RSscan), from the export "Dynamic Roll off": a file of Excel
+//! (`.xls`) or its text, in which tabs separate the fields.
+//!
+//! `Left foot data` or `Right foot data` begins a foot. Each frame begins with `Frame`, its number and its time in ms, and
+//! contains the force on each cell in N. The first row is that at the lower edge of the plate, as seen from above.
+
+use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
+use crate::table::file_name;
+use crate::text::{decode, first_number, number, shortened};
+use crate::{Error, Export, Result, xls};
+use plantar::Side;
+use std::path::Path;
+
+/// Extent of a cell along the plate, mm.
+const CELL_LENGTH_MM: f64 = 7.62;
+/// Extent of a cell across the plate, mm.
+const CELL_WIDTH_MM: f64 = 5.08;
+/// The first bytes of a file of Excel 97 to 2003.
+const XLS: &[u8] = &[0xd0, 0xcf, 0x11, 0xe0, 0xa1, 0xb1, 0x1a, 0xe1];
+
+/// Whether a file is a file of Excel, which of all vendors only footscan exports.
+pub fn is_xls(bytes: &[u8]) -> bool {
+    bytes.starts_with(XLS)
+}
+
+/// Whether a text is such an export.
+pub fn recognise(text: &str) -> bool {
+    text.lines().take(100).any(|line| frame_s(line).is_some())
+}
+
+/// The time of a frame, s, in a line such as `Frame 0 (0.00 ms)`.
+fn frame_s(line: &str) -> Option<f64> {
+    let (number, time) = line.trim().trim_matches('"').strip_prefix("Frame")?.split_once('(')?;
+    let is_time = first_number(number).is_some() && time.contains("ms");
+    is_time.then(|| first_number(time)).flatten().map(|ms| ms * 1e-3)
+}
+
+/// Imports the feet of an export. `side` restricts the import to one foot, or states the foot if the export does not.
+///
+/// # Errors
+/// Fails if the file is damaged or a line violates the format. The message names file, line and remedy.
+pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+    let text;
+    let rows: Vec<Vec<String>> = if is_xls(bytes) {
+        xls::rows(bytes).map_err(|reason| {
+            let problem = format!("not a readable file of Excel ({reason})");
+            Error::content(path.display().to_string(), problem, "export or copy the measurement again")
+        })?
+    } else {
+        text = decode(bytes, path)?;
+        text.lines().map(|line| line.split(['\t', ';']).map(|field| field.trim().to_owned()).collect()).collect()
+    };
+    let mut feet: Vec<(Option<Side>, Frames)> = Vec::new();
+    let mut stated = None;
+    // The row of the current frame, and the number of its columns.
+    let (mut at, mut columns): (usize, Option<usize>) = (0, None);
+    for (line, fields) in (1..).zip(&rows) {
+        let place = || format!("{}:{line}", path.display());
+        let filled = fields.iter().rposition(|field| !field.is_empty()).map_or(0, |last| last + 1);
+        let fields = &fields[..filled];
+        let Some(first) = fields.first() else { continue };
+        let named = [("Left foot data", Side::Left), ("Right foot data", Side::Right)];
+        if let Some((_, side)) = named.iter().find(|(name, _)| first.eq_ignore_ascii_case(name)) {
+            stated = Some(*side);
+            feet.push((stated, Frames::default()));
+            continue;
+        }
+        if first.starts_with("Frame") {
+            let Some(t_s) = frame_s(first) else {
+                let problem = format!("`{}`, expected the number of a frame and its time in ms", shortened(first));
+                return Err(Error::content(place(), problem, "export the measurement again, and do not edit the file"));
+            };
+            if feet.is_empty() {
+                feet.push((stated, Frames::default()));
+            }
+            let Some((_, frames)) = feet.last_mut() else { continue };
+            if frames.t_s.last().is_some_and(|&before_s| t_s <= before_s) {
+                let problem = format!("the time {t_s} s is not later than that of the frame before");
+                return Err(Error::content(place(), problem, "export each measurement to a file of its own"));
+            }
+            frames.begin(t_s);
+            (at, columns) = (0, None);
+            continue;
+        }
+        // Before the first frame of a foot, lines describe the measurement.
+        let Some((_, frames)) = feet.last_mut().filter(|(_, frames)| !frames.t_s.is_empty()) else { continue };
+        if *columns.get_or_insert(filled) != filled || at >= MAX_LINES || filled > MAX_LINES {
+            let problem = format!("{filled} values, the rows before have {}", columns.unwrap_or(0));
+            return Err(Error::content(place(), problem, "the export is cut off or damaged: export or copy it again"));
+        }
+        for (column, field) in fields.iter().enumerate() {
+            let force_n = number(field, &format!("the force in column {}", column + 1), &place)?;
+            // Rows of a picture are numbered from the top.
+            frames.add(MAX_LINES - 1 - at, column, (force_n / (CELL_LENGTH_MM * CELL_WIDTH_MM) * 1e3) as f32);
+        }
+        at += 1;
+    }
+    let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
+    let wanted = feet
+        .into_iter()
+        .filter(|(foot, frames)| !frames.t_s.is_empty() && (foot.is_none() || side.is_none() || *foot == side));
+    for (foot, frames) in wanted {
+        let foot = Foot {
+            side: foot.or(side),
+            grid: Grid { row_mm: CELL_LENGTH_MM, column_mm: CELL_WIDTH_MM, toes: Toes::Walked },
+            frames,
+            name: "footscan plate".to_owned(),
+            source: format!("footscan measurement {}, regions by template.", file_name(path)),
+        };
+        export.feet.push(foot.recording(path, &mut export.remarks)?);
+    }
+    if export.feet.is_empty() {
+        let problem =
+            format!("no frame of {}", side.map_or("a foot".to_owned(), |side| format!("the {} foot", side.name())));
+        return Err(Error::content(path.display().to_string(), problem, "export the dynamic roll off of one step"));
+    }
+    Ok(export)
+}

@@ -1,0 +1,207 @@
+//! Matrix sensors: equal cells in rows and columns, in an insole or a pressure plate.
+
+use crate::assembly::Parts;
+use crate::footprint::Footprint;
+use crate::{Cell, Error, MAX_CELLS, Recording, Result, check, template};
+use plantar::{Region, Side};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Largest number of rows and of columns. The largest plates have some hundred.
+pub const MAX_LINES: usize = 4096;
+
+/// The picture of a matrix sensor. It is seen from above; rows are numbered from the top, columns from the left.
+pub struct Grid {
+    /// Distance of neighbouring rows, mm.
+    pub row_mm: f64,
+    /// Distance of neighbouring columns, mm.
+    pub column_mm: f64,
+    /// The direction of the toes in the picture.
+    pub toes: Toes,
+}
+
+/// The direction of the toes in the picture of a matrix sensor.
+#[derive(Clone, Copy, PartialEq)]
+pub enum Toes {
+    /// At the top, as in an insole.
+    Top,
+    /// The foot walks over a plate, from heel to toes along its longer extent.
+    Walked,
+}
+
+/// The frames of one matrix sensor. Only loaded cells take memory.
+#[derive(Default)]
+pub struct Frames {
+    pub t_s: Vec<f64>,
+    loads: Vec<Load>,
+}
+
+/// The pressure of one loaded cell in one frame.
+struct Load {
+    frame: usize,
+    cell: (usize, usize),
+    kpa: f32,
+}
+
+impl Frames {
+    /// Begins a frame, to which the following loads belong.
+    pub fn begin(&mut self, t_s: f64) {
+        self.t_s.push(t_s);
+    }
+
+    /// Adds the pressure of the cell at this row and column to the last frame that began.
+    pub fn add(&mut self, row: usize, column: usize, kpa: f32) {
+        if kpa > 0.0 {
+            self.loads.push(Load { frame: self.t_s.len().saturating_sub(1), cell: (row, column), kpa });
+        }
+    }
+}
+
+/// A foot on a matrix sensor.
+pub struct Foot {
+    /// The foot; `None` if the export does not state it. The shape of the footprint then decides.
+    pub side: Option<Side>,
+    pub grid: Grid,
+    pub frames: Frames,
+    /// Name of the layout.
+    pub name: String,
+    /// Provenance, in sentences.
+    pub source: String,
+}
+
+impl Foot {
+    /// The recording of this foot. Its cells are those that carry load in some frame. If these are more than [`MAX_CELLS`],
+    /// neighbouring ones are merged. Sentences about what the import decided are added to `remarks`.
+    ///
+    /// # Errors
+    /// Fails if no cell is ever loaded, or the frames violate a rule of recordings. Messages name `path`.
+    pub fn recording(self, path: &Path, remarks: &mut Vec<String>) -> Result<Recording> {
+        let Self { side, grid, mut frames, name, source } = self;
+        let file = path.display().to_string();
+        let mut indices: BTreeMap<_, usize> = frames.loads.iter().map(|load| (load.cell, 0)).collect();
+        if indices.is_empty() {
+            return Err(Error::content(
+                file,
+                "no cell is ever loaded",
+                "export a measurement in which a foot carries load",
+            ));
+        }
+        if let Some((row, column)) = indices.keys().find(|(row, column)| *row >= MAX_LINES || *column >= MAX_LINES) {
+            let problem = format!("a load at row {row}, column {column}");
+            return Err(Error::content(file, problem, format!("at most {MAX_LINES} rows and columns are supported")));
+        }
+        indices.values_mut().enumerate().for_each(|(i, index)| *index = i);
+        check::value_count(frames.t_s.len() as u64, indices.len(), &file)?;
+        let mut pressure_kpa = vec![0.0; frames.t_s.len() * indices.len()];
+        for load in &frames.loads {
+            pressure_kpa[load.frame * indices.len() + indices[&load.cell]] = load.kpa;
+        }
+        drop(std::mem::take(&mut frames.loads));
+        // In the plane of the picture, x to the right and y to the top.
+        let area_mm2 = grid.row_mm * grid.column_mm;
+        let mut cells: Vec<Cell> = indices
+            .keys()
+            .map(|&(row, column)| Cell {
+                x_mm: column as f64 * grid.column_mm,
+                y_mm: -(row as f64) * grid.row_mm,
+                area_mm2,
+                // Replaced by the template below.
+                region: Region::Heel,
+            })
+            .collect();
+        let under_foot = under_foot(&indices, &pressure_kpa);
+        if grid.toes == Toes::Walked {
+            check_one_foot(&cells, &under_foot, &file)?;
+            turn_toes_to_top(&mut cells, &under_foot, &pressure_kpa, remarks);
+        }
+        let footprint = Footprint { cells: &cells, under_foot: &under_foot, pressure_kpa: &pressure_kpa };
+        let side = side.unwrap_or_else(|| {
+            let side = footprint.side();
+            remarks.push(format!(
+                "The export does not name the foot. By the shape of the footprint it is the {} one; --side states another.",
+                side.name()
+            ));
+            side
+        });
+        if side == Side::Left {
+            cells.iter_mut().for_each(|cell| cell.x_mm = -cell.x_mm);
+        }
+        place_at_origin(&mut cells, &under_foot, [grid.column_mm / 2.0, grid.row_mm / 2.0]);
+        template::assign_within(&mut cells, &under_foot);
+        let parts = Parts { side, cells, t_s: frames.t_s, pressure_kpa, name, source };
+        let recording = parts.recording(path, remarks)?;
+        if recording.cells() <= MAX_CELLS {
+            return Ok(recording);
+        }
+        let merged = recording.binned(MAX_CELLS)?;
+        remarks.push(format!("{} cells carry load: they were merged into {}.", recording.cells(), merged.cells()));
+        Ok(merged)
+    }
+}
+
+/// For each cell, whether it belongs to a square of two by two loaded cells. Single lines of cells respond to noise, and must not
+/// extend the foot. If there is no such square, all cells belong to the foot.
+fn under_foot(indices: &BTreeMap<(usize, usize), usize>, pressure_kpa: &[f32]) -> Vec<bool> {
+    /// Fraction of the largest pressure that a cell under the foot exceeds at some time.
+    const LOADED: f32 = 0.02;
+    let mut most_kpa = vec![0.0f32; indices.len()];
+    for frame in pressure_kpa.chunks_exact(indices.len()) {
+        most_kpa.iter_mut().zip(frame).for_each(|(most, &kpa)| *most = most.max(kpa));
+    }
+    let least_kpa = LOADED * most_kpa.iter().copied().fold(0.0, f32::max);
+    let loaded = |row: usize, column: usize| indices.get(&(row, column)).copied().filter(|&i| most_kpa[i] > least_kpa);
+    let mut under_foot = vec![false; indices.len()];
+    for &(row, column) in indices.keys() {
+        let square = [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(down, right)| loaded(row + down, column + right));
+        if let [Some(a), Some(b), Some(c), Some(d)] = square {
+            [a, b, c, d].into_iter().for_each(|i| under_foot[i] = true);
+        }
+    }
+    if under_foot.contains(&true) { under_foot } else { vec![true; indices.len()] }
+}
+
+/// Checks that a plate has no more than one footprint.
+fn check_one_foot(cells: &[Cell], under_foot: &[bool], file: &str) -> Result<()> {
+    /// Longest foot, mm: a size of about 60.
+    const LONGEST_MM: f64 = 400.0;
+    let most_mm = [|c: &Cell| c.x_mm, |c: &Cell| c.y_mm].map(|along| {
+        let foot = || cells.iter().zip(under_foot).filter(|(_, is_under)| **is_under).map(|(cell, _)| along(cell));
+        foot().fold(f64::NEG_INFINITY, f64::max) - foot().fold(f64::INFINITY, f64::min)
+    });
+    let length_mm = most_mm[0].max(most_mm[1]);
+    if length_mm <= LONGEST_MM {
+        return Ok(());
+    }
+    let problem = format!("loads over {length_mm:.0} mm, which is more than one foot");
+    Err(Error::content(file, problem, "select one step in the vendor's program, and export it alone"))
+}
+
+/// Turns the picture, so that the foot walks towards its top.
+fn turn_toes_to_top(cells: &mut [Cell], under_foot: &[bool], pressure_kpa: &[f32], remarks: &mut Vec<String>) {
+    let footprint = Footprint { cells, under_foot, pressure_kpa };
+    let Some([x, y]) = footprint.walking_direction() else {
+        remarks.push(
+            "The direction of walking cannot be determined, because the pressure does not move along the foot: the toes are \
+             assumed at the first row."
+                .to_owned(),
+        );
+        return;
+    };
+    for cell in cells {
+        // The direction (x, y) becomes (0, 1).
+        (cell.x_mm, cell.y_mm) = (y * cell.x_mm - x * cell.y_mm, x * cell.x_mm + y * cell.y_mm);
+    }
+}
+
+/// Moves the cells, so that the cells under the foot begin at the axes. `half_mm` is half the size of a cell along x and y.
+fn place_at_origin(cells: &mut [Cell], under_foot: &[bool], half_mm: [f64; 2]) {
+    let least = |along: fn(&Cell) -> f64| {
+        let foot = cells.iter().zip(under_foot).filter(|(_, is_under)| **is_under);
+        foot.map(|(cell, _)| along(cell)).fold(f64::INFINITY, f64::min)
+    };
+    let (medial_mm, back_mm) = (least(|c| c.x_mm) - half_mm[0], least(|c| c.y_mm) - half_mm[1]);
+    for cell in cells {
+        cell.x_mm -= medial_mm;
+        cell.y_mm -= back_mm;
+    }
+}

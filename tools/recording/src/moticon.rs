@@ -1,0 +1,233 @@
+//! Import of in-shoe measurements by Moticon's OpenGo insoles, from the text export.
+//!
+//! Lines that begin with `#` describe the measurement; the last one names the columns, which tabs separate. Each foot has the
+//! pressures of 16 cells in N/cm², its total force in N and its centre of pressure. Empty fields mean that a frame was lost.
+//!
+//! The export states no geometry. The areas of the cells are those that reproduce the total force best. The centres of the
+//! cells are those that reproduce the vendor's centre of pressure, as fractions of the length and the width of the insole; they
+//! are the same in all sizes and for both feet. They were determined from the exports in the package `moticon-opengo`
+//! (Apache-2.0, Moticon).
+
+use crate::assembly::Parts;
+use crate::footprint::capitalised;
+use crate::least_squares;
+use crate::table::{at_line, check_later, file_name};
+use crate::text::{decode, number};
+use crate::{Cell, Error, Export, Result, template};
+use plantar::{Region, Side};
+use std::path::Path;
+
+/// Number of cells of an insole.
+const CELLS: usize = 16;
+/// Centres of the cells, in the order of their numbers: from the middle of the insole to the toes in lengths of the insole, and
+/// to the medial side in widths.
+const CENTRES: [[f64; 2]; CELLS] = [
+    [-0.404, 0.109],
+    [-0.417, -0.166],
+    [-0.266, 0.089],
+    [-0.287, -0.225],
+    [-0.125, 0.061],
+    [-0.152, -0.273],
+    [0.080, 0.242],
+    [-0.012, -0.392],
+    [0.256, 0.274],
+    [0.241, 0.064],
+    [0.226, -0.116],
+    [0.207, -0.294],
+    [0.170, -0.462],
+    [0.413, 0.178],
+    [0.408, -0.082],
+    [0.359, -0.312],
+];
+/// Areas of the cells as fractions of their sum, for measurements that load too few cells to determine their areas.
+const AREAS: [f64; CELLS] = [
+    0.0604, 0.0540, 0.0652, 0.0641, 0.0641, 0.0636, 0.0877, 0.0889, 0.0765, 0.0607, 0.0611, 0.0619, 0.0500, 0.0495,
+    0.0611, 0.0312,
+];
+/// Length of an insole relative to the square root of the area of its cells, and width relative to its length. A typical insole
+/// of size 45 has 297 mm and about 0.35 of this; its cells have 20,480 mm².
+const LENGTH: f64 = 2.07;
+const WIDTH: f64 = 0.345;
+/// Area of all cells, mm2, of an insole that is never loaded: about size 42.
+const TYPICAL_MM2: f64 = 18_000.0;
+
+/// Whether a text is such an export.
+pub fn recognise(text: &str) -> bool {
+    text.lines()
+        .take(60)
+        .any(|line| line.starts_with('#') && line.contains(" pressure 1[") && line.contains("total force["))
+}
+
+/// The columns of a foot: those of its pressures, and that of its total force.
+struct Columns {
+    pressures: Vec<usize>,
+    total: usize,
+}
+
+/// Imports the feet of an export. `side` restricts the import to one foot.
+///
+/// # Errors
+/// Fails if a line violates the format. The message names file, line and remedy.
+pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+    let text = decode(bytes, path)?;
+    let mut lines = (1..).zip(text.lines());
+    let Some((header_line, header)) = lines.by_ref().find(|(_, line)| line.starts_with("# time")) else {
+        let problem = "no line with the names of the columns, which begins with `# time`";
+        return Err(Error::content(path.display().to_string(), problem, "export the measurement as text"));
+    };
+    let names: Vec<&str> = header.split('\t').map(str::trim).collect();
+    let rows: Vec<(u64, Vec<&str>)> = lines
+        .filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'))
+        .map(|(line, row)| (line, row.split('\t').map(str::trim).collect()))
+        .collect();
+    for (line, row) in &rows {
+        if row.len() != names.len() {
+            let problem = format!("{} columns, the header has {}", row.len(), names.len());
+            return Err(Error::content(
+                at_line(path, *line),
+                problem,
+                "the export is cut off or damaged: export or copy it again",
+            ));
+        }
+    }
+    let mut export = Export { feet: Vec::new(), remarks: Vec::new() };
+    for foot in [Side::Left, Side::Right].into_iter().filter(|foot| side.is_none_or(|side| side == *foot)) {
+        let columns = columns(&names, foot, &at_line(path, header_line))?;
+        if let Some(columns) = columns {
+            read_foot(foot, &columns, &rows, path, &mut export)?;
+        }
+    }
+    if export.feet.is_empty() {
+        let problem = "no frame with the pressures and the total force of a foot";
+        return Err(Error::content(
+            path.display().to_string(),
+            problem,
+            "export a measurement with pressures and total force",
+        ));
+    }
+    Ok(export)
+}
+
+/// The columns of a foot; `None` if the export has none of it.
+fn columns(names: &[&str], side: Side, place: &str) -> Result<Option<Columns>> {
+    let find = |what: &str| {
+        let name = format!("{} {what}", side.name());
+        names.iter().position(|found| found.strip_prefix(name.as_str()).is_some_and(|unit| unit.starts_with('[')))
+    };
+    let pressures: Vec<usize> = (1..=CELLS).filter_map(|cell| find(&format!("pressure {cell}"))).collect();
+    if pressures.is_empty() {
+        return Ok(None);
+    }
+    if pressures.iter().any(|&column| !names[column].ends_with("[N/cm²]")) {
+        return Err(Error::content(place, "pressures in another unit than N/cm²", "export the measurement in N/cm²"));
+    }
+    match find("total force") {
+        Some(total) if pressures.len() == CELLS => Ok(Some(Columns { pressures, total })),
+        _ => Err(Error::content(
+            place,
+            format!("not all of the {CELLS} pressures and the total force of the {} foot", side.name()),
+            "export the measurement with all pressures and the total force",
+        )),
+    }
+}
+
+/// Reads a foot. A foot without frames is left out.
+fn read_foot(side: Side, columns: &Columns, rows: &[(u64, Vec<&str>)], path: &Path, export: &mut Export) -> Result<()> {
+    let (mut t_s, mut pressure_kpa, mut totals_n): (Vec<f64>, Vec<f32>, Vec<f64>) = Default::default();
+    for (line, row) in rows {
+        let place = || at_line(path, *line);
+        if columns.pressures.iter().chain([&columns.total]).any(|&column| row[column].is_empty()) {
+            continue;
+        }
+        let now_s = number(row[0], "the time", &place)?;
+        check_later(now_s, t_s.last().copied(), &place)?;
+        t_s.push(now_s);
+        totals_n.push(number(row[columns.total], "the total force", &place)?);
+        for (cell, &column) in columns.pressures.iter().enumerate() {
+            let n_cm2 = number(row[column], &format!("{} pressure {}", side.name(), cell + 1), &place)?;
+            pressure_kpa.push((10.0 * n_cm2) as f32);
+        }
+    }
+    if t_s.is_empty() {
+        return Ok(());
+    }
+    let areas_mm2 = areas_mm2(&pressure_kpa, &totals_n);
+    let cells = cells(&areas_mm2);
+    let squares = pressure_kpa.chunks_exact(CELLS).zip(&totals_n).map(|(frame, total_n)| {
+        let force_n: f64 = frame.iter().zip(&areas_mm2).map(|(&kpa, mm2)| f64::from(kpa) * mm2 * 1e-3).sum();
+        (force_n - total_n).powi(2)
+    });
+    let rms_n = (squares.sum::<f64>() / totals_n.len() as f64).sqrt();
+    export.remarks.push(format!(
+        "{} foot: effective areas of the cells by least squares, {:.0} mm2 in total; \
+         the force differs from the vendor's by {rms_n:.2} N (root mean square of {} frames).",
+        capitalised(side),
+        areas_mm2.iter().sum::<f64>(),
+        totals_n.len()
+    ));
+    let parts = Parts {
+        side,
+        cells,
+        t_s,
+        pressure_kpa,
+        name: "Moticon OpenGo insole".to_owned(),
+        source: format!(
+            "Moticon OpenGo measurement {}, {} insole, effective areas by least squares, regions by template.",
+            file_name(path),
+            side.name()
+        ),
+    };
+    export.feet.push(parts.recording(path, &mut export.remarks)?);
+    Ok(())
+}
+
+/// The areas with which the pressures, kPa, reproduce the total forces, N, best.
+fn areas_mm2(pressure_kpa: &[f32], totals_n: &[f64]) -> [f64; CELLS] {
+    /// Weight of the typical areas relative to the mean square of the pressures. It decides only about cells that are hardly
+    /// loaded.
+    const TYPICAL: f64 = 1e-6;
+    let frames = || pressure_kpa.as_chunks::<CELLS>().0.iter().map(|frame| frame.map(f64::from)).zip(totals_n);
+    let (mut product, mut square) = (0.0, 0.0);
+    for (frame, total_n) in frames() {
+        let typical: f64 = frame.iter().zip(AREAS).map(|(kpa, area)| kpa * area * 1e-3).sum();
+        product += typical * total_n;
+        square += typical * typical;
+    }
+    let sum_mm2 = if square > 0.0 && product > 0.0 { product / square } else { TYPICAL_MM2 };
+    let typical_mm2 = AREAS.map(|area| area * sum_mm2);
+    // The normal equations of the deviations from the typical areas.
+    let (mut matrix, mut right) = ([[0.0; CELLS]; CELLS], [0.0; CELLS]);
+    for (frame, total_n) in frames() {
+        let rest_n = total_n - frame.iter().zip(typical_mm2).map(|(kpa, mm2)| kpa * mm2 * 1e-3).sum::<f64>();
+        for i in 0..CELLS {
+            for j in 0..CELLS {
+                matrix[i][j] += frame[i] * frame[j] * 1e-6;
+            }
+            right[i] += frame[i] * rest_n * 1e-3;
+        }
+    }
+    let mean = (0..CELLS).map(|i| matrix[i][i]).sum::<f64>() / CELLS as f64;
+    (0..CELLS).for_each(|i| matrix[i][i] += TYPICAL * mean.max(f64::MIN_POSITIVE));
+    let Some(deviation_mm2) = least_squares::solve(matrix, right) else { return typical_mm2 };
+    // A deviation by more than half is no property of an insole.
+    std::array::from_fn(|i| (typical_mm2[i] + deviation_mm2[i]).clamp(0.5 * typical_mm2[i], 1.5 * typical_mm2[i]))
+}
+
+/// The cells of an insole with these areas, in foot coordinates.
+fn cells(areas_mm2: &[f64; CELLS]) -> Vec<Cell> {
+    let length_mm = LENGTH * areas_mm2.iter().sum::<f64>().sqrt();
+    let width_mm = WIDTH * length_mm;
+    let mut cells: Vec<Cell> = CENTRES
+        .iter()
+        .zip(areas_mm2)
+        .map(|(&[forward, medial], &area_mm2)| Cell {
+            x_mm: (0.5 - medial) * width_mm,
+            y_mm: (0.5 + forward) * length_mm,
+            area_mm2,
+            // Replaced by the template below.
+            region: Region::Heel,
+        })
+        .collect();
+    template::assign(&mut cells);
+    cells
+}

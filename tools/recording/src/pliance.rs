@@ -1,0 +1,135 @@
+//! Import of measurements on a mat of the pliance system (novel GmbH), from the ASCII export (`.asc`) with the corners of the
+//! sensors.
+//!
+//! Below the line that begins with `time[secs]` and names the sensors, each line has the time and the pressures. Further tables
+//! may follow. The lines `x[1]`, `y[1]`, `x[2]`, ... state the corners of the sensors in cm, x to the right and y to the top,
+//! as seen from above. The sensors of a mat for feet are equal rectangles in rows and columns.
+
+use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
+use crate::table::{at_line, check_later, check_width, file_name, number, pressure_kpa};
+use crate::text::{decode, parse_number};
+use crate::{Error, Export, Result, units};
+use plantar::Side;
+use std::path::Path;
+
+/// First word of the line that names the sensors.
+const TIME_COLUMN: &str = "time[secs]";
+/// The lines with the corners.
+const CORNERS: [&str; 8] = ["x[1]", "y[1]", "x[2]", "y[2]", "x[3]", "y[3]", "x[4]", "y[4]"];
+
+/// Whether a text is such an export.
+pub fn recognise(text: &str) -> bool {
+    text.lines().take(40).any(|line| line.starts_with(TIME_COLUMN))
+        && text.lines().any(|line| line.starts_with(CORNERS[0]))
+}
+
+/// Imports a step. `side` states the foot; without it, the shape of the footprint decides.
+///
+/// # Errors
+/// Fails if a line violates the format. The message names file, line and remedy.
+pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+    let text = decode(bytes, path)?;
+    let mut lines = (1..).zip(text.lines());
+    let mut kpa_per_unit = 1.0;
+    let sensors = loop {
+        let Some((line, row)) = lines.next() else {
+            let problem = format!("no line begins with {TIME_COLUMN}");
+            return Err(Error::content(path.display().to_string(), problem, "export the measurement as ASCII (.asc)"));
+        };
+        if let Some(unit) = row.strip_prefix("pressure values in") {
+            kpa_per_unit = units::kpa(unit.trim(), &|| at_line(path, line))?;
+        }
+        if let Some(names) = row.strip_prefix(TIME_COLUMN) {
+            break names.split_whitespace().count();
+        }
+    };
+    let places = places(&text, sensors, path)?;
+    let mut frames = Frames::default();
+    for (line, row) in lines {
+        let fields: Vec<&str> = row.split_whitespace().collect();
+        // The table ends with an empty line, the title of another table, or the mean and the maximum of all frames.
+        let Some(first) = fields.first().filter(|first| parse_number(first).is_some()) else { break };
+        let place = || at_line(path, line);
+        check_width(fields.len(), 1 + sensors, &place)?;
+        let now_s = number(first, TIME_COLUMN, &place)?;
+        check_later(now_s, frames.t_s.last().copied(), &place)?;
+        frames.begin(now_s);
+        for (i, (field, (row, column))) in fields[1..].iter().zip(&places.cells).enumerate() {
+            let kpa = pressure_kpa(field, &format!("{}", i + 2), &place)?;
+            frames.add(*row, *column, kpa * kpa_per_unit as f32);
+        }
+    }
+    let mut remarks = Vec::new();
+    let foot = Foot {
+        side,
+        grid: Grid { row_mm: places.row_mm, column_mm: places.column_mm, toes: Toes::Walked },
+        frames,
+        name: format!("pliance mat, {sensors} sensors"),
+        source: format!("pliance measurement {}, regions by template.", file_name(path)),
+    };
+    Ok(Export { feet: vec![foot.recording(path, &mut remarks)?], remarks })
+}
+
+/// The places of the sensors in the picture of the mat.
+struct Places {
+    row_mm: f64,
+    column_mm: f64,
+    /// The row and the column of each sensor.
+    cells: Vec<(usize, usize)>,
+}
+
+/// The places of the sensors from their corners.
+fn places(text: &str, sensors: usize, path: &Path) -> Result<Places> {
+    let corners = CORNERS.map(|name| {
+        let line = (1..).zip(text.lines()).find(|(_, row)| row.starts_with(name));
+        let values =
+            line.map(|(_, row)| row[name.len()..].split_whitespace().filter_map(parse_number).collect::<Vec<f64>>());
+        let values = values.filter(|values| values.len() == sensors && sensors > 0);
+        values.ok_or_else(|| {
+            let problem = format!("no line `{name}` with the coordinates of all {sensors} sensors");
+            Error::content(
+                path.display().to_string(),
+                problem,
+                "export the measurement with the corners of the sensors",
+            )
+        })
+    });
+    let mut coordinates = Vec::with_capacity(CORNERS.len());
+    for corner in corners {
+        coordinates.push(corner?);
+    }
+    let extent = |axis: usize, sensor: usize| {
+        let values = [0, 2, 4, 6].map(|corner| 10.0 * coordinates[corner + axis][sensor]);
+        let fold = |start: f64, least: fn(f64, f64) -> f64| values.into_iter().fold(start, least);
+        [fold(f64::INFINITY, f64::min), fold(f64::NEG_INFINITY, f64::max)]
+    };
+    let [column_mm, row_mm] = [0, 1].map(|axis| {
+        let [low_mm, high_mm] = extent(axis, 0);
+        high_mm - low_mm
+    });
+    let least = |axis: usize| (0..sensors).map(|sensor| extent(axis, sensor)[0]).fold(f64::INFINITY, f64::min);
+    let [left_mm, lower_mm] = [0, 1].map(least);
+    let is_regular = (0..sensors).all(|sensor| {
+        [column_mm, row_mm].into_iter().zip([left_mm, lower_mm]).enumerate().all(|(axis, (pitch_mm, start_mm))| {
+            let [low_mm, high_mm] = extent(axis, sensor);
+            let index = (low_mm - start_mm) / pitch_mm;
+            (high_mm - low_mm - pitch_mm).abs() < 0.05 * pitch_mm
+                && (index - index.round()).abs() < 0.2
+                && index < MAX_LINES as f64
+        })
+    });
+    if !is_regular || column_mm <= 0.0 || row_mm <= 0.0 {
+        let problem = "the sensors are not equal rectangles in rows and columns";
+        return Err(Error::content(path.display().to_string(), problem, "describe the sensors for plantar import csv"));
+    }
+    let index = |axis: usize, sensor: usize, pitch_mm: f64, start_mm: f64| {
+        ((extent(axis, sensor)[0] - start_mm) / pitch_mm).round() as usize
+    };
+    let cells = (0..sensors)
+        .map(|sensor| {
+            // Rows of a picture are numbered from the top.
+            (MAX_LINES - 1 - index(1, sensor, row_mm, lower_mm), index(0, sensor, column_mm, left_mm))
+        })
+        .collect();
+    Ok(Places { row_mm, column_mm, cells })
+}

@@ -1,0 +1,233 @@
+//! Import of measurements by Tekscan's F-Scan, I-Scan and plates, from the ASCII export (`.asf`, `.csv`).
+//!
+//! A header with a name and a value in each line states the numbers and the spacing of rows and columns, the time between frames
+//! and the unit. Below `ASCII_DATA`, each frame begins with `Frame` and its number, and has a line for each row. `B` stands for a
+//! cell outside of the sensor. Insoles are exported with the toes in the first row, as seen from above.
+
+use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
+use crate::table::{at_line, file_name};
+use crate::text::{decode, first_number, number, parse_number, shortened};
+use crate::{Error, Export, Result, units};
+use plantar::Side;
+use std::path::Path;
+
+/// Whether a text is such an export.
+pub fn recognise(text: &str) -> bool {
+    let has = |name: &str| text.lines().take(100).any(|line| property(line).is_some_and(|(found, _)| found == name));
+    has("ROW_SPACING") && (has("ROWS") || has("ASCII_DATA"))
+}
+
+/// Splits a line of the header into its name and its value.
+fn property(line: &str) -> Option<(&str, &str)> {
+    let line = line.trim().trim_matches(['"', ',']);
+    let (name, value) = line.split_once([' ', ',', '\t', ':']).unwrap_or((line, ""));
+    (!name.is_empty()).then(|| (name, value.trim_matches([' ', ',', '\t', ':', '"'])))
+}
+
+/// The header of an export.
+#[derive(Default)]
+struct Header<'a> {
+    rows: Option<usize>,
+    columns: Option<usize>,
+    row_mm: Option<f64>,
+    column_mm: Option<f64>,
+    period_s: Option<f64>,
+    /// The unit and its line.
+    unit: Option<(&'a str, u64)>,
+    /// Force on the sensor, N, and sum of its raw values, in the measurement that calibrated it.
+    calibration: Option<(f64, f64)>,
+    file_name: &'a str,
+    sensor: &'a str,
+}
+
+/// Imports one foot. `side` states the foot, if neither the header nor the name of the file ends with L or R.
+///
+/// # Errors
+/// Fails if a line violates the format. The message names file, line and remedy.
+pub fn parse(bytes: &[u8], path: &Path, side: Option<Side>) -> Result<Export> {
+    let text = decode(bytes, path)?;
+    let mut lines = (1..).zip(text.lines());
+    let header = header(&mut lines, path)?;
+    let missing = |name: &str| {
+        let problem = format!("no line begins with {name} before the frames");
+        Error::content(path.display().to_string(), problem, "export the measurement as ASCII, with its header")
+    };
+    let (rows, columns) = (header.rows.ok_or_else(|| missing("ROWS"))?, header.columns.ok_or_else(|| missing("COLS"))?);
+    let row_mm = header.row_mm.ok_or_else(|| missing("ROW_SPACING"))?;
+    let column_mm = header.column_mm.ok_or_else(|| missing("COL_SPACING"))?;
+    let period_s = header.period_s.ok_or_else(|| missing("SECONDS_PER_FRAME"))?;
+    let (unit, unit_line) = header.unit.ok_or_else(|| missing("UNITS"))?;
+    let mut remarks = Vec::new();
+    let kpa_per_unit = if unit.to_lowercase().starts_with("raw") {
+        let (force_n, sum) = header.calibration.ok_or_else(|| {
+            let remedy = "calibrate the measurement in the vendor's program, and export it in kPa";
+            Error::content(at_line(path, unit_line), "raw values without a CALIBRATION_POINT_1", remedy)
+        })?;
+        remarks.push(
+            "The values are raw: they were converted in proportion to the load of CALIBRATION_POINT_1.".to_owned(),
+        );
+        force_n / sum / (row_mm * column_mm) * 1e3
+    } else {
+        units::kpa(unit, &|| at_line(path, unit_line))?
+    };
+    let frames = read_frames(&mut lines, path, [rows, columns], period_s, kpa_per_unit)?;
+    let is_insole = header.sensor.to_uppercase().replace(['-', ' '], "").contains("FSCAN");
+    let stated = [header.file_name, &file_name(path)].into_iter().find_map(side_of);
+    let side = side.or(stated);
+    if is_insole && side.is_none() {
+        return Err(Error::content(
+            path.display().to_string(),
+            "the foot is unknown: the name of the file does not end with L or R",
+            "state the foot with --side",
+        ));
+    }
+    let foot = Foot {
+        side,
+        grid: Grid { row_mm, column_mm, toes: if is_insole { Toes::Top } else { Toes::Walked } },
+        frames,
+        name: format!(
+            "Tekscan {}, {rows} x {columns} cells",
+            if header.sensor.is_empty() { "sensor" } else { header.sensor }
+        ),
+        source: format!("Tekscan measurement {}, regions by template.", file_name(path)),
+    };
+    Ok(Export { feet: vec![foot.recording(path, &mut remarks)?], remarks })
+}
+
+/// Reads the lines up to the first frame.
+fn header<'a>(lines: &mut impl Iterator<Item = (u64, &'a str)>, path: &Path) -> Result<Header<'a>> {
+    let mut header = Header::default();
+    for (line, row) in lines {
+        let place = || at_line(path, line);
+        let Some((name, value)) = property(row) else { continue };
+        match name {
+            "ASCII_DATA" => return Ok(header),
+            "ROWS" => header.rows = Some(count(value, name, &place)?),
+            "COLS" => header.columns = Some(count(value, name, &place)?),
+            "ROW_SPACING" => header.row_mm = Some(spacing_mm(value, name, &place)?),
+            "COL_SPACING" => header.column_mm = Some(spacing_mm(value, name, &place)?),
+            "SECONDS_PER_FRAME" => {
+                let period_s = number(value, name, &place)?;
+                if !(1e-5..=1.0).contains(&period_s) {
+                    let problem = format!("{period_s} s for a frame");
+                    return Err(Error::content(place(), problem, "export a measurement over time, of at least 1 Hz"));
+                }
+                header.period_s = Some(period_s);
+            }
+            "UNITS" => header.unit = Some((value, line)),
+            "CALIBRATION_POINT_1" => header.calibration = calibration(value),
+            "FILENAME" => header.file_name = value,
+            "SENSOR_TYPE" => header.sensor = value,
+            _ => {}
+        }
+    }
+    Err(Error::content(
+        path.display().to_string(),
+        "no line begins with ASCII_DATA",
+        "the export is cut off or of another kind: export the measurement as ASCII",
+    ))
+}
+
+/// A number of rows or columns.
+fn count(value: &str, name: &str, place: &dyn Fn() -> String) -> Result<usize> {
+    value.parse().ok().filter(|count| (1..=MAX_LINES).contains(count)).ok_or_else(|| {
+        let problem = format!("{name} is `{}`, expected 1 to {MAX_LINES}", shortened(value));
+        Error::content(place(), problem, "export the measurement again, and do not edit the file")
+    })
+}
+
+/// A distance with its unit, mm.
+fn spacing_mm(value: &str, name: &str, place: &dyn Fn() -> String) -> Result<f64> {
+    let unit = value.trim_start_matches(|c: char| c.is_ascii_digit() || ".,-+ \t".contains(c));
+    let mm = number(&value[..value.len() - unit.len()], name, place)?
+        * units::mm(if unit.is_empty() { "mm" } else { unit }, place)?;
+    if mm > 0.0 && mm <= 60.0 {
+        return Ok(mm);
+    }
+    Err(Error::content(
+        place(),
+        format!("{name} is {mm} mm"),
+        "cells have a size of up to 60 mm: export the measurement again",
+    ))
+}
+
+/// The force, N, and the sum of the raw values of a calibration such as `75.0 (Kgs) 4798 (Raw Sum) 240 (Number of Loaded Cells)`.
+fn calibration(value: &str) -> Option<(f64, f64)> {
+    let (force, rest) = value.split_once('(')?;
+    let (unit, rest) = rest.split_once(')')?;
+    let (sum, kind) = rest.split_once('(')?;
+    let (force_n, sum) = (parse_number(force)? * units::newtons_of(unit)?, first_number(sum)?);
+    (kind.to_lowercase().starts_with("raw") && force_n > 0.0 && sum > 0.0).then_some((force_n, sum))
+}
+
+/// The foot whose letter ends the name of a file.
+fn side_of(name: &str) -> Option<Side> {
+    let stem = name.rsplit(['\\', '/']).next()?;
+    let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem).to_lowercase();
+    match stem {
+        stem if stem.ends_with("left") => Some(Side::Left),
+        stem if stem.ends_with("right") => Some(Side::Right),
+        stem if stem.ends_with('l') => Some(Side::Left),
+        stem if stem.ends_with('r') => Some(Side::Right),
+        _ => None,
+    }
+}
+
+/// Reads the frames below the header.
+fn read_frames<'a>(
+    lines: &mut impl Iterator<Item = (u64, &'a str)>,
+    path: &Path,
+    [rows, columns]: [usize; 2],
+    period_s: f64,
+    kpa_per_unit: f64,
+) -> Result<Frames> {
+    let mut frames = Frames::default();
+    let mut numbers: Vec<u64> = Vec::new();
+    // The number of rows of the current frame; `rows` before the first one.
+    let mut found = rows;
+    let cut_off = |place: String, found: usize| {
+        let problem = format!("a frame ends after {found} of {rows} rows");
+        Error::content(place, problem, "the export is cut off or damaged: export or copy it again")
+    };
+    for (line, row) in lines {
+        let place = || at_line(path, line);
+        let row = row.trim().trim_end_matches(',');
+        if row.is_empty() || row.starts_with("@@") {
+            continue;
+        }
+        if let Some(rest) = row.trim_start_matches('"').strip_prefix("Frame") {
+            if found != rows {
+                return Err(cut_off(place(), found));
+            }
+            let next = numbers.last().map_or(1, |last| last + 1);
+            let number = first_number(rest).filter(|n| *n < 1e12).map_or(next, |n| n as u64);
+            if numbers.last().is_some_and(|&last| number <= last) {
+                let problem = format!("frame {number} follows frame {}", numbers[numbers.len() - 1]);
+                return Err(Error::content(place(), problem, "export the frames in order"));
+            }
+            numbers.push(number);
+            frames.begin((number - numbers[0]) as f64 * period_s);
+            found = 0;
+            continue;
+        }
+        let fields = row.split([',', ';', '\t']).map(str::trim);
+        if found == rows {
+            let problem = format!("`{}` after the last row of a frame", shortened(row));
+            return Err(Error::content(place(), problem, "export the measurement again, and do not edit the file"));
+        }
+        let width = fields.clone().count();
+        if width != columns {
+            let problem = format!("{width} values, expected {columns}, as COLS states");
+            return Err(Error::content(place(), problem, "the export is cut off or damaged: export or copy it again"));
+        }
+        for (column, field) in fields.enumerate().filter(|(_, field)| !field.eq_ignore_ascii_case("B")) {
+            let value = number(field, &format!("the value in column {}", column + 1), &place)?;
+            frames.add(found, column, (value * kpa_per_unit) as f32);
+        }
+        found += 1;
+    }
+    match found == rows {
+        true => Ok(frames),
+        false => Err(cut_off(path.display().to_string(), found)),
+    }
+}

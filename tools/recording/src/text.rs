@@ -1,0 +1,84 @@
+//! Text in the encodings that vendors' programs write, and numbers in it.
+
+use crate::table::at_line;
+use crate::{Error, Result};
+use std::path::Path;
+
+/// The text of a file in UTF-8, in UTF-16 with a byte-order mark, or else in Latin-1, without the byte-order mark. All lines end
+/// with `\n`.
+///
+/// # Errors
+/// Fails if the file is empty or is not text.
+pub fn decode(bytes: &[u8], path: &Path) -> Result<String> {
+    let utf16 = |rest: &[u8], unit: fn([u8; 2]) -> u16| {
+        let units = rest.as_chunks().0.iter().map(|&pair| unit(pair));
+        char::decode_utf16(units).map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER)).collect()
+    };
+    let text: String = match bytes {
+        [0xff, 0xfe, rest @ ..] => utf16(rest, u16::from_le_bytes),
+        [0xfe, 0xff, rest @ ..] => utf16(rest, u16::from_be_bytes),
+        [0xef, 0xbb, 0xbf, rest @ ..] => String::from_utf8_lossy(rest).into_owned(),
+        _ => match std::str::from_utf8(bytes) {
+            Ok(text) => text.to_owned(),
+            Err(_) => bytes.iter().copied().map(char::from).collect(),
+        },
+    };
+    if text.trim().is_empty() {
+        return Err(Error::content(path.display().to_string(), "the file is empty", "export the measurement again"));
+    }
+    if let Some(at) = text.find('\0') {
+        let line = text[..at].matches('\n').count() as u64 + 1;
+        return Err(Error::content(
+            at_line(path, line),
+            "not text: a byte is zero",
+            "name the text file that the vendor's program exports, not its own recording",
+        ));
+    }
+    let mut text = text.replace("\r\n", "\n");
+    if !text.contains('\n') {
+        // Old programs end lines with a carriage return alone.
+        text = text.replace('\r', "\n");
+    }
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    Ok(text)
+}
+
+/// Parses a finite number with a decimal point or a decimal comma.
+pub fn parse_number(field: &str) -> Option<f64> {
+    let field = field.trim();
+    let value = field.parse().or_else(|_| match field.contains('.') {
+        false => field.replacen(',', ".", 1).parse(),
+        true => field.parse(),
+    });
+    value.ok().filter(|value: &f64| value.is_finite())
+}
+
+/// As [`parse_number`], for a field that must be a number. Messages begin with `place` and name `what`.
+pub fn number(field: &str, what: &str, place: &dyn Fn() -> String) -> Result<f64> {
+    parse_number(field).ok_or_else(|| {
+        Error::content(
+            place(),
+            format!("{what} is `{}`, expected a number", shortened(field)),
+            "export the measurement again, and do not edit the file",
+        )
+    })
+}
+
+/// The beginning of a text for a message.
+pub fn shortened(text: &str) -> String {
+    const LONGEST: usize = 60;
+    match text.char_indices().nth(LONGEST) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+/// The first number in a text.
+pub fn first_number(text: &str) -> Option<f64> {
+    let start = text.find(|c: char| c.is_ascii_digit())?;
+    let rest = &text[start..];
+    let end = rest.find(|c: char| !(c.is_ascii_digit() || c == '.' || c == ',')).unwrap_or(rest.len());
+    parse_number(rest[..end].trim_end_matches(['.', ',']))
+}

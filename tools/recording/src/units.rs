@@ -1,0 +1,68 @@
+//! Units of vendors' exports.
+
+use crate::{Error, Result};
+
+/// The kPa of one unit of pressure; `None` for an unknown unit. Upper and lower case are not distinguished.
+///
+/// Source: The International System of Units, 9th edition, and NIST Special Publication 811, appendix B.8.
+pub fn kpa_of(unit: &str) -> Option<f64> {
+    Some(match normalised(unit).as_str() {
+        "kpa" => 1.0,
+        "pa" => 1e-3,
+        "hpa" | "mbar" => 0.1,
+        "mpa" | "n/mm2" => 1e3,
+        "bar" => 100.0,
+        "n/cm2" => 10.0,
+        "mmhg" | "torr" => 0.133_322_39,
+        "inh2o" => 0.249_082,
+        "psi" | "lb/in2" | "lbf/in2" => 6.894_757,
+        "kg/cm2" | "kgf/cm2" | "kp/cm2" => 98.066_5,
+        "g/cm2" | "gf/cm2" => 0.098_066_5,
+        _ => return None,
+    })
+}
+
+/// As [`kpa_of`], with an error for an unknown unit.
+pub fn kpa(unit: &str, place: &dyn Fn() -> String) -> Result<f64> {
+    kpa_of(unit).ok_or_else(|| {
+        Error::content(
+            place(),
+            format!("unknown unit of pressure `{unit}`"),
+            "export the measurement in kPa, PSI, mmHg or N/cm2",
+        )
+    })
+}
+
+/// The mm of one unit of length.
+///
+/// # Errors
+/// Fails for an unknown unit.
+pub fn mm(unit: &str, place: &dyn Fn() -> String) -> Result<f64> {
+    Ok(match normalised(unit).as_str() {
+        "mm" | "millimeters" | "millimetres" | "millimeter" => 1.0,
+        "cm" | "centimeters" | "centimetres" | "centimeter" => 10.0,
+        "m" | "meters" => 1e3,
+        "in" | "inch" | "inches" | "\"" => 25.4,
+        _ => {
+            let problem = format!("unknown unit of length `{unit}`");
+            return Err(Error::content(place(), problem, "export the measurement with lengths in mm, cm or inches"));
+        }
+    })
+}
+
+/// The N of one unit of force; `None` for an unknown unit.
+pub fn newtons_of(unit: &str) -> Option<f64> {
+    Some(match normalised(unit).as_str() {
+        "n" | "newton" | "newtons" => 1.0,
+        "kg" | "kgs" | "kgf" | "kp" => 9.806_65,
+        "lb" | "lbs" | "lbf" | "pounds" => 4.448_222,
+        "g" | "gf" => 9.806_65e-3,
+        _ => return None,
+    })
+}
+
+/// A unit without capital letters, blanks, brackets and superscripts.
+fn normalised(unit: &str) -> String {
+    let kept = unit.trim().chars().filter(|c| !c.is_whitespace() && !"()[]^".contains(*c));
+    kept.map(|c| if c == '²' { '2' } else { c.to_ascii_lowercase() }).collect()
+}

@@ -1,0 +1,192 @@
+//! The cells of the first sheet of a file of Excel 97 to 2003 (BIFF8 in a compound file), with numbers and texts.
+//!
+//! The library for compound files checks the container. The records are read here, because the libraries for files of Excel
+//! allocate memory for all rows and columns up to the largest ones that a file claims, which may be more than the memory of a
+//! computer.
+//!
+//! Source: Microsoft, [MS-XLS]: Excel Binary File Format (.xls) Structure, sections 2.1.4, 2.4 and 2.5.
+
+use cfb::CompoundFile;
+use std::collections::BTreeMap;
+use std::io::{Cursor, Read};
+
+/// Numbers of records.
+const BOF: u16 = 0x0809;
+const EOF: u16 = 0x000a;
+const SST: u16 = 0x00fc;
+const CONTINUE: u16 = 0x003c;
+const NUMBER: u16 = 0x0203;
+const RK: u16 = 0x027e;
+const MULRK: u16 = 0x00bd;
+const LABEL_SST: u16 = 0x00fd;
+/// Kind of a part of the workbook that is a worksheet.
+const WORKSHEET: u16 = 0x0010;
+/// Number of columns of a sheet.
+const MAX_COLUMNS: usize = 256;
+
+/// The rows of the first sheet, each with the texts of its cells, and empty texts for empty cells. A row without cells is empty.
+///
+/// # Errors
+/// Fails with the reason if the file is damaged.
+pub fn rows(bytes: &[u8]) -> Result<Vec<Vec<String>>, String> {
+    let mut file = CompoundFile::open(Cursor::new(bytes)).map_err(|error| error.to_string())?;
+    let stream = file.open_stream("/Workbook").map_err(|error| error.to_string())?;
+    let mut workbook = Vec::new();
+    // A damaged file may claim a stream that is longer than itself.
+    stream.take(bytes.len() as u64).read_to_end(&mut workbook).map_err(|error| error.to_string())?;
+    let records = records(&workbook);
+    let start =
+        records.iter().position(|(id, data)| *id == BOF && u16_at(data, 2) == Some(WORKSHEET)).ok_or("no sheet")?;
+    let texts = texts(&records[..start]);
+    let mut cells: BTreeMap<usize, Vec<String>> = BTreeMap::new();
+    for (id, data) in records[start..].iter().take_while(|(id, _)| *id != EOF) {
+        let (Some(row), Some(column)) = (u16_at(data, 0), u16_at(data, 2)) else { continue };
+        let mut set = |column: usize, text: String| {
+            let fields = cells.entry(row.into()).or_default();
+            if column < MAX_COLUMNS {
+                fields.resize(fields.len().max(column + 1), String::new());
+                fields[column] = text;
+            }
+        };
+        match *id {
+            NUMBER => {
+                if let Some(value) = data.get(6..14).and_then(|bytes| bytes.try_into().ok()).map(f64::from_le_bytes) {
+                    set(column.into(), value.to_string());
+                }
+            }
+            RK => {
+                if let Some(rk) = u32_at(data, 6) {
+                    set(column.into(), rk_value(rk).to_string());
+                }
+            }
+            // A list of formats and numbers.
+            MULRK => {
+                let list = data.get(4..data.len().saturating_sub(2)).unwrap_or_default();
+                for (i, entry) in list.as_chunks::<6>().0.iter().enumerate() {
+                    set(usize::from(column) + i, rk_value(u32_at(entry, 2).unwrap_or(0)).to_string());
+                }
+            }
+            LABEL_SST => {
+                let text = u32_at(data, 6).and_then(|index| texts.get(index as usize));
+                set(column.into(), text.ok_or("a text is missing")?.clone());
+            }
+            _ => {}
+        }
+    }
+    let last = cells.keys().next_back().map_or(0, |row| row + 1);
+    Ok((0..last).map(|row| cells.remove(&row).unwrap_or_default()).collect())
+}
+
+/// Splits a stream into records: a number and the data.
+fn records(stream: &[u8]) -> Vec<(u16, &[u8])> {
+    let (mut records, mut rest) = (Vec::new(), stream);
+    while let (Some(id), Some(len)) = (u16_at(rest, 0), u16_at(rest, 2)) {
+        let Some(data) = rest.get(4..4 + usize::from(len)) else { break };
+        records.push((id, data));
+        rest = &rest[4 + usize::from(len)..];
+    }
+    records
+}
+
+/// A number of 30 bits: an integer or the leading bits of a double, divided by 100 or not.
+fn rk_value(rk: u32) -> f64 {
+    let value = match rk & 2 {
+        0 => f64::from_bits(u64::from(rk & !3) << 32),
+        _ => f64::from(rk as i32 >> 2),
+    };
+    if rk & 1 == 0 { value } else { value / 100.0 }
+}
+
+/// The table of texts, which other records continue.
+fn texts(records: &[(u16, &[u8])]) -> Vec<String> {
+    let Some(start) = records.iter().position(|(id, _)| *id == SST) else { return Vec::new() };
+    let continued = records[start + 1..].iter().take_while(|(id, _)| *id == CONTINUE).map(|(_, data)| *data);
+    let mut parts = Parts { parts: std::iter::once(records[start].1).chain(continued).collect(), part: 0, at: 0 };
+    let mut texts = Vec::new();
+    // The number of texts, and that of different texts, are not needed.
+    parts.bytes(8);
+    while let Some(text) = parts.text() {
+        texts.push(text);
+    }
+    texts
+}
+
+/// Data in a record and those that continue it.
+struct Parts<'a> {
+    parts: Vec<&'a [u8]>,
+    part: usize,
+    at: usize,
+}
+
+impl Parts<'_> {
+    /// The next byte.
+    fn byte(&mut self) -> Option<u8> {
+        while self.at >= self.parts.get(self.part)?.len() {
+            (self.part, self.at) = (self.part + 1, 0);
+        }
+        let byte = self.parts[self.part][self.at];
+        self.at += 1;
+        Some(byte)
+    }
+
+    /// The next bytes as a number; the first one is the lowest.
+    fn bytes(&mut self, count: usize) -> Option<usize> {
+        let mut value = 0;
+        for i in 0..count {
+            value |= usize::from(self.byte()?).checked_shl(8 * i as u32).unwrap_or(0);
+        }
+        Some(value)
+    }
+
+    /// The next text.
+    fn text(&mut self) -> Option<String> {
+        let length = self.bytes(2)?;
+        let mut flags = self.byte()?;
+        let runs = if flags & 8 != 0 { self.bytes(2)? } else { 0 };
+        let extension = if flags & 4 != 0 { self.bytes(4)? } else { 0 };
+        let mut units = Vec::new();
+        for _ in 0..length {
+            // A record that continues the characters begins with their width.
+            if self.at >= self.parts.get(self.part)?.len() {
+                flags = self.byte()?;
+            }
+            let width = if flags & 1 != 0 { 2 } else { 1 };
+            units.push(self.bytes(width)? as u16);
+        }
+        for _ in 0..runs * 4 + extension {
+            self.byte()?;
+        }
+        Some(String::from_utf16_lossy(&units))
+    }
+}
+
+fn u16_at(data: &[u8], at: usize) -> Option<u16> {
+    data.get(at..at + 2).map(|bytes| u16::from_le_bytes([bytes[0], bytes[1]]))
+}
+
+fn u32_at(data: &[u8], at: usize) -> Option<u32> {
+    data.get(at..at + 4).and_then(|bytes| bytes.try_into().ok()).map(u32::from_le_bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_30_bits_are_decoded() {
+        // The examples of the specification: 1, 1.23 and 12345.67 in the four codings.
+        assert_eq!(rk_value(1.0f64.to_bits().wrapping_shr(32) as u32), 1.0);
+        assert_eq!(rk_value(123 << 2 | 3), 1.23);
+        assert_eq!(rk_value((-7i32 << 2) as u32 | 2), -7.0);
+        assert_eq!(rk_value((150.0f64.to_bits() >> 32) as u32 | 1), 1.5);
+    }
+
+    #[test]
+    fn texts_continue_in_further_records_in_another_width() {
+        let first = [&[2, 0, 0, 0, 2, 0, 0, 0][..], &[3, 0, 0, b'a', b'b', b'c'], &[4, 0, 0, b'd', b'e']].concat();
+        // The last two characters have two bytes each.
+        let second = [1, b'f', 0, 0x3b, 0x26];
+        let texts = texts(&[(SST, &first), (CONTINUE, &second), (EOF, &[])]);
+        assert_eq!(texts, ["abc", "def☻"]);
+    }
+}

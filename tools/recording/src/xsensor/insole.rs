@@ -1,0 +1,88 @@
+//! One insole of an export: its description, its frames, and its recording.
+
+use super::MAX_CELL_MM;
+use crate::grid::{Foot, Frames, Grid, MAX_LINES, Toes};
+use crate::table::file_name;
+use crate::text::shortened;
+use crate::totals::Totals;
+use crate::{Error, Export, Result, units};
+use plantar::Side;
+use std::path::Path;
+
+/// One insole in all frames.
+#[derive(Default)]
+pub struct Insole {
+    pub rows: Option<usize>,
+    pub columns: Option<usize>,
+    pub width_mm: Option<f64>,
+    pub height_mm: Option<f64>,
+    /// For each frame of this insole, its index in the frames of the file.
+    pub indices: Vec<usize>,
+    /// The frames, with their indices instead of times.
+    pub frames: Frames,
+    /// The vendor's load, N, and contact area, mm2, of the last frame.
+    pub stated: [Option<f64>; 2],
+    /// For each frame, the vendor's load and contact area, and those of the cells.
+    pub totals: Totals,
+    /// The sum of the pressures of the last frame, kPa, and the number of its loaded cells.
+    pub sums: (f64, usize),
+    /// Number of cells with a pressure below 0 or without a number.
+    pub invalid: usize,
+}
+
+impl Insole {
+    /// Adds the recording of this insole and the remarks about it.
+    pub fn foot(mut self, side: Side, t_s: &[f64], path: &Path, export: &mut Export) -> Result<()> {
+        let (width_mm, height_mm) = (self.width_mm.unwrap_or(1.0), self.height_mm.unwrap_or(1.0));
+        self.frames.t_s = self.indices.iter().map(|&i| t_s[i]).collect();
+        export.remarks.extend(self.totals.remark(side));
+        if self.invalid > 0 {
+            let name = side.name();
+            export
+                .remarks
+                .push(format!("{} pressures of the {name} foot are empty or negative: read as 0.", self.invalid));
+        }
+        let foot = Foot {
+            side: Some(side),
+            grid: Grid { row_mm: height_mm, column_mm: width_mm, toes: Toes::Top },
+            frames: self.frames,
+            name: format!("XSENSOR insole, {} x {} cells", self.rows.unwrap_or(0), self.columns.unwrap_or(0)),
+            source: format!("XSENSOR measurement {}, {} insole, regions by template.", file_name(path), side.name()),
+        };
+        export.feet.push(foot.recording(path, &mut export.remarks)?);
+        Ok(())
+    }
+}
+
+/// Sets a property of a sensor, which must be the same in each frame.
+pub fn check_equal<T: PartialEq + Copy>(property: &mut Option<T>, value: T, name: &str, place: &str) -> Result<()> {
+    if property.is_some_and(|before| before != value) {
+        let problem = format!("`{name}` differs from that of the frames before");
+        return Err(Error::content(place, problem, "import measurements of different insoles on their own"));
+    }
+    *property = Some(value);
+    Ok(())
+}
+
+/// A number of rows or columns.
+pub fn count(value: &str, name: &str, place: &str) -> Result<usize> {
+    let count = value.parse().ok().filter(|count| (1..=MAX_LINES).contains(count));
+    count.ok_or_else(|| {
+        let problem = format!("`{}` {name}, expected 1 to {MAX_LINES}", shortened(value));
+        Error::content(place, problem, "export the measurement again, and do not edit the file")
+    })
+}
+
+/// The size of a cell, mm.
+pub fn size_mm(value: f64, unit: &str, place: &str) -> Result<f64> {
+    let mm = value * units::mm(if unit.is_empty() { "cm" } else { unit }, &|| place.to_owned())?;
+    if mm > 0.0 && mm <= MAX_CELL_MM {
+        return Ok(mm);
+    }
+    let problem = format!("a cell of {mm} mm");
+    Err(Error::content(
+        place,
+        problem,
+        format!("cells have a size of up to {MAX_CELL_MM} mm: export the measurement again"),
+    ))
+}

@@ -1,0 +1,81 @@
+//! The emed import of computed files in its format.
+
+mod common;
+
+use common::{COLUMNS, ROWS, STANCE, assert_message, assert_step, force_n, pressure_kpa};
+use plantar::Side;
+use recording::{Export, Format, Result};
+
+/// Area of a cell, mm2.
+const CELL_MM2: f64 = 100.0;
+/// The number of the first row and column in the table.
+const FIRST: usize = 20;
+
+/// A page with a frame. The picture is turned, if the person walks to its lower edge.
+fn page(side: Side, frame: usize, title: &str, is_turned: bool) -> String {
+    let kpa = |row: usize, column: usize| match is_turned {
+        true => pressure_kpa(side, frame, ROWS - 1 - row, COLUMNS - 1 - column),
+        false => pressure_kpa(side, frame, row, column),
+    };
+    let columns: Vec<_> = (0..COLUMNS).map(|column| (FIRST + column).to_string()).collect();
+    let mut text = format!(
+        "\n\t\t\t\tPage {0}\n\n\tFile: 2.dat \tMatrix: 64x95 \n\tSensor area: 1.00 cm²\tTime/picture:10.0 ms\n\tMV over frames\n\
+         \tSensor size: 1.000x1.000 cm\n\tnovel munich\n{title}\n\n\t{1}\tForce\n",
+        frame + 1,
+        columns.join("\t")
+    );
+    let mut columns_n = [0.0; COLUMNS];
+    for row in 0..ROWS {
+        let values: Vec<f64> = (0..COLUMNS).map(|column| kpa(row, column)).collect();
+        columns_n.iter_mut().zip(&values).for_each(|(sum, kpa)| *sum += kpa * CELL_MM2 * 1e-3);
+        let force = values.iter().sum::<f64>() * CELL_MM2 * 1e-3;
+        let fields: Vec<_> = values.iter().map(|kpa| format!("{kpa:.2}")).collect();
+        text += &format!("{}\t{}\t{force:.2}\n", FIRST + row, fields.join("\t"));
+    }
+    let fields: Vec<_> = columns_n.iter().map(|n| format!("{n:.2}")).collect();
+    text + &format!("Force\t{}\t{:.2}\n\x0c", fields.join("\t"), force_n(side, frame, CELL_MM2))
+}
+
+/// A file with a step, in the encoding of the vendor's program.
+fn file(side: Side, is_turned: bool) -> Vec<u8> {
+    let mut text = String::new();
+    for frame in 0..STANCE {
+        text += &page(side, frame, &format!("\tPict-No.: {frame}  Force[N]=sum*sensor_area in row/column"), is_turned);
+    }
+    text += &page(side, 30, "\tMVP  Force[N]=sum*sensor_area in row/column", is_turned);
+    text.chars().map(|c| c as u8).collect()
+}
+
+fn parse(bytes: &[u8]) -> Result<Export> {
+    common::parse(Format::Emed, "step.lst", bytes, None)
+}
+
+#[test]
+fn a_step_is_imported_in_both_directions_of_walking_and_its_foot_is_recognised() {
+    for side in [Side::Left, Side::Right] {
+        for is_turned in [false, true] {
+            let export = parse(&file(side, is_turned)).unwrap();
+            assert!((export.feet[0].rate_hz - 100.0).abs() < 1e-6);
+            assert_step(&export.feet[0], side, CELL_MM2, 1e-6);
+            let remarks = export.remarks.join(" ");
+            assert!(remarks.contains("60 frames") && remarks.contains("1 pages without a frame"), "{remarks}");
+            assert!(remarks.contains(side.name()), "{remarks}");
+        }
+    }
+}
+
+#[test]
+fn damaged_files_are_refused_with_the_line_and_a_remedy() {
+    let text: String = file(Side::Right, false).into_iter().map(char::from).collect();
+    let changed = |from: &str, to: &str| parse(text.replacen(from, to, 1).as_bytes());
+    let first_row = text.lines().position(|line| line.starts_with("20\t")).unwrap() + 1;
+    let at = |line: usize| format!("step.lst:{line}: ");
+    assert_message(changed("\n20\t0.00\t", "\n20\t9.00\t"), &at(first_row), &["0.90 N", "Force"]);
+    assert_message(changed("\n20\t0.00\t", "\n20\t"), &at(first_row), &["11 values"]);
+    assert_message(changed("\n20\t", "\n9999999\t"), &at(first_row), &["9999999", "row"]);
+    assert_message(changed("\n20\t0.00\t", "\n20\tNaN\t"), &at(first_row), &["NaN", "number"]);
+    assert_message(changed("1.000x1.000 cm", "1.000x1.000 cubits"), &at(7), &["cubits"]);
+    assert_message(changed("Time/picture:10.0 ms", ""), &at(1), &["time of a picture"]);
+    assert_message(parse(b"File: 2.dat\nMVP\n"), "step.lst: ", &["no page"]);
+    assert_message(parse(b""), "step.lst: ", &["empty"]);
+}

@@ -1,0 +1,98 @@
+//! The footscan import of computed files in its text format.
+
+mod common;
+
+use common::{COLUMNS, ROWS, STANCE, assert_message, assert_step, pressure_kpa};
+use plantar::Side;
+use recording::{Export, Format, Result};
+
+/// Area of a cell, mm2.
+const CELL_MM2: f64 = 7.62 * 5.08;
+
+/// The text of a step of a foot. Rows are written from the lower edge of the plate.
+fn foot(side: Side, is_turned: bool) -> String {
+    let name = if side == Side::Left { "Left" } else { "Right" };
+    let mut text = format!("\n{name} foot data\n\n{name} rectangle position\nRectangle height\n{ROWS}\n\n");
+    for frame in 0..STANCE {
+        text += &format!("Frame {frame} ({:.2} ms)\n", frame as f64 * 2.0);
+        for row in 0..ROWS {
+            let force = |column: usize| {
+                let kpa = match is_turned {
+                    true => pressure_kpa(side, frame, row, COLUMNS - 1 - column),
+                    false => pressure_kpa(side, frame, ROWS - 1 - row, column),
+                };
+                format!("{:.5}", kpa * CELL_MM2 * 1e-3)
+            };
+            text += &((0..COLUMNS).map(force).collect::<Vec<_>>().join("\t") + "\n");
+        }
+        text += "\n";
+    }
+    text
+}
+
+fn file(feet: &str) -> String {
+    format!("Dynamic Roll off for measurement: Barefoot\nScanning speed; for the right foot: 500.00 Hertz\n{feet}")
+}
+
+fn parse(text: &str) -> Result<Export> {
+    common::parse(Format::Footscan, "step.txt", text.as_bytes(), None)
+}
+
+#[test]
+fn a_step_is_imported_in_both_directions_of_walking() {
+    for side in [Side::Left, Side::Right] {
+        for is_turned in [false, true] {
+            let export = parse(&file(&foot(side, is_turned))).unwrap();
+            assert_eq!(export.feet.len(), 1);
+            assert!((export.feet[0].rate_hz - 500.0).abs() < 1e-6);
+            assert_step(&export.feet[0], side, CELL_MM2, 1e-3);
+            assert!(recording::footprint::warnings(&export.feet[0]).is_empty());
+        }
+    }
+}
+
+#[test]
+fn a_file_of_excel_is_imported() {
+    // A seed of the fuzz targets: a computed step on eight rows and five columns. Its first byte selects the format.
+    let seed = include_bytes!("../../../fuzz/corpus/vendor/footscan-xls");
+    let export = common::parse(Format::Footscan, "step.xls", &seed[1..], None).unwrap();
+    let foot = &export.feet[0];
+    assert_eq!((foot.side, foot.frames(), foot.cells()), (Side::Right, 30, 40));
+    assert!((foot.rate_hz - 50.0).abs() < 1e-6);
+    for frame in 0..30 {
+        let kpa = |row: usize, column: usize| {
+            let late = (7 - row) as f64 / 8.0 - frame as f64 / 30.0;
+            (200.0 * (1.0 - 9.0 * late * late).max(0.0) * (1.0 - 0.1 * column as f64)).round()
+        };
+        // A tenth of a newton for a kilopascal of the computed step.
+        let true_n: f64 = (0..40).map(|cell| 0.1 * kpa(cell / 5, cell % 5)).sum();
+        assert!((foot.force_n(frame) - true_n).abs() < 1e-3 * true_n + 1e-6, "frame {frame}");
+    }
+}
+
+#[test]
+fn both_feet_of_a_file_are_imported() {
+    let export = parse(&file(&(foot(Side::Left, false) + &foot(Side::Right, false)))).unwrap();
+    for (recording, side) in export.feet.iter().zip([Side::Left, Side::Right]) {
+        assert_step(recording, side, CELL_MM2, 1e-3);
+    }
+    assert_eq!(export.feet.len(), 2);
+}
+
+#[test]
+fn damaged_files_are_refused_with_the_line_and_a_remedy() {
+    let text = file(&foot(Side::Right, false));
+    let first_row = text.lines().position(|line| line.starts_with("Frame 0")).unwrap() + 2;
+    let at = |line: usize| format!("step.txt:{line}: ");
+    let changed = |from: &str, to: &str| parse(&text.replacen(from, to, 1));
+    assert_message(changed("(0.00 ms)\n0.00000", "(0.00 ms)\nzero"), &at(first_row), &["column 1", "zero"]);
+    assert_message(changed("(0.00 ms)\n0.00000\t", "(0.00 ms)\n"), &at(first_row + 1), &["11 values", "10"]);
+    assert_message(changed("Frame 1 (2.00 ms)", "Frame 1 (0.00 ms)"), &at(first_row + 31), &["not later"]);
+    assert_message(changed("Frame 1 (2.00 ms)", "Frame one"), &at(first_row + 31), &["Frame one"]);
+    assert_message(parse("Right foot data\n"), "step.txt: ", &["no frame"]);
+    assert_message(parse(&text.replace(|c: char| c.is_ascii_digit() && c != '0', "0")), "step.txt", &[]);
+    let other_foot = common::parse(Format::Footscan, "step.txt", text.as_bytes(), Some(Side::Left));
+    assert_message(other_foot, "step.txt: ", &["left foot"]);
+    let damaged = [&[0xd0, 0xcf, 0x11, 0xe0, 0xa1, 0xb1, 0x1a, 0xe1][..], &[7; 600]].concat();
+    assert_message(common::parse(Format::Footscan, "step.xls", &damaged, None), "step.xls: ", &["Excel", "again"]);
+}

@@ -1,0 +1,104 @@
+//! The imports of insoles with a few force sensors: loadsol and PhysioNet's gaitpdb, from computed files in their formats.
+
+mod common;
+
+use common::assert_message;
+use plantar::{Region, Side};
+use recording::{Export, Format, Result};
+
+/// The force on a sensor of a foot in a frame, N: the load moves from the first to the last sensor.
+fn force_n(foot: usize, frame: usize, sensor: usize, sensors: usize) -> f64 {
+    let at = ((frame + 50 * foot) % 100) as f64 / 60.0 - sensor as f64 / sensors as f64;
+    (300.0 * (1.0 - (at / 0.3).powi(2)).max(0.0) * 100.0).round() / 100.0
+}
+
+fn gaitpdb_file() -> String {
+    let line = |frame: usize| {
+        let feet = [0, 1].map(|foot| (0..8).map(|sensor| force_n(foot, frame, sensor, 8)).collect::<Vec<_>>());
+        let fields = feet.iter().flatten().map(|n| format!("{n:.2}")).collect::<Vec<_>>().join("\t");
+        let [left_n, right_n] = feet.each_ref().map(|foot| foot.iter().sum::<f64>());
+        format!("{:.2}\t{fields}\t{left_n:.2}\t{right_n:.2}\n", frame as f64 * 0.01)
+    };
+    (0..200).map(line).collect()
+}
+
+/// The zones of the right foot are in another order.
+fn loadsol_file() -> String {
+    let mut text = "walk_2024_05_01_10_00_00_000.txt\n\n\tA1-L:heel\tA1-L:medial\tA1-L:lateral\tA1-L\tA1-L:xAcc\t\
+                    \tA1-R:lateral\tA1-R:medial\tA1-R:heel\tA1-R\tNotes\n\
+                    [sec]\t[N]\t[N]\t[N]\t[N]\t[g]\t[sec]\t[N]\t[N]\t[N]\t[N]\t\n"
+        .to_owned();
+    for frame in 0..200 {
+        let feet = [0, 1].map(|foot| [0, 1, 2].map(|zone| force_n(foot, frame, zone, 3)));
+        let time = format!("{:.3}", frame as f64 * 0.01);
+        let [left, right] = feet;
+        text += &format!("{time}\t{:.2}\t{:.2}\t{:.2}\t0\t0.1\t", left[0], left[1], left[2]);
+        text += &match frame {
+            40 => "-\t-\t-\t-\t-\t\n".to_owned(),
+            _ => format!("{time}\t{:.2}\t{:.2}\t{:.2}\t0\t\n", right[2], right[1], right[0]),
+        };
+    }
+    text
+}
+
+fn parse(format: Format, text: &str) -> Result<Export> {
+    common::parse(format, "walk.txt", text.as_bytes(), None)
+}
+
+fn check(export: &Export, sensors: usize) {
+    assert_eq!(export.feet.iter().map(|foot| foot.side).collect::<Vec<_>>(), [Side::Left, Side::Right]);
+    assert_eq!(export.feet[0].t_s, export.feet[1].t_s);
+    for (foot, recording) in export.feet.iter().enumerate() {
+        assert!((recording.rate_hz - 100.0).abs() < 1e-6);
+        for frame in (0..200).filter(|frame| *frame != 40) {
+            let true_n: f64 = (0..sensors).map(|sensor| force_n(foot, frame, sensor, sensors)).sum();
+            assert!((recording.force_n(frame) - true_n).abs() < 1e-3 * true_n + 0.01, "foot {foot}, frame {frame}");
+        }
+        assert!(recording::footprint::warnings(recording).is_empty());
+    }
+    assert!(export.remarks.iter().any(|remark| remark.contains("nominal")));
+}
+
+#[test]
+fn forces_of_gaitpdb_are_conserved_from_heel_to_toes() {
+    let text = gaitpdb_file();
+    assert_eq!(Format::recognise(text.as_bytes(), "walk.txt".as_ref()).unwrap(), Format::Gaitpdb);
+    let export = parse(Format::Gaitpdb, &text).unwrap();
+    check(&export, 8);
+    let cells = &export.feet[1].layout.cells;
+    assert_eq!(cells[0].region, Region::Heel);
+    assert_eq!((cells[5].region, cells[6].region), (Region::Metatarsals35, Region::Metatarsals12));
+    assert!(cells[7].region >= Region::Hallux);
+    assert!(export.remarks[0].contains("+0.00 %"), "{}", export.remarks[0]);
+}
+
+#[test]
+fn forces_of_loadsol_are_conserved_and_a_lost_frame_is_interpolated() {
+    let text = loadsol_file();
+    assert_eq!(Format::recognise(text.as_bytes(), "walk.txt".as_ref()).unwrap(), Format::Loadsol);
+    let export = parse(Format::Loadsol, &text).unwrap();
+    check(&export, 3);
+    assert!(
+        export.remarks.iter().any(|remark| remark.starts_with("Right foot: 1 lost frames")),
+        "{:?}",
+        export.remarks
+    );
+    // The heel is loaded first in both feet, in spite of the order of their columns.
+    for (foot, frame) in [(0, 5), (1, 55)] {
+        let recording = &export.feet[foot];
+        let most = recording.layout.cells.iter().zip(recording.frame(frame)).max_by(|a, b| a.1.total_cmp(b.1)).unwrap();
+        assert_eq!(most.0.region, Region::Heel);
+    }
+}
+
+#[test]
+fn damaged_files_are_refused_with_the_line_and_a_remedy() {
+    let text = gaitpdb_file();
+    assert_message(parse(Format::Gaitpdb, &text.replacen("\n0.01\t", "\n", 1)), "walk.txt:2: ", &["18 columns"]);
+    assert_message(parse(Format::Gaitpdb, &text.replacen("\n0.01\t", "\n0.00\t", 1)), "walk.txt:2: ", &["repeated"]);
+    assert_message(parse(Format::Gaitpdb, &text.replacen("\n0.01\t", "\nNaN\t", 1)), "walk.txt:2: ", &["the time"]);
+    let text = loadsol_file();
+    assert_message(parse(Format::Loadsol, &text.replace("[N]", "[lb]")), "walk.txt: ", &["[N]"]);
+    assert_message(parse(Format::Loadsol, &text.replace("A1-", "A1")), "walk.txt: ", &["L or R"]);
+    assert_message(parse(Format::Loadsol, &text.replacen("\n0.010\t", "\n0,0,1\t", 1)), "walk.txt:6: ", &["the time"]);
+}

@@ -1,0 +1,62 @@
+//! The pliance import of computed files in its format.
+
+mod common;
+
+use common::{COLUMNS, ROWS, STANCE, assert_message, assert_step, pressure_kpa};
+use plantar::Side;
+use recording::{Export, Format, Result};
+
+/// Size of a sensor, cm.
+const WIDTH_CM: f64 = 0.8;
+const HEIGHT_CM: f64 = 0.9;
+
+/// A file with a step. The sensors are numbered by columns, from the top.
+fn text(side: Side) -> String {
+    let sensors: Vec<(usize, usize)> =
+        (0..COLUMNS).flat_map(|column| (0..ROWS).map(move |row| (row, column))).collect();
+    let names: Vec<_> = (1..=sensors.len()).map(|sensor| (2 * sensor).to_string()).collect();
+    let mut text = format!(
+        "file name: a.mat\nmat type s2160\npressure values in kPa\n\nelectrical:\ntime[secs] {}\n",
+        names.join(" ")
+    );
+    for frame in 0..STANCE {
+        let values: Vec<_> =
+            sensors.iter().map(|&(row, column)| format!("{:.3}", pressure_kpa(side, frame, row, column))).collect();
+        text += &format!("{:.5} {}\n", 5.0 + frame as f64 * 0.01, values.join(" "));
+    }
+    text += "MVP 1 2 3\n\nmasks:\ntime[secs] 1\n5.0 1\n\ncorner\n";
+    for (corner, right, up) in [(1, 0.0, 0.0), (2, 1.0, 0.0), (3, 1.0, 1.0), (4, 0.0, 1.0)] {
+        let x = sensors.iter().map(|(_, column)| format!("{:.4}", (*column as f64 + right) * WIDTH_CM));
+        let y = sensors.iter().map(|(row, _)| format!("{:.4}", ((ROWS - 1 - row) as f64 + up) * HEIGHT_CM));
+        text += &format!("x[{corner}] {}\n", x.collect::<Vec<_>>().join(" "));
+        text += &format!("y[{corner}] {}\n", y.collect::<Vec<_>>().join(" "));
+    }
+    text
+}
+
+fn parse(text: &str) -> Result<Export> {
+    common::parse(Format::Pliance, "step.asc", text.as_bytes(), None)
+}
+
+#[test]
+fn a_step_is_imported_and_its_foot_is_recognised() {
+    for side in [Side::Left, Side::Right] {
+        let text = text(side);
+        assert_eq!(Format::recognise(text.as_bytes(), "step.asc".as_ref()).unwrap(), Format::Pliance);
+        let export = parse(&text).unwrap();
+        assert!((export.feet[0].rate_hz - 100.0).abs() < 0.01);
+        assert_step(&export.feet[0], side, 100.0 * WIDTH_CM * HEIGHT_CM, 1e-3);
+    }
+}
+
+#[test]
+fn damaged_files_are_refused_with_the_line_and_a_remedy() {
+    let text = text(Side::Right);
+    let changed = |from: &str, to: &str| parse(&text.replacen(from, to, 1));
+    assert_message(changed("kPa", "stone"), "step.asc:3: ", &["stone"]);
+    assert_message(changed("time[secs]", "time"), "step.asc: ", &["x[1]", "corners"]);
+    assert_message(changed("y[3]", "z[3]"), "step.asc: ", &["y[3]", "corners"]);
+    assert_message(changed("x[2] 0.8000", "x[2] 1.6000"), "step.asc: ", &["rectangles"]);
+    assert_message(changed("\n5.01000 0.000", "\n5.01000"), "step.asc:8: ", &["330 columns"]);
+    assert_message(changed("\n5.01000 0.000", "\n5.01000 -1"), "step.asc:8: ", &["at least 0"]);
+}

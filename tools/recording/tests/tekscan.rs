@@ -1,0 +1,117 @@
+//! The Tekscan import of computed files in its format.
+
+mod common;
+
+use common::{COLUMNS, ROWS, STANCE, SWING, assert_message, assert_step, pressure_kpa};
+use plantar::Side;
+use recording::{Export, Format, Result};
+
+/// Area of a cell, mm2: a fifth of an inch in both directions.
+const CELL_MM2: f64 = 5.08 * 5.08 * 4.0;
+
+/// A file of one step with this unit and spacing.
+fn text(side: Side, unit: &str, per_kpa: f64, spacing: &str) -> String {
+    let mut text = format!(
+        "DATA_TYPE MOVIE\r\nFILENAME C:\\walks\\step{}.fsx\r\nSENSOR_TYPE F-SCAN\r\nROWS {ROWS}\r\nCOLS {COLUMNS}\r\n\
+         ROW_SPACING {spacing}\r\nCOL_SPACING {spacing}\r\nSECONDS_PER_FRAME 0.01\r\n\
+         CALIBRATION_POINT_1 50.0 (Kgs) 5000 (Raw Sum) 99 (Number of Loaded Cells)\r\nUNITS {unit}\r\nASCII_DATA @@\r\n",
+        if side == Side::Left { "L" } else { "R" }
+    );
+    for frame in 0..STANCE + SWING {
+        text += &format!("\r\nFrame {}\r\n", frame + 1);
+        for row in 0..ROWS {
+            let field = |column: usize| match (row, column) {
+                (0, 0) => "B".to_owned(),
+                _ => format!("{:.3}", pressure_kpa(side, frame, row, column) * per_kpa),
+            };
+            text += &(0..COLUMNS).map(field).collect::<Vec<_>>().join(",");
+            text += "\r\n";
+        }
+    }
+    text + "@@\r\n"
+}
+
+fn parse(text: &str) -> Result<Export> {
+    common::parse(Format::Tekscan, "walk.asf", text.as_bytes(), None)
+}
+
+#[test]
+fn a_step_is_imported_from_all_units() {
+    for side in [Side::Left, Side::Right] {
+        for (unit, per_kpa, spacing) in [
+            ("KPa", 1.0, "10.16 mm"),
+            ("PSI", 0.145_037_7, "1.016 centimeters"),
+            ("kg/cm2", 0.010_197_16, "0.4 inches"),
+        ] {
+            let export = parse(&text(side, unit, per_kpa, spacing)).unwrap();
+            let [foot] = &export.feet[..] else { panic!("one foot") };
+            assert_step(foot, side, CELL_MM2, 3e-3);
+            assert!((foot.rate_hz - 100.0).abs() < 1e-6);
+        }
+    }
+}
+
+#[test]
+fn raw_values_are_converted_with_the_calibration_or_refused() {
+    // 50 kg on cells with a raw sum of 5000.
+    let n_per_raw = 50.0 * 9.806_65 / 5000.0;
+    let raw = text(Side::Right, "Raw", CELL_MM2 * 1e-3 / n_per_raw, "10.16 mm");
+    let export = parse(&raw).unwrap();
+    assert_step(&export.feet[0], Side::Right, CELL_MM2, 3e-3);
+    assert!(export.remarks.iter().any(|remark| remark.contains("raw")));
+    let uncalibrated: String =
+        raw.lines().filter(|line| !line.starts_with("CALIBRATION")).map(|line| format!("{line}\n")).collect();
+    assert_message(parse(&uncalibrated), "walk.asf:9: ", &["raw", "calibrate"]);
+}
+
+#[test]
+fn the_name_of_the_file_states_the_foot_and_an_argument_corrects_it() {
+    let unnamed = text(Side::Right, "KPa", 1.0, "10.16 mm").replace("stepR", "step");
+    assert_message(common::parse(Format::Tekscan, "walk.asf", unnamed.as_bytes(), None), "walk.asf: ", &["--side"]);
+    let by_name = common::parse(Format::Tekscan, "walk_R.asf", unnamed.as_bytes(), None).unwrap();
+    assert_eq!(by_name.feet[0].side, Side::Right);
+    let stated = common::parse(Format::Tekscan, "walk.asf", unnamed.as_bytes(), Some(Side::Right)).unwrap();
+    assert_eq!(stated.feet[0], by_name.feet[0].clone_with_source(&stated.feet[0].source));
+    // The same file as a left foot is mirrored.
+    let wrong = common::parse(Format::Tekscan, "walk.asf", unnamed.as_bytes(), Some(Side::Left)).unwrap();
+    assert!(recording::footprint::warnings(&wrong.feet[0])[0].contains("mirrored"));
+    assert!(recording::footprint::warnings(&stated.feet[0]).is_empty());
+}
+
+/// A copy with another source, to compare all other fields.
+trait WithSource {
+    fn clone_with_source(&self, source: &str) -> Self;
+}
+
+impl WithSource for recording::Recording {
+    fn clone_with_source(&self, source: &str) -> Self {
+        Self { source: source.to_owned(), ..self.clone() }
+    }
+}
+
+#[test]
+fn damaged_files_are_refused_with_the_line_and_a_remedy() {
+    let text = text(Side::Right, "KPa", 1.0, "10.16 mm");
+    let without =
+        |name: &str| parse(&text.lines().filter(|line| !line.starts_with(name)).collect::<Vec<_>>().join("\n"));
+    for name in ["ROWS", "COLS", "ROW_SPACING", "COL_SPACING", "SECONDS_PER_FRAME", "UNITS"] {
+        assert_message(without(name), "walk.asf: ", &[name, "export"]);
+    }
+    assert_message(without("ASCII_DATA"), "walk.asf: ", &["ASCII_DATA", "cut off"]);
+    let changed = |from: &str, to: &str| parse(&text.replacen(from, to, 1));
+    assert_message(changed("UNITS KPa", "UNITS stone"), "walk.asf:10: ", &["stone", "kPa"]);
+    assert_message(changed("ROWS 30", "ROWS 99999"), "walk.asf:4: ", &["99999", "1 to"]);
+    assert_message(changed("10.16 mm", "10.16 miles"), "walk.asf:6: ", &["miles", "inches"]);
+    assert_message(changed("10.16 mm", "0 mm"), "walk.asf:6: ", &["0 mm"]);
+    assert_message(changed("COLS 11", "COLS 12"), "walk.asf:14: ", &["11 values", "12"]);
+    assert_message(changed("B,0.000,", "X,0.000,"), "walk.asf:14: ", &["column 1", "`X`"]);
+    assert_message(changed("Frame 2", "Frame 1"), "walk.asf:45: ", &["frame 1 follows", "order"]);
+    assert_message(parse(&text[..text.len() / 2]), "walk.asf", &["cut off"]);
+    assert_message(
+        parse(&text.replace(|c: char| c.is_ascii_digit() && c != '0', "0").replace("ROWS 00", "ROWS 30")),
+        "walk.asf",
+        &[],
+    );
+    assert_message(parse(""), "walk.asf: ", &["empty"]);
+    assert_message(common::parse(Format::Tekscan, "walk.asf", &[0, 1, 2, 0], None), "walk.asf:1: ", &["not text"]);
+}
