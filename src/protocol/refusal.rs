@@ -1,6 +1,6 @@
 //! Why an insole did not execute a request.
 
-use super::{ELLIPSES_PERIOD_US, SCALE, SETTABLE_PERIOD_US, update};
+use super::{SCALE, SETTABLE_PERIOD_US, update};
 use crate::pipeline::model::{AB_M2, COEFFICIENT, LENGTH_M, MAX_EXPONENT};
 use crate::pipeline::region::Region;
 use crate::pipeline::tissue::TissueError;
@@ -102,11 +102,9 @@ impl fmt::Display for Refusal {
             Self::ContactRule => f.write_str(
                 "the parameters were identified with another contact rule than the one of the insole: set the rule first",
             ),
-            Self::EllipseRate { every } => write!(
-                f,
-                "ellipses are streamed at {} Hz at most: request one of every {every} frames",
-                1_000_000 / ELLIPSES_PERIOD_US,
-            ),
+            Self::EllipseRate { every } => {
+                write!(f, "ellipses are streamed at 25 Hz at most: request one of every {every} frames")
+            }
         }
     }
 }

@@ -51,7 +51,8 @@ pub struct Session {
     command: Option<Command>,
     configured: Configured,
     cells: CellSender,
-    pub(super) ellipses: EllipseSender,
+    /// The stream of ellipses. Its messages wait until the carrier has sent everything else.
+    pub ellipses: EllipseSender,
     faults: Faults,
     /// The wall clock, us since 1970, minus the device's time.
     pub(super) unix_offset_us: Option<u64>,
@@ -116,7 +117,12 @@ impl Session {
                 self.cells.start(stream);
                 self.answer(Answer::CellStream(stream));
             }
-            ToDevice::StreamEllipses { every } => self.start_ellipses(every),
+            ToDevice::StreamEllipses { every } => {
+                let period_us = self.setup().map(|setup| setup.period_us);
+                if let Err(refusal) = self.ellipses.start(every, period_us) {
+                    self.answer(Answer::Refused(refusal));
+                }
+            }
             ToDevice::GetSetup | ToDevice::GetSetupCells { .. } if self.configured.layout.is_none() => {
                 self.answer(Answer::Refused(Refusal::NoLayout));
             }
