@@ -1,8 +1,19 @@
-//! The stream of ellipses through the firmware's tasks on a host in virtual time, with the real client.
+//! The stream of ellipses through the firmware's tasks on a host in virtual time, with the real client, and through the emulated
+//! board.
+
+mod common;
 
 use client::{Client, Error};
+use common::{connect, firmware, synthetic_walk};
+use emulation::EmulatorConfig;
+use emulator::{Board, Recorded, Time};
+use plantar::insole::Insole;
+use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::ellipse::Ellipse;
+use plantar::pipeline::setup::DEVICE_CELLS;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{ContactEllipse, Ellipses, LoadRecord, Refusal, ToDevice, ToHost};
+use recording::VirtualInsole;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -108,4 +119,39 @@ fn a_link_that_is_too_slow_for_ellipses_loses_no_step_and_no_live_frame() {
     // The insole replaces messages that could not be sent by newer ones.
     let last = streamed.last().expect("some are sent").sequence;
     assert!(streamed.len() > 10 && (streamed.len() as u32) < last, "{} of {last}", streamed.len());
+}
+
+#[test]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn the_emulated_board_streams_the_ellipses_of_its_frames() {
+    let recording = synthetic_walk(3, 1e6 / PERIOD_US as f64);
+    let virtual_insole = VirtualInsole::new(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
+    let played = Recorded::new(recording.clone(), virtual_insole.clone());
+    let config = EmulatorConfig::new(virtual_insole.setup);
+    let board = Board::start(&firmware(), &config, &virtual_insole.cells, Time::Max, played).expect("the board boots");
+    let mut client = connect(&board);
+    client.stream_ellipses(EVERY).expect("25 Hz are accepted");
+    board.play();
+    let mut insole = Box::new(Insole::<f32, DEVICE_CELLS>::new());
+    insole.set_up(virtual_insole.setup, virtual_insole.cells.iter().copied()).expect("the insole is valid");
+    let (mut codes, mut next, mut steps, mut in_contact) = (vec![0; virtual_insole.cells.len()], 0, 0, 0);
+    while steps < 3 {
+        match client.receive().expect("the link works") {
+            Some(ToHost::Ellipses(message)) => {
+                let frame = (message.t_us / PERIOD_US) as u32;
+                for frame in next..=frame {
+                    virtual_insole.codes_of(&recording, frame as usize, &mut codes);
+                    insole.frame(frame, &codes);
+                }
+                next = frame + 1;
+                for (region, got) in message.regions.iter().enumerate() {
+                    assert_equal(got, insole.ellipse(region), frame);
+                    in_contact += u32::from(got.r_a_cmm > 0);
+                }
+            }
+            Some(ToHost::Step(_)) => steps += 1,
+            _ => {}
+        }
+    }
+    assert!(in_contact > 100, "{in_contact} ellipses");
 }

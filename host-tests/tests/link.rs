@@ -631,8 +631,8 @@ fn frames_of_cells_are_sent_last_and_dropped_whole() {
 
 /// Passes a frame to a session as the insole does: computes ellipses only if they are due.
 fn push_ellipses(session: &mut Session, frame: u32) {
-    if let Some(sequence) = session.next_ellipses() {
-        session.push_ellipses(Ellipses { sequence, t_us: frame.into(), regions: Default::default() });
+    if let Some(sequence) = session.ellipses.due() {
+        session.ellipses.push(Ellipses { sequence, t_us: frame.into(), regions: Default::default() });
     }
 }
 
@@ -646,7 +646,7 @@ fn ellipses_have_a_rate_of_at_most_25_hz() {
         for every in 1..least {
             link.receive(ToDevice::StreamEllipses { every }, 0);
             assert_eq!(all(&mut link), [Sent::Refused(Refusal::EllipseRate { every: least })]);
-            assert_eq!(link.next_ellipses(), None, "no stream runs");
+            assert_eq!(link.ellipses.due(), None, "no stream runs");
         }
         link.receive(ToDevice::StreamEllipses { every: least }, 0);
         let due = (0..3 * least).filter(|&frame| {
@@ -655,7 +655,7 @@ fn ellipses_have_a_rate_of_at_most_25_hz() {
         });
         assert_eq!(due.collect::<Vec<_>>(), [0, least, 2 * least]);
         link.receive(ToDevice::StreamEllipses { every: 0 }, 0);
-        assert_eq!((link.next_ellipses(), all(&mut link)), (None, vec![]));
+        assert_eq!((link.ellipses.due(), all(&mut link)), (None, vec![]));
     }
 }
 
@@ -675,7 +675,7 @@ fn ellipses_wait_for_all_other_messages_and_only_the_newest_is_sent() {
     assert_eq!(all(&mut link), expected);
     // Another host receives none unless it asks for them.
     connect(&mut link);
-    assert_eq!(link.next_ellipses(), None);
+    assert_eq!(link.ellipses.due(), None);
 }
 
 #[test]

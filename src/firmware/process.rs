@@ -30,7 +30,7 @@ pub async fn process(
         let is_toe_off = evaluate_frame(insole, shared, seq, &frame.codes, u64::from(seq) * period_us);
         let cycles = stopwatch.cycles_since(start);
         frames.receive_done();
-        let ellipses_due = shared.session.borrow_mut().next_ellipses();
+        let ellipses_due = shared.session.borrow_mut().ellipses.due();
         if let Some(sequence) = ellipses_due {
             push_ellipses(insole, shared, sequence, u64::from(seq) * period_us);
         }
@@ -67,7 +67,7 @@ pub async fn process(
 #[inline(never)]
 fn push_ellipses(insole: &DeviceInsole, shared: &Shared, sequence: u32, t_us: u64) {
     let regions = core::array::from_fn(|region| ContactEllipse::new(insole.ellipse(region)));
-    shared.session.borrow_mut().push_ellipses(Ellipses { sequence, t_us, regions });
+    shared.session.borrow_mut().ellipses.push(Ellipses { sequence, t_us, regions });
 }
 
 /// Evaluates a frame, and queues its live message and its cells. True at toe off.

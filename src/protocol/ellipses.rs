@@ -1,12 +1,13 @@
 //! The stream of ellipses: the contact ellipses of the regions, for display.
 
+use super::Refusal;
 use super::quantities::quantities;
 use crate::num::Real;
 use crate::pipeline::ellipse::Ellipse;
 use serde::{Deserialize, Serialize};
 
 /// Shortest time between two messages of the stream, us: 25 Hz.
-pub const ELLIPSES_PERIOD_US: u32 = 40_000;
+const ELLIPSES_PERIOD_US: u32 = 40_000;
 
 /// The contact ellipses of one frame: 8 regions in the order of [`crate::Region::ALL`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -97,9 +98,9 @@ mod ellipse_regions {
 /// The insole's side of the stream: which frames are due, and the newest message that was not sent yet. It replaces an older one,
 /// because an ellipse is soon out of date.
 #[derive(Debug)]
-pub(super) struct EllipseSender {
+pub struct EllipseSender {
     /// One of so many frames is sent; 0 for none.
-    pub every: u8,
+    every: u8,
     /// Frames until the next one that is sent.
     skip: u8,
     /// Number of the next message.
@@ -108,30 +109,49 @@ pub(super) struct EllipseSender {
 }
 
 impl EllipseSender {
-    pub const fn new() -> Self {
+    pub(super) const fn new() -> Self {
         Self { every: 0, skip: 0, sequence: 0, newest: None }
     }
 
-    /// Begins another stream, or none for 0.
-    pub fn start(&mut self, every: u8) {
-        *self = Self { every, ..Self::new() };
+    /// Begins a stream with one of every `every` frames, or none for 0. `period_us` is the time between frames; `None` without a
+    /// valid layout.
+    pub(super) fn start(&mut self, every: u8, period_us: Option<u32>) -> Result<(), Refusal> {
+        let least = |period_us: u32| ELLIPSES_PERIOD_US.div_ceil(period_us.max(1)).min(u8::MAX.into()) as u8;
+        match period_us.map(least) {
+            None if every > 0 => return Err(Refusal::NoLayout),
+            Some(least) if every > 0 && every < least => return Err(Refusal::EllipseRate { every: least }),
+            _ => *self = Self { every, ..Self::new() },
+        }
+        Ok(())
     }
 
-    pub fn push(&mut self, ellipses: Ellipses) {
-        self.sequence = ellipses.sequence.wrapping_add(1);
-        self.newest = Some(ellipses);
+    /// One of so many frames is due; 0 without a stream.
+    pub fn every(&self) -> u8 {
+        self.every
+    }
+
+    /// To be called once for each frame: the number of the message that is due with it.
+    #[inline(always)]
+    pub fn due(&mut self) -> Option<u32> {
+        if self.every == 0 { None } else { self.count_frame() }
     }
 
     #[cold]
     #[inline(never)]
-    pub fn count_frame(&mut self) -> Option<u32> {
+    fn count_frame(&mut self) -> Option<u32> {
         let is_due = self.skip == 0;
         self.skip = if is_due { self.every } else { self.skip } - 1;
         is_due.then_some(self.sequence)
     }
 
+    /// Queues the ellipses of a frame, in place of older ones.
+    pub fn push(&mut self, ellipses: Ellipses) {
+        self.sequence = ellipses.sequence.wrapping_add(1);
+        self.newest = Some(ellipses);
+    }
+
     /// The message to send next.
-    pub fn pop(&mut self) -> Option<Ellipses> {
+    pub(super) fn pop(&mut self) -> Option<Ellipses> {
         self.newest.take()
     }
 }

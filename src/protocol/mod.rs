@@ -37,7 +37,7 @@ pub use bout::{Bout, BoutRegion};
 pub use calibration::{BLOCK_CELLS, CALIBRATION_BLOCKS, CalibrationBlock, CalibrationId};
 pub use cells::{CellCoder, CellFrame, CellStream, KEY_INTERVAL, MAX_PACKED, Resolution};
 pub use codec::{Decoder, EncodeError, MAX_FRAME, MAX_MESSAGE, decode, encode, frame};
-pub use ellipses::{ContactEllipse, ELLIPSES_PERIOD_US, Ellipses};
+pub use ellipses::{ContactEllipse, EllipseSender, Ellipses};
 pub use hello::{Hello, MAX_FAULT_TEXT, Reset};
 pub use identity::{Identity, Serial};
 pub use live::{Live, LiveRegion, MAX_LIVE};

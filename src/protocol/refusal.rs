@@ -1,6 +1,6 @@
 //! Why an insole did not execute a request.
 
-use super::{ELLIPSES_PERIOD_US, SCALE, SETTABLE_PERIOD_US, update};
+use super::{SCALE, SETTABLE_PERIOD_US, update};
 use crate::pipeline::cumulative::WINDOW_PARTS;
 use crate::pipeline::model::{AB_M2, COEFFICIENT, LENGTH_M, MAX_EXPONENT};
 use crate::pipeline::region::Region;
@@ -116,11 +116,9 @@ impl fmt::Display for Refusal {
                  {WINDOW_PARTS} s, relieved_percent below sustained_percent, a dose of 0 to 1e7 kPa s, 60 to 43200 s without \
                  another alert",
             ),
-            Self::EllipseRate { every } => write!(
-                f,
-                "ellipses are streamed at {} Hz at most: request one of every {every} frames",
-                1_000_000 / ELLIPSES_PERIOD_US,
-            ),
+            Self::EllipseRate { every } => {
+                write!(f, "ellipses are streamed at 25 Hz at most: request one of every {every} frames")
+            }
         }
     }
 }

@@ -7,7 +7,6 @@
 //! that set them.
 
 mod configuration;
-mod ellipse_stream;
 
 use super::cell_stream::CellSender;
 use super::command::{Answer, Configured};
@@ -51,7 +50,8 @@ pub struct Session {
     command: Option<Command>,
     configured: Configured,
     cells: CellSender,
-    ellipses: EllipseSender,
+    /// The stream of ellipses. Its messages wait until the carrier has sent everything else.
+    pub ellipses: EllipseSender,
     faults: Faults,
     daily: DailyLoad,
     to_insole: ToInsole,
@@ -121,7 +121,12 @@ impl Session {
                 self.answer(Answer::CellStream(stream));
             }
             ToDevice::Zero => self.to_insole.zero = true,
-            ToDevice::StreamEllipses { every } => self.start_ellipses(every),
+            ToDevice::StreamEllipses { every } => {
+                let period_us = self.setup().map(|setup| setup.period_us);
+                if let Err(refusal) = self.ellipses.start(every, period_us) {
+                    self.answer(Answer::Refused(refusal));
+                }
+            }
             ToDevice::GetSetup | ToDevice::GetSetupCells { .. } if self.configured.layout.is_none() => {
                 self.answer(Answer::Refused(Refusal::NoLayout));
             }

@@ -29,7 +29,7 @@ struct Insole {
     hello: Option<Hello>,
     /// The configuration that pages can read, and its identifier in the hello.
     layout: Option<(u32, Layout)>,
-    /// The rate of the stream of ellipses that was requested from the insole, as [`Session::ellipses_every`].
+    /// The rate of the stream of ellipses that was requested from the insole: one of so many frames, or 0 for none.
     ellipses_every: u8,
     /// The wearer's parameters, if they are known.
     tissue: Option<Tissue>,
@@ -132,7 +132,7 @@ impl Hub {
         insole.to_acknowledge = None;
         for (_, link) in &mut insole.pages {
             // Connects on behalf of the page, which thereby receives the insole's new hello.
-            let (is_streaming, every) = (link.next_live().is_some(), link.ellipses_every());
+            let (is_streaming, every) = (link.next_live().is_some(), link.ellipses.every());
             set_layout(link, layout);
             open_session(link, CONNECT, insole.tissue, insole.alert_rules);
             link.receive(ToDevice::Stream { live: is_streaming }, NO_CLOCK_US);
@@ -217,7 +217,7 @@ impl Hub {
     /// The request for another rate of the stream of ellipses, if that of the pages has changed: the highest rate that a page requested.
     pub fn ellipses_to_request(&self, index: usize) -> Option<ToDevice> {
         let mut insole = self.insole(index);
-        let rates = insole.pages.iter().map(|(_, link)| link.ellipses_every());
+        let rates = insole.pages.iter().map(|(_, link)| link.ellipses.every());
         let every = rates.filter(|&every| every > 0).min().unwrap_or(0);
         let is_changed = std::mem::replace(&mut insole.ellipses_every, every) != every;
         is_changed.then_some(ToDevice::StreamEllipses { every })
@@ -226,8 +226,8 @@ impl Hub {
     /// Passes ellipses to the pages that requested them.
     pub fn ellipses(&self, index: usize, ellipses: Ellipses) {
         let mut insole = self.insole(index);
-        for (_, link) in insole.pages.iter_mut().filter(|(_, link)| link.ellipses_every() > 0) {
-            link.push_ellipses(ellipses);
+        for (_, link) in insole.pages.iter_mut().filter(|(_, link)| link.ellipses.every() > 0) {
+            link.ellipses.push(ellipses);
         }
         drop(insole);
         self.changed.send_replace(());

@@ -214,8 +214,8 @@ async fn two_pages_receive_both_feet_and_a_step_is_acknowledged_once_one_page_ac
 /// Waits until the insole streams ellipses at this rate, or none for 0. The bridge requests a changed rate after its next message.
 async fn wait_for_ellipses(cable: &Cable, page: &mut Page, every: u8) {
     let end = std::time::Instant::now() + TIMEOUT;
-    while cable.act(|insole| insole.link.ellipses_every()) != every {
-        assert!(std::time::Instant::now() < end, "the rate is {}", cable.act(|insole| insole.link.ellipses_every()));
+    while cable.act(|insole| insole.link.ellipses.every()) != every {
+        assert!(std::time::Instant::now() < end, "the rate is {}", cable.act(|insole| insole.link.ellipses.every()));
         page.status(0).await;
     }
 }
@@ -251,7 +251,7 @@ async fn pages_read_the_layout_and_receive_ellipses_at_the_highest_rate_that_one
     wait_for_ellipses(&cable, &mut other, 4).await;
     let regions = [ContactEllipse { x_dmm: 300, y_dmm: 200, r_a_cmm: 100, r_b_cmm: 200, angle_ddeg: 0 }; 8];
     let sent = Ellipses { sequence: 0, t_us: 40_000, regions };
-    cable.act(|insole| insole.link.push_ellipses(sent));
+    cable.act(|insole| insole.link.ellipses.push(sent));
     for page in [&mut one, &mut other] {
         let received =
             page.find(0, |message| if let ToHost::Ellipses(ellipses) = message { Some(ellipses) } else { None });
