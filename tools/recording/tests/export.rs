@@ -2,8 +2,10 @@
 
 mod common;
 
-use recording::{Error, Format};
+use plantar::{Region, Side};
+use recording::{Error, Format, Recording, footprint};
 use std::path::Path;
+use std::process::Command;
 
 fn recognised(text: &str) -> Result<Format, String> {
     Format::recognise(text.as_bytes(), Path::new("file.dat")).map_err(|error: Error| error.to_string())
@@ -49,26 +51,69 @@ fn other_files_are_refused_with_the_command_that_reads_them() {
     }
 }
 
-/// The real exports, which are not part of this repository.
-mod real {
+/// Checks that each step begins at the heel and ends at the forefoot, and that the largest force is that of a person.
+fn check_walk(recording: &Recording, least_n: f64, most_n: f64) {
+    let largest_n = (0..recording.frames()).map(|i| recording.force_n(i)).fold(0.0, f64::max);
+    assert!((least_n..most_n).contains(&largest_n), "{largest_n} N");
+    assert_eq!(footprint::warnings(recording), Vec::<String>::new());
+    for region in Region::ALL {
+        assert!(recording.layout.cells.iter().any(|cell| cell.region == region), "{region:?}");
+    }
+}
+
+#[test]
+#[ignore = "needs the source archive of moticon-opengo: cargo xtask test"]
+fn moticon_walks_agree_with_the_vendors_total_force_within_half_a_newton() {
+    let archive =
+        std::env::var_os("PLANTAR_MOTICON").expect("PLANTAR_MOTICON names the source archive of moticon-opengo");
+    for (name, size_mm2) in [
+        ("230927_102114.txt", 20_480.0),
+        ("230927_102137.txt", 20_480.0),
+        ("230927_102231.txt", 20_480.0),
+        ("walk_data_with_events/text_export.txt", 14_400.0),
+    ] {
+        let member = format!("moticon_opengo-1.0.3/tests/testdata/{name}");
+        let output = Command::new("tar").arg("-xzOf").arg(&archive).arg(&member).output().expect("tar can be started");
+        assert!(output.status.success(), "{member} is in the archive");
+        let export = Format::Moticon.parse(&output.stdout, Path::new(name), None).expect("the export is read");
+        assert_eq!(export.feet.iter().map(|foot| foot.side).collect::<Vec<_>>(), [Side::Left, Side::Right]);
+        let text = String::from_utf8(output.stdout).expect("UTF-8");
+        for foot in &export.feet {
+            let rms_n = difference_n(foot, &text);
+            assert!(rms_n < 0.5, "{name}, {}: {rms_n} N", foot.side.name());
+            let area_mm2: f64 = foot.layout.cells.iter().map(|cell| cell.area_mm2).sum();
+            assert!((area_mm2 / size_mm2 - 1.0).abs() < 0.01, "{area_mm2} mm2");
+            check_walk(foot, 800.0, 1500.0);
+        }
+    }
+}
+
+/// The root mean square of the differences between the forces and the total forces in the export.
+fn difference_n(foot: &Recording, text: &str) -> f64 {
+    let head: Vec<&str> = text.lines().find(|line| line.starts_with("# time")).expect("a header").split('\t').collect();
+    let column =
+        head.iter().position(|name| name.starts_with(&format!("{} total force", foot.side.name()))).expect("totals");
+    let rows = text.lines().filter(|line| !line.starts_with('#')).map(|line| line.split('\t').collect::<Vec<_>>());
+    let squares: Vec<f64> = rows
+        .filter_map(|row| Some((row[0].parse::<f64>().ok()?, row.get(column)?.parse::<f64>().ok()?)))
+        .filter_map(|(t_s, total_n)| {
+            let frame = foot.t_s.iter().position(|frame_s| (frame_s - t_s).abs() < 1e-3)?;
+            Some((foot.force_n(frame) - total_n).powi(2))
+        })
+        .collect();
+    assert!(squares.len() > 400);
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
+/// Tests with recordings of people, which are not public.
+mod unpublished {
+    use super::check_walk;
     use super::common::recordings;
-    use plantar::{Region, Side};
-    use recording::{Export, Format, Recording, export, footprint};
-    use std::path::Path;
-    use std::process::Command;
+    use plantar::Side;
+    use recording::{Export, export, footprint};
 
     fn import(name: &str) -> Export {
         export::import(recordings().join(name), None).expect("the export is read")
-    }
-
-    /// Checks that each step begins at the heel and ends at the forefoot, and that the largest force is that of a person.
-    fn check_walk(recording: &Recording, least_n: f64, most_n: f64) {
-        let largest_n = (0..recording.frames()).map(|i| recording.force_n(i)).fold(0.0, f64::max);
-        assert!((least_n..most_n).contains(&largest_n), "{largest_n} N");
-        assert_eq!(footprint::warnings(recording), Vec::<String>::new());
-        for region in Region::ALL {
-            assert!(recording.layout.cells.iter().any(|cell| cell.region == region), "{region:?}");
-        }
     }
 
     #[test]
@@ -99,54 +144,6 @@ mod real {
         assert_eq!((export.feet[0].side, export.feet[0].frames()), (Side::Right, 329));
         assert!((export.feet[0].rate_hz - 500.0).abs() < 1e-6);
         check_walk(&export.feet[0], 650.0, 800.0);
-    }
-
-    #[test]
-    #[ignore = "needs the source archive of moticon-opengo: cargo xtask test"]
-    fn moticon_walks_agree_with_the_vendors_total_force_within_half_a_newton() {
-        let archive =
-            std::env::var_os("PLANTAR_MOTICON").expect("PLANTAR_MOTICON names the source archive of moticon-opengo");
-        for (name, size_mm2) in [
-            ("230927_102114.txt", 20_480.0),
-            ("230927_102137.txt", 20_480.0),
-            ("230927_102231.txt", 20_480.0),
-            ("walk_data_with_events/text_export.txt", 14_400.0),
-        ] {
-            let member = format!("moticon_opengo-1.0.3/tests/testdata/{name}");
-            let output =
-                Command::new("tar").arg("-xzOf").arg(&archive).arg(&member).output().expect("tar can be started");
-            assert!(output.status.success(), "{member} is in the archive");
-            let export = Format::Moticon.parse(&output.stdout, Path::new(name), None).expect("the export is read");
-            assert_eq!(export.feet.iter().map(|foot| foot.side).collect::<Vec<_>>(), [Side::Left, Side::Right]);
-            let text = String::from_utf8(output.stdout).expect("UTF-8");
-            for foot in &export.feet {
-                let rms_n = difference_n(foot, &text);
-                assert!(rms_n < 0.5, "{name}, {}: {rms_n} N", foot.side.name());
-                let area_mm2: f64 = foot.layout.cells.iter().map(|cell| cell.area_mm2).sum();
-                assert!((area_mm2 / size_mm2 - 1.0).abs() < 0.01, "{area_mm2} mm2");
-                check_walk(foot, 800.0, 1500.0);
-            }
-        }
-    }
-
-    /// The root mean square of the differences between the forces and the total forces in the export.
-    fn difference_n(foot: &Recording, text: &str) -> f64 {
-        let head: Vec<&str> =
-            text.lines().find(|line| line.starts_with("# time")).expect("a header").split('\t').collect();
-        let column = head
-            .iter()
-            .position(|name| name.starts_with(&format!("{} total force", foot.side.name())))
-            .expect("totals");
-        let rows = text.lines().filter(|line| !line.starts_with('#')).map(|line| line.split('\t').collect::<Vec<_>>());
-        let squares: Vec<f64> = rows
-            .filter_map(|row| Some((row[0].parse::<f64>().ok()?, row.get(column)?.parse::<f64>().ok()?)))
-            .filter_map(|(t_s, total_n)| {
-                let frame = foot.t_s.iter().position(|frame_s| (frame_s - t_s).abs() < 1e-3)?;
-                Some((foot.force_n(frame) - total_n).powi(2))
-            })
-            .collect();
-        assert!(squares.len() > 400);
-        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
     }
 
     #[test]
