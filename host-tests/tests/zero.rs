@@ -17,7 +17,7 @@ const LACED_S: usize = 16;
 /// Walks, lifts the foot, laces the shoe, and continues with this activity.
 fn wearer(last: Activity) -> Recording {
     let activities = [Activity::Walk, Activity::Lift, last];
-    let (mut recording, _) = activity::recording(&activities, 650.0, RATE_HZ as f64, 10.0, 1);
+    let (mut recording, _) = activity::recording(&activities, 650.0, RATE_HZ as f64, 10.0, 3);
     let laced = LACED_S * RATE_HZ * recording.cells();
     recording.pressure_kpa[laced..].iter_mut().for_each(|kpa| *kpa += SHOE_KPA);
     recording
@@ -49,7 +49,6 @@ fn request_after(recording: &Recording, request_s: usize) -> (Result<ZeroResult,
         if let Some((result, at_s)) = outcome
             && second == at_s + 2
         {
-            println!("{:?}", insole.faults());
             let total_n = insole.loads().iter().map(|load| f64::from(load.frame.force.force_n)).sum();
             return (result, at_s - request_s, total_n);
         }
