@@ -20,8 +20,9 @@ use plantar::protocol::BLOCK_CELLS;
 use plantar::protocol::fragment::Splitter;
 use plantar::protocol::update::{Header, Offer, Progress, Request};
 use plantar::protocol::{
-    CellCoder, CellFrame, CellStream, ContactEllipse, Ellipses, Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE, MINOR, Refusal, Reset,
-    Resolution, SETUP_CELLS, Serial, Settings, Status, Step, ToDevice, ToHost, decode, encode, frame,
+    CellCoder, CellFrame, CellStream, ContactEllipse, Ellipses, Hello, Identity, Live, MAJOR, MAX_FRAME, MAX_MESSAGE,
+    MINOR, Refusal, Reset, Resolution, SETUP_CELLS, Serial, Settings, Status, Step, ToDevice, ToHost, decode, encode,
+    frame,
 };
 use recording::synthetic::{self, SyntheticWalk};
 use recording::{FootZero, Format, Recording, VirtualInsole, Zero};

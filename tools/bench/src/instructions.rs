@@ -121,7 +121,7 @@ const STRIDE: u32 = 100;
 /// See [`STRIDE`].
 const STANCE: u32 = 64;
 /// Number of strides. The insole adapts the force laws from the tenth on.
-const STRIDES: u32 = 16;
+const STRIDES: u32 = 80;
 
 /// A foot that loads every cell of every region in each stance, most in the middle of the stance.
 struct Striding(Vec<u16>);
