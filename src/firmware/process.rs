@@ -72,8 +72,8 @@ fn push_ellipses(insole: &DeviceInsole, shared: &Shared, sequence: u32, t_us: u6
 
 /// Evaluates a frame, and queues its live message and its cells. True at toe off.
 ///
-/// This function and [`evaluate_region`] are not generic. So they are compiled with this library, for speed, and not with the board,
-/// for size.
+/// This function, [`evaluate_region`] and [`assemble_step`] are not generic. So they are compiled with this library, for speed, and
+/// not with the board, for size.
 #[inline(never)]
 fn evaluate_frame(insole: &mut DeviceInsole, shared: &Shared, seq: u32, codes: &[u16], t_us: u64) -> bool {
     let is_toe_off = insole.frame(seq, codes);
@@ -120,7 +120,8 @@ fn adopt_tissue(insole: &mut DeviceInsole, shared: &Shared) {
     }
 }
 
-/// Executes the requests of hosts that concern alerts and baselines, and publishes the load of the day. A change takes effect within a second.
+/// Executes the requests of hosts that concern alerts and baselines, and publishes the load of the day. A change takes effect within
+/// a second.
 #[cold]
 #[inline(never)]
 fn end_second(insole: &mut DeviceInsole, shared: &Shared) {
