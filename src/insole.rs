@@ -245,8 +245,8 @@ impl<R: Real, const N: usize> Insole<R, N> {
         }
         if self.stance.is_lifted() {
             self.review(seq, codes);
-        } else {
-            self.detector.pause(self.stance.has_loaded());
+        } else if self.detector.pause(self.stance.has_loaded()) {
+            self.sum_residuals();
         }
         is_toe_off
     }
@@ -273,9 +273,16 @@ impl<R: Real, const N: usize> Insole<R, N> {
     fn review(&mut self, seq: u32, codes: &[u16]) {
         let mut frame = frame_context!(self, seq, codes);
         if self.detector.lifted_frame(&mut frame) {
-            for (region, residual) in self.residuals.iter_mut().enumerate() {
-                *residual = residual_of(&self.cells[self.division.cells(region)]);
-            }
+            self.sum_residuals();
+        }
+    }
+
+    /// Computes the force of the baselines of each region.
+    #[cold]
+    #[inline(never)]
+    fn sum_residuals(&mut self) {
+        for (region, residual) in self.residuals.iter_mut().enumerate() {
+            *residual = residual_of(&self.cells[self.division.cells(region)]);
         }
     }
 

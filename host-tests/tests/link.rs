@@ -804,6 +804,7 @@ fn rules_of_alerts_are_checked_stored_and_passed_to_the_insole() {
 #[test]
 fn a_snooze_waits_for_the_insole() {
     let mut session = Session::new();
+    session.set_layout(SETUP, &[], None);
     connect(&mut session);
     all(&mut session);
     session.receive(ToDevice::SnoozeAlerts { snoozed_s: 1_100 }, 0);
@@ -836,10 +837,19 @@ fn a_request_to_measure_the_baselines_is_passed_to_the_insole_and_answered() {
     connect(&mut session);
     all(&mut session);
     session.receive(ToDevice::Zero, 0);
+    assert_eq!(all(&mut session), [Sent::Refused(Refusal::NoLayout)]);
+    session.set_layout(SETUP, &[], None);
+    session.receive(ToDevice::Zero, 0);
     assert!(session.take_to_insole().zero && !session.take_to_insole().zero);
     assert_eq!(all(&mut session), []);
     let result = ZeroResult { changed: 3, without_baseline: [1; 8], residual_dn: [40; 8] };
     session.answer_zero(Ok(result));
+    assert_eq!(all(&mut session), [Sent::Zero(result)]);
+
+    // The next host must not take the outcome as the answer to its own request.
+    session.receive(ToDevice::Zero, 0);
+    connect(&mut session);
     session.answer_zero(Err(Refusal::NotLifted));
-    assert_eq!(all(&mut session), [Sent::Zero(result), Sent::Refused(Refusal::NotLifted)]);
+    assert_eq!(all(&mut session), [Sent::Hello]);
+    assert!(!session.take_to_insole().zero);
 }

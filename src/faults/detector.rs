@@ -36,6 +36,8 @@ pub(crate) struct FaultDetector {
     has_stance: bool,
     /// A host has requested that the baselines are measured.
     is_zero_requested: bool,
+    /// Number of baselines that the last requested review has changed.
+    zeroed: u32,
     /// A stance interrupted the last review.
     is_interrupted: bool,
     /// Number of the frame in which the last review ended; `None` before the first.
@@ -60,6 +62,7 @@ impl FaultDetector {
             has_lines: false,
             has_stance: false,
             is_zero_requested: false,
+            zeroed: 0,
             is_interrupted: false,
             reviewed_seq: None,
             next_cell: None,
@@ -122,14 +125,17 @@ impl FaultDetector {
         }
     }
 
-    /// Processes a frame in which the foot is not lifted, or not for long enough. `is_down` states whether it is on the ground.
+    /// Processes a frame in which the foot is not lifted, or not for long enough. `is_down` states whether it is on the ground. True
+    /// if this interrupts a review that has changed baselines.
     #[inline(always)]
-    pub(crate) fn pause(&mut self, is_down: bool) {
+    pub(crate) fn pause(&mut self, is_down: bool) -> bool {
+        let is_changed = is_down && self.next_cell.is_some() && self.review.rezeroed > 0;
         if is_down {
             // A review that this stance interrupts is abandoned.
             self.is_interrupted |= self.next_cell.is_some();
             (self.has_stance, self.next_cell) = (true, None);
         }
+        is_changed
     }
 
     /// Requests a review that measures the baselines, or cancels the request.
@@ -142,9 +148,9 @@ impl FaultDetector {
         self.is_zero_requested
     }
 
-    /// Number of baselines that the last review has changed.
-    pub(crate) fn last_rezeroed(&self) -> u32 {
-        self.review.rezeroed
+    /// Number of baselines that the last requested review has changed.
+    pub(crate) fn zeroed(&self) -> u32 {
+        self.zeroed
     }
 
     /// Processes a frame in which the foot is lifted: reviews all cells once after the start, after each stance and on
@@ -177,7 +183,9 @@ impl FaultDetector {
             return false;
         }
         self.reviewed_seq = Some(frame.seq);
-        self.is_zero_requested &= self.review.rise != Rise::Whole;
+        if self.is_zero_requested && self.review.rise == Rise::Whole {
+            (self.is_zero_requested, self.zeroed) = (false, self.review.rezeroed);
+        }
         let found_before = self.faults.found;
         self.faults.rezeroed = self.faults.rezeroed.wrapping_add(self.review.rezeroed);
         self.faults.without_baseline = self.review.without_baseline;

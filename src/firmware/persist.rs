@@ -101,6 +101,10 @@ impl Persist<'_> {
     /// Stores a record. False if the session must also hold it in RAM, because it follows the records there or could not be stored.
     /// True if it will be loaded from the log later, or is lost.
     async fn store_record(&mut self, store: &mut Store<impl MultiwriteNorFlash>, record: LoadRecord) -> bool {
+        if matches!(record, LoadRecord::Alert(_)) {
+            // An alert must not be raised again after a loss of power.
+            self.daily_load_at = Instant::now();
+        }
         match store.push_record(record).await {
             Ok(dropped) => {
                 let mut session = self.shared.session.borrow_mut();

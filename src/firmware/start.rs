@@ -137,6 +137,10 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
         // The insole has as many places.
         calibrated.extend(cells.clone().take(DEVICE_CELLS));
     }
+    let alert_rules = store.get(0).await.ok().flatten().filter(AlertRules::is_valid);
+    if let Some(rules) = &alert_rules {
+        insole.set_alert_rules(rules);
+    }
     if let Ok(Some(earlier)) = store.get(0).await {
         insole.restore_day(&earlier);
     }
@@ -151,7 +155,6 @@ pub async fn start<F: MultiwriteNorFlash, const FRAMES: usize>(
     let (to_process, scanned) = memory.channel.init(Channel::new(memory.frames.take())).split();
     let shared = init_shared(&memory.shared, hello, serial_bytes_per_s, counters, stack_bytes);
     shared.restore(store, identity, calibration_id).await;
-    let alert_rules = store.get(0).await.ok().flatten().filter(AlertRules::is_valid);
     {
         let mut session = shared.session.borrow_mut();
         if let Some(rules) = alert_rules {

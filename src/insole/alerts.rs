@@ -39,6 +39,11 @@ impl<R: Real, const N: usize> Insole<R, N> {
         if rules.limits != self.alert_rules.limits {
             self.cumulative.clear_window();
         }
+        if rules.day_start_min != self.alert_rules.day_start_min && self.alerts.day != 0 {
+            // The load so far is part of the day that the next call of `enter_day` names.
+            self.alerts.day = 0;
+            self.earlier = DailyLoad::NONE;
+        }
         self.alert_rules = *rules;
     }
 
@@ -58,7 +63,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
     }
 
     /// States the number of the present day, from 1. A new day begins without load. The first call after the start states the day
-    /// of the load so far.
+    /// of the load so far. A step back by one day is a correction of the clock, and begins no day.
     pub fn enter_day(&mut self, day: u32) {
         if self.alerts.day == 0 {
             self.alerts.day = day;
@@ -66,7 +71,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
                 self.cumulative.totals.add(&self.earlier.totals);
                 self.alerts.add(&self.earlier);
             }
-        } else if self.alerts.day != day {
+        } else if self.alerts.day != day && self.alerts.day != day + 1 {
             self.begin_day(day);
         }
     }

@@ -9,8 +9,8 @@ use crate::pipeline::baseline::{ZERO_S, ZeroResult};
 pub struct NotLifted;
 
 impl<R: Real, const N: usize> Insole<R, N> {
-    /// Measures the baselines of all cells as soon as the foot is lifted, within [`ZERO_S`] seconds. The readings become the baselines
-    /// at once, as after the start.
+    /// Measures the baselines of all cells as soon as the foot is lifted, within [`ZERO_S`] seconds. The readings become the
+    /// baselines at once, as after the start.
     pub fn request_zero(&mut self) {
         self.zero_s = ZERO_S;
         self.detector.request_zero(true);
@@ -24,7 +24,7 @@ impl<R: Real, const N: usize> Insole<R, N> {
         if !self.detector.is_zero_requested() {
             self.zero_s = 0;
             return Some(Ok(ZeroResult {
-                changed: self.detector.last_rezeroed() as u16,
+                changed: self.detector.zeroed() as u16,
                 without_baseline: self.faults().without_baseline,
                 residual_dn: self.residuals.each_ref().map(|residual| (residual.force_n * R::of(10.0)).round_u16()),
             }));

@@ -8,6 +8,9 @@ use super::cumulative::{LoadLimits, Totals};
 use super::region::Side;
 use serde::{Deserialize, Serialize};
 
+/// Longest time without alerts after an alert or on request, s: 12 hours.
+pub const MAX_SNOOZE_S: u16 = 43_200;
+
 /// The rules of alerts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AlertRules {
@@ -17,7 +20,7 @@ pub struct AlertRules {
     pub regions: u8,
     /// Dose of a region in a day from which an alert is raised, kPa s; 0 for no such alert, at most 1e7.
     pub dose_kpa_s: f32,
-    /// Time after an alert without another one, s, 60 to 43200.
+    /// Time after an alert without another one, s, 60 to [`MAX_SNOOZE_S`].
     pub snooze_s: u16,
     /// Largest number of alerts in a day; 0 for no alerts.
     pub per_day: u8,
@@ -58,7 +61,7 @@ impl AlertRules {
     pub fn is_valid(&self) -> bool {
         self.limits.is_valid()
             && (0.0..=1e7).contains(&self.dose_kpa_s)
-            && (60..=43_200).contains(&self.snooze_s)
+            && (60..=MAX_SNOOZE_S).contains(&self.snooze_s)
             && self.day_start_min < 1440
     }
 
@@ -168,6 +171,7 @@ impl Alerts {
     pub(crate) fn add(&mut self, earlier: &DailyLoad) {
         self.today = self.today.saturating_add(earlier.alerts);
         self.dose |= earlier.dose;
+        self.snoozed_s = self.snoozed_s.max(earlier.snoozed_s);
     }
 
     /// Counts a second of a day without a clock; true if the day has ended.

@@ -195,7 +195,7 @@ impl<R: Real> CumulativeLoad<R> {
             total.dose_dkpa_s = total.dose_dkpa_s.saturating_add(rounded(sums.dose_kpa * R::of(10.0)));
             total.squared_kpa2_s = total.squared_kpa2_s.saturating_add(rounded(sums.squared_kpa2));
             is_loaded |= sums.squared_kpa2 > R::ZERO;
-            // At most 1.05 s, for a second after missing frames, in a part of at most 240 s.
+            // At most 1.25 s, for a second after missing frames at 20 Hz, in a part of at most 240 s.
             window[usize::from(self.part)] += (sums.sustained * 100 / self.second_frames) as u16;
             let loaded_cs = share_cs(window, oldest, self.part_s, part_s);
             let at = |percent: u8| u32::from(percent) * u32::from(limits.window_s);

@@ -113,7 +113,7 @@ impl fmt::Display for Refusal {
             Self::AlertRules => write!(
                 f,
                 "the rules of alerts are out of range: pressures of 1 to 2000 kPa, a window of 60 to 3600 s that is a multiple of \
-                 {WINDOW_PARTS} s, relieved_percent below sustained_percent, a dose of 0 to 1e7 kPa s, 60 to 43200 s without \
+                 {WINDOW_PARTS} s, relieved_percent above 0 and below sustained_percent, a dose of 0 to 1e7 kPa s, 60 to 43200 s without \
                  another alert",
             ),
             Self::EllipseRate { every } => {

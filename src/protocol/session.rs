@@ -14,7 +14,7 @@ pub use super::command::{Command, CommandResult};
 use super::ellipses::EllipseSender;
 use super::{Hello, Live, LoadRecord, MAJOR, MAX_LIVE, Refusal, SETUP_CELLS, Status, ToDevice, ToHost, encode};
 use crate::faults::Faults;
-use crate::pipeline::alert::DailyLoad;
+use crate::pipeline::alert::{DailyLoad, MAX_SNOOZE_S};
 use crate::sequence;
 pub use configuration::ToInsole;
 use heapless::{Deque, Vec};
@@ -55,6 +55,8 @@ pub struct Session {
     faults: Faults,
     daily: DailyLoad,
     to_insole: ToInsole,
+    /// A host of this session has requested that the baselines are measured.
+    is_zero_awaited: bool,
     /// The wall clock, us since 1970, minus the device's time.
     unix_offset_us: Option<u64>,
     clock_sets: u32,
@@ -83,6 +85,7 @@ impl Session {
             faults: Faults::NONE,
             daily: DailyLoad::NONE,
             to_insole: ToInsole::NONE,
+            is_zero_awaited: false,
             unix_offset_us: None,
             clock_sets: 0,
         }
@@ -120,14 +123,17 @@ impl Session {
                 self.cells.start(stream);
                 self.answer(Answer::CellStream(stream));
             }
-            ToDevice::Zero => self.to_insole.zero = true,
+            ToDevice::Zero => (self.to_insole.zero, self.is_zero_awaited) = (true, true),
             ToDevice::StreamEllipses { every } => {
                 let period_us = self.setup().map(|setup| setup.period_us);
                 if let Err(refusal) = self.ellipses.start(every, period_us) {
                     self.answer(Answer::Refused(refusal));
                 }
             }
-            ToDevice::GetSetup | ToDevice::GetSetupCells { .. } if self.configured.layout.is_none() => {
+            // Without a layout, the insole evaluates no frames.
+            ToDevice::GetSetup | ToDevice::GetSetupCells { .. } | ToDevice::Zero | ToDevice::SnoozeAlerts { .. }
+                if self.configured.layout.is_none() =>
+            {
                 self.answer(Answer::Refused(Refusal::NoLayout));
             }
             ToDevice::GetSetup => self.answer(Answer::Setup),
@@ -136,7 +142,7 @@ impl Session {
             ToDevice::GetIdentified => self.answer(Answer::Identified),
             ToDevice::GetAlertRules => self.answer(Answer::AlertRules),
             ToDevice::GetDailyLoad => self.answer(Answer::DailyLoad),
-            ToDevice::SnoozeAlerts { snoozed_s } => self.to_insole.snooze_s = Some(snoozed_s),
+            ToDevice::SnoozeAlerts { snoozed_s } => self.to_insole.snooze_s = Some(snoozed_s.min(MAX_SNOOZE_S)),
             request => match Command::of(&request, self.setup().map(|setup| setup.contact)) {
                 Some(Ok(command)) => self.begin(command),
                 Some(Err(refusal)) => self.answer(Answer::Refused(refusal)),
@@ -247,7 +253,7 @@ impl Session {
             configured: self.configured,
             faults: core::mem::take(&mut self.faults),
             daily: self.daily,
-            to_insole: self.to_insole,
+            to_insole: ToInsole { zero: false, ..self.to_insole },
             unix_offset_us: self.unix_offset_us,
             clock_sets: self.clock_sets,
             ..Self::new()

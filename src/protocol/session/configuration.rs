@@ -50,9 +50,9 @@ impl Session {
         &self.configured.alert_rules
     }
 
-    /// Answers a request to measure the baselines, with the result or the refusal.
+    /// Answers a request of this session to measure the baselines, with the result or the refusal.
     pub fn answer_zero(&mut self, result: Result<ZeroResult, Refusal>) {
-        if self.is_open {
+        if core::mem::take(&mut self.is_zero_awaited) {
             self.answer(result.map_or_else(Answer::Refused, Answer::Zero));
         }
     }

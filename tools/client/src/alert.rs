@@ -60,8 +60,8 @@ pub fn alert_to_json(alert: &Alert) -> Value {
     let mut object = Map::new();
     object.insert("side".into(), alert.side.name().into());
     crate::json::insert(&mut object, Alert::QUANTITIES, alert);
-    let start_unix_s = alert.start_unix_us.filter(|_| alert.boots_since > 0).map(|us| us as f64 / 1e6);
-    object.insert("start_unix_s".into(), start_unix_s.into());
+    // Unlike a step, an alert may be evaluated before the insole's clock is known to the host.
+    object.insert("start_unix_s".into(), alert.start_unix_us.map(|us| us as f64 / 1e6).into());
     object.insert("sustained".into(), names(alert.sustained));
     object.insert("dose".into(), names(alert.dose));
     object.insert("advice".into(), alert_advice(alert).into());

@@ -17,6 +17,8 @@ const FRESH_S = 300;
 const SNOOZE_MIN = 30;
 /** Number of alerts in the table. */
 const ROWS = 10;
+/** Time after a change of the switch in which an insole answers. */
+const ANSWER_MS = 3000;
 const VIBRATION_MS = [400, 200, 400, 200, 400];
 
 /** Minutes from midnight UTC to midnight of the phone's time zone. */
@@ -26,6 +28,7 @@ const dayStartMinutes = () => (new Date().getTimezoneOffset() + 1440) % 1440;
 export class Alerts {
   private readonly cues = new PhoneCues();
   private readonly shown = new Map<Side, Alert>();
+  private switched_ms = -Infinity;
 
   constructor(
     private readonly wire: Wire,
@@ -43,7 +46,10 @@ export class Alerts {
     };
     const alerts = byId("alerts-on", HTMLInputElement);
     alerts.onchange = () => {
-      for (const session of this.connected()) session.send(this.wire.setAlerts(alerts.checked, dayStartMinutes()));
+      this.switched_ms = performance.now();
+      for (const session of this.connected()) {
+        if (session.alert_rules) session.send(this.wire.setAlerts(session.alert_rules, alerts.checked, dayStartMinutes()));
+      }
     };
     for (const key of ["alert_sound", "alert_vibration"] as const) {
       const box = byId(key.replace("_", "-"), HTMLInputElement);
@@ -57,10 +63,11 @@ export class Alerts {
     }
   }
 
-  /** Shows a new alert, with sound and vibration if the wearer has allowed them. */
-  raise(alert: Alert, start_unix_s: number | null): void {
-    if (start_unix_s !== null && Date.now() / 1000 - start_unix_s > FRESH_S) return;
-    if (start_unix_s === null && alert.starts_ago > 0) return;
+  /** Shows a new alert, with sound and vibration if the wearer has allowed them. `t_s` is the present time on the insole's clock. */
+  raise(alert: Alert, start_unix_s: number | null, t_s: number | undefined): void {
+    const now_s = start_unix_s === null && alert.starts_ago === 0 ? t_s : Date.now() / 1000;
+    // Without a time, the alert may be hours old.
+    if (now_s === undefined || now_s - (start_unix_s ?? alert.start_s) > FRESH_S) return;
     this.shown.set(alert.side, alert);
     this.signal();
     this.draw();
@@ -90,8 +97,13 @@ export class Alerts {
     const sessions = this.connected();
     const alerts = byId("alerts-on", HTMLInputElement);
     alerts.disabled = sessions.length === 0 || sessions.some(({ has_alerts }) => has_alerts === undefined);
-    // While the wearer uses the switch, the insoles have not answered yet.
-    if (document.activeElement !== alerts) alerts.checked = sessions.some(({ has_alerts }) => has_alerts);
+    if (performance.now() - this.switched_ms > ANSWER_MS) {
+      const on = sessions.filter(({ has_alerts }) => has_alerts);
+      alerts.checked = on.length > 0 && on.length === sessions.length;
+      // An insole that was connected later, or has refused, raises none: the wearer must know.
+      alerts.indeterminate = on.length > 0 && on.length < sessions.length;
+      fill("alerts-note", alerts.indeterminate ? [`Alerts are on for the ${on[0]?.hello?.side ?? ""} foot only.`] : []);
+    }
     const daily = SIDES.map((side) => this.insoles.of(side)?.daily);
     byId("today").hidden = daily.every((load) => !load);
     const cell = (value: (region: DailyRegion) => string, name: string) =>

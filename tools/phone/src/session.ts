@@ -61,6 +61,8 @@ export class Session {
   status: Status | undefined;
   /** The load of the day, as far as it is known. */
   daily: DailyLoad | undefined;
+  /** The message with the rules of alerts; `undefined` until the insole has answered. */
+  alert_rules: Uint8Array | undefined;
   /** True if the insole raises alerts; `undefined` until it has answered. */
   has_alerts: boolean | undefined;
   /** The contact ellipses of the last frame that had some, by region; null without contact. */
@@ -76,9 +78,9 @@ export class Session {
   readonly counter: LiveCounter;
   /** True if the last step says that tissue or shoe have changed so much that the wearer should be identified again. */
   needs_refit = false;
-  /** Times at which the last live frames arrived. */
   /** The cells of the insole that have arrived. */
   private cells: LayoutCell[] = [];
+  /** Times at which the last live frames arrived. */
   private readonly arrivals_ms: number[] = [];
   private hello_received_ms = 0;
   private last_message_ms = 0;
@@ -146,6 +148,7 @@ export class Session {
         return;
       case "alert_rules":
         this.has_alerts = message.is_on;
+        this.alert_rules = bytes.slice();
         return;
       case "time":
         this.axis.answer(message);

@@ -131,8 +131,16 @@ export class Wire {
   acknowledge = (step: number) => this.request(this.core.acknowledge(step));
   getStatus = () => this.request(this.core.get_status());
   getAlertRules = () => this.request(this.core.get_alert_rules());
-  /** Turns the recommended alerts on or off. The wearer's day begins `day_start_min` minutes after midnight UTC. */
-  setAlerts = (is_on: boolean, day_start_min: number) => this.request(this.core.set_alerts(is_on, day_start_min));
+  /**
+   * Turns alerts on or off. `rules` is the insole's message with its rules, of which all others remain. The wearer's day begins
+   * `day_start_min` minutes after midnight UTC.
+   */
+  setAlerts(rules: Uint8Array, is_on: boolean, day_start_min: number): Uint8Array {
+    const at = this.core.resize_buffer(rules.length);
+    new Uint8Array(this.core.memory.buffer, at, rules.length).set(rules);
+    return this.request(this.core.set_alerts(is_on, day_start_min));
+  }
+
   getDailyLoad = () => this.request(this.core.get_daily_load());
   snoozeAlerts = (snoozed_s: number) => this.request(this.core.snooze_alerts(snoozed_s));
   getTime = (unix_us: number) => this.request(this.core.get_time(unix_us));

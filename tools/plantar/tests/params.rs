@@ -332,7 +332,7 @@ fn alerts_are_set_shown_snoozed_and_refused() {
     };
     assert_eq!(rules(), expected);
     for (wrong, reason) in [
-        ("alerts --ends 95", "--ends below --begins"),
+        ("alerts --ends 95", "--ends above 0 and below --begins"),
         ("alerts --sustained-pressure 0.5", "pressures must be 1 to 2000 kPa"),
         ("alerts --region knee", "the regions are heel"),
         ("alerts --window 61", "61 is not in 1..=60"),

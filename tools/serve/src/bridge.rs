@@ -87,7 +87,7 @@ pub(crate) fn run(hub: &Hub, index: usize, name: &str, mut insole: Session) {
 /// Passes the hello, the parameters and the layout of a new session to the hub.
 fn pass_hello(hub: &Hub, index: usize, insole: &mut Session) {
     let client = insole.client();
-    // Older firmware does not know these requests; the values are then unknown.
+    // The values are unknown if the insole does not answer in time.
     let (tissue, alert_rules) = (client.tissue().ok(), client.alert_rules().ok());
     let layout = hub.layout(index, client.hello().layout_id).or_else(|| {
         let (setup, cells) = (client.setup().ok()?, client.setup_cells().ok()?);

@@ -4,7 +4,7 @@ use client::{Axis, StreamFile, unix_us};
 use plantar::pipeline::alert::{AlertRules, DailyLoad};
 use plantar::pipeline::setup::{Setup, SetupCell};
 use plantar::pipeline::tissue::Tissue;
-use plantar::protocol::session::{CommandResult, RECORD_QUEUE, Session};
+use plantar::protocol::session::{Command, CommandResult, RECORD_QUEUE, Session};
 use plantar::protocol::{Ellipses, Hello, Live, LoadRecord, MAX_MESSAGE, Refusal, Status, ToDevice, ToHost, decode};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -33,8 +33,10 @@ struct Insole {
     ellipses_every: u8,
     /// The wearer's parameters, if they are known.
     tissue: Option<Tissue>,
-    /// Request of a page, to be sent to the insole next. The session of the page waits for the answer.
-    to_send: Option<ToDevice>,
+    /// Requests of pages, to be sent to the insole next.
+    to_send: VecDeque<ToDevice>,
+    /// The page that has requested a change and waits for the insole's answer.
+    waiting: Option<u64>,
     /// The rules of alerts, if they are known.
     alert_rules: Option<AlertRules>,
     daily_load: DailyLoad,
@@ -150,14 +152,15 @@ impl Hub {
     pub fn lost(&self, index: usize) {
         let mut insole = self.insole(index);
         insole.hello = None;
-        insole.to_send = None;
+        insole.to_send.clear();
+        insole.waiting = None;
         // The answer to a request of a page is lost with the link; the page can repeat its request.
         insole.pages.iter_mut().for_each(|(_, link)| link.complete(Err(Refusal::Busy)));
     }
 
     /// Takes the request of a page that must be sent to the insole.
     pub fn to_send(&self, index: usize) -> Option<ToDevice> {
-        self.insole(index).to_send.take()
+        self.insole(index).to_send.pop_front()
     }
 
     /// Passes the insole's answer to new parameters to the page that sent them.
@@ -167,8 +170,13 @@ impl Hub {
         if let Ok(tissue) = answer {
             insole.tissue = Some(tissue);
         }
-        for (_, link) in &mut insole.pages {
-            if link.command().is_some() {
+        // Only one page waits for an answer at a time. The insole may also announce what another host has set.
+        let waiting = match answer {
+            Ok(tissue) => insole.takes_waiting(|command| matches!(command, Command::Tissue(sent, _) if sent.id == tissue.id)),
+            Err(_) => insole.takes_waiting(|_| true),
+        };
+        for (id, link) in &mut insole.pages {
+            if waiting == Some(*id) {
                 link.complete(answer.map(|_| CommandResult::Stored));
             } else if let Ok(tissue) = answer {
                 link.restore_tissue(tissue, None);
@@ -180,24 +188,26 @@ impl Hub {
     /// Passes the rules of alerts to the pages, one of which may have set them.
     pub fn alert_rules(&self, index: usize, rules: AlertRules) {
         let mut insole = self.insole(index);
+        let insole = &mut *insole;
         insole.alert_rules = Some(rules);
-        for (_, link) in &mut insole.pages {
-            if link.command().is_some() {
+        let waiting = insole.takes_waiting(|command| matches!(command, Command::AlertRules(sent) if *sent == rules));
+        for (id, link) in &mut insole.pages {
+            if waiting == Some(*id) {
                 link.complete(Ok(CommandResult::Stored));
+            } else {
+                link.set_alert_rules(rules);
+                link.receive(ToDevice::GetAlertRules, NO_CLOCK_US);
             }
-            link.set_alert_rules(rules);
         }
-        drop(insole);
         self.changed.send_replace(());
     }
 
-    /// Stores the load of the day. A page that has requested a snooze receives it.
+    /// Stores the load of the day, and passes it to the pages.
     pub fn daily_load(&self, index: usize, daily: DailyLoad) {
         let mut insole = self.insole(index);
         insole.daily_load = daily;
         for (_, link) in &mut insole.pages {
-            let is_answer = link.take_to_insole().snooze_s.is_some();
-            link.set_daily_load(daily, is_answer);
+            link.set_daily_load(daily, true);
         }
         drop(insole);
         self.changed.send_replace(());
@@ -344,26 +354,31 @@ impl Page {
             {
                 link.refuse(Refusal::ContactRule);
             }
+            Some(ToDevice::SetTissue(_) | ToDevice::SetIdentifiedTissue { .. } | ToDevice::SetAlertRules(_))
+                if self.hub.accepts_parameters && insole.waiting.is_some() =>
+            {
+                link.refuse(Refusal::Busy);
+            }
             Some(request @ (ToDevice::SetTissue(tissue) | ToDevice::SetIdentifiedTissue { tissue, .. }))
                 if self.hub.accepts_parameters =>
             {
                 // The session of the page may have no layout, so the contact rule is checked above.
                 link.receive(ToDevice::SetTissue(tissue), NO_CLOCK_US);
-                // Invalid parameters, and those that follow others without an answer, are refused already.
+                // Invalid parameters are refused already.
                 if link.command().is_some() {
-                    insole.to_send = Some(request);
+                    insole.to_send.push_back(request);
+                    insole.waiting = Some(self.id);
                 }
             }
             Some(request @ ToDevice::SetAlertRules(_)) if self.hub.accepts_parameters => {
                 link.receive(request, NO_CLOCK_US);
                 if link.command().is_some() {
-                    insole.to_send = Some(request);
+                    insole.to_send.push_back(request);
+                    insole.waiting = Some(self.id);
                 }
             }
-            Some(request @ ToDevice::SnoozeAlerts { .. }) => {
-                link.receive(request, NO_CLOCK_US);
-                insole.to_send = Some(request);
-            }
+            // The insole answers with the load of the day, which all pages receive.
+            Some(request @ ToDevice::SnoozeAlerts { .. }) => insole.to_send.push_back(request),
             // A page may not change other settings of an insole.
             Some(
                 ToDevice::SetTissue(_)
@@ -416,6 +431,17 @@ impl Page {
 }
 
 impl Insole {
+    /// The page that waits for the answer to its command, if it is such a command. It then waits no more.
+    fn takes_waiting(&mut self, is_answered: impl Fn(&Command) -> bool) -> Option<u64> {
+        let waiting = self.waiting?;
+        let command = self.pages.iter().find(|(id, _)| *id == waiting).and_then(|(_, link)| link.command());
+        // A page that has closed its session, or was left, waits no more either.
+        if command.as_ref().is_none_or(is_answered) {
+            self.waiting = None;
+        }
+        command.filter(|_| self.waiting.is_none()).map(|_| waiting)
+    }
+
     fn acknowledged_by_page(&mut self, number: u32) {
         let Some(at) = self.pending.iter().position(|pending| pending.record.number() == number) else { return };
         if let Some(Pending { record, session, .. }) = self.pending.remove(at) {

@@ -85,13 +85,13 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
   await rows.first().waitFor();
   expect(await banner.isHidden()).toBe(true);
   expect(await rows.count()).toBe(1);
-  expect(await rows.locator("td").last().textContent()).toBe("heel, hallux");
+  expect(await rows.locator("td").last().textContent()).toBe("Heel, Big toe");
 
   await expect.poll(() => insoles.requests.some(([, [kind]]) => kind === GET_DAILY_LOAD)).toBe(true);
   insoles.answer(0, Uint8Array.from(DAILY_BYTES));
   await page.locator("#today").waitFor();
   const heel = await page.locator("#today tbody tr").first().locator("th, td").allTextContents();
-  expect(heel).toEqual(["heel ●", "20", "–", "500", "–"]);
+  expect(heel).toEqual(["Heel ●", "20", "–", "500", "–"]);
   expect(await page.locator("#today-note").textContent()).toBe("Alerts today: 2. None for another 10 minutes.");
   await page.locator("#today").scrollIntoViewIfNeeded();
   await page.screenshot({ path: folder("tests/screenshots/daily-load.png") });

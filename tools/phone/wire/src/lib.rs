@@ -21,7 +21,7 @@ use client::Axis;
 use client::gait::{FootStep, Gait, Length};
 use phone_buffer::put;
 use plantar::pipeline::alert::AlertRules;
-use plantar::protocol::{LiveCounter, MAJOR, MAX_MESSAGE, MINOR, ToDevice, encode};
+use plantar::protocol::{LiveCounter, MAJOR, MAX_MESSAGE, MINOR, ToDevice, ToHost, encode, decode as decode_message};
 use std::sync::{Mutex, PoisonError};
 
 /// Encodes a request to the buffer and returns its length.
@@ -96,12 +96,20 @@ pub extern "C" fn get_alert_rules() -> usize {
     request(ToDevice::GetAlertRules)
 }
 
-/// Encodes a request for the recommended rules of alerts, or for no alerts. The wearer's day begins `day_start_min` minutes after
-/// midnight UTC.
+/// Encodes a request that turns alerts on or off. The buffer contains the insole's message with its rules, which remain otherwise.
+/// The wearer's day begins `day_start_min` minutes after midnight UTC.
 #[unsafe(no_mangle)]
 pub extern "C" fn set_alerts(is_on: bool, day_start_min: u16) -> usize {
-    let rules = if is_on { AlertRules::RECOMMENDED } else { AlertRules::OFF };
-    request(ToDevice::SetAlertRules(AlertRules { day_start_min, ..rules }))
+    let rules = match phone_buffer::with(|message| decode_message(message)) {
+        Some(ToHost::AlertRules(rules)) => rules,
+        _ => AlertRules::OFF,
+    };
+    let per_day = match is_on {
+        true if rules.per_day == 0 => AlertRules::RECOMMENDED.per_day,
+        true => rules.per_day,
+        false => 0,
+    };
+    request(ToDevice::SetAlertRules(AlertRules { day_start_min, per_day, ..rules }))
 }
 
 /// Encodes a request for the load of the day.

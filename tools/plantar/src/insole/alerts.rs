@@ -68,7 +68,7 @@ impl AlertArgs {
         let rules = self.changed(before);
         ensure!(
             rules.is_valid(),
-            "rules out of range: pressures must be 1 to 2000 kPa, --ends below --begins, at most 100 %, and \
+            "rules out of range: pressures must be 1 to 2000 kPa, --ends above 0 and below --begins, at most 100 %, and \
              --dose 0 to 1e7 kPa s"
         );
         if rules != before {
@@ -136,7 +136,7 @@ fn print_rules(rules: &AlertRules) {
 }
 
 /// Prints the load of the day.
-pub fn print_daily(daily: &DailyLoad) {
+fn print_daily(daily: &DailyLoad) {
     println!(
         "load of the day: {} steps, {} minutes with load, {} alerts",
         daily.totals.steps,
