@@ -174,6 +174,18 @@ fn a_day_begins_without_load_and_continues_after_a_restart() {
     assert!(renewed.totals.steps == 0 && renewed.totals.loaded_s < whole.totals.loaded_s, "{renewed:?}");
 
     let earlier = DailyLoad { day: 7, totals: Totals { steps: 1000, ..Totals::NONE }, alerts: 2, ..DailyLoad::NONE };
+    // A step back by one day is a correction of the clock, and another beginning of the day leaves the load in it.
+    let (_, same) = run(&recording, &RULES, |seconds, insole| match seconds {
+        20 => insole.enter_day(7),
+        40 => insole.enter_day(6),
+        60 => {
+            insole.set_alert_rules(&AlertRules { day_start_min: 600, ..RULES });
+            insole.enter_day(8);
+        }
+        _ => {}
+    });
+    assert_eq!((same.day, same.totals), (8, whole.totals));
+
     for (day, steps, alerts) in
         [(7, whole.totals.steps + 1000, whole.alerts + 2), (9, whole.totals.steps, whole.alerts)]
     {

@@ -123,18 +123,18 @@ impl Session {
                 self.cells.start(stream);
                 self.answer(Answer::CellStream(stream));
             }
+            // Without a layout, the insole evaluates no frames.
+            ToDevice::GetSetup | ToDevice::GetSetupCells { .. } | ToDevice::Zero | ToDevice::SnoozeAlerts { .. }
+                if self.configured.layout.is_none() =>
+            {
+                self.answer(Answer::Refused(Refusal::NoLayout));
+            }
             ToDevice::Zero => (self.to_insole.zero, self.is_zero_awaited) = (true, true),
             ToDevice::StreamEllipses { every } => {
                 let period_us = self.setup().map(|setup| setup.period_us);
                 if let Err(refusal) = self.ellipses.start(every, period_us) {
                     self.answer(Answer::Refused(refusal));
                 }
-            }
-            // Without a layout, the insole evaluates no frames.
-            ToDevice::GetSetup | ToDevice::GetSetupCells { .. } | ToDevice::Zero | ToDevice::SnoozeAlerts { .. }
-                if self.configured.layout.is_none() =>
-            {
-                self.answer(Answer::Refused(Refusal::NoLayout));
             }
             ToDevice::GetSetup => self.answer(Answer::Setup),
             ToDevice::GetSetupCells { first } => self.answer(Answer::SetupCells(first)),

@@ -172,7 +172,9 @@ impl Hub {
         }
         // Only one page waits for an answer at a time. The insole may also announce what another host has set.
         let waiting = match answer {
-            Ok(tissue) => insole.takes_waiting(|command| matches!(command, Command::Tissue(sent, _) if sent.id == tissue.id)),
+            Ok(tissue) => {
+                insole.takes_waiting(|command| matches!(command, Command::Tissue(sent, _) if sent.id == tissue.id))
+            }
             Err(_) => insole.takes_waiting(|_| true),
         };
         for (id, link) in &mut insole.pages {

@@ -194,7 +194,7 @@ export interface Alert {
   today: number;
   /** Boots of the insole since the one that recorded this alert; the start time counts from that one. Unit: count. */
   starts_ago: number;
-  /** Time on the insole's own clock, s since 1970; null unless the insole has restarted since the alert. */
+  /** Time on the insole's own clock, s since 1970; null if a host had not set it. */
   start_unix_s: number | null;
   /** Regions to which this applies: The region is under sustained load. */
   sustained: string[];

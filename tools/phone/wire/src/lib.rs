@@ -21,7 +21,7 @@ use client::Axis;
 use client::gait::{FootStep, Gait, Length};
 use phone_buffer::put;
 use plantar::pipeline::alert::AlertRules;
-use plantar::protocol::{LiveCounter, MAJOR, MAX_MESSAGE, MINOR, ToDevice, ToHost, encode, decode as decode_message};
+use plantar::protocol::{LiveCounter, MAJOR, MAX_MESSAGE, MINOR, ToDevice, ToHost, decode as decode_message, encode};
 use std::sync::{Mutex, PoisonError};
 
 /// Encodes a request to the buffer and returns its length.

@@ -191,8 +191,7 @@ fn quantities() -> String {
     interface(&mut text, "An alert, the same object as in the files of the command line.", "Alert", |text| {
         field(text, "Foot.", "side", "Side");
         Alert::QUANTITIES.iter().for_each(|quantity| quantity_field(text, quantity));
-        let meaning =
-            "Time on the insole's own clock, s since 1970; null if a host had not set it.";
+        let meaning = "Time on the insole's own clock, s since 1970; null if a host had not set it.";
         field(text, meaning, "start_unix_s", "number | null");
         Alert::FLAGS.iter().for_each(|flag| {
             let meaning = format!("Regions to which this applies: {}", flag.meaning);
