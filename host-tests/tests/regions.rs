@@ -5,7 +5,7 @@ use plantar::pipeline::calibrate::{CellCalibration, Curve, FULL_CODE, SensorLaw}
 use plantar::pipeline::contact::{ContactRule, WHOLE};
 use plantar::pipeline::live::RegionLoad;
 use plantar::pipeline::model::Ellipsoid;
-use plantar::pipeline::region::{MAX_CELL_MM2, MAX_DISTANCE_MM};
+use plantar::pipeline::region::{MAX_CELL_MM2, MAX_DISTANCE_MM, RegionFrame};
 use plantar::pipeline::setup::{Setup, SetupCell, SetupError};
 use plantar::pipeline::stance_rule::StanceRule;
 use plantar::pipeline::tissue::{Tissue, TissueError};
@@ -260,6 +260,11 @@ fn mixed_layout(count: usize) -> Vec<SetupCell> {
         .collect()
 }
 
+/// The sums of a frame, without the largest counted area of the last stance.
+fn without_peak(load: &RegionLoad<f32>) -> RegionFrame<f32> {
+    RegionFrame { counted: (load.frame.counted.0, 0), ..load.frame }
+}
+
 #[test]
 fn areas_and_forces_do_not_drift() {
     let cells = mixed_layout(64);
@@ -275,11 +280,11 @@ fn areas_and_forces_do_not_drift() {
         used.frame(100_000 + seq as u32, codes);
         fresh.frame(seq as u32, codes);
         for (a, b) in used.loads().iter().zip(fresh.loads()) {
-            assert_eq!(a.frame, b.frame);
+            assert_eq!(without_peak(a), without_peak(b));
         }
     }
     used.frame(100_002, &[0; 64]);
-    assert!(used.loads().iter().all(|load| load.frame == RegionLoad::NONE.frame));
+    assert!(used.loads().iter().all(|load| without_peak(load) == RegionLoad::NONE.frame));
 }
 
 #[test]

@@ -107,10 +107,12 @@ test.skipIf(!walk)("both feet are identified, also over a reload, and the parame
   await page.getByText("before you had stood still").waitFor();
   await expect.poll(() => good(page, "left"), { timeout: 30_000 }).toBeGreaterThanOrEqual(5);
   await inspect(page, "walk");
-  const before = await good(page, "left");
-
-  // The messages of the session are stored. The insoles do not walk on before it continues.
+  // The insoles do not walk on before the session continues.
   insoles.speed = 0.01;
+  const before = await good(page, "left");
+  // The messages of the session are stored in their order, so those of these steps are stored once a later part is.
+  const parts = await storedParts(page);
+  await expect.poll(() => storedParts(page), { timeout: 10_000 }).toBeGreaterThan(parts);
   await page.reload();
   await act(page, "resume").waitFor();
   await page.locator("#chips", { hasText: /R \d+ Hz/ }).waitFor();
