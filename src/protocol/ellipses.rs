@@ -1,7 +1,7 @@
 //! The stream of ellipses: the contact ellipses of the regions, for display.
 
 use super::Refusal;
-use super::quantities::quantities;
+use super::quantities::{quantities, region_bytes};
 use crate::num::Real;
 use crate::pipeline::ellipse::Ellipse;
 use serde::{Deserialize, Serialize};
@@ -52,48 +52,8 @@ quantities! {
     fn numbers(&self) -> [i16];
 }
 
-/// Serialises the regions of [`Ellipses`] as one sequence of bytes, two for each number, little endian. This takes a fifth of the code
-/// that serialises every number.
-mod ellipse_regions {
-    use super::ContactEllipse;
-    use core::fmt;
-    use serde::de::{Error, Visitor};
-    use serde::{Deserializer, Serializer};
-
-    const BYTES: usize = 8 * 2 * ContactEllipse::NUMBERS;
-
-    pub fn serialize<S: Serializer>(regions: &[ContactEllipse; 8], serializer: S) -> Result<S::Ok, S::Error> {
-        let mut bytes = [0; BYTES];
-        let numbers = regions.iter().flat_map(ContactEllipse::numbers);
-        for (place, number) in bytes.chunks_exact_mut(2).zip(numbers) {
-            place.copy_from_slice(&number.to_le_bytes());
-        }
-        serializer.serialize_bytes(&bytes)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[ContactEllipse; 8], D::Error> {
-        struct Regions;
-
-        impl Visitor<'_> for Regions {
-            type Value = [ContactEllipse; 8];
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                write!(f, "{BYTES} bytes")
-            }
-
-            fn visit_bytes<E: Error>(self, bytes: &[u8]) -> Result<Self::Value, E> {
-                if bytes.len() != BYTES {
-                    return Err(E::invalid_length(bytes.len(), &self));
-                }
-                let number = |i: usize| i16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]);
-                let region = |i: usize| core::array::from_fn(|k| number(ContactEllipse::NUMBERS * i + k));
-                Ok(core::array::from_fn(|i| ContactEllipse::from_numbers(region(i))))
-            }
-        }
-
-        deserializer.deserialize_bytes(Regions)
-    }
-}
+// This takes a fifth of the code that serialises every number.
+region_bytes!(ellipse_regions, ContactEllipse, i16);
 
 /// The insole's side of the stream: which frames are due, and the newest message that was not sent yet. It replaces an older one,
 /// because an ellipse is soon out of date.

@@ -1,6 +1,6 @@
 //! The live stream: one message for each frame.
 
-use super::quantities::{bits, quantities};
+use super::quantities::{bits, quantities, region_bytes};
 use crate::num::Real;
 use crate::pipeline::live::RegionLoad;
 use postcard::fixint::le;
@@ -83,46 +83,5 @@ quantities! {
     fn numbers(&self) -> [u16];
 }
 
-/// Serialises the regions of a [`Live`] frame as one sequence of bytes, two for each number, little endian. This takes fewer
-/// instructions than serialising every number.
-mod live_regions {
-    use super::LiveRegion;
-    use core::fmt;
-    use serde::de::{Error, Visitor};
-    use serde::{Deserializer, Serializer};
-
-    const REGION: usize = 2 * LiveRegion::NUMBERS;
-
-    pub fn serialize<S: Serializer>(regions: &[LiveRegion; 8], serializer: S) -> Result<S::Ok, S::Error> {
-        let mut bytes = [0; 8 * REGION];
-        for (place, region) in bytes.chunks_exact_mut(REGION).zip(regions) {
-            for (place, number) in place.chunks_exact_mut(2).zip(region.numbers()) {
-                place.copy_from_slice(&number.to_le_bytes());
-            }
-        }
-        serializer.serialize_bytes(&bytes)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[LiveRegion; 8], D::Error> {
-        struct Regions;
-
-        impl Visitor<'_> for Regions {
-            type Value = [LiveRegion; 8];
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                write!(f, "eight regions of {REGION} bytes")
-            }
-
-            fn visit_bytes<E: Error>(self, bytes: &[u8]) -> Result<Self::Value, E> {
-                if bytes.len() != 8 * REGION {
-                    return Err(E::invalid_length(bytes.len(), &self));
-                }
-                let number = |i: usize| u16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]);
-                let region = |i: usize| core::array::from_fn(|k| number(LiveRegion::NUMBERS * i + k));
-                Ok(core::array::from_fn(|i| LiveRegion::from_numbers(region(i))))
-            }
-        }
-
-        deserializer.deserialize_bytes(Regions)
-    }
-}
+// This takes fewer instructions than serialising every number.
+region_bytes!(live_regions, LiveRegion, u16);

@@ -185,3 +185,52 @@ macro_rules! quantities {
     };
 }
 pub(super) use quantities;
+
+/// Declares a module for `#[serde(with = "...")]` that serialises eight regions as one sequence of bytes, two for each number, little
+/// endian. `$region` was declared by [`quantities!`] with `fn numbers`.
+macro_rules! region_bytes {
+    ($module:ident, $region:ident, $number:ty) => {
+        mod $module {
+            use super::$region;
+            use core::fmt;
+            use serde::de::{Error, Visitor};
+            use serde::{Deserializer, Serializer};
+
+            const REGION: usize = 2 * $region::NUMBERS;
+
+            pub fn serialize<S: Serializer>(regions: &[$region; 8], serializer: S) -> Result<S::Ok, S::Error> {
+                let mut bytes = [0; 8 * REGION];
+                for (place, region) in bytes.chunks_exact_mut(REGION).zip(regions) {
+                    for (place, number) in place.chunks_exact_mut(2).zip(region.numbers()) {
+                        place.copy_from_slice(&number.to_le_bytes());
+                    }
+                }
+                serializer.serialize_bytes(&bytes)
+            }
+
+            pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[$region; 8], D::Error> {
+                struct Regions;
+
+                impl Visitor<'_> for Regions {
+                    type Value = [$region; 8];
+
+                    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                        write!(f, "eight regions of {REGION} bytes")
+                    }
+
+                    fn visit_bytes<E: Error>(self, bytes: &[u8]) -> Result<Self::Value, E> {
+                        if bytes.len() != 8 * REGION {
+                            return Err(E::invalid_length(bytes.len(), &self));
+                        }
+                        let number = |i: usize| <$number>::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]);
+                        let region = |i: usize| core::array::from_fn(|k| number($region::NUMBERS * i + k));
+                        Ok(core::array::from_fn(|i| $region::from_numbers(region(i))))
+                    }
+                }
+
+                deserializer.deserialize_bytes(Regions)
+            }
+        }
+    };
+}
+pub(super) use region_bytes;

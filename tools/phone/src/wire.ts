@@ -136,8 +136,7 @@ export class Wire {
    * `day_start_min` minutes after midnight UTC.
    */
   setAlerts(rules: Uint8Array, is_on: boolean, day_start_min: number): Uint8Array {
-    const at = this.core.resize_buffer(rules.length);
-    new Uint8Array(this.core.memory.buffer, at, rules.length).set(rules);
+    this.write(rules);
     return this.request(this.core.set_alerts(is_on, day_start_min));
   }
 

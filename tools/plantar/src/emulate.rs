@@ -16,7 +16,7 @@ use parameters::{DeformationScale, InsoleSize, Parameters};
 use plantar::Region;
 use plantar::insole::Insole;
 use plantar::pipeline::setup::DEVICE_CELLS;
-use plantar::protocol::{Hello, Status, Step, ToDevice, ToHost};
+use plantar::protocol::{Hello, LoadRecord, Status, Step, ToDevice, ToHost};
 use recording::{Recording, VirtualInsole};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
@@ -202,7 +202,13 @@ impl Emulate {
             let steps: Vec<_> = steps.iter().map(step_to_json).collect();
             let bouts: Vec<_> = records.bouts.iter().map(bout_to_json).collect();
             let alerts: Vec<_> = records.alerts.iter().map(alert_to_json).collect();
-            let outcome = serde_json::json!({ "steps": steps, "bouts": bouts, "alerts": alerts, "link": counters, "model_error_percent": errors });
+            let outcome = serde_json::json!({
+                "steps": steps,
+                "bouts": bouts,
+                "alerts": alerts,
+                "link": counters,
+                "model_error_percent": errors,
+            });
             let text = serde_json::to_string_pretty(&outcome)? + "\n";
             std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
         }
@@ -257,15 +263,10 @@ impl Emulate {
                         records.steps.push(step);
                     }
                 }
-                Some(ToHost::Bout(bout)) => {
-                    client.send(ToDevice::Acknowledge { step: bout.number })?;
-                    view.load_record(&bout.into());
-                    records.bouts.push(bout);
-                }
-                Some(ToHost::Alert(alert)) => {
-                    client.send(ToDevice::Acknowledge { step: alert.number })?;
-                    view.load_record(&alert.into());
-                    records.alerts.push(alert);
+                Some(message) if let Some(record) = LoadRecord::of(&message) => {
+                    client.send(ToDevice::Acknowledge { step: record.number() })?;
+                    view.load_record(&record);
+                    records.push(&record);
                 }
                 // The insole sends its status after all messages that were due before, so none of them is missing.
                 Some(ToHost::Status(status)) => {

@@ -361,19 +361,16 @@ impl Page {
             {
                 link.refuse(Refusal::Busy);
             }
-            Some(request @ (ToDevice::SetTissue(tissue) | ToDevice::SetIdentifiedTissue { tissue, .. }))
-                if self.hub.accepts_parameters =>
-            {
+            Some(
+                request @ (ToDevice::SetTissue(_) | ToDevice::SetIdentifiedTissue { .. } | ToDevice::SetAlertRules(_)),
+            ) if self.hub.accepts_parameters => {
                 // The session of the page may have no layout, so the contact rule is checked above.
-                link.receive(ToDevice::SetTissue(tissue), NO_CLOCK_US);
-                // Invalid parameters are refused already.
-                if link.command().is_some() {
-                    insole.to_send.push_back(request);
-                    insole.waiting = Some(self.id);
-                }
-            }
-            Some(request @ ToDevice::SetAlertRules(_)) if self.hub.accepts_parameters => {
-                link.receive(request, NO_CLOCK_US);
+                let checked = match request {
+                    ToDevice::SetIdentifiedTissue { tissue, .. } => ToDevice::SetTissue(tissue),
+                    request => request,
+                };
+                link.receive(checked, NO_CLOCK_US);
+                // Invalid parameters and rules are refused already.
                 if link.command().is_some() {
                     insole.to_send.push_back(request);
                     insole.waiting = Some(self.id);

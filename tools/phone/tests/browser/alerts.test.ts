@@ -1,32 +1,19 @@
 /** Alerts and the load of the day on the built page in Chromium. */
 
 import { readFileSync } from "node:fs";
-import type { Browser } from "playwright-core";
-import { afterAll, beforeAll, expect, test } from "vitest";
+import { expect, test } from "vitest";
 import { entries, entry } from "../../src/stream_file";
-import { folder, launch, serveFiles } from "./browser";
-import { FakeInsoles } from "./fake_insoles";
+import { PHONE, folder, servedBrowser } from "./browser";
+import { FakeInsoles, varint } from "./fake_insoles";
 
-const PHONE = { width: 390, height: 844 };
 /** First bytes of messages and requests. */
 const [TIME, ALERT, ALERT_RULES, DAILY_LOAD] = [6, 18, 19, 20];
 const [GET_ALERT_RULES, SET_ALERT_RULES, GET_DAILY_LOAD, SNOOZE_ALERTS] = [22, 23, 24, 25];
 /** Number of the alert, above those of the steps of the walk. */
 const NUMBER = 90;
 
-let browser: Browser;
-let files: Awaited<ReturnType<typeof serveFiles>>;
-beforeAll(async () => {
-  browser = await launch();
-  files = await serveFiles();
-});
-afterAll(async () => {
-  await browser.close();
-  files.close();
-});
+const served = servedBrowser();
 
-/** An integer of variable length. */
-const varint = (value: number): number[] => (value < 128 ? [value] : [(value % 128) + 128, ...varint(Math.floor(value / 128))]);
 const f32 = (value: number) => [...new Uint8Array(Float32Array.of(value).buffer)];
 
 /** Heel and big toe of the left foot under sustained load, 15 minutes after the start. */
@@ -47,7 +34,7 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
   const timeless = [...walk].filter(({ message }) => message[0] !== TIME);
   const alert = { t_ms: 400, insole: 0, message: Uint8Array.from(ALERT_BYTES) } as const;
   const insoles = new FakeInsoles(new Uint8Array(Buffer.concat([...timeless, alert].map(entry))), 1);
-  const context = await browser.newContext({ viewport: PHONE });
+  const context = await served.browser.newContext({ viewport: PHONE });
   const page = await context.newPage();
   // The browser of the test has no vibration motor and no loudspeaker, so the calls are counted.
   await page.addInitScript(() => {
@@ -62,7 +49,7 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
     localStorage.setItem("plantar.settings", JSON.stringify({ alert_sound: true }));
   });
   await insoles.serve(page);
-  await page.goto(files.url);
+  await page.goto(served.url);
   const banner = page.locator("#alert");
   await banner.waitFor();
   expect(await banner.locator("p").textContent()).toBe(
@@ -101,10 +88,10 @@ test("an alert is shown in plain words, signalled, stored, acknowledged and snoo
 
 test("the wearer turns the alerts of both insoles on and off", async () => {
   const insoles = new FakeInsoles(new Uint8Array(readFileSync(folder("public/walk.plantar"))), 1);
-  const context = await browser.newContext({ viewport: PHONE, timezoneId: "Asia/Kolkata" });
+  const context = await served.browser.newContext({ viewport: PHONE, timezoneId: "Asia/Kolkata" });
   const page = await context.newPage();
   await insoles.serve(page);
-  await page.goto(files.url);
+  await page.goto(served.url);
   await page.locator("nav [data-to=settings]").click();
   const box = page.locator("#alerts-on");
   expect(await box.isDisabled()).toBe(true);

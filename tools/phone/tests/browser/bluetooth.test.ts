@@ -4,11 +4,11 @@
  * the other transports.
  */
 
-import type { Browser, CDPSession } from "playwright-core";
-import { afterAll, beforeAll, expect, test } from "vitest";
+import type { CDPSession } from "playwright-core";
+import { beforeAll, expect, test } from "vitest";
 import type { Wire } from "../../src/wire";
 import { loadWire } from "../wire";
-import { launch, open, serveFiles } from "./browser";
+import { PHONE, open, servedBrowser } from "./browser";
 
 const ADDRESS = "09:09:09:09:09:09";
 
@@ -19,22 +19,15 @@ interface Session {
 }
 const untyped = (session: CDPSession) => session as unknown as Session;
 
-let browser: Browser;
-let files: Awaited<ReturnType<typeof serveFiles>>;
+const served = servedBrowser();
 let wire: Wire;
 beforeAll(async () => {
   wire = await loadWire();
-  browser = await launch();
-  files = await serveFiles();
-});
-afterAll(async () => {
-  await browser.close();
-  files.close();
 });
 
 /** Emulates an insole that accepts all operations. `done` lists the operations on its characteristics in their order. */
 async function emulateInsole(): Promise<{ done: string[]; disconnect(): Promise<void> }> {
-  const session = untyped(await browser.newBrowserCDPSession());
+  const session = untyped(await served.browser.newBrowserCDPSession());
   const { gatt } = wire.facts;
   const names = new Map<string, string>();
   const done: string[] = [];
@@ -73,7 +66,7 @@ async function emulateInsole(): Promise<{ done: string[]; disconnect(): Promise<
 
 test("the page subscribes to the chosen insole and sends a connect request, also after the link was lost", async () => {
   const insole = await emulateInsole();
-  const page = await open(browser, `${files.url}?bluetooth`, { viewport: { width: 390, height: 844 } });
+  const page = await open(served.browser, `${served.url}?bluetooth`, { viewport: PHONE });
   const chooser = untyped(await page.context().newCDPSession(page));
   let is_chosen = false;
   chooser.on("DeviceAccess.deviceRequestPrompted", (event) => {

@@ -1,31 +1,17 @@
 /** The load outside steps on the built page in Chromium. */
 
 import { readFileSync } from "node:fs";
-import type { Browser } from "playwright-core";
-import { afterAll, beforeAll, expect, test } from "vitest";
+import { expect, test } from "vitest";
 import { entry } from "../../src/stream_file";
-import { folder, launch, serveFiles } from "./browser";
-import { FakeInsoles } from "./fake_insoles";
+import { PHONE, folder, servedBrowser } from "./browser";
+import { FakeInsoles, varint } from "./fake_insoles";
 
-const PHONE = { width: 390, height: 844 };
 /** First byte of a message with a load bout. */
 const BOUT = 17;
 /** Number of the first bout, above those of the steps of the walk. */
 const FIRST = 90;
 
-let browser: Browser;
-let files: Awaited<ReturnType<typeof serveFiles>>;
-beforeAll(async () => {
-  browser = await launch();
-  files = await serveFiles();
-});
-afterAll(async () => {
-  await browser.close();
-  files.close();
-});
-
-/** An integer of variable length. */
-const varint = (value: number): number[] => (value < 128 ? [value] : [(value % 128) + 128, ...varint(Math.floor(value / 128))]);
+const served = servedBrowser();
 
 /** A load bout of the left foot in an insole's encoding: 100 N s in each region. */
 function bout(number: number, kind: number, duration_s: number): Uint8Array {
@@ -38,10 +24,10 @@ test("load outside steps is listed, stored, exported and acknowledged", async ()
   const walk = new Uint8Array(readFileSync(folder("public/walk.plantar")));
   const bouts = [1, 2, 3].map((kind, i) => entry({ t_ms: 300, insole: 0, message: bout(FIRST + i, kind, 60 - 20 * i) }));
   const insoles = new FakeInsoles(new Uint8Array(Buffer.concat([walk, ...bouts])), 1);
-  const context = await browser.newContext({ viewport: PHONE });
+  const context = await served.browser.newContext({ viewport: PHONE });
   const page = await context.newPage();
   await insoles.serve(page);
-  await page.goto(files.url);
+  await page.goto(served.url);
   await page.locator("nav [data-to=steps]").click();
   const cells = async () => page.locator("#bouts tbody tr").evaluateAll((rows) => rows.map((row) => [...row.children].map((cell) => cell.textContent)));
   await page.locator("#bouts tbody tr").nth(2).waitFor();

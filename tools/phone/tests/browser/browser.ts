@@ -8,6 +8,7 @@ import type { AddressInfo } from "node:net";
 import { delimiter, extname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { type Browser, type BrowserContextOptions, type Page, chromium } from "playwright-core";
+import { afterAll, beforeAll } from "vitest";
 
 /** The absolute path of a file or folder in tools/phone. */
 export const folder = (path: string) => fileURLToPath(new URL(`../../${path}`, import.meta.url));
@@ -40,7 +41,7 @@ const TYPES: Record<string, string> = {
 };
 
 /** Serves the files of the built page, without insoles. */
-export async function serveFiles(): Promise<{ url: string; close(): void }> {
+async function serveFiles(): Promise<{ url: string; close(): void }> {
   const server = createServer((request, response) => {
     const path = new URL(request.url ?? "/", "http://localhost").pathname;
     const file = join(DIST, path === "/" ? "index.html" : path);
@@ -94,4 +95,23 @@ export async function open(browser: Browser, url: string, options: BrowserContex
 export async function firstLoad_ms(page: Page): Promise<number> {
   const mark = await page.waitForFunction(() => performance.getEntriesByName("first-load")[0]?.startTime);
   return (await mark.jsonValue()) as number;
+}
+
+/** The size of a phone's screen, CSS pixels. */
+export const PHONE = { width: 390, height: 844 };
+
+/** Starts a browser and serves the built page for the tests of a file. Both are available from the first test on. */
+export function servedBrowser(): { browser: Browser; url: string } {
+  const served = {} as { browser: Browser; url: string };
+  let close = (): void => undefined;
+  beforeAll(async () => {
+    const files = await serveFiles();
+    Object.assign(served, { browser: await launch(), url: files.url });
+    close = files.close;
+  });
+  afterAll(async () => {
+    await served.browser.close();
+    close();
+  });
+  return served;
 }

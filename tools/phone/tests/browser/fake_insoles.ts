@@ -10,6 +10,9 @@ const TISSUE = 4;
 const FORCE_LAWS_BYTES = 8 * 6 * 4;
 const MOST_TICK_MS = 20;
 
+/** An integer of variable length, as messages contain it. */
+export const varint = (value: number): number[] => (value < 128 ? [value] : [(value % 128) + 128, ...varint(Math.floor(value / 128))]);
+
 /** The insoles of a recording. */
 export class FakeInsoles {
   /** The parameters that each insole received. */

@@ -11,36 +11,26 @@ import { mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
-import type { Browser, Page } from "playwright-core";
-import { afterAll, beforeAll, expect, test } from "vitest";
+import type { Page } from "playwright-core";
+import { afterAll, expect, test } from "vitest";
 import { entries } from "../../src/stream_file";
-import { folder, launch, serveFiles, servePlantar } from "./browser";
+import { PHONE, folder, servePlantar, servedBrowser } from "./browser";
 import { FakeInsoles } from "./fake_insoles";
 
 const { PLANTAR: plantar, PLANTAR_FIRMWARE: firmware, PLANTAR_WALK: walk } = process.env;
 if (!plantar || !firmware || !walk) {
   console.log("skipped: set PLANTAR, PLANTAR_FIRMWARE and PLANTAR_WALK (`cargo xtask test` does)");
 }
-const PHONE = { width: 390, height: 844 };
 /** Speed of the walk relative to real time. */
 const FAST = 6;
 
-let browser: Browser;
-let files: Awaited<ReturnType<typeof serveFiles>>;
+const served = servedBrowser();
 const temporary = mkdtempSync(join(tmpdir(), "plantar-"));
-beforeAll(async () => {
-  browser = await launch();
-  files = await serveFiles();
-});
-afterAll(async () => {
-  await browser.close();
-  files.close();
-  rmSync(temporary, { recursive: true });
-});
+afterAll(() => rmSync(temporary, { recursive: true }));
 
 /** Opens a page that confirms dialogs. */
 async function newPage(): Promise<Page> {
-  const context = await browser.newContext({ viewport: PHONE, colorScheme: "light" });
+  const context = await served.browser.newContext({ viewport: PHONE, colorScheme: "light" });
   const page = await context.newPage();
   page.on("dialog", (dialog) => void dialog.accept());
   return page;
@@ -97,7 +87,7 @@ test.skipIf(!walk)("both feet are identified, also over a reload, and the parame
   const insoles = new FakeInsoles(new Uint8Array(readFileSync(walk!)), 0.5);
   const page = await newPage();
   await insoles.serve(page);
-  await page.goto(files.url);
+  await page.goto(served.url);
   await page.locator("#chips", { hasText: /R \d+ Hz/ }).waitFor();
   await openSession(page);
   await page.getByText("Both insoles are connected.").waitFor();
@@ -165,7 +155,7 @@ test.skipIf(!walk)("a lost link and a foot without an insole are said in words",
   const insoles = new FakeInsoles(new Uint8Array(readFileSync(walk!)), 0.5, 0);
   const page = await newPage();
   await insoles.serve(page);
-  await page.goto(files.url);
+  await page.goto(served.url);
   await page.locator("#chips", { hasText: /L \d+ Hz/ }).waitFor();
   await openSession(page);
   await page.getByText("Only the left insole is connected.").waitFor();

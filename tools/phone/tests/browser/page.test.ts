@@ -4,25 +4,17 @@ import { readFileSync, readdirSync } from "node:fs";
 import { createRequire } from "node:module";
 import { join } from "node:path";
 import { gzipSync } from "node:zlib";
-import type { Browser, Page } from "playwright-core";
-import { afterAll, beforeAll, describe, expect, test } from "vitest";
-import { DIST, firstLoad_ms, folder, launch, open, serveFiles } from "./browser";
+import type { Page } from "playwright-core";
+import { beforeAll, describe, expect, test } from "vitest";
+import { DIST, PHONE, firstLoad_ms, folder, open, servedBrowser } from "./browser";
 
-const PHONE = { width: 390, height: 844 };
 const DESKTOP = { width: 1280, height: 900 };
 const MOST_BYTES = 400 * 1024;
 
-let browser: Browser;
-let files: Awaited<ReturnType<typeof serveFiles>>;
+const served = servedBrowser();
 let replay: string;
-beforeAll(async () => {
-  browser = await launch();
-  files = await serveFiles();
-  replay = `${files.url}?replay=walk.plantar`;
-});
-afterAll(async () => {
-  await browser.close();
-  files.close();
+beforeAll(() => {
+  replay = `${served.url}?replay=walk.plantar`;
 });
 
 /** Waits until the table has at least this many steps. */
@@ -39,7 +31,7 @@ test("the compressed page is at most 400 KiB", () => {
 });
 
 test("a recording shows both feet, their steps and measures", async () => {
-  const page = await open(browser, replay, { viewport: PHONE });
+  const page = await open(served.browser, replay, { viewport: PHONE });
   console.log(`first load drawn after ${(await firstLoad_ms(page)).toFixed(0)} ms`);
   await page.waitForFunction(() => {
     const totals = [...document.querySelectorAll("#totals dd")];
@@ -67,7 +59,7 @@ test("a recording shows both feet, their steps and measures", async () => {
 });
 
 test("the steps of a recording are not shown together with the wearer's steps", async () => {
-  const page = await open(browser, replay, { viewport: PHONE });
+  const page = await open(served.browser, replay, { viewport: PHONE });
   await page.evaluate(() => {
     const bluetooth = { requestDevice: () => Promise.reject(new DOMException("none chosen", "NotFoundError")) };
     Object.defineProperty(navigator, "bluetooth", { value: bluetooth });
@@ -82,7 +74,7 @@ test("the steps of a recording are not shown together with the wearer's steps", 
 });
 
 test("the soles are drawn with every frame of the screen", async () => {
-  const page = await open(browser, replay, { viewport: PHONE });
+  const page = await open(served.browser, replay, { viewport: PHONE });
   await firstLoad_ms(page);
   const { deltas_ms, changed } = await page.evaluate(
     () =>
@@ -112,7 +104,7 @@ test("the soles are drawn with every frame of the screen", async () => {
 });
 
 test("each sole is drawn at most once per frame of the screen, and not while another view is shown", async () => {
-  const page = await open(browser, replay, { viewport: PHONE });
+  const page = await open(served.browser, replay, { viewport: PHONE });
   await firstLoad_ms(page);
   /** The number of drawings of a sole within `frames` frames of the screen. Each drawing first clears a part of the canvas. */
   const drawings = (frames: number) =>
@@ -134,7 +126,7 @@ test("each sole is drawn at most once per frame of the screen, and not while ano
 });
 
 test("the table of regions shows the chosen quantity", async () => {
-  const page = await open(browser, replay, { viewport: PHONE });
+  const page = await open(served.browser, replay, { viewport: PHONE });
   await firstLoad_ms(page);
   for (const [quantity, unit] of [["measured", "N"], ["model", "N"], ["deformation", "mm"], ["area", "cm²"]] as const) {
     await page.locator("#quantity").selectOption(quantity);
@@ -153,7 +145,7 @@ test("the table of regions shows the chosen quantity", async () => {
 });
 
 test("with a body mass, forces are shown in % of body weight, and the mass is stored", async () => {
-  const page = await open(browser, replay, { viewport: PHONE });
+  const page = await open(served.browser, replay, { viewport: PHONE });
   await show(page, "settings");
   await page.locator("#mass").fill("176.4");
   await page.locator("#mass-unit").selectOption("lb");
@@ -168,7 +160,7 @@ test("with a body mass, forces are shown in % of body weight, and the mass is st
 });
 
 test("live values are recorded and exported, and steps are exported", async () => {
-  const page = await open(browser, replay, { viewport: DESKTOP });
+  const page = await open(served.browser, replay, { viewport: DESKTOP });
   await waitForSteps(page, 1);
   await show(page, "settings");
   await page.locator("#record").click();
@@ -187,7 +179,7 @@ test("live values are recorded and exported, and steps are exported", async () =
 });
 
 test("the page works offline after one visit", async () => {
-  const page = await open(browser, `${files.url}?bluetooth`, { viewport: PHONE });
+  const page = await open(served.browser, `${served.url}?bluetooth`, { viewport: PHONE });
   await page.evaluate(async () => {
     await navigator.serviceWorker.ready;
     const { serviceWorker } = navigator;
@@ -210,9 +202,9 @@ test("the page works offline after one visit", async () => {
 });
 
 test("a recording that does not exist is reported", async () => {
-  const context = await browser.newContext({ viewport: PHONE });
+  const context = await served.browser.newContext({ viewport: PHONE });
   const page = await context.newPage();
-  await page.goto(`${files.url}?replay=nothing.plantar`);
+  await page.goto(`${served.url}?replay=nothing.plantar`);
   await page.getByText("No recording was found at nothing.plantar.").waitFor();
   await context.close();
 });
@@ -222,10 +214,10 @@ test("an insole of another major version is reported, and its values are not sho
   // The first entry is the hello of the left insole. The header of the entry (7 bytes) and the message number (1 byte) are followed
   // by the major version.
   bytes[7 + 1] = 99;
-  const context = await browser.newContext({ viewport: PHONE });
+  const context = await served.browser.newContext({ viewport: PHONE });
   await context.route("**/other.plantar", (route) => route.fulfill({ body: bytes }));
   const page = await context.newPage();
-  await page.goto(`${files.url}?replay=other.plantar`);
+  await page.goto(`${served.url}?replay=other.plantar`);
   await page.getByText("The left insole (firmware 0.2.0) uses protocol 99.").waitFor();
   await page.waitForFunction(() => parseFloat(document.querySelectorAll("#totals dd")[1]?.textContent ?? "") > 100);
   expect(await page.locator("#totals dd").first().innerText()).toBe("–");
@@ -234,10 +226,10 @@ test("an insole of another major version is reported, and its values are not sho
 
 describe("without insoles", () => {
   test("without Bluetooth in the browser, the page recommends another one", async () => {
-    const context = await browser.newContext({ viewport: PHONE });
+    const context = await served.browser.newContext({ viewport: PHONE });
     await context.addInitScript(() => Reflect.deleteProperty(Navigator.prototype, "bluetooth"));
     const page = await context.newPage();
-    await page.goto(`${files.url}?bluetooth`);
+    await page.goto(`${served.url}?bluetooth`);
     await page.locator("#unsupported").waitFor();
     expect(await page.locator("#connect").isDisabled()).toBe(true);
     await page.locator("#walk").click();
@@ -247,13 +239,13 @@ describe("without insoles", () => {
 
   test("the page explains how to allow Bluetooth if it is denied, and shows no note if the wearer chooses no insole", async () => {
     for (const [name, words] of [["NotAllowedError", "Bluetooth is not allowed"], ["NotFoundError", ""]] as const) {
-      const context = await browser.newContext({ viewport: PHONE });
+      const context = await served.browser.newContext({ viewport: PHONE });
       await context.addInitScript((name) => {
         const bluetooth = { requestDevice: () => Promise.reject(new DOMException("", name)) };
         Object.defineProperty(Navigator.prototype, "bluetooth", { value: bluetooth });
       }, name);
       const page = await context.newPage();
-      await page.goto(`${files.url}?bluetooth`);
+      await page.goto(`${served.url}?bluetooth`);
       await page.locator("#connect").click();
       await page.waitForFunction((words) => document.querySelector("#notes")?.textContent?.includes(words), words);
       expect(await page.locator("#notes .note:not(.remark)").count()).toBe(words ? 1 : 0);
@@ -265,7 +257,7 @@ describe("without insoles", () => {
 
 describe.each([["phone", PHONE], ["desktop", DESKTOP]] as const)("%s", (size, viewport) => {
   test.each(["light", "dark"] as const)("%s: no serious accessibility violations", async (colorScheme) => {
-    const page = await open(browser, replay, { viewport, colorScheme });
+    const page = await open(served.browser, replay, { viewport, colorScheme });
     await waitForSteps(page, 3);
     const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
     await page.evaluate(axe);
