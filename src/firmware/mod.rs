@@ -4,7 +4,7 @@
 //! A board initialises its hardware, calls [`start::start`], and spawns the loops. [`scan::scan`] belongs on an interrupt
 //! executor: its deadline is one frame time, and a frame that it misses is skipped and counted. [`process::process`],
 //! [`serve::serve`] and [`persist::persist`] share the thread executor. Processing may be late by as many frames as the board's
-//! queue holds, and persisting by [`shared::RECORD_QUEUE`] steps and load bouts; what exceeds these queues is dropped and
+//! queue holds, and persisting by [`shared::RECORD_QUEUE`] load records; what exceeds these queues is dropped and
 //! counted. The link has no deadline. [`supervise`] checks that scan, processing and link make progress.
 
 #![allow(async_fn_in_trait, reason = "boards implement these traits for executors that do not move tasks")]

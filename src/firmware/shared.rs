@@ -16,7 +16,7 @@ use embassy_time::Instant;
 use embedded_storage_async::nor_flash::MultiwriteNorFlash;
 use heapless::Vec;
 
-/// Number of steps and load bouts that can wait to be stored.
+/// Number of load records that can wait to be stored.
 pub const RECORD_QUEUE: usize = 2;
 
 /// The kind of link to a host.
@@ -49,12 +49,12 @@ pub struct Shared {
     pub(super) scan: &'static ScanCounters,
     /// Returns the deepest use of the stack so far, bytes.
     stack_bytes: fn() -> u32,
-    /// Steps and load bouts that [`super::persist::persist`] has not taken yet.
+    /// Load records that [`super::persist::persist`] has not taken yet.
     pub(super) records: Channel<NoopRawMutex, LoadRecord, RECORD_QUEUE>,
     /// The bonded centrals.
     bonds: RefCell<Vec<u8, MAX_BONDS_BYTES>>,
     pub(super) bonds_changed: Cell<bool>,
-    /// Number of frames that were processed before the end of the first step or load bout that is not stored yet; `None` if all are
+    /// Number of frames that were processed before the end of the first load record that is not stored yet; `None` if all are
     /// stored.
     pub(super) frames_before: Cell<Option<u32>>,
     /// Signalled when there may be something to persist.

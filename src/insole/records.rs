@@ -1,4 +1,4 @@
-//! Steps and load bouts: their evaluation and their numbers.
+//! Steps and load bouts: their evaluation, and the numbers of all records.
 
 use super::Insole;
 use crate::num::Real;

@@ -77,7 +77,7 @@ pub struct BoutRegion<R> {
 pub struct BoutRecord<R> {
     /// The foot.
     pub side: Side,
-    /// Number of the record; steps and bouts are counted together.
+    /// Number of the record; steps, bouts and alerts are counted together.
     pub number: u32,
     /// The kind.
     pub kind: BoutKind,

@@ -14,7 +14,7 @@ quantities! {
         /// Number of the record.
         number: u32 = record.number
             => number [1 per "count"],
-            "Steps and load bouts are counted together; the number continues after a restart.";
+            "Steps, load bouts and alerts are counted together; the number continues after a restart.";
         /// Foot.
         side: Side = record.side;
         /// What the wearer did.

@@ -21,7 +21,7 @@ pub struct Status {
     pub live_sent: u32,
     /// Number of steps completed since the start.
     pub steps: u32,
-    /// Number of unacknowledged steps and load bouts that were dropped.
+    /// Number of unacknowledged load records that were dropped.
     pub records_dropped: u32,
     /// Number of contacts that did not become steps.
     pub rejected: Rejected,
@@ -47,7 +47,7 @@ pub struct Status {
 pub struct Contents {
     /// Number of the present boot, from 1.
     pub start: u32,
-    /// Number of the next step or load bout, according to the log.
+    /// Number of the next load record, according to the log.
     pub next_record: u32,
     /// Bit k: records of kind k exist in a newer format than this firmware knows. They are not changed.
     pub newer_kinds: u32,

@@ -16,7 +16,7 @@ quantities! {
         /// Number of the record; continues after a restart as long as the flash chip is the same.
         step: u32 = record.step
             => step [1 per "count"],
-            "Steps and load bouts are counted together.";
+            "Steps, load bouts and alerts are counted together.";
         /// Foot.
         side: Side = record.side;
         /// Time of the heel strike, the first loaded frame of the step, since the first scan.

@@ -239,7 +239,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(Some(id.id()))
     }
 
-    /// Appends a step or a load bout to the log. A full log drops its oldest ones; returns their number.
+    /// Appends a load record to the log. A full log drops its oldest ones; returns their number.
     ///
     /// # Errors
     /// See [`StorageError`].
@@ -250,7 +250,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         Ok(dropped)
     }
 
-    /// Appends an entry to the log. A full log drops its oldest entries; returns the number of dropped steps and load bouts.
+    /// Appends an entry to the log. A full log drops its oldest entries; returns the number of dropped load records.
     async fn push(&mut self, entry: &Entry) -> Result<u32, StorageError> {
         let mut bytes = [0; BUFFER];
         let bytes = entry.encode(&mut bytes);
@@ -268,7 +268,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         .await
     }
 
-    /// Removes all steps and load bouts up to and including this number.
+    /// Removes all load records up to and including this number.
     ///
     /// # Errors
     /// See [`StorageError`].
@@ -300,7 +300,7 @@ impl<F: MultiwriteNorFlash> Store<F> {
         .await
     }
 
-    /// Passes the stored steps and load bouts after number `after`, or all of them for `None`, to `take`, the oldest first, until
+    /// Passes the stored load records after number `after`, or all of them for `None`, to `take`, the oldest first, until
     /// `take` returns false. Each has the number of boots since it was recorded. True if some remain.
     ///
     /// # Errors
@@ -348,7 +348,7 @@ async fn with_log<F: MultiwriteNorFlash, T>(
     Ok(done?)
 }
 
-/// Number of the oldest step or load bout in the log.
+/// Number of the oldest load record in the log.
 async fn oldest<F: MultiwriteNorFlash>(
     log: &mut QueueStorage<&mut F, LogCache>,
     buffer: &mut [u8],

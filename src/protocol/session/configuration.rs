@@ -7,7 +7,7 @@ use crate::pipeline::setup::{Setup, SetupCell};
 use crate::pipeline::tissue::{Identified, Tissue};
 use crate::protocol::{Identity, Refusal, Settings};
 
-/// Requests of a host that the insole itself executes, with its next frame.
+/// Requests of a host that the insole itself executes, at the end of a second.
 #[derive(Clone, Copy, Debug)]
 pub struct ToInsole {
     /// New rules of alerts.

@@ -77,7 +77,7 @@ impl Axis {
         Some(device_us.wrapping_sub(offset_us as u64))
     }
 
-    /// The host's time at the start of a step or load bout, us. For one of an earlier boot it is the time of the insole's own wall
+    /// The host's time at the start of a load record, us. For one of an earlier boot it is the time of the insole's own wall
     /// clock; `None` if that clock was not set.
     pub fn start_us(&self, record: &LoadRecord) -> Option<u64> {
         let (boots_since, start_us, start_unix_us) = record.start();

@@ -1,4 +1,4 @@
-//! Remembers the steps and load bouts that were delivered to the caller, so that each is delivered only once if the insole
+//! Remembers the load records that were delivered to the caller, so that each is delivered only once if the insole
 //! repeats it.
 
 use plantar::protocol::LoadRecord;

@@ -1,4 +1,4 @@
-//! Checks the order of the steps and load bouts that arrive, and decides when to request a replay of those that were lost on
+//! Checks the order of the load records that arrive, and decides when to request a replay of those that were lost on
 //! the way.
 //!
 //! In a replay, the insole sends all its unacknowledged records again, oldest first.

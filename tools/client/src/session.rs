@@ -194,7 +194,7 @@ impl<C: Carrier> Client<C> {
     /// The next message for the caller; `None` if there is none within the carrier's timeout. Requests the insole's time four
     /// times a second, for [`Client::axis`].
     ///
-    /// Each step and each load bout is returned once, however often the insole repeats it. Send [`ToDevice::Acknowledge`] once
+    /// Each step, load bout and alert is returned once, however often the insole repeats it. Send [`ToDevice::Acknowledge`] once
     /// it is stored; if the insole repeats it afterwards, this function acknowledges it again. If one is missing before the one
     /// that arrives, this function requests all unacknowledged ones again, because an acknowledgement also covers all earlier
     /// ones.

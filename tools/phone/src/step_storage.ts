@@ -1,13 +1,13 @@
-/** Storage of the wearer's steps and load bouts across visits of the page. */
+/** Storage of the wearer's steps, load bouts and alerts across visits of the page. */
 
-/** A stored step or load bout. `start_unix_s` is that of `StoredStep` or `StoredBout`. */
+/** A stored step, load bout or alert. `start_unix_s` is that of `StoredStep`, `StoredBout` or `StoredAlert`. */
 export interface StepRecord {
   /** The encoded message. */
   message: Uint8Array;
   start_unix_s: number | null;
 }
 
-/** A storage of steps and load bouts. */
+/** A storage of steps, load bouts and alerts. */
 export interface StepStorage {
   load(): Promise<StepRecord[]>;
   add(record: StepRecord): Promise<void>;

@@ -25,7 +25,7 @@ use std::time::{Duration, Instant};
 /// region, the files FOLDER/bouts/*.parquet one row per load bout and region, the files
 /// FOLDER/alerts/*.parquet one row per alert and region. pandas, Polars, DuckDB and Spark read the files
 /// of a folder as one table. Files are completed at least every half minute, so a crash loses the live frames of at most this
-/// time. No step or load bout is lost, because it remains on the insole until its file is complete. With --cells, each folder
+/// time. No step, load bout or alert is lost, because it remains on the insole until its file is complete. With --cells, each folder
 /// FOLDER/cells/* is a recording that all other commands read; a loss that is too long to be interpolated begins another one.
 /// When the link is lost, the program reconnects. In a terminal, press q or Ctrl-C to end.
 #[derive(Args)]
@@ -115,7 +115,7 @@ struct Recorder<'r> {
     alerts: Vec<Row>,
     /// Numbers of the records that are not written yet.
     pending: Vec<u32>,
-    /// Number of the newest step or load bout in a complete file, until it is acknowledged.
+    /// Number of the newest load record in a complete file, until it is acknowledged.
     stored: Option<u32>,
     /// All records, for the tables at the end.
     all: Records,

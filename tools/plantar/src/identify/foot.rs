@@ -177,7 +177,7 @@ impl Foot {
         self.folder.join("calibration.csv")
     }
 
-    /// Stores a step or load bout in the file, and acknowledges it. Other messages are ignored.
+    /// Stores a load record in the file, and acknowledges it. Other messages are ignored.
     fn store_record(&mut self, file: &mut StreamFile, message: &ToHost) -> Result<()> {
         if let Some(record) = LoadRecord::of(message) {
             file.write(0, message)?;
