@@ -2,12 +2,14 @@
 
 It has the same stages: codes of the virtual sensor, calibration, contact with hysteresis, areas, forces, centres of
 pressure, second moments, the live model, and for each step the paper's smoothing and model. The arguments are a folder
-with the data, the full scale of the sensor (kPa), the exponent of its curve, and the frames per second. The script
-prints the seconds, the number of steps, and the peak live model force of each region (N).
+with the data, the full scale of the sensor (kPa), the exponent of its curve, and the frames per second. The pressures
+are in pressure.f32, or in a recording walk.parquet, which pandas then reads as part of the replay. The script prints the
+seconds, the number of steps, and the peak live model force of each region (N).
 """
 
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +21,6 @@ ON_KPA, OFF_KPA = 10.0, 7.5
 STRIKE_N, RELEASE_N, MIN_SWING_S = 30.0, 20.0, 0.04
 
 cells = np.fromfile(f"{folder}/cells.f32", np.float32).reshape(-1, 5)
-recorded_kpa = np.fromfile(f"{folder}/pressure.f32", np.float32).reshape(-1, len(cells))
 force_laws = np.fromfile(f"{folder}/force_laws.f32", np.float32).reshape(8, 6).astype(np.float64)
 x, y, area, region, gain = cells.T
 membership = (region[:, None] == np.arange(8)).astype(np.float32)
@@ -36,7 +37,15 @@ def force(law, g, rate):
     return np.where(g > 0, np.maximum(f, 0), 0)
 
 
-start = time.perf_counter()
+file = Path(folder, "walk.parquet")
+if file.exists():
+    import pandas
+
+    start = time.perf_counter()
+    recorded_kpa = pandas.read_parquet(file).drop(columns="t_s").to_numpy(np.float32)
+else:
+    recorded_kpa = np.fromfile(f"{folder}/pressure.f32", np.float32).reshape(-1, len(cells))
+    start = time.perf_counter()
 
 codes = np.rint(FULL_CODE * (recorded_kpa / np.float32(full_kpa)) ** np.float32(exponent)).astype(np.uint16)
 pressure = full_kpa * (codes.astype(np.float32) / FULL_CODE) ** np.float32(1 / exponent) * gain

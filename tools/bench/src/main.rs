@@ -10,6 +10,7 @@ mod identify;
 mod instructions;
 mod python;
 mod replay;
+mod replay_file;
 mod stack;
 mod walkers;
 mod wear;
@@ -64,6 +65,9 @@ fn main() -> Result<()> {
         bench::host_loops::measure_speed(&mut figures)?;
         if let Some(moticon) = &arguments.moticon {
             wear::measure(python, moticon, &mut figures)?;
+        }
+        if let Some(plantar) = &arguments.plantar {
+            replay_file::measure(python, plantar, &mut figures)?;
         }
         if let (Some(jiku), Some(plantar)) = (&arguments.jiku, &arguments.plantar) {
             cells::measure(jiku, arguments.recordings.as_deref(), &mut figures)?;

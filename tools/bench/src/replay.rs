@@ -9,7 +9,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::model::ForceLaw;
 use plantar::pipeline::stance_rule::StanceRule;
-use recording::{MAX_CELLS, VirtualInsole, synthetic};
+use recording::{Cell, MAX_CELLS, Recording, VirtualInsole, synthetic};
 use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;
@@ -55,20 +55,9 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     );
 
     let directory = tempfile::tempdir()?;
-    let write = |name: &str, bytes: Vec<u8>| std::fs::write(directory.path().join(name), bytes);
-    write("pressure.f32", walk.pressure_kpa.iter().flat_map(|kpa| kpa.to_le_bytes()).collect())?;
-    let geometry = walk
-        .layout
-        .cells
-        .iter()
-        .flat_map(|c| [c.x_mm as f32, c.y_mm as f32, c.area_mm2 as f32, c.region as u8 as f32, 1.0]);
-    write("cells.f32", geometry.flat_map(f32::to_le_bytes).collect())?;
-    let force_laws = tissue.force_laws.iter().flat_map(|&ForceLaw { ab_m2, c_m, stiffness_pa, damping_pa_s, n, m }| {
-        [ab_m2, c_m, stiffness_pa, damping_pa_s, n, m]
-    });
-    write("force_laws.f32", force_laws.flat_map(f32::to_le_bytes).collect())?;
-    let sensor = virtual_insole.setup.sensor;
-    let arguments = [sensor.full_kpa, sensor.exponent, walk.rate_hz as f32].map(|v| v.to_string());
+    let bytes: Vec<u8> = walk.pressure_kpa.iter().flat_map(|kpa| kpa.to_le_bytes()).collect();
+    std::fs::write(directory.path().join("pressure.f32"), bytes)?;
+    let arguments = python_arguments(&walk, &virtual_insole, directory.path())?;
     let numbers = python::run(python, "replay_numpy.py", directory.path(), &arguments)?.concat();
     let [seconds, numpy_steps, numpy_peaks @ ..] = &numbers[..] else {
         bail!("replay_numpy.py printed unexpected numbers: {numbers:?}")
@@ -90,4 +79,21 @@ pub fn measure(python: &Path, figures: &mut Figures) -> Result<()> {
     );
     figures.add("replay_over_numpy", (per_s / numpy_per_s * 100.0).round() / 100.0, "ratio of the two speeds");
     Ok(())
+}
+
+/// Writes the cells and the typical force laws for replay_numpy.py to a folder, and returns its arguments.
+pub fn python_arguments(walk: &Recording, insole: &VirtualInsole, folder: &Path) -> Result<Vec<String>> {
+    let write = |name: &str, values: Vec<f32>| {
+        let bytes: Vec<u8> = values.into_iter().flat_map(f32::to_le_bytes).collect();
+        std::fs::write(folder.join(name), bytes)
+    };
+    let cell = |c: &Cell| [c.x_mm as f32, c.y_mm as f32, c.area_mm2 as f32, c.region as u8 as f32, 1.0];
+    write("cells.f32", walk.layout.cells.iter().flat_map(cell).collect())?;
+    let law = |&ForceLaw { ab_m2, c_m, stiffness_pa, damping_pa_s, n, m }: &ForceLaw<f32>| {
+        [ab_m2, c_m, stiffness_pa, damping_pa_s, n, m]
+    };
+    let tissue = Parameters::typical(InsoleSize::default()).tissue();
+    write("force_laws.f32", tissue.force_laws.iter().flat_map(law).collect())?;
+    let sensor = insole.setup.sensor;
+    Ok([sensor.full_kpa, sensor.exponent, walk.rate_hz as f32].map(|v| v.to_string()).into())
 }

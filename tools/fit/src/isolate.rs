@@ -4,35 +4,36 @@
 use crate::steps::{ExcludedContact, ExclusionReason, FrameLoads, MeanEllipse, exclude_partial, frame_curves, peak_n};
 use crate::{RegionCurves, Step};
 use plantar::insole::Insole;
+use plantar::pipeline::setup::SetupError;
 use plantar::pipeline::stance::Rejected;
-use recording::{MAX_CELLS, Recording, VirtualInsole};
+use recording::{MAX_CELLS, Scans, VirtualInsole};
 
-/// The steps of a recording and its excluded contacts. `insole` is the virtual insole of the recording. `index` is the index of
-/// the recording in the study. `progress` receives the number of frames that have been processed.
+/// The steps of a recording and its excluded contacts. `insole` is the virtual insole of the recording, and `scans` are its
+/// scans. `index` is the index of the recording in the study. `progress` receives the number of frames that have been processed.
 ///
 /// # Errors
-/// Fails if the insole cannot be set up.
+/// Fails if the insole cannot be set up, or if a file with the scans cannot be read.
 pub fn isolate(
-    recording: &Recording,
     insole: &VirtualInsole,
+    mut scans: Scans<'_>,
     index: usize,
     progress: &mut dyn FnMut(usize),
-) -> Result<(Vec<Step>, Vec<ExcludedContact>), plantar::pipeline::setup::SetupError> {
+) -> Result<(Vec<Step>, Vec<ExcludedContact>), IsolateError> {
     let mut device = Box::new(Insole::<f64, MAX_CELLS>::new());
     device.set_up(insole.setup, insole.cells.iter().copied())?;
-    let mut codes = vec![0; insole.cells.len()];
     let (mut steps, mut excluded) = (Vec::new(), Vec::new());
     let mut contact = Contact::default();
     let (mut rejected, mut starts_loaded) = (device.rejected(), false);
     let period_s = f64::from(insole.setup.period_us) * 1e-6;
-    let first_s = recording.t_s.first().copied().unwrap_or(0.0);
-    let longest_frames = (u32::from(insole.setup.stance.max_stance_ms) * 1000 / insole.setup.period_us) as usize
-        + (u32::from(insole.setup.stance.min_swing_ms) * 1000 / insole.setup.period_us) as usize;
-    let count = insole.frames(recording);
-    for i in 0..count {
-        insole.codes_of(recording, i, &mut codes);
+    let mut first_s = 0.0;
+    let longest_frames = insole.longest_step_frames();
+    while let Some(scan) = scans.next_scan()? {
+        let i = scan.index;
+        if i == 0 {
+            first_s = scan.t_s.unwrap_or(0.0);
+        }
         let was_on_ground = device.on_ground();
-        let toe_off = device.frame(i as u32, &codes);
+        let toe_off = device.frame(i as u32, scan.codes);
         if device.on_ground() && !was_on_ground {
             contact.frames.clear();
             contact.start = i;
@@ -78,7 +79,7 @@ pub fn isolate(
             });
         }
         if i % 1024 == 0 {
-            progress(i.min(recording.frames()));
+            progress(i);
         }
     }
     if device.on_ground() {
@@ -87,6 +88,17 @@ pub fn isolate(
     }
     exclude_partial(&mut steps, &mut excluded);
     Ok((steps, excluded))
+}
+
+/// The reason why the steps of a recording could not be extracted.
+#[derive(Debug, thiserror::Error)]
+pub enum IsolateError {
+    /// An insole cannot have the recording's cells.
+    #[error(transparent)]
+    Setup(#[from] SetupError),
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] recording::Error),
 }
 
 /// The reason if the insole rejected a contact between the counts `before` and `now`; otherwise `None`.

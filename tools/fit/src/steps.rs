@@ -2,7 +2,7 @@
 //! [`isolate`] extracts them from a recording, [`crate::live`] from the messages of an insole.
 
 #[cfg(feature = "recordings")]
-pub use crate::isolate::isolate;
+pub use crate::isolate::{IsolateError, isolate};
 
 use crate::quality::largest;
 use plantar::Side;

@@ -9,8 +9,7 @@ use plantar::{Region, Side};
 use std::fmt;
 #[cfg(feature = "recordings")]
 use {
-    crate::steps::isolate,
-    plantar::pipeline::setup::SetupError,
+    crate::steps::{IsolateError, isolate},
     recording::{Layout, Recording, VirtualInsole},
 };
 
@@ -82,8 +81,8 @@ impl Study {
         recording: &Recording,
         insole: &VirtualInsole,
         progress: &mut dyn FnMut(usize),
-    ) -> Result<(), SetupError> {
-        let (steps, excluded) = isolate(recording, insole, self.sources.len(), progress)?;
+    ) -> Result<(), IsolateError> {
+        let (steps, excluded) = isolate(insole, insole.scans(recording), self.sources.len(), progress)?;
         self.steps.extend(steps);
         self.excluded_contacts.extend(excluded);
         self.sources.push(Source {

@@ -177,7 +177,7 @@ fn a_long_stance_is_decimated_as_on_the_insole() {
     let recording =
         walk(&SyntheticWalk { steps: 3, stance_s: 2.4, rate_hz: 200.0, ..SyntheticWalk::default() }).recording;
     let insole = VirtualInsole::new(&recording, CONTACT, StanceRule::ADAPTIVE);
-    let (of_cells, _) = fit::steps::isolate(&recording, &insole, 0, &mut |_| ()).expect("a valid insole");
+    let (of_cells, _) = fit::steps::isolate(&insole, insole.scans(&recording), 0, &mut |_| ()).expect("a valid insole");
     let (of_messages, _) = collect(&messages(&recording)).collected(0);
     assert_eq!((of_messages.len(), of_cells.len()), (3, 3));
     for (ours, theirs) in of_messages.iter().zip(&of_cells) {

@@ -8,7 +8,7 @@ use fit::{Options, Step};
 use parameters::{InsoleSize, Participant};
 use plantar::Side;
 use plantar::pipeline::contact::ContactRule;
-use recording::Recording;
+use recording::RecordingReader;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -85,14 +85,15 @@ impl Person {
 
     /// The foot and the complete steps of a recording.
     pub fn steps(&self, path: &Path) -> Result<(Side, Vec<Step>)> {
-        let recording = Recording::read(path)?;
+        let reader = RecordingReader::open(path)?;
+        let side = reader.head.side;
         let isolated = || {
-            let mut insole = setup::insole(&recording, self.contact)?;
+            let mut insole = setup::insole_of(&reader, self.contact)?;
             ZeroArgs { zero: self.settings.zero.clone() }.apply(&mut insole)?;
-            Ok(isolate(&recording, &insole, 0, &mut |_| ())?.0)
+            Ok(isolate(&insole, insole.scans_of_file(reader), 0, &mut |_| ())?.0)
         };
         let steps: Result<_> = isolated();
         let steps = steps.with_context(|| format!("{}: the recording cannot be evaluated", path.display()))?;
-        Ok((recording.side, steps))
+        Ok((side, steps))
     }
 }

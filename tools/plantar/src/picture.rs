@@ -1,4 +1,4 @@
-//! Collects the forces of a replay and draws a picture of a step.
+//! Collects the first step of a replay and draws a picture of it.
 
 use crate::setup::rule_in_words;
 use anyhow::{Context, Result};
@@ -10,28 +10,59 @@ use recording::{Recording, VirtualInsole};
 use report::{Forces, StepPicture};
 use std::path::Path;
 
-/// The measured force and the model force of every region in all frames so far.
-#[derive(Default)]
+/// The frames of the current contact with the ground, and later those of the first step.
 pub struct Picture {
+    /// Largest number of frames of a step.
+    longest_frames: usize,
+    /// Measured force and model force of every region in each frame.
     forces: Vec<Forces>,
+    /// The codes of these frames, one frame after the other.
+    codes: Vec<u16>,
+    was_on_ground: bool,
+    step: Option<Step>,
 }
 
 impl Picture {
-    /// Adds the forces of the frame that the insole processed last.
-    pub fn push<R: Real, const N: usize>(&mut self, insole: &Insole<R, N>) {
-        let forces = |load: &RegionLoad<R>| (load.frame.force.force_n.to_f64(), load.tissue.model_n.to_f64());
-        self.forces.push(insole.loads().each_ref().map(forces));
+    /// Starts without frames, for the steps of this insole.
+    pub fn new(insole: &VirtualInsole) -> Self {
+        let longest_frames = insole.longest_step_frames();
+        Self { longest_frames, forces: Vec::new(), codes: Vec::new(), was_on_ground: false, step: None }
     }
 
-    /// Writes a picture of a step of the recording to an SVG file.
-    pub fn write(&self, path: &Path, recording: &Recording, insole: &VirtualInsole, step: Option<&Step>) -> Result<()> {
-        let step =
-            step.context("the recording has no complete step to draw: use another recording, or omit --picture")?;
-        let frame = |us: u64| ((us as f64 * 1e-6 * recording.rate_hz).round() as usize).min(recording.frames());
-        let frames = frame(step.start_us)..frame(step.start_us + u64::from(step.duration_us));
-        let forces = self.forces.get(frames.clone()).context("the step is outside of the recording")?;
-        let contact = rule_in_words(&step.contact_rule);
-        let picture = StepPicture { recording, insole, step, frames: &frames, forces, contact: &contact };
+    /// Adds the frame that the insole processed last, its codes, and the step that it completed.
+    pub fn push<R: Real, const N: usize>(&mut self, insole: &Insole<R, N>, codes: &[u16], step: Option<Step>) {
+        if self.step.is_some() {
+            return;
+        }
+        if insole.on_ground() && !self.was_on_ground {
+            self.forces.clear();
+            self.codes.clear();
+        }
+        self.was_on_ground = insole.on_ground();
+        if insole.on_ground() && self.forces.len() < self.longest_frames {
+            let forces = |load: &RegionLoad<R>| (load.frame.force.force_n.to_f64(), load.tissue.model_n.to_f64());
+            self.forces.push(insole.loads().each_ref().map(forces));
+            self.codes.extend(codes);
+        }
+        self.step = step;
+    }
+
+    /// Writes a picture of the first step of the recording to an SVG file.
+    pub fn write(&self, path: &Path, recording: &Recording, insole: &VirtualInsole) -> Result<()> {
+        let step = self
+            .step
+            .as_ref()
+            .context("the recording has no complete step to draw: use another recording, or omit --picture")?;
+        let frames = (step.duration_us / insole.setup.period_us) as usize;
+        let forces = self.forces.get(..frames).context("the step is outside of the recording")?;
+        let mut peak_codes = vec![0; recording.cells()];
+        for codes in self.codes.chunks(recording.cells()).take(frames) {
+            for (peak, &code) in peak_codes.iter_mut().zip(codes) {
+                *peak = code.max(*peak);
+            }
+        }
+        let (peak_kpa, contact) = (insole.measured_by_codes_kpa(&peak_codes), rule_in_words(&step.contact_rule));
+        let picture = StepPicture { recording, step, peak_kpa: &peak_kpa, forces, contact: &contact };
         std::fs::write(path, picture.svg()).with_context(|| format!("cannot write {}", path.display()))
     }
 }

@@ -14,7 +14,7 @@ use plantar::insole::Insole;
 use plantar::pipeline::alert::AlertRules;
 use plantar::pipeline::tissue::Tissue;
 use plantar::protocol::{Alert, Bout, Step};
-use recording::{MAX_CELLS, Recording, VirtualInsole};
+use recording::{MAX_CELLS, RecordingReader, Scan, VirtualInsole};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -63,16 +63,17 @@ enum Precision {
 
 impl Replay {
     pub fn run(&self) -> Result<()> {
-        let recording = Recording::read(&self.recording)?;
+        let reader = RecordingReader::open(&self.recording)?;
+        let (frames, cells) = (reader.frames(), reader.head.cells());
         let parameters = self.wearer.parameters()?;
         let tissue = parameters.tissue();
-        let mut insole = setup::insole(&recording, self.contact.rule(parameters.identified.as_ref())?)
+        let start = Instant::now();
+        let mut insole = setup::insole_of(&reader, self.contact.rule(parameters.identified.as_ref())?)
             .with_context(|| self.recording.display().to_string())?;
         self.zero.apply(&mut insole)?;
-        let start = Instant::now();
         let records = match self.precision {
-            Precision::F32 => self.replay::<f32>(&recording, &insole, &tissue)?,
-            Precision::F64 => self.replay::<f64>(&recording, &insole, &tissue)?,
+            Precision::F32 => self.replay::<f32>(reader, &insole, &tissue)?,
+            Precision::F64 => self.replay::<f64>(reader, &insole, &tissue)?,
         };
         let seconds = start.elapsed().as_secs_f64();
         if let Some(path) = &self.json {
@@ -83,15 +84,14 @@ impl Replay {
         }
         records.print(&parameters.deformation);
         setup::note_unless_applicable(&parameters, self.wearer.size, &records.steps);
-        let frames = recording.frames();
-        eprintln!("{frames} frames of {} cells in {seconds:.2} s", recording.cells());
+        eprintln!("{frames} frames of {cells} cells in {seconds:.2} s");
         Ok(())
     }
 
     /// Computes the steps in the arithmetic `R`, and writes the files of --frames and --picture.
     fn replay<R: Real>(
         &self,
-        recording: &Recording,
+        reader: RecordingReader,
         virtual_insole: &VirtualInsole,
         tissue: &Tissue,
     ) -> Result<Records> {
@@ -104,23 +104,21 @@ impl Replay {
         }
         let mut frames =
             self.frames.as_deref().map(|path| FrameWriter::create(path, virtual_insole.setup.contact)).transpose()?;
-        let mut picture = self.picture.is_some().then(Picture::default);
-        let count = virtual_insole.frames(recording);
-        let bar = progress(count as u64, "frames");
-        let mut codes = vec![0; virtual_insole.cells.len()];
+        let mut picture = self.picture.is_some().then(|| Picture::new(virtual_insole));
+        let bar = progress(reader.frames() as u64, "frames");
+        let head = reader.head.clone();
+        let mut scans = virtual_insole.scans_of_file(reader);
         let mut records = Records::default();
-        for i in 0..count {
-            virtual_insole.codes_of(recording, i, &mut codes);
-            let toe_off = insole.frame(i as u32, &codes);
-            if let Some(frames) = frames.as_mut().filter(|_| i < recording.frames()) {
-                frames.push(recording.t_s[i], &insole)?;
+        while let Some(Scan { index: i, t_s, codes }) = scans.next_scan()? {
+            let toe_off = insole.frame(i as u32, codes);
+            if let Some((frames, t_s)) = frames.as_mut().zip(t_s) {
+                frames.push(t_s, &insole)?;
             }
+            let step = toe_off.then(|| insole.whole_step()).flatten().map(|step| Step::new(&step));
             if let Some(picture) = &mut picture {
-                picture.push(&insole);
+                picture.push(&insole, codes, step);
             }
-            if toe_off && let Some(step) = insole.whole_step() {
-                records.steps.push(Step::new(&step));
-            }
+            records.steps.extend(step);
             records.bouts.extend(insole.take_bout().as_ref().map(Bout::new));
             records.alerts.extend(insole.take_alert().as_ref().map(Alert::new));
             if i % 4096 == 0 {
@@ -137,9 +135,9 @@ impl Replay {
         if let Some(frames) = frames {
             frames.finish()?;
         }
-        summary::print_faults(insole.faults(), recording.cells());
+        summary::print_faults(insole.faults(), head.cells());
         if let (Some(picture), Some(path)) = (picture, &self.picture) {
-            picture.write(path, recording, virtual_insole, records.steps.first())?;
+            picture.write(path, &head, virtual_insole)?;
         }
         Ok(records)
     }

@@ -6,8 +6,9 @@ use parameters::{Identified, InsoleSize, LIVE, Parameters, SMOOTHED, SmoothedAre
 use plantar::Region;
 use plantar::pipeline::contact::ContactRule;
 use plantar::pipeline::setup::PERIOD_US;
+use plantar::pipeline::stance_rule::StanceRule;
 use plantar::protocol::{Step, StepRegion};
-use recording::{Recording, VirtualInsole, Zero};
+use recording::{Recording, RecordingReader, VirtualInsole, Zero};
 use std::path::PathBuf;
 
 #[derive(Args)]
@@ -161,11 +162,20 @@ pub fn rule_in_words(rule: &ContactRule) -> String {
 
 /// Makes a virtual insole for a recording. Returns an error if an insole cannot have the recording's frame rate.
 pub fn insole(recording: &Recording, rule: ContactRule) -> Result<VirtualInsole> {
-    let insole = VirtualInsole::new(recording, rule, plantar::pipeline::stance_rule::StanceRule::ADAPTIVE);
+    insole_up_to(recording.largest_kpa(), recording, rule)
+}
+
+/// As [`insole`], for a recording whose frames are not in memory.
+pub fn insole_of(reader: &RecordingReader, rule: ContactRule) -> Result<VirtualInsole> {
+    insole_up_to(reader.largest_kpa()?, &reader.head, rule)
+}
+
+fn insole_up_to(largest_kpa: f32, head: &Recording, rule: ContactRule) -> Result<VirtualInsole> {
+    let insole = VirtualInsole::up_to(largest_kpa, head, rule, StanceRule::ADAPTIVE);
     if !PERIOD_US.contains(&insole.setup.period_us) {
         bail!(
             "the recording has {:.2} frames per second, and 20 to 500 are supported: import it again with --rate 100",
-            recording.rate_hz
+            head.rate_hz
         );
     }
     Ok(insole)

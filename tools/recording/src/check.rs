@@ -26,7 +26,9 @@ pub fn recording(recording: &Recording, place: &dyn Fn(At) -> String) -> Result<
             "provide one pressure for each frame and cell",
         ));
     }
-    clock(&recording.t_s, recording.rate_hz, place)?;
+    let mut clock = Clock::new(recording.rate_hz, place)?;
+    clock.add(&recording.t_s, place)?;
+    clock.finish(place)?;
     pressures(&recording.pressure_kpa, cells, place)
 }
 
@@ -96,28 +98,56 @@ pub fn cell_count(cells: usize, place: &str) -> Result<()> {
     Ok(())
 }
 
-/// Checks that each frame follows the previous one after `1 / rate_hz`, to within half of this interval, and that the mean rate
-/// is `rate_hz`.
-fn clock(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> {
-    if t_s.is_empty() {
-        return Err(Error::content(place(At::Whole), "no frames", "record at least one frame"));
+/// Checks the times of a recording, which can come in blocks: each frame follows the previous one after `1 / rate_hz`, to within
+/// half of this interval, and the mean rate is `rate_hz`.
+#[derive(Clone)]
+pub struct Clock {
+    rate_hz: f64,
+    frames: usize,
+    first_s: f64,
+    last_s: f64,
+}
+
+impl Clock {
+    /// Checks the rate.
+    pub fn new(rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<Self> {
+        if !(rate_hz.is_finite() && rate_hz > 0.0) {
+            return Err(Error::content(place(At::Whole), format!("a rate of {rate_hz} Hz"), "state a positive rate"));
+        }
+        Ok(Self { rate_hz, frames: 0, first_s: 0.0, last_s: 0.0 })
     }
-    if !(rate_hz.is_finite() && rate_hz > 0.0) {
-        return Err(Error::content(place(At::Whole), format!("a rate of {rate_hz} Hz"), "state a positive rate"));
+
+    /// Checks the times of the next frames. `place` counts frames from the first one of these.
+    pub fn add(&mut self, t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<()> {
+        let (&[first_s, ..], &[.., last_s]) = (t_s, t_s) else { return Ok(()) };
+        times(t_s, place)?;
+        if self.frames == 0 {
+            self.first_s = first_s;
+        } else {
+            interval(self.last_s, first_s, self.rate_hz, &|| place(At::Frame(0)))?;
+        }
+        intervals(t_s, self.rate_hz, place)?;
+        self.last_s = last_s;
+        self.frames += t_s.len();
+        Ok(())
     }
-    times(t_s, place)?;
-    intervals(t_s, rate_hz, place)?;
-    // If every interval is slightly too long, each one passes the check above, but the mean rate is wrong.
-    let intervals = (t_s.len() - 1) as f64;
-    let span_s = t_s[t_s.len() - 1] - t_s[0];
-    if (span_s * rate_hz - intervals).abs() > (0.01 * intervals).max(0.5) {
-        return Err(Error::content(
-            place(At::Whole),
-            format!("the frames come at {:.3} Hz, the stated rate is {rate_hz:.3} Hz", intervals / span_s),
-            "correct the stated rate",
-        ));
+
+    /// Checks the number of frames and the mean rate. If every interval is slightly too long, each one passes [`Clock::add`], but
+    /// the mean rate is wrong.
+    pub fn finish(&self, place: &dyn Fn(At) -> String) -> Result<()> {
+        if self.frames == 0 {
+            return Err(Error::content(place(At::Whole), "no frames", "record at least one frame"));
+        }
+        let (intervals, span_s, rate_hz) = ((self.frames - 1) as f64, self.last_s - self.first_s, self.rate_hz);
+        if (span_s * rate_hz - intervals).abs() > (0.01 * intervals).max(0.5) {
+            return Err(Error::content(
+                place(At::Whole),
+                format!("the frames come at {:.3} Hz, the stated rate is {rate_hz:.3} Hz", intervals / span_s),
+                "correct the stated rate",
+            ));
+        }
+        Ok(())
     }
-    Ok(())
 }
 
 /// Checks that all times are finite and in seconds.
@@ -133,23 +163,24 @@ pub fn times(t_s: &[f64], place: &dyn Fn(At) -> String) -> Result<()> {
 /// Checks that each frame follows the previous one after `1 / rate_hz`, to within half of this interval.
 pub fn intervals(t_s: &[f64], rate_hz: f64, place: &dyn Fn(At) -> String) -> Result<()> {
     for (i, pair) in t_s.windows(2).enumerate() {
-        let interval_s = pair[1] - pair[0];
-        let problem = if interval_s == 0.0 {
-            format!("time {} s is repeated", pair[1])
-        } else if interval_s < 0.0 {
-            format!("time runs backwards from {} s to {} s", pair[0], pair[1])
-        } else if (interval_s * rate_hz - 1.0).abs() > 0.5 {
-            format!("{interval_s:.6} s after the frame before, expected {:.6} s at {rate_hz:.6} Hz", 1.0 / rate_hz)
-        } else {
-            continue;
-        };
-        return Err(Error::content(
-            place(At::Frame(i + 1)),
-            problem,
-            "split the recording at this frame, or resample it to uniform time",
-        ));
+        interval(pair[0], pair[1], rate_hz, &|| place(At::Frame(i + 1)))?;
     }
     Ok(())
+}
+
+/// Checks that the frame at `after_s` follows the frame at `before_s` after `1 / rate_hz`, to within half of this interval.
+fn interval(before_s: f64, after_s: f64, rate_hz: f64, place: &dyn Fn() -> String) -> Result<()> {
+    let interval_s = after_s - before_s;
+    let problem = if interval_s == 0.0 {
+        format!("time {after_s} s is repeated")
+    } else if interval_s < 0.0 {
+        format!("time runs backwards from {before_s} s to {after_s} s")
+    } else if (interval_s * rate_hz - 1.0).abs() > 0.5 {
+        format!("{interval_s:.6} s after the frame before, expected {:.6} s at {rate_hz:.6} Hz", 1.0 / rate_hz)
+    } else {
+        return Ok(());
+    };
+    Err(Error::content(place(), problem, "split the recording at this frame, or resample it to uniform time"))
 }
 
 /// Checks that all pressures are finite, not negative, and at most [`MAX_KPA`].

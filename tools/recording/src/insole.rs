@@ -75,18 +75,23 @@ impl VirtualInsole {
     /// resolution of the sensor alone, which is less than 0.1 % for pressures above 1 % of full scale.
     /// [`crate::Zero::apply_to`] sets the offsets of the cells.
     pub fn new(recording: &Recording, contact: ContactRule, stance: StanceRule) -> Self {
-        let largest_kpa = recording.pressure_kpa.iter().fold(0.0f32, |a, &b| a.max(b));
+        Self::up_to(recording.largest_kpa(), recording, contact, stance)
+    }
+
+    /// As [`VirtualInsole::new`], for a recording whose frames are not in memory: `head` describes it, and its largest pressure is
+    /// `largest_kpa`.
+    pub fn up_to(largest_kpa: f32, head: &Recording, contact: ContactRule, stance: StanceRule) -> Self {
         let mut sensor = SensorLaw { full_kpa: FULL_KPA, exponent: EXPONENT };
         while sensor.full_kpa <= largest_kpa {
             sensor.full_kpa *= 2.0;
         }
-        let mut order: Vec<usize> = (0..recording.cells()).collect();
-        order.sort_by_key(|&i| recording.layout.cells[i].region);
+        let mut order: Vec<usize> = (0..head.cells()).collect();
+        order.sort_by_key(|&i| head.layout.cells[i].region);
         let cells: Vec<_> = order
             .iter()
             .enumerate()
             .map(|(index, &i)| {
-                let cell = &recording.layout.cells[i];
+                let cell = &head.layout.cells[i];
                 SetupCell {
                     cell: Cell {
                         region: cell.region,
@@ -106,9 +111,9 @@ impl VirtualInsole {
             .flat_map(f32::to_le_bytes)
             .collect();
         let setup = Setup {
-            side: recording.side,
+            side: head.side,
             layout_id: crc32(&geometry),
-            period_us: (1e6 / recording.rate_hz).round() as u32,
+            period_us: (1e6 / head.rate_hz).round() as u32,
             sensor,
             contact,
             stance,
@@ -122,17 +127,48 @@ impl VirtualInsole {
         Self { law: LawTable::new(&setup.sensor), setup, cells, insole_index, curve }
     }
 
-    /// Number of frames to process: the frames of the recording, and enough repetitions of its last frame to confirm a toe off
-    /// at the end.
-    pub fn frames(&self, recording: &Recording) -> usize {
+    /// Number of repetitions of the last frame of a recording that confirm a toe off at its end.
+    pub fn repetitions(&self) -> usize {
         let confirm_us = u32::from(self.setup.stance.min_swing_ms) * 1000;
-        recording.frames() + confirm_us.div_ceil(self.setup.period_us) as usize + 1
+        confirm_us.div_ceil(self.setup.period_us) as usize + 1
+    }
+
+    /// Largest number of frames from heel strike to the confirmed toe off of a step. The insole rejects a longer contact.
+    pub fn longest_step_frames(&self) -> usize {
+        let frames = |ms: u16| (u32::from(ms) * 1000 / self.setup.period_us) as usize;
+        frames(self.setup.stance.max_stance_ms) + frames(self.setup.stance.min_swing_ms)
+    }
+
+    /// Number of frames to process: the frames of the recording, and the repetitions of its last frame.
+    pub fn frames(&self, recording: &Recording) -> usize {
+        recording.frames() + self.repetitions()
     }
 
     /// Writes the codes of frame `i` to `codes`, which has one element for each cell of the insole. `i` must be less than
     /// [`VirtualInsole::frames`].
     pub fn codes_of(&self, recording: &Recording, i: usize, codes: &mut [u16]) {
         self.codes(recording.frame(i.min(recording.frames() - 1)), codes);
+    }
+
+    /// For each cell of the insole, its index in the recording.
+    pub(crate) fn order(&self) -> Vec<usize> {
+        let mut order = vec![0; self.insole_index.len()];
+        for (cell, &index) in self.insole_index.iter().enumerate() {
+            order[index] = cell;
+        }
+        order
+    }
+
+    /// The codes of cells without an offset under these pressures.
+    pub(crate) fn codes_in_order(&self, pressure_kpa: &[f32]) -> Vec<u16> {
+        let mut codes = vec![0; pressure_kpa.len()];
+        // As in `codes`, unloaded frames are skipped eight at a time.
+        for (kpa, codes) in pressure_kpa.chunks(8).zip(codes.chunks_mut(8)) {
+            if kpa.iter().fold(0, |any, kpa| any | kpa.to_bits()) != 0 {
+                kpa.iter().zip(codes).for_each(|(&kpa, code)| *code = self.law.code(kpa));
+            }
+        }
+        codes
     }
 
     /// Writes the codes of these pressures to `codes`. The pressures, kPa, are in the order of the recording; the codes are in
@@ -155,6 +191,11 @@ impl VirtualInsole {
     pub fn measured_kpa(&self, pressure_kpa: &[f32]) -> Vec<f32> {
         let mut codes = vec![0; self.cells.len()];
         self.codes(pressure_kpa, &mut codes);
+        self.measured_by_codes_kpa(&codes)
+    }
+
+    /// The pressures, kPa, that a device measures with these codes. They are in the order of the recording.
+    pub fn measured_by_codes_kpa(&self, codes: &[u16]) -> Vec<f32> {
         let measured = |&index: &usize| {
             let CellCalibration { offset, gain } = self.cells[index].calibration;
             gain * self.curve.pressure_kpa::<f32>((i32::from(codes[index]) - i32::from(offset)).max(0))

@@ -1,9 +1,9 @@
 //! Plantar pressure recordings: their type in memory, their file format, and the importers.
 //!
 //! A [`Recording`] is the pressure under one foot over time. It is stored in a Parquet file ([`Recording::read`],
-//! [`Recording::write`]). One of the importers creates it ([`export`] for the exports of other systems, [`csv`], [`pedar`],
+//! [`Recording::write`]), which [`RecordingReader`] reads in blocks of frames. One of the importers creates it ([`export`] for the exports of other systems, [`csv`], [`pedar`],
 //! [`jiku`]), or it is computed from known true values ([`synthetic`]). If the source names no regions, [`template`] assigns
-//! them. [`VirtualInsole`] converts the pressures of a recording to the codes of a sensor. The baseline of an insole, [`Zero`],
+//! them. [`VirtualInsole`] converts the pressures of a recording to the codes of a sensor, and [`Scans`] are these codes. The baseline of an insole, [`Zero`],
 //! is computed from a [`StandingTrial`].
 
 pub mod csv;
@@ -26,6 +26,7 @@ mod assembly;
 mod bins;
 mod check;
 mod clock;
+mod columns;
 mod error;
 mod file;
 mod gaps;
@@ -37,7 +38,10 @@ mod names;
 mod pages;
 mod parts;
 mod rate;
+mod reader;
 mod recording;
+mod scans;
+mod source;
 mod standing;
 mod streamed;
 mod table;
@@ -52,7 +56,9 @@ pub use export::{Export, Format};
 pub use insole::VirtualInsole;
 pub use layout::{Cell, Layout, MAX_CELLS};
 pub use names::area_title;
+pub use reader::RecordingReader;
 pub use recording::Recording;
+pub use scans::{Scan, Scans};
 pub use standing::StandingTrial;
 pub use streamed::StreamedCells;
 pub use zero::{FootZero, Zero};

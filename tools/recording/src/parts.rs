@@ -1,13 +1,14 @@
 //! A recording in parts: a folder of files, each of which continues the one before it.
 
-use crate::{Error, Recording, Result, file};
+use crate::columns::ColumnFile;
+use crate::{Error, Recording, Result};
 use std::path::{Path, PathBuf};
 
-/// Reads the files of a folder in the order of their names, and joins them.
+/// Opens the files of a folder in the order of their names, and returns them with the description of the joined recording.
 ///
 /// # Errors
 /// Where the folder has no recording, or where a part does not continue the one before it.
-pub fn read(folder: &Path) -> Result<Recording> {
+pub fn open(folder: &Path) -> Result<(Recording, Vec<ColumnFile>)> {
     let entries = std::fs::read_dir(folder).map_err(Error::io(folder))?;
     let mut paths: Vec<PathBuf> = entries
         .map(|entry| entry.map(|entry| entry.path()).map_err(Error::io(folder)))
@@ -22,23 +23,25 @@ pub fn read(folder: &Path) -> Result<Recording> {
             "name a recording",
         ));
     };
-    let mut whole = file::read(first)?;
+    let (mut head, first) = ColumnFile::open(first)?;
+    let mut files = vec![first];
+    let mut last_s = files[0].last_s()?;
     for path in parts {
-        let part = file::read(path)?;
-        let is_continued = (part.side, part.rate_hz, &part.layout) == (whole.side, whole.rate_hz, &whole.layout);
-        let gap_s = part.t_s.first().zip(whole.t_s.last()).map_or(f64::NAN, |(next_s, last_s)| next_s - last_s);
-        if !is_continued || (gap_s * whole.rate_hz - 1.0).abs() > 0.1 {
+        let (part, file) = ColumnFile::open(path)?;
+        let is_continued = (part.side, part.rate_hz, &part.layout) == (head.side, head.rate_hz, &head.layout);
+        let gap_s = file.first_s()?.zip(last_s).map_or(f64::NAN, |(next_s, last_s)| next_s - last_s);
+        if !is_continued || (gap_s * head.rate_hz - 1.0).abs() > 0.1 {
             return Err(Error::content(
                 path.display().to_string(),
                 "this part does not continue the one before it: another foot, layout or rate, or a gap in time",
                 "move it to a folder of its own",
             ));
         }
-        if part.source != whole.source {
-            whole.source = format!("{} {}", whole.source, part.source);
+        if part.source != head.source {
+            head.source = format!("{} {}", head.source, part.source);
         }
-        whole.t_s.extend(part.t_s);
-        whole.pressure_kpa.extend(part.pressure_kpa);
+        last_s = file.last_s()?;
+        files.push(file);
     }
-    Ok(whole)
+    Ok((head, files))
 }

@@ -1,6 +1,6 @@
 //! A recording in memory.
 
-use crate::{Layout, Result, bins, file, parts, rate};
+use crate::{Layout, RecordingReader, Result, bins, file, rate};
 use plantar::Side;
 use std::path::Path;
 
@@ -49,14 +49,18 @@ impl Recording {
         self.layout.force_n(self.frame(i))
     }
 
+    /// The largest pressure of all cells and frames, kPa.
+    pub fn largest_kpa(&self) -> f32 {
+        self.pressure_kpa.iter().copied().fold(0.0, f32::max)
+    }
+
     /// Reads a recording from Parquet: a file, or a folder with its parts.
     ///
     /// # Errors
     /// Fails if the file cannot be read, is not a recording, or violates a rule of recordings: pressures are finite and at
     /// least 0, time increases uniformly, and there are at most [`crate::MAX_CELLS`] cells.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
-        let path = path.as_ref();
-        if path.is_dir() { parts::read(path) } else { file::read(path) }
+        RecordingReader::open(path.as_ref())?.whole()
     }
 
     /// As [`Recording::read`], from the content of a file. Messages name `path` as the file.
@@ -64,7 +68,7 @@ impl Recording {
     /// # Errors
     /// Fails in the same cases as [`Recording::read`].
     pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<Self> {
-        file::parse(bytes, path)
+        RecordingReader::parse(bytes, path)?.whole()
     }
 
     /// Writes the recording to Parquet: a column `t_s` in seconds, columns `c0_kpa`, `c1_kpa`, ..., and side, rate, source and

@@ -6,8 +6,10 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::parser::parse_message_type;
 use plantar::Side;
+use plantar::pipeline::contact::ContactRule;
+use plantar::pipeline::stance_rule::StanceRule;
 use recording::synthetic::{self, SyntheticWalk};
-use recording::{MAX_CELLS, Recording};
+use recording::{MAX_CELLS, Recording, RecordingReader, VirtualInsole};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -218,6 +220,47 @@ fn jitter_of_less_than_half_a_frame_is_accepted() {
     let zeros = [0.0; 4];
     write(&path, Some(TWO_CELLS), ["t_s", "c0_kpa", "c1_kpa"], &[0.0, 0.014, 0.019, 0.03], [&zeros, &zeros]);
     assert_eq!(Recording::read(&path).unwrap().frames(), 4);
+}
+
+/// The reader decodes columns, while a recording in memory has frames.
+#[test]
+fn the_scans_of_a_file_equal_those_of_the_recording_in_memory() {
+    let (_folder, path) = in_folder();
+    let walk = SyntheticWalk { cells: 37, steps: 34, rate_hz: 500.0, ..SyntheticWalk::default() };
+    let mut recording = synthetic::walk(&walk).recording;
+    recording.pressure_kpa[5] = 1300.0;
+    recording.write(&path).unwrap();
+    let reader = RecordingReader::open(&path).unwrap();
+    assert_eq!((reader.frames(), reader.largest_kpa().unwrap()), (recording.frames(), 1300.0));
+    let in_memory = VirtualInsole::new(&recording, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    let of_file = VirtualInsole::up_to(1300.0, &reader.head, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    let (mut expected, mut scans) = (in_memory.scans(&recording), of_file.scans_of_file(reader));
+    while let Some(expected) = expected.next_scan().unwrap() {
+        let scan = scans.next_scan().unwrap().expect("a scan");
+        assert_eq!((scan.index, scan.t_s, scan.codes), (expected.index, expected.t_s, expected.codes));
+    }
+    assert!(scans.next_scan().unwrap().is_none());
+}
+
+#[test]
+fn the_largest_pressure_is_searched_where_the_metadata_do_not_state_it() {
+    let (_folder, path) = in_folder();
+    let names = ["t_s", "c0_kpa", "c1_kpa"];
+    write(&path, Some(TWO_CELLS), names, &[0.0, 0.01], [&[1.0, 2.0], &[4.0, 3.0]]);
+    assert_eq!(RecordingReader::open(&path).unwrap().largest_kpa().unwrap(), 4.0);
+    let stated = TWO_CELLS.replace("\"version\":1", "\"version\":1,\"largest_kpa\":3.5");
+    write(&path, Some(&stated), names, &[0.0, 0.01], [&[1.0, 2.0], &[3.0, 4.0]]);
+    assert_refused(&path, &["row 2", "column c1_kpa", "pressure 4 kPa", "at most 3.5 kPa", "largest_kpa"]);
+}
+
+#[test]
+fn the_scans_of_a_file_end_with_its_error() {
+    let (_folder, path) = in_folder();
+    write(&path, Some(TWO_CELLS), ["t_s", "c0_kpa", "c1_kpa"], &[0.0, 0.03], [&[1.0, 2.0], &[4.0, 3.0]]);
+    let reader = RecordingReader::open(&path).unwrap();
+    let insole = VirtualInsole::up_to(4.0, &reader.head, ContactRule::COUNTED, StanceRule::ADAPTIVE);
+    let error = insole.scans_of_file(reader).next_scan().err().expect("an error").to_string();
+    assert!(error.contains("row 2, column t_s: 0.030000 s after"), "{error}");
 }
 
 #[test]

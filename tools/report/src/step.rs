@@ -5,8 +5,7 @@ use crate::region::{TITLES, colour};
 use maud::{Markup, PreEscaped, html};
 use plantar::Side;
 use plantar::protocol::{Step, StepRegion};
-use recording::{Cell, Recording, VirtualInsole};
-use std::ops::Range;
+use recording::{Cell, Recording};
 
 // These lengths are in units of the drawing.
 const MARGIN: f64 = 14.0;
@@ -26,15 +25,13 @@ pub type Forces = [(f64, f64); 8];
 /// A step of a recording, with the data that its picture shows.
 #[derive(Clone, Copy, Debug)]
 pub struct StepPicture<'a> {
-    /// The recording.
+    /// The recording; its frames are not needed.
     pub recording: &'a Recording,
-    /// The insole that measured the recording.
-    pub insole: &'a VirtualInsole,
     /// The step.
     pub step: &'a Step,
-    /// Frames of the recording that belong to the step.
-    pub frames: &'a Range<usize>,
-    /// Forces of these frames.
+    /// The largest measured pressure of each cell of the recording in the step, kPa.
+    pub peak_kpa: &'a [f32],
+    /// Forces of the frames of the step.
     pub forces: &'a [Forces],
     /// The contact rule in words.
     pub contact: &'a str,
@@ -90,15 +87,9 @@ impl StepPicture<'_> {
 
     /// Opacity of each cell, from its peak pressure in the step.
     fn opacity(&self) -> Vec<f64> {
-        let mut peak_kpa = vec![0.0f32; self.recording.cells()];
-        for i in self.frames.clone() {
-            for (peak, kpa) in peak_kpa.iter_mut().zip(self.insole.measured_kpa(self.recording.frame(i))) {
-                *peak = peak.max(kpa);
-            }
-        }
-        let largest_kpa = peak_kpa.iter().copied().fold(1.0, f32::max);
-        let opacity = |kpa: f32| UNLOADED_OPACITY + (1.0 - UNLOADED_OPACITY) * f64::from(kpa / largest_kpa).sqrt();
-        peak_kpa.into_iter().map(opacity).collect()
+        let largest_kpa = self.peak_kpa.iter().copied().fold(1.0, f32::max);
+        let opacity = |&kpa: &f32| UNLOADED_OPACITY + (1.0 - UNLOADED_OPACITY) * f64::from(kpa / largest_kpa).sqrt();
+        self.peak_kpa.iter().map(opacity).collect()
     }
 
     fn region(&self, region: usize) -> Drawing {

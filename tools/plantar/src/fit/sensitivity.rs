@@ -16,7 +16,8 @@ impl Fit {
         for (index, recording) in recordings.iter().enumerate() {
             let mut insole = setup::insole(recording, *rule).map_err(|e| format!("{e:#}"))?;
             self.zero.apply(&mut insole).map_err(|e| format!("{e:#}"))?;
-            let (steps, _) = isolate(recording, &insole, index, &mut |_| ()).map_err(|e| e.to_string())?;
+            let (steps, _) =
+                isolate(&insole, insole.scans(recording), index, &mut |_| ()).map_err(|e| e.to_string())?;
             all.extend(steps.into_iter().filter(|step| self.is_used(step)));
         }
         Ok(all)

@@ -1,0 +1,220 @@
+//! Reads the columns of a recording's Parquet file, one row group at a time.
+
+use crate::check::{self, At};
+use crate::file::{KEY, Metadata, check_columns, column_name};
+use crate::pages::CheckedPages;
+use crate::source::Source;
+use crate::{Error, Recording, Result};
+use bytes::Bytes;
+use parquet::column::reader::ColumnReaderImpl;
+use parquet::data_type::{DataType, DoubleType, FloatType};
+use parquet::errors::ParquetError;
+use parquet::file::metadata::RowGroupMetaData;
+use parquet::file::reader::{FileReader, Length, RowGroupReader};
+use parquet::file::serialized_reader::SerializedFileReader;
+use rayon::prelude::*;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+
+/// First and last bytes of a Parquet file.
+const MAGIC: &[u8] = b"PAR1";
+
+/// A Parquet file of a recording. Its metadata and the types of its columns are valid.
+pub struct ColumnFile {
+    path: PathBuf,
+    reader: SerializedFileReader<Source>,
+    cells: usize,
+    /// The largest pressure by the metadata, kPa.
+    pub largest_kpa: Option<f32>,
+}
+
+impl ColumnFile {
+    /// Opens a file, and reads the description of the recording: a recording without frames.
+    pub fn open(path: &Path) -> Result<(Recording, Self)> {
+        Self::new(Source::open(path).map_err(Error::io(path))?, path)
+    }
+
+    /// As [`ColumnFile::open`], from the content of the file `path`.
+    pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<(Recording, Self)> {
+        Self::new(Source::Memory(Bytes::from(bytes)), path)
+    }
+
+    fn new(source: Source, path: &Path) -> Result<(Recording, Self)> {
+        let file = path.display().to_string();
+        caught(&file, || {
+            let is_cut_off = source.has(0, MAGIC) && !source.has(source.len().saturating_sub(4), MAGIC);
+            let reader = SerializedFileReader::new(source).map_err(|error| match is_cut_off {
+                true => Error::content(
+                    &file,
+                    "the file is cut off, its end is missing",
+                    "copy it again, or import the measurement again",
+                ),
+                false => Error::content(
+                    &file,
+                    format!("not a Parquet file ({error})"),
+                    "create a recording with `plantar import csv`",
+                ),
+            })?;
+            let metadata = metadata(&reader, &file)?;
+            let largest_kpa = metadata.largest_kpa;
+            let head = metadata.head();
+            let cells = head.cells();
+            check::layout(&head.layout, &file)?;
+            check_columns(reader.metadata().file_metadata().schema_descr(), cells, &file)?;
+            Ok((head, Self { path: path.into(), reader, cells, largest_kpa }))
+        })
+    }
+
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        self.reader.metadata().row_groups().iter().map(rows).fold(0, usize::saturating_add)
+    }
+
+    /// Time of the first frame, s; `None` without frames.
+    pub fn first_s(&self) -> Result<Option<f64>> {
+        if self.groups() == 0 { Ok(None) } else { Ok(self.times(0, 0)?.first().copied()) }
+    }
+
+    /// Time of the last frame, s; `None` without frames.
+    pub fn last_s(&self) -> Result<Option<f64>> {
+        match self.groups().checked_sub(1) {
+            Some(last) => Ok(self.times(last, self.frames().saturating_sub(self.rows(last)))?.last().copied()),
+            None => Ok(None),
+        }
+    }
+
+    /// Number of row groups.
+    pub fn groups(&self) -> usize {
+        self.reader.num_row_groups()
+    }
+
+    /// Number of rows of a row group.
+    pub fn rows(&self, group: usize) -> usize {
+        rows(self.reader.metadata().row_group(group))
+    }
+
+    /// A place in the file, for messages. Frames are counted from the first one of the file.
+    pub fn place(&self, at: At) -> String {
+        let file = self.path.display();
+        match at {
+            At::Whole => file.to_string(),
+            At::Frame(frame) => format!("{file}: row {}, column t_s", frame + 1),
+            At::Value { frame, cell } => format!("{file}: row {}, column {}", frame + 1, column_name(cell + 1)),
+        }
+    }
+
+    /// The times of a row group, s, not checked. `first_row` is the number of rows in the groups before it.
+    pub fn times(&self, group: usize, first_row: usize) -> Result<Vec<f64>> {
+        self.read(group, |group| self.column::<DoubleType>(group, 0, first_row))
+    }
+
+    /// The pressures of each cell in a row group, kPa, converted by `convert`. All columns are decoded in parallel. `first_row` is
+    /// the number of rows in the groups before it.
+    pub fn pressures<T: Send>(
+        &self,
+        group: usize,
+        first_row: usize,
+        convert: &(dyn Fn(Vec<f32>) -> Vec<T> + Sync),
+    ) -> Result<Vec<Vec<T>>> {
+        self.read(group, |group| {
+            let cell = |cell| {
+                let pressure_kpa = self.column::<FloatType>(group, cell + 1, first_row)?;
+                let place = |frame| self.place(At::Value { frame: first_row + frame, cell });
+                // The values of a column are checked as those of one long frame.
+                check::pressures(&pressure_kpa, pressure_kpa.len().max(1), &|at| match at {
+                    At::Value { cell: frame, .. } => place(frame),
+                    other => self.place(other),
+                })?;
+                if let Some(stated_kpa) = self.largest_kpa
+                    && pressure_kpa.iter().fold(false, |any, &kpa| any | (kpa > stated_kpa))
+                    && let Some(frame) = pressure_kpa.iter().position(|&kpa| kpa > stated_kpa)
+                {
+                    return Err(Error::content(
+                        place(frame),
+                        format!(
+                            "pressure {} kPa, and the metadata state at most {stated_kpa} kPa",
+                            pressure_kpa[frame]
+                        ),
+                        "import the measurement again, or remove `largest_kpa` from the metadata",
+                    ));
+                }
+                Ok(convert(pressure_kpa))
+            };
+            (0..self.cells).into_par_iter().map(cell).collect()
+        })
+    }
+
+    /// Calls `read` with a row group.
+    fn read<T>(&self, group: usize, read: impl FnOnce(&dyn RowGroupReader) -> Result<T>) -> Result<T> {
+        let file = self.path.display().to_string();
+        caught(&file, || {
+            let group = self.reader.get_row_group(group).map_err(|error| damaged(&file, &error))?;
+            check::value_count(rows(group.metadata()) as u64, self.cells, &file)?;
+            read(&*group)
+        })
+    }
+
+    /// Column `index` of a row group. Messages count rows from `first_row`.
+    fn column<T: DataType>(&self, group: &dyn RowGroupReader, index: usize, first_row: usize) -> Result<Vec<T::T>> {
+        let place = || format!("{}: column {}", self.path.display(), column_name(index));
+        let rows = rows(group.metadata());
+        let pages = group.get_column_page_reader(index).map_err(|error| damaged(&place(), &error))?;
+        let pages = CheckedPages { pages, rows, value_bytes: size_of::<T::T>() };
+        let column = group.metadata().column(index).column_descr_ptr();
+        let mut reader = ColumnReaderImpl::<T>::new(column, Box::new(pages));
+        let (mut values, mut levels) = (Vec::new(), Vec::new());
+        while values.len() < rows {
+            levels.clear();
+            let (records, read, _) = reader
+                .read_records(rows - values.len(), Some(&mut levels), None, &mut values)
+                .map_err(|error| damaged(&place(), &error))?;
+            if read < records {
+                let null = levels.iter().position(|&level| level == 0).unwrap_or(0);
+                return Err(Error::content(
+                    format!("{}, row {}", place(), first_row + values.len() - read + null + 1),
+                    "no value",
+                    "provide a pressure for each cell in each frame",
+                ));
+            }
+            if records == 0 {
+                return Err(Error::content(
+                    place(),
+                    format!("{} values for {rows} rows", values.len()),
+                    "copy or import the file again",
+                ));
+            }
+        }
+        Ok(values)
+    }
+}
+
+/// Calls `read`. The Parquet library panics on some damaged files; this becomes an error.
+fn caught<T>(file: &str, read: impl FnOnce() -> Result<T>) -> Result<T> {
+    // After a panic, nothing that `read` may have left inconsistent is used.
+    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
+        Err(Error::content(file, "the file is damaged", "copy it again, or import the measurement again"))
+    })
+}
+
+fn damaged(place: &str, error: &ParquetError) -> Error {
+    Error::content(place, format!("damaged Parquet data ({error})"), "copy or import the file again")
+}
+
+/// Number of rows of a group. A damaged group may claim a negative number, which counts as 0.
+fn rows(group: &RowGroupMetaData) -> usize {
+    group.num_rows().max(0) as usize
+}
+
+/// Reads the JSON in the metadata of the file.
+fn metadata(reader: &SerializedFileReader<Source>, file: &str) -> Result<Metadata<'static>> {
+    let entries = reader.metadata().file_metadata().key_value_metadata().into_iter().flatten();
+    let mut values = entries.filter(|entry| entry.key == KEY).filter_map(|entry| entry.value.as_deref());
+    let json = values.next().ok_or_else(|| {
+        Error::content(
+            file,
+            format!("Parquet, but without the metadata `{KEY}` that describes the cells"),
+            "create a recording with `plantar import csv`",
+        )
+    })?;
+    Metadata::parse(json, file)
+}

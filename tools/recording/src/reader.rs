@@ -1,0 +1,151 @@
+//! A recording that is read in blocks of frames, so that the memory in use does not grow with its length.
+
+use crate::check::{self, At, Clock};
+use crate::columns::ColumnFile;
+use crate::{Recording, Result, parts};
+use rayon::prelude::*;
+use std::iter::from_fn;
+use std::path::Path;
+
+/// Number of columns and rows that are transposed at a time, so that the cache holds the parts of the rows that are written.
+const COLUMNS_PER_BLOCK: usize = 16;
+const ROWS_PER_BLOCK: usize = 128;
+
+/// A stored recording, one file or a folder with its parts.
+pub struct RecordingReader {
+    /// The description of the recording: a recording without frames.
+    pub head: Recording,
+    /// The files in the order of time; at least one.
+    files: Vec<ColumnFile>,
+    clock: Clock,
+}
+
+/// Successive frames.
+pub(crate) struct Block<T> {
+    /// Time of each frame, s.
+    pub t_s: Vec<f64>,
+    /// The values of the first frame, then those of the second frame, and so on.
+    pub values: Vec<T>,
+}
+
+impl RecordingReader {
+    /// Opens a recording: a file, or a folder with its parts. The rules that concern frames are checked when these are read.
+    ///
+    /// # Errors
+    /// Fails if a file cannot be read or is not a recording, or if a part does not continue the one before it.
+    pub fn open(path: &Path) -> Result<Self> {
+        let (head, files) = if path.is_dir() {
+            parts::open(path)?
+        } else {
+            let (head, file) = ColumnFile::open(path)?;
+            (head, vec![file])
+        };
+        Self::new(head, files)
+    }
+
+    /// As [`RecordingReader::open`], from the content of a file. Messages name `path` as the file.
+    ///
+    /// # Errors
+    /// Fails in the same cases as [`RecordingReader::open`].
+    pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<Self> {
+        let (head, file) = ColumnFile::parse(bytes, path)?;
+        Self::new(head, vec![file])
+    }
+
+    fn new(head: Recording, files: Vec<ColumnFile>) -> Result<Self> {
+        let clock = Clock::new(head.rate_hz, &|at| files[0].place(at))?;
+        Ok(Self { head, files, clock })
+    }
+
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        self.files.iter().map(ColumnFile::frames).fold(0, usize::saturating_add)
+    }
+
+    /// The largest pressure, kPa. All frames are read unless the metadata state it.
+    ///
+    /// # Errors
+    /// Fails if frames must be read and violate a rule of recordings.
+    pub fn largest_kpa(&self) -> Result<f32> {
+        let largest = |all_kpa: Vec<f32>| all_kpa.into_iter().fold(0.0, f32::max);
+        if let Some(stated_kpa) = self.files.iter().map(|file| file.largest_kpa).collect() {
+            return Ok(largest(stated_kpa));
+        }
+        let mut largest_kpa = 0.0f32;
+        for (file, group, first_row) in self.groups() {
+            let columns_kpa = file.pressures(group, first_row, &|kpa| vec![largest(kpa)])?;
+            largest_kpa = largest_kpa.max(largest(columns_kpa.concat()));
+        }
+        Ok(largest_kpa)
+    }
+
+    /// Reads all frames.
+    ///
+    /// # Errors
+    /// Fails if the frames violate a rule of recordings, or need more memory than this program uses.
+    pub fn whole(&self) -> Result<Recording> {
+        let mut recording = self.head.clone();
+        check::value_count(self.frames() as u64, recording.cells(), &self.files[0].place(At::Whole))?;
+        let order: Vec<usize> = (0..recording.cells()).collect();
+        for block in self.blocks(&order, &|kpa| kpa) {
+            let Block { t_s, values } = block?;
+            recording.t_s.extend(t_s);
+            recording.pressure_kpa.extend(values);
+        }
+        Ok(recording)
+    }
+
+    /// The row groups with their files, and the number of rows before them in the file.
+    fn groups(&self) -> impl Iterator<Item = (&ColumnFile, usize, usize)> {
+        self.files.iter().flat_map(|file| {
+            (0..file.groups()).scan(0, move |row, group| {
+                let first_row = *row;
+                *row += file.rows(group);
+                Some((file, group, first_row))
+            })
+        })
+    }
+
+    /// The frames of each row group. A frame has the cells in this order, each with its pressure, kPa, converted by `convert`.
+    pub(crate) fn blocks<T: Copy + Default + Send + Sync>(
+        &self,
+        order: &[usize],
+        convert: &(dyn Fn(Vec<f32>) -> Vec<T> + Sync),
+    ) -> impl Iterator<Item = Result<Block<T>>> {
+        let mut groups = self.groups();
+        let mut clock = Some(self.clock.clone());
+        from_fn(move || {
+            let Some((file, group, first_row)) = groups.next() else {
+                let is_valid = clock.take()?.finish(&|at| self.files[0].place(at));
+                return is_valid.err().map(Err);
+            };
+            let mut block = || {
+                let t_s = file.times(group, first_row)?;
+                clock.as_mut().map_or(Ok(()), |clock| {
+                    clock.add(&t_s, &|at| match at {
+                        At::Frame(frame) => file.place(At::Frame(first_row + frame)),
+                        other => file.place(other),
+                    })
+                })?;
+                let columns = file.pressures(group, first_row, convert)?;
+                Ok(Block { values: frames_of(&columns, order, t_s.len()), t_s })
+            };
+            Some(block())
+        })
+    }
+}
+
+/// Transposes columns to `frames` frames, which have the columns in this order.
+fn frames_of<T: Copy + Default + Send + Sync>(columns: &[Vec<T>], order: &[usize], frames: usize) -> Vec<T> {
+    let mut values = vec![T::default(); frames * order.len()];
+    values.par_chunks_mut(ROWS_PER_BLOCK * order.len()).enumerate().for_each(|(block, rows)| {
+        let first_row = block * ROWS_PER_BLOCK;
+        for start in (0..order.len()).step_by(COLUMNS_PER_BLOCK) {
+            for index in start..order.len().min(start + COLUMNS_PER_BLOCK) {
+                let column = &columns[order[index]][first_row..];
+                rows.chunks_exact_mut(order.len()).zip(column).for_each(|(row, &value)| row[index] = value);
+            }
+        }
+    });
+    values
+}

@@ -1,0 +1,109 @@
+//! The codes that an insole would measure under a recording, frame by frame.
+
+use crate::reader::Block;
+use crate::{Recording, RecordingReader, Result, VirtualInsole};
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::thread;
+
+/// The scans of a virtual insole: the frames of a recording, and repetitions of its last frame, which confirm a toe off at the end.
+pub struct Scans<'a> {
+    insole: &'a VirtualInsole,
+    frames: Frames<'a>,
+    /// Number of frames that were returned.
+    returned: usize,
+    /// Number of repetitions that are still to return.
+    repetitions: usize,
+    codes: Vec<u16>,
+}
+
+/// One scan.
+pub struct Scan<'a> {
+    /// The number of the scan, from 0.
+    pub index: usize,
+    /// The time of the frame, s; `None` for a repetition of the last frame.
+    pub t_s: Option<f64>,
+    /// The codes in the order of the insole.
+    pub codes: &'a [u16],
+}
+
+/// The source of the frames.
+enum Frames<'a> {
+    Memory(&'a Recording),
+    /// Blocks of a file that another thread decodes, and the frames of the current block that were returned.
+    File {
+        blocks: Receiver<Result<Block<u16>>>,
+        block: Block<u16>,
+        next: usize,
+    },
+}
+
+impl VirtualInsole {
+    /// The scans of a recording in memory.
+    pub fn scans<'a>(&'a self, recording: &'a Recording) -> Scans<'a> {
+        Scans::new(self, Frames::Memory(recording))
+    }
+
+    /// The scans of a stored recording. They are decoded by other threads, a few blocks of frames ahead.
+    pub fn scans_of_file(&self, reader: RecordingReader) -> Scans<'_> {
+        let (sender, blocks) = sync_channel(1);
+        let insole = self.clone();
+        thread::spawn(move || {
+            let order = insole.order();
+            for block in reader.blocks(&order, &|pressure_kpa| insole.codes_in_order(&pressure_kpa)) {
+                let is_last = block.is_err();
+                // The receiver is gone if the consumer needs no more scans.
+                if sender.send(block).is_err() || is_last {
+                    break;
+                }
+            }
+        });
+        let block = Block { t_s: Vec::new(), values: Vec::new() };
+        Scans::new(self, Frames::File { blocks, block, next: 0 })
+    }
+}
+
+impl<'a> Scans<'a> {
+    fn new(insole: &'a VirtualInsole, frames: Frames<'a>) -> Self {
+        let codes = vec![0; insole.cells.len()];
+        Self { insole, frames, returned: 0, repetitions: insole.repetitions(), codes }
+    }
+
+    /// The next scan, or `None` after the last one.
+    ///
+    /// # Errors
+    /// Fails if a file is damaged or its frames violate a rule of recordings.
+    pub fn next_scan(&mut self) -> Result<Option<Scan<'_>>> {
+        let index = self.returned;
+        let t_s = match &mut self.frames {
+            Frames::Memory(recording) => {
+                let t_s = recording.t_s.get(index).copied();
+                if t_s.is_some() {
+                    self.insole.codes(recording.frame(index), &mut self.codes);
+                }
+                t_s
+            }
+            Frames::File { blocks, block, next } => {
+                while *next >= block.t_s.len()
+                    && let Ok(received) = blocks.recv()
+                {
+                    (*block, *next) = (received?, 0);
+                }
+                let t_s = block.t_s.get(*next).copied();
+                if t_s.is_some() {
+                    let cells = self.codes.len();
+                    self.codes.copy_from_slice(&block.values[*next * cells..(*next + 1) * cells]);
+                    *next += 1;
+                }
+                t_s
+            }
+        };
+        if t_s.is_none() {
+            if self.repetitions == 0 {
+                return Ok(None);
+            }
+            self.repetitions -= 1;
+        }
+        self.returned += 1;
+        Ok(Some(Scan { index, t_s, codes: &self.codes }))
+    }
+}
