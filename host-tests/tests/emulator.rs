@@ -24,13 +24,15 @@ use plantar::protocol::{
     Alert, Bout, Live, MAX_FRAME, MAX_MESSAGE, Refusal, Status, Step, ToDevice, ToHost, encode, frame,
 };
 use plantar::{Region, Side};
+use recording::synthetic::SyntheticWalk;
 use recording::{Recording, VirtualInsole, jiku, pedar};
+use rstest::rstest;
 use std::io::Write;
 use std::net::TcpStream;
 use std::time::Duration;
 use testkit::activity::{self, Activity};
 use testkit::faults::one_of_each;
-use testkit::wear::find;
+use testkit::wear::{Residual, find, noisy_walk, with_residual};
 
 /// A recording in which some scans are incomplete.
 struct IncompleteWalk {
@@ -301,20 +303,56 @@ fn a_refused_set_up_is_reported_in_the_hello() {
     assert!(report.contains("belongs to a region before that of the previous cell"), "{report}");
 }
 
+/// Plays a recording, compares steps and load bouts of the board with those of a host, and returns the load bouts.
+fn assert_records_equal_host(recording: &Recording) -> Vec<Bout> {
+    let mut session = Session::start(recording, ContactRule::COVERED, |_| None);
+    session.board.play();
+    let received = session.finish();
+    let (_, steps) = replay(recording, ContactRule::COVERED, |_| false);
+    assert_eq!(received.steps, steps, "{}", recording.source);
+    let found = find(recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
+    let mut computed: Vec<_> = found.bouts.iter().map(Bout::new).collect();
+    // A bout that is still in progress at the end is not sent yet.
+    computed.truncate(received.bouts.len().max(computed.len() - 1));
+    assert_eq!(received.bouts, computed, "{}", recording.source);
+    received.bouts
+}
+
 #[test]
 #[ignore = "needs the emulated board's firmware: cargo xtask test"]
 fn load_bouts_are_the_same_on_the_device_and_on_a_host() {
     let activities = [Activity::Walk, Activity::Stand, Activity::Shuffle, Activity::Run, Activity::Sit, Activity::Walk];
     let (recording, _) = activity::recording(&activities, 650.0, 100.0, 10.0, 5);
-    let mut session = Session::start(&recording, ContactRule::COVERED, |_| None);
-    session.board.play();
-    let received = session.finish();
-    let found = find(&recording, ContactRule::COVERED, StanceRule::ADAPTIVE);
-    let computed: Vec<_> = found.bouts.iter().map(Bout::new).collect();
-    assert_eq!(received.steps.len(), found.steps.len());
-    // The last bout is still in progress on the device.
-    assert_eq!(received.bouts, computed[..computed.len() - 1]);
-    assert!(received.bouts.iter().any(|bout| bout.kind == BoutKind::Shuffling), "{:?}", received.bouts);
+    let bouts = assert_records_equal_host(&recording);
+    assert!(bouts.iter().any(|bout| bout.kind == BoutKind::Shuffling), "{bouts:?}");
+}
+
+/// A child of 15 kg and a wearer of 180 kg, low and high frame rates, and every activity.
+#[rstest]
+#[case(147.0, 100.0, &[Activity::Walk, Activity::Stand, Activity::Run])]
+#[case(1766.0, 100.0, &[Activity::Walk, Activity::Stairs, Activity::StandOnOne])]
+#[case(650.0, 50.0, &[Activity::Shuffle, Activity::Walk, Activity::Lift])]
+#[case(650.0, 400.0, &[Activity::Run, Activity::Stand])]
+#[case(650.0, 100.0, &[Activity::Sit, Activity::Stairs, Activity::Sit])]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn activities_are_the_same_on_the_device_and_on_a_host(
+    #[case] weight_n: f64,
+    #[case] rate_hz: f64,
+    #[case] activities: &[Activity],
+) {
+    let (recording, _) = activity::recording(activities, weight_n, rate_hz, 10.0, 5);
+    assert_records_equal_host(&recording);
+}
+
+/// The baselines of the cells follow the residual pressure.
+#[rstest]
+#[ignore = "needs the emulated board's firmware: cargo xtask test"]
+fn residual_pressure_is_the_same_on_the_device_and_on_a_host(
+    #[values(Residual::Everywhere, Residual::Patches, Residual::Appearing, Residual::Creeping, Residual::Released)]
+    residual: Residual,
+) {
+    let walk = noisy_walk(&SyntheticWalk { steps: 12, variation: 0.1, ..SyntheticWalk::default() });
+    assert_records_equal_host(&with_residual(walk, residual, 4.0));
 }
 
 #[test]
